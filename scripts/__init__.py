@@ -1,0 +1,1 @@
+"""Commands for the Makefile: sample media and the demo."""
