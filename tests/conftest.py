@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+import pvg
+from pvg.video import VideoWriter, probe, read_frames
 from scripts.samples import Samples, fetch_samples
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -24,3 +27,40 @@ def media_dir() -> Path:
     if not folder.is_dir():
         pytest.skip("the folder shared/media is not beside the repository")
     return folder
+
+
+def cut_clip(source: Path, target: Path, start: int, stop: int) -> Path:
+    """Write frames [start, stop) of a clip as a clip of its own."""
+    info = probe(source)
+    with VideoWriter(target, info, info.format, crf=12) as writer:
+        for frame in read_frames(source, start=start, stop=stop):
+            writer.write(frame)
+    return target
+
+
+@pytest.fixture(scope="session")
+def short_clip(samples: Samples, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """40 frames of a woman who smiles and moves a little, 640x360."""
+    return cut_clip(samples.woman_clip, tmp_path_factory.mktemp("clips") / "short.mp4", 20, 60)
+
+
+@pytest.fixture(scope="session")
+def video(short_clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[pvg.VectorVideo]:
+    """The short clip, vectorised."""
+    asset = tmp_path_factory.mktemp("assets") / "short.pvg"
+    with pvg.vectorize(short_clip, asset=asset) as vectorized:
+        yield vectorized
+
+
+@pytest.fixture(scope="session")
+def dark_reference(samples: Samples) -> Iterator[pvg.VectorVideo]:
+    """A portrait of deep brown skin."""
+    with pvg.vectorize(samples.dark_portrait, reference=True) as vectorized:
+        yield vectorized
+
+
+@pytest.fixture(scope="session")
+def pale_reference(samples: Samples) -> Iterator[pvg.VectorVideo]:
+    """A portrait of pale skin."""
+    with pvg.vectorize(samples.pale_portrait, reference=True) as vectorized:
+        yield vectorized

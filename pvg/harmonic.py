@@ -1,0 +1,273 @@
+"""Harmonic B-splines on the leaves of a quadtree (eq. 2): basis functions, design matrix, Laplacian Λ."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, TypeVar, cast
+
+import numba
+import numpy as np
+import numpy.typing as npt
+from scipy import sparse
+
+from pvg.quadtree import Floats, Ints, Quadtree
+
+SUPPORT = 3.0  # ψ is truncated at this many leaf sizes; its tail falls as r⁻⁴
+
+_BIN = 4.0  # side of a search bin in finest leaves
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+
+def _kernel(function: _Function) -> _Function:
+    return cast(_Function, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+
+
+@_kernel
+def _antiderivative(x: float, y: float) -> float:
+    """F with ∂²F/∂x∂y = ln √(x² + y²)."""
+    if x == 0.0 or y == 0.0:
+        return 0.0
+    angle = np.arctan(y / x)
+    other = np.copysign(0.5 * np.pi, angle) - angle  # atan(x / y), without a second call
+    return float(0.5 * (x * y * (np.log(x * x + y * y) - 3.0) + x * x * angle + y * y * other))
+
+
+@_kernel
+def _source(x: float, y: float, h: float) -> float:
+    """Γ: potential at (x, y) of a unit charge spread over the square of side h at the origin."""
+    square = x * x + y * y
+    if square > 4.0 * h * h:
+        # multipoles of the square; orders 4 and 8 leave less than 1e-8 beyond two sides
+        z = complex(x, y) / h
+        z4 = z * z * z * z
+        inverse = 1.0 / z4
+        multipoles: float = (inverse / 240.0 - inverse * inverse / 5760.0).real
+        return float(0.5 * np.log(square) + multipoles) / (2.0 * np.pi)
+    a = 0.5 * h
+    total = (
+        _antiderivative(x + a, y + a)
+        - _antiderivative(x - a, y + a)
+        - _antiderivative(x + a, y - a)
+        + _antiderivative(x - a, y - a)
+    )
+    return total / (2.0 * np.pi * h * h)
+
+
+@_kernel
+def _spread_sources(x: Floats, y: Floats, h: float, out: Floats) -> None:
+    for k in range(len(x)):
+        out[k] = _source(x[k], y[k], h)
+
+
+@_kernel
+def _count_bins(lows: Ints, highs: Ints, columns: int, counts: Ints) -> None:
+    for i in range(len(lows)):
+        for by in range(lows[i, 1], highs[i, 1] + 1):
+            for bx in range(lows[i, 0], highs[i, 0] + 1):
+                counts[by * columns + bx] += 1
+
+
+@_kernel
+def _fill_bins(lows: Ints, highs: Ints, columns: int, cursor: Ints, members: Ints) -> None:
+    for i in range(len(lows)):
+        for by in range(lows[i, 1], highs[i, 1] + 1):
+            for bx in range(lows[i, 0], highs[i, 0] + 1):
+                b = by * columns + bx
+                members[cursor[b]] = i
+                cursor[b] += 1
+
+
+@_kernel
+def _count_rows(
+    points: Floats, bins: Ints, centers: Floats, radii: Floats, starts: Ints, members: Ints, counts: Ints
+) -> None:
+    for p in range(len(points)):
+        for k in range(starts[bins[p]], starts[bins[p] + 1]):
+            i = members[k]
+            dx, dy = points[p, 0] - centers[i, 0], points[p, 1] - centers[i, 1]
+            if dx * dx + dy * dy < radii[i] * radii[i]:
+                counts[p] += 1
+
+
+@_kernel
+def _fill_rows(
+    points: Floats,
+    bins: Ints,
+    centers: Floats,
+    sizes: Floats,
+    radii: Floats,
+    starts: Ints,
+    members: Ints,
+    stencil_starts: Ints,
+    stencil_leaves: Ints,
+    stencil_weights: Floats,
+    row_starts: Ints,
+    columns: npt.NDArray[np.int32],
+    values: Floats,
+) -> None:
+    seen = np.full(len(centers), -1, dtype=np.int64)  # each Γ is computed once a point
+    sources = np.empty(len(centers))
+    for p in range(len(points)):
+        x, y = points[p, 0], points[p, 1]
+        at = row_starts[p]
+        for k in range(starts[bins[p]], starts[bins[p] + 1]):
+            i = members[k]
+            dx, dy = x - centers[i, 0], y - centers[i, 1]
+            if dx * dx + dy * dy >= radii[i] * radii[i]:
+                continue
+            if seen[i] != p:
+                seen[i] = p
+                sources[i] = _source(dx, dy, sizes[i])
+            value = 0.0
+            for s in range(stencil_starts[i], stencil_starts[i + 1]):
+                j = stencil_leaves[s]
+                if seen[j] != p:
+                    seen[j] = p
+                    sources[j] = _source(x - centers[j, 0], y - centers[j, 1], sizes[j])
+                value += stencil_weights[s] * (sources[j] - sources[i])
+            columns[at] = i
+            values[at] = value
+            at += 1
+
+
+@dataclass(frozen=True)
+class HarmonicBasis:
+    """The functions ψ_i of a quadtree, ready to be evaluated; made by `harmonic_basis`.
+
+    Attributes:
+        tree: the leaves; the first `tree.n_basis` carry a function each.
+        radii: (n_basis,) float64, where ψ_i is cut off, in pixels.
+        stencil_starts, stencil_leaves, stencil_weights: rows of w_ij of the leaves that carry functions (CSR).
+        bin_corner, bin_side, bin_shape: the search grid in pixels, (columns, rows).
+        bin_starts, bin_members: functions whose support may reach each bin (CSR).
+    """
+
+    tree: Quadtree
+    radii: Floats
+    stencil_starts: Ints
+    stencil_leaves: Ints
+    stencil_weights: Floats
+    bin_corner: Floats
+    bin_side: float
+    bin_shape: tuple[int, int]
+    bin_starts: Ints
+    bin_members: Ints
+
+    @property
+    def n_leaves(self) -> int:
+        """Number of basis functions."""
+        return len(self.radii)
+
+    def values(self, points: npt.NDArray[Any]) -> sparse.csr_array:
+        """ψ_i(x) before normalisation, (n_points, n_leaves); points outside every support have empty rows."""
+        where = np.ascontiguousarray(points, dtype=np.float64)
+        if where.ndim != 2 or where.shape[1] != 2 or not np.isfinite(where).all():
+            raise ValueError(f"points must be finite and of shape (n, 2); got {where.shape}")
+        columns, rows = self.bin_shape
+        cell = np.clip(np.floor((where - self.bin_corner) / self.bin_side), 0, (columns - 1, rows - 1))
+        bins = cell[:, 1].astype(np.int64) * columns + cell[:, 0].astype(np.int64)
+        search = (self.bin_starts, self.bin_members)
+        counts = np.zeros(len(where), dtype=np.int64)
+        _count_rows(where, bins, self.tree.centers, self.radii, *search, counts)
+        starts = _offsets(counts)
+        indices = np.empty(starts[-1], dtype=np.int32)
+        data = np.empty(starts[-1])
+        _fill_rows(
+            where,
+            bins,
+            self.tree.centers,
+            self.tree.sizes,
+            self.radii,
+            *search,
+            self.stencil_starts,
+            self.stencil_leaves,
+            self.stencil_weights,
+            starts,
+            indices,
+            data,
+        )
+        return sparse.csr_array((data, indices, starts.astype(np.int32)), shape=(len(where), self.n_leaves))
+
+    def design_matrix(self, points: npt.NDArray[Any]) -> sparse.csr_array:
+        """B: (n_points, n_leaves), row = ψ_i(x) / Σ_j ψ_j(x), so that constants are exact.
+
+        Args:
+            points: (n_points, 2) float, (x, y) in pixels, on the domain or within one ring of it.
+
+        Raises:
+            ValueError: a point lies so far from the domain that the functions no longer add up to one.
+        """
+        matrix = self.values(points)
+        sums = np.asarray(matrix.sum(axis=1))
+        if len(sums) and not np.abs(sums - 1.0).max() < 0.5:
+            x, y = np.asarray(points)[np.abs(sums - 1.0).argmax()]
+            raise ValueError(f"the point ({x:.1f}, {y:.1f}) lies outside the quadtree's domain")
+        matrix.data /= np.repeat(sums, np.diff(matrix.indptr))
+        return matrix
+
+
+def harmonic_basis(tree: Quadtree) -> HarmonicBasis:
+    """Stencils w_ij = ℓ_ij / d_ij, support radii and search bins of the functions of a quadtree (eq. 2)."""
+    count = tree.n_basis
+    weights = tree.lengths / tree.distances
+    ends = np.concatenate([tree.pairs, tree.pairs[:, ::-1]])
+    ends, weights = ends[ends[:, 0] < count], np.tile(weights, 2)[ends[:, 0] < count]
+    order = np.lexsort((ends[:, 1], ends[:, 0]))
+    ends, weights = ends[order], weights[order]
+    radii = SUPPORT * tree.sizes[:count]
+    return HarmonicBasis(
+        tree,
+        radii,
+        _offsets(np.bincount(ends[:, 0], minlength=count)),
+        ends[:, 1].copy(),
+        weights,
+        *_search_bins(tree.centers[:count], radii, _BIN * float(tree.sizes.min())),
+    )
+
+
+def laplacian_matrix(tree: Quadtree) -> sparse.csr_array:
+    """Λ: (n_basis, n_basis) symmetric, off-diagonal w_ij = ℓ_ij / d_ij, rows sum to zero."""
+    count = tree.n_basis
+    inner = tree.pairs.max(axis=1) < count
+    i, j = tree.pairs[inner].T
+    weights = (tree.lengths / tree.distances)[inner]
+    diagonal = np.bincount(i, weights, count) + np.bincount(j, weights, count)
+    every = np.arange(count)
+    entries = np.concatenate([weights, weights, -diagonal])
+    where = (np.concatenate([i, j, every]), np.concatenate([j, i, every]))
+    return sparse.csr_array(sparse.coo_array((entries, where), shape=(count, count)))
+
+
+def source_potential(points: npt.NDArray[Any], side: float) -> Floats:
+    """Γ: potential ln|x| / 2π of a unit charge spread over a square at the origin.
+
+    Args:
+        points: (n, 2) float, relative to the centre of the square.
+        side: side h of the square, same unit.
+
+    Returns:
+        (n,) float64, within 1e-8.
+    """
+    where = np.asarray(points, dtype=np.float64)
+    out = np.empty(len(where))
+    _spread_sources(where[:, 0].copy(), where[:, 1].copy(), float(side), out)
+    return out
+
+
+def _offsets(counts: npt.NDArray[Any]) -> Ints:
+    return np.concatenate([[0], np.cumsum(counts, dtype=np.int64)])
+
+
+def _search_bins(centers: Floats, radii: Floats, side: float) -> tuple[Floats, float, tuple[int, int], Ints, Ints]:
+    corner = (centers - radii[:, None]).min(axis=0)
+    lows = np.floor((centers - radii[:, None] - corner) / side).astype(np.int64)
+    highs = np.floor((centers + radii[:, None] - corner) / side).astype(np.int64)
+    columns, rows = (int(last) + 1 for last in highs.max(axis=0))
+    counts = np.zeros(columns * rows, dtype=np.int64)
+    _count_bins(lows, highs, columns, counts)
+    starts = _offsets(counts)
+    members = np.empty(starts[-1], dtype=np.int64)
+    _fill_bins(lows, highs, columns, starts[:-1].copy(), members)
+    return corner, side, (columns, rows), starts, members

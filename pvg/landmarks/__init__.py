@@ -1,0 +1,44 @@
+"""Faces of a clip: detect, fit, track and smooth, giving 106 landmarks and 88 skin points a frame."""
+
+from __future__ import annotations
+
+from pvg.landmarks.detector import Detection, detect_faces
+from pvg.landmarks.drawing import draw_landmarks
+from pvg.landmarks.layout import (
+    JD_CLOSED,
+    JD_COUNT,
+    JD_GROUPS,
+    SKIN_COUNT,
+    SKIN_POINTS,
+    SKIN_SLICES,
+    jd_106,
+    skin_88,
+)
+from pvg.landmarks.mesh import Mesh, Region, fit_landmarks, region_of_detection, region_of_points
+from pvg.landmarks.pose import head_pose
+from pvg.landmarks.smoothing import smooth
+from pvg.landmarks.tracking import FaceTrack, FaceTracks, track_faces
+
+__all__ = [
+    "JD_CLOSED",
+    "JD_COUNT",
+    "JD_GROUPS",
+    "SKIN_COUNT",
+    "SKIN_POINTS",
+    "SKIN_SLICES",
+    "Detection",
+    "FaceTrack",
+    "FaceTracks",
+    "Mesh",
+    "Region",
+    "detect_faces",
+    "draw_landmarks",
+    "fit_landmarks",
+    "head_pose",
+    "jd_106",
+    "region_of_detection",
+    "region_of_points",
+    "skin_88",
+    "smooth",
+    "track_faces",
+]

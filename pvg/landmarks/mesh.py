@@ -1,0 +1,134 @@
+"""Fit the 478-point face mesh to one face: an upright square crop, the network, and the way back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from pvg import models
+from pvg.landmarks.detector import Detection, halved
+
+FloatArray = npt.NDArray[np.float32]
+ByteArray = npt.NDArray[np.uint8]
+
+INPUT_PX = 256
+REGION_GROWTH = 1.5
+"""Side of the crop over the longer side of the face box, as the network was trained."""
+
+_EYE_LEFT, _EYE_RIGHT = 33, 263  # outer corners, image left and right
+
+
+@dataclass(frozen=True)
+class Region:
+    """A square of the picture turned so that the eyes are level: where the mesh is fitted.
+
+    center_x, center_y, size: source pixels; angle: radians, positive when the eye line falls to the right.
+    """
+
+    center_x: float
+    center_y: float
+    size: float
+    angle: float
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """The fitted face mesh.
+
+    points: (478, 2) float32 source pixels; depth: (478,) float32 in the same unit, smaller is nearer;
+    score: probability in [0, 1] that the crop shows a face.
+    """
+
+    points: FloatArray
+    depth: FloatArray
+    score: float
+
+
+def region_of_detection(detection: Detection) -> Region:
+    """Crop for a freshly detected face."""
+    x0, y0, x1, y1 = (float(value) for value in detection.box)
+    dx, dy = (float(value) for value in detection.key_points[1] - detection.key_points[0])
+    return Region((x0 + x1) / 2, (y0 + y1) / 2, REGION_GROWTH * max(x1 - x0, y1 - y0), float(np.arctan2(dy, dx)))
+
+
+def region_of_points(points: FloatArray) -> Region:
+    """Crop around a face whose mesh points (478, 2) are known, from this frame or the one before."""
+    dx, dy = (float(value) for value in points[_EYE_RIGHT] - points[_EYE_LEFT])
+    angle = float(np.arctan2(dy, dx))
+    cos, sin = np.cos(angle), np.sin(angle)
+    turned = points @ np.array([[cos, -sin], [sin, cos]], np.float32)  # along and across the eye line
+    low, high = turned.min(axis=0), turned.max(axis=0)
+    along, across = (low + high) / 2
+    return Region(
+        float(along * cos - across * sin),
+        float(along * sin + across * cos),
+        REGION_GROWTH * float((high - low).max()),
+        angle,
+    )
+
+
+def _crop_to_source(region: Region) -> npt.NDArray[np.float64]:
+    """(2, 3) affine map of crop pixel centres to source pixel centres."""
+    scale = region.size / INPUT_PX
+    cos, sin = scale * np.cos(region.angle), scale * np.sin(region.angle)
+    middle = (INPUT_PX - 1) / 2
+    return np.array(
+        [
+            [cos, -sin, region.center_x - middle * (cos - sin)],
+            [sin, cos, region.center_y - middle * (sin + cos)],
+        ]
+    )
+
+
+def _crop(rgb: ByteArray, to_source: npt.NDArray[np.float64], size: float) -> ByteArray:
+    """Sample the region at the network's size; a large one is averaged down first so that it does not alias."""
+    if size < 2 * INPUT_PX:
+        return _sample(rgb, to_source)
+    corners = to_source @ np.array([[0, INPUT_PX, 0, INPUT_PX], [0, 0, INPUT_PX, INPUT_PX], [1, 1, 1, 1]], np.float64)
+    height, width = rgb.shape[:2]
+    x0, y0 = (
+        int(value) for value in np.clip(np.floor(corners.min(axis=1)), 0, [max(width - 2, 0), max(height - 2, 0)])
+    )
+    x1, y1 = (int(value) for value in np.clip(np.ceil(corners.max(axis=1)) + 1, [x0 + 2, y0 + 2], [width, height]))
+    small, factor = halved(rgb[y0:y1, x0:x1], size / INPUT_PX)
+    to_small = to_source.copy()
+    to_small[:, 2] -= (x0, y0)
+    to_small /= factor
+    to_small[:, 2] += 0.5 / factor - 0.5
+    return _sample(small, to_small)
+
+
+def _sample(rgb: ByteArray, to_source: npt.NDArray[np.float64]) -> ByteArray:
+    crop = cv2.warpAffine(
+        rgb,
+        to_source,
+        (INPUT_PX, INPUT_PX),
+        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    return np.asarray(crop, np.uint8)
+
+
+def fit_landmarks(rgb: ByteArray, region: Region | Detection, *, threads: int = 1) -> Mesh:
+    """Fit the mesh to the face in a region.
+
+    rgb: (H, W, 3) uint8. A Detection is fitted twice, the second time in the crop its own points ask for.
+    Raises ModelError when the weights are not installed.
+    """
+    if isinstance(region, Detection):
+        first = fit_landmarks(rgb, region_of_detection(region), threads=threads)
+        return fit_landmarks(rgb, region_of_points(first.points), threads=threads)
+    to_source = _crop_to_source(region)
+    crop = _crop(np.ascontiguousarray(rgb), to_source, region.size)
+    session = models.load("face_landmarks_detector", threads)
+    values = np.multiply(crop[None], np.float32(1 / 255), dtype=np.float32)
+    flat, flag = session.run(["Identity", "Identity_1"], {session.get_inputs()[0].name: values})
+    found = flat.reshape(-1, 3)
+    # the network measures from the crop's edge, so pixel centres are half a pixel in
+    points = (found[:, :2] - 0.5) @ to_source[:, :2].T + to_source[:, 2]
+    depth = found[:, 2] * (region.size / INPUT_PX)
+    score = 1 / (1 + float(np.exp(-np.clip(flag.item(), -50, 50))))
+    return Mesh(points.astype(np.float32), depth.astype(np.float32), score)

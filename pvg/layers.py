@@ -1,0 +1,70 @@
+"""Pictures of what an asset holds in one frame: landmarks, mask, matte, curves, low and high frequencies."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pvg.asset import VectorVideo
+from pvg.curves import table_labels
+from pvg.landmarks import draw_landmarks
+from pvg.poisson import build_membrane
+from pvg.region import Region
+from pvg.rendering import regions, source_frame
+
+LAYERS = ("image", "landmarks", "mask", "matte", "curves", "low", "high")
+_GROUP_COLORS = ((255, 200, 0), (0, 220, 255), (80, 255, 80), (255, 60, 120))  # skin, brows, eyes, lips
+_MID_GREY = 128
+
+Image = NDArray[np.uint8]
+
+
+def layer(video: VectorVideo, index: int, name: str) -> Image:
+    """Draw layer `name` of frame `index`: (H, W, 3) uint8 RGB.
+
+    image: the source;  landmarks: the 106 points on it;  mask, matte: skin in white;  curves: the diffusion curves in
+    their boundary colours g over the dimmed source;  low: LF = H(g);  high: HF = I - H(g) around mid grey.
+    Raises `ValueError` on an unknown layer or frame.
+    """
+    if name not in LAYERS:
+        raise ValueError(f"no layer {name!r}; known are {', '.join(LAYERS)}")
+    image = source_frame(video, index).rgb()
+    if name in ("mask", "matte"):
+        out: Image = np.zeros_like(image)
+    elif name == "high":
+        out = np.full_like(image, _MID_GREY)
+    else:
+        out = image // 3 if name in ("curves", "low") else image.copy()
+    for face, region in regions(video, index):
+        if name == "landmarks":
+            out = draw_landmarks(out, region.data.points)
+        elif name == "curves":
+            _draw_curves(out, region)
+        elif name != "image":
+            _draw_region(out, image, video, face, region, index, name)
+    return out
+
+
+def _draw_curves(out: Image, region: Region) -> None:
+    labels = table_labels()
+    for start, stop, closed in labels.spans:
+        color = _GROUP_COLORS[int(labels.group[start])]
+        corners = np.rint(region.positions[start:stop] * 16).astype(np.int32)
+        cv2.polylines(out, [corners], closed, color, 1, cv2.LINE_AA, shift=4)
+
+
+def _draw_region(
+    out: Image, image: Image, video: VectorVideo, face: int, region: Region, index: int, name: str
+) -> None:
+    h, w = region.alpha.shape
+    window = (slice(region.y, region.y + h), slice(region.x, region.x + w))
+    if name in ("mask", "matte"):
+        shown = region.alpha if name == "matte" else (region.alpha >= 0.5).astype(np.float32)
+        out[window] = np.maximum(out[window], np.rint(255 * shown)[..., None].astype(np.uint8))
+        return
+    colors = video.records[face].key_frame_of(index).colors
+    low = build_membrane(region.raster).solve(colors).crop(region.x, region.y, w, h)
+    field = low if name == "low" else image[window] - low + _MID_GREY
+    alpha = region.alpha[..., None]
+    out[window] = np.clip(np.rint(alpha * field + (1 - alpha) * out[window]), 0, 255).astype(np.uint8)

@@ -1,0 +1,135 @@
+"""Algorithm 1, transfer: a vectorised clip and a reference give a `Look`, the clip's new boundary colours.
+
+Only the colours of the key frames are moved, by sliced optimal mass transport (eq. 7, 8); no pixel is read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, cast
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from pvg.asset import FaceRecord, KeyFrame, VectorVideo, faces_by_index
+from pvg.curves import GROUPS, Floats, table_labels
+from pvg.transport import sliced_transport
+
+BETA = 0.2  # the paper's step
+ITERATIONS = 20  # the paper's N
+CONTRAST_RANGE = (0.7, 1.5)  # the paper's range for lambda
+PROTECTABLE = ("eyes", "teeth")
+_SMALLEST_GROUP = 8  # fewer visible samples say nothing about a group's colours
+
+Match = Literal["color", "semantic"]
+Contrast = float | Literal["auto"]
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """New boundary colours for a clip.
+
+    colors: for each face index of the look, (K, S, 3) float32 g' of its K key frames, 0-255 RGB, strength applied;
+    contrast: lambda of `u' = lambda I + H(g' - lambda g)`, or "auto" for the field of METHOD 7b;
+    strength: in [0, 1], already in `colors`, applied to the contrast when rendering; protect: features that keep
+    their own colour.
+    """
+
+    colors: dict[int, Floats]
+    contrast: Contrast = 1.0
+    strength: float = 1.0
+    protect: tuple[str, ...] = PROTECTABLE
+
+
+def _reference_key(reference: VectorVideo) -> KeyFrame:
+    """The key frame of the reference's largest face."""
+    largest = max(reference.records, key=lambda record: record.summary.width_px)
+    return largest.key_frames[0]
+
+
+def _transport(key: KeyFrame, target: KeyFrame, match: Match, *, beta: float, iterations: int, seed: int) -> Floats:
+    """Boundary colours of `key` moved to those of `target`, (S, 3).
+
+    What is hidden on either side takes no part in the transport, so that a clip's own colours stay as they are;
+    the clip's hidden samples then move as its visible ones of like colour do.
+    """
+    groups = [(np.ones(len(key.colors), np.bool_))]
+    if match == "semantic":
+        groups = [table_labels().group == g for g in range(len(GROUPS))]
+    moved = key.colors.astype(np.float64)
+    for members in groups:
+        source, wanted = members & key.visible, members & target.visible
+        if int(source.sum()) < _SMALLEST_GROUP:
+            continue
+        if int(wanted.sum()) < _SMALLEST_GROUP:  # the reference shows nothing of this group: follow its whole face
+            wanted = target.visible
+        # one generator a transport, seeded alike: a further look or face cannot shift another's rotations
+        rng = np.random.default_rng(seed)
+        moved[source] = sliced_transport(
+            key.colors[source], target.colors[wanted], beta=beta, iterations=iterations, rng=rng
+        )
+        _follow_like_colours(moved, key.colors, members & ~key.visible, source)
+    return np.clip(moved, 0.0, 255.0).astype(np.float32)
+
+
+def _follow_like_colours(
+    moved: NDArray[np.float64], colors: Floats, hidden: NDArray[np.bool_], visible: NDArray[np.bool_]
+) -> None:
+    """Shift each hidden sample by the mean shift of the visible samples nearest to it in colour, in place."""
+    if not hidden.any():
+        return
+    shift = moved[visible] - colors[visible]
+    count = min(_SMALLEST_GROUP, len(shift))
+    distance, nearest = KDTree(colors[visible]).query(colors[hidden], k=count)
+    weight = 1.0 / (np.asarray(distance) + 1.0)
+    weight /= weight.sum(axis=1, keepdims=True)
+    moved[hidden] += np.einsum("hk,hkc->hc", weight, shift[nearest])
+
+
+def _check(strength: float, contrast: Contrast, match: str, protect: Sequence[str]) -> None:
+    if not 0.0 <= strength <= 1.0:
+        raise ValueError(f"strength must be in [0, 1], not {strength}")
+    if contrast != "auto" and not (
+        isinstance(contrast, (int, float)) and CONTRAST_RANGE[0] <= contrast <= CONTRAST_RANGE[1]
+    ):
+        raise ValueError(f'contrast must be "auto" or in [0.7, 1.5], not {contrast!r}')
+    if match not in ("color", "semantic"):
+        raise ValueError(f'match must be "color" or "semantic", not {match!r}')
+    if unknown := [part for part in protect if part not in PROTECTABLE]:
+        raise ValueError(f"cannot protect {unknown[0]!r}; known are {', '.join(PROTECTABLE)}")
+
+
+def transfer(
+    video: VectorVideo,
+    reference: VectorVideo,
+    *,
+    strength: float = 1.0,
+    contrast: Contrast = 1.0,
+    match: str = "color",
+    protect: Sequence[str] = PROTECTABLE,
+    faces: Literal["all"] | Sequence[int] = "all",
+    beta: float = BETA,
+    iterations: int = ITERATIONS,
+    seed: int = 0,
+) -> Look:
+    """Give the faces of `video` the face colours of `reference`'s largest face (eq. 7, 8).
+
+    strength: in [0, 1], 0 leaves the clip as it is;  contrast: lambda in [0.7, 1.5], or "auto" for a lambda that
+    follows the brightness the transfer asks for;  match: "color" transports all boundary colours together as the
+    paper does, "semantic" skin to skin, lips to lips, brows to brows, eyes to eyes;  protect: features that keep
+    their own colour;  beta, iterations: eq. (8), the paper's 0.2 and 20;  seed: of the random rotations.
+    Raises `ValueError` on a parameter out of range or an unknown face.
+    """
+    _check(strength, contrast, match, protect)
+    target = _reference_key(reference)
+    colors: dict[int, Floats] = {}
+    for index in faces_by_index(video, faces):
+        record: FaceRecord = video.records[index]
+        new = []
+        for key in record.key_frames:
+            moved = _transport(key, target, cast(Match, match), beta=beta, iterations=iterations, seed=seed)
+            new.append(key.colors + np.float32(strength) * (moved - key.colors))
+        colors[index] = np.stack(new).astype(np.float32)
+    return Look(colors, contrast, strength, tuple(protect))

@@ -1,0 +1,19 @@
+"""Skin masks and soft mattes: one picture guided by its landmarks, or a face through a clip."""
+
+from __future__ import annotations
+
+from pvg.skin.matte import Matte, soft_matte
+from pvg.skin.still import MaskMethod, skin_mask
+from pvg.skin.tracking import SkinModel, SkinTracker, fit_skin_model
+from pvg.skin.zones import face_box
+
+__all__ = [
+    "MaskMethod",
+    "Matte",
+    "SkinModel",
+    "SkinTracker",
+    "face_box",
+    "fit_skin_model",
+    "skin_mask",
+    "soft_matte",
+]

@@ -1,0 +1,53 @@
+"""Carry the key frame's shape to another frame: a smooth spline through the landmarks."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from pvg.skin.zones import Floats
+
+_GRID = 8  # cells between the nodes at which the spline is evaluated
+_STIFFNESS = 0.02  # relative to the spline's own scale: the contour guides, it need not be hit
+
+
+def similarity(source: Floats, target: Floats) -> tuple[complex, complex]:
+    """Least-squares a, b with target = a·source + b for points (n, 2) read as complex numbers."""
+    s, t = source[:, 0] + 1j * source[:, 1], target[:, 0] + 1j * target[:, 1]
+    s0, t0 = s - s.mean(), t - t.mean()
+    a = complex(np.vdot(s0, t0) / max(float(np.vdot(s0, s0).real), 1e-9))
+    return a, complex(t.mean() - a * s.mean())
+
+
+def spline_map(shape: tuple[int, int], source: Floats, target: Floats) -> tuple[Floats, Floats]:
+    """Maps x, y, (h, w) each, that take raster cells to where `source` (n, 2) goes to `target` (n, 2).
+
+    The deviation from the best similarity is a regularised sum of Gaussians, so far from the points the map is
+    nearly the similarity.
+    """
+    a, b = similarity(source, target)
+    scale = float(np.sqrt(source.var(axis=0).sum())) + 1e-6
+    nodes = np.asarray(source / scale, np.float64)
+    moved = a * (source[:, 0] + 1j * source[:, 1]) + b
+    offset = np.stack([target[:, 0] - moved.real, target[:, 1] - moved.imag], axis=1).astype(np.float64)
+    kernel = _kernel(nodes, nodes) + _STIFFNESS * np.eye(len(nodes))
+    weights = np.linalg.solve(kernel, offset)
+
+    h, w = shape
+    rows = (np.arange(-1, -(-h // _GRID) + 1) + 0.5) * _GRID - 0.5
+    columns = (np.arange(-1, -(-w // _GRID) + 1) + 0.5) * _GRID - 0.5
+    gx, gy = np.meshgrid(columns, rows)
+    at = np.stack([gx.ravel(), gy.ravel()], axis=1)
+    z = a * (at[:, 0] + 1j * at[:, 1]) + b
+    coarse = np.stack([z.real, z.imag], axis=1) + _kernel(at / scale, nodes) @ weights
+    coarse = coarse.reshape(*gx.shape, 2).astype(np.float32)
+    fine = cv2.resize(coarse, (gx.shape[1] * _GRID, gx.shape[0] * _GRID), interpolation=cv2.INTER_LINEAR)
+    fine = fine[_GRID : _GRID + h, _GRID : _GRID + w]
+    return np.ascontiguousarray(fine[..., 0]), np.ascontiguousarray(fine[..., 1])
+
+
+def _kernel(at: Floats, nodes: Floats) -> Floats:
+    """Decaying radial kernel (m, n): smooth, and nothing two face radii away."""
+    squared = ((at[:, None] - nodes[None]) ** 2).sum(axis=2)
+    values: Floats = np.exp(-squared / (2 * 0.6**2))
+    return values

@@ -1,0 +1,112 @@
+"""The skin of one picture: guided by landmarks, or by the paper's fixed range of red chroma."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from pvg.skin.colors import SkinColors, fit_colors, skin_scale, to_lab
+from pvg.skin.cutting import minimum_cut
+from pvg.skin.regions import biggest_part, fill_holes
+from pvg.skin.zones import Bools, Bytes, Floats, face_box, face_geometry, locate, logistic
+
+MaskMethod = Literal["landmarks", "ycbcr"]
+
+_CR_LOW, _CR_HIGH = 140, 160
+_WORK_FACE_PX = 150.0  # the colour decision is made on a picture scaled to faces of this size
+_ROUNDS = 3
+AN=[.25,9,.3]
+BB=.6
+EX=[.25,6]
+LP=.7
+SC=[.2,25]
+GC=25.
+
+
+def skin_mask(rgb: Bytes, points: Floats, skin_points: Floats, *, method: MaskMethod = "landmarks") -> Bools:
+    """Skin of one face in one picture: face, ears and neck, with the features inside filled.
+
+    rgb: (H, W, 3) uint8;  points: (106, 2);  skin_points: (88, 2), source pixels.
+    method: "landmarks", or "ycbcr", the paper's rule over the whole picture: 8-bit Cr in [140, 160].
+    Returns (H, W) bool, one connected part without holes.
+    """
+    height, width = rgb.shape[:2]
+    if method == "ycbcr":
+        return chroma_mask(rgb, locate((height, width), points, skin_points).face)
+    box = face_box(points, skin_points)
+    x0, y0 = np.clip(np.floor(box[:2]).astype(int), 0, [width - 1, height - 1])
+    x1, y1 = np.clip(np.ceil(box[2:]).astype(int) + 1, [x0 + 1, y0 + 1], [width, height])
+    crop = np.ascontiguousarray(rgb[y0:y1, x0:x1])
+    scale = min(1.0, _WORK_FACE_PX / face_geometry(points, skin_points).size)
+    size = (max(2, round((x1 - x0) * scale)), max(2, round((y1 - y0) * scale)))
+    ratio = np.array([size[0] / (x1 - x0), size[1] / (y1 - y0)], np.float32)
+    small = np.asarray(cv2.resize(crop, size, interpolation=cv2.INTER_AREA), np.uint8)
+    offset = np.array([x0, y0], np.float32)
+    local = ((points - offset + 0.5) * ratio - 0.5).astype(np.float32)
+    local_skin = ((skin_points - offset + 0.5) * ratio - 0.5).astype(np.float32)
+    mask = np.zeros((height, width), np.bool_)
+    mask[y0:y1, x0:x1] = _refine(crop, cut_skin(small, local, local_skin).mask, 1 / scale)
+    return mask
+
+
+def chroma_mask(rgb: Bytes, face: Bools, visible: Bools | None = None) -> Bools:
+    """The paper's rule: Cr in [140, 160], the largest part of those that touch `face` (H, W) bool, filled."""
+    red = cv2.cvtColor(rgb, cv2.COLOR_RGB2YCrCb)[..., 1]
+    skin = (red >= _CR_LOW) & (red <= _CR_HIGH)
+    return fill_holes(biggest_part(skin if visible is None else skin & visible, face))
+
+
+@dataclass(frozen=True, eq=False)
+class SkinCut:
+    """mask: (h, w) bool;  colors: the likelihoods that it was cut by."""
+
+    mask: Bools
+    colors: SkinColors
+
+
+def cut_skin(rgb: Bytes, points: Floats, skin_points: Floats, visible: Bools | None = None) -> SkinCut:
+    """Cut the skin out of a small picture (h, w, 3): colours and mask learn from each other in a few rounds.
+
+    points: (106, 2);  skin_points: (88, 2), in the picture's pixels;  visible: (h, w) bool, where the picture is real.
+    """
+    shape = rgb.shape[:2]
+    where = locate(shape, points, skin_points)
+    visible = np.ones(shape, np.bool_) if visible is None else visible
+    lab = to_lab(rgb)
+    sample = where.sample & visible
+    if int(sample.sum()) < 16:
+        sample = where.face & visible
+    if int(sample.sum()) < 16:
+        sample = visible
+    scale = skin_scale(lab[sample])
+    chroma = SC[0] * float(np.hypot(*scale.center[1:]))
+    spread = 1.3 * 1.4826 * np.median(np.abs(lab[sample] - scale.center), axis=0)
+    z = (lab - scale.center) / np.clip(spread, [5, 1.6, 1.6], [SC[1], max(1.6, chroma), max(1.6, chroma)])
+    far = (z**2).sum(axis=2)
+    anchor = np.exp(-AN[0] * np.maximum(AN[2] * z[..., 0] ** 2 + z[..., 1] ** 2 + z[..., 2] ** 2 - AN[1], 0))
+    odd = where.sure & (far > 16)  # eyes, lips, glasses, beard: inside, but not to learn skin from
+    belief = np.where(where.sure, 1.0, logistic(where.prior) * np.exp(-EX[0] * np.maximum(far - EX[1], 0)))
+    nearby = np.exp(-2 * np.maximum(where.outside - 0.1, 0))
+    for _ in range(_ROUNDS):
+        inner = np.where(odd, 0, belief) * visible * anchor
+        outer = np.where(where.sure, 0, 1 - belief * anchor) * nearby * visible
+        colors = fit_colors(scale, lab, inner.astype(np.float32), outer.astype(np.float32))
+        evidence = colors.evidence(lab)
+        odds = where.prior + np.where(where.sure, np.maximum(evidence, 0), evidence)
+        odds = np.where(visible, odds, -9).astype(np.float32)
+        skin = fill_holes(biggest_part(minimum_cut(rgb, odds, trust=GC), where.sure))
+        belief = logistic(odds - (1-LP) * where.prior)
+        belief = np.where(skin, np.maximum(belief, BB), np.minimum(belief, 1-BB))
+    opened = cv2.morphologyEx(skin.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)).astype(np.bool_)
+    return SkinCut(fill_holes(biggest_part((opened | (skin & where.sure)) & visible, where.sure)), colors)
+
+
+def _refine(rgb: Bytes, small: Bools, factor: float) -> Bools:
+    """The small mask at the picture's own size, its edge moved to the picture's."""
+    h, w = rgb.shape[:2]
+    large = cv2.resize(small.astype(np.float32), (w, h), interpolation=cv2.INTER_LINEAR)
+    alpha = cv2.ximgproc.guidedFilter(rgb, large, max(2, round(2 * factor)), 100.0)
+    return fill_holes(biggest_part(alpha > 0.5))

@@ -1,0 +1,200 @@
+"""The skin of a face through a clip: colours learnt on the key frame, followed frame by frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from pvg.skin.carrying import spline_map
+from pvg.skin.colors import SkinColors, to_lab
+from pvg.skin.matte import Matte
+from pvg.skin.regions import biggest_part, fill_holes
+from pvg.skin.still import MaskMethod, chroma_mask, cut_skin
+from pvg.skin.zones import Bools, Bytes, Floats, face_box, logistic, locate
+
+_CELLS_SMALL, _CELLS_LARGE = 192, 256  # longer side of the raster, for boxes of up to 768 and from 1024 px
+_SUPERSAMPLE = 6
+_ALPHA_STEP = 5  # the matte's grey levels are multiples of this: 52 of them
+
+
+@dataclass(frozen=True, eq=False)
+class Raster:
+    """A square-celled raster over a box of the picture.  origin: (2,) x0, y0;  step: source pixels a cell."""
+
+    origin: Floats
+    step: float
+    shape: tuple[int, int]
+
+    @property
+    def box(self) -> Floats:
+        """(4,) x0, y0, x1, y1, source pixels."""
+        size = np.array([self.shape[1], self.shape[0]], np.float32) * self.step
+        return np.concatenate([self.origin, self.origin + size]).astype(np.float32)
+
+    def cells(self, points: Floats) -> Floats:
+        """Cell coordinates of source positions (n, 2)."""
+        out: Floats = ((points - self.origin + 0.5) / self.step - 0.5).astype(np.float32)
+        return out
+
+    def sample(self, rgb: Bytes) -> Bytes:
+        """The picture (H, W, 3) averaged over each cell, (h, w, 3); beyond the picture its edge is repeated."""
+        h, w = self.shape
+        k = min(_SUPERSAMPLE, max(1, int(np.ceil(self.step - 0.25))))
+        fine = self.step / k
+        shift = self.origin - 0.5 + 0.5 * fine
+        matrix = np.array([[fine, 0, shift[0]], [0, fine, shift[1]]], np.float64)
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        part = cv2.warpAffine(rgb, matrix, (w * k, h * k), flags=flags, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(part if k == 1 else cv2.resize(part, (w, h), interpolation=cv2.INTER_AREA), np.uint8)
+
+    def in_picture(self, shape: tuple[int, int]) -> Bools:
+        """(h, w) bool: cells whose centre lies in a picture of (H, W)."""
+        x = self.origin[0] + (np.arange(self.shape[1]) + 0.5) * self.step - 0.5
+        y = self.origin[1] + (np.arange(self.shape[0]) + 0.5) * self.step - 0.5
+        inside: Bools = ((y >= -0.5) & (y <= shape[0] - 0.5))[:, None] & ((x >= -0.5) & (x <= shape[1] - 0.5))
+        return inside
+
+
+def first_raster(points: Floats, skin_points: Floats) -> Raster:
+    """The raster for a track that starts with these points."""
+    box = face_box(points, skin_points)
+    width, height = (float(v) for v in box[2:] - box[:2])
+    longer = max(width, height)
+    step = max(1.0, longer / min(_CELLS_LARGE, max(_CELLS_SMALL, longer / 4)))
+    shape = (max(8, round(height / step)), max(8, round(width / step)))
+    return _around(box, step, shape)
+
+
+def _around(box: Floats, step: float, shape: tuple[int, int]) -> Raster:
+    center = (box[:2] + box[2:]) / 2
+    origin = center - np.array([shape[1], shape[0]], np.float32) * (step / 2)
+    return Raster(origin.astype(np.float32), step, shape)
+
+
+@dataclass(frozen=True, eq=False)
+class SkinModel:
+    """What the key frame teaches about a face's skin.
+
+    method: how masks are made;  colors: likelihood table;  light: (3,) RGB of the middle of the face;
+    inside: (h, w) float32 signed distance to the mask's edge in face sizes, positive on skin, over a raster in
+    which the stacked landmarks lie at `points` (194, 2).
+    """
+
+    method: MaskMethod
+    colors: SkinColors | None = None
+    light: Floats | None = None
+    inside: Floats | None = None
+    points: Floats | None = None
+
+
+def fit_skin_model(
+    rgb: Bytes, points: Floats, skin_points: Floats, *, method: MaskMethod = "landmarks"
+) -> SkinModel:
+    """Learn a face's skin on its key frame.
+
+    rgb: (H, W, 3) uint8;  points: (106, 2);  skin_points: (88, 2), source pixels.
+    """
+    if method == "ycbcr":
+        return SkinModel(method)
+    raster = first_raster(points, skin_points)
+    own, own_skin = raster.cells(points), raster.cells(skin_points)
+    small = raster.sample(rgb)
+    cut = cut_skin(small, own, own_skin, raster.in_picture(rgb.shape[:2]))
+    where = locate(raster.shape, own, own_skin)
+    skin = cut.mask.astype(np.uint8)
+    inside = cv2.distanceTransform(skin, cv2.DIST_L2, 5) - cv2.distanceTransform(1 - skin, cv2.DIST_L2, 5)
+    return SkinModel(
+        method,
+        cut.colors,
+        _light(small, where.sample),
+        np.asarray(inside / where.size, np.float32),
+        np.concatenate([own, own_skin]),
+    )
+
+
+def _light(rgb: Bytes, sample: Bools) -> Floats:
+    """(3,) median colour of the middle of the face."""
+    if not sample.any():
+        return np.array([128, 128, 128], np.float32)
+    return np.maximum(np.median(rgb[sample], axis=0), 4.0).astype(np.float32)
+
+
+class SkinTracker:
+    """Makes the matte of each frame of a track, in order."""
+
+    def __init__(self, model: SkinModel) -> None:
+        self._model = model
+        self._raster: Raster | None = None
+        self._before: tuple[Bytes, Floats] | None = None  # the previous frame's grey picture and skin
+        self._flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
+
+    def step(self, rgb: Bytes, points: Floats, skin_points: Floats) -> Matte:
+        """The matte of the next frame: rgb (H, W, 3), points (106, 2), skin_points (88, 2), source pixels."""
+        raster = self._next_raster(points, skin_points)
+        small = raster.sample(rgb)
+        own, own_skin = raster.cells(points), raster.cells(skin_points)
+        visible = raster.in_picture(rgb.shape[:2])
+        if self._model.method == "ycbcr":
+            mask = chroma_mask(small, locate(raster.shape, own, own_skin).face, visible)
+            return Matte(raster.box, mask.astype(np.uint8) * np.uint8(255), mask)
+        skin = self._steady(small, self._skin_now(small, own, own_skin, visible))
+        where = locate(raster.shape, own, own_skin)
+        mask = fill_holes(biggest_part(skin > 0.5, where.sure)) & visible
+        alpha = _soft_edge(skin, mask) * visible
+        levels = np.rint(alpha * (255 / _ALPHA_STEP)) * _ALPHA_STEP
+        return Matte(raster.box, levels.astype(np.uint8), mask)
+
+    def _next_raster(self, points: Floats, skin_points: Floats) -> Raster:
+        if self._raster is None:
+            self._raster = first_raster(points, skin_points)
+            return self._raster
+        box = face_box(points, skin_points)
+        h, w = self._raster.shape
+        step = max(1.0, float(box[2] - box[0]) / w, float(box[3] - box[1]) / h)
+        self._raster = _around(box, step, (h, w))
+        return self._raster
+
+    def _skin_now(self, rgb: Bytes, points: Floats, skin_points: Floats, visible: Bools) -> Floats:
+        """Probability of skin (h, w) from this frame alone."""
+        model = self._model
+        assert model.colors is not None and model.light is not None  # noqa: S101, PT018
+        assert model.inside is not None and model.points is not None  # noqa: S101, PT018
+        where = locate(rgb.shape[:2], points, skin_points)
+        gain = np.clip(model.light / _light(rgb, where.sample), 0.2, 5.0)
+        evidence = model.colors.evidence(to_lab(np.clip(rgb * gain, 0, 255)))
+        evidence = np.where(where.sure, np.maximum(evidence, 0), evidence)
+        map_x, map_y = spline_map(rgb.shape[:2], np.concatenate([points, skin_points]), model.points)
+        inside = cv2.remap(model.inside, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        carried = np.clip(inside * 40, -4, 4) * (1 - 0.6 * where.neckness)
+        odds = 0.6 * where.prior + carried + evidence
+        probability = logistic(np.where(visible, odds, -9)).astype(np.float32)
+        radius = max(2, round(0.035 * where.size))
+        return np.clip(cv2.ximgproc.guidedFilter(rgb, probability, radius, 120.0), 0, 1)
+
+    def _steady(self, rgb: Bytes, skin: Floats) -> Floats:
+        """Blend with the frame before, carried by optical flow, where the picture agrees that nothing changed."""
+        grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
+        if self._before is not None:
+            old_grey, old_skin = self._before
+            flow = self._flow.calc(grey, old_grey, None)
+            h, w = grey.shape
+            map_x = flow[..., 0] + np.arange(w, dtype=np.float32)
+            map_y = flow[..., 1] + np.arange(h, dtype=np.float32)[:, None]
+            seen = cv2.remap(old_grey, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            carried = cv2.remap(old_skin, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            change = cv2.blur(np.abs(seen.astype(np.float32) - grey), (5, 5))
+            keep = 0.8 * np.exp(-((change / 6.0) ** 2))
+            skin = (skin + keep * (carried - skin)).astype(np.float32)
+        self._before = (grey, skin)
+        return skin
+
+
+def _soft_edge(skin: Floats, mask: Bools) -> Floats:
+    """The matte: the skin probability about the mask's edge, 1 inside and 0 away from it."""
+    near = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), 1.5)
+    alpha = np.clip((skin - 0.15) / 0.7, 0, 1)
+    alpha = np.where(near > 0.97, 1.0, np.where(near < 0.03, 0.0, np.maximum(alpha, near * mask)))
+    out: Floats = alpha.astype(np.float32)
+    return out

@@ -1,0 +1,214 @@
+"""Where skin can be: a face's own frame, its box, and how likely each place is skin before colour is looked at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float32]
+Bytes = NDArray[np.uint8]
+Bools = NDArray[np.bool_]
+
+_OVAL = slice(0, 36)  # the closed face contour among the 88 skin points
+_SHIFT = 4  # polygons are rasterised with 1/16 px
+_FEATURES = (
+    (33, 34, 35, 36, 37, 64, 65, 66, 67),  # brows
+    (38, 39, 40, 41, 42, 68, 69, 70, 71),
+    tuple(range(52, 58)),  # eyes
+    tuple(range(58, 64)),
+    tuple(range(84, 96)),  # lips
+)
+UP=[-.15,.08]
+FH=[.3,8,1.8,11]
+_FEATURE_MARGIN = 0.03  # of the face's size: lashes, brow hairs and lip contours spill over
+
+
+def logistic(odds: Floats) -> Floats:
+    """Probability of log-odds."""
+    probability: Floats = (1 / (1 + np.exp(-odds))).astype(np.float32)
+    return probability
+
+
+@dataclass(frozen=True, eq=False)
+class FaceGeometry:
+    """A face's own frame in a picture; lengths in the picture's pixels.
+
+    center: (2,) middle of the face contour;  down, across: (2,) unit vectors to the chin and along the eyes;
+    width, height: extents of the contour along them;  chin: (2,) the contour's end on the axis;
+    neck: (2,) unit vector along which the neck runs, between the face's downward direction and the picture's.
+    """
+
+    center: Floats
+    down: Floats
+    across: Floats
+    width: float
+    height: float
+    chin: Floats
+    neck: Floats
+
+    @property
+    def size(self) -> float:
+        """A length that a turn of the head changes little: the geometric mean of width and 0.8 height."""
+        return max(1.0, float(np.sqrt(self.width * 0.8 * self.height)))
+
+    def depth(self, points: Floats) -> float:
+        """Mean position of points (n, 2) towards the chin, in sizes from the centre."""
+        return float((points.mean(axis=0) - self.center) @ self.down) / self.size
+
+
+def face_geometry(points: Floats, skin_points: Floats) -> FaceGeometry:
+    """The face's frame from (106, 2) landmarks and (88, 2) skin points."""
+    eyes = points[58:64].mean(axis=0) - points[52:58].mean(axis=0)
+    across = (eyes / max(float(np.hypot(*eyes)), 1e-6)).astype(np.float32)
+    down = np.array([-across[1], across[0]], np.float32)
+    oval = skin_points[_OVAL]
+    a, d = oval @ across, oval @ down
+    center = (a.min() + a.max()) / 2 * across + (d.min() + d.max()) / 2 * down
+    height = float(np.ptp(d))
+    neck = down + np.array([0, 1], np.float32)
+    length = float(np.hypot(*neck))
+    neck = neck / length if length > 0.2 else down  # a head upside down: there is no direction between
+    return FaceGeometry(
+        center=center.astype(np.float32),
+        down=down,
+        across=across,
+        width=float(np.ptp(a)),
+        height=height,
+        chin=(center + height / 2 * down).astype(np.float32),
+        neck=neck.astype(np.float32),
+    )
+
+
+def face_box(points: Floats, skin_points: Floats) -> Floats:
+    """The region of a face: hair-line, ears and neck down to a collar, in an upright box.
+
+    points: (106, 2) landmarks;  skin_points: (88, 2), source pixels.
+    Returns (4,) float32 x0, y0, x1, y1, source pixels; it moves smoothly with the points and may reach over the
+    picture's edge.
+    """
+    face = face_geometry(points, skin_points)
+    # an ellipse around the head, and the neck's end; both in the face's frame so that a rolled face is covered
+    half = (face.width / 2 + 0.22 * face.size, face.height / 2 + 0.26 * face.size)
+    reach = np.hypot(half[0] * face.across, half[1] * face.down)
+    side = np.array([face.neck[1], -face.neck[0]], np.float32) * (0.72 * face.size)
+    end = face.chin + 0.95 * face.size * face.neck
+    corners = np.stack([face.center - reach, face.center + reach, end - side, end + side])
+    return np.concatenate([corners.min(axis=0), corners.max(axis=0)]).astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """A face's places over a raster (h, w).
+
+    prior: float32 log-odds of skin before any colour is looked at;  neckness: float32, 1 on the neck, 0 on the head;
+    outside: float32 distance from the face contour in face sizes, 0 within;
+    face: the inside of the contour;  sure: skin or a feature of the face whatever its colour;
+    sample: the part of `sure` that shows the skin's colour;  size: the face's size in cells.
+    """
+
+    prior: Floats
+    neckness: Floats
+    outside: Floats
+    face: Bools
+    sure: Bools
+    sample: Bools
+    size: float
+
+
+def locate(shape: tuple[int, int], points: Floats, skin_points: Floats) -> Places:
+    """The places of a face over a raster (h, w), for points (106, 2) and skin points (88, 2) in raster cells."""
+    g = face_geometry(points, skin_points)
+    # beyond about 45° of yaw the contour's far side lies behind the visible cheek and nose: their hull is the face
+    contour = _hull(np.concatenate([skin_points[_OVAL], points]))
+    face = _fill(shape, contour)
+    # the outline of a raster's mask lies half a cell inside its first cells
+    inner = cv2.distanceTransform(face.astype(np.uint8), cv2.DIST_L2, 5) / g.size
+    outer = cv2.distanceTransform((~face).astype(np.uint8), cv2.DIST_L2, 5) / g.size
+    across, down = _axes(shape, g)
+    brow = g.depth(points[33:43])
+    nose, mouth = g.depth(points[82:84]), g.depth(points[84:96])
+
+    core = _fill(shape, contour.mean(axis=0) + 0.86 * (contour - contour.mean(axis=0)))
+    sure = core & (down > brow + 0.05)
+    sample = sure & (down < mouth - 0.03) & ~_features(shape, points, g.size)
+    neckness, neck = _neck_prior(shape, g)
+    prior = np.maximum(_head_prior(inner - outer, across, down, g, brow, nose, points), neck)
+    return Places(
+        prior=np.clip(prior, -7, 6).astype(np.float32),
+        neckness=neckness,
+        outside=outer.astype(np.float32),
+        face=face,
+        sure=sure,
+        sample=sample,
+        size=g.size,
+    )
+
+
+def _head_prior(
+    inside: Floats, across: Floats, down: Floats, g: FaceGeometry, brow: float, nose: float, points: Floats
+) -> Floats:
+    """Log-odds of skin on the head: strict along cheeks and jaw, lenient at the hair-line and the ears."""
+    cheeks = np.where(inside > 0, np.minimum(40 * inside, 6.0), 30 * inside)
+    # fringes and hats reach far below the contour's top, bald heads far above it
+    forehead = np.where(inside > 0, np.minimum(FH[0] + FH[1] * inside, FH[2]), FH[0] + FH[3] * inside)
+    upness = smoothstep(-down, -brow + UP[0], -brow + UP[1])
+    ear_down = (g.depth(points[52:64]) + nose) / 2 + 0.04
+    ear_across = g.width / g.size / 2 + 0.07
+    ears = np.exp(-0.5 * (((np.abs(across) - ear_across) / 0.08) ** 2 + ((down - ear_down) / 0.16) ** 2))
+    head = cheeks * (1 - upness) + forehead * upness
+    return np.maximum(head, np.log(0.6 * ears + 1e-4))
+
+
+def _neck_prior(shape: tuple[int, int], g: FaceGeometry) -> tuple[Floats, Floats]:
+    """How much each cell (h, w) belongs to the neck rather than the head, and its log-odds of skin if so."""
+    ys, xs = np.ogrid[: shape[0], : shape[1]]
+    rx, ry = (xs - g.chin[0]) / g.size, (ys - g.chin[1]) / g.size
+    along = (rx * g.neck[0] + ry * g.neck[1]).astype(np.float32)
+    off = np.abs(rx * g.neck[1] - ry * g.neck[0]).astype(np.float32)
+    below = np.clip(along, 0, 2)
+    half_width = 0.40 + 0.30 * below**1.5
+    odds = np.minimum(1.0 - 0.6 * below, (half_width - off) * 14)
+    odds = np.where(along > -0.45, odds - 12 * smoothstep(-along, 0.35, 0.6), -9.0)
+    return smoothstep(along, -0.2, 0.1), odds.astype(np.float32)
+
+
+def smoothstep(x: Floats, low: float, high: float) -> Floats:
+    """0 below `low`, 1 above `high`, smooth between."""
+    t = np.clip((x - low) / (high - low), 0, 1)
+    step: Floats = (t * t * (3 - 2 * t)).astype(np.float32)
+    return step
+
+
+def _axes(shape: tuple[int, int], g: FaceGeometry) -> tuple[Floats, Floats]:
+    """Face coordinates of every cell: across and down from the centre, in sizes."""
+    ys, xs = np.ogrid[: shape[0], : shape[1]]
+    rx, ry = (xs - g.center[0]) / g.size, (ys - g.center[1]) / g.size
+    across, down = rx * g.across[0] + ry * g.across[1], rx * g.down[0] + ry * g.down[1]
+    return across.astype(np.float32), down.astype(np.float32)
+
+
+def _features(shape: tuple[int, int], points: Floats, size: float) -> Bools:
+    """Brows, eyes and lips with a margin."""
+    out = np.zeros(shape, np.bool_)
+    for indices in _FEATURES:
+        out |= _fill(shape, _hull(points[list(indices)]))
+    radius = max(1, round(_FEATURE_MARGIN * size))
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+    return cv2.dilate(out.astype(np.uint8), kernel).astype(np.bool_)
+
+
+def _fill(shape: tuple[int, int], polygon: Floats) -> Bools:
+    """(h, w) bool, true inside a polygon (n, 2)."""
+    out = np.zeros(shape, np.uint8)
+    fixed = np.rint(np.clip(polygon, -8192, 8192) * (1 << _SHIFT)).astype(np.int32)
+    cv2.fillPoly(out, [fixed], (1,), lineType=cv2.LINE_8, shift=_SHIFT)
+    return out.astype(np.bool_)
+
+
+def _hull(points: Floats) -> Floats:
+    """Convex hull (n, 2) of points."""
+    corners: Floats = cv2.convexHull(np.ascontiguousarray(points, np.float32))[:, 0].astype(np.float32)
+    return corners

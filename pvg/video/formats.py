@@ -1,0 +1,231 @@
+"""Code values and RGB: how the planes of a frame relate to red, green and blue, and the frame itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pvg.errors import MediaError
+
+Plane = NDArray[np.uint8] | NDArray[np.uint16]
+Planes = tuple[Plane, Plane, Plane]
+
+UNSPECIFIED = 2
+"""The code point of ISO/IEC 23091-2 (H.273) for "not stated": matrix, primaries and transfer alike."""
+
+RANGE_UNSPECIFIED, RANGE_LIMITED, RANGE_FULL = 0, 1, 2
+
+LUMA_WEIGHTS = {  # H.273 matrix code point -> (K_R, K_B)
+    1: (0.2126, 0.0722),  # BT.709
+    4: (0.30, 0.11),  # FCC 73.682
+    5: (0.299, 0.114),  # BT.601, 625 lines
+    6: (0.299, 0.114),  # BT.601, 525 lines
+    7: (0.212, 0.087),  # SMPTE 240M
+    9: (0.2627, 0.0593),  # BT.2020
+    10: (0.2627, 0.0593),  # BT.2020 constant luminance, read as its linear sibling
+}
+
+_CHROMA_NAMES = {(1, 1): "420", (1, 0): "422", (0, 0): "444"}
+
+
+@dataclass(frozen=True)
+class PixelFormat:
+    """What the three planes of a frame mean.
+
+    name: the libav name of the layout ("yuv420p", "yuv422p10le", …; "gbrp" or "rgb24" for R, G, B planes).
+    depth: bits a sample: 8, 10 or 12; a plane is uint8 at 8 bits and uint16 above.
+    chroma_log2: (x, y), the binary logarithm of the chroma planes' subsampling; (0, 0) for RGB.
+    luma_weights: (K_R, K_B) of the Y'CbCr matrix; None when the planes are R, G, B themselves.
+    full_range: True when black and white are 0 and 2^depth - 1 rather than the studio range.
+    """
+
+    name: str
+    depth: int
+    chroma_log2: tuple[int, int]
+    luma_weights: tuple[float, float] | None
+    full_range: bool
+
+    @property
+    def is_rgb(self) -> bool:
+        """True when the planes are R, G and B."""
+        return self.luma_weights is None
+
+    @property
+    def dtype(self) -> type[np.uint8] | type[np.uint16]:
+        """The planes' sample type."""
+        return np.uint8 if self.depth == 8 else np.uint16
+
+    @cached_property
+    def matrix(self) -> NDArray[np.float64]:
+        """(3, 3): change in plane code values per unit of R, G, B on the 0–255 scale; rows are planes."""
+        if self.luma_weights is None:
+            return np.asarray(np.eye(3) * ((2**self.depth - 1) / 255.0))
+        k_r, k_b = self.luma_weights
+        luma = np.array([k_r, 1.0 - k_r - k_b, k_b])
+        blue = (np.array([0.0, 0.0, 1.0]) - luma) / (2.0 * (1.0 - k_b))
+        red = (np.array([1.0, 0.0, 0.0]) - luma) / (2.0 * (1.0 - k_r))
+        step = 2 ** (self.depth - 8)
+        y_span, c_span = (2**self.depth - 1, 2**self.depth - 1) if self.full_range else (219 * step, 224 * step)
+        rows: NDArray[np.float64] = np.stack([y_span * luma, c_span * blue, c_span * red]) / 255.0
+        return rows
+
+    @cached_property
+    def offset(self) -> NDArray[np.float64]:
+        """(3,): the code values of black."""
+        if self.luma_weights is None:
+            return np.zeros(3)
+        middle = float(2 ** (self.depth - 1))
+        black = 0.0 if self.full_range else float(16 * 2 ** (self.depth - 8))
+        return np.array([black, middle, middle])
+
+    def plane_shapes(self, width: int, height: int) -> tuple[tuple[int, int], tuple[int, int], tuple[int, int]]:
+        """The (h, w) of the three planes of a width x height picture; chroma sizes round up."""
+        x, y = self.chroma_log2
+        chroma = (-(-height >> y), -(-width >> x))
+        return (height, width), chroma, chroma
+
+    def to_rgb(self, planes: Planes) -> NDArray[np.float64]:
+        """(H, W, 3) float64 RGB, 0–255 scale, neither rounded nor clipped; chroma is raised bilinearly."""
+        height, width = planes[0].shape
+        full = [planes[0].astype(np.float64)]
+        full += [_raise_chroma(plane.astype(np.float64), self, width, height) for plane in planes[1:]]
+        return (np.stack(full, axis=-1) - self.offset) @ np.linalg.inv(self.matrix).T
+
+    def from_rgb(self, rgb: NDArray[Any]) -> Planes:
+        """Planes of an (H, W, 3) RGB picture on the 0–255 scale; chroma is the mean of the pixels it covers."""
+        codes = np.asarray(rgb, dtype=np.float64) @ self.matrix.T + self.offset
+        luma, *chroma = (codes[..., k] for k in range(3))
+        lowered = [_lower_chroma(plane, self) for plane in chroma]
+        return (self._quantise(luma), self._quantise(lowered[0]), self._quantise(lowered[1]))
+
+    def _quantise(self, codes: NDArray[np.float64]) -> Plane:
+        quantised: Plane = np.clip(np.rint(codes), 0, 2**self.depth - 1).astype(self.dtype)  # type: ignore[assignment]
+        return quantised
+
+    def fast_rgb(self, planes: Planes) -> NDArray[np.uint8]:
+        """(H, W, 3) uint8 RGB, within 2 levels of the rounded `to_rgb` (chroma is raised in code values)."""
+        if self.is_rgb and self.depth == 8:
+            return _as_uint8(cv2.merge(planes))
+        height, width = planes[0].shape
+        codes = cv2.merge([planes[0], *(_raise_chroma(plane, self, width, height) for plane in planes[1:])])
+        inverse = np.linalg.inv(self.matrix)
+        affine = np.column_stack([inverse, -inverse @ self.offset])
+        if self.depth == 8:
+            return _as_uint8(cv2.transform(codes, affine))
+        # transform() answers in the depth it was given: 16-bit steps of 1/256 level keep the precision
+        return _as_uint8(cv2.convertScaleAbs(cv2.transform(codes, affine * 256.0), alpha=1.0 / 256.0))
+
+
+def _as_uint8(array: Any) -> NDArray[np.uint8]:
+    return np.asarray(array, dtype=np.uint8)
+
+
+def _raise_chroma(plane: NDArray[Any], pixel_format: PixelFormat, width: int, height: int) -> NDArray[Any]:
+    x, y = pixel_format.chroma_log2
+    if (x, y) == (0, 0):
+        return plane
+    size = (
+        plane.shape[1] << x,
+        plane.shape[0] << y,
+    )  # resize to the exact factor, so that odd sizes stay in place
+    return np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_LINEAR))[:height, :width]
+
+
+def _lower_chroma(plane: NDArray[np.float64], pixel_format: PixelFormat) -> NDArray[np.float64]:
+    x, y = pixel_format.chroma_log2
+    height, width = plane.shape
+    padded = np.pad(plane, ((0, -height % (1 << y)), (0, -width % (1 << x))), mode="edge")
+    blocks = padded.reshape(padded.shape[0] >> y, 1 << y, padded.shape[1] >> x, 1 << x)
+    return np.asarray(blocks.mean(axis=(1, 3)))
+
+
+RGB24 = PixelFormat("rgb24", 8, (0, 0), None, True)
+"""Still pictures: three uint8 planes R, G, B."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One upright picture of a clip, or a still image.
+
+    index: display order, from 0. pts: time stamp in units of the clip's time base. time_s: the same in seconds.
+    duration: in units of the time base; 0 when the container does not say.
+    planes: three (h, w) arrays, uint8 or uint16; chroma planes have their own size. Treat them as read-only:
+    `with_planes` makes a changed frame.
+    """
+
+    index: int
+    pts: int
+    time_s: float
+    format: PixelFormat
+    planes: Planes
+    duration: int = 0
+    _cache: dict[str, NDArray[np.uint8]] = field(default_factory=dict, init=False, repr=False)
+
+    @property
+    def width(self) -> int:
+        """Pixels a row."""
+        return int(self.planes[0].shape[1])
+
+    @property
+    def height(self) -> int:
+        """Rows."""
+        return int(self.planes[0].shape[0])
+
+    def rgb(self) -> NDArray[np.uint8]:
+        """(H, W, 3) uint8 RGB, computed once by the frame's own matrix and range; do not write into it."""
+        if "rgb" not in self._cache:
+            self._cache["rgb"] = self.format.fast_rgb(self.planes)
+            self._cache["rgb"].flags.writeable = False
+        return self._cache["rgb"]
+
+    def with_planes(self, planes: Planes) -> Frame:
+        """The same instant with other planes; their shapes and type must be those of the format (ValueError)."""
+        shapes = self.format.plane_shapes(self.width, self.height)
+        for plane, shape in zip(planes, shapes, strict=True):
+            if plane.shape != shape or plane.dtype != self.format.dtype:
+                raise ValueError(
+                    f"plane is {plane.shape} {plane.dtype}, the frame's {self.format.name} needs "
+                    f"{shape} {np.dtype(self.format.dtype)}"
+                )
+        return replace(self, planes=planes)
+
+
+def is_high_definition(width: int, height: int) -> bool:
+    """Whether players take an untagged picture of this size for BT.709 rather than BT.601.
+
+    The usual rule (1280 wide, or more than 576 lines) made independent of rotation.
+    """
+    return max(width, height) >= 1280 or min(width, height) > 576
+
+
+def resolve_format(av_name: str, width: int, height: int, matrix: int, color_range: int) -> PixelFormat:
+    """The supported format nearest to a decoder's.
+
+    av_name: libav pixel format; matrix, color_range: H.273 code points as coded (2 and 0: unspecified).
+    Anything RGB-like becomes "gbrp"; other depths and subsamplings go to the next one that loses nothing
+    (above 12 bits: 12). Raises MediaError for a matrix that is not a plain Y'CbCr one.
+    """
+    source = av.VideoFormat(av_name, 64, 64)
+    if source.is_rgb or source.has_palette or source.is_bayer or av_name.startswith(("xyz", "mono")):
+        return PixelFormat("gbrp", 8, (0, 0), None, True)
+    bits = max(component.bits for component in source.components)
+    depth = 8 if bits <= 8 else 10 if bits <= 10 else 12
+    if matrix == UNSPECIFIED:
+        weights = LUMA_WEIGHTS[1 if is_high_definition(width, height) else 6]
+    elif matrix in LUMA_WEIGHTS:
+        weights = LUMA_WEIGHTS[matrix]
+    else:
+        raise MediaError(f"colour matrix {matrix} (ISO/IEC 23091-2) is not supported; re-encode the clip as BT.709")
+    colored = len(source.components) >= 3
+    # 4:1:1 keeps its rows in 4:2:2, 4:4:0 its columns in 4:4:4; grey gets neutral chroma at the least size
+    narrow, low = source.chroma_width(64) < 64, source.chroma_height(64) < 64
+    chroma = (int(narrow), int(narrow and low)) if colored else (1, 1)
+    name = f"yuv{_CHROMA_NAMES[chroma]}p" + ("" if depth == 8 else f"{depth}le")
+    full = color_range == RANGE_FULL or av_name.startswith("yuvj")
+    return PixelFormat(name, depth, chroma, weights, full)

@@ -1,0 +1,303 @@
+"""Frames out of a clip: upright, exact in time, streamed."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, cast
+
+import av
+import av.error
+import av.sidedata.sidedata
+import av.video.frame
+import numpy as np
+
+from pvg.errors import MediaError
+from pvg.video.formats import RANGE_FULL, RANGE_LIMITED, Frame, PixelFormat, Plane, Planes, resolve_format
+from pvg.video.images import read_image
+from pvg.video.opening import MediaLimits, OpenClip, open_clip, reason
+from pvg.video.sniffing import IMAGE_KINDS, check_pixels, sniff
+
+_NO_END = 1 << 62
+_ONE_FRAME_A_PACKET = ("h264", "hevc", "mjpeg", "mpeg4", "prores", "png")
+
+
+@dataclass(frozen=True)
+class Orientation:
+    """How a stored picture is turned upright: transpose, then flip rows, then flip columns.
+
+    degrees: the clockwise turn, for people to read.
+    """
+
+    transpose: bool = False
+    flip_rows: bool = False
+    flip_columns: bool = False
+    degrees: int = 0
+
+    def apply(self, plane: Plane) -> Plane:
+        """The plane upright, contiguous."""
+        turned = plane.T if self.transpose else plane
+        rows, columns = (-1 if flip else 1 for flip in (self.flip_rows, self.flip_columns))
+        upright: Plane = np.ascontiguousarray(turned[::rows, ::columns])  # type: ignore[assignment]
+        return upright
+
+
+def orientation_of(frame: av.video.frame.VideoFrame) -> Orientation:
+    """The frame's display matrix (x' = a x + c y, y' = b x + d y), rounded to quarter turns and mirrors."""
+    raw: Any = cast(Any, frame.side_data).get(av.sidedata.sidedata.Type.DISPLAYMATRIX)
+    if raw is None:
+        return Orientation()
+    a, b, _, c, d = (int(value) for value in np.frombuffer(bytes(raw), dtype=np.int32)[:5])
+    degrees = round(math.degrees(math.atan2(b, a)) / 90.0) * 90 % 360
+    if abs(a) + abs(d) >= abs(b) + abs(c):
+        return Orientation(False, d < 0, a < 0, degrees)
+    return Orientation(True, b < 0, c < 0, degrees)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What the first frame fixes for all others of a clip."""
+
+    coded_size: tuple[int, int]
+    coded_format: str
+    target: PixelFormat
+    orientation: Orientation
+
+    @property
+    def upright_size(self) -> tuple[int, int]:
+        """(width, height) after rotation."""
+        width, height = self.coded_size
+        return (height, width) if self.orientation.transpose else (width, height)
+
+
+def reading_of(clip: OpenClip, frame: av.video.frame.VideoFrame) -> Reading:
+    """The plan for a clip whose first decoded picture is `frame`. Raises MediaError for unsupported colours."""
+    context = clip.stream.codec_context
+    color_range = frame.color_range or context.color_range
+    matrix = context.colorspace if frame.colorspace == 2 else frame.colorspace
+    try:
+        target = resolve_format(frame.format.name, frame.width, frame.height, matrix, color_range)
+    except MediaError as error:
+        raise MediaError(f"{clip.name}: {error}") from error
+    orientation = orientation_of(frame)
+    if orientation.transpose and target.chroma_log2 == (1, 0):
+        # A sideways 4:2:2 picture has no supported layout; 4:4:4 holds all of it
+        name = target.name.replace("422", "444")
+        target = PixelFormat(name, target.depth, (0, 0), target.luma_weights, target.full_range)
+    return Reading((frame.width, frame.height), frame.format.name, target, orientation)
+
+
+def read_frames(
+    path: str | Path, *, start: int = 0, stop: int | None = None, limits: MediaLimits | None = None
+) -> Iterator[Frame]:
+    """Yield the upright frames [start, stop) of a clip in display order, or the one frame of a picture.
+
+    Frames are decoded as they are asked for. Layouts other than planar Y'CbCr 4:2:0, 4:2:2, 4:4:4 at 8, 10 or
+    12 bits are converted to the nearest of these or to R, G, B planes; alpha is dropped; interlaced frames come
+    as coded. Time stamps are the container's (one that does not increase is raised to its predecessor's + 1).
+    Raises MediaError, also in mid-clip: damaged or cut data, a changed picture size, a limit passed.
+    """
+    path = Path(path)
+    limits = limits or MediaLimits()
+    if start < 0 or (stop is not None and stop < start):
+        raise ValueError(f"frames [{start}, {stop}) are not a range")
+    if stop == start:
+        return
+    if sniff(path) in IMAGE_KINDS:
+        if start == 0:
+            yield read_image(path, limits)
+        return
+    if start > 0:
+        stamps = _display_index(path, limits)
+        if stamps is not None:
+            yield from _read_from(path, range(start, _NO_END if stop is None else stop), limits, stamps)
+            return
+    with open_clip(path, limits) as clip:
+        yield from _decode(clip, limits, range(start, _NO_END if stop is None else stop))
+
+
+def _decode(clip: OpenClip, limits: MediaLimits, wanted: range) -> Iterator[Frame]:
+    reading: Reading | None = None
+    index, last, first = 0, None, None
+    for picture in pictures(clip):
+        if reading is None:
+            reading = reading_of(clip, picture)
+        _check_picture(clip.name, picture, reading, index, limits)
+        pts = _stamp(clip, picture, last)
+        first = pts if first is None else first
+        if (pts - first) * clip.time_base > limits.max_duration_s:
+            raise MediaError(f"{clip.name} runs past {limits.max_duration_s} s at frame {index}; cut it shorter")
+        if index in wanted:
+            yield to_frame(picture, reading, index, pts, clip.time_base)
+        last, index = pts, index + 1
+        if index >= wanted.stop:
+            return
+    if index == 0:
+        raise MediaError(f"{clip.name} holds no frame that can be decoded; it is damaged or empty")
+
+
+def pictures(clip: OpenClip) -> Iterator[av.video.frame.VideoFrame]:
+    """Decoded pictures in display order; MediaError names the frame where the data is damaged."""
+    count = packets = 0
+    interlaced = False
+    try:
+        for packet in clip.container.demux(clip.stream):
+            if packet.is_corrupt and packet.size:
+                raise MediaError(f"{clip.name} is damaged or cut short after frame {count}; upload it whole")
+            packets += bool(packet.size and not packet.is_discard)
+            for picture in packet.decode():
+                interlaced = interlaced or picture.interlaced_frame
+                yield picture
+                count += 1
+    except (av.error.FFmpegError, ValueError, MemoryError) as error:
+        raise MediaError(f"{clip.name} is damaged after frame {count} ({reason(error)}); upload it again") from error
+    # Decoders may skip what they cannot read without a word. A few are lost by design at a cut between key
+    # pictures; the two fields of an interlaced picture may travel apart.
+    if clip.stream.codec_context.name in _ONE_FRAME_A_PACKET and not interlaced:
+        _check_losses(clip.name, packets, count)
+
+
+def _check_losses(name: str, packets: int, frames: int) -> None:
+    if packets - frames > max(8, packets // 20):
+        raise MediaError(f"{name} is damaged: only {frames} of its {packets} frames can be decoded; upload it again")
+
+
+def _stamp(clip: OpenClip, picture: av.video.frame.VideoFrame, last: int | None) -> int:
+    pts = picture.pts if picture.pts is not None else picture.dts
+    if pts is None:
+        rate = clip.stream.average_rate or Fraction(25)
+        pts = 0 if last is None else last + max(1, round(1 / (rate * clip.time_base)))
+    return pts if last is None or pts > last else last + 1
+
+
+def _check_picture(
+    name: str, picture: av.video.frame.VideoFrame, reading: Reading, index: int, limits: MediaLimits
+) -> None:
+    check_pixels(name, picture.width, picture.height, limits.max_pixels)
+    if index >= limits.max_frames:
+        raise MediaError(f"{name} has more than {limits.max_frames} frames; cut it shorter")
+    size = (picture.width, picture.height)
+    if size != reading.coded_size or picture.format.name != reading.coded_format:
+        (width, height), was = size, reading.coded_size
+        raise MediaError(
+            f"{name} changes from {was[0]}x{was[1]} {reading.coded_format} to {width}x{height} "
+            f"{picture.format.name} at frame {index}; re-encode it at one size"
+        )
+
+
+def to_frame(picture: av.video.frame.VideoFrame, reading: Reading, index: int, pts: int, time_base: Fraction) -> Frame:
+    """Planes of our own from a decoded picture, turned upright."""
+    stored = [reading.orientation.apply(plane) for plane in _stored_planes(picture, reading.target)]
+    planes: Planes = (stored[0], stored[1], stored[2])
+    return Frame(index, pts, float(pts * time_base), reading.target, planes, duration=picture.duration or 0)
+
+
+def _stored_planes(picture: av.video.frame.VideoFrame, target: PixelFormat) -> list[Plane]:
+    source = picture.format.name.replace("yuvj", "yuv")
+    grey = source.startswith("gray") and len(picture.format.components) == 1
+    if grey and source == ("gray" if target.depth == 8 else f"gray{target.depth}le"):
+        shape = target.plane_shapes(picture.width, picture.height)[1]
+        neutral: Plane = np.full(shape, 2 ** (target.depth - 1), dtype=target.dtype)  # type: ignore[assignment]
+        return [_copy_plane(picture, 0, target), neutral, neutral.copy()]
+    if source.replace("yuva", "yuv") != target.name:
+        full = RANGE_FULL if target.full_range else RANGE_LIMITED
+        picture = picture.reformat(
+            format=target.name,
+            # the matrix is kept; swscale only moves samples, except into RGB where its input is RGB too
+            src_color_range=full,
+            dst_color_range=full,
+            interpolation="BICUBIC",
+        )
+    return [_copy_plane(picture, component.plane, target) for component in picture.format.components[:3]]
+
+
+def _copy_plane(picture: av.video.frame.VideoFrame, index: int, target: PixelFormat) -> Plane:
+    plane = picture.planes[index]
+    rows = np.frombuffer(plane, dtype=target.dtype)  # type: ignore[call-overload]
+    stride = plane.line_size // np.dtype(target.dtype).itemsize
+    copied: Plane = rows.reshape(-1, stride)[: plane.height, : plane.width].copy()
+    return copied
+
+
+# --- random access --------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Stamps:
+    display: tuple[int, ...]  # the time stamps of all frames, ascending
+    keys: tuple[int, ...]  # those of the pictures decoding may start at
+
+
+def packet_stamps(path: Path, limits: MediaLimits) -> tuple[list[tuple[int | None, bool]], Fraction]:
+    """(pts, is key) of every displayed packet of a clip in file order, without decoding, and the time base."""
+    with open_clip(path, limits) as clip:
+        try:
+            packets = [
+                (packet.pts, packet.is_keyframe)
+                for packet in clip.container.demux(clip.stream)
+                if packet.size and not packet.is_discard
+            ]
+        except av.error.FFmpegError as error:
+            raise MediaError(f"{clip.name} is damaged ({reason(error)}); upload it again") from error
+        return packets, clip.time_base
+
+
+def _display_index(path: Path, limits: MediaLimits) -> _Stamps | None:
+    """The clip's display order by its packets, or None where packets do not tell it."""
+    status = path.stat()
+    return _cached_index(path.absolute(), status.st_size, status.st_mtime_ns, limits)
+
+
+@lru_cache(maxsize=8)
+def _cached_index(path: Path, size: int, modified_ns: int, limits: MediaLimits) -> _Stamps | None:
+    packets, _ = packet_stamps(path, limits)
+    stamps = [pts for pts, _ in packets if pts is not None]
+    if len(stamps) != len(packets) or len(set(stamps)) != len(stamps):
+        return None
+    return _Stamps(tuple(sorted(stamps)), tuple(sorted(pts for pts, key in packets if key and pts is not None)))
+
+
+def _read_from(path: Path, wanted: range, limits: MediaLimits, stamps: _Stamps) -> Iterator[Frame]:
+    """Frames from wanted.start by way of the key picture before it; else by decoding from the beginning."""
+    if wanted.start >= len(stamps.display):
+        return
+    before = bisect_right(stamps.keys, stamps.display[wanted.start]) - 1
+    if before > 0:
+        done = False
+        with open_clip(path, limits) as clip:
+            for frame in _decode_after_seek(clip, limits, stamps, stamps.keys[before], wanted):
+                yield frame
+                done = True
+        if done:
+            return
+    with open_clip(path, limits) as clip:
+        yield from _decode(clip, limits, wanted)
+
+
+def _decode_after_seek(
+    clip: OpenClip, limits: MediaLimits, stamps: _Stamps, key: int, wanted: range
+) -> Iterator[Frame]:
+    # How the clip looks is fixed by its first frame, wherever reading begins
+    opening = next(pictures(clip), None)
+    if opening is None:
+        return
+    reading = reading_of(clip, opening)
+    clip.container.seek(key, stream=clip.stream, backward=True)
+    index, goal = wanted.start, stamps.display[wanted.start]
+    for picture in pictures(clip):
+        if picture.pts is None or (index == wanted.start and picture.pts > goal):
+            return  # the seek landed late: the caller decodes from the beginning
+        if picture.pts < goal:
+            continue
+        _check_picture(clip.name, picture, reading, index, limits)
+        if index >= len(stamps.display) or picture.pts != stamps.display[index]:
+            raise MediaError(f"{clip.name} is damaged after frame {index - 1}; upload it again")
+        yield to_frame(picture, reading, index, picture.pts, clip.time_base)
+        index += 1
+        if index >= wanted.stop:
+            return

@@ -1,0 +1,161 @@
+"""What the method promises, on a real clip: METHOD's identity, texture, light, locality, contrast."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+import pvg
+from pvg.curves import table_labels
+from pvg.region import open_region
+from pvg.rendering import Renderer, source_frame
+from pvg.transport import sliced_wasserstein
+from pvg.video import Frame
+
+FRAMES = (0, 17, 39)
+
+
+def frames_of(video: pvg.VectorVideo) -> Iterator[Frame]:
+    for index in FRAMES:
+        yield source_frame(video, index)
+
+
+def matte_of(video: pvg.VectorVideo, frame: Frame) -> np.ndarray:
+    """(H, W) float32 matte of all faces."""
+    matte = np.zeros((frame.height, frame.width), np.float32)
+    for face in video.faces:
+        data = video.face_frame(face.index, frame.index)
+        region = data and open_region(data, table_labels(), frame.width, frame.height)
+        if region:
+            h, w = region.alpha.shape
+            part = matte[region.y : region.y + h, region.x : region.x + w]
+            np.maximum(part, region.alpha, out=part)
+    return matte
+
+
+@pytest.fixture(scope="module")
+def dark_look(video: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> pvg.Look:
+    return pvg.transfer(video, dark_reference)
+
+
+def test_own_colours_return_the_clip(video: pvg.VectorVideo) -> None:
+    look = pvg.transfer(video, video)
+    for frame in frames_of(video):
+        (drawn,) = Renderer(video, [look]).draw(frame)
+        for ours, theirs in zip(drawn.planes, frame.planes, strict=True):
+            np.testing.assert_array_equal(ours, theirs)
+        assert np.abs(drawn.rgb().astype(int) - frame.rgb()).max() <= 1
+
+
+def test_pixels_outside_the_matte_keep_their_bits(video: pvg.VectorVideo, dark_look: pvg.Look) -> None:
+    for frame in frames_of(video):
+        (drawn,) = Renderer(video, [dark_look]).draw(frame)
+        matte = matte_of(video, frame)
+        assert 0.02 < (matte > 0).mean() < 0.6
+        outside = matte == 0
+        np.testing.assert_array_equal(drawn.planes[0][outside], frame.planes[0][outside])
+        blocks = matte[: frame.height // 2 * 2, : frame.width // 2 * 2]
+        blocks = blocks.reshape(frame.height // 2, 2, frame.width // 2, 2).max(axis=(1, 3))
+        for ours, theirs in zip(drawn.planes[1:], frame.planes[1:], strict=True):
+            np.testing.assert_array_equal(ours[blocks == 0], theirs[blocks == 0])
+        assert (drawn.planes[0] != frame.planes[0])[matte > 0.9].mean() > 0.9
+
+
+def test_strength_zero_is_the_clip(video: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> None:
+    for contrast in (1.0, 1.4, "auto"):
+        look = pvg.transfer(video, dark_reference, strength=0.0, contrast=contrast)
+        for frame in frames_of(video):
+            (drawn,) = Renderer(video, [look]).draw(frame)
+            for ours, theirs in zip(drawn.planes, frame.planes, strict=True):
+                np.testing.assert_array_equal(ours, theirs)
+
+
+def test_texture_is_untouched_at_lambda_one(video: pvg.VectorVideo, dark_look: pvg.Look) -> None:
+    """The change is a membrane: the Laplacian inside the full matte correlates with the source's at 0.99 or more."""
+    import cv2
+
+    for frame in frames_of(video):
+        (drawn,) = Renderer(video, [dark_look]).draw(frame)
+        inner = cv2.erode((matte_of(video, frame) > 0.999).astype(np.uint8), np.ones((9, 9))).astype(bool)
+        before, after = (cv2.Laplacian(f.planes[0].astype(np.float32), cv2.CV_32F)[inner] for f in (frame, drawn))
+        assert np.corrcoef(before, after)[0, 1] >= 0.99
+
+
+@pytest.mark.parametrize("contrast", [0.7, 1.5])
+def test_lambda_changes_contrast_not_mean_colour(video: pvg.VectorVideo, contrast: float) -> None:
+    look = pvg.transfer(video, video, contrast=contrast, protect=())
+    plain = pvg.transfer(video, video, protect=())
+    for frame in frames_of(video):
+        drawn, same = Renderer(video, [look, plain]).draw(frame)
+        inner = matte_of(video, frame) > 0.999
+        change = drawn.rgb()[inner].astype(float) - same.rgb()[inner]
+        assert np.abs(change.mean(axis=0)).max() < 1.5
+        # what rises above the low frequencies is scaled by lambda
+        unclipped = inner & (drawn.rgb().min(axis=2) > 2) & (drawn.rgb().max(axis=2) < 253)
+        low = pvg.layer(video, frame.index, "low")[unclipped].astype(float)
+        before, after = (picture.rgb()[unclipped] - low for picture in (same, drawn))
+        slope = np.polyfit(before.ravel(), after.ravel(), 1)[0]
+        assert slope == pytest.approx(contrast, abs=0.04)
+
+
+def test_light_that_changes_in_the_clip_survives_exactly(video: pvg.VectorVideo, dark_look: pvg.Look) -> None:
+    """A flash in the source (the paper's Fig. 8) reaches the result as it is: nothing is fitted to the frame."""
+    frame = source_frame(video, FRAMES[1])
+    luma = np.clip(frame.planes[0].astype(int) + 12, 0, 235).astype(np.uint8)
+    flashed = frame.with_planes((luma, *frame.planes[1:]))
+    renderer = Renderer(video, [dark_look])
+    (plain,), (flash,) = renderer.draw(frame), renderer.draw(flashed)
+    unclipped = (frame.planes[0] < 220) & (plain.planes[0] > 1)
+    change = flash.planes[0].astype(int) - plain.planes[0]
+    assert np.abs(change - 12)[unclipped].max() <= 1
+
+
+def test_colours_reach_the_reference(
+    video: pvg.VectorVideo, dark_reference: pvg.VectorVideo, pale_reference: pvg.VectorVideo
+) -> None:
+    for reference in (dark_reference, pale_reference):
+        look = pvg.transfer(video, reference)
+        key, target = video.records[0].key_frames[0], reference.records[0].key_frames[0]
+        rng = np.random.default_rng(0)
+        before = sliced_wasserstein(key.colors[key.visible], target.colors[target.visible], rng=rng)
+        after = sliced_wasserstein(look.colors[0][0][key.visible], target.colors[target.visible], rng=rng)
+        assert after < 0.1 * before
+
+
+def test_looks_drawn_together_are_those_drawn_alone(
+    video: pvg.VectorVideo, dark_reference: pvg.VectorVideo, pale_reference: pvg.VectorVideo
+) -> None:
+    looks = [
+        pvg.transfer(video, dark_reference),
+        pvg.transfer(video, pale_reference, contrast="auto"),
+        pvg.transfer(video, pale_reference, contrast=1.3, strength=0.5, match="semantic"),
+    ]
+    frame = source_frame(video, FRAMES[1])
+    together = Renderer(video, looks).draw(frame)
+    for look, drawn in zip(looks, together, strict=True):
+        (alone,) = Renderer(video, [look]).draw(frame)
+        for ours, theirs in zip(drawn.planes, alone.planes, strict=True):
+            assert np.abs(ours.astype(int) - theirs).max() <= 1
+
+
+def test_a_frame_drawn_alone_is_the_frame_of_the_clip(video: pvg.VectorVideo, dark_look: pvg.Look) -> None:
+    renderer = Renderer(video, [dark_look])
+    for index in (5, 3, 30, 4):  # any order
+        (drawn,) = renderer.draw(source_frame(video, index))
+        np.testing.assert_array_equal(drawn.rgb(), pvg.render_frame(video, dark_look, index))
+
+
+def test_eyes_and_teeth_keep_their_colour_unless_asked(video: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> None:
+    frame = source_frame(video, FRAMES[1])
+    kept, moved = Renderer(
+        video, [pvg.transfer(video, dark_reference), pvg.transfer(video, dark_reference, protect=())]
+    ).draw(frame)
+    data = video.face_frame(0, frame.index)
+    assert data is not None
+    for pupil in data.points[[104, 105]]:
+        x, y = np.rint(pupil).astype(int)
+        source = int(frame.planes[0][y, x])
+        assert abs(int(kept.planes[0][y, x]) - source) <= 3
+        assert abs(int(moved.planes[0][y, x]) - source) > abs(int(kept.planes[0][y, x]) - source)

@@ -1,0 +1,122 @@
+"""The `pvg` command as a user runs it: a process, its files, its exit code and its one line."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pvg
+from pvg.video import probe, read_image
+from scripts.samples import Samples
+from tests.conftest import cut_clip
+
+
+def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    command = [str(Path(sys.executable).with_name("pvg")), *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+
+
+@pytest.fixture(scope="module")
+def clip(samples: Samples, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return cut_clip(samples.woman_clip, tmp_path_factory.mktemp("cli") / "clip.mp4", 0, 8)
+
+
+@pytest.fixture(scope="module")
+def asset(clip: Path) -> Path:
+    result = run("vectorize", clip, "-o", clip.with_name("clip.pvg"))
+    assert result.returncode == 0, result.stderr
+    assert result.stderr == ""  # no progress bar when piped
+    return Path(result.stdout.strip())
+
+
+def test_one_reference_writes_a_file(asset: Path, samples: Samples, tmp_path: Path) -> None:
+    out = tmp_path / "out.mp4"
+    result = run("transfer", asset, "--reference", samples.dark_portrait, "-o", out, "--contrast", "auto")
+    assert (result.returncode, result.stdout, result.stderr) == (0, f"{out}\n", "")
+    assert probe(out).frame_count == 8
+
+
+def test_several_references_write_a_folder(clip: Path, samples: Samples, tmp_path: Path) -> None:
+    references = ["--reference", samples.dark_portrait, "--reference", samples.pale_portrait]
+    result = run("transfer", clip, *references, "-o", tmp_path / "looks", "--strength", "0.5")
+    assert result.returncode == 0, result.stderr
+    names = sorted(path.name for path in (tmp_path / "looks").iterdir())
+    assert names == sorted(f"{p.stem}.mp4" for p in (samples.dark_portrait, samples.pale_portrait))
+
+
+def test_an_image_and_a_reference_asset(samples: Samples, tmp_path: Path) -> None:
+    reference = tmp_path / "reference.pvg"
+    assert run("vectorize", samples.pale_portrait, "-o", reference).returncode == 0
+    result = run("transfer", samples.portrait, "--reference", reference, "-o", tmp_path / "out.png")
+    assert result.returncode == 0, result.stderr
+    before, after = (read_image(p).rgb().astype(int) for p in (samples.portrait, tmp_path / "out.png"))
+    assert before.shape == after.shape
+    assert (before != after).any()
+
+
+def test_swap_writes_both(clip: Path, samples: Samples, tmp_path: Path) -> None:
+    result = run("swap", clip, samples.dark_portrait, "-o", tmp_path / "swapped")
+    assert result.returncode == 0, result.stderr
+    assert {path.suffix for path in (tmp_path / "swapped").iterdir()} == {".mp4", ".png"}
+
+
+def test_inspect_prints_a_summary(asset: Path) -> None:
+    result = run("inspect", asset)
+    summary = json.loads(result.stdout)
+    assert summary["media"]["frame_count"] == 8
+    assert summary["faces"][0]["width_px"] > 100
+
+
+@pytest.mark.parametrize("layer", ["image", "landmarks", "mask", "matte", "curves", "low", "high"])
+def test_inspect_draws_every_layer(asset: Path, clip: Path, tmp_path: Path, layer: str) -> None:
+    """In process, since starting the command seven times would only cost time."""
+    with pvg.open_asset(asset, clip) as video:
+        drawn = pvg.layer(video, 3, layer)
+        image = pvg.layer(video, 3, "image")
+    assert drawn.shape == image.shape == (360, 640, 3)
+    assert drawn.dtype == np.uint8
+    assert (layer == "image") == bool((drawn == image).all())
+
+
+def test_inspect_writes_a_picture(asset: Path, tmp_path: Path) -> None:
+    result = run("inspect", asset, "--frame", "3", "--layer", "curves", "-o", tmp_path / "curves.png")
+    assert result.returncode == 0, result.stderr
+    assert read_image(tmp_path / "curves.png").rgb().shape == (360, 640, 3)
+
+
+def test_bad_arguments_exit_with_2(asset: Path, samples: Samples, tmp_path: Path) -> None:
+    look = ["--reference", samples.dark_portrait]
+    for arguments in (
+        ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--contrast", "3"],
+        ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--contrast", "strong"],
+        ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--strength", "2"],
+        ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--face", "7"],
+        ["transfer", asset, *look, *look, "-o", tmp_path / "o.mp4"],
+        ["inspect", asset, "--layer", "hair", "-o", tmp_path / "o.png"],
+        ["inspect", asset, "--layer", "mask", "-o", tmp_path / "o.png", "--frame", "99"],
+        ["paint", asset],
+    ):
+        result = run(*arguments)
+        assert result.returncode == 2, (arguments, result.stderr)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_bad_input_exits_with_3_and_one_line(samples: Samples, tmp_path: Path) -> None:
+    text = tmp_path / "text.mp4"
+    text.write_text("hello")
+    for source, words in (
+        (samples.no_face_clip, "no face found"),
+        (text, "text.mp4"),
+        (tmp_path / "missing.mp4", "missing.mp4"),
+    ):
+        result = run("vectorize", source, "-o", tmp_path / "o.pvg")
+        assert result.returncode == 3
+        assert words in result.stderr
+        assert result.stderr.count("\n") == 1
+        assert result.stderr.startswith("pvg: ")
+    assert [path.name for path in tmp_path.iterdir()] == ["text.mp4"]

