@@ -25,7 +25,7 @@ from numba import njit
 _OMEGA_1 = np.float32(1.0 / (1.25 + 0.75 * np.sqrt(0.5)))
 _OMEGA_2 = np.float32(1.0 / (1.25 - 0.75 * np.sqrt(0.5)))
 
-_LEAST_RATE = np.float32(0.25)
+_LEAST_RATE = np.float32(0.35)
 
 
 @njit(cache=True, nogil=True)

@@ -92,14 +92,12 @@ class KeyFrame:
     """The boundary colours of one key frame: eq. (3) solved there.
 
     frame: frame number in the clip;  colors: (S, 3) float32 g, 0-255 RGB, on the table's labels;
-    visible: (S,) bool, whether the sample lay on visible skin or a visible feature;
-    high_mean: (3,) float32, mean of HF = I - H(g) inside the matte.
+    visible: (S,) bool, whether the sample lay on visible skin or a visible feature.
     """
 
     frame: int
     colors: Floats
     visible: NDArray[np.bool_]
-    high_mean: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,7 +197,6 @@ class AssetWriter:
             self._flush(face)
         self._array(f"face{face}/colors", np.stack([key.colors for key in record.key_frames]))
         self._array(f"face{face}/visible", np.stack([key.visible for key in record.key_frames]))
-        self._array(f"face{face}/high_mean", np.stack([key.high_mean for key in record.key_frames]))
         self._faces.append({**asdict(record.summary), "key_frames": [key.frame for key in record.key_frames]})
 
     def finish(self, manifest: Mapping[str, Any]) -> None:
@@ -314,9 +311,8 @@ class VectorVideo:
         for face, raw in zip(self.faces, self.manifest["faces"], strict=True):
             colors = self._array(f"face{face.index}/colors")
             visible = self._array(f"face{face.index}/visible")
-            high_mean = self._array(f"face{face.index}/high_mean")
-            keys = zip(raw["key_frames"], colors, visible, high_mean, strict=True)
-            out.append(FaceRecord(face, tuple(KeyFrame(int(f), c, v, h) for f, c, v, h in keys)))
+            keys = zip(raw["key_frames"], colors, visible, strict=True)
+            out.append(FaceRecord(face, tuple(KeyFrame(int(f), c, v) for f, c, v in keys)))
         return tuple(out)
 
     def face_frame(self, face: int, frame: int) -> FaceFrameData | None:

@@ -38,6 +38,9 @@ TOLERANCE = 0.1
 
 MAX_CYCLES = 40
 
+FINEST = 5e-6
+"""Least tolerance, as a part of the range of the values."""
+
 MIN_THETA = np.float32(0.01)
 """A node on a curve is tied by 1/θ = 100 at most; it moves a curve by 0.01 step."""
 
@@ -214,6 +217,8 @@ class MembraneOperator:
         if not np.isfinite(ties).all():
             raise SolverError("the curve values hold NaN or infinity; check the colours of the curves")
         middle = (0.5 * (ties.min(axis=0) + ties.max(axis=0))).astype(np.float32)  # makes constants exact
+        if float((ties - middle).max(initial=0.0)) * 2.0 * FINEST > tolerance:
+            raise SolverError(f"a tolerance of {tolerance:g} is finer than float32 resolves; take {TOLERANCE}")
         start = None if guess is None else self._start(guess, ties.shape[1])
         planes = np.empty((ties.shape[1], lattice.height, lattice.width), np.float32)
         held = self.inverse > 0.0

@@ -13,7 +13,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -78,7 +78,10 @@ def _contrast_at_curves(look: Look, g: Floats, new: Floats) -> Floats | float:
 
 
 def _add(planes: list[NDArray[Any]], region: Region, membrane: Membrane, alpha: Floats, change: _Change) -> None:
-    """Apply one look to one region of the planes, in place: P += alpha ((lambda - 1)(P - black) + H)."""
+    """Apply one look to one region of the planes, in place: P += alpha ((lambda - 1)(P - black - mean HF) + H).
+
+    With a lambda other than 1, channels 0 to 2 of the membrane are H(g).
+    """
     pixel_format = change.format
     sx, sy = pixel_format.chroma_log2
     h, w = alpha.shape
@@ -97,7 +100,10 @@ def _add(planes: list[NDArray[Any]], region: Region, membrane: Membrane, alpha: 
             gain = membrane.read(xs, ys, [change.contrast_channel])[0] - 1.0
             shift += gain * (part - np.float32(pixel_format.offset[p]))
         elif change.contrast != 1.0:
-            shift += np.float32(change.contrast - 1.0) * (part - np.float32(pixel_format.offset[p]))
+            # open skin is brighter than the curves around it, so HF has a mean; lambda leaves it where it is
+            level = part - np.float32(pixel_format.offset[p])
+            high_mean = np.average(level - membrane.read(xs, ys, [p])[0], weights=weight)
+            shift += np.float32(change.contrast - 1.0) * (level - np.float32(high_mean))
         shift *= weight
         shift += part
         np.rint(shift, out=shift)
@@ -113,6 +119,11 @@ class _Change:
     channel: int
     contrast: float
     contrast_channel: int | None
+
+    def moved(self, by: int) -> _Change:
+        """The same change with its channels elsewhere."""
+        there = None if self.contrast_channel is None else self.contrast_channel + by
+        return replace(self, channel=self.channel + by, contrast_channel=there)
 
 
 class _FaceColors:
@@ -130,12 +141,12 @@ class _FaceColors:
         self._chained = video.settings["matching"] == "chain"
         self._chain: tuple[int, int, Chain, CurveLabels] | None = None  # key, frame, chain, labels
 
-    def at(self, frame: int) -> tuple[CurveLabels, Floats, Floats]:
-        """Labels, (S, 3 + 3 looks) colours and (3,) mean of HF in `frame`."""
-        record = self._record.key_frame_of(frame)
-        key = self._keys.index(record)
-        labels, colors = self._follow(key, frame) if self._chained else (table_labels(), self._stacks[key])
-        return labels, colors, record.high_mean
+    def at(self, frame: int) -> tuple[CurveLabels, Floats]:
+        """Labels and (S, 3 + 3 looks) colours in `frame`."""
+        key = self._keys.index(self._record.key_frame_of(frame))
+        if not self._chained:
+            return table_labels(), self._stacks[key]
+        return self._follow(key, frame)
 
     def _follow(self, key: int, frame: int) -> tuple[CurveLabels, Floats]:
         first = self._keys[key].frame
@@ -173,12 +184,12 @@ class Renderer:
             data = self.video.face_frame(face, frame.index)
             if data is None:
                 continue
-            labels, colors, high_mean = self._colors[face].at(frame.index)
+            labels, colors = self._colors[face].at(frame.index)
             align = 2 ** max(frame.format.chroma_log2)
             region = open_region(data, labels, frame.width, frame.height, align)
             if region is None:
                 continue
-            self._draw_face(frame, region, which, (colors, high_mean), planes)
+            self._draw_face(frame, region, which, colors, planes)
         return [
             frame.with_planes((p[0], p[1], p[2])) if (p := planes.get(i)) is not None else frame
             for i in range(len(self.looks))
@@ -189,26 +200,27 @@ class Renderer:
         frame: Frame,
         region: Region,
         which: list[int],
-        colors_and_high_mean: tuple[Floats, Floats],
+        colors: Floats,
         planes: dict[int, list[NDArray[Any]]],
     ) -> None:
-        colors, high_mean = colors_and_high_mean
         g = colors[:, :3]
         to_planes = frame.format.matrix.astype(np.float32).T
-        channels: list[Floats] = []
+        channels: list[Floats] = [g @ to_planes]
         changes: list[_Change] = []
         for k, i in enumerate(which):
             look = self.looks[i]
             new = colors[:, 3 + 3 * k : 6 + 3 * k]
             contrast = _contrast_at_curves(look, g, new)
             start = sum(part.shape[1] for part in channels)
+            channels.append((new - contrast * g) @ to_planes)
             if isinstance(contrast, float):
-                # open skin is brighter than the curves around it, so HF has a mean; lambda is to leave it where it is
-                channels.append((new - contrast * g - (contrast - 1.0) * high_mean) @ to_planes)
                 changes.append(_Change(frame.format, start, contrast, None))
             else:
-                channels += [(new - contrast * g) @ to_planes, contrast]
+                channels.append(contrast)
                 changes.append(_Change(frame.format, start, 1.0, start + 3))
+        if all(change.contrast == 1.0 for change in changes):  # H(g) is not needed
+            channels[0] = np.empty((len(g), 0), np.float32)
+            changes = [change.moved(-3) for change in changes]
         membrane = build_membrane(region.raster).solve(np.concatenate(channels, axis=1))
         for i, change in zip(which, changes, strict=True):
             if i not in planes:

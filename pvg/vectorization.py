@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvg import __version__
-from pvg.asset import AssetWriter, FaceFrameData, FaceRecord, FaceSummary, KeyFrame, MediaSummary, VectorVideo
+from pvg.asset import AssetWriter, FaceRecord, FaceSummary, KeyFrame, MediaSummary, VectorVideo
 from pvg.boundary import fit_boundary_colors
 from pvg.curves import (
     BOUNDARY,
@@ -35,8 +35,6 @@ from pvg.curves import (
 from pvg.errors import FaceTooSmallError, NoFaceError
 from pvg.landmarks import FaceTrack, smooth, track_faces
 from pvg.matching import CHAIN_RESET_FRAMES
-from pvg.poisson import build_membrane
-from pvg.region import open_region
 from pvg.skin import MaskMethod, Matte, SkinTracker, fit_skin_model
 from pvg.video import MediaInfo, MediaLimits, probe, read_frames, sha256_file
 
@@ -138,7 +136,7 @@ class _Work:
 
     def track(self, min_face_px: int) -> tuple[tuple[FaceTrack, ...], tuple[int, ...], int]:
         """First pass: smoothed tracks wide enough, first frames of the shots, number of frames."""
-        result = track_faces(self.frames("landmarks"))
+        result = track_faces(self.frames("landmarks"), frame_rate=float(self.media.frame_rate or 25))
         if not result.tracks:
             what = "in the picture" if self.media.kind == "image" else f"in any of {result.frame_count} frames"
             raise NoFaceError(
@@ -270,10 +268,7 @@ class _Face:
         boundary = boundary_points(self._radius(row, matte), points)
         positions = place(table_labels(), stack_points(points, skin_points), boundary)
         colors, visible = fit_key_frame(rgb, matte, positions, face_frame(points).width, self._seed)
-        data = FaceFrameData(
-            points, skin_points, boundary, score=1.0, pose=self.track.pose[row], box=matte.box, matte=matte.alpha
-        )
-        self._keys[row] = KeyFrame(self.track.first + row, colors, visible, high_mean(rgb, data, colors))
+        self._keys[row] = KeyFrame(self.track.first + row, colors, visible)
 
     def _write(self, row: int, matte: Matte, writer: AssetWriter) -> None:
         arrays: dict[str, NDArray[Any]] = {
@@ -317,16 +312,3 @@ def fit_key_frame(
     inside = (col >= 0) & (row >= 0) & (col < size[0]) & (row < size[1])
     visible = inside & near[np.clip(row, 0, size[1] - 1), np.clip(col, 0, size[0] - 1)]
     return fit.colors, visible
-
-
-def high_mean(rgb: Image, data: FaceFrameData, colors: Floats) -> Floats:
-    """Mean of HF = I - H(g) over the matte: (3,) float32 levels, 0 when the face is out of the picture."""
-    region = open_region(data, table_labels(), rgb.shape[1], rgb.shape[0])
-    if region is None or not region.alpha.any():
-        return np.zeros(3, np.float32)
-    h, w = region.alpha.shape
-    high = rgb[region.y : region.y + h, region.x : region.x + w] - build_membrane(region.raster).solve(colors).crop(
-        region.x, region.y, w, h
-    )
-    mean: Floats = np.average(high.reshape(-1, 3), axis=0, weights=region.alpha.ravel()).astype(np.float32)
-    return mean

@@ -10,7 +10,7 @@ import numpy as np
 
 from pvg.skin.colors import SkinColors, fit_colors, skin_scale, to_lab
 from pvg.skin.cutting import minimum_cut
-from pvg.skin.regions import biggest_part, fill_holes
+from pvg.skin.regions import biggest_part, fill_holes, gather
 from pvg.skin.zones import Bools, Bytes, Floats, face_box, face_geometry, locate, logistic
 
 MaskMethod = Literal["landmarks", "ycbcr"]
@@ -22,7 +22,7 @@ AN=[.25,9,.3]
 BB=.6
 EX=[.25,6]
 LP=.7
-SC=[.2,25]
+SC=[.55,.2,9]
 GC=25.
 
 
@@ -82,11 +82,15 @@ def cut_skin(rgb: Bytes, points: Floats, skin_points: Floats, visible: Bools | N
     if int(sample.sum()) < 16:
         sample = visible
     scale = skin_scale(lab[sample])
-    chroma = SC[0] * float(np.hypot(*scale.center[1:]))
     spread = 1.3 * 1.4826 * np.median(np.abs(lab[sample] - scale.center), axis=0)
-    z = (lab - scale.center) / np.clip(spread, [5, 1.6, 1.6], [SC[1], max(1.6, chroma), max(1.6, chroma)])
-    far = (z**2).sum(axis=2)
-    anchor = np.exp(-AN[0] * np.maximum(AN[2] * z[..., 0] ** 2 + z[..., 1] ** 2 + z[..., 2] ** 2 - AN[1], 0))
+    z = (lab - scale.center) / np.maximum(spread, [5, 1.6, 1.6])
+    tone = scale.center[1:]
+    chroma = float(np.hypot(*tone))
+    ratio = (lab[..., 1:] @ tone) / max(chroma, 1.0) ** 2
+    grey = min(1.0, chroma / 10) * SC[2] * np.maximum(0, SC[0] - ratio) ** 2 / SC[1] ** 2
+    grey = grey * np.clip((lab[..., 0] - 15) / 20, 0, 1)
+    far = (z**2).sum(axis=2) + grey
+    anchor = np.exp(-AN[0] * np.maximum(far - (1 - AN[2]) * z[..., 0] ** 2 - AN[1], 0))
     odd = where.sure & (far > 16)  # eyes, lips, glasses, beard: inside, but not to learn skin from
     belief = np.where(where.sure, 1.0, logistic(where.prior) * np.exp(-EX[0] * np.maximum(far - EX[1], 0)))
     nearby = np.exp(-2 * np.maximum(where.outside - 0.1, 0))
@@ -97,11 +101,10 @@ def cut_skin(rgb: Bytes, points: Floats, skin_points: Floats, visible: Bools | N
         evidence = colors.evidence(lab)
         odds = where.prior + np.where(where.sure, np.maximum(evidence, 0), evidence)
         odds = np.where(visible, odds, -9).astype(np.float32)
-        skin = fill_holes(biggest_part(minimum_cut(rgb, odds, trust=GC), where.sure))
+        skin = gather(minimum_cut(rgb, odds, trust=GC), where)
         belief = logistic(odds - (1-LP) * where.prior)
         belief = np.where(skin, np.maximum(belief, BB), np.minimum(belief, 1-BB))
-    opened = cv2.morphologyEx(skin.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)).astype(np.bool_)
-    return SkinCut(fill_holes(biggest_part((opened | (skin & where.sure)) & visible, where.sure)), colors)
+    return SkinCut(gather(minimum_cut(rgb, odds, trust=GC) & visible, where), colors)
 
 
 def _refine(rgb: Bytes, small: Bools, factor: float) -> Bools:
@@ -109,4 +112,4 @@ def _refine(rgb: Bytes, small: Bools, factor: float) -> Bools:
     h, w = rgb.shape[:2]
     large = cv2.resize(small.astype(np.float32), (w, h), interpolation=cv2.INTER_LINEAR)
     alpha = cv2.ximgproc.guidedFilter(rgb, large, max(2, round(2 * factor)), 100.0)
-    return fill_holes(biggest_part(alpha > 0.5))
+    return fill_holes(alpha > 0.5)

@@ -106,7 +106,8 @@ class Places:
     prior: float32 log-odds of skin before any colour is looked at;  neckness: float32, 1 on the neck, 0 on the head;
     outside: float32 distance from the face contour in face sizes, 0 within;
     face: the inside of the contour;  sure: skin or a feature of the face whatever its colour;
-    sample: the part of `sure` that shows the skin's colour;  size: the face's size in cells.
+    sample: the part of `sure` that shows the skin's colour;  ears: where ears can be;
+    underchin: the head of the neck, its middle and all of it;  neck: (2,) unit vector along the neck;  size: the face's size in cells.
     """
 
     prior: Floats
@@ -115,6 +116,9 @@ class Places:
     face: Bools
     sure: Bools
     sample: Bools
+    ears: Bools
+    underchin: tuple[Bools, Bools]
+    neck: Floats
     size: float
 
 
@@ -134,8 +138,11 @@ def locate(shape: tuple[int, int], points: Floats, skin_points: Floats) -> Place
     core = _fill(shape, contour.mean(axis=0) + 0.86 * (contour - contour.mean(axis=0)))
     sure = core & (down > brow + 0.05)
     sample = sure & (down < mouth - 0.03) & ~_features(shape, points, g.size)
-    neckness, neck = _neck_prior(shape, g)
-    prior = np.maximum(_head_prior(inner - outer, across, down, g, brow, nose, points), neck)
+    along, off = _neck_axes(shape, g)
+    neckness = smoothstep(along, -0.2, 0.1)
+    ears = _ear_prior(across, down, g, (g.depth(points[52:64]) + nose) / 2 + 0.04)
+    head = np.maximum(_head_prior(inner - outer, down, brow), ears)
+    prior = np.maximum(head, _neck_prior(along, off))
     return Places(
         prior=np.clip(prior, -7, 6).astype(np.float32),
         neckness=neckness,
@@ -143,36 +150,45 @@ def locate(shape: tuple[int, int], points: Floats, skin_points: Floats) -> Place
         face=face,
         sure=sure,
         sample=sample,
+        ears=ears > -3,
+        underchin=((along > -0.3) & (along < 0.5) & (off < 0.2), (along > -0.3) & (along < 0.4) & (off < 0.4)),
+        neck=g.neck,
         size=g.size,
     )
 
 
-def _head_prior(
-    inside: Floats, across: Floats, down: Floats, g: FaceGeometry, brow: float, nose: float, points: Floats
-) -> Floats:
-    """Log-odds of skin on the head: strict along cheeks and jaw, lenient at the hair-line and the ears."""
+def _head_prior(inside: Floats, down: Floats, brow: float) -> Floats:
+    """Log-odds of skin on the head: strict along cheeks and jaw, lenient at the hair-line."""
     cheeks = np.where(inside > 0, np.minimum(40 * inside, 6.0), 30 * inside)
     # fringes and hats reach far below the contour's top, bald heads far above it
     forehead = np.where(inside > 0, np.minimum(FH[0] + FH[1] * inside, FH[2]), FH[0] + FH[3] * inside)
     upness = smoothstep(-down, -brow + UP[0], -brow + UP[1])
-    ear_down = (g.depth(points[52:64]) + nose) / 2 + 0.04
-    ear_across = g.width / g.size / 2 + 0.07
-    ears = np.exp(-0.5 * (((np.abs(across) - ear_across) / 0.08) ** 2 + ((down - ear_down) / 0.16) ** 2))
-    head = cheeks * (1 - upness) + forehead * upness
-    return np.maximum(head, np.log(0.6 * ears + 1e-4))
+    odds: Floats = cheeks * (1 - upness) + forehead * upness
+    return odds
 
 
-def _neck_prior(shape: tuple[int, int], g: FaceGeometry) -> tuple[Floats, Floats]:
-    """How much each cell (h, w) belongs to the neck rather than the head, and its log-odds of skin if so."""
+def _ear_prior(across: Floats, down: Floats, g: FaceGeometry, level: float) -> Floats:
+    """Log-odds of skin at the ears, beside the contour between eyes and nose."""
+    beside = (np.abs(across) - g.width / g.size / 2 - 0.07) / 0.08
+    ears = np.exp(-0.5 * (beside**2 + ((down - level) / 0.16) ** 2))
+    odds: Floats = np.log(0.6 * ears + 1e-4)
+    return odds
+
+
+def _neck_axes(shape: tuple[int, int], g: FaceGeometry) -> tuple[Floats, Floats]:
+    """Of every cell, the way along the neck from the chin and the distance off its axis, in sizes."""
     ys, xs = np.ogrid[: shape[0], : shape[1]]
     rx, ry = (xs - g.chin[0]) / g.size, (ys - g.chin[1]) / g.size
-    along = (rx * g.neck[0] + ry * g.neck[1]).astype(np.float32)
-    off = np.abs(rx * g.neck[1] - ry * g.neck[0]).astype(np.float32)
+    along = rx * g.neck[0] + ry * g.neck[1]
+    return along.astype(np.float32), np.abs(rx * g.neck[1] - ry * g.neck[0]).astype(np.float32)
+
+
+def _neck_prior(along: Floats, off: Floats) -> Floats:
+    """Log-odds of skin on the neck: sure under the chin, open towards a collar, widening to the shoulders."""
     below = np.clip(along, 0, 2)
-    half_width = 0.40 + 0.30 * below**1.5
-    odds = np.minimum(1.0 - 0.6 * below, (half_width - off) * 14)
-    odds = np.where(along > -0.45, odds - 12 * smoothstep(-along, 0.35, 0.6), -9.0)
-    return smoothstep(along, -0.2, 0.1), odds.astype(np.float32)
+    odds = np.minimum(1.0 - 0.6 * below, (0.40 + 0.30 * below**1.5 - off) * 14)
+    out: Floats = np.where(along > -0.45, odds - 12 * smoothstep(-along, 0.35, 0.6), -9.0).astype(np.float32)
+    return out
 
 
 def smoothstep(x: Floats, low: float, high: float) -> Floats:
