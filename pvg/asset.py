@@ -31,8 +31,9 @@ from pvg.video import MediaInfo, sha256_file
 
 FORMAT_VERSION = 1
 CHUNK_FRAMES = 32
-_POINT_SCALE = 64  # positions are stored in 1/64 px
+_POINT_SCALE = 32  # positions are stored in 1/32 px
 _RADIUS_SCALE = 8
+_MATTE_LEVELS = 63  # 64 levels of opacity: one step of a correction of 70 levels is about one level
 _CACHED_CHUNKS = 4
 
 
@@ -137,6 +138,8 @@ _FIXED_POINT = {"points": _POINT_SCALE, "skin_points": _POINT_SCALE, "radius": _
 
 
 def _encode(name: str, values: NDArray[Any]) -> NDArray[Any]:
+    if name == "matte":
+        return np.rint(values * (_MATTE_LEVELS / 255.0)).astype(np.uint8)
     if name not in _FIXED_POINT:
         return values
     fixed = np.rint(values * _FIXED_POINT[name]).astype(np.int32)
@@ -144,6 +147,8 @@ def _encode(name: str, values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _decode(name: str, values: NDArray[Any]) -> NDArray[Any]:
+    if name == "matte":
+        return np.rint(values * (255.0 / _MATTE_LEVELS)).astype(np.uint8)
     if name not in _FIXED_POINT:
         return values
     return (np.cumsum(values, axis=0, dtype=np.int64) / _FIXED_POINT[name]).astype(np.float32)

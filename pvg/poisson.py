@@ -210,7 +210,8 @@ class MembraneOperator:
 
         values: (S, C) finite, the values at the samples of γ; C is any number of channels (3 a look).
         guess: a membrane of a like geometry and as many channels, for instance of the frame before, to start from.
-        tolerance: estimated largest error, in the units of the values. Raises SolverError when it is not reached.
+        tolerance: estimated largest error, in the units of the values; the true one was at most 3 times that on odd
+        random domains and below it on faces. Raises SolverError when it is not reached.
         """
         raster, lattice = self.raster, self.raster.lattice
         ties = raster.values(values)
@@ -299,9 +300,9 @@ def _levels(height: int, width: int) -> NDArray[np.int64]:
 
 def _check_ties(ties: Floats, inside: NDArray[np.bool_] | None) -> None:
     """Every connected part must be tied to γ; a cut inside a part ties both of its sides."""
+    if not ties.any():
+        raise SolverError("no curve crosses the lattice of the face's box; check the curve points and the box")
     if inside is None:
-        if not ties.any():
-            raise SolverError("no curve crosses the lattice of the face's box; check the curve points and the box")
         return
     count, labels = cv2.connectedComponents(inside.astype(np.uint8), connectivity=4)
     tied = np.bincount(labels.ravel(), ties.ravel(), minlength=count) > 0

@@ -32,7 +32,6 @@ def fill_holes(mask: Bools) -> Bools:
     return filled
 
 
-_BEARD = (0.30, 0.12)  # face sizes: the longest beard or chin shadow before the neck's skin, in the middle and beside
 _EAR_GAP = 0.12  # face sizes: hair between an ear and the cheek
 _LEAST_PART = 0.004  # squared face sizes
 
@@ -41,16 +40,15 @@ def gather(skin: Bools, where: Places) -> Bools:
     """A face's skin of raw skin cells (h, w): the part that holds the face, what hair or beard cuts off, no holes."""
     raw = cv2.morphologyEx(skin.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)).astype(np.bool_)
     raw |= where.sure
-    # under the chin a beard or a deep shadow: closed along the neck
-    for reach, below in zip(_BEARD, where.underchin, strict=True):
-        line = _line(where.neck * where.size * reach)
+    for gap in where.gaps:
+        line = _line(gap.across)
         closed = cv2.dilate(raw.astype(np.uint8), line, borderType=cv2.BORDER_CONSTANT, borderValue=0)
         closed = cv2.erode(closed, line, borderType=cv2.BORDER_CONSTANT, borderValue=0)
-        raw = raw | (closed.astype(np.bool_) & below)
+        raw = raw | (closed.astype(np.bool_) & gap.within)
     main = biggest_part(raw, where.sure)
     count, labels, stats, _ = cv2.connectedComponentsWithStats((raw & ~main).astype(np.uint8), connectivity=4)
-    gap = max(1, round(_EAR_GAP * where.size))
-    near = cv2.dilate(main.astype(np.uint8), np.ones((2 * gap + 1, 2 * gap + 1), np.uint8)).astype(np.bool_)
+    reach = max(1, round(_EAR_GAP * where.size))
+    near = cv2.dilate(main.astype(np.uint8), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)).astype(np.bool_)
     touched = np.bincount(labels[near & where.ears], minlength=count) > 0
     kept = touched & (stats[:, cv2.CC_STAT_AREA] > _LEAST_PART * where.size**2)
     kept[0] = False

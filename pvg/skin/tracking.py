@@ -10,9 +10,9 @@ import numpy as np
 from pvg.skin.carrying import spline_map
 from pvg.skin.colors import SkinColors, to_lab
 from pvg.skin.matte import Matte
-from pvg.skin.regions import biggest_part, fill_holes
+from pvg.skin.regions import gather
 from pvg.skin.still import MaskMethod, chroma_mask, cut_skin
-from pvg.skin.zones import Bools, Bytes, Floats, face_box, logistic, locate
+from pvg.skin.zones import Bools, Bytes, Floats, Places, face_box, locate, logistic
 
 _CELLS_SMALL, _CELLS_LARGE = 192, 256  # longer side of the raster, for boxes of up to 768 and from 1024 px
 _SUPERSAMPLE = 6
@@ -139,10 +139,10 @@ class SkinTracker:
         if self._model.method == "ycbcr":
             mask = chroma_mask(small, locate(raster.shape, own, own_skin).face, visible)
             return Matte(raster.box, mask.astype(np.uint8) * np.uint8(255), mask)
-        skin = self._steady(small, self._skin_now(small, own, own_skin, visible))
         where = locate(raster.shape, own, own_skin)
-        mask = fill_holes(biggest_part(skin > 0.5, where.sure)) & visible
-        alpha = _soft_edge(skin, mask) * visible
+        skin = self._steady(small, self._skin_now(small, where, np.concatenate([own, own_skin]), visible))
+        mask = gather(skin > 0.5, where) & visible
+        alpha = _soft_edge(skin, mask) * visible * where.fade
         levels = np.rint(alpha * (255 / _ALPHA_STEP)) * _ALPHA_STEP
         return Matte(raster.box, levels.astype(np.uint8), mask)
 
@@ -156,16 +156,15 @@ class SkinTracker:
         self._raster = _around(box, step, (h, w))
         return self._raster
 
-    def _skin_now(self, rgb: Bytes, points: Floats, skin_points: Floats, visible: Bools) -> Floats:
+    def _skin_now(self, rgb: Bytes, where: Places, points: Floats, visible: Bools) -> Floats:
         """Probability of skin (h, w) from this frame alone."""
         model = self._model
         assert model.colors is not None and model.light is not None  # noqa: S101, PT018
         assert model.inside is not None and model.points is not None  # noqa: S101, PT018
-        where = locate(rgb.shape[:2], points, skin_points)
         gain = np.clip(model.light / _light(rgb, where.sample), 0.2, 5.0)
         evidence = model.colors.evidence(to_lab(np.clip(rgb * gain, 0, 255)))
         evidence = np.where(where.sure, np.maximum(evidence, 0), evidence)
-        map_x, map_y = spline_map(rgb.shape[:2], np.concatenate([points, skin_points]), model.points)
+        map_x, map_y = spline_map(rgb.shape[:2], points, model.points)
         inside = cv2.remap(model.inside, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         carried = np.clip(inside * 40, -4, 4) * (1 - 0.6 * where.neckness)
         odds = 0.6 * where.prior + carried + evidence

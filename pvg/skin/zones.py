@@ -23,6 +23,8 @@ _FEATURES = (
 )
 UP=[-.15,.08]
 FH=[.3,8,1.8,11]
+_NECK_END = 1.12  # face sizes below the chin: the box's end
+_NECK_FADE = 0.75  # from here to the box's end the matte fades, for a bare chest goes on beyond
 _FEATURE_MARGIN = 0.03  # of the face's size: lashes, brow hairs and lip contours spill over
 
 
@@ -94,9 +96,20 @@ def face_box(points: Floats, skin_points: Floats) -> Floats:
     half = (face.width / 2 + 0.22 * face.size, face.height / 2 + 0.26 * face.size)
     reach = np.hypot(half[0] * face.across, half[1] * face.down)
     side = np.array([face.neck[1], -face.neck[0]], np.float32) * (0.72 * face.size)
-    end = face.chin + 0.95 * face.size * face.neck
+    end = face.chin + _NECK_END * face.size * face.neck
     corners = np.stack([face.center - reach, face.center + reach, end - side, end + side])
     return np.concatenate([corners.min(axis=0), corners.max(axis=0)]).astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class Gap:
+    """Something that is not skin-coloured but has skin at both ends: brows, a beard, the shadow under a chin.
+
+    across: (2,) the longest such run, cells;  within: (h, w) bool, where it may be.
+    """
+
+    across: Floats
+    within: Bools
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,21 +117,22 @@ class Places:
     """A face's places over a raster (h, w).
 
     prior: float32 log-odds of skin before any colour is looked at;  neckness: float32, 1 on the neck, 0 on the head;
+    fade: float32, 1, falling to 0 where the box's end cuts a bare chest;
     outside: float32 distance from the face contour in face sizes, 0 within;
     face: the inside of the contour;  sure: skin or a feature of the face whatever its colour;
     sample: the part of `sure` that shows the skin's colour;  ears: where ears can be;
-    underchin: the head of the neck, its middle and all of it;  neck: (2,) unit vector along the neck;  size: the face's size in cells.
+    gaps: what to close;  size: the face's size in cells.
     """
 
     prior: Floats
     neckness: Floats
+    fade: Floats
     outside: Floats
     face: Bools
     sure: Bools
     sample: Bools
     ears: Bools
-    underchin: tuple[Bools, Bools]
-    neck: Floats
+    gaps: tuple[Gap, ...]
     size: float
 
 
@@ -137,7 +151,8 @@ def locate(shape: tuple[int, int], points: Floats, skin_points: Floats) -> Place
 
     core = _fill(shape, contour.mean(axis=0) + 0.86 * (contour - contour.mean(axis=0)))
     sure = core & (down > brow + 0.05)
-    sample = sure & (down < mouth - 0.03) & ~_features(shape, points, g.size)
+    sample = sure & (down < mouth - 0.03) & ~_spread(shape, points, _FEATURES, _FEATURE_MARGIN * g.size)
+    brows = _spread(shape, points, _FEATURES[:2], _FEATURE_MARGIN * g.size)
     along, off = _neck_axes(shape, g)
     neckness = smoothstep(along, -0.2, 0.1)
     ears = _ear_prior(across, down, g, (g.depth(points[52:64]) + nose) / 2 + 0.04)
@@ -146,13 +161,17 @@ def locate(shape: tuple[int, int], points: Floats, skin_points: Floats) -> Place
     return Places(
         prior=np.clip(prior, -7, 6).astype(np.float32),
         neckness=neckness,
+        fade=1 - smoothstep(along, _NECK_FADE, _NECK_END),
         outside=outer.astype(np.float32),
         face=face,
         sure=sure,
         sample=sample,
         ears=ears > -3,
-        underchin=((along > -0.3) & (along < 0.5) & (off < 0.2), (along > -0.3) & (along < 0.4) & (off < 0.4)),
-        neck=g.neck,
+        gaps=(
+            Gap(0.30 * g.size * g.neck, (along > -0.3) & (along < 0.5) & (off < 0.2)),
+            Gap(0.12 * g.size * g.neck, (along > -0.3) & (along < 0.4) & (off < 0.4)),
+            Gap(0.16 * g.size * g.down, brows),
+        ),
         size=g.size,
     )
 
@@ -206,14 +225,14 @@ def _axes(shape: tuple[int, int], g: FaceGeometry) -> tuple[Floats, Floats]:
     return across.astype(np.float32), down.astype(np.float32)
 
 
-def _features(shape: tuple[int, int], points: Floats, size: float) -> Bools:
-    """Brows, eyes and lips with a margin."""
-    out = np.zeros(shape, np.bool_)
-    for indices in _FEATURES:
-        out |= _fill(shape, _hull(points[list(indices)]))
-    radius = max(1, round(_FEATURE_MARGIN * size))
+def _spread(shape: tuple[int, int], points: Floats, groups: tuple[tuple[int, ...], ...], margin: float) -> Bools:
+    """(h, w) bool: the hulls of groups of landmarks, grown by a margin in cells."""
+    out = np.zeros(shape, np.uint8)
+    for indices in groups:
+        out |= _fill(shape, _hull(points[list(indices)])).astype(np.uint8)
+    radius = max(1, round(margin))
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
-    return cv2.dilate(out.astype(np.uint8), kernel).astype(np.bool_)
+    return cv2.dilate(out, kernel).astype(np.bool_)
 
 
 def _fill(shape: tuple[int, int], polygon: Floats) -> Bools:

@@ -87,12 +87,13 @@ def test_round_trip_keeps_every_array_to_its_stated_precision(asset: Path, sourc
         for i in (0, 1, CHUNK_FRAMES - 1, CHUNK_FRAMES, FRAMES - 1, 7):  # forwards and back, across chunks
             want, data = frame_arrays(i), video.face_frame(0, FIRST + i)
             assert data is not None
-            assert np.abs(data.points - want["points"]).max() <= 1 / 128
-            assert np.abs(data.skin_points - want["skin_points"]).max() <= 1 / 128
+            assert np.abs(data.points - want["points"]).max() <= 1 / 64
+            assert np.abs(data.skin_points - want["skin_points"]).max() <= 1 / 64
             assert data.score == want["score"][0]
             np.testing.assert_array_equal(data.pose, want["pose"])
             np.testing.assert_array_equal(data.box, want["box"])
-            np.testing.assert_array_equal(data.matte, want["matte"])
+            assert np.abs(data.matte.astype(int) - want["matte"]).max() <= 2
+            np.testing.assert_array_equal(data.matte == 0, want["matte"] == 0)
             assert np.abs(data.boundary - boundary_points(want["radius"], want["points"])).max() < 0.15
         assert video.face_frame(0, FIRST - 1) is None
         assert video.face_frame(0, FIRST + FRAMES) is None
@@ -109,7 +110,7 @@ def test_round_trip_keeps_every_array_to_its_stated_precision(asset: Path, sourc
 def test_fixed_point_errors_do_not_accumulate_over_frames(asset: Path) -> None:
     with open_asset(asset) as video:
         errors = [np.abs(video.landmarks(0)[i] - frame_arrays(i)["points"]).max() for i in range(FRAMES)]
-    assert max(errors) <= 1 / 128
+    assert max(errors) <= 1 / 64
 
 
 def everything(path: Path) -> bytes:

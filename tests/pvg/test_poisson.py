@@ -155,12 +155,11 @@ def test_a_quarter_size_membrane_matches_the_direct_full_size_solve(
     membrane = face[0].solve(values)
     assert 200 <= membrane.lattice.height <= 282
     error = np.abs(membrane.crop(0, 0, FACE_WIDTH, FACE_HEIGHT) - reference)[inside]
-    print(error.mean(), np.percentile(error, 99))
     assert error.mean() < 0.15
     assert np.percentile(error, 99) < 1.0
 
 
-@pytest.mark.parametrize("tolerance", [1.0, poisson.TOLERANCE, 0.003])
+@pytest.mark.parametrize("tolerance", [1.0, poisson.TOLERANCE, 0.02, 0.001])
 def test_the_error_stays_below_the_tolerance(face: tuple[MembraneOperator, np.ndarray], tolerance: float) -> None:
     operator, values = face
     exact = direct_on_lattice(operator, values)
@@ -170,10 +169,15 @@ def test_the_error_stays_below_the_tolerance(face: tuple[MembraneOperator, np.nd
     assert np.abs(warm.planes - exact).max() < tolerance
 
 
-def test_a_missed_tolerance_raises_with_the_residual_error(face: tuple[MembraneOperator, np.ndarray]) -> None:
+def test_a_missed_tolerance_raises_with_the_error(
+    face: tuple[MembraneOperator, np.ndarray], monkeypatch: pytest.MonkeyPatch
+) -> None:
     operator, values = face
-    with pytest.raises(SolverError, match=r"channel 0, is off by about .* after 40 cycles"):
-        operator.solve(values * 1e3, tolerance=1e-9)
+    monkeypatch.setattr(poisson, "MAX_CYCLES", 2)
+    with pytest.raises(SolverError, match=r"channel 0, is off by about [0-9.]+ levels after 2 cycles .wanted 0.01."):
+        operator.solve(values, tolerance=0.01)
+    with pytest.raises(SolverError, match="finer than float32"):
+        operator.solve(values, tolerance=1e-6)
 
 
 polylines = st.integers(0, 2**32 - 1).map(np.random.default_rng)
@@ -193,14 +197,14 @@ def random_curves(rng: np.random.Generator, width: int, height: int) -> tuple[np
     return snapped, layout, rng.uniform(-70.0, 70.0, (stop, 2))
 
 
-@given(polylines, st.integers(2, 60), st.integers(2, 60))
+@given(polylines, st.integers(4, 60), st.integers(4, 60))
 @settings(max_examples=60, deadline=None)
 def test_random_curves_give_the_direct_solution_within_the_range_of_their_values(
     rng: np.random.Generator, width: int, height: int
 ) -> None:
     points, layout, values = random_curves(rng, width, height)
     operator = build_membrane(rasterize_curves(points, layout, Lattice.over((0, 0, width, height))))
-    planes = operator.solve(values, tolerance=0.01).planes
+    planes = operator.solve(values, tolerance=0.0025).planes
     assert np.abs(planes - direct_on_lattice(operator, values)).max() < 0.01
     assert (planes >= values.min(axis=0)[:, None, None] - 0.01).all()
     assert (planes <= values.max(axis=0)[:, None, None] + 0.01).all()
@@ -219,9 +223,9 @@ def test_random_domains_with_holes_give_the_direct_solution_or_name_the_loose_pa
     try:
         operator = build_membrane(raster, domain=domain)
     except SolverError as error:
-        assert "touches no curve" in str(error)  # noqa: PT017
+        assert "touches no curve" in str(error) or "no curve crosses" in str(error)  # noqa: PT017
         return
-    membrane = operator.solve(values, tolerance=0.01)
+    membrane = operator.solve(values, tolerance=0.0025)
     assert np.abs(membrane.planes - direct_on_lattice(operator, values)).max() < 0.01
     assert (membrane.planes[:, ~domain] == 0).all()
 
@@ -238,6 +242,8 @@ def test_a_part_of_the_domain_without_a_curve_is_named() -> None:
     domain[5:10, 40:50] = True
     with pytest.raises(SolverError, match=r"part 2 of the domain .50 nodes, rows 5-9, columns 40-49. touches no curve"):
         build_membrane(raster, domain=domain)
+    with pytest.raises(SolverError, match="no curve crosses"):
+        build_membrane(raster, domain=np.zeros((40, 60), np.bool_))
 
 
 @pytest.mark.parametrize(
