@@ -9,8 +9,6 @@ The method is "PVG-Guided Face Color Transfer for Videos", IEEE Computer Graphic
 
 from __future__ import annotations
 
-__version__ = "0.1.0"
-
 from pvg.asset import VectorVideo, open_asset
 from pvg.errors import (
     AssetError,
@@ -46,3 +44,5 @@ __all__ = [
     "transfer",
     "vectorize",
 ]
+
+__version__ = "0.1.0"

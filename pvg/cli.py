@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 from tqdm import tqdm
@@ -16,8 +16,8 @@ from tqdm import tqdm
 import pvg
 from pvg.asset import VectorVideo
 from pvg.errors import PvgError
+from pvg.layers import LAYERS
 from pvg.looks import Contrast
-from pvg.rendering import LAYERS
 from pvg.video import write_image
 
 BAD_ARGUMENTS = 2
@@ -124,7 +124,7 @@ def _contrast(value: str) -> Contrast:
         raise typer.BadParameter(f'"auto" or a number from 0.7 to 1.5, not {value!r}') from None
 
 
-def _face(value: str) -> str | list[int]:
+def _face(value: str) -> Literal["all"] | list[int]:
     if value == "all":
         return "all"
     try:

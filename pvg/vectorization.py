@@ -18,8 +18,8 @@ from typing import Any, Literal
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 
-from pvg import __version__
 from pvg.asset import AssetWriter, FaceRecord, FaceSummary, KeyFrame, MediaSummary, VectorVideo
 from pvg.boundary import fit_boundary_colors
 from pvg.curves import (
@@ -41,6 +41,7 @@ from pvg.video import MediaInfo, MediaLimits, probe, read_frames, sha256_file
 Progress = Callable[[str, int, int], None]
 Image = NDArray[np.uint8]
 
+VECTORIZER_VERSION = 1  # raised when the same clip would give another asset
 MIN_FACE_PX = 64
 ADVISED_FACE_PX = 200  # the paper's least face size
 _FIT_FACE_PX = 320  # the least-squares fit sees larger faces scaled down to this width
@@ -82,7 +83,7 @@ def vectorize(
         tracks = (max(tracks, key=lambda track: track.width_px),)
     target = Path(asset) if asset is not None else _temporary_name()
     manifest = {
-        "vectorizer": __version__,
+        "vectorizer": VECTORIZER_VERSION,
         "settings": {"mask": mask, "matching": matching, "reference": reference, "seed": seed},
         "source_name": path.name,
         "source_sha256": sha256_file(path),
@@ -190,11 +191,10 @@ def _key_row(track: FaceTrack) -> int:
 
 def _opacity(score: Floats) -> Floats:
     """Per frame 1 where the face is seen, falling to 0 over `_FADE_FRAMES` towards frames where it is not."""
-    lost = np.flatnonzero(score <= 0)
-    if len(lost) == 0:
+    seen = score > 0
+    if seen.all():
         return np.ones(len(score), np.float32)
-    distance = np.abs(np.arange(len(score))[:, None] - lost).min(axis=1)
-    opacity: Floats = np.clip(distance / (_FADE_FRAMES + 1), 0, 1).astype(np.float32)
+    opacity: Floats = np.clip(distance_transform_edt(seen) / (_FADE_FRAMES + 1), 0, 1).astype(np.float32)
     return opacity
 
 

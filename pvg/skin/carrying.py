@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from pvg.skin.zones import Floats
+
+Doubles = NDArray[np.float64]
 
 _GRID = 8  # cells between the nodes at which the spline is evaluated
 _STIFFNESS = 0.02  # relative to the spline's own scale: the contour guides, it need not be hit
@@ -27,7 +30,7 @@ def spline_map(shape: tuple[int, int], source: Floats, target: Floats) -> tuple[
     """
     a, b = similarity(source, target)
     scale = float(np.sqrt(source.var(axis=0).sum())) + 1e-6
-    nodes = np.asarray(source / scale, np.float64)
+    nodes: Doubles = np.asarray(source / scale, np.float64)
     moved = a * (source[:, 0] + 1j * source[:, 1]) + b
     offset = np.stack([target[:, 0] - moved.real, target[:, 1] - moved.imag], axis=1).astype(np.float64)
     kernel = _kernel(nodes, nodes) + _STIFFNESS * np.eye(len(nodes))
@@ -37,7 +40,7 @@ def spline_map(shape: tuple[int, int], source: Floats, target: Floats) -> tuple[
     rows = (np.arange(-1, -(-h // _GRID) + 1) + 0.5) * _GRID - 0.5
     columns = (np.arange(-1, -(-w // _GRID) + 1) + 0.5) * _GRID - 0.5
     gx, gy = np.meshgrid(columns, rows)
-    at = np.stack([gx.ravel(), gy.ravel()], axis=1)
+    at: Doubles = np.stack([gx.ravel(), gy.ravel()], axis=1)
     z = a * (at[:, 0] + 1j * at[:, 1]) + b
     coarse = np.stack([z.real, z.imag], axis=1) + _kernel(at / scale, nodes) @ weights
     coarse = coarse.reshape(*gx.shape, 2).astype(np.float32)
@@ -46,8 +49,8 @@ def spline_map(shape: tuple[int, int], source: Floats, target: Floats) -> tuple[
     return np.ascontiguousarray(fine[..., 0]), np.ascontiguousarray(fine[..., 1])
 
 
-def _kernel(at: Floats, nodes: Floats) -> Floats:
+def _kernel(at: Doubles, nodes: Doubles) -> Doubles:
     """Decaying radial kernel (m, n): smooth, and nothing two face radii away."""
-    squared = ((at[:, None] - nodes[None]) ** 2).sum(axis=2)
-    values: Floats = np.exp(-squared / (2 * 0.6**2))
+    squared = (at[:, :1] - nodes[:, 0]) ** 2 + (at[:, 1:] - nodes[:, 1]) ** 2
+    values: Doubles = np.exp(-squared / (2 * 0.6**2))
     return values

@@ -18,10 +18,10 @@ _MIDDLE, _OFFSET = 128.0, 10.0
 _CERTAIN = 6.5
 
 
-def minimum_cut(rgb: Bytes, odds: Floats, *, trust: float = 25.0) -> Bools:
+def minimum_cut(rgb: Bytes, odds: Floats, *, trust: float = 14.0) -> Bools:
     """Skin (h, w) bool for log-odds (h, w) over a picture (h, w, 3).
 
-    trust: weight of a nat of log-odds; the cut through one pixel pair of equal colour costs 50.
+    trust: relative weight of the log-odds; larger cuts follow the odds, smaller ones the picture's edges.
     """
     lab = cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB)
     channels = np.empty(rgb.shape, np.uint8)
@@ -33,7 +33,7 @@ def minimum_cut(rgb: Bytes, odds: Floats, *, trust: float = 25.0) -> Bools:
     labels = np.where(odds > 0, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
     labels[odds < -_CERTAIN] = cv2.GC_BGD
     labels[odds > _CERTAIN] = cv2.GC_FGD
-    cv2.grabCut(channels, labels, None, background, skin, 1, cv2.GC_EVAL_FREEZE_MODEL)
+    cv2.grabCut(channels, labels, (0, 0, 1, 1), background, skin, 1, cv2.GC_EVAL_FREEZE_MODEL)
     cut: Bools = (labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD)
     return cut
 

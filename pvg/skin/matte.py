@@ -31,7 +31,7 @@ class Matte:
     @property
     def step(self) -> float:
         """Source pixels a cell."""
-        return float(self.box[2] - self.box[0]) / self.mask.shape[1]
+        return float(self.box[2] - self.box[0]) / int(self.mask.shape[1])
 
     def to_raster(self, points: Floats) -> Floats:
         """Cell coordinates (n, 2) x, y of source positions (n, 2); cell centres are at integers."""
@@ -45,7 +45,7 @@ class Matte:
 
     def alpha_at(self, xs: Floats, ys: Floats) -> Floats:
         """The matte in [0, 1] at source columns xs (w,) and rows ys (h,), as (h, w) float32; 0 outside the box."""
-        return self._sample(self.alpha.astype(np.float32) / 255, xs, ys)
+        return self._sample(np.asarray(self.alpha / np.float32(255), np.float32), xs, ys)
 
     def _sample(self, raster: Floats, xs: Floats, ys: Floats) -> Floats:
         step = self.step

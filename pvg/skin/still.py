@@ -8,7 +8,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from pvg.skin.colors import SkinColors, fit_colors, skin_scale, to_lab
+from pvg.skin.colors import SkinColors, fit_colors, skin_scale, strangeness, to_skin_lab
 from pvg.skin.cutting import minimum_cut
 from pvg.skin.regions import biggest_part, fill_holes, gather
 from pvg.skin.zones import Bools, Bytes, Floats, face_box, face_geometry, locate, logistic
@@ -18,12 +18,8 @@ MaskMethod = Literal["landmarks", "ycbcr"]
 _CR_LOW, _CR_HIGH = 140, 160
 _WORK_FACE_PX = 150.0  # the colour decision is made on a picture scaled to faces of this size
 _ROUNDS = 3
-AN=[.25,9,.3]
-BB=.6
-EX=[.25,6]
-LP=.7
-SC=[.55,.2,9]
-GC=25.
+_LEAST_SAMPLE = 16  # cells
+_PRIOR_IN_LEARNING = 0.4
 
 
 def skin_mask(rgb: Bytes, points: Floats, skin_points: Floats, *, method: MaskMethod = "landmarks") -> Bools:
@@ -31,7 +27,8 @@ def skin_mask(rgb: Bytes, points: Floats, skin_points: Floats, *, method: MaskMe
 
     rgb: (H, W, 3) uint8;  points: (106, 2);  skin_points: (88, 2), source pixels.
     method: "landmarks", or "ycbcr", the paper's rule over the whole picture: 8-bit Cr in [140, 160].
-    Returns (H, W) bool, one connected part without holes.
+    Returns (H, W) bool without holes; "ycbcr" and mostly "landmarks" give one connected part, but an ear behind hair
+    is a part of its own.
     """
     height, width = rgb.shape[:2]
     if method == "ycbcr":
@@ -75,36 +72,29 @@ def cut_skin(rgb: Bytes, points: Floats, skin_points: Floats, visible: Bools | N
     shape = rgb.shape[:2]
     where = locate(shape, points, skin_points)
     visible = np.ones(shape, np.bool_) if visible is None else visible
-    lab = to_lab(rgb)
-    sample = where.sample & visible
-    if int(sample.sum()) < 16:
-        sample = where.face & visible
-    if int(sample.sum()) < 16:
-        sample = visible
+    lab = to_skin_lab(rgb)
+    sample = next(
+        (zone for zone in (where.sample & visible, where.face & visible) if int(zone.sum()) >= _LEAST_SAMPLE), visible
+    )
     scale = skin_scale(lab[sample])
-    spread = 1.3 * 1.4826 * np.median(np.abs(lab[sample] - scale.center), axis=0)
-    z = (lab - scale.center) / np.maximum(spread, [5, 1.6, 1.6])
-    tone = scale.center[1:]
-    chroma = float(np.hypot(*tone))
-    ratio = (lab[..., 1:] @ tone) / max(chroma, 1.0) ** 2
-    grey = min(1.0, chroma / 10) * SC[2] * np.maximum(0, SC[0] - ratio) ** 2 / SC[1] ** 2
-    grey = grey * np.clip((lab[..., 0] - 15) / 20, 0, 1)
-    far = (z**2).sum(axis=2) + grey
-    anchor = np.exp(-AN[0] * np.maximum(far - (1 - AN[2]) * z[..., 0] ** 2 - AN[1], 0))
+    far, far_in_tone = strangeness(lab, lab[sample])
     odd = where.sure & (far > 16)  # eyes, lips, glasses, beard: inside, but not to learn skin from
-    belief = np.where(where.sure, 1.0, logistic(where.prior) * np.exp(-EX[0] * np.maximum(far - EX[1], 0)))
+    like_sample = np.exp(-0.15 * np.maximum(far_in_tone - 9, 0))
+    belief = np.where(where.sure, 1.0, logistic(where.prior) * np.exp(-0.25 * np.maximum(far - 6, 0)))
     nearby = np.exp(-2 * np.maximum(where.outside - 0.1, 0))
     for _ in range(_ROUNDS):
-        inner = np.where(odd, 0, belief) * visible * anchor
-        outer = np.where(where.sure, 0, 1 - belief * anchor) * nearby * visible
+        # learn: without the anchor to the sample, a fringe once taken for skin would teach that hair is skin
+        inner = np.where(odd, 0, belief * like_sample) * visible
+        outer = np.where(where.sure, 0, 1 - belief * like_sample) * nearby * visible
         colors = fit_colors(scale, lab, inner.astype(np.float32), outer.astype(np.float32))
+        # cut
         evidence = colors.evidence(lab)
-        odds = where.prior + np.where(where.sure, np.maximum(evidence, 0), evidence)
-        odds = np.where(visible, odds, -9).astype(np.float32)
-        skin = gather(minimum_cut(rgb, odds, trust=GC), where)
-        belief = logistic(odds - (1-LP) * where.prior)
-        belief = np.where(skin, np.maximum(belief, BB), np.minimum(belief, 1-BB))
-    return SkinCut(gather(minimum_cut(rgb, odds, trust=GC) & visible, where), colors)
+        evidence = np.where(where.sure, np.maximum(evidence, 0), evidence)
+        odds = np.where(visible, where.prior + evidence, -9).astype(np.float32)
+        skin = gather(minimum_cut(rgb, odds), where) & visible
+        belief = logistic(evidence + _PRIOR_IN_LEARNING * where.prior)
+        belief = np.where(skin, np.maximum(belief, 0.6), np.minimum(belief, 0.4))
+    return SkinCut(skin, colors)
 
 
 def _refine(rgb: Bytes, small: Bools, factor: float) -> Bools:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from pvg.skin.carrying import spline_map
-from pvg.skin.colors import SkinColors, to_lab
+from pvg.skin.colors import SkinColors, to_skin_lab
 from pvg.skin.matte import Matte
 from pvg.skin.regions import gather
 from pvg.skin.still import MaskMethod, chroma_mask, cut_skin
@@ -16,6 +16,10 @@ from pvg.skin.zones import Bools, Bytes, Floats, Places, face_box, locate, logis
 
 _CELLS_SMALL, _CELLS_LARGE = 192, 256  # longer side of the raster, for boxes of up to 768 and from 1024 px
 _SUPERSAMPLE = 6
+_EVERY = 4  # each so many'th landmark is a knot of the spline that carries the key frame's shape
+_KEEP = 0.8  # weight of the frame before where the picture did not change
+_CHANGE = 6.0  # 8-bit levels of change that end it
+_HYSTERESIS = 0.3
 _ALPHA_STEP = 5  # the matte's grey levels are multiples of this: 52 of them
 
 
@@ -74,51 +78,66 @@ def _around(box: Floats, step: float, shape: tuple[int, int]) -> Raster:
 
 
 @dataclass(frozen=True, eq=False)
-class SkinModel:
+class LearnedSkin:
     """What the key frame teaches about a face's skin.
 
-    method: how masks are made;  colors: likelihood table;  light: (3,) RGB of the middle of the face;
+    colors: likelihood table;  light: (3,) RGB of the middle of the face;
     inside: (h, w) float32 signed distance to the mask's edge in face sizes, positive on skin, over a raster in
-    which the stacked landmarks lie at `points` (194, 2).
+    which the stacked landmarks and skin points lie at `points` (194, 2).
     """
 
+    colors: SkinColors
+    light: Floats
+    inside: Floats
+    points: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class SkinModel:
+    """How the masks of a track are made; `learned` is None for the paper's rule, which learns nothing."""
+
     method: MaskMethod
-    colors: SkinColors | None = None
-    light: Floats | None = None
-    inside: Floats | None = None
-    points: Floats | None = None
+    learned: LearnedSkin | None
 
 
-def fit_skin_model(
-    rgb: Bytes, points: Floats, skin_points: Floats, *, method: MaskMethod = "landmarks"
-) -> SkinModel:
+def fit_skin_model(rgb: Bytes, points: Floats, skin_points: Floats, *, method: MaskMethod = "landmarks") -> SkinModel:
     """Learn a face's skin on its key frame.
 
     rgb: (H, W, 3) uint8;  points: (106, 2);  skin_points: (88, 2), source pixels.
     """
     if method == "ycbcr":
-        return SkinModel(method)
+        return SkinModel(method, None)
     raster = first_raster(points, skin_points)
     own, own_skin = raster.cells(points), raster.cells(skin_points)
-    small = raster.sample(rgb)
-    cut = cut_skin(small, own, own_skin, raster.in_picture(rgb.shape[:2]))
+    small, visible = raster.sample(rgb), raster.in_picture(rgb.shape[:2])
+    cut = cut_skin(small, own, own_skin, visible)
     where = locate(raster.shape, own, own_skin)
     skin = cut.mask.astype(np.uint8)
     inside = cv2.distanceTransform(skin, cv2.DIST_L2, 5) - cv2.distanceTransform(1 - skin, cv2.DIST_L2, 5)
-    return SkinModel(
-        method,
-        cut.colors,
-        _light(small, where.sample),
-        np.asarray(inside / where.size, np.float32),
-        np.concatenate([own, own_skin]),
+    learned = LearnedSkin(
+        colors=cut.colors,
+        light=_light(small, where.sample & visible),
+        inside=np.asarray(inside / where.size, np.float32),
+        points=np.concatenate([own, own_skin]),
     )
+    return SkinModel(method, learned)
 
 
 def _light(rgb: Bytes, sample: Bools) -> Floats:
     """(3,) median colour of the middle of the face."""
     if not sample.any():
         return np.array([128, 128, 128], np.float32)
-    return np.maximum(np.median(rgb[sample], axis=0), 4.0).astype(np.float32)
+    return np.asarray(np.maximum(np.median(rgb[sample], axis=0), 4.0), np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class _Moment:
+    """What one frame leaves to the next: its grey picture, skin probability, mask and matte, (h, w) each."""
+
+    grey: Bytes
+    skin: Floats
+    mask: Floats
+    alpha: Floats
 
 
 class SkinTracker:
@@ -127,22 +146,20 @@ class SkinTracker:
     def __init__(self, model: SkinModel) -> None:
         self._model = model
         self._raster: Raster | None = None
-        self._before: tuple[Bytes, Floats] | None = None  # the previous frame's grey picture and skin
+        self._before: _Moment | None = None
         self._flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
 
     def step(self, rgb: Bytes, points: Floats, skin_points: Floats) -> Matte:
-        """The matte of the next frame: rgb (H, W, 3), points (106, 2), skin_points (88, 2), source pixels."""
+        """The matte of the next frame: rgb (H, W, 3) uint8, points (106, 2), skin_points (88, 2), source pixels."""
         raster = self._next_raster(points, skin_points)
-        small = raster.sample(rgb)
+        small, visible = raster.sample(rgb), raster.in_picture(rgb.shape[:2])
         own, own_skin = raster.cells(points), raster.cells(skin_points)
-        visible = raster.in_picture(rgb.shape[:2])
-        if self._model.method == "ycbcr":
-            mask = chroma_mask(small, locate(raster.shape, own, own_skin).face, visible)
-            return Matte(raster.box, mask.astype(np.uint8) * np.uint8(255), mask)
         where = locate(raster.shape, own, own_skin)
-        skin = self._steady(small, self._skin_now(small, where, np.concatenate([own, own_skin]), visible))
-        mask = gather(skin > 0.5, where) & visible
-        alpha = _soft_edge(skin, mask) * visible * where.fade
+        if self._model.learned is None:
+            mask = chroma_mask(small, where.face, visible)
+            return Matte(raster.box, mask.astype(np.uint8) * np.uint8(255), mask)
+        skin = _skin_now(self._model.learned, small, where, np.concatenate([own, own_skin]), visible)
+        mask, alpha = self._settle(small, skin, where, visible)
         levels = np.rint(alpha * (255 / _ALPHA_STEP)) * _ALPHA_STEP
         return Matte(raster.box, levels.astype(np.uint8), mask)
 
@@ -156,38 +173,51 @@ class SkinTracker:
         self._raster = _around(box, step, (h, w))
         return self._raster
 
-    def _skin_now(self, rgb: Bytes, where: Places, points: Floats, visible: Bools) -> Floats:
-        """Probability of skin (h, w) from this frame alone."""
-        model = self._model
-        assert model.colors is not None and model.light is not None  # noqa: S101, PT018
-        assert model.inside is not None and model.points is not None  # noqa: S101, PT018
-        gain = np.clip(model.light / _light(rgb, where.sample), 0.2, 5.0)
-        evidence = model.colors.evidence(to_lab(np.clip(rgb * gain, 0, 255)))
-        evidence = np.where(where.sure, np.maximum(evidence, 0), evidence)
-        map_x, map_y = spline_map(rgb.shape[:2], points, model.points)
-        inside = cv2.remap(model.inside, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        carried = np.clip(inside * 40, -4, 4) * (1 - 0.6 * where.neckness)
-        odds = 0.6 * where.prior + carried + evidence
-        probability = logistic(np.where(visible, odds, -9)).astype(np.float32)
-        radius = max(2, round(0.035 * where.size))
-        return np.clip(cv2.ximgproc.guidedFilter(rgb, probability, radius, 120.0), 0, 1)
+    def _settle(self, rgb: Bytes, skin: Floats, where: Places, visible: Bools) -> tuple[Bools, Floats]:
+        """Mask and matte (h, w) of this frame's skin, held to those of the frame before where nothing changed."""
+        grey = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8)
+        if self._before is None:
+            mask = gather(skin > 0.5, where) & visible
+            alpha = _soft_edge(skin, mask)
+        else:
+            before, keep = self._carry(self._before, grey)
+            skin = (skin + keep * (before.skin - skin)).astype(np.float32)
+            mask = gather(skin + _HYSTERESIS * keep * (before.mask - 0.5) > 0.5, where) & visible
+            alpha = _soft_edge(skin, mask)
+            alpha = (alpha + keep * (before.alpha - alpha)).astype(np.float32)
+        self._before = _Moment(grey, skin, mask.astype(np.float32), alpha)
+        return mask, (alpha * visible * where.fade).astype(np.float32)
 
-    def _steady(self, rgb: Bytes, skin: Floats) -> Floats:
-        """Blend with the frame before, carried by optical flow, where the picture agrees that nothing changed."""
-        grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
-        if self._before is not None:
-            old_grey, old_skin = self._before
-            flow = self._flow.calc(grey, old_grey, None)
-            h, w = grey.shape
-            map_x = flow[..., 0] + np.arange(w, dtype=np.float32)
-            map_y = flow[..., 1] + np.arange(h, dtype=np.float32)[:, None]
-            seen = cv2.remap(old_grey, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-            carried = cv2.remap(old_skin, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-            change = cv2.blur(np.abs(seen.astype(np.float32) - grey), (5, 5))
-            keep = 0.8 * np.exp(-((change / 6.0) ** 2))
-            skin = (skin + keep * (carried - skin)).astype(np.float32)
-        self._before = (grey, skin)
-        return skin
+    def _carry(self, before: _Moment, grey: Bytes) -> tuple[_Moment, Floats]:
+        """The frame before moved onto this one by optical flow, and how far to trust it: (h, w) in [0, 1)."""
+        h, w = grey.shape
+        flow = self._flow.calc(grey, before.grey, np.zeros((h, w, 2), np.float32))
+        map_x = np.asarray(flow[..., 0] + np.arange(w), np.float32)
+        map_y = np.asarray(flow[..., 1] + np.arange(h)[:, None], np.float32)
+
+        def moved(values: Floats) -> Floats:
+            out = cv2.remap(values, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            return np.asarray(out, np.float32)
+
+        seen = moved(before.grey.astype(np.float32))
+        change = cv2.blur(np.abs(seen - grey), (5, 5))
+        keep = np.asarray(_KEEP * np.exp(-((change / _CHANGE) ** 2)), np.float32)
+        return _Moment(grey, moved(before.skin), moved(before.mask), moved(before.alpha)), keep
+
+
+def _skin_now(learned: LearnedSkin, rgb: Bytes, where: Places, points: Floats, visible: Bools) -> Floats:
+    """Probability of skin (h, w) from this frame alone: colours, the face's places and the key frame's shape."""
+    # a lamp or a cloud that changes the face changes what surrounds it alike: undo it before colours are looked up
+    gain = np.clip(learned.light / _light(rgb, where.sample & visible), 0.2, 5.0)
+    evidence = learned.colors.evidence(to_skin_lab(np.clip(rgb * gain, 0, 255)))
+    evidence = np.where(where.sure, np.maximum(evidence, 0), evidence)
+    map_x, map_y = spline_map(where.face.shape, points[::_EVERY], learned.points[::_EVERY])
+    inside = cv2.remap(learned.inside, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    carried = np.clip(inside * 40, -4, 4) * (1 - 0.6 * where.neckness)  # the neck does not turn with the head
+    odds = np.where(visible, 0.6 * where.prior + carried + evidence, -9)
+    radius = max(2, round(0.035 * where.size))
+    filtered = cv2.ximgproc.guidedFilter(rgb, logistic(odds.astype(np.float32)), radius, 120.0)
+    return np.asarray(np.clip(filtered, 0, 1), np.float32)
 
 
 def _soft_edge(skin: Floats, mask: Bools) -> Floats:
@@ -195,5 +225,4 @@ def _soft_edge(skin: Floats, mask: Bools) -> Floats:
     near = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), 1.5)
     alpha = np.clip((skin - 0.15) / 0.7, 0, 1)
     alpha = np.where(near > 0.97, 1.0, np.where(near < 0.03, 0.0, np.maximum(alpha, near * mask)))
-    out: Floats = alpha.astype(np.float32)
-    return out
+    return np.asarray(alpha, np.float32)

@@ -21,8 +21,6 @@ _FEATURES = (
     tuple(range(58, 64)),
     tuple(range(84, 96)),  # lips
 )
-UP=[-.15,.08]
-FH=[.3,8,1.8,11]
 _NECK_END = 1.12  # face sizes below the chin: the box's end
 _NECK_FADE = 0.75  # from here to the box's end the matte fades, for a bare chest goes on beyond
 _FEATURE_MARGIN = 0.03  # of the face's size: lashes, brow hairs and lip contours spill over
@@ -143,8 +141,7 @@ def locate(shape: tuple[int, int], points: Floats, skin_points: Floats) -> Place
     contour = _hull(np.concatenate([skin_points[_OVAL], points]))
     face = _fill(shape, contour)
     # the outline of a raster's mask lies half a cell inside its first cells
-    inner = cv2.distanceTransform(face.astype(np.uint8), cv2.DIST_L2, 5) / g.size
-    outer = cv2.distanceTransform((~face).astype(np.uint8), cv2.DIST_L2, 5) / g.size
+    inner, outer = _distance(face) / g.size, _distance(~face) / g.size
     across, down = _axes(shape, g)
     brow = g.depth(points[33:43])
     nose, mouth = g.depth(points[82:84]), g.depth(points[84:96])
@@ -180,10 +177,9 @@ def _head_prior(inside: Floats, down: Floats, brow: float) -> Floats:
     """Log-odds of skin on the head: strict along cheeks and jaw, lenient at the hair-line."""
     cheeks = np.where(inside > 0, np.minimum(40 * inside, 6.0), 30 * inside)
     # fringes and hats reach far below the contour's top, bald heads far above it
-    forehead = np.where(inside > 0, np.minimum(FH[0] + FH[1] * inside, FH[2]), FH[0] + FH[3] * inside)
-    upness = smoothstep(-down, -brow + UP[0], -brow + UP[1])
-    odds: Floats = cheeks * (1 - upness) + forehead * upness
-    return odds
+    forehead = np.where(inside > 0, np.minimum(0.3 + 8 * inside, 1.8), 0.3 + 11 * inside)
+    upness = smoothstep(-down, -brow - 0.15, -brow + 0.08)
+    return np.asarray(cheeks * (1 - upness) + forehead * upness, np.float32)
 
 
 def _ear_prior(across: Floats, down: Floats, g: FaceGeometry, level: float) -> Floats:
@@ -233,6 +229,11 @@ def _spread(shape: tuple[int, int], points: Floats, groups: tuple[tuple[int, ...
     radius = max(1, round(margin))
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
     return cv2.dilate(out, kernel).astype(np.bool_)
+
+
+def _distance(mask: Bools) -> Floats:
+    """(h, w) float32 distance of every cell of `mask` to the next cell outside it."""
+    return np.asarray(cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5), np.float32)
 
 
 def _fill(shape: tuple[int, int], polygon: Floats) -> Bools:
