@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pvg.skin.zones import Bytes, Floats
+from pvg.skin.zones import Bools, Bytes, Floats
 
 _CHROMA_L, _DARKEST_L = 54.0, 24.0  # chroma is told as if L were 54, as far down as L 24
 _BINS = 48
@@ -97,11 +97,12 @@ def fit_colors(scale: ColorScale, lab: Floats, skin: Floats, around: Floats, *, 
     return SkinColors(scale, np.clip(table, -limit, limit).astype(np.float32))
 
 
-def strangeness(lab: Floats, sample: Floats) -> tuple[Floats, Floats]:
+def strangeness(lab: Floats, sample: Floats, shaded: Bools) -> tuple[Floats, Floats]:
     """How far colours lab (h, w, 3) are from a sample of skin (n, 3), in squared spreads: (h, w) with all of L, and
     (h, w) with little of it.
 
-    Where the skin has a hue, greys that are not dark count as far: white shirts, grey hair, teeth.
+    Where the skin has a hue, greys count as far: shirts, grey hair, teeth. Dark ones do not in `shaded` (h, w) bool,
+    where they may be a forehead under a hat.
     """
     center = np.median(sample, axis=0)
     spread = np.maximum(1.3 * 1.4826 * np.median(np.abs(sample - center), axis=0), _LEAST_SPREAD)
@@ -110,6 +111,6 @@ def strangeness(lab: Floats, sample: Floats) -> tuple[Floats, Floats]:
     chroma = max(float(np.hypot(*tone)), 1.0)
     saturation = (lab[..., 1:] @ tone) / chroma**2  # 1 for the sample's own, 0 for greys
     grey = 225 * np.maximum(0, 0.55 - saturation) ** 2
-    grey *= min(1.0, chroma / 10) * np.clip((lab[..., 0] - 15) / 20, 0, 1)
+    grey *= min(1.0, chroma / 10) * np.where(shaded, np.clip((lab[..., 0] - 15) / 20, 0, 1), 1)
     far = squares.sum(axis=2) + grey
     return far.astype(np.float32), (far - _LIGHT_DISCOUNT * squares[..., 0]).astype(np.float32)

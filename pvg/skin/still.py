@@ -11,14 +11,15 @@ import numpy as np
 from pvg.skin.colors import SkinColors, fit_colors, skin_scale, strangeness, to_skin_lab
 from pvg.skin.cutting import minimum_cut
 from pvg.skin.regions import biggest_part, fill_holes, gather
-from pvg.skin.zones import Bools, Bytes, Floats, face_box, face_geometry, locate, logistic
+from pvg.skin.zones import Bools, Bytes, Floats, Places, face_area, face_box, face_geometry, locate, logistic
 
 MaskMethod = Literal["landmarks", "ycbcr"]
 
 _CR_LOW, _CR_HIGH = 140, 160
-_WORK_FACE_PX = 150.0  # the colour decision is made on a picture scaled to faces of this size
+WORK_FACE_PX = 150.0  # the colour decision is made on a picture scaled to faces of this size
 _ROUNDS = 3
 _LEAST_SAMPLE = 16  # cells
+_GLASSES_DARKER = 15.0  # than the cheeks, in L
 _PRIOR_IN_LEARNING = 0.4
 
 
@@ -32,12 +33,12 @@ def skin_mask(rgb: Bytes, points: Floats, skin_points: Floats, *, method: MaskMe
     """
     height, width = rgb.shape[:2]
     if method == "ycbcr":
-        return chroma_mask(rgb, locate((height, width), points, skin_points).face)
+        return chroma_mask(rgb, face_area((height, width), points, skin_points))
     box = face_box(points, skin_points)
     x0, y0 = np.clip(np.floor(box[:2]).astype(int), 0, [width - 1, height - 1])
     x1, y1 = np.clip(np.ceil(box[2:]).astype(int) + 1, [x0 + 1, y0 + 1], [width, height])
     crop = np.ascontiguousarray(rgb[y0:y1, x0:x1])
-    scale = min(1.0, _WORK_FACE_PX / face_geometry(points, skin_points).size)
+    scale = min(1.0, WORK_FACE_PX / face_geometry(points, skin_points).size)
     size = (max(2, round((x1 - x0) * scale)), max(2, round((y1 - y0) * scale)))
     ratio = np.array([size[0] / (x1 - x0), size[1] / (y1 - y0)], np.float32)
     small = np.asarray(cv2.resize(crop, size, interpolation=cv2.INTER_AREA), np.uint8)
@@ -73,11 +74,9 @@ def cut_skin(rgb: Bytes, points: Floats, skin_points: Floats, visible: Bools | N
     where = locate(shape, points, skin_points)
     visible = np.ones(shape, np.bool_) if visible is None else visible
     lab = to_skin_lab(rgb)
-    sample = next(
-        (zone for zone in (where.sample & visible, where.face & visible) if int(zone.sum()) >= _LEAST_SAMPLE), visible
-    )
+    sample = _sample(lab, where, visible)
     scale = skin_scale(lab[sample])
-    far, far_in_tone = strangeness(lab, lab[sample])
+    far, far_in_tone = strangeness(lab, lab[sample], where.face)
     odd = where.sure & (far > 16)  # eyes, lips, glasses, beard: inside, but not to learn skin from
     like_sample = np.exp(-0.15 * np.maximum(far_in_tone - 9, 0))
     belief = np.where(where.sure, 1.0, logistic(where.prior) * np.exp(-0.25 * np.maximum(far - 6, 0)))
@@ -95,6 +94,20 @@ def cut_skin(rgb: Bytes, points: Floats, skin_points: Floats, visible: Bools | N
         belief = logistic(evidence + _PRIOR_IN_LEARNING * where.prior)
         belief = np.where(skin, np.maximum(belief, 0.6), np.minimum(belief, 0.4))
     return SkinCut(skin, colors)
+
+
+def _sample(lab: Floats, where: Places, visible: Bools) -> Bools:
+    """(h, w) bool: the cells whose colours lab (h, w, 3) stand for the skin's."""
+    sample, cheeks = where.sample & visible, where.cheeks & visible
+    if int(sample.sum()) < _LEAST_SAMPLE:
+        sample = where.face & visible
+        return sample if int(sample.sum()) >= _LEAST_SAMPLE else np.ones(visible.shape, np.bool_)
+    upper = sample & ~cheeks
+    if min(int(cheeks.sum()), int(upper.sum())) < _LEAST_SAMPLE:
+        return sample
+    # dark glasses outweigh the cheeks
+    dark = float(np.median(lab[cheeks][:, 0]) - np.median(lab[upper][:, 0])) > _GLASSES_DARKER
+    return cheeks if dark else sample
 
 
 def _refine(rgb: Bytes, small: Bools, factor: float) -> Bools:

@@ -11,8 +11,8 @@ from pvg.skin.carrying import spline_map
 from pvg.skin.colors import SkinColors, to_skin_lab
 from pvg.skin.matte import Matte
 from pvg.skin.regions import gather
-from pvg.skin.still import MaskMethod, chroma_mask, cut_skin
-from pvg.skin.zones import Bools, Bytes, Floats, Places, face_box, locate, logistic
+from pvg.skin.still import WORK_FACE_PX, MaskMethod, chroma_mask, cut_skin
+from pvg.skin.zones import Bools, Bytes, Floats, Places, face_area, face_box, face_geometry, locate, logistic
 
 _CELLS_SMALL, _CELLS_LARGE = 192, 256  # longer side of the raster, for boxes of up to 768 and from 1024 px
 _SUPERSAMPLE = 6
@@ -107,7 +107,11 @@ def fit_skin_model(rgb: Bytes, points: Floats, skin_points: Floats, *, method: M
     """
     if method == "ycbcr":
         return SkinModel(method, None)
-    raster = first_raster(points, skin_points)
+    # as fine as stills are cut, whatever the track's raster
+    box = face_box(points, skin_points)
+    step = max(1.0, face_geometry(points, skin_points).size / WORK_FACE_PX)
+    shape = (max(8, round(float(box[3] - box[1]) / step)), max(8, round(float(box[2] - box[0]) / step)))
+    raster = _around(box, step, shape)
     own, own_skin = raster.cells(points), raster.cells(skin_points)
     small, visible = raster.sample(rgb), raster.in_picture(rgb.shape[:2])
     cut = cut_skin(small, own, own_skin, visible)
@@ -154,10 +158,10 @@ class SkinTracker:
         raster = self._next_raster(points, skin_points)
         small, visible = raster.sample(rgb), raster.in_picture(rgb.shape[:2])
         own, own_skin = raster.cells(points), raster.cells(skin_points)
-        where = locate(raster.shape, own, own_skin)
         if self._model.learned is None:
-            mask = chroma_mask(small, where.face, visible)
+            mask = chroma_mask(small, face_area(raster.shape, own, own_skin), visible)
             return Matte(raster.box, mask.astype(np.uint8) * np.uint8(255), mask)
+        where = locate(raster.shape, own, own_skin)
         skin = _skin_now(self._model.learned, small, where, np.concatenate([own, own_skin]), visible)
         mask, alpha = self._settle(small, skin, where, visible)
         levels = np.rint(alpha * (255 / _ALPHA_STEP)) * _ALPHA_STEP
@@ -177,16 +181,18 @@ class SkinTracker:
         """Mask and matte (h, w) of this frame's skin, held to those of the frame before where nothing changed."""
         grey = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8)
         if self._before is None:
-            mask = gather(skin > 0.5, where) & visible
+            mask = gather(skin > 0.5, where)
             alpha = _soft_edge(skin, mask)
         else:
             before, keep = self._carry(self._before, grey)
             skin = (skin + keep * (before.skin - skin)).astype(np.float32)
-            mask = gather(skin + _HYSTERESIS * keep * (before.mask - 0.5) > 0.5, where) & visible
+            mask = gather(skin + _HYSTERESIS * keep * (before.mask - 0.5) > 0.5, where)
             alpha = _soft_edge(skin, mask)
             alpha = (alpha + keep * (before.alpha - alpha)).astype(np.float32)
         self._before = _Moment(grey, skin, mask.astype(np.float32), alpha)
-        return mask, (alpha * visible * where.fade).astype(np.float32)
+        # a cell more than is seen, or sampling the matte would fade it along the picture's edge
+        seen = cv2.dilate(visible.astype(np.uint8), np.ones((3, 3), np.uint8)) if visible.any() else 0
+        return mask & visible, (alpha * seen * where.fade).astype(np.float32)
 
     def _carry(self, before: _Moment, grey: Bytes) -> tuple[_Moment, Floats]:
         """The frame before moved onto this one by optical flow, and how far to trust it: (h, w) in [0, 1)."""
@@ -213,16 +219,17 @@ def _skin_now(learned: LearnedSkin, rgb: Bytes, where: Places, points: Floats, v
     evidence = np.where(where.sure, np.maximum(evidence, 0), evidence)
     map_x, map_y = spline_map(where.face.shape, points[::_EVERY], learned.points[::_EVERY])
     inside = cv2.remap(learned.inside, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    carried = np.clip(inside * 40, -4, 4) * (1 - 0.6 * where.neckness)  # the neck does not turn with the head
-    odds = np.where(visible, 0.6 * where.prior + carried + evidence, -9)
+    carried = np.clip(inside * 60, -6, 6) * (1 - 0.6 * where.neckness)  # the neck does not turn with the head
+    # beyond the picture its edge is repeated, and so is the decision there: skin ends at the edge, it does not fade
+    odds = 0.6 * where.prior + carried + evidence
     radius = max(2, round(0.035 * where.size))
-    filtered = cv2.ximgproc.guidedFilter(rgb, logistic(odds.astype(np.float32)), radius, 120.0)
+    filtered = cv2.ximgproc.guidedFilter(rgb, logistic(np.asarray(odds, np.float32)), radius, 120.0)
     return np.asarray(np.clip(filtered, 0, 1), np.float32)
 
 
 def _soft_edge(skin: Floats, mask: Bools) -> Floats:
     """The matte: the skin probability about the mask's edge, 1 inside and 0 away from it."""
     near = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), 1.5)
-    alpha = np.clip((skin - 0.15) / 0.7, 0, 1)
+    alpha = np.clip((skin - 0.12) / 0.65, 0, 1)
     alpha = np.where(near > 0.97, 1.0, np.where(near < 0.03, 0.0, np.maximum(alpha, near * mask)))
     return np.asarray(alpha, np.float32)

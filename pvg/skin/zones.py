@@ -118,7 +118,8 @@ class Places:
     fade: float32, 1, falling to 0 where the box's end cuts a bare chest;
     outside: float32 distance from the face contour in face sizes, 0 within;
     face: the inside of the contour;  sure: skin or a feature of the face whatever its colour;
-    sample: the part of `sure` that shows the skin's colour;  ears: where ears can be;
+    sample: the part of `sure` that shows the skin's colour;  cheeks: that of `sample` below glasses;
+    ears: where ears can be;
     gaps: what to close;  size: the face's size in cells.
     """
 
@@ -129,18 +130,28 @@ class Places:
     face: Bools
     sure: Bools
     sample: Bools
+    cheeks: Bools
     ears: Bools
     gaps: tuple[Gap, ...]
     size: float
 
 
+def _contour(points: Floats, skin_points: Floats) -> Floats:
+    """Outline (n, 2) of the face as it is seen."""
+    # beyond about 45° of yaw the contour's far side lies behind the visible cheek and nose: their hull is the face
+    return _hull(np.concatenate([skin_points[_OVAL], points]))
+
+
+def face_area(shape: tuple[int, int], points: Floats, skin_points: Floats) -> Bools:
+    """(h, w) bool, the inside of the face contour, for points in raster cells."""
+    return _fill(shape, _contour(points, skin_points))
+
+
 def locate(shape: tuple[int, int], points: Floats, skin_points: Floats) -> Places:
     """The places of a face over a raster (h, w), for points (106, 2) and skin points (88, 2) in raster cells."""
     g = face_geometry(points, skin_points)
-    # beyond about 45° of yaw the contour's far side lies behind the visible cheek and nose: their hull is the face
-    contour = _hull(np.concatenate([skin_points[_OVAL], points]))
+    contour = _contour(points, skin_points)
     face = _fill(shape, contour)
-    # the outline of a raster's mask lies half a cell inside its first cells
     inner, outer = _distance(face) / g.size, _distance(~face) / g.size
     across, down = _axes(shape, g)
     brow = g.depth(points[33:43])
@@ -163,6 +174,7 @@ def locate(shape: tuple[int, int], points: Floats, skin_points: Floats) -> Place
         face=face,
         sure=sure,
         sample=sample,
+        cheeks=sample & (down > g.depth(points[52:64]) + 0.15),
         ears=ears > -3,
         gaps=(
             Gap(0.30 * g.size * g.neck, (along > -0.3) & (along < 0.5) & (off < 0.2)),
@@ -186,7 +198,7 @@ def _ear_prior(across: Floats, down: Floats, g: FaceGeometry, level: float) -> F
     """Log-odds of skin at the ears, beside the contour between eyes and nose."""
     beside = (np.abs(across) - g.width / g.size / 2 - 0.07) / 0.08
     ears = np.exp(-0.5 * (beside**2 + ((down - level) / 0.16) ** 2))
-    odds: Floats = np.log(0.6 * ears + 1e-4)
+    odds: Floats = np.log(1.2 * ears + 1e-4)
     return odds
 
 
