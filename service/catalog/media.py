@@ -1,0 +1,150 @@
+"""Uploaded videos and references: looked up by content, vectorised once, deleted with all that came from them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from typing import Any, Literal
+
+from sqlalchemy import or_, select, update
+from sqlalchemy.orm import Session
+
+from service.catalog import jobs
+from service.catalog.database import changed
+from service.catalog.jobs import Lease
+from service.catalog.models import ACTIVE, Job, JobKind, Look, Media, MediaState, Result, Role
+
+
+@dataclass(frozen=True)
+class Upload:
+    """A received file whose bytes are in the storage under ``source_key``."""
+
+    media_id: str
+    role: Role
+    sha256: str
+    size_bytes: int
+    content_type: str
+    filename: str | None
+    source_key: str
+
+
+@dataclass(frozen=True)
+class Asset:
+    """What the vectoriser made of a medium. The asset's bytes are in the storage under ``key``."""
+
+    key: str
+    size_bytes: int
+    info: dict[str, Any]
+    faces: list[dict[str, Any]]
+    warnings: list[str]
+
+
+def get(session: Session, media_id: str, *, lock: Literal["share", "update"] | None = None) -> Media | None:
+    """The medium, or None. A lock keeps others from deleting it ("share"), or from using it ("update")."""
+    return session.get(Media, media_id, with_for_update={"read": lock == "share"} if lock else None)
+
+
+def find_content(session: Session, role: Role, sha256: str, *, lock: bool = False) -> Media | None:
+    """The medium of this role with these bytes, or None. ``lock`` keeps it as it is until the transaction ends."""
+    query = select(Media).where(Media.role == role, Media.sha256 == sha256)
+    return session.scalar(query.with_for_update() if lock else query)
+
+
+def page(session: Session, role: Role, *, before: str | None, limit: int) -> list[Media]:
+    """Media of a role, newest first, older than the id ``before``; ids sort by creation."""
+    query = select(Media).where(Media.role == role).order_by(Media.id.desc()).limit(limit)
+    if before is not None:
+        query = query.where(Media.id < before)
+    return list(session.scalars(query))
+
+
+def create(session: Session, upload: Upload, *, now: datetime, ttl_s: float) -> Media:
+    """Record a new medium with the job that vectorises it.
+
+    Raises `sqlalchemy.exc.IntegrityError` at flush when another request recorded the same content first.
+    """
+    job = jobs.create(
+        session, JobKind.VECTORIZE, request={"role": upload.role.value}, now=now, media_id=upload.media_id
+    )
+    media = Media(
+        id=upload.media_id,
+        role=upload.role,
+        state=MediaState.VECTORIZING,
+        sha256=upload.sha256,
+        size_bytes=upload.size_bytes,
+        content_type=upload.content_type,
+        filename=upload.filename,
+        job_id=job.id,
+        source_key=upload.source_key,
+        faces=[],
+        warnings=[],
+        created_at=now,
+        updated_at=now,
+        expires_at=now + timedelta(seconds=ttl_s),
+    )
+    session.add(media)
+    session.flush()
+    return media
+
+
+def vectorize_again(session: Session, media: Media, *, now: datetime) -> None:
+    """Start over with a medium whose vectorisation failed: the cause may have been ours."""
+    job = jobs.create(session, JobKind.VECTORIZE, request={"role": media.role}, now=now, media_id=media.id)
+    media.state = MediaState.VECTORIZING
+    media.error = None
+    media.job_id = job.id
+    media.updated_at = now
+
+
+def keep(session: Session, media_ids: Collection[str], *, now: datetime, ttl_s: float) -> None:
+    """Count the retention of these media from now: they are in use."""
+    changed(
+        session,
+        update(Media).where(Media.id.in_(media_ids)).values(expires_at=now + timedelta(seconds=ttl_s)),
+    )
+
+
+def finish(session: Session, lease: Lease, asset: Asset, *, now: datetime, timings: dict[str, Any]) -> list[str] | None:
+    """End a vectorising job with its asset, in one step.
+
+    Returns the keys of blobs that are no longer needed, or None when the lease is lost and nothing was changed.
+    """
+    if not jobs.succeed(session, lease, now=now, timings=timings):
+        return None
+    media = session.scalar(select(Media).where(Media.job_id == lease.job_id).with_for_update())
+    if media is None:  # deleted: its job was canceled, so the lease is lost; kept for a half-done delete
+        return [asset.key]
+    replaced = [media.asset_key] if media.asset_key else []
+    media.state = MediaState.READY
+    media.asset_key = asset.key
+    media.asset_bytes = asset.size_bytes
+    media.info = asset.info
+    media.faces = list(asset.faces)
+    media.warnings = list(asset.warnings)
+    media.error = None
+    media.updated_at = now
+    return replaced
+
+
+def active_jobs(session: Session, media_id: str) -> list[str]:
+    """Ids of the unfinished jobs that need this medium."""
+    users = select(Look.job_id).where(or_(Look.video_id == media_id, Look.reference_id == media_id))
+    query = select(Job.id).where(Job.state.in_(ACTIVE), or_(Job.media_id == media_id, Job.id.in_(users)))
+    return list(session.scalars(query))
+
+
+def delete(session: Session, media: Media) -> list[str]:
+    """Remove a medium and every result made with it. Returns the keys of the blobs to delete after the commit."""
+    results: Sequence[Result] = session.scalars(
+        select(Result).where(or_(Result.video_id == media.id, Result.reference_id == media.id))
+    ).all()
+    keys = [key for result in results if (key := result.blob_key)]
+    keys += [key for key in (media.asset_key, media.source_key) if key]
+    gone = [result.id for result in results]
+    changed(session, update(Look).where(Look.result_id.in_(gone)).values(result_id=None))
+    for result in results:
+        session.delete(result)
+    session.delete(media)
+    session.flush()
+    return keys

@@ -1,0 +1,32 @@
+"""Alembic's entry point; run by `service.catalog.migrate`."""
+
+from __future__ import annotations
+
+from alembic import context
+from sqlalchemy import text
+
+from service.catalog.database import make_engine
+from service.catalog.models import Base
+
+# any constant: it only has to differ from other users of the same database
+LOCK = 7_301_984
+
+
+def run() -> None:
+    engine = make_engine(context.config.attributes["url"])
+    writer = engine.execution_options(pvg_writes=True)
+    try:
+        with writer.begin() as connection:
+            # several API processes may start at once; SQLite's write lock is taken by BEGIN IMMEDIATE
+            if connection.dialect.name == "postgresql":
+                connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": LOCK})
+            context.configure(
+                connection=connection, target_metadata=Base.metadata, render_as_batch=True, compare_type=True
+            )
+            with context.begin_transaction():
+                context.run_migrations()
+    finally:
+        engine.dispose()
+
+
+run()

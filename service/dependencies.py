@@ -1,0 +1,42 @@
+"""What the routers ask for."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, cast
+
+from fastapi import Depends, Path, Query, Request
+from pydantic import BaseModel
+
+from service.context import Services
+from service.schemas import Problem
+
+
+def get_services(request: Request) -> Services:
+    """The parts of the running API."""
+    return cast("Services", request.app.state.services)
+
+
+ServicesDep = Annotated[Services, Depends(get_services)]
+# an id of a wrong form is just unknown: 404, not 422
+VideoId = Annotated[str, Path(examples=["vid_0192f0c1a2b37c4d8e5f60718293a4b5"])]
+ReferenceId = Annotated[str, Path(examples=["ref_0192f0c1a2b37c4d8e5f60718293a4b5"])]
+JobId = Annotated[str, Path(examples=["job_0192f0c1a2b37c4d8e5f60718293a4b5"])]
+ResultId = Annotated[str, Path(examples=["res_0192f0c1a2b37c4d8e5f60718293a4b5"])]
+CancelJobs = Annotated[bool, Query(description="cancel the jobs that use it instead of answering 409")]
+Cursor = Annotated[str | None, Query(max_length=40, description="`next_cursor` of the page before")]
+PageSize = Annotated[int, Query(ge=1, le=200)]
+WaitSeconds = Annotated[float, Query(ge=0, le=60, description="hold the answer until the job is done")]
+
+
+Responses = dict[int | str, dict[str, Any]]
+
+
+def answer(status: int, model: type[BaseModel], description: str) -> Responses:
+    """The documentation of another answer that is no error."""
+    return {status: {"model": model, "description": description}}
+
+
+def problems(*statuses: int) -> Responses:
+    """The documentation of the error answers of an endpoint."""
+    content = {"application/problem+json": {"schema": {"$ref": f"#/components/schemas/{Problem.__name__}"}}}
+    return {status: {"description": "problem", "content": content} for status in (*statuses, 422)}

@@ -1,0 +1,166 @@
+"""From received files and requests to records: what the routers share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.orm import Session
+
+from service.catalog import jobs, media
+from service.catalog.jobs import Message, NewLook
+from service.catalog.media import Upload
+from service.catalog.models import Job, JobKind, Media, MediaState, Role
+from service.context import Services
+from service.errors import ConflictError, MediaFailedError, NotFoundError, ValidationFailedError
+from service.ids import new_id
+from service.schemas import CLIP_CONTAINERS, IMAGE_CONTAINERS, LookOptions, OutputRequest
+from service.uploads import ReceivedFile
+
+_TRIES = 3
+
+
+def register(services: Services, role: Role, file: ReceivedFile) -> tuple[Media, bool]:
+    """Record a received file. Returns its medium, and True when there is a vectorisation to wait for because of it.
+
+    The same bytes in the same role are the same medium; one that failed is vectorised again.
+    """
+    for _ in range(_TRIES):
+        known = _known(services, role, file.sha256)
+        if known is not None:
+            return known
+        created = _create(services, role, file)
+        if created is not None:
+            return created, True
+    raise ConflictError("this file is being uploaded and deleted at the same time; try again")
+
+
+def _known(services: Services, role: Role, sha256: str) -> tuple[Media, bool] | None:
+    settings, now = services.settings, services.database.now()
+    with services.database.read() as session:
+        if media.find_content(session, role, sha256) is None:
+            return None
+    with services.database.write() as session:
+        found = media.find_content(session, role, sha256, lock=True)
+        if found is None:
+            return None
+        again = found.state == MediaState.FAILED
+        if again:
+            media.vectorize_again(session, found, now=now)
+        media.keep(session, [found.id], now=now, ttl_s=settings.media_ttl_s)
+        session.flush()
+        session.refresh(found)
+    if again:
+        services.publisher.publish([Message(found.job_id, JobKind.VECTORIZE.value)])
+    return found, again
+
+
+def _create(services: Services, role: Role, file: ReceivedFile) -> Media | None:
+    """Publish the bytes and record them; None when another request recorded the same bytes first."""
+    media_id = new_id("vid" if role is Role.VIDEO else "ref")
+    key = services.storage.key("source", file.sha256, media_id, file.kind.suffix)
+    upload = Upload(
+        media_id=media_id,
+        role=role,
+        sha256=file.sha256,
+        size_bytes=file.size_bytes,
+        content_type=file.kind.content_type,
+        filename=file.filename,
+        source_key=key,
+    )
+    draft = file.path.with_suffix(".publish")
+    # the draft keeps its name as well, in case another request wins and the bytes are needed again
+    draft.hardlink_to(file.path)
+    try:
+        services.storage.put(draft, key)
+        with services.database.write() as session:
+            created = media.create(session, upload, now=services.database.now(), ttl_s=services.settings.media_ttl_s)
+    except IntegrityError:
+        services.storage.delete(key)
+        return None
+    except BaseException:
+        draft.unlink(missing_ok=True)
+        services.storage.delete(key)
+        raise
+    services.publisher.publish([Message(created.job_id, JobKind.VECTORIZE.value)])
+    return created
+
+
+def request_looks(
+    services: Services,
+    kind: JobKind,
+    looks: Sequence[tuple[str, str, LookOptions]],
+    output: OutputRequest,
+    pointers: dict[str, str],
+) -> Job:
+    """Record a job that makes these (video id, reference id, options) and publish it once its media are ready.
+
+    ``pointers`` says where in the request each id stands, for errors.
+    """
+    database = services.database
+    with database.write() as session:
+        known = {media_id: _usable(session, media_id, pointers) for media_id in pointers}
+        for video_id, _, options in looks:
+            _check_video(known[video_id], options, output, pointers[video_id])
+        job = jobs.create(
+            session,
+            kind,
+            request={"output": output.model_dump(mode="json")},
+            now=database.now(),
+            outputs=[NewLook(video, reference, _params(options)) for video, reference, options in looks],
+        )
+        media.keep(session, known, now=database.now(), ttl_s=services.settings.media_ttl_s)
+    # a second transaction: it sees a medium that became ready while the first one ran
+    with database.write() as session:
+        released = jobs.release(session, now=database.now(), job_id=job.id)
+    services.publisher.publish(released)
+    return job
+
+
+def _params(options: LookOptions) -> dict[str, Any]:
+    return options.model_dump(mode="json", include=set(LookOptions.model_fields))
+
+
+def _usable(session: Session, media_id: str, pointers: dict[str, str]) -> Media:
+    found = media.get(session, media_id, lock="share")
+    if found is None:
+        where = pointers[media_id]
+        detail = f"there is no {'video' if media_id.startswith('vid') else 'reference'} {media_id}"
+        raise NotFoundError(detail, errors=[{"pointer": where, "detail": detail}])
+    if found.state == MediaState.FAILED and found.error is not None:
+        raise MediaFailedError(found.error, pointers[media_id])
+    return found
+
+
+def _check_video(video: Media, options: LookOptions, output: OutputRequest, where: str) -> None:
+    if video.role != Role.VIDEO:
+        detail = f"{video.id} is a reference; upload the file to /videos to change its colours"
+        raise ValidationFailedError(detail, errors=[{"pointer": where, "detail": detail}])
+    is_image = video.content_type.startswith("image/")
+    allowed = IMAGE_CONTAINERS if is_image else CLIP_CONTAINERS
+    if output.container is not None and output.container not in allowed:
+        detail = f"{video.id} is {'an image' if is_image else 'a clip'}: the container must be one of "
+        detail += ", ".join(allowed)
+        raise ValidationFailedError(detail, errors=[{"pointer": "/output/container", "detail": detail}])
+    if video.state == MediaState.READY and options.faces != "all" and max(options.faces) >= len(video.faces):
+        detail = f"{video.id} has {len(video.faces)} face(s); their indices begin at 0"
+        raise ValidationFailedError(detail, errors=[{"pointer": where, "detail": detail}])
+
+
+def remove(services: Services, role: Role, media_id: str, *, cancel_jobs: bool) -> None:
+    """Delete a medium with everything derived from it: asset, results, and the file itself."""
+    database = services.database
+    with database.write() as session:
+        found = media.get(session, media_id, lock="update")
+        if found is None or found.role != role:
+            raise NotFoundError(f"there is no {role.value} {media_id}")
+        active = media.active_jobs(session, media_id)
+        if active and not cancel_jobs:
+            detail = f"{len(active)} job(s) still use {media_id}: {', '.join(active[:10])}"
+            raise ConflictError(f"{detail}; wait for them, or delete with ?cancel_jobs=true")
+        for job_id in active:
+            jobs.revoke(session, job_id, now=database.now())
+        keys = media.delete(session, found)
+    for key in keys:
+        services.storage.delete(key)

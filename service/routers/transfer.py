@@ -1,0 +1,148 @@
+"""/transfer and /swap: jobs that make recoloured clips. Neither ever vectorises."""
+
+from __future__ import annotations
+
+from typing import Any, TypeVar
+
+from fastapi import APIRouter, Request, Response
+from pydantic import ValidationError
+from starlette.concurrency import run_in_threadpool
+
+from service import registry
+from service.catalog.models import JobKind, Role
+from service.context import Services
+from service.dependencies import ServicesDep, problems
+from service.errors import ServiceError, UnsupportedMediaError, ValidationFailedError
+from service.openapi import TRANSFER_FORM, json_body
+from service.problems import invalid, invalid_values
+from service.routers.jobs import load_job
+from service.schemas import JobBody, LookOptions, OutputRequest, SwapRequest, TransferRequest
+from service.uploads import Form, Intake, read_json
+
+router = APIRouter(tags=["transfer"])
+
+_OUTPUT_FIELDS = frozenset(OutputRequest.model_fields)
+_LOOK_FIELDS = frozenset(LookOptions.model_fields)
+_LISTS = frozenset({"protect", "faces"})
+
+Model = TypeVar("Model", TransferRequest, SwapRequest)
+
+
+@router.post(
+    "/transfer",
+    status_code=202,
+    responses=problems(400, 404, 413, 415, 507),
+    openapi_extra=json_body(TransferRequest, TRANSFER_FORM),
+)
+async def transfer(request: Request, response: Response, services: ServicesDep) -> JobBody:
+    """Put the colours of one or more references on a video; media that still vectorise are waited for."""
+    if _media_type(request) == "multipart/form-data":
+        wanted = await _read_form(request, services)
+    else:
+        wanted = await _read(request, services, TransferRequest)
+    if len(wanted.looks) > services.settings.max_looks:
+        detail = f"a transfer has at most {services.settings.max_looks} looks"
+        raise ValidationFailedError(detail, errors=[{"pointer": "/looks", "detail": detail}])
+    pointers = {look.reference: f"/looks/{i}/reference" for i, look in enumerate(wanted.looks)}
+    pointers[wanted.video] = "/video"
+    job = await run_in_threadpool(
+        registry.request_looks,
+        services,
+        JobKind.TRANSFER,
+        [(wanted.video, look.reference, look) for look in wanted.looks],
+        wanted.output,
+        pointers,
+    )
+    return await _accepted(services, job.id, response)
+
+
+@router.post(
+    "/swap",
+    status_code=202,
+    responses=problems(400, 404, 413, 415),
+    openapi_extra=json_body(SwapRequest),
+)
+async def swap(request: Request, response: Response, services: ServicesDep) -> JobBody:
+    """Exchange the colours of two videos: the first result is `a` with the colours of `b`, the second the other."""
+    wanted = await _read(request, services, SwapRequest)
+    job = await run_in_threadpool(
+        registry.request_looks,
+        services,
+        JobKind.SWAP,
+        [(wanted.a, wanted.b, wanted), (wanted.b, wanted.a, wanted)],
+        wanted.output,
+        {wanted.a: "/a", wanted.b: "/b"},
+    )
+    return await _accepted(services, job.id, response)
+
+
+async def _accepted(services: Services, job_id: str, response: Response) -> JobBody:
+    response.headers["Location"] = f"{services.settings.root_path}/jobs/{job_id}"
+    return await run_in_threadpool(load_job, services, job_id)
+
+
+def _media_type(request: Request) -> str:
+    return request.headers.get("content-type", "").partition(";")[0].strip().lower()
+
+
+async def _read(request: Request, services: Services, model: type[Model]) -> Model:
+    if _media_type(request) != "application/json":
+        raise UnsupportedMediaError("send the request as application/json")
+    body = await read_json(request, limit_bytes=services.settings.max_json_bytes)
+    try:
+        return model.model_validate_json(body)
+    except ValidationError as error:
+        raise invalid(error) from error
+
+
+async def _read_form(request: Request, services: Services) -> TransferRequest:
+    """The one-line client's form: `video`, one or more `reference` files or ids, and options for all of them."""
+    settings = services.settings
+    async with Intake(services.storage, request, limit_bytes=settings.max_upload_bytes) as intake:
+        form = await intake.form(max_files=settings.max_looks)
+        # everything is checked before the first reference is recorded
+        draft = _from_form(form, [f"ref_{'0' * 32}"] * len(form.files))
+        ids = []
+        for _, file in form.files:
+            found, _ = await run_in_threadpool(registry.register, services, Role.REFERENCE, file)
+            ids.append(found.id)
+    return _from_form(form, ids) if ids else draft
+
+
+def _from_form(form: Form, uploaded: list[str]) -> TransferRequest:
+    options: dict[str, Any] = {}
+    output: dict[str, Any] = {}
+    references = list(uploaded)
+    top: dict[str, Any] = {}
+    unknown = [name for name, _ in form.files if name != "reference"]
+    for name, text in form.fields:
+        if name == "reference":
+            references.append(text)
+        elif name == "video":
+            top["video"] = text
+        elif name in _LOOK_FIELDS:
+            split = name in _LISTS and text != "all"
+            options[name] = [part.strip() for part in text.split(",") if part.strip()] if split else text
+        elif name in _OUTPUT_FIELDS:
+            output[name] = text
+        else:
+            unknown.append(name)
+    if unknown:
+        raise invalid_values({f"/{name}": "there is no such field here" for name in unknown})
+    try:
+        return TransferRequest.model_validate(
+            {**top, "looks": [{"reference": one, **options} for one in references], "output": output}
+        )
+    except ValidationError as error:
+        raise _of_form(error) from error
+
+
+def _of_form(error: ValidationError) -> ServiceError:
+    """The same problem, with the fields named as the form names them."""
+    named: dict[str, str] = {}
+    for item in invalid(error).errors:
+        parts = item["pointer"].split("/")[1:]
+        # /looks/0/strength -> /strength, /output/crf -> /crf
+        shown = parts[2:] if parts[0] == "looks" else parts[1:] if parts[0] == "output" else parts
+        named.setdefault("/" + ("/".join(shown) or "reference"), item["detail"])
+    return invalid_values(named)

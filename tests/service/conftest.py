@@ -1,0 +1,7 @@
+"""Fixtures of the service's tests."""
+
+from __future__ import annotations
+
+from tests.service.fixtures import api, clock, database, plain_logs, postgres_url, redis_url, settings
+
+__all__ = ["api", "clock", "database", "plain_logs", "postgres_url", "redis_url", "settings"]

@@ -1,0 +1,135 @@
+from __future__ import annotations
+
+from typing import Any
+
+from service.catalog import jobs
+from tests.service.fixtures import MP4, PNG, Api, claim, make_ready, make_results
+
+PROBLEM = {"type": "no-face", "title": "No face was found", "detail": "no face found in any of 20 frames of a.mp4"}
+
+
+def upload(api: Api, path: str, tail: bytes = b"") -> dict[str, Any]:
+    answer = api.client.post(path, content=(MP4 if path == "/videos" else PNG) + tail)
+    assert answer.status_code == 202
+    body: dict[str, Any] = answer.json()
+    return body
+
+
+def transfer(api: Api, video: str, *references: str) -> dict[str, Any]:
+    body = {"video": video, "looks": [{"reference": one} for one in references]}
+    answer = api.client.post("/transfer", json=body)
+    assert answer.status_code == 202
+    job: dict[str, Any] = answer.json()
+    return job
+
+
+def test_a_ready_medium_shows_what_was_found(api: Api) -> None:
+    video = upload(api, "/videos")
+    make_ready(api.services, video["id"], faces=2)
+    body = api.client.get(f"/videos/{video['id']}").json()
+    assert (body["state"], body["error"]) == ("ready", None)
+    assert [face["index"] for face in body["faces"]] == [0, 1]
+    assert body["media"] == {"kind": "video"}
+    assert body["created_at"].endswith("Z")
+
+
+def test_a_failed_medium_says_why_and_is_tried_again_when_uploaded_again(api: Api) -> None:
+    video = upload(api, "/videos")
+    lease = claim(api.services.database, video["job"])
+    with api.services.database.write() as session:
+        assert jobs.fail(session, lease, PROBLEM, now=api.services.database.now(), timings={})
+    body = api.client.get(f"/videos/{video['id']}").json()
+    assert (body["state"], body["error"]) == ("failed", PROBLEM)
+    again = api.client.post("/videos", content=MP4)
+    assert again.status_code == 202
+    assert again.json()["id"] == video["id"]
+    assert again.json()["job"] != video["job"]
+    assert (again.json()["state"], again.json()["error"]) == ("vectorizing", None)
+    make_ready(api.services, video["id"])
+    assert api.client.get(f"/videos/{video['id']}").json()["state"] == "ready"
+
+
+def test_lists_page_through_everything_newest_first(api: Api) -> None:
+    ids = [upload(api, "/videos", bytes([i]))["id"] for i in range(5)]
+    upload(api, "/references")
+    seen: list[str] = []
+    cursor = None
+    for _ in range(3):
+        page = api.client.get("/videos", params={"limit": 2} | ({"cursor": cursor} if cursor else {})).json()
+        seen += [one["id"] for one in page["data"]]
+        cursor = page["next_cursor"]
+    assert seen == ids[::-1]
+    assert cursor is None
+    assert len(api.client.get("/references").json()["data"]) == 1
+
+
+def test_unknown_ids_and_ids_of_the_other_kind_are_not_found(api: Api) -> None:
+    video, reference = upload(api, "/videos"), upload(api, "/references")
+    for path in (
+        f"/videos/vid_{'0' * 32}",
+        "/videos/nonsense",
+        f"/videos/{reference['id']}",
+        f"/references/{video['id']}",
+    ):
+        for answer in (api.client.get(path), api.client.delete(path)):
+            assert answer.status_code == 404
+            assert answer.json()["type"] == "not-found"
+
+
+def test_delete_removes_every_derived_byte(api: Api) -> None:
+    video, other = upload(api, "/videos"), upload(api, "/videos", b"other")
+    reference = upload(api, "/references")
+    for medium in (video, other, reference):
+        make_ready(api.services, medium["id"])
+    mine = make_results(api.services, transfer(api, video["id"], reference["id"])["id"], [b"mine"])
+    theirs = make_results(api.services, transfer(api, other["id"], other["id"])["id"], [b"theirs"])
+    with_reference = make_results(api.services, transfer(api, other["id"], reference["id"])["id"], [b"ref"])
+    assert len(api.blobs) == 9
+    assert api.client.delete(f"/videos/{video['id']}").status_code == 204
+    assert api.client.get(f"/videos/{video['id']}").status_code == 404
+    assert api.client.get(f"/results/{mine[0]}").status_code == 404
+    assert not [key for key in api.blobs if video["id"] in key or mine[0] in key]
+    assert len(api.blobs) == 6
+    # a result made with a reference goes with the reference
+    assert api.client.delete(f"/references/{reference['id']}").status_code == 204
+    assert api.client.get(f"/results/{with_reference[0]}").status_code == 404
+    assert api.client.get(f"/results/{theirs[0]}").content == b"theirs"
+    assert len(api.blobs) == 3
+    # what was deleted may come back
+    assert upload(api, "/videos")["id"] != video["id"]
+
+
+def test_the_same_bytes_in_another_role_survive_a_delete(api: Api) -> None:
+    video = upload(api, "/videos")
+    reference = api.client.post("/references", content=MP4).json()
+    assert video["sha256"] == reference["sha256"]
+    assert api.client.delete(f"/videos/{video['id']}?cancel_jobs=true").status_code == 204
+    (key,) = api.blobs
+    assert reference["id"] in key
+
+
+def test_delete_is_refused_while_jobs_need_the_medium(api: Api) -> None:
+    video, reference = upload(api, "/videos"), upload(api, "/references")
+    vectorizing = api.client.delete(f"/videos/{video['id']}")
+    assert (vectorizing.status_code, vectorizing.json()["type"]) == (409, "conflict")
+    make_ready(api.services, video["id"])
+    make_ready(api.services, reference["id"])
+    job = transfer(api, video["id"], reference["id"])
+    for path in (f"/videos/{video['id']}", f"/references/{reference['id']}"):
+        refused = api.client.delete(path)
+        assert refused.status_code == 409
+        assert job["id"] in refused.json()["detail"]
+    make_results(api.services, job["id"], [b"done"])
+    assert api.client.delete(f"/videos/{video['id']}").status_code == 204
+
+
+def test_delete_with_cancel_jobs_takes_the_lease_from_the_worker(api: Api) -> None:
+    video = upload(api, "/videos")
+    make_ready(api.services, video["id"])
+    job = transfer(api, video["id"], video["id"])
+    lease = claim(api.services.database, job["id"])
+    assert api.client.delete(f"/videos/{video['id']}?cancel_jobs=true").status_code == 204
+    assert api.client.get(f"/jobs/{job['id']}").json()["state"] == "canceled"
+    with api.services.database.read() as session:
+        assert jobs.held_state(session, lease) is None
+    assert api.blobs == []

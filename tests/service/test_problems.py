@@ -1,0 +1,93 @@
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import pytest
+
+from service.storage import Storage
+from tests.service.fixtures import PNG, Api
+
+
+def check(answer: Any, status: int) -> dict[str, Any]:
+    """Every error has this shape."""
+    assert answer.status_code == status
+    assert answer.headers["content-type"] == "application/problem+json"
+    body: dict[str, Any] = answer.json()
+    assert {"type", "title", "status", "detail", "instance", "request_id"} <= body.keys()
+    assert body["status"] == status
+    assert body["instance"] == answer.request.url.path
+    assert body["request_id"] == answer.headers["x-request-id"]
+    return body
+
+
+def test_every_error_is_a_problem(api: Api) -> None:
+    client = api.client
+    check(client.get("/nowhere"), 404)
+    check(client.put("/videos"), 405)
+    check(client.get("/videos?limit=0"), 422)
+    check(client.get("/videos/x"), 404)
+    check(client.post("/videos", content=b"x"), 415)
+    check(client.post("/transfer", content=b"{", headers={"content-type": "application/json"}), 400)
+
+
+def test_a_request_id_is_kept_when_it_is_harmless(api: Api) -> None:
+    assert api.client.get("/livez", headers={"x-request-id": "abc-1.2_3"}).headers["x-request-id"] == "abc-1.2_3"
+    for bad in ("a b", "x" * 200, "<script>"):
+        made = api.client.get("/livez", headers={"x-request-id": bad}).headers["x-request-id"]
+        assert re.fullmatch(r"req_[0-9a-f]{32}", made)
+
+
+def test_internals_stay_in_the_log(api: Api, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+    def fail(*_: object) -> None:
+        raise RuntimeError("secret path /srv/pvg")
+
+    monkeypatch.setattr(Storage, "put", fail)
+    body = check(api.client.post("/videos", content=PNG), 500)
+    assert body["type"] == "internal-error"
+    assert "secret" not in str(body)
+    (record,) = [record for record in caplog.records if record.msg == "unhandled error"]
+    assert "secret path" in str(vars(record))
+    assert api.blobs == []
+    assert api.drafts == []
+
+
+def test_a_full_disk_is_507_and_leaves_nothing(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Storage, "put", full)
+    assert check(api.client.post("/videos", content=PNG), 507)["type"] == "insufficient-storage"
+    assert api.client.get("/videos").json()["data"] == []
+    assert api.drafts == []
+    monkeypatch.undo()
+    assert api.client.post("/videos", content=PNG).status_code == 202
+
+
+def test_the_schema_resolves_and_lists_every_endpoint(api: Api) -> None:
+    schema = api.client.get("/openapi.json").json()
+    assert {
+        "/videos",
+        "/videos/{video_id}",
+        "/references",
+        "/references/{reference_id}",
+        "/transfer",
+        "/swap",
+        "/jobs/{job_id}",
+        "/jobs/{job_id}/cancel",
+        "/results/{result_id}",
+        "/livez",
+        "/readyz",
+    } == schema["paths"].keys()
+
+    def references(node: object) -> list[str]:
+        if isinstance(node, dict):
+            here = [node["$ref"]] if isinstance(node.get("$ref"), str) else []
+            return here + [ref for value in node.values() for ref in references(value)]
+        return [ref for value in node for ref in references(value)] if isinstance(node, list) else []
+
+    found = references(schema)
+    assert "#/components/schemas/TransferRequest" in found
+    for ref in found:
+        assert ref.removeprefix("#/components/schemas/") in schema["components"]["schemas"]
+    assert api.client.get("/docs").status_code == 200

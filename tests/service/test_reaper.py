@@ -1,0 +1,190 @@
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from service.app import make_services
+from service.broker import RENDER, VECTORIZE
+from service.catalog import jobs, media, results
+from service.catalog.jobs import NewLook
+from service.catalog.migrate import migrate
+from service.catalog.models import Job, JobKind, Media, Role
+from service.context import Services
+from service.settings import Settings
+from tests.service.fixtures import FakeClock, add_media, claim, make_ready, make_results
+from tests.service.test_broker import messages, take
+
+HOUR = 3600.0
+
+
+@pytest.fixture
+def services(tmp_path: Path, clock: FakeClock) -> Iterator[Services]:
+    """An API's parts without its server; rounds are run by the tests."""
+    settings = Settings(
+        data_dir=tmp_path / "data", result_ttl_s=HOUR, media_ttl_s=10 * HOUR, job_ttl_s=20 * HOUR, max_queued_s=HOUR
+    )
+    migrate(settings.database)
+    services = make_services(settings, clock=clock)
+    services.publisher.start()
+    yield services
+    services.publisher.stop()
+    services.database.close()
+
+
+def published(services: Services, job_id: str) -> bool:
+    """True once the job's message is out; the publisher works in a thread of its own."""
+    for _ in range(200):
+        with services.database.read() as session:
+            job = session.get(Job, job_id)
+            if job is None or job.published_at is not None:
+                return job is not None
+        time.sleep(0.01)
+    return False
+
+
+def add_transfer(services: Services, medium: Media) -> str:
+    with services.database.write() as session:
+        output = NewLook(medium.id, medium.id, {})
+        job = jobs.create(session, JobKind.TRANSFER, request={}, now=services.database.now(), outputs=[output])
+    return job.id
+
+
+def test_a_job_whose_message_was_never_sent_is_published(services: Services, clock: FakeClock) -> None:
+    medium = add_media(services.database)
+    services.reaper.round()
+    assert messages(services.settings) == []  # younger than the publisher may take
+    clock.forward(11)
+    services.reaper.round()
+    assert published(services, medium.job_id)
+    assert take(services.settings, VECTORIZE) == [medium.job_id]
+
+
+def test_everything_queued_is_published_again_when_the_broker_lost_messages(
+    services: Services, clock: FakeClock
+) -> None:
+    ids = [add_media(services.database).job_id for _ in range(5)]
+    clock.forward(11)
+    services.reaper.round()
+    assert all(published(services, job_id) for job_id in ids)
+    clock.forward(11)
+    services.reaper.round()
+    assert len(messages(services.settings)) == 5  # nothing was lost, nothing is sent twice
+    for path in messages(services.settings)[:2]:
+        path.unlink()
+    clock.forward(11)
+    services.reaper.round()
+    assert len(messages(services.settings)) == 3  # it may have been on its way to a worker
+    services.reaper.round()
+    services.publisher.stop()
+    assert set(take(services.settings, VECTORIZE)) == set(ids)
+
+
+def test_a_lapsed_job_is_queued_and_published_again(services: Services, clock: FakeClock) -> None:
+    medium = add_media(services.database)
+    claim(services.database, medium.job_id)
+    clock.forward(31)
+    services.reaper.round()
+    assert published(services, medium.job_id)
+    assert take(services.settings, VECTORIZE) == [medium.job_id]
+
+
+def test_a_job_that_missed_its_medium_becoming_ready_is_let_go(services: Services) -> None:
+    medium = add_media(services.database)
+    job_id = add_transfer(services, medium)
+    lease = claim(services.database, medium.job_id)
+    with services.database.write() as session:
+        asset = media.Asset("asset/x", 1, {}, [], [])
+        media.finish(session, lease, asset, now=services.database.now(), timings={})
+    services.reaper.round()
+    assert published(services, job_id)
+    assert take(services.settings, RENDER) == [job_id]
+
+
+def test_jobs_nobody_takes_expire(services: Services, clock: FakeClock) -> None:
+    medium = add_media(services.database)
+    clock.forward(HOUR + 1)
+    services.reaper.round()
+    with services.database.read() as session:
+        job = session.get(Job, medium.job_id)
+    assert job is not None
+    assert job.state == "expired"
+
+
+def test_results_then_media_then_jobs_go_when_their_time_is_over(services: Services, clock: FakeClock) -> None:
+    medium = add_media(services.database)
+    draft = services.storage.draft()
+    draft.write_bytes(b"source")
+    services.storage.put(draft, medium.source_key)
+    make_ready(services, medium.id)
+    job_id = add_transfer(services, medium)
+    with services.database.write() as session:
+        jobs.release(session, now=clock())
+    (result_id,) = make_results(services, job_id, [b"result"])
+
+    def blobs() -> int:
+        return len(list(services.storage.entries()))
+
+    clock.forward(999)
+    services.reaper.round()
+    assert blobs() == 3
+    clock.forward(2)  # make_results keeps for 1000 s
+    services.reaper.round()
+    assert blobs() == 0  # add_media keeps for 1000 s as well
+    with services.database.read() as session:
+        assert media.get(session, medium.id) is None
+        assert results.get(session, result_id) is None
+        assert session.get(Job, job_id) is not None
+    clock.forward(20 * HOUR)
+    services.reaper.round()
+    with services.database.read() as session:
+        assert session.query(Job).count() == 0
+
+
+def test_media_in_use_outlive_their_time(services: Services, clock: FakeClock) -> None:
+    medium = add_media(services.database)
+    claim(services.database, medium.job_id, lease_s=5000)
+    clock.forward(1001)
+    services.reaper.round()
+    with services.database.read() as session:
+        assert media.get(session, medium.id) is not None
+
+
+def test_collect_deletes_only_old_files_without_a_record(services: Services, clock: FakeClock) -> None:
+    medium = add_media(services.database, Role.REFERENCE)
+    for key in (medium.source_key, "source/orphan"):
+        draft = services.storage.draft()
+        draft.write_bytes(b"x")
+        services.storage.put(draft, key)
+    assert services.reaper.collect() == 0
+    clock.forward(25 * HOUR)
+    assert services.reaper.collect() == 1
+    assert [key for key, _ in services.storage.entries()] == [medium.source_key]
+
+
+def test_drafts_nobody_writes_any_more_are_removed(services: Services, clock: FakeClock) -> None:
+    draft = services.storage.draft()
+    draft.write_bytes(b"x")
+    services.reaper.round()
+    assert draft.exists()
+    clock.forward(25 * HOUR)
+    services.reaper.round()
+    assert not draft.exists()
+
+
+def test_a_broker_that_is_away_fails_no_round(tmp_path: Path, clock: FakeClock) -> None:
+    settings = Settings(data_dir=tmp_path, broker_url="redis://127.0.0.1:1/0")
+    migrate(settings.database)
+    services = make_services(settings, clock=clock)
+    services.publisher.start()
+    medium = add_media(services.database)
+    clock.forward(11)
+    services.reaper.round()
+    services.publisher.stop()
+    with services.database.read() as session:
+        job = session.get(Job, medium.job_id)
+    services.database.close()
+    assert job is not None
+    assert (job.state, job.published_at) == ("queued", None)

@@ -1,0 +1,88 @@
+from __future__ import annotations
+
+import time
+
+import pytest
+
+from service.catalog import jobs
+from service.catalog.database import Database, utc_now
+from service.catalog.jobs import Lease, Progress
+from service.catalog.models import Job
+from service.settings import Settings
+from tests.service.fixtures import add_media, claim
+from worker.lease import CanceledError, LeaseKeeper, LeaseLostError
+
+QUICK = Settings(lease_s=0.6, heartbeat_s=0.1, progress_interval_s=0.05)
+
+
+def stopped_by(keeper: LeaseKeeper, seconds: float = 5) -> type[Exception]:
+    """What the keeper says once the work has to stop."""
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        try:
+            keeper.check()
+        except (CanceledError, LeaseLostError) as verdict:
+            return type(verdict)
+        time.sleep(0.02)
+    raise AssertionError("nothing stopped the work")
+
+
+def job_of(database: Database, lease: Lease) -> Job:
+    with database.read() as session:
+        job = jobs.get(session, lease.job_id)
+    assert job is not None
+    return job
+
+
+@pytest.fixture
+def lease(database: Database) -> Lease:
+    database.now = utc_now  # leases are kept in real time here
+    return claim(database, add_media(database).job_id, lease_s=QUICK.lease_s)
+
+
+def test_the_lease_lives_as_long_as_the_work(database: Database, lease: Lease) -> None:
+    with LeaseKeeper(database, lease, QUICK) as keeper:
+        time.sleep(3 * QUICK.lease_s)
+        with database.write() as session:
+            assert jobs.reap(session, now=utc_now(), max_attempts=3) == []
+        keeper.check()
+
+
+def test_progress_reaches_the_record(database: Database, lease: Lease) -> None:
+    with LeaseKeeper(database, lease, QUICK) as keeper:
+        keeper.report(Progress("skin", 0.5, 10, 20))
+        until = time.monotonic() + 5
+        while job_of(database, lease).stage is None and time.monotonic() < until:
+            time.sleep(0.02)
+    job = job_of(database, lease)
+    assert (job.stage, job.fraction, job.frames_done, job.frames_total) == ("skin", 0.5, 10, 20)
+
+
+def test_a_cancel_stops_the_work(database: Database, lease: Lease) -> None:
+    with LeaseKeeper(database, lease, QUICK) as keeper:
+        keeper.check()
+        with database.write() as session:
+            assert jobs.cancel(session, lease.job_id, now=utc_now())
+        assert stopped_by(keeper) is CanceledError
+        with pytest.raises(CanceledError):
+            keeper.report(Progress("skin", 0.5, 10, 20))
+
+
+def test_a_job_taken_away_stops_the_work(database: Database, lease: Lease) -> None:
+    with LeaseKeeper(database, lease, QUICK) as keeper:
+        with database.write() as session:
+            assert jobs.revoke(session, lease.job_id, now=utc_now())
+        assert stopped_by(keeper) is LeaseLostError
+
+
+def test_a_database_that_is_away_longer_than_the_lease_stops_the_work(
+    database: Database, lease: Lease, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def away() -> None:
+        raise ConnectionError
+
+    with LeaseKeeper(database, lease, QUICK) as keeper:
+        monkeypatch.setattr(database, "read", away)
+        monkeypatch.setattr(database, "write", away)
+        keeper.report(Progress("skin", 0.1, 1, 20))  # a slow database alone stops nothing
+        assert stopped_by(keeper) is LeaseLostError

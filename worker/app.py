@@ -1,0 +1,56 @@
+"""The Celery app of the worker: `celery -A worker.app worker`, as `pvg-service worker` starts it."""
+
+from __future__ import annotations
+
+import os
+
+from celery import Celery
+from celery.signals import setup_logging, worker_init, worker_process_init
+
+from service.broker import celery_settings, make_folders
+from service.logs import configure
+from service.settings import Settings
+from worker import lifeline
+
+settings = Settings()
+
+# several pool children share the cores; the numeric libraries read these when a child first imports them
+_THREADS = str(max(1, (os.cpu_count() or 1) // settings.worker_concurrency))
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
+    os.environ.setdefault(_name, _THREADS)
+
+make_folders(settings)
+
+app = Celery("pvg-worker", include=["worker.tasks"])
+app.conf.update(celery_settings(settings))
+app.conf.update(
+    task_acks_late=True,
+    task_reject_on_worker_lost=True,
+    worker_prefetch_multiplier=1,
+    worker_concurrency=settings.worker_concurrency,
+    worker_max_tasks_per_child=settings.worker_max_tasks_per_child,
+    worker_max_memory_per_child=settings.worker_max_memory_per_child_bytes // 1024,  # Celery counts in KiB
+    task_soft_time_limit=settings.job_soft_limit_s,
+    task_time_limit=settings.job_hard_limit_s,
+    # a render goes on while the broker is away: the truth is in SQL
+    worker_cancel_long_running_tasks_on_connection_loss=False,
+    broker_connection_retry=True,
+    broker_connection_max_retries=None,
+    worker_send_task_events=False,
+    worker_disable_rate_limits=True,
+)
+
+
+@setup_logging.connect  # type: ignore[untyped-decorator]
+def _set_up_logging(**_: object) -> None:
+    configure(settings.log_level)
+
+
+@worker_init.connect  # type: ignore[untyped-decorator]
+def _tie_worker(**_: object) -> None:
+    lifeline.die_with_starter()
+
+
+@worker_process_init.connect  # type: ignore[untyped-decorator]
+def _tie_child(**_: object) -> None:
+    lifeline.die_with_parent()

@@ -1,0 +1,89 @@
+"""Keeps a job's lease alive while it is worked on, carries its progress to SQL, and tells when to stop."""
+
+from __future__ import annotations
+
+import threading
+import time
+from types import TracebackType
+from typing import Self
+
+import structlog
+
+from service.catalog import jobs
+from service.catalog.database import Database
+from service.catalog.jobs import Lease, Progress
+from service.catalog.models import JobState
+from service.settings import Settings
+
+log = structlog.get_logger(__name__)
+
+
+class LeaseLostError(Exception):
+    """Somebody else may have the job by now: stop, publish nothing."""
+
+
+class CanceledError(Exception):
+    """The job is being canceled: stop."""
+
+
+class LeaseKeeper:
+    """A thread beside the work. It alone talks to SQL meanwhile, so that a slow database never slows the work."""
+
+    def __init__(self, database: Database, lease: Lease, settings: Settings) -> None:
+        self._database = database
+        self._lease = lease
+        self._settings = settings
+        self._latest: Progress | None = None
+        self._verdict: type[Exception] | None = None
+        self._renewed = time.monotonic()
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=f"lease-{lease.job_id}", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stop.set()
+        self._thread.join()
+
+    def report(self, progress: Progress) -> None:
+        """Leave the progress to be written with the next tick; raise when the work has to stop."""
+        self._latest = progress
+        self.check()
+
+    def check(self) -> None:
+        """Raise `CanceledError` or `LeaseLostError` when the work has to stop."""
+        if self._verdict is not None:
+            raise self._verdict
+
+    def _run(self) -> None:
+        written: Progress | None = None
+        while self._verdict is None and not self._stop.wait(self._settings.progress_interval_s or 0.1):
+            try:
+                latest = self._latest
+                self._tick(latest if latest != written else None)
+                written = latest
+            except Exception as error:  # progress never fails a job; a lease that cannot be kept does
+                log.warning("lease upkeep failed", job=self._lease.job_id, error=type(error).__name__)
+                if time.monotonic() - self._renewed > self._settings.lease_s:
+                    self._verdict = LeaseLostError
+
+    def _tick(self, progress: Progress | None) -> None:
+        now = self._database.now()
+        due = time.monotonic() - self._renewed >= self._settings.heartbeat_s
+        if due or progress is not None:
+            with self._database.write() as session:
+                if progress is not None:
+                    jobs.report(session, self._lease, progress, now=now)
+                if due:
+                    jobs.renew(session, self._lease, now=now, lease_s=self._settings.lease_s)
+                    self._renewed = time.monotonic()
+        with self._database.read() as session:
+            state = jobs.held_state(session, self._lease)
+        if state is None:
+            self._verdict = LeaseLostError
+        elif state is JobState.CANCELING:
+            self._verdict = CanceledError

@@ -1,0 +1,157 @@
+"""A transfer or swap job: assets -> looks -> results. Nothing is ever vectorised here."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pvg
+from pvg.asset import VectorVideo
+from service.catalog import jobs, media, results
+from service.catalog.models import Look, Media
+from service.catalog.results import Output
+from service.ids import new_id
+from service.sniff import content_type_of
+from service.storage import BlobMissingError, file_sha256
+from worker.failures import OptionError
+from worker.lease import LeaseLostError
+from worker.runner import Run
+
+#: parts of one video's share of the job: finding the new colours, drawing; storing takes the rest
+_TRANSFER, _RENDER = 0.05, 0.97
+_IMAGE_SUFFIXES = {"png", "jpg", "webp"}
+
+
+def render(run: Run) -> bool:
+    """Do the job. False when its lease was gone at the end, and nothing was published."""
+    with run.database.read() as session:
+        looks = jobs.looks(session, run.job.id)
+        ids = {media_id for look in looks for media_id in (look.video_id, look.reference_id)}
+        known = {media_id: media.get(session, media_id) for media_id in ids}
+    present = {media_id: medium for media_id, medium in known.items() if medium is not None}
+    if len(present) < len(known):  # deleted, which took the lease along
+        raise LeaseLostError
+    by_video: dict[str, list[Look]] = {}
+    for look in looks:
+        by_video.setdefault(look.video_id, []).append(look)
+    drawn: list[tuple[Look, Path]] = []
+    for number, (video_id, group) in enumerate(by_video.items()):
+        start, share = number / len(by_video), 1 / len(by_video)
+        run.progress.expect(
+            {
+                "transfer": (start, start + share * _TRANSFER),
+                "render": (start + share * _TRANSFER, start + share * _RENDER),
+            }
+        )
+        try:
+            drawn += _render_video(run, present[video_id], group, present)
+        except BlobMissingError as error:
+            run.keeper.check()
+            raise LeaseLostError from error
+    return _publish(run, drawn, present)
+
+
+def _render_video(run: Run, video: Media, group: list[Look], present: dict[str, Media]) -> list[tuple[Look, Path]]:
+    """All looks of one video, in one pass over it."""
+    output: dict[str, Any] = run.job.request["output"]
+    with ExitStack() as stack:
+        source = stack.enter_context(run.storage.local_path(video.source_key))
+        canvas = _open(run, stack, video, source)
+        suffix = _suffix(canvas, output["container"])
+        new_colors = []
+        with run.timed("transfer_s"):
+            for done, look in enumerate(group):
+                run.progress("transfer", done, len(group))
+                reference = _open(run, stack, present[look.reference_id])
+                new_colors.append(_transfer(canvas, reference, look.params))
+        paths = [run.draft(suffix) for _ in group]
+        with run.timed("render_s"):
+            try:
+                pvg.render(
+                    canvas,
+                    new_colors,
+                    paths,
+                    codec=output["codec"],
+                    crf=output["crf"],
+                    preset=output["preset"],
+                    audio=output["audio"],
+                    progress=run.progress,
+                )
+            except ValueError as error:
+                raise OptionError(str(error)) from error
+    return list(zip(group, paths, strict=True))
+
+
+def _open(run: Run, stack: ExitStack, medium: Media, source: Path | None = None) -> VectorVideo:
+    assert medium.asset_key is not None  # noqa: S101 - a job is released only when its media are ready
+    path = stack.enter_context(run.storage.local_path(medium.asset_key))
+    return stack.enter_context(pvg.open_asset(path, source=source))
+
+
+def _transfer(video: VectorVideo, reference: VectorVideo, params: dict[str, Any]) -> pvg.Look:
+    try:
+        return pvg.transfer(
+            video,
+            reference,
+            strength=params["strength"],
+            contrast=params["contrast"],
+            match=params["match"],
+            protect=tuple(params["protect"]),
+            faces=params["faces"],
+        )
+    except ValueError as error:
+        raise OptionError(str(error)) from error
+
+
+def _suffix(video: VectorVideo, container: str | None) -> str:
+    is_image = video.media.kind == "image"
+    if container is None:
+        return ".png" if is_image else ".mp4"
+    if (container in _IMAGE_SUFFIXES) != is_image:
+        raise OptionError(f"{container} does not fit {'an image' if is_image else 'a clip'}")
+    return f".{container}"
+
+
+def _publish(run: Run, drawn: list[tuple[Look, Path]], present: dict[str, Media]) -> bool:
+    outputs: list[Output] = []
+    published = False
+    try:
+        with run.timed("store_s"):
+            for look, path in drawn:
+                run.keeper.check()
+                outputs.append(_store(run, look, path, present))
+        with run.database.write() as session:
+            published = results.publish(
+                session,
+                run.lease,
+                outputs,
+                now=run.database.now(),
+                timings=run.timings,
+                ttl_s=run.settings.result_ttl_s,
+            )
+    finally:
+        if not published:
+            for output in outputs:
+                run.storage.delete(output.key)
+    return published
+
+
+def _store(run: Run, look: Look, path: Path, present: dict[str, Media]) -> Output:
+    result_id = new_id("res")
+    sha256, size = file_sha256(path), path.stat().st_size
+    key = run.storage.key("result", sha256, result_id, path.suffix)
+    run.storage.put(path, key)
+    return Output(
+        result_id=result_id,
+        position=look.position,
+        key=key,
+        sha256=sha256,
+        size_bytes=size,
+        content_type=content_type_of(path.suffix),
+        filename=f"{_stem(present[look.video_id])}-{_stem(present[look.reference_id])}{path.suffix}",
+    )
+
+
+def _stem(medium: Media) -> str:
+    return Path(medium.filename).stem[:80] if medium.filename else medium.id

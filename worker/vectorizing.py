@@ -1,0 +1,90 @@
+"""A vectorize job: source -> asset."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pvg
+from pvg.errors import PvgError
+from pvg.video import MediaLimits
+from service.catalog import media
+from service.catalog.media import Asset
+from service.catalog.models import Media, Role
+from service.settings import Settings
+from service.storage import file_sha256
+from worker.lease import LeaseLostError
+from worker.runner import Run
+
+#: part of the job that each stage of the vectoriser takes, measured; storing takes the rest
+_CLIP = {"landmarks": (0.0, 0.55), "skin": (0.55, 0.97)}
+_REFERENCE = {"landmarks": (0.0, 0.9)}
+
+
+def vectorize(run: Run) -> bool:
+    """Do the job. False when its lease was gone at the end, and nothing was published."""
+    assert run.job.media_id is not None  # noqa: S101 - every job of this kind has one
+    with run.database.read() as session:
+        medium = media.get(session, run.job.media_id)
+    if medium is None:  # deleted, which took the lease along
+        raise LeaseLostError
+    draft = run.draft(".pvg")
+    with run.storage.local_path(medium.source_key) as source, run.timed("vectorize_s"):
+        summary = _vectorize(run, medium, source, draft)
+    with run.timed("store_s"):
+        # the lease is part of the name: two attempts never write, or clear away, each other's blob
+        owner = f"{medium.id}-{run.lease.token[:12]}"
+        key = run.storage.key("asset", file_sha256(draft), owner, ".pvg")
+        size = draft.stat().st_size
+        run.keeper.check()
+        run.storage.put(draft, key)
+    faces, warnings = _faces(summary["faces"], run.settings.warn_face_px)
+    asset = Asset(key, size, summary["media"], faces, warnings)
+    with run.database.write() as session:
+        now = run.database.now()
+        unneeded = media.finish(session, run.lease, asset, now=now, timings=run.timings)
+    for blob in [key] if unneeded is None else unneeded:
+        run.storage.delete(blob)
+    return unneeded is not None
+
+
+def _vectorize(run: Run, medium: Media, source: Path, draft: Path) -> dict[str, Any]:
+    is_reference = medium.role == Role.REFERENCE
+    run.progress.expect(_REFERENCE if is_reference else _CLIP)
+    try:
+        with pvg.vectorize(
+            source,
+            asset=draft,
+            reference=is_reference,
+            limits=_limits(run.settings),
+            progress=run.progress,
+            min_face_px=run.settings.min_face_px,
+        ) as video:
+            return video.summary()
+    except PvgError as error:
+        # the blob's name means nothing to the client
+        shown = medium.filename or "the file"
+        raise type(error)(str(error).replace(source.name, shown)) from error
+
+
+def _limits(settings: Settings) -> MediaLimits:
+    return MediaLimits(
+        max_pixels=settings.max_pixels,
+        max_frames=settings.max_frames,
+        max_duration_s=settings.max_duration_s,
+        max_frame_rate=settings.max_frame_rate,
+        max_streams=settings.max_streams,
+    )
+
+
+_SHOWN = ("index", "first_frame", "last_frame", "width_px", "skin_rgb")
+
+
+def _faces(found: list[dict[str, Any]], advised_px: int) -> tuple[list[dict[str, Any]], list[str]]:
+    """What is shown of each face, and a warning for each that is small."""
+    warnings = [
+        f"face {face['index']} is {face['width_px']:.0f} px wide; {advised_px} px or more gives better results"
+        for face in found
+        if face["width_px"] < advised_px
+    ]
+    return [{name: face[name] for name in _SHOWN} for face in found], warnings
