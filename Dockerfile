@@ -15,7 +15,8 @@ COPY --chown=pvg:pvg worker ./worker
 RUN python -m venv .venv \
     && python -m pip install --no-cache-dir --disable-pip-version-check -c constraints.txt setuptools wheel \
     && python -m pip install --no-cache-dir --disable-pip-version-check -c constraints.txt . \
-    && python -m pvg.models
+    && python -m pvg.models \
+    && python -m pvg.warmup
 
 VOLUME /data
 EXPOSE 8000

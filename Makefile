@@ -8,6 +8,7 @@ STAMP := $(VENV)/.installed
 
 setup: $(STAMP)
 	$(BIN)/python -m pvg.models
+	$(BIN)/python -m pvg.warmup
 	$(BIN)/python -m scripts.samples
 
 # constraints.txt pins every dependency, so that a fresh machine gets what was tested

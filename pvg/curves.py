@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache, cached_property
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,6 +25,7 @@ _RING = tuple(range(_SKIN0 + 36, _SKIN0 + 72))
 _CHEEK_LEFT = tuple(range(_SKIN0 + 72, _SKIN0 + 80))
 _CHEEK_RIGHT = tuple(range(_SKIN0 + 80, _SKIN0 + 88))
 BOUNDARY_SAMPLES = 192
+_RAY_STEP = 0.5
 
 
 @dataclass(frozen=True)
@@ -208,23 +210,26 @@ def _rays(frame: FaceFrame) -> Floats:
     return rays
 
 
-def boundary_radius(mask: NDArray[np.bool_], points: Floats) -> Floats:
-    """Distance of the mask's outer boundary from the face's centre at equal angles.
+def boundary_radius(matte: Floats, points: Floats) -> Floats:
+    """Distance of the skin's outer boundary, where the matte falls through 1/2, from the face's centre.
 
-    mask: (H, W) bool, true on skin;  points: (106, 2) landmarks in the mask's pixels.
-    Returns (BOUNDARY_SAMPLES,) float32 pixels, 0 where a ray meets no skin. Along a ray the last skin pixel
-    counts, so a fold of the contour (an ear, the jaw above the neck) is crossed straight and never traced twice.
+    matte: (H, W) float32 in [0, 1];  points: (106, 2) landmarks in the matte's pixels.
+    Returns (BOUNDARY_SAMPLES,) float32 pixels at equal angles, 0 where a ray meets no skin. Along a ray the last
+    crossing counts, so a fold of the contour (an ear, the jaw above the neck) is crossed straight and never traced
+    twice; between steps it is interpolated, so the boundary moves smoothly as the matte does.
     """
     frame = face_frame(points)
-    h, w = mask.shape
-    rays = _rays(frame)
-    steps = np.arange(0.0, float(np.hypot(h, w)), dtype=np.float32)
-    x = np.rint(frame.center[0] + rays[:, 0, None] * steps).astype(np.int64)
-    y = np.rint(frame.center[1] + rays[:, 1, None] * steps).astype(np.int64)
-    inside = (x >= 0) & (x < w) & (y >= 0) & (y < h)
-    skin = inside & mask[np.clip(y, 0, h - 1), np.clip(x, 0, w - 1)]
-    last = skin.shape[1] - 1 - np.argmax(skin[:, ::-1], axis=1)
-    return np.where(skin.any(axis=1), last, 0).astype(np.float32)
+    reach = float(np.hypot(*matte.shape))
+    steps = np.arange(0.0, reach, _RAY_STEP, dtype=np.float32)
+    places = frame.center + _rays(frame)[:, None, :] * steps[None, :, None]
+    x, y = (np.ascontiguousarray(places[..., axis], np.float32) for axis in (0, 1))
+    along = cv2.remap(matte, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+    skin = along >= 0.5
+    last = np.minimum(skin.shape[1] - 1 - np.argmax(skin[:, ::-1], axis=1), skin.shape[1] - 2)
+    rows = np.arange(BOUNDARY_SAMPLES)
+    inner, outer = along[rows, last], along[rows, last + 1]
+    fraction = np.clip((inner - 0.5) / np.maximum(inner - outer, 1e-6), 0.0, 1.0)
+    return np.where(skin.any(axis=1), (last + fraction) * _RAY_STEP, 0.0).astype(np.float32)
 
 
 def boundary_points(radius: Floats, points: Floats) -> Floats:

@@ -48,6 +48,7 @@ _FIT_FACE_PX = 320  # the least-squares fit sees larger faces scaled down to thi
 _INSET = 0.012  # boundary samples lie this part of the face's width inside the mask
 _FRONTAL_DEG = 25.0
 _GOOD_SCORE = 0.8
+_REFERENCE_FRAMES = 300  # a reference needs one good frame; the beginning of a clip is enough to find it
 _FADE_FRAMES = 4  # a lost face's correction fades over so many frames
 
 
@@ -78,7 +79,7 @@ def vectorize(
     report: Progress = progress or (lambda stage, done, total: None)
     media = probe(path, limits)
     work = _Work(path, media, limits, report, mask, matching, seed)
-    tracks, shots, frames = work.track(min_face_px)
+    tracks, shots, frames = work.track(min_face_px, _REFERENCE_FRAMES if reference else None)
     if reference:
         tracks = (max(tracks, key=lambda track: track.width_px),)
     target = Path(asset) if asset is not None else _temporary_name()
@@ -125,19 +126,26 @@ class _Work:
     matching: str
     seed: int
 
-    def frames(self, stage: str) -> Iterator[tuple[int, Image]]:
-        """(index, RGB) of every frame, reporting progress."""
-        for frame in read_frames(self.path, limits=self.limits):
+    def frames(self, stage: str, stop: int | None = None) -> Iterator[tuple[int, Image]]:
+        """(index, RGB) of every frame before `stop`, reporting progress."""
+        expected = self.media.frame_count if stop is None else min(stop, self.media.frame_count)
+        for frame in read_frames(self.path, stop=stop, limits=self.limits):
             yield frame.index, frame.rgb()
-            self.report(stage, frame.index + 1, max(self.media.frame_count, frame.index + 1))
+            self.report(stage, frame.index + 1, max(expected, frame.index + 1))
 
     def frame(self, index: int) -> Image:
         (frame,) = read_frames(self.path, start=index, stop=index + 1, limits=self.limits)
         return frame.rgb()
 
-    def track(self, min_face_px: int) -> tuple[tuple[FaceTrack, ...], tuple[int, ...], int]:
-        """First pass: smoothed tracks wide enough, first frames of the shots, number of frames."""
-        result = track_faces(self.frames("landmarks"), frame_rate=float(self.media.frame_rate or 25))
+    def track(self, min_face_px: int, stop: int | None) -> tuple[tuple[FaceTrack, ...], tuple[int, ...], int]:
+        """First pass: smoothed tracks wide enough, first frames of the shots, number of frames looked at.
+
+        stop: where to stop looking, if a face was found by then.
+        """
+        rate = float(self.media.frame_rate or 25)
+        result = track_faces(self.frames("landmarks", stop), frame_rate=rate)
+        if stop is not None and not result.tracks:  # no face so early: look further
+            result = track_faces(self.frames("landmarks"), frame_rate=rate)
         if not result.tracks:
             what = "in the picture" if self.media.kind == "image" else f"in any of {result.frame_count} frames"
             raise NoFaceError(
@@ -256,11 +264,11 @@ class _Face:
         return FaceRecord(summary, keys)
 
     def _radius(self, row: int, matte: Matte) -> Floats:
-        """Boundary radii in source pixels, from the mask over its box."""
+        """Boundary radii in source pixels, from the matte over its box."""
         to_box = matte.to_raster(self.track.points[row])
         step = matte.step
         inset = _INSET * face_frame(self.track.points[row]).width
-        radius: Floats = np.maximum(boundary_radius(matte.mask, to_box) * step - inset, 0.0)
+        radius: Floats = np.maximum(boundary_radius(matte.alpha.astype(np.float32) / 255.0, to_box) * step - inset, 0.0)
         return radius
 
     def _fit(self, row: int, rgb: Image, matte: Matte) -> None:

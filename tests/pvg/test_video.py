@@ -85,8 +85,8 @@ def test_fast_rgb_is_the_exact_rgb_within_two_levels(fmt: PixelFormat, seed: int
     exact = np.clip(fmt.to_rgb(planes), 0, 255)
     fast = Frame(0, 0, 0.0, fmt, planes).rgb()
     assert fast.dtype == np.uint8
-    # 8-bit chroma is rounded after it is raised: half a code value, times at most 2.2, and half a level
-    assert np.abs(fast - exact).max() <= (2.0 if fmt.depth == 8 else 0.6)
+    # chroma is rounded after it is raised: half a code value, times at most 2.2, and half a level
+    assert np.abs(fast - exact).max() <= (2.0 if fmt.depth == 8 else 0.5 + 0.5 * 2.2 / 2 ** (fmt.depth - 8))
 
 
 def test_rgb_agrees_with_swscale_in_every_matrix_and_range() -> None:
@@ -156,7 +156,8 @@ def test_other_layouts_become_the_nearest_one_with_the_same_colours(coded: str, 
     assert target.name == delivered
     frame = to_frame(raw, Reading(SIZE, coded, target, _upright()), 0, 0, Fraction(1, 25))
     assert [plane.shape for plane in frame.planes] == list(target.plane_shapes(*SIZE))
-    assert np.abs(frame.rgb().astype(int) - rgb).mean() < (5.0 if coded == "yuv411p" else 2.0)
+    # what chroma at a half or a quarter of the size costs this picture: 2.2 and 4.4 levels
+    assert np.abs(frame.rgb().astype(int) - rgb).mean() < (5.0 if coded == "yuv411p" else 2.5)
 
 
 def _upright() -> Any:
@@ -196,7 +197,8 @@ def test_a_lossless_clip_gives_its_planes_and_time_stamps_back(
     fmt = pixel_format(name)
     # uneven steps, a late start, and (with the encoders' defaults) reordered frames; whole milliseconds for Matroska
     base = Fraction(1, 1000) if suffix in (".mkv", ".webm") else Fraction(1, 90000)
-    stamps = np.cumsum(np.random.default_rng(4).integers(11, 90, 14)).tolist()
+    steps_ms = np.random.default_rng(4).integers(11, 90, 14)
+    stamps = (np.cumsum(steps_ms) * int(base.denominator // 1000)).tolist()
     frames = [Frame(k, pts, float(pts * base), fmt, noise_planes(fmt, k // 3)) for k, pts in enumerate(stamps)]
     info = media_info(fmt, time_base=base)
     path = write_clip(tmp_path / f"clip{suffix}", frames, info, codec=codec, crf=0)
@@ -243,12 +245,12 @@ def test_rate_duration_and_pixel_aspect_are_kept(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("codec", "suffix", "kept"),
-    [("h264", ".mp4", (36, 20)), ("hevc", ".mp4", (36, 20)), ("vp9", ".webm", (37, 21)), ("av1", ".webm", (37, 21))],
+    [("h264", ".mp4", (96, 70)), ("hevc", ".mp4", (96, 70)), ("vp9", ".webm", (97, 71)), ("av1", ".webm", (97, 71))],
 )
 def test_odd_sizes_lose_a_line_only_where_the_codec_must(
     codec: str, suffix: str, kept: tuple[int, int], tmp_path: Path
 ) -> None:
-    frames = smooth_frames(3, pixel_format(), (37, 21))
+    frames = smooth_frames(3, pixel_format(), (97, 71))
     path = write_clip(tmp_path / f"clip{suffix}", frames, codec=codec, crf=10)
     seen = list(read_frames(path))
     assert {(frame.width, frame.height) for frame in seen} == {kept}
