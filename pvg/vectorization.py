@@ -24,6 +24,7 @@ from pvg.asset import AssetWriter, FaceRecord, FaceSummary, KeyFrame, MediaSumma
 from pvg.boundary import fit_boundary_colors
 from pvg.curves import (
     BOUNDARY,
+    GROUPS,
     Floats,
     boundary_points,
     boundary_radius,
@@ -48,6 +49,8 @@ _FIT_FACE_PX = 320  # the least-squares fit sees larger faces scaled down to thi
 _INSET = 0.012  # boundary samples lie this part of the face's width inside the mask
 _FRONTAL_DEG = 25.0
 _GOOD_SCORE = 0.8
+_STRAY_SPREADS = 2.5
+_LEAST_CHROMA_SPREAD = 4.0  # of a* and b*
 _REFERENCE_FRAMES = 300  # a reference needs one good frame; the beginning of a clip is enough to find it
 _FADE_FRAMES = 4  # a lost face's correction fades over so many frames
 
@@ -319,4 +322,20 @@ def fit_key_frame(
     col, row = np.rint(local[:, 0]).astype(int), np.rint(local[:, 1]).astype(int)
     inside = (col >= 0) & (row >= 0) & (col < size[0]) & (row < size[1])
     visible = inside & near[np.clip(row, 0, size[1] - 1), np.clip(col, 0, size[0] - 1)]
-    return fit.colors, visible
+    return fit.colors, visible & ~_stray(fit.colors, visible)
+
+
+def _stray(colors: Floats, visible: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(S,) whether a skin sample has a hue that the face's visible skin has not: hair, collar or background in it.
+
+    Transport matches extremes to extremes, so a few such samples would tint a face's highlights or shadows.
+    """
+    skin = table_labels().group == GROUPS.index("skin")
+    if not (skin & visible).any():
+        return np.zeros(len(colors), np.bool_)
+    chroma = cv2.cvtColor(colors[None] / np.float32(255.0), cv2.COLOR_RGB2Lab)[0, :, 1:]
+    middle = np.median(chroma[skin & visible], axis=0)
+    distance = np.hypot(*(chroma - middle).T)
+    spread = max(1.48 * float(np.median(distance[skin & visible])), _LEAST_CHROMA_SPREAD)
+    stray: NDArray[np.bool_] = skin & (distance > _STRAY_SPREADS * spread)
+    return stray
