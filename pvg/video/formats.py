@@ -94,7 +94,7 @@ class PixelFormat:
         """(H, W, 3) float64 RGB, 0–255 scale, neither rounded nor clipped; chroma is raised bilinearly."""
         height, width = planes[0].shape
         full = [planes[0].astype(np.float64)]
-        full += [_raise_chroma(plane.astype(np.float64), self, width, height) for plane in planes[1:]]
+        full += [raise_chroma(plane.astype(np.float64), self, width, height) for plane in planes[1:]]
         return (np.stack(full, axis=-1) - self.offset) @ np.linalg.inv(self.matrix).T
 
     def from_rgb(self, rgb: NDArray[Any]) -> Planes:
@@ -113,7 +113,7 @@ class PixelFormat:
         if self.is_rgb and self.depth == 8:
             return _as_uint8(cv2.merge(planes))
         height, width = planes[0].shape
-        codes = cv2.merge([planes[0], *(_raise_chroma(plane, self, width, height) for plane in planes[1:])])
+        codes = cv2.merge([planes[0], *(raise_chroma(plane, self, width, height) for plane in planes[1:])])
         inverse = np.linalg.inv(self.matrix)
         affine = np.column_stack([inverse, -inverse @ self.offset])
         if self.depth == 8:
@@ -126,7 +126,8 @@ def _as_uint8(array: Any) -> NDArray[np.uint8]:
     return np.asarray(array, dtype=np.uint8)
 
 
-def _raise_chroma(plane: NDArray[Any], pixel_format: PixelFormat, width: int, height: int) -> NDArray[Any]:
+def raise_chroma(plane: NDArray[Any], pixel_format: PixelFormat, width: int, height: int) -> NDArray[Any]:
+    """A chroma plane of `pixel_format` at the luma's (height, width), bilinear."""
     x, y = pixel_format.chroma_log2
     if (x, y) == (0, 0):
         return plane

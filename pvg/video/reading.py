@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
 from pathlib import Path
@@ -18,7 +18,16 @@ import av.video.frame
 import numpy as np
 
 from pvg.errors import MediaError
-from pvg.video.formats import RANGE_FULL, RANGE_LIMITED, Frame, PixelFormat, Plane, Planes, resolve_format
+from pvg.video.formats import (
+    RANGE_FULL,
+    RANGE_LIMITED,
+    Frame,
+    PixelFormat,
+    Plane,
+    Planes,
+    raise_chroma,
+    resolve_format,
+)
 from pvg.video.images import read_image
 from pvg.video.opening import MediaLimits, OpenClip, open_clip, reason
 from pvg.video.sniffing import IMAGE_KINDS, check_pixels, sniff
@@ -167,9 +176,14 @@ def _check_losses(name: str, packets: int, frames: int) -> None:
         raise MediaError(f"{name} is damaged: only {frames} of its {packets} frames can be decoded; upload it again")
 
 
+def _counts_in_coding_order(clip: OpenClip) -> bool:
+    """Whether time stamps are those of coding, not of display; AVI has no other, and reordered frames carry wrong ones."""
+    return clip.container.format.name == "avi" and bool(clip.stream.codec_context.has_b_frames)
+
+
 def _stamp(clip: OpenClip, picture: av.video.frame.VideoFrame, last: int | None) -> int:
     pts = picture.pts if picture.pts is not None else picture.dts
-    if pts is None:
+    if pts is None or _counts_in_coding_order(clip):
         rate = clip.stream.average_rate or Fraction(25)
         pts = 0 if last is None else last + max(1, round(1 / (rate * clip.time_base)))
     return pts if last is None or pts > last else last + 1
@@ -204,6 +218,11 @@ def _stored_planes(picture: av.video.frame.VideoFrame, target: PixelFormat) -> l
         shape = target.plane_shapes(picture.width, picture.height)[1]
         neutral: Plane = np.full(shape, 2 ** (target.depth - 1), dtype=target.dtype)  # type: ignore[assignment]
         return [_copy_plane(picture, 0, target), neutral, neutral.copy()]
+    if source == target.name.replace("444", "422") != target.name:  # a sideways 4:2:2 picture
+        coded = replace(target, name=source, chroma_log2=(1, 0))
+        luma, *chroma = (_copy_plane(picture, component.plane, coded) for component in picture.format.components[:3])
+        raised: list[Plane] = [raise_chroma(plane, coded, picture.width, picture.height) for plane in chroma]
+        return [luma, *raised]
     if source.replace("yuva", "yuv") != target.name:
         full = RANGE_FULL if target.full_range else RANGE_LIMITED
         picture = picture.reformat(
@@ -234,11 +253,15 @@ class _Stamps:
 
 
 def packet_stamps(path: Path, limits: MediaLimits) -> tuple[list[tuple[int | None, bool]], Fraction]:
-    """(pts, is key) of every displayed packet of a clip in file order, without decoding, and the time base."""
+    """(pts, is key) of every displayed packet of a clip in file order, without decoding, and the time base.
+
+    None stands for the time stamp of a packet that has none of display.
+    """
     with open_clip(path, limits) as clip:
+        unknown = _counts_in_coding_order(clip)
         try:
             packets = [
-                (packet.pts, packet.is_keyframe)
+                (None if unknown else packet.pts, packet.is_keyframe)
                 for packet in clip.container.demux(clip.stream)
                 if packet.size and not packet.is_discard
             ]
