@@ -177,7 +177,7 @@ def _check_losses(name: str, packets: int, frames: int) -> None:
 
 
 def _counts_in_coding_order(clip: OpenClip) -> bool:
-    """Whether time stamps are those of coding, not of display; AVI has no other, and reordered frames carry wrong ones."""
+    """Whether time stamps are those of coding, not of display: AVI has no others."""
     return clip.container.format.name == "avi" and bool(clip.stream.codec_context.has_b_frames)
 
 

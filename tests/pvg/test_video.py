@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import tracemalloc
 from dataclasses import replace
 from fractions import Fraction
@@ -420,7 +421,7 @@ def test_sound_and_pictures_alternate_in_the_file(sounding_clip: Path, tmp_path:
     with av.open(str(path)) as clip:
         places = sorted((packet.pos or 0, packet.stream.type) for packet in clip.demux() if packet.size)
     kinds = [kind for _, kind in places]
-    assert sum(a != b for a, b in zip(kinds, kinds[1:], strict=False)) > 20
+    assert sum(a != b for a, b in itertools.pairwise(kinds)) > 20
 
 
 def test_no_sound_is_written_unless_asked_for(sounding_clip: Path, tmp_path: Path) -> None:
@@ -434,11 +435,16 @@ def test_no_sound_is_written_unless_asked_for(sounding_clip: Path, tmp_path: Pat
 def test_a_partial_file_is_removed_when_the_block_fails(sounding_clip: Path, tmp_path: Path) -> None:
     fmt, path = pixel_format(), tmp_path / "clip.mp4"
     info = replace(media_info(fmt), has_audio=True)
-    with pytest.raises(RuntimeError, match="stop"), VideoWriter(path, info, fmt, audio_from=sounding_clip) as writer:
-        for frame in smooth_frames(30, fmt):
-            writer.write(frame)
-        assert path.exists()
-        raise RuntimeError("stop")
+
+    def stop_half_way() -> None:
+        with VideoWriter(path, info, fmt, audio_from=sounding_clip) as writer:
+            for frame in smooth_frames(30, fmt):
+                writer.write(frame)
+            assert path.exists()
+            raise RuntimeError("stop")
+
+    with pytest.raises(RuntimeError, match="stop"):
+        stop_half_way()
     assert not path.exists()
     with pytest.raises(ValueError, match="no frame"), VideoWriter(path, info, fmt):
         pass
