@@ -12,6 +12,7 @@ from service import problems
 from service.broker import make_folders
 from service.catalog.database import Clock, Database, utc_now
 from service.context import RequestContext, Services
+from service.draining import DrainBeforeRefusal
 from service.openapi import document
 from service.queue import Publisher
 from service.reaper import Reaper
@@ -54,6 +55,7 @@ def create_app(settings: Settings | None = None, *, clock: Clock = utc_now) -> F
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
     )
     app.state.services = services
+    app.add_middleware(DrainBeforeRefusal)
     app.add_middleware(RequestContext)
     problems.install(app)
     for module in (videos, references, transfer, jobs, results, health):
