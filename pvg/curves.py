@@ -28,18 +28,26 @@ BOUNDARY_SAMPLES = 192
 _RAY_STEP = 0.5
 
 
+Knot = int | tuple[int, int, float]
+
+
+def _half_way(*pairs: tuple[int, int]) -> tuple[Knot, ...]:
+    return tuple((i, j, 0.5) for i, j in pairs)
+
+
 @dataclass(frozen=True)
 class Curve:
     """One diffusion curve.
 
-    `knots` index the stacked (106 landmarks, 88 skin points); the mask boundary has none. `group` is the part of
-    the face whose colour it carries. `per_segment` is the number of samples between two knots.
+    `knots` index the stacked (106 landmarks, 88 skin points), or name a place (i, j, t) on the way from point i to
+    point j; the mask boundary has none. `group` is the part of the face whose colour it carries. `per_segment` is the
+    number of samples between two knots.
     """
 
     name: str
     group: str
     closed: bool
-    knots: tuple[int, ...]
+    knots: tuple[Knot, ...]
     per_segment: int
 
 
@@ -58,6 +66,14 @@ CURVES: tuple[Curve, ...] = (
     Curve("nose_right", "skin", False, (79, 81, 83), 5),
     Curve("lips_outer", "lips", True, tuple(range(84, 96)), 3),
     Curve("lips_inner", "lips", True, tuple(range(96, 104)), 3),
+    # open skin between the features: without curves there its colour would only be interpolated
+    Curve("forehead", "skin", False, (138, 139, 140, 141, 106, 107, 108, 109, 110), 3),
+    Curve("upper_lip", "skin", False, _half_way((85, 47), (86, 48), (87, 49), (88, 50), (89, 51)), 3),
+    Curve(
+        "chin", "skin", False, _half_way((84, 166), (95, 164), (94, 162), (93, 160), (92, 158), (91, 156), (90, 154)), 3
+    ),
+    Curve("lower_cheek_left", "skin", False, _half_way((185, 168), (184, 167), (183, 166), (84, 183)), 4),
+    Curve("lower_cheek_right", "skin", False, _half_way((193, 152), (192, 153), (191, 154), (90, 191)), 4),
     Curve("boundary", "skin", True, (), BOUNDARY_SAMPLES),
 )
 BOUNDARY = len(CURVES) - 1
@@ -114,13 +130,19 @@ def _add_catmull_rom(row: Floats, curve: Curve, s: float) -> None:
     for offset, weight in zip((-1, 0, 1, 2), weights, strict=True):
         j = k + offset
         if curve.closed:
-            row[curve.knots[j % count]] += weight
+            _add_knot(row, curve.knots[j % count], weight)
         elif 0 <= j < count:
-            row[curve.knots[j]] += weight
+            _add_knot(row, curve.knots[j], weight)
         else:  # an open end: the phantom knot is the mirror image 2 p_end - p_next
             end, inner = (0, 1) if j < 0 else (count - 1, count - 2)
-            row[curve.knots[end]] += 2 * weight
-            row[curve.knots[inner]] -= weight
+            _add_knot(row, curve.knots[end], 2 * weight)
+            _add_knot(row, curve.knots[inner], -weight)
+
+
+def _add_knot(row: Floats, knot: Knot, weight: float) -> None:
+    i, j, t = knot if isinstance(knot, tuple) else (knot, knot, 0.0)
+    row[i] += (1.0 - t) * weight
+    row[j] += t * weight
 
 
 def _uniform(counts: tuple[int, ...]) -> CurveLabels:
