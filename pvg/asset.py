@@ -93,12 +93,14 @@ class KeyFrame:
     """The boundary colours of one key frame: eq. (3) solved there.
 
     frame: frame number in the clip;  colors: (S, 3) float32 g, 0-255 RGB, on the table's labels;
-    visible: (S,) bool, whether the sample lay on visible skin or a visible feature.
+    visible: (S,) bool, whether the sample lay on visible skin or a visible feature;
+    skin: (N, 3) float32, colours of the open skin evenly over the face, N = 0 when there is too little of it.
     """
 
     frame: int
     colors: Floats
     visible: NDArray[np.bool_]
+    skin: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,6 +204,8 @@ class AssetWriter:
             self._flush(face)
         self._array(f"face{face}/colors", np.stack([key.colors for key in record.key_frames]))
         self._array(f"face{face}/visible", np.stack([key.visible for key in record.key_frames]))
+        for k, key in enumerate(record.key_frames):
+            self._array(f"face{face}/skin/{k:06d}", key.skin)
         self._faces.append({**asdict(record.summary), "key_frames": [key.frame for key in record.key_frames]})
 
     def finish(self, manifest: Mapping[str, Any]) -> None:
@@ -317,7 +321,11 @@ class VectorVideo:
             colors = self._array(f"face{face.index}/colors")
             visible = self._array(f"face{face.index}/visible")
             keys = zip(raw["key_frames"], colors, visible, strict=True)
-            out.append(FaceRecord(face, tuple(KeyFrame(int(f), c, v) for f, c, v in keys)))
+            frames = tuple(
+                KeyFrame(int(f), c, v, self._array(f"face{face.index}/skin/{k:06d}"))
+                for k, (f, c, v) in enumerate(keys)
+            )
+            out.append(FaceRecord(face, frames))
         return tuple(out)
 
     def face_frame(self, face: int, frame: int) -> FaceFrameData | None:

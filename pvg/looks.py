@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, cast
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from scipy.spatial import KDTree
 
 from pvg.asset import FaceRecord, KeyFrame, VectorVideo, faces_by_index
 from pvg.curves import GROUPS, Floats, table_labels
-from pvg.transport import sliced_transport
+from pvg.transport import carry_along, sliced_transport
 
 BETA = 0.2  # the paper's step
 ITERATIONS = 20  # the paper's N
@@ -23,7 +23,6 @@ CONTRAST_RANGE = (0.7, 1.5)  # the paper's range for lambda
 PROTECTABLE = ("eyes", "teeth")
 _SMALLEST_GROUP = 8  # fewer visible samples say nothing about a group's colours
 
-Match = Literal["color", "semantic"]
 Contrast = float | Literal["auto"]
 
 
@@ -49,29 +48,60 @@ def _reference_key(reference: VectorVideo) -> KeyFrame:
     return largest.key_frames[0]
 
 
-def _transport(key: KeyFrame, target: KeyFrame, match: Match, *, beta: float, iterations: int, seed: int) -> Floats:
-    """Boundary colours of `key` moved to those of `target`, (S, 3).
+@dataclass(frozen=True)
+class _Steps:
+    """Parameters of eq. (7, 8)."""
 
-    What is hidden on either side takes no part in the transport, so that a clip's own colours stay as they are;
-    the clip's hidden samples then move as its visible ones of like colour do.
+    beta: float
+    iterations: int
+    seed: int
+
+    def rng(self) -> np.random.Generator:
+        """One generator a transport, seeded alike: a further look or face cannot shift another's rotations."""
+        return np.random.default_rng(self.seed)
+
+
+def _transport_colors(key: KeyFrame, target: KeyFrame, steps: _Steps) -> NDArray[np.float64]:
+    """The paper's way: all boundary colours together, (S, 3).
+
+    What is hidden on either side takes no part, so that a clip's own colours stay as they are; the clip's hidden
+    samples then move as its visible ones of like colour do.
     """
-    groups = [(np.ones(len(key.colors), np.bool_))]
-    if match == "semantic":
-        groups = [table_labels().group == g for g in range(len(GROUPS))]
     moved = key.colors.astype(np.float64)
-    for members in groups:
-        source, wanted = members & key.visible, members & target.visible
-        if int(source.sum()) < _SMALLEST_GROUP:
-            continue
-        if int(wanted.sum()) < _SMALLEST_GROUP:  # the reference shows nothing of this group: follow its whole face
-            wanted = target.visible
-        # one generator a transport, seeded alike: a further look or face cannot shift another's rotations
-        rng = np.random.default_rng(seed)
-        moved[source] = sliced_transport(
-            key.colors[source], target.colors[wanted], beta=beta, iterations=iterations, rng=rng
+    visible, wanted = key.visible, target.visible
+    if min(int(visible.sum()), int(wanted.sum())) < _SMALLEST_GROUP:
+        return moved
+    moved[visible] = sliced_transport(
+        key.colors[visible], target.colors[wanted], beta=steps.beta, iterations=steps.iterations, rng=steps.rng()
+    )
+    _follow_like_colours(moved, key.colors, ~visible, visible)
+    return moved
+
+
+def _transport_parts(key: KeyFrame, target: KeyFrame, steps: _Steps) -> NDArray[np.float64]:
+    """Skin to skin and lips to lips, (S, 3).
+
+    The map of skin is that of the open skin's colours, evenly over the face; brows and eyes go with it, as they would
+    in another light, so that no dark brow of the reference falls on a lid. Without enough open skin on either side
+    the curves' colours stand in for it.
+    """
+    if min(len(key.skin), len(target.skin)) == 0:
+        return _transport_colors(key, target, steps)
+    moved = carry_along(
+        key.colors, key.skin, target.skin, beta=steps.beta, iterations=steps.iterations, rng=steps.rng()
+    )
+    lips = table_labels().group == GROUPS.index("lips")
+    ours, theirs = lips & key.visible, lips & target.visible
+    if min(int(ours.sum()), int(theirs.sum())) >= _SMALLEST_GROUP:
+        moved[lips] = carry_along(
+            key.colors[lips],
+            key.colors[ours],
+            target.colors[theirs],
+            beta=steps.beta,
+            iterations=steps.iterations,
+            rng=steps.rng(),
         )
-        _follow_like_colours(moved, key.colors, members & ~key.visible, source)
-    return np.clip(moved, 0.0, 255.0).astype(np.float32)
+    return moved
 
 
 def _follow_like_colours(
@@ -124,12 +154,14 @@ def transfer(
     """
     _check(strength, contrast, match, protect)
     target = _reference_key(reference)
+    steps = _Steps(beta, iterations, seed)
+    transport = _transport_parts if match == "semantic" else _transport_colors
     colors: dict[int, Floats] = {}
     for index in faces_by_index(video, faces):
         record: FaceRecord = video.records[index]
         new = []
         for key in record.key_frames:
-            moved = _transport(key, target, cast(Match, match), beta=beta, iterations=iterations, seed=seed)
+            moved = np.clip(transport(key, target, steps), 0.0, 255.0).astype(np.float32)
             new.append(key.colors + np.float32(strength) * (moved - key.colors))
         colors[index] = np.stack(new).astype(np.float32)
     return Look(colors, contrast, strength, tuple(protect))

@@ -22,6 +22,7 @@ from scipy.ndimage import distance_transform_edt
 
 from pvg.asset import AssetWriter, FaceRecord, FaceSummary, KeyFrame, MediaSummary, VectorVideo
 from pvg.boundary import fit_boundary_colors
+from pvg.complexion import skin_sample
 from pvg.curves import (
     BOUNDARY,
     GROUPS,
@@ -279,7 +280,9 @@ class _Face:
         boundary = boundary_points(self._radius(row, matte), points)
         positions = place(table_labels(), stack_points(points, skin_points), boundary)
         colors, visible = fit_key_frame(rgb, matte, positions, face_frame(points).width, self._seed)
-        self._keys[row] = KeyFrame(self.track.first + row, colors, visible)
+        matte_here = matte.alpha_at(*(np.arange(n, dtype=np.float32) for n in (rgb.shape[1], rgb.shape[0])))
+        skin = skin_sample(rgb, matte_here, points, skin_points)
+        self._keys[row] = KeyFrame(self.track.first + row, colors, visible, skin)
 
     def _write(self, row: int, matte: Matte, writer: AssetWriter) -> None:
         arrays: dict[str, NDArray[Any]] = {

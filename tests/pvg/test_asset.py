@@ -45,7 +45,7 @@ def frame_arrays(i: int) -> dict[str, np.ndarray]:
 def key_frame() -> KeyFrame:
     rng = np.random.default_rng(99)
     colors = rng.uniform(0, 255, (len(table_labels()), 3)).astype(np.float32)
-    return KeyFrame(FIRST, colors, rng.random(len(colors)) > 0.1)
+    return KeyFrame(FIRST, colors, rng.random(len(colors)) > 0.1, rng.uniform(0, 255, (64, 3)).astype(np.float32))
 
 
 @pytest.fixture
@@ -100,6 +100,7 @@ def test_round_trip_keeps_every_array_to_its_stated_precision(asset: Path, sourc
         key = video.records[0].key_frame_of(50)
         np.testing.assert_array_equal(key.colors, key_frame().colors)
         np.testing.assert_array_equal(key.visible, key_frame().visible)
+        np.testing.assert_array_equal(key.skin, key_frame().skin)
         landmarks = video.landmarks(0)
         assert landmarks.shape == (FRAMES, 106, 2)
         assert landmarks.dtype == np.float32
