@@ -153,9 +153,9 @@ def transfer(
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="OUT", help="A file for one reference, a folder for several.")
     ],
-    contrast: ContrastOption = "1.0",
+    contrast: ContrastOption = "auto",
     strength: StrengthOption = 1.0,
-    match: MatchOption = MatchColors.color,
+    match: MatchOption = MatchColors.semantic,
     face: Annotated[str, typer.Option(help='"all" or face numbers, e.g. 0 or 0,1.')] = "all",
     source: Annotated[Path | None, typer.Option(help="The clip an ASSET was made from, if not beside it.")] = None,
     codec: CodecOption = Codec.auto,
@@ -201,9 +201,9 @@ def swap(
     a: Annotated[Path, typer.Argument(metavar="A")],
     b: Annotated[Path, typer.Argument(metavar="B")],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="FOLDER")],
-    contrast: ContrastOption = "1.0",
+    contrast: ContrastOption = "auto",
     strength: StrengthOption = 1.0,
-    match: MatchOption = MatchColors.color,
+    match: MatchOption = MatchColors.semantic,
     codec: CodecOption = Codec.auto,
 ) -> None:
     """Exchange the face colours of two clips or images."""

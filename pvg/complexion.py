@@ -7,6 +7,8 @@ lower face out when it is much unlike the upper one.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +16,7 @@ from numpy.typing import NDArray
 from pvg.curves import Floats, face_frame
 
 SAMPLES = 512
+_LUMA = np.array([0.299, 0.587, 0.114])
 _OVAL = slice(0, 36)  # of the skin points
 _FEATURES: tuple[tuple[int, ...], ...] = (
     (33, 34, 35, 36, 37, 64, 65, 66, 67),
@@ -64,3 +67,48 @@ def _without_beard(colors: Floats, lower: NDArray[np.bool_]) -> Floats:
     lab = cv2.cvtColor(colors[None] / np.float32(255.0), cv2.COLOR_RGB2Lab)[0]
     gap = float(np.linalg.norm(np.median(lab[lower], axis=0) - np.median(lab[~lower], axis=0)))
     return colors[~lower] if gap > _UNLIKE else colors
+
+
+_RATIO_RANGE = (0.3, 2.5)
+_RATIO_FLOOR = 8.0  # levels added to both sides of a ratio, so that near-black does not explode
+_GAIN_RANGE = (0.8, 1.25)
+_FAR = (2.0, 6.0)  # spreads: a colour beyond the first is ever less skin, beyond the second none
+
+
+@dataclass(frozen=True, eq=False)
+class ComplexionMap:
+    """The map of a skin's colours to another skin's, with no more freedom than light and skin have.
+
+    Transport matches extremes to extremes: between a flatly lit face and a shaded one it would turn the slightest
+    unevenness into blotches. Of its result this keeps where the skin goes (the medians), a gain per channel (their
+    ratio, as another light or pigment would), and the spread within 0.8 to 1.25 of what the ratio makes of it.
+    """
+
+    start: NDArray[np.float64]
+    end: NDArray[np.float64]
+    ratio: NDArray[np.float64]
+    gain: float
+    spread: float
+
+    @classmethod
+    def between(cls, skin: Floats, moved: NDArray[np.float64]) -> ComplexionMap:
+        """The map of open-skin colours `skin` (n, 3) to where transport `moved` them, (n, 3)."""
+        start, end = np.median(skin, axis=0).astype(np.float64), np.median(moved, axis=0)
+        ratio = np.clip((end + _RATIO_FLOOR) / (start + _RATIO_FLOOR), *_RATIO_RANGE)
+        scaled = (skin - start) * ratio
+        spread = float(np.sqrt((scaled**2).sum(axis=1).mean())) + 1e-6
+        gain = float(np.clip(np.sqrt(((moved - end) ** 2).sum(axis=1).mean()) / spread, *_GAIN_RANGE))
+        return cls(start, end, ratio, gain, spread)
+
+    def __call__(self, colors: Floats) -> NDArray[np.float64]:
+        """Map (n, 3) colours. What is far from skin (a brow, a lash) follows the light alone, without the gain."""
+        scaled = (colors - self.start) * self.ratio
+        distance = np.linalg.norm(scaled, axis=1, keepdims=True) / self.spread
+        like_skin = np.clip((_FAR[1] - distance) / (_FAR[1] - _FAR[0]), 0.0, 1.0)
+        mapped: NDArray[np.float64] = self.end + (1.0 + like_skin * (self.gain - 1.0)) * scaled
+        return mapped
+
+    @property
+    def brightness(self) -> float:
+        """The ratio of brightness, at most 1.5 either way."""
+        return float(np.clip(self.ratio @ _LUMA, 1 / 1.5, 1.5))

@@ -14,13 +14,15 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from pvg.asset import FaceRecord, KeyFrame, VectorVideo, faces_by_index
+from pvg.complexion import ComplexionMap
 from pvg.curves import GROUPS, Floats, table_labels
-from pvg.transport import carry_along, sliced_transport
+from pvg.transport import sliced_transport
 
 BETA = 0.2  # the paper's step
 ITERATIONS = 20  # the paper's N
 CONTRAST_RANGE = (0.7, 1.5)  # the paper's range for lambda
 PROTECTABLE = ("eyes", "teeth")
+_LIPS_WAY = 0.75  # of the way from where the light takes the lips to the reference's lips
 _SMALLEST_GROUP = 8  # fewer visible samples say nothing about a group's colours
 
 Contrast = float | Literal["auto"]
@@ -81,26 +83,25 @@ def _transport_colors(key: KeyFrame, target: KeyFrame, steps: _Steps) -> NDArray
 def _transport_parts(key: KeyFrame, target: KeyFrame, steps: _Steps) -> NDArray[np.float64]:
     """Skin to skin and lips to lips, (S, 3).
 
-    The map of skin is that of the open skin's colours, evenly over the face; brows and eyes go with it, as they would
-    in another light, so that no dark brow of the reference falls on a lid. Without enough open skin on either side
-    the curves' colours stand in for it.
+    The open skin's colours are transported, and the curves follow what that does to a complexion: brows and eyes go
+    as they would in another light, so that no dark brow of the reference falls on a lid. Lips keep their own shades
+    and go most of the way to the reference's lips. Without enough open skin on either side the curves' colours stand
+    in for it.
     """
     if min(len(key.skin), len(target.skin)) == 0:
         return _transport_colors(key, target, steps)
-    moved = carry_along(
-        key.colors, key.skin, target.skin, beta=steps.beta, iterations=steps.iterations, rng=steps.rng()
+    complexion = ComplexionMap.between(
+        key.skin,
+        sliced_transport(key.skin, target.skin, beta=steps.beta, iterations=steps.iterations, rng=steps.rng()),
     )
+    moved = complexion(key.colors)
     lips = table_labels().group == GROUPS.index("lips")
     ours, theirs = lips & key.visible, lips & target.visible
     if min(int(ours.sum()), int(theirs.sum())) >= _SMALLEST_GROUP:
-        moved[lips] = carry_along(
-            key.colors[lips],
-            key.colors[ours],
-            target.colors[theirs],
-            beta=steps.beta,
-            iterations=steps.iterations,
-            rng=steps.rng(),
-        )
+        middle = np.median(key.colors[ours], axis=0)
+        as_skin = complexion(middle[None])[0]
+        goal = as_skin + _LIPS_WAY * (np.median(target.colors[theirs], axis=0) - as_skin)
+        moved[lips] = goal + complexion.brightness * (key.colors[lips] - middle)
     return moved
 
 
@@ -136,8 +137,8 @@ def transfer(
     reference: VectorVideo,
     *,
     strength: float = 1.0,
-    contrast: Contrast = 1.0,
-    match: str = "color",
+    contrast: Contrast = "auto",
+    match: str = "semantic",
     protect: Sequence[str] = PROTECTABLE,
     faces: Literal["all"] | Sequence[int] = "all",
     beta: float = BETA,
@@ -146,10 +147,10 @@ def transfer(
 ) -> Look:
     """Give the faces of `video` the face colours of `reference`'s largest face (eq. 7, 8).
 
-    strength: in [0, 1], 0 leaves the clip as it is;  contrast: lambda in [0.7, 1.5], or "auto" for a lambda that
-    follows the brightness the transfer asks for;  match: "color" transports all boundary colours together as the
-    paper does, "semantic" skin to skin, lips to lips, brows to brows, eyes to eyes;  protect: features that keep
-    their own colour;  beta, iterations: eq. (8), the paper's 0.2 and 20;  seed: of the random rotations.
+    strength: in [0, 1], 0 leaves the clip as it is;  contrast: lambda in [0.7, 1.5], 1 as in the paper, or "auto" for
+    a lambda that follows the brightness the transfer asks for;  match: "semantic" moves skin to skin and lips to lips,
+    "color" transports all boundary colours together as the paper does;  protect: features that keep their own colour;
+    beta, iterations: eq. (8), the paper's 0.2 and 20;  seed: of the random rotations.
     Raises `ValueError` on a parameter out of range or an unknown face.
     """
     _check(strength, contrast, match, protect)

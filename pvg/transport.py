@@ -34,71 +34,24 @@ def sliced_transport(
     iterations is (1 − β)^N of what it was. Raises ValueError on empty or non-finite input and on parameters out
     of range.
     """
-    moved, _ = _transport(
-        colors, reference, None, rng=rng, beta=beta, iterations=iterations, masses=(weights, reference_weights)
-    )
-    return moved
-
-
-def carry_along(
-    riders: ArrayLike,
-    colors: ArrayLike,
-    reference: ArrayLike,
-    *,
-    rng: np.random.Generator,
-    beta: float = 0.2,
-    iterations: int = 20,
-) -> Float:
-    """Move `riders` by the map that takes `colors` to the distribution of `reference`.
-
-    riders: (r, 3) colours that are moved but have no mass;  colors, reference: (n, 3) and (m, 3) as in
-    `sliced_transport`, whose steps are taken. Between two of the colours' projections a rider's partner is
-    interpolated, beyond the outermost ones it keeps its distance to them. Returns (r, 3) float64, not clipped;
-    the riders themselves when the two sets are equal. Raises ValueError like `sliced_transport`.
-    """
-    _, carried = _transport(colors, reference, riders, rng=rng, beta=beta, iterations=iterations, masses=(None, None))
-    return carried
-
-
-def _transport(
-    colors: ArrayLike,
-    reference: ArrayLike,
-    riders: ArrayLike | None,
-    *,
-    rng: np.random.Generator,
-    beta: float,
-    iterations: int,
-    masses: tuple[ArrayLike | None, ArrayLike | None],
-) -> tuple[Float, Float]:
     moved = _checked_colors(colors, "colors").copy()
     target = _checked_colors(reference, "reference")
-    carried = np.empty((0, 3)) if riders is None else _checked_colors(riders, "riders").copy()
-    mass = _checked_weights(masses[0], len(moved), "weights")
-    target_mass = _checked_weights(masses[1], len(target), "reference_weights")
+    mass = _checked_weights(weights, len(moved), "weights")
+    target_mass = _checked_weights(reference_weights, len(target), "reference_weights")
     if not 0.0 < beta <= 1.0:
         raise ValueError(f"beta must lie in (0, 1], got {beta}")
     if iterations < 0:
         raise ValueError(f"iterations must not be negative, got {iterations}")
     for _ in range(iterations):
         u = _random_rotation(rng)
-        matched, taken = np.empty_like(moved), np.empty_like(carried)
+        matched = np.empty_like(moved)
         for axis in range(3):
-            values, places = _project(moved, u[:, axis]), _project(carried, u[:, axis])
-            matched[:, axis] = _match(values, mass, _project(target, u[:, axis]), target_mass)
-            taken[:, axis] = _follow(places, values, matched[:, axis])
+            direction = u[:, axis]
+            matched[:, axis] = _match(_project(moved, direction), mass, _project(target, direction), target_mass)
         for channel in range(3):
-            moved[:, channel] += beta * (_project(matched, u[channel]) - moved[:, channel])  # eq. (7)
-            carried[:, channel] += beta * (_project(taken, u[channel]) - carried[:, channel])
-    return moved, carried
-
-
-def _follow(places: Float, values: Float, partners: Float) -> Float:
-    """Where the monotone map values -> partners takes `places`: linear inside, a shift beyond its ends."""
-    known, first = np.unique(values, return_index=True)
-    to = partners[first]
-    inside = np.clip(places, known[0], known[-1])
-    followed: Float = np.interp(inside, known, to) + (places - inside)
-    return followed
+            back = _project(matched, u[channel])
+            moved[:, channel] += beta * (back - moved[:, channel])  # eq. (7)
+    return moved
 
 
 def sliced_wasserstein(

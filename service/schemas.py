@@ -23,8 +23,10 @@ class LookOptions(_Request):
     """How a reference's colours are put on a face."""
 
     strength: float = Field(default=1.0, ge=0, le=1, description="0 leaves the clip as it is, 1 is the whole transfer")
-    contrast: Contrast = Field(default=1.0, description="contrast of the skin: 0.7–1.5, or auto")
-    match: Literal["color", "semantic"] = Field(default="color", description="transport by colour, or part by part")
+    contrast: Contrast = Field(default="auto", description="contrast of the skin: 0.7–1.5, or auto")
+    match: Literal["color", "semantic"] = Field(
+        default="semantic", description="all colours together, or skin to skin and lips to lips"
+    )
     protect: list[Literal["eyes", "teeth"]] = Field(
         default=["eyes", "teeth"], description="parts that keep their colour"
     )

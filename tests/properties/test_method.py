@@ -37,11 +37,14 @@ def matte_of(video: pvg.VectorVideo, frame: Frame) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def dark_look(video: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> pvg.Look:
-    return pvg.transfer(video, dark_reference)
+    """The paper's settings: all colours together, lambda 1."""
+    return pvg.transfer(video, dark_reference, match="color", contrast=1.0)
 
 
-def test_own_colours_return_the_clip(video: pvg.VectorVideo) -> None:
-    look = pvg.transfer(video, video)
+@pytest.mark.parametrize("match", ["color", "semantic"])
+@pytest.mark.parametrize("contrast", [1.0, "auto"])
+def test_own_colours_return_the_clip(video: pvg.VectorVideo, match: str, contrast: float) -> None:
+    look = pvg.transfer(video, video, match=match, contrast=contrast)
     for frame in frames_of(video):
         (drawn,) = Renderer(video, [look]).draw(frame)
         for ours, theirs in zip(drawn.planes, frame.planes, strict=True):
@@ -117,12 +120,31 @@ def test_colours_reach_the_reference(
     video: pvg.VectorVideo, dark_reference: pvg.VectorVideo, pale_reference: pvg.VectorVideo
 ) -> None:
     for reference in (dark_reference, pale_reference):
-        look = pvg.transfer(video, reference)
+        look = pvg.transfer(video, reference, match="color")
         key, target = video.records[0].key_frames[0], reference.records[0].key_frames[0]
         rng = np.random.default_rng(0)
         before = sliced_wasserstein(key.colors[key.visible], target.colors[target.visible], rng=rng)
         after = sliced_wasserstein(look.colors[0][0][key.visible], target.colors[target.visible], rng=rng)
         assert after < 0.1 * before
+
+
+def test_open_skin_gets_the_colour_of_the_references_open_skin(
+    video: pvg.VectorVideo, dark_reference: pvg.VectorVideo, pale_reference: pvg.VectorVideo
+) -> None:
+    """By default, in pixels: the median skin colour comes within a few levels of the reference's."""
+    from pvg.complexion import skin_sample
+
+    key = video.records[0].key_frames[0]
+    data = video.face_frame(0, key.frame)
+    assert data is not None
+    matte = matte_of(video, source_frame(video, key.frame))
+    for reference in (dark_reference, pale_reference):
+        drawn = pvg.render_frame(video, pvg.transfer(video, reference), key.frame)
+        skin = skin_sample(drawn, matte, data.points, data.skin_points)
+        wanted = np.median(reference.records[0].key_frames[0].skin, axis=0)
+        before = np.abs(np.median(key.skin, axis=0) - wanted).max()
+        assert before > 25
+        assert np.abs(np.median(skin, axis=0) - wanted).max() < 0.2 * before
 
 
 def test_looks_drawn_together_are_those_drawn_alone(
@@ -151,7 +173,11 @@ def test_a_frame_drawn_alone_is_the_frame_of_the_clip(video: pvg.VectorVideo, da
 def test_eyes_and_teeth_keep_their_colour_unless_asked(video: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> None:
     frame = source_frame(video, FRAMES[1])
     kept, moved = Renderer(
-        video, [pvg.transfer(video, dark_reference), pvg.transfer(video, dark_reference, protect=())]
+        video,
+        [
+            pvg.transfer(video, dark_reference, match="color", contrast=1.0, protect=protect)
+            for protect in (("eyes", "teeth"), ())
+        ],
     ).draw(frame)
     data = video.face_frame(0, frame.index)
     assert data is not None

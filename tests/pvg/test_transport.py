@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from pvg.transport import carry_along, sliced_transport, sliced_wasserstein
+from pvg.transport import sliced_transport, sliced_wasserstein
 
 
 def cloud(seed: int, n: int, mean: tuple[float, float, float], spread: float) -> np.ndarray:
@@ -151,36 +151,3 @@ def test_empty_misshapen_and_non_finite_colors_are_refused(a: np.ndarray, b: np.
 def test_parameters_out_of_range_are_refused(options: dict[str, object]) -> None:
     with pytest.raises(ValueError, match="must"):
         transport(SKIN, LOOK, **options)
-
-
-def test_riders_stay_when_the_sets_are_equal() -> None:
-    rng = np.random.default_rng(1)
-    colors, riders = rng.uniform(0, 255, (300, 3)), rng.uniform(0, 255, (50, 3))
-    carried = carry_along(riders, colors, colors[::-1], rng=np.random.default_rng(2))
-    np.testing.assert_allclose(carried, riders, atol=1e-9)
-
-
-def test_a_rider_on_a_colour_goes_where_the_colour_goes() -> None:
-    rng = np.random.default_rng(3)
-    colors, reference = rng.normal(120, 20, (400, 3)), rng.normal(90, 30, (300, 3))
-    moved = sliced_transport(colors, reference, rng=np.random.default_rng(4))
-    carried = carry_along(colors[::7], colors, reference, rng=np.random.default_rng(4))
-    np.testing.assert_allclose(carried, moved[::7], atol=1e-9)
-
-
-def test_riders_have_no_mass() -> None:
-    """A rider's fate does not depend on the other riders."""
-    rng = np.random.default_rng(5)
-    colors, reference = rng.normal(120, 20, (200, 3)), rng.normal(150, 10, (200, 3))
-    riders = rng.uniform(0, 255, (40, 3))
-    together = carry_along(riders, colors, reference, rng=np.random.default_rng(6))
-    alone = carry_along(riders[3:4], colors, reference, rng=np.random.default_rng(6))
-    np.testing.assert_array_equal(together[3:4], alone)
-
-
-def test_a_rider_far_outside_is_shifted_like_the_outermost_colours() -> None:
-    rng = np.random.default_rng(7)
-    colors = rng.normal(100, 5, (500, 3))
-    carried = carry_along([[0.0, 0.0, 0.0]], colors, colors + 40.0, rng=np.random.default_rng(8))
-    expected = 40.0 * (1 - 0.8**20)
-    np.testing.assert_allclose(carried, [[expected] * 3], atol=1e-6)

@@ -38,7 +38,7 @@ def test_a_transfer_of_ready_media_is_queued_at_once(api: Api) -> None:
     assert first.params == {
         "strength": 0.5,
         "contrast": "auto",
-        "match": "color",
+        "match": "semantic",
         "protect": [],
         "faces": [0],
     }
