@@ -206,7 +206,9 @@ def report(session: Session, lease: Lease, progress: Progress, *, now: datetime)
 def succeed(session: Session, lease: Lease, *, now: datetime, timings: dict[str, Any]) -> bool:
     """End a running job well. False when the lease is lost or the job is being canceled: publish nothing then."""
     where = [*_held(lease), Job.state == JobState.RUNNING]
-    return _finish(session, lease.job_id, where, JobState.SUCCEEDED, now, timings=timings, fraction=1.0)
+    # reports are throttled, so the last one stopped short of the last frame
+    whole = {"fraction": 1.0, "frames_done": Job.frames_total}
+    return _finish(session, lease.job_id, where, JobState.SUCCEEDED, now, timings=timings, **whole)
 
 
 def fail(session: Session, lease: Lease, error: dict[str, Any], *, now: datetime, timings: dict[str, Any]) -> bool:

@@ -234,6 +234,16 @@ def test_progress_is_of_the_present_attempt(database: Database, clock: FakeClock
     assert (job_of(database, job_id).stage, job_of(database, job_id).fraction) == (None, 0.0)
 
 
+def test_a_job_that_succeeded_has_done_all_its_frames(database: Database) -> None:
+    """Reports are throttled; the last one before the end is not of the last frame."""
+    job_id = add_media(database).job_id
+    lease = claim(database, job_id)
+    assert step(database, "report", lease, Progress("skin", 0.9, 15, 20))
+    assert step(database, "succeed", lease, timings={})
+    job = job_of(database, job_id)
+    assert (job.state, job.fraction, job.frames_done, job.frames_total) == ("succeeded", 1.0, 20, 20)
+
+
 def test_the_same_content_is_recorded_once_a_role(database: Database) -> None:
     add_media(database, content=b"same")
     add_media(database, Role.REFERENCE, content=b"same")
