@@ -13,9 +13,12 @@ import contextlib
 import hashlib
 import io
 import json
+import lzma
 import os
+import struct
 import tempfile
 import zipfile
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
@@ -35,6 +38,19 @@ _POINT_SCALE = 32  # positions are stored in 1/32 px
 _RADIUS_SCALE = 8
 _MATTE_LEVELS = 63  # 64 levels of opacity: one step of a correction of 70 levels is about one level
 _CACHED_CHUNKS = 4
+# what zipfile and its decompressors raise on damaged bytes
+_DAMAGE = (
+    zipfile.BadZipFile,
+    zlib.error,
+    lzma.LZMAError,
+    struct.error,
+    KeyError,
+    ValueError,
+    RuntimeError,
+    OverflowError,
+    OSError,
+    EOFError,
+)
 
 
 @dataclass(frozen=True)
@@ -77,7 +93,8 @@ class MediaSummary:
 class FaceSummary:
     """One tracked face of a clip, as shown to people.
 
-    width_px: median jaw width;  skin_rgb: median colour of its skin curves in the key frame, 0-255.
+    width_px: median jaw width;  skin_rgb: median colour of its skin curves in the key frame, 0-255;
+    person: who it is, as far as can be told; faces of one person are never seen at the same time.
     """
 
     index: int
@@ -85,6 +102,7 @@ class FaceSummary:
     last_frame: int
     width_px: float
     skin_rgb: tuple[int, int, int]
+    person: int
     warnings: tuple[str, ...] = ()
 
 
@@ -254,7 +272,7 @@ class VectorVideo:
             self._zip = zipfile.ZipFile(self.path)
         except FileNotFoundError:
             raise AssetError(f"no asset file at {self.path}") from None
-        except (zipfile.BadZipFile, OSError, EOFError) as error:
+        except _DAMAGE as error:
             raise AssetError(f"{self.path.name} is not an asset or is truncated ({error})") from None
         try:
             self._read_manifest()
@@ -312,6 +330,16 @@ class VectorVideo:
     def frame_count(self) -> int:
         """Number of frames of the clip, counted while vectorising."""
         return self.media.frame_count
+
+    @property
+    def persons(self) -> tuple[tuple[int, ...], ...]:
+        """The faces of each person, the one seen longest first: one transport serves them all."""
+        grouped: dict[int, list[FaceSummary]] = {}
+        for face in self.faces:
+            grouped.setdefault(face.person, []).append(face)
+        for faces in grouped.values():
+            faces.sort(key=lambda face: (face.first_frame - face.last_frame, face.index))
+        return tuple(tuple(face.index for face in grouped[person]) for person in sorted(grouped))
 
     @cached_property
     def records(self) -> tuple[FaceRecord, ...]:
@@ -411,10 +439,8 @@ class VectorVideo:
     def _read(self, name: str, digest: str) -> bytes:
         try:
             data = self._zip.read(name)
-        except (KeyError, zipfile.BadZipFile, OSError, EOFError, ValueError, NotImplementedError, RuntimeError):
-            raise AssetError(f"entry {name} of {self.path.name} is missing or damaged") from None
-        except Exception as error:  # zlib.error has no public base in zipfile's interface
-            raise AssetError(f"entry {name} of {self.path.name} is damaged ({error})") from None
+        except _DAMAGE as error:
+            raise AssetError(f"entry {name} of {self.path.name} is missing or damaged ({error})") from None
         if hashlib.sha256(data).hexdigest() != digest:
             raise AssetError(f"entry {name} of {self.path.name} was altered")
         return data

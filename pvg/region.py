@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from pvg.asset import FaceFrameData
 from pvg.curves import BOUNDARY, CurveLabels, Floats, face_frame, place, stack_points
-from pvg.poisson import CurveRaster, Lattice, rasterize_curves
+from pvg.landmarks import SKIN_SLICES
+from pvg.poisson import CurveRaster, Lattice, Membrane, build_membrane, rasterize_curves
 from pvg.skin import Matte
+from pvg.visibility import Visibility, see
+
+_BESIDE_OVAL = 0.02  # claim of a face's ears and neck, against 1 within its oval
+_OVAL_EDGE = 0.03  # of the face's width
+_NEARER = 4  # of two faces the larger is likely the nearer: claims grow with this power of the width
 
 
 @dataclass(frozen=True, eq=False)
 class Region:
     """One face in one frame, ready for any number of looks.
 
-    data: its geometry;  x, y: the source pixel of the region's corner;  alpha: (h, w) float32 matte in [0, 1], h and w
-    multiples of the chroma step unless the picture ends there;  raster: its curves on the solver's lattice.
+    data: its geometry;  positions: (S, 2) its curve samples, source pixels;  x, y: the source pixel of the region's
+    corner;  alpha: (h, w) float32 matte in [0, 1], h and w multiples of the chroma step unless the picture ends there;
+    raster: its curves on the solver's lattice;  visibility: which of its samples are seen.
     """
 
     data: FaceFrameData
@@ -26,6 +35,16 @@ class Region:
     y: int
     alpha: Floats
     raster: CurveRaster
+    visibility: Visibility
+
+    @property
+    def window(self) -> tuple[int, int, int, int]:
+        """x0, y0, x1, y1 of its pixels in the picture."""
+        return self.x, self.y, self.x + self.alpha.shape[1], self.y + self.alpha.shape[0]
+
+    def membrane(self, values: Floats) -> Membrane:
+        """Harmonic extension of values (S, C) at the curves, hidden samples following those that are seen."""
+        return build_membrane(self.raster).solve(self.visibility.settle(values))
 
 
 def open_region(data: FaceFrameData, labels: CurveLabels, width: int, height: int, align: int = 2) -> Region | None:
@@ -43,4 +62,44 @@ def open_region(data: FaceFrameData, labels: CurveLabels, width: int, height: in
     reach = positions[on_boundary] - face_frame(data.points).center
     active[on_boundary] = np.hypot(reach[:, 0], reach[:, 1]) > 1.0
     raster = rasterize_curves(positions, labels.spans, Lattice.over((x0, y0, x1 - x0, y1 - y0)), active=active)
-    return Region(data, positions, x0, y0, alpha, raster)
+    return Region(data, positions, x0, y0, alpha, raster, see(data, labels, positions, width, height))
+
+
+def divide_overlaps(regions: Sequence[Region]) -> list[Region]:
+    """The regions with their mattes divided where they overlap, so that no pixel is taken by more than 1 in all.
+
+    Of two faces on one pixel it goes to the one within whose oval it lies, and to the larger one within both.
+    """
+    if not any(_meet(a, b) for k, a in enumerate(regions) for b in regions[:k]):
+        return list(regions)
+    claims = [region.alpha * _claim(region) for region in regions]
+    out = []
+    for region, claim in zip(regions, claims, strict=True):
+        x0, y0, x1, y1 = region.window
+        total = claim.copy()
+        for other, others in zip(regions, claims, strict=True):
+            if other is region or not _meet(region, other):
+                continue
+            u0, v0, u1, v1 = other.window
+            left, top, right, bottom = max(x0, u0), max(y0, v0), min(x1, u1), min(y1, v1)
+            total[top - y0 : bottom - y0, left - x0 : right - x0] += others[
+                top - v0 : bottom - v0, left - u0 : right - u0
+            ]
+        share = np.divide(claim, total, out=np.ones_like(claim), where=total > 0)
+        out.append(replace(region, alpha=region.alpha * share))
+    return out
+
+
+def _meet(a: Region, b: Region) -> bool:
+    (ax0, ay0, ax1, ay1), (bx0, by0, bx1, by1) = a.window, b.window
+    return max(ax0, bx0) < min(ax1, bx1) and max(ay0, by0) < min(ay1, by1)
+
+
+def _claim(region: Region) -> Floats:
+    """(h, w) how much a face's pixels belong to it rather than to a face behind or before it."""
+    oval = np.zeros(region.alpha.shape, np.float32)
+    corners = region.data.skin_points[SKIN_SLICES["oval"]] - np.array([region.x, region.y], np.float32)
+    cv2.fillPoly(oval, [np.rint(corners * 16).astype(np.int32)], 1.0, lineType=cv2.LINE_AA, shift=4)
+    width = max(face_frame(region.data.points).width, 1.0)
+    soft = cv2.GaussianBlur(oval, (0, 0), max(0.5, _OVAL_EDGE * width))
+    return np.asarray((_BESIDE_OVAL + soft) * np.float32((width / 100.0) ** _NEARER), np.float32)

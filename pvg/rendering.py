@@ -26,8 +26,8 @@ from pvg.curves import CurveLabels, Floats, face_frame, labels_by_length, stack_
 from pvg.errors import AssetError
 from pvg.looks import Look, transfer
 from pvg.matching import Chain
-from pvg.poisson import Membrane, build_membrane
-from pvg.region import Region, open_region
+from pvg.poisson import Membrane
+from pvg.region import Region, divide_overlaps, open_region
 from pvg.video import Frame, MediaInfo, PixelFormat, VideoWriter, probe, read_frames, write_image
 
 Progress = Callable[[str, int, int], None]
@@ -77,20 +77,24 @@ def _contrast_at_curves(look: Look, g: Floats, new: Floats) -> Floats | float:
     return field
 
 
-def _add(planes: list[NDArray[Any]], region: Region, membrane: Membrane, alpha: Floats, change: _Change) -> None:
-    """Apply one look to one region of the planes, in place: P += alpha ((lambda - 1)(P - black - mean HF) + H).
+def _add(
+    planes: list[NDArray[Any]], source: Planes, region: Region, membrane: Membrane, alpha: Floats, change: _Change
+) -> None:
+    """Apply one look to one region of the planes, in place: P += alpha ((lambda - 1)(I - black - mean HF) + H).
 
-    With a lambda other than 1, channels 0 to 2 of the membrane are H(g).
+    source: the planes I of the frame as it came, where `planes` may hold another face already. With a lambda other
+    than 1, channels 0 to 2 of the membrane are H(g).
     """
     pixel_format = change.format
     sx, sy = pixel_format.chroma_log2
     h, w = alpha.shape
     top = 2**pixel_format.depth - 1
-    for p, plane in enumerate(planes):
+    for p, (plane, before) in enumerate(zip(planes, source, strict=True)):
         dx, dy = (sx, sy) if p else (0, 0)
         rows, columns = -(-h // 2**dy), -(-w // 2**dx)
         y, x = region.y >> dy, region.x >> dx
-        part = plane[y : y + rows, x : x + columns]
+        window = (slice(y, y + rows), slice(x, x + columns))
+        part = plane[window]
         weight = alpha if (dx, dy) == (0, 0) else cv2.resize(alpha, (columns, rows), interpolation=cv2.INTER_AREA)
         # chroma sits on the left luma column of its pair and between its rows (the default of H.264 and HEVC)
         xs = region.x + np.arange(columns, dtype=np.float32) * 2**dx
@@ -98,10 +102,10 @@ def _add(planes: list[NDArray[Any]], region: Region, membrane: Membrane, alpha: 
         shift = membrane.read(xs, ys, [change.channel + p])[0]
         if change.contrast_channel is not None:
             gain = membrane.read(xs, ys, [change.contrast_channel])[0] - 1.0
-            shift += gain * (part - np.float32(pixel_format.offset[p]))
+            shift += gain * (before[window] - np.float32(pixel_format.offset[p]))
         elif change.contrast != 1.0:
             # open skin is brighter than the curves around it, so HF has a mean; lambda leaves it where it is
-            level = part - np.float32(pixel_format.offset[p])
+            level = before[window] - np.float32(pixel_format.offset[p])
             high_mean = np.average(level - membrane.read(xs, ys, [p])[0], weights=weight)
             shift += np.float32(change.contrast - 1.0) * (level - np.float32(high_mean))
         shift *= weight
@@ -180,20 +184,31 @@ class Renderer:
     def draw(self, frame: Frame) -> list[Frame]:
         """One frame for every look, in their order; untouched planes are shared with `frame`."""
         planes: dict[int, list[NDArray[Any]]] = {}
-        for face, which in self._with_face.items():
-            data = self.video.face_frame(face, frame.index)
-            if data is None:
-                continue
-            labels, colors = self._colors[face].at(frame.index)
-            align = 2 ** max(frame.format.chroma_log2)
-            region = open_region(data, labels, frame.width, frame.height, align)
-            if region is None:
-                continue
-            self._draw_face(frame, region, which, colors, planes)
+        for face, region, colors in self._regions(frame):
+            if colors is not None:
+                self._draw_face(frame, region, self._with_face[face], colors, planes)
         return [
             frame.with_planes((p[0], p[1], p[2])) if (p := planes.get(i)) is not None else frame
             for i in range(len(self.looks))
         ]
+
+    def _regions(self, frame: Frame) -> list[tuple[int, Region, Floats | None]]:
+        """(face, region, colours) of every face in the frame; one that no look draws has no colours.
+
+        Those are wanted too: a face before another is not painted with that one's look.
+        """
+        align = 2 ** max(frame.format.chroma_log2)
+        found: list[tuple[int, Region, Floats | None]] = []
+        for face in range(len(self.video.faces)) if self._with_face else ():
+            data = self.video.face_frame(face, frame.index)
+            if data is None:
+                continue
+            labels, colors = self._colors[face].at(frame.index) if face in self._colors else (table_labels(), None)
+            region = open_region(data, labels, frame.width, frame.height, align)
+            if region is not None and region.alpha.any():
+                found.append((face, region, colors))
+        divided = divide_overlaps([region for _, region, _ in found])
+        return [(face, region, colors) for (face, _, colors), region in zip(found, divided, strict=True)]
 
     def _draw_face(
         self,
@@ -221,11 +236,11 @@ class Renderer:
         if all(change.contrast == 1.0 for change in changes):  # H(g) is not needed
             channels[0] = np.empty((len(g), 0), np.float32)
             changes = [change.moved(-3) for change in changes]
-        membrane = build_membrane(region.raster).solve(np.concatenate(channels, axis=1))
+        membrane = region.membrane(np.concatenate(channels, axis=1))
         for i, change in zip(which, changes, strict=True):
             if i not in planes:
                 planes[i] = [plane.copy() for plane in frame.planes]
-            _add(planes[i], region, membrane, protected_alpha(region, self.looks[i].protect), change)
+            _add(planes[i], frame.planes, region, membrane, protected_alpha(region, self.looks[i].protect), change)
 
 
 def _partial(path: Path) -> Path:

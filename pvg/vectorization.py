@@ -11,14 +11,13 @@ import contextlib
 import os
 import tempfile
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
 from pvg.asset import AssetWriter, FaceRecord, FaceSummary, KeyFrame, MediaSummary, VectorVideo
 from pvg.boundary import fit_boundary_colors
@@ -35,7 +34,8 @@ from pvg.curves import (
     table_labels,
 )
 from pvg.errors import FaceTooSmallError, NoFaceError
-from pvg.landmarks import FaceTrack, smooth, track_faces
+from pvg.keyframes import best_row, first_good_row, opacity
+from pvg.landmarks import FaceTrack, link_persons, smooth, track_faces
 from pvg.matching import CHAIN_RESET_FRAMES
 from pvg.skin import MaskMethod, Matte, SkinTracker, fit_skin_model
 from pvg.video import MediaInfo, MediaLimits, probe, read_frames, sha256_file
@@ -48,12 +48,9 @@ MIN_FACE_PX = 64
 ADVISED_FACE_PX = 200  # the paper's least face size
 _FIT_FACE_PX = 320  # the least-squares fit sees larger faces scaled down to this width
 _INSET = 0.012  # boundary samples lie this part of the face's width inside the mask
-_FRONTAL_DEG = 25.0
-_GOOD_SCORE = 0.8
 _STRAY_SPREADS = 2.5
 _LEAST_CHROMA_SPREAD = 4.0  # of a* and b*
 _REFERENCE_FRAMES = 300  # a reference needs one good frame; the beginning of a clip is enough to find it
-_FADE_FRAMES = 4  # a lost face's correction fades over so many frames
 
 
 def vectorize(
@@ -71,7 +68,7 @@ def vectorize(
     """Vectorise a clip or an image, once for all looks.
 
     asset: where the asset file is written; a temporary file that goes with the object when None.
-    reference: keep only what a reference needs, the key frame of the largest face.
+    reference: keep only what a reference needs, the best frame of the largest face.
     mask: "landmarks" (default) or "ycbcr", the paper's rule.  matching: "table" maps every frame straight to the key
     frame's colours; "chain" is the paper's frame-to-frame way with new key frames every 120 frames.
     progress: called as (stage, frames done, frames expected); what it raises ends the work and passes through.
@@ -82,7 +79,7 @@ def vectorize(
     path = Path(source)
     report: Progress = progress or (lambda stage, done, total: None)
     media = probe(path, limits)
-    work = _Work(path, media, limits, report, mask, matching, seed)
+    work = _Work(path, media, limits, report, mask, matching, reference, seed)
     tracks, shots, frames = work.track(min_face_px, _REFERENCE_FRAMES if reference else None)
     if reference:
         tracks = (max(tracks, key=lambda track: track.width_px),)
@@ -99,14 +96,16 @@ def vectorize(
         if asset is None:
             undo.callback(target.unlink)
         writer = undo.enter_context(AssetWriter(target))
-        faces = [work.open_face(index, track, reference) for index, track in enumerate(tracks)]
+        faces = [work.open_face(index, track, shots, frames) for index, track in enumerate(tracks)]
         if reference:
             for face in faces:
                 face.add_key_frame_only(writer)
         else:
             work.follow_skin(faces, writer, frames)
-        for face in faces:
-            writer.add_face(face.record())
+        records = [face.record() for face in faces]
+        persons = link_persons([face.track for face in faces], [record.summary.skin_rgb for record in records])
+        for record, person in zip(records, persons, strict=True):
+            writer.add_face(replace(record, summary=replace(record.summary, person=person)))
         writer.finish(manifest)
         undo.pop_all()
     return VectorVideo(target, path, temporary=asset is None)
@@ -128,6 +127,7 @@ class _Work:
     report: Progress
     mask: MaskMethod
     matching: str
+    reference: bool
     seed: int
 
     def frames(self, stage: str, stop: int | None = None) -> Iterator[tuple[int, Image]]:
@@ -164,13 +164,23 @@ class _Work:
             )
         return tuple(smooth(track) for track in wide), (0, *result.cuts), result.frame_count
 
-    def open_face(self, index: int, track: FaceTrack, reference: bool) -> _Face:
+    def open_face(self, index: int, track: FaceTrack, shots: tuple[int, ...], frame_count: int) -> _Face:
         """Read the track's key frame, learn its skin and fit its boundary colours."""
-        chain = self.matching == "chain" and not reference
-        row = 0 if chain else _key_row(track)
+        chain = self.matching == "chain" and not self.reference
+        if self.reference and len(track.score) > 1:
+            row = self._best_row(track)
+        else:
+            row = 0 if chain else first_good_row(track)
         resets = tuple(range(0, len(track.score), CHAIN_RESET_FRAMES)) if chain else (row,)
         skin = SkinFollower(self.mask, track, row, self.frame(track.first + row))
-        return _Face(index, track, resets, skin, seed=self.seed)
+        return _Face(index, track, resets, skin, opacity(track, shots, frame_count), seed=self.seed)
+
+    def _best_row(self, track: FaceTrack) -> int:
+        def matte_of(row: int, rgb: Image) -> Matte:
+            return SkinFollower(self.mask, track, row, rgb).key_matte
+
+        stop = min(track.last + 1, track.first + _REFERENCE_FRAMES)
+        return best_row(track, self.frames("best frame", stop), matte_of)
 
     def follow_skin(self, faces: list[_Face], writer: AssetWriter, frames: int) -> None:
         """Second pass: matte and boundary of every face in every frame."""
@@ -194,33 +204,24 @@ class SkinFollower:
         return self._tracker.step(rgb, points, skin_points)
 
 
-def _key_row(track: FaceTrack) -> int:
-    """The first row that shows the face well: sure of itself and turned to the camera; else the best one."""
-    turned = np.abs(track.pose[:, :2]).max(axis=1)
-    good = (track.score >= _GOOD_SCORE) & (turned <= _FRONTAL_DEG)
-    return int(np.argmax(good)) if good.any() else int(np.argmax(track.score - turned / 90.0))
-
-
-def _opacity(score: Floats) -> Floats:
-    """Per frame 1 where the face is seen, falling to 0 over `_FADE_FRAMES` towards frames where it is not."""
-    seen = score > 0
-    if seen.all():
-        return np.ones(len(score), np.float32)
-    opacity: Floats = np.clip(distance_transform_edt(seen) / (_FADE_FRAMES + 1), 0, 1).astype(np.float32)
-    return opacity
-
-
 class _Face:
     """One face while its track is being written."""
 
     def __init__(
-        self, index: int, track: FaceTrack, key_rows: tuple[int, ...], skin: SkinFollower, *, seed: int
+        self,
+        index: int,
+        track: FaceTrack,
+        key_rows: tuple[int, ...],
+        skin: SkinFollower,
+        visible: Floats,
+        *,
+        seed: int,
     ) -> None:
         self.index = index
         self.track = track
         self._skin = skin
         self._seed = seed
-        self._opacity = _opacity(track.score)
+        self._opacity = visible
         self._key_rows = key_rows
         self._keys: dict[int, KeyFrame] = {}
         self._fit(skin.key_row, skin.key_rgb, skin.key_matte)
@@ -263,6 +264,7 @@ class _Face:
             last_frame=self.track.first + len(self.track.score) - 1,
             width_px=round(width, 1),
             skin_rgb=tuple(int(v) for v in np.rint(np.median(colors, axis=0))),  # type: ignore[arg-type]
+            person=self.index,
             warnings=warnings,
         )
         return FaceRecord(summary, keys)

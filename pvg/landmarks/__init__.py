@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pvg.landmarks.detector import Detection, detect_faces
 from pvg.landmarks.drawing import draw_landmarks
+from pvg.landmarks.identity import face_proportions, link_persons
 from pvg.landmarks.layout import (
     JD_CLOSED,
     JD_COUNT,
@@ -33,9 +34,11 @@ __all__ = [
     "Region",
     "detect_faces",
     "draw_landmarks",
+    "face_proportions",
     "fit_landmarks",
     "head_pose",
     "jd_106",
+    "link_persons",
     "region_of_detection",
     "region_of_points",
     "skin_88",

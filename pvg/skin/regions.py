@@ -33,6 +33,7 @@ def fill_holes(mask: Bools) -> Bools:
 
 
 _EAR_GAP = 0.12  # face sizes: hair between an ear and the cheek
+_BRIDGE = 0.06  # face sizes: half the width of what may be no neck
 _LEAST_PART = 0.004  # squared face sizes
 
 
@@ -45,7 +46,7 @@ def gather(skin: Bools, where: Places) -> Bools:
         closed = cv2.dilate(raw.astype(np.uint8), line, borderType=cv2.BORDER_CONSTANT, borderValue=0)
         closed = cv2.erode(closed, line, borderType=cv2.BORDER_CONSTANT, borderValue=0)
         raw = raw | (closed.astype(np.bool_) & gap.within)
-    main = biggest_part(raw, where.sure)
+    main = _wide_neck(biggest_part(raw, where.sure), where)
     count, labels, stats, _ = cv2.connectedComponentsWithStats((raw & ~main).astype(np.uint8), connectivity=4)
     reach = max(1, round(_EAR_GAP * where.size))
     near = cv2.dilate(main.astype(np.uint8), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)).astype(np.bool_)
@@ -53,6 +54,19 @@ def gather(skin: Bools, where: Places) -> Bools:
     kept = touched & (stats[:, cv2.CC_STAT_AREA] > _LEAST_PART * where.size**2)
     kept[0] = False
     return fill_holes(main | kept[labels])
+
+
+def _wide_neck(main: Bools, where: Places) -> Bools:
+    """`main` (h, w) without what hangs on the neck by a narrow bridge: ties, stripes, locks of hair."""
+    neck = where.neckness > 0.9
+    reach = max(1, round(_BRIDGE * where.size))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+    # what lies beyond the picture counts as skin, or a neck cut by its edge would be thinned
+    core = cv2.erode(main.astype(np.uint8), disc).astype(np.bool_) | (main & ~neck)
+    core = biggest_part(core, where.sure)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 3, 2 * reach + 3))
+    wide: Bools = main & (cv2.dilate(core.astype(np.uint8), disc).astype(np.bool_) | ~neck)
+    return wide
 
 
 def _line(step: Floats) -> Bytes:

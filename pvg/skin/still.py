@@ -11,6 +11,7 @@ import numpy as np
 from pvg.skin.colors import SkinColors, fit_colors, skin_scale, strangeness, to_skin_lab
 from pvg.skin.cutting import minimum_cut
 from pvg.skin.regions import biggest_part, fill_holes, gather
+from pvg.skin.veil import VEIL_ODDS, find_hair, veil
 from pvg.skin.zones import Bools, Bytes, Floats, Places, face_area, face_box, face_geometry, locate, logistic
 
 MaskMethod = Literal["landmarks", "ycbcr"]
@@ -18,6 +19,8 @@ MaskMethod = Literal["landmarks", "ycbcr"]
 _CR_LOW, _CR_HIGH = 140, 160
 WORK_FACE_PX = 150.0  # the colour decision is made on a picture scaled to faces of this size
 _ROUNDS = 3
+# weight of the contour's inside in learning what is not skin: hair there is like hair above, but shade is skin
+_INSIDE = 0.2
 _LEAST_SAMPLE = 16  # cells
 _GLASSES_DARKER = 15.0  # than the cheeks, in L
 _PRIOR_IN_LEARNING = 0.4
@@ -80,7 +83,8 @@ def cut_skin(rgb: Bytes, points: Floats, skin_points: Floats, visible: Bools | N
     odd = where.sure & (far > 16)  # eyes, lips, glasses, beard: inside, but not to learn skin from
     like_sample = np.exp(-0.15 * np.maximum(far_in_tone - 9, 0))
     belief = np.where(where.sure, 1.0, logistic(where.prior) * np.exp(-0.25 * np.maximum(far - 6, 0)))
-    nearby = np.exp(-2 * np.maximum(where.outside - 0.1, 0))
+    nearby = np.exp(-2 * np.maximum(where.outside - 0.1, 0)) * np.where(where.face, _INSIDE, 1)
+    covered = np.zeros(shape, np.float32)
     for _ in range(_ROUNDS):
         # learn: without the anchor to the sample, a fringe once taken for skin would teach that hair is skin
         inner = np.where(odd, 0, belief * like_sample) * visible
@@ -89,10 +93,14 @@ def cut_skin(rgb: Bytes, points: Floats, skin_points: Floats, visible: Bools | N
         # cut
         evidence = colors.evidence(lab)
         evidence = np.where(where.sure, np.maximum(evidence, 0), evidence)
+        evidence = evidence - VEIL_ODDS * covered
         odds = np.where(visible, where.prior + evidence, -9).astype(np.float32)
         skin = gather(minimum_cut(rgb, odds), where) & visible
         belief = logistic(evidence + _PRIOR_IN_LEARNING * where.prior)
         belief = np.where(skin, np.maximum(belief, 0.6), np.minimum(belief, 0.4))
+        hair = find_hair(rgb, skin | ~visible, where)
+        if hair is not None:
+            covered = veil(rgb, skin, where, hair)
     return SkinCut(skin, colors)
 
 

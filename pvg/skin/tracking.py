@@ -12,6 +12,7 @@ from pvg.skin.colors import SkinColors, to_skin_lab
 from pvg.skin.matte import Matte
 from pvg.skin.regions import gather
 from pvg.skin.still import WORK_FACE_PX, MaskMethod, chroma_mask, cut_skin
+from pvg.skin.veil import VEIL_ODDS, Hair, find_hair, veil
 from pvg.skin.zones import Bools, Bytes, Floats, Places, face_area, face_box, face_geometry, locate, logistic
 
 _CELLS_SMALL, _CELLS_LARGE = 192, 256  # longer side of the raster, for boxes of up to 768 and from 1024 px
@@ -88,6 +89,7 @@ class LearnedSkin:
 
     colors: SkinColors
     light: Floats
+    hair: Hair | None
     inside: Floats
     points: Floats
 
@@ -121,6 +123,7 @@ def fit_skin_model(rgb: Bytes, points: Floats, skin_points: Floats, *, method: M
     learned = LearnedSkin(
         colors=cut.colors,
         light=_light(small, where.sample & visible),
+        hair=find_hair(small, cut.mask | ~visible, where),
         inside=np.asarray(inside / where.size, np.float32),
         points=np.concatenate([own, own_skin]),
     )
@@ -215,13 +218,17 @@ def _skin_now(learned: LearnedSkin, rgb: Bytes, where: Places, points: Floats, v
     """Probability of skin (h, w) from this frame alone: colours, the face's places and the key frame's shape."""
     # a lamp or a cloud that changes the face changes what surrounds it alike: undo it before colours are looked up
     gain = np.clip(learned.light / _light(rgb, where.sample & visible), 0.2, 5.0)
-    evidence = learned.colors.evidence(to_skin_lab(np.clip(rgb * gain, 0, 255)))
+    lit = np.clip(rgb * gain, 0, 255).astype(np.uint8)
+    evidence = learned.colors.evidence(to_skin_lab(lit))
     evidence = np.where(where.sure, np.maximum(evidence, 0), evidence)
     map_x, map_y = spline_map(where.face.shape, points[::_EVERY], learned.points[::_EVERY])
     inside = cv2.remap(learned.inside, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     carried = np.clip(inside * 60, -6, 6) * (1 - 0.6 * where.neckness)  # the neck does not turn with the head
     # beyond the picture its edge is repeated, and so is the decision there: skin ends at the edge, it does not fade
     odds = 0.6 * where.prior + carried + evidence
+    if learned.hair is not None:
+        covered = veil(lit, inside > -0.02, where, learned.hair)
+        odds = odds - VEIL_ODDS * covered
     radius = max(2, round(0.035 * where.size))
     filtered = cv2.ximgproc.guidedFilter(rgb, logistic(np.asarray(odds, np.float32)), radius, 120.0)
     return np.asarray(np.clip(filtered, 0, 1), np.float32)

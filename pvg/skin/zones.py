@@ -119,7 +119,8 @@ class Places:
     outside: float32 distance from the face contour in face sizes, 0 within;
     face: the inside of the contour;  sure: skin or a feature of the face whatever its colour;
     sample: the part of `sure` that shows the skin's colour;  cheeks: that of `sample` below glasses;
-    ears: where ears can be;
+    ears: where ears can be;  upper: all above the brows' middle line;  brows: about the brows;
+    above: a kernel (k, k) uint8 that reaches from a brow's cell to the forehead;
     gaps: what to close;  size: the face's size in cells.
     """
 
@@ -132,6 +133,9 @@ class Places:
     sample: Bools
     cheeks: Bools
     ears: Bools
+    upper: Bools
+    brows: Bools
+    above: Bytes
     gaps: tuple[Gap, ...]
     size: float
 
@@ -176,6 +180,9 @@ def locate(shape: tuple[int, int], points: Floats, skin_points: Floats) -> Place
         sample=sample,
         cheeks=sample & (down > g.depth(points[52:64]) + 0.15),
         ears=ears > -3,
+        upper=down < brow,
+        brows=brows,
+        above=_upward(0.14 * g.size * g.down),
         gaps=(
             Gap(0.30 * g.size * g.neck, (along > -0.3) & (along < 0.5) & (off < 0.2)),
             Gap(0.12 * g.size * g.neck, (along > -0.3) & (along < 0.4) & (off < 0.4)),
@@ -183,6 +190,15 @@ def locate(shape: tuple[int, int], points: Floats, skin_points: Floats) -> Place
         ),
         size=g.size,
     )
+
+
+def _upward(step: Floats) -> Bytes:
+    """A kernel of ones from its centre as far as the vector `step` (2,) is long, against it."""
+    half = int(np.ceil(np.abs(step).max())) + 1
+    kernel = np.zeros((2 * half + 1, 2 * half + 1), np.uint8)
+    end = np.rint(half - step).astype(int)
+    cv2.line(kernel, (half, half), (int(end[0]), int(end[1])), (1,), 1)
+    return kernel
 
 
 def _head_prior(inside: Floats, down: Floats, brow: float) -> Floats:

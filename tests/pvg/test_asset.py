@@ -64,7 +64,7 @@ def asset(tmp_path: Path, source: Path) -> Path:
     with AssetWriter(path) as writer:
         for i in range(FRAMES):
             writer.add_frame(0, frame_arrays(i))
-        summary = FaceSummary(0, FIRST, FIRST + FRAMES - 1, 150.0, (200, 150, 120), ("small",))
+        summary = FaceSummary(0, FIRST, FIRST + FRAMES - 1, 150.0, (200, 150, 120), 0, ("small",))
         writer.add_face(FaceRecord(summary, (key_frame(),)))
         writer.finish(
             {
@@ -83,7 +83,7 @@ def test_round_trip_keeps_every_array_to_its_stated_precision(asset: Path, sourc
     with open_asset(asset, source) as video:
         assert video.frame_count == FIRST + FRAMES
         assert video.shots == (0, 40)
-        assert video.faces == (FaceSummary(0, FIRST, FIRST + FRAMES - 1, 150.0, (200, 150, 120), ("small",)),)
+        assert video.faces == (FaceSummary(0, FIRST, FIRST + FRAMES - 1, 150.0, (200, 150, 120), 0, ("small",)),)
         for i in (0, 1, CHUNK_FRAMES - 1, CHUNK_FRAMES, FRAMES - 1, 7):  # forwards and back, across chunks
             want, data = frame_arrays(i), video.face_frame(0, FIRST + i)
             assert data is not None
@@ -136,6 +136,21 @@ def test_an_altered_byte_is_refused_or_changes_nothing(asset: Path, tmp_path: Pa
     except AssetError:
         return
     assert read == good  # a byte that carries nothing, such as an archive date
+
+
+def test_every_altered_byte_of_the_directory_is_refused_or_changes_nothing(asset: Path, tmp_path: Path) -> None:
+    body = asset.read_bytes()
+    good = everything(asset)
+    altered = tmp_path / "altered.pvg"
+    start = body.rindex(b"PK\x01\x02", 0, body.rindex(b"PK\x05\x06"))  # the last entry's record, then the end record
+    for position in range(start, len(body)):
+        for flip in (0x01, 0x40, 0xFF):
+            altered.write_bytes(body[:position] + bytes([body[position] ^ flip]) + body[position + 1 :])
+            try:
+                read = everything(altered)
+            except AssetError:
+                continue
+            assert read == good, position
 
 
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -230,3 +245,26 @@ def test_no_file_is_a_clear_error(tmp_path: Path) -> None:
     text.write_text("hello")
     with pytest.raises(AssetError, match="not an asset"):
         open_asset(text)
+
+
+def test_faces_of_a_person_stand_together_the_longest_first(tmp_path: Path, source: Path) -> None:
+    path = tmp_path / "clip.pvg"
+    media = {"kind": "video", "width": 320, "height": 240, "frame_rate": 25.0, "duration_s": 3.0}
+    media |= {"frame_count": 40, "has_audio": False, "rotation": 0, "codec": "h264", "pixel_format": "yuv420p"}
+    spans = ((0, 4, 0), (0, 9, 1), (10, 29, 0), (30, 39, 0))
+    with AssetWriter(path) as writer:
+        for face, (first, last, person) in enumerate(spans):
+            for i in range(first, last + 1):
+                writer.add_frame(face, frame_arrays(i))
+            writer.add_face(FaceRecord(FaceSummary(face, first, last, 150.0, (200, 150, 120), person), (key_frame(),)))
+        writer.finish(
+            {
+                "settings": {"mask": "landmarks", "matching": "table", "reference": False},
+                "source_sha256": sha256_file(source),
+                "media": media,
+                "shots": [0],
+            }
+        )
+    with open_asset(path) as video:
+        assert video.persons == ((2, 3, 0), (1,))
+        assert [face["person"] for face in video.summary()["faces"]] == [0, 1, 0, 0]

@@ -20,9 +20,11 @@ from pvg.landmarks import (
     FaceTrack,
     detect_faces,
     draw_landmarks,
+    face_proportions,
     fit_landmarks,
     head_pose,
     jd_106,
+    link_persons,
     skin_88,
     smooth,
     track_faces,
@@ -30,6 +32,7 @@ from pvg.landmarks import (
 from pvg.landmarks.cuts import CutDetector
 from pvg.landmarks.detector import box_iou
 from pvg.landmarks.mesh import Mesh, region_of_points
+from pvg.video import read_frames
 
 MASKS = ("man_cap_beard_dim", "man_fringe_pale", "woman_earrings_bright", "woman_fringe_dark_background")
 
@@ -447,3 +450,66 @@ def test_smoothing_does_not_reach_across_a_gap(shape: np.ndarray) -> None:
     np.testing.assert_allclose(other.points[30:], calm.points[30:] + 40, atol=5e-2)
     np.testing.assert_allclose(np.diff(other.points[24:31], 2, axis=0), 0, atol=1e-3)
     np.testing.assert_array_equal(other.score, score.astype(np.float32))
+
+
+# Persons
+
+
+def _posed(shape: np.ndarray, first: int, count: int, stretch: float = 1.0) -> FaceTrack:
+    """A track of a still face; stretch makes the lower half of the face that much longer."""
+    points = np.tile(shape[:194], (count, 1, 1)).astype(np.float32)
+    middle = points[:, 43:44, 1:]
+    points[..., 1:] = np.where(points[..., 1:] > middle, middle + stretch * (points[..., 1:] - middle), points[..., 1:])
+    points += 0.1 * np.random.default_rng(first).standard_normal(points.shape).astype(np.float32)
+    pose = np.zeros((count, 3), np.float32)
+    return FaceTrack(first, points[:, :106], points[:, 106:], np.ones(count, np.float32), pose)
+
+
+def test_tracks_alike_in_shape_and_colour_are_one_person_and_others_are_not(mesh: Mesh) -> None:
+    shape = np.concatenate([jd_106(mesh.points), skin_88(mesh.points)])
+    one, again = _posed(shape, 0, 20), _posed(0.6 * shape + 40, 30, 20)
+    longer = _posed(shape, 60, 20, stretch=1.15)
+    tan, same_tan, deep = (200, 150, 120), (190, 145, 120), (90, 55, 40)
+    assert link_persons([one, again, longer], [tan, same_tan, tan]) == (0, 0, 1)
+    assert link_persons([one, longer, again], [tan, tan, same_tan]) == (0, 1, 0)
+    assert link_persons([one, again], [tan, deep]) == (0, 1)
+    assert link_persons([], np.empty((0, 3))) == ()
+
+
+def test_tracks_seen_at_the_same_time_are_never_one_person(mesh: Mesh) -> None:
+    shape = np.concatenate([jd_106(mesh.points), skin_88(mesh.points)])
+    tracks = [_posed(shape, 0, 20), _posed(shape, 19, 20), _posed(shape, 60, 20)]
+    persons = link_persons(tracks, [(200, 150, 120)] * 3)
+    assert persons[0] != persons[1]
+    assert persons[2] in persons[:2]
+
+
+def test_a_face_never_seen_from_the_front_stays_a_person_of_its_own(mesh: Mesh) -> None:
+    shape = np.concatenate([jd_106(mesh.points), skin_88(mesh.points)])
+    one, away = _posed(shape, 0, 20), _posed(shape, 30, 20)
+    away.pose[:, 0] = 40.0
+    assert face_proportions(away) is None
+    assert link_persons([one, away], [(200, 150, 120)] * 2) == (0, 1)
+
+
+def test_proportions_ignore_where_how_large_and_how_leaned_a_face_is(mesh: Mesh) -> None:
+    shape = np.concatenate([jd_106(mesh.points), skin_88(mesh.points)])
+    cos, sin = np.cos(0.4), np.sin(0.4)
+    leaned = 1.7 * shape @ np.array([[cos, sin], [-sin, cos]], np.float32) + 30
+    straight, other = face_proportions(_posed(shape, 0, 9)), face_proportions(_posed(leaned, 0, 9))
+    assert straight is not None
+    assert other is not None
+    np.testing.assert_allclose(straight, other, atol=0.02)
+
+
+def test_two_women_across_a_cut_are_two_persons_and_one_in_two_clips_is_one(media_dir: Path) -> None:
+    clips = media_dir / "clips"
+    cut = clips / "scene_cut_dark_to_bright_two_women_720p.mp4"
+    frames = ((frame.index, frame.rgb()) for frame in read_frames(cut, start=100, stop=145))
+    blonde, redhead = track_faces(frames).tracks
+    assert redhead.first == 120
+    other = clips / "woman_pale_redhair_moving_camera_720p.mp4"
+    frames = ((200 + frame.index, frame.rgb()) for frame in read_frames(other, start=120, stop=145))
+    (again,) = track_faces(frames).tracks
+    skin = [(200, 150, 120)] * 3  # shape alone has to tell them apart
+    assert link_persons([blonde, redhead, again], skin) == (0, 1, 1)

@@ -116,3 +116,26 @@ def test_the_papers_chain_renders_near_the_table(
         assert np.abs(ours - theirs).mean() < 0.15 * np.abs(theirs - source).mean()
         own = pvg.transfer(chained, chained)
         np.testing.assert_array_equal(pvg.render_frame(chained, own, 15), pvg.render_frame(chained, None, 15))
+
+
+def test_a_frame_drawn_alone_is_the_frame_of_the_clip(video: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> None:
+    look = pvg.transfer(video, dark_reference)
+    through = Renderer(video, [look])
+    for frame in read_frames(video.require_source(), stop=12):
+        (drawn,) = through.draw(frame)
+        if frame.index in (0, 11):
+            np.testing.assert_array_equal(drawn.rgb(), pvg.render_frame(video, look, frame.index))
+
+
+def test_a_look_for_one_face_leaves_the_other_faces_alone(samples: object, dark_reference: pvg.VectorVideo) -> None:
+    with pvg.vectorize(samples.several_faces) as image:  # type: ignore[attr-defined]
+        assert len(image.faces) >= 2
+        before = pvg.render_frame(image, None, 0).astype(int)
+        after = pvg.render_frame(image, pvg.transfer(image, dark_reference, faces=[0]), 0).astype(int)
+        change = np.abs(after - before).max(axis=2)
+        for face in image.faces:
+            data = image.face_frame(face.index, 0)
+            assert data is not None
+            x, y = np.rint(data.points[46]).astype(int)  # the tip of the nose
+            there = change[y - 3 : y + 4, x - 3 : x + 4]
+            assert there.max() > 5 if face.index == 0 else there.max() == 0

@@ -189,6 +189,49 @@ def test_the_skin_of_a_drawn_face_is_found(tone: str) -> None:
     assert mask[row, col].all()  # eyes, brows, nose and mouth are inside, filled
 
 
+def _with_hair(scene: Scene, hair: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:
+    """The drawn face with hair about the head and a half-see-through fringe; and where the fringe is on the face."""
+    ys, xs = np.mgrid[: scene.rgb.shape[0], : scene.rgb.shape[1]]
+    oval = scene.skin_points[:36]
+    top, middle = oval[:, 1].min(), oval[:, 0].mean()
+    brow = scene.points[33:43, 1].min()
+    head = np.hypot((xs - middle) / 100, (ys - oval[:, 1].mean()) / 120) < 1
+    around = head & (scene.truth == 0) & (ys < brow + 15)
+    fringe = scene.truth & (ys < top + 0.6 * (brow - top)) & (xs < middle + 15)
+    cover = np.where(around, 1.0, np.where(fringe, 0.6 + 0.15 * np.sin(xs), 0.0))
+    cover = cv2.GaussianBlur(cover, (0, 0), 0.7)[..., None]
+    strands = np.array(hair) * (1 + 0.08 * np.sin(xs * 1.7))[..., None]
+    return np.clip(scene.rgb * (1 - cover) + strands * cover, 0, 255).astype(np.uint8), fringe
+
+
+@pytest.mark.parametrize("hair", [(45, 33, 26), (190, 162, 105)], ids=["dark", "fair"])
+def test_a_fringe_is_left_out_of_the_still_and_of_the_matte(hair: tuple[float, float, float]) -> None:
+    scene = _scene(width=120, tone="pale" if hair[0] < 100 else "tan")
+    rgb, fringe = _with_hair(scene, hair)
+    bare = scene.truth & ~fringe
+    still = skin_mask(rgb, scene.points, scene.skin_points)
+    model = fit_skin_model(rgb, scene.points, scene.skin_points)
+    matte = SkinTracker(model).step(rgb, scene.points, scene.skin_points)
+    for mask in (still, _mask_of(matte, rgb.shape)):
+        assert mask[fringe].mean() < 0.1
+        assert _iou(mask, bare) > 0.95
+    assert fringe.sum() > 400
+
+
+def test_a_tie_of_the_skins_colour_is_left_out() -> None:
+    scene = _scene()
+    chin = scene.points[16]
+    ys, xs = np.mgrid[: scene.rgb.shape[0], : scene.rgb.shape[1]]
+    shirt = ys > chin[1] + 25
+    tie = shirt & (np.abs(xs - chin[0]) < np.where(ys < chin[1] + 40, 4, 12))
+    rgb = scene.rgb.copy()
+    rgb[shirt & ~tie] = (235, 236, 240)
+    rgb[tie] = TONES["tan"][0]
+    mask = skin_mask(rgb, scene.points, scene.skin_points)
+    assert mask[tie].mean() < 0.15
+    assert _iou(mask, scene.truth & ~shirt) > 0.95
+
+
 def test_a_face_cut_by_the_pictures_edge_is_found_as_far_as_it_is_seen() -> None:
     for center in ((20, 130), (300, 130), (160, 20), (160, 290)):
         scene = _scene(center=center)
@@ -384,8 +427,8 @@ def test_labelled_portraits_agree(media_dir: Path) -> None:
         rule.append(_iou(skin_mask(rgb, points, skin_points, method="ycbcr"), truth))
         matte = SkinTracker(fit_skin_model(rgb, points, skin_points)).step(rgb, points, skin_points)
         tracked.append(_iou(_mask_of(matte, rgb.shape), truth))
-    assert np.mean(stills) > 0.93
-    assert min(stills) > 0.91
-    assert np.mean(tracked) > 0.925
-    assert min(tracked) > 0.90
+    assert np.mean(stills) > 0.943
+    assert min(stills) > 0.918
+    assert np.mean(tracked) > 0.943
+    assert min(tracked) > 0.92
     assert np.mean(rule) < 0.75

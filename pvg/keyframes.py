@@ -1,0 +1,167 @@
+"""Which frame of a track its colours are taken from, and where its correction fades.
+
+A clip takes the first frame that shows the face well, so that a clip of one shot starts where the paper's does. A
+reference gives one frame to every clip that is made to look like it, so its frames compete.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+
+from pvg.curves import Floats, face_frame
+from pvg.landmarks import SKIN_SLICES, FaceTrack
+from pvg.skin import Matte
+
+Image = NDArray[np.uint8]
+
+_FRONTAL_DEG = 25.0
+_GOOD_SCORE = 0.8
+_FADE_FRAMES = 4  # a lost face's correction fades over so many frames
+_LEVEL_PITCH_DEG = 7.0  # what faces held straight measure
+_SHARPNESS_FACE_PX = 128  # sharpness is compared at one size
+_BLACK, _WHITE = 10, 250
+_OPEN_MOUTH = 0.25  # lip gap over the mouth's width that halves a frame's merit
+_LOOKED_AT = 5  # frames whose skin is cut to see whether something covers it
+_FEATURES = ((33, 34, 35, 36, 37, 67, 66, 65, 64), (38, 39, 40, 41, 42, 71, 70, 69, 68), tuple(range(84, 96)))
+
+
+def first_good_row(track: FaceTrack) -> int:
+    """The first row that shows the face well: sure of itself and turned to the camera; else the best one."""
+    turned = np.abs(track.pose[:, :2]).max(axis=1)
+    good = (track.score >= _GOOD_SCORE) & (turned <= _FRONTAL_DEG)
+    return int(np.argmax(good)) if good.any() else int(np.argmax(track.score - turned / 90.0))
+
+
+def best_row(track: FaceTrack, frames: Iterable[tuple[int, Image]], matte_of: Callable[[int, Image], Matte]) -> int:
+    """The row that shows the face best: frontal, certain, calm, sharp, large, well exposed, nothing before it.
+
+    frames: (index, RGB) in order, once over (part of) the track;  matte_of: the matte of a row and its RGB. Each
+    quality is a factor in [0, 1]; the matte is asked for in the few rows that are best in the others.
+    """
+    merits = _merits(track)
+    sharpness, evenness = np.zeros((2, len(track.score)))
+    best: dict[int, Image] = {}  # only the pictures of the best rows so far are held
+    for index, rgb in frames:
+        row = index - track.first
+        if not 0 <= row < len(track.score) or track.score[row] <= 0:
+            continue
+        merits[row] *= _exposed(rgb, track, row) ** 2  # burnt-out faces are also even and full of edges
+        sharpness[row] = _sharpness(rgb, track.points[row])
+        evenness[row] = _evenness(rgb, track.points[row])
+        best[row] = rgb
+        if len(best) > 4 * _LOOKED_AT:
+            ranked = sorted(best, key=lambda r: _usual(sharpness)[r] * _usual(evenness)[r] * merits[r], reverse=True)
+            best = {r: best[r] for r in ranked[: 2 * _LOOKED_AT]}
+    if not best:
+        return first_good_row(track)
+    merits *= _usual(sharpness) * _usual(evenness)
+    finalists = sorted(best, key=lambda r: merits[r], reverse=True)[:_LOOKED_AT]
+    return max(finalists, key=lambda r: merits[r] * _open_skin(matte_of(r, best[r]), track, r))
+
+
+def opacity(track: FaceTrack, shots: Collection[int], frame_count: int) -> Floats:
+    """(n,) 1 where the face is seen, falling to 0 over some frames towards those where it is not.
+
+    shots: first frames of the shots. At a cut the face comes and goes whole, as the picture does; a face that appears
+    or is lost within a shot comes and goes softly.
+    """
+    seen = track.score > 0
+    before = track.first in shots or track.first == 0
+    after = track.last + 1 in shots or track.last + 1 >= frame_count
+    reach = _FADE_FRAMES + 1
+    padded = np.pad(seen, 1)
+    padded[0], padded[-1] = before, after
+    padded = np.pad(padded, reach, mode="edge")
+    if padded.all():
+        return np.ones(len(seen), np.float32)
+    faded: Floats = np.clip(distance_transform_edt(padded) / reach, 0, 1).astype(np.float32)
+    return faded[reach + 1 : -reach - 1]
+
+
+def _merits(track: FaceTrack) -> NDArray[np.float64]:
+    """(n,) frontality, certainty, size and calm as a factor in [0, 1], 0 where the face is not seen."""
+    points = track.points.astype(np.float64)
+
+    def between(a: int, b: int) -> NDArray[np.float64]:
+        return np.asarray(np.linalg.norm(points[:, a] - points[:, b], axis=1))
+
+    yaw, pitch = track.pose[:, 0].astype(np.float64), track.pose[:, 1] - _LEVEL_PITCH_DEG
+    frontal = np.exp(-(yaw**2 + pitch**2) / (2 * _FRONTAL_DEG**2))
+    widths = np.ptp(points[:, :33], axis=1).max(axis=1)
+    # an open mouth or a closed eye puts its inside or the lid where the curves expect lips and the eye
+    gap = between(98, 102) / np.maximum(between(84, 90), 1e-6)
+    open_eyes = np.minimum(between(72, 73) / between(52, 55), between(75, 76) / between(58, 61))
+    usual = np.percentile(open_eyes[track.score > 0], 75)
+    calm = np.minimum(1.0, open_eyes / usual) / (1.0 + (gap / _OPEN_MOUTH) ** 2)
+    return np.asarray(frontal * track.score * np.sqrt(widths / widths.max()) * calm)
+
+
+def _face_crop(rgb: Image, points: Floats) -> Image:
+    """The part of the picture within the box of the face contour, empty when that is outside."""
+    height, width = rgb.shape[:2]
+    x0, y0 = (max(0, int(v)) for v in np.floor(points[:33].min(axis=0)))
+    x1, y1 = (int(v) + 1 for v in np.ceil(points[:33].max(axis=0)))
+    y0 = max(0, min(y0, int(points[33:43, 1].min())))
+    return rgb[y0 : min(y1, height), x0 : min(x1, width)]
+
+
+def _sharpness(rgb: Image, points: Floats) -> float:
+    """Variance of the Laplacian over that of the picture, at one size, so that neither size nor light count."""
+    crop = _face_crop(rgb, points)
+    if min(crop.shape[:2]) < 8:
+        return 0.0
+    scale = min(1.0, _SHARPNESS_FACE_PX / crop.shape[1])
+    grey = cv2.cvtColor(crop, cv2.COLOR_RGB2GRAY)
+    small = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA).astype(np.float32)
+    return float(cv2.Laplacian(small, cv2.CV_32F).var() / (small.var() + 1.0))
+
+
+def _usual(quality: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A quality as a factor: frames that lack it lose, but what the best quarter has more wins nothing.
+
+    So a blurred frame loses and wrinkles do not count as sharpness.
+    """
+    known = quality[quality > 0]
+    usual = float(np.percentile(known, 75)) if len(known) else 1.0
+    return np.asarray(np.minimum(1.0, quality / usual))
+
+
+def _evenness(rgb: Image, points: Floats) -> float:
+    """How alike the two halves of a face are: low where a hand lies on one of them, alike in all frames otherwise."""
+    size = _SHARPNESS_FACE_PX // 2
+    marks = np.stack([points[52:58].mean(axis=0), points[58:64].mean(axis=0), points[84:96].mean(axis=0)])
+    places = np.array([(0.3, 0.3), (0.7, 0.3), (0.5, 0.75)], np.float32) * (size - 1)
+    patch = cv2.warpAffine(rgb, cv2.getAffineTransform(marks.astype(np.float32), places), (size, size))
+    grey = cv2.GaussianBlur(cv2.cvtColor(patch, cv2.COLOR_RGB2GRAY).astype(np.float32), (0, 0), 2)
+    difference = np.percentile(np.abs(grey - grey[:, ::-1]), 90)  # a hand covers a part only
+    return float(1.0 / (difference / (grey.std() + 1.0) + 0.05))
+
+
+def _exposed(rgb: Image, track: FaceTrack, row: int) -> float:
+    """Share of the face that is inside the picture and neither black nor burnt out."""
+    crop = _face_crop(rgb, track.points[row])
+    if not crop.size:
+        return 0.0
+    brightest = crop.max(axis=2)
+    good = (brightest > _BLACK) & (crop.min(axis=2) < _WHITE) & (np.sort(crop, axis=2)[..., 1] < _WHITE)
+    low, high = track.points[row, :33].min(axis=0), track.points[row, :33].max(axis=0)
+    whole = float(np.prod(np.maximum(high - low, 1.0)))
+    return float(good.mean()) * float(min(1.0, good.size / whole))
+
+
+def _open_skin(matte: Matte, track: FaceTrack, row: int) -> float:
+    """Share of the face oval without brows and lips that the matte shows as skin."""
+    points, skin_points = track.points[row], track.skin_points[row]
+    oval = np.zeros(matte.alpha.shape, np.uint8)
+    center = face_frame(points).center
+    inner = center + 0.9 * (skin_points[SKIN_SLICES["oval"]] - center)
+    cv2.fillPoly(oval, [np.rint(matte.to_raster(inner)).astype(np.int32)], 1)
+    for feature in _FEATURES:
+        cv2.fillPoly(oval, [np.rint(matte.to_raster(points[list(feature)])).astype(np.int32)], 0)
+    area = int(oval.sum())
+    return float(np.sum(matte.alpha / 255.0 * oval)) / area if area else 0.0

@@ -1,0 +1,123 @@
+"""Partial matching: how far each curve sample is seen in a frame, and what a hidden one does meanwhile.
+
+A sample is hidden on the far side of a turned head, outside the picture, or where the matte says that something else
+than skin lies before it. The landmark model reports such places with full confidence, so the head's pose, the picture
+and the matte decide. A hidden sample must not impose its own colour there; switching it off would let the membrane
+jump. Instead its value runs smoothly over to what the seen samples around it say, which is nearly what the membrane
+would be without it, and back when it returns. All of it follows from one frame's geometry, so any frame can be drawn
+alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pvg.asset import FaceFrameData
+from pvg.curves import BOUNDARY, GROUPS, CurveLabels, Floats, face_frame
+
+# fmt: off
+_AZIMUTH = np.array((
+    -77, -80, -81, -82, -82, -81, -79, -76, -73, -68, -63, -56, -52, -48, -38, -22, 0, 22, 38, 48, 52, 56, 63, 68,
+    73, 76, 79, 81, 82, 82, 81, 80, 77, -52, -39, -24, -16, -20, 20, 16, 24, 39, 52, 0, 0, 0, 0, -45, -35, 0, 35,
+    45, -27, -13, -4, -14, 1, -22, 14, 4, 13, 27, 22, -1, -25, -18, -17, -27, 27, 17, 18, 25, -7, -10, -8, 7, 10, 8,
+    -43, 43, -65, 65, -47, 47, -29, -42, -16, 0, 16, 42, 29, 40, 31, 0, -31, -40, -34, -30, 0, 30, 34, 30, 0, -30,
+    -8, 8, 0, 16, 32, 51, 63, 69, 75, 77, 81, 82, 82, 78, 72, 63, 54, 50, 41, 25, 0, -25, -41, -50, -54, -63, -72,
+    -78, -82, -82, -81, -77, -75, -69, -63, -51, -32, -16, 0, 14, 27, 38, 55, 64, 66, 74, 77, 80, 79, 74, 64, 56,
+    51, 46, 40, 20, 0, -20, -40, -46, -51, -56, -64, -74, -79, -80, -77, -74, -66, -64, -55, -38, -27, -14, -39,
+    -27, -19, -34, -25, -43, -63, -62, 39, 27, 19, 34, 25, 43, 63, 62,
+), np.float32)
+"""Degrees by which the skin at each of the 106 landmarks and 88 skin points looks to the image's right on a face held
+straight. [measured: normals of the fitted mesh, mean of 14 portraits and their mirror images]"""
+# fmt: on
+_BOUNDARY_AZIMUTH = 80.0  # at the ears, where the mask boundary lies sideways of the face's centre
+
+_TURNED_AWAY = (85.0, 112.0)  # degrees from the camera: seen up to the first, hidden from the second
+_PICTURE_EDGE = 0.012  # of the face's width: seen from so far inside the picture on
+_MATTE = (0.2, 0.6)  # hidden below the first, seen from the second
+_MATTE_BLUR = 0.02  # of the face's width
+_REACH = (0.2, 0.4)  # of the face's width: a mask boundary nearer to the centre runs along something before the face
+_NEAR = 0.1  # of the face's width: what is nearer counts little more, so that no sample rules until it vanishes
+_OTHER_GROUP = 1e-3  # lips take from lips, skin from skin, while there are any
+_OWN = 1e-3  # where nothing at all is seen, a sample keeps its own value
+
+
+@dataclass(frozen=True, eq=False)
+class Visibility:
+    """How far the samples of one frame's curves are seen.
+
+    weight: (S,) float32 in [0, 1], 1 where seen;  fading: (R,) the samples with a weight below 1;
+    share: (R, S) float32, rows of sum 1: what they take from the samples when hidden.
+    """
+
+    weight: Floats
+    fading: NDArray[np.intp]
+    share: Floats
+
+    def settle(self, values: Floats) -> Floats:
+        """Values (S, C) at the samples with those of hidden ones replaced; linear, and constants stay what they are."""
+        if not len(self.fading):
+            return values
+        settled: Floats = values.astype(np.float32)
+        own = settled[self.fading]
+        settled[self.fading] += (1.0 - self.weight[self.fading])[:, None] * (self.share @ values - own)
+        return settled
+
+
+def see(data: FaceFrameData, labels: CurveLabels, positions: Floats, width: int, height: int) -> Visibility:
+    """Which samples at `positions` (S, 2), source pixels, are seen in a picture of `width` x `height`."""
+    frame = face_frame(data.points)
+    unit = max(frame.width, 1.0)
+    away = np.abs(_azimuth(labels) + data.pose[0])
+    weight = 1.0 - _ramp(away, *_TURNED_AWAY)
+    margin = np.minimum(positions, np.array([width - 1, height - 1], np.float32) - positions).min(axis=1)
+    weight *= _ramp(margin / unit, 0.0, _PICTURE_EDGE)
+    on_boundary = labels.curve == BOUNDARY
+    weight[on_boundary] *= _ramp(np.linalg.norm(positions[on_boundary] - frame.center, axis=1) / unit, *_REACH)
+    on_skin = (labels.group == GROUPS.index("skin")) & ~on_boundary
+    weight[on_skin] *= _ramp(_matte_at(data, positions[on_skin], unit), *_MATTE)
+    fading = np.flatnonzero(weight < 1.0)
+    return Visibility(weight, fading, _shares(labels, positions / np.float32(unit), weight, fading))
+
+
+@lru_cache(maxsize=2)
+def _azimuth(labels: CurveLabels) -> Floats:
+    """(S,) degrees by which each sample's skin looks to the image's right on a face held straight."""
+    sideways = np.sin(2 * np.pi * labels.s[labels.curve == BOUNDARY])  # the boundary's s is an angle from the chin
+    on_landmarks = np.clip(labels.basis @ _AZIMUTH, -90.0, 90.0)
+    return np.concatenate([on_landmarks, _BOUNDARY_AZIMUTH * sideways]).astype(np.float32)
+
+
+def _ramp(values: Floats, low: float, high: float) -> Floats:
+    """0 up to `low`, 1 from `high` on, smooth between."""
+    t = np.clip((values - low) / (high - low), 0.0, 1.0)
+    return np.asarray(t * t * (3.0 - 2.0 * t), np.float32)
+
+
+def _matte_at(data: FaceFrameData, positions: Floats, unit: float) -> Floats:
+    """(n,) the matte about the positions in [0, 1], whatever the opacity of a face that is being lost."""
+    step = float(data.box[2] - data.box[0]) / data.matte.shape[1]
+    full = max(int(data.matte.max()), 1)
+    soft = cv2.GaussianBlur(data.matte.astype(np.float32) / full, (0, 0), max(0.5, _MATTE_BLUR * unit / step))
+    cells = ((positions - data.box[:2] + 0.5) / step - 0.5).astype(np.float32)
+    x, y = (np.ascontiguousarray(cells[None, :, axis]) for axis in (0, 1))
+    return np.asarray(cv2.remap(soft, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)[0])
+
+
+def _shares(labels: CurveLabels, places: Floats, weight: Floats, fading: NDArray[np.intp]) -> Floats:
+    """(R, S) inverse-distance shares of the seen samples in each fading one; places: (S, 2) in face widths."""
+    if not len(fading):
+        return np.empty((0, len(weight)), np.float32)
+    centered = places - places[fading].mean(axis=0)
+    length = np.einsum("sk,sk->s", centered, centered)
+    squared = length[fading, None] + length - 2.0 * (centered[fading] @ centered.T)
+    of_group = np.array([np.where(labels.group == k, weight, _OTHER_GROUP * weight) for k in range(len(GROUPS))])
+    share = of_group[labels.group[fading]]
+    share /= (np.maximum(squared, 0.0) + np.float32(_NEAR**2)) ** 2
+    share[np.arange(len(fading)), fading] += _OWN
+    share /= share.sum(axis=1, keepdims=True)
+    return np.asarray(share, np.float32)
