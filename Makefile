@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: setup demo test serve lint bench clean
+.PHONY: setup demo test serve lint bench bench-quality clean
 
 setup: $(STAMP)
 	$(BIN)/python -m pvg.models
@@ -36,6 +36,14 @@ lint: $(STAMP)
 
 bench: setup
 	$(BIN)/python -m benchmarks
+
+# the plots' library and the peers it compares with are installed for this only; ARGS='--quick' for a short run
+bench-quality: setup $(VENV)/.bench-installed
+	$(BIN)/python -m benchmarks.quality $(ARGS)
+
+$(VENV)/.bench-installed: pyproject.toml constraints.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[bench]'
+	touch $@
 
 clean:
 	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

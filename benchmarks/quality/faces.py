@@ -1,0 +1,185 @@
+"""The face in a frame as all methods and measures see it: one matte, one skin, one window."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+import pvg
+from benchmarks.quality.color import ita
+from pvg.asset import FaceFrameData, KeyFrame
+from pvg.curves import face_frame, table_labels
+from pvg.landmarks import JD_GROUPS, SKIN_SLICES
+from pvg.region import Region, open_region
+from pvg.rendering import source_frame
+from pvg.skin import Matte
+
+Image = NDArray[np.uint8]
+Bools = NDArray[np.bool_]
+Floats = NDArray[np.float32]
+
+_FEATURES = ("brow_left", "brow_right", "eye_left", "eye_right", "lips_outer", "nose_base")
+_MARGIN = 0.03  # of the face's width: features grow and the matte shrinks by it before skin is measured
+_LEAST_SKIN = 200  # pixels
+_MOST_PIXELS = 20_000
+
+
+def odd_kernel(radius: float) -> NDArray[np.uint8]:
+    """A round structuring element."""
+    size = 2 * max(1, round(radius)) + 1
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)), np.uint8)
+
+
+def _hulls(shape: tuple[int, int], polygons: list[Floats]) -> Bools:
+    out = np.zeros(shape, np.uint8)
+    for polygon in polygons:
+        hull = cv2.convexHull(np.ascontiguousarray(polygon, np.float32))[:, 0]
+        cv2.fillPoly(out, [np.rint(hull * 16).astype(np.int32)], (1,), shift=4)
+    return out.astype(np.bool_)
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One face in one frame over a window of the picture.
+
+    window: rows and columns of the picture;  size: (width, height) of the picture.
+    """
+
+    data: FaceFrameData
+    window: tuple[slice, slice]
+    size: tuple[int, int]
+
+    @cached_property
+    def alpha(self) -> Floats:
+        """(h, w) float32, the matte in [0, 1] over the window."""
+        rows, columns = self.window
+        xs = np.arange(columns.start, columns.stop, dtype=np.float32)
+        return self.matte.alpha_at(xs, np.arange(rows.start, rows.stop, dtype=np.float32))
+
+    @property
+    def matte(self) -> Matte:
+        """The matte over its own box."""
+        return Matte(box=self.data.box, alpha=self.data.matte, mask=self.data.matte >= 128)
+
+    @property
+    def width(self) -> float:
+        """Width of the face in pixels."""
+        return face_frame(self.data.points).width
+
+    @cached_property
+    def face(self) -> Bools:
+        """(h, w) bool: the matte above one half."""
+        return self.alpha > 0.5
+
+    @cached_property
+    def inner(self) -> Bools:
+        """(h, w) bool: `face`, shrunk."""
+        return cv2.erode(self.face.astype(np.uint8), odd_kernel(_MARGIN * self.width)).astype(np.bool_)
+
+    @cached_property
+    def around(self) -> Bools:
+        """(h, w) bool: `face`, grown, so that its edge counts."""
+        return cv2.dilate(self.face.astype(np.uint8), odd_kernel(_MARGIN * self.width)).astype(np.bool_)
+
+    @cached_property
+    def skin(self) -> Bools:
+        """(h, w) bool: open skin of the face: `inner` within the oval, without brows, eyes, lips and nostrils."""
+        origin = np.array([self.window[1].start, self.window[0].start], np.float32)
+        points, oval = self.data.points - origin, self.data.skin_points[SKIN_SLICES["oval"]] - origin
+        features = _hulls(self.alpha.shape, [points[list(JD_GROUPS[name])] for name in _FEATURES])
+        grown = cv2.dilate(features.astype(np.uint8), odd_kernel(_MARGIN * self.width)).astype(np.bool_)
+        within = self.inner & _hulls(self.alpha.shape, [oval])
+        return within & ~grown
+
+    @cached_property
+    def region(self) -> Region | None:
+        """Curves and matte as the renderer opens them."""
+        return open_region(self.data, table_labels(), *self.size)
+
+    def crop(self, picture: Image) -> Image:
+        """The picture's part in the window."""
+        return picture[self.window]
+
+
+def view_of(data: FaceFrameData, size: tuple[int, int], window: tuple[slice, slice] | None = None) -> View:
+    """The face over its own box, or over a given window."""
+    return View(data, window or window_of([data], size), size)
+
+
+def window_of(faces: list[FaceFrameData], size: tuple[int, int]) -> tuple[slice, slice]:
+    """The smallest even window of a picture (width, height) that holds the boxes of all faces."""
+    boxes = np.stack([data.box for data in faces])
+    low = np.maximum(np.floor(boxes[:, :2].min(axis=0)), 0).astype(int) // 2 * 2
+    high = np.minimum(np.ceil(boxes[:, 2:].max(axis=0)) + 1, size).astype(int)
+    return slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))
+
+
+def sample_pixels(pixels: NDArray[np.uint8], count: int, seed: int = 0) -> NDArray[np.uint8]:
+    """At most `count` rows, drawn alike every time."""
+    if len(pixels) <= count:
+        return pixels
+    return pixels[np.sort(np.random.default_rng(seed).choice(len(pixels), count, replace=False))]
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A portrait whose face colours are wanted.
+
+    rgb: the whole picture, as whole-frame methods take it;  face: (n, 3) pixels under its matte;
+    skin: (m, 3) its open face skin;  median: (3,) of that;  key: its curve colours.
+    """
+
+    name: str
+    video: pvg.VectorVideo
+    key: KeyFrame
+    rgb: Image
+    face: NDArray[np.uint8]
+    skin: NDArray[np.uint8]
+    median: NDArray[np.float64]
+    ita: float
+    view: View
+
+
+def read_reference(path: Path, asset: Path) -> Reference:
+    """Open a portrait vectorised as a reference. Raises `ValueError` when too little open skin is seen."""
+    video = pvg.open_asset(asset, path)
+    frame = video.faces[0].first_frame
+    data = video.face_frame(0, frame)
+    if data is None:
+        raise ValueError(f"{path.name} has no face in its key frame")
+    rgb = source_frame(video, frame).rgb()
+    view = view_of(data, (rgb.shape[1], rgb.shape[0]))
+    part = view.crop(rgb)
+    skin = part[view.skin]
+    if len(skin) < _LEAST_SKIN:
+        raise ValueError(f"{path.name} shows too little open skin to compare with")
+    median = np.median(skin, axis=0)
+    return Reference(
+        path.stem,
+        video,
+        video.records[0].key_frames[0],
+        rgb,
+        sample_pixels(part[view.face], _MOST_PIXELS),
+        sample_pixels(skin, _MOST_PIXELS),
+        median,
+        ita(median),
+        view,
+    )
+
+
+@contextmanager
+def references_of(portraits: dict[Path, Path]) -> Iterator[list[Reference]]:
+    """Open all portraits (path -> asset) as references and close them afterwards."""
+    opened = [read_reference(path, asset) for path, asset in portraits.items()]
+    try:
+        yield opened
+    finally:
+        for reference in opened:
+            reference.video.close()

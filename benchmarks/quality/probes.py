@@ -1,0 +1,255 @@
+"""Measures that need no clip-and-reference pair: leak, reconstruction over 600 frames, masks against labels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+import pvg
+from benchmarks.quality.clips import measured_frames, same_face, vectorize_clip
+from benchmarks.quality.faces import Bools, Floats, Image, View, references_of, view_of
+from benchmarks.quality.measures import iou, wander
+from benchmarks.quality.peers import DEEP, open_methods
+from pvg.asset import FaceFrameData
+from pvg.curves import CurveLabels, face_frame, labels_by_length, stack_points, table_labels
+from pvg.landmarks import detect_faces, fit_landmarks, jd_106, skin_88
+from pvg.matching import CHAIN_RESET_FRAMES, Chain
+from pvg.poisson import build_membrane
+from pvg.region import open_region
+from pvg.rendering import Renderer, source_frame
+from pvg.skin import SkinTracker, fit_skin_model, skin_mask
+from pvg.vectorization import fit_key_frame
+from pvg.video import read_frames, read_image
+
+LEAK_FRAMES = 30
+RECONSTRUCTION_FRAMES = 600
+_LEAK_SIDE = 512
+_COSTLY_EVERY = 6
+_PANEL, _GROUND = np.array([255, 246, 225], np.float32), np.array([70, 72, 78], np.float32)
+_CHECK_EVERY = 60
+_CHAIN_SPACING_PX = 2.0
+# face, ears, neck and the features inside, of the class indices
+INSIDE_LABELS = (1, 2, 3, 4, 5, 6, 7, 8, 10, 11, 12, 13, 14)
+
+
+# --- leak -------------------------------------------------------------------------------------------------------
+
+
+def leak_frames(portrait: Image, person: Floats, count: int = LEAK_FRAMES) -> Iterator[Image]:
+    """A motionless person before a dark wall along which a bright panel grows and brightens: (h, w, 3) frames.
+
+    person: (h, w) opacity of the person in [0, 1].
+    """
+    columns = np.arange(portrait.shape[1], dtype=np.float32)
+    for i in range(count):
+        t = i / max(1, count - 1)
+        wall = np.where((columns < t * len(columns))[:, None], _GROUND + (0.4 + 0.6 * t) * (_PANEL - _GROUND), _GROUND)
+        mixed = person[..., None] * portrait + (1 - person[..., None]) * wall[None]
+        yield np.rint(mixed).astype(np.uint8)
+
+
+def write_lossless(path: Path, frames: Iterator[Image]) -> None:
+    """Write RGB frames as a clip that decodes to the very planes it was given."""
+    with av.open(str(path), "w") as writer:
+        stream = None
+        for index, rgb in enumerate(frames):
+            if stream is None:
+                stream = writer.add_stream("libx264", rate=Fraction(25), options={"qp": "0", "preset": "veryfast"})
+                stream.height, stream.width = rgb.shape[:2]
+                stream.pix_fmt = "yuv420p"
+            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(rgb), format="rgb24").reformat(format="yuv420p")
+            frame.pts, frame.time_base = index, Fraction(1, 25)
+            writer.mux(stream.encode(frame))
+        if stream is not None:
+            writer.mux(stream.encode(None))
+
+
+def _person(path: Path, labels: Path | None) -> tuple[Image, Floats]:
+    """The portrait and the opacity of its person: by labels, or the skin and what is near it."""
+    rgb = read_image(path).rgb()
+    if labels is not None:
+        known = np.asarray(cv2.imread(str(labels), cv2.IMREAD_UNCHANGED))
+        mask = (known > 0).astype(np.float32)
+    else:
+        points, skin_points = _landmarks(rgb)
+        skin = skin_mask(rgb, points, skin_points).astype(np.uint8)
+        size = 2 * round(0.05 * face_frame(points).width) + 1
+        mask = cv2.dilate(skin, np.ones((size, size), np.uint8)).astype(np.float32)
+    scale = _LEAK_SIDE / max(rgb.shape[:2])
+    side = (round(rgb.shape[1] * scale) // 2 * 2, round(rgb.shape[0] * scale) // 2 * 2)
+    small = cv2.resize(rgb, side, interpolation=cv2.INTER_AREA)
+    soft = cv2.resize(cv2.GaussianBlur(mask, (0, 0), 1.0), side, interpolation=cv2.INTER_AREA)
+    return np.asarray(small, np.uint8), np.asarray(soft, np.float32)
+
+
+def run_leak(portrait: Path, labels: Path | None, references: dict[Path, Path], folder: Path) -> list[dict[str, Any]]:
+    """The wander of the face's mean colour, a row for every method and reference."""
+    cv2.setNumThreads(1)
+    clip = folder / f"leak-{portrait.stem}.mp4"
+    write_lossless(clip, leak_frames(*_person(portrait, labels)))
+    asset, paper_asset = clip.with_suffix(".pvg"), clip.with_suffix(".paper.pvg")
+    vectorize_clip(clip, asset, paper=False)
+    vectorize_clip(clip, paper_asset, paper=True)
+    with ExitStack() as stack:
+        opened = stack.enter_context(references_of(references))
+        video = stack.enter_context(pvg.open_asset(asset, clip))
+        seen = measured_frames(video, 0, LEAK_FRAMES)
+        first = next(iter(seen))
+        paper = None
+        if paper_asset.exists():
+            other = stack.enter_context(pvg.open_asset(paper_asset, clip))
+            twin = same_face(other, seen[first], first)
+            paper = None if twin is None else (other, twin)
+        methods = open_methods(video, 0, paper, opened)
+        size = (video.media.width, video.media.height)
+        fixed = view_of(seen[first], size).inner
+        window = view_of(seen[first], size).window
+        means: dict[tuple[str, str], list[NDArray[np.float64]]] = {}
+        drawn_in: dict[str, list[int]] = {}
+        for frame in read_frames(clip):
+            view = view_of(seen[frame.index], size)
+            means.setdefault(("input", ""), []).append(frame.rgb()[window][fixed].mean(axis=0))
+            for method in methods:
+                if method.name == DEEP or (method.costly and frame.index % _COSTLY_EVERY not in (0, _COSTLY_EVERY - 1)):
+                    continue
+                drawn_in.setdefault(method.name, []).append(frame.index)
+                for reference, picture in zip(opened, method.draw(frame, view), strict=True):
+                    means.setdefault((method.name, reference.name), []).append(picture.rgb[window][fixed].mean(axis=0))
+    return [
+        {
+            "scene": portrait.stem,
+            "method": method,
+            "reference": reference,
+            "leak": wander(np.stack(rows)),
+            "curve": [round(float(row.mean()), 3) for row in rows],
+            "frames": drawn_in.get(method, list(range(len(rows)))),
+        }
+        for (method, reference), rows in means.items()
+    ]
+
+
+# --- reconstruction ---------------------------------------------------------------------------------------------
+
+
+def there_and_back(count: int, total: int) -> list[int]:
+    """Frame numbers of a clip of `count` frames played forward and backward until there are `total` + 1."""
+    period = max(1, 2 * (count - 1))
+    return [min(i % period, period - i % period) if count > 1 else 0 for i in range(total + 1)]
+
+
+def _low(data: FaceFrameData, labels: CurveLabels, colors: Floats, view: View) -> Floats:
+    """LF = H(g) over the view's window."""
+    region = open_region(data, labels, *view.size)
+    if region is None:
+        raise ValueError("the face left the picture")
+    rows, columns = view.window
+    membrane = build_membrane(region.raster).solve(colors)
+    return membrane.crop(columns.start, rows.start, columns.stop - columns.start, rows.stop - rows.start)
+
+
+class _Carried:
+    """Colours carried along the clip: by the table, by the chain without reset, and by the chain with resets."""
+
+    def __init__(self, key: Floats) -> None:
+        self.table = key
+        self._free = Chain(key, table_labels())
+        self._reset = Chain(key, table_labels())
+
+    def step(self, labels: CurveLabels, fitted: Floats | None) -> tuple[Floats, Floats]:
+        """Colours of the free chain and of the one that starts again from `fitted`, table samples, when given."""
+        if fitted is not None:
+            self._reset = Chain(fitted, table_labels())
+        return self._free.step(labels), self._reset.step(labels)
+
+
+def run_reconstruction(clip: Path, asset: Path, frames: int = RECONSTRUCTION_FRAMES) -> dict[str, Any]:
+    """Own-colours error and drift of the boundary colours over `frames` frames, the clip played there and back."""
+    cv2.setNumThreads(1)
+    with pvg.open_asset(asset, clip) as video:
+        face = max(video.faces, key=lambda summary: summary.width_px).index
+        seen = measured_frames(video, face, 1 << 30)
+        numbers = list(seen)
+        record = video.records[face]
+        own = pvg.Look({face: np.stack([key.colors for key in record.key_frames])}, protect=())
+        renderer = Renderer(video, [own])
+        size = (video.media.width, video.media.height)
+        carried = _Carried(record.key_frame_of(numbers[0]).colors)
+        placed: dict[int, CurveLabels] = {}
+        rows: list[dict[str, float]] = []
+        for i, place in enumerate(there_and_back(len(numbers), frames)):
+            data = seen[numbers[place]]
+            if place not in placed:
+                stacked = stack_points(data.points, data.skin_points)
+                placed[place] = labels_by_length(stacked, data.boundary, spacing_px=_CHAIN_SPACING_PX)
+            checked = i % _CHECK_EVERY == 0
+            starts = i % CHAIN_RESET_FRAMES == 0
+            fitted = None
+            if checked or starts:
+                view = view_of(data, size)
+                frame = source_frame(video, numbers[place])
+                fitted = _fit(frame.rgb(), view)
+            free, reset = carried.step(placed[place], fitted if starts else None)
+            if not checked or fitted is None:
+                continue
+            drawn = renderer.draw(frame)[0].rgb()
+            difference = np.abs(drawn.astype(np.float32) - frame.rgb())[view.window]
+            truth = _low(data, table_labels(), fitted, view)
+            lows = {
+                "table": _low(data, table_labels(), carried.table, view),
+                "chain": _low(data, placed[place], free, view),
+                "chain, reset": _low(data, placed[place], reset, view),
+            }
+            row = {"frame": float(i), "own colours": float(difference[view.face].mean())}
+            row |= {f"drift, {name}": float(np.abs(low - truth)[view.face].mean()) for name, low in lows.items()}
+            row["chain from table"] = float(np.abs(lows["chain"] - lows["table"])[view.face].mean())
+            rows.append(row)
+    return {"clip": clip.stem, "frames": frames, "distinct_frames": len(numbers), "rows": rows}
+
+
+def _fit(rgb: Image, view: View) -> Floats:
+    region = view.region
+    if region is None:
+        raise ValueError("the face left the picture")
+    colors, _ = fit_key_frame(rgb, view.matte, region.positions, view.width, 0)
+    return colors
+
+
+# --- masks ------------------------------------------------------------------------------------------------------
+
+
+def _landmarks(rgb: Image) -> tuple[Floats, Floats]:
+    meshes = [fit_landmarks(rgb, face).points for face in detect_faces(rgb)]
+    widest = max(meshes, key=lambda mesh: float(np.ptp(mesh[:, 0])))
+    return jd_106(widest), skin_88(widest)
+
+
+def _as_tracked(rgb: Image, points: Floats, skin_points: Floats) -> Bools:
+    """The mask that a clip of this one frame would get."""
+    matte = SkinTracker(fit_skin_model(rgb, points, skin_points)).step(rgb, points, skin_points)
+    return matte.mask_at(np.arange(rgb.shape[1], dtype=np.float32), np.arange(rgb.shape[0], dtype=np.float32))
+
+
+def run_masks(labelled: tuple[tuple[Path, Path], ...]) -> list[dict[str, Any]]:
+    """IoU of our masks and of the paper's rule with the labelled portraits."""
+    rows = []
+    for portrait, labels in labelled:
+        rgb = read_image(portrait).rgb()
+        truth = np.isin(np.asarray(cv2.imread(str(labels), cv2.IMREAD_UNCHANGED)), INSIDE_LABELS)
+        points, skin_points = _landmarks(rgb)
+        rows.append(
+            {
+                "portrait": portrait.stem,
+                "landmarks": iou(skin_mask(rgb, points, skin_points), truth),
+                "landmarks, in clips": iou(_as_tracked(rgb, points, skin_points), truth),
+                "ycbcr": iou(skin_mask(rgb, points, skin_points, method="ycbcr"), truth),
+            }
+        )
+    return rows
