@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from pvg.asset import VectorVideo
 from pvg.curves import table_labels
 from pvg.landmarks import draw_landmarks
-from pvg.poisson import build_membrane
 from pvg.region import Region
 from pvg.rendering import regions, source_frame
 
@@ -64,7 +63,7 @@ def _draw_region(
         out[window] = np.maximum(out[window], np.rint(255 * shown)[..., None].astype(np.uint8))
         return
     colors = video.records[face].key_frame_of(index).colors
-    low = build_membrane(region.raster).solve(colors).crop(region.x, region.y, w, h)
+    low = region.membrane(colors).crop(region.x, region.y, w, h)
     field = low if name == "low" else image[window] - low + _MID_GREY
     alpha = region.alpha[..., None]
     out[window] = np.clip(np.rint(alpha * field + (1 - alpha) * out[window]), 0, 255).astype(np.uint8)

@@ -1,11 +1,13 @@
 """Algorithm 1, transfer: a vectorised clip and a reference give a `Look`, the clip's new boundary colours.
 
-Only the colours of the key frames are moved, by sliced optimal mass transport (eq. 7, 8); no pixel is read.
+Only the colours of the key frames are moved, by sliced optimal mass transport (eq. 7, 8); no pixel is read. The
+transport of a person is one map for the whole clip: every face and key frame of theirs follows it, so that a look does
+not change at a cut and light that differs between shots stays.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -13,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from pvg.asset import FaceRecord, KeyFrame, VectorVideo, faces_by_index
+from pvg.asset import KeyFrame, VectorVideo, faces_by_index
 from pvg.complexion import ComplexionMap
 from pvg.curves import GROUPS, Floats, table_labels
 from pvg.transport import sliced_transport
@@ -24,7 +26,9 @@ CONTRAST_RANGE = (0.7, 1.5)  # the paper's range for lambda
 PROTECTABLE = ("eyes", "teeth")
 _LIPS_WAY = 0.75  # of the way from where the light takes the lips to the reference's lips
 _SMALLEST_GROUP = 8  # fewer visible samples say nothing about a group's colours
+_LIPS = table_labels().group == GROUPS.index("lips")
 
+_Map = Callable[[KeyFrame], NDArray[np.float64]]  # new boundary colours (S, 3) of a key frame
 Contrast = float | Literal["auto"]
 
 
@@ -63,25 +67,31 @@ class _Steps:
         return np.random.default_rng(self.seed)
 
 
-def _transport_colors(key: KeyFrame, target: KeyFrame, steps: _Steps) -> NDArray[np.float64]:
-    """The paper's way: all boundary colours together, (S, 3).
+def _color_map(key: KeyFrame, target: KeyFrame, steps: _Steps) -> _Map:
+    """The paper's way: all boundary colours of `key` transported together.
 
-    What is hidden on either side takes no part, so that a clip's own colours stay as they are; the clip's hidden
-    samples then move as its visible ones of like colour do.
+    What is hidden on either side takes no part, so that a clip's own colours stay as they are. The clip's hidden
+    samples, and those of other key frames, then move as the transported ones of like colour do.
     """
-    moved = key.colors.astype(np.float64)
-    visible, wanted = key.visible, target.visible
-    if min(int(visible.sum()), int(wanted.sum())) < _SMALLEST_GROUP:
-        return moved
-    moved[visible] = sliced_transport(
-        key.colors[visible], target.colors[wanted], beta=steps.beta, iterations=steps.iterations, rng=steps.rng()
-    )
-    _follow_like_colours(moved, key.colors, ~visible, visible)
-    return moved
+    seen, wanted = key.colors[key.visible], target.colors[target.visible]
+    if min(len(seen), len(wanted)) < _SMALLEST_GROUP:
+        return lambda other: other.colors.astype(np.float64)
+    moved = sliced_transport(seen, wanted, beta=steps.beta, iterations=steps.iterations, rng=steps.rng())
+
+    def apply(other: KeyFrame) -> NDArray[np.float64]:
+        if other is not key:
+            return _follow_like_colors(other.colors, seen, moved)
+        out = key.colors.astype(np.float64)
+        out[key.visible] = moved
+        if not key.visible.all():
+            out[~key.visible] = _follow_like_colors(key.colors[~key.visible], seen, moved)
+        return out
+
+    return apply
 
 
-def _transport_parts(key: KeyFrame, target: KeyFrame, steps: _Steps) -> NDArray[np.float64]:
-    """Skin to skin and lips to lips, (S, 3).
+def _part_map(key: KeyFrame, target: KeyFrame, steps: _Steps) -> _Map:
+    """Skin to skin and lips to lips.
 
     The open skin's colours are transported, and the curves follow what that does to a complexion: brows and eyes go
     as they would in another light, so that no dark brow of the reference falls on a lid. Lips keep their own shades
@@ -89,34 +99,42 @@ def _transport_parts(key: KeyFrame, target: KeyFrame, steps: _Steps) -> NDArray[
     in for it.
     """
     if min(len(key.skin), len(target.skin)) == 0:
-        return _transport_colors(key, target, steps)
+        return _color_map(key, target, steps)
     complexion = ComplexionMap.between(
         key.skin,
         sliced_transport(key.skin, target.skin, beta=steps.beta, iterations=steps.iterations, rng=steps.rng()),
     )
-    moved = complexion(key.colors)
-    lips = table_labels().group == GROUPS.index("lips")
-    ours, theirs = lips & key.visible, lips & target.visible
-    if min(int(ours.sum()), int(theirs.sum())) >= _SMALLEST_GROUP:
-        middle = np.median(key.colors[ours], axis=0)
-        as_skin = complexion(middle[None])[0]
-        goal = as_skin + _LIPS_WAY * (np.median(target.colors[theirs], axis=0) - as_skin)
-        moved[lips] = goal + complexion.brightness * (key.colors[lips] - middle)
-    return moved
+    ours, theirs = _lip_color(key), _lip_color(target)
+    if ours is None or theirs is None:
+        return lambda other: complexion(other.colors)
+    beside_skin = _LIPS_WAY * (theirs - complexion(ours[None])[0])
+
+    def apply(other: KeyFrame) -> NDArray[np.float64]:
+        moved = complexion(other.colors)
+        middle = _lip_color(other)
+        if middle is not None:
+            goal = complexion(middle[None])[0] + beside_skin
+            moved[_LIPS] = goal + complexion.brightness * (other.colors[_LIPS] - middle)
+        return moved
+
+    return apply
 
 
-def _follow_like_colours(
-    moved: NDArray[np.float64], colors: Floats, hidden: NDArray[np.bool_], visible: NDArray[np.bool_]
-) -> None:
-    """Shift each hidden sample by the mean shift of the visible samples nearest to it in colour, in place."""
-    if not hidden.any():
-        return
-    shift = moved[visible] - colors[visible]
-    count = min(_SMALLEST_GROUP, len(shift))
-    distance, nearest = KDTree(colors[visible]).query(colors[hidden], k=count)
+def _lip_color(key: KeyFrame) -> Floats | None:
+    """(3,) median of the visible lip samples, None when there are too few."""
+    seen = _LIPS & key.visible
+    if int(seen.sum()) < _SMALLEST_GROUP:
+        return None
+    return np.asarray(np.median(key.colors[seen], axis=0))
+
+
+def _follow_like_colors(colors: Floats, seen: Floats, moved: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Colours (n, 3), each shifted by the mean shift of those of `seen` (m, 3), moved to `moved`, nearest to it."""
+    count = min(_SMALLEST_GROUP, len(seen))
+    distance, nearest = KDTree(seen).query(colors, k=count)
     weight = 1.0 / (np.asarray(distance) + 1.0)
     weight /= weight.sum(axis=1, keepdims=True)
-    moved[hidden] += np.einsum("hk,hkc->hc", weight, shift[nearest])
+    return np.asarray(colors + np.einsum("nk,nkc->nc", weight, (moved - seen)[nearest]))
 
 
 def _check(strength: float, contrast: Contrast, match: str, protect: Sequence[str]) -> None:
@@ -156,13 +174,25 @@ def transfer(
     _check(strength, contrast, match, protect)
     target = _reference_key(reference)
     steps = _Steps(beta, iterations, seed)
-    transport = _transport_parts if match == "semantic" else _transport_colors
+    make_map = _part_map if match == "semantic" else _color_map
+    chosen = faces_by_index(video, faces)
     colors: dict[int, Floats] = {}
-    for index in faces_by_index(video, faces):
-        record: FaceRecord = video.records[index]
-        new = []
-        for key in record.key_frames:
-            moved = np.clip(transport(key, target, steps), 0.0, 255.0).astype(np.float32)
-            new.append(key.colors + np.float32(strength) * (moved - key.colors))
-        colors[index] = np.stack(new).astype(np.float32)
+    for person in video.persons:
+        if not set(person) & set(chosen):
+            continue
+        apply = make_map(_leading_key(video, person), target, steps)
+        for index in person:
+            if index not in chosen:
+                continue
+            new = []
+            for key in video.records[index].key_frames:
+                moved = np.clip(apply(key), 0.0, 255.0).astype(np.float32)
+                new.append(key.colors + np.float32(strength) * (moved - key.colors))
+            colors[index] = np.stack(new).astype(np.float32)
     return Look(colors, contrast, strength, tuple(protect))
+
+
+def _leading_key(video: VectorVideo, person: Sequence[int]) -> KeyFrame:
+    """The key frame that a person's map is made from: of the face seen longest, if its skin could be sampled."""
+    keys = [video.records[index].key_frames[0] for index in person]
+    return next((key for key in keys if len(key.skin)), keys[0])

@@ -1,10 +1,15 @@
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import pvg
-from pvg.curves import GROUPS, table_labels
+from pvg.curves import BOUNDARY, GROUPS, table_labels
+from pvg.video import VideoWriter, probe, read_frames
+from scripts.samples import Samples
 
 
 def test_the_same_seed_gives_the_same_look(video: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> None:
@@ -76,3 +81,50 @@ def test_parameters_out_of_range_are_named(
 ) -> None:
     with pytest.raises(ValueError, match=message):
         pvg.transfer(video, dark_reference, **options)  # type: ignore[arg-type]
+
+
+_BLACK = (16, 128, 128)
+
+
+@pytest.fixture(scope="module")
+def two_shots(samples: Samples, tmp_path_factory: pytest.TempPathFactory) -> Iterator[pvg.VectorVideo]:
+    """The same woman before and after a short shot of a coloured wall, then in 0.7 of the light."""
+    folder = tmp_path_factory.mktemp("shots")
+    info = probe(samples.woman_clip)
+    frames = list(read_frames(samples.woman_clip, start=20, stop=36))
+    frames += frames[:14]
+    path = folder / "shots.mp4"
+    with VideoWriter(path, info, info.format, crf=12) as writer:
+        for index, frame in enumerate(frames):
+            light = 1.0 if index < 12 else 0.7
+            lit = [
+                np.rint(black + (p - np.float32(black)) * light) for p, black in zip(frame.planes, _BLACK, strict=True)
+            ]
+            if 12 <= index < 16:
+                lit = [np.broadcast_to(np.linspace(60, 200, p.shape[1]), p.shape) for p in frame.planes]
+            y, cb, cr = (p.astype(np.uint8) for p in lit)
+            writer.write(replace(frame, index=index, pts=1001 * index).with_planes((y, cb, cr)))
+    with pvg.vectorize(path, asset=folder / "shots.pvg") as vectorized:
+        yield vectorized
+
+
+@pytest.mark.parametrize("match", ["semantic", "color"])
+def test_a_person_seen_in_two_shots_moves_by_one_map_so_the_darker_shot_stays_darker(
+    two_shots: pvg.VectorVideo, pale_reference: pvg.VectorVideo, match: str
+) -> None:
+    assert two_shots.persons == ((1, 0),)
+    look = pvg.transfer(two_shots, pale_reference, match=match)
+    skin = (table_labels().group == GROUPS.index("skin")) & (table_labels().curve != BOUNDARY)
+
+    def brightness(colors: dict[int, np.ndarray]) -> tuple[float, float]:
+        first, second = (float(np.median(colors[face][0][skin].mean(axis=1))) for face in (0, 1))
+        return first, second
+
+    before = brightness({face: record.key_frames[0].colors[None] for face, record in enumerate(two_shots.records)})
+    after = brightness(look.colors)
+    assert before[1] < 0.75 * before[0]
+    assert after[1] / after[0] == pytest.approx(before[1] / before[0], abs=0.12)
+    leader_alone = pvg.transfer(two_shots, pale_reference, match=match, faces=[1])
+    np.testing.assert_array_equal(leader_alone.colors[1], look.colors[1])
+    follower_alone = pvg.transfer(two_shots, pale_reference, match=match, faces=[0])
+    np.testing.assert_array_equal(follower_alone.colors[0], look.colors[0])
