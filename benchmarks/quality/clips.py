@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 import pvg
 from benchmarks.quality.color import ita
-from benchmarks.quality.faces import Floats, Image, Reference, View, references_of, view_of, window_of
+from benchmarks.quality.faces import Bools, Floats, Image, Reference, View, references_of, view_of, window_of
 from benchmarks.quality.measures import (
     Motion,
     color_distance,
@@ -30,6 +30,7 @@ from pvg.asset import FaceFrameData
 from pvg.video import Frame, read_frames
 
 COSTLY_PAIRS = 6  # pairs of neighbouring frames that costly methods are drawn on
+PLACES = ("warping_whole", "warping_face", "warping_inner")  # the picture; the grown face; the shrunk face
 _DETAIL_EVERY = 4
 _COLOR_FRAMES = 3
 
@@ -55,10 +56,8 @@ class Series:
     psnr_face: list[float] = field(default_factory=list)
     step_in: list[float] = field(default_factory=list)
     step_out: list[float] = field(default_factory=list)
-    warp_in: list[float] = field(default_factory=list)
-    warp_out: list[float] = field(default_factory=list)
-    inner_in: list[float] = field(default_factory=list)
-    inner_out: list[float] = field(default_factory=list)
+    warp_in: list[tuple[float, ...]] = field(default_factory=list)  # over each of PLACES
+    warp_out: list[tuple[float, ...]] = field(default_factory=list)
     detail: list[float] = field(default_factory=list)
     distance: list[float] = field(default_factory=list)
     distance_before: list[float] = field(default_factory=list)
@@ -71,10 +70,7 @@ class Series:
             "steady_whole": float(np.std(self.psnr_whole)),
             "steady_face": float(np.std(self.psnr_face)),
             "step_gap": float(np.mean(self.step_in) - np.mean(self.step_out)) if self.step_in else None,
-            "warping": _ratio(self.warp_out, self.warp_in),
-            "warping_inner": _ratio(self.inner_out, self.inner_in),
-            "warp_excess": float(np.nanmean(self.warp_out) - np.nanmean(self.warp_in)) if self.warp_in else None,
-            "warp_input": float(np.nanmean(self.warp_in)) if self.warp_in else None,
+            **self._warping(),
             "detail": float(np.nanmean(self.detail)),
             "distance_before": float(np.mean(self.distance_before)),
             "distance": float(np.mean(self.distance)),
@@ -84,9 +80,18 @@ class Series:
             "frames": len(self.psnr_whole),
         }
 
-
-def _ratio(out: list[float], of: list[float]) -> float | None:
-    return float(np.nansum(out) / max(np.nansum(of), 1e-9)) if of else None
+    def _warping(self) -> dict[str, float | None]:
+        """Warping error of the result over that of the input, and how much larger it is about the face."""
+        if not self.warp_in:
+            return dict.fromkeys([*PLACES, "warp_excess", "warp_input"])
+        source, result = (np.nanmean(np.array(rows), axis=0) for rows in (self.warp_in, self.warp_out))
+        ratios = {name: float(result[k] / max(source[k], 1e-9)) for k, name in enumerate(PLACES)}
+        around = PLACES.index("warping_face")
+        return {
+            **ratios,
+            "warp_excess": float(result[around] - source[around]),
+            "warp_input": float(source[around]),
+        }
 
 
 def strip_columns() -> tuple[str, ...]:
@@ -125,7 +130,7 @@ def same_face(paper: pvg.VectorVideo, data: FaceFrameData, frame: int) -> int | 
 
 @dataclass(frozen=True, eq=False)
 class _Moment:
-    """A measured frame's source and results in the window, for the next one to be compared with."""
+    """A measured frame's source and results, whole pictures, for the next one to be compared with."""
 
     index: int
     source: Image
@@ -134,22 +139,28 @@ class _Moment:
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """From the frame before to this one: its motion and what the source itself measures."""
+    """From the frame before to this one: its motion, where it is looked at, and what the source itself measures."""
 
     before: _Moment
     moved: Motion
-    errors: tuple[float, float]
+    places: tuple[Bools | None, ...]
+    errors: tuple[float, ...]
     psnr: float
+
+    @classmethod
+    def between(cls, before: _Moment, source: Image, view: View) -> _Step:
+        """The step to a picture from the moment before."""
+        moved = motion(before.source, source)
+        places = (None, *(view.over_picture(mask) for mask in (view.around, view.inner)))
+        errors = tuple(warping_errors(before.source, source, moved, places))
+        return cls(before, moved, places, errors, psnr(view.crop(before.source), view.crop(source)))
 
     def add(self, series: Series, was: Image, result: Image, view: View) -> None:
         """Add a result's warping errors and step to its series."""
-        around, inner = warping_errors(was, result, self.moved, (view.around, view.inner))
-        series.warp_in.append(self.errors[0])
-        series.warp_out.append(around)
-        series.inner_in.append(self.errors[1])
-        series.inner_out.append(inner)
+        series.warp_in.append(self.errors)
+        series.warp_out.append(tuple(warping_errors(was, result, self.moved, self.places)))
         series.step_in.append(self.psnr)
-        series.step_out.append(psnr(was, result))
+        series.step_out.append(psnr(view.crop(was), view.crop(result)))
 
 
 class _ClipRun:
@@ -171,35 +182,27 @@ class _ClipRun:
 
     def add(self, frame: Frame, view: View) -> None:
         """Draw and measure one frame."""
-        source = view.crop(frame.rgb())
+        source = frame.rgb()
         luma = _luma(frame, view)
-        step = self._step(frame, view, source)
+        follows = self._before is not None and self._before.index == frame.index - 1
+        step = _Step.between(self._before, source, view) if follows and self._before is not None else None
         results: dict[str, list[Image]] = {}
         for method in self._methods:
             if method.costly and frame.index not in self._pairs:
                 continue
             pictures = method.draw(frame, view)
-            results[method.name] = [view.crop(picture.rgb).copy() for picture in pictures]
+            results[method.name] = [picture.rgb for picture in pictures]
             for k, (reference, picture) in enumerate(zip(self._references, pictures, strict=True)):
                 series = self.series[method.name, reference.name]
                 self._measure_frame(series, frame, view, luma, picture, reference)
                 if step is not None and method.name in step.before.results:
-                    step.add(series, step.before.results[method.name][k], results[method.name][k], view)
+                    step.add(series, step.before.results[method.name][k], picture.rgb, view)
         if frame.index == min(self._color_frames, key=lambda f: abs(f - self._measured[len(self._measured) // 2])):
             for k, reference in enumerate(self._references):
-                shown = {name: pictures[k] for name, pictures in results.items()}
+                shown = {name: view.crop(pictures[k]) for name, pictures in results.items()}
                 part = reference.view.crop(reference.rgb)
-                self.strips[reference.name] = {"input": source, **shown, "reference": part}
+                self.strips[reference.name] = {"input": view.crop(source), **shown, "reference": part}
         self._before = _Moment(frame.index, source, results)
-
-    def _step(self, frame: Frame, view: View, source: Image) -> _Step | None:
-        """How the frame came from the one before, if that was measured."""
-        before = self._before
-        if before is None or before.index != frame.index - 1:
-            return None
-        moved = motion(before.source, source)
-        errors = warping_errors(before.source, source, moved, (view.around, view.inner))
-        return _Step(before, moved, (errors[0], errors[1]), psnr(before.source, source))
 
     def _measure_frame(
         self, series: Series, frame: Frame, view: View, luma: Floats, picture: Drawn, reference: Reference

@@ -107,6 +107,12 @@ class View:
         """The picture's part in the window."""
         return picture[self.window]
 
+    def over_picture(self, mask: Bools) -> Bools:
+        """A mask (h, w) of the window as one of the whole picture."""
+        whole = np.zeros((self.size[1], self.size[0]), np.bool_)
+        whole[self.window] = mask
+        return whole
+
 
 def view_of(data: FaceFrameData, size: tuple[int, int], window: tuple[slice, slice] | None = None) -> View:
     """The face over its own box, or over a given window."""

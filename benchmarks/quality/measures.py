@@ -72,11 +72,11 @@ def motion(before: Image, now: Image) -> Motion:
     return Motion(back, certain)
 
 
-def warping_errors(before: Image, now: Image, moved: Motion, places: Sequence[Bools]) -> list[float]:
-    """Mean squared difference of a frame and the warped frame before, over each of `places` (bool masks) where the
-    flow is certain; NaN where it nowhere is."""
+def warping_errors(before: Image, now: Image, moved: Motion, places: Sequence[Bools | None]) -> list[float]:
+    """Mean squared difference of a frame and the warped frame before, over each of `places` (bool masks, None for the
+    whole picture) where the flow is certain; NaN where it nowhere is."""
     squares = np.mean((now.astype(np.float32) - moved.warp(before)) ** 2, axis=2)
-    used = [where & moved.certain for where in places]
+    used = [moved.certain if where is None else where & moved.certain for where in places]
     return [float(squares[where].mean()) if where.any() else float("nan") for where in used]
 
 

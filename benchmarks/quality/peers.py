@@ -20,7 +20,6 @@ from scipy.spatial import KDTree
 import pvg
 from benchmarks.quality.faces import Floats, Image, Reference, View, sample_pixels
 from pvg.curves import face_frame
-from pvg.poisson import build_membrane
 from pvg.rendering import Renderer
 from pvg.transport import sliced_transport
 from pvg.vectorization import fit_key_frame
@@ -35,8 +34,9 @@ try:
 except ImportError:
     ColorMatcher = None
 
-DEEP = "ours in 12 bits"
-OURS = ("ours", "ours auto", "ours auto semantic")
+DEEP = "ours, λ = 1, in 12 bits"
+OURS = ("ours", "ours, λ = 1", "ours, λ = 1, all colours")  # the defaults; then without contrast; then the paper's way
+AT_LAMBDA_ONE = OURS[1:]
 PAPER = "paper's settings"
 NEEDS = {"match_histograms": "scikit-image", "color-matcher mkl": "color-matcher"}
 _OMT_SAMPLE = 4000
@@ -142,7 +142,7 @@ class PerFrame:
         g, visible = fit_key_frame(rgb, view.matte, region.positions, face_frame(view.data.points).width, 0)
         changes = [self._change(g, visible, reference) for reference in self.references]
         h, w = region.alpha.shape
-        field = build_membrane(region.raster).solve(np.concatenate(changes, axis=1)).crop(region.x, region.y, w, h)
+        field = region.membrane(np.concatenate(changes, axis=1)).crop(region.x, region.y, w, h)
         window = (slice(region.y, region.y + h), slice(region.x, region.x + w))
         pictures = []
         for k in range(len(self.references)):
@@ -281,9 +281,9 @@ def open_methods(
 ) -> list[Method]:
     """All methods that can run on a clip; `paper` is the clip with the paper's settings and its face there."""
     methods: list[Method] = [
-        Looks.of("ours", video, face, references, contrast=1.0, match="color"),
-        Looks.of("ours auto", video, face, references, contrast="auto", match="color"),
-        Looks.of("ours auto semantic", video, face, references, contrast="auto", match="semantic"),
+        Looks.of(OURS[0], video, face, references),
+        Looks.of(OURS[1], video, face, references, contrast=1.0),
+        Looks.of(OURS[2], video, face, references, contrast=1.0, match="color"),
     ]
     if paper is not None:
         options: dict[str, Any] = {"contrast": 1.0, "match": "color", "protect": ()}
@@ -294,6 +294,5 @@ def open_methods(
     methods.append(WholeFrame("Lab mean/std", references, lab_mean_std))
     if ColorMatcher is not None:
         methods.append(WholeFrame("color-matcher mkl", references, color_matcher_mkl))
-    exact = Looks.of("ours", video, face, references, contrast=1.0, match="color")
-    methods.append(DeepLooks(DEEP, exact.renderer))
+    methods.append(DeepLooks(DEEP, Looks.of(DEEP, video, face, references, contrast=1.0).renderer))
     return methods

@@ -22,7 +22,6 @@ from pvg.asset import FaceFrameData
 from pvg.curves import CurveLabels, face_frame, labels_by_length, stack_points, table_labels
 from pvg.landmarks import detect_faces, fit_landmarks, jd_106, skin_88
 from pvg.matching import CHAIN_RESET_FRAMES, Chain
-from pvg.poisson import build_membrane
 from pvg.region import open_region
 from pvg.rendering import Renderer, source_frame
 from pvg.skin import SkinTracker, fit_skin_model, skin_mask
@@ -151,8 +150,7 @@ def _low(data: FaceFrameData, labels: CurveLabels, colors: Floats, view: View) -
     if region is None:
         raise ValueError("the face left the picture")
     rows, columns = view.window
-    membrane = build_membrane(region.raster).solve(colors)
-    return membrane.crop(columns.start, rows.start, columns.stop - columns.start, rows.stop - rows.start)
+    return region.membrane(colors).crop(columns.start, rows.start, columns.stop - columns.start, rows.stop - rows.start)
 
 
 class _Carried:
