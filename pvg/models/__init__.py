@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["MODELS", "PACKAGES", "ModelError", "ModelFile", "Package", "cache_folder", "install", "load"]
 
-CONVERTER_VERSION = 1
+CONVERTER_VERSION = 2
 """Raised whenever the converter's output changes, so that an old cache is left alone and a new one is made."""
 
 _REMEDY = "run `make setup` (or `python -m pvg.models`)"

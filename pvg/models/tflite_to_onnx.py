@@ -7,6 +7,7 @@ callers see the shapes the model card gives. Half-precision weights become float
 
 from __future__ import annotations
 
+import platform
 import struct
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -30,6 +31,8 @@ _DTYPES: dict[int, type[np.generic]] = {
     tflite.TensorType.FLOAT16: np.float16,
     tflite.TensorType.INT32: np.int32,
 }
+# where onnxruntime's processor library has kernels for channels in blocks; elsewhere 1×1 depthwise convolutions crawl
+_BLOCKED_CHANNELS = platform.machine().lower() in ("x86_64", "amd64")
 _OPERATOR_NAMES = {value: name for name, value in vars(tflite.BuiltinOperator).items() if not name.startswith("_")}
 
 
@@ -263,14 +266,33 @@ class _Graph:
         self.emit(kind, [self.operand(self.inputs(operator)[0])], self.output(operator))
 
     def prelu(self, operator: Any) -> None:
-        # Relu(x) + slope · Min(x, 0): onnxruntime's own PRelu is not vectorised over channels
+        # onnxruntime's own PRelu is not vectorised over channels
         source, slope_index = self.inputs(operator)
-        slope = self.constant(slope_index).astype(np.float32).reshape(-1, 1, 1)
+        slope = self.constant(slope_index).astype(np.float32).reshape(-1)
         x, name = self.operand(source), self._tensor(self.output(operator))
+        if _BLOCKED_CHANNELS:
+            self._prelu_by_convolutions(x, slope, name)
+            return
         positive = self._emit("Relu", [x], f"{name}_pos")
         negative = self._emit("Min", [x, self.initializer(np.zeros((), np.float32))], f"{name}_neg")
-        scaled = self._emit("Mul", [negative, self.initializer(slope)], f"{name}_scaled")
+        scaled = self._emit("Mul", [negative, self.initializer(slope.reshape(-1, 1, 1))], f"{name}_scaled")
         self._emit("Add", [positive, scaled], name)
+
+    def _prelu_by_convolutions(self, x: str, slope: Array, name: str) -> None:
+        """slope · x + (1 − slope) · Relu(x), scaled by depthwise 1×1 convolutions.
+
+        onnxruntime keeps channels in blocks from convolution to convolution and fuses the sum, and where no slope
+        is above 1 also the Relu, into them; Min and Mul would have every tensor reordered twice.
+        """
+        if (slope <= 1).all():  # (1 − slope) · Relu(x) = Relu((1 − slope) · x)
+            rise = self._emit("Relu", [self._scaled(x, 1 - slope, f"{name}_steep")], f"{name}_rise")
+        else:
+            rise = self._scaled(self._emit("Relu", [x], f"{name}_pos"), 1 - slope, f"{name}_rise")
+        self._emit("Add", [self._scaled(x, slope, f"{name}_line"), rise], name)
+
+    def _scaled(self, x: str, factors: Array, output: str) -> str:
+        weights = self.initializer(factors.reshape(-1, 1, 1, 1))
+        return self._emit("Conv", [x, weights], output, group=len(factors), kernel_shape=[1, 1])
 
     def pad(self, operator: Any) -> None:
         source, pads_index = self.inputs(operator)
