@@ -1,6 +1,6 @@
 # Compiled functions take their types from the first call.
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-untyped-call"
-"""Compiled kernels of the membrane solver: edge cuts, the grid hierarchy, V-cycles and bilinear reading.
+"""Compiled kernels of the membrane solver: edge cuts, the grid hierarchy and V-cycles.
 
 The hierarchy lives in flat arrays, one level after the other, finest first. A level is a block of (h + 2) × (w + 2)
 numbers with h and w even; the outer ring is zero, so that no loop needs a test at the border. `levels` holds
@@ -335,34 +335,21 @@ def solve(u, b, parts, share, levels, warm, tolerance, max_cycles):
     return solution, max_cycles, error
 
 
+@njit(cache=True, nogil=True)
+def tie_values(samples, start, stop, place):
+    """(C, E) values at the ties, linear between the samples (S, C) float32 they lie between."""
+    out = np.empty((samples.shape[1], len(start)), np.float32)
+    for e in range(len(start)):
+        for c in range(samples.shape[1]):
+            first = samples[start[e], c]
+            out[c, e] = first + place[e] * (samples[stop[e], c] - first)
+    return out
+
+
 @njit(cache=True, nogil=True, fastmath=True)
-def load(node, weight, values, inverse, b):
-    """b = Σ weight·value over the ties of each node of the domain, on all levels."""
+def load(node, weight, values, middle, inverse, b):
+    """b = Σ weight·(value − middle) over the ties of each node of the domain, on all levels."""
     b[:] = np.float32(0.0)
     for e in range(len(node)):
         if inverse[node[e]] > np.float32(0.0):
-            b[node[e]] += weight[e] * values[e]
-
-
-@njit(cache=True, nogil=True, fastmath=True)
-def read_lattice(plane, columns, rows, out):
-    """out[i, j] = the bilinear value of plane at (columns[j], rows[i]), in steps; positions outside are clamped."""
-    h, w = plane.shape
-    index = np.empty(len(columns), np.int32)
-    share = np.empty(len(columns), np.float32)
-    for j in range(len(columns)):
-        place = min(max(columns[j], 0.0), w - 1.0)
-        index[j] = min(int(place), w - 2)
-        share[j] = place - index[j]
-    line = np.empty(w, np.float32)
-    for i in range(len(rows)):
-        place = min(max(rows[i], 0.0), h - 1.0)
-        upper = min(int(place), h - 2)
-        f = np.float32(place - upper)
-        a, b = plane[upper], plane[upper + 1]
-        for x in range(w):
-            line[x] = a[x] + f * (b[x] - a[x])
-        to = out[i]
-        for j in range(len(columns)):
-            k = index[j]
-            to[j] = line[k] + share[j] * (line[k + 1] - line[k])
+            b[node[e]] += weight[e] * (values[e] - middle)

@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pvg.asset import FaceFrameData
 from pvg.curves import BOUNDARY, CurveLabels, Floats, face_frame, place, stack_points
 from pvg.landmarks import SKIN_SLICES
-from pvg.poisson import CurveRaster, Lattice, Membrane, build_membrane, rasterize_curves
+from pvg.poisson import TOLERANCE, CurveRaster, Lattice, Membrane, build_membrane, rasterize_curves
 from pvg.skin import Matte
 from pvg.visibility import Visibility, see
 
@@ -42,9 +43,12 @@ class Region:
         """x0, y0, x1, y1 of its pixels in the picture."""
         return self.x, self.y, self.x + self.alpha.shape[1], self.y + self.alpha.shape[0]
 
-    def membrane(self, values: Floats) -> Membrane:
-        """Harmonic extension of values (S, C) at the curves, hidden samples following those that are seen."""
-        return build_membrane(self.raster).solve(self.visibility.settle(values))
+    def membrane(self, values: Floats, *, tolerance: ArrayLike = TOLERANCE) -> Membrane:
+        """Harmonic extension of values (S, C) at the curves, hidden samples following those that are seen.
+
+        tolerance: estimated largest error, for all channels or each.
+        """
+        return build_membrane(self.raster).solve(self.visibility.settle(values), tolerance=tolerance)
 
 
 def open_region(data: FaceFrameData, labels: CurveLabels, width: int, height: int, align: int = 2) -> Region | None:

@@ -12,60 +12,31 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any, Literal
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pvg._threads import Sink, ahead
+from pvg.applying import Change, apply_change, protected_alpha
 from pvg.asset import VectorVideo
-from pvg.curves import CurveLabels, Floats, face_frame, labels_by_length, stack_points, table_labels
+from pvg.curves import CurveLabels, Floats, labels_by_length, stack_points, table_labels
 from pvg.errors import AssetError
 from pvg.looks import Look, transfer
 from pvg.matching import Chain
-from pvg.poisson import Membrane
+from pvg.poisson import TOLERANCE
 from pvg.region import Region, divide_overlaps, open_region
-from pvg.video import Frame, MediaInfo, PixelFormat, VideoWriter, probe, read_frames, write_image
+from pvg.video import Frame, MediaInfo, Patch, VideoWriter, probe, read_frames, write_image
 
 Progress = Callable[[str, int, int], None]
-Planes = tuple[NDArray[Any], ...]
 
 _LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 _AUTO_EXPONENT = 0.6  # METHOD 7b: 0.5 to 0.75 keeps eyes and brows crisp, 1 looks harsh
 _AUTO_RANGE = (0.5, 2.0)
 _CHAIN_SPACING_PX = 2.0
-_EYES = ((52, 53, 72, 54, 55, 56, 73, 57), (58, 59, 75, 60, 61, 62, 76, 63))
-_INNER_LIPS = tuple(range(96, 104))
-_FEATHER = 0.012  # of the face's width
-
-
-def _feathered(region: Region, polygons: Sequence[Floats], width: float) -> Floats:
-    """(h, w) float32 in [0, 1]: 1 inside the polygons (source pixels), falling off over `_FEATHER` of `width`."""
-    guard = np.zeros(region.alpha.shape, np.float32)
-    origin = np.array([region.x, region.y], np.float32)
-    for polygon in polygons:  # 1/16 pixel positions, so that the guard does not jump as the face moves
-        corners = np.rint((polygon - origin) * 16).astype(np.int32)
-        cv2.fillPoly(guard, [corners], 1.0, lineType=cv2.LINE_AA, shift=4)
-    sigma = max(0.8, _FEATHER * width)
-    return np.asarray(cv2.GaussianBlur(guard, (0, 0), sigma), np.float32)
-
-
-def protected_alpha(region: Region, protect: Sequence[str]) -> Floats:
-    """The region's matte without the features that keep their own colour ("eyes", "teeth")."""
-    points = region.data.points
-    polygons: list[Floats] = []
-    if "eyes" in protect:
-        polygons += [points[list(eye)] for eye in _EYES]
-    if "teeth" in protect:
-        polygons.append(points[list(_INNER_LIPS)])
-    if not polygons:
-        return region.alpha
-    guard = _feathered(region, polygons, face_frame(points).width)
-    guarded: Floats = region.alpha * (1.0 - guard)
-    return guarded
+_HF_LEVELS = 128.0
 
 
 def _contrast_at_curves(look: Look, g: Floats, new: Floats) -> Floats | float:
@@ -75,59 +46,6 @@ def _contrast_at_curves(look: Look, g: Floats, new: Floats) -> Floats | float:
     ratio = (new @ _LUMA + 1.0) / (g @ _LUMA + 1.0)
     field: Floats = np.clip(ratio**_AUTO_EXPONENT, *_AUTO_RANGE)[:, None].astype(np.float32)
     return field
-
-
-def _add(
-    planes: list[NDArray[Any]], source: Planes, region: Region, membrane: Membrane, alpha: Floats, change: _Change
-) -> None:
-    """Apply one look to one region of the planes, in place: P += alpha ((lambda - 1)(I - black - mean HF) + H).
-
-    source: the planes I of the frame as it came, where `planes` may hold another face already. With a lambda other
-    than 1, channels 0 to 2 of the membrane are H(g).
-    """
-    pixel_format = change.format
-    sx, sy = pixel_format.chroma_log2
-    h, w = alpha.shape
-    top = 2**pixel_format.depth - 1
-    for p, (plane, before) in enumerate(zip(planes, source, strict=True)):
-        dx, dy = (sx, sy) if p else (0, 0)
-        rows, columns = -(-h // 2**dy), -(-w // 2**dx)
-        y, x = region.y >> dy, region.x >> dx
-        window = (slice(y, y + rows), slice(x, x + columns))
-        part = plane[window]
-        weight = alpha if (dx, dy) == (0, 0) else cv2.resize(alpha, (columns, rows), interpolation=cv2.INTER_AREA)
-        # chroma sits on the left luma column of its pair and between its rows (the default of H.264 and HEVC)
-        xs = region.x + np.arange(columns, dtype=np.float32) * 2**dx
-        ys = region.y + np.arange(rows, dtype=np.float32) * 2**dy + (2**dy - 1) / 2
-        shift = membrane.read(xs, ys, [change.channel + p])[0]
-        if change.contrast_channel is not None:
-            gain = membrane.read(xs, ys, [change.contrast_channel])[0] - 1.0
-            shift += gain * (before[window] - np.float32(pixel_format.offset[p]))
-        elif change.contrast != 1.0:
-            # open skin is brighter than the curves around it, so HF has a mean; lambda leaves it where it is
-            level = before[window] - np.float32(pixel_format.offset[p])
-            high_mean = np.average(level - membrane.read(xs, ys, [p])[0], weights=weight)
-            shift += np.float32(change.contrast - 1.0) * (level - np.float32(high_mean))
-        shift *= weight
-        shift += part
-        np.rint(shift, out=shift)
-        np.clip(shift, 0, top, out=shift)
-        part[:] = shift.astype(part.dtype)
-
-
-@dataclass(frozen=True)
-class _Change:
-    """Where a look's right-hand sides stand among the membrane's channels, and its lambda."""
-
-    format: PixelFormat
-    channel: int
-    contrast: float
-    contrast_channel: int | None
-
-    def moved(self, by: int) -> _Change:
-        """The same change with its channels elsewhere."""
-        there = None if self.contrast_channel is None else self.contrast_channel + by
-        return replace(self, channel=self.channel + by, contrast_channel=there)
 
 
 class _FaceColors:
@@ -182,15 +100,16 @@ class Renderer:
         }
 
     def draw(self, frame: Frame) -> list[Frame]:
-        """One frame for every look, in their order; untouched planes are shared with `frame`."""
-        planes: dict[int, list[NDArray[Any]]] = {}
+        """One frame for every look, in their order; untouched frames are `frame` itself."""
+        return [frame.patched(patches) for patches in self.patches(frame)]
+
+    def patches(self, frame: Frame) -> list[list[Patch]]:
+        """What every look changes in the frame, in their order, each to be laid over it in its order."""
+        out: list[list[Patch]] = [[] for _ in self.looks]
         for face, region, colors in self._regions(frame):
             if colors is not None:
-                self._draw_face(frame, region, self._with_face[face], colors, planes)
-        return [
-            frame.with_planes((p[0], p[1], p[2])) if (p := planes.get(i)) is not None else frame
-            for i in range(len(self.looks))
-        ]
+                self._draw_face(frame, region, self._with_face[face], colors, out)
+        return out
 
     def _regions(self, frame: Frame) -> list[tuple[int, Region, Floats | None]]:
         """(face, region, colours) of every face in the frame; one that no look draws has no colours.
@@ -211,36 +130,36 @@ class Renderer:
         return [(face, region, colors) for (face, _, colors), region in zip(found, divided, strict=True)]
 
     def _draw_face(
-        self,
-        frame: Frame,
-        region: Region,
-        which: list[int],
-        colors: Floats,
-        planes: dict[int, list[NDArray[Any]]],
+        self, frame: Frame, region: Region, which: list[int], colors: Floats, out: list[list[Patch]]
     ) -> None:
         g = colors[:, :3]
         to_planes = frame.format.matrix.astype(np.float32).T
-        channels: list[Floats] = [g @ to_planes]
-        changes: list[_Change] = []
+        channels: list[Floats] = []
+        changes: list[Change] = []
+        count, low = 0, None
+        if any(self.looks[i].contrast not in ("auto", 1.0) for i in which):
+            channels, count, low = [g @ to_planes], 3, 0
         for k, i in enumerate(which):
-            look = self.looks[i]
             new = colors[:, 3 + 3 * k : 6 + 3 * k]
-            contrast = _contrast_at_curves(look, g, new)
-            start = sum(part.shape[1] for part in channels)
+            contrast = _contrast_at_curves(self.looks[i], g, new)
             channels.append((new - contrast * g) @ to_planes)
             if isinstance(contrast, float):
-                changes.append(_Change(frame.format, start, contrast, None))
+                changes.append(Change(count, contrast, low_channel=low))
+                count += 3
             else:
                 channels.append(contrast)
-                changes.append(_Change(frame.format, start, 1.0, start + 3))
-        if all(change.contrast == 1.0 for change in changes):  # H(g) is not needed
-            channels[0] = np.empty((len(g), 0), np.float32)
-            changes = [change.moved(-3) for change in changes]
-        membrane = region.membrane(np.concatenate(channels, axis=1))
+                changes.append(Change(count, contrast_channel=count + 3))
+                count += 4
+        tolerance = np.full(count, TOLERANCE * 2.0 ** (frame.format.depth - 8), np.float32)
+        fields = [change.contrast_channel for change in changes if change.contrast_channel is not None]
+        tolerance[fields] /= _HF_LEVELS  # what multiplies lambda
+        membrane = region.membrane(np.concatenate(channels, axis=1), tolerance=tolerance)
+        alphas: dict[tuple[str, ...], Floats] = {}
         for i, change in zip(which, changes, strict=True):
-            if i not in planes:
-                planes[i] = [plane.copy() for plane in frame.planes]
-            _add(planes[i], frame.planes, region, membrane, protected_alpha(region, self.looks[i].protect), change)
+            protect = self.looks[i].protect
+            if protect not in alphas:
+                alphas[protect] = protected_alpha(region, protect)
+            out[i] += apply_change(frame, (region.x, region.y), alphas[protect], membrane, change, under=out[i])
 
 
 def _partial(path: Path) -> Path:
@@ -315,11 +234,17 @@ def _render_clip(
     renderer = Renderer(video, looks)
     with ExitStack() as stack:
         writers = [stack.enter_context(VideoWriter(path, info, info.format, **options)) for path in paths]
-        for frame in read_frames(video.require_source()):
-            for writer, drawn in zip(writers, renderer.draw(frame), strict=True):
-                writer.write(drawn)
+        sinks = [stack.enter_context(Sink(_writing(writer))) for writer in writers]
+        frames = stack.enter_context(closing(ahead(read_frames(video.require_source()))))
+        for frame in frames:
+            for sink, patches in zip(sinks, renderer.patches(frame), strict=True):
+                sink.put((frame, patches))
             if progress is not None:
                 progress("render", frame.index + 1, video.frame_count)
+
+
+def _writing(writer: VideoWriter) -> Callable[[tuple[Frame, list[Patch]]], None]:
+    return lambda item: writer.write(*item)
 
 
 def source_frame(video: VectorVideo, index: int) -> Frame:

@@ -102,10 +102,11 @@ def _matte_at(data: FaceFrameData, positions: Floats, unit: float) -> Floats:
     """(n,) the matte about the positions in [0, 1], whatever the opacity of a face that is being lost."""
     step = float(data.box[2] - data.box[0]) / data.matte.shape[1]
     full = max(int(data.matte.max()), 1)
-    soft = cv2.GaussianBlur(data.matte.astype(np.float32) / full, (0, 0), max(0.5, _MATTE_BLUR * unit / step))
+    soft = cv2.GaussianBlur(data.matte, (0, 0), max(0.5, _MATTE_BLUR * unit / step))
     cells = ((positions - data.box[:2] + 0.5) / step - 0.5).astype(np.float32)
     x, y = (np.ascontiguousarray(cells[None, :, axis]) for axis in (0, 1))
-    return np.asarray(cv2.remap(soft, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)[0])
+    read = cv2.remap(soft.astype(np.float32), x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+    return np.asarray(read[0] / full)
 
 
 def _shares(labels: CurveLabels, places: Floats, weight: Floats, fading: NDArray[np.intp]) -> Floats:

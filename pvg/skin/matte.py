@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pvg._planes import read_grid
 from pvg.skin.zones import Bools, Bytes, Floats
 
 _SOFT_RADIUS = 0.030  # of the face's width: reach of the guided filter, so of the soft edge
@@ -50,21 +51,11 @@ class Matte:
     def _sample(self, raster: Floats, xs: Floats, ys: Floats) -> Floats:
         step = self.step
         padded = np.pad(raster, 1)
-        rows = _interpolate(padded, (np.asarray(ys, np.float32) - self.box[1] + 0.5) / step + 0.5)
-        columns = _interpolate(
-            np.ascontiguousarray(rows.T), (np.asarray(xs, np.float32) - self.box[0] + 0.5) / step + 0.5
-        )
-        return np.ascontiguousarray(columns.T)
-
-
-def _interpolate(raster: Floats, positions: Floats) -> Floats:
-    """Rows of raster (n, m) at fractional row positions (k,), as (k, m); clamped to the first and last row."""
-    position = np.clip(positions, 0, raster.shape[0] - 1)
-    low = np.minimum(position.astype(np.intp), raster.shape[0] - 2)
-    t = (position - low).astype(np.float32)[:, None]
-    below = raster[low]
-    mixed: Floats = below + t * (raster[low + 1] - below)
-    return mixed
+        rows = (np.asarray(ys, np.float64) - self.box[1] + 0.5) / step + 0.5
+        columns = (np.asarray(xs, np.float64) - self.box[0] + 0.5) / step + 0.5
+        out = np.empty((len(rows), len(columns)), np.float32)
+        read_grid(padded, columns, rows, out)
+        return out
 
 
 def soft_matte(rgb: Bytes, mask: Bools, *, face_width: float) -> Floats:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pvg.video.formats import RGB24, Frame, PixelFormat
+from pvg.video.formats import RGB24, Frame, Patch, PixelFormat
 from pvg.video.images import read_image, write_image
 from pvg.video.info import MediaInfo, probe, sha256_file
 from pvg.video.opening import MediaLimits
@@ -15,6 +15,7 @@ __all__ = [
     "Frame",
     "MediaInfo",
     "MediaLimits",
+    "Patch",
     "PixelFormat",
     "VideoWriter",
     "probe",

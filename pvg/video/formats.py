@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -151,6 +152,21 @@ RGB24 = PixelFormat("rgb24", 8, (0, 0), None, True)
 
 
 @dataclass(frozen=True, eq=False)
+class Patch:
+    """New samples for a rectangle of a plane: `samples` (h, w) from row y, column x of plane number `plane` on."""
+
+    plane: int
+    y: int
+    x: int
+    samples: NDArray[Any]
+
+    def lay_over(self, target: NDArray[Any]) -> None:
+        """Write the samples into a whole plane; what lies beyond it is dropped."""
+        part = target[self.y : self.y + self.samples.shape[0], self.x : self.x + self.samples.shape[1]]
+        part[:] = self.samples[: part.shape[0], : part.shape[1]]
+
+
+@dataclass(frozen=True, eq=False)
 class Frame:
     """One upright picture of a clip, or a still image.
 
@@ -184,6 +200,15 @@ class Frame:
             self._cache["rgb"] = self.format.fast_rgb(self.planes)
             self._cache["rgb"].flags.writeable = False
         return self._cache["rgb"]
+
+    def patched(self, patches: Sequence[Patch]) -> Frame:
+        """The same instant with patches laid over copies of its planes, in their order; itself without any."""
+        if not patches:
+            return self
+        first, second, third = (plane.copy() for plane in self.planes)
+        for patch in patches:
+            patch.lay_over((first, second, third)[patch.plane])
+        return replace(self, planes=(first, second, third))
 
     def with_planes(self, planes: Planes) -> Frame:
         """The same instant with other planes; their shapes and type must be those of the format (ValueError)."""

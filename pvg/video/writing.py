@@ -22,7 +22,7 @@ import numpy as np
 
 from pvg.errors import MediaError
 from pvg.video.audio import AudioTrack
-from pvg.video.formats import RANGE_FULL, RANGE_LIMITED, Frame, PixelFormat
+from pvg.video.formats import RANGE_FULL, RANGE_LIMITED, Frame, Patch, PixelFormat
 from pvg.video.info import MediaInfo
 from pvg.video.opening import reason
 
@@ -191,8 +191,11 @@ class VideoWriter:
             context.codec_tag = "hvc1"
         return stream
 
-    def write(self, frame: Frame) -> None:
-        """Encode one frame; frames come in display order with rising time stamps (ValueError otherwise)."""
+    def write(self, frame: Frame, patches: Sequence[Patch] = ()) -> None:
+        """Encode one frame; frames come in display order with rising time stamps (ValueError otherwise).
+
+        patches: laid over the frame's planes as these are copied for the encoder.
+        """
         if frame.format != self._source_format or (frame.width, frame.height) != (self._info.width, self._info.height):
             raise ValueError(
                 f"frame {frame.index} is {frame.width}x{frame.height} {frame.format.name}; the writer was made for "
@@ -203,7 +206,7 @@ class VideoWriter:
         if self._last_pts is None:
             self._first_pts = frame.pts
         self._last_pts = frame.pts
-        picture = self._picture(frame)
+        picture = self._picture(frame, patches)
         self._end_pts = frame.pts + picture.duration
         try:
             self._mux(self._stream.encode(picture))
@@ -211,14 +214,17 @@ class VideoWriter:
             raise self._failure(error) from error
         self._frames += 1
 
-    def _picture(self, frame: Frame) -> av.video.frame.VideoFrame:
+    def _picture(self, frame: Frame, patches: Sequence[Patch]) -> av.video.frame.VideoFrame:
         source = "gbrp" if frame.format.is_rgb else frame.format.name
         picture = av.video.frame.VideoFrame(self.width, self.height, source)
-        for component, plane in zip(picture.format.components[:3], frame.planes, strict=True):
+        for p, (component, plane) in enumerate(zip(picture.format.components[:3], frame.planes, strict=True)):
             target = picture.planes[component.plane]
             rows = np.frombuffer(memoryview(target), dtype=plane.dtype)
-            rows = rows.reshape(-1, target.line_size // plane.dtype.itemsize)
-            rows[: target.height, : target.width] = plane[: target.height, : target.width]
+            rows = rows.reshape(-1, target.line_size // plane.dtype.itemsize)[: target.height, : target.width]
+            rows[:] = plane[: target.height, : target.width]
+            for patch in patches:
+                if patch.plane == p:
+                    patch.lay_over(rows)
         if source != self.format.name:
             picture = self._converted(picture, frame.format)
         picture.pts, picture.time_base = frame.pts, self._time_base

@@ -1,0 +1,102 @@
+"""Stages of a pipeline in threads of their own, with bounded queues between them.
+
+Decoding, solving and encoding release the interpreter's lock, so a thread each keeps all cores busy. An error in a
+thread comes out where its results are awaited, and leaving early ends the threads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterable
+from queue import Empty, Queue
+from threading import Event, Thread
+from types import TracebackType
+from typing import Generic, Self, TypeVar
+
+T = TypeVar("T")
+
+DEPTH = 4
+
+
+def ahead(items: Iterable[T], depth: int = DEPTH) -> Generator[T, None, None]:
+    """The items, made in a thread that runs up to `depth` of them ahead. What making them raises is raised here."""
+    queue: Queue[tuple[bool, T | BaseException | None]] = Queue(depth)
+    left = Event()
+
+    def fill() -> None:
+        try:
+            for item in items:
+                queue.put((True, item))
+                if left.is_set():
+                    return
+            queue.put((False, None))
+        except BaseException as error:
+            queue.put((False, error))
+        finally:
+            if isinstance(items, Generator):  # it ends where it ran
+                items.close()
+
+    thread = Thread(target=fill, name="pvg-ahead", daemon=True)
+    thread.start()
+    try:
+        while True:
+            more, item = queue.get()
+            if not more:
+                if isinstance(item, BaseException):
+                    raise item
+                return
+            yield item  # type: ignore[misc]
+    finally:
+        left.set()
+        _drain(queue)  # one more put may be waiting; after it the thread sees that nobody listens
+        thread.join()
+
+
+def _drain(queue: Queue[tuple[bool, T | BaseException | None]]) -> None:
+    try:
+        while True:
+            queue.get_nowait()
+    except Empty:
+        pass
+
+
+class Sink(Generic[T]):
+    """Calls `work` on each item in a thread, at most `depth` items behind; a context manager.
+
+    The first error of `work` is raised by the next `put`, or on leaving, and later items are dropped. Leaving the
+    block waits for the items that were put, unless it is left by an error.
+    """
+
+    def __init__(self, work: Callable[[T], None], depth: int = DEPTH) -> None:
+        self._work = work
+        self._queue: Queue[T | None] = Queue(depth)
+        self._error: BaseException | None = None
+        self._thread = Thread(target=self._run, name="pvg-sink", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def _run(self) -> None:
+        while (item := self._queue.get()) is not None:
+            if self._error is not None:
+                continue
+            try:
+                self._work(item)
+            except BaseException as error:  # raised where the results are awaited
+                self._error = error
+
+    def put(self, item: T) -> None:
+        """Hand over the next item. Raises what `work` raised on an earlier one."""
+        if self._error is not None:
+            raise self._error
+        self._queue.put(item)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is not None and self._error is None:
+            self._error = error  # items still waiting are dropped
+        self._queue.put(None)
+        self._thread.join()
+        if kind is None and self._error is not None:
+            raise self._error

@@ -1,0 +1,140 @@
+"""A look applied to the samples of one face: P' = P + alpha ((lambda - 1)(I - black - mean HF) + H), in any format.
+
+The map is affine in every pixel, so it acts on the planes a clip is coded in. Only the rectangle of the face is
+touched: the outcome are patches, which a writer lays over the frame it copies anyway.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pvg import _planes as kernels
+from pvg.curves import Floats, face_frame
+from pvg.poisson import Membrane
+from pvg.region import Region
+from pvg.video import Frame, Patch
+
+_EYES = ((52, 53, 72, 54, 55, 56, 73, 57), (58, 59, 75, 60, 61, 62, 76, 63))
+_INNER_LIPS = tuple(range(96, 104))
+_FEATHER = 0.012  # of the face's width
+_REACH = 4.0  # spreads of the feather after which nothing is left of it
+_NO_GRID = np.empty((0, 0), np.float32)
+
+
+@dataclass(frozen=True)
+class Change:
+    """Where a look's right-hand sides stand among a membrane's channels, and its lambda.
+
+    channel: the first of three, one a plane;  contrast: lambda;  contrast_channel: the channel of a lambda that is a
+    field, or None;  low_channel: the first of three that hold H(g), wanted with a `contrast` other than 1.
+    """
+
+    channel: int
+    contrast: float = 1.0
+    contrast_channel: int | None = None
+    low_channel: int | None = None
+
+
+def protected_alpha(region: Region, protect: Sequence[str]) -> Floats:
+    """The region's matte (h, w) without the features that keep their own colour ("eyes", "teeth")."""
+    points = region.data.points
+    polygons: list[Floats] = []
+    if "eyes" in protect:
+        polygons += [points[list(eye)] for eye in _EYES]
+    if "teeth" in protect:
+        polygons.append(points[list(_INNER_LIPS)])
+    if not polygons:
+        return region.alpha
+    sigma = max(0.8, _FEATHER * face_frame(points).width)
+    origin = np.array([region.x, region.y], np.float32)
+    alpha = region.alpha.copy()
+    for polygon in polygons:
+        _take_out(alpha, polygon - origin, sigma)
+    return alpha
+
+
+def _take_out(alpha: Floats, polygon: Floats, sigma: float) -> None:
+    """Fade alpha to 0 inside a polygon of its pixels, over about `sigma` at its edge, in place."""
+    reach = int(np.ceil(_REACH * sigma)) + 1
+    x0, y0 = (max(0, int(v) - reach) for v in np.floor(polygon.min(axis=0)))
+    x1, y1 = (int(v) + reach + 1 for v in np.ceil(polygon.max(axis=0)))
+    part = alpha[y0 : max(y1, 0), x0 : max(x1, 0)]
+    if not part.size:
+        return
+    # 1/16 pixel positions, so that the guard does not jump as the face moves
+    guard = np.zeros(part.shape, np.float32)
+    corners = np.rint((polygon - np.array([x0, y0], np.float32)) * 16).astype(np.int32)
+    cv2.fillPoly(guard, [corners], 1.0, lineType=cv2.LINE_AA, shift=4)
+    part *= 1.0 - cv2.GaussianBlur(guard, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
+
+
+def apply_change(
+    frame: Frame,
+    corner: tuple[int, int],
+    alpha: Floats,
+    membrane: Membrane,
+    change: Change,
+    under: Sequence[Patch] = (),
+) -> list[Patch]:
+    """The new samples of one face in every plane.
+
+    corner: x, y of the source pixel that alpha (h, w) starts at, multiples of the chroma step;  alpha: the face's
+    matte, guards taken out;  under: patches of other faces that were laid before.
+    """
+    left, upper = corner
+    pixel_format = frame.format
+    top = 2**pixel_format.depth - 1
+    gain = _NO_GRID if change.contrast_channel is None else membrane.planes[change.contrast_channel]
+    factor = np.float32(change.contrast - 1.0)
+    patches = []
+    for p, plane in enumerate(frame.planes):
+        log2 = pixel_format.chroma_log2 if p else (0, 0)
+        rows, columns = (-(-size // 2**shift) for size, shift in zip(alpha.shape, reversed(log2), strict=True))
+        x, y = left >> log2[0], upper >> log2[1]
+        before = plane[y : y + rows, x : x + columns]
+        part = before.copy()
+        for patch in under:
+            if patch.plane == p:
+                _lay(part, (x, y), patch)
+        places = _places(membrane, corner, (columns, rows), log2)
+        level = float(pixel_format.offset[p])
+        if change.contrast != 1.0 and change.low_channel is not None:
+            # open skin is brighter than the curves around it, so HF has a mean; lambda leaves it where it is
+            low = membrane.planes[change.low_channel + p]
+            level = kernels.mean_above(before, alpha, *log2, *places, low)
+        shift = membrane.planes[change.channel + p]
+        kernels.apply_change(
+            part, before, alpha, *log2, *places, shift, gain, factor, np.float32(level), np.float32(top)
+        )
+        patches.append(Patch(p, y, x, part))
+    return patches
+
+
+def _lay(part: NDArray[Any], corner: tuple[int, int], patch: Patch) -> None:
+    """Copy what a patch shares with `part`, whose first sample is at `corner` (x, y), in place."""
+    x, y = corner
+    rows, columns = part.shape
+    height, width = patch.samples.shape
+    x0, x1 = max(x, patch.x), min(x + columns, patch.x + width)
+    y0, y1 = max(y, patch.y), min(y + rows, patch.y + height)
+    if x0 < x1 and y0 < y1:
+        part[y0 - y : y1 - y, x0 - x : x1 - x] = patch.samples[y0 - patch.y : y1 - patch.y, x0 - patch.x : x1 - patch.x]
+
+
+def _places(
+    membrane: Membrane, corner: tuple[int, int], size: tuple[int, int], log2: tuple[int, int]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Columns and rows of a plane's samples in the membrane's nodes.
+
+    Chroma sits on the left luma column of its pair and between its rows, the default of H.264 and HEVC.
+    """
+    lattice = membrane.lattice
+    columns = corner[0] + np.arange(size[0], dtype=np.float64) * 2.0 ** log2[0]
+    rows = corner[1] + np.arange(size[1], dtype=np.float64) * 2.0 ** log2[1] + (2.0 ** log2[1] - 1) / 2
+    return (columns - lattice.x) / lattice.step, (rows - lattice.y) / lattice.step
