@@ -11,7 +11,7 @@ import numpy as np
 from pvg.skin.colors import SkinColors, fit_colors, skin_scale, strangeness, to_skin_lab
 from pvg.skin.cutting import minimum_cut
 from pvg.skin.regions import biggest_part, fill_holes, gather
-from pvg.skin.veil import VEIL_ODDS, find_hair, veil
+from pvg.skin.veil import VEIL_ODDS, deep_shade, find_hair, veil
 from pvg.skin.zones import Bools, Bytes, Floats, Places, face_area, face_box, face_geometry, locate, logistic
 
 MaskMethod = Literal["landmarks", "ycbcr"]
@@ -24,6 +24,10 @@ _INSIDE = 0.2
 _LEAST_SAMPLE = 16  # cells
 _GLASSES_DARKER = 15.0  # than the cheeks, in L
 _PRIOR_IN_LEARNING = 0.4
+_BEARD_DARKER = 25.0  # than the open skin, in L
+_BEARD_SPREAD = 40.0  # 8-bit levels
+_BEARD_ODDS = 0.5  # nats: a beard is the face's, whatever lies behind it
+_SHADE_ODDS = 1.5  # nats for skin where it lies in deep shade
 
 
 def skin_mask(rgb: Bytes, points: Floats, skin_points: Floats, *, method: MaskMethod = "landmarks") -> Bools:
@@ -84,7 +88,8 @@ def cut_skin(rgb: Bytes, points: Floats, skin_points: Floats, visible: Bools | N
     like_sample = np.exp(-0.15 * np.maximum(far_in_tone - 9, 0))
     belief = np.where(where.sure, 1.0, logistic(where.prior) * np.exp(-0.25 * np.maximum(far - 6, 0)))
     nearby = np.exp(-2 * np.maximum(where.outside - 0.1, 0)) * np.where(where.face, _INSIDE, 1)
-    covered = np.zeros(shape, np.float32)
+    beard = _beard(rgb, lab, where, sample)
+    covered, shaded = np.zeros((2, *shape), np.float32)
     for _ in range(_ROUNDS):
         # learn: without the anchor to the sample, a fringe once taken for skin would teach that hair is skin
         inner = np.where(odd, 0, belief * like_sample) * visible
@@ -93,15 +98,28 @@ def cut_skin(rgb: Bytes, points: Floats, skin_points: Floats, visible: Bools | N
         # cut
         evidence = colors.evidence(lab)
         evidence = np.where(where.sure, np.maximum(evidence, 0), evidence)
-        evidence = evidence - VEIL_ODDS * covered
+        evidence = np.maximum(evidence, np.where(beard, _BEARD_ODDS, evidence))
+        evidence = evidence + shaded * np.maximum(_SHADE_ODDS - evidence, 0) - VEIL_ODDS * covered
         odds = np.where(visible, where.prior + evidence, -9).astype(np.float32)
         skin = gather(minimum_cut(rgb, odds), where) & visible
         belief = logistic(evidence + _PRIOR_IN_LEARNING * where.prior)
         belief = np.where(skin, np.maximum(belief, 0.6), np.minimum(belief, 0.4))
         hair = find_hair(rgb, skin | ~visible, where)
         if hair is not None:
-            covered = veil(rgb, skin, where, hair)
+            covered, shaded = veil(rgb, skin, where, hair), deep_shade(rgb, where, hair)
     return SkinCut(skin, colors)
+
+
+def _beard(rgb: Bytes, lab: Floats, where: Places, sample: Bools) -> Bools:
+    """(h, w) bool: cells about the jaw of a full beard's colour; none unless the chin is darker than the `sample`."""
+    nothing: Bools = np.zeros(sample.shape, np.bool_)
+    if min(int(where.chin.sum()), int(sample.sum())) < _LEAST_SAMPLE:
+        return nothing
+    if float(np.median(lab[sample][:, 0]) - np.median(lab[where.chin][:, 0])) < _BEARD_DARKER:
+        return nothing
+    color = rgb.astype(np.float32)
+    alike: Bools = np.linalg.norm(color - np.median(color[where.chin], axis=0), axis=2) < _BEARD_SPREAD
+    return alike & where.jaw
 
 
 def _sample(lab: Floats, where: Places, visible: Bools) -> Bools:

@@ -1,4 +1,4 @@
-"""Hair before the forehead: colours that are a mixture of the skin nearby and of the hair above it."""
+"""What lies over the forehead: hair, whose colours mix with the skin nearby, and the deep shade of a brim."""
 
 from __future__ import annotations
 
@@ -21,6 +21,11 @@ _LEAST_CONTRAST = 2.0  # spreads between skin and hair
 _OFF_LINE = {True: 0.7, False: 0.35}  # of the contrast: colours further from the line between both are no mixture
 _LITTLE, _MUCH = 0.33, 0.63  # shares of hair: from a shade that may be skin's to hair
 _ROUNDS = 4
+_FALLEN = (0.6, 0.9)  # shares of what is above a brow's cell that hair covers: a gap between locks bares no brow
+_SHADE = 0.35  # of the skin's brightness: deeper shade shows no colour to tell skin by
+_SHADE_NOISE = 8.0  # 8-bit levels
+_UNLIKE_HAIR = (25.0, 50.0)  # 8-bit levels between a shade and the hair or hat above it
+_SHADE_REACH = 0.12  # face sizes outside the contour: a brim stands off the forehead
 _TRUST = {True: 0.3, False: 1e-3}  # weight of the cheeks' colour beside that of skin nearby, for fair and dark hair
 
 
@@ -81,8 +86,27 @@ def veil(rgb: Bytes, skin: Bools, where: Places, hair: Hair) -> Floats:
     share = _share(color, np.asarray(cv2.resize(own, (w, h)), np.float32), hair)
     covered = np.where(where.sure, 0, smoothstep(share, _LITTLE, _MUCH))
     # brows are as dark as hair: they are covered where the forehead is, from above
-    fallen = cv2.erode(covered, where.above, borderType=cv2.BORDER_REPLICATE)
+    above = where.above.astype(np.float32) / max(1, int(where.above.sum()))
+    share_above = np.asarray(cv2.filter2D(covered, -1, above, borderType=cv2.BORDER_REPLICATE), np.float32)
+    fallen = covered * smoothstep(share_above, *_FALLEN)
     return np.asarray(np.where(where.brows, fallen, covered * where.upper), np.float32)
+
+
+def deep_shade(rgb: Bytes, where: Places, hair: Hair) -> Floats:
+    """How surely a dark cell of the forehead is skin in the shade of what is above it: (h, w) float32 in [0, 1].
+
+    rgb: (h, w, 3) uint8. Such a cell has the skin's colour times a small factor and is unlike the hair or hat.
+    """
+    shape = where.upper.shape
+    if hair.fair or not where.sample.any():
+        return np.zeros(shape, np.float32)
+    color = np.asarray(rgb, np.float32)
+    own = np.median(color[where.sample], axis=0)
+    light = (color @ own) / max(float(own @ own), 1.0)
+    off = np.linalg.norm(color - light[..., None] * own, axis=2)
+    unlike = smoothstep(np.asarray(np.linalg.norm(color - hair.color, axis=2), np.float32), *_UNLIKE_HAIR)
+    shade = unlike * np.exp(-((off / _SHADE_NOISE) ** 2)) * (light < _SHADE)
+    return np.asarray(shade * (where.upper & (where.outside < _SHADE_REACH)), np.float32)
 
 
 def _space(rgb: Bytes, *, fair: bool) -> Floats:

@@ -21,6 +21,8 @@ _FEATURES = (
     tuple(range(58, 64)),
     tuple(range(84, 96)),  # lips
 )
+_LOWER_LIP = (91, 92, 93, 94, 95)
+_BEARD_REACH = 0.25  # face sizes outside the contour
 _NECK_END = 1.12  # face sizes below the chin: the box's end
 _NECK_FADE = 0.75  # from here to the box's end the matte fades, for a bare chest goes on beyond
 _FEATURE_MARGIN = 0.03  # of the face's size: lashes, brow hairs and lip contours spill over
@@ -119,6 +121,7 @@ class Places:
     outside: float32 distance from the face contour in face sizes, 0 within;
     face: the inside of the contour;  sure: skin or a feature of the face whatever its colour;
     sample: the part of `sure` that shows the skin's colour;  cheeks: that of `sample` below glasses;
+    chin: that of `sure` below the lips;  jaw: about the face's lower end, where a beard can be;
     ears: where ears can be;  upper: all above the brows' middle line;  brows: about the brows;
     above: a kernel (k, k) uint8 that reaches from a brow's cell to the forehead;
     gaps: what to close;  size: the face's size in cells.
@@ -132,6 +135,8 @@ class Places:
     sure: Bools
     sample: Bools
     cheeks: Bools
+    chin: Bools
+    jaw: Bools
     ears: Bools
     upper: Bools
     brows: Bools
@@ -179,6 +184,8 @@ def locate(shape: tuple[int, int], points: Floats, skin_points: Floats) -> Place
         sure=sure,
         sample=sample,
         cheeks=sample & (down > g.depth(points[52:64]) + 0.15),
+        chin=sure & (down > max(g.depth(points[[i]]) for i in _LOWER_LIP) + 0.03),
+        jaw=(down > mouth) & (outer < _BEARD_REACH),
         ears=ears > -3,
         upper=down < brow,
         brows=brows,
