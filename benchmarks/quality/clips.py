@@ -10,7 +10,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 import pvg
 from benchmarks.quality.color import ita
@@ -59,10 +58,7 @@ class Series:
     warp_in: list[tuple[float, ...]] = field(default_factory=list)  # over each of PLACES
     warp_out: list[tuple[float, ...]] = field(default_factory=list)
     detail: list[float] = field(default_factory=list)
-    distance: list[float] = field(default_factory=list)
-    distance_before: list[float] = field(default_factory=list)
-    delta_e: list[float] = field(default_factory=list)
-    delta_e_before: list[float] = field(default_factory=list)
+    color: list[dict[str, float]] = field(default_factory=list)
 
     def summary(self) -> dict[str, Any]:
         """The measures of the case."""
@@ -72,10 +68,7 @@ class Series:
             "step_gap": float(np.mean(self.step_in) - np.mean(self.step_out)) if self.step_in else None,
             **self._warping(),
             "detail": float(np.nanmean(self.detail)),
-            "distance_before": float(np.mean(self.distance_before)),
-            "distance": float(np.mean(self.distance)),
-            "delta_e_before": float(np.mean(self.delta_e_before)),
-            "delta_e": float(np.mean(self.delta_e)),
+            **{key: float(np.mean([other[key] for other in self.color])) for row in self.color[:1] for key in row},
             "psnr_whole": [round(v, 3) for v in self.psnr_whole],
             "frames": len(self.psnr_whole),
         }
@@ -215,8 +208,8 @@ class _ClipRun:
         nth = self._measured.index(frame.index)
         if (nth % _DETAIL_EVERY == 0 or frame.index in self._color_frames) and view.inner.any():
             series.detail.append(detail_kept(luma, picture.luma(frame, view.window), view.inner))
-        if frame.index in self._color_frames and view.skin.any():
-            measure_color(series, source[view.skin], result[view.skin], reference)
+        if frame.index in self._color_frames and view.bare.any():
+            series.color.append(measure_color(source, result, view, reference))
 
 
 def _luma(frame: Frame, view: View) -> Floats:
@@ -224,12 +217,18 @@ def _luma(frame: Frame, view: View) -> Floats:
     return Drawn(frame.rgb(), plane).luma(frame, view.window)
 
 
-def measure_color(series: Series, before: NDArray[np.uint8], after: NDArray[np.uint8], reference: Reference) -> None:
-    """Add the distances of face-skin pixels (n, 3) to the reference, before and after."""
-    series.distance_before.append(color_distance(before, reference.skin))
-    series.distance.append(color_distance(after, reference.skin))
-    series.delta_e_before.append(median_delta_e(before, reference.median))
-    series.delta_e.append(median_delta_e(after, reference.median))
+def measure_color(before: Image, after: Image, view: View, reference: Reference) -> dict[str, float]:
+    """Distances of face skin to the reference's, before and after: of all open skin, and of that above any beard.
+
+    before, after: (h, w, 3) the source and a result over the view's window.
+    """
+    out: dict[str, float] = {}
+    for where, wanted, suffix in ((view.bare, reference.bare, ""), (view.skin, reference.skin, "_with_beard")):
+        median = np.median(wanted, axis=0)
+        for picture, stage in ((before, "_before"), (after, "")):
+            out["distance" + stage + suffix] = color_distance(picture[where], wanted)
+            out["delta_e" + stage + suffix] = median_delta_e(picture[where], median)
+    return out
 
 
 def measured_frames(video: pvg.VectorVideo, face: int, count: int) -> dict[int, FaceFrameData]:
@@ -269,8 +268,8 @@ def run_clip(job: ClipJob) -> dict[str, Any]:
             if frame.index not in seen:
                 continue
             view = view_of(seen[frame.index], size, window)
-            if tone is None and view.skin.any():
-                tone = np.median(view.crop(frame.rgb())[view.skin], axis=0)
+            if tone is None and view.bare.any():
+                tone = np.median(view.crop(frame.rgb())[view.bare], axis=0)
                 methods = open_methods(video, face, paper, portraits)
                 colors = _all_portraits(job, methods, frame, view, portraits)
             run.add(frame, view)
@@ -308,8 +307,7 @@ def _all_portraits(
         if method.name == DEEP:
             continue
         for portrait, picture in zip(portraits, method.draw(frame, view), strict=True):
-            result, series = view.crop(picture.rgb), Series()
-            measure_color(series, source[view.skin], result[view.skin], portrait)
+            result = view.crop(picture.rgb)
             strips[portrait.name][method.name] = result
             rows.append(
                 {
@@ -317,10 +315,7 @@ def _all_portraits(
                     "reference": portrait.name,
                     "reference_ita": portrait.ita,
                     "method": method.name,
-                    "distance_before": series.distance_before[0],
-                    "distance": series.distance[0],
-                    "delta_e_before": series.delta_e_before[0],
-                    "delta_e": series.delta_e[0],
+                    **measure_color(source, result, view, portrait),
                 }
             )
     for portrait in portraits:

@@ -99,6 +99,15 @@ class View:
         return within & ~grown
 
     @cached_property
+    def bare(self) -> Bools:
+        """(h, w) bool: `skin` above the nose's base, where no beard grows."""
+        origin = np.array([self.window[1].start, self.window[0].start], np.float32)
+        frame = face_frame(self.data.points)
+        base = float((self.data.points[list(JD_GROUPS["nose_base"])].mean(axis=0) - origin) @ frame.down)
+        ys, xs = np.indices(self.skin.shape, np.float32)
+        return np.asarray(self.skin & (xs * frame.down[0] + ys * frame.down[1] < base), np.bool_)
+
+    @cached_property
     def region(self) -> Region | None:
         """Curves and matte as the renderer opens them."""
         return open_region(self.data, table_labels(), *self.size)
@@ -139,7 +148,7 @@ class Reference:
     """A portrait whose face colours are wanted.
 
     rgb: the whole picture, as whole-frame methods take it;  face: (n, 3) pixels under its matte;
-    skin: (m, 3) its open face skin;  median: (3,) of that;  key: its curve colours.
+    skin: (m, 3) its open face skin;  bare: (k, 3) that above the nose's base;  key: its curve colours.
     """
 
     name: str
@@ -148,7 +157,7 @@ class Reference:
     rgb: Image
     face: NDArray[np.uint8]
     skin: NDArray[np.uint8]
-    median: NDArray[np.float64]
+    bare: NDArray[np.uint8]
     ita: float
     view: View
 
@@ -163,10 +172,9 @@ def read_reference(path: Path, asset: Path) -> Reference:
     rgb = source_frame(video, frame).rgb()
     view = view_of(data, (rgb.shape[1], rgb.shape[0]))
     part = view.crop(rgb)
-    skin = part[view.skin]
-    if len(skin) < _LEAST_SKIN:
+    skin, bare = part[view.skin], part[view.bare]
+    if len(bare) < _LEAST_SKIN:
         raise ValueError(f"{path.name} shows too little open skin to compare with")
-    median = np.median(skin, axis=0)
     return Reference(
         path.stem,
         video,
@@ -174,8 +182,8 @@ def read_reference(path: Path, asset: Path) -> Reference:
         rgb,
         sample_pixels(part[view.face], _MOST_PIXELS),
         sample_pixels(skin, _MOST_PIXELS),
-        median,
-        ita(median),
+        sample_pixels(bare, _MOST_PIXELS),
+        ita(np.median(bare, axis=0)),
         view,
     )
 

@@ -46,18 +46,18 @@ def _case_worst(name: str) -> Value:
     return lambda results, method: max((c[name] for c in _cases(results, method) if c[name] is not None), default=None)
 
 
-def _warping(name: str) -> Value:
-    return lambda results, method: _median([c[name] for c in _cases(results, method) if c[name] is not None])
-
-
 def _median(values: Sequence[float]) -> float | None:
     return float(np.median(values)) if len(values) else None
 
 
-def _closer(rows: list[dict[str, Any]]) -> float | None:
+def _case_median(name: str) -> Value:
+    return lambda results, method: _median([c[name] for c in _cases(results, method) if c[name] is not None])
+
+
+def _closer(rows: list[dict[str, Any]], suffix: str = "") -> float | None:
     """Share of the colour distance that is gone, in percent, over all pairs together."""
-    before = sum(row["distance_before"] for row in rows)
-    return 100.0 * (1.0 - sum(row["distance"] for row in rows) / before) if before else None
+    before = sum(row["distance_before" + suffix] for row in rows)
+    return 100.0 * (1.0 - sum(row["distance" + suffix] for row in rows) / before) if before else None
 
 
 def _percentile(rows: list[dict[str, Any]], name: str, share: float) -> float | None:
@@ -113,13 +113,17 @@ class Measure:
 MEASURES = (
     Measure("steadiness, whole frame, std of PSNR, dB", _case_mean("steady_whole"), 4, 0.0656),
     Measure("steadiness, face, std of PSNR, dB", _case_mean("steady_face"), 4, 0.03),
+    Measure("steadiness, whole frame, median case, dB", _case_median("steady_whole"), 4),
+    Measure("steadiness, face, median case, dB", _case_median("steady_face"), 4),
     Measure("steadiness, face, worst case, dB", _case_worst("steady_face"), 3),
     Measure("steadiness, PSNR(in, next in) - PSNR(out, next out), dB", _case_mean("step_gap"), 2),
-    Measure("warping error, output / input, whole frame, median case", _warping("warping_whole"), 3, 1.02, deep=True),
-    Measure("the same over the face and its edge", _warping("warping_face"), 3, deep=True),
-    Measure("the same well inside the matte", _warping("warping_inner"), 3, deep=True),
+    Measure(
+        "warping error, output / input, whole frame, median case", _case_median("warping_whole"), 3, 1.02, deep=True
+    ),
+    Measure("the same over the face and its edge", _case_median("warping_face"), 3, deep=True),
+    Measure("the same well inside the matte", _case_median("warping_inner"), 3, deep=True),
     Measure("warping error over the face, output - input, squared levels", _case_mean("warp_excess"), 2, deep=True),
-    Measure("the input's own warping error over the face, squared levels, median case", _warping("warp_input"), 2),
+    Measure("the input's own warping error over the face, squared levels, median case", _case_median("warp_input"), 2),
     Measure("reconstruction, own colours to frame 600, levels", _own_colors, 3, 0.5),
     Measure("leak of a growing bright panel, worst, levels", _leak, 3, 0.2),
     Measure("colour: closer to the reference, %", lambda r, m: _closer(_colors(r, m)), 1, 85.0, at_least=True),
@@ -212,7 +216,7 @@ _CASE_COLUMNS = (
 
 def _case_table(results: Results, method: str) -> str:
     rows = [
-        [case["clip"], case["reference"], *(_number(case[key], digits) for key, _, digits in _CASE_COLUMNS)]
+        [case["clip"], case["reference"], *(_number(case.get(key), digits) for key, _, digits in _CASE_COLUMNS)]
         for case in _cases(results, method)
     ]
     return _table(["clip", "reference", *(title for _, title, _ in _CASE_COLUMNS)], rows)

@@ -37,7 +37,8 @@ def save_strip(path: Path, columns: Sequence[str], pictures: Mapping[str, Image]
 def _bar(width: int, texts: Sequence[str]) -> Image:
     bar = np.full((_BAR, width, 3), 255, np.uint8)
     for i, text in enumerate(texts):
-        cv2.putText(bar, text, (4 + i * TILE, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (0, 0, 0), 1, cv2.LINE_AA)
+        latin = text.replace("λ", "lambda")  # the font has no Greek
+        cv2.putText(bar, latin, (4 + i * TILE, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (0, 0, 0), 1, cv2.LINE_AA)
     return bar
 
 
