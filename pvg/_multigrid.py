@@ -135,142 +135,145 @@ def assemble(theta, domain, levels, smallest, size):
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _jacobi(u, b, east, south, inverse, omega, out):
-    """out = u + ω (inverse (b + Σ edge·neighbour) − u)."""
-    h, w = u.shape[0] - 2, u.shape[1] - 2
-    for y in range(1, h + 1):
-        up, row, below = u[y - 1, 1 : w + 1], u[y, 1 : w + 1], u[y + 1, 1 : w + 1]
-        left, right = u[y, 0:w], u[y, 2 : w + 2]
-        ew, ee, sn, ss = east[y, 0:w], east[y, 1 : w + 1], south[y - 1, 1 : w + 1], south[y, 1 : w + 1]
-        v, rhs, to = inverse[y, 1 : w + 1], b[y, 1 : w + 1], out[y, 1 : w + 1]
-        for x in range(w):
-            near = rhs[x] + ee[x] * right[x] + ew[x] * left[x] + ss[x] * below[x] + sn[x] * up[x]
-            to[x] = row[x] + omega * (v[x] * near - row[x])
+def _flat(array, level):
+    """The numbers of a level in an array of one channel over all levels."""
+    o, h, w = level[0], level[1], level[2]
+    return array[o : o + (h + 2) * (w + 2)]
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _block(array, level):
+    """The same as (h + 2, w + 2)."""
+    return _flat(array, level).reshape((level[1] + 2, level[2] + 2))
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _jacobi(u, b, east, south, inverse, width, omega, out):
+    """out = u + ω (inverse (b + Σ edge·neighbour) − u).
+
+    All rows in one run, their rings included: no edge leads there and the inverse is zero, so zeros they stay. A slice
+    costs as much as 50 nodes, so rows are not sliced.
+    """
+    first, last = width, len(u) - width
+    row, up, below = u[first:last], u[: last - width], u[first + width :]
+    left, right = u[first - 1 : last - 1], u[first + 1 : last + 1]
+    ee, ew, ss, sn = east[first:last], east[first - 1 : last - 1], south[first:last], south[: last - width]
+    v, rhs, to = inverse[first:last], b[first:last], out[first:last]
+    for i in range(last - first):
+        near = rhs[i] + ee[i] * right[i] + ew[i] * left[i] + ss[i] * below[i] + sn[i] * up[i]
+        to[i] = row[i] + omega * (v[i] * near - row[i])
 
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _smooth(u, b, spare, parts, levels, level, sweeps, from_zero):
     """Pairs of Jacobi steps on a level, by way of `spare`, whose rings are zero; u is not read if `from_zero`."""
     here = levels[level]
-    x, rhs, t = _block(u, here), _block(b, here), _block(spare, here)
-    east, south, inverse = _block(parts[0], here), _block(parts[1], here), _block(parts[4], here)
+    x, rhs, t = _flat(u, here), _flat(b, here), _flat(spare, here)
+    east, south, inverse = _flat(parts[0], here), _flat(parts[1], here), _flat(parts[4], here)
+    width = here[2] + 2
     for sweep in range(sweeps):
         if from_zero and sweep == 0:
-            for y in range(1, x.shape[0] - 1):
-                for i in range(1, x.shape[1] - 1):
-                    t[y, i] = _OMEGA_1 * inverse[y, i] * rhs[y, i]
+            for i in range(len(x)):
+                t[i] = _OMEGA_1 * inverse[i] * rhs[i]
         else:
-            _jacobi(x, rhs, east, south, inverse, _OMEGA_1, t)
-        _jacobi(t, rhs, east, south, inverse, _OMEGA_2, x)
+            _jacobi(x, rhs, east, south, inverse, width, _OMEGA_1, t)
+        _jacobi(t, rhs, east, south, inverse, width, _OMEGA_2, x)
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _restrict_residual(u, b, east, south, diagonal, right_share, left_share, down_share, up_share, line, coarse):
-    """coarse = sums over 2 × 2 blocks of b − A u, each child with its share of the block's correction."""
-    h, w = u.shape[0] - 2, u.shape[1] - 2
-    for y in range(1, h + 1):
-        up, row, below = u[y - 1, 1 : w + 1], u[y, 1 : w + 1], u[y + 1, 1 : w + 1]
-        left, right = u[y, 0:w], u[y, 2 : w + 2]
-        ew, ee, sn, ss = east[y, 0:w], east[y, 1 : w + 1], south[y - 1, 1 : w + 1], south[y, 1 : w + 1]
-        d, rhs = diagonal[y, 1 : w + 1], b[y, 1 : w + 1]
-        for x in range(w):
-            near = rhs[x] + ee[x] * right[x] + ew[x] * left[x] + ss[x] * below[x] + sn[x] * up[x]
-            line[x] = near - d[x] * row[x]
-        yc = (y + 1) // 2
-        to, keep = coarse[yc, 1 : w // 2 + 1], np.float32(1 - y % 2)
-        sr, sl = right_share[yc, 1 : w // 2 + 1], left_share[yc, 1 : w // 2 + 1]
-        sy = up_share[yc, 1 : w // 2 + 1] if y % 2 == 1 else down_share[yc, 1 : w // 2 + 1]
-        for x in range(w // 2):
-            to[x] = keep * to[x] + sy[x] * (sl[x] * line[2 * x] + sr[x] * line[2 * x + 1])
+def _apply(u, parts, here, sign, out):
+    """out += sign · A u on a level."""
+    east, south, diagonal = _flat(parts[0], here), _flat(parts[1], here), _flat(parts[3], here)
+    width = here[2] + 2
+    first, last = width, len(u) - width
+    row, up, below = u[first:last], u[: last - width], u[first + width :]
+    left, right = u[first - 1 : last - 1], u[first + 1 : last + 1]
+    ee, ew, ss, sn = east[first:last], east[first - 1 : last - 1], south[first:last], south[: last - width]
+    d, to = diagonal[first:last], out[first:last]
+    for i in range(last - first):
+        near = ee[i] * right[i] + ew[i] * left[i] + ss[i] * below[i] + sn[i] * up[i]
+        to[i] += sign * (d[i] * row[i] - near)
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _prolong(coarse, east, south, right_share, left_share, down_share, up_share, inverse, keep, u):
-    """u = keep·u + the interpolation of the block centres, bilinear along whole edges, falling to zero at cuts."""
-    hc, wc = coarse.shape[0] - 2, coarse.shape[1] - 2
-    q = np.float32(0.25)
-    for y in range(1, 2 * hc + 1):
-        yc = (y + 1) // 2
-        if y % 2 == 1:
-            other, edge, sy = coarse[yc - 1], south[yc - 1], up_share[yc]
-        else:
-            other, edge, sy = coarse[yc + 1], south[yc], down_share[yc]
-        row, ee, sr, sl, v, to = coarse[yc], east[yc], right_share[yc], left_share[yc], inverse[y], u[y]
-        for x in range(1, wc + 1):
-            middle = sy[x] * row[x] + q * edge[x] * (other[x] - row[x])
-            # the slope along the row is taken at the centre; the mixed term of the bilinear form is left out
-            west = sl[x] * middle + q * ee[x - 1] * (row[x - 1] - row[x])
-            easterly = sr[x] * middle + q * ee[x] * (row[x + 1] - row[x])
-            i = 2 * x - 1
-            to[i] = keep * to[i] + (west if v[i] > 0.0 else np.float32(0.0))
-            to[i + 1] = keep * to[i + 1] + (easterly if v[i + 1] > 0.0 else np.float32(0.0))
-
-
-@njit(cache=True, nogil=True, fastmath=True)
-def _block(flat, level):
-    o, h, w = level[0], level[1], level[2]
-    return flat[o : o + (h + 2) * (w + 2)].reshape((h + 2, w + 2))
-
-
-@njit(cache=True, nogil=True, fastmath=True)
-def _descend(u, b, parts, share, levels, level, line):
-    east, south, _, diagonal, _ = parts
+def _descend(u, b, spare, parts, share, levels, level):
+    """The next level's b = sums over 2 × 2 blocks of b − A u, each child with its share of the block's correction."""
     here, coarser = levels[level], levels[level + 1]
+    rest = _flat(spare, here)
+    rest[:] = _flat(b, here)
+    _apply(_flat(u, here), parts, here, np.float32(-1.0), rest)
+    fine, coarse = _block(spare, here), _block(b, coarser)
     right, left = _block(share[0], coarser), _block(share[1], coarser)
     down, up = _block(share[2], coarser), _block(share[3], coarser)
-    x, rhs, e, s, d = _block(u, here), _block(b, here), _block(east, here), _block(south, here), _block(diagonal, here)
-    _restrict_residual(x, rhs, e, s, d, right, left, down, up, line, _block(b, coarser))
+    half = here[2] // 2
+    for y in range(1, here[1] // 2 + 1):
+        to, sr, sl = coarse[y, 1 : half + 1], right[y, 1 : half + 1], left[y, 1 : half + 1]
+        sd, su = down[y, 1 : half + 1], up[y, 1 : half + 1]
+        upper, lower = fine[2 * y - 1, 1:], fine[2 * y, 1:]
+        for x in range(half):
+            to[x] = sl[x] * (su[x] * upper[2 * x] + sd[x] * lower[2 * x]) + sr[x] * (
+                su[x] * upper[2 * x + 1] + sd[x] * lower[2 * x + 1]
+            )
+    _clear_rings(fine)
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _clear_rings(block):
+    block[0], block[-1] = np.float32(0.0), np.float32(0.0)
+    block[:, 0], block[:, -1] = np.float32(0.0), np.float32(0.0)
 
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _ascend(u, parts, share, levels, level, keep):
-    east, south, _, _, inverse = parts
+    """u = keep·u + the interpolation of the block centres, bilinear along whole edges, falling to zero at cuts."""
     here, coarser = levels[level], levels[level + 1]
+    coarse, fine = _block(u, coarser), _block(u, here)
+    east, south, inverse = _block(parts[0], coarser), _block(parts[1], coarser), _block(parts[4], here)
     right, left = _block(share[0], coarser), _block(share[1], coarser)
     down, up = _block(share[2], coarser), _block(share[3], coarser)
-    x, e, s = _block(u, coarser), _block(east, coarser), _block(south, coarser)
-    _prolong(x, e, s, right, left, down, up, _block(inverse, here), keep, _block(u, here))
+    half = here[2] // 2
+    q, none = np.float32(0.25), np.float32(0.0)
+    for y in range(1, here[1] + 1):
+        yc = (y + 1) // 2
+        if y % 2 == 1:
+            other, edge, sy = coarse[yc - 1, 1 : half + 1], south[yc - 1, 1 : half + 1], up[yc, 1 : half + 1]
+        else:
+            other, edge, sy = coarse[yc + 1, 1 : half + 1], south[yc, 1 : half + 1], down[yc, 1 : half + 1]
+        row, before, after = coarse[yc, 1 : half + 1], coarse[yc, 0:half], coarse[yc, 2 : half + 2]
+        ee, ew = east[yc, 1 : half + 1], east[yc, 0:half]
+        sr, sl, v, to = right[yc, 1 : half + 1], left[yc, 1 : half + 1], inverse[y, 1:], fine[y, 1:]
+        for x in range(half):
+            middle = sy[x] * row[x] + q * edge[x] * (other[x] - row[x])
+            # the slope along the row is taken at the centre; the mixed term of the bilinear form is left out
+            west = sl[x] * middle + q * ew[x] * (before[x] - row[x])
+            easterly = sr[x] * middle + q * ee[x] * (after[x] - row[x])
+            to[2 * x] = keep * to[2 * x] + (west if v[2 * x] > none else none)
+            to[2 * x + 1] = keep * to[2 * x + 1] + (easterly if v[2 * x + 1] > none else none)
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _cycle(u, b, spare, parts, share, levels, top, from_zero, line):
+def _cycle(u, b, spare, parts, share, levels, top, from_zero):
     """One V(2, 2)-cycle from level `top` down."""
     last = len(levels) - 1
     for level in range(top, last):
         _smooth(u, b, spare, parts, levels, level, 1, from_zero or level > top)
-        _descend(u, b, parts, share, levels, level, line)
+        _descend(u, b, spare, parts, share, levels, level)
     # the last level is at most a few nodes across, but may be long
-    _smooth(
-        u, b, spare, parts, levels, last, 8 + max(levels[last, 1], levels[last, 2]) ** 2 // 8, from_zero or last > top
-    )
+    sweeps = 8 + max(levels[last, 1], levels[last, 2]) ** 2 // 8
+    _smooth(u, b, spare, parts, levels, last, sweeps, from_zero or last > top)
     for level in range(last - 1, top - 1, -1):
         _ascend(u, parts, share, levels, level, np.float32(1.0))
         _smooth(u, b, spare, parts, levels, level, 1, False)
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _nested_start(u, b, spare, parts, share, levels, line):
+def _nested_start(u, b, spare, parts, share, whole, levels):
     """A start for the finest level: one V-cycle a level, from the coarsest up."""
-    given, whole = b.copy(), np.ones_like(share)
+    given = b.copy()
     for level in range(len(levels) - 1, 0, -1):
-        _block(b, levels[level])[:] = _block(given, levels[level])
-        _cycle(u, b, spare, parts, share, levels, level, level == len(levels) - 1, line)
+        _flat(b, levels[level])[:] = _flat(given, levels[level])
+        _cycle(u, b, spare, parts, share, levels, level, level == len(levels) - 1)
         _ascend(u, parts, whole, levels, level - 1, np.float32(0.0))
-
-
-@njit(cache=True, nogil=True, fastmath=True)
-def _apply(u, parts, levels, out):
-    """out = A u on the finest level."""
-    here = levels[0]
-    x, east, south, diagonal, to = u, _block(parts[0], here), _block(parts[1], here), _block(parts[3], here), out
-    h, w = x.shape[0] - 2, x.shape[1] - 2
-    for y in range(1, h + 1):
-        up, row, below = x[y - 1, 1 : w + 1], x[y, 1 : w + 1], x[y + 1, 1 : w + 1]
-        left, right = x[y, 0:w], x[y, 2 : w + 2]
-        ew, ee, sn, ss = east[y, 0:w], east[y, 1 : w + 1], south[y - 1, 1 : w + 1], south[y, 1 : w + 1]
-        d, line = diagonal[y, 1 : w + 1], to[y, 1 : w + 1]
-        for i in range(w):
-            line[i] = d[i] * row[i] - (ee[i] * right[i] + ew[i] * left[i] + ss[i] * below[i] + sn[i] * up[i])
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -301,25 +304,22 @@ def solve(u, b, parts, share, levels, warm, tolerance, max_cycles):
     diagonal, inverse). Returns (solution of the finest level with its ring, cycles, estimated largest error). The
     error is the last change times ρ / (1 − ρ), ρ the observed contraction.
     """
-    line = np.empty(levels[0, 2] + 2, np.float32)
-    spare = np.zeros_like(u)
+    spare, here = np.zeros_like(u), levels[0]
     if not warm:
-        _nested_start(u, b, spare, parts, share, levels, line)
-    shape = (levels[0, 1] + 2, levels[0, 2] + 2)
-    n = shape[0] * shape[1]
-    solution, z, r = u[:n].copy(), u[:n], b[:n]
+        _nested_start(u, b, spare, parts, share, np.ones_like(share), levels)
+    z, r = _flat(u, here), _flat(b, here)
+    solution, n = z.copy(), len(z)
     p, q = np.zeros(n, np.float32), np.zeros(n, np.float32)
-    _apply(solution.reshape(shape), parts, levels, q.reshape(shape))
-    for i in range(n):
-        r[i] -= q[i]
+    _apply(solution, parts, here, np.float32(-1.0), r)
     error, last_change, alpha, power = np.float32(1e30), np.float32(0.0), np.float32(0.0), np.float32(1.0)
     for cycle in range(max_cycles):
-        _cycle(u, b, spare, parts, share, levels, 0, True, line)
+        _cycle(u, b, spare, parts, share, levels, 0, True)
         beta = -alpha * _dot(z, q) / power
         for i in range(n):
             p[i] = z[i] + beta * p[i]
         power = _dot(z, r)
-        _apply(p.reshape(shape), parts, levels, q.reshape(shape))
+        q[:] = np.float32(0.0)
+        _apply(p, parts, here, np.float32(1.0), q)
         bend = _dot(p, q)
         if bend <= np.float32(1e-30) or power == np.float32(0.0):
             return solution, cycle + 1, np.float32(0.0)

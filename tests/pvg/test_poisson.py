@@ -153,7 +153,7 @@ def test_a_quarter_size_membrane_matches_the_direct_full_size_solve(
     inside = ((x / FACE_WIDTH - 0.5) / 0.44) ** 2 + ((y / FACE_HEIGHT - 0.52) / 0.44) ** 2 < 1.0
     reference = direct_membrane(held, known, domain)
     membrane = face[0].solve(values)
-    assert 200 <= membrane.lattice.height <= 282
+    assert 150 <= membrane.lattice.height <= 282
     error = np.abs(membrane.crop(0, 0, FACE_WIDTH, FACE_HEIGHT) - reference)[inside]
     assert error.mean() < 0.15
     assert np.percentile(error, 99) < 1.0
@@ -312,7 +312,7 @@ def test_a_closed_curve_shuts_its_inside_off(rng: np.random.Generator, size: int
     values = np.where(np.arange(count + 4) < count, 0.0, 60.0)[:, None]
     plane = (
         build_membrane(rasterize_curves(points, layout, Lattice.over((0, 0, size, size))))
-        .solve(values, tolerance=1e-3)
+        .solve(values, tolerance=4e-4)
         .planes[0]
     )
     centre = round(size / 2)
