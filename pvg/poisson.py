@@ -215,7 +215,7 @@ class MembraneOperator:
         values: (S, C) finite, the values at the samples of γ; C is any number of channels (3 a look).
         guess: a membrane of a like geometry and as many channels, for instance of the frame before, to start from.
         tolerance: estimated largest error, in the units of the values, for all channels or each of them; the true one
-        was at most 10 times that on odd random domains and below it on faces. Raises SolverError when it is not reached.
+        was below it on faces and at most 10 times it on odd random domains. Raises SolverError when it is not met.
         """
         raster, lattice = self.raster, self.raster.lattice
         ties = raster.values(values).T
