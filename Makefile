@@ -34,10 +34,10 @@ lint: $(STAMP)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: setup
-	$(BIN)/python -m benchmarks
+# the plots' library and the peers to compare with are installed for these two only; ARGS='--quick' for a short run
+bench: setup $(VENV)/.bench-installed
+	$(BIN)/python -m benchmarks $(ARGS)
 
-# the plots' library and the peers it compares with are installed for this only; ARGS='--quick' for a short run
 bench-quality: setup $(VENV)/.bench-installed
 	$(BIN)/python -m benchmarks.quality $(ARGS)
 

@@ -1,90 +1,182 @@
-"""Each stage of the method on its own, on frames of one clip."""
+"""CPU time of each stage on its own, held to one core, on frames of one clip."""
 
 from __future__ import annotations
 
-import statistics
-import time
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import pvg
-from pvg.boundary import fit_boundary_colors
-from pvg.curves import face_frame, table_labels
-from pvg.landmarks import detect_faces, fit_landmarks
-from pvg.poisson import build_membrane
-from pvg.region import open_region
-from pvg.rendering import Renderer, source_frame
+from benchmarks.clips import encode
+from benchmarks.timing import Measured, cpu_ms, seconds
+from pvg.asset import FaceFrameData
+from pvg.curves import face_frame, labels_by_length, stack_points, table_labels
+from pvg.landmarks import detect_faces, fit_landmarks, region_of_points
+from pvg.matching import match
+from pvg.region import Region, open_region
+from pvg.rendering import Renderer
 from pvg.skin import SkinTracker, fit_skin_model
 from pvg.transport import sliced_transport
+from pvg.vectorization import fit_key_frame
+from pvg.video import Frame, probe, read_frames
 
-_FRAMES = 24
-_REPEATS = 5
-
-
-def _median_ms(works: list[Callable[[], Any]]) -> float:
-    times = []
-    for work in works:
-        start = time.perf_counter()
-        work()
-        times.append((time.perf_counter() - start) * 1000)
-    return statistics.median(times)
+KEY_FRAME_STAGES = ("skin model", "fit")
+LOOK_STAGES = ("transport", "look")
+_KEY_REPEATS = 3
+_SPACING_PX = 2.0
+_CODED_FRAMES = 48  # decoding and encoding need a run-up
 
 
-def stage_times(clip: Path, reference: Path) -> dict[str, float]:
-    """Median milliseconds of each stage, a frame or a call."""
-    with pvg.vectorize(clip) as video, pvg.vectorize(reference, reference=True) as colors:
-        first = video.faces[0].first_frame
-        count = min(_FRAMES, video.faces[0].last_frame - first + 1)
-        frames = [source_frame(video, first + i) for i in range(count)]
-        data = [video.face_frame(0, frame.index) for frame in frames]
-        faces = [d for d in data if d is not None]
-        pictures = [frame.rgb() for frame in frames]
-        model = fit_skin_model(pictures[0], faces[0].points, faces[0].skin_points, method="landmarks")
-        tracker = SkinTracker(model)
-        key, target = video.records[0].key_frames[0], colors.records[0].key_frames[0]
-        size = (frames[0].width, frames[0].height)
-        regions = [open_region(face, table_labels(), *size) for face in faces]
-        drawable = [region for region in regions if region is not None]
-        look = pvg.transfer(video, colors)
-        renderer = Renderer(video, [look])
-        change = look.colors[0][0] - key.colors
-        width = face_frame(faces[0].points).width
-        rng = np.random.default_rng(0)
-        domain = np.zeros(pictures[0].shape[:2], np.bool_)
-        region = drawable[0]
-        domain[region.y : region.y + region.alpha.shape[0], region.x : region.x + region.alpha.shape[1]] = (
-            region.alpha > 0.5
+class _Stages:
+    """The frames of one face and the times taken on them, in milliseconds."""
+
+    def __init__(self, video: pvg.VectorVideo, reference: pvg.VectorVideo) -> None:
+        self.video, self.reference = video, reference
+        self.face = max(video.faces, key=lambda face: face.width_px).index
+        self.key = video.records[self.face].key_frames[0]
+        self.look = pvg.transfer(video, reference, faces=[self.face])
+        self.renderer = Renderer(video, [self.look])
+        # the clip's renderer lays patches over the copy that the encoder needs anyway; `draw` copies once more
+        self._draw: Callable[[Frame], Any] = getattr(self.renderer, "patches", self.renderer.draw)
+        self.taken: dict[str, list[float]] = {}
+        self.untouched = True
+        self._tracker: SkinTracker | None = None
+        self._points: Any = None
+
+    def data(self, index: int) -> FaceFrameData | None:
+        return self.video.face_frame(self.face, index)
+
+    def time(self, name: str, milliseconds: float) -> None:
+        self.taken.setdefault(name, []).append(milliseconds)
+
+    def analyse(self, frame: Frame, data: FaceFrameData) -> None:
+        """Stages of the vectoriser that every frame goes through."""
+        self.time("to RGB", cpu_ms(lambda: replace(frame).rgb()))
+        rgb = frame.rgb()
+        self.time("detect", cpu_ms(lambda: detect_faces(rgb)))
+        points = detect_faces(rgb)[0] if self._points is None else None
+        region = region_of_points(self._points) if points is None else points
+        meshes: list[Any] = []
+        self.time("landmarks", cpu_ms(lambda: meshes.append(fit_landmarks(rgb, region))))
+        self._points = meshes[0].points
+        if self._tracker is None:
+            self._tracker = SkinTracker(fit_skin_model(rgb, data.points, data.skin_points, method="landmarks"))
+        tracker = self._tracker
+        self.time("mask", cpu_ms(lambda: tracker.step(rgb, data.points, data.skin_points)))
+
+    def key_frame(self, frame: Frame, data: FaceFrameData, region: Region) -> None:
+        """Stages done once: the key frame's skin model and boundary colours, and a look."""
+        rgb, width = frame.rgb(), face_frame(data.points).width
+        matte = SkinTracker(fit_skin_model(rgb, data.points, data.skin_points, method="landmarks")).step(
+            rgb, data.points, data.skin_points
         )
+        wanted = self.reference.records[0].key_frames[0].colors
+        rng = np.random.default_rng(0)
+        for _ in range(_KEY_REPEATS):
+            self.time(
+                "skin model",
+                cpu_ms(lambda: fit_skin_model(rgb, data.points, data.skin_points, method="landmarks")),
+            )
+            self.time("fit", cpu_ms(lambda: fit_key_frame(rgb, matte, region.positions, width, 0)))
+            self.time("transport", cpu_ms(lambda: sliced_transport(self.key.colors, wanted, rng=rng)))
+            self.time("look", cpu_ms(lambda: pvg.transfer(self.video, self.reference, faces=[self.face])))
+
+    def draw(self, frame: Frame, data: FaceFrameData) -> Region | None:
+        """Stages of the renderer; "apply" is what drawing takes beyond curves and membrane."""
+        size = (frame.width, frame.height)
+        regions: list[Region | None] = []
+        curves = cpu_ms(lambda: regions.append(open_region(data, table_labels(), *size)))
+        region = regions[0]
+        if region is None:
+            return None
+        # what a look of automatic contrast solves for: three planes of the change, one of lambda
+        change = self.look.colors[self.face][0] - self.key.colors
+        values = np.concatenate([change, 1.0 + change[:, :1] / 256], axis=1)
+        membrane = cpu_ms(lambda: region.membrane(values))
+        whole = cpu_ms(lambda: self._draw(frame))
+        self.time("curves", curves)
+        self.time("membrane", membrane)
+        self.time("apply", whole - curves - membrane)
+        self.time("draw in all", whole)
+        points = stack_points(data.points, data.skin_points)
+        labels = labels_by_length(points, data.boundary, spacing_px=_SPACING_PX)
+        self.time("match", cpu_ms(lambda: match(change, table_labels(), labels)))
+        self.untouched &= _outside_untouched(frame, self.renderer.draw(frame)[0], region)
+        return region
+
+
+def _outside_untouched(before: Frame, after: Frame, region: Region) -> bool:
+    """Whether all samples outside the region's window kept their bits."""
+    x0, y0, x1, y1 = region.window
+    for p, (old, new) in enumerate(zip(before.planes, after.planes, strict=True)):
+        dx, dy = before.format.chroma_log2 if p else (0, 0)
+        changed = old != new
+        changed[y0 >> dy : -(-y1 >> dy), x0 >> dx : -(-x1 >> dx)] = False
+        if changed.any():
+            return False
+    return True
+
+
+def stage_times(clip: str, asset: str, reference: str, frames: int) -> dict[str, Any]:
+    """Milliseconds of each stage over the face's first `frames` frames, and facts about them."""
+    with pvg.open_asset(asset, clip) as video, pvg.open_asset(reference) as colors:
+        stages = _Stages(video, colors)
+        summary = video.faces[stages.face]
+        first = summary.first_frame
+        kept: list[Frame] = []
+        decoding = _decode(Path(clip), first, frames, kept)
+        widths: list[float] = []
+        for turn, frame in enumerate(_warm(kept)):
+            data = stages.data(frame.index)
+            if data is None or data.score <= 0:
+                continue
+            if turn == 1:  # the first frame met everything cold
+                stages.taken.clear()
+            stages.analyse(frame, data)
+            region = stages.draw(frame, data)
+            if region is not None and "fit" not in stages.taken and turn > 0:
+                stages.key_frame(frame, data, region)
+            widths.append(face_frame(data.points).width)
+        taken = {name: Measured(tuple(values)) for name, values in stages.taken.items()}
+        taken["decode"] = Measured((decoding,))
+        taken["encode"] = Measured((_encode(Path(clip), kept),))
+        matte = stages.data(first)
         return {
-            "planes to RGB": _median_ms([lambda f=f: f.format.fast_rgb(f.planes) for f in frames]),
-            "detect": _median_ms([lambda p=p: detect_faces(p) for p in pictures]),
-            "landmarks": _median_ms([lambda p=p: fit_landmarks(p, detect_faces(p)[0]) for p in pictures])
-            - _median_ms([lambda p=p: detect_faces(p) for p in pictures]),
-            "skin model (key frame)": _median_ms(
-                [
-                    lambda: fit_skin_model(pictures[0], faces[0].points, faces[0].skin_points, method="landmarks")
-                    for _ in range(_REPEATS)
-                ]
-            ),
-            "skin matte": _median_ms(
-                [
-                    lambda p=p, d=d: tracker.step(p, d.points, d.skin_points)
-                    for p, d in zip(pictures, faces, strict=True)
-                ]
-            ),
-            "fit g (key frame)": _median_ms(
-                [
-                    lambda: fit_boundary_colors(pictures[0], domain, region.positions, h_min=width / 100, rng=rng)
-                    for _ in range(_REPEATS)
-                ]
-            ),
-            "transport (a look)": _median_ms(
-                [lambda: sliced_transport(key.colors, target.colors, rng=rng) for _ in range(_REPEATS)]
-            ),
-            "place curves, cut lattice": _median_ms([lambda d=d: open_region(d, table_labels(), *size) for d in faces]),
-            "membrane": _median_ms([lambda r=r: build_membrane(r.raster).solve(change) for r in drawable]),
-            "draw a look (all)": _median_ms([lambda f=f: renderer.draw(f) for f in frames]),
+            "ms": {name: measured.to_json() for name, measured in taken.items()},
+            "frames": len(kept),
+            "size": [video.media.width, video.media.height],
+            "face_px": float(np.median(widths)),
+            "box_px": [] if matte is None else [round(float(v)) for v in matte.box[2:] - matte.box[:2]],
+            "outside_untouched": stages.untouched,
         }
+
+
+def _warm(frames: list[Frame]) -> Iterator[Frame]:
+    yield frames[0]
+    yield from frames
+
+
+def _decode(clip: Path, first: int, count: int, kept: list[Frame]) -> float:
+    """CPU milliseconds a frame of reading the clip's first frames; `count` of the face are kept."""
+    read: list[int] = []
+
+    def decode() -> None:
+        for frame in read_frames(clip, stop=max(first + count, _CODED_FRAMES)):
+            read.append(frame.index)
+            if first <= frame.index < first + count:
+                kept.append(frame)
+
+    taken = seconds(decode)[1]
+    return taken * 1000.0 / len(read)
+
+
+def _encode(clip: Path, frames: list[Frame]) -> float:
+    """CPU milliseconds a frame of writing frames, there and back, with the settings a transfer uses."""
+    info = probe(clip)
+    with tempfile.TemporaryDirectory() as folder:
+        taken = seconds(lambda: encode(Path(folder) / "encoded.mp4", info, frames, _CODED_FRAMES))[1]
+    return taken * 1000.0 / _CODED_FRAMES
