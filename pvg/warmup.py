@@ -28,7 +28,10 @@ def warm_up() -> None:
 def _apply(membrane: Membrane, depth: int) -> None:
     """Apply a field and a number as contrast to a frame of so many bits."""
     pixel_format = PixelFormat("yuv420p", depth, (1, 1), (0.299, 0.114), False)
-    frame = Frame(0, 0, 0.0, pixel_format, pixel_format.from_rgb(np.full((64, 64, 3), 100)))
+    planes = pixel_format.from_rgb(np.full((64, 64, 3), 100))
+    for plane in planes:
+        plane.flags.writeable = False  # as the decoder's are: kernels are compiled for that
+    frame = Frame(0, 0, 0.0, pixel_format, planes)
     alpha = np.ones((32, 32), np.float32)
     for change in (Change(0, contrast_channel=3), Change(0, 1.1, low_channel=0)):
         apply_change(frame, (8, 8), alpha, membrane, change)

@@ -49,7 +49,9 @@ class Orientation:
     degrees: int = 0
 
     def apply(self, plane: Plane) -> Plane:
-        """The plane upright, contiguous."""
+        """The plane upright: itself when it is stored so, else contiguous."""
+        if not (self.transpose or self.flip_rows or self.flip_columns):
+            return plane
         turned = plane.T if self.transpose else plane
         rows, columns = (-1 if flip else 1 for flip in (self.flip_rows, self.flip_columns))
         upright: Plane = np.ascontiguousarray(turned[::rows, ::columns])  # type: ignore[assignment]
@@ -150,12 +152,19 @@ def _decode(clip: OpenClip, limits: MediaLimits, wanted: range) -> Iterator[Fram
         raise MediaError(f"{clip.name} holds no frame that can be decoded; it is damaged or empty")
 
 
-def pictures(clip: OpenClip) -> Iterator[av.video.frame.VideoFrame]:
-    """Decoded pictures in display order; MediaError names the frame where the data is damaged."""
+def pictures(clip: OpenClip, since: int | None = None) -> Iterator[av.video.frame.VideoFrame]:
+    """Decoded pictures in display order; MediaError names the frame where the data is damaged.
+
+    since: a time stamp; pictures before it that no other picture needs are not decoded.
+    """
     count = packets = 0
     interlaced = False
+    context = clip.stream.codec_context
     try:
         for packet in clip.container.demux(clip.stream):
+            if since is not None:
+                early = packet.pts is not None and packet.pts < since
+                context.skip_frame = "NONREF" if early else "DEFAULT"
             if packet.is_corrupt and packet.size:
                 raise MediaError(f"{clip.name} is damaged or cut short after frame {count}; upload it whole")
             packets += bool(packet.size and not packet.is_discard)
@@ -167,7 +176,7 @@ def pictures(clip: OpenClip) -> Iterator[av.video.frame.VideoFrame]:
         raise MediaError(f"{clip.name} is damaged after frame {count} ({reason(error)}); upload it again") from error
     # Decoders may skip what they cannot read without a word. A few are lost by design at a cut between key
     # pictures; the two fields of an interlaced picture may travel apart.
-    if clip.stream.codec_context.name in _ONE_FRAME_A_PACKET and not interlaced:
+    if since is None and context.name in _ONE_FRAME_A_PACKET and not interlaced:
         _check_losses(clip.name, packets, count)
 
 
@@ -205,7 +214,7 @@ def _check_picture(
 
 
 def to_frame(picture: av.video.frame.VideoFrame, reading: Reading, index: int, pts: int, time_base: Fraction) -> Frame:
-    """Planes of our own from a decoded picture, turned upright."""
+    """The planes of a decoded picture, turned upright."""
     stored = [reading.orientation.apply(plane) for plane in _stored_planes(picture, reading.target)]
     planes: Planes = (stored[0], stored[1], stored[2])
     return Frame(index, pts, float(pts * time_base), reading.target, planes, duration=picture.duration or 0)
@@ -217,10 +226,10 @@ def _stored_planes(picture: av.video.frame.VideoFrame, target: PixelFormat) -> l
     if grey and source == ("gray" if target.depth == 8 else f"gray{target.depth}le"):
         shape = target.plane_shapes(picture.width, picture.height)[1]
         neutral: Plane = np.full(shape, 2 ** (target.depth - 1), dtype=target.dtype)  # type: ignore[assignment]
-        return [_copy_plane(picture, 0, target), neutral, neutral.copy()]
+        return [_plane_of(picture, 0, target), neutral, neutral.copy()]
     if source == target.name.replace("444", "422") != target.name:  # a sideways 4:2:2 picture
         coded = replace(target, name=source, chroma_log2=(1, 0))
-        luma, *chroma = (_copy_plane(picture, component.plane, coded) for component in picture.format.components[:3])
+        luma, *chroma = (_plane_of(picture, component.plane, coded) for component in picture.format.components[:3])
         raised: list[Plane] = [raise_chroma(plane, coded, picture.width, picture.height) for plane in chroma]
         return [luma, *raised]
     if source.replace("yuva", "yuv") != target.name:
@@ -232,15 +241,17 @@ def _stored_planes(picture: av.video.frame.VideoFrame, target: PixelFormat) -> l
             dst_color_range=full,
             interpolation="BICUBIC",
         )
-    return [_copy_plane(picture, component.plane, target) for component in picture.format.components[:3]]
+    return [_plane_of(picture, component.plane, target) for component in picture.format.components[:3]]
 
 
-def _copy_plane(picture: av.video.frame.VideoFrame, index: int, target: PixelFormat) -> Plane:
+def _plane_of(picture: av.video.frame.VideoFrame, index: int, target: PixelFormat) -> Plane:
+    """A plane in the decoder's own memory, which lives as long as the array; other pictures may need it: read-only."""
     plane = picture.planes[index]
     rows = np.frombuffer(plane, dtype=target.dtype)  # type: ignore[call-overload]
     stride = plane.line_size // np.dtype(target.dtype).itemsize
-    copied: Plane = rows.reshape(-1, stride)[: plane.height, : plane.width].copy()
-    return copied
+    view: Plane = rows.reshape(-1, stride)[: plane.height, : plane.width]
+    view.flags.writeable = False
+    return view
 
 
 # --- random access --------------------------------------------------------------------------------------------
@@ -290,7 +301,7 @@ def _read_from(path: Path, wanted: range, limits: MediaLimits, stamps: _Stamps) 
     if wanted.start >= len(stamps.display):
         return
     before = bisect_right(stamps.keys, stamps.display[wanted.start]) - 1
-    if before > 0:
+    if before >= 0:
         done = False
         with open_clip(path, limits) as clip:
             for frame in _decode_after_seek(clip, limits, stamps, stamps.keys[before], wanted):
@@ -312,7 +323,7 @@ def _decode_after_seek(
     reading = reading_of(clip, opening)
     clip.container.seek(key, stream=clip.stream, backward=True)
     index, goal = wanted.start, stamps.display[wanted.start]
-    for picture in pictures(clip):
+    for picture in pictures(clip, since=goal):
         if picture.pts is None or (index == wanted.start and picture.pts > goal):
             return  # the seek landed late: the caller decodes from the beginning
         if picture.pts < goal:
