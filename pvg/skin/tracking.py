@@ -10,6 +10,7 @@ import numpy as np
 from pvg.skin.carrying import spline_map
 from pvg.skin.colors import SkinColors, to_skin_lab
 from pvg.skin.matte import Matte
+from pvg.skin.occluders import occlusion, open_skin
 from pvg.skin.regions import gather
 from pvg.skin.still import WORK_FACE_PX, MaskMethod, chroma_mask, cut_skin
 from pvg.skin.veil import VEIL_ODDS, Hair, find_hair, veil
@@ -18,7 +19,7 @@ from pvg.skin.zones import Bools, Bytes, Floats, Places, face_area, face_box, fa
 _CELLS_SMALL, _CELLS_LARGE = 192, 256  # longer side of the raster, for boxes of up to 768 and from 1024 px
 _SUPERSAMPLE = 6
 _EVERY = 4  # each so many'th landmark is a knot of the spline that carries the key frame's shape
-_KEEP = 0.8  # weight of the frame before where the picture did not change
+_KEEP = 0.6  # weight of the frame before where the picture did not change
 _CHANGE = 6.0  # 8-bit levels of change that end it
 _HYSTERESIS = 0.3
 _ALPHA_STEP = 5  # the matte's grey levels are multiples of this: 52 of them
@@ -84,13 +85,15 @@ class LearnedSkin:
 
     colors: likelihood table;  light: (3,) RGB of the middle of the face;
     inside: (h, w) float32 signed distance to the mask's edge in face sizes, positive on skin, over a raster in
-    which the stacked landmarks and skin points lie at `points` (194, 2).
+    which the stacked landmarks and skin points lie at `points` (194, 2);  open: (h, w) float32, 1 on skin that shows
+    its own hue.
     """
 
     colors: SkinColors
     light: Floats
     hair: Hair | None
     inside: Floats
+    open: Floats
     points: Floats
 
 
@@ -125,6 +128,7 @@ def fit_skin_model(rgb: Bytes, points: Floats, skin_points: Floats, *, method: M
         light=_light(small, where.sample & visible),
         hair=find_hair(small, cut.mask | ~visible, where),
         inside=np.asarray(inside / where.size, np.float32),
+        open=open_skin(to_skin_lab(small), cut.colors.scale, cut.mask),
         points=np.concatenate([own, own_skin]),
     )
     return SkinModel(method, learned)
@@ -165,8 +169,9 @@ class SkinTracker:
             mask = chroma_mask(small, face_area(raster.shape, own, own_skin), visible)
             return Matte(raster.box, mask.astype(np.uint8) * np.uint8(255), mask)
         where = locate(raster.shape, own, own_skin)
-        skin = _skin_now(self._model.learned, small, where, np.concatenate([own, own_skin]), visible)
+        skin, hidden = _skin_now(self._model.learned, small, where, np.concatenate([own, own_skin]), visible)
         mask, alpha = self._settle(small, skin, where, visible)
+        mask, alpha = mask & (hidden < 0.5), alpha * (1 - hidden)  # last, so that what comes back is still known
         levels = np.rint(alpha * (255 / _ALPHA_STEP)) * _ALPHA_STEP
         return Matte(raster.box, levels.astype(np.uint8), mask)
 
@@ -214,15 +219,23 @@ class SkinTracker:
         return _Moment(grey, moved(before.skin), moved(before.mask), moved(before.alpha)), keep
 
 
-def _skin_now(learned: LearnedSkin, rgb: Bytes, where: Places, points: Floats, visible: Bools) -> Floats:
-    """Probability of skin (h, w) from this frame alone: colours, the face's places and the key frame's shape."""
+def _skin_now(
+    learned: LearnedSkin, rgb: Bytes, where: Places, points: Floats, visible: Bools
+) -> tuple[Floats, Floats]:
+    """Probability of skin (h, w) from this frame alone: colours, the face's places and the key frame's shape.
+
+    And how surely something lies before it, (h, w) in [0, 1].
+    """
     # a lamp or a cloud that changes the face changes what surrounds it alike: undo it before colours are looked up
     gain = np.clip(learned.light / _light(rgb, where.sample & visible), 0.2, 5.0)
     lit = np.clip(rgb * gain, 0, 255).astype(np.uint8)
-    evidence = learned.colors.evidence(to_skin_lab(lit))
+    lab = to_skin_lab(lit)
+    evidence = learned.colors.evidence(lab)
     evidence = np.where(where.sure, np.maximum(evidence, 0), evidence)
     map_x, map_y = spline_map(where.face.shape, points[::_EVERY], learned.points[::_EVERY])
     inside = cv2.remap(learned.inside, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    was_open = cv2.remap(learned.open, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+    hidden = occlusion(lab, learned.colors.scale, np.asarray(was_open, np.float32), where)
     carried = np.clip(inside * 60, -6, 6) * (1 - 0.6 * where.neckness)  # the neck does not turn with the head
     # beyond the picture its edge is repeated, and so is the decision there: skin ends at the edge, it does not fade
     odds = 0.6 * where.prior + carried + evidence
@@ -231,7 +244,7 @@ def _skin_now(learned: LearnedSkin, rgb: Bytes, where: Places, points: Floats, v
         odds = odds - VEIL_ODDS * covered
     radius = max(2, round(0.035 * where.size))
     filtered = cv2.ximgproc.guidedFilter(rgb, logistic(np.asarray(odds, np.float32)), radius, 120.0)
-    return np.asarray(np.clip(filtered, 0, 1), np.float32)
+    return np.asarray(np.clip(filtered, 0, 1), np.float32), hidden
 
 
 def _soft_edge(skin: Floats, mask: Bools) -> Floats:

@@ -122,7 +122,7 @@ class Places:
     face: the inside of the contour;  sure: skin or a feature of the face whatever its colour;
     sample: the part of `sure` that shows the skin's colour;  cheeks: that of `sample` below glasses;
     chin: that of `sure` below the lips;  jaw: about the face's lower end, where a beard can be;
-    ears: where ears can be;  upper: all above the brows' middle line;  brows: about the brows;
+    features: brows, eyes and lips, grown;  ears: where ears can be;  upper: all above the brows' middle line;  brows: about the brows;
     above: a kernel (k, k) uint8 that reaches from a brow's cell to the forehead;
     gaps: what to close;  size: the face's size in cells.
     """
@@ -137,6 +137,7 @@ class Places:
     cheeks: Bools
     chin: Bools
     jaw: Bools
+    features: Bools
     ears: Bools
     upper: Bools
     brows: Bools
@@ -168,7 +169,8 @@ def locate(shape: tuple[int, int], points: Floats, skin_points: Floats) -> Place
 
     core = _fill(shape, contour.mean(axis=0) + 0.86 * (contour - contour.mean(axis=0)))
     sure = core & (down > brow + 0.05)
-    sample = sure & (down < mouth - 0.03) & ~_spread(shape, points, _FEATURES, _FEATURE_MARGIN * g.size)
+    features = _spread(shape, points, _FEATURES, _FEATURE_MARGIN * g.size)
+    sample = sure & (down < mouth - 0.03) & ~features
     brows = _spread(shape, points, _FEATURES[:2], _FEATURE_MARGIN * g.size)
     along, off = _neck_axes(shape, g)
     neckness = smoothstep(along, -0.2, 0.1)
@@ -186,6 +188,7 @@ def locate(shape: tuple[int, int], points: Floats, skin_points: Floats) -> Place
         cheeks=sample & (down > g.depth(points[52:64]) + 0.15),
         chin=sure & (down > max(g.depth(points[[i]]) for i in _LOWER_LIP) + 0.03),
         jaw=(down > mouth) & (outer < _BEARD_REACH),
+        features=features,
         ears=ears > -3,
         upper=down < brow,
         brows=brows,

@@ -1,0 +1,57 @@
+"""What passes before a face: cells of another hue than skin where the key frame showed open skin.
+
+Brightness says nothing, for shade and highlights come and go, and neither does greyness, for gloss is grey. So a
+hand, grey hair and a black microphone are not told from skin in another light; a coloured thing is.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from pvg.skin.colors import ColorScale
+from pvg.skin.zones import Bools, Floats, Places, smoothstep
+
+_SKIN, _OTHER = 4.0, 7.0  # spreads off the skin's line of hue: skin below the first, another thing from the second
+_DARKEST = (15.0, 25.0)  # L: darker cells show no hue
+_MOST_COLORFUL = 1.6  # times the skin's chroma: flushed, or in deep shade
+_KNOWN = 0.95  # of a cell carried from the key frame that was open skin there
+_LEAST_PART = 0.006  # squared face sizes: smaller spots are blemishes, or lips that moved
+_BESIDE = 0.16  # face sizes
+_SOFT = 0.7  # cells
+
+
+def off_hue(lab: Floats, scale: ColorScale) -> Floats:
+    """How far colours lab (h, w, 3) are off the line from grey through the skin's hue, in spreads: (h, w)."""
+    tone = scale.center[1:] / scale.spread[1:]
+    color = lab[..., 1:] / scale.spread[1:]
+    along = np.clip((color @ tone) / max(float(tone @ tone), 1e-6), 0.0, _MOST_COLORFUL)
+    return np.asarray(np.linalg.norm(color - along[..., None] * tone, axis=2), np.float32)
+
+
+def open_skin(lab: Floats, scale: ColorScale, mask: Bools) -> Floats:
+    """(h, w) float32, 1 where the key frame's mask shows the skin's own hue and nothing else nearby."""
+    plain = (mask & (off_hue(lab, scale) < _SKIN)).astype(np.uint8)
+    return cv2.erode(plain, np.ones((3, 3), np.uint8)).astype(np.float32)
+
+
+def occlusion(lab: Floats, scale: ColorScale, was_open: Floats, where: Places) -> Floats:
+    """How surely something lies before the face: (h, w) float32 in [0, 1].
+
+    lab: (h, w, 3), in the key frame's light;  was_open: (h, w), `open_skin` carried from the key frame.
+    """
+    other = smoothstep(off_hue(lab, scale), _SKIN, _OTHER) * smoothstep(lab[..., 0], *_DARKEST)
+    seen = np.where((was_open > _KNOWN) & ~where.features, other, 0)
+    solid = cv2.morphologyEx(seen, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    count, labels, stats, _ = cv2.connectedComponentsWithStats((solid > 0.5).astype(np.uint8), connectivity=8)
+    kept = stats[:, cv2.CC_STAT_AREA] > _LEAST_PART * where.size**2
+    kept[0] = False
+    if count <= 1 or not kept.any():
+        return np.zeros(lab.shape[:2], np.float32)
+    solid = np.where(cv2.dilate(kept[labels].astype(np.uint8), np.ones((3, 3), np.uint8)) > 0, solid, 0)
+    # features have hues of their own: what lies before one of them is told by what lies beside it
+    reach = 2 * max(1, round(_BESIDE * where.size)) + 1
+    beside = cv2.dilate(solid, np.ones((reach, reach), np.uint8))
+    solid = np.where(where.features, np.minimum(other, beside), solid)
+    grown = cv2.dilate(solid, np.ones((3, 3), np.uint8))
+    return np.asarray(cv2.GaussianBlur(grown, (0, 0), _SOFT), np.float32)
