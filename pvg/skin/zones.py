@@ -122,7 +122,8 @@ class Places:
     face: the inside of the contour;  sure: skin or a feature of the face whatever its colour;
     sample: the part of `sure` that shows the skin's colour;  cheeks: that of `sample` below glasses;
     chin: that of `sure` below the lips;  jaw: about the face's lower end, where a beard can be;
-    features: brows, eyes and lips, grown;  ears: where ears can be;  upper: all above the brows' middle line;  brows: about the brows;
+    features: brows, eyes and lips, grown;  ears: where ears can be;  upper: all above the brows' middle line;
+    brows: about the brows;
     above: a kernel (k, k) uint8 that reaches from a brow's cell to the forehead;
     gaps: what to close;  size: the face's size in cells.
     """
