@@ -1,6 +1,7 @@
-"""The measures of the quality benchmark, and the method's accuracy on drawn scenes whose truth is known.
+"""The measures of the quality benchmark, and the stages' accuracy on a drawn face whose skin and colours are known.
 
-The pinned errors of the scenes are today's; each may grow by 5 % before its test fails. Pin lower when they fall.
+The pinned errors are today's; each may grow by 5 % before its test fails. Pin lower when they fall. Scenes with real
+faces that go the whole way: test_quality_scenes.py.
 """
 
 from __future__ import annotations
@@ -185,17 +186,8 @@ def test_lab_mean_and_std_leave_a_picture_matched_to_itself() -> None:
 
 # --- the method on scenes whose truth is known ------------------------------------------------------------------
 
-SKIN, OTHER_SKIN, GROUND, BAR = (190, 140, 105), (120, 84, 64), (40, 60, 90), (30, 90, 160)
-PINNED = {  # shares of the union, levels of 255, dB
-    "mask": 0.0148,
-    "colour": 2.06,
-    "wander": 0.018,
-    "steadiness": 0.008,
-    "light": 0.04,
-    "mask in light": 0.016,
-    "occluder": 36.0,  # a bar over the middle of the face is not told from skin in shade
-    "colour beside it": 2.04,
-}
+SKIN, OTHER_SKIN, GROUND = (190, 140, 105), (120, 84, 64), (40, 60, 90)
+PINNED = {"mask": 0.0148, "colour": 2.06}  # share of the union, levels of 255
 FRAMES = 12
 _FACE_PX = 150.0
 
@@ -211,17 +203,16 @@ def _template() -> np.ndarray:
 
 @dataclass(frozen=True)
 class Scene:
-    """A drawn face: rgb (H, W, 3) uint8, its landmarks, true skin, shading (H, W) and the occluder's place."""
+    """A drawn face: rgb (H, W, 3) uint8, its landmarks, true skin and shading (H, W)."""
 
     rgb: np.ndarray
     points: np.ndarray
     skin_points: np.ndarray
     skin: np.ndarray
     shade: np.ndarray
-    bar: np.ndarray
 
 
-def _scene(k: int, *, skin: tuple[int, ...] = SKIN, light: float = 1.0, bar_x: float | None = None) -> Scene:
+def _scene(k: int, *, skin: tuple[int, ...] = SKIN) -> Scene:
     """Frame `k` of a face that moves, is shaded from the side, has features, a neck and a little sensor noise."""
     size = (360, 360)
     center = np.array([165 + 2.5 * k, 140 + 1.5 * np.sin(k)])
@@ -243,14 +234,10 @@ def _scene(k: int, *, skin: tuple[int, ...] = SKIN, light: float = 1.0, bar_x: f
         hole = np.zeros(size, np.uint8)
         cv2.fillPoly(hole, [np.rint(points[list(indices)] * 16).astype(np.int32)], (1,), shift=4)
         picture[hole > 0] *= 0.5
-    bar = np.zeros(size, np.bool_)
-    if bar_x is not None:
-        bar = (np.abs(xs - bar_x) < 14) & (ys > 60)
-        picture[bar] = BAR
-    picture = cv2.GaussianBlur(picture.astype(np.float32), (0, 0), 0.8) * light
+    picture = cv2.GaussianBlur(picture.astype(np.float32), (0, 0), 0.8)
     picture += np.random.default_rng(k).normal(0, 1.5, picture.shape)
     rgb = np.clip(np.rint(picture), 0, 255).astype(np.uint8)
-    return Scene(rgb, points, skin_points, (mask > 0) & ~bar, shade, bar)
+    return Scene(rgb, points, skin_points, mask > 0, shade)
 
 
 @dataclass(frozen=True)
@@ -328,55 +315,10 @@ def test_a_moving_shaded_face_gets_the_other_skin_under_its_own_shading() -> Non
     method.aim(_scene(0, skin=OTHER_SKIN))
     results = [method.step(scene) for scene in scenes]
     overlap = np.mean([1 - iou(result.mask, scene.skin) for result, scene in zip(results, scenes, strict=True)])
-    errors, offsets = [], []
+    errors = []
     for scene, result in zip(scenes, results, strict=True):
         open_skin = _open_skin(scene)
         truth = np.array(OTHER_SKIN) * scene.shade[..., None]
         errors.append(np.abs(cv2.blur(result.rgb - truth, (9, 9)))[open_skin].mean())  # over the sensor's noise
-        offsets.append((result.rgb - truth)[open_skin].mean(axis=0))
-    steadiness = np.std(
-        [psnr(s.rgb, np.clip(r.rgb, 0, 255).astype(np.uint8), s.skin) for s, r in zip(scenes, results, strict=True)]
-    )
     assert overlap <= WORSE * PINNED["mask"]
     assert np.mean(errors) <= WORSE * PINNED["colour"]
-    assert wander(np.array(offsets)) <= WORSE * PINNED["wander"]
-    assert steadiness <= WORSE * PINNED["steadiness"]
-
-
-def test_a_known_change_of_light_survives_as_light() -> None:
-    lights = [1.0, 1.0, 0.85, 0.7, 0.85, 1.1]
-    scenes = [_scene(k, light=light) for k, light in enumerate(lights)]
-    method = Method(scenes[0])
-    method.aim(_scene(0, skin=OTHER_SKIN))
-    results = [method.step(scene) for scene in scenes]
-    corrections = np.array(
-        [
-            (result.rgb - scene.rgb)[_open_skin(scene)].mean(axis=0)
-            for scene, result in zip(scenes, results, strict=True)
-        ]
-    )
-    overlap = np.mean([1 - iou(result.mask, scene.skin) for result, scene in zip(results, scenes, strict=True)])
-    assert np.abs(corrections).max() > 30
-    assert np.abs(corrections - corrections[0]).max() <= WORSE * PINNED["light"]
-    assert overlap <= WORSE * PINNED["mask in light"]
-
-
-def test_a_known_occluder_keeps_its_colour_and_the_face_behind_it_too() -> None:
-    scenes = [_scene(k, bar_x=None if k < 2 else 20 + 25 * k) for k in range(FRAMES)]
-    method = Method(scenes[0])
-    method.aim(_scene(0, skin=OTHER_SKIN))
-    on_bar, on_skin = [], []
-    for scene in scenes:
-        result = method.step(scene)
-        face = cv2.convexHull(np.concatenate([scene.points, scene.skin_points]))[:, 0]
-        inside = np.zeros(scene.skin.shape, np.uint8)
-        cv2.fillPoly(inside, [np.rint(face).astype(np.int32)], (1,))
-        core = cv2.erode(scene.bar.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
-        hidden = core & (inside > 0)
-        if hidden.any():
-            on_bar.append(np.abs(result.rgb - scene.rgb)[hidden].mean())
-        truth = np.array(OTHER_SKIN) * scene.shade[..., None]
-        on_skin.append(np.abs(cv2.blur(result.rgb - truth, (9, 9)))[_open_skin(scene)].mean())
-    assert len(on_bar) >= 5
-    assert np.mean(on_bar) <= WORSE * PINNED["occluder"]
-    assert np.mean(on_skin) <= WORSE * PINNED["colour beside it"]
