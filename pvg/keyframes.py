@@ -15,45 +15,59 @@ from scipy.ndimage import distance_transform_edt
 
 from pvg.curves import Floats, face_frame
 from pvg.landmarks import SKIN_SLICES, FaceTrack
-from pvg.skin import Matte
+from pvg.picture import Box, Picture, as_picture
+from pvg.skin import Matte, face_box
 
 Image = NDArray[np.uint8]
 
 _FRONTAL_DEG = 25.0
 _GOOD_SCORE = 0.8
-_FADE_FRAMES = 4  # a lost face's correction fades over so many frames
+FADE_REACH = 5  # a lost face's correction fades over the frames nearer than this
 _LEVEL_PITCH_DEG = 7.0  # what faces held straight measure
 _SHARPNESS_FACE_PX = 128  # sharpness is compared at one size
 _BLACK, _WHITE = 10, 250
+_MARGIN, _MARGIN_PX = 0.08, 8.0  # around a face's box: smoothing moves it a little
 _OPEN_MOUTH = 0.25  # lip gap over the mouth's width that halves a frame's merit
 _LOOKED_AT = 5  # frames whose skin is cut to see whether something covers it
 _FEATURES = ((33, 34, 35, 36, 37, 67, 66, 65, 64), (38, 39, 40, 41, 42, 71, 70, 69, 68), tuple(range(84, 96)))
 
 
-def first_good_row(track: FaceTrack) -> int:
-    """The first row that shows the face well: sure of itself and turned to the camera; else the best one."""
+def good_rows(track: FaceTrack) -> NDArray[np.bool_]:
+    """(n,) whether a row shows the face well: sure of itself and turned to the camera."""
     turned = np.abs(track.pose[:, :2]).max(axis=1)
-    good = (track.score >= _GOOD_SCORE) & (turned <= _FRONTAL_DEG)
+    good: NDArray[np.bool_] = (track.score >= _GOOD_SCORE) & (turned <= _FRONTAL_DEG)
+    return good
+
+
+def first_good_row(track: FaceTrack) -> int:
+    """The first row that shows the face well, else the best one."""
+    good = good_rows(track)
+    turned = np.abs(track.pose[:, :2]).max(axis=1)
     return int(np.argmax(good)) if good.any() else int(np.argmax(track.score - turned / 90.0))
 
 
-def best_row(track: FaceTrack, frames: Iterable[tuple[int, Image]], matte_of: Callable[[int, Image], Matte]) -> int:
+def best_row(
+    track: FaceTrack, frames: Iterable[tuple[int, Picture | Image]], matte_of: Callable[[int, Picture], Matte]
+) -> int:
     """The row that shows the face best: frontal, certain, calm, sharp, large, well exposed, nothing before it.
 
-    frames: (index, RGB) in order, once over (part of) the track;  matte_of: the matte of a row and its RGB. Each
-    quality is a factor in [0, 1]; the matte is asked for in the few rows that are best in the others.
+    frames: (index, picture or RGB) in order, once over (part of) the track;  matte_of: the matte of a row in its
+    picture, of which only the face's surroundings are kept. Each quality is a factor in [0, 1]; the matte is asked
+    for in the few rows that are best in the others.
     """
     merits = _merits(track)
     sharpness, evenness = np.zeros((2, len(track.score)))
-    best: dict[int, Image] = {}  # only the pictures of the best rows so far are held
-    for index, rgb in frames:
+    best: dict[int, Picture] = {}  # only the pictures of the best rows so far are held
+    for index, frame in frames:
         row = index - track.first
         if not 0 <= row < len(track.score) or track.score[row] <= 0:
             continue
-        merits[row] *= _exposed(rgb, track, row) ** 2  # burnt-out faces are also even and full of edges
-        sharpness[row] = _sharpness(rgb, track.points[row])
-        evenness[row] = _evenness(rgb, track.points[row])
-        best[row] = rgb
+        picture = as_picture(frame)
+        face = _face_crop(picture, track.points[row])
+        merits[row] *= _exposed(face, track, row) ** 2  # burnt-out faces are also even and full of edges
+        sharpness[row] = _sharpness(face)
+        evenness[row] = _evenness(picture, track.points[row])
+        best[row] = picture.part(surroundings(track.points[row], track.skin_points[row]))
         if len(best) > 4 * _LOOKED_AT:
             ranked = sorted(best, key=lambda r: _usual(sharpness)[r] * _usual(evenness)[r] * merits[r], reverse=True)
             best = {r: best[r] for r in ranked[: 2 * _LOOKED_AT]}
@@ -70,17 +84,23 @@ def opacity(track: FaceTrack, shots: Collection[int], frame_count: int) -> Float
     shots: first frames of the shots. At a cut the face comes and goes whole, as the picture does; a face that appears
     or is lost within a shot comes and goes softly.
     """
-    seen = track.score > 0
     before = track.first in shots or track.first == 0
     after = track.last + 1 in shots or track.last + 1 >= frame_count
-    reach = _FADE_FRAMES + 1
+    return faded(track.score > 0, before=before, after=after)
+
+
+def faded(seen: NDArray[np.bool_], *, before: bool, after: bool) -> Floats:
+    """`opacity` of frames (n,) that show the face or not, and whether it counts as seen before and after them.
+
+    What lies FADE_REACH frames away or more has no influence.
+    """
     padded = np.pad(seen, 1)
     padded[0], padded[-1] = before, after
-    padded = np.pad(padded, reach, mode="edge")
+    padded = np.pad(padded, FADE_REACH, mode="edge")
     if padded.all():
         return np.ones(len(seen), np.float32)
-    faded: Floats = np.clip(distance_transform_edt(padded) / reach, 0, 1).astype(np.float32)
-    return faded[reach + 1 : -reach - 1]
+    out: Floats = np.clip(distance_transform_edt(padded) / FADE_REACH, 0, 1).astype(np.float32)
+    return out[FADE_REACH + 1 : -FADE_REACH - 1]
 
 
 def _merits(track: FaceTrack) -> NDArray[np.float64]:
@@ -101,18 +121,36 @@ def _merits(track: FaceTrack) -> NDArray[np.float64]:
     return np.asarray(frontal * track.score * np.sqrt(widths / widths.max()) * calm)
 
 
-def _face_crop(rgb: Image, points: Floats) -> Image:
+def surroundings(points: Floats, skin_points: Floats, aspect: float | None = None) -> Box:
+    """The part of a picture that a face's skin is found in, with a margin.
+
+    aspect: width over height that it has at least the room for, whatever the head's turn.
+    """
+    x0, y0, x1, y1 = (float(v) for v in face_box(points, skin_points))
+    wide, high = x1 - x0, y1 - y0
+    if aspect is not None:
+        wide, high = max(wide, high * aspect), max(high, wide / aspect)
+    half = np.array([wide, high]) * (0.5 + _MARGIN) + _MARGIN_PX
+    low, top = np.array([x0 + x1, y0 + y1]) / 2 - half, np.array([x0 + x1, y0 + y1]) / 2 + half
+    return int(low[0]) - 1, int(low[1]) - 1, int(top[0]) + 2, int(top[1]) + 2
+
+
+def _face_crop(picture: Picture, points: Floats) -> Image:
     """The part of the picture within the box of the face contour, empty when that is outside."""
-    height, width = rgb.shape[:2]
+    height, width = picture.size
     x0, y0 = (max(0, int(v)) for v in np.floor(points[:33].min(axis=0)))
     x1, y1 = (int(v) + 1 for v in np.ceil(points[:33].max(axis=0)))
     y0 = max(0, min(y0, int(points[33:43, 1].min())))
-    return rgb[y0 : min(y1, height), x0 : min(x1, width)]
+    x1, y1 = min(x1, width), min(y1, height)
+    if x0 >= x1 or y0 >= y1:
+        return np.zeros((0, 0, 3), np.uint8)
+    part = picture.part((x0, y0, x1, y1))
+    left, top = part.box[:2]
+    return part.rgb()[y0 - top : y1 - top, x0 - left : x1 - left]
 
 
-def _sharpness(rgb: Image, points: Floats) -> float:
+def _sharpness(crop: Image) -> float:
     """Variance of the Laplacian over that of the picture, at one size, so that neither size nor light count."""
-    crop = _face_crop(rgb, points)
     if min(crop.shape[:2]) < 8:
         return 0.0
     scale = min(1.0, _SHARPNESS_FACE_PX / crop.shape[1])
@@ -131,20 +169,20 @@ def _usual(quality: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.minimum(1.0, quality / usual))
 
 
-def _evenness(rgb: Image, points: Floats) -> float:
+def _evenness(picture: Picture, points: Floats) -> float:
     """How alike the two halves of a face are: low where a hand lies on one of them, alike in all frames otherwise."""
     size = _SHARPNESS_FACE_PX // 2
     marks = np.stack([points[52:58].mean(axis=0), points[58:64].mean(axis=0), points[84:96].mean(axis=0)])
     places = np.array([(0.3, 0.3), (0.7, 0.3), (0.5, 0.75)], np.float32) * (size - 1)
-    patch = cv2.warpAffine(rgb, cv2.getAffineTransform(marks.astype(np.float32), places), (size, size))
+    to_source = np.asarray(cv2.getAffineTransform(places, marks.astype(np.float32)), np.float64)
+    patch = picture.warp(to_source, (size, size))
     grey = cv2.GaussianBlur(cv2.cvtColor(patch, cv2.COLOR_RGB2GRAY).astype(np.float32), (0, 0), 2)
     difference = np.percentile(np.abs(grey - grey[:, ::-1]), 90)  # a hand covers a part only
     return float(1.0 / (difference / (grey.std() + 1.0) + 0.05))
 
 
-def _exposed(rgb: Image, track: FaceTrack, row: int) -> float:
+def _exposed(crop: Image, track: FaceTrack, row: int) -> float:
     """Share of the face that is inside the picture and neither black nor burnt out."""
-    crop = _face_crop(rgb, track.points[row])
     if not crop.size:
         return 0.0
     brightest = crop.max(axis=2)

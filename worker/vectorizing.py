@@ -17,7 +17,7 @@ from worker.lease import LeaseLostError
 from worker.runner import Run
 
 #: part of the job that each stage of the vectoriser takes, measured; storing takes the rest
-_CLIP = {"landmarks": (0.0, 0.55), "skin": (0.55, 0.97)}
+_CLIP = {"vectorize": (0.0, 0.97)}
 _REFERENCE = {"landmarks": (0.0, 0.6), "best frame": (0.6, 0.9)}
 
 

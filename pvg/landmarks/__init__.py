@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pvg.landmarks.detector import Detection, detect_faces
 from pvg.landmarks.drawing import draw_landmarks
-from pvg.landmarks.identity import face_proportions, link_persons
+from pvg.landmarks.identity import FaceShape, face_proportions, frontal_ratios, link_persons
 from pvg.landmarks.layout import (
     JD_CLOSED,
     JD_COUNT,
@@ -18,24 +18,29 @@ from pvg.landmarks.layout import (
 from pvg.landmarks.mesh import Mesh, Region, fit_landmarks, region_of_detection, region_of_points
 from pvg.landmarks.pose import head_pose
 from pvg.landmarks.smoothing import smooth
-from pvg.landmarks.tracking import FaceTrack, FaceTracks, track_faces
+from pvg.landmarks.tracking import MIN_SEEN, FaceTrack, FaceTracker, FaceTracks, OpenTrack, track_faces
 
 __all__ = [
     "JD_CLOSED",
     "JD_COUNT",
     "JD_GROUPS",
+    "MIN_SEEN",
     "SKIN_COUNT",
     "SKIN_POINTS",
     "SKIN_SLICES",
     "Detection",
+    "FaceShape",
     "FaceTrack",
+    "FaceTracker",
     "FaceTracks",
     "Mesh",
+    "OpenTrack",
     "Region",
     "detect_faces",
     "draw_landmarks",
     "face_proportions",
     "fit_landmarks",
+    "frontal_ratios",
     "head_pose",
     "jd_106",
     "link_persons",

@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from pvg.picture import Bytes, Picture, as_picture
+
 THUMBNAIL = (64, 36)
 HISTOGRAM_BINS = 6
 MIN_CHANGE = 3.0
@@ -28,12 +30,9 @@ class CutDetector:
         self._luma: npt.NDArray[np.float32] | None = None
         self._histogram: npt.NDArray[np.float32] | None = None
 
-    def is_cut(self, rgb: npt.NDArray[np.uint8]) -> bool:
-        """Take the next frame, (H, W, 3) uint8; the first frame ever is not a cut."""
-        # every k-th pixel first: averaging a whole large frame would cost more than fitting a face
-        step = max(1, min(rgb.shape[0] // (4 * THUMBNAIL[1]), rgb.shape[1] // (4 * THUMBNAIL[0])))
-        sparse = np.ascontiguousarray(rgb[::step, ::step])
-        small = cv2.resize(sparse, THUMBNAIL, interpolation=cv2.INTER_AREA)
+    def is_cut(self, frame: Picture | Bytes) -> bool:
+        """Take the next frame, a picture or (H, W, 3) uint8; the first frame ever is not a cut."""
+        small = as_picture(frame).thumbnail(THUMBNAIL)
         luma = cv2.cvtColor(small, cv2.COLOR_RGB2GRAY).astype(np.float32)
         histogram = cv2.calcHist(
             [small], [0, 1, 2], None, [HISTOGRAM_BINS] * 3, [0, 256, 0, 256, 0, 256]

@@ -8,6 +8,7 @@ a transport.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import product
 
 import cv2
@@ -28,14 +29,24 @@ persons: different ones differ by 0.82 at least and 3 in the median, the same on
 _ALIKE_CHROMA, _ALIKE_LIGHTNESS = 10.0, 25.0  # CIELAB: light differs more between shots than hue does
 
 
-def face_proportions(track: FaceTrack) -> FloatArray | None:
-    """Logarithms of 11 lengths of a face over the distance of its outer eye corners, (11,) float32.
+@dataclass(frozen=True)
+class FaceShape:
+    """What is remembered of a track to tell persons by.
 
-    The median over the frames that show it from the front; None when they are too few.
+    first, last: its frames;  ratios: (m, 11) float32, see `frontal_ratios`.
+    """
+
+    first: int
+    last: int
+    ratios: FloatArray
+
+
+def frontal_ratios(track: FaceTrack) -> FloatArray:
+    """11 lengths of a face over the distance of its outer eye corners in every frame that shows it from the front.
+
+    Returns (m, 11) float32.
     """
     seen = (track.score > 0) & (np.abs(track.pose[:, :2]) < _FRONTAL_DEG).all(axis=1)
-    if int(seen.sum()) < _LEAST_FRAMES:
-        return None
     points = track.points[seen].astype(np.float64)
     left, right = points[:, 52:58].mean(axis=1), points[:, 58:64].mean(axis=1)
     middle, across = (left + right) / 2, right - left
@@ -59,11 +70,21 @@ def face_proportions(track: FaceTrack) -> FloatArray | None:
         y[:, 16] - y[:, 49],  # nose base to chin
         *(between(a, b) for a, b in ((0, 32), (4, 28), (8, 24), (11, 21))),  # widths of the face, from the temples down
     ]
-    ratios = np.stack(lengths, axis=1) / between(52, 61)[:, None]
+    return np.asarray(np.stack(lengths, axis=1) / between(52, 61)[:, None], np.float32)
+
+
+def face_proportions(track: FaceTrack | FaceShape) -> FloatArray | None:
+    """Logarithms of a face's `frontal_ratios`, (11,) float32.
+
+    The median over the frames that show it from the front; None when they are too few.
+    """
+    ratios = track.ratios if isinstance(track, FaceShape) else frontal_ratios(track)
+    if len(ratios) < _LEAST_FRAMES:
+        return None
     return np.log(np.maximum(np.median(ratios, axis=0), 1e-3)).astype(np.float32)
 
 
-def link_persons(tracks: Sequence[FaceTrack], skin_rgb: npt.ArrayLike) -> tuple[int, ...]:
+def link_persons(tracks: Sequence[FaceTrack | FaceShape], skin_rgb: npt.ArrayLike) -> tuple[int, ...]:
     """The person of each track, numbered in the order of the tracks.
 
     skin_rgb: (n, 3) colour of each track's skin, 0-255. Tracks that overlap in time are never one person, and any two
@@ -82,7 +103,7 @@ def link_persons(tracks: Sequence[FaceTrack], skin_rgb: npt.ArrayLike) -> tuple[
     return tuple(next(p for p, group in enumerate(groups) if i in group) for i in range(count))
 
 
-def _distances(tracks: Sequence[FaceTrack], skin_rgb: FloatArray) -> FloatArray:
+def _distances(tracks: Sequence[FaceTrack | FaceShape], skin_rgb: FloatArray) -> FloatArray:
     """(n, n) rms difference of the tracks' proportions in spreads, infinite between those that cannot be one person."""
     lab = cv2.cvtColor(skin_rgb[:, None] / np.float32(255), cv2.COLOR_RGB2Lab)[:, 0] if len(tracks) else skin_rgb
     proportions = [face_proportions(track) for track in tracks]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from pvg import models
-from pvg.landmarks.detector import Detection, halved
+from pvg.landmarks.detector import Detection
+from pvg.picture import Picture, as_picture
 
 FloatArray = npt.NDArray[np.float32]
 ByteArray = npt.NDArray[np.uint8]
@@ -83,46 +83,34 @@ def _crop_to_source(region: Region) -> npt.NDArray[np.float64]:
     )
 
 
-def _crop(rgb: ByteArray, to_source: npt.NDArray[np.float64], size: float) -> ByteArray:
+def _crop(picture: Picture, to_source: npt.NDArray[np.float64], size: float) -> ByteArray:
     """Sample the region at the network's size; a large one is averaged down first so that it does not alias."""
     if size < 2 * INPUT_PX:
-        return _sample(rgb, to_source)
+        return picture.warp(to_source, (INPUT_PX, INPUT_PX))
     corners = to_source @ np.array([[0, INPUT_PX, 0, INPUT_PX], [0, 0, INPUT_PX, INPUT_PX], [1, 1, 1, 1]], np.float64)
-    height, width = rgb.shape[:2]
-    x0, y0 = (
-        int(value) for value in np.clip(np.floor(corners.min(axis=1)), 0, [max(width - 2, 0), max(height - 2, 0)])
-    )
-    x1, y1 = (int(value) for value in np.clip(np.ceil(corners.max(axis=1)) + 1, [x0 + 2, y0 + 2], [width, height]))
-    small, factor = halved(rgb[y0:y1, x0:x1], size / INPUT_PX)
+    x0, y0 = (int(value) for value in np.floor(corners.min(axis=1)))
+    x1, y1 = (int(value) for value in np.ceil(corners.max(axis=1)) + 1)
+    part = picture.part((x0, y0, x1, y1))
+    small, factor = part.reduced(size / INPUT_PX)
     to_small = to_source.copy()
-    to_small[:, 2] -= (x0, y0)
+    to_small[:, 2] -= part.box[:2]
     to_small /= factor
     to_small[:, 2] += 0.5 / factor - 0.5
-    return _sample(small, to_small)
+    return small.warp(to_small, (INPUT_PX, INPUT_PX))
 
 
-def _sample(rgb: ByteArray, to_source: npt.NDArray[np.float64]) -> ByteArray:
-    crop = cv2.warpAffine(
-        rgb,
-        to_source,
-        (INPUT_PX, INPUT_PX),
-        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-        borderMode=cv2.BORDER_REPLICATE,
-    )
-    return np.asarray(crop, np.uint8)
-
-
-def fit_landmarks(rgb: ByteArray, region: Region | Detection, *, threads: int = 1) -> Mesh:
+def fit_landmarks(picture: Picture | ByteArray, region: Region | Detection, *, threads: int = 1) -> Mesh:
     """Fit the mesh to the face in a region.
 
-    rgb: (H, W, 3) uint8. A Detection is fitted twice, the second time in the crop its own points ask for.
-    Raises ModelError when the weights are not installed.
+    picture: a picture or (H, W, 3) uint8 RGB. A Detection is fitted twice, the second time in the crop its own points
+    ask for. Raises ModelError when the weights are not installed.
     """
+    picture = as_picture(picture)
     if isinstance(region, Detection):
-        first = fit_landmarks(rgb, region_of_detection(region), threads=threads)
-        return fit_landmarks(rgb, region_of_points(first.points), threads=threads)
+        first = fit_landmarks(picture, region_of_detection(region), threads=threads)
+        return fit_landmarks(picture, region_of_points(first.points), threads=threads)
     to_source = _crop_to_source(region)
-    crop = _crop(np.ascontiguousarray(rgb), to_source, region.size)
+    crop = _crop(picture, to_source, region.size)
     session = models.load("face_landmarks_detector", threads)
     values = np.multiply(crop[None], np.float32(1 / 255), dtype=np.float32)
     flat, flag = session.run(["Identity", "Identity_1"], {session.get_inputs()[0].name: values})

@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy import sparse
 
 from pvg.landmarks.tracking import FaceTrack, fill_gaps
 
@@ -34,6 +35,8 @@ REMOVED_BELOW, KEPT_ABOVE = 2.0, 6.0
 NEIGHBOURHOOD = 0.05
 """Spatial scale over which points share their energy, as a share of the face's width: about half an eye."""
 
+_NEIGHBOURS_END = 4.0  # spatial scales: what lies farther weighs less than 4e-4 of the point itself
+
 _KERNEL = np.array([1, 4, 6, 4, 1]) / 16
 
 
@@ -50,7 +53,7 @@ def smooth(track: FaceTrack) -> FaceTrack:
     cap = float(np.hypot(JITTER_CAP * width, JITTER_CAP_PX))
     for run in runs:
         points[run] = smooth_run(points[run], _sharing(points[run], width), cap)
-        pose[run] = smooth_run(pose[run], np.eye(3), POSE_CAP_DEG)
+        pose[run] = smooth_run(pose[run], sparse.eye_array(3, format="csr"), POSE_CAP_DEG)
     every = np.arange(len(track.score))
     filled = fill_gaps(points[seen].astype(np.float32), seen, every)
     count = track.points.shape[1]
@@ -62,7 +65,7 @@ def smooth(track: FaceTrack) -> FaceTrack:
     )
 
 
-def smooth_run(values: Array, sharing: Array, cap: float) -> Array:
+def smooth_run(values: Array, sharing: sparse.csr_array, cap: float) -> Array:
     """Smooth values (n, p, k) over n consecutive frames; sharing (p, p) averages energy over like points.
 
     cap: the highest rms of a band that counts as jitter, in the unit of values.
@@ -75,7 +78,7 @@ def smooth_run(values: Array, sharing: Array, cap: float) -> Array:
         # share only grows: a movement seen in a finer band is kept in the coarser ones too, where its tail is small
         own = _filtered((detail * detail).mean(axis=2), step, odd=False)
         # neighbours moving together raise the odds that a small movement is real; one point may also move alone
-        share = np.maximum.reduce([share, _kept_share(own, cap), _kept_share(own @ sharing.T, cap)])
+        share = np.maximum.reduce([share, _kept_share(own, cap), _kept_share(np.asarray((sharing @ own.T).T), cap)])
         kept += detail * share[:, :, None]
         rest = smoother
     return rest + kept
@@ -89,12 +92,12 @@ def _kept_share(energy: Array, cap: float) -> Array:
     return np.asarray(ramp * ramp * (3 - 2 * ramp))
 
 
-def _sharing(points: Array, width: float) -> Array:
+def _sharing(points: Array, width: float) -> sparse.csr_array:
     """(p, p) row-stochastic weights of the points near each point on the face's median shape."""
     shape = np.median(points - points.mean(axis=1, keepdims=True), axis=0) / width
-    distance2 = ((shape[:, None] - shape[None]) ** 2).sum(axis=2)
-    weights = np.exp(-distance2 / (2 * NEIGHBOURHOOD**2))
-    return np.asarray(weights / weights.sum(axis=1, keepdims=True))
+    distance2 = (shape[:, None, 0] - shape[:, 0]) ** 2 + (shape[:, None, 1] - shape[:, 1]) ** 2
+    weights = np.exp(-distance2 / (2 * NEIGHBOURHOOD**2)) * (distance2 < (_NEIGHBOURS_END * NEIGHBOURHOOD) ** 2)
+    return sparse.csr_array(weights / weights.sum(axis=1, keepdims=True))
 
 
 def _filtered(values: Array, step: int, *, odd: bool) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
@@ -13,13 +14,14 @@ from pvg.landmarks.detector import Detection, box_iou, detect_faces
 from pvg.landmarks.layout import jd_106, skin_88
 from pvg.landmarks.mesh import Mesh, Region, fit_landmarks, region_of_points
 from pvg.landmarks.pose import head_pose
+from pvg.picture import Picture, as_picture
 
 FloatArray = npt.NDArray[np.float32]
 ByteArray = npt.NDArray[np.uint8]
 
 FACE_GATE = 0.5
 DETECT_EVERY = 15
-MIN_SEEN = 3
+MIN_SEEN = 5
 CONFIRMED_SCORE = 0.95
 """A track counts as a face when its median score and MIN_SEEN frames reach this. Faces of the test clips have medians
 above 0.97 however small or dark; lettering and cartoons that pass the frame gate stay below 0.93 or are brief."""
@@ -56,9 +58,12 @@ class FaceTrack:
 
         The longer of its extents in x and y, so that a turned or leaning head does not count as a small face.
         """
-        contour = self.points[self.score > 0, :33]
-        extents = np.ptp(contour, axis=1).max(axis=1)
-        return float(np.median(extents))
+        return float(np.median(self.extents[self.score > 0]))
+
+    @property
+    def extents(self) -> FloatArray:
+        """(n,) the longer extent of the face contour in x or y in every frame, source pixels."""
+        return np.asarray(np.ptp(self.points[:, :33], axis=1).max(axis=1), np.float32)
 
 
 @dataclass(frozen=True)
@@ -75,33 +80,47 @@ class FaceTracks:
 
 
 @dataclass
-class _Track:
-    """A track being made; the lists run parallel and skip the frames where the face was not seen."""
+class OpenTrack:
+    """A face being followed. `frames` and `meshes` run parallel and skip the frames where it was not seen.
 
+    first: its first frame, also once the beginning is forgotten; scores: of all frames that showed it.
+    """
+
+    first: int
     frames: list[int] = field(default_factory=list)
     meshes: list[tuple[FloatArray, FloatArray, float, FloatArray]] = field(default_factory=list)
+    scores: list[float] = field(default_factory=list)
     last_points: FloatArray = field(default_factory=lambda: np.zeros((0, 2), np.float32))
 
     def add(self, index: int, mesh: Mesh) -> None:
+        """The face was seen in frame `index`."""
         self.frames.append(index)
         self.meshes.append((jd_106(mesh.points), skin_88(mesh.points), mesh.score, head_pose(mesh)))
+        self.scores.append(mesh.score)
         self.last_points = mesh.points
 
     @property
+    def last(self) -> int:
+        """The last frame that showed it."""
+        return self.frames[-1]
+
+    @property
     def box(self) -> FloatArray:
+        """(4,) x0, y0, x1, y1 of the mesh where it was last seen."""
         return _box(self.last_points)
 
     def is_face(self, enough: int) -> bool:
         """Whether at least `enough` of its frames, and most of them, were seen with confidence."""
-        scores = np.array([mesh[2] for mesh in self.meshes])
+        scores = np.array(self.scores)
         confident = scores >= CONFIRMED_SCORE
         return int(confident.sum()) >= enough and float(np.median(scores)) >= CONFIRMED_SCORE
 
-    def finished(self) -> FaceTrack:
-        """Fill the gaps linearly and freeze."""
-        seen = np.array(self.frames)
+    def raw(self, start: int | None = None) -> FaceTrack:
+        """The track so far, gaps filled linearly, from the last frame at or before `start` that showed the face."""
+        begin = 0 if start is None else max(0, bisect_right(self.frames, start) - 1)
+        seen = np.array(self.frames[begin:])
         every = np.arange(seen[0], seen[-1] + 1)
-        points, skin_points, scores, poses = zip(*self.meshes, strict=True)
+        points, skin_points, scores, poses = zip(*self.meshes[begin:], strict=True)
         score = np.zeros(len(every), np.float32)
         score[seen - seen[0]] = scores
         return FaceTrack(
@@ -111,6 +130,19 @@ class _Track:
             score=score,
             pose=fill_gaps(np.stack(poses), seen, every),
         )
+
+    def forget(self, frame: int) -> None:
+        """Drop what came before the last frame at or before `frame` that showed the face."""
+        begin = max(0, bisect_right(self.frames, frame) - 1)
+        del self.frames[:begin], self.meshes[:begin]
+
+    def seen(self, start: int, stop: int) -> npt.NDArray[np.bool_]:
+        """(stop − start,) whether each frame showed the face; it must not be forgotten."""
+        shown = np.zeros(stop - start, np.bool_)
+        shown[np.array(self.frames[bisect_left(self.frames, start) : bisect_left(self.frames, stop)], int) - start] = (
+            True
+        )
+        return shown
 
 
 def fill_gaps(values: FloatArray, seen: npt.NDArray[np.int64], every: npt.NDArray[np.int64]) -> FloatArray:
@@ -124,7 +156,7 @@ def fill_gaps(values: FloatArray, seen: npt.NDArray[np.int64], every: npt.NDArra
 
 
 def track_faces(
-    frames: Iterable[tuple[int, ByteArray]],
+    frames: Iterable[tuple[int, Picture | ByteArray]],
     *,
     max_faces: int = 8,
     min_face_px: float = 24.0,
@@ -134,85 +166,95 @@ def track_faces(
 ) -> FaceTracks:
     """Follow up to max_faces faces at a time through consecutive frames.
 
-    frames: (index, (H, W, 3) uint8 RGB) with indices rising by one. The detector runs on the first frame of a
+    frames: (index, picture or (H, W, 3) uint8 RGB), indices rising by one. The detector runs on the first frame of a
     shot, while a face is lost and every 15 frames; otherwise each face's crop follows its last landmarks. A track
     ends at a cut or when its face stays away for more than a second (frame_rate frames). Faces whose mesh measures
     less than min_face_px across its longer side are not followed. on_frame is told the index of every finished
     frame and may raise to abort. The points are raw: see `smooth`. Raises ModelError without weights, ValueError
     when an index is skipped.
     """
-    tracker = _Tracker(max_faces, min_face_px, round(frame_rate), threads)
-    count, expected = 0, None
-    for index, rgb in frames:
-        if expected is not None and index != expected:
-            raise ValueError(f"frame {index} follows frame {expected - 1}; frames must be consecutive")
-        tracker.step(index, rgb)
-        count, expected = count + 1, index + 1
+    tracker = FaceTracker(max_faces=max_faces, min_face_px=min_face_px, frame_rate=frame_rate, threads=threads)
+    for index, frame in frames:
+        tracker.step(index, as_picture(frame))
         if on_frame is not None:
             on_frame(index)
-    return tracker.result(count)
+    return tracker.result()
 
 
-class _Tracker:
-    def __init__(self, max_faces: int, min_face_px: float, max_lost: int, threads: int) -> None:
+class FaceTracker:
+    """Follows faces through frames given one at a time; see `track_faces`.
+
+    open: the faces being followed, oldest first;  closed: those that ended;  cuts: first frames of the shots but the
+    first;  frame_count: frames seen.
+    """
+
+    def __init__(
+        self, *, max_faces: int = 8, min_face_px: float = 24.0, frame_rate: float = 25.0, threads: int = 1
+    ) -> None:
         self._max_faces = max_faces
         self._min_face_px = min_face_px
-        self._max_lost = max_lost
+        self._max_lost = round(frame_rate)
         self._threads = threads
         self._cut_detector = CutDetector()
-        self._cuts: list[int] = []
-        self._open: list[_Track] = []  # oldest first
-        self._closed: list[_Track] = []
+        self.cuts: list[int] = []
+        self.open: list[OpenTrack] = []
+        self.closed: list[OpenTrack] = []
+        self.frame_count = 0
         self._last_detection: int | None = None
+        self._expected: int | None = None
 
-    def step(self, index: int, rgb: ByteArray) -> None:
-        """Take the next frame."""
-        if self._cut_detector.is_cut(rgb):
-            self._cuts.append(index)
-            self._closed += self._open
-            self._open = []
+    def step(self, index: int, picture: Picture) -> None:
+        """Take the next frame. Raises ValueError when an index is skipped."""
+        if self._expected is not None and index != self._expected:
+            raise ValueError(f"frame {index} follows frame {self._expected - 1}; frames must be consecutive")
+        self._expected = index + 1
+        self.frame_count += 1
+        if self._cut_detector.is_cut(picture):
+            self.cuts.append(index)
+            self.closed += self.open
+            self.open = []
             self._last_detection = None
-        self._follow(index, rgb)
-        lost = any(track.frames[-1] != index for track in self._open)
+        self._follow(index, picture)
+        lost = any(track.last != index for track in self.open)
         due = self._last_detection is None or index - self._last_detection >= DETECT_EVERY
-        if due or lost or not self._open:
+        if due or lost or not self.open:
             # tiles cost four more runs, so a clip without faces pays for them only now and then
-            self._acquire(index, detect_faces(rgb, tiles=due and not self._open, threads=self._threads), rgb)
+            self._acquire(index, detect_faces(picture, tiles=due and not self.open, threads=self._threads), picture)
             if due:
                 self._last_detection = index
-        kept = [track for track in self._open if index - track.frames[-1] <= self._max_lost]
-        self._closed += [track for track in self._open if index - track.frames[-1] > self._max_lost]
-        self._open = kept
+        kept = [track for track in self.open if index - track.last <= self._max_lost]
+        self.closed += [track for track in self.open if index - track.last > self._max_lost]
+        self.open = kept
 
-    def _follow(self, index: int, rgb: ByteArray) -> None:
+    def _follow(self, index: int, picture: Picture) -> None:
         """Fit every open track where its face was last seen."""
-        for track in self._open:
-            if index - track.frames[-1] > BLIND_FITS:
+        for track in self.open:
+            if index - track.last > BLIND_FITS:
                 continue
-            mesh = self._fit(rgb, region_of_points(track.last_points))
+            mesh = self._fit(picture, region_of_points(track.last_points))
             if mesh is not None and not self._taken(index, _box(mesh.points)):
                 track.add(index, mesh)
 
-    def _acquire(self, index: int, detections: tuple[Detection, ...], rgb: ByteArray) -> None:
+    def _acquire(self, index: int, detections: tuple[Detection, ...], picture: Picture) -> None:
         """Give detections nobody follows to lost tracks nearby, or to new ones."""
         for detection in detections:
             if self._taken(index, detection.box):
                 continue
-            mesh = self._fit(rgb, detection)
+            mesh = self._fit(picture, detection)
             if mesh is None or self._taken(index, _box(mesh.points)):
                 continue
             track = self._lost_near(index, _box(mesh.points))
             if track is None:
-                if len(self._open) >= self._max_faces:
+                if len(self.open) >= self._max_faces:
                     continue
-                track = _Track()
-                self._open.append(track)
+                track = OpenTrack(index)
+                self.open.append(track)
             track.add(index, mesh)
 
-    def _fit(self, rgb: ByteArray, region: Region | Detection) -> Mesh | None:
+    def _fit(self, picture: Picture, region: Region | Detection) -> Mesh | None:
         """The mesh, if it is a face, large enough, and has its centre in the picture."""
-        mesh = fit_landmarks(rgb, region, threads=self._threads)
-        height, width = rgb.shape[:2]
+        mesh = fit_landmarks(picture, region, threads=self._threads)
+        height, width = picture.size
         x, y = mesh.points.mean(axis=0)
         inside = 0 <= x < width and 0 <= y < height
         if mesh.score < FACE_GATE or not inside or np.ptp(mesh.points, axis=0).max() < self._min_face_px:
@@ -221,15 +263,15 @@ class _Tracker:
 
     def _taken(self, index: int, box: FloatArray) -> bool:
         """Whether a face already followed in this frame sits in this box."""
-        boxes = [track.box for track in self._open if track.frames[-1] == index]
+        boxes = [track.box for track in self.open if track.last == index]
         return bool(boxes) and bool((box_iou(box, np.stack(boxes)) > SAME_FACE_IOU).any())
 
-    def _lost_near(self, index: int, box: FloatArray) -> _Track | None:
+    def _lost_near(self, index: int, box: FloatArray) -> OpenTrack | None:
         """The lost track this face most likely continues, by place and size."""
         best, best_distance = None, REJOIN_DISTANCE
         side = float((box[2:] - box[:2]).max())
-        for track in self._open:
-            if track.frames[-1] == index:
+        for track in self.open:
+            if track.last == index:
                 continue
             before = track.box
             before_side = float((before[2:] - before[:2]).max())
@@ -240,13 +282,12 @@ class _Tracker:
                 best, best_distance = track, distance
         return best
 
-    def result(self, frame_count: int) -> FaceTracks:
-        """Close every track and drop those too short or too doubtful to be a face."""
-        enough = min(MIN_SEEN, frame_count)
-        tracks = self._closed + self._open
-        done = [track.finished() for track in tracks if track.is_face(enough)]
+    def result(self) -> FaceTracks:
+        """All tracks without those too short or too doubtful to be a face."""
+        enough = min(MIN_SEEN, self.frame_count)
+        done = [track.raw() for track in self.closed + self.open if track.is_face(enough)]
         done.sort(key=lambda track: (track.first, float(track.points[0, :, 0].mean())))
-        return FaceTracks(tuple(done), tuple(self._cuts), frame_count)
+        return FaceTracks(tuple(done), tuple(self.cuts), self.frame_count)
 
 
 def _box(points: FloatArray) -> FloatArray:

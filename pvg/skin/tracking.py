@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from pvg.picture import Picture, as_picture
 from pvg.skin.carrying import spline_map
 from pvg.skin.colors import SkinColors, to_skin_lab
 from pvg.skin.matte import Matte
@@ -17,7 +18,6 @@ from pvg.skin.veil import VEIL_ODDS, Hair, find_hair, veil
 from pvg.skin.zones import Bools, Bytes, Floats, Places, face_area, face_box, face_geometry, locate, logistic
 
 _CELLS_SMALL, _CELLS_LARGE = 192, 256  # longer side of the raster, for boxes of up to 768 and from 1024 px
-_SUPERSAMPLE = 6
 _EVERY = 4  # each so many'th landmark is a knot of the spline that carries the key frame's shape
 _KEEP = 0.6  # weight of the frame before where the picture did not change
 _CHANGE = 6.0  # 8-bit levels of change that end it
@@ -44,16 +44,9 @@ class Raster:
         out: Floats = ((points - self.origin + 0.5) / self.step - 0.5).astype(np.float32)
         return out
 
-    def sample(self, rgb: Bytes) -> Bytes:
-        """The picture (H, W, 3) averaged over each cell, (h, w, 3); beyond the picture its edge is repeated."""
-        h, w = self.shape
-        k = min(_SUPERSAMPLE, max(1, int(np.ceil(self.step - 0.25))))
-        fine = self.step / k
-        shift = self.origin - 0.5 + 0.5 * fine
-        matrix = np.array([[fine, 0, shift[0]], [0, fine, shift[1]]], np.float64)
-        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        part = cv2.warpAffine(rgb, matrix, (w * k, h * k), flags=flags, borderMode=cv2.BORDER_REPLICATE)
-        return np.asarray(part if k == 1 else cv2.resize(part, (w, h), interpolation=cv2.INTER_AREA), np.uint8)
+    def sample(self, picture: Picture) -> Bytes:
+        """The picture averaged over each cell, (h, w, 3) uint8 RGB; beyond the picture its edge is repeated."""
+        return picture.cells(self.origin, self.step, self.shape)
 
     def in_picture(self, shape: tuple[int, int]) -> Bools:
         """(h, w) bool: cells whose centre lies in a picture of (H, W)."""
@@ -105,10 +98,12 @@ class SkinModel:
     learned: LearnedSkin | None
 
 
-def fit_skin_model(rgb: Bytes, points: Floats, skin_points: Floats, *, method: MaskMethod = "landmarks") -> SkinModel:
+def fit_skin_model(
+    frame: Picture | Bytes, points: Floats, skin_points: Floats, *, method: MaskMethod = "landmarks"
+) -> SkinModel:
     """Learn a face's skin on its key frame.
 
-    rgb: (H, W, 3) uint8;  points: (106, 2);  skin_points: (88, 2), source pixels.
+    frame: a picture or (H, W, 3) uint8 RGB;  points: (106, 2);  skin_points: (88, 2), source pixels.
     """
     if method == "ycbcr":
         return SkinModel(method, None)
@@ -118,7 +113,8 @@ def fit_skin_model(rgb: Bytes, points: Floats, skin_points: Floats, *, method: M
     shape = (max(8, round(float(box[3] - box[1]) / step)), max(8, round(float(box[2] - box[0]) / step)))
     raster = _around(box, step, shape)
     own, own_skin = raster.cells(points), raster.cells(skin_points)
-    small, visible = raster.sample(rgb), raster.in_picture(rgb.shape[:2])
+    picture = as_picture(frame)
+    small, visible = raster.sample(picture), raster.in_picture(picture.size)
     cut = cut_skin(small, own, own_skin, visible)
     where = locate(raster.shape, own, own_skin)
     skin = cut.mask.astype(np.uint8)
@@ -160,10 +156,14 @@ class SkinTracker:
         self._before: _Moment | None = None
         self._flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
 
-    def step(self, rgb: Bytes, points: Floats, skin_points: Floats) -> Matte:
-        """The matte of the next frame: rgb (H, W, 3) uint8, points (106, 2), skin_points (88, 2), source pixels."""
+    def step(self, frame: Picture | Bytes, points: Floats, skin_points: Floats) -> Matte:
+        """The matte of the next frame, a picture or (H, W, 3) uint8 RGB.
+
+        points: (106, 2);  skin_points: (88, 2), source pixels.
+        """
+        picture = as_picture(frame)
         raster = self._next_raster(points, skin_points)
-        small, visible = raster.sample(rgb), raster.in_picture(rgb.shape[:2])
+        small, visible = raster.sample(picture), raster.in_picture(picture.size)
         own, own_skin = raster.cells(points), raster.cells(skin_points)
         if self._model.learned is None:
             mask = chroma_mask(small, face_area(raster.shape, own, own_skin), visible)

@@ -6,6 +6,7 @@ from pvg.video.formats import RGB24, Frame, Patch, PixelFormat
 from pvg.video.images import read_image, write_image
 from pvg.video.info import MediaInfo, probe, sha256_file
 from pvg.video.opening import MediaLimits
+from pvg.video.planes import PlanePicture, picture_of
 from pvg.video.reading import read_frames
 from pvg.video.sniffing import sniff
 from pvg.video.writing import VideoWriter
@@ -17,7 +18,9 @@ __all__ = [
     "MediaLimits",
     "Patch",
     "PixelFormat",
+    "PlanePicture",
     "VideoWriter",
+    "picture_of",
     "probe",
     "read_frames",
     "read_image",

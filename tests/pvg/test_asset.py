@@ -188,9 +188,9 @@ def test_loading_never_unpickles(asset: Path, tmp_path: Path) -> None:
     with zipfile.ZipFile(asset) as old, zipfile.ZipFile(evil, "w") as new:
         manifest = json.loads(old.read("manifest.json"))
         payload = b'{"dtype": "<f4", "shape": [1]}\n' + buffer.getvalue()
-        manifest["entries"]["face0/colors"] = hashlib.sha256(payload).hexdigest()
+        manifest["entries"]["track0/colors"] = hashlib.sha256(payload).hexdigest()
         data = json.dumps(manifest).encode()
-        new.writestr("face0/colors", payload)
+        new.writestr("track0/colors", payload)
         new.writestr("manifest.json", data)
         new.comment = hashlib.sha256(data).hexdigest().encode()
     with open_asset(evil) as video, pytest.raises(AssetError):

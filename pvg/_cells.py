@@ -1,0 +1,77 @@
+# Compiled functions take their types from the first call.
+# mypy: disable-error-code="no-untyped-def, untyped-decorator, no-untyped-call"
+"""Compiled kernels that average a plane over square cells and turn plane codes into RGB."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True)
+def taps(first, step, k, count, start, cells):
+    """Weights of the samples of a row of `count` that make each cell: (len(cells), n) float32, from start[i] on.
+
+    A cell is the mean of k bilinear readings; the readings of all cells are evenly spaced by step / k from `first` on.
+    cells: (m,) int32 and start: (m,) int32 are the output: how many samples a cell needs, and the first of them.
+    """
+    fine = step / k
+    width = int(np.ceil((k - 1) * fine)) + 3
+    weights = np.zeros((len(cells), width), np.float32)
+    for i in range(len(cells)):
+        low = first + i * step
+        origin = min(max(int(np.floor(low)), 0), count - 1)
+        start[i] = origin
+        longest = 1
+        for s in range(k):
+            place = min(max(low + s * fine, 0.0), count - 1.0)
+            at = min(int(place), count - 1)
+            share = place - at
+            weights[i, at - origin] += np.float32((1.0 - share) / k)
+            longest = max(longest, at - origin + 1)
+            if share > 0.0 and at + 1 < count:
+                weights[i, at + 1 - origin] += np.float32(share / k)
+                longest = max(longest, at + 2 - origin)
+        cells[i] = longest
+    return weights
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def average_cells(plane, start_x, count_x, weights_x, start_y, count_y, weights_y, out):
+    """out (h, w) float32 = plane averaged over cells, by the weights of `taps` along rows and columns."""
+    left, right = plane.shape[1], 0
+    for j in range(len(start_x)):
+        left = min(left, start_x[j])
+        right = max(right, start_x[j] + count_x[j])
+    row = np.empty(plane.shape[1], np.float32)
+    for i in range(len(start_y)):
+        for x in range(left, right):
+            row[x] = np.float32(0.0)
+        for k in range(count_y[i]):
+            weight, source = weights_y[i, k], plane[start_y[i] + k]
+            if weight == np.float32(0.0):  # between the readings of a large cell
+                continue
+            for x in range(left, right):
+                row[x] += weight * np.float32(source[x])
+        for j in range(len(start_x)):
+            total, begin = np.float32(0.0), start_x[j]
+            for k in range(count_x[j]):
+                total += weights_x[j, k] * row[begin + k]
+            out[i, j] = total
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def codes_to_rgb(first, second, third, matrix, offset, out):
+    """out (h, w, 3) uint8 = matrix (3, 3) · (codes of three planes (h, w)) + offset (3,), rounded and clipped."""
+    h, w = first.shape
+    half, top, none = np.float32(0.5), np.float32(255.0), np.float32(0.0)
+    line = np.empty(w, np.uint8)  # written a channel at a time: interleaved stores do not vectorise
+    for i in range(h):
+        a, b, c = first[i], second[i], third[i]
+        for k in range(3):
+            by_a, by_b, by_c, start = matrix[k, 0], matrix[k, 1], matrix[k, 2], offset[k]
+            for j in range(w):
+                value = by_a * np.float32(a[j]) + by_b * np.float32(b[j]) + by_c * np.float32(c[j]) + start
+                line[j] = np.uint8(np.int32(min(max(value, none), top) + half))
+            for j in range(w):
+                out[i, j, k] = line[j]

@@ -1,0 +1,255 @@
+"""Reading an asset by frame, every entry checked when it is read."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import lzma
+import os
+import struct
+import tempfile
+import zipfile
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, fields
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pvg.asset.arrays import CHUNK_FRAMES, FORMAT_VERSION, FRAME_ARRAYS, decode, from_bytes
+from pvg.asset.records import FaceFrameData, FaceRecord, FaceSummary, KeyFrame, MediaSummary
+from pvg.curves import Floats, boundary_points
+from pvg.errors import AssetError
+from pvg.video import sha256_file
+
+_CACHED_CHUNKS = 4
+# what zipfile and its decompressors raise on damaged bytes
+_DAMAGE = (
+    zipfile.BadZipFile,
+    zlib.error,
+    lzma.LZMAError,
+    struct.error,
+    KeyError,
+    ValueError,
+    RuntimeError,
+    OverflowError,
+    OSError,
+    EOFError,
+)
+
+
+def _face_from_json(values: Mapping[str, Any]) -> FaceSummary:
+    known = {field.name: values[field.name] for field in fields(FaceSummary)}
+    known["skin_rgb"], known["warnings"] = tuple(known["skin_rgb"]), tuple(known["warnings"])
+    return FaceSummary(**known)
+
+
+class VectorVideo:
+    """A vectorised clip or image: its geometry, boundary colours and mattes, open for reading by frame.
+
+    Made by `pvg.vectorize` and `pvg.open_asset`. A context manager; closing it removes a temporary asset.
+    """
+
+    def __init__(self, path: str | Path, source: str | Path | None = None, *, temporary: bool = False) -> None:
+        self.path = Path(path)
+        self.source = None if source is None else Path(source)
+        self._temporary = temporary
+        self._cache: dict[str, NDArray[Any]] = {}
+        try:
+            self._zip = zipfile.ZipFile(self.path)
+        except FileNotFoundError:
+            raise AssetError(f"no asset file at {self.path}") from None
+        except _DAMAGE as error:
+            raise AssetError(f"{self.path.name} is not an asset or is truncated ({error})") from None
+        try:
+            self._read_manifest()
+        except BaseException:
+            self._zip.close()
+            raise
+
+    def _read_manifest(self) -> None:
+        data = self._read("manifest.json", self._zip.comment.decode("ascii", "replace"))
+        try:
+            manifest = json.loads(data)
+            version = manifest["format"]
+            if version != FORMAT_VERSION:
+                raise AssetError(
+                    f"{self.path.name} has asset format {version}, this library reads {FORMAT_VERSION}; "
+                    "vectorise the clip again"
+                )
+            self.manifest: dict[str, Any] = manifest
+            self._entries: dict[str, str] = manifest["entries"]
+            self.media = MediaSummary(**manifest["media"])
+            self.source_sha256: str = manifest["source_sha256"]
+            self.settings: dict[str, Any] = manifest["settings"]
+            self.shots: tuple[int, ...] = tuple(manifest["shots"])
+            self.faces: tuple[FaceSummary, ...] = tuple(_face_from_json(face) for face in manifest["faces"])
+            self._tracks = tuple(int(face["track"]) for face in manifest["faces"])
+        except (KeyError, TypeError, ValueError) as error:
+            raise AssetError(f"the manifest of {self.path.name} is malformed ({error!r})") from None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __del__(self) -> None:
+        with contextlib.suppress(AttributeError):  # a constructor that raised has nothing to close
+            self.close()
+
+    def close(self) -> None:
+        """Close the file; a temporary asset is removed. Twice is harmless."""
+        self._zip.close()
+        if self._temporary:
+            self.path.unlink(missing_ok=True)
+
+    def save(self, path: str | Path) -> None:
+        """Copy the asset file to `path`, appearing there only when complete."""
+        target = Path(path)
+        handle, name = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
+        with os.fdopen(handle, "wb") as out, self.path.open("rb") as data:
+            while block := data.read(1 << 20):
+                out.write(block)
+        Path(name).chmod(0o644)
+        Path(name).replace(target)
+
+    @property
+    def frame_count(self) -> int:
+        """Number of frames of the clip, counted while vectorising."""
+        return self.media.frame_count
+
+    @property
+    def persons(self) -> tuple[tuple[int, ...], ...]:
+        """The faces of each person, the one seen longest first: one transport serves them all."""
+        grouped: dict[int, list[FaceSummary]] = {}
+        for face in self.faces:
+            grouped.setdefault(face.person, []).append(face)
+        for faces in grouped.values():
+            faces.sort(key=lambda face: (face.first_frame - face.last_frame, face.index))
+        return tuple(tuple(face.index for face in grouped[person]) for person in sorted(grouped))
+
+    @cached_property
+    def records(self) -> tuple[FaceRecord, ...]:
+        """Every face with its key frames."""
+        out = []
+        for face, track, raw in zip(self.faces, self._tracks, self.manifest["faces"], strict=True):
+            colors = self._array(f"track{track}/colors")
+            visible = self._array(f"track{track}/visible")
+            keys = zip(raw["key_frames"], colors, visible, strict=True)
+            frames = tuple(
+                KeyFrame(int(f), c, v, self._array(f"track{track}/skin/{k:06d}")) for k, (f, c, v) in enumerate(keys)
+            )
+            out.append(FaceRecord(face, frames))
+        return tuple(out)
+
+    def face_frame(self, face: int, frame: int) -> FaceFrameData | None:
+        """Geometry of `face` in `frame`, None outside its track. Raises `AssetError` when altered."""
+        summary = self.faces[face]
+        if not summary.first_frame <= frame <= summary.last_frame:
+            return None
+        track = self._tracks[face]
+        chunk, row = divmod(frame - summary.first_frame, CHUNK_FRAMES)
+        part = {name: self._chunk(f"track{track}/{name}/{chunk:06d}", name)[row] for name in FRAME_ARRAYS}
+        return FaceFrameData(
+            points=part["points"],
+            skin_points=part["skin_points"],
+            boundary=boundary_points(part["radius"], part["points"]),
+            score=float(part["score"][0]),
+            pose=part["pose"],
+            box=part["box"],
+            matte=part["matte"],
+        )
+
+    def landmarks(self, face: int) -> Floats:
+        """(frames of the track, 106, 2) float32 landmarks in source pixels."""
+        summary = self.faces[face]
+        chunks = -(-(summary.last_frame - summary.first_frame + 1) // CHUNK_FRAMES)
+        track = self._tracks[face]
+        parts = [decode("points", self._array(f"track{track}/points/{c:06d}")) for c in range(chunks)]
+        return np.concatenate(parts).astype(np.float32)
+
+    def require_source(self) -> Path:
+        """The source clip, checked once against the manifest's sha256.
+
+        Raises `AssetError` when it was not given, is gone or is another file.
+        """
+        if self.source is None:
+            raise AssetError(f"{self.path.name} was opened without its source clip, which rendering needs")
+        if not self.source.is_file():
+            raise AssetError(f"the source clip {self.source.name} of {self.path.name} is missing")
+        if not self._source_checked and sha256_file(self.source) != self.source_sha256:
+            raise AssetError(f"{self.source.name} is not the clip that {self.path.name} was made from")
+        self._source_checked = True
+        return self.source
+
+    _source_checked = False
+
+    def verify(self) -> None:
+        """Read every entry and check its digest. Raises `AssetError`."""
+        for name in self._entries:
+            self._array(name)
+
+    def summary(self) -> dict[str, Any]:
+        """A JSON-able description: media, faces, shots and settings."""
+        return {
+            "format": FORMAT_VERSION,
+            "source_sha256": self.source_sha256,
+            "media": asdict(self.media),
+            "shots": list(self.shots),
+            "settings": self.settings,
+            "faces": [
+                {**asdict(face), "key_frames": raw["key_frames"]}
+                for face, raw in zip(self.faces, self.manifest["faces"], strict=True)
+            ],
+        }
+
+    def _chunk(self, entry: str, name: str) -> NDArray[Any]:
+        if entry not in self._cache:
+            limit = _CACHED_CHUNKS * len(FRAME_ARRAYS) * max(1, len(self.faces))
+            while len(self._cache) >= limit:
+                self._cache.pop(next(iter(self._cache)))
+            self._cache[entry] = decode(name, self._array(entry))
+        return self._cache[entry]
+
+    def _array(self, name: str) -> NDArray[Any]:
+        if name not in self._entries:
+            raise AssetError(f"{self.path.name} has no entry {name}")
+        data = self._read(name, self._entries[name])
+        try:
+            return from_bytes(data)
+        except (ValueError, TypeError, KeyError, EOFError) as error:
+            raise AssetError(f"entry {name} of {self.path.name} is not an array ({error})") from None
+
+    def _read(self, name: str, digest: str) -> bytes:
+        try:
+            data = self._zip.read(name)
+        except _DAMAGE as error:
+            raise AssetError(f"entry {name} of {self.path.name} is missing or damaged ({error})") from None
+        if hashlib.sha256(data).hexdigest() != digest:
+            raise AssetError(f"entry {name} of {self.path.name} was altered")
+        return data
+
+
+def open_asset(path: str | Path, source: str | Path | None = None) -> VectorVideo:
+    """Open an asset file; `source` is the clip it was made from, needed to render it.
+
+    Raises `AssetError` when the file is truncated, altered or of another version.
+    """
+    return VectorVideo(path, source)
+
+
+def faces_by_index(video: VectorVideo, faces: str | Sequence[int]) -> tuple[int, ...]:
+    """The face numbers that `faces` ("all" or indices) selects. Raises `ValueError` on an unknown one."""
+    known = tuple(face.index for face in video.faces)
+    if faces == "all":
+        return known
+    chosen = tuple(int(face) for face in faces)
+    unknown = [face for face in chosen if face not in known]
+    if unknown:
+        raise ValueError(f"no face {unknown[0]}; this clip has faces 0 to {len(known) - 1}")
+    return chosen

@@ -1,0 +1,111 @@
+"""What an asset tells of a clip and its faces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pvg.curves import Floats
+from pvg.video import MediaInfo
+
+
+@dataclass(frozen=True)
+class MediaSummary:
+    """What the source is, as shown to people; see `pvg.video.MediaInfo` for all a file says of itself.
+
+    kind: "video" or "image";  width, height: upright pixels;  frame_rate: average, frames a second, None for images;
+    rotation: clockwise degrees that made the stored picture upright.
+    """
+
+    kind: str
+    width: int
+    height: int
+    frame_rate: float | None
+    frame_count: int
+    duration_s: float
+    codec: str
+    pixel_format: str
+    has_audio: bool
+    rotation: int
+
+    @classmethod
+    def of(cls, media: MediaInfo, frame_count: int) -> MediaSummary:
+        """The summary of a file of which `frame_count` frames were read."""
+        return cls(
+            kind=media.kind,
+            width=media.width,
+            height=media.height,
+            frame_rate=None if media.frame_rate is None else round(float(media.frame_rate), 3),
+            frame_count=frame_count,
+            duration_s=round(media.duration_s, 3),
+            codec=media.codec,
+            pixel_format=media.pixel_format,
+            has_audio=media.has_audio,
+            rotation=media.rotation,
+        )
+
+
+@dataclass(frozen=True)
+class FaceSummary:
+    """One tracked face of a clip, as shown to people.
+
+    width_px: median jaw width;  skin_rgb: median colour of its skin curves in the key frame, 0-255;
+    person: who it is, as far as can be told; faces of one person are never seen at the same time.
+    """
+
+    index: int
+    first_frame: int
+    last_frame: int
+    width_px: float
+    skin_rgb: tuple[int, int, int]
+    person: int
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class KeyFrame:
+    """The boundary colours of one key frame: eq. (3) solved there.
+
+    frame: frame number in the clip;  colors: (S, 3) float32 g, 0-255 RGB, on the table's labels;
+    visible: (S,) bool, whether the sample lay on visible skin or a visible feature;
+    skin: (N, 3) float32, colours of the open skin evenly over the face, N = 0 when there is too little of it.
+    """
+
+    frame: int
+    colors: Floats
+    visible: NDArray[np.bool_]
+    skin: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class FaceFrameData:
+    """The geometry of one face in one frame.
+
+    points: (106, 2) landmarks;  skin_points: (88, 2);  boundary: (192, 2) mask boundary samples, source pixels;
+    score: face score in [0, 1], 0 where the face is not seen;  pose: (3,) yaw, pitch, roll in degrees;
+    box: (4,) x0, y0, x1, y1 of the region in source pixels (may reach over the picture's edge);
+    matte: (h, w) uint8, the soft matte over the box, 255 = skin.
+    """
+
+    points: Floats
+    skin_points: Floats
+    boundary: Floats
+    score: float
+    pose: Floats
+    box: Floats
+    matte: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False)
+class FaceRecord:
+    """A face of the clip: what it is, and its key frames."""
+
+    summary: FaceSummary
+    key_frames: tuple[KeyFrame, ...]
+
+    def key_frame_of(self, frame: int) -> KeyFrame:
+        """The key frame whose colours serve `frame`: the last one at or before it, else the first."""
+        earlier = [key for key in self.key_frames if key.frame <= frame]
+        return earlier[-1] if earlier else self.key_frames[0]

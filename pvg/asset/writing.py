@@ -1,0 +1,95 @@
+"""Writing an asset, frame by frame."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+import zipfile
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pvg.asset.arrays import CHUNK_FRAMES, FORMAT_VERSION, FRAME_ARRAYS, encode, to_bytes
+from pvg.asset.records import FaceRecord
+
+_LEVEL = 6  # of deflate
+
+
+class AssetWriter:
+    """Write an asset chunk by chunk; `finish` publishes it under its name, leaving without it removes it."""
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        handle, name = tempfile.mkstemp(prefix=f".{self.path.name}.", dir=self.path.parent)
+        os.close(handle)
+        self._temporary = Path(name)
+        self._zip = zipfile.ZipFile(self._temporary, "w", zipfile.ZIP_DEFLATED)
+        self._entries: dict[str, str] = {}
+        self._pending: dict[int, dict[str, list[NDArray[Any]]]] = {}
+        self._chunks: dict[int, int] = {}
+        self._faces: list[dict[str, Any]] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._zip.close()
+        self._temporary.unlink(missing_ok=True)
+
+    def add_frame(self, track: int, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Append one frame of a track: points, skin_points, radius, score, pose, box, matte."""
+        pending = self._pending.setdefault(track, {name: [] for name in FRAME_ARRAYS})
+        for name in FRAME_ARRAYS:
+            pending[name].append(arrays[name])
+        if len(pending["score"]) == CHUNK_FRAMES:
+            self._flush(track)
+
+    def add_face(self, record: FaceRecord, track: int | None = None) -> None:
+        """Close a face: flush its frames and write its key frames. Faces are added in the order of their indices.
+
+        track: the number its frames were added under, its index when None. Tracks are numbered as they are found and
+        faces when all are known.
+        """
+        track = record.summary.index if track is None else track
+        if self._pending.get(track, {}).get("score"):
+            self._flush(track)
+        self._array(f"track{track}/colors", np.stack([key.colors for key in record.key_frames]))
+        self._array(f"track{track}/visible", np.stack([key.visible for key in record.key_frames]))
+        for k, key in enumerate(record.key_frames):
+            self._array(f"track{track}/skin/{k:06d}", key.skin)
+        key_frames = [key.frame for key in record.key_frames]
+        self._faces.append({**asdict(record.summary), "track": track, "key_frames": key_frames})
+
+    def finish(self, manifest: Mapping[str, Any]) -> None:
+        """Write the manifest and move the file to its name."""
+        body = {"format": FORMAT_VERSION, **manifest, "faces": self._faces, "entries": self._entries}
+        data = json.dumps(body, indent=1).encode()
+        self._entry("manifest.json", data)
+        self._zip.comment = hashlib.sha256(data).hexdigest().encode()
+        self._zip.close()
+        self._temporary.chmod(0o644)
+        self._temporary.replace(self.path)
+
+    def _flush(self, track: int) -> None:
+        chunk = self._chunks.get(track, 0)
+        for name, rows in self._pending[track].items():
+            values = encode(name, np.stack(rows))
+            self._array(f"track{track}/{name}/{chunk:06d}", values)
+            rows.clear()
+        self._chunks[track] = chunk + 1
+
+    def _array(self, name: str, array: NDArray[Any]) -> None:
+        data = to_bytes(array)
+        self._entry(name, data)
+        self._entries[name] = hashlib.sha256(data).hexdigest()
+
+    def _entry(self, name: str, data: bytes) -> None:
+        # a fixed date: the same clip gives the same bytes
+        entry = zipfile.ZipInfo(name, date_time=(1980, 1, 1, 0, 0, 0))
+        self._zip.writestr(entry, data, zipfile.ZIP_DEFLATED, _LEVEL)

@@ -1,0 +1,206 @@
+"""Faces followed in one reading of a clip: landmarks run ahead, what needs their smoothed course comes behind.
+
+Smoothing without lag needs what comes after, and a track counts as a face only once enough of it was seen. Instead of
+reading the clip twice, the surroundings of each face are kept for some dozens of frames, a tenth of a frame each; the
+whole clip is never held. What cannot be told that soon is left for a second reading: tracks that begin too doubtful,
+too small, or without one good view of the face.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+
+from pvg.curves import Floats
+from pvg.keyframes import FADE_REACH, faded, first_good_row, good_rows, surroundings
+from pvg.landmarks import MIN_SEEN, FaceTrack, FaceTracker, OpenTrack, smooth
+from pvg.picture import Picture
+
+CHUNK = 32  # frames a face is followed by at a time
+LOOKAHEAD = 32  # frames that must be known after the last of them; the smoothing's filters reach 22
+HISTORY = 96  # frames before them that tell jitter from movement
+
+
+@dataclass(frozen=True, eq=False)
+class KeyView:
+    """The frame whose colours a track is known by.  row: counted from the track's first frame."""
+
+    row: int
+    picture: Picture
+    points: Floats
+    skin_points: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """Some consecutive frames of one track, with the final landmarks.
+
+    number: the track's, in the order they were found;  start: its first row here, counted from the track's first;
+    rows: their landmarks;  pictures: of every row, the face's surroundings;  visible: (n,) float32, see `opacity`;
+    key: with the first stretch of a track.
+    """
+
+    number: int
+    start: int
+    rows: FaceTrack
+    pictures: tuple[Picture, ...]
+    visible: Floats
+    key: KeyView | None
+
+
+@dataclass(frozen=True, eq=False)
+class Advance:
+    """settled: so many first frames of the clip need nothing more;  stretches: what became final."""
+
+    settled: int
+    stretches: tuple[Stretch, ...]
+
+
+@dataclass
+class _Course:
+    """A track on its way: what is kept until its landmarks are final."""
+
+    number: int
+    track: OpenTrack
+    aspect: float  # of the raster that its skin is cut on
+    pictures: dict[int, Picture] = field(default_factory=dict)
+    done: int = 0  # the next frame to settle
+    begun: bool = False
+    left: bool = False  # for a second reading
+
+
+class Following:
+    """Follows all faces of a clip; `advances` is to be run through once.
+
+    Then  cuts: first frames of the shots but the first;  frame_count;  left: the tracks for a second reading, not
+    smoothed;  widest: the width in px of the widest track that is a face but too small, 0 without one.
+    """
+
+    def __init__(self, *, min_face_px: float, frame_rate: float, from_first_row: bool = False) -> None:
+        self._tracker = FaceTracker(frame_rate=frame_rate)
+        self._min_face_px = min_face_px
+        self._from_first_row = from_first_row
+        self._courses: list[_Course] = []
+        self._later: list[OpenTrack] = []
+        self._found = 0
+        self._finished = False
+
+    @property
+    def cuts(self) -> tuple[int, ...]:
+        """First frames of the shots but the first."""
+        return tuple(self._tracker.cuts)
+
+    @property
+    def frame_count(self) -> int:
+        """Frames that were read."""
+        return self._tracker.frame_count
+
+    def left(self) -> tuple[tuple[FaceTrack, ...], float]:
+        """After all frames: the wide enough tracks for a second reading, and the width of the widest of the others."""
+        enough = min(MIN_SEEN, self.frame_count)
+        tracks = [track.raw() for track in self._later if track.is_face(enough)]
+        narrow = [track.width_px for track in tracks if track.width_px < self._min_face_px]
+        return tuple(t for t in tracks if t.width_px >= self._min_face_px), max(narrow, default=0.0)
+
+    def advances(self, frames: Iterable[tuple[int, Picture]]) -> Iterator[Advance]:
+        """What becomes final with each frame; frames: (index, picture) of the whole clip in order."""
+        for index, picture in frames:
+            self._tracker.step(index, picture)
+            stretches = self._close()
+            for track in self._tracker.open:
+                course = self._course(track)
+                if not course.left:
+                    course.pictures[index] = picture.part(
+                        surroundings(track.meshes[-1][0], track.meshes[-1][1], course.aspect)
+                    )
+                    if track.last - LOOKAHEAD - course.done >= CHUNK:
+                        stretches += self._settle(course, course.done + CHUNK)
+            yield Advance(self._settled(index + 1), tuple(stretches))
+        self._tracker.closed += self._tracker.open
+        self._tracker.open = []
+        self._finished = True
+        yield Advance(self.frame_count, tuple(self._close()))
+
+    def _settled(self, upto: int) -> int:
+        return min([upto, *(course.done for course in self._courses if not course.left)])
+
+    def _course(self, track: OpenTrack) -> _Course:
+        for course in self._courses:
+            if course.track is track:
+                return course
+        x0, y0, x1, y1 = surroundings(track.meshes[0][0], track.meshes[0][1])
+        course = _Course(self._found, track, (x1 - x0) / (y1 - y0), done=track.first)
+        self._found += 1
+        self._courses.append(course)
+        return course
+
+    def _close(self) -> list[Stretch]:
+        """Settle all that is left of the tracks that ended."""
+        closed = {id(track) for track in self._tracker.closed}
+        self._tracker.closed = []
+        ended = [course for course in self._courses if id(course.track) in closed]
+        self._courses = [course for course in self._courses if id(course.track) not in closed]
+        out = []
+        for course in ended:
+            if not course.left:
+                out += self._settle(course, course.track.last + 1)
+            if course.left:
+                self._later.append(course.track)
+        return out
+
+    def _settle(self, course: _Course, stop: int) -> list[Stretch]:
+        """Make the landmarks of the frames up to `stop` final, if the track is one to follow."""
+        track, start = course.track, course.done
+        window = smooth(track.raw(start - HISTORY))
+        key = None
+        if not course.begun:
+            key = self._key_view(course, window, ended=stop == track.last + 1)
+            if key is None:
+                course.left = True
+                course.pictures.clear()
+                return []
+            course.begun = True
+        before, beyond = max(track.first, start - FADE_REACH - 1), min(track.last + 1, stop + FADE_REACH + 1)
+        visible = faded(
+            track.seen(before, beyond),
+            before=before > track.first or track.first == 0 or track.first in self._tracker.cuts,
+            after=beyond <= track.last or self._whole_to(track.last + 1),
+        )[start - before : stop - before]
+        pictures = tuple(course.pictures.pop(frame) for frame in range(start, stop))
+        course.done = stop
+        track.forget(stop - HISTORY)
+        rows = rows_between(window, start, stop)
+        return [Stretch(course.number, start - track.first, rows, pictures, visible, key)]
+
+    def _whole_to(self, frame: int) -> bool:
+        """Whether a shot or the clip ends before `frame`."""
+        return frame in self._tracker.cuts or (self._finished and frame >= self.frame_count)
+
+    def _key_view(self, course: _Course, window: FaceTrack, *, ended: bool) -> KeyView | None:
+        """The view that a track starts from; None when it is no face yet, too small, or shows none that is good."""
+        # one or two frames can be a face only when the clip has no more
+        enough = MIN_SEEN if not (ended and self._finished) else min(MIN_SEEN, self.frame_count)
+        if not course.track.is_face(enough) or window.width_px < self._min_face_px:
+            return None
+        row = 0 if self._from_first_row else first_good_row(window)
+        if not (ended or self._from_first_row or good_rows(window)[row]):
+            return None
+        return key_view(window, row, course.pictures[window.first + row])
+
+
+def key_view(track: FaceTrack, row: int, picture: Picture) -> KeyView:
+    """A row of a track, seen in a picture, as its key view."""
+    return KeyView(row, picture, track.points[row], track.skin_points[row])
+
+
+def rows_between(track: FaceTrack, start: int, stop: int) -> FaceTrack:
+    """The part of a track in the frames [start, stop)."""
+    part = slice(start - track.first, stop - track.first)
+    return replace(
+        track,
+        first=start,
+        points=track.points[part],
+        skin_points=track.skin_points[part],
+        score=track.score[part],
+        pose=track.pose[part],
+    )

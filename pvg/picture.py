@@ -1,0 +1,152 @@
+"""Pictures looked at through windows: only what is looked at is read, averaged and converted to RGB.
+
+A face fills a tenth of a frame, and the networks and the skin want it small, so converting whole frames would cost
+more than all that is done with them. `RgbPicture` is the picture of an array; `pvg.video` has one of coded planes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Bytes = NDArray[np.uint8]
+Floats = NDArray[np.float32]
+Affine = NDArray[np.float64]
+Box = tuple[int, int, int, int]
+
+SUPERSAMPLE = 6
+
+
+class Picture(Protocol):
+    """A picture, or the part of one that was kept; coordinates are always those of the whole.
+
+    What is asked for beyond it repeats its edge.
+    """
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(height, width) of the whole picture."""
+
+    @property
+    def box(self) -> Box:
+        """x0, y0, x1, y1 of what is held, pixels x0 … x1 − 1."""
+
+    def part(self, box: Box) -> Picture:
+        """A copy of what is held within the box, perhaps a pixel more; at least one pixel."""
+
+    def rgb(self) -> Bytes:
+        """All that is held, (h, w, 3) uint8 RGB: its first pixel lies at the box's x0, y0."""
+
+    def thumbnail(self, size: tuple[int, int]) -> Bytes:
+        """What is held at a small size (w, h), (h, w, 3) uint8 RGB, averaged from some of its pixels."""
+
+    def reduced(self, reduction: float) -> tuple[Picture, int]:
+        """What is held as a picture of its own, 2×2 pixels averaged as often as `reduction` allows, and the factor.
+
+        Pixel p of it covers the pixels factor·p … factor·p + factor − 1 from the box's corner on. An odd last row or
+        column is dropped.
+        """
+
+    def warp(self, to_source: Affine, size: tuple[int, int]) -> Bytes:
+        """(h, w, 3) uint8 RGB for size (w, h): pixel (x, y) is read bilinearly at to_source (2, 3) · (x, y, 1)."""
+
+    def cells(self, origin: Floats, step: float, shape: tuple[int, int]) -> Bytes:
+        """The picture averaged over square cells: (h, w, 3) uint8 RGB for shape (h, w).
+
+        Cell (r, c) spans `step` pixels from origin (2,) + step · (c, r) on; pixel centres are at integers and pixel
+        (0, 0) reaches from −½ to ½, so its own corner is the origin (0, 0).
+        """
+
+
+def samples_a_cell(step: float) -> int:
+    """How many points a side a cell of `step` pixels is averaged from."""
+    return min(SUPERSAMPLE, max(1, int(np.ceil(step - 0.25))))
+
+
+def halved(plane: NDArray[Any]) -> NDArray[Any]:
+    """2×2 pixels averaged; an odd last row or column is dropped.
+
+    Ten times as fast as one cv2.INTER_AREA step to any size, whose compiled path takes exact halves only.
+    """
+    height, width = (size // 2 for size in plane.shape[:2])
+    return np.asarray(cv2.resize(plane[: 2 * height, : 2 * width], (width, height), interpolation=cv2.INTER_AREA))
+
+
+def clipped(box: Box, within: Box) -> Box:
+    """The common part of two boxes, at least the one pixel of `within` nearest to it."""
+    x0, y0 = min(max(box[0], within[0]), within[2] - 1), min(max(box[1], within[1]), within[3] - 1)
+    x1, y1 = max(min(box[2], within[2]), x0 + 1), max(min(box[3], within[3]), y0 + 1)
+    return x0, y0, x1, y1
+
+
+@dataclass(frozen=True, eq=False)
+class RgbPicture:
+    """The picture of an RGB array.
+
+    pixels: (h, w, 3) uint8;  corner: where its first pixel lies in the whole;  whole: (height, width), its own if None.
+    """
+
+    pixels: Bytes
+    corner: tuple[int, int] = (0, 0)
+    whole: tuple[int, int] | None = None
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(height, width) of the whole picture."""
+        return self.whole or (int(self.pixels.shape[0]), int(self.pixels.shape[1]))
+
+    @property
+    def box(self) -> Box:
+        """x0, y0, x1, y1 of what is held."""
+        x, y = self.corner
+        return x, y, x + int(self.pixels.shape[1]), y + int(self.pixels.shape[0])
+
+    def part(self, box: Box) -> RgbPicture:
+        """See `Picture.part`."""
+        x0, y0, x1, y1 = clipped(box, self.box)
+        x, y = self.corner
+        return RgbPicture(self.pixels[y0 - y : y1 - y, x0 - x : x1 - x].copy(), (x0, y0), self.size)
+
+    def rgb(self) -> Bytes:
+        """See `Picture.rgb`."""
+        return self.pixels
+
+    def thumbnail(self, size: tuple[int, int]) -> Bytes:
+        """See `Picture.thumbnail`."""
+        # every k-th pixel first: averaging a whole large frame would cost more than fitting a face
+        step = max(1, min(self.pixels.shape[0] // (4 * size[1]), self.pixels.shape[1] // (4 * size[0])))
+        sparse = np.ascontiguousarray(self.pixels[::step, ::step])
+        return np.asarray(cv2.resize(sparse, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+    def reduced(self, reduction: float) -> tuple[RgbPicture, int]:
+        """See `Picture.reduced`."""
+        pixels, factor = self.pixels, 1
+        while factor * 2 <= reduction and min(pixels.shape[:2]) >= 2:
+            pixels, factor = np.asarray(halved(pixels), np.uint8), factor * 2
+        return RgbPicture(pixels), factor
+
+    def warp(self, to_source: Affine, size: tuple[int, int]) -> Bytes:
+        """See `Picture.warp`."""
+        matrix = to_source.astype(np.float64)
+        matrix[:, 2] -= self.corner
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        out = cv2.warpAffine(self.pixels, matrix, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(out, np.uint8)
+
+    def cells(self, origin: Floats, step: float, shape: tuple[int, int]) -> Bytes:
+        """See `Picture.cells`."""
+        h, w = shape
+        k = samples_a_cell(step)
+        fine = step / k
+        x, y = np.asarray(origin, np.float64) - 0.5 + 0.5 * fine
+        part = self.warp(np.array([[fine, 0, x], [0, fine, y]]), (w * k, h * k))
+        return part if k == 1 else np.asarray(cv2.resize(part, (w, h), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def as_picture(picture: Picture | Bytes) -> Picture:
+    """An array (H, W, 3) uint8 RGB as a picture; a picture as it is."""
+    return RgbPicture(np.ascontiguousarray(picture)) if isinstance(picture, np.ndarray) else picture

@@ -1,0 +1,133 @@
+"""One face of a clip while it is being vectorised: its skin followed, its colours fitted, its frames written."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pvg.asset import AssetWriter, FaceRecord, FaceSummary, KeyFrame
+from pvg.complexion import skin_sample
+from pvg.curves import (
+    BOUNDARY,
+    Floats,
+    boundary_points,
+    boundary_radius,
+    face_frame,
+    place,
+    stack_points,
+    table_labels,
+)
+from pvg.following import KeyView, Stretch, rows_between
+from pvg.keycolors import fit_key_frame
+from pvg.landmarks import FaceShape, FaceTrack, frontal_ratios
+from pvg.picture import Picture
+from pvg.skin import MaskMethod, Matte, SkinTracker, fit_skin_model
+
+ADVISED_FACE_PX = 200  # the paper's least face size
+_INSET = 0.012  # boundary samples lie this part of the face's width inside the mask
+
+
+class VectorFace:
+    """The asset's part of one track, made row by row.
+
+    number: of the track;  first: its first frame;  left_to_right: its place in that frame, pixels.
+    """
+
+    def __init__(
+        self, number: int, begin: FaceTrack, key: KeyView, *, method: MaskMethod, seed: int, reset: int | None
+    ) -> None:
+        """begin: the track's first rows or all;  reset: a new key frame after so many frames, None for never."""
+        self.number = number
+        self.first = begin.first
+        self.left_to_right = float(begin.points[0, :, 0].mean())
+        self._last = begin.first
+        self._reset = reset
+        self._seed = seed
+        self._extents: list[Floats] = []
+        self._ratios: list[Floats] = []
+        self._keys: dict[int, KeyFrame] = {}
+        model = fit_skin_model(key.picture, key.points, key.skin_points, method=method)
+        self._skin = SkinTracker(model)
+        self._key_row = key.row
+        self.key_matte = SkinTracker(model).step(key.picture, key.points, key.skin_points)
+        self._fit(key.row, key.picture, key.points, key.skin_points, self.key_matte)
+
+    def add(self, stretch: Stretch, writer: AssetWriter) -> None:
+        """Follow the skin through the next rows and write them."""
+        for k, picture in enumerate(stretch.pictures):
+            rows, row = stretch.rows, stretch.start + k
+            matte = self._skin.step(picture, rows.points[k], rows.skin_points[k])
+            if self._reset is not None and row % self._reset == 0 and row not in self._keys:
+                self._fit(row, picture, rows.points[k], rows.skin_points[k], matte)
+            self._write(rows, k, matte, float(stretch.visible[k]), writer)
+        self._remember(stretch.rows)
+
+    def add_key_frame_only(self, track: FaceTrack, writer: AssetWriter) -> None:
+        """Write just the key frame of the track, which is all that a reference needs."""
+        self.first = track.first + self._key_row
+        self._write(track, self._key_row, self.key_matte, 1.0, writer)
+        self._remember(rows_between(track, self.first, self.first + 1))
+
+    def shape(self) -> FaceShape:
+        """What tells the person."""
+        return FaceShape(self.first, self._last, np.concatenate(self._ratios))
+
+    def record(self, index: int) -> FaceRecord:
+        """The face's summary and key frames, once all its rows are added."""
+        keys = tuple(self._keys[row] for row in sorted(self._keys))
+        skin = keys[0].visible & (table_labels().group == 0) & (table_labels().curve != BOUNDARY)
+        colors = keys[0].colors[skin] if skin.any() else keys[0].colors
+        width = float(np.median(np.concatenate(self._extents)))
+        warnings: tuple[str, ...] = ()
+        if width < ADVISED_FACE_PX:
+            warnings = (f"the face is {width:.0f} px wide; {ADVISED_FACE_PX} px or more is advised",)
+        summary = FaceSummary(
+            index=index,
+            first_frame=self.first,
+            last_frame=self._last,
+            width_px=round(width, 1),
+            skin_rgb=tuple(int(v) for v in np.rint(np.median(colors, axis=0))),  # type: ignore[arg-type]
+            person=index,
+            warnings=warnings,
+        )
+        return FaceRecord(summary, keys)
+
+    def _remember(self, rows: FaceTrack) -> None:
+        self._last = rows.last
+        self._extents.append(rows.extents[rows.score > 0])
+        self._ratios.append(frontal_ratios(rows))
+
+    def _fit(self, row: int, picture: Picture, points: Floats, skin_points: Floats, matte: Matte) -> None:
+        boundary = boundary_points(_radius(points, matte), points)
+        positions = place(table_labels(), stack_points(points, skin_points), boundary)
+        x0, y0, x1, y1 = matte.box
+        part = picture.part((int(x0) - 2, int(y0) - 2, int(x1) + 3, int(y1) + 3))
+        # the part's own coordinates from here on
+        rgb, corner = part.rgb(), np.array(part.box[:2], np.float32)
+        local = Matte((matte.box - np.tile(corner, 2)).astype(np.float32), matte.alpha, matte.mask)
+        colors, visible = fit_key_frame(rgb, local, positions - corner, face_frame(points).width, self._seed)
+        alpha = local.alpha_at(*(np.arange(n, dtype=np.float32) for n in (rgb.shape[1], rgb.shape[0])))
+        skin = skin_sample(rgb, alpha, points - corner, skin_points - corner)
+        self._keys[row] = KeyFrame(self.first + row, colors, visible, skin)
+
+    def _write(self, rows: FaceTrack, k: int, matte: Matte, visible: float, writer: AssetWriter) -> None:
+        arrays: dict[str, NDArray[Any]] = {
+            "points": rows.points[k],
+            "skin_points": rows.skin_points[k],
+            "radius": _radius(rows.points[k], matte),
+            "score": rows.score[k : k + 1].astype(np.float32),
+            "pose": rows.pose[k].astype(np.float32),
+            "box": matte.box,
+            "matte": matte.alpha if visible == 1 else np.rint(matte.alpha * visible).astype(np.uint8),
+        }
+        writer.add_frame(self.number, arrays)
+
+
+def _radius(points: Floats, matte: Matte) -> Floats:
+    """Boundary radii in source pixels, from the matte over its box."""
+    inset = _INSET * face_frame(points).width
+    cells = boundary_radius(matte.alpha.astype(np.float32) / 255.0, matte.to_raster(points))
+    radius: Floats = np.maximum(cells * matte.step - inset, 0.0).astype(np.float32)
+    return radius

@@ -1,0 +1,136 @@
+"""The picture of coded planes: windows of a frame, read and averaged in its own planes and only then made RGB."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pvg._cells import average_cells, codes_to_rgb, taps
+from pvg.picture import Affine, Box, Bytes, Floats, clipped, halved, samples_a_cell
+from pvg.video.formats import Frame, PixelFormat, Plane, Planes
+
+
+@dataclass(frozen=True, eq=False)
+class PlanePicture:
+    """A frame's planes, or a part of them, as a picture; see `pvg.picture.Picture`.
+
+    corner: where the first luma pixel lies in the whole, a multiple of the chroma planes' subsampling;
+    whole: (height, width). Reading gives the RGB of `PixelFormat.fast_rgb` within 2 levels, averages within 1.
+    """
+
+    format: PixelFormat
+    planes: Planes
+    corner: tuple[int, int]
+    whole: tuple[int, int]
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(height, width) of the whole picture."""
+        return self.whole
+
+    @property
+    def box(self) -> Box:
+        """x0, y0, x1, y1 of what is held."""
+        x, y = self.corner
+        return x, y, x + int(self.planes[0].shape[1]), y + int(self.planes[0].shape[0])
+
+    def part(self, box: Box) -> PlanePicture:
+        """See `Picture.part`; it begins at whole chroma samples and has one more all around."""
+        (x, y), held = self.corner, self.box
+        log2x, log2y = self.format.chroma_log2
+        wide, high = 1 << log2x, 1 << log2y
+        x0, y0, x1, y1 = clipped((box[0] - wide, box[1] - high, box[2] + wide, box[3] + high), held)
+        x0, y0 = x0 - (x0 - x) % wide, y0 - (y0 - y) % high
+        planes = [self.planes[0][y0 - y : y1 - y, x0 - x : x1 - x].copy()]
+        across, down = slice((x0 - x) >> log2x, -(-(x1 - x) >> log2x)), slice((y0 - y) >> log2y, -(-(y1 - y) >> log2y))
+        planes += [plane[down, across].copy() for plane in self.planes[1:]]
+        return PlanePicture(self.format, (planes[0], planes[1], planes[2]), (x0, y0), self.whole)
+
+    def rgb(self) -> Bytes:
+        """See `Picture.rgb`."""
+        return self.format.fast_rgb(self.planes)
+
+    def thumbnail(self, size: tuple[int, int]) -> Bytes:
+        """See `Picture.thumbnail`."""
+        height, width = self.planes[0].shape
+        return self._cells(np.zeros(2), (width / size[0], height / size[1]), (size[1], size[0]))
+
+    def reduced(self, reduction: float) -> tuple[PlanePicture, int]:
+        """See `Picture.reduced`."""
+        (log2x, log2y), factor = self.format.chroma_log2, 1
+        luma, *chroma = self.planes
+        while factor * 2 <= reduction and min(luma.shape) >= 2 << max(log2x, log2y):
+            # whole chroma samples of the half-size picture only
+            height, width = luma.shape[0] >> 1 + log2y, luma.shape[1] >> 1 + log2x
+            luma = _as_plane(halved(luma[: height << 1 + log2y, : width << 1 + log2x]))
+            chroma = [_as_plane(halved(plane[: 2 * height, : 2 * width])) for plane in chroma]
+            factor *= 2
+        height, width = luma.shape
+        return PlanePicture(self.format, (luma, chroma[0], chroma[1]), (0, 0), (height, width)), factor
+
+    def warp(self, to_source: Affine, size: tuple[int, int]) -> Bytes:
+        """See `Picture.warp`."""
+        local = to_source.astype(np.float64)
+        local[:, 2] -= self.corner
+        log2x, log2y = self.format.chroma_log2
+        fine = local * np.array([[0.5**log2x], [0.5**log2y]])
+        # centres: luma x lies at (x + 1/2) / 2 - 1/2 of a chroma plane of half the size
+        fine[:, 2] += 0.5 * np.array([0.5**log2x - 1, 0.5**log2y - 1])
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        codes = [
+            cv2.warpAffine(plane, matrix, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+            for plane, matrix in zip(self.planes, (local, fine, fine), strict=True)
+        ]
+        return self._to_rgb(codes[0], codes[1], codes[2])
+
+    def cells(self, origin: Floats, step: float, shape: tuple[int, int]) -> Bytes:
+        """See `Picture.cells`."""
+        return self._cells(np.asarray(origin, np.float64) - self.corner, (step, step), shape)
+
+    def _cells(self, corner: NDArray[np.float64], steps: tuple[float, float], shape: tuple[int, int]) -> Bytes:
+        log2 = self.format.chroma_log2
+        luma = _averaged(self.planes[0], corner, steps, shape)
+        # measured from the planes' edges, not from pixel centres, places and lengths simply scale
+        place, sides = corner * 0.5 ** np.array(log2), (steps[0] / (1 << log2[0]), steps[1] / (1 << log2[1]))
+        blue, red = (_averaged(plane, place, sides, shape) for plane in self.planes[1:])
+        return self._to_rgb(luma, blue, red)
+
+    def _to_rgb(self, luma: NDArray[Any], blue: NDArray[Any], red: NDArray[Any]) -> Bytes:
+        out = np.empty((*luma.shape, 3), np.uint8)
+        codes_to_rgb(luma, blue, red, *_affine(self.format), out)
+        return out
+
+
+def _as_plane(plane: NDArray[Any]) -> Plane:
+    return plane
+
+
+@lru_cache(maxsize=8)
+def _affine(pixel_format: PixelFormat) -> tuple[Floats, Floats]:
+    """The (3, 3) matrix and (3,) offset from codes to RGB, 0-255."""
+    inverse = np.linalg.inv(pixel_format.matrix)
+    return inverse.astype(np.float32), (-inverse @ pixel_format.offset).astype(np.float32)
+
+
+def _averaged(plane: Plane, corner: NDArray[np.float64], steps: tuple[float, float], shape: tuple[int, int]) -> Floats:
+    """A plane over cells: corner (2,) x, y of the first one measured from the plane's own; steps along x and y."""
+    weights = []
+    for axis in (0, 1):
+        count, step = shape[1 - axis], steps[axis]
+        k = samples_a_cell(step)
+        start, cells = np.empty(count, np.int32), np.empty(count, np.int32)
+        first = float(corner[axis]) + 0.5 * step / k - 0.5
+        weights += [start, cells, taps(first, step, k, plane.shape[1 - axis], start, cells)]
+    out = np.empty(shape, np.float32)
+    average_cells(plane, weights[0], weights[1], weights[2], weights[3], weights[4], weights[5], out)
+    return out
+
+
+def picture_of(frame: Frame) -> PlanePicture:
+    """A frame as a picture; its planes are not copied."""
+    return PlanePicture(frame.format, frame.planes, (0, 0), (frame.height, frame.width))
