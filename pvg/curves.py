@@ -16,6 +16,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pvg._geometry import frame_numbers
+
 Floats = NDArray[np.float32]
 
 JAW = tuple(range(33))
@@ -215,13 +217,8 @@ def face_frame(points: Floats) -> FaceFrame:
 
     The direction comes from the line between the eye contours' centres, which speech and smiles do not move.
     """
-    left, right = points[52:58].mean(axis=0), points[58:64].mean(axis=0)
-    across = right - left
-    length = float(np.hypot(*across))
-    down = np.array([-across[1], across[0]], np.float32) / max(length, 1e-6)
-    center = (left + right) / 2 + down * 0.75 * length
-    extent = (points[:33] - center) @ np.array([down[1], -down[0]], np.float32)
-    return FaceFrame(center.astype(np.float32), down, float(extent.max() - extent.min()))
+    x, y, down_x, down_y, width = frame_numbers(np.asarray(points, np.float64))
+    return FaceFrame(np.array([x, y], np.float32), np.array([down_x, down_y], np.float32), width)
 
 
 def _rays(frame: FaceFrame) -> Floats:

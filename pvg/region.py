@@ -56,7 +56,7 @@ def open_region(data: FaceFrameData, labels: CurveLabels, width: int, height: in
     x0, y0 = (max(0, int(np.floor(v)) // align * align) for v in data.box[:2])
     x1 = min(width, -(-int(np.ceil(data.box[2])) // align) * align)
     y1 = min(height, -(-int(np.ceil(data.box[3])) // align) * align)
-    if x1 - x0 < 2 or y1 - y0 < 2 or data.score <= 0:
+    if x1 - x0 < 2 or y1 - y0 < 2 or data.score <= 0 or not data.matte.any():
         return None
     matte = Matte(box=data.box, alpha=data.matte, mask=data.matte >= 128)
     alpha = matte.alpha_at(np.arange(x0, x1, dtype=np.float32), np.arange(y0, y1, dtype=np.float32))

@@ -124,7 +124,7 @@ class Renderer:
                 continue
             labels, colors = self._colors[face].at(frame.index) if face in self._colors else (table_labels(), None)
             region = open_region(data, labels, frame.width, frame.height, align)
-            if region is not None and region.alpha.any():
+            if region is not None:
                 found.append((face, region, colors))
         divided = divide_overlaps([region for _, region, _ in found])
         return [(face, region, colors) for (face, _, colors), region in zip(found, divided, strict=True)]

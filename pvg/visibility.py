@@ -102,7 +102,8 @@ def _matte_at(data: FaceFrameData, positions: Floats, unit: float) -> Floats:
     """(n,) the matte about the positions in [0, 1], whatever the opacity of a face that is being lost."""
     step = float(data.box[2] - data.box[0]) / data.matte.shape[1]
     full = max(int(data.matte.max()), 1)
-    soft = cv2.GaussianBlur(data.matte, (0, 0), max(0.5, _MATTE_BLUR * unit / step))
+    side = 2 * round(_MATTE_BLUR * unit / step * 1.7) + 1  # two boxes are as wide as a Gaussian of that spread
+    soft = cv2.blur(cv2.blur(data.matte, (side, side)), (side, side))
     cells = ((positions - data.box[:2] + 0.5) / step - 0.5).astype(np.float32)
     x, y = (np.ascontiguousarray(cells[None, :, axis]) for axis in (0, 1))
     read = cv2.remap(soft.astype(np.float32), x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
