@@ -1,0 +1,112 @@
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+from pvg._threads import DEPTH, Sink, ahead
+
+
+def alive() -> list[str]:
+    return [thread.name for thread in threading.enumerate() if thread.name.startswith("pvg-")]
+
+
+def test_items_made_ahead_come_whole_and_in_order() -> None:
+    assert list(ahead(iter(range(100)), depth=3)) == list(range(100))
+    assert alive() == []
+
+
+def test_an_error_comes_after_the_items_made_before_it() -> None:
+    def broken() -> Iterator[int]:
+        yield 1
+        yield 2
+        raise OSError("disk")
+
+    items = ahead(broken())
+    seen = [next(items), next(items)]
+    with pytest.raises(OSError, match="disk"):
+        next(items)
+    assert seen == [1, 2]
+    assert alive() == []
+
+
+def test_leaving_early_ends_the_thread_and_closes_the_source() -> None:
+    closed = threading.Event()
+
+    def endless() -> Iterator[int]:
+        try:
+            k = 0
+            while True:
+                yield k
+                k += 1
+        finally:
+            closed.set()
+
+    items = ahead(endless())
+    assert [next(items) for _ in range(3)] == [0, 1, 2]
+    items.close()
+    assert closed.is_set()
+    assert alive() == []
+
+
+def test_only_a_few_items_are_made_ahead() -> None:
+    made: list[int] = []
+
+    def counting() -> Iterator[int]:
+        for k in range(1000):
+            made.append(k)
+            yield k
+
+    items = ahead(counting(), depth=2)
+    next(items)
+    items.close()
+    assert len(made) <= 1 + 2 + 2  # taken, in the queue, one waiting to be put, one after the queue was emptied
+
+
+def test_a_sink_does_all_work_in_order_before_it_is_left() -> None:
+    done: list[int] = []
+    with Sink(done.append) as sink:
+        for k in range(5 * DEPTH):
+            sink.put(k)
+    assert done == list(range(5 * DEPTH))
+    assert alive() == []
+
+
+def test_a_failing_sink_raises_once_drops_the_rest_and_never_blocks() -> None:
+    done: list[int] = []
+
+    def work(item: int) -> None:
+        if item == 2:
+            raise OSError("disk")
+        done.append(item)
+
+    def feed() -> None:
+        with Sink(work) as sink:
+            for k in range(10 * DEPTH):
+                sink.put(k)
+
+    with pytest.raises(OSError, match="disk"):
+        feed()
+    assert done == [0, 1]
+    assert alive() == []
+
+
+def test_an_error_outside_drops_what_still_waits() -> None:
+    go, done = threading.Event(), []
+
+    def work(item: int) -> None:
+        go.wait(5)
+        done.append(item)
+
+    def feed() -> None:
+        with Sink(work) as sink:
+            for k in range(DEPTH):
+                sink.put(k)
+            threading.Timer(0.2, go.set).start()
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        feed()
+    assert len(done) <= 1
+    assert alive() == []
