@@ -17,7 +17,7 @@ _DARKEST = (15.0, 25.0)  # L: darker cells show no hue
 _MOST_COLORFUL = 1.6  # times the skin's chroma: flushed, or in deep shade
 _KNOWN = 0.95  # of a cell carried from the key frame that was open skin there
 _LEAST_PART = 0.006  # squared face sizes: smaller spots are blemishes, or lips that moved
-_BESIDE = 0.16  # face sizes
+_BETWEEN = 0.16  # face sizes: half of the widest gap, a brow and an eye
 _SOFT = 0.7  # cells
 
 
@@ -49,9 +49,9 @@ def occlusion(lab: Floats, scale: ColorScale, was_open: Floats, where: Places) -
     if count <= 1 or not kept.any():
         return np.zeros(lab.shape[:2], np.float32)
     solid = np.where(cv2.dilate(kept[labels].astype(np.uint8), np.ones((3, 3), np.uint8)) > 0, solid, 0)
-    # features have hues of their own: what lies before one of them is told by what lies beside it
-    reach = 2 * max(1, round(_BESIDE * where.size)) + 1
-    beside = cv2.dilate(solid, np.ones((reach, reach), np.uint8))
-    solid = np.where(where.features, np.minimum(other, beside), solid)
+    # features have hues of their own: what lies before one of them is told by what lies on both sides of it
+    reach = 2 * max(1, round(_BETWEEN * where.size)) + 1
+    between = cv2.morphologyEx(solid, cv2.MORPH_CLOSE, np.ones((reach, reach), np.uint8))
+    solid = np.where(where.features, np.minimum(other, between), solid)
     grown = cv2.dilate(solid, np.ones((3, 3), np.uint8))
     return np.asarray(cv2.GaussianBlur(grown, (0, 0), _SOFT), np.float32)

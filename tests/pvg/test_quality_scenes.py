@@ -30,7 +30,7 @@ PINNED = {
     "flutter": 0.545,  # levels: how much a skin point's correction changes while the face moves
     "leak": 0.029,  # levels
     "light": 0.815,  # levels: how much a change of light changes the correction
-    "occluder": 0.54,  # levels on the occluder, over the face
+    "occluder": 0.825,  # levels on the occluder, over the face
     "beside the occluder": 2.03,  # levels between two frames, away from it
     "after the occluder": 0.37,  # levels, against before
 }

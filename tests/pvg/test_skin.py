@@ -218,6 +218,20 @@ def test_a_fringe_is_left_out_of_the_still_and_of_the_matte(hair: tuple[float, f
     assert fringe.sum() > 400
 
 
+def test_the_deep_shade_of_a_brim_is_skin() -> None:
+    scene = _scene(width=150)
+    ys, xs = np.mgrid[: scene.rgb.shape[0], : scene.rgb.shape[1]]
+    oval, brow = scene.skin_points[:36], scene.points[33:43, 1].min()
+    hat = np.hypot((xs - oval[:, 0].mean()) / 135, (ys - oval[:, 1].mean()) / 170) < 1
+    shade = scene.truth & (ys < brow - 4)
+    rgb = np.where(shade[..., None], scene.rgb * 0.1, scene.rgb).astype(np.uint8)
+    rgb[hat & ~scene.truth & (ys < brow - 4)] = (45, 60, 150)
+    mask = skin_mask(rgb, scene.points, scene.skin_points)
+    assert shade.sum() > 500
+    assert mask[shade].mean() > 0.9
+    assert _iou(mask, scene.truth) > 0.95
+
+
 def test_a_tie_of_the_skins_colour_is_left_out() -> None:
     scene = _scene()
     chin = scene.points[16]
@@ -333,6 +347,25 @@ def test_the_matte_does_not_fade_along_the_pictures_edge() -> None:
     assert last[column - 20 : column + 20].min() > 0.95
     rows = matte.box[1] + (np.arange(matte.mask.shape[0]) + 0.5) * matte.step - 0.5
     assert not matte.mask[rows > scene.rgb.shape[0] - 0.5].any()
+
+
+@pytest.mark.parametrize("tone", ["pale", "tan", "dark"])
+def test_a_coloured_bar_before_the_face_leaves_the_matte_and_the_skin_comes_back(tone: str) -> None:
+    scene = _scene(width=150, tone=tone)
+    tracker = SkinTracker(fit_skin_model(scene.rgb, scene.points, scene.skin_points))
+    columns = np.arange(scene.rgb.shape[1])
+    center = int(scene.points[16, 0])
+    for left in (None, center - 70, center - 40, center - 10, center + 25, None):
+        bar = np.zeros(scene.truth.shape, np.bool_)
+        if left is not None:
+            bar[:, (columns >= left) & (columns < left + 26)] = True
+        rgb = scene.rgb.copy()
+        rgb[bar] = (40, 110, 170)
+        alpha = _alpha_of(tracker.step(rgb, scene.points, scene.skin_points), rgb.shape)
+        core = cv2.erode((bar & scene.truth).astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
+        beside = cv2.erode((scene.truth & ~bar).astype(np.uint8), np.ones((13, 13), np.uint8)) > 0
+        assert alpha[beside].mean() > 0.93
+        assert alpha[core].mean() < 0.12 if core.any() else left is None
 
 
 def test_a_jump_leaves_no_ghost() -> None:
