@@ -20,7 +20,8 @@ SMOOTHNESS = 1e-2  # μ in units of mean diag(BᵀB); predicts held-out pixels a
 RIDGE = 1e-9  # ε
 LEVELS_OF_REFINEMENT = 8.0  # default h_max / h_min
 
-_TOLERANCE = 1e-7  # relative residual of the normal equations
+_TOLERANCE = 1e-6  # relative residual of the normal equations: a thousandth of a level
+_ROUGH_TOLERANCE = 1e-3  # where the solution only says which pixels to trust
 _REWEIGHTINGS = 2
 _MAX_ITERATIONS = 200
 _LUMA = np.array([0.299, 0.587, 0.114])
@@ -248,12 +249,14 @@ def _solve(
     )
     factors = _factorise(sparse.csr_array(gram + damping))
     equations = _NormalEquations(B, damping, trust)
-    shifts = _refine_solution(equations, target, factors, np.zeros((count, target.shape[1])))
-    for _ in range(_REWEIGHTINGS if reweight else 0):
+    rounds = _REWEIGHTINGS if reweight else 0
+    tolerances = [_ROUGH_TOLERANCE] * rounds + [_TOLERANCE]
+    shifts = _refine_solution(equations, target, factors, np.zeros((count, target.shape[1])), tolerances[0])
+    for tolerance in tolerances[1:]:
         error = np.linalg.norm(target - B @ shifts, axis=1)
         limit = max(3.0 * float(np.median(error)), 2.0)
         weights = trust * np.minimum(1.0, limit / np.maximum(error, limit))
-        shifts = _refine_solution(_NormalEquations(B, damping, weights), target, factors, shifts)
+        shifts = _refine_solution(_NormalEquations(B, damping, weights), target, factors, shifts, tolerance)
     return shifts
 
 
@@ -265,7 +268,9 @@ def _factorise(normal: sparse.csr_array) -> SuperLU:
         raise SolverError(f"boundary colours: the normal equations are singular ({error})") from error
 
 
-def _refine_solution(normal: _NormalEquations, target: Floats, factors: SuperLU, start: Floats) -> Floats:
+def _refine_solution(
+    normal: _NormalEquations, target: Floats, factors: SuperLU, start: Floats, tolerance: float
+) -> Floats:
     """Conjugate gradients on all channels at once, preconditioned by `factors`: one step when those are exact."""
     right = normal.project(target)
     scale = np.maximum(np.linalg.norm(right, axis=0), 1e-12)
@@ -275,7 +280,7 @@ def _refine_solution(normal: _NormalEquations, target: Floats, factors: SuperLU,
     before = np.ones(right.shape[1])
     for step in range(_MAX_ITERATIONS + 1):
         miss = float((np.linalg.norm(rest, axis=0) / scale).max())
-        if miss <= _TOLERANCE:
+        if miss <= tolerance:
             return solution
         if step == _MAX_ITERATIONS or not np.isfinite(miss):
             break
