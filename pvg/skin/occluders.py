@@ -22,11 +22,11 @@ _SOFT = 0.7  # cells
 
 
 def off_hue(lab: Floats, scale: ColorScale) -> Floats:
-    """How far colours lab (h, w, 3) are off the line from grey through the skin's hue, in spreads: (h, w)."""
+    """How far colours lab (…, 3) are off the line from grey through the skin's hue, in spreads: (…)."""
     tone = scale.center[1:] / scale.spread[1:]
     color = lab[..., 1:] / scale.spread[1:]
     along = np.clip((color @ tone) / max(float(tone @ tone), 1e-6), 0.0, _MOST_COLORFUL)
-    return np.asarray(np.linalg.norm(color - along[..., None] * tone, axis=2), np.float32)
+    return np.asarray(np.linalg.norm(color - along[..., None] * tone, axis=-1), np.float32)
 
 
 def open_skin(lab: Floats, scale: ColorScale, mask: Bools) -> Floats:
@@ -35,23 +35,31 @@ def open_skin(lab: Floats, scale: ColorScale, mask: Bools) -> Floats:
     return cv2.erode(plain, np.ones((3, 3), np.uint8)).astype(np.float32)
 
 
+def _foreign(lab: Floats, scale: ColorScale) -> Floats:
+    """How surely colours (…, 3) are not skin's in any light: (…) in [0, 1]."""
+    return smoothstep(off_hue(lab, scale), _SKIN, _OTHER) * smoothstep(lab[..., 0], *_DARKEST)
+
+
 def occlusion(lab: Floats, scale: ColorScale, was_open: Floats, where: Places) -> Floats:
     """How surely something lies before the face: (h, w) float32 in [0, 1].
 
     lab: (h, w, 3), in the key frame's light;  was_open: (h, w), `open_skin` carried from the key frame.
     """
-    other = smoothstep(off_hue(lab, scale), _SKIN, _OTHER) * smoothstep(lab[..., 0], *_DARKEST)
-    seen = np.where((was_open > _KNOWN) & ~where.features, other, 0)
+    known = (was_open > _KNOWN) & ~where.features
+    seen = np.zeros(known.shape, np.float32)
+    seen[known] = _foreign(lab[known], scale)
+    if not (seen > 0.5).any():  # as in nearly all frames
+        return np.zeros(known.shape, np.float32)
     solid = cv2.morphologyEx(seen, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     count, labels, stats, _ = cv2.connectedComponentsWithStats((solid > 0.5).astype(np.uint8), connectivity=8)
     kept = stats[:, cv2.CC_STAT_AREA] > _LEAST_PART * where.size**2
     kept[0] = False
     if count <= 1 or not kept.any():
-        return np.zeros(lab.shape[:2], np.float32)
+        return np.zeros(known.shape, np.float32)
     solid = np.where(cv2.dilate(kept[labels].astype(np.uint8), np.ones((3, 3), np.uint8)) > 0, solid, 0)
     # features have hues of their own: what lies before one of them is told by what lies on both sides of it
     reach = 2 * max(1, round(_BETWEEN * where.size)) + 1
     between = cv2.morphologyEx(solid, cv2.MORPH_CLOSE, np.ones((reach, reach), np.uint8))
-    solid = np.where(where.features, np.minimum(other, between), solid)
+    solid = np.where(where.features, np.minimum(_foreign(lab, scale), between), solid)
     grown = cv2.dilate(solid, np.ones((3, 3), np.uint8))
     return np.asarray(cv2.GaussianBlur(grown, (0, 0), _SOFT), np.float32)
