@@ -12,11 +12,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache, cached_property
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from pvg._geometry import frame_numbers
+from pvg._rays import last_crossing
 
 Floats = NDArray[np.float32]
 
@@ -238,17 +238,11 @@ def boundary_radius(matte: Floats, points: Floats) -> Floats:
     twice; between steps it is interpolated, so the boundary moves smoothly as the matte does.
     """
     frame = face_frame(points)
-    reach = float(np.hypot(*matte.shape))
-    steps = np.arange(0.0, reach, _RAY_STEP, dtype=np.float32)
-    places = frame.center + _rays(frame)[:, None, :] * steps[None, :, None]
-    x, y = (np.ascontiguousarray(places[..., axis], np.float32) for axis in (0, 1))
-    along = cv2.remap(matte, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
-    skin = along >= 0.5
-    last = np.minimum(skin.shape[1] - 1 - np.argmax(skin[:, ::-1], axis=1), skin.shape[1] - 2)
-    rows = np.arange(BOUNDARY_SAMPLES)
-    inner, outer = along[rows, last], along[rows, last + 1]
-    fraction = np.clip((inner - 0.5) / np.maximum(inner - outer, 1e-6), 0.0, 1.0)
-    return np.where(skin.any(axis=1), (last + fraction) * _RAY_STEP, 0.0).astype(np.float32)
+    x, y = (np.float32(v) for v in frame.center)
+    count = int(np.ceil(float(np.hypot(*matte.shape)) / _RAY_STEP))
+    radius = np.empty(BOUNDARY_SAMPLES, np.float32)
+    last_crossing(np.ascontiguousarray(matte, np.float32), x, y, _rays(frame), np.float32(_RAY_STEP), count, radius)
+    return radius
 
 
 def boundary_points(radius: Floats, points: Floats) -> Floats:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from pvg.skin._kernels import mixture_share
 from pvg.skin.zones import Bools, Bytes, Floats, Places, smoothstep
 
 VEIL_ODDS = 7.0  # nats against skin where hair covers it
@@ -117,11 +118,7 @@ def _space(rgb: Bytes, *, fair: bool) -> Floats:
 
 def _share(color: Floats, own: Floats, hair: Hair) -> Floats:
     """t (h, w) of color = (1 - t) own + t hair, for (h, w, 3) colours; 0 for those that are no such mixture."""
-    line = hair.color - own
-    across = line @ hair.precision
-    length = np.maximum((across * line).sum(axis=2), _LEAST_CONTRAST**2)
-    away = color - own
-    share = np.clip((away * across).sum(axis=2) / length, 0, 1.2)
-    rest = away - share[..., None] * line
-    off = ((rest @ hair.precision) * rest).sum(axis=2) / length
-    return np.asarray(share * np.exp(-off / _OFF_LINE[hair.fair] ** 2), np.float32)
+    share = np.empty(color.shape[:2], np.float32)
+    least, width = np.float32(_LEAST_CONTRAST**2), np.float32(_OFF_LINE[hair.fair])
+    mixture_share(color, own, hair.color, hair.precision, least, width, share)
+    return share
