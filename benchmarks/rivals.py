@@ -48,8 +48,7 @@ def _works(video: pvg.VectorVideo, face: int, reference: Reference) -> dict[str,
     """Method -> (frame, view) -> picture."""
     look = pvg.transfer(video, reference.video, faces=[face])
     renderer = Renderer(video, [look])
-    draw = getattr(renderer, "patches", renderer.draw)
-    works: dict[str, Callable[[Frame, View], Any]] = {OURS_NAME: lambda frame, view: draw(frame)}
+    works: dict[str, Callable[[Frame, View], Any]] = {OURS_NAME: lambda frame, view: renderer.patches(frame)}
     for method in open_methods(video, face, None, [reference]):
         if method.name not in (*OURS, PAPER, DEEP):
             name = EQUAL_ONCE if method.name == "raster OMT" else method.name

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,16 +13,18 @@ import numpy as np
 import pvg
 from benchmarks.clips import encode
 from benchmarks.timing import Measured, cpu_ms, seconds
+from pvg.applying import Change, apply_change, protected_alpha
 from pvg.asset import FaceFrameData
 from pvg.curves import face_frame, labels_by_length, stack_points, table_labels
+from pvg.keycolors import fit_key_frame
 from pvg.landmarks import detect_faces, fit_landmarks, region_of_points
 from pvg.matching import match
+from pvg.poisson import Membrane
 from pvg.region import Region, open_region
 from pvg.rendering import Renderer
 from pvg.skin import SkinTracker, fit_skin_model
 from pvg.transport import sliced_transport
-from pvg.vectorization import fit_key_frame
-from pvg.video import Frame, probe, read_frames
+from pvg.video import Frame, picture_of, probe, read_frames
 
 KEY_FRAME_STAGES = ("skin model", "fit")
 LOOK_STAGES = ("transport", "look")
@@ -40,8 +42,6 @@ class _Stages:
         self.key = video.records[self.face].key_frames[0]
         self.look = pvg.transfer(video, reference, faces=[self.face])
         self.renderer = Renderer(video, [self.look])
-        # the clip's renderer lays patches over the copy that the encoder needs anyway; `draw` copies once more
-        self._draw: Callable[[Frame], Any] = getattr(self.renderer, "patches", self.renderer.draw)
         self.taken: dict[str, list[float]] = {}
         self.untouched = True
         self._tracker: SkinTracker | None = None
@@ -55,38 +55,33 @@ class _Stages:
 
     def analyse(self, frame: Frame, data: FaceFrameData) -> None:
         """Stages of the vectoriser that every frame goes through."""
-        self.time("to RGB", cpu_ms(lambda: replace(frame).rgb()))
-        rgb = frame.rgb()
-        self.time("detect", cpu_ms(lambda: detect_faces(rgb)))
-        points = detect_faces(rgb)[0] if self._points is None else None
-        region = region_of_points(self._points) if points is None else points
+        self.time("to RGB", cpu_ms(lambda: replace(frame).rgb()))  # what peers and single frames need, not ours
+        picture = picture_of(frame)
+        self.time("detect", cpu_ms(lambda: detect_faces(picture)))
+        region = detect_faces(picture)[0] if self._points is None else region_of_points(self._points)
         meshes: list[Any] = []
-        self.time("landmarks", cpu_ms(lambda: meshes.append(fit_landmarks(rgb, region))))
+        self.time("landmarks", cpu_ms(lambda: meshes.append(fit_landmarks(picture, region))))
         self._points = meshes[0].points
         if self._tracker is None:
-            self._tracker = SkinTracker(fit_skin_model(rgb, data.points, data.skin_points, method="landmarks"))
+            self._tracker = SkinTracker(fit_skin_model(picture, data.points, data.skin_points))
         tracker = self._tracker
-        self.time("mask", cpu_ms(lambda: tracker.step(rgb, data.points, data.skin_points)))
+        self.time("mask", cpu_ms(lambda: tracker.step(picture, data.points, data.skin_points)))
 
     def key_frame(self, frame: Frame, data: FaceFrameData, region: Region) -> None:
         """Stages done once: the key frame's skin model and boundary colours, and a look."""
-        rgb, width = frame.rgb(), face_frame(data.points).width
-        matte = SkinTracker(fit_skin_model(rgb, data.points, data.skin_points, method="landmarks")).step(
-            rgb, data.points, data.skin_points
-        )
+        picture, rgb, width = picture_of(frame), frame.rgb(), face_frame(data.points).width
+        model = fit_skin_model(picture, data.points, data.skin_points)
+        matte = SkinTracker(model).step(picture, data.points, data.skin_points)
         wanted = self.reference.records[0].key_frames[0].colors
         rng = np.random.default_rng(0)
         for _ in range(_KEY_REPEATS):
-            self.time(
-                "skin model",
-                cpu_ms(lambda: fit_skin_model(rgb, data.points, data.skin_points, method="landmarks")),
-            )
+            self.time("skin model", cpu_ms(lambda: fit_skin_model(picture, data.points, data.skin_points)))
             self.time("fit", cpu_ms(lambda: fit_key_frame(rgb, matte, region.positions, width, 0)))
             self.time("transport", cpu_ms(lambda: sliced_transport(self.key.colors, wanted, rng=rng)))
             self.time("look", cpu_ms(lambda: pvg.transfer(self.video, self.reference, faces=[self.face])))
 
     def draw(self, frame: Frame, data: FaceFrameData) -> Region | None:
-        """Stages of the renderer; "apply" is what drawing takes beyond curves and membrane."""
+        """Stages of the renderer."""
         size = (frame.width, frame.height)
         regions: list[Region | None] = []
         curves = cpu_ms(lambda: regions.append(open_region(data, table_labels(), *size)))
@@ -96,17 +91,21 @@ class _Stages:
         # what a look of automatic contrast solves for: three planes of the change, one of lambda
         change = self.look.colors[self.face][0] - self.key.colors
         values = np.concatenate([change, 1.0 + change[:, :1] / 256], axis=1)
-        membrane = cpu_ms(lambda: region.membrane(values))
-        whole = cpu_ms(lambda: self._draw(frame))
+        membranes: list[Membrane] = []
         self.time("curves", curves)
-        self.time("membrane", membrane)
-        self.time("apply", whole - curves - membrane)
-        self.time("draw in all", whole)
+        self.time("membrane", cpu_ms(lambda: membranes.append(region.membrane(values))))
+        self.time("apply", cpu_ms(lambda: _apply(frame, region, membranes[0], self.look)))
+        self.time("draw in all", cpu_ms(lambda: self.renderer.patches(frame)))
         points = stack_points(data.points, data.skin_points)
         labels = labels_by_length(points, data.boundary, spacing_px=_SPACING_PX)
         self.time("match", cpu_ms(lambda: match(change, table_labels(), labels)))
         self.untouched &= _outside_untouched(frame, self.renderer.draw(frame)[0], region)
         return region
+
+
+def _apply(frame: Frame, region: Region, membrane: Membrane, look: pvg.Look) -> None:
+    alpha = protected_alpha(region, look.protect)
+    apply_change(frame, (region.x, region.y), alpha, membrane, Change(0, contrast_channel=3))
 
 
 def _outside_untouched(before: Frame, after: Frame, region: Region) -> bool:
