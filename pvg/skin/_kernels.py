@@ -36,3 +36,26 @@ def mixture_share(color, own, hair, precision, least, width, out):
                 )
                 share *= np.exp(-off / (length * width * width))
             out[i, j] = share
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def skin_odds(lab, center, scale, reach, bins, table, sure, prior, neckness, inside, covered, veil_odds, out):
+    """out (h, w) = log-odds of skin of every cell; see `pvg.skin.tracking`.
+
+    lab: (h, w, 3);  center, scale: (3,), bins of `table` are (lab − center) · scale + reach;
+    inside: signed distance to the carried edge;  covered: (h, w) veil.
+    """
+    h, w = out.shape
+    none, top = np.float32(0.0), np.float32(bins - 1)
+    for i in range(h):
+        for j in range(w):
+            index = 0
+            for k in range(3):
+                place = (lab[i, j, k] - center[k]) * scale[k] + reach
+                index = index * bins + int(min(max(place, none), top))
+            evidence = table[index]
+            if sure[i, j]:
+                evidence = max(evidence, none)
+            carried = min(max(inside[i, j] * np.float32(60.0), np.float32(-6.0)), np.float32(6.0))
+            carried *= np.float32(1.0) - np.float32(0.6) * neckness[i, j]
+            out[i, j] = np.float32(0.6) * prior[i, j] + carried + evidence - veil_odds * covered[i, j]

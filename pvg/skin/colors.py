@@ -53,6 +53,11 @@ class ColorScale:
         flat: NDArray[np.intp] = (index[..., 0] * _BINS + index[..., 1]) * _BINS + index[..., 2]
         return flat
 
+    def cell(self) -> tuple[Floats, Floats, np.float32, int]:
+        """What `bins` reckons with: the centre, bins a unit of Lab, the centre's bin, and the bins along an axis."""
+        unit = _BINS / (2 * _REACH)
+        return self.center, (unit / self.spread).astype(np.float32), np.float32(_REACH * unit), _BINS
+
 
 def skin_scale(sample: Floats) -> ColorScale:
     """The colour scale of a sample of skin (n, 3) Lab: its median and robust spread, within bounds."""

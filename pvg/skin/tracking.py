@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from pvg.picture import Picture, as_picture
+from pvg.skin._kernels import skin_odds
 from pvg.skin.carrying import spline_map
 from pvg.skin.colors import SkinColors, to_skin_lab
 from pvg.skin.matte import Matte
@@ -219,32 +220,37 @@ class SkinTracker:
         return _Moment(grey, moved(before.skin), moved(before.mask), moved(before.alpha)), keep
 
 
-def _skin_now(
-    learned: LearnedSkin, rgb: Bytes, where: Places, points: Floats, visible: Bools
-) -> tuple[Floats, Floats]:
+def _skin_now(learned: LearnedSkin, rgb: Bytes, where: Places, points: Floats, visible: Bools) -> tuple[Floats, Floats]:
     """Probability of skin (h, w) from this frame alone: colours, the face's places and the key frame's shape.
 
     And how surely something lies before it, (h, w) in [0, 1].
     """
     # a lamp or a cloud that changes the face changes what surrounds it alike: undo it before colours are looked up
     gain = np.clip(learned.light / _light(rgb, where.sample & visible), 0.2, 5.0)
-    lit = np.clip(rgb * gain, 0, 255).astype(np.uint8)
+    levels = np.clip(np.arange(256)[:, None] * gain, 0, 255).astype(np.uint8)
+    lit = np.asarray(cv2.LUT(rgb, levels[None]), np.uint8)
     lab = to_skin_lab(lit)
-    evidence = learned.colors.evidence(lab)
-    evidence = np.where(where.sure, np.maximum(evidence, 0), evidence)
     map_x, map_y = spline_map(where.face.shape, points[::_EVERY], learned.points[::_EVERY])
     inside = cv2.remap(learned.inside, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     was_open = cv2.remap(learned.open, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
     hidden = occlusion(lab, learned.colors.scale, np.asarray(was_open, np.float32), where)
-    carried = np.clip(inside * 60, -6, 6) * (1 - 0.6 * where.neckness)  # the neck does not turn with the head
-    # beyond the picture its edge is repeated, and so is the decision there: skin ends at the edge, it does not fade
-    odds = 0.6 * where.prior + carried + evidence
+    covered = np.zeros(where.face.shape, np.float32)
     if learned.hair is not None:
         covered = veil(lit, inside > -0.02, where, learned.hair)
-        odds = odds - VEIL_ODDS * covered
+    # beyond the picture its edge is repeated, and so is the decision there: skin ends at the edge, it does not fade
+    odds = _odds(learned.colors, lab, where, np.asarray(inside, np.float32), covered)
     radius = max(2, round(0.035 * where.size))
-    filtered = cv2.ximgproc.guidedFilter(rgb, logistic(np.asarray(odds, np.float32)), radius, 120.0)
+    filtered = cv2.ximgproc.guidedFilter(rgb, logistic(odds), radius, 120.0)
     return np.asarray(np.clip(filtered, 0, 1), np.float32), hidden
+
+
+def _odds(colors: SkinColors, lab: Floats, where: Places, inside: Floats, covered: Floats) -> Floats:
+    """Log-odds of skin (h, w) of colours (h, w, 3), the carried shape `inside` and what hair covers, (h, w) each."""
+    odds = np.empty(inside.shape, np.float32)
+    cell = colors.scale.cell()
+    prior, neck = (where.prior, where.neckness)  # the neck does not turn with the head
+    skin_odds(lab, *cell, colors.table, where.sure, prior, neck, inside, covered, np.float32(VEIL_ODDS), odds)
+    return odds
 
 
 def _soft_edge(skin: Floats, mask: Bools) -> Floats:
