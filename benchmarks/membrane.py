@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -13,7 +14,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 import pvg
-from benchmarks.timing import in_turns
+from benchmarks.timing import Measured, in_turns, seconds
 from pvg.curves import BOUNDARY, table_labels
 from pvg.poisson import Lattice, build_membrane, rasterize_curves
 from pvg.region import open_region
@@ -111,9 +112,12 @@ def within_boundary(points: Floats, size: tuple[int, int]) -> Bools:
     return filled.astype(np.bool_)
 
 
-def membrane_times(portrait: str, asset: str, reference: str, rounds: int) -> dict[str, Any]:
-    """CPU milliseconds of the parts of one membrane (three channels), and its error in levels of 255."""
-    face = scaled_face(portrait, asset, reference)
+def membrane_times(faces: list[tuple[str, str, str]], rounds: int) -> dict[str, Any]:
+    """CPU milliseconds of the parts of one membrane (three channels), and the errors of all, in levels of 255.
+
+    faces: (portrait, its asset, reference's asset); times are those of the first.
+    """
+    face = scaled_face(*faces[0])
     points, values, size = face.positions, face.correction, face.size
     spans, lattice = table_labels().spans, Lattice.over((0, 0, *size))
     raster = rasterize_curves(points, spans, lattice)
@@ -134,23 +138,31 @@ def membrane_times(portrait: str, asset: str, reference: str, rounds: int) -> di
         },
         rounds,
     )
-    held, known = held_pixels(points, spans, values, size)
-    inside = within_boundary(points, size)
-    direct: list[Floats] = []
-    direct_s = in_turns({"direct": lambda: direct.append(direct_membrane(held, known, inside | known))}, 1)
-    errors = {}
-    for name, guess in (("cold", None), ("from the frame before", before)):
-        error = np.abs(operator.solve(values, guess=guess).crop(0, 0, *size) - direct[0])[inside]
-        errors[name] = {
-            "mean": float(error.mean()),
-            "p99": float(np.percentile(error, 99)),
-            "max": float(error.max()),
-        }
+    each = {Path(portrait).stem: errors(scaled_face(portrait, *assets)) for portrait, *assets in faces}
     return {
         "ms": {name: one.cpu.scaled(1000.0).to_json() for name, one in taken.items()},
-        "direct_ms": direct_s["direct"].cpu.scaled(1000.0).to_json(),
-        "errors": errors,
+        "errors": {
+            name: Measured(tuple(one[name] for one in each.values())).to_json() for name in ("mean", "p99", "max")
+        },
+        "each": each,
         "box": list(size),
-        "nodes": [solved.lattice.width, solved.lattice.height],
+        "nodes": [lattice.width, lattice.height],
+    }
+
+
+def errors(face: Face) -> dict[str, float]:
+    """Mean, 99th percentile and largest error inside the mask's boundary, and the direct solve's CPU time."""
+    spans, size = table_labels().spans, face.size
+    held, known = held_pixels(face.positions, spans, face.correction, size)
+    inside = within_boundary(face.positions, size)
+    direct: list[Floats] = []
+    _, direct_s = seconds(lambda: direct.append(direct_membrane(held, known, inside | known)))
+    operator = build_membrane(rasterize_curves(face.positions, spans, Lattice.over((0, 0, *size))))
+    error = np.abs(operator.solve(face.correction).crop(0, 0, *size) - direct[0])[inside]
+    return {
+        "mean": float(error.mean()),
+        "p99": float(np.percentile(error, 99)),
+        "max": float(error.max()),
         "unknowns": int((inside & ~known).sum()),
+        "direct_ms": direct_s * 1000.0,
     }

@@ -126,14 +126,11 @@ class Suite:
         return Job(clip, asset, self.references)
 
     def membrane(self) -> None:
-        """One membrane of a large face."""
-        by_width = [(pvg.open_asset(asset).faces[0].width_px, number) for number, asset in enumerate(self.references)]
-        widest, other = max(by_width)[1], min(by_width)[1]
-        portrait, asset = self.material.portraits[widest], self.references[widest]
-        alone = run_alone(
-            membrane_times, portrait, asset, self.references[other], self.effort.membranes, one_thread=True
-        )
-        self.results["membrane"] = alone.result
+        """One membrane of a large face, and its error on several, each in the colours of the next portrait."""
+        assets = self.references
+        faces = list(zip(self.material.portraits, assets, (*assets[1:], assets[0]), strict=True))
+        faces = [tuple(map(str, face)) for face in faces][: self.effort.portraits]
+        self.results["membrane"] = run_alone(membrane_times, faces, self.effort.membranes, one_thread=True).result
 
     def _stages(self, job: Job) -> Any:
         arguments = (job.clip, job.asset, job.references[0], self.effort.stage_frames)
