@@ -101,7 +101,7 @@ def cache_folder() -> Path:
 
 
 # keyed by process too: an onnxruntime session's threads do not survive a fork
-_sessions: dict[tuple[int, Path, str, int], onnxruntime.InferenceSession] = {}
+_sessions: dict[tuple[int, str | None, str, int], onnxruntime.InferenceSession] = {}
 
 
 def load(name: str, threads: int = 1) -> onnxruntime.InferenceSession:
@@ -111,10 +111,10 @@ def load(name: str, threads: int = 1) -> onnxruntime.InferenceSession:
     Raises ModelError when the weights are missing or altered, KeyError for an unknown name.
     """
     model = MODELS[name]
-    folder = cache_folder()
-    key = (os.getpid(), folder, name, threads)
+    key = (os.getpid(), os.environ.get("PVG_CACHE_DIR"), name, threads)
     session = _sessions.get(key)
     if session is None:
+        folder = cache_folder()
         import onnxruntime  # noqa: PLC0415 - 0.1 s that set-up and the command line's help need not pay
 
         options = onnxruntime.SessionOptions()

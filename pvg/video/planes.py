@@ -57,8 +57,12 @@ class PlanePicture:
 
     def thumbnail(self, size: tuple[int, int]) -> Bytes:
         """See `Picture.thumbnail`."""
-        height, width = self.planes[0].shape
-        return self._cells(np.zeros(2), (width / size[0], height / size[1]), (size[1], size[0]))
+        small = []
+        for plane in self.planes:
+            down, across = (max(1, plane.shape[axis] // (4 * size[1 - axis])) for axis in (0, 1))
+            sparse = np.ascontiguousarray(plane[::down, ::across])
+            small.append(np.asarray(cv2.resize(sparse, size, interpolation=cv2.INTER_AREA)))
+        return self._to_rgb(small[0], small[1], small[2])
 
     def reduced(self, reduction: float) -> tuple[PlanePicture, int]:
         """See `Picture.reduced`."""
@@ -90,14 +94,11 @@ class PlanePicture:
 
     def cells(self, origin: Floats, step: float, shape: tuple[int, int]) -> Bytes:
         """See `Picture.cells`."""
-        return self._cells(np.asarray(origin, np.float64) - self.corner, (step, step), shape)
-
-    def _cells(self, corner: NDArray[np.float64], steps: tuple[float, float], shape: tuple[int, int]) -> Bytes:
-        log2 = self.format.chroma_log2
-        luma = _averaged(self.planes[0], corner, steps, shape)
+        corner, log2 = np.asarray(origin, np.float64) - self.corner, self.format.chroma_log2
+        luma = _averaged(self.planes[0], corner, (step, step), shape)
         # measured from the planes' edges, not from pixel centres, places and lengths simply scale
-        place, sides = corner * 0.5 ** np.array(log2), (steps[0] / (1 << log2[0]), steps[1] / (1 << log2[1]))
-        blue, red = (_averaged(plane, place, sides, shape) for plane in self.planes[1:])
+        place, sides = corner * 0.5 ** np.array(log2), (step / (1 << log2[0]), step / (1 << log2[1]))
+        blue, red = _averaged(self.planes[1], place, sides, shape), _averaged(self.planes[2], place, sides, shape)
         return self._to_rgb(luma, blue, red)
 
     def _to_rgb(self, luma: NDArray[Any], blue: NDArray[Any], red: NDArray[Any]) -> Bytes:
