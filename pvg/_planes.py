@@ -90,12 +90,25 @@ def _weigh(alpha, i, log2x, log2y, weight):
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def apply_change(part, before, alpha, log2x, log2y, columns, rows, shift, gain, factor, level, top):
-    """part += alpha (shift + (gain − 1 + factor) (before − level)), rounded and held to [0, top], in place.
+def roll_off(value, bend):
+    """The value between toe and knee, approaching black below and white above; slope at most 1 and continuous.
 
+    bend: toe, toe − black, knee, white − knee.
+    """
+    one, none = np.float32(1.0), np.float32(0.0)
+    over, under = max(value - bend[2], none), max(bend[0] - value, none)
+    x, y = over / bend[3], under / bend[1]
+    return value - over + under + over / np.sqrt(one + x * x) - under / np.sqrt(one + y * y)
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def apply_change(part, before, alpha, log2x, log2y, columns, rows, shift, gain, factor, level, bend, top):
+    """part += alpha (R(before + shift + (gain − 1 + factor) (before − level)) − R(before)), in place.
+
+    Rounded and held to [0, top].  R is the roll-off of `roll_off`.
     part, before: (r, c) uint8 or uint16 samples, before as the frame came.  alpha: (h, w) float32, the matte over
     their blocks of 2^log2x × 2^log2y pixels, each at most 2.  columns, rows: float64 positions of the samples in the
-    grids `shift` and `gain`; a `gain` without rows stands for 1 everywhere.
+    grids `shift` and `gain`; a `gain` without rows stands for 1 everywhere.  bend: (4,) float32, see `roll_off`.
     """
     count, (h, w) = part.shape[1], shift.shape
     index, share = np.empty(count, np.int32), np.empty(count, np.float32)
@@ -119,7 +132,9 @@ def apply_change(part, before, alpha, log2x, log2y, columns, rows, shift, gain, 
         for j in range(last - first):
             moved = a[j] + f * (b[j] - a[j])
             slope = c[j] + f * (d[j] - c[j]) + excess
-            value = np.float32(to[j]) + v[j] * (moved + slope * (np.float32(was[j]) - level)) + half
+            source = np.float32(was[j])
+            wanted = source + moved + slope * (source - level)
+            value = np.float32(to[j]) + v[j] * (roll_off(wanted, bend) - roll_off(source, bend)) + half
             to[j] = np.int32(min(max(value, none), top))
 
 

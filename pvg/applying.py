@@ -18,27 +18,42 @@ from pvg import _planes as kernels
 from pvg.curves import Floats, face_frame
 from pvg.poisson import Membrane
 from pvg.region import Region
-from pvg.video import Frame, Patch
+from pvg.video import Frame, Patch, PixelFormat
 
 _EYES = ((52, 53, 72, 54, 55, 56, 73, 57), (58, 59, 75, 60, 61, 62, 76, 63))
 _INNER_LIPS = tuple(range(96, 104))
 _FEATHER = 0.012  # of the face's width
 _REACH = 4.0  # spreads of the feather after which nothing is left of it
 _NO_GRID = np.empty((0, 0), np.float32)
+_TOE, _KNEE = 0.05, 0.88  # of the way from black to white, where luma begins to roll off
+_STRAIGHT = np.array([-1e9, 1.0, 1e9, 1.0], np.float32)
 
 
 @dataclass(frozen=True)
 class Change:
     """Where a look's right-hand sides stand among a membrane's channels, and its lambda.
 
-    channel: the first of three, one a plane;  contrast: lambda;  contrast_channel: the channel of a lambda that is a
-    field, or None;  low_channel: the first of three that hold H(g), wanted with a `contrast` other than 1.
+    channel: the first of three: luma and two of chroma, in the units of the frame's planes (of its opponent format);
+    contrast: lambda;  contrast_channel: the first of two that hold lambda as a field, of luma and of chroma, or None;
+    low_channel: the first of three that hold H(g), wanted with a `contrast` other than 1.
     """
 
     channel: int
     contrast: float = 1.0
     contrast_channel: int | None = None
     low_channel: int | None = None
+
+    def gain_channel(self, plane: int) -> int | None:
+        """The channel of lambda as a field for luma (plane 0) or chroma, None when lambda is a number."""
+        return None if self.contrast_channel is None else self.contrast_channel + (plane > 0)
+
+    def bend(self, pixel_format: PixelFormat, plane: int) -> Floats:
+        """(4,) the roll-off of a plane (`_planes.roll_off`): of luma where lambda is a field, else none at all."""
+        if plane > 0 or self.contrast_channel is None:
+            return _STRAIGHT
+        black = float(pixel_format.offset[0])
+        span = float(pixel_format.matrix[0].sum()) * 255.0
+        return np.array([black + _TOE * span, _TOE * span, black + _KNEE * span, (1 - _KNEE) * span], np.float32)
 
 
 def protected_alpha(region: Region, protect: Sequence[str]) -> Floats:
@@ -87,10 +102,11 @@ def apply_change(
     corner: x, y of the source pixel that alpha (h, w) starts at, multiples of the chroma step;  alpha: the face's
     matte, guards taken out;  under: patches of other faces that were laid before.
     """
+    if frame.format.is_rgb:
+        return _apply_to_rgb(frame, corner, alpha, membrane, change, under)
     left, upper = corner
     pixel_format = frame.format
-    top = 2**pixel_format.depth - 1
-    gain = _NO_GRID if change.contrast_channel is None else membrane.planes[change.contrast_channel]
+    top = np.float32(2**pixel_format.depth - 1)
     factor = np.float32(change.contrast - 1.0)
     patches = []
     for p, plane in enumerate(frame.planes):
@@ -108,12 +124,54 @@ def apply_change(
             # open skin is brighter than the curves around it, so HF has a mean; lambda leaves it where it is
             low = membrane.planes[change.low_channel + p]
             level = kernels.mean_above(before, alpha, *log2, *places, low)
-        shift = membrane.planes[change.channel + p]
-        kernels.apply_change(
-            part, before, alpha, *log2, *places, shift, gain, factor, np.float32(level), np.float32(top)
-        )
+        shift, field = membrane.planes[change.channel + p], change.gain_channel(p)
+        gain = _NO_GRID if field is None else membrane.planes[field]
+        bend = change.bend(pixel_format, p)
+        kernels.apply_change(part, before, alpha, *log2, *places, shift, gain, factor, np.float32(level), bend, top)
         patches.append(Patch(p, y, x, part))
     return patches
+
+
+def _apply_to_rgb(
+    frame: Frame, corner: tuple[int, int], alpha: Floats, membrane: Membrane, change: Change, under: Sequence[Patch]
+) -> list[Patch]:
+    """`apply_change` for R, G, B planes, as stills have: what luma and chroma gain is added in RGB."""
+    (left, upper), (rows, columns) = corner, alpha.shape
+    opponent = frame.format.opponent
+    before = np.stack([plane[upper : upper + rows, left : left + columns] for plane in frame.planes], axis=-1)
+    to_opponent = opponent.matrix @ np.linalg.inv(frame.format.matrix)
+    source = (before @ to_opponent.T).astype(np.float32)
+    wanted = source.copy()
+    fields = np.moveaxis(membrane.crop(left, upper, columns, rows), -1, 0)
+    for p in range(3):
+        level, field = source[..., p], change.gain_channel(p)
+        if field is not None:
+            wanted[..., p] += (fields[field] - 1.0) * level
+        elif change.contrast != 1.0 and change.low_channel is not None:
+            mean = np.average(level - fields[change.low_channel + p], weights=alpha)
+            wanted[..., p] += (change.contrast - 1.0) * (level - np.float32(mean))
+        wanted[..., p] += fields[change.channel + p]
+        if p == 0:
+            bend = change.bend(opponent, 0)
+            wanted[..., 0], source[..., 0] = (_roll_off(v, bend) for v in (wanted[..., 0], source[..., 0]))
+    gained = alpha[..., None] * ((wanted - source) @ np.linalg.inv(to_opponent).T)
+    patches = []
+    for p in range(3):
+        part: NDArray[Any] = before[..., p].copy()
+        for patch in under:
+            if patch.plane == p:
+                _lay(part, corner, patch)
+        new = np.clip(np.rint(gained[..., p] + part), 0, 2**frame.format.depth - 1).astype(frame.format.dtype)
+        patches.append(Patch(p, upper, left, new))
+    return patches
+
+
+def _roll_off(values: Floats, bend: Floats) -> Floats:
+    """`_planes.roll_off` of an array."""
+    toe, below, knee, above = bend
+    over, under = np.maximum(values - knee, 0.0), np.maximum(toe - values, 0.0)
+    rolled = values - over + under + over / np.hypot(1.0, over / above) - under / np.hypot(1.0, under / below)
+    return np.asarray(rolled, np.float32)
 
 
 def _lay(part: NDArray[Any], corner: tuple[int, int], patch: Patch) -> None:

@@ -186,10 +186,16 @@ def transfer(
                 continue
             new = []
             for key in video.records[index].key_frames:
-                moved = np.clip(apply(key), 0.0, 255.0).astype(np.float32)
+                moved = _into_gamut(apply(key)).astype(np.float32)
                 new.append(key.colors + np.float32(strength) * (moved - key.colors))
             colors[index] = np.stack(new).astype(np.float32)
     return Look(colors, contrast, strength, tuple(protect))
+
+
+def _into_gamut(colors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Colours (n, 3) darkened to at most 255 in their own hue: cut channel by channel they would turn white."""
+    positive = np.maximum(colors, 0.0)
+    return np.asarray(positive * np.minimum(1.0, 255.0 / np.maximum(positive.max(axis=1, keepdims=True), 1.0)))
 
 
 def _leading_key(video: VectorVideo, person: Sequence[int]) -> KeyFrame:

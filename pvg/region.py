@@ -18,6 +18,7 @@ from pvg.visibility import Visibility, see
 
 _BESIDE_OVAL = 0.02  # claim of a face's ears and neck, against 1 within its oval
 _OVAL_EDGE = 0.03  # of the face's width
+_CELLS = 8  # of the matte's raster: steps in which a region grows, so that its lattice seldom changes
 _NEARER = 4  # of two faces the larger is likely the nearer: claims grow with this power of the width
 
 
@@ -53,10 +54,13 @@ class Region:
 
 def open_region(data: FaceFrameData, labels: CurveLabels, width: int, height: int, align: int = 2) -> Region | None:
     """Place a face's curves and matte in a picture of `width` x `height`; None when nothing of it is in the picture."""
-    x0, y0 = (max(0, int(np.floor(v)) // align * align) for v in data.box[:2])
-    x1 = min(width, -(-int(np.ceil(data.box[2])) // align) * align)
-    y1 = min(height, -(-int(np.ceil(data.box[3])) // align) * align)
-    if x1 - x0 < 2 or y1 - y0 < 2 or data.score <= 0 or not data.matte.any():
+    if data.score <= 0 or not data.matte.any():
+        return None
+    box = _occupied(data)
+    x0, y0 = (max(0, int(np.floor(v)) // align * align) for v in box[:2])
+    x1 = min(width, -(-int(np.ceil(box[2])) // align) * align)
+    y1 = min(height, -(-int(np.ceil(box[3])) // align) * align)
+    if x1 - x0 < 2 or y1 - y0 < 2:
         return None
     matte = Matte(box=data.box, alpha=data.matte, mask=data.matte >= 128)
     alpha = matte.alpha_at(np.arange(x0, x1, dtype=np.float32), np.arange(y0, y1, dtype=np.float32))
@@ -67,6 +71,22 @@ def open_region(data: FaceFrameData, labels: CurveLabels, width: int, height: in
     active[on_boundary] = np.hypot(reach[:, 0], reach[:, 1]) > 1.0
     raster = rasterize_curves(positions, labels.spans, Lattice.over((x0, y0, x1 - x0, y1 - y0)), active=active)
     return Region(data, positions, x0, y0, alpha, raster, see(data, labels, positions, width, height))
+
+
+def _occupied(data: FaceFrameData) -> Floats:
+    """(4,) the part of the box where there is any matte, a cell around it included; it grows by some cells at once.
+
+    The box has room for hair and a neck that may not be there; the lattice's nodes are better spent on skin.
+    """
+    step = float(data.box[2] - data.box[0]) / data.matte.shape[1]
+    sides = []
+    for axis in (0, 1):
+        cells = np.flatnonzero(data.matte.max(axis=axis))
+        low = max(0, int(cells[0]) - 1) // _CELLS * _CELLS
+        high = min(data.matte.shape[1 - axis], -(-(int(cells[-1]) + 2) // _CELLS) * _CELLS)
+        sides.append((data.box[axis] + low * step, data.box[axis] + high * step))
+    (x0, x1), (y0, y1) = sides
+    return np.array([x0, y0, x1, y1], np.float32)
 
 
 def divide_overlaps(regions: Sequence[Region]) -> list[Region]:

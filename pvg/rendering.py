@@ -32,20 +32,27 @@ from pvg.video import Frame, MediaInfo, Patch, VideoWriter, probe, read_frames, 
 
 Progress = Callable[[str, int, int], None]
 
-_LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 _AUTO_EXPONENT = 0.6  # METHOD 7b: 0.5 to 0.75 keeps eyes and brows crisp, 1 looks harsh
 _AUTO_RANGE = (0.5, 2.0)
+_CHROMA_RANGE = (0.25, 1.5)  # more would lift the noise that coding leaves in chroma
+_LEAST_CHROMA = 4.0  # code values added to both sides of the ratio, so that grey skin does not explode
 _CHAIN_SPACING_PX = 2.0
 _HF_LEVELS = 128.0
 
 
 def _contrast_at_curves(look: Look, g: Floats, new: Floats) -> Floats | float:
-    """Lambda of a look: a number, or (S, 1) values at the curves that follow the brightness asked for."""
+    """Lambda of a look: a number, or (S, 2) values at the curves that follow what is asked for, of luma and chroma.
+
+    g, new: (S, 3) luma and chroma. Chroma keeps its proportions: what is a shade redder or paler than the skin around
+    it stays so by as much of the new skin's chroma. With luma's lambda a highlight, paler than the skin, would pass
+    grey and turn blue where skin is made pale.
+    """
     if look.contrast != "auto":
         return 1.0 + look.strength * (look.contrast - 1.0)
-    ratio = (new @ _LUMA + 1.0) / (g @ _LUMA + 1.0)
-    field: Floats = np.clip(ratio**_AUTO_EXPONENT, *_AUTO_RANGE)[:, None].astype(np.float32)
-    return field
+    luma = (np.maximum(new[:, 0], 0.0) + 1.0) / (np.maximum(g[:, 0], 0.0) + 1.0)
+    chroma = (np.hypot(new[:, 1], new[:, 2]) + _LEAST_CHROMA) / (np.hypot(g[:, 1], g[:, 2]) + _LEAST_CHROMA)
+    fields = [np.clip(luma**_AUTO_EXPONENT, *_AUTO_RANGE), np.clip(chroma, *_CHROMA_RANGE)]
+    return np.stack(fields, axis=1).astype(np.float32)
 
 
 class _FaceColors:
@@ -132,27 +139,28 @@ class Renderer:
     def _draw_face(
         self, frame: Frame, region: Region, which: list[int], colors: Floats, out: list[list[Patch]]
     ) -> None:
-        g = colors[:, :3]
-        to_planes = frame.format.matrix.astype(np.float32).T
+        to_planes = frame.format.opponent.matrix.astype(np.float32).T
+        g = colors[:, :3] @ to_planes
         channels: list[Floats] = []
         changes: list[Change] = []
         count, low = 0, None
         if any(self.looks[i].contrast not in ("auto", 1.0) for i in which):
-            channels, count, low = [g @ to_planes], 3, 0
+            channels, count, low = [g], 3, 0
         for k, i in enumerate(which):
-            new = colors[:, 3 + 3 * k : 6 + 3 * k]
+            new = colors[:, 3 + 3 * k : 6 + 3 * k] @ to_planes
             contrast = _contrast_at_curves(self.looks[i], g, new)
-            channels.append((new - contrast * g) @ to_planes)
             if isinstance(contrast, float):
+                channels.append(new - contrast * g)
                 changes.append(Change(count, contrast, low_channel=low))
                 count += 3
             else:
-                channels.append(contrast)
+                channels += [new - contrast[:, [0, 1, 1]] * g, contrast]
                 changes.append(Change(count, contrast_channel=count + 3))
-                count += 4
+                count += 5
         tolerance = np.full(count, TOLERANCE * 2.0 ** (frame.format.depth - 8), np.float32)
-        fields = [change.contrast_channel for change in changes if change.contrast_channel is not None]
-        tolerance[fields] /= _HF_LEVELS  # what multiplies lambda
+        for change in changes:
+            if change.contrast_channel is not None:
+                tolerance[change.contrast_channel : change.contrast_channel + 2] /= _HF_LEVELS  # it multiplies lambda
         membrane = region.membrane(np.concatenate(channels, axis=1), tolerance=tolerance)
         alphas: dict[tuple[str, ...], Floats] = {}
         for i, change in zip(which, changes, strict=True):

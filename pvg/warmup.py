@@ -19,7 +19,7 @@ def warm_up() -> None:
     domain = np.hypot(x - 32, y - 32) < 22
     fit = fit_boundary_colors(image, domain, circle, h_min=2.0, rng=np.random.default_rng(0))
     raster = rasterize_curves(circle, ((0, len(circle), True),), Lattice.over((0, 0, 64, 64)))
-    membrane = build_membrane(raster).solve(np.concatenate([fit.colors, fit.colors[:, :1]], axis=1))
+    membrane = build_membrane(raster).solve(np.concatenate([fit.colors, fit.colors[:, :2]], axis=1))
     membrane.crop(8, 8, 32, 32)
     for depth in (8, 10):
         _apply(membrane, depth)

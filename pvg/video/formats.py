@@ -63,6 +63,11 @@ class PixelFormat:
         return np.uint8 if self.depth == 8 else np.uint16
 
     @cached_property
+    def opponent(self) -> PixelFormat:
+        """A format whose planes are luma and chroma: itself, or what R, G, B planes are converted to for that."""
+        return replace(self, luma_weights=(0.299, 0.114), full_range=True) if self.is_rgb else self
+
+    @cached_property
     def matrix(self) -> NDArray[np.float64]:
         """(3, 3): change in plane code values per unit of R, G, B on the 0–255 scale; rows are planes."""
         if self.luma_weights is None:

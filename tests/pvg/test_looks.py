@@ -8,6 +8,7 @@ import pytest
 
 import pvg
 from pvg.curves import BOUNDARY, GROUPS, table_labels
+from pvg.looks import _into_gamut
 from pvg.video import VideoWriter, probe, read_frames
 from scripts.samples import Samples
 
@@ -128,3 +129,10 @@ def test_a_person_seen_in_two_shots_moves_by_one_map_so_the_darker_shot_stays_da
     np.testing.assert_array_equal(leader_alone.colors[1], look.colors[1])
     follower_alone = pvg.transfer(two_shots, pale_reference, match=match, faces=[0])
     np.testing.assert_array_equal(follower_alone.colors[0], look.colors[0])
+
+
+def test_colours_brighter_than_white_are_darkened_in_their_own_hue() -> None:
+    into = _into_gamut(np.array([[352.0, 321.0, 300.0], [255.0, 10.0, 0.0], [-4.0, 20.0, 30.0]]))
+    np.testing.assert_allclose(into[0] / into[0, 0], [1.0, 321 / 352, 300 / 352])
+    assert into[0, 0] == pytest.approx(255.0)
+    np.testing.assert_array_equal(into[1:], [[255.0, 10.0, 0.0], [0.0, 20.0, 30.0]])
