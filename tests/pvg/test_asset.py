@@ -268,3 +268,30 @@ def test_faces_of_a_person_stand_together_the_longest_first(tmp_path: Path, sour
     with open_asset(path) as video:
         assert video.persons == ((2, 3, 0), (1,))
         assert [face["person"] for face in video.summary()["faces"]] == [0, 1, 0, 0]
+
+
+def test_faces_keep_their_frames_whatever_number_their_tracks_were_written_under(tmp_path: Path, source: Path) -> None:
+    path = tmp_path / "clip.pvg"
+    media = {"kind": "video", "width": 320, "height": 240, "frame_rate": 25.0, "duration_s": 3.0}
+    media |= {"frame_count": 5, "has_audio": False, "rotation": 0, "codec": "h264", "pixel_format": "yuv420p"}
+    with AssetWriter(path) as writer:
+        for track in (7, 2):
+            for i in range(5):
+                writer.add_frame(track, frame_arrays(100 * track + i))
+        for face, track in enumerate((2, 7)):
+            summary = FaceSummary(face, 0, 4, 150.0, (200, 150, 120), face)
+            writer.add_face(FaceRecord(summary, (key_frame(),)), track)
+        writer.finish(
+            {
+                "settings": {"mask": "landmarks", "matching": "table", "reference": False},
+                "source_sha256": sha256_file(source),
+                "media": media,
+                "shots": [0],
+            }
+        )
+    with open_asset(path) as video:
+        for face, track in enumerate((2, 7)):
+            data = video.face_frame(face, 3)
+            assert data is not None
+            assert np.abs(data.points - frame_arrays(100 * track + 3)["points"]).max() <= 1 / 64
+            assert np.abs(video.landmarks(face)[3] - data.points).max() == 0

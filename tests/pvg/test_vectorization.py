@@ -62,6 +62,45 @@ def test_vectorising_again_gives_the_same_asset(short_clip: Path, video: pvg.Vec
             np.testing.assert_array_equal(one.matte, two.matte)
 
 
+def test_the_same_clip_gives_the_same_bytes(short_clip: Path, video: pvg.VectorVideo) -> None:
+    with pvg.vectorize(short_clip) as again:
+        assert again.path.read_bytes() == video.path.read_bytes()
+
+
+def test_a_second_reading_gives_what_one_does(
+    short_clip: Path, video: pvg.VectorVideo, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Tracks without a good view in time are followed again with the whole course known."""
+    import pvg.following
+
+    never = lambda track: np.zeros(len(track.score), np.bool_)  # noqa: E731
+    monkeypatch.setattr(pvg.following, "good_rows", never)
+    monkeypatch.setattr(pvg.following, "CHUNK", 4)
+    monkeypatch.setattr(pvg.following, "LOOKAHEAD", 4)
+    stages: list[str] = []
+    with pvg.vectorize(short_clip, progress=lambda stage, done, total: stages.append(stage)) as again:
+        assert stages.count("second reading") == 40
+        assert [(face.first_frame, face.last_frame) for face in again.faces] == [(0, 39)]
+        for index in range(40):
+            one, two = again.face_frame(0, index), video.face_frame(0, index)
+            assert one is not None
+            assert two is not None
+            np.testing.assert_allclose(one.points, two.points, atol=1 / 16)
+            assert np.abs(one.matte.astype(int) - two.matte).mean() < 1
+
+
+def test_an_error_in_mid_clip_ends_all_threads(short_clip: Path, tmp_path: Path) -> None:
+    import threading
+
+    cut = tmp_path / "cut.mp4"
+    cut.write_bytes(short_clip.read_bytes()[: int(short_clip.stat().st_size * 0.6)])
+    before = threading.active_count()
+    with pytest.raises(pvg.MediaError):
+        pvg.vectorize(cut, asset=tmp_path / "cut.pvg")
+    assert threading.active_count() == before
+    assert [path.name for path in tmp_path.iterdir()] == ["cut.mp4"]
+
+
 def test_an_abort_leaves_no_asset(short_clip: Path, tmp_path: Path) -> None:
     class CanceledError(Exception):
         pass
