@@ -88,9 +88,9 @@ class _Stages:
         region = regions[0]
         if region is None:
             return None
-        # what a look of automatic contrast solves for: three planes of the change, one of lambda
+        # what a look of automatic contrast solves for: three planes of the change, lambda of luma and of chroma
         change = self.look.colors[self.face][0] - self.key.colors
-        values = np.concatenate([change, 1.0 + change[:, :1] / 256], axis=1)
+        values = np.concatenate([change, 1.0 + change[:, :2] / 256], axis=1)
         membranes: list[Membrane] = []
         self.time("curves", curves)
         self.time("membrane", cpu_ms(lambda: membranes.append(region.membrane(values))))
