@@ -218,12 +218,12 @@ def _luma(frame: Frame, view: View) -> Floats:
 
 
 def measure_color(before: Image, after: Image, view: View, reference: Reference) -> dict[str, float]:
-    """Distances of face skin to the reference's, before and after: of all open skin, and of that above any beard.
+    """Distances of face skin to the reference's, before and after: of all open skin, and of that above the nose's base.
 
     before, after: (h, w, 3) the source and a result over the view's window.
     """
     out: dict[str, float] = {}
-    for where, wanted, suffix in ((view.bare, reference.bare, ""), (view.skin, reference.skin, "_with_beard")):
+    for where, wanted, suffix in ((view.skin, reference.skin, ""), (view.bare, reference.bare, "_upper")):
         median = np.median(wanted, axis=0)
         for picture, stage in ((before, "_before"), (after, "")):
             out["distance" + stage + suffix] = color_distance(picture[where], wanted)

@@ -129,6 +129,9 @@ MEASURES = (
     Measure("colour: closer to the reference, %", lambda r, m: _closer(_colors(r, m)), 1, 85.0, at_least=True),
     Measure("colour: ΔE2000, median", lambda r, m: _percentile(_colors(r, m), "delta_e", 50), 2, 2.5),
     Measure("colour: ΔE2000, 90th percentile", lambda r, m: _percentile(_colors(r, m), "delta_e", 90), 2, 6.0),
+    Measure("colour above the nose's base: closer, %", lambda r, m: _closer(_colors(r, m), "_upper"), 1),
+    Measure("the same: ΔE2000, median", lambda r, m: _percentile(_colors(r, m), "delta_e_upper", 50), 2),
+    Measure("the same: ΔE2000, 90th percentile", lambda r, m: _percentile(_colors(r, m), "delta_e_upper", 90), 2),
     Measure(
         "detail kept, correlation of Laplacians",
         _case_mean("detail"),
