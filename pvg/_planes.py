@@ -9,7 +9,7 @@ contiguous memory and vectorises.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from numba import njit, vectorize
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -89,16 +89,15 @@ def _weigh(alpha, i, log2x, log2y, weight):
     return first, last
 
 
-@njit(cache=True, nogil=True, fastmath=True)
-def roll_off(value, bend):
+@vectorize(["float32(float32, float32, float32, float32, float32)"], cache=True)
+def roll_off(value, toe, below, knee, above):
     """The value between toe and knee, approaching black below and white above; slope at most 1 and continuous.
 
-    bend: toe, toe − black, knee, white − knee.
+    below, above: how far black lies below the toe and white above the knee.
     """
-    one, none = np.float32(1.0), np.float32(0.0)
-    over, under = max(value - bend[2], none), max(bend[0] - value, none)
-    x, y = over / bend[3], under / bend[1]
-    return value - over + under + over / np.sqrt(one + x * x) - under / np.sqrt(one + y * y)
+    over, under = max(value - knee, np.float32(0.0)), max(toe - value, np.float32(0.0))
+    # x − x / (1 + x / r) = x² / (r + x) is what is taken off
+    return value - over * over / (above + over) + under * under / (below + under)
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -108,12 +107,13 @@ def apply_change(part, before, alpha, log2x, log2y, columns, rows, shift, gain, 
     Rounded and held to [0, top].  R is the roll-off of `roll_off`.
     part, before: (r, c) uint8 or uint16 samples, before as the frame came.  alpha: (h, w) float32, the matte over
     their blocks of 2^log2x × 2^log2y pixels, each at most 2.  columns, rows: float64 positions of the samples in the
-    grids `shift` and `gain`; a `gain` without rows stands for 1 everywhere.  bend: (4,) float32, see `roll_off`.
+    grids `shift` and `gain`; a `gain` without rows stands for 1 everywhere.  bend: (4,) float32, see `roll_off`,
+    or empty for none.
     """
     count, (h, w) = part.shape[1], shift.shape
     index, share = np.empty(count, np.int32), np.empty(count, np.float32)
     _cells(columns, w, index, share)
-    weight = np.empty(count, np.float32)
+    weight, change = np.empty(count, np.float32), np.empty(count, np.float32)
     low, steep = np.empty((2, count), np.float32), np.ones((2, count), np.float32)
     at_low, at_steep = -2, -2
     excess, half, none = factor - np.float32(1.0), np.float32(0.5), np.float32(0.0)
@@ -130,12 +130,16 @@ def apply_change(part, before, alpha, log2x, log2y, columns, rows, shift, gain, 
         a, b, c, d = low[0, first:last], low[1, first:last], steep[0, first:last], steep[1, first:last]
         v, was, to = weight[first:last], before[i, first:last], part[i, first:last]
         for j in range(last - first):
-            moved = a[j] + f * (b[j] - a[j])
             slope = c[j] + f * (d[j] - c[j]) + excess
-            source = np.float32(was[j])
-            wanted = source + moved + slope * (source - level)
-            value = np.float32(to[j]) + v[j] * (roll_off(wanted, bend) - roll_off(source, bend)) + half
-            to[j] = np.int32(min(max(value, none), top))
+            change[j] = a[j] + f * (b[j] - a[j]) + slope * (np.float32(was[j]) - level)
+        if len(bend):
+            toe, below, knee, above = bend[0], bend[1], bend[2], bend[3]
+            for j in range(last - first):
+                source = np.float32(was[j])
+                wanted = source + change[j]
+                change[j] = roll_off(wanted, toe, below, knee, above) - roll_off(source, toe, below, knee, above)
+        for j in range(last - first):
+            to[j] = np.int32(min(max(np.float32(to[j]) + v[j] * change[j] + half, none), top))
 
 
 @njit(cache=True, nogil=True, fastmath=True)

@@ -26,7 +26,7 @@ _FEATHER = 0.012  # of the face's width
 _REACH = 4.0  # spreads of the feather after which nothing is left of it
 _NO_GRID = np.empty((0, 0), np.float32)
 _TOE, _KNEE = 0.05, 0.88  # of the way from black to white, where luma begins to roll off
-_STRAIGHT = np.array([-1e9, 1.0, 1e9, 1.0], np.float32)
+_STRAIGHT = np.empty(0, np.float32)
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Change:
         return None if self.contrast_channel is None else self.contrast_channel + (plane > 0)
 
     def bend(self, pixel_format: PixelFormat, plane: int) -> Floats:
-        """(4,) the roll-off of a plane (`_planes.roll_off`): of luma where lambda is a field, else none at all."""
+        """The roll-off of a plane, (4,) for `_planes.roll_off`, or (0,): luma has one where lambda is a field."""
         if plane > 0 or self.contrast_channel is None:
             return _STRAIGHT
         black = float(pixel_format.offset[0])
@@ -153,7 +153,8 @@ def _apply_to_rgb(
         wanted[..., p] += fields[change.channel + p]
         if p == 0:
             bend = change.bend(opponent, 0)
-            wanted[..., 0], source[..., 0] = (_roll_off(v, bend) for v in (wanted[..., 0], source[..., 0]))
+            if len(bend):
+                wanted[..., 0], source[..., 0] = (kernels.roll_off(v, *bend) for v in (wanted[..., 0], source[..., 0]))
     gained = alpha[..., None] * ((wanted - source) @ np.linalg.inv(to_opponent).T)
     patches = []
     for p in range(3):
@@ -164,14 +165,6 @@ def _apply_to_rgb(
         new = np.clip(np.rint(gained[..., p] + part), 0, 2**frame.format.depth - 1).astype(frame.format.dtype)
         patches.append(Patch(p, upper, left, new))
     return patches
-
-
-def _roll_off(values: Floats, bend: Floats) -> Floats:
-    """`_planes.roll_off` of an array."""
-    toe, below, knee, above = bend
-    over, under = np.maximum(values - knee, 0.0), np.maximum(toe - values, 0.0)
-    rolled = values - over + under + over / np.hypot(1.0, over / above) - under / np.hypot(1.0, under / below)
-    return np.asarray(rolled, np.float32)
 
 
 def _lay(part: NDArray[Any], corner: tuple[int, int], patch: Patch) -> None:
