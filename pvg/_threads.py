@@ -7,14 +7,34 @@ thread comes out where its results are awaited, and leaving early ends the threa
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable
+from contextlib import contextmanager
+from functools import cache
 from queue import Empty, Queue
 from threading import Event, Thread
 from types import TracebackType
 from typing import Generic, Self, TypeVar
 
+from threadpoolctl import ThreadpoolController
+
 T = TypeVar("T")
 
 DEPTH = 4
+
+
+@contextmanager
+def one_blas_thread() -> Generator[None, None, None]:
+    """Keep NumPy's matrix products on the thread that asks for them, in the whole process while the block lasts.
+
+    The pipeline's stages already take the cores; the products here are small, and the library's own threads spin
+    between two of them.
+    """
+    with _libraries().limit(limits=1, user_api="blas"):
+        yield
+
+
+@cache
+def _libraries() -> ThreadpoolController:
+    return ThreadpoolController()  # looks through all loaded libraries, so once
 
 
 def ahead(items: Iterable[T], depth: int = DEPTH) -> Generator[T, None, None]:

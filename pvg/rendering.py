@@ -19,7 +19,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pvg._threads import Sink, ahead
+from pvg._threads import Sink, ahead, one_blas_thread
 from pvg.applying import Change, apply_change, protected_alpha
 from pvg.asset import VectorVideo
 from pvg.curves import CurveLabels, Floats, labels_by_length, stack_points, table_labels
@@ -204,12 +204,13 @@ def render(
     source = _drawable_source(video)
     info = probe(source)
     try:
-        if info.kind == "image":
-            _render_image(video, looks, partials)
-        else:
-            sound = source if audio == "copy" else None
-            options = {"codec": codec, "crf": crf, "preset": preset, "audio_from": sound}
-            _render_clip(video, looks, partials, info, options, progress)
+        with one_blas_thread():
+            if info.kind == "image":
+                _render_image(video, looks, partials)
+            else:
+                sound = source if audio == "copy" else None
+                options = {"codec": codec, "crf": crf, "preset": preset, "audio_from": sound}
+                _render_clip(video, looks, partials, info, options, progress)
         for partial, target in zip(partials, targets, strict=True):
             partial.replace(target)
     finally:
@@ -266,7 +267,8 @@ def source_frame(video: VectorVideo, index: int) -> Frame:
 def render_frame(video: VectorVideo, look: Look | None, index: int) -> NDArray[np.uint8]:
     """Frame `index` with one look, or as it is: (H, W, 3) uint8 RGB. Raises `ValueError` when there is none."""
     frame = source_frame(video, index)
-    return (frame if look is None else Renderer(video, [look]).draw(frame)[0]).rgb()
+    with one_blas_thread():
+        return (frame if look is None else Renderer(video, [look]).draw(frame)[0]).rgb()
 
 
 def swap(a: VectorVideo, b: VectorVideo, paths: Sequence[str | Path], **options: Any) -> None:

@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from pvg._threads import ahead
+from pvg._threads import ahead, one_blas_thread
 from pvg.asset import AssetWriter, MediaSummary, VectorVideo
 from pvg.errors import FaceTooSmallError, NoFaceError
 from pvg.following import Following, KeyView, Stretch, key_view, rows_between
@@ -66,7 +66,7 @@ def vectorize(
     media = probe(path, limits)
     work = _Work(path, media, limits, report, mask, matching, seed, min_face_px)
     target = Path(asset) if asset is not None else _temporary_name()
-    with contextlib.ExitStack() as undo:
+    with one_blas_thread(), contextlib.ExitStack() as undo:
         if asset is None:
             undo.callback(target.unlink)
         writer = undo.enter_context(AssetWriter(target))
