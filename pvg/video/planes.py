@@ -60,7 +60,7 @@ class PlanePicture:
         small = []
         for plane in self.planes:
             down, across = (max(1, plane.shape[axis] // (4 * size[1 - axis])) for axis in (0, 1))
-            sparse = np.ascontiguousarray(plane[::down, ::across], self.format.dtype)
+            sparse: NDArray[Any] = np.ascontiguousarray(plane[::down, ::across])
             small.append(np.asarray(cv2.resize(sparse, size, interpolation=cv2.INTER_AREA)))
         return self._to_rgb(small[0], small[1], small[2])
 
