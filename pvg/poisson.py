@@ -32,10 +32,10 @@ from pvg.errors import SolverError
 Floats = NDArray[np.float32]
 Layout = Sequence[tuple[int, int, bool]]
 
-TARGET_HEIGHT = 184
-"""Nodes along the height of a box: more cost time, fewer cost accuracy next to the curves. [measured on an 800x1096
-face against a direct solve at full size, mean and p99 in levels: 280 nodes 0.07 and 0.6, 184 0.09 and 0.7, 160 0.10 and
-1.1, 100 0.14 and 1.6; time goes with their square]"""
+TARGET_HEIGHT = 208
+"""Nodes along the height of a box: more cost time, fewer cost accuracy next to the curves. [measured on four 800x1096
+faces against a direct solve at full size, medians of mean and p99 in levels: 184 nodes 0.09 and 1.1, 208 0.07 and 0.9,
+224 0.07 and 0.8; time goes with their square]"""
 
 TOLERANCE = 1.0
 """Estimated largest error of a solve, in levels of 255. [measured on faces: the true one is below a quarter of it, and
