@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, TypeVar, cast
 
@@ -16,6 +17,7 @@ from pvg.quadtree import Floats, Ints, Quadtree
 SUPPORT = 3.0  # ψ is truncated at this many leaf sizes; its tail falls as r⁻⁴
 
 _BIN = 4.0  # side of a search bin in finest leaves
+_LEAST_SHARE = 2000  # points that are worth a thread
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -106,10 +108,12 @@ def _fill_rows(
     row_starts: Ints,
     columns: npt.NDArray[np.int32],
     values: Floats,
+    first: int,
+    last: int,
 ) -> None:
     seen = np.full(len(centers), -1, dtype=np.int64)  # each Γ is computed once a point
     sources = np.empty(len(centers))
-    for p in range(len(points)):
+    for p in range(first, last):
         x, y = points[p, 0], points[p, 1]
         at = row_starts[p]
         for k in range(starts[bins[p]], starts[bins[p] + 1]):
@@ -174,7 +178,7 @@ class HarmonicBasis:
         starts = _offsets(counts)
         indices = np.empty(starts[-1], dtype=np.int32)
         data = np.empty(starts[-1])
-        _fill_rows(
+        arguments = (
             where,
             bins,
             self.tree.centers,
@@ -188,6 +192,14 @@ class HarmonicBasis:
             indices,
             data,
         )
+        half = len(where) // 2
+        if half < _LEAST_SHARE:
+            _fill_rows(*arguments, 0, len(where))
+        else:  # the kernel holds no lock of the interpreter
+            with ThreadPoolExecutor(1) as other:
+                done = other.submit(_fill_rows, *arguments, 0, half)
+                _fill_rows(*arguments, half, len(where))
+                done.result()
         return sparse.csr_array((data, indices, starts.astype(np.int32)), shape=(len(where), self.n_leaves))
 
     def design_matrix(self, points: npt.NDArray[Any]) -> sparse.csr_array:

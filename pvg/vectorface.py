@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from pvg.picture import Picture
 from pvg.skin import MaskMethod, Matte, SkinTracker, fit_skin_model
 
 ADVISED_FACE_PX = 200  # the paper's least face size
+_SAMPLE_MARGIN = 0.06  # of the face's width: reach of what smooths the sampled skin
 _INSET = 0.012  # boundary samples lie this part of the face's width inside the mask
 
 
@@ -102,15 +104,11 @@ class VectorFace:
     def _fit(self, row: int, picture: Picture, points: Floats, skin_points: Floats, matte: Matte) -> None:
         boundary = boundary_points(_radius(points, matte), points)
         positions = place(table_labels(), stack_points(points, skin_points), boundary)
-        x0, y0, x1, y1 = matte.box
-        part = picture.part((int(x0) - 2, int(y0) - 2, int(x1) + 3, int(y1) + 3))
-        # the part's own coordinates from here on
-        rgb, corner = part.rgb(), np.array(part.box[:2], np.float32)
-        local = Matte((matte.box - np.tile(corner, 2)).astype(np.float32), matte.alpha, matte.mask)
-        colors, visible = fit_key_frame(rgb, local, positions - corner, face_frame(points).width, self._seed)
-        alpha = local.alpha_at(*(np.arange(n, dtype=np.float32) for n in (rgb.shape[1], rgb.shape[0])))
-        skin = skin_sample(rgb, alpha, points - corner, skin_points - corner)
-        self._keys[row] = KeyFrame(self.first + row, colors, visible, skin)
+        with ThreadPoolExecutor(1) as other:
+            skin = other.submit(_open_skin, picture, points, skin_points, matte)
+            rgb, corner, local = _cut_out(picture, matte, matte.box)
+            colors, visible = fit_key_frame(rgb, local, positions - corner, face_frame(points).width, self._seed)
+            self._keys[row] = KeyFrame(self.first + row, colors, visible, skin.result())
 
     def _write(self, rows: FaceTrack, k: int, matte: Matte, visible: float, writer: AssetWriter) -> None:
         arrays: dict[str, NDArray[Any]] = {
@@ -131,3 +129,20 @@ def _radius(points: Floats, matte: Matte) -> Floats:
     cells = boundary_radius(matte.alpha.astype(np.float32) / 255.0, matte.to_raster(points))
     radius: Floats = np.maximum(cells * matte.step - inset, 0.0).astype(np.float32)
     return radius
+
+
+def _cut_out(picture: Picture, matte: Matte, box: Floats) -> tuple[NDArray[np.uint8], Floats, Matte]:
+    """The picture within a box (4,), where it begins (2,), and the matte in its coordinates."""
+    x0, y0, x1, y1 = (int(v) for v in box)
+    part = picture.part((x0 - 2, y0 - 2, x1 + 3, y1 + 3))
+    corner = np.array(part.box[:2], np.float32)
+    return part.rgb(), corner, Matte((matte.box - np.tile(corner, 2)).astype(np.float32), matte.alpha, matte.mask)
+
+
+def _open_skin(picture: Picture, points: Floats, skin_points: Floats, matte: Matte) -> Floats:
+    """The colours of the open skin, see `skin_sample`; looked for within the face contour only."""
+    margin = _SAMPLE_MARGIN * face_frame(points).width + 2
+    box = np.concatenate([skin_points.min(axis=0) - margin, skin_points.max(axis=0) + margin])
+    rgb, corner, local = _cut_out(picture, matte, box)
+    alpha = local.alpha_at(*(np.arange(n, dtype=np.float32) for n in (rgb.shape[1], rgb.shape[0])))
+    return skin_sample(rgb, alpha, points - corner, skin_points - corner)
