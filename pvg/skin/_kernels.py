@@ -59,3 +59,75 @@ def skin_odds(lab, center, scale, reach, bins, table, sure, prior, neckness, ins
             carried = min(max(inside[i, j] * np.float32(60.0), np.float32(-6.0)), np.float32(6.0))
             carried *= np.float32(1.0) - np.float32(0.6) * neckness[i, j]
             out[i, j] = np.float32(0.6) * prior[i, j] + carried + evidence - veil_odds * covered[i, j]
+
+
+@njit(nogil=True, inline="always")
+def _rise(x, low, high):
+    """0 below `low`, 1 above `high`, smooth between."""
+    t = min(max((x - low) / (high - low), np.float32(0.0)), np.float32(1.0))
+    return t * t * (np.float32(3.0) - np.float32(2.0) * t)
+
+
+@njit(nogil=True, inline="always")
+def _head_odds(inside, down, brow):
+    """Log-odds of skin on the head: strict along cheeks and jaw, lenient at the hair-line.
+
+    inside: signed distance to the contour in sizes. Fringes and hats reach far below the contour's top, bald heads far
+    above it.
+    """
+    if inside > 0:
+        cheeks = min(np.float32(40.0) * inside, np.float32(6.0))
+        forehead = min(np.float32(0.3) + np.float32(8.0) * inside, np.float32(1.8))
+    else:
+        cheeks, forehead = np.float32(30.0) * inside, np.float32(0.3) + np.float32(11.0) * inside
+    above = _rise(-down, -brow - np.float32(0.15), -brow + np.float32(0.08))
+    return cheeks * (np.float32(1.0) - above) + forehead * above
+
+
+@njit(nogil=True, inline="always")
+def _ear_odds(beside, below):
+    """Log-odds of skin at the ears, beside the contour (sizes) and between eyes and nose (sizes below that level)."""
+    a, b = (beside - np.float32(0.07)) / np.float32(0.08), below / np.float32(0.16)
+    fall = np.float32(0.5) * (a * a + b * b)
+    if fall > np.float32(8.0):  # less than is told apart
+        return np.float32(-9.2)
+    return np.log(np.float32(1.2) * np.exp(-fall) + np.float32(1e-4))
+
+
+@njit(nogil=True, inline="always")
+def _neck_odds(along, off):
+    """Log-odds of skin on the neck: sure under the chin, open towards a collar, widening to the shoulders."""
+    if along <= np.float32(-0.45):
+        return np.float32(-9.0)
+    below = min(max(along, np.float32(0.0)), np.float32(2.0))
+    wide = np.float32(0.40) + np.float32(0.30) * below * np.sqrt(below) - off
+    odds = min(np.float32(1.0) - np.float32(0.6) * below, wide * np.float32(14.0))
+    return odds - np.float32(12.0) * _rise(-along, np.float32(0.35), np.float32(0.6))
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def place_fields(inner, outer, frame, brow, level, ends, prior, neckness, fade, down, along, off, ears):
+    """What `pvg.skin.zones.locate` tells of every cell (h, w) by its place alone.
+
+    inner, outer: float32 distances from the contour within and outside it, in cells;
+    frame: (12,) float32, centre, across, down, chin and neck (x, y each), size and width of the face;
+    brow, level: depths of brows and ears in sizes;  ends: where the neck's fade begins and ends.
+    Written: prior, the log-odds of skin;  neckness;  fade;  down, depth on the face;  along and off, the way along the
+    neck and the distance off its axis, in sizes;  ears, the ears' own log-odds.
+    """
+    h, w = prior.shape
+    size, half_width = frame[10], frame[11] / frame[10] / np.float32(2.0)
+    one = np.float32(1.0)
+    for i in range(h):
+        y, chin_y = (np.float32(i) - frame[1]) / size, (np.float32(i) - frame[7]) / size
+        for j in range(w):
+            x, chin_x = (np.float32(j) - frame[0]) / size, (np.float32(j) - frame[6]) / size
+            side, depth = x * frame[2] + y * frame[3], x * frame[4] + y * frame[5]
+            way, away = chin_x * frame[8] + chin_y * frame[9], abs(chin_x * frame[9] - chin_y * frame[8])
+            ear = _ear_odds(abs(side) - half_width, depth - level)
+            head = _head_odds((inner[i, j] - outer[i, j]) / size, depth, brow)
+            odds = max(head, ear, _neck_odds(way, away))
+            prior[i, j] = min(max(odds, np.float32(-7.0)), np.float32(6.0))
+            neckness[i, j] = _rise(way, np.float32(-0.2), np.float32(0.1))
+            fade[i, j] = one - _rise(way, ends[0], ends[1])
+            down[i, j], along[i, j], off[i, j], ears[i, j] = depth, way, away, ear

@@ -86,6 +86,8 @@ def veil(rgb: Bytes, skin: Bools, where: Places, hair: Hair) -> Floats:
         own = np.asarray(total / (cv2.GaussianBlur(seen, (0, 0), sigma) + _TRUST[hair.fair])[..., None], np.float32)
     share = _share(color, np.asarray(cv2.resize(own, (w, h)), np.float32), hair)
     covered = np.where(where.sure, 0, smoothstep(share, _LITTLE, _MUCH))
+    if not covered[where.brows].any():
+        return np.asarray(covered * where.upper, np.float32)
     # brows are as dark as hair: they are covered where the forehead is, from above
     above = where.above.astype(np.float32) / max(1, int(where.above.sum()))
     share_above = np.asarray(cv2.filter2D(covered, -1, above, borderType=cv2.BORDER_REPLICATE), np.float32)

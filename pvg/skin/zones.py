@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pvg.skin._kernels import place_fields
+
 Floats = NDArray[np.float32]
 Bytes = NDArray[np.uint8]
 Bools = NDArray[np.bool_]
@@ -163,32 +165,34 @@ def locate(shape: tuple[int, int], points: Floats, skin_points: Floats) -> Place
     g = face_geometry(points, skin_points)
     contour = _contour(points, skin_points)
     face = _fill(shape, contour)
-    inner, outer = _distance(face) / g.size, _distance(~face) / g.size
-    across, down = _axes(shape, g)
+    inner, outer = _distance(face), _distance(~face)
     brow = g.depth(points[33:43])
     nose, mouth = g.depth(points[82:84]), g.depth(points[84:96])
+
+    level = (g.depth(points[52:64]) + nose) / 2 + 0.04
+    frame = np.concatenate([g.center, g.across, g.down, g.chin, g.neck, [g.size, g.width]]).astype(np.float32)
+    prior, neckness, fade, down, along, off, ears = np.empty((7, *shape), np.float32)
+    ends = np.array([_NECK_FADE, _NECK_END], np.float32)
+    depths = np.float32(brow), np.float32(level)
+    place_fields(inner, outer, frame, *depths, ends, prior, neckness, fade, down, along, off, ears)
+    outside = outer / np.float32(g.size)
 
     core = _fill(shape, contour.mean(axis=0) + 0.86 * (contour - contour.mean(axis=0)))
     sure = core & (down > brow + 0.05)
     features = _spread(shape, points, _FEATURES, _FEATURE_MARGIN * g.size)
     sample = sure & (down < mouth - 0.03) & ~features
     brows = _spread(shape, points, _FEATURES[:2], _FEATURE_MARGIN * g.size)
-    along, off = _neck_axes(shape, g)
-    neckness = smoothstep(along, -0.2, 0.1)
-    ears = _ear_prior(across, down, g, (g.depth(points[52:64]) + nose) / 2 + 0.04)
-    head = np.maximum(_head_prior(inner - outer, down, brow), ears)
-    prior = np.maximum(head, _neck_prior(along, off))
     return Places(
-        prior=np.clip(prior, -7, 6).astype(np.float32),
+        prior=prior,
         neckness=neckness,
-        fade=1 - smoothstep(along, _NECK_FADE, _NECK_END),
-        outside=outer.astype(np.float32),
+        fade=fade,
+        outside=outside,
         face=face,
         sure=sure,
         sample=sample,
         cheeks=sample & (down > g.depth(points[52:64]) + 0.15),
         chin=sure & (down > max(g.depth(points[[i]]) for i in _LOWER_LIP) + 0.03),
-        jaw=(down > mouth) & (outer < _BEARD_REACH),
+        jaw=(down > mouth) & (outside < _BEARD_REACH),
         features=features,
         ears=ears > -3,
         upper=down < brow,
@@ -212,52 +216,11 @@ def _upward(step: Floats) -> Bytes:
     return kernel
 
 
-def _head_prior(inside: Floats, down: Floats, brow: float) -> Floats:
-    """Log-odds of skin on the head: strict along cheeks and jaw, lenient at the hair-line."""
-    cheeks = np.where(inside > 0, np.minimum(40 * inside, 6.0), 30 * inside)
-    # fringes and hats reach far below the contour's top, bald heads far above it
-    forehead = np.where(inside > 0, np.minimum(0.3 + 8 * inside, 1.8), 0.3 + 11 * inside)
-    upness = smoothstep(-down, -brow - 0.15, -brow + 0.08)
-    return np.asarray(cheeks * (1 - upness) + forehead * upness, np.float32)
-
-
-def _ear_prior(across: Floats, down: Floats, g: FaceGeometry, level: float) -> Floats:
-    """Log-odds of skin at the ears, beside the contour between eyes and nose."""
-    beside = (np.abs(across) - g.width / g.size / 2 - 0.07) / 0.08
-    ears = np.exp(-0.5 * (beside**2 + ((down - level) / 0.16) ** 2))
-    odds: Floats = np.log(1.2 * ears + 1e-4)
-    return odds
-
-
-def _neck_axes(shape: tuple[int, int], g: FaceGeometry) -> tuple[Floats, Floats]:
-    """Of every cell, the way along the neck from the chin and the distance off its axis, in sizes."""
-    ys, xs = np.ogrid[: shape[0], : shape[1]]
-    rx, ry = (xs - g.chin[0]) / g.size, (ys - g.chin[1]) / g.size
-    along = rx * g.neck[0] + ry * g.neck[1]
-    return along.astype(np.float32), np.abs(rx * g.neck[1] - ry * g.neck[0]).astype(np.float32)
-
-
-def _neck_prior(along: Floats, off: Floats) -> Floats:
-    """Log-odds of skin on the neck: sure under the chin, open towards a collar, widening to the shoulders."""
-    below = np.clip(along, 0, 2)
-    odds = np.minimum(1.0 - 0.6 * below, (0.40 + 0.30 * below**1.5 - off) * 14)
-    out: Floats = np.where(along > -0.45, odds - 12 * smoothstep(-along, 0.35, 0.6), -9.0).astype(np.float32)
-    return out
-
-
 def smoothstep(x: Floats, low: float, high: float) -> Floats:
     """0 below `low`, 1 above `high`, smooth between."""
     t = np.clip((x - low) / (high - low), 0, 1)
     step: Floats = (t * t * (3 - 2 * t)).astype(np.float32)
     return step
-
-
-def _axes(shape: tuple[int, int], g: FaceGeometry) -> tuple[Floats, Floats]:
-    """Face coordinates of every cell: across and down from the centre, in sizes."""
-    ys, xs = np.ogrid[: shape[0], : shape[1]]
-    rx, ry = (xs - g.center[0]) / g.size, (ys - g.center[1]) / g.size
-    across, down = rx * g.across[0] + ry * g.across[1], rx * g.down[0] + ry * g.down[1]
-    return across.astype(np.float32), down.astype(np.float32)
 
 
 def _spread(shape: tuple[int, int], points: Floats, groups: tuple[tuple[int, ...], ...], margin: float) -> Bools:
