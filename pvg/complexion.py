@@ -71,7 +71,7 @@ def _without_beard(colors: Floats, lower: NDArray[np.bool_]) -> Floats:
 
 _RATIO_RANGE = (0.3, 2.5)
 _RATIO_FLOOR = 8.0  # levels added to both sides of a ratio, so that near-black does not explode
-_GAIN_RANGE = (0.8, 1.25)
+_GAIN_RANGE = (0.6, 1.3)
 _FAR = (2.0, 6.0)  # spreads: a colour beyond the first is ever less skin, beyond the second none
 
 
@@ -81,7 +81,7 @@ class ComplexionMap:
 
     Transport matches extremes to extremes: between a flatly lit face and a shaded one it would turn the slightest
     unevenness into blotches. Of its result this keeps where the skin goes (the medians), a gain per channel (their
-    ratio, as another light or pigment would), and the spread within 0.8 to 1.25 of what the ratio makes of it.
+    ratio, as another light or pigment would), and the spread within 0.6 to 1.3 of what the ratio makes of it.
     """
 
     start: NDArray[np.float64]

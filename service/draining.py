@@ -14,7 +14,7 @@ from typing import Final
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-DECLARED_BYTES: Final = 2 * 1024 * 1024
+DECLARED_BYTES: Final = 4 * 1024 * 1024
 UNDECLARED_BYTES: Final = 256 * 1024
 DRAIN_S: Final = 2.0
 _FIRST_ERROR: Final = 400
