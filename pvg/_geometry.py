@@ -26,3 +26,25 @@ def frame_numbers(points):
         along = (points[k, 0] - x) * down_y - (points[k, 1] - y) * down_x
         low, high = min(low, along), max(high, along)
     return x, y, down_x, down_y, high - low
+
+
+@njit(cache=True, nogil=True)
+def settle(values, fading, weight, share):
+    """Values (S, C) float32 with those of the samples `fading` (R,) moved by 1 − weight towards share (R, S) of all.
+
+    Summed in the order of the samples: a channel comes out the same whatever others stand beside it, which a matrix
+    product does not promise.
+    """
+    out = values.copy()
+    channels = values.shape[1]
+    total = np.empty(channels, np.float32)
+    for r in range(len(fading)):
+        total[:] = np.float32(0.0)
+        for s in range(values.shape[0]):
+            part = share[r, s]
+            for c in range(channels):
+                total[c] += part * values[s, c]
+        k = fading[r]
+        for c in range(channels):
+            out[k, c] += (np.float32(1.0) - weight[k]) * (total[c] - values[k, c])
+    return out

@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pvg._geometry import settle
 from pvg.asset import FaceFrameData
 from pvg.curves import BOUNDARY, GROUPS, CurveLabels, Floats, face_frame
 
@@ -62,10 +63,8 @@ class Visibility:
         """Values (S, C) at the samples with those of hidden ones replaced; linear, and constants stay what they are."""
         if not len(self.fading):
             return values
-        settled: Floats = values.astype(np.float32)
-        own = settled[self.fading]
-        settled[self.fading] += (1.0 - self.weight[self.fading])[:, None] * (self.share @ values - own)
-        return settled
+        known = np.ascontiguousarray(values, np.float32)
+        return np.asarray(settle(known, self.fading, self.weight, self.share))
 
 
 def see(data: FaceFrameData, labels: CurveLabels, positions: Floats, width: int, height: int) -> Visibility:
