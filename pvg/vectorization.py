@@ -18,7 +18,7 @@ from typing import Literal
 from pvg._threads import ahead, one_blas_thread
 from pvg.asset import AssetWriter, MediaSummary, VectorVideo
 from pvg.errors import FaceTooSmallError, NoFaceError
-from pvg.following import Following, KeyView, Stretch, key_view, rows_between
+from pvg.following import CHUNK, Following, KeyView, Stretch, key_view, rows_between
 from pvg.keycolors import fit_key_frame
 from pvg.keyframes import best_row, first_good_row, opacity
 from pvg.landmarks import FaceTrack, link_persons, smooth, track_faces
@@ -34,6 +34,7 @@ Progress = Callable[[str, int, int], None]
 
 VECTORIZER_VERSION = 2  # raised when the same clip would give another asset
 MIN_FACE_PX = 64
+_AHEAD = CHUNK + 4  # frames: a face's frames come a chunk at a time, and landmarks go on while their skin is found
 _REFERENCE_FRAMES = 300  # a reference needs one good frame; the beginning of a clip is enough to find it
 
 
@@ -152,7 +153,7 @@ class _Work:
         )
         faces: dict[int, VectorFace] = {}
         settled = 0
-        with contextlib.closing(ahead(following.advances(self.pictures()))) as advances:
+        with contextlib.closing(ahead(following.advances(self.pictures()), _AHEAD)) as advances:
             for advance in advances:
                 for stretch in advance.stretches:
                     if stretch.key is not None:
