@@ -13,6 +13,7 @@ from pvg.skin import SkinTracker, fit_skin_model
 from pvg.skin.veil import Hair, veil
 from pvg.skin.zones import locate
 from pvg.video import Frame, PixelFormat, picture_of
+from pvg.visibility import Visibility
 
 
 def warm_up() -> None:
@@ -26,6 +27,8 @@ def warm_up() -> None:
     raster = rasterize_curves(circle, ((0, len(circle), True),), Lattice.over((0, 0, 64, 64)))
     membrane = build_membrane(raster).solve(np.concatenate([fit.colors, fit.colors[:, :2]], axis=1))
     membrane.crop(8, 8, 32, 32)
+    seen = Visibility(np.zeros(48, np.float32), np.arange(2), np.full((2, 48), 1 / 48, np.float32))
+    seen.settle(fit.colors)
     for depth in (8, 10):
         frame = _frame(image, depth)
         _follow(frame)
