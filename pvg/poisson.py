@@ -46,8 +46,8 @@ MAX_CYCLES = 40
 FINEST = 5e-6
 """Least tolerance, as a part of the range of the values."""
 
-MIN_THETA = np.float32(0.01)
-"""A node on a curve is tied by 1/θ = 100 at most; it moves a curve by 0.01 step."""
+MIN_THETA = np.float32(0.001)
+"""A node on a curve is tied by 1/θ = 1000 at most; what leaks through it to the other side is below a thousandth."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class CurveRaster:
 
     levels: (L, 5) int64, the grid hierarchy (see `_multigrid`), the lattice itself first.
     theta: (4, N) float32, distance in steps to the nearest cut to the right, left, below and above; inf if whole.
-    node: (E,) int64, the node that tie e holds;  weight: (E,) float32, 1/θ, from 1 to 100.
+    node: (E,) int64, the node that tie e holds;  weight: (E,) float32, 1/θ, from 1 to 1000.
     start, stop: (E,) int32 samples of γ around the crossing;  place: (E,) float32, where between them.
     """
 
