@@ -38,6 +38,7 @@ _CHROMA_RANGE = (0.25, 1.5)  # more would lift the noise that coding leaves in c
 _LEAST_CHROMA = 4.0  # code values added to both sides of the ratio, so that grey skin does not explode
 _CHAIN_SPACING_PX = 2.0
 _HF_LEVELS = 128.0
+_LOOKS_AT_ONCE = 3  # an encoder holds tens of frames: more looks are drawn in further passes over the clip
 
 
 def _contrast_at_curves(look: Look, g: Floats, new: Floats) -> Floats | float:
@@ -185,13 +186,13 @@ def render(
     audio: Literal["copy", "none"] = "copy",
     progress: Progress | None = None,
 ) -> None:
-    """Render every look of `looks` to the path of the same place in `paths`, all in one pass over the clip.
+    """Render every look of `looks` to the path of the same place in `paths`, up to three in one pass over the clip.
 
     The container follows from the suffix: .mp4, .mov, .mkv, .webm; .png, .jpg, .webp for an image. codec: "auto",
     "h264", "hevc", "vp9", "av1";  crf, preset: the encoder's own scales;  audio: "copy" or "none".
-    progress: called as ("render", frames done, frames); what it raises ends the work and passes through. Files appear
-    under their names only when all are complete. Raises `AssetError` when the source clip is missing or another one,
-    `MediaError` when it cannot be read, `ValueError` on options that do not fit.
+    progress: called as ("render", frames done, frames), counted over all passes; what it raises ends the work and
+    passes through. Files appear under their names only when all are complete. Raises `AssetError` when the source clip
+    is missing or another one, `MediaError` when it cannot be read, `ValueError` on options that do not fit.
     """
     if len(looks) != len(paths):
         raise ValueError(f"{len(looks)} looks need {len(looks)} paths, not {len(paths)}")
@@ -240,16 +241,22 @@ def _render_clip(
     options: dict[str, Any],
     progress: Progress | None,
 ) -> None:
-    renderer = Renderer(video, looks)
-    with ExitStack() as stack:
-        writers = [stack.enter_context(VideoWriter(path, info, info.format, **options)) for path in paths]
-        sinks = [stack.enter_context(Sink(_writing(writer))) for writer in writers]
-        frames = stack.enter_context(closing(ahead(read_frames(video.require_source()))))
-        for frame in frames:
-            for sink, patches in zip(sinks, renderer.patches(frame), strict=True):
-                sink.put((frame, patches))
-            if progress is not None:
-                progress("render", frame.index + 1, video.frame_count)
+    # one encoder may use all cores; several share them, which costs less memory and processor time
+    threads = 0 if len(looks) == 1 else max(1, (os.cpu_count() or 1) // min(len(looks), _LOOKS_AT_ONCE))
+    parts = [slice(i, i + _LOOKS_AT_ONCE) for i in range(0, len(looks), _LOOKS_AT_ONCE)]
+    for done, part in enumerate(parts):
+        renderer = Renderer(video, looks[part])
+        with ExitStack() as stack:
+            writers = [VideoWriter(path, info, info.format, threads=threads, **options) for path in paths[part]]
+            sinks = [Sink(_writing(stack.enter_context(writer))) for writer in writers]
+            for sink in sinks:
+                stack.enter_context(sink)
+            frames = stack.enter_context(closing(ahead(read_frames(video.require_source()))))
+            for frame in frames:
+                for sink, patches in zip(sinks, renderer.patches(frame), strict=True):
+                    sink.put((frame, patches))
+                if progress is not None:
+                    progress("render", done * video.frame_count + frame.index + 1, len(parts) * video.frame_count)
 
 
 def _writing(writer: VideoWriter) -> Callable[[tuple[Frame, list[Patch]]], None]:

@@ -30,7 +30,7 @@ def media_body(media: Media) -> MediaBody:
 
 
 def job_body(job: Job, looks: Sequence[Look], *, root_path: str = "") -> JobBody:
-    """The answer that shows a job. A look shares its job's state: all are rendered in one pass."""
+    """The answer that shows a job. A look shares its job's state: all are rendered together."""
     return JobBody.model_validate(
         {
             "id": job.id,

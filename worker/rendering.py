@@ -53,7 +53,7 @@ def render(run: Run) -> bool:
 
 
 def _render_video(run: Run, video: Media, group: list[Look], present: dict[str, Media]) -> list[tuple[Look, Path]]:
-    """All looks of one video, in one pass over it."""
+    """All looks of one video, up to three in one pass over it."""
     output: dict[str, Any] = run.job.request["output"]
     with ExitStack() as stack:
         source = stack.enter_context(run.storage.local_path(video.source_key))

@@ -111,7 +111,8 @@ class VideoWriter:
     path: .mp4, .mov, .mkv or .webm, or any name with `container` given. info: the source clip's; its time base,
     frame rate, colour tags and pixel aspect are kept. format: that of the frames to come.
     codec: "auto" is h264 for 8 bits and hevc above (WebM: vp9, av1 above). crf, preset: the encoder's own scales
-    (for vp9 the preset is cpu-used, 0–8). audio_from: the clip whose sound is copied, or transcoded to AAC (Opus
+    (for vp9 the preset is cpu-used, 0–8). threads: of the encoder, as many as suit the machine when 0; the same number
+    gives the same bytes. audio_from: the clip whose sound is copied, or transcoded to AAC (Opus
     in WebM) where the container cannot hold it; None, or a clip without sound, gives a silent clip.
 
     Time stamps are exact in MP4 and MOV. Matroska and WebM count milliseconds and have no negative ones: sound
@@ -131,6 +132,7 @@ class VideoWriter:
         preset: str | None = None,
         audio_from: str | Path | None = None,
         container: str | None = None,
+        threads: int = 0,
     ) -> None:
         self.path = Path(path)
         key = container or self.path.suffix.lower()
@@ -141,7 +143,7 @@ class VideoWriter:
         self._container_name = _CONTAINERS[key]
         self.codec = choose_codec(codec, self._container_name, format.depth)
         self._options = encoder_options(self.codec, crf, preset)
-        self._source_format, self._info = format, info
+        self._source_format, self._info, self._threads = format, info, threads
         self._time_base = info.time_base
         self._audio_from = Path(audio_from) if audio_from is not None and info.has_audio else None
         self.format = encoder_format(format, self.codec)
@@ -187,6 +189,7 @@ class VideoWriter:
         context.sample_aspect_ratio = info.sample_aspect_ratio
         context.bit_rate = 0
         context.thread_type = "AUTO"
+        context.thread_count = self._threads
         if self.codec == "hevc" and self._container_name in ("mp4", "mov"):
             context.codec_tag = "hvc1"
         return stream

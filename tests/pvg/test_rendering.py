@@ -139,3 +139,20 @@ def test_a_look_for_one_face_leaves_the_other_faces_alone(samples: object, dark_
             x, y = np.rint(data.points[46]).astype(int)  # the tip of the nose
             there = change[y - 3 : y + 4, x - 3 : x + 4]
             assert there.max() > 5 if face.index == 0 else there.max() == 0
+
+
+def test_more_looks_than_are_drawn_at_once_take_further_passes(
+    video: pvg.VectorVideo, dark_reference: pvg.VectorVideo, tmp_path: Path
+) -> None:
+    strengths = (0.0, 0.25, 0.5, 0.75, 1.0)
+    looks = [pvg.transfer(video, dark_reference, strength=strength) for strength in strengths]
+    paths = [tmp_path / f"{k}.mp4" for k in range(len(looks))]
+    seen: list[tuple[int, int]] = []
+    pvg.render(video, looks, paths, crf=0, progress=lambda _, done, total: seen.append((done, total)))
+    assert seen == [(k, 2 * video.frame_count) for k in range(1, 2 * video.frame_count + 1)]
+    for look, path in zip(looks, paths, strict=True):
+        written = [frame.planes for frame in read_frames(path)]
+        assert len(written) == video.frame_count
+        (drawn,) = Renderer(video, [look]).draw(source_frame(video, 30))
+        for one, other in zip(drawn.planes, written[30], strict=True):
+            np.testing.assert_array_equal(one, other)
