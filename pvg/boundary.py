@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ _TOLERANCE = 1e-5  # relative residual of the normal equations: at most 0.02 of 
 _ROUGH_TOLERANCE = 1e-3  # where the solution only says which pixels to trust
 _REWEIGHTINGS = 2
 _MAX_ITERATIONS = 200
+_WEAK_COUPLING = 1e-3  # of the geometric mean of two diagonal entries: left out of the preconditioner
 _LUMA = np.array([0.299, 0.587, 0.114])
 
 
@@ -106,7 +107,7 @@ def fit_boundary_colors(
         trust = trust * _highlight_weights(sample, 2.0 * h_max)
     base = np.average(sample.colors, axis=0, weights=trust)
     # λ is sought around the mean colour: constants are exact and ε pulls to skin, not to black
-    shifts = _solve(B, roughness.T @ roughness, sample.colors - base, trust, smoothness, reweight=robust)
+    shifts = _solve(B, roughness, sample.colors - base, trust, smoothness, reweight=robust)
     error = sample.colors - base - B @ shifts
     residual = float(np.sqrt(np.average((error**2).mean(axis=1), weights=sample.trust)))
     places = _move_inside(curve_points if sample_inset is None else sample_inset, domain)
@@ -219,36 +220,47 @@ def _highlight_weights(sample: _Sample, side: float) -> Floats:
 
 @dataclass(frozen=True)
 class _NormalEquations:
-    """A = BᵀWB + (μ ΛᵀΛ + ε I) of eq. (3), with pixel weights W; applied without being formed."""
+    """A = BᵀWB + μ ΛᵀΛ + ε I of eq. (3), with pixel weights W; applied without being formed."""
 
     B: sparse.csr_array
-    damping: sparse.csr_array
+    roughness: sparse.csr_array
+    stiffness: float  # μ
     trust: Floats
 
     def __matmul__(self, columns: Floats) -> Floats:
-        return np.asarray(self.project(self.B @ columns) + self.damping @ columns)
+        damped = self.stiffness * (self.roughness @ (self.roughness @ columns)) + RIDGE * columns  # Λ is symmetric
+        return np.asarray(self.project(self.B @ columns) + damped)
 
     def project(self, target: Floats) -> Floats:
         """BᵀW times (n, 3) values at the pixels."""
         return np.asarray(self.B.T @ (self.trust[:, None] * target))
 
+    def matrix(self) -> sparse.csr_array:
+        """A itself, (n, n)."""
+        weighted = self.B.copy()
+        weighted.data *= np.repeat(np.sqrt(self.trust), np.diff(self.B.indptr))
+        ridge = np.sqrt(RIDGE) * sparse.eye_array(self.B.shape[1], format="csr")
+        root = sparse.vstack([weighted, np.sqrt(self.stiffness) * self.roughness, ridge], format="csr")
+        return sparse.csr_array(root.T @ root)
+
 
 def _solve(
-    B: sparse.csr_array, penalty: sparse.csr_array, target: Floats, trust: Floats, smoothness: float, *, reweight: bool
+    B: sparse.csr_array,
+    roughness: sparse.csr_array,
+    target: Floats,
+    trust: Floats,
+    smoothness: float,
+    *,
+    reweight: bool,
 ) -> Floats:
     """Minimise the weighted, smoothed squares (eq. 3); with `reweight`, Huber's loss by repeated weighting.
 
     The equations of later weights are close to the first ones, whose factors therefore precondition them.
     """
-    weighted = B.copy()
-    weighted.data *= np.repeat(trust, np.diff(B.indptr))
-    gram = weighted.T @ B
-    count = gram.shape[0]
-    damping = sparse.csr_array(
-        smoothness * float(gram.diagonal().mean()) * penalty + RIDGE * sparse.eye_array(count, format="csr")
-    )
-    factors = _factorise(sparse.csr_array(gram + damping))
-    equations = _NormalEquations(B, damping, trust)
+    count = B.shape[1]
+    mean_diagonal = float(((B.data**2) * np.repeat(trust, np.diff(B.indptr))).sum()) / count
+    equations = _NormalEquations(B, roughness, smoothness * mean_diagonal, trust)
+    factors = _factorise(equations.matrix())
     rounds = _REWEIGHTINGS if reweight else 0
     tolerances = [_ROUGH_TOLERANCE] * rounds + [_TOLERANCE]
     shifts = _refine_solution(equations, target, factors, np.zeros((count, target.shape[1])), tolerances[0])
@@ -256,12 +268,20 @@ def _solve(
         error = np.linalg.norm(target - B @ shifts, axis=1)
         limit = max(3.0 * float(np.median(error)), 2.0)
         weights = trust * np.minimum(1.0, limit / np.maximum(error, limit))
-        shifts = _refine_solution(_NormalEquations(B, damping, weights), target, factors, shifts, tolerance)
+        shifts = _refine_solution(replace(equations, trust=weights), target, factors, shifts, tolerance)
     return shifts
 
 
 def _factorise(normal: sparse.csr_array) -> SuperLU:
-    by_columns = normal.T  # the matrix is symmetric: its rows are its columns
+    """Factors of the symmetric matrix without its weak couplings: nearly as good a preconditioner in half the time."""
+    rows = np.repeat(np.arange(normal.shape[0]), np.diff(normal.indptr))
+    root = np.sqrt(normal.diagonal())
+    strong = np.abs(normal.data) > _WEAK_COUPLING * root[rows] * root[normal.indices]
+    starts = np.concatenate([[0], np.cumsum(np.bincount(rows[strong], minlength=normal.shape[0]))])
+    # its rows are its columns
+    by_columns = sparse.csc_array(
+        (normal.data[strong], normal.indices[strong], starts.astype(normal.indptr.dtype)), shape=normal.shape
+    )
     try:
         return splu(by_columns, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     except RuntimeError as error:  # SuperLU's word for an exactly singular factor

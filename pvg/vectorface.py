@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -49,15 +49,16 @@ class VectorFace:
         self._seed = seed
         self._extents: list[Floats] = []
         self._ratios: list[Floats] = []
-        self._keys: dict[int, KeyFrame] = {}
+        self._keys: dict[int, Future[KeyFrame]] = {}
         model = fit_skin_model(key.picture, key.points, key.skin_points, method=method)
         self._skin = SkinTracker(model)
         self._key_row = key.row
+        self._key: KeyView | None = key
         self.key_matte = SkinTracker(model).step(key.picture, key.points, key.skin_points)
-        self._fit(key.row, key.picture, key.points, key.skin_points, self.key_matte)
 
     def add(self, stretch: Stretch, writer: AssetWriter) -> None:
         """Follow the skin through the next rows and write them."""
+        self._fit_key()
         for k, picture in enumerate(stretch.pictures):
             rows, row = stretch.rows, stretch.start + k
             matte = self._skin.step(picture, rows.points[k], rows.skin_points[k])
@@ -68,6 +69,7 @@ class VectorFace:
 
     def add_key_frame_only(self, track: FaceTrack, writer: AssetWriter) -> None:
         """Write just the key frame of the track, which is all that a reference needs."""
+        self._fit_key()
         self.first = track.first + self._key_row
         self._write(track, self._key_row, self.key_matte, 1.0, writer)
         self._remember(rows_between(track, self.first, self.first + 1))
@@ -77,8 +79,11 @@ class VectorFace:
         return FaceShape(self.first, self._last, np.concatenate(self._ratios))
 
     def record(self, index: int) -> FaceRecord:
-        """The face's summary and key frames, once all its rows are added."""
-        keys = tuple(self._keys[row] for row in sorted(self._keys))
+        """The face's summary and key frames, once all its rows are added.
+
+        Raises SolverError when the colours of a key frame cannot be fitted.
+        """
+        keys = tuple(self._keys[row].result() for row in sorted(self._keys))
         skin = keys[0].visible & (table_labels().group == 0) & (table_labels().curve != BOUNDARY)
         colors = keys[0].colors[skin] if skin.any() else keys[0].colors
         width = float(np.median(np.concatenate(self._extents)))
@@ -101,14 +106,18 @@ class VectorFace:
         self._extents.append(rows.extents[rows.score > 0])
         self._ratios.append(frontal_ratios(rows))
 
+    def _fit_key(self) -> None:
+        """Fit the key view's colours and let go of its picture, once."""
+        key, self._key = self._key, None
+        if key is not None:
+            self._fit(key.row, key.picture, key.points, key.skin_points, self.key_matte)
+
     def _fit(self, row: int, picture: Picture, points: Floats, skin_points: Floats, matte: Matte) -> None:
-        boundary = boundary_points(_radius(points, matte), points)
-        positions = place(table_labels(), stack_points(points, skin_points), boundary)
-        with ThreadPoolExecutor(1) as other:
-            skin = other.submit(_open_skin, picture, points, skin_points, matte)
-            rgb, corner, local = _cut_out(picture, matte, matte.box)
-            colors, visible = fit_key_frame(rgb, local, positions - corner, face_frame(points).width, self._seed)
-            self._keys[row] = KeyFrame(self.first + row, colors, visible, skin.result())
+        """Fit a row's colours in a thread of its own: half a second that nothing before `record` waits for."""
+        fitting = ThreadPoolExecutor(1)
+        frame = self.first + row
+        self._keys[row] = fitting.submit(_key_frame, frame, picture, points, skin_points, matte, self._seed)
+        fitting.shutdown(wait=False)
 
     def _write(self, rows: FaceTrack, k: int, matte: Matte, visible: float, writer: AssetWriter) -> None:
         arrays: dict[str, NDArray[Any]] = {
@@ -121,6 +130,16 @@ class VectorFace:
             "matte": matte.alpha if visible == 1 else np.rint(matte.alpha * visible).astype(np.uint8),
         }
         writer.add_frame(self.number, arrays)
+
+
+def _key_frame(frame: int, picture: Picture, points: Floats, skin_points: Floats, matte: Matte, seed: int) -> KeyFrame:
+    boundary = boundary_points(_radius(points, matte), points)
+    positions = place(table_labels(), stack_points(points, skin_points), boundary)
+    with ThreadPoolExecutor(1) as other:
+        skin = other.submit(_open_skin, picture, points, skin_points, matte)
+        rgb, corner, local = _cut_out(picture, matte, matte.box)
+        colors, visible = fit_key_frame(rgb, local, positions - corner, face_frame(points).width, seed)
+        return KeyFrame(frame, colors, visible, skin.result())
 
 
 def _radius(points: Floats, matte: Matte) -> Floats:
