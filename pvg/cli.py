@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import math
+import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from enum import StrEnum
 from pathlib import Path
@@ -23,6 +26,7 @@ from pvg.video import write_image
 BAD_ARGUMENTS = 2
 BAD_INPUT = 3
 _ASSET_MAGIC = b"PK\x03\x04"
+_SUFFIXES = {"video": (".mp4", ".m4v", ".mov", ".mkv", ".webm"), "image": (".png", ".jpg", ".jpeg", ".webp")}
 
 app = typer.Typer(
     add_completion=False,
@@ -119,9 +123,12 @@ def _contrast(value: str) -> Contrast:
     if value == "auto":
         return "auto"
     try:
-        return float(value)
+        factor = float(value)
     except ValueError:
-        raise typer.BadParameter(f'"auto" or a number from 0.7 to 1.5, not {value!r}') from None
+        factor = math.nan
+    if not 0.7 <= factor <= 1.5:
+        raise typer.BadParameter(f'"auto" or a number from 0.7 to 1.5, not {value!r}', param_hint="--contrast")
+    return factor
 
 
 def _face(value: str) -> Literal["all"] | list[int]:
@@ -130,7 +137,40 @@ def _face(value: str) -> Literal["all"] | list[int]:
     try:
         return [int(part) for part in value.split(",")]
     except ValueError:
-        raise typer.BadParameter(f'"all" or face numbers like 0 or 0,1, not {value!r}') from None
+        raise typer.BadParameter(f'"all" or face numbers like 0 or 0,1, not {value!r}', param_hint="--face") from None
+
+
+def _check_file(path: Path, inputs: Iterable[Path | None]) -> None:
+    """Refuse, before the long work, a file that cannot be written or would replace what is being read."""
+    if path.is_dir():
+        raise _os_error(errno.EISDIR, path)
+    if path.exists():
+        if not path.is_file():
+            raise typer.BadParameter(f"{path} is not a regular file", param_hint="-o")
+        if any(other is not None and other.exists() and path.samefile(other) for other in inputs):
+            raise typer.BadParameter(f"{path} is read by this command; write to another name", param_hint="-o")
+    if not path.parent.exists():
+        raise _os_error(errno.ENOENT, path.parent)
+    _check_folder(path.parent)
+
+
+def _check_folder(path: Path) -> None:
+    """Refuse a folder that cannot be made or written to."""
+    found = next(one for one in (path, *path.absolute().parents) if one.exists())
+    if not found.is_dir():
+        raise _os_error(errno.ENOTDIR, found)
+    if not os.access(found, os.W_OK | os.X_OK):
+        raise _os_error(errno.EACCES, found)
+
+
+def _os_error(number: int, path: Path) -> OSError:
+    return OSError(number, os.strerror(number), str(path))
+
+
+def _check_suffix(path: Path, kinds: Iterable[str]) -> None:
+    allowed = [suffix for kind in kinds for suffix in _SUFFIXES[kind]]
+    if path.suffix.lower() not in allowed:
+        raise typer.BadParameter(f"{path} must end in {', '.join(allowed)}", param_hint="-o")
 
 
 @app.command()
@@ -141,6 +181,7 @@ def vectorize(
     matching: Annotated[Matching, typer.Option(help="How colours are carried; chain is the paper's.")] = Matching.table,
 ) -> None:
     """Vectorise a clip or an image into an asset file."""
+    _check_file(output, [source])
     with _progress() as progress:
         pvg.vectorize(source, asset=output, mask=mask.value, matching=matching.value, progress=progress).close()
     typer.echo(output)
@@ -161,20 +202,25 @@ def transfer(
     codec: CodecOption = Codec.auto,
 ) -> None:
     """Give the faces of a clip the face colours of one or more references."""
+    factor, faces = _contrast(contrast), _face(face)
+    _check_outputs(output, reference, [video, source, *reference])
     with ExitStack() as stack:
         clip = _open_input(video, stack, reference=False, source=source)
         looks = [
             pvg.transfer(
                 clip,
                 _open_input(path, stack, reference=True),
-                contrast=_contrast(contrast),
+                contrast=factor,
                 strength=strength,
                 match=match.value,
-                faces=_face(face),
+                faces=faces,
             )
             for path in reference
         ]
         outputs = _outputs(output, reference, clip)
+        for path in outputs:
+            _check_suffix(path, [clip.media.kind])
+            _check_file(path, [clip.source, video, *reference])
         with _progress() as progress:
             pvg.render(clip, looks, outputs, codec=codec.value, progress=progress)
     for path in outputs:
@@ -185,11 +231,20 @@ def _suffix(video: VectorVideo) -> str:
     return ".png" if video.media.kind == "image" else ".mp4"
 
 
+def _check_outputs(output: Path, references: list[Path], inputs: list[Path | None]) -> None:
+    """What can be told of the outputs before the clip is known."""
+    if len(references) > 1 and output.suffix and not output.is_dir():
+        raise typer.BadParameter(f"several references need a folder, not the file {output}", param_hint="-o")
+    if len(references) > 1 or output.is_dir():
+        _check_folder(output)
+    else:
+        _check_suffix(output, _SUFFIXES)
+        _check_file(output, inputs)
+
+
 def _outputs(output: Path, references: list[Path], video: VectorVideo) -> list[Path]:
     if len(references) == 1:
         return [output / f"{references[0].stem}{_suffix(video)}" if output.is_dir() else output]
-    if output.suffix and not output.is_dir():
-        raise typer.BadParameter(f"several references need a folder, not the file {output}", param_hint="-o")
     output.mkdir(parents=True, exist_ok=True)
     stems = [path.stem for path in references]
     names = [stem if stems.count(stem) == 1 else f"{stem}-{k + 1}" for k, stem in enumerate(stems)]
@@ -207,7 +262,8 @@ def swap(
     codec: CodecOption = Codec.auto,
 ) -> None:
     """Exchange the face colours of two clips or images."""
-    output.mkdir(parents=True, exist_ok=True)
+    factor = _contrast(contrast)
+    _check_folder(output)
     with ExitStack() as stack:
         first, second = _open_input(a, stack, reference=False), _open_input(b, stack, reference=False)
         same = a.stem == b.stem
@@ -215,12 +271,15 @@ def swap(
             output / f"{a.stem}{'-a' if same else ''}{_suffix(first)}",
             output / f"{b.stem}{'-b' if same else ''}{_suffix(second)}",
         ]
+        output.mkdir(parents=True, exist_ok=True)
+        for path in outputs:
+            _check_file(path, [a, b, first.source, second.source])
         with _progress() as progress:
             pvg.swap(
                 first,
                 second,
                 outputs,
-                contrast=_contrast(contrast),
+                contrast=factor,
                 strength=strength,
                 match=match.value,
                 codec=codec.value,
@@ -243,6 +302,9 @@ def inspect(
         raise typer.BadParameter(f"one of {', '.join(LAYERS)}, not {layer!r}", param_hint="--layer")
     if (layer is None) != (output is None):
         raise typer.BadParameter("--layer and -o go together")
+    if output is not None:
+        _check_suffix(output, ["image"])
+        _check_file(output, [asset, source])
     with pvg.open_asset(asset, source or _source_beside(asset)) as video:
         if layer is None or output is None:
             typer.echo(json.dumps(video.summary(), indent=2))
@@ -260,8 +322,9 @@ def main() -> None:
     except PvgError as error:
         typer.echo(f"pvg: {error}", err=True)
         sys.exit(BAD_INPUT)
-    except (FileNotFoundError, IsADirectoryError, PermissionError) as error:
-        typer.echo(f"pvg: {error.strerror}: {error.filename}", err=True)
+    except OSError as error:
+        where = f": {error.filename}" if error.filename is not None else ""
+        typer.echo(f"pvg: {error.strerror or error}{where}", err=True)
         sys.exit(BAD_INPUT)
     except ValueError as error:
         typer.echo(f"pvg: {error}", err=True)

@@ -120,3 +120,35 @@ def test_bad_input_exits_with_3_and_one_line(samples: Samples, tmp_path: Path) -
         assert result.stderr.count("\n") == 1
         assert result.stderr.startswith("pvg: ")
     assert [path.name for path in tmp_path.iterdir()] == ["text.mp4"]
+
+
+def test_outputs_are_refused_before_the_work_begins(asset: Path, clip: Path, samples: Samples, tmp_path: Path) -> None:
+    """The input is no clip, which nobody gets to see: the output is looked at first."""
+    text = tmp_path / "text.mp4"
+    text.write_text("hello")
+    look = ["--reference", samples.dark_portrait]
+    cases: list[tuple[list[str | Path], int, str]] = [
+        (["vectorize", text, "-o", tmp_path], 3, "Is a directory"),
+        (["vectorize", text, "-o", tmp_path / "none" / "o.pvg"], 3, f"No such file or directory: {tmp_path}/none\n"),
+        (["vectorize", text, "-o", text / "o.pvg"], 3, f"Not a directory: {text}\n"),
+        (["vectorize", text, "-o", "/dev/null"], 2, "not a regular file"),
+        (["vectorize", text, "-o", text], 2, "is read by this"),
+        (["transfer", text, *look, "-o", tmp_path / "o.gif"], 2, "must end in"),
+        (["transfer", text, *look, "-o", tmp_path / "o"], 2, "must end in"),
+        (["transfer", text, *look, "-o", text], 2, "is read by this"),
+        (["transfer", text, *look, "-o", tmp_path / "none" / "o.mp4"], 3, "No such file"),
+        (["transfer", text, *look, "-o", tmp_path / "o.mp4", "--contrast", "3"], 2, "--contrast"),
+        (["transfer", text, *look, "-o", tmp_path / "o.mp4", "--face", "x"], 2, "--face"),
+        (["transfer", text, *look, *look, "-o", text / "looks"], 3, "Not a directory"),
+        (["transfer", asset, *look, "-o", clip], 2, "is read by this"),
+        (["transfer", asset, *look, "-o", tmp_path / "o.png"], 2, "must end in"),
+        (["swap", text, text, "-o", text], 3, "Not a directory"),
+        (["inspect", asset, "--layer", "mask", "-o", tmp_path / "o.mp4"], 2, "must end in"),
+    ]
+    for arguments, code, words in cases:
+        result = run(*arguments)
+        assert (result.returncode, "Traceback" in result.stderr) == (code, False), (arguments, result.stderr)
+        shown = result.stderr if code == 3 else " ".join(result.stderr.replace("│", " ").split())
+        assert words in shown, (arguments, result.stderr)
+    assert [path.name for path in tmp_path.iterdir()] == ["text.mp4"]
+    assert probe(clip).frame_count == 8
