@@ -51,7 +51,7 @@ class _Body:
         self._receive = receive
         self._declared = int(declared) if declared.isdecimal() else None
         self._read = 0
-        self.more = True
+        self.more = self._declared != 0
 
     async def receive(self) -> Message:
         """The next message, counted."""

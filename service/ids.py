@@ -9,7 +9,7 @@ from typing import Final, Literal
 
 Prefix = Literal["vid", "ref", "job", "res", "req"]
 
-MEDIA_ID: Final = re.compile(r"(vid|ref)_[0-9a-f]{32}")
+MEDIA_ID: Final = re.compile(r"^(vid|ref)_[0-9a-f]{32}$")
 
 
 def uuid7_hex() -> str:

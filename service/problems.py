@@ -58,8 +58,9 @@ def _from_details(details: list[ErrorDetails]) -> ServiceError:
         # pydantic names the members of a union as if they were part of the path
         location = tuple(part for part in item["loc"] if not _UNION_MEMBER.fullmatch(str(part)))
         messages = by_pointer.setdefault(pointer(location), [])
-        if item["msg"] not in messages:
-            messages.append(item["msg"])
+        message = item["msg"].removeprefix("Value error, ")
+        if message not in messages:
+            messages.append(message)
     # of a list that may also be a word, only what is wrong inside the list is worth saying
     inner = [where for where in by_pointer if not any(other.startswith(f"{where}/") for other in by_pointer)]
     return invalid_values({where: ", or ".join(by_pointer[where]) for where in inner})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from sqlalchemy.exc import IntegrityError
@@ -87,30 +88,44 @@ def _create(services: Services, role: Role, file: ReceivedFile) -> Media | None:
     return created
 
 
+@dataclass(frozen=True)
+class Wanted:
+    """One look that a request asks for. ``faces_pointer`` is where in the request its faces stand."""
+
+    video_id: str
+    reference_id: str
+    options: LookOptions
+    faces_pointer: str
+
+
+def check_looks(services: Services, looks: Sequence[Wanted], output: OutputRequest, pointers: dict[str, str]) -> None:
+    """Raise what `request_looks` would raise, and record nothing."""
+    with services.database.read() as session:
+        _check(session, looks, output, pointers)
+
+
 def request_looks(
     services: Services,
     kind: JobKind,
-    looks: Sequence[tuple[str, str, LookOptions]],
+    looks: Sequence[Wanted],
     output: OutputRequest,
     pointers: dict[str, str],
 ) -> Job:
-    """Record a job that makes these (video id, reference id, options) and publish it once its media are ready.
+    """Record a job that makes these looks and publish it once its media are ready.
 
     ``pointers`` says where in the request each id stands, for errors.
     """
     database = services.database
     with database.write() as session:
-        known = {media_id: _usable(session, media_id, pointers) for media_id in pointers}
-        for video_id, _, options in looks:
-            _check_video(known[video_id], options, output, pointers[video_id])
+        _check(session, looks, output, pointers)
         job = jobs.create(
             session,
             kind,
             request={"output": output.model_dump(mode="json")},
             now=database.now(),
-            outputs=[NewLook(video, reference, _params(options)) for video, reference, options in looks],
+            outputs=[NewLook(look.video_id, look.reference_id, _params(look.options)) for look in looks],
         )
-        media.keep(session, known, now=database.now(), ttl_s=services.settings.media_ttl_s)
+        media.keep(session, list(pointers), now=database.now(), ttl_s=services.settings.media_ttl_s)
     # a second transaction: it sees a medium that became ready while the first one ran
     with database.write() as session:
         released = jobs.release(session, now=database.now(), job_id=job.id)
@@ -120,6 +135,12 @@ def request_looks(
 
 def _params(options: LookOptions) -> dict[str, Any]:
     return options.model_dump(mode="json", include=set(LookOptions.model_fields))
+
+
+def _check(session: Session, looks: Sequence[Wanted], output: OutputRequest, pointers: dict[str, str]) -> None:
+    known = {media_id: _usable(session, media_id, pointers) for media_id in pointers}
+    for look in looks:
+        _check_video(known[look.video_id], look, output, pointers[look.video_id])
 
 
 def _usable(session: Session, media_id: str, pointers: dict[str, str]) -> Media:
@@ -133,7 +154,7 @@ def _usable(session: Session, media_id: str, pointers: dict[str, str]) -> Media:
     return found
 
 
-def _check_video(video: Media, options: LookOptions, output: OutputRequest, where: str) -> None:
+def _check_video(video: Media, look: Wanted, output: OutputRequest, where: str) -> None:
     if video.role != Role.VIDEO:
         detail = f"{video.id} is a reference; upload the file to /videos to change its colours"
         raise ValidationFailedError(detail, errors=[{"pointer": where, "detail": detail}])
@@ -143,9 +164,10 @@ def _check_video(video: Media, options: LookOptions, output: OutputRequest, wher
         detail = f"{video.id} is {'an image' if is_image else 'a clip'}: the container must be one of "
         detail += ", ".join(allowed)
         raise ValidationFailedError(detail, errors=[{"pointer": "/output/container", "detail": detail}])
-    if video.state == MediaState.READY and options.faces != "all" and max(options.faces) >= len(video.faces):
+    faces = look.options.faces
+    if video.state == MediaState.READY and faces != "all" and max(faces) >= len(video.faces):
         detail = f"{video.id} has {len(video.faces)} face(s); their indices begin at 0"
-        raise ValidationFailedError(detail, errors=[{"pointer": where, "detail": detail}])
+        raise ValidationFailedError(detail, errors=[{"pointer": look.faces_pointer, "detail": detail}])
 
 
 def remove(services: Services, role: Role, media_id: str, *, cancel_jobs: bool) -> None:

@@ -7,12 +7,15 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-MediaId = Annotated[str, Field(pattern=r"^(vid|ref)_[0-9a-f]{32}$", examples=["vid_0192f0c1a2b37c4d8e5f60718293a4b5"])]
+from service.ids import MEDIA_ID
+
+MediaId = Annotated[str, Field(pattern=MEDIA_ID.pattern, examples=["vid_0192f0c1a2b37c4d8e5f60718293a4b5"])]
 Contrast = Literal["auto"] | Annotated[float, Field(ge=0.7, le=1.5)]
 Faces = Literal["all"] | Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=1, max_length=64)]
 
 CLIP_CONTAINERS = ("mp4", "mov", "mkv", "webm")
 IMAGE_CONTAINERS = ("png", "jpg", "webp")
+MAX_CRF_H26X = 51
 
 
 class _Request(BaseModel):
@@ -56,6 +59,9 @@ class OutputRequest(_Request):
     def _fits(self) -> OutputRequest:
         if self.container == "webm" and self.codec in {"h264", "hevc"}:
             raise ValueError("webm holds vp9 or av1 only")
+        wide = self.codec in {"vp9", "av1"} or (self.codec == "auto" and self.container == "webm")
+        if self.crf is not None and self.crf > MAX_CRF_H26X and not wide:
+            raise ValueError(f"the crf of h264 and hevc is at most {MAX_CRF_H26X}")
         return self
 
 

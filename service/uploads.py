@@ -227,7 +227,7 @@ class _FormReader:
             self._text = bytearray()
             return
         if len(self._form.files) + len(self._finished) >= self._max_files:
-            raise BadRequestError(f"the multipart body has more than {self._max_files} files")
+            raise BadRequestError(f"the multipart body has more files than the {self._max_files} allowed")
         self._sink = self._intake.open(options[b"filename"].decode("utf-8", "replace"))
 
     def _on_data(self, data: bytes, start: int, end: int) -> None:

@@ -37,6 +37,11 @@ _CONTAINERS = {
 _ENCODERS = {"h264": "libx264", "hevc": "libx265", "vp9": "libvpx-vp9", "av1": "libsvtav1"}
 _CRF = {"h264": 18, "hevc": 20, "vp9": 28, "av1": 26}
 _PRESET = {"h264": "veryfast", "hevc": "veryfast", "vp9": "6", "av1": "8"}
+_NAMES = ("veryslow", "slower", "slow", "medium", "fast", "faster", "veryfast", "superfast", "ultrafast")
+_NAMED_EFFORT = {  # x264's names on the scales of the two that count
+    "vp9": {name: str(k) for k, name in enumerate(_NAMES)},
+    "av1": {name: str(k + 2) for k, name in enumerate(_NAMES)},
+}
 
 
 def choose_codec(codec: str, container: str, depth: int) -> str:
@@ -74,7 +79,7 @@ def encoder_format(source: PixelFormat, codec: str) -> PixelFormat:
 def encoder_options(codec: str, crf: int | None, preset: str | None) -> dict[str, str]:
     """Options of the libav encoder; crf 0 is lossless for h264 (8 bit), hevc and vp9."""
     quality = _CRF[codec] if crf is None else crf
-    effort = _PRESET[codec] if preset is None else preset
+    effort = _PRESET[codec] if preset is None else _NAMED_EFFORT.get(codec, {}).get(preset, preset)
     if codec == "h264":
         return {"crf": str(quality), "preset": effort}
     if codec == "hevc":
@@ -111,9 +116,10 @@ class VideoWriter:
     path: .mp4, .mov, .mkv or .webm, or any name with `container` given. info: the source clip's; its time base,
     frame rate, colour tags and pixel aspect are kept. format: that of the frames to come.
     codec: "auto" is h264 for 8 bits and hevc above (WebM: vp9, av1 above). crf, preset: the encoder's own scales
-    (for vp9 the preset is cpu-used, 0–8). threads: of the encoder, as many as suit the machine when 0; the same number
-    gives the same bytes. audio_from: the clip whose sound is copied, or transcoded to AAC (Opus
-    in WebM) where the container cannot hold it; None, or a clip without sound, gives a silent clip.
+    (for vp9 the preset is cpu-used, 0–8), or for all of them x264's names, "ultrafast" to "veryslow". threads: of the
+    encoder, as many as suit the machine when 0; the same number gives the same bytes. audio_from: the clip whose sound
+    is copied, or transcoded to AAC (Opus in WebM) where the container cannot hold it; None, or a clip without sound,
+    gives a silent clip.
 
     Time stamps are exact in MP4 and MOV. Matroska and WebM count milliseconds and have no negative ones: sound
     that leads in moves both tracks by the same amount. Subsampled H.264 and HEVC need even sizes: a last odd

@@ -15,6 +15,7 @@ from service.dependencies import ServicesDep, problems
 from service.errors import ServiceError, UnsupportedMediaError, ValidationFailedError
 from service.openapi import TRANSFER_FORM, json_body
 from service.problems import invalid, invalid_values
+from service.registry import Wanted
 from service.routers.jobs import load_job
 from service.schemas import JobBody, LookOptions, OutputRequest, SwapRequest, TransferRequest
 from service.uploads import Form, Intake, read_json
@@ -24,6 +25,8 @@ router = APIRouter(tags=["transfer"])
 _OUTPUT_FIELDS = frozenset(OutputRequest.model_fields)
 _LOOK_FIELDS = frozenset(LookOptions.model_fields)
 _LISTS = frozenset({"protect", "faces"})
+#: stands for the id of a reference file that is not recorded yet
+_UPLOADED = f"ref_{'0' * 32}"
 
 Model = TypeVar("Model", TransferRequest, SwapRequest)
 
@@ -36,23 +39,11 @@ Model = TypeVar("Model", TransferRequest, SwapRequest)
 )
 async def transfer(request: Request, response: Response, services: ServicesDep) -> JobBody:
     """Put the colours of one or more references on a video; media that still vectorise are waited for."""
-    if _media_type(request) == "multipart/form-data":
-        wanted = await _read_form(request, services)
-    else:
-        wanted = await _read(request, services, TransferRequest)
-    if len(wanted.looks) > services.settings.max_looks:
-        detail = f"a transfer has at most {services.settings.max_looks} looks"
-        raise ValidationFailedError(detail, errors=[{"pointer": "/looks", "detail": detail}])
-    pointers = {look.reference: f"/looks/{i}/reference" for i, look in enumerate(wanted.looks)}
-    pointers[wanted.video] = "/video"
-    job = await run_in_threadpool(
-        registry.request_looks,
-        services,
-        JobKind.TRANSFER,
-        [(wanted.video, look.reference, look) for look in wanted.looks],
-        wanted.output,
-        pointers,
-    )
+    is_form = _media_type(request) == "multipart/form-data"
+    wanted = await (_read_form(request, services) if is_form else _read(request, services, TransferRequest))
+    _check_count(wanted, services)
+    looks, pointers = _looks_of(wanted, is_form=is_form)
+    job = await run_in_threadpool(registry.request_looks, services, JobKind.TRANSFER, looks, wanted.output, pointers)
     return await _accepted(services, job.id, response)
 
 
@@ -69,11 +60,25 @@ async def swap(request: Request, response: Response, services: ServicesDep) -> J
         registry.request_looks,
         services,
         JobKind.SWAP,
-        [(wanted.a, wanted.b, wanted), (wanted.b, wanted.a, wanted)],
+        [Wanted(wanted.a, wanted.b, wanted, "/faces"), Wanted(wanted.b, wanted.a, wanted, "/faces")],
         wanted.output,
         {wanted.a: "/a", wanted.b: "/b"},
     )
     return await _accepted(services, job.id, response)
+
+
+def _check_count(wanted: TransferRequest, services: Services) -> None:
+    if len(wanted.looks) > services.settings.max_looks:
+        detail = f"a transfer has at most {services.settings.max_looks} looks"
+        raise ValidationFailedError(detail, errors=[{"pointer": "/looks", "detail": detail}])
+
+
+def _looks_of(wanted: TransferRequest, *, is_form: bool) -> tuple[list[Wanted], dict[str, str]]:
+    """The looks, and where in the request each id stands: a form's options stand at its top."""
+    places = ["" if is_form else f"/looks/{i}" for i in range(len(wanted.looks))]
+    pairs = list(zip(wanted.looks, places, strict=True))
+    pointers = {look.reference: f"{place}/reference" for look, place in pairs} | {wanted.video: "/video"}
+    return [Wanted(wanted.video, look.reference, look, f"{place}/faces") for look, place in pairs], pointers
 
 
 async def _accepted(services: Services, job_id: str, response: Response) -> JobBody:
@@ -90,7 +95,8 @@ async def _read(request: Request, services: Services, model: type[Model]) -> Mod
         raise UnsupportedMediaError("send the request as application/json")
     body = await read_json(request, limit_bytes=services.settings.max_json_bytes)
     try:
-        return model.model_validate_json(body)
+        # JSON has numbers and booleans of its own: a text or a boolean is no number there
+        return model.model_validate_json(body, strict=True)
     except ValidationError as error:
         raise invalid(error) from error
 
@@ -101,7 +107,11 @@ async def _read_form(request: Request, services: Services) -> TransferRequest:
     async with Intake(services.storage, request, limit_bytes=settings.max_upload_bytes) as intake:
         form = await intake.form(max_files=settings.max_looks)
         # everything is checked before the first reference is recorded
-        draft = _from_form(form, [f"ref_{'0' * 32}"] * len(form.files))
+        draft = _from_form(form, [_UPLOADED] * len(form.files))
+        _check_count(draft, services)
+        looks, pointers = _looks_of(draft, is_form=True)
+        pointers = {one: place for one, place in pointers.items() if one != _UPLOADED or place == "/video"}
+        await run_in_threadpool(registry.check_looks, services, looks, draft.output, pointers)
         ids = []
         for _, file in form.files:
             found, _ = await run_in_threadpool(registry.register, services, Role.REFERENCE, file)
@@ -115,6 +125,9 @@ def _from_form(form: Form, uploaded: list[str]) -> TransferRequest:
     references = list(uploaded)
     top: dict[str, Any] = {}
     unknown = [name for name, _ in form.files if name != "reference"]
+    names = [name for name, _ in form.fields if name != "reference"]
+    if twice := {name for name in names if names.count(name) > 1}:
+        raise invalid_values({f"/{name}": "the field is given more than once" for name in sorted(twice)})
     for name, text in form.fields:
         if name == "reference":
             references.append(text)

@@ -454,6 +454,20 @@ def test_a_partial_file_is_removed_when_the_block_fails(sounding_clip: Path, tmp
     assert not path.exists()
 
 
+@pytest.mark.parametrize("codec", ["h264", "hevc", "vp9", "av1"])
+def test_every_codec_knows_the_names_of_presets(codec: str, tmp_path: Path) -> None:
+    fmt = pixel_format()
+    sizes = {}
+    for preset in ("ultrafast", "veryfast", "slow"):
+        path = tmp_path / f"{preset}.mkv"
+        with VideoWriter(path, media_info(fmt), fmt, codec=codec, preset=preset) as writer:
+            for frame in smooth_frames(6, fmt):
+                writer.write(frame)
+        assert probe(path).frame_count == 6
+        sizes[preset] = path.read_bytes()
+    assert sizes["ultrafast"] != sizes["slow"]
+
+
 def test_options_that_do_not_fit_are_refused_before_a_file_is_made(tmp_path: Path) -> None:
     fmt = pixel_format()
     for name, options, message in (

@@ -41,6 +41,12 @@ def test_the_answer_reaches_a_client_that_is_still_sending(api: Api, size: int) 
         assert sent == size
 
 
+def test_a_refused_request_without_a_body_keeps_its_connection(api: Api) -> None:
+    answer = api.client.post("/jobs/job_1/cancel")
+    assert answer.status_code == 404
+    assert "connection" not in answer.headers
+
+
 def test_a_client_that_sends_without_end_is_cut_off(api: Api) -> None:
     _, sent = refused_quietly(api)
     assert sent < 32 * DECLARED_BYTES

@@ -3,7 +3,9 @@ from __future__ import annotations
 from typing import Any
 
 from service.catalog import jobs
-from tests.service.fixtures import MP4, PNG, Api, claim, make_ready, make_results
+from service.settings import Settings
+from tests.service.fixtures import MP4, PNG, Api, claim, make_ready, make_results, serve
+from tests.service.servers import fresh_database
 
 PROBLEM = {"type": "no-face", "title": "No face was found", "detail": "no face found in any of 20 frames of a.mp4"}
 
@@ -61,6 +63,16 @@ def test_lists_page_through_everything_newest_first(api: Api) -> None:
     assert seen == ids[::-1]
     assert cursor is None
     assert len(api.client.get("/references").json()["data"]) == 1
+    assert api.client.get("/videos", params={"cursor": "yesterday"}).status_code == 422
+
+
+def test_ids_with_a_nul_are_not_found(postgres_url: str, settings: Settings) -> None:
+    """PostgreSQL takes no such text at all."""
+    with fresh_database(postgres_url) as url:
+        for api in serve(settings.model_copy(update={"database_url": url})):
+            for path in ("videos", "references", "jobs", "results"):
+                answer = api.client.get(f"/{path}/a%00b")
+                assert (answer.status_code, answer.json()["type"]) == (404, "not-found")
 
 
 def test_unknown_ids_and_ids_of_the_other_kind_are_not_found(api: Api) -> None:

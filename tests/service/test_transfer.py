@@ -126,6 +126,30 @@ def test_a_form_with_a_bad_field_records_nothing(api: Api, fields: dict[str, str
     assert api.drafts == []
 
 
+@pytest.mark.parametrize(
+    ("fields", "status", "pointer"),
+    [
+        ({"video": "vid_" + "1" * 32}, 404, "/video"),
+        ({"video": "ref_" + "0" * 32}, 404, "/video"),
+        ({"reference": "ref_" + "1" * 32}, 404, "/reference"),
+        ({"faces": "0,1"}, 422, "/faces"),
+        ({"container": "png"}, 422, "/output/container"),
+        ({"reference": ["ref_" + "1" * 32] * 16}, 422, "/looks"),
+        ({"strength": ["0.5", "1"]}, 422, "/strength"),
+    ],
+)
+def test_a_form_that_asks_for_the_impossible_records_nothing(
+    api: Api, fields: dict[str, Any], status: int, pointer: str
+) -> None:
+    video = upload(api, "/videos")
+    make_ready(api.services, video["id"], faces=1)
+    files = [("reference", ("a.png", PNG + b"a"))]
+    answer = api.client.post("/transfer", data={"video": video["id"]} | fields, files=files)
+    assert (answer.status_code, answer.json()["errors"][0]["pointer"]) == (status, pointer)
+    assert api.client.get("/references").json()["data"] == []
+    assert api.drafts == []
+
+
 def test_a_form_without_reference_or_with_a_file_that_is_none_is_refused(api: Api) -> None:
     video = upload(api, "/videos")
     without = api.client.post("/transfer", files={"video": (None, video["id"])})
@@ -156,6 +180,12 @@ GOOD = "vid_" + "0" * 32
         ({"video": GOOD, "looks": looks(GOOD), "unknown": 1}, "/unknown"),
         ({"video": GOOD, "looks": looks(GOOD), "output": {"codec": "mjpeg"}}, "/output/codec"),
         ({"video": GOOD, "looks": looks(GOOD), "output": {"container": "webm", "codec": "h264"}}, "/output"),
+        ({"video": GOOD, "looks": looks(GOOD), "output": {"crf": 52}}, "/output"),
+        ({"video": GOOD, "looks": looks(GOOD), "output": {"crf": "18"}}, "/output/crf"),
+        ({"video": GOOD, "looks": looks(GOOD, strength="0.5")}, "/looks/0/strength"),
+        ({"video": GOOD, "looks": looks(GOOD, strength=True)}, "/looks/0/strength"),
+        ({"video": GOOD, "looks": looks(GOOD, contrast="1.1")}, "/looks/0/contrast"),
+        ({"video": GOOD, "looks": looks(GOOD, faces=[True])}, "/looks/0/faces/0"),
     ],
 )
 def test_bad_parameters_are_named_by_pointer(api: Api, body: dict[str, Any], pointer: str) -> None:
@@ -195,6 +225,26 @@ def test_what_does_not_fit_the_video_is_refused(api: Api) -> None:
     ):
         answer = api.client.post("/transfer", json=body)
         assert (answer.status_code, answer.json()["type"]) == (422, "validation-failed")
+
+
+def test_a_face_that_is_not_there_is_named_where_it_was_asked_for(api: Api) -> None:
+    video = upload(api, "/videos")
+    make_ready(api.services, video["id"], faces=1)
+    absent = looks(video["id"]) + looks(video["id"], faces=[1])
+    for path, body, pointer in (
+        ("/transfer", {"video": video["id"], "looks": absent}, "/looks/1/faces"),
+        ("/swap", {"a": video["id"], "b": video["id"], "faces": [1]}, "/faces"),
+    ):
+        answer = api.client.post(path, json=body)
+        assert answer.status_code == 422
+        assert [error["pointer"] for error in answer.json()["errors"]] == [pointer]
+
+
+@pytest.mark.parametrize("output", [{"crf": 63, "codec": "av1"}, {"crf": 52, "container": "webm"}, {"crf": 51}])
+def test_the_crf_reaches_as_far_as_the_codec(api: Api, output: dict[str, Any]) -> None:
+    video = upload(api, "/videos")
+    body = {"video": video["id"], "looks": looks(video["id"], strength=1, contrast=1), "output": output}
+    assert api.client.post("/transfer", json=body).status_code == 202
 
 
 def test_a_swap_has_two_results(api: Api) -> None:
