@@ -10,25 +10,49 @@ from typing import Annotated, NoReturn
 
 import typer
 import uvicorn
+from obstore.exceptions import BaseError
 from pydantic import ValidationError
+from sqlalchemy.exc import ArgumentError, DBAPIError
 
 from service.app import create_app, make_services
 from service.broker import make_folders
+from service.catalog.migrate import is_current
 from service.catalog.migrate import migrate as migrate_database
 from service.logs import configure
 from service.processes import WorkerProcess, worker_command
 from service.settings import Settings
 
-cli = typer.Typer(no_args_is_help=True, add_completion=False, help="The face colour transfer service.")
+cli = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="The face colour transfer service.",
+)
 
+CANNOT_START = 1
 BAD_ARGUMENTS = 2
 #: seconds that requests in flight get when the service stops
 DRAIN_S = 20
 
 
 def main() -> None:
-    """Entry point of the `pvg-service` command."""
-    cli()
+    """Entry point of the `pvg-service` command: what it cannot start with is one line, not a traceback."""
+    try:
+        cli()
+    except OSError as error:
+        where = f": {error.filename}" if error.filename is not None else ""
+        _stop(f"{error.strerror or error}{where}")
+    except ArgumentError as error:
+        _stop(f"setting PVG_DATABASE_URL: {error}", BAD_ARGUMENTS)
+    except DBAPIError as error:
+        _stop(f"the database cannot be used: {error.orig}")
+    except BaseError as error:
+        _stop(f"the storage cannot be used: {error}")
+
+
+def _stop(message: str, code: int = CANNOT_START) -> NoReturn:
+    typer.echo(f"pvg-service: {message.splitlines()[0]}", err=True)
+    sys.exit(code)
 
 
 def _settings(**overrides: object) -> Settings:
@@ -38,7 +62,8 @@ def _settings(**overrides: object) -> Settings:
     except ValidationError as error:
         first = error.errors()[0]
         where = "_".join(str(part) for part in first["loc"]).upper()
-        _refuse(f"setting PVG_{where}: {first['msg']}" if where else str(first["msg"]))
+        message = first["msg"].removeprefix("Value error, ")
+        _refuse(f"setting PVG_{where}: {message}" if where else message)
     return settings
 
 
@@ -113,6 +138,8 @@ def gc() -> None:
     settings = _settings()
     configure(settings.log_level)
     services = make_services(settings)
+    if not is_current(settings.database):
+        _refuse("the database is not of this version; run `pvg-service migrate` first")
     services.reaper.expire()
     removed = services.reaper.collect()
     typer.echo(f"{removed} orphaned file(s) removed", file=sys.stderr)

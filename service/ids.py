@@ -9,6 +9,7 @@ from typing import Final, Literal
 
 Prefix = Literal["vid", "ref", "job", "res", "req"]
 
+JOB_ID: Final = re.compile(r"job_[0-9a-f]{32}")
 MEDIA_ID: Final = re.compile(r"^(vid|ref)_[0-9a-f]{32}$")
 
 

@@ -12,6 +12,7 @@ from service.broker import QUEUES
 from service.catalog import jobs, sweep
 from service.catalog.database import Database
 from service.catalog.jobs import Message
+from service.drafts import clear_drafts
 from service.queue import Publisher
 from service.settings import Settings
 from service.storage import Storage
@@ -106,7 +107,7 @@ class Reaper:
             keys += sweep.expire_media(session, now=now)
             sweep.expire_jobs(session, before=now - timedelta(seconds=self._settings.job_ttl_s))
         self._delete(keys)
-        self._storage.clear_drafts(before=now - timedelta(seconds=self._settings.draft_ttl_s))
+        clear_drafts(self._settings, self._database, self._storage)
 
     def collect(self) -> int:
         """Delete blobs that no record names, left by a process that ended between two steps. Returns their number."""

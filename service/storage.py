@@ -10,7 +10,7 @@ import asyncio
 import hashlib
 import os
 import secrets
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
@@ -19,6 +19,7 @@ from typing import Literal
 import obstore
 from obstore.store import LocalStore, ObjectStore, from_url
 
+from service.ids import JOB_ID
 from service.settings import Settings
 
 Kind = Literal["source", "asset", "result"]
@@ -48,9 +49,9 @@ class Storage:
         """The key of a blob, such as ``source/ab/ab12…-vid_01….mp4``."""
         return f"{kind}/{sha256[:2]}/{sha256}-{owner_id}{suffix}"
 
-    def draft(self, suffix: str = "") -> Path:
+    def draft(self, suffix: str = "", *, job_id: str = "") -> Path:
         """A fresh temporary path to write a file at. Nobody sees it until `put` publishes it."""
-        return self._spool / f"{secrets.token_hex(16)}{suffix}"
+        return self._spool / f"{job_id}{'-' if job_id else ''}{secrets.token_hex(16)}{suffix}"
 
     def put(self, path: Path, key: str) -> None:
         """Publish a finished file under its key, complete or not at all. The file at ``path`` goes away."""
@@ -131,12 +132,29 @@ class Storage:
 
     def clear_drafts(self, *, before: datetime) -> int:
         """Remove temporary files not touched since ``before``: their writer is gone."""
-        removed = 0
+        old = []
         for path in self._spool.iterdir():
             with suppress(FileNotFoundError):
                 if path.stat().st_mtime < before.timestamp():
-                    path.unlink()
-                    removed += 1
+                    old.append(path)
+        return self.remove_drafts(old)
+
+    def drafts_of_jobs(self) -> dict[str, list[Path]]:
+        """The temporary files that carry a job's id, also those that were named after one of them."""
+        found: dict[str, list[Path]] = {}
+        for path in self._spool.iterdir():
+            if owner := JOB_ID.search(path.name):
+                found.setdefault(owner[0], []).append(path)
+        return found
+
+    @staticmethod
+    def remove_drafts(paths: Iterable[Path]) -> int:
+        """Remove temporary files. Returns how many there still were."""
+        removed = 0
+        for path in paths:
+            with suppress(FileNotFoundError):
+                path.unlink()
+                removed += 1
         return removed
 
 

@@ -54,6 +54,15 @@ class LeaseKeeper:
         self._latest = progress
         self.check()
 
+    def flush(self) -> None:
+        """Write the progress now, for an end that is near: a job may be shorter than the time between two ticks."""
+        if self._latest is not None:
+            try:
+                with self._database.write() as session:
+                    jobs.report(session, self._lease, self._latest, now=self._database.now())
+            except Exception as error:  # progress never fails a job
+                log.warning("progress not written", job=self._lease.job_id, error=type(error).__name__)
+
     def check(self) -> None:
         """Raise `CanceledError` or `LeaseLostError` when the work has to stop."""
         if self._verdict is not None:

@@ -121,6 +121,7 @@ def _publish(run: Run, drawn: list[tuple[Look, Path]], present: dict[str, Media]
             for look, path in drawn:
                 run.keeper.check()
                 outputs.append(_store(run, look, path, present))
+        run.keeper.flush()
         with run.database.write() as session:
             published = results.publish(
                 session,

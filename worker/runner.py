@@ -15,6 +15,7 @@ from service.catalog import jobs
 from service.catalog.database import Database
 from service.catalog.jobs import Lease, Message
 from service.catalog.models import Job, JobKind
+from service.drafts import clear_drafts
 from service.queue import send
 from service.settings import Settings
 from service.storage import Storage
@@ -50,7 +51,7 @@ class Run:
 
     def draft(self, suffix: str) -> Path:
         """A temporary path that is cleared when the run ends, whatever its end."""
-        path = self.storage.draft(suffix)
+        path = self.storage.draft(suffix, job_id=self.job.id)
         self.drafts.callback(path.unlink, missing_ok=True)
         return path
 
@@ -90,6 +91,8 @@ class Runner:
             with run.drafts:
                 self._work(run)
         self._release_waiting()
+        # the reaper does it too, where it shares this machine's disk
+        clear_drafts(self._settings, self._database, self._storage)
 
     def _work(self, run: Run) -> None:
         try:

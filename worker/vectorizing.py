@@ -39,6 +39,7 @@ def vectorize(run: Run) -> bool:
         run.keeper.check()
         run.storage.put(draft, key)
     faces, warnings = _faces(summary["faces"], run.settings.warn_face_px)
+    run.keeper.flush()
     asset = Asset(key, size, summary["media"], faces, warnings)
     with run.database.write() as session:
         now = run.database.now()

@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 from service.catalog import media, results
 from service.catalog.database import changed
 from service.catalog.jobs import Message
-from service.catalog.models import ENDED, Job, JobState, Media, Result
+from service.catalog.models import ENDED, HELD, Job, JobState, Media, Result
 
 #: rows a sweep takes on in one transaction
 BATCH = 200
@@ -64,6 +64,11 @@ def expire_jobs(session: Session, *, before: datetime) -> int:
     ids = session.scalars(select(Job.id).where(*old).limit(BATCH)).all()
     changed(session, delete(Result).where(Result.job_id.in_(ids)))
     return changed(session, delete(Job).where(Job.id.in_(ids)))
+
+
+def held(session: Session, job_ids: Iterable[str]) -> set[str]:
+    """Those of the jobs that a worker has."""
+    return set(session.scalars(select(Job.id).where(Job.id.in_(list(job_ids)), Job.state.in_(HELD))))
 
 
 def known_keys(session: Session, keys: Iterable[str]) -> set[str]:

@@ -174,6 +174,22 @@ def test_drafts_nobody_writes_any_more_are_removed(services: Services, clock: Fa
     assert not draft.exists()
 
 
+def test_drafts_of_a_killed_worker_go_with_its_lease(services: Services, clock: FakeClock) -> None:
+    """They hold parts of a face, and must not outlive a deletion."""
+    medium = add_media(services.database)
+    claim(services.database, medium.job_id, lease_s=30)
+    draft = services.storage.draft(".pvg", job_id=medium.job_id)
+    partial = draft.with_name(f".{draft.name}.abc")  # as the method names what it writes
+    other = services.storage.draft()
+    for path in (draft, partial, other):
+        path.write_bytes(b"x")
+    services.reaper.round()
+    assert all(path.exists() for path in (draft, partial, other))
+    clock.forward(31)
+    services.reaper.round()
+    assert [path.exists() for path in (draft, partial, other)] == [False, False, True]
+
+
 def test_a_broker_that_is_away_fails_no_round(tmp_path: Path, clock: FakeClock) -> None:
     settings = Settings(data_dir=tmp_path, broker_url="redis://127.0.0.1:1/0")
     migrate(settings.database)

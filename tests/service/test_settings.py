@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import ast
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -33,6 +34,28 @@ def test_a_bad_setting_is_one_line_that_names_it() -> None:
     assert result.exit_code == 2
     assert result.output.count("\n") == 1
     assert "PVG_MAX_UPLOAD_BYTES" in result.output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "setting", "code", "words"),
+    [
+        (["serve"], {"PVG_LEASE_S": "5"}, 2, "lease_s must be at least twice"),
+        (["migrate"], {"PVG_DATABASE_URL": "nonsense"}, 2, "PVG_DATABASE_URL"),
+        (["migrate"], {"PVG_DATABASE_URL": "postgresql://u:secret@127.0.0.1:1/d"}, 1, "database"),
+        (["gc"], {}, 2, "pvg-service migrate"),
+        (["migrate"], {"PVG_DATA_DIR": "/dev/null/data"}, 1, "/dev/null/data"),
+    ],
+)
+def test_what_it_cannot_start_with_is_one_line(
+    arguments: list[str], setting: dict[str, str], code: int, words: str, tmp_path: Path
+) -> None:
+    command = [str(Path(sys.executable).with_name("pvg-service")), *arguments]
+    environment = os.environ | {"PVG_DATA_DIR": str(tmp_path / "data")} | setting
+    result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60, check=False)
+    assert result.returncode == code
+    assert result.stderr.count("\n") == 1
+    assert words in result.stderr
+    assert "secret" not in result.stderr
 
 
 def test_settings_that_would_lose_jobs_are_refused() -> None:

@@ -205,6 +205,10 @@ def test_a_job_whose_process_is_killed_succeeds_on_its_second_attempt(service: S
     os.kill(busiest(service), signal.SIGKILL)
     job = service.finished(medium["job"], 180)
     assert (job["state"], job["attempt"]) == ("succeeded", 2)
+    until = time.monotonic() + 15
+    while left := list((service.data_dir / "spool").iterdir()):
+        assert time.monotonic() < until, left
+        time.sleep(0.05)
     assert service.client.delete(f"/videos/{medium['id']}").status_code == 204
 
 

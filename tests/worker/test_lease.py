@@ -58,6 +58,16 @@ def test_progress_reaches_the_record(database: Database, lease: Lease) -> None:
     assert (job.stage, job.fraction, job.frames_done, job.frames_total) == ("skin", 0.5, 10, 20)
 
 
+def test_a_job_shorter_than_a_tick_shows_its_frames(database: Database, lease: Lease) -> None:
+    with LeaseKeeper(database, lease, Settings(progress_interval_s=60)) as keeper:
+        keeper.report(Progress("render", 0.9, 8, 9))
+        keeper.flush()
+        with database.write() as session:
+            assert jobs.succeed(session, lease, now=utc_now(), timings={})
+    job = job_of(database, lease)
+    assert (job.stage, job.fraction, job.frames_done, job.frames_total) == ("render", 1.0, 9, 9)
+
+
 def test_a_cancel_stops_the_work(database: Database, lease: Lease) -> None:
     with LeaseKeeper(database, lease, QUICK) as keeper:
         keeper.check()
