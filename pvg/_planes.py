@@ -101,14 +101,15 @@ def roll_off(value, toe, below, knee, above):
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def apply_change(part, before, alpha, log2x, log2y, columns, rows, shift, gain, factor, level, bend, top):
+def apply_change(part, before, broad, alpha, log2x, log2y, columns, rows, shift, gain, factor, level, bend, top):
     """part += alpha (R(before + shift + (gain − 1 + factor) (before − level)) − R(before)), in place.
 
-    Rounded and held to [0, top].  R is the roll-off of `roll_off`.
-    part, before: (r, c) uint8 or uint16 samples, before as the frame came.  alpha: (h, w) float32, the matte over
-    their blocks of 2^log2x × 2^log2y pixels, each at most 2.  columns, rows: float64 positions of the samples in the
-    grids `shift` and `gain`; a `gain` without rows stands for 1 everywhere.  bend: (4,) float32, see `roll_off`,
-    or empty for none.
+    Rounded and held to [0, top].  R is the roll-off of `roll_off`.  Where the bracket before it is positive, (broad −
+    level) stands for (before − level): what broad lacks of before is then left as it is.
+    part, before, broad: (r, c) uint8 or uint16 samples, before as the frame came, broad the same or smoothed.
+    alpha: (h, w) float32, the matte over their blocks of 2^log2x × 2^log2y pixels, each at most 2.
+    columns, rows: float64 positions of the samples in the grids `shift` and `gain`; a `gain` without rows stands for 1
+    everywhere.  bend: (4,) float32, see `roll_off`, or empty for none.
     """
     count, (h, w) = part.shape[1], shift.shape
     index, share = np.empty(count, np.int32), np.empty(count, np.float32)
@@ -128,10 +129,11 @@ def apply_change(part, before, alpha, log2x, log2y, columns, rows, shift, gain, 
         if len(gain):
             at_steep = _reach(gain, upper, at_steep, index, share, steep)
         a, b, c, d = low[0, first:last], low[1, first:last], steep[0, first:last], steep[1, first:last]
-        v, was, to = weight[first:last], before[i, first:last], part[i, first:last]
+        v, was, wide, to = weight[first:last], before[i, first:last], broad[i, first:last], part[i, first:last]
         for j in range(last - first):
             slope = c[j] + f * (d[j] - c[j]) + excess
-            change[j] = a[j] + f * (b[j] - a[j]) + slope * (np.float32(was[j]) - level)
+            taken = np.float32(wide[j]) if slope > none else np.float32(was[j])
+            change[j] = a[j] + f * (b[j] - a[j]) + slope * (taken - level)
         if len(bend):
             toe, below, knee, above = bend[0], bend[1], bend[2], bend[3]
             for j in range(last - first):

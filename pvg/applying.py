@@ -22,8 +22,10 @@ from pvg.video import Frame, Patch, PixelFormat
 
 _EYES = ((52, 53, 72, 54, 55, 56, 73, 57), (58, 59, 75, 60, 61, 62, 76, 63))
 _INNER_LIPS = tuple(range(96, 104))
-_FEATHER = 0.012  # of the face's width
-_REACH = 4.0  # spreads of the feather after which nothing is left of it
+_FEATHER = 0.018  # of the face's width
+_REACH = 3.0  # spreads of the feather after which next to nothing is left of it
+_FINER = 4  # guards are drawn this many times finer than pixels
+_FINE = 5  # pixels: side of the boxes that take fine detail out
 _NO_GRID = np.empty((0, 0), np.float32)
 _TOE, _KNEE = 0.05, 0.88  # of the way from black to white, where luma begins to roll off
 _STRAIGHT = np.empty(0, np.float32)
@@ -56,6 +58,17 @@ class Change:
         return np.array([black + _TOE * span, _TOE * span, black + _KNEE * span, (1 - _KNEE) * span], np.float32)
 
 
+def _without_fine_detail(plane: NDArray[Any], log2: int = 0) -> NDArray[Any]:
+    """A plane whose columns are 2^log2 pixels apart, smoothed by two boxes, nearly a bell; chroma at half size by one.
+
+    A lambda above 1 as a field enlarges what is left: brows, lids and shades of skin go with the skin's brightness.
+    Finer is noise as well, and single bright pixels beside lips and in the corners of eyes, which would turn white.
+    """
+    if log2:
+        return cv2.blur(plane, (_FINE >> log2 | 1,) * 2)  # rounded once: chroma is nearly even, and twice would move it
+    return cv2.blur(cv2.blur(plane, (_FINE, _FINE)), (_FINE, _FINE))
+
+
 def protected_alpha(region: Region, protect: Sequence[str]) -> Floats:
     """The region's matte (h, w) without the features that keep their own colour ("eyes", "teeth")."""
     points = region.data.points
@@ -76,17 +89,21 @@ def protected_alpha(region: Region, protect: Sequence[str]) -> Floats:
 
 def _take_out(alpha: Floats, polygon: Floats, sigma: float) -> None:
     """Fade alpha to 0 inside a polygon of its pixels, over about `sigma` at its edge, in place."""
-    reach = int(np.ceil(_REACH * sigma)) + 1
+    reach = int(np.ceil(_REACH * sigma))
     x0, y0 = (max(0, int(v) - reach) for v in np.floor(polygon.min(axis=0)))
     x1, y1 = (int(v) + reach + 1 for v in np.ceil(polygon.max(axis=0)))
     part = alpha[y0 : max(y1, 0), x0 : max(x1, 0)]
     if not part.size:
         return
-    # 1/16 pixel positions, so that the guard does not jump as the face moves
-    guard = np.zeros(part.shape, np.float32)
-    corners = np.rint((polygon - np.array([x0, y0], np.float32)) * 16).astype(np.int32)
-    cv2.fillPoly(guard, [corners], 1.0, lineType=cv2.LINE_AA, shift=4)
-    part *= 1.0 - cv2.GaussianBlur(guard, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
+    # The share of each pixel that the polygon covers: the guard goes as lips and lids close. OpenCV draws every polygon
+    # a pixel too wide, so that closed ones would keep a guard, and trembles; drawn finer, both are too small to see.
+    rows, columns = part.shape
+    finer = np.zeros((rows * _FINER, columns * _FINER), np.uint8)
+    corners = (polygon - np.array([x0, y0], np.float32) + 0.5) * _FINER - 0.5
+    cv2.fillPoly(finer, [np.rint(corners * 16).astype(np.int32)], (255,), shift=4)
+    guard = cv2.resize(finer, (columns, rows), interpolation=cv2.INTER_AREA).astype(np.float32) / np.float32(255.0)
+    side = 2 * reach + 1
+    part *= 1.0 - cv2.GaussianBlur(guard, (side, side), sigma, borderType=cv2.BORDER_CONSTANT)
 
 
 def apply_change(
@@ -127,7 +144,10 @@ def apply_change(
         shift, field = membrane.planes[change.channel + p], change.gain_channel(p)
         gain = _NO_GRID if field is None else membrane.planes[field]
         bend = change.bend(pixel_format, p)
-        kernels.apply_change(part, before, alpha, *log2, *places, shift, gain, factor, np.float32(level), bend, top)
+        # contiguous either way: one type, compiled once
+        broad = np.ascontiguousarray(before) if field is None else _without_fine_detail(before, log2[0])
+        zero = np.float32(level)
+        kernels.apply_change(part, before, broad, alpha, *log2, *places, shift, gain, factor, zero, bend, top)
         patches.append(Patch(p, y, x, part))
     return patches
 
@@ -146,7 +166,8 @@ def _apply_to_rgb(
     for p in range(3):
         level, field = source[..., p], change.gain_channel(p)
         if field is not None:
-            wanted[..., p] += (fields[field] - 1.0) * level
+            gain = fields[field] - 1.0
+            wanted[..., p] += gain * np.where(gain > 0.0, _without_fine_detail(np.ascontiguousarray(level)), level)
         elif change.contrast != 1.0 and change.low_channel is not None:
             mean = np.average(level - fields[change.low_channel + p], weights=alpha)
             wanted[..., p] += (change.contrast - 1.0) * (level - np.float32(mean))

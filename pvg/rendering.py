@@ -33,7 +33,7 @@ from pvg.video import Frame, MediaInfo, Patch, VideoWriter, probe, read_frames, 
 Progress = Callable[[str, int, int], None]
 
 _AUTO_EXPONENT = 0.6  # METHOD 7b: 0.5 to 0.75 keeps eyes and brows crisp, 1 looks harsh
-_AUTO_RANGE = (0.5, 2.0)
+_AUTO_RANGE = (0.5, 1.6)  # more turns lips and lids white where a dark face is made pale
 _CHROMA_RANGE = (0.25, 1.5)  # more would lift the noise that coding leaves in chroma
 _LEAST_CHROMA = 4.0  # code values added to both sides of the ratio, so that grey skin does not explode
 _CHAIN_SPACING_PX = 2.0

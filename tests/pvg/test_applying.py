@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pvg._planes import roll_off
-from pvg.applying import Change, apply_change
+from pvg.applying import Change, _take_out, apply_change
 from pvg.looks import Look
 from pvg.poisson import Lattice, Membrane
 from pvg.rendering import _contrast_at_curves
@@ -126,3 +126,35 @@ def test_skin_paler_than_the_curve_beside_it_does_not_turn_blue_when_made_pale()
     red, green, blue = out.format.to_rgb(out.planes)[20, 20]
     assert red > green > blue
     assert out.planes[0].max() < 255
+
+
+@pytest.mark.parametrize("pixel_format", [YUV444, RGB24], ids=lambda f: f.name)
+def test_a_field_above_one_enlarges_shades_but_no_single_pixel_and_one_below_one_flattens_both(
+    pixel_format: PixelFormat,
+) -> None:
+    rgb = np.full((SIDE, SIDE, 3), 100.0)
+    rgb[:, 28:] = 140.0
+    rgb[20, 16] = 140.0
+    frame = frame_of(rgb, pixel_format)
+    after = {}
+    for contrast in (1.6, 0.6):
+        membrane = constant((1 - contrast) * 100, 0, 0, contrast, 1)
+        patches = apply_change(
+            frame, (0, 0), np.ones((SIDE, SIDE), np.float32), membrane, Change(0, contrast_channel=3)
+        )
+        after[contrast] = frame.patched(patches).rgb()[20, [8, 16, 40], 1]
+    np.testing.assert_allclose(after[1.6], [100, 140, 164], atol=2)
+    np.testing.assert_allclose(after[0.6], [100, 124, 124], atol=2)
+
+
+@pytest.mark.parametrize("height", [0.0, 0.3, 1.5, 12.0])
+@pytest.mark.parametrize("place", [20.0, 20.27, 20.5])
+def test_a_guard_weighs_as_much_as_the_opening_it_stands_for(height: float, place: float) -> None:
+    """Closed lips have no area and no guard, and it grows with what opens, wherever between the pixels that is."""
+    sigma, width = 3.0, 30.0
+    corners = [(0, 0), (width, 0), (width, height), (0, height)]
+    alpha = np.ones((60, 80), np.float32)
+    _take_out(alpha, np.array(corners, np.float32) + np.float32(place), sigma)
+    assert (1.0 - alpha).sum() == pytest.approx((width + 0.25) * (height + 0.25), rel=0.03, abs=2.0)
+    assert alpha.min() > 0.96 - height / (2.5 * sigma)
+    assert (alpha.min() < 0.05) == (height > 10)
