@@ -99,6 +99,8 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(OperationalError)
     async def on_database_error(request: Request, error: OperationalError) -> JSONResponse:
+        if "disk is full" in str(error.orig) or "No space left" in str(error.orig):
+            return problem_response(request, StorageFullError("no room is left for this; try again later"))
         if error.connection_invalidated or "locked" in str(error.orig):
             return problem_response(request, UnavailableError("the records cannot be reached; try again"))
         raise error

@@ -46,7 +46,7 @@ async def show_job(job_id: JobId, services: ServicesDep, wait: WaitSeconds = 0) 
 @router.post(
     "/{job_id}/cancel",
     status_code=202,
-    responses=answer(200, JobBody, "it was canceled before") | problems(404, 409),
+    responses=answer(200, JobBody, "it was canceled before") | problems(404, 409, 507),
 )
 def cancel_job(job_id: JobId, response: Response, services: ServicesDep) -> JobBody:
     """Stop a job. A queued one ends at once; a running one when its worker has let go of it."""

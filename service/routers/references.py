@@ -37,7 +37,7 @@ def show_reference(reference_id: ReferenceId, services: ServicesDep) -> MediaBod
     return _media.show(services, Role.REFERENCE, reference_id)
 
 
-@router.delete("/{reference_id}", status_code=204, responses=problems(404, 409))
+@router.delete("/{reference_id}", status_code=204, responses=problems(404, 409, 507))
 def delete_reference(reference_id: ReferenceId, services: ServicesDep, cancel_jobs: CancelJobs = False) -> None:
     """Delete the reference with everything derived from it: landmarks, asset and results."""
     registry.remove(services, Role.REFERENCE, reference_id, cancel_jobs=cancel_jobs)

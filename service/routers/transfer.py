@@ -50,7 +50,7 @@ async def transfer(request: Request, response: Response, services: ServicesDep) 
 @router.post(
     "/swap",
     status_code=202,
-    responses=problems(400, 404, 413, 415),
+    responses=problems(400, 404, 413, 415, 507),
     openapi_extra=json_body(SwapRequest),
 )
 async def swap(request: Request, response: Response, services: ServicesDep) -> JobBody:

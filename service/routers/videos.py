@@ -37,7 +37,7 @@ def show_video(video_id: VideoId, services: ServicesDep) -> MediaBody:
     return _media.show(services, Role.VIDEO, video_id)
 
 
-@router.delete("/{video_id}", status_code=204, responses=problems(404, 409))
+@router.delete("/{video_id}", status_code=204, responses=problems(404, 409, 507))
 def delete_video(video_id: VideoId, services: ServicesDep, cancel_jobs: CancelJobs = False) -> None:
     """Delete the video with everything derived from it: landmarks, asset and results."""
     registry.remove(services, Role.VIDEO, video_id, cancel_jobs=cancel_jobs)

@@ -4,6 +4,7 @@ import re
 from typing import Any
 
 import pytest
+from sqlalchemy import Connection, event
 
 from service.storage import Storage
 from tests.service.fixtures import PNG, Api
@@ -62,6 +63,20 @@ def test_a_full_disk_is_507_and_leaves_nothing(api: Api, monkeypatch: pytest.Mon
     assert api.drafts == []
     monkeypatch.undo()
     assert api.client.post("/videos", content=PNG).status_code == 202
+
+
+def test_a_database_without_room_is_507(api: Api) -> None:
+    def no_more_pages(connection: Connection) -> None:
+        connection.exec_driver_sql("PRAGMA max_page_count = 1")  # SQLite takes the present size for it
+
+    engine = api.services.database._engine
+    event.listen(engine, "begin", no_more_pages)
+    answers = [api.client.post("/videos", content=PNG + bytes([k])) for k in range(40)]
+    assert check(answers[-1], 507)["type"] == "insufficient-storage"
+    assert {answer.status_code for answer in answers} <= {202, 507}
+    assert api.client.get("/videos").status_code == 200
+    assert len(api.blobs) == sum(answer.status_code == 202 for answer in answers)
+    assert api.drafts == []
 
 
 def test_the_schema_resolves_and_lists_every_endpoint(api: Api) -> None:
