@@ -22,7 +22,7 @@ from pvg.video import Frame, Patch, PixelFormat
 
 _EYES = ((52, 53, 72, 54, 55, 56, 73, 57), (58, 59, 75, 60, 61, 62, 76, 63))
 _INNER_LIPS = tuple(range(96, 104))
-_FEATHER = 0.018  # of the face's width
+_FEATHER = 0.015  # of the face's width
 _REACH = 3.0  # spreads of the feather after which next to nothing is left of it
 _FINER = 4  # guards are drawn this many times finer than pixels
 _FINE = 5  # pixels: side of the boxes that take fine detail out
