@@ -6,6 +6,7 @@ from functools import cache
 
 from service.broker import TASK
 from worker.app import app, settings
+from worker.requests import CheckedRequest
 from worker.runner import Runner
 
 
@@ -15,7 +16,7 @@ def _runner() -> Runner:
     return Runner(settings, app)
 
 
-@app.task(name=TASK)  # type: ignore[untyped-decorator]
+@app.task(name=TASK, Request=CheckedRequest)  # type: ignore[untyped-decorator]
 def run_job(job_id: str) -> None:
     """Do a job, if it is still to be had."""
     _runner().run(job_id)

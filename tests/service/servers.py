@@ -42,12 +42,12 @@ def _stop(process: subprocess.Popen[bytes]) -> None:
 
 
 @contextmanager
-def redis_server(folder: Path) -> Iterator[str]:
-    """A Redis server of our own; its URL."""
+def redis_server(folder: Path, port: int | None = None) -> Iterator[str]:
+    """A Redis server of our own, at a free port or a given one; its URL."""
     command = shutil.which("redis-server") or shutil.which("valkey-server")
     if command is None:
         missing("redis-server is not installed")
-    port = free_port()
+    port = port or free_port()
     process = subprocess.Popen(
         [command, "--port", str(port), "--bind", "127.0.0.1", "--dir", str(folder), "--save", ""],
         stdout=subprocess.DEVNULL,

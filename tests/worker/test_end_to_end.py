@@ -8,6 +8,7 @@ import os
 import signal
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import cv2
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from pvg.video import probe, read_frames
 from scripts.samples import Samples
 from tests.conftest import cut_clip
-from tests.service.servers import fresh_database
+from tests.service.servers import free_port, fresh_database, redis_server
 from tests.worker.serving import Service, processes_of, running_service, wait_until_gone
 
 QUICK = {"lease_s": "8", "heartbeat_s": "1", "reap_interval_s": "1", "progress_interval_s": "0.2"}
@@ -210,6 +211,29 @@ def test_a_job_whose_process_is_killed_succeeds_on_its_second_attempt(service: S
         assert time.monotonic() < until, left
         time.sleep(0.05)
     assert service.client.delete(f"/videos/{medium['id']}").status_code == 204
+
+
+def test_a_busy_worker_outlives_its_broker(tmp_path: Path, samples: Samples) -> None:
+    """Its only slot is taken while Redis goes away, so that nothing but the acknowledgement can tell it."""
+    port = free_port()
+    with ExitStack() as stack:
+        broker = ExitStack()
+        url = broker.enter_context(redis_server(tmp_path, port))
+        settings = QUICK | {"broker_url": url, "worker_concurrency": "1", "republish_after_s": "1"}
+        service = stack.enter_context(running_service(tmp_path, **settings))
+        first = service.upload("/videos", samples.woman_clip)
+        until = time.monotonic() + 60
+        while service.client.get(f"/jobs/{first['job']}").json()["progress"]["frames_done"] < 1:
+            assert time.monotonic() < until
+            time.sleep(0.05)
+        broker.close()
+        second = service.upload("/references", samples.portrait)  # taken while the broker is away
+        job = service.finished(first["job"], 120)
+        assert (job["state"], job["attempt"]) == ("succeeded", 1)
+        assert service.client.get(f"/jobs/{second['job']}").json()["state"] == "queued"
+        time.sleep(3)  # the acknowledgement fails
+        stack.enter_context(redis_server(tmp_path, port))
+        assert service.finished(second["job"], 90)["state"] == "succeeded"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
