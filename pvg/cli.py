@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 import pvg
 from pvg.asset import VectorVideo
-from pvg.errors import PvgError
+from pvg.errors import AssetError, PvgError
 from pvg.layers import LAYERS
 from pvg.looks import Contrast
 from pvg.video import write_image
@@ -106,7 +106,13 @@ def _is_asset(path: Path) -> bool:
 def _open_input(path: Path, stack: ExitStack, *, reference: bool, source: Path | None = None) -> VectorVideo:
     """An asset as it is; a clip or image is vectorised into a temporary asset."""
     if _is_asset(path):
-        return stack.enter_context(pvg.open_asset(path, source or _source_beside(path)))
+        opened = stack.enter_context(pvg.open_asset(path, source or _source_beside(path)))
+        if not reference and opened.source is None:
+            name = opened.manifest.get("source_name", "the clip")
+            raise AssetError(
+                f"{path.name} is drawn on {name}, which it was made from: put that beside it or say --source"
+            )
+        return opened
     with _progress() as progress:
         return stack.enter_context(pvg.vectorize(path, reference=reference, progress=progress))
 

@@ -122,6 +122,15 @@ def test_bad_input_exits_with_3_and_one_line(samples: Samples, tmp_path: Path) -
     assert [path.name for path in tmp_path.iterdir()] == ["text.mp4"]
 
 
+def test_an_asset_without_its_clip_names_it(asset: Path, samples: Samples, tmp_path: Path) -> None:
+    alone = tmp_path / "alone.pvg"
+    alone.write_bytes(asset.read_bytes())
+    result = run("transfer", alone, "--reference", samples.dark_portrait, "-o", tmp_path / "o.mp4")
+    assert result.returncode == 3
+    assert result.stderr.startswith("pvg: alone.pvg is drawn on clip.mp4")
+    assert "--source" in result.stderr
+
+
 def test_outputs_are_refused_before_the_work_begins(asset: Path, clip: Path, samples: Samples, tmp_path: Path) -> None:
     """The input is no clip, which nobody gets to see: the output is looked at first."""
     text = tmp_path / "text.mp4"
