@@ -59,6 +59,8 @@ class OutputRequest(_Request):
     def _fits(self) -> OutputRequest:
         if self.container == "webm" and self.codec in {"h264", "hevc"}:
             raise ValueError("webm holds vp9 or av1 only")
+        if self.container == "mov" and self.codec in {"vp9", "av1"}:
+            raise ValueError("mov holds h264 or hevc only")
         wide = self.codec in {"vp9", "av1"} or (self.codec == "auto" and self.container == "webm")
         if self.crf is not None and self.crf > MAX_CRF_H26X and not wide:
             raise ValueError(f"the crf of h264 and hevc is at most {MAX_CRF_H26X}")

@@ -45,7 +45,7 @@ _NAMED_EFFORT = {  # x264's names on the scales of the two that count
 
 
 def choose_codec(codec: str, container: str, depth: int) -> str:
-    """The codec "auto" stands for, or the codec itself; ValueError for an unknown one or one WebM cannot hold."""
+    """The codec "auto" stands for, or the codec itself; ValueError for one unknown or unfit for the container."""
     if codec == "auto":
         if container == "webm":
             return "vp9" if depth == 8 else "av1"
@@ -54,6 +54,8 @@ def choose_codec(codec: str, container: str, depth: int) -> str:
         raise ValueError(f"codec {codec!r} is not one of auto, {', '.join(_ENCODERS)}")
     if container == "webm" and codec not in ("vp9", "av1"):
         raise ValueError(f"WebM holds vp9 or av1, not {codec}; write .mp4, .mov or .mkv")
+    if container == "mov" and codec in ("vp9", "av1"):
+        raise ValueError(f"MOV holds h264 or hevc, not {codec}; write .mp4, .mkv or .webm")
     return codec
 
 

@@ -86,8 +86,9 @@ def test_fast_rgb_is_the_exact_rgb_within_two_levels(fmt: PixelFormat, seed: int
     exact = np.clip(fmt.to_rgb(planes), 0, 255)
     fast = Frame(0, 0, 0.0, fmt, planes).rgb()
     assert fast.dtype == np.uint8
-    # chroma is rounded after it is raised: half a code value, times at most 2.2, and half a level
-    assert np.abs(fast - exact).max() <= (2.0 if fmt.depth == 8 else 0.5 + 0.5 * 2.2 / 2 ** (fmt.depth - 8))
+    # chroma is rounded after it is raised: half a code value, times at most 2.14, and half a level; the rest of 2.25
+    # is the single precision it is raised in
+    assert np.abs(fast - exact).max() <= (2.0 if fmt.depth == 8 else 0.5 + 0.5 * 2.25 / 2 ** (fmt.depth - 8))
 
 
 def test_rgb_agrees_with_swscale_in_every_matrix_and_range() -> None:
@@ -473,6 +474,7 @@ def test_options_that_do_not_fit_are_refused_before_a_file_is_made(tmp_path: Pat
     for name, options, message in (
         ("clip.gif", {}, "written as"),
         ("clip.webm", {"codec": "h264"}, "WebM"),
+        ("clip.mov", {"codec": "vp9"}, "MOV"),
         ("clip.mp4", {"codec": "theora"}, "theora"),
     ):
         with pytest.raises(ValueError, match=message):

@@ -180,6 +180,7 @@ GOOD = "vid_" + "0" * 32
         ({"video": GOOD, "looks": looks(GOOD), "unknown": 1}, "/unknown"),
         ({"video": GOOD, "looks": looks(GOOD), "output": {"codec": "mjpeg"}}, "/output/codec"),
         ({"video": GOOD, "looks": looks(GOOD), "output": {"container": "webm", "codec": "h264"}}, "/output"),
+        ({"video": GOOD, "looks": looks(GOOD), "output": {"container": "mov", "codec": "av1"}}, "/output"),
         ({"video": GOOD, "looks": looks(GOOD), "output": {"crf": 52}}, "/output"),
         ({"video": GOOD, "looks": looks(GOOD), "output": {"crf": "18"}}, "/output/crf"),
         ({"video": GOOD, "looks": looks(GOOD, strength="0.5")}, "/looks/0/strength"),
