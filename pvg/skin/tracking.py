@@ -23,6 +23,8 @@ _EVERY = 4  # each so many'th landmark is a knot of the spline that carries the 
 _KEEP = 0.6  # weight of the frame before where the picture did not change
 _CHANGE = 6.0  # 8-bit levels of change that end it
 _HYSTERESIS = 0.3
+_EDGE_CELLS = 2.0
+_EDGE = (0.15, 0.8)
 _ALPHA_STEP = 5  # the matte's grey levels are multiples of this: 52 of them
 
 
@@ -255,7 +257,6 @@ def _odds(colors: SkinColors, lab: Floats, where: Places, inside: Floats, covere
 
 def _soft_edge(skin: Floats, mask: Bools) -> Floats:
     """The matte: the skin probability about the mask's edge, 1 inside and 0 away from it."""
-    near = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), 1.5)
-    alpha = np.clip((skin - 0.12) / 0.65, 0, 1)
-    alpha = np.where(near > 0.97, 1.0, np.where(near < 0.03, 0.0, np.maximum(alpha, near * mask)))
-    return np.asarray(alpha, np.float32)
+    near = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), _EDGE_CELLS)
+    alpha = np.clip((skin - _EDGE[0]) / (_EDGE[1] - _EDGE[0]), 0, 1)
+    return np.asarray(np.where(near > 0.97, 1.0, np.where(near < 0.03, 0.0, alpha)), np.float32)
