@@ -39,8 +39,19 @@ def mixture_share(color, own, hair, precision, least, width, out):
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def skin_odds(lab, center, scale, reach, bins, table, sure, prior, neckness, inside, covered, veil_odds, out):
-    """out (h, w) = log-odds of skin of every cell; see `pvg.skin.tracking`.
+def level_chroma(lab, lightness, darkest):
+    """Bring a and b of lab (h, w, 3) to one lightness, in place; see `pvg.skin.colors.to_skin_lab`."""
+    offset = np.float32(16.0)
+    for i in range(lab.shape[0]):
+        for j in range(lab.shape[1]):
+            scale = (lightness + offset) / (max(lab[i, j, 0], darkest) + offset)
+            lab[i, j, 1] *= scale
+            lab[i, j, 2] *= scale
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def skin_share(lab, center, scale, reach, bins, table, sure, prior, neckness, inside, covered, veil_odds, out):
+    """out (h, w) = probability of skin of every cell; see `pvg.skin.tracking`.
 
     lab: (h, w, 3);  center, scale: (3,), bins of `table` are (lab − center) · scale + reach;
     inside: signed distance to the carried edge;  covered: (h, w) veil.
@@ -58,7 +69,8 @@ def skin_odds(lab, center, scale, reach, bins, table, sure, prior, neckness, ins
                 evidence = max(evidence, none)
             carried = min(max(inside[i, j] * np.float32(60.0), np.float32(-6.0)), np.float32(6.0))
             carried *= np.float32(1.0) - np.float32(0.6) * neckness[i, j]
-            out[i, j] = np.float32(0.6) * prior[i, j] + carried + evidence - veil_odds * covered[i, j]
+            odds = np.float32(0.6) * prior[i, j] + carried + evidence - veil_odds * covered[i, j]
+            out[i, j] = np.float32(1.0) / (np.float32(1.0) + np.exp(-odds))
 
 
 @njit(nogil=True, inline="always")
@@ -66,6 +78,27 @@ def _rise(x, low, high):
     """0 below `low`, 1 above `high`, smooth between."""
     t = min(max((x - low) / (high - low), np.float32(0.0)), np.float32(1.0))
     return t * t * (np.float32(3.0) - np.float32(2.0) * t)
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def foreign_share(lab, cells, tone, spread, most, bounds, darkest, out):
+    """out (h, w) = how surely colours (h, w, 3) are off the skin's line of hue, 0 but in `cells` (h, w) bool.
+
+    tone, spread: (2,) the skin's a and b in spreads, and those;  most: the end of the line, times `tone`;
+    bounds, darkest: (2,) where the share rises from 0 to 1, in spreads off the line and in L.
+    """
+    length = max(tone[0] * tone[0] + tone[1] * tone[1], np.float32(1e-6))
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            out[i, j] = np.float32(0.0)
+            if not cells[i, j]:
+                continue
+            a, b = lab[i, j, 1] / spread[0], lab[i, j, 2] / spread[1]
+            along = min(max((a * tone[0] + b * tone[1]) / length, np.float32(0.0)), most)
+            a, b = a - along * tone[0], b - along * tone[1]
+            off = _rise(np.sqrt(a * a + b * b), bounds[0], bounds[1])
+            if off > np.float32(0.0):
+                out[i, j] = off * _rise(lab[i, j, 0], darkest[0], darkest[1])
 
 
 @njit(nogil=True, inline="always")

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pvg.skin._kernels import level_chroma
 from pvg.skin.zones import Bools, Bytes, Floats
 
 _CHROMA_L, _DARKEST_L = 54.0, 24.0  # chroma is told as if L were 54, as far down as L 24
@@ -27,7 +28,7 @@ def to_skin_lab(rgb: Bytes) -> Floats:
     in the shade keeps the chroma of skin in the light. Noise forbids it for the darkest colours.
     """
     lab: Floats = cv2.cvtColor(np.asarray(rgb, np.float32) / 255, cv2.COLOR_RGB2Lab).astype(np.float32)
-    lab[..., 1:] *= (_CHROMA_L + 16) / (np.maximum(lab[..., :1], _DARKEST_L) + 16)
+    level_chroma(lab, np.float32(_CHROMA_L), np.float32(_DARKEST_L))
     return lab
 
 

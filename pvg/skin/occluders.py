@@ -9,8 +9,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from pvg.skin._kernels import foreign_share
 from pvg.skin.colors import ColorScale
-from pvg.skin.zones import Bools, Floats, Places, smoothstep
+from pvg.skin.zones import Bools, Floats, Places
 
 _SKIN, _OTHER = 4.0, 7.0  # spreads off the skin's line of hue: skin below the first, another thing from the second
 _DARKEST = (15.0, 25.0)  # L: darker cells show no hue
@@ -35,9 +36,13 @@ def open_skin(lab: Floats, scale: ColorScale, mask: Bools) -> Floats:
     return cv2.erode(plain, np.ones((3, 3), np.uint8)).astype(np.float32)
 
 
-def _foreign(lab: Floats, scale: ColorScale) -> Floats:
-    """How surely colours (…, 3) are not skin's in any light: (…) in [0, 1]."""
-    return smoothstep(off_hue(lab, scale), _SKIN, _OTHER) * smoothstep(lab[..., 0], *_DARKEST)
+def _foreign(lab: Floats, scale: ColorScale, cells: Bools) -> Floats:
+    """How surely colours (h, w, 3) are not skin's in any light: (h, w) in [0, 1], 0 but in `cells` (h, w)."""
+    out = np.empty(cells.shape, np.float32)
+    tone, most = scale.center[1:] / scale.spread[1:], np.float32(_MOST_COLORFUL)
+    bounds, darkest = np.array([_SKIN, _OTHER], np.float32), np.array(_DARKEST, np.float32)
+    foreign_share(lab, cells, tone, scale.spread[1:], most, bounds, darkest, out)
+    return out
 
 
 def occlusion(lab: Floats, scale: ColorScale, was_open: Floats, where: Places) -> Floats:
@@ -46,8 +51,7 @@ def occlusion(lab: Floats, scale: ColorScale, was_open: Floats, where: Places) -
     lab: (h, w, 3), in the key frame's light;  was_open: (h, w), `open_skin` carried from the key frame.
     """
     known = (was_open > _KNOWN) & ~where.features
-    seen = np.zeros(known.shape, np.float32)
-    seen[known] = _foreign(lab[known], scale)
+    seen = _foreign(lab, scale, known)
     if not (seen > 0.5).any():  # as in nearly all frames
         return np.zeros(known.shape, np.float32)
     solid = cv2.morphologyEx(seen, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
@@ -60,6 +64,6 @@ def occlusion(lab: Floats, scale: ColorScale, was_open: Floats, where: Places) -
     # features have hues of their own: what lies before one of them is told by what lies on both sides of it
     reach = 2 * max(1, round(_BETWEEN * where.size)) + 1
     between = cv2.morphologyEx(solid, cv2.MORPH_CLOSE, np.ones((reach, reach), np.uint8))
-    solid = np.where(where.features, np.minimum(_foreign(lab, scale), between), solid)
+    solid = np.where(where.features, np.minimum(_foreign(lab, scale, where.features), between), solid)
     grown = cv2.dilate(solid, np.ones((3, 3), np.uint8))
     return np.asarray(cv2.GaussianBlur(grown, (0, 0), _SOFT), np.float32)

@@ -10,6 +10,11 @@ from pvg.skin.zones import Bools, Bytes, Floats, Places
 
 def biggest_part(mask: Bools, near: Bools | None = None) -> Bools:
     """The largest 4-connected part of `mask` (h, w), of those that touch `near` (h, w) when any does."""
+    touching = None if near is None else near & mask
+    if touching is not None and touching.any():  # nearly always all of it lies in one part
+        about = _part_at(mask, int(np.argmax(touching)))
+        if about[touching].all():
+            return about
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
     if count <= 1:
         return mask
@@ -23,12 +28,20 @@ def biggest_part(mask: Bools, near: Bools | None = None) -> Bools:
     return part
 
 
+def _part_at(mask: Bools, cell: int) -> Bools:
+    """The 4-connected part of `mask` (h, w) about one of its cells, counted row by row: a third of labelling all."""
+    marks = mask.astype(np.uint8)
+    y, x = divmod(cell, mask.shape[1])
+    cv2.floodFill(marks, None, (x, y), (2,))
+    part: Bools = marks == 2
+    return part
+
+
 def fill_holes(mask: Bools) -> Bools:
     """`mask` (h, w) with every enclosed hole filled."""
     # a frame of background joins all that reaches the edge
-    outside = np.pad(~mask, 1, constant_values=True).astype(np.uint8)
-    _, labels = cv2.connectedComponents(outside, connectivity=4)
-    filled: Bools = (labels != labels[0, 0])[1:-1, 1:-1]
+    outside = _part_at(np.pad(~mask, 1, constant_values=True), 0)
+    filled: Bools = ~outside[1:-1, 1:-1]
     return filled
 
 
@@ -47,7 +60,10 @@ def gather(skin: Bools, where: Places) -> Bools:
         closed = cv2.erode(closed, line, borderType=cv2.BORDER_CONSTANT, borderValue=0)
         raw = raw | (closed.astype(np.bool_) & gap.within)
     main = _wide_neck(biggest_part(raw, where.sure), where)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats((raw & ~main).astype(np.uint8), connectivity=4)
+    rest = raw & ~main
+    if not (rest & where.ears).any():
+        return fill_holes(main)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(rest.astype(np.uint8), connectivity=4)
     reach = max(1, round(_EAR_GAP * where.size))
     near = cv2.dilate(main.astype(np.uint8), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)).astype(np.bool_)
     touched = np.bincount(labels[near & where.ears], minlength=count) > 0

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from pvg.picture import Picture, as_picture
-from pvg.skin._kernels import skin_odds
+from pvg.skin._kernels import skin_share
 from pvg.skin.carrying import spline_map
 from pvg.skin.colors import SkinColors, to_skin_lab
 from pvg.skin.matte import Matte
@@ -16,7 +16,7 @@ from pvg.skin.occluders import occlusion, open_skin
 from pvg.skin.regions import gather
 from pvg.skin.still import WORK_FACE_PX, MaskMethod, chroma_mask, cut_skin
 from pvg.skin.veil import VEIL_ODDS, Hair, find_hair, veil
-from pvg.skin.zones import Bools, Bytes, Floats, Places, face_area, face_box, face_geometry, locate, logistic
+from pvg.skin.zones import Bools, Bytes, Floats, Places, face_area, face_box, face_geometry, locate
 
 _CELLS_SMALL, _CELLS_LARGE = 192, 256  # longer side of the raster, for boxes of up to 768 and from 1024 px
 _EVERY = 4  # each so many'th landmark is a knot of the spline that carries the key frame's shape
@@ -240,19 +240,19 @@ def _skin_now(learned: LearnedSkin, rgb: Bytes, where: Places, points: Floats, v
     if learned.hair is not None:
         covered = veil(lit, inside > -0.02, where, learned.hair)
     # beyond the picture its edge is repeated, and so is the decision there: skin ends at the edge, it does not fade
-    odds = _odds(learned.colors, lab, where, np.asarray(inside, np.float32), covered)
+    share = _share(learned.colors, lab, where, np.asarray(inside, np.float32), covered)
     radius = max(2, round(0.035 * where.size))
-    filtered = cv2.ximgproc.guidedFilter(rgb, logistic(odds), radius, 120.0)
+    filtered = cv2.ximgproc.guidedFilter(rgb, share, radius, 120.0)
     return np.asarray(np.clip(filtered, 0, 1), np.float32), hidden
 
 
-def _odds(colors: SkinColors, lab: Floats, where: Places, inside: Floats, covered: Floats) -> Floats:
-    """Log-odds of skin (h, w) of colours (h, w, 3), the carried shape `inside` and what hair covers, (h, w) each."""
-    odds = np.empty(inside.shape, np.float32)
+def _share(colors: SkinColors, lab: Floats, where: Places, inside: Floats, covered: Floats) -> Floats:
+    """Probability of skin (h, w) by colours (h, w, 3), the carried shape `inside` and what hair covers, (h, w) each."""
+    share = np.empty(inside.shape, np.float32)
     cell = colors.scale.cell()
     prior, neck = (where.prior, where.neckness)  # the neck does not turn with the head
-    skin_odds(lab, *cell, colors.table, where.sure, prior, neck, inside, covered, np.float32(VEIL_ODDS), odds)
-    return odds
+    skin_share(lab, *cell, colors.table, where.sure, prior, neck, inside, covered, np.float32(VEIL_ODDS), share)
+    return share
 
 
 def _soft_edge(skin: Floats, mask: Bools) -> Floats:

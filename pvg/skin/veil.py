@@ -89,10 +89,20 @@ def veil(rgb: Bytes, skin: Bools, where: Places, hair: Hair) -> Floats:
     if not covered[where.brows].any():
         return np.asarray(covered * where.upper, np.float32)
     # brows are as dark as hair: they are covered where the forehead is, from above
+    out = np.asarray(covered * where.upper, np.float32)
+    reach = len(where.above) // 2
+    about = tuple(_span(np.asarray(where.brows.any(axis=axis)), reach) for axis in (1, 0))
     above = where.above.astype(np.float32) / max(1, int(where.above.sum()))
-    share_above = np.asarray(cv2.filter2D(covered, -1, above, borderType=cv2.BORDER_REPLICATE), np.float32)
-    fallen = covered * smoothstep(share_above, *_FALLEN)
-    return np.asarray(np.where(where.brows, fallen, covered * where.upper), np.float32)
+    share_above = np.asarray(cv2.filter2D(covered[about], -1, above, borderType=cv2.BORDER_REPLICATE), np.float32)
+    fallen = covered[about] * smoothstep(share_above, *_FALLEN)
+    out[about] = np.where(where.brows[about], fallen, out[about])
+    return out
+
+
+def _span(used: Bools, margin: int) -> slice:
+    """The indices from the first to the last True of `used` (n,), and `margin` more on either side."""
+    first, last = np.flatnonzero(used)[[0, -1]]
+    return slice(max(0, int(first) - margin), int(last) + margin + 1)
 
 
 def deep_shade(rgb: Bytes, where: Places, hair: Hair) -> Floats:
