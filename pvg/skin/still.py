@@ -75,6 +75,8 @@ class SkinCut:
 def cut_skin(rgb: Bytes, points: Floats, skin_points: Floats, visible: Bools | None = None) -> SkinCut:
     """Cut the skin out of a small picture (h, w, 3): colours and mask learn from each other in a few rounds.
 
+    Only the last round cuts along the picture's edges: the others learn the same from the sign of the odds.
+
     points: (106, 2);  skin_points: (88, 2), in the picture's pixels;  visible: (h, w) bool, where the picture is real.
     """
     shape = rgb.shape[:2]
@@ -90,7 +92,7 @@ def cut_skin(rgb: Bytes, points: Floats, skin_points: Floats, visible: Bools | N
     nearby = np.exp(-2 * np.maximum(where.outside - 0.1, 0)) * np.where(where.face, _INSIDE, 1)
     beard = _beard(rgb, lab, where, sample)
     covered, shaded = np.zeros((2, *shape), np.float32)
-    for _ in range(_ROUNDS):
+    for turn in range(_ROUNDS):
         # learn: without the anchor to the sample, a fringe once taken for skin would teach that hair is skin
         inner = np.where(odd, 0, belief * like_sample) * visible
         outer = np.where(where.sure, 0, 1 - belief * like_sample) * nearby * visible
@@ -101,13 +103,15 @@ def cut_skin(rgb: Bytes, points: Floats, skin_points: Floats, visible: Bools | N
         evidence = np.maximum(evidence, np.where(beard, _BEARD_ODDS, evidence))
         evidence = evidence + shaded * np.maximum(_SHADE_ODDS - evidence, 0) - VEIL_ODDS * covered
         odds = np.where(visible, where.prior + evidence, -9).astype(np.float32)
-        skin = gather(minimum_cut(rgb, odds), where) & visible
+        if turn == _ROUNDS - 1:
+            break
+        skin = gather(odds > 0, where) & visible
         belief = logistic(evidence + _PRIOR_IN_LEARNING * where.prior)
         belief = np.where(skin, np.maximum(belief, 0.6), np.minimum(belief, 0.4))
         hair = find_hair(rgb, skin | ~visible, where)
         if hair is not None:
             covered, shaded = veil(rgb, skin, where, hair), deep_shade(rgb, where, hair)
-    return SkinCut(skin, colors)
+    return SkinCut(gather(minimum_cut(rgb, odds), where) & visible, colors)
 
 
 def _beard(rgb: Bytes, lab: Floats, where: Places, sample: Bools) -> Bools:
