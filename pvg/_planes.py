@@ -60,27 +60,30 @@ def read_grid(plane, columns, rows, out):
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _weigh(alpha, i, log2x, log2y, weight):
-    """weight = row i of alpha averaged over blocks; returns the run [first, last) outside which it is zero."""
+def block_means(alpha, log2x, log2y, out):
+    """out (r, c) = alpha (h, w) averaged over blocks of 2^log2x × 2^log2y, each at most 2; a cut block's over its part."""
     h, w = alpha.shape
-    top, bottom = i << log2y, min((i + 1) << log2y, h)
-    if log2x == 0 and log2y == 0:
-        weight[:] = alpha[i]
-    else:
-        weight[:] = np.float32(0.0)
+    for i in range(out.shape[0]):
+        top, bottom, to = i << log2y, min((i + 1) << log2y, h), out[i]
+        to[:] = np.float32(0.0)
         for y in range(top, bottom):
             row = alpha[y]
             if log2x == 0:
                 for j in range(w):
-                    weight[j] += row[j]
+                    to[j] += row[j]
             else:
                 for j in range(w >> 1):
-                    weight[j] += row[2 * j] + row[2 * j + 1]
+                    to[j] += row[2 * j] + row[2 * j + 1]
                 if w & 1:
-                    weight[w >> 1] += np.float32(2.0) * row[w - 1]
+                    to[w >> 1] += np.float32(2.0) * row[w - 1]
         scale = np.float32(1.0 / ((bottom - top) << log2x))
-        for j in range(len(weight)):
-            weight[j] *= scale
+        for j in range(len(to)):
+            to[j] *= scale
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _run(weight):
+    """The run [first, last) outside which a row of weights is zero."""
     first, last = 0, len(weight)
     while first < last and weight[first] == np.float32(0.0):
         first += 1
@@ -96,30 +99,32 @@ def roll_off(value, toe, below, knee, above):
     below, above: how far black lies below the toe and white above the knee.
     """
     over, under = max(value - knee, np.float32(0.0)), max(toe - value, np.float32(0.0))
-    # x − x / (1 + x / r) = x² / (r + x) is what is taken off
-    return value - over * over / (above + over) + under * under / (below + under)
+    beyond = over + under  # one of them is zero, so one division does for both
+    room = above if over > np.float32(0.0) else below
+    taken = beyond * beyond / (room + beyond)  # x − x / (1 + x / r) = x² / (r + x)
+    return value - taken if over > np.float32(0.0) else value + taken
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def apply_change(part, before, broad, alpha, log2x, log2y, columns, rows, shift, gain, factor, level, bend, top):
+def apply_change(part, before, broad, alpha, columns, rows, shift, gain, factor, level, bend, top):
     """part += alpha (R(before + shift + (gain − 1 + factor) (before − level)) − R(before)), in place.
 
     Rounded and held to [0, top].  R is the roll-off of `roll_off`.  Where the bracket before it is positive, (broad −
     level) stands for (before − level): what broad lacks of before is then left as it is.
     part, before, broad: (r, c) uint8 or uint16 samples, before as the frame came, broad the same or smoothed.
-    alpha: (h, w) float32, the matte over their blocks of 2^log2x × 2^log2y pixels, each at most 2.
+    alpha: (r, c) float32, the matte over their blocks of pixels.
     columns, rows: float64 positions of the samples in the grids `shift` and `gain`; a `gain` without rows stands for 1
     everywhere.  bend: (4,) float32, see `roll_off`, or empty for none.
     """
     count, (h, w) = part.shape[1], shift.shape
     index, share = np.empty(count, np.int32), np.empty(count, np.float32)
     _cells(columns, w, index, share)
-    weight, change = np.empty(count, np.float32), np.empty(count, np.float32)
+    change = np.empty(count, np.float32)
     low, steep = np.empty((2, count), np.float32), np.ones((2, count), np.float32)
     at_low, at_steep = -2, -2
     excess, half, none = factor - np.float32(1.0), np.float32(0.5), np.float32(0.0)
     for i in range(part.shape[0]):
-        first, last = _weigh(alpha, i, log2x, log2y, weight)
+        first, last = _run(alpha[i])
         if first >= last:
             continue
         place = min(max(rows[i], 0.0), h - 1.0)
@@ -129,7 +134,7 @@ def apply_change(part, before, broad, alpha, log2x, log2y, columns, rows, shift,
         if len(gain):
             at_steep = _reach(gain, upper, at_steep, index, share, steep)
         a, b, c, d = low[0, first:last], low[1, first:last], steep[0, first:last], steep[1, first:last]
-        v, was, wide, to = weight[first:last], before[i, first:last], broad[i, first:last], part[i, first:last]
+        v, was, wide, to = alpha[i, first:last], before[i, first:last], broad[i, first:last], part[i, first:last]
         for j in range(last - first):
             slope = c[j] + f * (d[j] - c[j]) + excess
             taken = np.float32(wide[j]) if slope > none else np.float32(was[j])
@@ -145,15 +150,14 @@ def apply_change(part, before, broad, alpha, log2x, log2y, columns, rows, shift,
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def mean_above(before, alpha, log2x, log2y, columns, rows, low):
+def mean_above(before, alpha, columns, rows, low):
     """The mean of before − low over the matte; low is a grid, see `apply_change`. 0 where the matte is empty."""
-    count = before.shape[1]
     field = np.empty(before.shape, np.float32)
     read_grid(low, columns, rows, field)
-    weight = np.empty(count, np.float32)
     total, mass = np.float64(0.0), np.float64(0.0)
     for i in range(before.shape[0]):
-        first, last = _weigh(alpha, i, log2x, log2y, weight)
+        weight = alpha[i]
+        first, last = _run(weight)
         of_row, mass_of_row = np.float32(0.0), np.float32(0.0)
         for j in range(first, last):
             of_row += weight[j] * (np.float32(before[i, j]) - field[i, j])

@@ -24,7 +24,8 @@ _EYES = ((52, 53, 72, 54, 55, 56, 73, 57), (58, 59, 75, 60, 61, 62, 76, 63))
 _INNER_LIPS = tuple(range(96, 104))
 _FEATHER = 0.015  # of the face's width
 _REACH = 3.0  # spreads of the feather after which next to nothing is left of it
-_FINER = 4  # guards are drawn this many times finer than pixels
+_FINER = 4  # guards are drawn this many times finer than their cells
+_CELLS_A_SPREAD = 2.0  # at least: a guard is smooth, so it is blurred on cells of several pixels where the face is large
 _FINE = 5  # pixels: side of the boxes that take fine detail out
 _NO_GRID = np.empty((0, 0), np.float32)
 _TOE, _KNEE = 0.05, 0.88  # of the way from black to white, where luma begins to roll off
@@ -69,8 +70,11 @@ def _without_fine_detail(plane: NDArray[Any], log2: int = 0) -> NDArray[Any]:
     return cv2.blur(cv2.blur(plane, (_FINE, _FINE)), (_FINE, _FINE))
 
 
-def protected_alpha(region: Region, protect: Sequence[str]) -> Floats:
-    """The region's matte (h, w) without the features that keep their own colour ("eyes", "teeth")."""
+def protected_alpha(region: Region, protect: Sequence[str], *, in_place: bool = False) -> Floats:
+    """The region's matte (h, w) without the features that keep their own colour ("eyes", "teeth").
+
+    in_place: whether the region's own matte may be changed, for it is not wanted again.
+    """
     points = region.data.points
     polygons: list[Floats] = []
     if "eyes" in protect:
@@ -81,7 +85,7 @@ def protected_alpha(region: Region, protect: Sequence[str]) -> Floats:
         return region.alpha
     sigma = max(0.8, _FEATHER * face_frame(points).width)
     origin = np.array([region.x, region.y], np.float32)
-    alpha = region.alpha.copy()
+    alpha = region.alpha if in_place else region.alpha.copy()
     for polygon in polygons:
         _take_out(alpha, polygon - origin, sigma)
     return alpha
@@ -89,21 +93,27 @@ def protected_alpha(region: Region, protect: Sequence[str]) -> Floats:
 
 def _take_out(alpha: Floats, polygon: Floats, sigma: float) -> None:
     """Fade alpha to 0 inside a polygon of its pixels, over about `sigma` at its edge, in place."""
-    reach = int(np.ceil(_REACH * sigma))
-    x0, y0 = (max(0, int(v) - reach) for v in np.floor(polygon.min(axis=0)))
-    x1, y1 = (int(v) + reach + 1 for v in np.ceil(polygon.max(axis=0)))
-    part = alpha[y0 : max(y1, 0), x0 : max(x1, 0)]
+    cell = max(1, int(sigma / _CELLS_A_SPREAD))
+    reach = int(np.ceil(_REACH * sigma / cell))
+    x0, y0 = ((int(v) // cell - reach) * cell for v in np.floor(polygon.min(axis=0)))
+    columns, rows = (
+        int(v - low) // cell + reach + 1 for v, low in zip(np.ceil(polygon.max(axis=0)), (x0, y0), strict=True)
+    )
+    part = alpha[max(y0, 0) : max(y0 + rows * cell, 0), max(x0, 0) : max(x0 + columns * cell, 0)]
     if not part.size:
         return
-    # The share of each pixel that the polygon covers: the guard goes as lips and lids close. OpenCV draws every polygon
+    # The share of each cell that the polygon covers: the guard goes as lips and lids close. OpenCV draws every polygon
     # a pixel too wide, so that closed ones would keep a guard, and trembles; drawn finer, both are too small to see.
-    rows, columns = part.shape
     finer = np.zeros((rows * _FINER, columns * _FINER), np.uint8)
-    corners = (polygon - np.array([x0, y0], np.float32) + 0.5) * _FINER - 0.5
+    corners = (polygon - np.array([x0, y0], np.float32) + 0.5) * (_FINER / cell) - 0.5
     cv2.fillPoly(finer, [np.rint(corners * 16).astype(np.int32)], (255,), shift=4)
     guard = cv2.resize(finer, (columns, rows), interpolation=cv2.INTER_AREA).astype(np.float32) / np.float32(255.0)
     side = 2 * reach + 1
-    part *= 1.0 - cv2.GaussianBlur(guard, (side, side), sigma, borderType=cv2.BORDER_CONSTANT)
+    guard = cv2.GaussianBlur(guard, (side, side), sigma / cell, borderType=cv2.BORDER_CONSTANT)
+    if cell > 1:
+        guard = cv2.resize(guard, (columns * cell, rows * cell), interpolation=cv2.INTER_LINEAR)
+    top, left = max(-y0, 0), max(-x0, 0)
+    part *= 1.0 - guard[top : top + part.shape[0], left : left + part.shape[1]]
 
 
 def apply_change(
@@ -126,9 +136,11 @@ def apply_change(
     top = np.float32(2**pixel_format.depth - 1)
     factor = np.float32(change.contrast - 1.0)
     patches = []
+    over_chroma = _over_chroma(alpha, pixel_format)
     for p, plane in enumerate(frame.planes):
         log2 = pixel_format.chroma_log2 if p else (0, 0)
-        rows, columns = (-(-size // 2**shift) for size, shift in zip(alpha.shape, reversed(log2), strict=True))
+        weight = over_chroma if p else alpha
+        rows, columns = weight.shape
         x, y = left >> log2[0], upper >> log2[1]
         before = plane[y : y + rows, x : x + columns]
         part = before.copy()
@@ -140,16 +152,28 @@ def apply_change(
         if change.contrast != 1.0 and change.low_channel is not None:
             # open skin is brighter than the curves around it, so HF has a mean; lambda leaves it where it is
             low = membrane.planes[change.low_channel + p]
-            level = kernels.mean_above(before, alpha, *log2, *places, low)
+            level = kernels.mean_above(before, weight, *places, low)
         shift, field = membrane.planes[change.channel + p], change.gain_channel(p)
         gain = _NO_GRID if field is None else membrane.planes[field]
         bend = change.bend(pixel_format, p)
+        enlarges = field is not None and float(gain.max()) > 1.0
         # contiguous either way: one type, compiled once
-        broad = np.ascontiguousarray(before) if field is None else _without_fine_detail(before, log2[0])
+        broad = _without_fine_detail(before, log2[0]) if enlarges else np.ascontiguousarray(before)
         zero = np.float32(level)
-        kernels.apply_change(part, before, broad, alpha, *log2, *places, shift, gain, factor, zero, bend, top)
+        kernels.apply_change(part, before, broad, weight, *places, shift, gain, factor, zero, bend, top)
         patches.append(Patch(p, y, x, part))
     return patches
+
+
+def _over_chroma(alpha: Floats, pixel_format: PixelFormat) -> Floats:
+    """The matte (h, w) averaged over the pixels of each chroma sample, as (r, c)."""
+    log2x, log2y = pixel_format.chroma_log2
+    if not (log2x or log2y):
+        return alpha
+    rows, columns = (-(-size // 2**log2) for size, log2 in zip(alpha.shape, (log2y, log2x), strict=True))
+    out = np.empty((rows, columns), np.float32)
+    kernels.block_means(alpha, log2x, log2y, out)
+    return out
 
 
 def _apply_to_rgb(

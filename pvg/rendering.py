@@ -164,10 +164,11 @@ class Renderer:
                 tolerance[change.contrast_channel : change.contrast_channel + 2] /= _HF_LEVELS  # it multiplies lambda
         membrane = region.membrane(np.concatenate(channels, axis=1), tolerance=tolerance)
         alphas: dict[tuple[str, ...], Floats] = {}
+        alike = len({self.looks[i].protect for i in which}) == 1
         for i, change in zip(which, changes, strict=True):
             protect = self.looks[i].protect
             if protect not in alphas:
-                alphas[protect] = protected_alpha(region, protect)
+                alphas[protect] = protected_alpha(region, protect, in_place=alike)
             out[i] += apply_change(frame, (region.x, region.y), alphas[protect], membrane, change, under=out[i])
 
 
