@@ -61,7 +61,7 @@ def read_grid(plane, columns, rows, out):
 
 @njit(cache=True, nogil=True, fastmath=True)
 def block_means(alpha, log2x, log2y, out):
-    """out (r, c) = alpha (h, w) averaged over blocks of 2^log2x × 2^log2y, each at most 2; a cut block's over its part."""
+    """out (r, c) = alpha (h, w) averaged over blocks of 2^log2x × 2^log2y, each at most 2, or what there is of one."""
     h, w = alpha.shape
     for i in range(out.shape[0]):
         top, bottom, to = i << log2y, min((i + 1) << log2y, h), out[i]

@@ -25,7 +25,7 @@ _INNER_LIPS = tuple(range(96, 104))
 _FEATHER = 0.015  # of the face's width
 _REACH = 3.0  # spreads of the feather after which next to nothing is left of it
 _FINER = 4  # guards are drawn this many times finer than their cells
-_CELLS_A_SPREAD = 2.0  # at least: a guard is smooth, so it is blurred on cells of several pixels where the face is large
+_CELLS_A_SPREAD = 2.0  # at least; so the guards of large faces are blurred on cells of several pixels
 _FINE = 5  # pixels: side of the boxes that take fine detail out
 _NO_GRID = np.empty((0, 0), np.float32)
 _TOE, _KNEE = 0.05, 0.88  # of the way from black to white, where luma begins to roll off
@@ -107,11 +107,10 @@ def _take_out(alpha: Floats, polygon: Floats, sigma: float) -> None:
     finer = np.zeros((rows * _FINER, columns * _FINER), np.uint8)
     corners = (polygon - np.array([x0, y0], np.float32) + 0.5) * (_FINER / cell) - 0.5
     cv2.fillPoly(finer, [np.rint(corners * 16).astype(np.int32)], (255,), shift=4)
-    guard = cv2.resize(finer, (columns, rows), interpolation=cv2.INTER_AREA).astype(np.float32) / np.float32(255.0)
+    covered = cv2.resize(finer, (columns, rows), interpolation=cv2.INTER_AREA).astype(np.float32) / np.float32(255.0)
     side = 2 * reach + 1
-    guard = cv2.GaussianBlur(guard, (side, side), sigma / cell, borderType=cv2.BORDER_CONSTANT)
-    if cell > 1:
-        guard = cv2.resize(guard, (columns * cell, rows * cell), interpolation=cv2.INTER_LINEAR)
+    soft = cv2.GaussianBlur(covered, (side, side), sigma / cell, borderType=cv2.BORDER_CONSTANT)
+    guard = soft if cell == 1 else cv2.resize(soft, (columns * cell, rows * cell), interpolation=cv2.INTER_LINEAR)
     top, left = max(-y0, 0), max(-x0, 0)
     part *= 1.0 - guard[top : top + part.shape[0], left : left + part.shape[1]]
 
