@@ -32,7 +32,7 @@ __all__ = ["MIN_FACE_PX", "VECTORIZER_VERSION", "Progress", "fit_key_frame", "ve
 
 Progress = Callable[[str, int, int], None]
 
-VECTORIZER_VERSION = 2  # raised when the same clip would give another asset
+VECTORIZER_VERSION = 3  # raised when the same clip would give another asset
 MIN_FACE_PX = 64
 _AHEAD = CHUNK + 4  # frames: a face's frames come a chunk at a time, and landmarks go on while their skin is found
 _REFERENCE_FRAMES = 300  # a reference needs one good frame; the beginning of a clip is enough to find it
