@@ -297,7 +297,7 @@ def _step(u, r, p, q, alpha):
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def solve(u, b, parts, share, levels, warm, tolerance, max_cycles):
+def solve(u, b, parts, share, whole, levels, warm, tolerance, max_cycles):
     """Solve the finest level: flexible conjugate gradients, preconditioned by one V-cycle from zero.
 
     u, b: (N,) start (if warm) and right-hand side on all levels; both are overwritten. parts: (east, south, tie,
@@ -306,7 +306,7 @@ def solve(u, b, parts, share, levels, warm, tolerance, max_cycles):
     """
     spare, here = np.zeros_like(u), levels[0]
     if not warm:
-        _nested_start(u, b, spare, parts, share, np.ones_like(share), levels)
+        _nested_start(u, b, spare, parts, share, whole, levels)
     z, r = _flat(u, here), _flat(b, here)
     solution, n = z.copy(), len(z)
     p, q = np.zeros(n, np.float32), np.zeros(n, np.float32)

@@ -229,7 +229,7 @@ class MembraneOperator:
         start = None if guess is None else self._start(guess, len(ties))
         planes = np.empty((len(ties), lattice.height, lattice.width), np.float32)
         held = self.inverse > 0.0
-        inside = self._finest(held)
+        inside, whole = self._finest(held), _ones(self.share.shape[1])
         for channel, plane in enumerate(planes):
             u, b = np.zeros_like(self.inverse), np.empty_like(self.inverse)
             multigrid.load(raster.node, self.weight, ties[channel], middle[channel], self.inverse, b)
@@ -237,7 +237,7 @@ class MembraneOperator:
                 self._finest(u)[:] = start[channel] - middle[channel]
                 u *= held
             solved, cycles, error = multigrid.solve(
-                u, b, self.parts, self.share, raster.levels, start is not None, wanted[channel], MAX_CYCLES
+                u, b, self.parts, self.share, whole, raster.levels, start is not None, wanted[channel], MAX_CYCLES
             )
             if not error <= wanted[channel]:
                 raise SolverError(
@@ -285,6 +285,12 @@ def build_membrane(raster: CurveRaster, *, domain: ArrayLike | None = None) -> M
     traced = np.bincount(raster.node, raster.weight, minlength=size)[raster.node]
     weight = (raster.weight * (parts[2][raster.node] / traced)).astype(np.float32)
     return MembraneOperator(raster, weight, parts, share)
+
+
+@lru_cache(maxsize=4)
+def _ones(size: int) -> Floats:
+    """(4, size) ones, the shares of a start, whose blocks' children take all of it."""
+    return np.ones((4, size), np.float32)
 
 
 def _finest(flat: NDArray[Any], levels: NDArray[np.int64]) -> NDArray[Any]:
