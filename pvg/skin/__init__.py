@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pvg.skin.matte import Matte, soft_matte
+from pvg.skin.matte import Matte
 from pvg.skin.still import MaskMethod, skin_mask
 from pvg.skin.tracking import SkinModel, SkinTracker, fit_skin_model
 from pvg.skin.zones import face_box
@@ -15,5 +15,4 @@ __all__ = [
     "face_box",
     "fit_skin_model",
     "skin_mask",
-    "soft_matte",
 ]

@@ -1,18 +1,13 @@
-"""The soft matte: a face's skin over its box, sampled anywhere, and the edge filter that makes masks soft."""
+"""The soft matte: a face's skin over its box, sampled anywhere."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from pvg._planes import read_grid
 from pvg.skin.zones import Bools, Bytes, Floats
-
-_SOFT_RADIUS = 0.030  # of the face's width: reach of the guided filter, so of the soft edge
-_SOFT_EPS = 200.0  # squared 8-bit levels: weaker edges of the picture do not hold the matte's edge
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,22 +51,3 @@ class Matte:
         out = np.empty((len(rows), len(columns)), np.float32)
         read_grid(padded, columns, rows, out)
         return out
-
-
-def soft_matte(rgb: Bytes, mask: Bools, *, face_width: float) -> Floats:
-    """Soft matte of a mask: 1 well inside, 0 a few pixels outside, following the picture's edges between.
-
-    rgb: (H, W, 3) uint8;  mask: (H, W) bool;  face_width: pixels.  Returns (H, W) float32 in [0, 1].
-    """
-    return soften(rgb, mask.astype(np.float32), max(1, round(_SOFT_RADIUS * face_width)))
-
-
-def soften(rgb: Bytes, skin: Floats, radius: int) -> Floats:
-    """Guided filter of skin (h, w) in [0, 1], held to 1 inside and 0 outside a band of `radius` about its edge."""
-    filtered = cv2.ximgproc.guidedFilter(rgb, np.ascontiguousarray(skin, np.float32), radius, _SOFT_EPS)
-    # the filter spreads a faint veil over everything within its window: cut it, and what it took from the inside
-    stretched = np.clip((filtered - 0.06) / 0.88, 0, 1)
-    distance = cv2.GaussianBlur(skin, (0, 0), max(0.5, radius / 2))
-    alpha = np.where(distance < 0.02, 0.0, np.where(distance > 0.98, 1.0, stretched))
-    out: NDArray[np.float32] = alpha.astype(np.float32)
-    return out

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from pvg.landmarks import detect_faces, fit_landmarks, jd_106, skin_88
-from pvg.skin import Matte, SkinTracker, face_box, fit_skin_model, skin_mask, soft_matte
+from pvg.skin import Matte, SkinTracker, face_box, fit_skin_model, skin_mask
 from scripts.samples import fetch_samples
 
 MASKS = ("man_cap_beard_dim", "man_fringe_pale", "woman_earrings_bright", "woman_fringe_dark_background")
@@ -277,17 +277,6 @@ def test_the_papers_rule_is_red_chroma_between_140_and_160() -> None:
     assert _iou(mask, scene.truth) > 0.9
     background = 1 - mask.astype(np.uint8)
     assert cv2.connectedComponents(np.pad(background, 1, constant_values=1), connectivity=4)[0] == 2  # no holes
-
-
-def test_a_soft_matte_is_one_inside_and_nothing_a_few_pixels_outside() -> None:
-    scene = _scene()
-    alpha = soft_matte(scene.rgb, scene.truth, face_width=120)
-    inner = cv2.distanceTransform(scene.truth.astype(np.uint8), cv2.DIST_L2, 5)
-    outer = cv2.distanceTransform((~scene.truth).astype(np.uint8), cv2.DIST_L2, 5)
-    assert (alpha[inner > 8] == 1).all()
-    assert (alpha[outer > 8] == 0).all()
-    assert 0 <= alpha.min() < alpha.max() <= 1
-    assert ((alpha > 0.05) & (alpha < 0.95)).sum() > 100
 
 
 @pytest.mark.parametrize("name", ["portrait", "dark_portrait", "pale_portrait"])
