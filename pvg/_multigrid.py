@@ -301,8 +301,8 @@ def solve(u, b, parts, share, whole, levels, warm, tolerance, max_cycles):
     """Solve the finest level: flexible conjugate gradients, preconditioned by one V-cycle from zero.
 
     u, b: (N,) start (if warm) and right-hand side on all levels; both are overwritten. parts: (east, south, tie,
-    diagonal, inverse). Returns (solution of the finest level with its ring, cycles, estimated largest error). The
-    error is the last change times ρ / (1 − ρ), ρ the observed contraction.
+    diagonal, inverse). whole: ones, of the shape of share. Returns (solution of the finest level with its ring, cycles,
+    estimated largest error). The error is the last change times ρ / (1 − ρ), ρ the observed contraction.
     """
     spare, here = np.zeros_like(u), levels[0]
     if not warm:

@@ -7,6 +7,7 @@ thread comes out where its results are awaited, and leaving early ends the threa
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cache
 from queue import Empty, Queue
@@ -17,6 +18,8 @@ from typing import Generic, Self, TypeVar
 from threadpoolctl import ThreadpoolController
 
 T = TypeVar("T")
+First = TypeVar("First")
+Second = TypeVar("Second")
 
 DEPTH = 4
 
@@ -35,6 +38,14 @@ def one_blas_thread() -> Generator[None, None, None]:
 @cache
 def _libraries() -> ThreadpoolController:
     return ThreadpoolController()  # looks through all loaded libraries, so once
+
+
+def side_by_side(first: Callable[[], First], second: Callable[[], Second]) -> tuple[First, Second]:
+    """The results of both, the first made in a thread of its own; it pays for what holds no lock of the interpreter."""
+    with ThreadPoolExecutor(1) as other:
+        started = other.submit(first)
+        result = second()
+        return started.result(), result
 
 
 def ahead(items: Iterable[T], depth: int = DEPTH) -> Generator[T, None, None]:

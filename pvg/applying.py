@@ -142,10 +142,7 @@ def apply_change(
         rows, columns = weight.shape
         x, y = left >> log2[0], upper >> log2[1]
         before = plane[y : y + rows, x : x + columns]
-        part = before.copy()
-        for patch in under:
-            if patch.plane == p:
-                _lay(part, (x, y), patch)
+        part = _with_patches(before, p, (x, y), under)
         places = _places(membrane, corner, (columns, rows), log2)
         level = float(pixel_format.offset[p])
         if change.contrast != 1.0 and change.low_channel is not None:
@@ -202,13 +199,19 @@ def _apply_to_rgb(
     gained = alpha[..., None] * ((wanted - source) @ np.linalg.inv(to_opponent).T)
     patches = []
     for p in range(3):
-        part: NDArray[Any] = before[..., p].copy()
-        for patch in under:
-            if patch.plane == p:
-                _lay(part, corner, patch)
+        part = _with_patches(before[..., p], p, corner, under)
         new = np.clip(np.rint(gained[..., p] + part), 0, 2**frame.format.depth - 1).astype(frame.format.dtype)
         patches.append(Patch(p, upper, left, new))
     return patches
+
+
+def _with_patches(samples: NDArray[Any], plane: int, corner: tuple[int, int], patches: Sequence[Patch]) -> NDArray[Any]:
+    """A copy of samples of a plane, the first of them at `corner` (x, y), with what the patches lay over them."""
+    part = samples.copy()
+    for patch in patches:
+        if patch.plane == plane:
+            _lay(part, corner, patch)
+    return part
 
 
 def _lay(part: NDArray[Any], corner: tuple[int, int], patch: Patch) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,6 +12,7 @@ from scipy.ndimage import binary_erosion
 from scipy.sparse.linalg import SuperLU, splu
 from scipy.spatial import KDTree
 
+from pvg._threads import side_by_side
 from pvg.errors import SolverError
 from pvg.harmonic import HarmonicBasis, harmonic_basis, laplacian_matrix
 from pvg.quadtree import Bools, Floats, Quadtree, build_quadtree
@@ -243,10 +243,8 @@ class _NormalEquations:
         ridge = np.sqrt(RIDGE) * sparse.eye_array(self.B.shape[1], format="csr")
         root = sparse.vstack([weighted, np.sqrt(self.stiffness) * self.roughness, ridge], format="csr")
         rows, half = sparse.csr_array(root.T), root.shape[1] // 2
-        with ThreadPoolExecutor(1) as other:  # the product holds no lock of the interpreter
-            upper = other.submit(lambda: rows[:half] @ root)
-            lower = rows[half:] @ root
-            return sparse.csr_array(sparse.vstack([upper.result(), lower], format="csr"))
+        halves = side_by_side(lambda: rows[:half] @ root, lambda: rows[half:] @ root)
+        return sparse.csr_array(sparse.vstack(halves, format="csr"))
 
 
 def _solve(
@@ -281,12 +279,10 @@ def _factorise(normal: sparse.csr_array) -> SuperLU:
     """Factors of the symmetric matrix without its weak couplings: nearly as good a preconditioner in half the time."""
     rows = np.repeat(np.arange(normal.shape[0]), np.diff(normal.indptr))
     root = np.sqrt(normal.diagonal())
-    strong = np.abs(normal.data) > _WEAK_COUPLING * root[rows] * root[normal.indices]
-    starts = np.concatenate([[0], np.cumsum(np.bincount(rows[strong], minlength=normal.shape[0]))])
-    # its rows are its columns
-    by_columns = sparse.csc_array(
-        (normal.data[strong], normal.indices[strong], starts.astype(normal.indptr.dtype)), shape=normal.shape
-    )
+    strong = normal.copy()
+    strong.data[np.abs(normal.data) <= _WEAK_COUPLING * root[rows] * root[normal.indices]] = 0.0
+    strong.eliminate_zeros()
+    by_columns = strong.T  # its rows are its columns
     try:
         return splu(by_columns, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     except RuntimeError as error:  # SuperLU's word for an exactly singular factor

@@ -21,12 +21,12 @@ from pvg.asset import VectorVideo
 from pvg.errors import AssetError, PvgError
 from pvg.layers import LAYERS
 from pvg.looks import Contrast
-from pvg.video import write_image
+from pvg.video import CLIP_SUFFIXES, IMAGE_SUFFIXES, write_image
 
 BAD_ARGUMENTS = 2
 BAD_INPUT = 3
 _ASSET_MAGIC = b"PK\x03\x04"
-_SUFFIXES = {"video": (".mp4", ".m4v", ".mov", ".mkv", ".webm"), "image": (".png", ".jpg", ".jpeg", ".webp")}
+_SUFFIXES = {"video": CLIP_SUFFIXES, "image": IMAGE_SUFFIXES}
 
 app = typer.Typer(
     add_completion=False,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, TypeVar, cast
 
@@ -12,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
+from pvg._threads import side_by_side
 from pvg.quadtree import Floats, Ints, Quadtree
 
 SUPPORT = 3.0  # ψ is truncated at this many leaf sizes; its tail falls as r⁻⁴
@@ -195,11 +195,8 @@ class HarmonicBasis:
         half = len(where) // 2
         if half < _LEAST_SHARE:
             _fill_rows(*arguments, 0, len(where))
-        else:  # the kernel holds no lock of the interpreter
-            with ThreadPoolExecutor(1) as other:
-                done = other.submit(_fill_rows, *arguments, 0, half)
-                _fill_rows(*arguments, half, len(where))
-                done.result()
+        else:
+            side_by_side(lambda: _fill_rows(*arguments, 0, half), lambda: _fill_rows(*arguments, half, len(where)))
         return sparse.csr_array((data, indices, starts.astype(np.int32)), shape=(len(where), self.n_leaves))
 
     def design_matrix(self, points: npt.NDArray[Any]) -> sparse.csr_array:

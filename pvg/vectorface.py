@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pvg._threads import side_by_side
 from pvg.asset import AssetWriter, FaceRecord, FaceSummary, KeyFrame
 from pvg.complexion import skin_sample
 from pvg.curves import (
@@ -135,11 +136,12 @@ class VectorFace:
 def _key_frame(frame: int, picture: Picture, points: Floats, skin_points: Floats, matte: Matte, seed: int) -> KeyFrame:
     boundary = boundary_points(_radius(points, matte), points)
     positions = place(table_labels(), stack_points(points, skin_points), boundary)
-    with ThreadPoolExecutor(1) as other:
-        skin = other.submit(_open_skin, picture, points, skin_points, matte)
-        rgb, corner, local = _cut_out(picture, matte, matte.box)
-        colors, visible = fit_key_frame(rgb, local, positions - corner, face_frame(points).width, seed)
-        return KeyFrame(frame, colors, visible, skin.result())
+    rgb, corner, local = _cut_out(picture, matte, matte.box)
+    skin, (colors, visible) = side_by_side(
+        lambda: _open_skin(picture, points, skin_points, matte),
+        lambda: fit_key_frame(rgb, local, positions - corner, face_frame(points).width, seed),
+    )
+    return KeyFrame(frame, colors, visible, skin)
 
 
 def _radius(points: Floats, matte: Matte) -> Floats:

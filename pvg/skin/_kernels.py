@@ -80,6 +80,23 @@ def _rise(x, low, high):
     return t * t * (np.float32(3.0) - np.float32(2.0) * t)
 
 
+@njit(nogil=True, inline="always")
+def _off_line(a, b, tone, most):
+    """How far a colour's a and b, in spreads, are off the line from 0 to `most` times `tone` (2,)."""
+    length = max(tone[0] * tone[0] + tone[1] * tone[1], np.float32(1e-6))
+    along = min(max((a * tone[0] + b * tone[1]) / length, np.float32(0.0)), most)
+    a, b = a - along * tone[0], b - along * tone[1]
+    return np.sqrt(a * a + b * b)
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def off_hue(lab, tone, spread, most, out):
+    """out (h, w) = how far colours (h, w, 3) are off the skin's line of hue, in spreads; see `foreign_share`."""
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            out[i, j] = _off_line(lab[i, j, 1] / spread[0], lab[i, j, 2] / spread[1], tone, most)
+
+
 @njit(cache=True, nogil=True, fastmath=True)
 def foreign_share(lab, cells, tone, spread, most, bounds, darkest, out):
     """out (h, w) = how surely colours (h, w, 3) are off the skin's line of hue, 0 but in `cells` (h, w) bool.
@@ -87,16 +104,13 @@ def foreign_share(lab, cells, tone, spread, most, bounds, darkest, out):
     tone, spread: (2,) the skin's a and b in spreads, and those;  most: the end of the line, times `tone`;
     bounds, darkest: (2,) where the share rises from 0 to 1, in spreads off the line and in L.
     """
-    length = max(tone[0] * tone[0] + tone[1] * tone[1], np.float32(1e-6))
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
             out[i, j] = np.float32(0.0)
             if not cells[i, j]:
                 continue
-            a, b = lab[i, j, 1] / spread[0], lab[i, j, 2] / spread[1]
-            along = min(max((a * tone[0] + b * tone[1]) / length, np.float32(0.0)), most)
-            a, b = a - along * tone[0], b - along * tone[1]
-            off = _rise(np.sqrt(a * a + b * b), bounds[0], bounds[1])
+            distance = _off_line(lab[i, j, 1] / spread[0], lab[i, j, 2] / spread[1], tone, most)
+            off = _rise(distance, bounds[0], bounds[1])
             if off > np.float32(0.0):
                 out[i, j] = off * _rise(lab[i, j, 0], darkest[0], darkest[1])
 

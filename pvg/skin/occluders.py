@@ -9,7 +9,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from pvg.skin._kernels import foreign_share
+from pvg.skin._kernels import foreign_share, off_hue
 from pvg.skin.colors import ColorScale
 from pvg.skin.zones import Bools, Floats, Places
 
@@ -22,26 +22,25 @@ _BETWEEN = 0.16  # face sizes: half of the widest gap, a brow and an eye
 _SOFT = 0.7  # cells
 
 
-def off_hue(lab: Floats, scale: ColorScale) -> Floats:
-    """How far colours lab (…, 3) are off the line from grey through the skin's hue, in spreads: (…)."""
-    tone = scale.center[1:] / scale.spread[1:]
-    color = lab[..., 1:] / scale.spread[1:]
-    along = np.clip((color @ tone) / max(float(tone @ tone), 1e-6), 0.0, _MOST_COLORFUL)
-    return np.asarray(np.linalg.norm(color - along[..., None] * tone, axis=-1), np.float32)
+def _line_of_hue(scale: ColorScale) -> tuple[Floats, Floats, np.float32]:
+    """The skin's a and b in spreads (2,), those spreads (2,), and how many times as far its line of hue goes."""
+    spread: Floats = scale.spread[1:]
+    return scale.center[1:] / spread, spread, np.float32(_MOST_COLORFUL)
 
 
 def open_skin(lab: Floats, scale: ColorScale, mask: Bools) -> Floats:
     """(h, w) float32, 1 where the key frame's mask shows the skin's own hue and nothing else nearby."""
-    plain = (mask & (off_hue(lab, scale) < _SKIN)).astype(np.uint8)
+    distance = np.empty(mask.shape, np.float32)
+    off_hue(lab, *_line_of_hue(scale), distance)
+    plain = (mask & (distance < _SKIN)).astype(np.uint8)
     return cv2.erode(plain, np.ones((3, 3), np.uint8)).astype(np.float32)
 
 
 def _foreign(lab: Floats, scale: ColorScale, cells: Bools) -> Floats:
     """How surely colours (h, w, 3) are not skin's in any light: (h, w) in [0, 1], 0 but in `cells` (h, w)."""
     out = np.empty(cells.shape, np.float32)
-    tone, most = scale.center[1:] / scale.spread[1:], np.float32(_MOST_COLORFUL)
     bounds, darkest = np.array([_SKIN, _OTHER], np.float32), np.array(_DARKEST, np.float32)
-    foreign_share(lab, cells, tone, scale.spread[1:], most, bounds, darkest, out)
+    foreign_share(lab, cells, *_line_of_hue(scale), bounds, darkest, out)
     return out
 
 

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from pvg.video.formats import RGB24, Frame, Patch, PixelFormat
-from pvg.video.images import read_image, write_image
+from pvg.video.images import IMAGE_SUFFIXES, read_image, write_image
 from pvg.video.info import MediaInfo, probe, sha256_file
 from pvg.video.opening import MediaLimits
 from pvg.video.planes import PlanePicture, picture_of
 from pvg.video.reading import read_frames
 from pvg.video.sniffing import sniff
-from pvg.video.writing import VideoWriter
+from pvg.video.writing import CLIP_SUFFIXES, VideoWriter
 
 __all__ = [
+    "CLIP_SUFFIXES",
+    "IMAGE_SUFFIXES",
     "RGB24",
     "Frame",
     "MediaInfo",

@@ -21,6 +21,7 @@ _WRITE_OPTIONS = {
     ".jpeg": [cv2.IMWRITE_JPEG_QUALITY, 95],
     ".webp": [cv2.IMWRITE_WEBP_QUALITY, 95],
 }
+IMAGE_SUFFIXES = tuple(_WRITE_OPTIONS)
 _OVERHEAD_BYTES = 64 * 2**20  # profiles, previews and text beside the samples
 _STANDALONE_MARKERS = {0x01, *range(0xD0, 0xD9)}
 _SIZE_MARKERS = set(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}

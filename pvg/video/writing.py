@@ -34,6 +34,7 @@ _CONTAINERS = {
     **{".mp4": "mp4", ".m4v": "mp4", ".mov": "mov", ".mkv": "matroska", ".webm": "webm"},
     **{"mp4": "mp4", "mov": "mov", "mkv": "matroska", "matroska": "matroska", "webm": "webm"},
 }
+CLIP_SUFFIXES = tuple(key for key in _CONTAINERS if key.startswith("."))
 _ENCODERS = {"h264": "libx264", "hevc": "libx265", "vp9": "libvpx-vp9", "av1": "libsvtav1"}
 _CRF = {"h264": 18, "hevc": 20, "vp9": 28, "av1": 26}
 _PRESET = {"h264": "veryfast", "hevc": "veryfast", "vp9": "6", "av1": "8"}
