@@ -19,6 +19,7 @@ from service.broker import make_folders
 from service.catalog.migrate import is_current
 from service.catalog.migrate import migrate as migrate_database
 from service.logs import configure
+from service.problems import message_of
 from service.processes import WorkerProcess, worker_command
 from service.settings import Settings
 
@@ -41,16 +42,16 @@ def main() -> None:
         cli()
     except OSError as error:
         where = f": {error.filename}" if error.filename is not None else ""
-        _stop(f"{error.strerror or error}{where}")
+        _refuse(f"{error.strerror or error}{where}", CANNOT_START)
     except ArgumentError as error:
-        _stop(f"setting PVG_DATABASE_URL: {error}", BAD_ARGUMENTS)
+        _refuse(f"setting PVG_DATABASE_URL: {error}")
     except DBAPIError as error:
-        _stop(f"the database cannot be used: {error.orig}")
+        _refuse(f"the database cannot be used: {error.orig}", CANNOT_START)
     except BaseError as error:
-        _stop(f"the storage cannot be used: {error}")
+        _refuse(f"the storage cannot be used: {error}", CANNOT_START)
 
 
-def _stop(message: str, code: int = CANNOT_START) -> NoReturn:
+def _refuse(message: str, code: int = BAD_ARGUMENTS) -> NoReturn:
     typer.echo(f"pvg-service: {message.splitlines()[0]}", err=True)
     sys.exit(code)
 
@@ -62,14 +63,9 @@ def _settings(**overrides: object) -> Settings:
     except ValidationError as error:
         first = error.errors()[0]
         where = "_".join(str(part) for part in first["loc"]).upper()
-        message = first["msg"].removeprefix("Value error, ")
+        message = message_of(first)
         _refuse(f"setting PVG_{where}: {message}" if where else message)
     return settings
-
-
-def _refuse(message: str) -> NoReturn:
-    typer.echo(f"pvg-service: {message}", err=True)
-    raise typer.Exit(BAD_ARGUMENTS)
 
 
 @cli.command()

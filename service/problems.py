@@ -50,6 +50,11 @@ def invalid(error: ValidationError) -> ServiceError:
     return _from_details(error.errors(include_url=False, include_context=False, include_input=False))
 
 
+def message_of(detail: ErrorDetails) -> str:
+    """What pydantic says is wrong, without its name for our own checks."""
+    return detail["msg"].removeprefix("Value error, ")
+
+
 def _from_details(details: list[ErrorDetails]) -> ServiceError:
     if any(item["type"] == "json_invalid" for item in details):
         return BadRequestError("the body is not valid JSON")
@@ -58,7 +63,7 @@ def _from_details(details: list[ErrorDetails]) -> ServiceError:
         # pydantic names the members of a union as if they were part of the path
         location = tuple(part for part in item["loc"] if not _UNION_MEMBER.fullmatch(str(part)))
         messages = by_pointer.setdefault(pointer(location), [])
-        message = item["msg"].removeprefix("Value error, ")
+        message = message_of(item)
         if message not in messages:
             messages.append(message)
     # of a list that may also be a word, only what is wrong inside the list is worth saying

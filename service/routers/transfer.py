@@ -41,8 +41,7 @@ async def transfer(request: Request, response: Response, services: ServicesDep) 
     """Put the colours of one or more references on a video; media that still vectorise are waited for."""
     is_form = _media_type(request) == "multipart/form-data"
     wanted = await (_read_form(request, services) if is_form else _read(request, services, TransferRequest))
-    _check_count(wanted, services)
-    looks, pointers = _looks_of(wanted, is_form=is_form)
+    looks, pointers = _looks_of(wanted, services, is_form=is_form)
     job = await run_in_threadpool(registry.request_looks, services, JobKind.TRANSFER, looks, wanted.output, pointers)
     return await _accepted(services, job.id, response)
 
@@ -67,14 +66,11 @@ async def swap(request: Request, response: Response, services: ServicesDep) -> J
     return await _accepted(services, job.id, response)
 
 
-def _check_count(wanted: TransferRequest, services: Services) -> None:
+def _looks_of(wanted: TransferRequest, services: Services, *, is_form: bool) -> tuple[list[Wanted], dict[str, str]]:
+    """The looks, if not too many, and where in the request each id stands: a form's options stand at its top."""
     if len(wanted.looks) > services.settings.max_looks:
         detail = f"a transfer has at most {services.settings.max_looks} looks"
         raise ValidationFailedError(detail, errors=[{"pointer": "/looks", "detail": detail}])
-
-
-def _looks_of(wanted: TransferRequest, *, is_form: bool) -> tuple[list[Wanted], dict[str, str]]:
-    """The looks, and where in the request each id stands: a form's options stand at its top."""
     places = ["" if is_form else f"/looks/{i}" for i in range(len(wanted.looks))]
     pairs = list(zip(wanted.looks, places, strict=True))
     pointers = {look.reference: f"{place}/reference" for look, place in pairs} | {wanted.video: "/video"}
@@ -108,8 +104,7 @@ async def _read_form(request: Request, services: Services) -> TransferRequest:
         form = await intake.form(max_files=settings.max_looks)
         # everything is checked before the first reference is recorded
         draft = _from_form(form, [_UPLOADED] * len(form.files))
-        _check_count(draft, services)
-        looks, pointers = _looks_of(draft, is_form=True)
+        looks, pointers = _looks_of(draft, services, is_form=True)
         pointers = {one: place for one, place in pointers.items() if one != _UPLOADED or place == "/video"}
         await run_in_threadpool(registry.check_looks, services, looks, draft.output, pointers)
         ids = []

@@ -48,6 +48,20 @@ def key_frame() -> KeyFrame:
     return KeyFrame(FIRST, colors, rng.random(len(colors)) > 0.1, rng.uniform(0, 255, (64, 3)).astype(np.float32))
 
 
+def manifest_of(source: Path, frame_count: int, shots: tuple[int, ...] = (0,)) -> dict[str, object]:
+    media = {"kind": "video", "width": 320, "height": 240, "frame_rate": 25.0, "duration_s": 3.0}
+    media |= {"frame_count": frame_count, "has_audio": False, "rotation": 0}
+    media |= {"codec": "h264", "pixel_format": "yuv420p"}
+    return {
+        "vectorizer": "test",
+        "settings": {"mask": "landmarks", "matching": "table", "reference": False},
+        "source_name": source.name,
+        "source_sha256": sha256_file(source),
+        "media": media,
+        "shots": list(shots),
+    }
+
+
 @pytest.fixture
 def source(tmp_path: Path) -> Path:
     path = tmp_path / "clip.bin"
@@ -58,24 +72,12 @@ def source(tmp_path: Path) -> Path:
 @pytest.fixture
 def asset(tmp_path: Path, source: Path) -> Path:
     path = tmp_path / "clip.pvg"
-    media = {"kind": "video", "width": 320, "height": 240, "frame_rate": 25.0, "duration_s": 3.0}
-    media |= {"frame_count": FIRST + FRAMES, "has_audio": False, "rotation": 0}
-    media |= {"codec": "h264", "pixel_format": "yuv420p"}
     with AssetWriter(path) as writer:
         for i in range(FRAMES):
             writer.add_frame(0, frame_arrays(i))
         summary = FaceSummary(0, FIRST, FIRST + FRAMES - 1, 150.0, (200, 150, 120), 0, ("small",))
         writer.add_face(FaceRecord(summary, (key_frame(),)))
-        writer.finish(
-            {
-                "vectorizer": "test",
-                "settings": {"mask": "landmarks", "matching": "table", "reference": False},
-                "source_name": source.name,
-                "source_sha256": sha256_file(source),
-                "media": media,
-                "shots": [0, 40],
-            }
-        )
+        writer.finish(manifest_of(source, FIRST + FRAMES, shots=(0, 40)))
     return path
 
 
@@ -249,22 +251,13 @@ def test_no_file_is_a_clear_error(tmp_path: Path) -> None:
 
 def test_faces_of_a_person_stand_together_the_longest_first(tmp_path: Path, source: Path) -> None:
     path = tmp_path / "clip.pvg"
-    media = {"kind": "video", "width": 320, "height": 240, "frame_rate": 25.0, "duration_s": 3.0}
-    media |= {"frame_count": 40, "has_audio": False, "rotation": 0, "codec": "h264", "pixel_format": "yuv420p"}
     spans = ((0, 4, 0), (0, 9, 1), (10, 29, 0), (30, 39, 0))
     with AssetWriter(path) as writer:
         for face, (first, last, person) in enumerate(spans):
             for i in range(first, last + 1):
                 writer.add_frame(face, frame_arrays(i))
             writer.add_face(FaceRecord(FaceSummary(face, first, last, 150.0, (200, 150, 120), person), (key_frame(),)))
-        writer.finish(
-            {
-                "settings": {"mask": "landmarks", "matching": "table", "reference": False},
-                "source_sha256": sha256_file(source),
-                "media": media,
-                "shots": [0],
-            }
-        )
+        writer.finish(manifest_of(source, 40))
     with open_asset(path) as video:
         assert video.persons == ((2, 3, 0), (1,))
         assert [face["person"] for face in video.summary()["faces"]] == [0, 1, 0, 0]
@@ -272,8 +265,6 @@ def test_faces_of_a_person_stand_together_the_longest_first(tmp_path: Path, sour
 
 def test_faces_keep_their_frames_whatever_number_their_tracks_were_written_under(tmp_path: Path, source: Path) -> None:
     path = tmp_path / "clip.pvg"
-    media = {"kind": "video", "width": 320, "height": 240, "frame_rate": 25.0, "duration_s": 3.0}
-    media |= {"frame_count": 5, "has_audio": False, "rotation": 0, "codec": "h264", "pixel_format": "yuv420p"}
     with AssetWriter(path) as writer:
         for track in (7, 2):
             for i in range(5):
@@ -281,14 +272,7 @@ def test_faces_keep_their_frames_whatever_number_their_tracks_were_written_under
         for face, track in enumerate((2, 7)):
             summary = FaceSummary(face, 0, 4, 150.0, (200, 150, 120), face)
             writer.add_face(FaceRecord(summary, (key_frame(),)), track)
-        writer.finish(
-            {
-                "settings": {"mask": "landmarks", "matching": "table", "reference": False},
-                "source_sha256": sha256_file(source),
-                "media": media,
-                "shots": [0],
-            }
-        )
+        writer.finish(manifest_of(source, 5))
     with open_asset(path) as video:
         for face, track in enumerate((2, 7)):
             data = video.face_frame(face, 3)
