@@ -14,7 +14,7 @@ from benchmarks.clips import Window, encode, make_clip
 from benchmarks.runs import Job, further_looks, transfer
 from benchmarks.stages import stage_times
 from benchmarks.timing import in_turns, seconds
-from pvg.curves import face_frame
+from pvg.curves.labels import face_frame
 from pvg.video import probe
 
 Rows = list[dict[str, float]]

@@ -15,9 +15,9 @@ from scipy.sparse.linalg import splu
 
 import pvg
 from benchmarks.timing import Measured, in_turns, seconds
-from pvg.curves import BOUNDARY, table_labels
-from pvg.poisson import Lattice, build_membrane, rasterize_curves
-from pvg.region import open_region
+from pvg.curves.labels import BOUNDARY, table_labels
+from pvg.membrane.lattice import Lattice, build_membrane, rasterize_curves
+from pvg.rendering.placed_face import open_region
 
 FACE = (800, 1096)  # of the skin mask, its box with hair and margins is larger
 LARGEST_CORRECTION = 70.0

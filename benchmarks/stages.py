@@ -13,17 +13,17 @@ import numpy as np
 import pvg
 from benchmarks.clips import encode
 from benchmarks.timing import Measured, cpu_ms, seconds
-from pvg.applying import Change, apply_change, protected_alpha
 from pvg.asset import FaceFrameData
-from pvg.curves import face_frame, labels_by_length, stack_points, table_labels
-from pvg.keycolors import fit_key_frame
+from pvg.curves.labels import face_frame, labels_by_length, stack_points, table_labels
+from pvg.curves.propagation import match
 from pvg.landmarks import detect_faces, fit_landmarks, region_of_points
-from pvg.matching import match
-from pvg.poisson import Membrane
-from pvg.region import Region, open_region
-from pvg.rendering import Renderer
+from pvg.looks.transport import sliced_transport
+from pvg.membrane.lattice import Membrane
+from pvg.rendering.clip import Renderer
+from pvg.rendering.placed_face import Region, open_region
+from pvg.rendering.planes import Change, apply_change, protected_alpha
 from pvg.skin import SkinTracker, fit_skin_model
-from pvg.transport import sliced_transport
+from pvg.vectorization.key_colors import fit_key_frame
 from pvg.video import Frame, picture_of, probe, read_frames
 
 KEY_FRAME_STAGES = ("skin model", "fit")

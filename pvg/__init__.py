@@ -19,10 +19,10 @@ from pvg.errors import (
     PvgError,
     SolverError,
 )
-from pvg.layers import layer
-from pvg.looks import Look, transfer
-from pvg.rendering import render, render_frame, swap
-from pvg.vectorization import vectorize
+from pvg.looks.look import Look, transfer
+from pvg.rendering.clip import render, render_frame, swap
+from pvg.rendering.layers import layer
+from pvg.vectorization.clip import vectorize
 from pvg.video import MediaLimits
 
 __all__ = [

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pvg.applying import Change, apply_change
-from pvg.boundary import fit_boundary_colors
-from pvg.curves import boundary_radius
-from pvg.poisson import Lattice, Membrane, build_membrane, rasterize_curves
+from pvg.curves.labels import boundary_radius
+from pvg.harmonic.fit import fit_boundary_colors
+from pvg.membrane.lattice import Lattice, Membrane, build_membrane, rasterize_curves
+from pvg.rendering.planes import Change, apply_change
+from pvg.rendering.visibility import Visibility
 from pvg.skin import SkinTracker, fit_skin_model
-from pvg.skin.veil import Hair, veil
-from pvg.skin.zones import locate
+from pvg.skin.hair import Hair, veil
+from pvg.skin.prior import locate
 from pvg.video import Frame, PixelFormat, picture_of
-from pvg.visibility import Visibility
 
 
 def warm_up() -> None:

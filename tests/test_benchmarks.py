@@ -11,7 +11,7 @@ from benchmarks.growth import linear_fit, paper_costs
 from benchmarks.membrane import direct_membrane, held_pixels
 from benchmarks.targets import Target, asset_budget, target_rows
 from benchmarks.timing import Measured, in_turns
-from pvg.poisson import Lattice, build_membrane, rasterize_curves
+from pvg.membrane.lattice import Lattice, build_membrane, rasterize_curves
 from pvg.video import probe, read_frames
 
 

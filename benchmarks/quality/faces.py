@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 import pvg
 from benchmarks.quality.color import ita
 from pvg.asset import FaceFrameData, KeyFrame
-from pvg.curves import face_frame, table_labels
+from pvg.curves.labels import face_frame, table_labels
 from pvg.landmarks import JD_GROUPS, SKIN_SLICES
-from pvg.region import Region, open_region
-from pvg.rendering import source_frame
+from pvg.rendering.clip import source_frame
+from pvg.rendering.placed_face import Region, open_region
 from pvg.skin import Matte
 
 Image = NDArray[np.uint8]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from benchmarks.quality.color import delta_e_2000, lab
 from benchmarks.quality.faces import Bools, Floats, Image, sample_pixels
-from pvg.transport import sliced_wasserstein
+from pvg.looks.transport import sliced_wasserstein
 
 _LEAST_MSE = 1e-4  # identical pictures count as 88 dB, not infinity
 _CONSISTENT_PX = 0.5

@@ -19,10 +19,10 @@ from scipy.spatial import KDTree
 
 import pvg
 from benchmarks.quality.faces import Floats, Image, Reference, View, sample_pixels
-from pvg.curves import face_frame
-from pvg.rendering import Renderer
-from pvg.transport import sliced_transport
-from pvg.vectorization import fit_key_frame
+from pvg.curves.labels import face_frame
+from pvg.looks.transport import sliced_transport
+from pvg.rendering.clip import Renderer
+from pvg.vectorization.clip import fit_key_frame
 from pvg.video import Frame
 
 try:

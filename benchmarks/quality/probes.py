@@ -19,13 +19,13 @@ from benchmarks.quality.faces import Bools, Floats, Image, View, references_of, 
 from benchmarks.quality.measures import iou, wander
 from benchmarks.quality.peers import DEEP, open_methods
 from pvg.asset import FaceFrameData
-from pvg.curves import CurveLabels, face_frame, labels_by_length, stack_points, table_labels
+from pvg.curves.labels import CurveLabels, face_frame, labels_by_length, stack_points, table_labels
+from pvg.curves.propagation import CHAIN_RESET_FRAMES, Chain
 from pvg.landmarks import detect_faces, fit_landmarks, jd_106, skin_88
-from pvg.matching import CHAIN_RESET_FRAMES, Chain
-from pvg.region import open_region
-from pvg.rendering import Renderer, source_frame
+from pvg.rendering.clip import Renderer, source_frame
+from pvg.rendering.placed_face import open_region
 from pvg.skin import SkinTracker, fit_skin_model, skin_mask
-from pvg.vectorization import fit_key_frame
+from pvg.vectorization.clip import fit_key_frame
 from pvg.video import read_frames, read_image
 
 LEAK_FRAMES = 30

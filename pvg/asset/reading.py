@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from pvg.asset.arrays import CHUNK_FRAMES, FORMAT_VERSION, FRAME_ARRAYS, decode, from_bytes
 from pvg.asset.records import FaceFrameData, FaceRecord, FaceSummary, KeyFrame, MediaSummary
-from pvg.curves import Floats, boundary_points
+from pvg.curves.labels import Floats, boundary_points
 from pvg.errors import AssetError
 from pvg.video import sha256_file
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pvg.curves import Floats
+from pvg.curves.labels import Floats
 from pvg.video import MediaInfo
 
 

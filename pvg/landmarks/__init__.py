@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from pvg.landmarks.detector import Detection, detect_faces
-from pvg.landmarks.drawing import draw_landmarks
-from pvg.landmarks.identity import FaceShape, face_proportions, frontal_ratios, link_persons
-from pvg.landmarks.layout import (
+from pvg.face.layout import (
     JD_CLOSED,
     JD_COUNT,
     JD_GROUPS,
@@ -15,6 +12,9 @@ from pvg.landmarks.layout import (
     jd_106,
     skin_88,
 )
+from pvg.landmarks.detector import Detection, detect_faces
+from pvg.landmarks.drawing import draw_landmarks
+from pvg.landmarks.identity import FaceShape, face_proportions, frontal_ratios, link_persons
 from pvg.landmarks.mesh import Mesh, Region, fit_landmarks, region_of_detection, region_of_points
 from pvg.landmarks.pose import head_pose
 from pvg.landmarks.smoothing import smooth

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from pvg.landmarks.layout import JD_CLOSED, JD_GROUPS
+from pvg.face.layout import JD_CLOSED, JD_GROUPS
 
 _COLORS = {
     "contour": (255, 210, 0),

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from pvg.face.layout import jd_106, skin_88
 from pvg.landmarks.cuts import CutDetector
 from pvg.landmarks.detector import Detection, box_iou, detect_faces
-from pvg.landmarks.layout import jd_106, skin_88
 from pvg.landmarks.mesh import Mesh, Region, fit_landmarks, region_of_points
 from pvg.landmarks.pose import head_pose
 from pvg.picture import Picture, as_picture

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from pvg.skin.matte import Matte
-from pvg.skin.still import MaskMethod, skin_mask
+from pvg.skin.prior import face_box
+from pvg.skin.segmentation import MaskMethod, skin_mask
 from pvg.skin.tracking import SkinModel, SkinTracker, fit_skin_model
-from pvg.skin.zones import face_box
 
 __all__ = [
     "MaskMethod",

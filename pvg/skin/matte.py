@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pvg._planes import read_grid
-from pvg.skin.zones import Bools, Bytes, Floats
+from pvg.rendering._planes import read_grid
+from pvg.skin.prior import Bools, Bytes, Floats
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,14 +9,14 @@ import numpy as np
 
 from pvg.picture import Picture, as_picture
 from pvg.skin._kernels import skin_share
-from pvg.skin.carrying import spline_map
-from pvg.skin.colors import SkinColors, to_skin_lab
+from pvg.skin.cleanup import gather
+from pvg.skin.color_model import SkinColors, to_skin_lab
+from pvg.skin.hair import VEIL_ODDS, Hair, find_hair, veil
 from pvg.skin.matte import Matte
-from pvg.skin.occluders import occlusion, open_skin
-from pvg.skin.regions import gather
-from pvg.skin.still import WORK_FACE_PX, MaskMethod, chroma_mask, cut_skin
-from pvg.skin.veil import VEIL_ODDS, Hair, find_hair, veil
-from pvg.skin.zones import Bools, Bytes, Floats, Places, face_area, face_box, face_geometry, locate
+from pvg.skin.occlusion import occlusion, open_skin
+from pvg.skin.prior import Bools, Bytes, Floats, Places, face_area, face_box, face_geometry, locate
+from pvg.skin.segmentation import WORK_FACE_PX, MaskMethod, chroma_mask, cut_skin
+from pvg.skin.warp import spline_map
 
 _CELLS_SMALL, _CELLS_LARGE = 192, 256  # longer side of the raster, for boxes of up to 768 and from 1024 px
 _EVERY = 4  # each so many'th landmark is a knot of the spline that carries the key frame's shape

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pvg._cells import average_cells, codes_to_rgb, taps
 from pvg.picture import Affine, Box, Bytes, Floats, clipped, halved, samples_a_cell
+from pvg.video._cells import average_cells, codes_to_rgb, taps
 from pvg.video.formats import Frame, PixelFormat, Plane, Planes
 
 

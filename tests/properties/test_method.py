@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import pvg
-from pvg.curves import table_labels
-from pvg.region import open_region
-from pvg.rendering import Renderer, source_frame
-from pvg.transport import sliced_wasserstein
+from pvg.curves.labels import table_labels
+from pvg.looks.transport import sliced_wasserstein
+from pvg.rendering.clip import Renderer, source_frame
+from pvg.rendering.placed_face import open_region
 from pvg.video import Frame
 
 FRAMES = (0, 17, 39)
@@ -132,7 +132,7 @@ def test_open_skin_gets_the_colour_of_the_references_open_skin(
     video: pvg.VectorVideo, dark_reference: pvg.VectorVideo, pale_reference: pvg.VectorVideo
 ) -> None:
     """By default, in pixels: the median skin colour comes within a few levels of the reference's."""
-    from pvg.complexion import skin_sample
+    from pvg.looks.tone import skin_sample
 
     key = video.records[0].key_frames[0]
     data = video.face_frame(0, key.frame)

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pvg._planes import roll_off
-from pvg.applying import Change, _take_out, apply_change
-from pvg.looks import Look
-from pvg.poisson import Lattice, Membrane
-from pvg.rendering import _contrast_at_curves
+from pvg.looks.look import Look
+from pvg.membrane.lattice import Lattice, Membrane
+from pvg.rendering._planes import roll_off
+from pvg.rendering.clip import _contrast_at_curves
+from pvg.rendering.planes import Change, _take_out, apply_change
 from pvg.video import RGB24, Frame, Patch, PixelFormat
 
 SIDE = 48

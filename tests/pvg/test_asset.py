@@ -19,7 +19,7 @@ from pvg.asset import (
     faces_by_index,
     open_asset,
 )
-from pvg.curves import BOUNDARY_SAMPLES, boundary_points, table_labels
+from pvg.curves.labels import BOUNDARY_SAMPLES, boundary_points, table_labels
 from pvg.errors import AssetError
 from pvg.video import sha256_file
 

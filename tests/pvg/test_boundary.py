@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import sparse
 
-from pvg import boundary
-from pvg.boundary import BoundaryFit, _factorise, evaluate, fit_boundary_colors
 from pvg.errors import SolverError
+from pvg.harmonic import fit as boundary
+from pvg.harmonic.fit import BoundaryFit, _factorise, evaluate, fit_boundary_colors
 from tests.pvg.test_quadtree import ellipse
 
 SIZE = 192

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pvg
-from pvg.complexion import _GAIN_RANGE, SAMPLES, ComplexionMap, skin_sample
-from pvg.rendering import source_frame
+from pvg.looks.tone import _GAIN_RANGE, SAMPLES, ComplexionMap, skin_sample
+from pvg.rendering.clip import source_frame
 from pvg.video import read_image
 from scripts.samples import Samples
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pvg.curves import (
+from pvg.curves.labels import (
     BOUNDARY,
     BOUNDARY_SAMPLES,
     CURVES,

@@ -5,10 +5,10 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
-from pvg.following import CHUNK, LOOKAHEAD, Following, Stretch
-from pvg.keyframes import opacity
 from pvg.landmarks import FaceTrack, smooth, track_faces
 from pvg.picture import Picture, RgbPicture
+from pvg.vectorization.following import CHUNK, LOOKAHEAD, Following, Stretch
+from pvg.vectorization.key_frames import opacity
 from pvg.video import picture_of, read_frames
 from scripts.samples import Samples
 
@@ -113,9 +113,9 @@ def test_a_narrow_face_is_named_and_not_followed(clip: Frames) -> None:
 def test_a_face_without_a_good_view_in_time_is_left_for_a_second_reading(
     clip: Frames, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import pvg.following
+    import pvg.vectorization.following
 
-    monkeypatch.setattr(pvg.following, "good_rows", lambda track: np.zeros(len(track.score), np.bool_))
+    monkeypatch.setattr(pvg.vectorization.following, "good_rows", lambda track: np.zeros(len(track.score), np.bool_))
     stretches, following = follow(clip)
     assert stretches == []
     (track,), _ = following.left()

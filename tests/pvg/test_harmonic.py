@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import dblquad
 
-from pvg.harmonic import HarmonicBasis, harmonic_basis, laplacian_matrix, source_potential
-from pvg.quadtree import Quadtree, build_quadtree
+from pvg.harmonic.basis import HarmonicBasis, harmonic_basis, laplacian_matrix, source_potential
+from pvg.harmonic.quadtree import Quadtree, build_quadtree
 from tests.pvg.test_quadtree import disc, ellipse
 
 DOMAIN = disc(201, 80)

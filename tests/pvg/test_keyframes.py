@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pvg.keyframes import best_row, first_good_row, opacity
 from pvg.landmarks import FaceTrack, detect_faces, fit_landmarks, jd_106, skin_88
 from pvg.skin import Matte, SkinTracker, fit_skin_model
+from pvg.vectorization.key_frames import best_row, first_good_row, opacity
 from pvg.video import read_image
 
 

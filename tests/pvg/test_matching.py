@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pvg.curves import BOUNDARY, CURVES, CurveLabels, table_labels
-from pvg.matching import Chain, match
+from pvg.curves.labels import BOUNDARY, CURVES, CurveLabels, table_labels
+from pvg.curves.propagation import Chain, match
 
 
 def labels_with(counts: list[int]) -> CurveLabels:

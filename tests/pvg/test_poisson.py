@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from pvg import poisson
 from pvg.errors import SolverError
-from pvg.poisson import Lattice, Membrane, MembraneOperator, build_membrane, rasterize_curves
+from pvg.membrane import lattice as poisson
+from pvg.membrane.lattice import Lattice, Membrane, MembraneOperator, build_membrane, rasterize_curves
 
 Layout = list[tuple[int, int, bool]]
 FACE_WIDTH, FACE_HEIGHT = 800, 1096

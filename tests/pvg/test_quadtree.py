@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pvg.quadtree import PADDING_RINGS, STENCIL_RING, Quadtree, build_quadtree
+from pvg.harmonic.quadtree import PADDING_RINGS, STENCIL_RING, Quadtree, build_quadtree
 
 
 def ellipse(cx: float, cy: float, a: float, b: float, step: float = 1.0) -> np.ndarray:

@@ -25,12 +25,12 @@ from benchmarks.quality.measures import (
 )
 from benchmarks.quality.peers import lab_mean_std, linear_map
 from benchmarks.quality.probes import leak_frames, there_and_back
-from pvg.curves import boundary_points, boundary_radius, face_frame, place, stack_points, table_labels
+from pvg.curves.labels import boundary_points, boundary_radius, face_frame, place, stack_points, table_labels
 from pvg.landmarks import detect_faces, fit_landmarks, jd_106, skin_88
-from pvg.poisson import Lattice, build_membrane, rasterize_curves
+from pvg.looks.transport import sliced_transport
+from pvg.membrane.lattice import Lattice, build_membrane, rasterize_curves
 from pvg.skin import SkinTracker, fit_skin_model
-from pvg.transport import sliced_transport
-from pvg.vectorization import fit_key_frame
+from pvg.vectorization.clip import fit_key_frame
 from pvg.video import read_image
 from scripts.samples import fetch_samples
 

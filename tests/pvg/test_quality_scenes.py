@@ -18,7 +18,7 @@ import pvg
 from benchmarks.quality.measures import iou, psnr, wander
 from benchmarks.quality.probes import leak_frames, write_lossless
 from pvg.landmarks import detect_faces, fit_landmarks, jd_106, skin_88
-from pvg.rendering import Renderer
+from pvg.rendering.clip import Renderer
 from pvg.skin import Matte, skin_mask
 from pvg.video import read_frames, read_image
 from scripts.samples import Samples

@@ -7,8 +7,8 @@ import pytest
 
 import pvg
 from pvg.asset import FaceFrameData
-from pvg.curves import table_labels
-from pvg.region import Region, divide_overlaps, open_region
+from pvg.curves.labels import table_labels
+from pvg.rendering.placed_face import Region, divide_overlaps, open_region
 
 SIZE = (640, 360)
 

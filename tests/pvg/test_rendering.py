@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pvg
-from pvg.rendering import Renderer, source_frame
+from pvg.rendering.clip import Renderer, source_frame
 from pvg.video import probe, read_frames
 from tests.conftest import cut_clip
 

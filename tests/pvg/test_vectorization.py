@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import pvg
-from pvg.curves import table_labels
+from pvg.curves.labels import table_labels
 from pvg.video import read_image, write_image
 from scripts.samples import Samples
 from tests.conftest import cut_clip
@@ -71,12 +71,12 @@ def test_a_second_reading_gives_what_one_does(
     short_clip: Path, video: pvg.VectorVideo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Tracks without a good view in time are followed again with the whole course known."""
-    import pvg.following
+    import pvg.vectorization.following
 
     never = lambda track: np.zeros(len(track.score), np.bool_)  # noqa: E731
-    monkeypatch.setattr(pvg.following, "good_rows", never)
-    monkeypatch.setattr(pvg.following, "CHUNK", 4)
-    monkeypatch.setattr(pvg.following, "LOOKAHEAD", 4)
+    monkeypatch.setattr(pvg.vectorization.following, "good_rows", never)
+    monkeypatch.setattr(pvg.vectorization.following, "CHUNK", 4)
+    monkeypatch.setattr(pvg.vectorization.following, "LOOKAHEAD", 4)
     stages: list[str] = []
     with pvg.vectorize(short_clip, progress=lambda stage, done, total: stages.append(stage)) as again:
         assert stages.count("second reading") == 40

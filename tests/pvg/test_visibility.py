@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 import pvg
 from pvg.asset import FaceFrameData
-from pvg.curves import BOUNDARY, CURVES, GROUPS, table_labels
-from pvg.region import Region, open_region
-from pvg.visibility import see
+from pvg.curves.labels import BOUNDARY, CURVES, GROUPS, table_labels
+from pvg.rendering.placed_face import Region, open_region
+from pvg.rendering.visibility import see
 
 LABELS = table_labels()
 NAMES = [curve.name for curve in CURVES]

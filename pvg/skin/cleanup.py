@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from pvg.skin.zones import Bools, Bytes, Floats, Places
+from pvg.skin.prior import Bools, Bytes, Floats, Places
 
 
 def biggest_part(mask: Bools, near: Bools | None = None) -> Bools:

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from pvg._threads import side_by_side
 from pvg.asset import AssetWriter, FaceRecord, FaceSummary, KeyFrame
-from pvg.complexion import skin_sample
-from pvg.curves import (
+from pvg.curves.labels import (
     BOUNDARY,
     Floats,
     boundary_points,
@@ -21,11 +20,12 @@ from pvg.curves import (
     stack_points,
     table_labels,
 )
-from pvg.following import KeyView, Stretch, rows_between
-from pvg.keycolors import fit_key_frame
 from pvg.landmarks import FaceShape, FaceTrack, frontal_ratios
+from pvg.looks.tone import skin_sample
 from pvg.picture import Picture
 from pvg.skin import MaskMethod, Matte, SkinTracker, fit_skin_model
+from pvg.vectorization.following import KeyView, Stretch, rows_between
+from pvg.vectorization.key_colors import fit_key_frame
 
 ADVISED_FACE_PX = 200  # the paper's least face size
 _SAMPLE_MARGIN = 0.06  # of the face's width: reach of what smooths the sampled skin

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from scipy import sparse
 
 from pvg._threads import side_by_side
-from pvg.quadtree import Floats, Ints, Quadtree
+from pvg.harmonic.quadtree import Floats, Ints, Quadtree
 
 SUPPORT = 3.0  # ψ is truncated at this many leaf sizes; its tail falls as r⁻⁴
 

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pvg.asset import FaceFrameData
-from pvg.curves import BOUNDARY, CurveLabels, Floats, face_frame, place, stack_points
+from pvg.curves.labels import BOUNDARY, CurveLabels, Floats, face_frame, place, stack_points
 from pvg.landmarks import SKIN_SLICES
-from pvg.poisson import TOLERANCE, CurveRaster, Lattice, Membrane, build_membrane, rasterize_curves
+from pvg.membrane.lattice import TOLERANCE, CurveRaster, Lattice, Membrane, build_membrane, rasterize_curves
+from pvg.rendering.visibility import Visibility, see
 from pvg.skin import Matte
-from pvg.visibility import Visibility, see
 
 _BESIDE_OVAL = 0.02  # claim of a face's ears and neck, against 1 within its oval
 _OVAL_EDGE = 0.03  # of the face's width

@@ -14,8 +14,8 @@ from scipy.spatial import KDTree
 
 from pvg._threads import side_by_side
 from pvg.errors import SolverError
-from pvg.harmonic import HarmonicBasis, harmonic_basis, laplacian_matrix
-from pvg.quadtree import Bools, Floats, Quadtree, build_quadtree
+from pvg.harmonic.basis import HarmonicBasis, harmonic_basis, laplacian_matrix
+from pvg.harmonic.quadtree import Bools, Floats, Quadtree, build_quadtree
 
 SMOOTHNESS = 1e-2  # μ in units of mean diag(BᵀB); predicts held-out pixels at the curves of portraits best
 RIDGE = 1e-9  # ε

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pvg.skin.zones import Floats
+from pvg.skin.prior import Floats
 
 Doubles = NDArray[np.float64]
 

@@ -14,10 +14,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pvg import _planes as kernels
-from pvg.curves import Floats, face_frame
-from pvg.poisson import Membrane
-from pvg.region import Region
+from pvg.curves.labels import Floats, face_frame
+from pvg.membrane.lattice import Membrane
+from pvg.rendering import _planes as kernels
+from pvg.rendering.placed_face import Region
 from pvg.video import Frame, Patch, PixelFormat
 
 _EYES = ((52, 53, 72, 54, 55, 56, 73, 57), (58, 59, 75, 60, 61, 62, 76, 63))

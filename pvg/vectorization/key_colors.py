@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pvg.boundary import fit_boundary_colors
-from pvg.curves import GROUPS, Floats, table_labels
+from pvg.curves.labels import GROUPS, Floats, table_labels
+from pvg.harmonic.fit import fit_boundary_colors
 from pvg.skin import Matte
 
 Image = NDArray[np.uint8]

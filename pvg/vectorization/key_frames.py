@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from pvg.curves import Floats, face_frame
+from pvg.curves.labels import Floats, face_frame
 from pvg.landmarks import SKIN_SLICES, FaceTrack
 from pvg.picture import Box, Picture, as_picture
 from pvg.skin import Matte, face_box

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvg.asset import VectorVideo
-from pvg.curves import table_labels
+from pvg.curves.labels import table_labels
 from pvg.landmarks import draw_landmarks
-from pvg.region import Region
-from pvg.rendering import regions, source_frame
+from pvg.rendering.clip import regions, source_frame
+from pvg.rendering.placed_face import Region
 
 LAYERS = ("image", "landmarks", "mask", "matte", "curves", "low", "high")
 _GROUP_COLORS = ((255, 200, 0), (0, 220, 255), (80, 255, 80), (255, 60, 120))  # skin, brows, eyes, lips

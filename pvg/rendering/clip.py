@@ -20,14 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvg._threads import Sink, ahead, one_blas_thread
-from pvg.applying import Change, apply_change, protected_alpha
 from pvg.asset import VectorVideo
-from pvg.curves import CurveLabels, Floats, labels_by_length, stack_points, table_labels
+from pvg.curves.labels import CurveLabels, Floats, labels_by_length, stack_points, table_labels
+from pvg.curves.propagation import Chain
 from pvg.errors import AssetError
-from pvg.looks import Look, transfer
-from pvg.matching import Chain
-from pvg.poisson import TOLERANCE
-from pvg.region import Region, divide_overlaps, open_region
+from pvg.looks.look import Look, transfer
+from pvg.membrane.lattice import TOLERANCE
+from pvg.rendering.placed_face import Region, divide_overlaps, open_region
+from pvg.rendering.planes import Change, apply_change, protected_alpha
 from pvg.video import Frame, MediaInfo, Patch, VideoWriter, probe, read_frames, write_image
 
 Progress = Callable[[str, int, int], None]

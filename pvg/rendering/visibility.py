@@ -17,9 +17,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pvg._geometry import settle
 from pvg.asset import FaceFrameData
-from pvg.curves import BOUNDARY, GROUPS, CurveLabels, Floats, face_frame
+from pvg.curves.labels import BOUNDARY, GROUPS, CurveLabels, Floats, face_frame
+from pvg.face._kernels import settle
 
 # fmt: off
 _AZIMUTH = np.array((

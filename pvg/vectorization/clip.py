@@ -17,15 +17,15 @@ from typing import Literal
 
 from pvg._threads import ahead, one_blas_thread
 from pvg.asset import AssetWriter, MediaSummary, VectorVideo
+from pvg.curves.propagation import CHAIN_RESET_FRAMES
 from pvg.errors import FaceTooSmallError, NoFaceError
-from pvg.following import CHUNK, Following, KeyView, Stretch, key_view, rows_between
-from pvg.keycolors import fit_key_frame
-from pvg.keyframes import best_row, first_good_row, opacity
 from pvg.landmarks import FaceTrack, link_persons, smooth, track_faces
-from pvg.matching import CHAIN_RESET_FRAMES
 from pvg.picture import Picture
 from pvg.skin import MaskMethod, Matte
-from pvg.vectorface import ADVISED_FACE_PX, VectorFace
+from pvg.vectorization.following import CHUNK, Following, KeyView, Stretch, key_view, rows_between
+from pvg.vectorization.key_colors import fit_key_frame
+from pvg.vectorization.key_frames import best_row, first_good_row, opacity
+from pvg.vectorization.vector_face import ADVISED_FACE_PX, VectorFace
 from pvg.video import MediaInfo, MediaLimits, picture_of, probe, read_frames, sha256_file
 
 __all__ = ["MIN_FACE_PX", "VECTORIZER_VERSION", "Progress", "fit_key_frame", "vectorize"]

@@ -8,11 +8,11 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from pvg.skin.colors import SkinColors, fit_colors, skin_scale, strangeness, to_skin_lab
-from pvg.skin.cutting import minimum_cut
-from pvg.skin.regions import biggest_part, fill_holes, gather
-from pvg.skin.veil import VEIL_ODDS, deep_shade, find_hair, veil
-from pvg.skin.zones import Bools, Bytes, Floats, Places, face_area, face_box, face_geometry, locate, logistic
+from pvg.skin.cleanup import biggest_part, fill_holes, gather
+from pvg.skin.color_model import SkinColors, fit_colors, skin_scale, strangeness, to_skin_lab
+from pvg.skin.graph_cut import minimum_cut
+from pvg.skin.hair import VEIL_ODDS, deep_shade, find_hair, veil
+from pvg.skin.prior import Bools, Bytes, Floats, Places, face_area, face_box, face_geometry, locate, logistic
 
 MaskMethod = Literal["landmarks", "ycbcr"]
 

@@ -15,8 +15,8 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pvg._geometry import frame_numbers
-from pvg._rays import last_crossing
+from pvg.curves._rays import last_crossing
+from pvg.face._kernels import frame_numbers
 
 Floats = NDArray[np.float32]
 

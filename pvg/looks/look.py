@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from pvg.asset import KeyFrame, VectorVideo, faces_by_index
-from pvg.complexion import ComplexionMap
-from pvg.curves import GROUPS, Floats, table_labels
-from pvg.transport import sliced_transport
+from pvg.curves.labels import GROUPS, Floats, table_labels
+from pvg.looks.tone import ComplexionMap
+from pvg.looks.transport import sliced_transport
 
 BETA = 0.2  # the paper's step
 ITERATIONS = 20  # the paper's N

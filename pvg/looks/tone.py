@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pvg.curves import Floats, face_frame
+from pvg.curves.labels import Floats, face_frame
 
 SAMPLES = 512
 _LUMA = np.array([0.299, 0.587, 0.114])

@@ -11,10 +11,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
-from pvg.curves import Floats
-from pvg.keyframes import FADE_REACH, faded, first_good_row, good_rows, surroundings
+from pvg.curves.labels import Floats
 from pvg.landmarks import MIN_SEEN, FaceTrack, FaceTracker, OpenTrack, smooth
 from pvg.picture import Picture
+from pvg.vectorization.key_frames import FADE_REACH, faded, first_good_row, good_rows, surroundings
 
 CHUNK = 32  # frames a face is followed by at a time
 LOOKAHEAD = 32  # frames that must be known after the last of them; the smoothing's filters reach 22
