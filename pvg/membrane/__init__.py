@@ -1,0 +1,1 @@
+"""The membrane: the harmonic extension of values on the curves (eq. 1)."""

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pvg.errors import SolverError
-from pvg.membrane import multigrid as multigrid
+from pvg.membrane import multigrid
 from pvg.rendering._planes import read_grid
 
 Floats = NDArray[np.float32]

@@ -1,0 +1,1 @@
+"""Algorithm 1, precomputation: a clip becomes an asset, once for all looks."""
