@@ -19,8 +19,8 @@ from pvg.errors import (
     PvgError,
     SolverError,
 )
-from pvg.looks.look import Look, transfer
-from pvg.rendering.clip import render, render_frame, swap
+from pvg.looks import Look, transfer
+from pvg.rendering import render, render_frame, swap
 from pvg.rendering.layers import layer
 from pvg.vectorization.clip import vectorize
 from pvg.video import MediaLimits

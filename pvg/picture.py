@@ -13,9 +13,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Bytes = NDArray[np.uint8]
-Floats = NDArray[np.float32]
-Affine = NDArray[np.float64]
+from pvg._arrays import Bytes, Doubles
+from pvg.raster import Raster, first_reading
+
+Affine = Doubles
 Box = tuple[int, int, int, int]
 
 SUPERSAMPLE = 6
@@ -54,12 +55,8 @@ class Picture(Protocol):
     def warp(self, to_source: Affine, size: tuple[int, int]) -> Bytes:
         """(h, w, 3) uint8 RGB for size (w, h): pixel (x, y) is read bilinearly at to_source (2, 3) · (x, y, 1)."""
 
-    def cells(self, origin: Floats, step: float, shape: tuple[int, int]) -> Bytes:
-        """The picture averaged over square cells: (h, w, 3) uint8 RGB for shape (h, w).
-
-        Cell (r, c) spans `step` pixels from origin (2,) + step · (c, r) on; pixel centres are at integers and pixel
-        (0, 0) reaches from −½ to ½, so its own corner is the origin (0, 0).
-        """
+    def cells(self, raster: Raster) -> Bytes:
+        """The picture averaged over the cells of a raster: (h, w, 3) uint8 RGB."""
 
 
 def samples_a_cell(step: float) -> int:
@@ -137,12 +134,12 @@ class RgbPicture:
         out = cv2.warpAffine(self.pixels, matrix, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
         return np.asarray(out, np.uint8)
 
-    def cells(self, origin: Floats, step: float, shape: tuple[int, int]) -> Bytes:
+    def cells(self, raster: Raster) -> Bytes:
         """See `Picture.cells`."""
-        h, w = shape
-        k = samples_a_cell(step)
-        fine = step / k
-        x, y = np.asarray(origin, np.float64) - 0.5 + 0.5 * fine
+        h, w = raster.shape
+        k = samples_a_cell(raster.step)
+        fine = raster.step / k
+        x, y = (first_reading(float(corner), fine) for corner in raster.origin)
         part = self.warp(np.array([[fine, 0, x], [0, fine, y]]), (w * k, h * k))
         return part if k == 1 else np.asarray(cv2.resize(part, (w, h), interpolation=cv2.INTER_AREA), np.uint8)
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pvg.curves.labels import boundary_radius
+from pvg.curves import boundary_radius
+from pvg.face import FaceAxes, Landmarks, layout
 from pvg.harmonic.fit import fit_boundary_colors
 from pvg.membrane.lattice import Lattice, Membrane, build_membrane, rasterize_curves
-from pvg.rendering.planes import Change, apply_change
+from pvg.rendering.correction import Correction
+from pvg.rendering.planes import apply_correction
 from pvg.rendering.visibility import Visibility
 from pvg.skin import SkinTracker, fit_skin_model
 from pvg.skin.hair import Hair, veil
@@ -49,16 +51,17 @@ def _follow(frame: Frame) -> None:
     """Follow the skin of a made-up face, in the whole picture and in a part of it."""
     turn = np.linspace(0, 2 * np.pi, 106, endpoint=False)
     points = np.stack([32 + 14 * np.sin(turn), 34 - 16 * np.cos(turn)], axis=1).astype(np.float32)
-    points[33:43, 1], points[52:58], points[58:64], points[84:96] = 28, (26, 31), (38, 31), (32, 42)
-    skin_points = points[np.arange(88) * 106 // 88]
+    points[layout.UPPER_BROW_EDGES, 1], points[layout.LEFT_EYE_CONTOUR] = 28, (26, 31)
+    points[layout.RIGHT_EYE_CONTOUR], points[layout.LIPS_OUTER] = (38, 31), (32, 42)
+    face = Landmarks(points, points[np.arange(layout.SKIN_COUNT) * layout.LANDMARK_COUNT // layout.SKIN_COUNT])
     whole = picture_of(frame)
     for picture in (whole, whole.part((0, 0, 60, 60))):
         picture.thumbnail((16, 9))
         picture.warp(np.eye(2, 3), (16, 16))
-        tracker = SkinTracker(fit_skin_model(picture, points, skin_points))
-        matte = tracker.step(picture, points, skin_points)
-    boundary_radius(matte.alpha.astype(np.float32), matte.to_raster(points))
-    where = locate((64, 64), points, skin_points)
+        tracker = SkinTracker(fit_skin_model(picture, face))
+        matte = tracker.step(picture, face)
+    boundary_radius(matte.alpha.astype(np.float32), FaceAxes.of(matte.raster.to_cells(points)))
+    where = locate((64, 64), face)
     for fair in (True, False):
         hair = Hair(fair, np.zeros(3, np.float32), np.eye(3, dtype=np.float32))
         veil(np.zeros((64, 64, 3), np.uint8), where.face, where, hair)
@@ -66,9 +69,9 @@ def _follow(frame: Frame) -> None:
 
 def _apply(frame: Frame, membrane: Membrane) -> None:
     """Apply a field and a number as contrast to a frame."""
-    alpha = np.ones((32, 32), np.float32)
-    for change in (Change(0, contrast_channel=3), Change(0, 1.1, low_channel=0)):
-        apply_change(frame, (8, 8), alpha, membrane, change)
+    alpha, planes, lattice = np.ones((32, 32), np.float32), membrane.planes, membrane.lattice
+    for correction in (Correction(lattice, planes[:3], planes[3:]), Correction(lattice, planes[:3], 1.1, planes[:3])):
+        apply_correction(frame, (8, 8), alpha, correction)
 
 
 if __name__ == "__main__":

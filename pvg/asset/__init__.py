@@ -11,14 +11,14 @@ from __future__ import annotations
 
 from pvg.asset.arrays import CHUNK_FRAMES, FORMAT_VERSION
 from pvg.asset.reading import VectorVideo, faces_by_index, open_asset
-from pvg.asset.records import FaceFrameData, FaceRecord, FaceSummary, KeyFrame, MediaSummary
+from pvg.asset.records import FaceInFrame, FaceRecord, FaceSummary, KeyFrame, MediaSummary
 from pvg.asset.writing import AssetWriter
 
 __all__ = [
     "CHUNK_FRAMES",
     "FORMAT_VERSION",
     "AssetWriter",
-    "FaceFrameData",
+    "FaceInFrame",
     "FaceRecord",
     "FaceSummary",
     "KeyFrame",

@@ -20,10 +20,13 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from pvg._arrays import Floats
 from pvg.asset.arrays import CHUNK_FRAMES, FORMAT_VERSION, FRAME_ARRAYS, decode, from_bytes
-from pvg.asset.records import FaceFrameData, FaceRecord, FaceSummary, KeyFrame, MediaSummary
-from pvg.curves.labels import Floats, boundary_points
+from pvg.asset.records import FaceInFrame, FaceRecord, FaceSummary, KeyFrame, MediaSummary
+from pvg.curves import boundary_points
 from pvg.errors import AssetError
+from pvg.face import Landmarks
+from pvg.skin import Matte
 from pvg.video import sha256_file
 
 _CACHED_CHUNKS = 4
@@ -147,22 +150,21 @@ class VectorVideo:
             out.append(FaceRecord(face, frames))
         return tuple(out)
 
-    def face_frame(self, face: int, frame: int) -> FaceFrameData | None:
-        """Geometry of `face` in `frame`, None outside its track. Raises `AssetError` when altered."""
+    def face_at(self, face: int, frame: int) -> FaceInFrame | None:
+        """What `face` is in `frame`, None outside its track. Raises `AssetError` when altered."""
         summary = self.faces[face]
         if not summary.first_frame <= frame <= summary.last_frame:
             return None
         track = self._tracks[face]
         chunk, row = divmod(frame - summary.first_frame, CHUNK_FRAMES)
         part = {name: self._chunk(f"track{track}/{name}/{chunk:06d}", name)[row] for name in FRAME_ARRAYS}
-        return FaceFrameData(
-            points=part["points"],
-            skin_points=part["skin_points"],
-            boundary=boundary_points(part["radius"], part["points"]),
+        landmarks = Landmarks(part["points"], part["skin_points"])
+        return FaceInFrame(
+            landmarks=landmarks,
+            boundary=boundary_points(part["radius"], landmarks.axes),
             score=float(part["score"][0]),
             pose=part["pose"],
-            box=part["box"],
-            matte=part["matte"],
+            matte=Matte.over(part["box"], part["matte"]),
         )
 
     def landmarks(self, face: int) -> Floats:

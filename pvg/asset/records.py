@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-from pvg.curves.labels import Floats
+from pvg._arrays import Bools, Floats
+from pvg.face import Landmarks
+from pvg.skin import Matte
 from pvg.video import MediaInfo
 
 
@@ -75,27 +74,24 @@ class KeyFrame:
 
     frame: int
     colors: Floats
-    visible: NDArray[np.bool_]
+    visible: Bools
     skin: Floats
 
 
 @dataclass(frozen=True, eq=False)
-class FaceFrameData:
-    """The geometry of one face in one frame.
+class FaceInFrame:
+    """One face in one frame.
 
-    points: (106, 2) landmarks;  skin_points: (88, 2);  boundary: (192, 2) mask boundary samples, source pixels;
+    landmarks: source pixels;  boundary: (192, 2) mask boundary samples, source pixels;
     score: face score in [0, 1], 0 where the face is not seen;  pose: (3,) yaw, pitch, roll in degrees;
-    box: (4,) x0, y0, x1, y1 of the region in source pixels (may reach over the picture's edge);
-    matte: (h, w) uint8, the soft matte over the box, 255 = skin.
+    matte: its skin.
     """
 
-    points: Floats
-    skin_points: Floats
+    landmarks: Landmarks
     boundary: Floats
     score: float
     pose: Floats
-    box: Floats
-    matte: NDArray[np.uint8]
+    matte: Matte
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,9 +10,8 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float32]
+from pvg._arrays import Floats
 
 CHAIN_RESET_FRAMES = 120  # the paper's
 
@@ -48,6 +47,22 @@ def match(colors: Floats, source: Labels, target: Labels) -> Floats:
         for channel in range(colors.shape[1]):
             out[c:d, channel] = np.interp(target.s[c:d], s, values[:, channel])
     return out
+
+
+class ColorTable:
+    """The default propagation: the key frame's colours as a table over (curve id, s), read at each frame's labels.
+
+    Every frame is matched straight to the key frame, so nothing accumulates and any frame may be asked for.
+    """
+
+    def __init__(self, colors: Floats, labels: Labels) -> None:
+        """colors: (S, C) of the key frame, any number of channels;  labels: of its samples."""
+        self._colors = colors
+        self._labels = labels
+
+    def at(self, labels: Labels) -> Floats:
+        """The (T, C) colours of a frame's samples."""
+        return match(self._colors, self._labels, labels)
 
 
 class Chain:

@@ -1,51 +1,92 @@
-"""The two point sets kept of a face, both linear in the 478-point mesh: 106 landmarks and 88 skin points.
+"""The points kept of a face, by name: the only landmark numbers of the project.
 
-Left and right are image sides. Within the 106 (JD order): 0–32 face contour from the left temple over the chin (16)
-to the right temple, 33–42 upper and 64–71 lower brow edges, 43–46 nose ridge, 47–51 and 78–83 nose, 52–63 and 72–77
-eyes, 84–103 lips, 104–105 pupils.
+Three numberings meet here. `MESH` numbers are vertices of the 478-point face mesh. A face is kept as 106 landmarks (JD
+order: 0–32 contour from the left temple over the chin to the right temple, 33–42 upper and 64–71 lower brow edges,
+43–46 nose ridge, 47–51 and 78–83 nose, 52–63 and 72–77 eyes, 84–103 lips, 104–105 pupils) and 88 skin points, both
+linear in the mesh. *Stacked*, the skin points follow the landmarks, 194 in all. Left and right are image sides.
 """
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
-import numpy.typing as npt
+from numpy.typing import NDArray
 
-FloatArray = npt.NDArray[np.float32]
+Indices = NDArray[np.intp]
 
-MESH_COUNT = 478
-JD_COUNT = 106
+MESH_COUNT: Final = 478
+LANDMARK_COUNT: Final = 106
+SKIN_COUNT: Final = 88
 
-JD_GROUPS: dict[str, tuple[int, ...]] = {
-    "contour": tuple(range(33)),
-    "brow_left": (33, 34, 35, 36, 37, 67, 66, 65, 64),
-    "brow_right": (38, 39, 40, 41, 42, 71, 70, 69, 68),
-    "nose_ridge": (43, 44, 45, 46),
-    "nose_base": (47, 48, 49, 50, 51),
-    "nose_side_left": (78, 80, 82),
-    "nose_side_right": (79, 81, 83),
-    "eye_left": (52, 53, 72, 54, 55, 56, 73, 57),
-    "eye_right": (58, 59, 75, 60, 61, 62, 76, 63),
-    "lips_outer": tuple(range(84, 96)),
-    "lips_inner": (96, 97, 98, 99, 100, 101, 102, 103),
-    "pupils": (104, 105),
+
+def _points(*numbers: int | range) -> Indices:
+    """A named group: indices in drawing order."""
+    flat = [n for number in numbers for n in (number if isinstance(number, range) else (number,))]
+    group = np.array(flat, np.intp)
+    group.flags.writeable = False
+    return group
+
+
+# groups of the 106 landmarks; brows, eyes and lips are closed loops
+CONTOUR: Final = _points(range(33))
+CHIN: Final = 16
+CONTOUR_WIDTHS: Final = ((0, 32), (4, 28), (8, 24), (11, 21))
+"""Pairs of contour points whose distances are widths of the face, from the temples down."""
+LEFT_BROW: Final = _points(33, 34, 35, 36, 37, 67, 66, 65, 64)
+RIGHT_BROW: Final = _points(38, 39, 40, 41, 42, 71, 70, 69, 68)
+UPPER_BROW_EDGES: Final = _points(range(33, 43))
+BROWS: Final = _points(range(33, 43), range(64, 72))
+NOSE_RIDGE: Final = _points(43, 44, 45, 46)
+NOSE_TIP: Final = 46
+NOSE_BASE: Final = _points(47, 48, 49, 50, 51)
+NOSE_BASE_MIDDLE: Final = 49
+NOSE_BASE_TO_WINGS: Final = _points(82, 47, 48, 49, 50, 51, 83)
+NOSE_WINGS: Final = _points(82, 83)
+LEFT_NOSE_SIDE: Final = _points(78, 80, 82)
+RIGHT_NOSE_SIDE: Final = _points(79, 81, 83)
+LEFT_EYE: Final = _points(52, 53, 72, 54, 55, 56, 73, 57)
+RIGHT_EYE: Final = _points(58, 59, 75, 60, 61, 62, 76, 63)
+LEFT_EYE_CONTOUR: Final = _points(range(52, 58))
+RIGHT_EYE_CONTOUR: Final = _points(range(58, 64))
+EYE_CONTOURS: Final = _points(range(52, 64))
+LEFT_EYE_CORNERS: Final = (52, 55)
+RIGHT_EYE_CORNERS: Final = (58, 61)
+INNER_EYE_CORNERS: Final = (55, 58)
+OUTER_EYE_CORNERS: Final = (52, 61)
+LEFT_LIDS: Final = (72, 73)
+RIGHT_LIDS: Final = (75, 76)
+LIPS_OUTER: Final = _points(range(84, 96))
+LIPS_INNER: Final = _points(range(96, 104))
+LIPS: Final = _points(range(84, 104))
+MOUTH_CORNERS: Final = (84, 90)
+UPPER_LIP_TOP: Final = 87
+LIP_GAP: Final = (98, 102)
+LOWER_LIP_EDGE: Final = _points(91, 92, 93, 94, 95)
+PUPILS: Final = _points(104, 105)
+
+FEATURES: Final = (LEFT_BROW, RIGHT_BROW, LEFT_EYE_CONTOUR, RIGHT_EYE_CONTOUR, LIPS_OUTER)
+"""What has other colours than skin, as outlines whose convex hulls cover it."""
+
+LANDMARK_GROUPS: Final[dict[str, Indices]] = {
+    "contour": CONTOUR,
+    "left_brow": LEFT_BROW,
+    "right_brow": RIGHT_BROW,
+    "nose_ridge": NOSE_RIDGE,
+    "nose_base": NOSE_BASE,
+    "left_nose_side": LEFT_NOSE_SIDE,
+    "right_nose_side": RIGHT_NOSE_SIDE,
+    "left_eye": LEFT_EYE,
+    "right_eye": RIGHT_EYE,
+    "lips_outer": LIPS_OUTER,
+    "lips_inner": LIPS_INNER,
+    "pupils": PUPILS,
 }
-"""Indices into the 106 landmarks, each group in drawing order; brows, eyes and lips are closed loops."""
-
-JD_CLOSED = frozenset({"brow_left", "brow_right", "eye_left", "eye_right", "lips_outer", "lips_inner"})
+"""The groups that together hold nearly all landmarks, for drawing and looking."""
+CLOSED_GROUPS: Final = frozenset({"left_brow", "right_brow", "left_eye", "right_eye", "lips_outer", "lips_inner"})
 
 # fmt: off
-_CONTOUR_LEFT = (127, 234, 93, 132, 58, 172, 136, 150, 149, 176, 148, 152)
-_CONTOUR_RIGHT = (356, 454, 323, 361, 288, 397, 365, 379, 378, 400, 377, 152)
-# arc lengths between them on the neutral face, centimetres: resampling by the lengths of each picture would
-# let the points slide over the skin as the head turns, and curve matching needs them to stay
-_CONTOUR_STEPS = (1.748, 1.727, 1.870, 2.040, 1.977, 1.859, 1.778, 1.341, 1.288, 1.171, 1.309)
-_REST = (
-    70, 63, 105, 66, 107,  336, 296, 334, 293, 300,  168, 197, 5, 4,  98, 97, 2, 326, 327,
-    33, 160, 158, 133, 153, 144,  362, 385, 387, 263, 373, 380,  53, 52, 65, 55,  285, 295, 282, 283,
-    159, 145, 468,  386, 374, 473,  193, 417, 198, 420, 129, 358,  61, 40, 37, 0, 267, 270, 291,
-    321, 405, 17, 181, 91,  78, 81, 13, 311, 308,  402, 14, 178,  468, 473,
-)
-SKIN_POINTS: dict[str, tuple[int, ...]] = {
+SKIN_POINTS: Final[dict[str, tuple[int, ...]]] = {
     "oval": (
         10, 338, 297, 332, 284, 251, 389, 356, 454, 323, 361, 288, 397, 365, 379, 378, 400, 377,
         152, 148, 176, 149, 150, 136, 172, 58, 132, 93, 234, 127, 162, 21, 54, 103, 67, 109,
@@ -57,45 +98,78 @@ SKIN_POINTS: dict[str, tuple[int, ...]] = {
     "cheek_left": (117, 118, 101, 36, 205, 187, 147, 123),
     "cheek_right": (346, 347, 330, 266, 425, 411, 376, 352),
 }
-"""Mesh vertices of the skin loops, all closed: the face oval, the ring inside it, one loop on either cheek."""
+"""`MESH` vertices of the skin loops, all closed: the face oval, the ring inside it, one loop on either cheek."""
 # fmt: on
-
-SKIN_SLICES: dict[str, slice] = {}
-"""Where each loop of SKIN_POINTS lies in an (…, 88, 2) array of skin points."""
-_start = 0
-for _name, _ids in SKIN_POINTS.items():
-    SKIN_SLICES[_name] = slice(_start, _start + len(_ids))
-    _start += len(_ids)
-SKIN_COUNT = _start
-_SKIN_INDEX = np.array([vertex for ids in SKIN_POINTS.values() for vertex in ids])
+OVAL: Final = slice(0, 36)
+RING: Final = slice(36, 72)
+LEFT_CHEEK: Final = slice(72, 80)
+RIGHT_CHEEK: Final = slice(80, 88)
+"""Where each loop lies in an (…, 88, 2) array of skin points."""
 
 
-def _contour_side(vertices: tuple[int, ...]) -> list[tuple[int, int, float]]:
-    """Cut one side into 16 equal steps: (vertex before, vertex after, share of the one after), 17 of them."""
-    lengths = np.concatenate([[0.0], np.cumsum(_CONTOUR_STEPS)])
-    cuts = []
-    for position in np.linspace(0, lengths[-1], 17):
-        after = min(max(int(np.searchsorted(lengths, position)), 1), len(vertices) - 1)
-        share = (position - lengths[after - 1]) / (lengths[after] - lengths[after - 1])
-        cuts.append((vertices[after - 1], vertices[after], float(share)))
-    return cuts
+# groups of the 194 stacked points
+def _stacked(loop: slice, *numbers: int) -> Indices:
+    """Points of a skin loop, all of them unless some are numbered, among the stacked points."""
+    return _points(*(LANDMARK_COUNT + loop.start + n for n in numbers or range(loop.stop - loop.start)))
 
 
-def _jd_table() -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], FloatArray]:
-    cuts = _contour_side(_CONTOUR_LEFT) + _contour_side(_CONTOUR_RIGHT)[-2::-1]
-    cuts += [(vertex, vertex, 0.0) for vertex in _REST]
-    before, after, share = zip(*cuts, strict=True)
-    return np.array(before), np.array(after), np.array(share, np.float32)[:, None]
+STACKED_RING: Final = _stacked(RING)
+STACKED_LEFT_CHEEK: Final = _stacked(LEFT_CHEEK)
+STACKED_RIGHT_CHEEK: Final = _stacked(RIGHT_CHEEK)
+FOREHEAD: Final = _stacked(OVAL, 32, 33, 34, 35, 0, 1, 2, 3, 4)
+"""Along the hair-line, from the left temple to the right one."""
+
+Pairs = tuple[tuple[int, int], ...]
 
 
-_BEFORE, _AFTER, _SHARE = _jd_table()
+def _pairs(ends: Indices, others: Indices) -> Pairs:
+    return tuple(zip(ends.tolist(), others.tolist(), strict=True))
 
 
-def jd_106(mesh: FloatArray) -> FloatArray:
-    """Take the 106 landmarks out of mesh points: (…, 478, k) float32 to (…, 106, k) float32."""
-    return np.asarray(mesh[..., _BEFORE, :] * (1 - _SHARE) + mesh[..., _AFTER, :] * _SHARE, dtype=np.float32)
+UPPER_LIP_TO_NOSE: Final = _pairs(_points(range(85, 90)), NOSE_BASE)
+LOWER_LIP_TO_CHIN: Final = _pairs(_points(84, 95, 94, 93, 92, 91, 90), _stacked(RING, 24, 22, 20, 18, 16, 14, 12))
+LEFT_CHEEK_TO_JAW: Final = (
+    *_pairs(_stacked(LEFT_CHEEK, 7, 6, 5), _stacked(RING, 26, 25, 24)),
+    (84, int(_stacked(LEFT_CHEEK, 5)[0])),
+)
+RIGHT_CHEEK_TO_JAW: Final = (
+    *_pairs(_stacked(RIGHT_CHEEK, 7, 6, 5), _stacked(RING, 10, 11, 12)),
+    (90, int(_stacked(RIGHT_CHEEK, 5)[0])),
+)
+"""Pairs of stacked points with open skin between them."""
 
+# fmt: off
+AZIMUTH_DEG: Final = np.array((
+    -77, -80, -81, -82, -82, -81, -79, -76, -73, -68, -63, -56, -52, -48, -38, -22, 0, 22, 38, 48, 52, 56, 63, 68,
+    73, 76, 79, 81, 82, 82, 81, 80, 77, -52, -39, -24, -16, -20, 20, 16, 24, 39, 52, 0, 0, 0, 0, -45, -35, 0, 35,
+    45, -27, -13, -4, -14, 1, -22, 14, 4, 13, 27, 22, -1, -25, -18, -17, -27, 27, 17, 18, 25, -7, -10, -8, 7, 10, 8,
+    -43, 43, -65, 65, -47, 47, -29, -42, -16, 0, 16, 42, 29, 40, 31, 0, -31, -40, -34, -30, 0, 30, 34, 30, 0, -30,
+    -8, 8, 0, 16, 32, 51, 63, 69, 75, 77, 81, 82, 82, 78, 72, 63, 54, 50, 41, 25, 0, -25, -41, -50, -54, -63, -72,
+    -78, -82, -82, -81, -77, -75, -69, -63, -51, -32, -16, 0, 14, 27, 38, 55, 64, 66, 74, 77, 80, 79, 74, 64, 56,
+    51, 46, 40, 20, 0, -20, -40, -46, -51, -56, -64, -74, -79, -80, -77, -74, -66, -64, -55, -38, -27, -14, -39,
+    -27, -19, -34, -25, -43, -63, -62, 39, 27, 19, 34, 25, 43, 63, 62,
+), np.float32)
+"""Degrees by which the skin at each of the 106 landmarks and 88 skin points looks to the image's right on a face held
+straight. [measured: normals of the fitted mesh, mean of 14 portraits and their mirror images]"""
 
-def skin_88(mesh: FloatArray) -> FloatArray:
-    """Take the skin points out of mesh points: (…, 478, k) float32 to (…, 88, k) float32, as SKIN_SLICES."""
-    return np.asarray(mesh[..., _SKIN_INDEX, :], dtype=np.float32)
+# vertices of the mesh
+MESH_LEFT_CONTOUR: Final = (127, 234, 93, 132, 58, 172, 136, 150, 149, 176, 148, 152)
+MESH_RIGHT_CONTOUR: Final = (356, 454, 323, 361, 288, 397, 365, 379, 378, 400, 377, 152)
+# arc lengths between them on the neutral face, centimetres: resampling by the lengths of each picture would
+# let the points slide over the skin as the head turns, and curve matching needs them to stay
+MESH_CONTOUR_STEPS: Final = (1.748, 1.727, 1.870, 2.040, 1.977, 1.859, 1.778, 1.341, 1.288, 1.171, 1.309)
+MESH_AFTER_CONTOUR: Final = (
+    70, 63, 105, 66, 107,  336, 296, 334, 293, 300,  168, 197, 5, 4,  98, 97, 2, 326, 327,
+    33, 160, 158, 133, 153, 144,  362, 385, 387, 263, 373, 380,  53, 52, 65, 55,  285, 295, 282, 283,
+    159, 145, 468,  386, 374, 473,  193, 417, 198, 420, 129, 358,  61, 40, 37, 0, 267, 270, 291,
+    321, 405, 17, 181, 91,  78, 81, 13, 311, 308,  402, 14, 178,  468, 473,
+)
+"""The landmarks 33 to 105, each a vertex."""
+MESH_OUTER_EYE_CORNERS: Final = (33, 263)
+MESH_MIRROR_PAIRS: Final = (
+    (33, 263), (133, 362), (234, 454), (127, 356), (93, 323), (58, 288), (172, 397), (103, 332), (61, 291),
+)
+"""Left and right vertices whose joining lines all run along the head's own x axis."""
+MESH_FOREHEAD: Final = _points(10, 151)
+MESH_CHIN: Final = _points(152, 175)
+# fmt: on

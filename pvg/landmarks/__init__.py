@@ -2,16 +2,6 @@
 
 from __future__ import annotations
 
-from pvg.face.layout import (
-    JD_CLOSED,
-    JD_COUNT,
-    JD_GROUPS,
-    SKIN_COUNT,
-    SKIN_POINTS,
-    SKIN_SLICES,
-    jd_106,
-    skin_88,
-)
 from pvg.landmarks.detector import Detection, detect_faces
 from pvg.landmarks.drawing import draw_landmarks
 from pvg.landmarks.identity import FaceShape, face_proportions, frontal_ratios, link_persons
@@ -21,13 +11,7 @@ from pvg.landmarks.smoothing import smooth
 from pvg.landmarks.tracking import MIN_SEEN, FaceTrack, FaceTracker, FaceTracks, OpenTrack, track_faces
 
 __all__ = [
-    "JD_CLOSED",
-    "JD_COUNT",
-    "JD_GROUPS",
     "MIN_SEEN",
-    "SKIN_COUNT",
-    "SKIN_POINTS",
-    "SKIN_SLICES",
     "Detection",
     "FaceShape",
     "FaceTrack",
@@ -42,11 +26,9 @@ __all__ = [
     "fit_landmarks",
     "frontal_ratios",
     "head_pose",
-    "jd_106",
     "link_persons",
     "region_of_detection",
     "region_of_points",
-    "skin_88",
     "smooth",
     "track_faces",
 ]

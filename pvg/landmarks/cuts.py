@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from pvg.picture import Bytes, Picture, as_picture
+from pvg._arrays import Bytes
+from pvg.picture import Picture, as_picture
 
 THUMBNAIL = (64, 36)
 HISTOGRAM_BINS = 6

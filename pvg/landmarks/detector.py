@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from pvg import models
 from pvg.picture import Picture, as_picture
+from pvg.raster import centers_in_unit, from_edge
 
 FloatArray = npt.NDArray[np.float32]
 ByteArray = npt.NDArray[np.uint8]
@@ -44,7 +45,7 @@ def _anchors() -> FloatArray:
     """Anchor centres (896, 2) in [0, 1]: 2 per cell of the 16×16 grid, then 6 per cell of the 8×8 grid."""
     grids = []
     for cells, per_cell in ((16, 2), (8, 6)):
-        centres = (np.arange(cells, dtype=np.float32) + 0.5) / cells
+        centres = centers_in_unit(cells)
         x, y = np.meshgrid(centres, centres)
         grids.append(np.repeat(np.stack([x, y], axis=-1).reshape(-1, 2), per_cell, axis=0))
     return np.concatenate(grids)
@@ -97,8 +98,7 @@ def _detect_in(picture: Picture, min_score: float, threads: int) -> list[Detecti
     # centre, size, then the key points; all but the size are relative to the anchor
     points = raw + _anchors()[kept, None] * INPUT_PX
     to_source = np.array([width / small_w, height / small_h], np.float32) * factor
-    # pixel centres lie at integers, so half a pixel goes off on either side of the scaling
-    origin = np.array([left - 0.5, top - 0.5], np.float32)
+    origin = from_edge(np.array([left, top], np.float32))
     pad = np.array([pad_x, pad_y], np.float32)
     centres = (points[:, 0] - pad) * to_source + origin
     halves = raw[:, 1] * to_source / 2

@@ -6,18 +6,18 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from pvg.face.layout import JD_CLOSED, JD_GROUPS
+from pvg.face import layout
 
 _COLORS = {
     "contour": (255, 210, 0),
-    "brow_left": (0, 220, 90),
-    "brow_right": (0, 220, 90),
+    "left_brow": (0, 220, 90),
+    "right_brow": (0, 220, 90),
     "nose_ridge": (255, 120, 0),
     "nose_base": (255, 120, 0),
-    "nose_side_left": (255, 120, 0),
-    "nose_side_right": (255, 120, 0),
-    "eye_left": (0, 200, 255),
-    "eye_right": (0, 200, 255),
+    "left_nose_side": (255, 120, 0),
+    "right_nose_side": (255, 120, 0),
+    "left_eye": (0, 200, 255),
+    "right_eye": (0, 200, 255),
     "lips_outer": (255, 40, 90),
     "lips_inner": (255, 130, 200),
     "pupils": (255, 255, 255),
@@ -25,18 +25,20 @@ _COLORS = {
 _SUBPIXEL_BITS = 4
 
 
-def draw_landmarks(rgb: npt.NDArray[np.uint8], points106: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
-    """Return a copy of rgb, (H, W, 3) uint8, with the landmark groups drawn in; points106: (106, 2) or (n, 106, 2)."""
+def draw_landmarks(rgb: npt.NDArray[np.uint8], points: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
+    """Return a copy of rgb, (H, W, 3) uint8, with the landmark groups drawn in; points: (106, 2) or (n, 106, 2)."""
     drawn = rgb.copy()
     unit = 1 << _SUBPIXEL_BITS
-    for face in points106.reshape(-1, 106, 2):
-        width = float(np.ptp(face[:33, 0]))
+    for face in points.reshape(-1, 106, 2):
+        width = float(np.ptp(face[layout.CONTOUR, 0]))
         radius, thickness = max(1.0, width / 150), max(1, round(width / 300))
-        for name, indices in JD_GROUPS.items():
-            group = np.rint(face[list(indices)] * unit).astype(np.int32)
+        for name, group in layout.LANDMARK_GROUPS.items():
+            corners = np.rint(face[group] * unit).astype(np.int32)
             color = _COLORS[name]
             if name != "pupils":
-                cv2.polylines(drawn, [group], name in JD_CLOSED, color, thickness, cv2.LINE_AA, _SUBPIXEL_BITS)
-            for x, y in group:
+                cv2.polylines(
+                    drawn, [corners], name in layout.CLOSED_GROUPS, color, thickness, cv2.LINE_AA, _SUBPIXEL_BITS
+                )
+            for x, y in corners:
                 cv2.circle(drawn, (int(x), int(y)), round(radius * unit), color, -1, cv2.LINE_AA, _SUBPIXEL_BITS)
     return drawn

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from pvg.face import layout
 from pvg.landmarks.tracking import FaceTrack
 
 FloatArray = npt.NDArray[np.float32]
@@ -47,8 +48,9 @@ def frontal_ratios(track: FaceTrack) -> FloatArray:
     Returns (m, 11) float32.
     """
     seen = (track.score > 0) & (np.abs(track.pose[:, :2]) < _FRONTAL_DEG).all(axis=1)
-    points = track.points[seen].astype(np.float64)
-    left, right = points[:, 52:58].mean(axis=1), points[:, 58:64].mean(axis=1)
+    points = track.landmarks.points[seen].astype(np.float64)
+    left = points[:, layout.LEFT_EYE_CONTOUR].mean(axis=1)
+    right = points[:, layout.RIGHT_EYE_CONTOUR].mean(axis=1)
     middle, across = (left + right) / 2, right - left
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     down = np.stack([-across[:, 1], across[:, 0]], axis=1)
@@ -60,17 +62,18 @@ def frontal_ratios(track: FaceTrack) -> FloatArray:
     def between(a: int, b: int) -> npt.NDArray[np.float64]:
         return np.asarray(np.hypot(x[:, a] - x[:, b], y[:, a] - y[:, b]))
 
+    nose = y[:, layout.NOSE_BASE_MIDDLE]
     lengths = [
-        between(55, 58),  # inner eye corners
-        (between(52, 55) + between(58, 61)) / 2,  # eye width
-        between(47, 51),  # nose width
-        between(43, 46),  # nose ridge
-        y[:, 49] - y[:, [55, 58]].mean(axis=1),  # eyes to nose base
-        y[:, 87] - y[:, 49],  # nose base to upper lip
-        y[:, 16] - y[:, 49],  # nose base to chin
-        *(between(a, b) for a, b in ((0, 32), (4, 28), (8, 24), (11, 21))),  # widths of the face, from the temples down
+        between(*layout.INNER_EYE_CORNERS),
+        (between(*layout.LEFT_EYE_CORNERS) + between(*layout.RIGHT_EYE_CORNERS)) / 2,  # eye width
+        between(layout.NOSE_BASE[0], layout.NOSE_BASE[-1]),  # nose width
+        between(layout.NOSE_RIDGE[0], layout.NOSE_TIP),
+        nose - y[:, layout.INNER_EYE_CORNERS].mean(axis=1),  # eyes to nose base
+        y[:, layout.UPPER_LIP_TOP] - nose,
+        y[:, layout.CHIN] - nose,
+        *(between(*ends) for ends in layout.CONTOUR_WIDTHS),
     ]
-    return np.asarray(np.stack(lengths, axis=1) / between(52, 61)[:, None], np.float32)
+    return np.asarray(np.stack(lengths, axis=1) / between(*layout.OUTER_EYE_CORNERS)[:, None], np.float32)
 
 
 def face_proportions(track: FaceTrack | FaceShape) -> FloatArray | None:

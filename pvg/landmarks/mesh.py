@@ -8,8 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from pvg import models
+from pvg.face import layout
 from pvg.landmarks.detector import Detection
 from pvg.picture import Picture, as_picture
+from pvg.raster import from_edge, scaled_affine
 
 FloatArray = npt.NDArray[np.float32]
 ByteArray = npt.NDArray[np.uint8]
@@ -17,8 +19,6 @@ ByteArray = npt.NDArray[np.uint8]
 INPUT_PX = 256
 REGION_GROWTH = 1.5
 """Side of the crop over the longer side of the face box, as the network was trained."""
-
-_EYE_LEFT, _EYE_RIGHT = 33, 263  # outer corners, image left and right
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,8 @@ def region_of_detection(detection: Detection) -> Region:
 
 def region_of_points(points: FloatArray) -> Region:
     """Crop around a face whose mesh points (478, 2) are known, from this frame or the one before."""
-    dx, dy = (float(value) for value in points[_EYE_RIGHT] - points[_EYE_LEFT])
+    left, right = layout.MESH_OUTER_EYE_CORNERS
+    dx, dy = (float(value) for value in points[right] - points[left])
     angle = float(np.arctan2(dy, dx))
     cos, sin = np.cos(angle), np.sin(angle)
     turned = points @ np.array([[cos, -sin], [sin, cos]], np.float32)  # along and across the eye line
@@ -94,9 +95,7 @@ def _crop(picture: Picture, to_source: npt.NDArray[np.float64], size: float) -> 
     small, factor = part.reduced(size / INPUT_PX)
     to_small = to_source.copy()
     to_small[:, 2] -= part.box[:2]
-    to_small /= factor
-    to_small[:, 2] += 0.5 / factor - 0.5
-    return small.warp(to_small, (INPUT_PX, INPUT_PX))
+    return small.warp(scaled_affine(to_small, 1.0 / factor), (INPUT_PX, INPUT_PX))
 
 
 def fit_landmarks(picture: Picture | ByteArray, region: Region | Detection, *, threads: int = 1) -> Mesh:
@@ -115,8 +114,7 @@ def fit_landmarks(picture: Picture | ByteArray, region: Region | Detection, *, t
     values = np.multiply(crop[None], np.float32(1 / 255), dtype=np.float32)
     flat, flag = session.run(["Identity", "Identity_1"], {session.get_inputs()[0].name: values})
     found = flat.reshape(-1, 3)
-    # the network measures from the crop's edge, so pixel centres are half a pixel in
-    points = (found[:, :2] - 0.5) @ to_source[:, :2].T + to_source[:, 2]
+    points = from_edge(found[:, :2]) @ to_source[:, :2].T + to_source[:, 2]
     depth = found[:, 2] * (region.size / INPUT_PX)
     score = 1 / (1 + float(np.exp(-np.clip(flag.item(), -50, 50))))
     return Mesh(points.astype(np.float32), depth.astype(np.float32), score)

@@ -5,11 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from pvg.face import layout
 from pvg.landmarks.mesh import Mesh
-
-# mirror pairs (image left, image right) whose joining lines all run along the head's own x axis
-_PAIRS = ((33, 263), (133, 362), (234, 454), (127, 356), (93, 323), (58, 288), (172, 397), (103, 332), (61, 291))
-_FOREHEAD, _CHIN = (10, 151), (152, 175)
 
 
 def head_pose(mesh: Mesh) -> npt.NDArray[np.float32]:
@@ -19,10 +16,10 @@ def head_pose(mesh: Mesh) -> npt.NDArray[np.float32]:
     The network's depth is its guess from one picture: faces held straight measure pitches of 0 to 15.
     """
     points = np.column_stack([mesh.points, mesh.depth]).astype(np.float64)  # x right, y down, z away
-    left, right = (points[list(side)] for side in zip(*_PAIRS, strict=True))
+    left, right = (points[list(side)] for side in zip(*layout.MESH_MIRROR_PAIRS, strict=True))
     across = (right - left).sum(axis=0)
     across /= max(float(np.linalg.norm(across)), 1e-9)
-    down = points[list(_CHIN)].mean(axis=0) - points[list(_FOREHEAD)].mean(axis=0)
+    down = points[layout.MESH_CHIN].mean(axis=0) - points[layout.MESH_FOREHEAD].mean(axis=0)
     down -= across * (down @ across)
     down /= max(float(np.linalg.norm(down)), 1e-9)
     forward = -np.cross(across, down)

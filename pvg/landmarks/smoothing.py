@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
+from pvg.face import Landmarks
 from pvg.landmarks.tracking import FaceTrack, fill_gaps
 
 FloatArray = npt.NDArray[np.float32]
@@ -41,13 +42,13 @@ _KERNEL = np.array([1, 4, 6, 4, 1]) / 16
 
 
 def smooth(track: FaceTrack) -> FaceTrack:
-    """Return the track with points, skin_points and pose smoothed in time; score and extent are unchanged.
+    """Return the track with landmarks and pose smoothed in time; score and extent are unchanged.
 
     Stretches between gaps (score 0) are smoothed on their own and the gaps interpolated anew.
     """
     seen = np.flatnonzero(track.score > 0)
     runs = np.split(seen, np.flatnonzero(np.diff(seen) > 1) + 1)
-    points = np.concatenate([track.points, track.skin_points], axis=1).astype(np.float64)
+    points = track.landmarks.stacked.astype(np.float64)
     pose = track.pose.astype(np.float64)[:, :, None]
     width = track.width_px
     cap = float(np.hypot(JITTER_CAP * width, JITTER_CAP_PX))
@@ -56,11 +57,9 @@ def smooth(track: FaceTrack) -> FaceTrack:
         pose[run] = smooth_run(pose[run], sparse.eye_array(3, format="csr"), POSE_CAP_DEG)
     every = np.arange(len(track.score))
     filled = fill_gaps(points[seen].astype(np.float32), seen, every)
-    count = track.points.shape[1]
     return replace(
         track,
-        points=filled[:, :count],
-        skin_points=filled[:, count:],
+        landmarks=Landmarks.unstack(filled),
         pose=fill_gaps(pose[seen, :, 0].astype(np.float32), seen, every),
     )
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from pvg.face.layout import jd_106, skin_88
+from pvg.face import Landmarks, layout
 from pvg.landmarks.cuts import CutDetector
 from pvg.landmarks.detector import Detection, box_iou, detect_faces
 from pvg.landmarks.mesh import Mesh, Region, fit_landmarks, region_of_points
@@ -36,14 +36,13 @@ BLIND_FITS = 5
 class FaceTrack:
     """One face over consecutive frames of one shot.
 
-    first: index of its first frame; points: (n, 106, 2) float32 and skin_points: (n, 88, 2) float32, source
-    pixels; score: (n,) float32 in [0, 1], 0 where the face was not seen and its points are interpolated;
+    first: index of its first frame; landmarks: of n frames, source pixels; score: (n,) float32 in [0, 1], 0 where the
+    face was not seen and its points are interpolated;
     pose: (n, 3) float32 yaw, pitch, roll in degrees.
     """
 
     first: int
-    points: FloatArray
-    skin_points: FloatArray
+    landmarks: Landmarks
     score: FloatArray
     pose: FloatArray
 
@@ -54,7 +53,7 @@ class FaceTrack:
 
     @property
     def width_px(self) -> float:
-        """Median extent of the face contour (landmarks 0–32), in source pixels, over the frames that show it.
+        """Median extent of the face contour, in source pixels, over the frames that show it.
 
         The longer of its extents in x and y, so that a turned or leaning head does not count as a small face.
         """
@@ -63,7 +62,7 @@ class FaceTrack:
     @property
     def extents(self) -> FloatArray:
         """(n,) the longer extent of the face contour in x or y in every frame, source pixels."""
-        return np.asarray(np.ptp(self.points[:, :33], axis=1).max(axis=1), np.float32)
+        return np.asarray(np.ptp(self.landmarks.points[:, layout.CONTOUR], axis=1).max(axis=1), np.float32)
 
 
 @dataclass(frozen=True)
@@ -79,23 +78,32 @@ class FaceTracks:
     frame_count: int
 
 
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A face in one frame: its landmarks, the mesh's score in [0, 1], and (3,) yaw, pitch, roll in degrees."""
+
+    landmarks: Landmarks
+    score: float
+    pose: FloatArray
+
+
 @dataclass
 class OpenTrack:
-    """A face being followed. `frames` and `meshes` run parallel and skip the frames where it was not seen.
+    """A face being followed. `frames` and `seen` run parallel and skip the frames where it was not seen.
 
     first: its first frame, also once the beginning is forgotten; scores: of all frames that showed it.
     """
 
     first: int
     frames: list[int] = field(default_factory=list)
-    meshes: list[tuple[FloatArray, FloatArray, float, FloatArray]] = field(default_factory=list)
+    seen: list[Seen] = field(default_factory=list)
     scores: list[float] = field(default_factory=list)
     last_points: FloatArray = field(default_factory=lambda: np.zeros((0, 2), np.float32))
 
     def add(self, index: int, mesh: Mesh) -> None:
         """The face was seen in frame `index`."""
         self.frames.append(index)
-        self.meshes.append((jd_106(mesh.points), skin_88(mesh.points), mesh.score, head_pose(mesh)))
+        self.seen.append(Seen(Landmarks.from_mesh(mesh.points), mesh.score, head_pose(mesh)))
         self.scores.append(mesh.score)
         self.last_points = mesh.points
 
@@ -120,23 +128,23 @@ class OpenTrack:
         begin = 0 if start is None else max(0, bisect_right(self.frames, start) - 1)
         seen = np.array(self.frames[begin:])
         every = np.arange(seen[0], seen[-1] + 1)
-        points, skin_points, scores, poses = zip(*self.meshes[begin:], strict=True)
+        rows = self.seen[begin:]
         score = np.zeros(len(every), np.float32)
-        score[seen - seen[0]] = scores
+        score[seen - seen[0]] = [row.score for row in rows]
+        stacked = np.stack([row.landmarks.stacked for row in rows])
         return FaceTrack(
             first=int(seen[0]),
-            points=fill_gaps(np.stack(points), seen, every),
-            skin_points=fill_gaps(np.stack(skin_points), seen, every),
+            landmarks=Landmarks.unstack(fill_gaps(stacked, seen, every)),
             score=score,
-            pose=fill_gaps(np.stack(poses), seen, every),
+            pose=fill_gaps(np.stack([row.pose for row in rows]), seen, every),
         )
 
     def forget(self, frame: int) -> None:
         """Drop what came before the last frame at or before `frame` that showed the face."""
         begin = max(0, bisect_right(self.frames, frame) - 1)
-        del self.frames[:begin], self.meshes[:begin]
+        del self.frames[:begin], self.seen[:begin]
 
-    def seen(self, start: int, stop: int) -> npt.NDArray[np.bool_]:
+    def shows(self, start: int, stop: int) -> npt.NDArray[np.bool_]:
         """(stop − start,) whether each frame showed the face; it must not be forgotten."""
         shown = np.zeros(stop - start, np.bool_)
         shown[np.array(self.frames[bisect_left(self.frames, start) : bisect_left(self.frames, stop)], int) - start] = (
@@ -286,7 +294,7 @@ class FaceTracker:
         """All tracks without those too short or too doubtful to be a face."""
         enough = min(MIN_SEEN, self.frame_count)
         done = [track.raw() for track in self.closed + self.open if track.is_face(enough)]
-        done.sort(key=lambda track: (track.first, float(track.points[0, :, 0].mean())))
+        done.sort(key=lambda track: (track.first, float(track.landmarks.points[0, :, 0].mean())))
         return FaceTracks(tuple(done), tuple(self.cuts), self.frame_count)
 
 

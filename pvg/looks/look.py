@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from pvg._arrays import Floats
 from pvg.asset import KeyFrame, VectorVideo, faces_by_index
-from pvg.curves.labels import GROUPS, Floats, table_labels
+from pvg.curves import GROUPS, table_labels
 from pvg.looks.tone import ComplexionMap
 from pvg.looks.transport import sliced_transport
 

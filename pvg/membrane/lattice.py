@@ -25,9 +25,9 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pvg._bilinear import read_grid
 from pvg.errors import SolverError
 from pvg.membrane import multigrid
-from pvg.rendering._planes import read_grid
 
 Floats = NDArray[np.float32]
 Layout = Sequence[tuple[int, int, bool]]

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvg.asset import VectorVideo
-from pvg.curves.labels import table_labels
+from pvg.curves import table_labels
 from pvg.landmarks import draw_landmarks
-from pvg.rendering.clip import regions, source_frame
-from pvg.rendering.placed_face import Region
+from pvg.rendering.clip import placed_faces, source_frame
+from pvg.rendering.placed_face import PlacedFace
 
 LAYERS = ("image", "landmarks", "mask", "matte", "curves", "low", "high")
 _GROUP_COLORS = ((255, 200, 0), (0, 220, 255), (80, 255, 80), (255, 60, 120))  # skin, brows, eyes, lips
@@ -35,35 +35,35 @@ def layer(video: VectorVideo, index: int, name: str) -> Image:
         out = np.full_like(image, _MID_GREY)
     else:
         out = image // 3 if name in ("curves", "low") else image.copy()
-    for face, region in regions(video, index):
+    for face, placed in placed_faces(video, index):
         if name == "landmarks":
-            out = draw_landmarks(out, region.data.points)
+            out = draw_landmarks(out, placed.data.landmarks.points)
         elif name == "curves":
-            _draw_curves(out, region)
+            _draw_curves(out, placed)
         elif name != "image":
-            _draw_region(out, image, video, face, region, index, name)
+            _draw_face(out, image, video, face, placed, index, name)
     return out
 
 
-def _draw_curves(out: Image, region: Region) -> None:
+def _draw_curves(out: Image, placed: PlacedFace) -> None:
     labels = table_labels()
     for start, stop, closed in labels.spans:
         color = _GROUP_COLORS[int(labels.group[start])]
-        corners = np.rint(region.positions[start:stop] * 16).astype(np.int32)
+        corners = np.rint(placed.positions[start:stop] * 16).astype(np.int32)
         cv2.polylines(out, [corners], closed, color, 1, cv2.LINE_AA, shift=4)
 
 
-def _draw_region(
-    out: Image, image: Image, video: VectorVideo, face: int, region: Region, index: int, name: str
+def _draw_face(
+    out: Image, image: Image, video: VectorVideo, face: int, placed: PlacedFace, index: int, name: str
 ) -> None:
-    h, w = region.alpha.shape
-    window = (slice(region.y, region.y + h), slice(region.x, region.x + w))
+    h, w = placed.alpha.shape
+    window = (slice(placed.y, placed.y + h), slice(placed.x, placed.x + w))
     if name in ("mask", "matte"):
-        shown = region.alpha if name == "matte" else (region.alpha >= 0.5).astype(np.float32)
+        shown = placed.alpha if name == "matte" else (placed.alpha >= 0.5).astype(np.float32)
         out[window] = np.maximum(out[window], np.rint(255 * shown)[..., None].astype(np.uint8))
         return
     colors = video.records[face].key_frame_of(index).colors
-    low = region.membrane(colors).crop(region.x, region.y, w, h)
+    low = placed.membrane(colors).crop(placed.x, placed.y, w, h)
     field = low if name == "low" else image[window] - low + _MID_GREY
-    alpha = region.alpha[..., None]
+    alpha = placed.alpha[..., None]
     out[window] = np.clip(np.rint(alpha * field + (1 - alpha) * out[window]), 0, 255).astype(np.uint8)

@@ -9,21 +9,20 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pvg.asset import FaceFrameData
-from pvg.curves.labels import BOUNDARY, CurveLabels, Floats, face_frame, place, stack_points
-from pvg.landmarks import SKIN_SLICES
-from pvg.membrane.lattice import TOLERANCE, CurveRaster, Lattice, Membrane, build_membrane, rasterize_curves
+from pvg._arrays import Floats
+from pvg.asset import FaceInFrame
+from pvg.curves import BOUNDARY, CurveLabels, place
+from pvg.membrane import TOLERANCE, CurveRaster, Lattice, Membrane, build_membrane, rasterize_curves
 from pvg.rendering.visibility import Visibility, see
-from pvg.skin import Matte
 
 _BESIDE_OVAL = 0.02  # claim of a face's ears and neck, against 1 within its oval
 _OVAL_EDGE = 0.03  # of the face's width
-_CELLS = 8  # of the matte's raster: steps in which a region grows, so that its lattice seldom changes
+_CELLS = 8  # of the matte's raster: steps in which a face grows, so that its lattice seldom changes
 _NEARER = 4  # of two faces the larger is likely the nearer: claims grow with this power of the width
 
 
 @dataclass(frozen=True, eq=False)
-class Region:
+class PlacedFace:
     """One face in one frame, ready for any number of looks.
 
     data: its geometry;  positions: (S, 2) its curve samples, source pixels;  x, y: the source pixel of the region's
@@ -31,7 +30,7 @@ class Region:
     raster: its curves on the solver's lattice;  visibility: which of its samples are seen.
     """
 
-    data: FaceFrameData
+    data: FaceInFrame
     positions: Floats
     x: int
     y: int
@@ -52,9 +51,9 @@ class Region:
         return build_membrane(self.raster).solve(self.visibility.settle(values), tolerance=tolerance)
 
 
-def open_region(data: FaceFrameData, labels: CurveLabels, width: int, height: int, align: int = 2) -> Region | None:
+def place_face(data: FaceInFrame, labels: CurveLabels, width: int, height: int, align: int = 2) -> PlacedFace | None:
     """Place a face's curves and matte in a picture of `width` x `height`; None when nothing of it is in the picture."""
-    if data.score <= 0 or not data.matte.any():
+    if data.score <= 0 or not data.matte.alpha.any():
         return None
     box = _occupied(data)
     x0, y0 = (max(0, int(np.floor(v)) // align * align) for v in box[:2])
@@ -62,47 +61,46 @@ def open_region(data: FaceFrameData, labels: CurveLabels, width: int, height: in
     y1 = min(height, -(-int(np.ceil(box[3])) // align) * align)
     if x1 - x0 < 2 or y1 - y0 < 2:
         return None
-    matte = Matte(box=data.box, alpha=data.matte, mask=data.matte >= 128)
-    alpha = matte.alpha_at(np.arange(x0, x1, dtype=np.float32), np.arange(y0, y1, dtype=np.float32))
-    positions = place(labels, stack_points(data.points, data.skin_points), data.boundary)
+    alpha = data.matte.alpha_at(np.arange(x0, x1, dtype=np.float32), np.arange(y0, y1, dtype=np.float32))
+    positions = place(labels, data.landmarks, data.boundary)
     active = np.ones(len(labels), np.bool_)
     on_boundary = labels.curve == BOUNDARY  # a ray that met no skin has its sample at the centre
-    reach = positions[on_boundary] - face_frame(data.points).center
+    reach = positions[on_boundary] - data.landmarks.axes.center
     active[on_boundary] = np.hypot(reach[:, 0], reach[:, 1]) > 1.0
     raster = rasterize_curves(positions, labels.spans, Lattice.over((x0, y0, x1 - x0, y1 - y0)), active=active)
-    return Region(data, positions, x0, y0, alpha, raster, see(data, labels, positions, width, height))
+    return PlacedFace(data, positions, x0, y0, alpha, raster, see(data, labels, positions, width, height))
 
 
-def _occupied(data: FaceFrameData) -> Floats:
+def _occupied(data: FaceInFrame) -> Floats:
     """(4,) the part of the box where there is any matte, a cell around it included; it grows by some cells at once.
 
     The box has room for hair and a neck that may not be there; the lattice's nodes are better spent on skin.
     """
-    step = float(data.box[2] - data.box[0]) / data.matte.shape[1]
+    raster, alpha = data.matte.raster, data.matte.alpha
     sides = []
     for axis in (0, 1):
-        cells = np.flatnonzero(data.matte.max(axis=axis))
+        cells = np.flatnonzero(alpha.max(axis=axis))
         low = max(0, int(cells[0]) - 1) // _CELLS * _CELLS
-        high = min(data.matte.shape[1 - axis], -(-(int(cells[-1]) + 2) // _CELLS) * _CELLS)
-        sides.append((data.box[axis] + low * step, data.box[axis] + high * step))
+        high = min(alpha.shape[1 - axis], -(-(int(cells[-1]) + 2) // _CELLS) * _CELLS)
+        sides.append((raster.origin[axis] + low * raster.step, raster.origin[axis] + high * raster.step))
     (x0, x1), (y0, y1) = sides
     return np.array([x0, y0, x1, y1], np.float32)
 
 
-def divide_overlaps(regions: Sequence[Region]) -> list[Region]:
-    """The regions with their mattes divided where they overlap, so that no pixel is taken by more than 1 in all.
+def divide_overlaps(faces: Sequence[PlacedFace]) -> list[PlacedFace]:
+    """The faces with their mattes divided where they overlap, so that no pixel is taken by more than 1 in all.
 
     Of two faces on one pixel it goes to the one within whose oval it lies, and to the larger one within both.
     """
-    if not any(_meet(a, b) for k, a in enumerate(regions) for b in regions[:k]):
-        return list(regions)
-    claims = [region.alpha * _claim(region) for region in regions]
+    if not any(_meet(a, b) for k, a in enumerate(faces) for b in faces[:k]):
+        return list(faces)
+    claims = [face.alpha * _claim(face) for face in faces]
     out = []
-    for region, claim in zip(regions, claims, strict=True):
-        x0, y0, x1, y1 = region.window
+    for face, claim in zip(faces, claims, strict=True):
+        x0, y0, x1, y1 = face.window
         total = claim.copy()
-        for other, others in zip(regions, claims, strict=True):
-            if other is region or not _meet(region, other):
+        for other, others in zip(faces, claims, strict=True):
+            if other is face or not _meet(face, other):
                 continue
             u0, v0, u1, v1 = other.window
             left, top, right, bottom = max(x0, u0), max(y0, v0), min(x1, u1), min(y1, v1)
@@ -110,20 +108,20 @@ def divide_overlaps(regions: Sequence[Region]) -> list[Region]:
                 top - v0 : bottom - v0, left - u0 : right - u0
             ]
         share = np.divide(claim, total, out=np.ones_like(claim), where=total > 0)
-        out.append(replace(region, alpha=region.alpha * share))
+        out.append(replace(face, alpha=face.alpha * share))
     return out
 
 
-def _meet(a: Region, b: Region) -> bool:
+def _meet(a: PlacedFace, b: PlacedFace) -> bool:
     (ax0, ay0, ax1, ay1), (bx0, by0, bx1, by1) = a.window, b.window
     return max(ax0, bx0) < min(ax1, bx1) and max(ay0, by0) < min(ay1, by1)
 
 
-def _claim(region: Region) -> Floats:
+def _claim(face: PlacedFace) -> Floats:
     """(h, w) how much a face's pixels belong to it rather than to a face behind or before it."""
-    oval = np.zeros(region.alpha.shape, np.float32)
-    corners = region.data.skin_points[SKIN_SLICES["oval"]] - np.array([region.x, region.y], np.float32)
+    oval = np.zeros(face.alpha.shape, np.float32)
+    corners = face.data.landmarks.oval - np.array([face.x, face.y], np.float32)
     cv2.fillPoly(oval, [np.rint(corners * 16).astype(np.int32)], 1.0, lineType=cv2.LINE_AA, shift=4)
-    width = max(face_frame(region.data.points).width, 1.0)
+    width = max(face.data.landmarks.axes.width, 1.0)
     soft = cv2.GaussianBlur(oval, (0, 0), max(0.5, _OVAL_EDGE * width))
     return np.asarray((_BESIDE_OVAL + soft) * np.float32((width / 100.0) ** _NEARER), np.float32)

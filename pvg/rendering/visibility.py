@@ -17,24 +17,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pvg.asset import FaceFrameData
-from pvg.curves.labels import BOUNDARY, GROUPS, CurveLabels, Floats, face_frame
-from pvg.face._kernels import settle
+from pvg._arrays import Floats, smoothstep
+from pvg._compiled import kernel
+from pvg.asset import FaceInFrame
+from pvg.curves import BOUNDARY, GROUPS, CurveLabels
+from pvg.face import layout
 
-# fmt: off
-_AZIMUTH = np.array((
-    -77, -80, -81, -82, -82, -81, -79, -76, -73, -68, -63, -56, -52, -48, -38, -22, 0, 22, 38, 48, 52, 56, 63, 68,
-    73, 76, 79, 81, 82, 82, 81, 80, 77, -52, -39, -24, -16, -20, 20, 16, 24, 39, 52, 0, 0, 0, 0, -45, -35, 0, 35,
-    45, -27, -13, -4, -14, 1, -22, 14, 4, 13, 27, 22, -1, -25, -18, -17, -27, 27, 17, 18, 25, -7, -10, -8, 7, 10, 8,
-    -43, 43, -65, 65, -47, 47, -29, -42, -16, 0, 16, 42, 29, 40, 31, 0, -31, -40, -34, -30, 0, 30, 34, 30, 0, -30,
-    -8, 8, 0, 16, 32, 51, 63, 69, 75, 77, 81, 82, 82, 78, 72, 63, 54, 50, 41, 25, 0, -25, -41, -50, -54, -63, -72,
-    -78, -82, -82, -81, -77, -75, -69, -63, -51, -32, -16, 0, 14, 27, 38, 55, 64, 66, 74, 77, 80, 79, 74, 64, 56,
-    51, 46, 40, 20, 0, -20, -40, -46, -51, -56, -64, -74, -79, -80, -77, -74, -66, -64, -55, -38, -27, -14, -39,
-    -27, -19, -34, -25, -43, -63, -62, 39, 27, 19, 34, 25, 43, 63, 62,
-), np.float32)
-"""Degrees by which the skin at each of the 106 landmarks and 88 skin points looks to the image's right on a face held
-straight. [measured: normals of the fitted mesh, mean of 14 portraits and their mirror images]"""
-# fmt: on
 _BOUNDARY_AZIMUTH = 80.0  # at the ears, where the mask boundary lies sideways of the face's centre
 
 _TURNED_AWAY = (85.0, 112.0)  # degrees from the camera: seen up to the first, hidden from the second
@@ -64,21 +52,43 @@ class Visibility:
         if not len(self.fading):
             return values
         known = np.ascontiguousarray(values, np.float32)
-        return np.asarray(settle(known, self.fading, self.weight, self.share))
+        return np.asarray(_settle(known, self.fading, self.weight, self.share))
 
 
-def see(data: FaceFrameData, labels: CurveLabels, positions: Floats, width: int, height: int) -> Visibility:
+@kernel()
+def _settle(values: Floats, fading: NDArray[np.intp], weight: Floats, share: Floats) -> Floats:
+    """Values (S, C) float32 with those of the samples `fading` (R,) moved by 1 − weight towards share (R, S) of all.
+
+    Summed in the order of the samples: a channel comes out the same whatever others stand beside it, which a matrix
+    product does not promise.
+    """
+    out = values.copy()
+    channels = values.shape[1]
+    total = np.empty(channels, np.float32)
+    for r in range(len(fading)):
+        total[:] = np.float32(0.0)
+        for s in range(values.shape[0]):
+            part = share[r, s]
+            for c in range(channels):
+                total[c] += part * values[s, c]
+        k = fading[r]
+        for c in range(channels):
+            out[k, c] += (np.float32(1.0) - weight[k]) * (total[c] - values[k, c])
+    return out
+
+
+def see(data: FaceInFrame, labels: CurveLabels, positions: Floats, width: int, height: int) -> Visibility:
     """Which samples at `positions` (S, 2), source pixels, are seen in a picture of `width` x `height`."""
-    frame = face_frame(data.points)
-    unit = max(frame.width, 1.0)
+    axes = data.landmarks.axes
+    unit = max(axes.width, 1.0)
     away = np.abs(_azimuth(labels) + data.pose[0])
-    weight = 1.0 - _ramp(away, *_TURNED_AWAY)
+    weight = 1.0 - smoothstep(away, *_TURNED_AWAY)
     margin = np.minimum(positions, np.array([width - 1, height - 1], np.float32) - positions).min(axis=1)
-    weight *= _ramp(margin / unit, 0.0, _PICTURE_EDGE)
+    weight *= smoothstep(margin / unit, 0.0, _PICTURE_EDGE)
     on_boundary = labels.curve == BOUNDARY
-    weight[on_boundary] *= _ramp(np.linalg.norm(positions[on_boundary] - frame.center, axis=1) / unit, *_REACH)
+    weight[on_boundary] *= smoothstep(np.linalg.norm(positions[on_boundary] - axes.center, axis=1) / unit, *_REACH)
     on_skin = (labels.group == GROUPS.index("skin")) & ~on_boundary
-    weight[on_skin] *= _ramp(_matte_at(data, positions[on_skin], unit), *_MATTE)
+    weight[on_skin] *= smoothstep(_matte_at(data, positions[on_skin], unit), *_MATTE)
     fading = np.flatnonzero(weight < 1.0)
     return Visibility(weight, fading, _shares(labels, positions / np.float32(unit), weight, fading))
 
@@ -87,23 +97,17 @@ def see(data: FaceFrameData, labels: CurveLabels, positions: Floats, width: int,
 def _azimuth(labels: CurveLabels) -> Floats:
     """(S,) degrees by which each sample's skin looks to the image's right on a face held straight."""
     sideways = np.sin(2 * np.pi * labels.s[labels.curve == BOUNDARY])  # the boundary's s is an angle from the chin
-    on_landmarks = np.clip(labels.basis @ _AZIMUTH, -90.0, 90.0)
+    on_landmarks = np.clip(labels.basis @ layout.AZIMUTH_DEG, -90.0, 90.0)
     return np.concatenate([on_landmarks, _BOUNDARY_AZIMUTH * sideways]).astype(np.float32)
 
 
-def _ramp(values: Floats, low: float, high: float) -> Floats:
-    """0 up to `low`, 1 from `high` on, smooth between."""
-    t = np.clip((values - low) / (high - low), 0.0, 1.0)
-    return np.asarray(t * t * (3.0 - 2.0 * t), np.float32)
-
-
-def _matte_at(data: FaceFrameData, positions: Floats, unit: float) -> Floats:
+def _matte_at(data: FaceInFrame, positions: Floats, unit: float) -> Floats:
     """(n,) the matte about the positions in [0, 1], whatever the opacity of a face that is being lost."""
-    step = float(data.box[2] - data.box[0]) / data.matte.shape[1]
-    full = max(int(data.matte.max()), 1)
-    side = 2 * round(_MATTE_BLUR * unit / step * 1.7) + 1  # two boxes are as wide as a Gaussian of that spread
-    soft = cv2.blur(cv2.blur(data.matte, (side, side)), (side, side))
-    cells = ((positions - data.box[:2] + 0.5) / step - 0.5).astype(np.float32)
+    raster, alpha = data.matte.raster, data.matte.alpha
+    full = max(int(alpha.max()), 1)
+    side = 2 * round(_MATTE_BLUR * unit / raster.step * 1.7) + 1  # two boxes are as wide as a Gaussian of that spread
+    soft = cv2.blur(cv2.blur(alpha, (side, side)), (side, side))
+    cells = raster.to_cells(positions)
     x, y = (np.ascontiguousarray(cells[None, :, axis]) for axis in (0, 1))
     read = cv2.remap(soft.astype(np.float32), x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
     return np.asarray(read[0] / full)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from pvg.skin.prior import Bools, Bytes, Floats, Places
+from pvg._arrays import Bools, Bytes, Floats
+from pvg.skin.prior import Places
 
 
 def biggest_part(mask: Bools, near: Bools | None = None) -> Bools:

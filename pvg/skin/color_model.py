@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pvg._arrays import Bools, Bytes, Floats
 from pvg.skin._kernels import level_chroma
-from pvg.skin.prior import Bools, Bytes, Floats
 
 _CHROMA_L, _DARKEST_L = 54.0, 24.0  # chroma is told as if L were 54, as far down as L 24
 _BINS = 48

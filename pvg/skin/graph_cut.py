@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pvg.skin.prior import Bools, Bytes, Floats
+from pvg._arrays import Bools, Bytes, Floats
 
 _UNITS = 2.0  # steps of the first channel a nat of log-odds
 _LIMIT = 10.0  # nats

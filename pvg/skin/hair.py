@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from pvg._arrays import Bools, Bytes, Floats, smoothstep
 from pvg.skin._kernels import mixture_share
-from pvg.skin.prior import Bools, Bytes, Floats, Places, smoothstep
+from pvg.skin.prior import Places
 
 VEIL_ODDS = 7.0  # nats against skin where hair covers it
 _NEAR = 0.06  # face sizes: reach of the average that says what skin looks like here

@@ -9,9 +9,10 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from pvg._arrays import Bools, Floats
 from pvg.skin._kernels import foreign_share, off_hue
 from pvg.skin.color_model import ColorScale
-from pvg.skin.prior import Bools, Floats, Places
+from pvg.skin.prior import Places
 
 _SKIN, _OTHER = 4.0, 7.0  # spreads off the skin's line of hue: skin below the first, another thing from the second
 _DARKEST = (15.0, 25.0)  # L: darker cells show no hue

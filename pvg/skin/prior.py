@@ -6,24 +6,12 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from pvg._arrays import Bools, Bytes, Floats
+from pvg.face import FaceAxes, Landmarks, layout
 from pvg.skin._kernels import place_fields
 
-Floats = NDArray[np.float32]
-Bytes = NDArray[np.uint8]
-Bools = NDArray[np.bool_]
-
-_OVAL = slice(0, 36)  # the closed face contour among the 88 skin points
 _SHIFT = 4  # polygons are rasterised with 1/16 px
-_FEATURES = (
-    (33, 34, 35, 36, 37, 64, 65, 66, 67),  # brows
-    (38, 39, 40, 41, 42, 68, 69, 70, 71),
-    tuple(range(52, 58)),  # eyes
-    tuple(range(58, 64)),
-    tuple(range(84, 96)),  # lips
-)
-_LOWER_LIP = (91, 92, 93, 94, 95)
 _BEARD_REACH = 0.25  # face sizes outside the contour
 _NECK_END = 1.12  # face sizes below the chin: the box's end
 _NECK_FADE = 0.75  # from here to the box's end the matte fades, for a bare chest goes on beyond
@@ -37,17 +25,16 @@ def logistic(odds: Floats) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class FaceGeometry:
-    """A face's own frame in a picture; lengths in the picture's pixels.
+class HeadShape:
+    """What of a head is measured along the face's axes; lengths in the picture's pixels.
 
-    center: (2,) middle of the face contour;  down, across: (2,) unit vectors to the chin and along the eyes;
-    width, height: extents of the contour along them;  chin: (2,) the contour's end on the axis;
-    neck: (2,) unit vector along which the neck runs, between the face's downward direction and the picture's.
+    axes: the face's;  middle: (2,) of the oval;  width, height: extents of the oval along the axes;
+    chin: (2,) the oval's end on the axis;  neck: (2,) unit vector along which the neck runs, between the face's
+    downward direction and the picture's.
     """
 
-    center: Floats
-    down: Floats
-    across: Floats
+    axes: FaceAxes
+    middle: Floats
     width: float
     height: float
     chin: Floats
@@ -59,26 +46,28 @@ class FaceGeometry:
         return max(1.0, float(np.sqrt(self.width * 0.8 * self.height)))
 
     def depth(self, points: Floats) -> float:
-        """Mean position of points (n, 2) towards the chin, in sizes from the centre."""
-        return float((points.mean(axis=0) - self.center) @ self.down) / self.size
+        """Mean position of points (n, 2) towards the chin, in sizes from the middle."""
+        return float((points.mean(axis=0) - self.middle) @ self.axes.down) / self.size
 
 
-def face_geometry(points: Floats, skin_points: Floats) -> FaceGeometry:
-    """The face's frame from (106, 2) landmarks and (88, 2) skin points."""
+def head_shape(landmarks: Landmarks) -> HeadShape:
+    """The shape of a head from its landmarks."""
+    axes = landmarks.axes
+    points = landmarks.points
     eyes = points[58:64].mean(axis=0) - points[52:58].mean(axis=0)
     across = (eyes / max(float(np.hypot(*eyes)), 1e-6)).astype(np.float32)
     down = np.array([-across[1], across[0]], np.float32)
-    oval = skin_points[_OVAL]
+    axes = FaceAxes(axes.center, down, across, axes.width)
+    oval = landmarks.oval
     a, d = oval @ across, oval @ down
     center = (a.min() + a.max()) / 2 * across + (d.min() + d.max()) / 2 * down
     height = float(np.ptp(d))
     neck = down + np.array([0, 1], np.float32)
     length = float(np.hypot(*neck))
     neck = neck / length if length > 0.2 else down  # a head upside down: there is no direction between
-    return FaceGeometry(
-        center=center.astype(np.float32),
-        down=down,
-        across=across,
+    return HeadShape(
+        axes=axes,
+        middle=center.astype(np.float32),
         width=float(np.ptp(a)),
         height=height,
         chin=(center + height / 2 * down).astype(np.float32),
@@ -86,20 +75,19 @@ def face_geometry(points: Floats, skin_points: Floats) -> FaceGeometry:
     )
 
 
-def face_box(points: Floats, skin_points: Floats) -> Floats:
+def face_box(landmarks: Landmarks) -> Floats:
     """The region of a face: hair-line, ears and neck down to a collar, in an upright box.
 
-    points: (106, 2) landmarks;  skin_points: (88, 2), source pixels.
     Returns (4,) float32 x0, y0, x1, y1, source pixels; it moves smoothly with the points and may reach over the
     picture's edge.
     """
-    face = face_geometry(points, skin_points)
+    head = head_shape(landmarks)
     # an ellipse around the head, and the neck's end; both in the face's frame so that a rolled face is covered
-    half = (face.width / 2 + 0.22 * face.size, face.height / 2 + 0.26 * face.size)
-    reach = np.hypot(half[0] * face.across, half[1] * face.down)
-    side = np.array([face.neck[1], -face.neck[0]], np.float32) * (0.72 * face.size)
-    end = face.chin + _NECK_END * face.size * face.neck
-    corners = np.stack([face.center - reach, face.center + reach, end - side, end + side])
+    half = (head.width / 2 + 0.22 * head.size, head.height / 2 + 0.26 * head.size)
+    reach = np.hypot(half[0] * head.axes.across, half[1] * head.axes.down)
+    side = np.array([head.neck[1], -head.neck[0]], np.float32) * (0.72 * head.size)
+    end = head.chin + _NECK_END * head.size * head.neck
+    corners = np.stack([head.middle - reach, head.middle + reach, end - side, end + side])
     return np.concatenate([corners.min(axis=0), corners.max(axis=0)]).astype(np.float32)
 
 
@@ -149,28 +137,28 @@ class Places:
     size: float
 
 
-def _contour(points: Floats, skin_points: Floats) -> Floats:
+def _contour(landmarks: Landmarks) -> Floats:
     """Outline (n, 2) of the face as it is seen."""
     # beyond about 45° of yaw the contour's far side lies behind the visible cheek and nose: their hull is the face
-    return _hull(np.concatenate([skin_points[_OVAL], points]))
+    return _hull(np.concatenate([landmarks.oval, landmarks.points]))
 
 
-def face_area(shape: tuple[int, int], points: Floats, skin_points: Floats) -> Bools:
-    """(h, w) bool, the inside of the face contour, for points in raster cells."""
-    return _fill(shape, _contour(points, skin_points))
+def face_area(shape: tuple[int, int], landmarks: Landmarks) -> Bools:
+    """(h, w) bool, the inside of the face contour, for landmarks in raster cells."""
+    return _fill(shape, _contour(landmarks))
 
 
-def locate(shape: tuple[int, int], points: Floats, skin_points: Floats) -> Places:
-    """The places of a face over a raster (h, w), for points (106, 2) and skin points (88, 2) in raster cells."""
-    g = face_geometry(points, skin_points)
-    contour = _contour(points, skin_points)
+def locate(shape: tuple[int, int], landmarks: Landmarks) -> Places:
+    """The places of a face over a raster (h, w), for landmarks in raster cells."""
+    g, points = head_shape(landmarks), landmarks.points
+    contour = _contour(landmarks)
     face = _fill(shape, contour)
     inner, outer = _distance(face), _distance(~face)
-    brow = g.depth(points[33:43])
-    nose, mouth = g.depth(points[82:84]), g.depth(points[84:96])
+    brow = g.depth(points[layout.UPPER_BROW_EDGES])
+    nose, mouth = g.depth(points[layout.NOSE_WINGS]), g.depth(points[layout.LIPS_OUTER])
 
-    level = (g.depth(points[52:64]) + nose) / 2 + 0.04
-    frame = np.concatenate([g.center, g.across, g.down, g.chin, g.neck, [g.size, g.width]]).astype(np.float32)
+    level = (g.depth(points[layout.EYE_CONTOURS]) + nose) / 2 + 0.04
+    frame = np.concatenate([g.middle, g.axes.across, g.axes.down, g.chin, g.neck, [g.size, g.width]]).astype(np.float32)
     prior, neckness, fade, down, along, off, ears = np.empty((7, *shape), np.float32)
     ends = np.array([_NECK_FADE, _NECK_END], np.float32)
     depths = np.float32(brow), np.float32(level)
@@ -179,9 +167,9 @@ def locate(shape: tuple[int, int], points: Floats, skin_points: Floats) -> Place
 
     core = _fill(shape, contour.mean(axis=0) + 0.86 * (contour - contour.mean(axis=0)))
     sure = core & (down > brow + 0.05)
-    features = _spread(shape, points, _FEATURES, _FEATURE_MARGIN * g.size)
+    features = _spread(shape, points, layout.FEATURES, _FEATURE_MARGIN * g.size)
     sample = sure & (down < mouth - 0.03) & ~features
-    brows = _spread(shape, points, _FEATURES[:2], _FEATURE_MARGIN * g.size)
+    brows = _spread(shape, points, (layout.LEFT_BROW, layout.RIGHT_BROW), _FEATURE_MARGIN * g.size)
     return Places(
         prior=prior,
         neckness=neckness,
@@ -190,18 +178,18 @@ def locate(shape: tuple[int, int], points: Floats, skin_points: Floats) -> Place
         face=face,
         sure=sure,
         sample=sample,
-        cheeks=sample & (down > g.depth(points[52:64]) + 0.15),
-        chin=sure & (down > max(g.depth(points[[i]]) for i in _LOWER_LIP) + 0.03),
+        cheeks=sample & (down > g.depth(points[layout.EYE_CONTOURS]) + 0.15),
+        chin=sure & (down > max(g.depth(points[[i]]) for i in layout.LOWER_LIP_EDGE) + 0.03),
         jaw=(down > mouth) & (outside < _BEARD_REACH),
         features=features,
         ears=ears > -3,
         upper=down < brow,
         brows=brows,
-        above=_upward(0.14 * g.size * g.down),
+        above=_upward(0.14 * g.size * g.axes.down),
         gaps=(
             Gap(0.30 * g.size * g.neck, (along > -0.3) & (along < 0.5) & (off < 0.2)),
             Gap(0.12 * g.size * g.neck, (along > -0.3) & (along < 0.4) & (off < 0.4)),
-            Gap(0.16 * g.size * g.down, brows),
+            Gap(0.16 * g.size * g.axes.down, brows),
         ),
         size=g.size,
     )
@@ -216,18 +204,11 @@ def _upward(step: Floats) -> Bytes:
     return kernel
 
 
-def smoothstep(x: Floats, low: float, high: float) -> Floats:
-    """0 below `low`, 1 above `high`, smooth between."""
-    t = np.clip((x - low) / (high - low), 0, 1)
-    step: Floats = (t * t * (3 - 2 * t)).astype(np.float32)
-    return step
-
-
-def _spread(shape: tuple[int, int], points: Floats, groups: tuple[tuple[int, ...], ...], margin: float) -> Bools:
+def _spread(shape: tuple[int, int], points: Floats, groups: tuple[layout.Indices, ...], margin: float) -> Bools:
     """(h, w) bool: the hulls of groups of landmarks, grown by a margin in cells."""
     out = np.zeros(shape, np.uint8)
     for indices in groups:
-        out |= _fill(shape, _hull(points[list(indices)])).astype(np.uint8)
+        out |= _fill(shape, _hull(points[indices])).astype(np.uint8)
     radius = max(1, round(margin))
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
     return cv2.dilate(out, kernel).astype(np.bool_)

@@ -8,11 +8,13 @@ from typing import Literal
 import cv2
 import numpy as np
 
+from pvg._arrays import Bools, Bytes, Floats
+from pvg.face import Landmarks
 from pvg.skin.cleanup import biggest_part, fill_holes, gather
 from pvg.skin.color_model import SkinColors, fit_colors, skin_scale, strangeness, to_skin_lab
 from pvg.skin.graph_cut import minimum_cut
 from pvg.skin.hair import VEIL_ODDS, deep_shade, find_hair, veil
-from pvg.skin.prior import Bools, Bytes, Floats, Places, face_area, face_box, face_geometry, locate, logistic
+from pvg.skin.prior import Places, face_area, face_box, head_shape, locate, logistic
 
 MaskMethod = Literal["landmarks", "ycbcr"]
 
@@ -30,30 +32,29 @@ _BEARD_ODDS = 0.5  # nats: a beard is the face's, whatever lies behind it
 _SHADE_ODDS = 1.5  # nats for skin where it lies in deep shade
 
 
-def skin_mask(rgb: Bytes, points: Floats, skin_points: Floats, *, method: MaskMethod = "landmarks") -> Bools:
+def skin_mask(rgb: Bytes, landmarks: Landmarks, *, method: MaskMethod = "landmarks") -> Bools:
     """Skin of one face in one picture: face, ears and neck, with the features inside filled.
 
-    rgb: (H, W, 3) uint8;  points: (106, 2);  skin_points: (88, 2), source pixels.
+    rgb: (H, W, 3) uint8;  landmarks: in its pixels.
     method: "landmarks", or "ycbcr", the paper's rule over the whole picture: 8-bit Cr in [140, 160].
     Returns (H, W) bool without holes; "ycbcr" and mostly "landmarks" give one connected part, but an ear behind hair
     is a part of its own.
     """
     height, width = rgb.shape[:2]
     if method == "ycbcr":
-        return chroma_mask(rgb, face_area((height, width), points, skin_points))
-    box = face_box(points, skin_points)
+        return chroma_mask(rgb, face_area((height, width), landmarks))
+    box = face_box(landmarks)
     x0, y0 = np.clip(np.floor(box[:2]).astype(int), 0, [width - 1, height - 1])
     x1, y1 = np.clip(np.ceil(box[2:]).astype(int) + 1, [x0 + 1, y0 + 1], [width, height])
     crop = np.ascontiguousarray(rgb[y0:y1, x0:x1])
-    scale = min(1.0, WORK_FACE_PX / face_geometry(points, skin_points).size)
+    scale = min(1.0, WORK_FACE_PX / head_shape(landmarks).size)
     size = (max(2, round((x1 - x0) * scale)), max(2, round((y1 - y0) * scale)))
     ratio = np.array([size[0] / (x1 - x0), size[1] / (y1 - y0)], np.float32)
     small = np.asarray(cv2.resize(crop, size, interpolation=cv2.INTER_AREA), np.uint8)
     offset = np.array([x0, y0], np.float32)
-    local = ((points - offset + 0.5) * ratio - 0.5).astype(np.float32)
-    local_skin = ((skin_points - offset + 0.5) * ratio - 0.5).astype(np.float32)
+    local = landmarks.moved(-offset).scaled(ratio)
     mask = np.zeros((height, width), np.bool_)
-    mask[y0:y1, x0:x1] = _refine(crop, cut_skin(small, local, local_skin).mask, 1 / scale)
+    mask[y0:y1, x0:x1] = _refine(crop, cut_skin(small, local).mask, 1 / scale)
     return mask
 
 
@@ -72,15 +73,15 @@ class SkinCut:
     colors: SkinColors
 
 
-def cut_skin(rgb: Bytes, points: Floats, skin_points: Floats, visible: Bools | None = None) -> SkinCut:
+def cut_skin(rgb: Bytes, landmarks: Landmarks, visible: Bools | None = None) -> SkinCut:
     """Cut the skin out of a small picture (h, w, 3): colours and mask learn from each other in a few rounds.
 
     Only the last round cuts along the picture's edges: the others learn the same from the sign of the odds.
 
-    points: (106, 2);  skin_points: (88, 2), in the picture's pixels;  visible: (h, w) bool, where the picture is real.
+    landmarks: in the picture's pixels;  visible: (h, w) bool, where the picture is real.
     """
     shape = rgb.shape[:2]
-    where = locate(shape, points, skin_points)
+    where = locate(shape, landmarks)
     visible = np.ones(shape, np.bool_) if visible is None else visible
     lab = to_skin_lab(rgb)
     sample = _sample(lab, where, visible)

@@ -7,14 +7,17 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from pvg._arrays import Bools, Bytes, Floats
+from pvg.face import Landmarks
 from pvg.picture import Picture, as_picture
+from pvg.raster import Raster
 from pvg.skin._kernels import skin_share
 from pvg.skin.cleanup import gather
 from pvg.skin.color_model import SkinColors, to_skin_lab
 from pvg.skin.hair import VEIL_ODDS, Hair, find_hair, veil
 from pvg.skin.matte import Matte
 from pvg.skin.occlusion import occlusion, open_skin
-from pvg.skin.prior import Bools, Bytes, Floats, Places, face_area, face_box, face_geometry, locate
+from pvg.skin.prior import Places, face_area, face_box, head_shape, locate
 from pvg.skin.segmentation import WORK_FACE_PX, MaskMethod, chroma_mask, cut_skin
 from pvg.skin.warp import spline_map
 
@@ -28,51 +31,14 @@ _EDGE = (0.15, 0.8)
 _ALPHA_STEP = 5  # the matte's grey levels are multiples of this: 52 of them
 
 
-@dataclass(frozen=True, eq=False)
-class Raster:
-    """A square-celled raster over a box of the picture.  origin: (2,) x0, y0;  step: source pixels a cell."""
-
-    origin: Floats
-    step: float
-    shape: tuple[int, int]
-
-    @property
-    def box(self) -> Floats:
-        """(4,) x0, y0, x1, y1, source pixels."""
-        size = np.array([self.shape[1], self.shape[0]], np.float32) * self.step
-        return np.concatenate([self.origin, self.origin + size]).astype(np.float32)
-
-    def cells(self, points: Floats) -> Floats:
-        """Cell coordinates of source positions (n, 2)."""
-        out: Floats = ((points - self.origin + 0.5) / self.step - 0.5).astype(np.float32)
-        return out
-
-    def sample(self, picture: Picture) -> Bytes:
-        """The picture averaged over each cell, (h, w, 3) uint8 RGB; beyond the picture its edge is repeated."""
-        return picture.cells(self.origin, self.step, self.shape)
-
-    def in_picture(self, shape: tuple[int, int]) -> Bools:
-        """(h, w) bool: cells whose centre lies in a picture of (H, W)."""
-        x = self.origin[0] + (np.arange(self.shape[1]) + 0.5) * self.step - 0.5
-        y = self.origin[1] + (np.arange(self.shape[0]) + 0.5) * self.step - 0.5
-        inside: Bools = ((y >= -0.5) & (y <= shape[0] - 0.5))[:, None] & ((x >= -0.5) & (x <= shape[1] - 0.5))
-        return inside
-
-
-def first_raster(points: Floats, skin_points: Floats) -> Raster:
-    """The raster for a track that starts with these points."""
-    box = face_box(points, skin_points)
+def first_raster(landmarks: Landmarks) -> Raster:
+    """The raster for a track that starts with these landmarks."""
+    box = face_box(landmarks)
     width, height = (float(v) for v in box[2:] - box[:2])
     longer = max(width, height)
     step = max(1.0, longer / min(_CELLS_LARGE, max(_CELLS_SMALL, longer / 4)))
     shape = (max(8, round(height / step)), max(8, round(width / step)))
-    return _around(box, step, shape)
-
-
-def _around(box: Floats, step: float, shape: tuple[int, int]) -> Raster:
-    center = (box[:2] + box[2:]) / 2
-    origin = center - np.array([shape[1], shape[0]], np.float32) * (step / 2)
-    return Raster(origin.astype(np.float32), step, shape)
+    return Raster.centered(box, step, shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,25 +67,23 @@ class SkinModel:
     learned: LearnedSkin | None
 
 
-def fit_skin_model(
-    frame: Picture | Bytes, points: Floats, skin_points: Floats, *, method: MaskMethod = "landmarks"
-) -> SkinModel:
+def fit_skin_model(frame: Picture | Bytes, landmarks: Landmarks, *, method: MaskMethod = "landmarks") -> SkinModel:
     """Learn a face's skin on its key frame.
 
-    frame: a picture or (H, W, 3) uint8 RGB;  points: (106, 2);  skin_points: (88, 2), source pixels.
+    frame: a picture or (H, W, 3) uint8 RGB;  landmarks: source pixels.
     """
     if method == "ycbcr":
         return SkinModel(method, None)
     # as fine as stills are cut, whatever the track's raster
-    box = face_box(points, skin_points)
-    step = max(1.0, face_geometry(points, skin_points).size / WORK_FACE_PX)
+    box = face_box(landmarks)
+    step = max(1.0, head_shape(landmarks).size / WORK_FACE_PX)
     shape = (max(8, round(float(box[3] - box[1]) / step)), max(8, round(float(box[2] - box[0]) / step)))
-    raster = _around(box, step, shape)
-    own, own_skin = raster.cells(points), raster.cells(skin_points)
+    raster = Raster.centered(box, step, shape)
+    own = landmarks.in_cells(raster)
     picture = as_picture(frame)
-    small, visible = raster.sample(picture), raster.in_picture(picture.size)
-    cut = cut_skin(small, own, own_skin, visible)
-    where = locate(raster.shape, own, own_skin)
+    small, visible = picture.cells(raster), raster.inside(picture.size)
+    cut = cut_skin(small, own, visible)
+    where = locate(raster.shape, own)
     skin = cut.mask.astype(np.uint8)
     inside = cv2.distanceTransform(skin, cv2.DIST_L2, 5) - cv2.distanceTransform(1 - skin, cv2.DIST_L2, 5)
     learned = LearnedSkin(
@@ -128,7 +92,7 @@ def fit_skin_model(
         hair=find_hair(small, cut.mask | ~visible, where),
         inside=np.asarray(inside / where.size, np.float32),
         open=open_skin(to_skin_lab(small), cut.colors.scale, cut.mask),
-        points=np.concatenate([own, own_skin]),
+        points=own.stacked,
     )
     return SkinModel(method, learned)
 
@@ -159,33 +123,30 @@ class SkinTracker:
         self._before: _Moment | None = None
         self._flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
 
-    def step(self, frame: Picture | Bytes, points: Floats, skin_points: Floats) -> Matte:
-        """The matte of the next frame, a picture or (H, W, 3) uint8 RGB.
-
-        points: (106, 2);  skin_points: (88, 2), source pixels.
-        """
+    def step(self, frame: Picture | Bytes, landmarks: Landmarks) -> Matte:
+        """The matte of the next frame, a picture or (H, W, 3) uint8 RGB;  landmarks: source pixels."""
         picture = as_picture(frame)
-        raster = self._next_raster(points, skin_points)
-        small, visible = raster.sample(picture), raster.in_picture(picture.size)
-        own, own_skin = raster.cells(points), raster.cells(skin_points)
+        raster = self._next_raster(landmarks)
+        small, visible = picture.cells(raster), raster.inside(picture.size)
+        own = landmarks.in_cells(raster)
         if self._model.learned is None:
-            mask = chroma_mask(small, face_area(raster.shape, own, own_skin), visible)
-            return Matte(raster.box, mask.astype(np.uint8) * np.uint8(255), mask)
-        where = locate(raster.shape, own, own_skin)
-        skin, hidden = _skin_now(self._model.learned, small, where, np.concatenate([own, own_skin]), visible)
+            mask = chroma_mask(small, face_area(raster.shape, own), visible)
+            return Matte.over(raster.box, mask.astype(np.uint8) * np.uint8(255), mask)
+        where = locate(raster.shape, own)
+        skin, hidden = _skin_now(self._model.learned, small, where, own.stacked, visible)
         mask, alpha = self._settle(small, skin, where, visible)
         mask, alpha = mask & (hidden < 0.5), alpha * (1 - hidden)  # last, so that what comes back is still known
         levels = np.rint(alpha * (255 / _ALPHA_STEP)) * _ALPHA_STEP
-        return Matte(raster.box, levels.astype(np.uint8), mask)
+        return Matte.over(raster.box, levels.astype(np.uint8), mask)
 
-    def _next_raster(self, points: Floats, skin_points: Floats) -> Raster:
+    def _next_raster(self, landmarks: Landmarks) -> Raster:
         if self._raster is None:
-            self._raster = first_raster(points, skin_points)
+            self._raster = first_raster(landmarks)
             return self._raster
-        box = face_box(points, skin_points)
+        box = face_box(landmarks)
         h, w = self._raster.shape
         step = max(1.0, float(box[2] - box[0]) / w, float(box[3] - box[1]) / h)
-        self._raster = _around(box, step, (h, w))
+        self._raster = Raster.centered(box, step, (h, w))
         return self._raster
 
     def _settle(self, rgb: Bytes, skin: Floats, where: Places, visible: Bools) -> tuple[Bools, Floats]:

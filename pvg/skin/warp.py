@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from pvg.skin.prior import Floats
-
-Doubles = NDArray[np.float64]
+from pvg._arrays import Doubles, Floats
+from pvg.raster import scaled
 
 _GRID = 8  # cells between the nodes at which the spline is evaluated
 _STIFFNESS = 0.02  # relative to the spline's own scale: the contour guides, it need not be hit
@@ -37,8 +35,7 @@ def spline_map(shape: tuple[int, int], source: Floats, target: Floats) -> tuple[
     weights = np.linalg.solve(kernel, offset)
 
     h, w = shape
-    rows = (np.arange(-1, -(-h // _GRID) + 1) + 0.5) * _GRID - 0.5
-    columns = (np.arange(-1, -(-w // _GRID) + 1) + 0.5) * _GRID - 0.5
+    rows, columns = (scaled(np.arange(-1, -(-count // _GRID) + 1, dtype=np.float64), _GRID) for count in (h, w))
     gx, gy = np.meshgrid(columns, rows)
     at: Doubles = np.stack([gx.ravel(), gy.ravel()], axis=1)
     z = a * (at[:, 0] + 1j * at[:, 1]) + b

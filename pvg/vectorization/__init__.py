@@ -1,1 +1,7 @@
 """Algorithm 1, precomputation: a clip becomes an asset, once for all looks."""
+
+from __future__ import annotations
+
+from pvg.vectorization.clip import MIN_FACE_PX, VECTORIZER_VERSION, Progress, vectorize
+
+__all__ = ["MIN_FACE_PX", "VECTORIZER_VERSION", "Progress", "vectorize"]

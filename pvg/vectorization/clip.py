@@ -17,7 +17,7 @@ from typing import Literal
 
 from pvg._threads import ahead, one_blas_thread
 from pvg.asset import AssetWriter, MediaSummary, VectorVideo
-from pvg.curves.propagation import CHAIN_RESET_FRAMES
+from pvg.curves import CHAIN_RESET_FRAMES
 from pvg.errors import FaceTooSmallError, NoFaceError
 from pvg.landmarks import FaceTrack, link_persons, smooth, track_faces
 from pvg.picture import Picture

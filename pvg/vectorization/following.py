@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
-from pvg.curves.labels import Floats
+from pvg._arrays import Floats
+from pvg.face import Landmarks
 from pvg.landmarks import MIN_SEEN, FaceTrack, FaceTracker, OpenTrack, smooth
 from pvg.picture import Picture
 from pvg.vectorization.key_frames import FADE_REACH, faded, first_good_row, good_rows, surroundings
@@ -27,8 +28,7 @@ class KeyView:
 
     row: int
     picture: Picture
-    points: Floats
-    skin_points: Floats
+    landmarks: Landmarks
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,9 +110,7 @@ class Following:
             for track in self._tracker.open:
                 course = self._course(track)
                 if not course.left:
-                    course.pictures[index] = picture.part(
-                        surroundings(track.meshes[-1][0], track.meshes[-1][1], course.aspect)
-                    )
+                    course.pictures[index] = picture.part(surroundings(track.seen[-1].landmarks, course.aspect))
                     if track.last - LOOKAHEAD - course.done >= CHUNK:
                         stretches += self._settle(course, course.done + CHUNK)
             yield Advance(self._settled(index + 1), tuple(stretches))
@@ -128,7 +126,7 @@ class Following:
         for course in self._courses:
             if course.track is track:
                 return course
-        x0, y0, x1, y1 = surroundings(track.meshes[0][0], track.meshes[0][1])
+        x0, y0, x1, y1 = surroundings(track.seen[0].landmarks)
         course = _Course(self._found, track, (x1 - x0) / (y1 - y0), done=track.first)
         self._found += 1
         self._courses.append(course)
@@ -162,7 +160,7 @@ class Following:
             course.begun = True
         before, beyond = max(track.first, start - FADE_REACH - 1), min(track.last + 1, stop + FADE_REACH + 1)
         visible = faded(
-            track.seen(before, beyond),
+            track.shows(before, beyond),
             before=before > track.first or track.first == 0 or track.first in self._tracker.cuts,
             after=beyond <= track.last or self._whole_to(track.last + 1),
         )[start - before : stop - before]
@@ -190,7 +188,7 @@ class Following:
 
 def key_view(track: FaceTrack, row: int, picture: Picture) -> KeyView:
     """A row of a track, seen in a picture, as its key view."""
-    return KeyView(row, picture, track.points[row], track.skin_points[row])
+    return KeyView(row, picture, track.landmarks[row])
 
 
 def rows_between(track: FaceTrack, start: int, stop: int) -> FaceTrack:
@@ -199,8 +197,7 @@ def rows_between(track: FaceTrack, start: int, stop: int) -> FaceTrack:
     return replace(
         track,
         first=start,
-        points=track.points[part],
-        skin_points=track.skin_points[part],
+        landmarks=track.landmarks[part],
         score=track.score[part],
         pose=track.pose[part],
     )

@@ -6,8 +6,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pvg.curves.labels import GROUPS, Floats, table_labels
+from pvg._arrays import Floats
+from pvg.curves import GROUPS, table_labels
 from pvg.harmonic.fit import fit_boundary_colors
+from pvg.raster import scaled, sites
 from pvg.skin import Matte
 
 Image = NDArray[np.uint8]
@@ -26,18 +28,16 @@ def fit_key_frame(
     Returns (S, 3) float32 colours, 0-255, and (S,) bool.
     """
     h, w = rgb.shape[:2]
-    x0, y0 = max(0, int(matte.box[0])), max(0, int(matte.box[1]))
-    x1, y1 = min(w, int(matte.box[2]) + 1), min(h, int(matte.box[3]) + 1)
+    box = matte.raster.box
+    x0, y0 = max(0, int(box[0])), max(0, int(box[1]))
+    x1, y1 = min(w, int(box[2]) + 1), min(h, int(box[3]) + 1)
     scale = min(1.0, _FIT_FACE_PX / face_width)
     crop = rgb[y0:y1, x0:x1]
     size = (max(1, round(crop.shape[1] * scale)), max(1, round(crop.shape[0] * scale)))
     scale_xy = np.array([size[0] / crop.shape[1], size[1] / crop.shape[0]], np.float32)
     small = cv2.resize(crop, size, interpolation=cv2.INTER_AREA) if scale < 1 else crop
-    # pixel centres are at integers: (p + 1/2) scales, not p
-    local = (positions - np.array([x0, y0], np.float32) + 0.5) * scale_xy - 0.5
-    grid_x = (np.arange(size[0], dtype=np.float32) + 0.5) / scale_xy[0] - 0.5 + x0
-    grid_y = (np.arange(size[1], dtype=np.float32) + 0.5) / scale_xy[1] - 0.5 + y0
-    domain = matte.mask_at(grid_x, grid_y)
+    local = scaled(positions - np.array([x0, y0], np.float32), scale_xy)
+    domain = matte.mask_at(sites(size[0], scale_xy[0]) + x0, sites(size[1], scale_xy[1]) + y0)
     fit = fit_boundary_colors(
         small, domain, local, h_min=max(1.0, face_width * scale / 100), rng=np.random.default_rng(seed)
     )

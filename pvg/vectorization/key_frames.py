@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from pvg.curves.labels import Floats, face_frame
-from pvg.landmarks import SKIN_SLICES, FaceTrack
+from pvg._arrays import Floats
+from pvg.face import Landmarks, layout
+from pvg.landmarks import FaceTrack
 from pvg.picture import Box, Picture, as_picture
 from pvg.skin import Matte, face_box
 
@@ -29,7 +30,7 @@ _BLACK, _WHITE = 10, 250
 _MARGIN, _MARGIN_PX = 0.08, 8.0  # around a face's box: smoothing moves it a little
 _OPEN_MOUTH = 0.25  # lip gap over the mouth's width that halves a frame's merit
 _LOOKED_AT = 5  # frames whose skin is cut to see whether something covers it
-_FEATURES = ((33, 34, 35, 36, 37, 67, 66, 65, 64), (38, 39, 40, 41, 42, 71, 70, 69, 68), tuple(range(84, 96)))
+_HAIRY_OR_RED = (layout.LEFT_BROW, layout.RIGHT_BROW, layout.LIPS_OUTER)
 
 
 def good_rows(track: FaceTrack) -> NDArray[np.bool_]:
@@ -63,11 +64,11 @@ def best_row(
         if not 0 <= row < len(track.score) or track.score[row] <= 0:
             continue
         picture = as_picture(frame)
-        face = _face_crop(picture, track.points[row])
+        face = _face_crop(picture, track.landmarks[row].points)
         merits[row] *= _exposed(face, track, row) ** 2  # burnt-out faces are also even and full of edges
         sharpness[row] = _sharpness(face)
-        evenness[row] = _evenness(picture, track.points[row])
-        best[row] = picture.part(surroundings(track.points[row], track.skin_points[row]))
+        evenness[row] = _evenness(picture, track.landmarks[row].points)
+        best[row] = picture.part(surroundings(track.landmarks[row]))
         if len(best) > 4 * _LOOKED_AT:
             ranked = sorted(best, key=lambda r: _usual(sharpness)[r] * _usual(evenness)[r] * merits[r], reverse=True)
             best = {r: best[r] for r in ranked[: 2 * _LOOKED_AT]}
@@ -105,28 +106,31 @@ def faded(seen: NDArray[np.bool_], *, before: bool, after: bool) -> Floats:
 
 def _merits(track: FaceTrack) -> NDArray[np.float64]:
     """(n,) frontality, certainty, size and calm as a factor in [0, 1], 0 where the face is not seen."""
-    points = track.points.astype(np.float64)
+    points = track.landmarks.points.astype(np.float64)
 
     def between(a: int, b: int) -> NDArray[np.float64]:
         return np.asarray(np.linalg.norm(points[:, a] - points[:, b], axis=1))
 
     yaw, pitch = track.pose[:, 0].astype(np.float64), track.pose[:, 1] - _LEVEL_PITCH_DEG
     frontal = np.exp(-(yaw**2 + pitch**2) / (2 * _FRONTAL_DEG**2))
-    widths = np.ptp(points[:, :33], axis=1).max(axis=1)
+    widths = np.ptp(points[:, layout.CONTOUR], axis=1).max(axis=1)
     # an open mouth or a closed eye puts its inside or the lid where the curves expect lips and the eye
-    gap = between(98, 102) / np.maximum(between(84, 90), 1e-6)
-    open_eyes = np.minimum(between(72, 73) / between(52, 55), between(75, 76) / between(58, 61))
+    gap = between(*layout.LIP_GAP) / np.maximum(between(*layout.MOUTH_CORNERS), 1e-6)
+    open_eyes = np.minimum(
+        between(*layout.LEFT_LIDS) / between(*layout.LEFT_EYE_CORNERS),
+        between(*layout.RIGHT_LIDS) / between(*layout.RIGHT_EYE_CORNERS),
+    )
     usual = np.percentile(open_eyes[track.score > 0], 75)
     calm = np.minimum(1.0, open_eyes / usual) / (1.0 + (gap / _OPEN_MOUTH) ** 2)
     return np.asarray(frontal * track.score * np.sqrt(widths / widths.max()) * calm)
 
 
-def surroundings(points: Floats, skin_points: Floats, aspect: float | None = None) -> Box:
+def surroundings(landmarks: Landmarks, aspect: float | None = None) -> Box:
     """The part of a picture that a face's skin is found in, with a margin.
 
     aspect: width over height that it has at least the room for, whatever the head's turn.
     """
-    x0, y0, x1, y1 = (float(v) for v in face_box(points, skin_points))
+    x0, y0, x1, y1 = (float(v) for v in face_box(landmarks))
     wide, high = x1 - x0, y1 - y0
     if aspect is not None:
         wide, high = max(wide, high * aspect), max(high, wide / aspect)
@@ -138,9 +142,9 @@ def surroundings(points: Floats, skin_points: Floats, aspect: float | None = Non
 def _face_crop(picture: Picture, points: Floats) -> Image:
     """The part of the picture within the box of the face contour, empty when that is outside."""
     height, width = picture.size
-    x0, y0 = (max(0, int(v)) for v in np.floor(points[:33].min(axis=0)))
-    x1, y1 = (int(v) + 1 for v in np.ceil(points[:33].max(axis=0)))
-    y0 = max(0, min(y0, int(points[33:43, 1].min())))
+    x0, y0 = (max(0, int(v)) for v in np.floor(points[layout.CONTOUR].min(axis=0)))
+    x1, y1 = (int(v) + 1 for v in np.ceil(points[layout.CONTOUR].max(axis=0)))
+    y0 = max(0, min(y0, int(points[layout.UPPER_BROW_EDGES, 1].min())))
     x1, y1 = min(x1, width), min(y1, height)
     if x0 >= x1 or y0 >= y1:
         return np.zeros((0, 0, 3), np.uint8)
@@ -172,7 +176,9 @@ def _usual(quality: NDArray[np.float64]) -> NDArray[np.float64]:
 def _evenness(picture: Picture, points: Floats) -> float:
     """How alike the two halves of a face are: low where a hand lies on one of them, alike in all frames otherwise."""
     size = _SHARPNESS_FACE_PX // 2
-    marks = np.stack([points[52:58].mean(axis=0), points[58:64].mean(axis=0), points[84:96].mean(axis=0)])
+    marks = np.stack(
+        [points[part].mean(axis=0) for part in (layout.LEFT_EYE_CONTOUR, layout.RIGHT_EYE_CONTOUR, layout.LIPS_OUTER)]
+    )
     places = np.array([(0.3, 0.3), (0.7, 0.3), (0.5, 0.75)], np.float32) * (size - 1)
     to_source = np.asarray(cv2.getAffineTransform(places, marks.astype(np.float32)), np.float64)
     patch = picture.warp(to_source, (size, size))
@@ -187,19 +193,20 @@ def _exposed(crop: Image, track: FaceTrack, row: int) -> float:
         return 0.0
     brightest = crop.max(axis=2)
     good = (brightest > _BLACK) & (crop.min(axis=2) < _WHITE) & (np.sort(crop, axis=2)[..., 1] < _WHITE)
-    low, high = track.points[row, :33].min(axis=0), track.points[row, :33].max(axis=0)
+    contour = track.landmarks.points[row, layout.CONTOUR]
+    low, high = contour.min(axis=0), contour.max(axis=0)
     whole = float(np.prod(np.maximum(high - low, 1.0)))
     return float(good.mean()) * float(min(1.0, good.size / whole))
 
 
 def _open_skin(matte: Matte, track: FaceTrack, row: int) -> float:
     """Share of the face oval without brows and lips that the matte shows as skin."""
-    points, skin_points = track.points[row], track.skin_points[row]
+    face = track.landmarks[row]
     oval = np.zeros(matte.alpha.shape, np.uint8)
-    center = face_frame(points).center
-    inner = center + 0.9 * (skin_points[SKIN_SLICES["oval"]] - center)
-    cv2.fillPoly(oval, [np.rint(matte.to_raster(inner)).astype(np.int32)], 1)
-    for feature in _FEATURES:
-        cv2.fillPoly(oval, [np.rint(matte.to_raster(points[list(feature)])).astype(np.int32)], 0)
+    center = face.axes.center
+    inner = center + 0.9 * (face.oval - center)
+    cv2.fillPoly(oval, [np.rint(matte.raster.to_cells(inner)).astype(np.int32)], 1)
+    for feature in _HAIRY_OR_RED:
+        cv2.fillPoly(oval, [np.rint(matte.raster.to_cells(face.points[feature])).astype(np.int32)], 0)
     area = int(oval.sum())
     return float(np.sum(matte.alpha / 255.0 * oval)) / area if area else 0.0

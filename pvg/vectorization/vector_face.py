@@ -8,24 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pvg._arrays import Bytes, Floats
 from pvg._threads import side_by_side
 from pvg.asset import AssetWriter, FaceRecord, FaceSummary, KeyFrame
-from pvg.curves.labels import (
-    BOUNDARY,
-    Floats,
-    boundary_points,
-    boundary_radius,
-    face_frame,
-    place,
-    stack_points,
-    table_labels,
-)
+from pvg.curves import BOUNDARY, boundary_points, boundary_radius, place, table_labels
+from pvg.face import FaceAxes, Landmarks
 from pvg.landmarks import FaceShape, FaceTrack, frontal_ratios
-from pvg.looks.tone import skin_sample
 from pvg.picture import Picture
 from pvg.skin import MaskMethod, Matte, SkinTracker, fit_skin_model
 from pvg.vectorization.following import KeyView, Stretch, rows_between
 from pvg.vectorization.key_colors import fit_key_frame
+from pvg.vectorization.open_skin import skin_sample
 
 ADVISED_FACE_PX = 200  # the paper's least face size
 _SAMPLE_MARGIN = 0.06  # of the face's width: reach of what smooths the sampled skin
@@ -44,27 +37,27 @@ class VectorFace:
         """begin: the track's first rows or all;  reset: a new key frame after so many frames, None for never."""
         self.number = number
         self.first = begin.first
-        self.left_to_right = float(begin.points[0, :, 0].mean())
+        self.left_to_right = float(begin.landmarks.points[0, :, 0].mean())
         self._last = begin.first
         self._reset = reset
         self._seed = seed
         self._extents: list[Floats] = []
         self._ratios: list[Floats] = []
         self._keys: dict[int, Future[KeyFrame]] = {}
-        model = fit_skin_model(key.picture, key.points, key.skin_points, method=method)
+        model = fit_skin_model(key.picture, key.landmarks, method=method)
         self._skin = SkinTracker(model)
         self._key_row = key.row
         self._key: KeyView | None = key
-        self.key_matte = SkinTracker(model).step(key.picture, key.points, key.skin_points)
+        self.key_matte = SkinTracker(model).step(key.picture, key.landmarks)
 
     def add(self, stretch: Stretch, writer: AssetWriter) -> None:
         """Follow the skin through the next rows and write them."""
         self._fit_key()
         for k, picture in enumerate(stretch.pictures):
             rows, row = stretch.rows, stretch.start + k
-            matte = self._skin.step(picture, rows.points[k], rows.skin_points[k])
+            matte = self._skin.step(picture, rows.landmarks[k])
             if self._reset is not None and row % self._reset == 0 and row not in self._keys:
-                self._fit(row, picture, rows.points[k], rows.skin_points[k], matte)
+                self._fit(row, picture, rows.landmarks[k], matte)
             self._write(rows, k, matte, float(stretch.visible[k]), writer)
         self._remember(stretch.rows)
 
@@ -111,59 +104,58 @@ class VectorFace:
         """Fit the key view's colours and let go of its picture, once."""
         key, self._key = self._key, None
         if key is not None:
-            self._fit(key.row, key.picture, key.points, key.skin_points, self.key_matte)
+            self._fit(key.row, key.picture, key.landmarks, self.key_matte)
 
-    def _fit(self, row: int, picture: Picture, points: Floats, skin_points: Floats, matte: Matte) -> None:
+    def _fit(self, row: int, picture: Picture, landmarks: Landmarks, matte: Matte) -> None:
         """Fit a row's colours in a thread of its own: half a second that nothing before `record` waits for."""
         fitting = ThreadPoolExecutor(1)
         frame = self.first + row
-        self._keys[row] = fitting.submit(_key_frame, frame, picture, points, skin_points, matte, self._seed)
+        self._keys[row] = fitting.submit(_key_frame, frame, picture, landmarks, matte, self._seed)
         fitting.shutdown(wait=False)
 
     def _write(self, rows: FaceTrack, k: int, matte: Matte, visible: float, writer: AssetWriter) -> None:
         arrays: dict[str, NDArray[Any]] = {
-            "points": rows.points[k],
-            "skin_points": rows.skin_points[k],
-            "radius": _radius(rows.points[k], matte),
+            "points": rows.landmarks.points[k],
+            "skin_points": rows.landmarks.skin_points[k],
+            "radius": _radius(rows.landmarks[k], matte),
             "score": rows.score[k : k + 1].astype(np.float32),
             "pose": rows.pose[k].astype(np.float32),
-            "box": matte.box,
+            "box": matte.raster.box,
             "matte": matte.alpha if visible == 1 else np.rint(matte.alpha * visible).astype(np.uint8),
         }
         writer.add_frame(self.number, arrays)
 
 
-def _key_frame(frame: int, picture: Picture, points: Floats, skin_points: Floats, matte: Matte, seed: int) -> KeyFrame:
-    boundary = boundary_points(_radius(points, matte), points)
-    positions = place(table_labels(), stack_points(points, skin_points), boundary)
-    rgb, corner, local = _cut_out(picture, matte, matte.box)
+def _key_frame(frame: int, picture: Picture, landmarks: Landmarks, matte: Matte, seed: int) -> KeyFrame:
+    boundary = boundary_points(_radius(landmarks, matte), landmarks.axes)
+    positions = place(table_labels(), landmarks, boundary)
+    rgb, corner = _cut_out(picture, matte.raster.box)
     skin, (colors, visible) = side_by_side(
-        lambda: _open_skin(picture, points, skin_points, matte),
-        lambda: fit_key_frame(rgb, local, positions - corner, face_frame(points).width, seed),
+        lambda: _open_skin(picture, landmarks, matte),
+        lambda: fit_key_frame(rgb, matte.crop(corner), positions - corner, landmarks.axes.width, seed),
     )
     return KeyFrame(frame, colors, visible, skin)
 
 
-def _radius(points: Floats, matte: Matte) -> Floats:
+def _radius(landmarks: Landmarks, matte: Matte) -> Floats:
     """Boundary radii in source pixels, from the matte over its box."""
-    inset = _INSET * face_frame(points).width
-    cells = boundary_radius(matte.alpha.astype(np.float32) / 255.0, matte.to_raster(points))
-    radius: Floats = np.maximum(cells * matte.step - inset, 0.0).astype(np.float32)
+    inset = _INSET * landmarks.axes.width
+    axes = FaceAxes.of(matte.raster.to_cells(landmarks.points))
+    cells = boundary_radius(matte.alpha.astype(np.float32) / 255.0, axes)
+    radius: Floats = np.maximum(cells * matte.raster.step - inset, 0.0).astype(np.float32)
     return radius
 
 
-def _cut_out(picture: Picture, matte: Matte, box: Floats) -> tuple[NDArray[np.uint8], Floats, Matte]:
-    """The picture within a box (4,), where it begins (2,), and the matte in its coordinates."""
+def _cut_out(picture: Picture, box: Floats) -> tuple[Bytes, Floats]:
+    """The picture within a box (4,) and where it begins, (2,)."""
     x0, y0, x1, y1 = (int(v) for v in box)
     part = picture.part((x0 - 2, y0 - 2, x1 + 3, y1 + 3))
-    corner = np.array(part.box[:2], np.float32)
-    return part.rgb(), corner, Matte((matte.box - np.tile(corner, 2)).astype(np.float32), matte.alpha, matte.mask)
+    return part.rgb(), np.array(part.box[:2], np.float32)
 
 
-def _open_skin(picture: Picture, points: Floats, skin_points: Floats, matte: Matte) -> Floats:
+def _open_skin(picture: Picture, landmarks: Landmarks, matte: Matte) -> Floats:
     """The colours of the open skin, see `skin_sample`; looked for within the face contour only."""
-    margin = _SAMPLE_MARGIN * face_frame(points).width + 2
-    box = np.concatenate([skin_points.min(axis=0) - margin, skin_points.max(axis=0) + margin])
-    rgb, corner, local = _cut_out(picture, matte, box)
-    alpha = local.alpha_at(*(np.arange(n, dtype=np.float32) for n in (rgb.shape[1], rgb.shape[0])))
-    return skin_sample(rgb, alpha, points - corner, skin_points - corner)
+    margin, skin = _SAMPLE_MARGIN * landmarks.axes.width + 2, landmarks.skin_points
+    rgb, corner = _cut_out(picture, np.concatenate([skin.min(axis=0) - margin, skin.max(axis=0) + margin]))
+    alpha = matte.crop(corner).alpha_at(*(np.arange(n, dtype=np.float32) for n in (rgb.shape[1], rgb.shape[0])))
+    return skin_sample(rgb, alpha, landmarks.moved(-corner))

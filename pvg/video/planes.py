@@ -10,7 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pvg.picture import Affine, Box, Bytes, Floats, clipped, halved, samples_a_cell
+from pvg._arrays import Bytes, Floats
+from pvg.picture import Affine, Box, clipped, halved, samples_a_cell
+from pvg.raster import Raster, first_reading, scaled_affine
 from pvg.video._cells import average_cells, codes_to_rgb, taps
 from pvg.video.formats import Frame, PixelFormat, Plane, Planes
 
@@ -82,9 +84,7 @@ class PlanePicture:
         local = to_source.astype(np.float64)
         local[:, 2] -= self.corner
         log2x, log2y = self.format.chroma_log2
-        fine = local * np.array([[0.5**log2x], [0.5**log2y]])
-        # centres: luma x lies at (x + 1/2) / 2 - 1/2 of a chroma plane of half the size
-        fine[:, 2] += 0.5 * np.array([0.5**log2x - 1, 0.5**log2y - 1])
+        fine = scaled_affine(local, np.array([0.5**log2x, 0.5**log2y]))
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         codes = [
             cv2.warpAffine(plane, matrix, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
@@ -92,9 +92,10 @@ class PlanePicture:
         ]
         return self._to_rgb(codes[0], codes[1], codes[2])
 
-    def cells(self, origin: Floats, step: float, shape: tuple[int, int]) -> Bytes:
+    def cells(self, raster: Raster) -> Bytes:
         """See `Picture.cells`."""
-        corner, log2 = np.asarray(origin, np.float64) - self.corner, self.format.chroma_log2
+        step, shape = raster.step, raster.shape
+        corner, log2 = np.asarray(raster.origin, np.float64) - self.corner, self.format.chroma_log2
         luma = _averaged(self.planes[0], corner, (step, step), shape)
         # measured from the planes' edges, not from pixel centres, places and lengths simply scale
         place, sides = corner * 0.5 ** np.array(log2), (step / (1 << log2[0]), step / (1 << log2[1]))
@@ -125,7 +126,7 @@ def _averaged(plane: Plane, corner: NDArray[np.float64], steps: tuple[float, flo
         count, step = shape[1 - axis], steps[axis]
         k = samples_a_cell(step)
         start, cells = np.empty(count, np.int32), np.empty(count, np.int32)
-        first = float(corner[axis]) + 0.5 * step / k - 0.5
+        first = first_reading(float(corner[axis]), step / k)
         weights += [start, cells, taps(first, step, k, plane.shape[1 - axis], start, cells)]
     out = np.empty(shape, np.float32)
     average_cells(plane, weights[0], weights[1], weights[2], weights[3], weights[4], weights[5], out)

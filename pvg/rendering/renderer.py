@@ -1,0 +1,128 @@
+"""Draws the looks of one clip into its frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pvg._arrays import Floats
+from pvg.asset import VectorVideo
+from pvg.curves import Chain, ColorTable, CurveLabels, labels_by_length, table_labels
+from pvg.looks import Look
+from pvg.rendering.correction import at_curves, extend
+from pvg.rendering.guards import guarded_alpha
+from pvg.rendering.placed_face import PlacedFace, divide_overlaps, place_face
+from pvg.rendering.planes import apply_correction
+from pvg.video import Frame, Patch
+
+_CHAIN_SPACING_PX = 2.0  # between the samples of the paper's chain
+
+
+class _TableColors:
+    """g and every look's g' of one face by the clip-wide table."""
+
+    def __init__(self, video: VectorVideo, face: int, stacks: Sequence[Floats]) -> None:
+        self._record = video.records[face]
+        self._tables = [ColorTable(colors, table_labels()) for colors in stacks]
+
+    def at(self, frame: int) -> tuple[CurveLabels, Floats]:
+        """Labels and (S, 3 + 3 looks) colours in `frame`."""
+        key = self._record.key_frames.index(self._record.key_frame_of(frame))
+        return table_labels(), self._tables[key].at(table_labels())
+
+
+class _ChainColors:
+    """The same by the paper's frame-to-frame chain, which starts anew at every key frame."""
+
+    def __init__(self, video: VectorVideo, face: int, stacks: Sequence[Floats]) -> None:
+        self._video, self._face, self._record = video, face, video.records[face]
+        self._stacks = stacks
+        self._chain: tuple[int, int, Chain, CurveLabels] | None = None  # key, frame, chain, labels
+
+    def at(self, frame: int) -> tuple[CurveLabels, Floats]:
+        """Labels and (S, 3 + 3 looks) colours in `frame`; S differs from frame to frame."""
+        key = self._record.key_frames.index(self._record.key_frame_of(frame))
+        first = self._record.key_frames[key].frame
+        if self._chain is None or self._chain[0] != key or self._chain[1] >= frame:
+            self._chain = (key, first - 1, Chain(self._stacks[key], table_labels()), table_labels())
+        _, last, chain, labels = self._chain
+        colors = self._stacks[key]
+        for i in range(last + 1, frame + 1):
+            data = self._video.face_at(self._face, i)
+            if data is not None:
+                labels = labels_by_length(data.landmarks, data.boundary, spacing_px=_CHAIN_SPACING_PX)
+                colors = chain.step(labels)
+        self._chain = (key, frame, chain, labels)
+        return labels, colors
+
+
+def _propagation(video: VectorVideo, face: int, looks: Sequence[Look]) -> _TableColors | _ChainColors:
+    """How g and the looks' g' of a face get to each frame, as the clip was vectorised for."""
+    stacks = [
+        np.concatenate([key.colors, *(look.colors[face][k] for look in looks)], axis=1)
+        for k, key in enumerate(video.records[face].key_frames)
+    ]
+    return (_ChainColors if video.settings["matching"] == "chain" else _TableColors)(video, face, stacks)
+
+
+class Renderer:
+    """Draws the looks of one clip into its frames; frames may come in any order."""
+
+    def __init__(self, video: VectorVideo, looks: Sequence[Look]) -> None:
+        self.video = video
+        self.looks = tuple(looks)
+        faces = sorted({face for look in looks for face in look.colors})
+        # numbers, since one look may be asked for twice
+        self._with_face = {face: [i for i, look in enumerate(looks) if face in look.colors] for face in faces}
+        self._colors = {
+            face: _propagation(video, face, [looks[i] for i in which]) for face, which in self._with_face.items()
+        }
+
+    def draw(self, frame: Frame) -> list[Frame]:
+        """One frame for every look, in their order; untouched frames are `frame` itself."""
+        return [frame.patched(patches) for patches in self.patches(frame)]
+
+    def patches(self, frame: Frame) -> list[list[Patch]]:
+        """What every look changes in the frame, in their order, each to be laid over it in its order."""
+        out: list[list[Patch]] = [[] for _ in self.looks]
+        for face, placed, colors in self._placed_faces(frame):
+            if colors is not None:
+                self._draw_face(frame, placed, self._with_face[face], colors, out)
+        return out
+
+    def _placed_faces(self, frame: Frame) -> list[tuple[int, PlacedFace, Floats | None]]:
+        """(face, where it is, its colours) of every face in the frame; one that no look draws has no colours.
+
+        Those are wanted too: a face in front of another is not painted with that one's look.
+        """
+        align = 2 ** max(frame.format.chroma_log2)
+        found: list[tuple[int, PlacedFace, Floats | None]] = []
+        for face in range(len(self.video.faces)) if self._with_face else ():
+            data = self.video.face_at(face, frame.index)
+            if data is None:
+                continue
+            labels, colors = self._colors[face].at(frame.index) if face in self._colors else (table_labels(), None)
+            placed = place_face(data, labels, frame.width, frame.height, align)
+            if placed is not None:
+                found.append((face, placed, colors))
+        divided = divide_overlaps([placed for _, placed, _ in found])
+        return [(face, placed, colors) for (face, _, colors), placed in zip(found, divided, strict=True)]
+
+    def _draw_face(
+        self, frame: Frame, placed: PlacedFace, which: list[int], colors: Floats, out: list[list[Patch]]
+    ) -> None:
+        """Draw one face with the looks numbered `which`;  colors: (S, 3 + 3 looks), g and their g'."""
+        to_planes = frame.format.opponent.matrix.astype(np.float32).T
+        g = colors[:, :3] @ to_planes
+        wanted = [
+            at_curves(self.looks[i], g, colors[:, 3 + 3 * k : 6 + 3 * k] @ to_planes) for k, i in enumerate(which)
+        ]
+        corrections = extend(placed, g, wanted, level=2.0 ** (frame.format.depth - 8))
+        alphas: dict[tuple[str, ...], Floats] = {}
+        alike = len({self.looks[i].protect for i in which}) == 1
+        for i, correction in zip(which, corrections, strict=True):
+            protect = self.looks[i].protect
+            if protect not in alphas:
+                alphas[protect] = guarded_alpha(placed, protect, in_place=alike)
+            out[i] += apply_correction(frame, (placed.x, placed.y), alphas[protect], correction, under=out[i])

@@ -1,0 +1,65 @@
+"""The colours of a face's open skin, evenly over the face: what a complexion is moved from and to.
+
+Curve samples crowd at features and edges, so their distribution is not that of the skin between them; a beard is in
+the skin's place but not of its colour. These samples lie on a grid over the face without features, and leave the
+lower face out when it is much unlike the upper one.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from pvg._arrays import Bools, Bytes, Floats
+from pvg.face import Landmarks, layout
+
+SAMPLES = 512
+_FEATURES = (
+    layout.LEFT_BROW,
+    layout.RIGHT_BROW,
+    layout.LEFT_EYE,
+    layout.RIGHT_EYE,
+    layout.NOSE_BASE_TO_WINGS,
+    layout.LIPS_OUTER,
+)
+_MARGIN = 0.035  # of the face's width, around features and inside the oval
+_SMOOTHING = 0.01
+_UNLIKE = 20.0  # CIE76 difference of the medians of upper and lower face that stands for a beard or a veil
+_LEAST = 24  # fewer samples say nothing
+
+
+def skin_sample(rgb: Bytes, skin: Floats, landmarks: Landmarks) -> Floats:
+    """Colours of the open skin of one face: (SAMPLES, 3) float32, 0-255 RGB, or (0, 3) when there is too little.
+
+    rgb: (H, W, 3);  skin: (H, W) float32, the matte;  landmarks: in its pixels.
+    """
+    axes, points = landmarks.axes, landmarks.points
+    h, w = rgb.shape[:2]
+    region = np.zeros((h, w), np.uint8)
+    cv2.fillPoly(region, [np.rint(landmarks.oval).astype(np.int32)], 1)
+    reach = max(3, 2 * int(axes.width * _MARGIN) + 1)
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
+    region = np.asarray(cv2.erode(region, kernel, borderValue=0), np.uint8)
+    features = np.zeros((h, w), np.uint8)
+    for feature in _FEATURES:
+        cv2.fillConvexPoly(features, cv2.convexHull(np.rint(points[feature]).astype(np.int32)), 1)
+    region[np.asarray(cv2.dilate(features, kernel)) > 0] = 0
+    rows, columns = np.nonzero((region > 0) & (skin > 0.9))
+    if len(rows) < _LEAST:
+        return np.empty((0, 3), np.float32)
+    smooth = cv2.GaussianBlur(rgb, (0, 0), max(0.6, _SMOOTHING * axes.width)).astype(np.float32)
+    colors = smooth[rows, columns]
+    nose_tip = points[layout.NOSE_TIP]
+    below = (np.stack([columns, rows], axis=1) - nose_tip) @ axes.down > 0
+    colors = _without_beard(colors, below)
+    # pixels come row by row, so equal steps through them are spread evenly over the face
+    chosen = np.linspace(0, len(colors) - 1, SAMPLES).round().astype(int)
+    return np.ascontiguousarray(colors[chosen], np.float32)
+
+
+def _without_beard(colors: Floats, lower: Bools) -> Floats:
+    if min(int(lower.sum()), int((~lower).sum())) < _LEAST:
+        return colors
+    lab = cv2.cvtColor(colors[None] / np.float32(255.0), cv2.COLOR_RGB2Lab)[0]
+    gap = float(np.linalg.norm(np.median(lab[lower], axis=0) - np.median(lab[~lower], axis=0)))
+    return colors[~lower] if gap > _UNLIKE else colors
