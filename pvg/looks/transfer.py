@@ -1,7 +1,7 @@
 """Algorithm 1, transfer: a vectorised clip and a reference give a look, the clip's new boundary colours g'.
 
 Only the colours of the key frames are moved, by sliced optimal mass transport (eq. 7, 8); no pixel is read. The
-transport of a person is one map for the whole clip: every face and key frame of theirs follows it, so that a look does
+transport of a person is one map for the whole clip: it serves all their faces and key frames, so that a look does
 not change at a cut and light that differs between shots stays.
 """
 
