@@ -2,9 +2,8 @@
 
 Each coordinate's history is split into bands by repeated symmetric smoothing (the undecimated B3-spline transform):
 x = d_0 + d_1 + d_2 + a_3, details and an approximation, exactly. Where a band's local energy is that of the jitter it
-is removed; where it is well
-above, as in speech, a blink or a nod, it stays untouched. All filters are symmetric, so nothing is delayed, and bands
-of a steady drift are zero, so a turning head is not held back.
+is removed; where it is well above, as in speech, a blink or a nod, it stays untouched. All filters are symmetric, so
+nothing is delayed, and bands of a steady drift are zero, so a turning head is not held back.
 """
 
 from __future__ import annotations

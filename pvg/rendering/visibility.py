@@ -2,10 +2,10 @@
 
 A sample is hidden on the far side of a turned head, outside the picture, or where the matte says that something else
 than skin lies in front of it. The landmark model reports such places with full confidence, so the head's pose, the
-picture and the matte decide. A hidden sample must not impose its own colour there; switching it off would let the membrane
-jump. Instead its value runs smoothly over to what the seen samples around it say, which is nearly what the membrane
-would be without it, and back when it returns. All of it follows from one frame's geometry, so any frame can be drawn
-alone.
+picture and the matte decide. A hidden sample must not impose its own colour there; switching it off would let the
+membrane jump. Instead its value runs smoothly over to what the seen samples around it say, which is nearly what the
+membrane would be without it, and back when it returns. All of it follows from one frame's geometry, so any frame can be
+drawn alone.
 """
 
 from __future__ import annotations
