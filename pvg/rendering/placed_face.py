@@ -13,6 +13,7 @@ from pvg._arrays import Floats
 from pvg.asset import FaceInFrame
 from pvg.curves import BOUNDARY, CurveLabels, place
 from pvg.membrane import TOLERANCE, CurveRaster, Lattice, Membrane, build_membrane, rasterize_curves
+from pvg.raster import SUBPIXEL_BITS, fixed_point
 from pvg.rendering.visibility import Visibility, see
 
 _BESIDE_OVAL = 0.02  # claim of a face's ears and neck, against 1 within its oval
@@ -121,7 +122,7 @@ def _claim(face: PlacedFace) -> Floats:
     """(h, w) how much a face's pixels belong to it rather than to a face behind or before it."""
     oval = np.zeros(face.alpha.shape, np.float32)
     corners = face.data.landmarks.oval - np.array([face.x, face.y], np.float32)
-    cv2.fillPoly(oval, [np.rint(corners * 16).astype(np.int32)], 1.0, lineType=cv2.LINE_AA, shift=4)
+    cv2.fillPoly(oval, [fixed_point(corners)], 1.0, lineType=cv2.LINE_AA, shift=SUBPIXEL_BITS)
     width = max(face.data.landmarks.axes.width, 1.0)
     soft = cv2.GaussianBlur(oval, (0, 0), max(0.5, _OVAL_EDGE * width))
     return np.asarray((_BESIDE_OVAL + soft) * np.float32((width / 100.0) ** _NEARER), np.float32)
