@@ -9,30 +9,26 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
 import pvg
 from benchmarks.timing import Measured, in_turns, seconds
+from pvg._arrays import Bools, Doubles
 from pvg.curves.labels import BOUNDARY, table_labels
-from pvg.membrane.lattice import Lattice, build_membrane, rasterize_curves
+from pvg.membrane import Lattice, build_membrane, cut_edges
 from pvg.rendering.placed_face import open_region
 
 FACE = (800, 1096)  # of the skin mask, its box with hair and margins is larger
-LARGEST_CORRECTION = 70.0
-_STEP_PX = 1.5  # a face moves by about so much from frame to frame
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+LARGEST_CORRECTION = 70.0  # levels of 255
 
 
 @dataclass(frozen=True, eq=False)
 class Face:
     """positions: (S, 2) curve samples in a box of `size` (width, height);  correction: (S, 3) at them."""
 
-    positions: Floats
-    correction: Floats
+    positions: Doubles
+    correction: Doubles
     size: tuple[int, int]
 
 
@@ -54,8 +50,8 @@ def scaled_face(portrait: str, asset: str, reference: str) -> Face:
 
 
 def held_pixels(
-    points: Floats, spans: tuple[tuple[int, int, bool], ...], values: Floats, size: tuple[int, int]
-) -> tuple[Floats, Bools]:
+    points: Doubles, spans: tuple[tuple[int, int, bool], ...], values: Doubles, size: tuple[int, int]
+) -> tuple[Doubles, Bools]:
     """The curves as 4-connected pixels: mean values (h, w, C) and which pixels are held (h, w)."""
     w, h = size
     total, hits = np.zeros((h, w, values.shape[1])), np.zeros((h, w))
@@ -73,7 +69,7 @@ def held_pixels(
     return total / np.maximum(hits, 1.0)[..., None], hits > 0
 
 
-def direct_membrane(held: Floats, known: Bools, domain: Bools) -> Floats:
+def direct_membrane(held: Doubles, known: Bools, domain: Bools) -> Doubles:
     """The 5-point equations at every pixel of `domain` by SuperLU, pixels `known` held: (h, w, C) like `held`.
 
     Only neighbours within the domain enter, so its edge has zero flux where it is not held.
@@ -104,7 +100,7 @@ def direct_membrane(held: Floats, known: Bools, domain: Bools) -> Floats:
     return solved
 
 
-def within_boundary(points: Floats, size: tuple[int, int]) -> Bools:
+def within_boundary(points: Doubles, size: tuple[int, int]) -> Bools:
     """(h, w): the pixels inside the mask boundary's polygon."""
     start, stop, _ = table_labels().spans[BOUNDARY]
     filled = np.zeros((size[1], size[0]), np.uint8)
@@ -120,21 +116,16 @@ def membrane_times(faces: list[tuple[str, str, str]], rounds: int) -> dict[str, 
     face = scaled_face(*faces[0])
     points, values, size = face.positions, face.correction, face.size
     spans, lattice = table_labels().spans, Lattice.over((0, 0, *size))
-    raster = rasterize_curves(points, spans, lattice)
-    operator = build_membrane(raster)
+    cuts = cut_edges(points, spans, lattice)
+    operator = build_membrane(cuts)
     solved = operator.solve(values)
-    before = build_membrane(rasterize_curves(points - _STEP_PX, spans, lattice)).solve(values)
     taken = in_turns(
         {
-            "curves onto the lattice": lambda: rasterize_curves(points, spans, lattice),
-            "equations": lambda: build_membrane(raster),
+            "curves onto the lattice": lambda: cut_edges(points, spans, lattice),
+            "equations": lambda: build_membrane(cuts),
             "solve": lambda: operator.solve(values),
-            "solve from the frame before": lambda: operator.solve(values, guess=before),
             "read at full size": lambda: solved.crop(0, 0, *size),
-            "in all": lambda: build_membrane(rasterize_curves(points, spans, lattice)).solve(values),
-            "in all from the frame before": lambda: build_membrane(rasterize_curves(points, spans, lattice)).solve(
-                values, guess=before
-            ),
+            "in all": lambda: build_membrane(cut_edges(points, spans, lattice)).solve(values),
         },
         rounds,
     )
@@ -155,9 +146,9 @@ def errors(face: Face) -> dict[str, float]:
     spans, size = table_labels().spans, face.size
     held, known = held_pixels(face.positions, spans, face.correction, size)
     inside = within_boundary(face.positions, size)
-    direct: list[Floats] = []
+    direct: list[Doubles] = []
     _, direct_s = seconds(lambda: direct.append(direct_membrane(held, known, inside | known)))
-    operator = build_membrane(rasterize_curves(face.positions, spans, Lattice.over((0, 0, *size))))
+    operator = build_membrane(cut_edges(face.positions, spans, Lattice.over((0, 0, *size))))
     error = np.abs(operator.solve(face.correction).crop(0, 0, *size) - direct[0])[inside]
     return {
         "mean": float(error.mean()),

@@ -18,7 +18,7 @@ from pvg.curves.labels import face_frame, labels_by_length, stack_points, table_
 from pvg.curves.propagation import match
 from pvg.landmarks import detect_faces, fit_landmarks, region_of_points
 from pvg.looks.transport import sliced_transport
-from pvg.membrane.lattice import Membrane
+from pvg.membrane import Membrane
 from pvg.rendering.clip import Renderer
 from pvg.rendering.placed_face import Region, open_region
 from pvg.rendering.planes import Change, apply_change, protected_alpha

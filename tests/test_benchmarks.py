@@ -11,7 +11,7 @@ from benchmarks.growth import linear_fit, paper_costs
 from benchmarks.membrane import direct_membrane, held_pixels
 from benchmarks.targets import Target, asset_budget, target_rows
 from benchmarks.timing import Measured, in_turns
-from pvg.membrane.lattice import Lattice, build_membrane, rasterize_curves
+from pvg.membrane import Lattice, build_membrane, cut_edges
 from pvg.video import probe, read_frames
 
 
@@ -27,8 +27,8 @@ def test_the_direct_solve_reproduces_linear_fields_and_agrees_with_the_membrane(
     solved = direct_membrane(held, known, inside | known)
     # held pixels carry the value of the curve up to 0.7 px away, and the slope is one level a pixel
     assert np.abs(solved[..., 0] - (x - y))[inside].max() < 1.5
-    raster = rasterize_curves(points, spans, Lattice.over((0, 0, 121, 101)))
-    ours = build_membrane(raster).solve(values).crop(0, 0, 121, 101)
+    cuts = cut_edges(points, spans, Lattice.over((0, 0, 121, 101)))
+    ours = build_membrane(cuts).solve(values).crop(0, 0, 121, 101)
     assert np.abs(ours - solved)[inside].mean() < 0.15
 
 

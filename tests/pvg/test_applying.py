@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pvg.looks.look import Look
-from pvg.membrane.lattice import Lattice, Membrane
+from pvg.membrane import Lattice, Membrane
 from pvg.rendering._planes import roll_off
 from pvg.rendering.clip import _contrast_at_curves
 from pvg.rendering.planes import Change, _take_out, apply_change

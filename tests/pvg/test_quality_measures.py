@@ -28,7 +28,7 @@ from benchmarks.quality.probes import leak_frames, there_and_back
 from pvg.curves.labels import boundary_points, boundary_radius, face_frame, place, stack_points, table_labels
 from pvg.landmarks import detect_faces, fit_landmarks, jd_106, skin_88
 from pvg.looks.transport import sliced_transport
-from pvg.membrane.lattice import Lattice, build_membrane, rasterize_curves
+from pvg.membrane import Lattice, build_membrane, cut_edges
 from pvg.skin import SkinTracker, fit_skin_model
 from pvg.vectorization.clip import fit_key_frame
 from pvg.video import read_image
@@ -285,8 +285,8 @@ class Method:
         matte = self._tracker.step(scene.rgb, scene.points, scene.skin_points)
         h, w = scene.rgb.shape[:2]
         xs, ys = np.arange(w, dtype=np.float32), np.arange(h, dtype=np.float32)
-        raster = rasterize_curves(self._positions(scene, matte), table_labels().spans, Lattice.over((0, 0, w, h)))
-        field = build_membrane(raster).solve(self._new - self.g).crop(0, 0, w, h)
+        cuts = cut_edges(self._positions(scene, matte), table_labels().spans, Lattice.over((0, 0, w, h)))
+        field = build_membrane(cuts).solve(self._new - self.g).crop(0, 0, w, h)
         alpha = matte.alpha_at(xs, ys)
         return Result(scene.rgb + alpha[..., None] * field, alpha, matte.mask_at(xs, ys))
 

@@ -8,7 +8,7 @@ from scipy.integrate import dblquad
 
 from pvg.harmonic.basis import HarmonicBasis, harmonic_basis, laplacian_matrix, source_potential
 from pvg.harmonic.quadtree import Quadtree, build_quadtree
-from tests.pvg.test_quadtree import disc, ellipse
+from tests.pvg.harmonic.test_quadtree import disc, ellipse
 
 DOMAIN = disc(201, 80)
 CURVES = np.concatenate([ellipse(100, 100, 79, 79), ellipse(80, 90, 12, 5), ellipse(100, 130, 20, 8)])

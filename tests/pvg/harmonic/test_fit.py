@@ -11,7 +11,7 @@ from scipy import sparse
 from pvg.errors import SolverError
 from pvg.harmonic import fit as boundary
 from pvg.harmonic.fit import BoundaryFit, _factorise, evaluate, fit_boundary_colors
-from tests.pvg.test_quadtree import ellipse
+from tests.pvg.harmonic.test_quadtree import ellipse
 
 SIZE = 192
 H_MIN = 2.0
