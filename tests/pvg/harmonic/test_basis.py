@@ -6,12 +6,17 @@ import numpy as np
 import pytest
 from scipy.integrate import dblquad
 
-from pvg.harmonic.basis import HarmonicBasis, harmonic_basis, laplacian_matrix, source_potential
+from pvg.harmonic.basis import HarmonicBasis, _source_potential, harmonic_basis, laplacian_matrix
 from pvg.harmonic.quadtree import Quadtree, build_quadtree
-from tests.pvg.harmonic.test_quadtree import disc, ellipse
+from tests.pvg.harmonic.shapes import disc, ellipse
 
 DOMAIN = disc(201, 80)
 CURVES = np.concatenate([ellipse(100, 100, 79, 79), ellipse(80, 90, 12, 5), ellipse(100, 130, 20, 8)])
+
+
+def source_potential(points: np.ndarray, side: float) -> np.ndarray:
+    """Γ at each of (n, 2) points."""
+    return np.array([_source_potential(x, y, side) for x, y in points.astype(float)])
 
 
 @pytest.fixture(scope="module")

@@ -8,16 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pvg.harmonic.quadtree import PADDING_RINGS, STENCIL_RING, Quadtree, build_quadtree
-
-
-def ellipse(cx: float, cy: float, a: float, b: float, step: float = 1.0) -> np.ndarray:
-    t = np.linspace(0.0, 2.0 * np.pi, max(8, int(np.pi * (a + b) / step)), endpoint=False)
-    return np.stack([cx + a * np.cos(t), cy + b * np.sin(t)], axis=1)
-
-
-def disc(size: int, radius: float) -> np.ndarray:
-    y, x = np.mgrid[:size, :size] - (size - 1) / 2
-    return x**2 + y**2 < radius**2
+from tests.pvg.harmonic.shapes import disc, ellipse
 
 
 def shared_sides(tree: Quadtree) -> tuple[np.ndarray, np.ndarray]:
