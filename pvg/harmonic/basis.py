@@ -63,6 +63,7 @@ def _source_potential(x: float, y: float, h: float) -> float:
 
 @_kernel
 def _count_bins(lows: Ints, highs: Ints, columns: int, counts: Ints) -> None:
+    """Count the supports that reach each search bin; lows, highs: (n, 2) first and last bin of each, (x, y)."""
     for i in range(len(lows)):
         for by in range(lows[i, 1], highs[i, 1] + 1):
             for bx in range(lows[i, 0], highs[i, 0] + 1):
@@ -71,6 +72,7 @@ def _count_bins(lows: Ints, highs: Ints, columns: int, counts: Ints) -> None:
 
 @_kernel
 def _fill_bins(lows: Ints, highs: Ints, columns: int, cursor: Ints, members: Ints) -> None:
+    """List the functions of each bin; cursor: where each bin's list begins, moved to its end."""
     for i in range(len(lows)):
         for by in range(lows[i, 1], highs[i, 1] + 1):
             for bx in range(lows[i, 0], highs[i, 0] + 1):
@@ -83,6 +85,7 @@ def _fill_bins(lows: Ints, highs: Ints, columns: int, cursor: Ints, members: Int
 def _count_rows(
     points: Doubles, bins: Ints, centers: Doubles, radii: Doubles, starts: Ints, members: Ints, counts: Ints
 ) -> None:
+    """Count the functions that are not zero at each point."""
     for p in range(len(points)):
         for k in range(starts[bins[p]], starts[bins[p] + 1]):
             i = members[k]
@@ -109,6 +112,7 @@ def _fill_rows(
     first: int,
     last: int,
 ) -> None:
+    """Evaluate ψ at the points [first, last): columns and values of their rows, see `HarmonicBasis` for the rest."""
     seen = np.full(len(centers), -1, dtype=np.int64)  # each Γ is computed once a point
     sources = np.empty(len(centers))
     for p in range(first, last):

@@ -12,8 +12,8 @@ from scipy.spatial import Delaunay
 
 from pvg._arrays import Bools, Doubles, Ints
 
-# Rings of leaves around the domain that carry basis functions. [measured: within it the functions before truncation add
-# up to 1 within 0.0023]
+# Rings of leaves around the domain that carry basis functions. [measured: inside it the functions, not yet truncated,
+# add up to 1 within 0.0023]
 PADDING_RINGS = 2
 STENCIL_RING = PADDING_RINGS + 1  # leaves that only complete the stencils of the last padding ring
 _MAX_FINE_CELLS = 1 << 24  # of the raster the tree is cut from [derived: 134 MB of labels]

@@ -14,7 +14,7 @@ from pvg.harmonic.quadtree import Quadtree
 _LUMA = np.array([0.299, 0.587, 0.114])  # of R, G, B: Rec. 601
 
 # A highlight, compared with the median of its cell:
-_BRIGHTER = (2.0, 3.5)  # by so many spreads of luma: nothing yet, surely [by eye]
+_BRIGHTER = (2.0, 3.5)  # by so many spreads of luma: suspicion begins, is complete [by eye]
 _LEAST_SPREAD = 4.0  # levels; an even cell has noise at least [by eye]
 _PALER = 0.75  # of the cell's saturation at most [by eye]
 _CLIPPED = 250.0  # levels in all three channels, whatever the saturation [by eye]
@@ -94,6 +94,6 @@ def highlight_trust(sample: Sample, side: float) -> Doubles:
     typical = quantile(saturation, np.lexsort((saturation, cell)), 0.5)
     excess = (luma - middle[cell]) / np.maximum(spread, _LEAST_SPREAD)[cell]
     pale = (saturation < _PALER * typical[cell]) | (low >= _CLIPPED)
-    nothing, surely = _BRIGHTER
-    suspicion = np.where(pale, np.clip((excess - nothing) / (surely - nothing), 0.0, 1.0), 0.0)
+    least, surely = _BRIGHTER
+    suspicion = np.where(pale, np.clip((excess - least) / (surely - least), 0.0, 1.0), 0.0)
     return np.maximum(1.0 - suspicion, _LEAST_TRUST)

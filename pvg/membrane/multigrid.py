@@ -140,14 +140,14 @@ def _prolong(u: Floats, A: FivePoint, share: Floats, levels: Ints, level: int, k
             other, edge, sy = coarse[yc - 1, 1 : half + 1], south[yc - 1, 1 : half + 1], up[yc, 1 : half + 1]
         else:
             other, edge, sy = coarse[yc + 1, 1 : half + 1], south[yc, 1 : half + 1], down[yc, 1 : half + 1]
-        row, before, after = coarse[yc, 1 : half + 1], coarse[yc, 0:half], coarse[yc, 2 : half + 2]
+        row, row_west, row_east = coarse[yc, 1 : half + 1], coarse[yc, 0:half], coarse[yc, 2 : half + 2]
         ee, ew = east[yc, 1 : half + 1], east[yc, 0:half]
         sr, sl, v, to = right[yc, 1 : half + 1], left[yc, 1 : half + 1], inverse[y, 1:], fine[y, 1:]
         for x in range(half):
             middle = sy[x] * row[x] + q * edge[x] * (other[x] - row[x])
             # the slope along the row is taken at the centre; the mixed term of the bilinear form is left out
-            west = sl[x] * middle + q * ew[x] * (before[x] - row[x])
-            easterly = sr[x] * middle + q * ee[x] * (after[x] - row[x])
+            west = sl[x] * middle + q * ew[x] * (row_west[x] - row[x])
+            easterly = sr[x] * middle + q * ee[x] * (row_east[x] - row[x])
             # nodes of an odd row or column's padding stay zero
             to[2 * x] = keep * to[2 * x] + (west if v[2 * x] > none else none)
             to[2 * x + 1] = keep * to[2 * x + 1] + (easterly if v[2 * x + 1] > none else none)
