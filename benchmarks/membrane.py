@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
-from scipy import sparse
-from scipy.sparse.linalg import splu
 
 import pvg
+from benchmarks.direct import direct_membrane, held_pixels
 from benchmarks.timing import Measured, in_turns, seconds
 from pvg._arrays import Bools, Doubles
-from pvg.curves.labels import BOUNDARY, table_labels
+from pvg.curves import BOUNDARY, table_labels
 from pvg.membrane import Lattice, build_membrane, cut_edges
-from pvg.rendering.placed_face import open_region
+from pvg.rendering.placed_face import place_face
 
 FACE = (800, 1096)  # of the skin mask, its box with hair and margins is larger
 LARGEST_CORRECTION = 70.0  # levels of 255
@@ -36,68 +34,18 @@ def scaled_face(portrait: str, asset: str, reference: str) -> Face:
     """A portrait's face stretched until its mask is `FACE` in size, in its box, with a real correction."""
     with pvg.open_asset(asset, portrait) as face, pvg.open_asset(reference) as colors:
         key = face.records[0].key_frames[0]
-        data = face.face_frame(0, key.frame)
+        data = face.face_at(0, key.frame)
         assert data is not None
-        region = open_region(data, table_labels(), face.media.width, face.media.height)
-        assert region is not None
+        placed = place_face(data, table_labels(), face.media.width, face.media.height)
+        assert placed is not None
         correction = pvg.transfer(face, colors).colors[0][0].astype(np.float64) - key.colors
         start, stop, _ = table_labels().spans[BOUNDARY]
-        stretch = np.asarray(FACE) / np.ptp(region.positions[start:stop].astype(np.float64), axis=0)
-        low, high = data.box[:2].astype(np.float64), data.box[2:]
+        stretch = np.asarray(FACE) / np.ptp(placed.positions[start:stop].astype(np.float64), axis=0)
+        box = data.matte.raster.box
+        low, high = box[:2].astype(np.float64), box[2:]
         width, height = (round(float(v)) for v in (high - low) * stretch)
-        positions = (region.positions - low) * stretch
+        positions = (placed.positions - low) * stretch
         return Face(positions, correction * (LARGEST_CORRECTION / np.abs(correction).max()), (width, height))
-
-
-def held_pixels(
-    points: Doubles, spans: tuple[tuple[int, int, bool], ...], values: Doubles, size: tuple[int, int]
-) -> tuple[Doubles, Bools]:
-    """The curves as 4-connected pixels: mean values (h, w, C) and which pixels are held (h, w)."""
-    w, h = size
-    total, hits = np.zeros((h, w, values.shape[1])), np.zeros((h, w))
-    for start, stop, closed in spans:
-        for i, j in pairwise([*range(start, stop), *([start] if closed else [])]):
-            share = np.linspace(0.0, 1.0, int(np.abs(points[j] - points[i]).sum() * 8) + 2)[:, None]
-            pixel = np.rint(points[i] + share * (points[j] - points[i])).astype(int)
-            value = values[i] + share * (values[j] - values[i])
-            diagonal = np.flatnonzero((np.diff(pixel, axis=0) != 0).all(axis=1))
-            corner = np.stack([pixel[diagonal, 0], pixel[diagonal + 1, 1]], axis=1)
-            where, what = np.concatenate([pixel, corner]), np.concatenate([value, value[diagonal]])
-            within = ((where >= 0) & (where < (w, h))).all(axis=1)
-            np.add.at(total, (where[within, 1], where[within, 0]), what[within])
-            np.add.at(hits, (where[within, 1], where[within, 0]), 1.0)
-    return total / np.maximum(hits, 1.0)[..., None], hits > 0
-
-
-def direct_membrane(held: Doubles, known: Bools, domain: Bools) -> Doubles:
-    """The 5-point equations at every pixel of `domain` by SuperLU, pixels `known` held: (h, w, C) like `held`.
-
-    Only neighbours within the domain enter, so its edge has zero flux where it is not held.
-    """
-    unknown = domain & ~known
-    number = np.where(unknown, np.cumsum(unknown).reshape(unknown.shape) - 1, -1)
-    count = int(unknown.sum())
-    degree, load = np.zeros(count), np.zeros((count, held.shape[2]))
-    rows, columns = [], []
-    flat = np.arange(domain.size).reshape(domain.shape)
-    across, down = (flat[:, :-1].ravel(), flat[:, 1:].ravel()), (flat[:-1].ravel(), flat[1:].ravel())
-    inside, fixed, numbers = domain.ravel(), known.ravel(), number.ravel()
-    colors = held.reshape(-1, held.shape[2])
-    for here, there in (across, across[::-1], down, down[::-1]):
-        used = (numbers[here] >= 0) & inside[there]
-        i, j = here[used], there[used]
-        degree += np.bincount(numbers[i], minlength=count)
-        border = fixed[j]
-        for channel in range(load.shape[1]):
-            load[:, channel] += np.bincount(numbers[i[border]], colors[j[border], channel], minlength=count)
-        rows.append(numbers[i[~border]])
-        columns.append(numbers[j[~border]])
-    i, j = np.concatenate(rows), np.concatenate(columns)
-    matrix = sparse.csc_array((-np.ones(len(i)), (i, j)), (count, count)) + sparse.diags_array(degree)
-    factors = splu(sparse.csc_array(matrix), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
-    solved = np.where(known[..., None], held, 0.0)
-    solved[unknown] = factors.solve(load)
-    return solved
 
 
 def within_boundary(points: Doubles, size: tuple[int, int]) -> Bools:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.membrane import direct_membrane, held_pixels
+from benchmarks.direct import direct_membrane, held_pixels
 from pvg.errors import SolverError
 from pvg.membrane import TOLERANCE, Lattice, MembraneOperator, build_membrane, cut_edges
 from pvg.membrane import operator as operator_module
