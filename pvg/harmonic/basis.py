@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeVar, cast
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
 from pvg._arrays import Doubles, Ints
+from pvg._compiled import kernel
 from pvg._threads import side_by_side
 from pvg.harmonic.quadtree import Quadtree
 
@@ -19,15 +17,8 @@ _SUPPORT = 3.0  # leaf sizes at which ψ is truncated; its tail falls as r⁻⁴
 _BIN = 4.0  # side of a search bin in finest leaves [by eye]
 _LEAST_SHARE = 2000  # points that are worth a thread [by eye]
 
-_Function = TypeVar("_Function", bound=Callable[..., Any])
 
-
-def _kernel(function: _Function) -> _Function:
-    """Compile without tests for a division by zero: every divisor here is known to be another number."""
-    return cast(_Function, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
-
-
-@_kernel
+@kernel()
 def _antiderivative(x: float, y: float) -> float:
     """F of eq. (2)'s Γ: ∂²F/∂x∂y = ln √(x² + y²)."""
     if x == 0.0 or y == 0.0:
@@ -37,7 +28,7 @@ def _antiderivative(x: float, y: float) -> float:
     return float(0.5 * (x * y * (np.log(x * x + y * y) - 3.0) + x * x * angle + y * y * other))
 
 
-@_kernel
+@kernel()
 def _source_potential(x: float, y: float, h: float) -> float:
     """Γ of eq. (2), within 1e-8: the potential ln|x| / 2π at (x, y) of a unit charge spread over the square of side h.
 
@@ -61,7 +52,7 @@ def _source_potential(x: float, y: float, h: float) -> float:
     return total / (2.0 * np.pi * h * h)
 
 
-@_kernel
+@kernel()
 def _count_bins(lows: Ints, highs: Ints, columns: int, counts: Ints) -> None:
     """Count the supports that reach each search bin; lows, highs: (n, 2) first and last bin of each, (x, y)."""
     for i in range(len(lows)):
@@ -70,7 +61,7 @@ def _count_bins(lows: Ints, highs: Ints, columns: int, counts: Ints) -> None:
                 counts[by * columns + bx] += 1
 
 
-@_kernel
+@kernel()
 def _fill_bins(lows: Ints, highs: Ints, columns: int, cursor: Ints, members: Ints) -> None:
     """List the functions of each bin; cursor: where each bin's list begins, moved to its end."""
     for i in range(len(lows)):
@@ -81,7 +72,7 @@ def _fill_bins(lows: Ints, highs: Ints, columns: int, cursor: Ints, members: Int
                 cursor[b] += 1
 
 
-@_kernel
+@kernel()
 def _count_rows(
     points: Doubles, bins: Ints, centers: Doubles, radii: Doubles, starts: Ints, members: Ints, counts: Ints
 ) -> None:
@@ -94,7 +85,7 @@ def _count_rows(
                 counts[p] += 1
 
 
-@_kernel
+@kernel()
 def _fill_rows(
     points: Doubles,
     bins: Ints,
