@@ -14,13 +14,13 @@ from obstore.exceptions import BaseError
 from pydantic import ValidationError
 from sqlalchemy.exc import ArgumentError, DBAPIError
 
-from service.app import create_app, make_services
-from service.broker import make_folders
-from service.catalog.migrate import is_current
-from service.catalog.migrate import migrate as migrate_database
+from service.api import create_app, make_services
+from service.catalog.migrations import is_current
+from service.catalog.migrations import migrate as migrate_database
+from service.errors import message_of
 from service.logs import configure
-from service.problems import message_of
-from service.processes import WorkerProcess, worker_command
+from service.processes import WorkerProcess, worker_command, worker_environment
+from service.queue import make_folders
 from service.settings import Settings
 
 cli = typer.Typer(
@@ -116,7 +116,7 @@ def worker() -> None:
     settings = _settings()
     make_folders(settings)
     command = worker_command(settings)
-    os.execv(command[0], command)  # noqa: S606 - so that signals reach Celery itself
+    os.execve(command[0], command, worker_environment(settings))  # noqa: S606 - so that signals reach Celery itself
 
 
 @cli.command()

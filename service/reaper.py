@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from datetime import timedelta
 
 import structlog
 
-from service.broker import QUEUES
-from service.catalog import jobs, sweep
-from service.catalog.database import Database
-from service.catalog.jobs import Message
-from service.drafts import clear_drafts
-from service.queue import Publisher
+from service.catalog import Database, Message, jobs, sweep
+from service.queue import QUEUES, Publisher
 from service.settings import Settings
 from service.storage import Storage
 
@@ -72,9 +68,9 @@ class Reaper:
     def republish(self) -> list[Message]:
         """Send messages again that never reached the broker or that it lost.
 
-        A queue that holds fewer messages than there are queued jobs in two rounds running has lost some; once may be a
-        message on its way to a worker. Which ones are lost nobody knows, so all are sent again. A message too many is
-        harmless: its job is not to be claimed.
+        A queue that holds fewer messages than there are queued jobs in two rounds in a row has lost some; once may be a
+        message on its way to a worker. Which ones are lost is not known, so all are sent again. A message too many is
+        harmless: its job cannot be claimed twice.
         """
         before = self._database.now() - timedelta(seconds=self._settings.republish_after_s)
         with self._database.read() as session:
@@ -100,14 +96,18 @@ class Reaper:
             return False
 
     def expire(self) -> None:
-        """Remove results, media and job records past their time, and drafts nobody writes any more."""
+        """Remove results, media and job records past their time, and drafts whose writer is gone."""
         now = self._database.now()
         with self._database.write() as session:
             keys = sweep.expire_results(session, now=now)
             keys += sweep.expire_media(session, now=now)
             sweep.expire_jobs(session, before=now - timedelta(seconds=self._settings.job_ttl_s))
         self._delete(keys)
-        clear_drafts(self._settings, self._database, self._storage)
+        self._storage.clear_drafts(held=self._held, before=now - timedelta(seconds=self._settings.draft_ttl_s))
+
+    def _held(self, job_ids: Collection[str]) -> set[str]:
+        with self._database.read() as session:
+            return sweep.held(session, job_ids)
 
     def collect(self) -> int:
         """Delete blobs that no record names, left by a process that ended between two steps. Returns their number."""

@@ -4,19 +4,27 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 import pvg
 from pvg.asset import VectorVideo
-from service.catalog import jobs, media, results
-from service.catalog.models import Look, Media
-from service.catalog.results import Output
+from service.catalog import (
+    Look,
+    LookParams,
+    Media,
+    Output,
+    OutputOptions,
+    content_type_of,
+    jobs,
+    look_params,
+    media,
+    render_request,
+    results,
+)
 from service.ids import new_id
-from service.sniff import content_type_of
 from service.storage import BlobMissingError, file_sha256
 from worker.failures import OptionError
 from worker.lease import LeaseLostError
-from worker.runner import Run
+from worker.run import Run
 
 #: parts of one video's share of the job: finding the new colours, drawing; storing takes the rest
 _TRANSFER, _RENDER = 0.05, 0.97
@@ -54,17 +62,17 @@ def render(run: Run) -> bool:
 
 def _render_video(run: Run, video: Media, group: list[Look], present: dict[str, Media]) -> list[tuple[Look, Path]]:
     """All looks of one video, up to three in one pass over it."""
-    output: dict[str, Any] = run.job.request["output"]
+    output = render_request(run.job).output
     with ExitStack() as stack:
         source = stack.enter_context(run.storage.local_path(video.source_key))
         canvas = _open(run, stack, video, source)
-        suffix = _suffix(canvas, output["container"])
+        suffix = _suffix(canvas, output)
         new_colors = []
         with run.timed("transfer_s"):
             for done, look in enumerate(group):
                 run.progress("transfer", done, len(group))
                 reference = _open(run, stack, present[look.reference_id])
-                new_colors.append(_transfer(canvas, reference, look.params))
+                new_colors.append(_transfer(canvas, reference, look_params(look)))
         paths = [run.draft(suffix) for _ in group]
         with run.timed("render_s"):
             try:
@@ -72,10 +80,10 @@ def _render_video(run: Run, video: Media, group: list[Look], present: dict[str, 
                     canvas,
                     new_colors,
                     paths,
-                    codec=output["codec"],
-                    crf=output["crf"],
-                    preset=output["preset"],
-                    audio=output["audio"],
+                    codec=output.codec,
+                    crf=output.crf,
+                    preset=output.preset,
+                    audio=output.audio,
                     progress=run.progress,
                 )
             except ValueError as error:
@@ -89,22 +97,23 @@ def _open(run: Run, stack: ExitStack, medium: Media, source: Path | None = None)
     return stack.enter_context(pvg.open_asset(path, source=source))
 
 
-def _transfer(video: VectorVideo, reference: VectorVideo, params: dict[str, Any]) -> pvg.Look:
+def _transfer(video: VectorVideo, reference: VectorVideo, params: LookParams) -> pvg.Look:
     try:
         return pvg.transfer(
             video,
             reference,
-            strength=params["strength"],
-            contrast=params["contrast"],
-            match=params["match"],
-            protect=tuple(params["protect"]),
-            faces=params["faces"],
+            strength=params.strength,
+            contrast=params.contrast,
+            match=params.match,
+            protect=params.protect,
+            faces=params.faces,
         )
     except ValueError as error:
         raise OptionError(str(error)) from error
 
 
-def _suffix(video: VectorVideo, container: str | None) -> str:
+def _suffix(video: VectorVideo, output: OutputOptions) -> str:
+    container = output.container
     is_image = video.media.kind == "image"
     if container is None:
         return ".png" if is_image else ".mp4"

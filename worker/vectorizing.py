@@ -8,17 +8,15 @@ from typing import Any
 import pvg
 from pvg.errors import PvgError
 from pvg.video import MediaLimits
-from service.catalog import media
-from service.catalog.media import Asset
-from service.catalog.models import Media, Role
+from service.catalog import Asset, Media, Role, media, vectorize_request
 from service.settings import Settings
 from service.storage import file_sha256
 from worker.lease import LeaseLostError
-from worker.runner import Run
+from worker.run import Run
 
-#: part of the job that each stage of the vectoriser takes, measured; storing takes the rest
-_CLIP = {"vectorize": (0.0, 0.97)}
-_REFERENCE = {"landmarks": (0.0, 0.6), "best frame": (0.6, 0.9)}
+#: part of the job that each stage of the vectoriser takes; storing takes the rest
+CLIP_SPANS = {"vectorize": (0.0, 0.9), "second reading": (0.9, 0.97)}  # few clips need a second reading
+REFERENCE_SPANS = {"landmarks": (0.0, 0.6), "best frame": (0.6, 0.9)}
 
 
 def vectorize(run: Run) -> bool:
@@ -50,8 +48,8 @@ def vectorize(run: Run) -> bool:
 
 
 def _vectorize(run: Run, medium: Media, source: Path, draft: Path) -> dict[str, Any]:
-    is_reference = medium.role == Role.REFERENCE
-    run.progress.expect(_REFERENCE if is_reference else _CLIP)
+    is_reference = vectorize_request(run.job).role is Role.REFERENCE
+    run.progress.expect(REFERENCE_SPANS if is_reference else CLIP_SPANS)
     try:
         with pvg.vectorize(
             source,

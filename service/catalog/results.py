@@ -12,8 +12,8 @@ from sqlalchemy.orm import Session
 
 from service.catalog import jobs
 from service.catalog.database import changed
-from service.catalog.jobs import Lease
 from service.catalog.models import Look, Result
+from service.catalog.transitions import Lease
 
 
 @dataclass(frozen=True)

@@ -71,7 +71,7 @@ def test_postgres_addresses_use_the_installed_driver() -> None:
 
 
 def test_the_service_starts_without_the_method_and_the_worker() -> None:
-    code = "import sys, service.app, service.cli; print(sorted(m.split('.')[0] for m in sys.modules))"
+    code = "import sys, service.api.app, service.cli; print(sorted(m.split('.')[0] for m in sys.modules))"
     loaded = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout
     modules = set(ast.literal_eval(loaded))
     assert "fastapi" in modules

@@ -1,0 +1,36 @@
+"""What a file is, by its first bytes. A first check only: the vectoriser checks the whole file later."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from service.catalog.media_types import AVI, JPEG, MKV, MOV, MP4, PNG, WEBM, WEBP, FileType
+
+#: bytes of the file's head that `sniff` wants to see
+HEAD_BYTES: Final = 4096
+
+
+_MAGIC: Final = {b"\xff\xd8\xff": JPEG, b"\x89PNG\r\n\x1a\n": PNG}
+# pictures in the same box format as mp4, which the method does not read
+_OTHER_BRANDS: Final = {b"heic", b"heix", b"hevc", b"mif1", b"msf1", b"avif", b"avis", b"crx "}
+# boxes that open a QuickTime file written without `ftyp`
+_OLD_QUICKTIME: Final = {b"moov", b"mdat", b"wide", b"free", b"skip", b"pnot"}
+
+
+def sniff(head: bytes) -> FileType | None:
+    """The media type of a file that begins with ``head``, or None when it is not an allowed one."""
+    for magic, kind in _MAGIC.items():
+        if head.startswith(magic):
+            return kind
+    if head.startswith(b"RIFF"):
+        return {b"WEBP": WEBP, b"AVI ": AVI}.get(head[8:12])
+    if head.startswith(b"\x1a\x45\xdf\xa3"):
+        # the DocType element sits in the EBML header, well inside the first kilobyte
+        return WEBM if b"webm" in head[:64] else MKV if b"matroska" in head[:64] else None
+    box = head[4:8]
+    if box == b"ftyp":
+        brand = head[8:12]
+        if brand in _OTHER_BRANDS:
+            return None
+        return MOV if brand == b"qt  " else MP4
+    return MOV if box in _OLD_QUICKTIME else None
