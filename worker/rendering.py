@@ -28,7 +28,8 @@ from worker.run import Run
 
 #: parts of one video's share of the job: finding the new colours, drawing; storing takes the rest
 _TRANSFER, _RENDER = 0.05, 0.97
-_IMAGE_SUFFIXES = {"png", "jpg", "webp"}
+#: containers of a still picture; all others hold clips
+IMAGE_CONTAINERS = frozenset({"png", "jpg", "webp"})
 
 
 def render(run: Run) -> bool:
@@ -45,19 +46,22 @@ def render(run: Run) -> bool:
         by_video.setdefault(look.video_id, []).append(look)
     drawn: list[tuple[Look, Path]] = []
     for number, (video_id, group) in enumerate(by_video.items()):
-        start, share = number / len(by_video), 1 / len(by_video)
-        run.progress.expect(
-            {
-                "transfer": (start, start + share * _TRANSFER),
-                "render": (start + share * _TRANSFER, start + share * _RENDER),
-            }
-        )
+        run.progress.expect(spans_of_video(number, len(by_video)))
         try:
             drawn += _render_video(run, present[video_id], group, present)
         except BlobMissingError as error:
             run.keeper.check()
             raise LeaseLostError from error
     return _publish(run, drawn, present)
+
+
+def spans_of_video(number: int, count: int) -> dict[str, tuple[float, float]]:
+    """The parts of the job, in [0, 1], that the stages of video ``number`` of ``count`` take."""
+    start, share = number / count, 1 / count
+    return {
+        "transfer": (start, start + share * _TRANSFER),
+        "render": (start + share * _TRANSFER, start + share * _RENDER),
+    }
 
 
 def _render_video(run: Run, video: Media, group: list[Look], present: dict[str, Media]) -> list[tuple[Look, Path]]:
@@ -117,7 +121,7 @@ def _suffix(video: VectorVideo, output: OutputOptions) -> str:
     is_image = video.media.kind == "image"
     if container is None:
         return ".png" if is_image else ".mp4"
-    if (container in _IMAGE_SUFFIXES) != is_image:
+    if (container in IMAGE_CONTAINERS) != is_image:
         raise OptionError(f"{container} does not fit {'an image' if is_image else 'a clip'}")
     return f".{container}"
 

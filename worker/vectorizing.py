@@ -55,7 +55,7 @@ def _vectorize(run: Run, medium: Media, source: Path, draft: Path) -> dict[str, 
             source,
             asset=draft,
             reference=is_reference,
-            limits=_limits(run.settings),
+            limits=media_limits(run.settings),
             progress=run.progress,
             min_face_px=run.settings.min_face_px,
         ) as video:
@@ -66,7 +66,8 @@ def _vectorize(run: Run, medium: Media, source: Path, draft: Path) -> dict[str, 
         raise type(error)(str(error).replace(source.name, shown)) from error
 
 
-def _limits(settings: Settings) -> MediaLimits:
+def media_limits(settings: Settings) -> MediaLimits:
+    """The limits of the settings, as the method takes them."""
     return MediaLimits(
         max_pixels=settings.max_pixels,
         max_frames=settings.max_frames,

@@ -38,7 +38,6 @@ def create_app(settings: Settings | None = None, *, clock: Clock = utc_now) -> F
         description="Upload a clip once; it is vectorised once. Each transfer only recolours it.",
         version="0.1.0",
         lifespan=lifespan,
-        root_path=settings.root_path,
         # FastAPI's own pages load their scripts from a content network
         docs_url=None,
         redoc_url=None,
@@ -46,7 +45,7 @@ def create_app(settings: Settings | None = None, *, clock: Clock = utc_now) -> F
     )
     app.state.services = services
     app.add_middleware(DrainBeforeRefusal)
-    app.add_middleware(RequestContext)
+    app.add_middleware(RequestContext, root_path=settings.root_path)
     problems.install(app)
     for router in ROUTERS:
         app.include_router(router)

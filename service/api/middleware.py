@@ -20,16 +20,22 @@ _ACCEPTED_ID = re.compile(r"[A-Za-z0-9._-]{1,128}")
 
 
 class RequestContext:
-    """ASGI middleware around everything else: X-Request-ID, a log line, and a problem for what nobody caught."""
+    """ASGI middleware around everything else: X-Request-ID, a log line, and a problem for what nobody caught.
 
-    def __init__(self, app: ASGIApp) -> None:
+    ``root_path`` is the path prefix that a proxy in front took away.
+    """
+
+    def __init__(self, app: ASGIApp, *, root_path: str = "") -> None:
         self._app = app
+        self._root_path = root_path
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one request."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
+        if self._root_path:
+            scope["root_path"] = self._root_path
         given = Headers(scope=scope).get("x-request-id", "")
         request_id = given if _ACCEPTED_ID.fullmatch(given) else new_id("req")
         scope.setdefault("state", {})["request_id"] = request_id

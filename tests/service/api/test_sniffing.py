@@ -16,6 +16,8 @@ from service.api.sniffing import sniff
         (b"\x00\x00\x00\x20ftypisom", "video/mp4"),
         (b"\x00\x00\x00\x14ftypqt  ", "video/quicktime"),
         (b"\x00\x00\x00\x08wide\x00\x00", "video/quicktime"),
+        (b"\x00\x00\x00\x18stypmsdh", "video/mp4"),
+        (b"RIFF\x00\x00\x00\x00WEBPVP8X\x0a\x00\x00\x00\x10\x00\x00\x00", "image/webp"),
         (b"\x1aE\xdf\xa3\x01\x00\x00\x00\x00\x00\x00\x1fB\x82\x84webm", "video/webm"),
         (b"\x1aE\xdf\xa3\x01\x00\x00\x00\x00\x00\x00\x23B\x82\x88matroska", "video/x-matroska"),
     ],
@@ -38,6 +40,8 @@ def test_allowed_types_are_known_by_their_first_bytes(head: bytes, content_type:
         b"\x00\x00\x00\x18ftypheic",
         b"\x00\x00\x00\x18ftypavif",
         b"%PDF-1.7",
+        b"\x00\x00\x00\x18moof\x00\x00\x00\x10mfhd",
+        b"RIFF\x00\x00\x00\x00WEBPVP8X\x0a\x00\x00\x00\x12\x00\x00\x00",
         b"\x1aE\xdf\xa3" + b"\x00" * 100,
     ],
 )
