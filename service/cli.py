@@ -37,7 +37,7 @@ DRAIN_S = 20
 
 
 def main() -> None:
-    """Entry point of the `pvg-service` command: what it cannot start with is one line, not a traceback."""
+    """Entry point of the `pvg-service` command: a reason not to start is one line, not a traceback."""
     try:
         cli()
     except OSError as error:
@@ -79,7 +79,7 @@ def serve(
     if not (settings.listens_to_loopback_only or settings.allow_unauthenticated_network):
         _refuse(
             f"there are no keys, so only this machine may connect: {settings.host} is refused. Listen at 127.0.0.1, "
-            "or set PVG_ALLOW_UNAUTHENTICATED_NETWORK=true where the network itself keeps strangers out"
+            "or set PVG_ALLOW_UNAUTHENTICATED_NETWORK=true where the network itself limits who can connect"
         )
     configure(settings.log_level)
     make_folders(settings)
@@ -130,7 +130,7 @@ def migrate() -> None:
 
 @cli.command()
 def gc() -> None:
-    """Remove what is past its time, and files that no record names."""
+    """Remove what is past its retention, and files that no record names."""
     settings = _settings()
     configure(settings.log_level)
     services = make_services(settings)

@@ -1,4 +1,4 @@
-"""Errors of the HTTP interface: RFC 9457 problems. Every problem's type, title and status stand here, once."""
+"""Errors of the HTTP interface: RFC 9457 problems. Every problem's type, title and status are defined here, once."""
 
 from __future__ import annotations
 

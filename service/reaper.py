@@ -1,4 +1,4 @@
-"""The reaper: brings back jobs whose worker or message was lost, and clears away what is past its time."""
+"""The reaper: queues jobs again whose worker or message was lost, and removes what is past its retention."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Reaper:
                 log.exception("a step of the reaper failed", step=step.__name__)
 
     def revive(self) -> list[Message]:
-        """Queue lapsed jobs again, end those out of attempts or time, let waiting jobs go."""
+        """Queue lapsed jobs again, end those out of attempts or time, release waiting jobs."""
         now = self._database.now()
         with self._database.write() as session:
             again = jobs.reap(session, now=now, max_attempts=self._settings.max_attempts)
@@ -92,11 +92,11 @@ class Reaper:
         try:
             return self._publisher.depth(name) < expected
         except Exception as error:
-            log.warning("broker cannot be asked", queue=name, error=type(error).__name__)
+            log.warning("broker does not answer", queue=name, error=type(error).__name__)
             return False
 
     def expire(self) -> None:
-        """Remove results, media and job records past their time, and drafts whose writer is gone."""
+        """Remove results, media and job records past their retention, and drafts whose writer is gone."""
         now = self._database.now()
         with self._database.write() as session:
             keys = sweep.expire_results(session, now=now)

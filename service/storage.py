@@ -72,7 +72,7 @@ class Storage:
             path.unlink()
 
     def delete(self, key: str) -> None:
-        """Remove a blob; one that is gone already is fine."""
+        """Remove a blob; nothing happens when there is none."""
         with suppress(FileNotFoundError):
             obstore.delete(self._store, key)
 

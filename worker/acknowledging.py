@@ -1,4 +1,4 @@
-"""A lost broker is noticed by a worker that has its hands full."""
+"""A busy worker notices that its broker is lost."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ CHECK_S = 1.0
 
 
 class CheckedRequest(Request):  # type: ignore[misc]
-    """A Celery request that takes a failed acknowledgement for what it is: a broken connection.
+    """A Celery request that treats a failed acknowledgement as what it is: a broken connection.
 
-    Celery logs it and goes on. The message then counts against the prefetch limit for ever, and a worker all of whose
-    messages are of that kind asks its broker for no more, so that nothing tells it that the connection is gone.
+    Celery logs it and goes on. The message then counts against the prefetch limit for ever. A worker all of whose
+    messages are of that kind requests no more from its broker, and so never notices that the connection is broken.
     """
 
     def acknowledge(self) -> None:
@@ -25,4 +25,4 @@ class CheckedRequest(Request):  # type: ignore[misc]
 
     def _check(self) -> None:
         if not self._message.acknowledged:
-            raise ConnectionError("a message could not be acknowledged")  # Celery connects anew
+            raise ConnectionError("a message could not be acknowledged")  # Celery connects again

@@ -33,13 +33,13 @@ IMAGE_CONTAINERS = frozenset({"png", "jpg", "webp"})
 
 
 def render(run: Run) -> bool:
-    """Do the job. False when its lease was gone at the end, and nothing was published."""
+    """Do the job. False when its lease was lost at the end, and nothing was published."""
     with run.database.read() as session:
         looks = jobs.looks(session, run.job.id)
         ids = {media_id for look in looks for media_id in (look.video_id, look.reference_id)}
         known = {media_id: media.get(session, media_id) for media_id in ids}
     present = {media_id: medium for media_id, medium in known.items() if medium is not None}
-    if len(present) < len(known):  # deleted, which took the lease along
+    if len(present) < len(known):  # deleted, and the lease was revoked with it
         raise LeaseLostError
     by_video: dict[str, list[Look]] = {}
     for look in looks:

@@ -66,7 +66,7 @@ class Runner:
     def _work(self, run: Run) -> None:
         try:
             published = _work_of(JobKind(run.job.kind))(run)
-            log.info("job ends" if published else "job ends unpublished: its lease is gone", **run.timings)
+            log.info("job ends" if published else "job ends unpublished: its lease is lost", **run.timings)
             if not published:
                 self._confirm_cancel(run)
         except CanceledError:
@@ -93,7 +93,7 @@ class Runner:
                 log.info("job canceled")
 
     def _release_waiting(self) -> None:
-        """Let go, or fail, the jobs that waited for this one's medium. The reaper does it too, only later."""
+        """Release, or fail, the jobs that waited for this one's medium. The reaper does it too, only later."""
         with self._database.write() as session:
             released = jobs.release(session, now=self._database.now())
         self._publish(released)

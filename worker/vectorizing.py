@@ -20,11 +20,11 @@ REFERENCE_SPANS = {"landmarks": (0.0, 0.6), "best frame": (0.6, 0.9)}
 
 
 def vectorize(run: Run) -> bool:
-    """Do the job. False when its lease was gone at the end, and nothing was published."""
+    """Do the job. False when its lease was lost at the end, and nothing was published."""
     assert run.job.media_id is not None  # noqa: S101 - every job of this kind has one
     with run.database.read() as session:
         medium = media.get(session, run.job.media_id)
-    if medium is None:  # deleted, which took the lease along
+    if medium is None:  # deleted, and the lease was revoked with it
         raise LeaseLostError
     draft = run.draft(".pvg")
     with run.storage.local_path(medium.source_key) as source, run.timed("vectorize_s"):

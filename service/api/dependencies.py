@@ -1,4 +1,4 @@
-"""What the routers ask for."""
+"""The parameters that routes share, and the documentation of their answers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What surrounds each request: its id, its log line, and an answer to the error that nobody caught."""
+"""What surrounds each request: its id, its log line, and an answer to an error that nothing else handled."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ _ACCEPTED_ID = re.compile(r"[A-Za-z0-9._-]{1,128}")
 
 
 class RequestContext:
-    """ASGI middleware around everything else: X-Request-ID, a log line, and a problem for what nobody caught.
+    """ASGI middleware around everything else: X-Request-ID, a log line, and a problem for any unhandled error.
 
-    ``root_path`` is the path prefix that a proxy in front took away.
+    ``root_path`` is the path prefix that a proxy in front has removed.
     """
 
     def __init__(self, app: ASGIApp, *, root_path: str = "") -> None:

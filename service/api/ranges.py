@@ -11,7 +11,7 @@ _RANGE = re.compile(r"bytes\s*=\s*(\d{0,20})\s*-\s*(\d{0,20})\s*", re.IGNORECASE
 
 
 def parse_range(header: str | None, size: int) -> tuple[int, int] | None:
-    """The asked bytes as [start, end), or None for the whole file.
+    """The requested bytes as [start, end), or None for the whole file.
 
     A header that is malformed or asks for several ranges is ignored, as the RFC allows. Raises `RangeError` when
     the range lies outside a file of ``size`` bytes.

@@ -1,4 +1,4 @@
-"""From records to answers."""
+"""The answers that show records."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Jobs: recorded, claimed and done by workers, and brought to an end.
 
-Every change of a job is a step of the table in `service.catalog.transitions`: a late worker changes nothing and is told
-so.
+Every change of a job is a step of the table in `service.catalog.transitions`, so a worker that comes late changes
+nothing, and sees that it did not.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ def _needs(state: MediaState) -> ColumnElement[bool]:
 
 
 def release(session: Session, *, now: datetime, job_id: str | None = None) -> list[Message]:
-    """Let the waiting jobs go whose media are all ready, and fail those with a failed medium.
+    """Release the waiting jobs whose media are all ready, and fail those with a failed medium.
 
     Returns the released jobs, to be published. Run after a job is created, after a medium is done, and by the
     reaper: a job that was created while its medium became ready is seen by one of them.
@@ -248,7 +248,7 @@ def _end(
     only_if: ColumnElement[bool] | None = None,
     values: Mapping[str, Any] = MappingProxyType({}),
 ) -> bool:
-    """An end other than success; a vectorising job takes its medium along."""
+    """An end other than success; the medium of a vectorising job fails with it."""
     values = {"error": error, **values}
     if not take_step(session, step, job_id, now=now, lease=lease, only_if=only_if, values=values):
         return False

@@ -1,4 +1,4 @@
-"""Finished outputs: they appear together with their job's end, and go when their time is over."""
+"""Finished outputs: recorded together with their job's end, deleted after their retention."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """The state machines of jobs and media: which step leads from which state to which, and the UPDATE that takes it.
 
 `JOB_TRANSITIONS` is the only description of a job's states, and `take_step` the only statement that changes one. A step
-is one conditional UPDATE: of several processes that try steps at once, the database lets one through and tells the
-others that nothing was changed. docs/operations.md shows both tables as `as_markdown` prints them.
+is one conditional UPDATE: of several processes that try steps at the same time, one changes the job, and the others see
+that they changed nothing. docs/operations.md shows both tables as `as_markdown` prints them.
 """
 
 from __future__ import annotations
@@ -98,13 +98,13 @@ JOB_TRANSITIONS: Final = {
         Transition(Step.REQUEST_CANCEL, _RUNNING, _S.CANCELING, "a client cancels it while a worker has it"),
         Transition(Step.REVOKE, ACTIVE, _S.CANCELED, "a medium it needs is deleted", _C.NONE, _E.DROPPED),
         Transition(Step.EXPIRE, _QUEUED, _S.EXPIRED, "no worker takes it in time"),
-        Transition(Step.REQUEUE, _RUNNING, _S.QUEUED, "its worker is silent; next attempt", _C.LAPSED, _E.DROPPED),
-        Transition(Step.GIVE_UP, _RUNNING, _S.FAILED, "its worker is silent; last attempt", _C.LAPSED, _E.DROPPED),
-        Transition(Step.REAP_CANCELED, _CANCELING, _S.CANCELED, "its worker is silent", _C.LAPSED, _E.DROPPED),
+        Transition(Step.REQUEUE, _RUNNING, _S.QUEUED, "its worker no longer answers", _C.LAPSED, _E.DROPPED),
+        Transition(Step.GIVE_UP, _RUNNING, _S.FAILED, "the same on the last attempt", _C.LAPSED, _E.DROPPED),
+        Transition(Step.REAP_CANCELED, _CANCELING, _S.CANCELED, "its worker no longer answers", _C.LAPSED, _E.DROPPED),
         # steps of the worker
         Transition(Step.CLAIM, _QUEUED, _S.RUNNING, "a worker takes it", _C.NONE, _E.GRANTED, waiting=False),
         Transition(Step.RENEW, HELD, None, "its worker is alive", _C.HELD, _E.PROLONGED),
-        Transition(Step.REPORT, HELD, None, "its worker tells how far it is", _C.HELD),
+        Transition(Step.REPORT, HELD, None, "its worker reports progress", _C.HELD),
         Transition(Step.SUCCEED, _RUNNING, _S.SUCCEEDED, "its worker has done it", _C.HELD, _E.DROPPED),
         Transition(Step.FAIL, _RUNNING, _S.FAILED, "its worker cannot do it", _C.HELD, _E.DROPPED),
         Transition(Step.CONFIRM_CANCEL, _CANCELING, _S.CANCELED, "its worker has stopped", _C.HELD, _E.DROPPED),

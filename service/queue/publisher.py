@@ -54,7 +54,7 @@ class Publisher:
             self._pending.put(message)
 
     def depth(self, name: str) -> int:
-        """How many messages the broker holds in a queue. Raises when the broker cannot be asked."""
+        """How many messages the broker holds in a queue. Raises when the broker does not answer."""
         with self._producer.connection_for_read() as connection:
             connection.ensure_connection(max_retries=1, timeout=2)
             with connection.channel() as channel:

@@ -1,4 +1,4 @@
-"""What videos and references have in common."""
+"""What the routes of videos and references have in common."""
 
 from __future__ import annotations
 

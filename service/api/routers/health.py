@@ -1,4 +1,4 @@
-"""/livez and /readyz: for whoever keeps the service running."""
+"""/livez and /readyz: for process supervisors and load balancers."""
 
 from __future__ import annotations
 
@@ -22,9 +22,11 @@ async def livez() -> dict[str, Literal["ok"]]:
     return {"status": "ok"}
 
 
-@router.get("/readyz", responses={503: {"model": Readiness, "description": "records or files are away"}})
+@router.get(
+    "/readyz", responses={503: {"model": Readiness, "description": "the database or the storage does not answer"}}
+)
 def readyz(services: ServicesDep, response: Response) -> Readiness:
-    """The parts answer. Without its broker the service is `degraded`: it takes jobs, which run once it is back."""
+    """The parts answer. Without its broker the service is `degraded`: jobs are accepted and run once it is back."""
     checks: dict[str, Literal["ok", "unavailable"]] = {
         "database": _check("database", services.database.ping),
         "storage": _check("storage", services.storage.ping),

@@ -1,4 +1,4 @@
-"""/jobs: what was asked for, how far it is, and its end."""
+"""/jobs: the state and progress of a job, and its cancellation."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from service.errors import ConflictError, NotFoundError
 
 router = APIRouter(prefix="/jobs", tags=["jobs"])
 
-#: seconds between two looks at a job that is waited for
+#: seconds between two checks of a job that a client waits for
 POLL_S = 0.25
 
 
@@ -48,7 +48,7 @@ async def show_job(job_id: JobId, services: ServicesDep, wait: WaitSeconds = 0) 
     responses=answer(200, JobBody, "it was canceled before") | problems(404, 409, 507),
 )
 def cancel_job(job_id: JobId, response: Response, services: ServicesDep) -> JobBody:
-    """Stop a job. A queued one ends at once; a running one when its worker has let go of it."""
+    """Stop a job. A queued one ends at once; a running one when its worker has stopped."""
     now = services.database.now()
     with services.database.write() as session:
         done_now = jobs.cancel(session, job_id, now=now)

@@ -20,7 +20,7 @@ from service.storage import BlobMissingError
 router = APIRouter(prefix="/results", tags=["results"])
 
 _FILE: dict[str, Any] = {"description": "the file", "content": {"video/mp4": {}, "image/png": {}}}
-_RANGE = {**_FILE, "description": "the asked range"}
+_RANGE = {**_FILE, "description": "the requested range"}
 _RESPONSES: Responses = {200: _FILE, 206: _RANGE, 304: {"description": "unchanged"}}
 
 
@@ -69,5 +69,5 @@ def _find(services: Services, result_id: str) -> tuple[Result, str]:
     if result is None:
         raise NotFoundError(f"there is no result {result_id}")
     if result.blob_key is None or result.expires_at < services.database.now():
-        raise GoneError(f"{result_id} has expired; run the transfer again to make it anew")
+        raise GoneError(f"{result_id} has expired; run the transfer again to make it once more")
     return result, result.blob_key
