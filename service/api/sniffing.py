@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from service.catalog.media_types import AVI, JPEG, MKV, MOV, MP4, PNG, WEBM, WEBP, FileType
+from service.catalog import AVI, JPEG, MKV, MOV, MP4, PNG, WEBM, WEBP, FileType
 
 #: bytes of the file's head that `sniff` wants to see
 HEAD_BYTES: Final = 4096

@@ -9,7 +9,7 @@ from service.catalog import jobs, media, results, sweep
 from service.catalog.database import Clock, Database, utc_now
 from service.catalog.jobs import Message, NewLook, Progress
 from service.catalog.media import Asset, Upload
-from service.catalog.media_types import FileType, content_type_of
+from service.catalog.media_types import AVI, JPEG, MKV, MOV, MP4, PNG, WEBM, WEBP, FileType, content_type_of
 from service.catalog.models import ENDED, Job, JobKind, JobState, Look, Media, MediaState, Result, Role
 from service.catalog.requests import (
     Audio,
@@ -30,7 +30,15 @@ from service.catalog.results import Output
 from service.catalog.transitions import Lease
 
 __all__ = [
+    "AVI",
     "ENDED",
+    "JPEG",
+    "MKV",
+    "MOV",
+    "MP4",
+    "PNG",
+    "WEBM",
+    "WEBP",
     "Asset",
     "Audio",
     "Clock",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from fastapi import APIRouter, Request, Response
 from pydantic import ValidationError
@@ -11,21 +11,19 @@ from starlette.concurrency import run_in_threadpool
 from service.api import commands
 from service.api.commands import Wanted
 from service.api.dependencies import ServicesDep, problems
-from service.api.multipart import Form, read_form
+from service.api.multipart import read_form
 from service.api.openapi import TRANSFER_FORM, json_body
-from service.api.problems import invalid, invalid_values
+from service.api.problems import invalid
 from service.api.routers.jobs import load_job
-from service.api.schemas import JobBody, LookOptions, OutputRequest, SwapRequest, TransferRequest
+from service.api.schemas import JobBody, SwapRequest, TransferRequest
 from service.api.services import Services
+from service.api.transfer_form import to_request
 from service.api.uploads import Intake
 from service.catalog import JobKind, Role
-from service.errors import ServiceError, TooLargeError, UnsupportedMediaError, ValidationFailedError
+from service.errors import TooLargeError, UnsupportedMediaError, ValidationFailedError
 
 router = APIRouter(tags=["transfer"])
 
-_OUTPUT_FIELDS = frozenset(OutputRequest.model_fields)
-_LOOK_FIELDS = frozenset(LookOptions.model_fields)
-_LISTS = frozenset({"protect", "faces"})
 #: stands for the id of a reference file that is not recorded yet
 _UPLOADED = f"ref_{'0' * 32}"
 
@@ -113,7 +111,7 @@ async def _read_form(request: Request, services: Services) -> TransferRequest:
     async with Intake(services.storage, request, limit_bytes=settings.max_upload_bytes) as intake:
         form = await read_form(intake, max_files=settings.max_looks)
         # everything is checked before the first reference is recorded
-        draft = _from_form(form, [_UPLOADED] * len(form.files))
+        draft = to_request(form, [_UPLOADED] * len(form.files))
         looks, pointers = _looks_of(draft, services, is_form=True)
         pointers = {one: place for one, place in pointers.items() if one != _UPLOADED or place == "/video"}
         await run_in_threadpool(commands.check_looks, services, looks, draft.output, pointers)
@@ -121,46 +119,4 @@ async def _read_form(request: Request, services: Services) -> TransferRequest:
         for _, file in form.files:
             found, _ = await run_in_threadpool(commands.register, services, Role.REFERENCE, file)
             ids.append(found.id)
-    return _from_form(form, ids) if ids else draft
-
-
-def _from_form(form: Form, uploaded: list[str]) -> TransferRequest:
-    options: dict[str, Any] = {}
-    output: dict[str, Any] = {}
-    references = list(uploaded)
-    top: dict[str, Any] = {}
-    unknown = [name for name, _ in form.files if name != "reference"]
-    names = [name for name, _ in form.fields if name != "reference"]
-    if twice := {name for name in names if names.count(name) > 1}:
-        raise invalid_values({f"/{name}": "the field is given more than once" for name in sorted(twice)})
-    for name, text in form.fields:
-        if name == "reference":
-            references.append(text)
-        elif name == "video":
-            top["video"] = text
-        elif name in _LOOK_FIELDS:
-            split = name in _LISTS and text != "all"
-            options[name] = [part.strip() for part in text.split(",") if part.strip()] if split else text
-        elif name in _OUTPUT_FIELDS:
-            output[name] = text
-        else:
-            unknown.append(name)
-    if unknown:
-        raise invalid_values({f"/{name}": "there is no such field here" for name in unknown})
-    try:
-        return TransferRequest.model_validate(
-            {**top, "looks": [{"reference": one, **options} for one in references], "output": output}
-        )
-    except ValidationError as error:
-        raise _of_form(error) from error
-
-
-def _of_form(error: ValidationError) -> ServiceError:
-    """The same problem, with the fields named as the form names them."""
-    named: dict[str, str] = {}
-    for item in invalid(error).errors:
-        parts = item["pointer"].split("/")[1:]
-        # /looks/0/strength -> /strength, /output/crf -> /crf
-        shown = parts[2:] if parts[0] == "looks" else parts[1:] if parts[0] == "output" else parts
-        named.setdefault("/" + ("/".join(shown) or "reference"), item["detail"])
-    return invalid_values(named)
+    return to_request(form, ids) if ids else draft
