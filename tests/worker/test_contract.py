@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import inspect
 import struct
 from collections.abc import Iterator
@@ -17,6 +16,7 @@ import pytest
 from pydantic import ValidationError
 
 import pvg
+from pvg.vectorization import STAGES
 from pvg.video import CLIP_SUFFIXES, IMAGE_SUFFIXES, VideoWriter, probe, read_frames
 from scripts.samples import Samples
 from service.api.schemas import CLIP_CONTAINERS, IMAGE_CONTAINERS, LookOptions, OutputRequest
@@ -299,21 +299,8 @@ def test_the_same_first_bytes_are_taken(tmp_path: Path, head: bytes) -> None:
 # stages and errors
 
 
-def stages_of_the_method() -> set[str]:
-    """Every stage that the library names to its progress callback, read from its code."""
-    found = set()
-    for path in Path(inspect.getfile(pvg)).parent.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Call) and node.args and isinstance(node.args[0], ast.Constant):
-                name = getattr(node.func, "attr", getattr(node.func, "id", ""))
-                if name in {"report", "reported", "progress"} and isinstance(node.args[0].value, str):
-                    found.add(node.args[0].value)
-    return found
-
-
-def test_every_stage_of_the_method_has_its_part_of_a_job() -> None:
-    rendering = spans_of_video(0, 1).keys() - {"transfer"}  # the worker's own
-    assert stages_of_the_method() == CLIP_SPANS.keys() | REFERENCE_SPANS.keys() | rendering
+def test_every_stage_of_the_vectoriser_has_its_part_of_a_job_in_its_order() -> None:
+    assert (*CLIP_SPANS, *REFERENCE_SPANS) == STAGES
 
 
 @pytest.mark.parametrize("spans", [CLIP_SPANS, REFERENCE_SPANS, spans_of_video(0, 1), spans_of_video(1, 2)])
@@ -329,13 +316,23 @@ def test_progress_moves_in_every_stage_and_leaves_room_for_storing(spans: dict[s
     assert fractions[-1] < 1
 
 
-def test_a_vectorised_clip_and_reference_name_the_stages_that_are_expected(samples: Samples, short_clip: Path) -> None:
-    for reference, spans in ((False, CLIP_SPANS), (True, REFERENCE_SPANS)):
-        named: list[str] = []
-        pvg.vectorize(short_clip, reference=reference, progress=lambda stage, *_: named.append(stage)).close()  # noqa: B023
-        assert set(named) <= spans.keys()
-        assert list(dict.fromkeys(named)) == [stage for stage in spans if stage in named]
-        assert named
+def test_the_stages_that_are_named_are_those_expected(short_clip: Path, tmp_path: Path) -> None:
+    named: list[str] = []
+
+    def note(stage: str, done: int, total: int) -> None:
+        named.append(stage)
+
+    def stages() -> list[str]:
+        found = list(dict.fromkeys(named))
+        named.clear()
+        return found
+
+    with pvg.vectorize(short_clip, reference=True, progress=note) as reference:
+        assert stages() == list(REFERENCE_SPANS)
+        with pvg.vectorize(short_clip, progress=note) as video:
+            assert stages() == ["vectorize"]  # no track of this clip needs a second reading
+            pvg.render(video, [pvg.transfer(video, reference)], [tmp_path / "out.mp4"], progress=note)
+            assert stages() == [stage for stage in spans_of_video(0, 1) if stage != "transfer"]  # the worker's own
 
 
 def test_every_error_of_the_method_is_a_problem_of_the_service() -> None:
