@@ -149,9 +149,8 @@ def skin_probability(
             if foreground[i, j]:
                 evidence = max(evidence, none)
             shape = min(max(distance[i, j] * weights.shape_slope, -weights.shape_most), weights.shape_most)
-            shape *= weights.neck_release * neck[i, j] - np.float32(1.0)
-            # log-odds against skin, in the order in which rounding has always gone
-            against = -weights.prior * prior[i, j] - evidence + weights.hair * hair[i, j] + shape
+            against_shape = shape * (weights.neck_release * neck[i, j] - np.float32(1.0))
+            against = -weights.prior * prior[i, j] - evidence + weights.hair * hair[i, j] + against_shape
             out[i, j] = np.float32(1.0) / (np.float32(1.0) + np.exp(against))
 
 
