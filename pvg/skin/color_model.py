@@ -58,14 +58,9 @@ class ColorScale:
         bounded = np.clip(_COLORS.spread_factor * spread, _LEAST_SPREAD, _MOST_SPREAD)
         return cls(center.astype(np.float32), bounded.astype(np.float32))
 
-    def standard(self, lab: Floats) -> Floats:
-        """Standardised colours, any leading axes."""
-        z: Floats = (lab - self.center) / self.spread
-        return z
-
     def bins(self, lab: Floats) -> NDArray[np.intp]:
         """Flat histogram index of every colour of lab (…, 3)."""
-        z = (self.standard(lab) + _COLORS.reach) * (_BINS / (2 * _COLORS.reach))
+        z = ((lab - self.center) / self.spread + _COLORS.reach) * (_BINS / (2 * _COLORS.reach))
         index = np.clip(z, 0, _BINS - 1).astype(np.intp)
         flat: NDArray[np.intp] = (index[..., 0] * _BINS + index[..., 1]) * _BINS + index[..., 2]
         return flat

@@ -64,7 +64,6 @@ class LearnedSkin:
 class SkinModel:
     """How the masks of a track are made; `learned` is None for the paper's rule, which learns nothing."""
 
-    method: MaskMethod
     learned: LearnedSkin | None
 
 
@@ -74,7 +73,7 @@ def fit_skin_model(frame: Picture | Bytes, landmarks: Landmarks, *, method: Mask
     frame: a picture or (H, W, 3) uint8 RGB;  landmarks: source pixels;  method: see `skin_mask`.
     """
     if method == "ycbcr":
-        return SkinModel(method, None)
+        return SkinModel(None)
     # as fine as stills are cut, whatever the track's raster
     raster = _raster_of(face_box(landmarks), max(1.0, head_shape(landmarks).size / SKIN_PRIOR.learning.face_px))
     own = landmarks.in_cells(raster)
@@ -90,7 +89,7 @@ def fit_skin_model(frame: Picture | Bytes, landmarks: Landmarks, *, method: Mask
         open=open_skin(to_skin_lab(small), found.colors.scale, found.mask),
         points=own.stacked,
     )
-    return SkinModel(method, learned)
+    return SkinModel(learned)
 
 
 def _signed_distance(mask: Bools) -> Floats:
