@@ -44,13 +44,8 @@ class HeadShape:
 
 def head_shape(landmarks: Landmarks) -> HeadShape:
     """The shape of a head from its landmarks."""
-    axes = landmarks.axes
-    points = landmarks.points
-    eyes = points[58:64].mean(axis=0) - points[52:58].mean(axis=0)
-    across = (eyes / max(float(np.hypot(*eyes)), 1e-6)).astype(np.float32)
-    down = np.array([-across[1], across[0]], np.float32)
-    axes = FaceAxes(axes.center, down, across, axes.width)
-    oval = landmarks.oval
+    axes, oval = landmarks.axes, landmarks.oval
+    across, down = axes.across, axes.down
     a, d = oval @ across, oval @ down
     center = (a.min() + a.max()) / 2 * across + (d.min() + d.max()) / 2 * down
     height = float(np.ptp(d))
