@@ -6,11 +6,11 @@ then what was configured for it.
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import shutil
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 from pvg.errors import ModelError
@@ -38,7 +38,7 @@ def fetch(scratch: Path) -> Path:
 def _installer(scratch: Path) -> list[str]:
     """The beginning of an `install` command: pip of this environment, uv, or the pip that Python brings along."""
     pip = ["-m", "pip", "install", "--disable-pip-version-check", "--no-compile"]
-    if importlib.util.find_spec("pip") is not None:
+    if find_spec("pip") is not None:
         return [sys.executable, *pip]
     uv = os.environ.get("UV") or shutil.which("uv")  # `uv run` says where it is
     if uv:
