@@ -185,7 +185,7 @@ def test_a_user_without_a_home_is_told_what_to_set(monkeypatch: pytest.MonkeyPat
     monkeypatch.delenv("PVG_CACHE_DIR", raising=False)
     monkeypatch.setattr(Path, "home", homeless)
     with pytest.raises(ModelError, match="set PVG_CACHE_DIR"):
-        models.load("selfie_segmenter")
+        models.cache_folder()
 
 
 def test_pip_then_uv_then_the_pip_that_python_brings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
