@@ -169,7 +169,6 @@ def test_the_choices_are_the_librarys() -> None:
     assert get_args(parameters["matching"]) == cli.MATCHINGS
     assert get_args(Codec) == cli.CODECS
     assert cli.LAYERS == LAYERS
-    assert set(cli.MATCHES) == set(get_args(get_type_hints(pvg.transfer)["match"]))
 
 
 def test_the_version() -> None:
