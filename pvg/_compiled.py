@@ -1,6 +1,4 @@
-# numba is typed in part only.
-# mypy: disable-error-code="no-untyped-call, attr-defined"
-"""The decorators of the compiled functions: numba, without the interpreter's lock, and the cache of its machine code.
+"""The one decorator of the compiled functions: numba without the interpreter's lock, and its cache of machine code.
 
 numba's own cache refuses to work where it may not write, fails where a disk is full, and forgets that a function holds
 the code of those it calls in other files. This one reads what was compiled before wherever it lies, also where it may
@@ -17,13 +15,12 @@ from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from types import FunctionType
-from typing import Any, Literal, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
 from numba.core.caching import IndexDataCacheFile
 from numba.core.compiler import CompileResult
-from numba.np.ufunc.dufunc import DUFunc
 
 from pvg._folders import cache_root
 
@@ -32,18 +29,13 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 _log = logging.getLogger("pvg")
 
 
-def kernel(
-    *, fastmath: bool = False, inline: bool = False, error_model: Literal["python", "numpy"] = "python"
-) -> Callable[[Function], Function]:
+def kernel(*, fastmath: bool = False, inline: bool = False) -> Callable[[Function], Function]:
     """Compile a function for the types of its first call and keep the machine code for the next process.
 
     fastmath: the numbers are finite and sums may be reordered, which lets sums and maxima use vector registers;
-    inline: merge the function into the kernels that call it;  error_model: whether a division by zero raises
-    ("python") or gives what NumPy gives, without a branch. The decorated function keeps its declared types.
+    inline: merge the function into the kernels that call it. The decorated function keeps its declared types.
     """
     options: dict[str, Any] = {"nogil": True}
-    if error_model != "python":
-        options["error_model"] = error_model
     if fastmath:
         options["fastmath"] = True
     if inline:
@@ -54,23 +46,6 @@ def kernel(
         if not inline and dispatcher is not function:  # NUMBA_DISABLE_JIT gives the function itself
             dispatcher._cache = _KernelCache(function)
         return cast("Function", dispatcher)
-
-    return compiled
-
-
-def ufunc(*signatures: str) -> Callable[[Function], Function]:
-    """Compile a function of numbers to a NumPy ufunc that kernels may call too.
-
-    signatures: as numba writes them, e.g. "float32(float32, float32)"; compiled or read from the cache at once.
-    """
-
-    def compiled(function: Function) -> Function:
-        made = DUFunc(function)
-        made._dispatcher.cache = _KernelCache(function)
-        for signature in signatures:
-            made.add(signature)
-        made.disable_compile()
-        return cast("Function", made)
 
     return compiled
 
@@ -88,9 +63,8 @@ class _KernelCache:
         name = f"{file.stem}.{function.__qualname__}-{code.co_firstlineno}.{sys.implementation.cache_tag}{sys.abiflags}"
         stamp = _stamp(self._function)
         places = _places(file.parent) if stamp else []
-        self._files = [
-            IndexDataCacheFile(str(place), name.replace("<", "").replace(">", ""), stamp) for place in places
-        ]
+        name = name.replace("<", "").replace(">", "")
+        self._files = [IndexDataCacheFile(str(place), name, stamp) for place in places]  # type: ignore[no-untyped-call]
 
     @property
     def cache_path(self) -> str | None:
@@ -103,12 +77,12 @@ class _KernelCache:
         key = self._key(signature, context.codegen())
         for file in self._files:
             try:
-                found = file.load(key)
+                found = file.load(key)  # type: ignore[no-untyped-call]
             except Exception as error:  # unpickling a damaged file may raise anything
                 _log.debug("the kernel cache %s cannot be read: %r", file._index_path, error)
                 continue
             if found is not None:
-                return CompileResult._rebuild(context, *found)
+                return CompileResult._rebuild(context, *found)  # type: ignore[no-untyped-call]
         return None
 
     def save_overload(self, signature: Any, compiled: Any) -> None:
@@ -128,7 +102,7 @@ class _KernelCache:
         """Forget what was kept, where it can be written."""
         for file in self._files:
             with suppress(OSError):
-                file.flush()
+                file.flush()  # type: ignore[no-untyped-call]
 
     def _key(self, signature: Any, codegen: Any) -> tuple[Any, ...]:
         # the processor is part of it: its name and features, or what NUMBA_CPU_NAME and NUMBA_CPU_FEATURES say instead
@@ -152,8 +126,8 @@ def _places(folder: Path) -> list[Path]:
     NUMBA_CACHE_DIR is set that is the only place.
     """
     below = f"{folder.name}_{hashlib.sha256(str(folder).encode()).hexdigest()[:16]}"
-    if numba.config.CACHE_DIR:
-        return [Path(numba.config.CACHE_DIR) / below]
+    if numba.config.CACHE_DIR:  # type: ignore[attr-defined]
+        return [Path(numba.config.CACHE_DIR) / below]  # type: ignore[attr-defined]
     root = cache_root()
     return [folder / "__pycache__", *([root / "kernels" / below] if root else [])]
 

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from pvg._arrays import Doubles, Floats
 from pvg.asset import KeyFrame
@@ -60,6 +59,8 @@ def all_colors_map(key: KeyFrame, target: KeyFrame, steps: TransportSteps) -> Co
 
 def _follow_like_colors(colors: Floats, seen: Floats, moved: Doubles) -> Doubles:
     """Colours (n, 3), each shifted by the mean shift of those of `seen` (m, 3), moved to `moved`, nearest to it."""
+    from scipy.spatial import KDTree  # noqa: PLC0415 - half a second of start-up that few looks need
+
     count = min(SMALLEST_GROUP, len(seen))
     distance, nearest = KDTree(seen).query(colors, k=count)
     weight = 1.0 / (np.asarray(distance) + 1.0)

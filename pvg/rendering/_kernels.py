@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from pvg._arrays import Doubles, Floats
 from pvg._bilinear import reach, read_grid, split
-from pvg._compiled import kernel, ufunc
+from pvg._compiled import kernel
 
 Samples = NDArray[np.uint8] | NDArray[np.uint16]
 
@@ -47,8 +45,8 @@ def _run(weight: Floats) -> tuple[int, int]:
     return first, last
 
 
-@ufunc("float32(float32, float32, float32, float32, float32)")
-def roll_off(value: Any, toe: Any, below: Any, knee: Any, above: Any) -> Any:
+@kernel()
+def _roll_off(value: np.float32, toe: np.float32, below: np.float32, knee: np.float32, above: np.float32) -> np.float32:
     """The value between toe and knee, approaching black below and white above; slope at most 1 and continuous.
 
     below, above: how far black lies below the toe and white above the knee.
@@ -58,6 +56,16 @@ def roll_off(value: Any, toe: Any, below: Any, knee: Any, above: Any) -> Any:
     room = above if over > np.float32(0.0) else below
     taken = beyond * beyond / (room + beyond)  # x − x / (1 + x / r) = x² / (r + x)
     return value - taken if over > np.float32(0.0) else value + taken
+
+
+@kernel()
+def roll_off(values: Floats, bend: Floats) -> Floats:
+    """`_roll_off` of every value of a plane (h, w);  bend: its four numbers."""
+    out = np.empty_like(values)
+    for i in range(values.shape[0]):
+        for j in range(values.shape[1]):
+            out[i, j] = _roll_off(values[i, j], bend[0], bend[1], bend[2], bend[3])
+    return out
 
 
 @kernel(fastmath=True)
@@ -77,13 +85,13 @@ def apply_correction(
 ) -> None:
     """part += α (R(before + (λ − 1)(before − level) + shift) − R(before)), in place: u' = λI + H(g' − λg), eq. (1).
 
-    Rounded and held to [0, top].  R is the roll-off of `roll_off`.  Where λ − 1 is positive, (broad − level) stands for
-    (before − level): what broad lacks of before is then left as it is.
+    Rounded and held to [0, top].  R is `_roll_off`.  Where λ − 1 is positive, (broad − level) stands for (before −
+    level): what broad lacks of before is then left as it is.
     part, before, broad: (r, c) uint8 or uint16 samples, before as the frame came, broad the same or smoothed.
     alpha: (r, c) float32, the matte over their blocks of pixels.
     columns, rows: positions of the samples in the grids `shift`, H(g' − λg), and `contrast_field`, λ. One of two says
     λ: a field without rows stands for 1 everywhere, and `contrast_less_one`, λ − 1 as a number, is 0 beside a field.
-    bend: (4,) float32, see `roll_off`, or empty for none.
+    bend: (4,) float32, see `_roll_off`, or empty for none.
     """
     count, (h, w) = part.shape[1], shift.shape
     index, share = np.empty(count, np.int32), np.empty(count, np.float32)
@@ -114,7 +122,7 @@ def apply_correction(
             for j in range(last - first):
                 source = np.float32(was[j])
                 wanted = source + change[j]
-                change[j] = roll_off(wanted, toe, below, knee, above) - roll_off(source, toe, below, knee, above)
+                change[j] = _roll_off(wanted, toe, below, knee, above) - _roll_off(source, toe, below, knee, above)
         for j in range(last - first):
             to[j] = np.int32(min(max(np.float32(to[j]) + v[j] * change[j] + half, none), top))
 

@@ -134,7 +134,7 @@ def _apply_to_rgb(
         if p == 0:
             bend = _roll_off(correction, opponent, 0)
             if len(bend):
-                wanted[..., 0], source[..., 0] = (kernels.roll_off(v, *bend) for v in (wanted[..., 0], source[..., 0]))
+                wanted[..., 0], source[..., 0] = (kernels.roll_off(v, bend) for v in (wanted[..., 0], source[..., 0]))
     gained = alpha[..., None] * ((wanted - source) @ np.linalg.inv(to_opponent).T)
     patches = []
     for p in range(3):
