@@ -8,16 +8,14 @@ from numpy.typing import NDArray
 from pvg.curves import boundary_radius
 from pvg.face import FaceAxes, Landmarks, layout
 from pvg.harmonic import fit_boundary_colors
-from pvg.membrane import Lattice, Membrane, build_membrane, cut_edges
-from pvg.rendering.correction import Correction
-from pvg.rendering.planes import apply_correction
-from pvg.rendering.visibility import Visibility
+from pvg.membrane import Lattice, build_membrane, cut_edges
+from pvg.rendering import warm_up as warm_up_rendering
 from pvg.skin import warm_up as warm_up_skin
-from pvg.video import Frame, PixelFormat, picture_of
+from pvg.video import RGB24, Frame, PixelFormat, picture_of
 
 
 def warm_up() -> None:
-    """Run the skin tracker, the least-squares fit and the membrane solver once on a small disc."""
+    """Run the skin tracker, the least-squares fit, the membrane solver and the renderer once on a small disc."""
     turn = np.linspace(0, 2 * np.pi, 48, endpoint=False)
     circle = np.stack([32 + 20 * np.cos(turn), 32 + 20 * np.sin(turn)], axis=1).astype(np.float32)
     y, x = np.mgrid[:64, :64]
@@ -27,12 +25,12 @@ def warm_up() -> None:
     cuts = cut_edges(circle, ((0, len(circle), True),), Lattice.over((0, 0, 64, 64)))
     membrane = build_membrane(cuts).solve(np.concatenate([fit.colors, fit.colors[:, :2]], axis=1))
     membrane.crop(8, 8, 32, 32)
-    seen = Visibility(np.zeros(48, np.float32), np.arange(2), np.full((2, 48), 1 / 48, np.float32))
-    seen.settle(fit.colors)
-    for depth in (8, 10):
-        frame = _frame(image, depth)
+    frames = [_frame(image, depth) for depth in (8, 10)]
+    for frame in frames:
         _follow(frame)
-        _apply(frame, membrane)
+    red, green, blue = (np.ascontiguousarray(image[..., channel]) for channel in range(3))
+    still = Frame(0, 0, 0.0, RGB24, (red, green, blue))
+    warm_up_rendering([*frames, still], membrane, fit.colors)
 
 
 def _frame(rgb: NDArray[np.uint8], depth: int) -> Frame:
@@ -58,13 +56,6 @@ def _follow(frame: Frame) -> None:
         picture.warp(np.eye(2, 3), (16, 16))
         matte = warm_up_skin(picture, face)
     boundary_radius(matte.alpha.astype(np.float32), FaceAxes.of(matte.raster.to_cells(points)))
-
-
-def _apply(frame: Frame, membrane: Membrane) -> None:
-    """Apply a field and a number as contrast to a frame."""
-    alpha, planes, lattice = np.ones((32, 32), np.float32), membrane.planes, membrane.lattice
-    for correction in (Correction(lattice, planes[:3], planes[3:]), Correction(lattice, planes[:3], 1.1, planes[:3])):
-        apply_correction(frame, (8, 8), alpha, correction)
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ from pvg.rendering.clip import placed_faces, render, render_frame, source_frame,
 from pvg.rendering.layers import LAYERS, layer
 from pvg.rendering.placed_face import PlacedFace
 from pvg.rendering.renderer import Renderer
+from pvg.rendering.warmup import warm_up
 
 __all__ = [
     "LAYERS",
@@ -17,4 +18,5 @@ __all__ = [
     "render_frame",
     "source_frame",
     "swap",
+    "warm_up",
 ]

@@ -102,6 +102,6 @@ def test_after_warming_up_no_transfer_compiles_anything(inputs: Path, tmp_path: 
 
 
 def test_compiling_would_be_seen(tmp_path: Path) -> None:
-    script = "import numpy as np; from pvg.rendering import _kernels; print(*names)"
+    script = "import numpy as np; from pvg.face import FaceAxes; FaceAxes.of(np.zeros((106, 2))); print(*names)"
     assert run(tmp_path, "-c", COMPILED + script)
     assert machine_code(tmp_path)

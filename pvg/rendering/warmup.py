@@ -1,0 +1,29 @@
+"""Compile the kernels of rendering on made-up corrections."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pvg._arrays import Floats
+from pvg.membrane import Membrane
+from pvg.rendering.correction import Correction
+from pvg.rendering.planes import apply_correction
+from pvg.rendering.visibility import Visibility
+from pvg.video import Frame
+
+
+def warm_up(frames: Sequence[Frame], membrane: Membrane, colors: Floats) -> None:
+    """Apply a field and a number as contrast to each kind of frame, and settle hidden samples.
+
+    frames: of at least 40×40 pixels;  membrane: of five channels over them;  colors: (S, 3) at its curves.
+    """
+    count = len(colors)
+    seen = Visibility(np.zeros(count, np.float32), np.arange(2), np.full((2, count), 1 / count, np.float32))
+    seen.settle(colors)
+    alpha, planes, lattice = np.ones((32, 32), np.float32), membrane.planes, membrane.lattice
+    corrections = Correction(lattice, planes[:3], planes[3:]), Correction(lattice, planes[:3], 1.1, planes[:3])
+    for frame in frames:
+        for correction in corrections:
+            apply_correction(frame, (8, 8), alpha, correction)
