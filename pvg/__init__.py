@@ -20,9 +20,8 @@ from pvg.errors import (
     SolverError,
 )
 from pvg.looks import Look, transfer
-from pvg.rendering import render, render_frame, swap
-from pvg.rendering.layers import layer
-from pvg.vectorization.clip import vectorize
+from pvg.rendering import layer, render, render_frame, swap
+from pvg.vectorization import vectorize
 from pvg.video import MediaLimits
 
 __all__ = [

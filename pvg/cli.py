@@ -19,8 +19,8 @@ from tqdm import tqdm
 import pvg
 from pvg.asset import VectorVideo
 from pvg.errors import AssetError, PvgError
-from pvg.looks.look import Contrast
-from pvg.rendering.layers import LAYERS
+from pvg.looks import Contrast
+from pvg.rendering import LAYERS
 from pvg.video import CLIP_SUFFIXES, IMAGE_SUFFIXES, write_image
 
 BAD_ARGUMENTS = 2

@@ -13,7 +13,7 @@ FORMAT_VERSION = 2
 CHUNK_FRAMES = 32
 _POINT_SCALE = 32  # positions are stored in 1/32 px
 _RADIUS_SCALE = 8
-_MATTE_LEVELS = 63  # 64 levels of opacity: one step of a correction of 70 levels is about one level
+_MATTE_LEVELS = 63  # 64 levels of opacity: one step of a correction of 70 levels is roughly one level
 
 FRAME_ARRAYS = ("points", "skin_points", "radius", "score", "pose", "box", "matte")
 _FIXED_POINT = {"points": _POINT_SCALE, "skin_points": _POINT_SCALE, "radius": _RADIUS_SCALE, "box": _RADIUS_SCALE}

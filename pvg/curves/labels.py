@@ -3,7 +3,7 @@
 A landmark curve is a uniform Catmull-Rom spline through its landmarks; the parameter of every landmark is fixed
 (knot k of K has s = k/(K-1), or k/K on a closed curve), so a position is a constant linear combination of
 landmarks and the same label is the same place of the face in every frame. The mask boundary has no landmarks:
-its parameter is the polar angle about the face's centre, measured from the face's own downward direction, so
+its parameter is the polar angle around the face's centre, measured from the face's own downward direction, so
 its start cannot slide along the contour.
 """
 

@@ -45,7 +45,7 @@ def match(colors: Floats, source: Labels, target: Labels) -> Floats:
         if closed:  # the first sample again, one turn later
             s, values = np.append(s, s[0] + 1.0), np.concatenate([values, values[:1]])
         for channel in range(colors.shape[1]):
-            out[c:d, channel] = np.interp(target.s[c:d], s, values[:, channel])
+            out[c:d, channel] = np.interp(target.s[c:d], s, values[:, channel])  # eq. (5)
     return out
 
 

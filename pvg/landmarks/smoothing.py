@@ -1,9 +1,9 @@
 """Take the jitter out of a track without lag: shrink its small fast movements, keep the large ones whole.
 
 Each coordinate's history is split into bands by repeated symmetric smoothing (the undecimated B3-spline transform):
-x = d_0 + d_1 + d_2 + rest, exactly. Where a band's local energy is that of the jitter it is removed; where it is well
-above, as in speech, a blink or a nod, it stays untouched. All filters are symmetric, so nothing is delayed, and bands
-of a steady drift are zero, so a turning head is not held back.
+x = d_0 + d_1 + d_2 + a_3, details and an approximation, exactly. Where a band's local energy is that of the jitter it
+is removed; where it is well above, as in speech, a blink or a nod, it stays untouched. All filters are symmetric, so
+nothing is delayed, and bands of a steady drift are zero, so a turning head is not held back.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ POSE_CAP_DEG = 0.6
 REMOVED_BELOW, KEPT_ABOVE = 2.0, 6.0
 """A band's energy over the jitter's: gone below the first, whole above the second."""
 NEIGHBOURHOOD = 0.05
-"""Spatial scale over which points share their energy, as a share of the face's width: about half an eye."""
+"""Spatial scale over which points share their energy, as a share of the face's width: half an eye."""
 
 _NEIGHBOURS_END = 4.0  # spatial scales: what lies farther weighs less than 4e-4 of the point itself
 
@@ -69,18 +69,18 @@ def smooth_run(values: Array, sharing: sparse.csr_array, cap: float) -> Array:
 
     cap: the highest rms of a band that counts as jitter, in the unit of values.
     """
-    rest, kept, share = values, np.zeros_like(values), np.zeros(values.shape[:2])
+    approximation, kept, share = values, np.zeros_like(values), np.zeros(values.shape[:2])
     for band in range(BANDS):
         step = 1 << band
-        smoother = _filtered(rest, step, odd=True)
-        detail = rest - smoother
+        smoother = _filtered(approximation, step, odd=True)
+        detail = approximation - smoother
         # share only grows: a movement seen in a finer band is kept in the coarser ones too, where its tail is small
         own = _filtered((detail * detail).mean(axis=2), step, odd=False)
         # neighbours moving together raise the odds that a small movement is real; one point may also move alone
         share = np.maximum.reduce([share, _kept_share(own, cap), _kept_share(np.asarray((sharing @ own.T).T), cap)])
         kept += detail * share[:, :, None]
-        rest = smoother
-    return rest + kept
+        approximation = smoother
+    return approximation + kept
 
 
 def _kept_share(energy: Array, cap: float) -> Array:

@@ -2,6 +2,20 @@
 
 from __future__ import annotations
 
-from pvg.looks.look import CONTRAST_RANGE, PROTECTABLE, Contrast, Look, transfer
+from pvg.looks.look import CONTRAST_RANGE, PROTECTABLE, Contrast, Look
+from pvg.looks.tone import ComplexionMap
+from pvg.looks.transfer import BETA, ITERATIONS, transfer
+from pvg.looks.transport import sliced_transport, sliced_wasserstein
 
-__all__ = ["CONTRAST_RANGE", "PROTECTABLE", "Contrast", "Look", "transfer"]
+__all__ = [
+    "BETA",
+    "CONTRAST_RANGE",
+    "ITERATIONS",
+    "PROTECTABLE",
+    "ComplexionMap",
+    "Contrast",
+    "Look",
+    "sliced_transport",
+    "sliced_wasserstein",
+    "transfer",
+]

@@ -115,7 +115,7 @@ def _project(rows: Float, direction: Float) -> Float:
 
 
 def _match(values: Float, mass: Float | None, target: Float, target_mass: Float | None) -> Float:
-    """Each value's partner in `target` at the same quantile (eq. 8), in the order of `values`.
+    """Each value's partner in `target` at the same quantile, in the order of `values`.
 
     The quantile of a value is (midrank − ½)/n, or with masses the middle of the mass that its ties hold together,
     so equal values get equal partners.
@@ -126,7 +126,7 @@ def _match(values: Float, mass: Float | None, target: Float, target_mass: Float 
     upper = _cumulated(mass, order)[ends]
     lower = np.concatenate(([0.0], upper[:-1]))
     quantiles = (lower + upper) / (2.0 * upper[-1])
-    partners = np.interp(quantiles, *_quantile_curve(target, target_mass))
+    partners = np.interp(quantiles, *_quantile_curve(target, target_mass))  # eq. (8)
     if len(ends) < len(order):
         partners = np.repeat(partners, np.diff(ends, prepend=-1))
     matched = np.empty_like(values)

@@ -70,8 +70,8 @@ def apply_correction(
     columns: Doubles,
     rows: Doubles,
     shift: Floats,
-    field: Floats,
-    number: np.float32,
+    contrast_field: Floats,
+    contrast_less_one: np.float32,
     level: np.float32,
     bend: Floats,
     top: np.float32,
@@ -82,8 +82,8 @@ def apply_correction(
     (before − level): what broad lacks of before is then left as it is.
     part, before, broad: (r, c) uint8 or uint16 samples, before as the frame came, broad the same or smoothed.
     alpha: (r, c) float32, the matte over their blocks of pixels.
-    columns, rows: positions of the samples in the grids `shift`, H(g' − λg), and `field`, λ; a `field` without rows
-    stands for 1 everywhere, and `number` is λ − 1, 0 beside a field.
+    columns, rows: positions of the samples in the grids `shift`, H(g' − λg), and `contrast_field`, λ. One of two says
+    λ: a field without rows stands for 1 everywhere, and `contrast_less_one`, λ − 1 as a number, is 0 beside a field.
     bend: (4,) float32, see `roll_off`, or empty for none.
     """
     count, (h, w) = part.shape[1], shift.shape
@@ -92,7 +92,7 @@ def apply_correction(
     change = np.empty(count, np.float32)
     added, contrast = np.empty((2, count), np.float32), np.ones((2, count), np.float32)
     at_added, at_contrast = -2, -2
-    less_one, half, none = number - np.float32(1.0), np.float32(0.5), np.float32(0.0)
+    offset, half, none = contrast_less_one - np.float32(1.0), np.float32(0.5), np.float32(0.0)
     for i in range(part.shape[0]):
         first, last = _run(alpha[i])
         if first >= last:
@@ -101,13 +101,13 @@ def apply_correction(
         upper = min(int(place), h - 2)
         f = np.float32(place - upper)
         at_added = reach(shift, upper, at_added, index, share, added)
-        if len(field):
-            at_contrast = reach(field, upper, at_contrast, index, share, contrast)
+        if len(contrast_field):
+            at_contrast = reach(contrast_field, upper, at_contrast, index, share, contrast)
         a, b = added[0, first:last], added[1, first:last]
         c, d = contrast[0, first:last], contrast[1, first:last]
         v, was, wide, to = alpha[i, first:last], before[i, first:last], broad[i, first:last], part[i, first:last]
         for j in range(last - first):
-            excess = c[j] + f * (d[j] - c[j]) + less_one  # λ − 1
+            excess = c[j] + f * (d[j] - c[j]) + offset  # λ − 1
             taken = np.float32(wide[j]) if excess > none else np.float32(was[j])
             change[j] = a[j] + f * (b[j] - a[j]) + excess * (taken - level)
         if len(bend):
@@ -122,7 +122,7 @@ def apply_correction(
 
 @kernel(fastmath=True)
 def mean_above(before: Samples, alpha: Floats, columns: Doubles, rows: Doubles, low: Floats) -> float:
-    """The mean of before − low over the matte; low is a grid, see `apply_change`. 0 where the matte is empty."""
+    """The mean of before − low over the matte; low is a grid, see `apply_correction`. 0 where the matte is empty."""
     field = np.empty(before.shape, np.float32)
     read_grid(low, columns, rows, field)
     total, mass = np.float64(0.0), np.float64(0.0)

@@ -72,7 +72,7 @@ def at_curves(look: Look, g: Floats, new: Floats) -> CurveCorrection:
     """
     contrast = _contrast(look, g, new)
     if isinstance(contrast, float):
-        return CurveCorrection(new - contrast * g, contrast)  # g' − λg
+        return CurveCorrection(new - contrast * g, contrast)  # g' − λg on γ, eq. (1)
     return CurveCorrection(new - contrast[:, [0, 1, 1]] * g, contrast)
 
 

@@ -21,7 +21,7 @@ _CELLS_A_SPREAD = 2.0  # at least; so the guards of large faces are blurred on c
 def guarded_alpha(face: PlacedFace, protect: Sequence[str], *, in_place: bool = False) -> Floats:
     """The face's matte (h, w) without the features that keep their own colour ("eyes", "teeth").
 
-    in_place: whether the face's own matte may be changed, for it is not wanted again.
+    in_place: whether the face's own matte may be changed, since nobody needs it again.
     """
     landmarks = face.data.landmarks
     polygons: list[Floats] = []
@@ -40,7 +40,7 @@ def guarded_alpha(face: PlacedFace, protect: Sequence[str], *, in_place: bool = 
 
 
 def _take_out(alpha: Floats, polygon: Floats, sigma: float) -> None:
-    """Fade alpha to 0 inside a polygon of its pixels, over about `sigma` at its edge, in place."""
+    """Fade alpha to 0 inside a polygon of its pixels, over roughly `sigma` at its edge, in place."""
     cell = max(1, int(sigma / _CELLS_A_SPREAD))
     reach = int(np.ceil(_REACH * sigma / cell))
     x0, y0 = ((int(v) // cell - reach) * cell for v in np.floor(polygon.min(axis=0)))

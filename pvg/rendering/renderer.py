@@ -94,7 +94,7 @@ class Renderer:
     def _placed_faces(self, frame: Frame) -> list[tuple[int, PlacedFace, Floats | None]]:
         """(face, where it is, its colours) of every face in the frame; one that no look draws has no colours.
 
-        Those are wanted too: a face in front of another is not painted with that one's look.
+        They are needed too: a face in front of another is not painted with that one's look.
         """
         align = 2 ** max(frame.format.chroma_log2)
         found: list[tuple[int, PlacedFace, Floats | None]] = []

@@ -1,11 +1,11 @@
 """Partial matching: how far each curve sample is seen in a frame, and what a hidden one does meanwhile.
 
 A sample is hidden on the far side of a turned head, outside the picture, or where the matte says that something else
-than skin lies before it. The landmark model reports such places with full confidence, so the head's pose, the picture
-and the matte decide. A hidden sample must not impose its own colour there; switching it off would let the membrane
-jump. Instead its value runs smoothly over to what the seen samples around it say, which is nearly what the membrane
-would be without it, and back when it returns. All of it follows from one frame's geometry, so any frame can be drawn
-alone.
+than skin lies in front of it. The landmark model reports such places with full confidence, so the head's pose, the
+picture and the matte decide. A hidden sample must not impose its own colour there; switching it off would let the
+membrane jump. Instead its value runs smoothly over to what the seen samples around it say, which is nearly what the
+membrane would be without it, and back when it returns. All of it follows from one frame's geometry, so any frame can be
+drawn alone.
 """
 
 from __future__ import annotations
@@ -29,7 +29,10 @@ _TURNED_AWAY = (85.0, 112.0)  # degrees from the camera: seen up to the first, h
 _PICTURE_EDGE = 0.012  # of the face's width: seen from so far inside the picture on
 _MATTE = (0.2, 0.6)  # hidden below the first, seen from the second
 _MATTE_BLUR = 0.02  # of the face's width
-_REACH = (0.2, 0.4)  # of the face's width: a mask boundary nearer to the centre runs along something before the face
+_REACH = (
+    0.2,
+    0.4,
+)  # of the face's width: a mask boundary nearer to the centre runs along something in front of the face
 _NEAR = 0.1  # of the face's width: what is nearer counts little more, so that no sample rules until it vanishes
 _OTHER_GROUP = 1e-3  # lips take from lips, skin from skin, while there are any
 _OWN = 1e-3  # where nothing at all is seen, a sample keeps its own value
@@ -102,7 +105,7 @@ def _azimuth(labels: CurveLabels) -> Floats:
 
 
 def _matte_at(data: FaceInFrame, positions: Floats, unit: float) -> Floats:
-    """(n,) the matte about the positions in [0, 1], whatever the opacity of a face that is being lost."""
+    """(n,) the matte around the positions in [0, 1], whatever the opacity of a face that is being lost."""
     raster, alpha = data.matte.raster, data.matte.alpha
     full = max(int(alpha.max()), 1)
     side = 2 * round(_MATTE_BLUR * unit / raster.step * 1.7) + 1  # two boxes are as wide as a Gaussian of that spread

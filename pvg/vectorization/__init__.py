@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from pvg.vectorization.clip import MIN_FACE_PX, VECTORIZER_VERSION, Progress, vectorize
+from pvg.vectorization.clip import MIN_FACE_PX, STAGES, VECTORIZER_VERSION, Progress, vectorize
 
-__all__ = ["MIN_FACE_PX", "VECTORIZER_VERSION", "Progress", "vectorize"]
+__all__ = ["MIN_FACE_PX", "STAGES", "VECTORIZER_VERSION", "Progress", "vectorize"]

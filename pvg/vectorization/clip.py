@@ -23,17 +23,16 @@ from pvg.landmarks import FaceTrack, link_persons, smooth, track_faces
 from pvg.picture import Picture
 from pvg.skin import MaskMethod, Matte
 from pvg.vectorization.following import CHUNK, Following, KeyView, Stretch, key_view, rows_between
-from pvg.vectorization.key_colors import fit_key_frame
 from pvg.vectorization.key_frames import best_row, first_good_row, opacity
 from pvg.vectorization.vector_face import ADVISED_FACE_PX, VectorFace
 from pvg.video import MediaInfo, MediaLimits, picture_of, probe, read_frames, sha256_file
-
-__all__ = ["MIN_FACE_PX", "VECTORIZER_VERSION", "Progress", "fit_key_frame", "vectorize"]
 
 Progress = Callable[[str, int, int], None]
 
 VECTORIZER_VERSION = 3  # raised when the same clip would give another asset
 MIN_FACE_PX = 64
+STAGES = ("vectorize", "second reading", "landmarks", "best frame")  # of the progress callback, in their order
+_VECTORIZE, _SECOND_READING, _LANDMARKS, _BEST_FRAME = STAGES
 _AHEAD = CHUNK + 4  # frames: a face's frames come a chunk at a time, and landmarks go on while their skin is found
 _REFERENCE_FRAMES = 300  # a reference needs one good frame; the beginning of a clip is enough to find it
 
@@ -56,8 +55,9 @@ def vectorize(
     reference: keep only what a reference needs, the best frame of the largest face.
     mask: "landmarks" (default) or "ycbcr", the paper's rule.  matching: "table" maps every frame straight to the key
     frame's colours; "chain" is the paper's frame-to-frame way with new key frames every 120 frames.
-    progress: called as (stage, frames done, frames expected); what it raises ends the work and passes through. A clip
-    has the stage "vectorize", and "second reading" if a track needs one; a reference "landmarks" and "best frame".
+    progress: called as (stage, frames done, frames expected) with one of STAGES; what it raises ends the work and
+    passes through. A clip has the stage "vectorize", and "second reading" if a track needs one; a reference
+    "landmarks" and "best frame".
     seed: of the pixels that the least-squares fit draws.
     Raises `MediaError` (not a video or image, damaged, over a limit), `NoFaceError`, and `FaceTooSmallError` when
     every face is narrower than `min_face_px`.
@@ -160,7 +160,7 @@ class _Work:
                         faces[stretch.number] = self.face(stretch.number, stretch.rows, stretch.key)
                     faces[stretch.number].add(stretch, writer)
                 for done in range(settled + 1, advance.settled + 1):
-                    self.report("vectorize", done, max(self.media.frame_count, done))
+                    self.report(_VECTORIZE, done, max(self.media.frame_count, done))
                 settled = max(settled, advance.settled)
         shots, frame_count = (0, *following.cuts), following.frame_count
         left, widest = following.left()
@@ -182,7 +182,7 @@ class _Work:
             row = 0 if self.matching == "chain" else first_good_row(track)
             faces[number] = self.face(number, track, key_view(track, row, self._picture(track.first + row)))
         start, stop = min(t.first for t in tracks.values()), max(t.last for t in tracks.values()) + 1
-        for index, picture in self.reported("second reading", start, stop):
+        for index, picture in self.reported(_SECOND_READING, start, stop):
             for number, track in tracks.items():
                 row = index - track.first
                 if 0 <= row < len(track.score):
@@ -202,9 +202,9 @@ class _Work:
             result = track_faces(images, frame_rate=self.rate)
         else:
             images = []
-            result = track_faces(self.reported("landmarks", 0, _REFERENCE_FRAMES), frame_rate=self.rate)
+            result = track_faces(self.reported(_LANDMARKS, 0, _REFERENCE_FRAMES), frame_rate=self.rate)
         if not result.tracks and result.frame_count == _REFERENCE_FRAMES:  # no face so early: look further
-            result = track_faces(self.reported("landmarks"), frame_rate=self.rate)
+            result = track_faces(self.reported(_LANDMARKS), frame_rate=self.rate)
         widest = max(result.tracks, key=lambda track: track.width_px, default=None)
         if widest is None or widest.width_px < self.min_face_px:
             raise self._refusal(0.0 if widest is None else widest.width_px, result.frame_count)
@@ -219,7 +219,7 @@ class _Work:
             row = 0
         else:
             stop = min(track.last + 1, track.first + _REFERENCE_FRAMES)
-            row = best_row(track, self.reported("best frame", track.first, stop), matte_of)
+            row = best_row(track, self.reported(_BEST_FRAME, track.first, stop), matte_of)
         if row not in views:
             matte_of(row, images[0][1] if images else self._picture(track.first + row))
         views[row].add_key_frame_only(track, writer)

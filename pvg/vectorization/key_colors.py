@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pvg._arrays import Floats
 from pvg.curves import GROUPS, table_labels
-from pvg.harmonic.fit import fit_boundary_colors
+from pvg.harmonic import fit_boundary_colors
 from pvg.raster import scaled, sites
 from pvg.skin import Matte
 

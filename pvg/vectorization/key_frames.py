@@ -50,7 +50,7 @@ def first_good_row(track: FaceTrack) -> int:
 def best_row(
     track: FaceTrack, frames: Iterable[tuple[int, Picture | Image]], matte_of: Callable[[int, Picture], Matte]
 ) -> int:
-    """The row that shows the face best: frontal, certain, calm, sharp, large, well exposed, nothing before it.
+    """The row that shows the face best: frontal, certain, calm, sharp, large, well exposed, nothing in front of it.
 
     frames: (index, picture or RGB) in order, once over (part of) the track;  matte_of: the matte of a row in its
     picture, of which only the face's surroundings are kept. Each quality is a factor in [0, 1]; the matte is asked

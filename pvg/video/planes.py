@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pvg._arrays import Bytes, Floats
+from pvg._arrays import Bytes, Doubles, Floats
 from pvg.picture import Affine, Box, clipped, halved, samples_a_cell
 from pvg.raster import Raster, first_reading, scaled_affine
-from pvg.video._cells import average_cells, codes_to_rgb, taps
+from pvg.video._kernels import Counts, average_cells, codes_to_rgb, taps
 from pvg.video.formats import Frame, PixelFormat, Plane, Planes
 
 
@@ -119,18 +119,19 @@ def _affine(pixel_format: PixelFormat) -> tuple[Floats, Floats]:
     return inverse.astype(np.float32), (-inverse @ pixel_format.offset).astype(np.float32)
 
 
-def _averaged(plane: Plane, corner: NDArray[np.float64], steps: tuple[float, float], shape: tuple[int, int]) -> Floats:
+def _averaged(plane: Plane, corner: Doubles, steps: tuple[float, float], shape: tuple[int, int]) -> Floats:
     """A plane over cells: corner (2,) x, y of the first one measured from the plane's own; steps along x and y."""
-    weights = []
-    for axis in (0, 1):
-        count, step = shape[1 - axis], steps[axis]
-        k = samples_a_cell(step)
-        start, cells = np.empty(count, np.int32), np.empty(count, np.int32)
-        first = first_reading(float(corner[axis]), step / k)
-        weights += [start, cells, taps(first, step, k, plane.shape[1 - axis], start, cells)]
+    x, y = (_weights(float(corner[axis]), steps[axis], shape[1 - axis], plane.shape[1 - axis]) for axis in (0, 1))
     out = np.empty(shape, np.float32)
-    average_cells(plane, weights[0], weights[1], weights[2], weights[3], weights[4], weights[5], out)
+    average_cells(plane, *x, *y, out)
     return out
+
+
+def _weights(corner: float, step: float, count: int, samples: int) -> tuple[Counts, Counts, Floats]:
+    """First sample, number of samples and their weights of `count` cells along one side of `samples`; see `taps`."""
+    k = samples_a_cell(step)
+    start, cells = np.empty(count, np.int32), np.empty(count, np.int32)
+    return start, cells, taps(first_reading(corner, step / k), step, k, samples, start, cells)
 
 
 def picture_of(frame: Frame) -> PlanePicture:

@@ -1,15 +1,19 @@
-# Compiled functions take their types from the first call.
-# mypy: disable-error-code="no-untyped-def, untyped-decorator, no-untyped-call"
 """Compiled kernels that average a plane over square cells and turn plane codes into RGB."""
 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from numpy.typing import NDArray
+
+from pvg._arrays import Bytes, Floats
+from pvg._compiled import kernel
+
+Plane = NDArray[np.uint8] | NDArray[np.uint16]
+Counts = NDArray[np.int32]
 
 
-@njit(cache=True, nogil=True)
-def taps(first, step, k, count, start, cells):
+@kernel()
+def taps(first: float, step: float, k: int, count: int, start: Counts, cells: Counts) -> Floats:
     """Weights of the samples of a row of `count` that make each cell: (len(cells), n) float32, from start[i] on.
 
     A cell is the mean of k bilinear readings; the readings of all cells are evenly spaced by step / k from `first` on.
@@ -36,8 +40,17 @@ def taps(first, step, k, count, start, cells):
     return weights
 
 
-@njit(cache=True, nogil=True, fastmath=True)
-def average_cells(plane, start_x, count_x, weights_x, start_y, count_y, weights_y, out):
+@kernel(fastmath=True)
+def average_cells(
+    plane: Plane,
+    start_x: Counts,
+    count_x: Counts,
+    weights_x: Floats,
+    start_y: Counts,
+    count_y: Counts,
+    weights_y: Floats,
+    out: Floats,
+) -> None:
     """out (h, w) float32 = plane averaged over cells, by the weights of `taps` along rows and columns."""
     left, right = plane.shape[1], 0
     for j in range(len(start_x)):
@@ -60,8 +73,8 @@ def average_cells(plane, start_x, count_x, weights_x, start_y, count_y, weights_
             out[i, j] = total
 
 
-@njit(cache=True, nogil=True, fastmath=True)
-def codes_to_rgb(first, second, third, matrix, offset, out):
+@kernel(fastmath=True)
+def codes_to_rgb(first: Plane, second: Plane, third: Plane, matrix: Floats, offset: Floats, out: Bytes) -> None:
     """out (h, w, 3) uint8 = matrix (3, 3) · (codes of three planes (h, w)) + offset (3,), rounded and clipped."""
     h, w = first.shape
     half, top, none = np.float32(0.5), np.float32(255.0), np.float32(0.0)

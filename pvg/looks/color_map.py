@@ -1,0 +1,67 @@
+"""Maps from a clip's boundary colours to new ones; here the paper's, which moves all of them together (eq. 7, 8)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from pvg._arrays import Doubles, Floats
+from pvg.asset import KeyFrame
+from pvg.looks.transport import sliced_transport
+
+SMALLEST_GROUP = 8  # fewer visible samples say nothing about a group's colours [by eye]
+
+ColorMap = Callable[[KeyFrame], Doubles]
+"""The new boundary colours (S, 3) of a key frame."""
+
+
+@dataclass(frozen=True)
+class TransportSteps:
+    """Parameters of eq. (7): β and N, and the seed of the random rotations."""
+
+    beta: float
+    iterations: int
+    seed: int
+
+    def transport(self, colors: Floats, reference: Floats) -> Doubles:
+        """Colours (n, 3) moved to the distribution of the reference's (m, 3).
+
+        Each transport has a generator of its own, seeded alike: another look or face cannot shift its rotations.
+        """
+        rng = np.random.default_rng(self.seed)
+        return sliced_transport(colors, reference, beta=self.beta, iterations=self.iterations, rng=rng)
+
+
+def all_colors_map(key: KeyFrame, target: KeyFrame, steps: TransportSteps) -> ColorMap:
+    """The paper's way: all boundary colours of `key` transported together.
+
+    What is hidden on either side takes no part, so that a clip's own colours stay as they are. The clip's hidden
+    samples, and those of other key frames, then move as the transported ones of like colour do.
+    """
+    seen, wanted = key.colors[key.visible], target.colors[target.visible]
+    if min(len(seen), len(wanted)) < SMALLEST_GROUP:
+        return lambda other: other.colors.astype(np.float64)
+    moved = steps.transport(seen, wanted)
+
+    def apply(other: KeyFrame) -> Doubles:
+        if other is not key:
+            return _follow_like_colors(other.colors, seen, moved)
+        out = key.colors.astype(np.float64)
+        out[key.visible] = moved
+        if not key.visible.all():
+            out[~key.visible] = _follow_like_colors(key.colors[~key.visible], seen, moved)
+        return out
+
+    return apply
+
+
+def _follow_like_colors(colors: Floats, seen: Floats, moved: Doubles) -> Doubles:
+    """Colours (n, 3), each shifted by the mean shift of those of `seen` (m, 3), moved to `moved`, nearest to it."""
+    count = min(SMALLEST_GROUP, len(seen))
+    distance, nearest = KDTree(seen).query(colors, k=count)
+    weight = 1.0 / (np.asarray(distance) + 1.0)
+    weight /= weight.sum(axis=1, keepdims=True)
+    return np.asarray(colors + np.einsum("nk,nkc->nc", weight, (moved - seen)[nearest]))
