@@ -1,4 +1,4 @@
-"""Small clips made on the spot for the tests of pvg.video."""
+"""Clips: small ones encoded on the spot, and parts of real ones."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import av
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from pvg.video import Frame, MediaInfo, PixelFormat, VideoWriter
+from pvg.video import Frame, MediaInfo, PixelFormat, VideoWriter, probe, read_frames
 from pvg.video.formats import resolve_format
+from tests.gallery.pictures import colorful
 
 SIZE = (96, 64)
 
@@ -45,20 +44,13 @@ def media_info(fmt: PixelFormat, size: tuple[int, int] = SIZE, **changes: Any) -
     return MediaInfo(**(facts | changes))
 
 
-def picture(seed: int, size: tuple[int, int] = SIZE) -> NDArray[np.uint8]:
-    """A smooth colourful (H, W, 3) picture."""
-    noise = np.random.default_rng(seed).uniform(0, 255, (size[1], size[0], 3)).astype(np.float32)
-    smooth = cv2.GaussianBlur(noise, (0, 0), 4)
-    return np.asarray(np.clip((smooth - 127.5) * 6 + 127.5, 0, 255), dtype=np.uint8)
-
-
 def noise_planes(fmt: PixelFormat, seed: int, size: tuple[int, int] = SIZE) -> Any:
     rng = np.random.default_rng(seed)
     return tuple(rng.integers(0, 2**fmt.depth, shape, dtype=fmt.dtype) for shape in fmt.plane_shapes(*size))
 
 
 def smooth_frames(count: int, fmt: PixelFormat, size: tuple[int, int] = SIZE, step: int = 512) -> list[Frame]:
-    base = picture(1, size)
+    base = colorful(1, size)
     return [Frame(k, k * step, k * step / 12800, fmt, fmt.from_rgb(np.roll(base, k, axis=1))) for k in range(count)]
 
 
@@ -72,6 +64,20 @@ def write_clip(path: Path, frames: Sequence[Frame], info: MediaInfo | None = Non
 
 def short_clip(path: Path, count: int = 20, **options: Any) -> Path:
     return write_clip(path, smooth_frames(count, pixel_format()), **options)
+
+
+def cut_clip(source: Path, target: Path, start: int, stop: int) -> Path:
+    """Write frames [start, stop) of a clip as a clip of its own."""
+    info = probe(source)
+    with VideoWriter(target, info, info.format, crf=12) as writer:
+        for frame in read_frames(source, start=start, stop=stop):
+            writer.write(frame)
+    return target
+
+
+def coded(rgb: np.ndarray, layout: str = "yuv420p") -> av.VideoFrame:
+    """A picture as libav holds it in a layout."""
+    return av.VideoFrame.from_ndarray(rgb, format="rgb24").reformat(format=layout)
 
 
 def encode_raw(

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pvg.curves.labels import BOUNDARY, CURVES, CurveLabels, table_labels
-from pvg.curves.propagation import Chain, match
+from pvg.curves import BOUNDARY, CURVES, Chain, ColorTable, CurveLabels, match, table_labels
 
 
 def labels_with(counts: list[int]) -> CurveLabels:
@@ -74,13 +73,13 @@ def test_the_chain_drifts_and_the_table_does_not() -> None:
     rng = np.random.default_rng(3)
     table = table_labels()
     colors = rng.uniform(0, 255, (len(table), 1)).astype(np.float32)
-    chain = Chain(colors, table)
+    chain, by_table = Chain(colors, table), ColorTable(colors, table)
     drift = []
     for frame in range(120):
         labels = labels_with([int(n) for n in rng.integers(30, 60, len(CURVES))])
         chained = chain.step(labels)
         if frame in (0, 119):
-            drift.append(float(np.abs(chained - match(colors, table, labels)).mean()))
+            drift.append(float(np.abs(chained - by_table.at(labels)).mean()))
     assert drift[0] == 0.0
     assert drift[1] > 10.0
 
@@ -91,6 +90,16 @@ def test_chain_between_equal_samplings_is_exact() -> None:
     for _ in range(300):
         out = chain.step(table_labels())
     np.testing.assert_array_equal(out, colors)
+
+
+def test_a_table_gives_any_frame_at_any_time_what_matching_to_the_key_frame_does() -> None:
+    rng = np.random.default_rng(5)
+    colors = rng.uniform(0, 255, (len(table_labels()), 3)).astype(np.float32)
+    by_table = ColorTable(colors, table_labels())
+    one, two = (labels_with([int(n) for n in rng.integers(10, 60, len(CURVES))]) for _ in range(2))
+    for labels in (one, two, one):
+        np.testing.assert_array_equal(by_table.at(labels), match(colors, table_labels(), labels))
+    assert by_table.at(table_labels()) is colors
 
 
 def test_different_sets_of_curves_cannot_be_matched() -> None:
