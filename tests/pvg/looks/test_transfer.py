@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import pvg
-from pvg.curves.labels import BOUNDARY, GROUPS, table_labels
-from pvg.looks.look import _into_gamut
+from pvg.curves import BOUNDARY, GROUPS, table_labels
+from pvg.looks.transfer import _into_gamut
 from pvg.video import VideoWriter, probe, read_frames
 from scripts.samples import Samples
 

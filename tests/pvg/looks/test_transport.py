@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from pvg.looks.transport import sliced_transport, sliced_wasserstein
+from pvg.looks import sliced_transport, sliced_wasserstein
 
 
 def cloud(seed: int, n: int, mean: tuple[float, float, float], spread: float) -> np.ndarray:

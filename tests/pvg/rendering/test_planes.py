@@ -5,44 +5,36 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pvg.looks.look import Look
-from pvg.membrane.lattice import Lattice, Membrane
-from pvg.rendering._planes import roll_off
-from pvg.rendering.clip import _contrast_at_curves
-from pvg.rendering.planes import Change, _take_out, apply_change
-from pvg.video import RGB24, Frame, Patch, PixelFormat
+from pvg.membrane import Lattice
+from pvg.rendering._kernels import roll_off
+from pvg.rendering.correction import Correction
+from pvg.rendering.planes import _roll_off, apply_correction
+from pvg.video import RGB24, Patch, PixelFormat
+from tests.gallery.pictures import FORMATS, YUV444, frame_of, patchwork
 
 SIDE = 48
-YUV444 = PixelFormat("yuv444p", 8, (0, 0), (0.299, 0.114), True)
-FORMATS = (
-    PixelFormat("yuv420p", 8, (1, 1), (0.2126, 0.0722), False),
-    PixelFormat("yuv422p10le", 10, (1, 0), (0.2126, 0.0722), False),
-    YUV444,
-    RGB24,
-)
+FIELD_OF_ONE = (1.0, 1.0)  # λ of luma and of chroma
 
 
-def picture(rng: np.random.Generator) -> np.ndarray:
-    smooth = rng.uniform(30, 220, (6, 6, 3)).repeat(8, axis=0).repeat(8, axis=1)
-    return np.asarray(np.clip(smooth + rng.normal(0, 6, smooth.shape), 0, 255))
-
-
-def frame_of(rgb: np.ndarray, pixel_format: PixelFormat) -> Frame:
-    return Frame(0, 0, 0.0, pixel_format, pixel_format.from_rgb(rgb))
-
-
-def constant(*channels: float) -> Membrane:
+def constant(
+    *shift: float, contrast: float | tuple[float, float] = 1.0, low: tuple[float, float, float] | None = None
+) -> Correction:
+    """The same correction everywhere."""
     lattice = Lattice.over((0, 0, SIDE, SIDE), target_height=12)
-    planes = np.array(channels, np.float32)[:, None, None] * np.ones((1, lattice.height, lattice.width), np.float32)
-    return Membrane(lattice, planes)
+
+    def planes(values: tuple[float, ...]) -> np.ndarray:
+        return np.array(values, np.float32)[:, None, None] * np.ones((1, lattice.height, lattice.width), np.float32)
+
+    field = contrast if isinstance(contrast, float) else planes(contrast)
+    return Correction(lattice, planes(shift), field, None if low is None else planes(low))
 
 
 @pytest.mark.parametrize("pixel_format", FORMATS, ids=lambda f: f.name)
-def test_no_shift_and_a_lambda_of_one_change_no_bit(pixel_format: PixelFormat) -> None:
-    frame = frame_of(picture(np.random.default_rng(0)), pixel_format)
+def test_no_shift_and_a_contrast_of_one_change_no_bit(pixel_format: PixelFormat) -> None:
+    frame = frame_of(patchwork(0), pixel_format)
     alpha = np.random.default_rng(1).random((32, 32), np.float32)
-    for change in (Change(0, contrast_channel=3), Change(0)):
-        patches = apply_change(frame, (8, 8), alpha, constant(0, 0, 0, 1, 1), change)
+    for contrast in (FIELD_OF_ONE, 1.0):
+        patches = apply_correction(frame, (8, 8), alpha, constant(0, 0, 0, contrast=contrast))
         for before, after in zip(frame.planes, frame.patched(patches).planes, strict=True):
             np.testing.assert_array_equal(before, after)
 
@@ -53,7 +45,7 @@ def test_a_shift_moves_what_the_matte_covers_and_nothing_else(pixel_format: Pixe
     alpha = np.zeros((32, 32), np.float32)
     alpha[8:24, 8:24] = 1.0
     shift = pixel_format.opponent.matrix @ np.array([30.0, 10.0, -20.0])
-    out = frame.patched(apply_change(frame, (8, 8), alpha, constant(*shift), Change(0)))
+    out = frame.patched(apply_correction(frame, (8, 8), alpha, constant(*shift)))
     moved = out.format.to_rgb(out.planes)[20:28, 20:28] - frame.format.to_rgb(frame.planes)[20:28, 20:28]
     np.testing.assert_allclose(moved.mean(axis=(0, 1)), [30, 10, -20], atol=1.6)
     for p, (before, after) in enumerate(zip(frame.planes, out.planes, strict=True)):
@@ -66,19 +58,15 @@ def test_a_shift_moves_what_the_matte_covers_and_nothing_else(pixel_format: Pixe
         assert changed.max(axis=0)[1] < 32 >> sx
 
 
-@pytest.mark.parametrize(
-    "change",
-    [Change(0), Change(0, contrast_channel=3), Change(0, 1.3, low_channel=5)],
-    ids=["number 1", "field", "1.3"],
-)
-def test_a_still_in_rgb_gets_what_a_clip_in_luma_and_chroma_gets(change: Change) -> None:
-    rgb = np.rint(picture(np.random.default_rng(2)))
-    membrane = constant(18, -9, 6, 1.25, 0.6, 110, -5, 8)
+@pytest.mark.parametrize("contrast", [1.0, (1.25, 0.6), 1.3], ids=["number 1", "field", "1.3"])
+def test_a_still_in_rgb_gets_what_a_clip_in_luma_and_chroma_gets(contrast: float | tuple[float, float]) -> None:
+    rgb = np.rint(patchwork(2))
+    correction = constant(18, -9, 6, contrast=contrast, low=(110, -5, 8) if contrast == 1.3 else None)
     alpha = np.random.default_rng(3).random((32, 32), np.float32)
     outs = []
     for pixel_format in (RGB24, YUV444):
         frame = frame_of(rgb, pixel_format)
-        out = frame.patched(apply_change(frame, (8, 8), alpha, membrane, change))
+        out = frame.patched(apply_correction(frame, (8, 8), alpha, correction))
         outs.append(np.clip(out.format.to_rgb(out.planes), 0, 255))
     assert np.abs(outs[0] - rgb).max() > 10
     assert np.abs(outs[0] - outs[1]).mean() < 0.8
@@ -88,8 +76,8 @@ def test_a_still_in_rgb_gets_what_a_clip_in_luma_and_chroma_gets(change: Change)
 def test_a_second_face_adds_to_what_the_first_has_laid() -> None:
     frame = frame_of(np.full((SIDE, SIDE, 3), 100.0), YUV444)
     half = np.full((32, 32), 0.5, np.float32)
-    first = apply_change(frame, (0, 0), half, constant(20, 0, 0), Change(0))
-    second = apply_change(frame, (8, 8), half, constant(40, 0, 0), Change(0), under=first)
+    first = apply_correction(frame, (0, 0), half, constant(20, 0, 0))
+    second = apply_correction(frame, (8, 8), half, constant(40, 0, 0), under=first)
     luma = frame.patched([*first, *second]).planes[0]
     assert [int(luma[i, i]) for i in (4, 20, 36, 44)] == [110, 130, 120, 100]
 
@@ -102,7 +90,7 @@ def test_a_patch_may_reach_over_a_planes_edge() -> None:
 
 @given(st.lists(st.floats(-400, 700), min_size=2, max_size=20))
 def test_the_roll_off_keeps_order_and_stays_between_black_and_white(values: list[float]) -> None:
-    bend = Change(0, contrast_channel=3).bend(YUV444, 0)
+    bend = _roll_off(constant(0, 0, 0, contrast=FIELD_OF_ONE), YUV444, 0)
     ordered = sorted(values)
     rolled = [float(roll_off(np.float32(v), *bend)) for v in ordered]
     steps = np.diff(rolled)
@@ -110,22 +98,6 @@ def test_the_roll_off_keeps_order_and_stays_between_black_and_white(values: list
     assert (steps <= np.diff(ordered) + 1e-3).all()
     assert all(-0.01 <= v <= 255.01 for v in rolled)
     assert all(r == pytest.approx(v, abs=1e-3) for v, r in zip(ordered, rolled, strict=True) if 13 <= v <= 224)
-
-
-def test_skin_paler_than_the_curve_beside_it_does_not_turn_blue_when_made_pale() -> None:
-    """A highlight lies between the curves: paler than they are, in a face that is made pale and bright."""
-    to_planes = YUV444.matrix.astype(np.float32).T
-    g, new = (np.array([rgb], np.float32) @ to_planes for rgb in ((157, 106, 79), (225, 182, 163)))
-    field = _contrast_at_curves(Look({}, "auto"), g, new)
-    assert isinstance(field, np.ndarray)
-    shift = new - field[:, [0, 1, 1]] * g
-    frame = frame_of(np.full((SIDE, SIDE, 3), (200.0, 165.0, 145.0)), YUV444)
-    membrane = constant(*shift[0], *field[0])
-    alpha = np.ones((32, 32), np.float32)
-    out = frame.patched(apply_change(frame, (8, 8), alpha, membrane, Change(0, contrast_channel=3)))
-    red, green, blue = out.format.to_rgb(out.planes)[20, 20]
-    assert red > green > blue
-    assert out.planes[0].max() < 255
 
 
 @pytest.mark.parametrize("pixel_format", [YUV444, RGB24], ids=lambda f: f.name)
@@ -138,23 +110,8 @@ def test_a_field_above_one_enlarges_shades_but_no_single_pixel_and_one_below_one
     frame = frame_of(rgb, pixel_format)
     after = {}
     for contrast in (1.6, 0.6):
-        membrane = constant((1 - contrast) * 100, 0, 0, contrast, 1)
-        patches = apply_change(
-            frame, (0, 0), np.ones((SIDE, SIDE), np.float32), membrane, Change(0, contrast_channel=3)
-        )
+        correction = constant((1 - contrast) * 100, 0, 0, contrast=(contrast, 1.0))
+        patches = apply_correction(frame, (0, 0), np.ones((SIDE, SIDE), np.float32), correction)
         after[contrast] = frame.patched(patches).rgb()[20, [8, 16, 40], 1]
     np.testing.assert_allclose(after[1.6], [100, 140, 164], atol=2)
     np.testing.assert_allclose(after[0.6], [100, 124, 124], atol=2)
-
-
-@pytest.mark.parametrize("height", [0.0, 0.3, 1.5, 12.0])
-@pytest.mark.parametrize("place", [20.0, 20.27, 20.5])
-def test_a_guard_weighs_as_much_as_the_opening_it_stands_for(height: float, place: float) -> None:
-    """Closed lips have no area and no guard, and it grows with what opens, wherever between the pixels that is."""
-    sigma, width = 3.0, 30.0
-    corners = [(0, 0), (width, 0), (width, height), (0, height)]
-    alpha = np.ones((60, 80), np.float32)
-    _take_out(alpha, np.array(corners, np.float32) + np.float32(place), sigma)
-    assert (1.0 - alpha).sum() == pytest.approx((width + 0.25) * (height + 0.25), rel=0.03, abs=2.0)
-    assert alpha.min() > 0.96 - height / (2.5 * sigma)
-    assert (alpha.min() < 0.05) == (height > 10)

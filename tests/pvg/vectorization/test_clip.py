@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import pvg
-from pvg.curves.labels import table_labels
+from pvg.face import layout
 from pvg.video import read_image, write_image
 from scripts.samples import Samples
-from tests.conftest import cut_clip
+from tests.gallery.clips import cut_clip
 
 
 def test_every_frame_of_the_clip_has_its_face(video: pvg.VectorVideo) -> None:
@@ -19,31 +19,13 @@ def test_every_frame_of_the_clip_has_its_face(video: pvg.VectorVideo) -> None:
     assert (face.first_frame, face.last_frame) == (0, 39)
     assert 120 < face.width_px < 260
     for index in range(40):
-        data = video.face_frame(0, index)
+        data = video.face_at(0, index)
         assert data is not None
         assert data.score > 0.5
-        assert 0.2 < (data.matte > 127).mean() < 0.8
-        jaw = data.points[:33]
-        assert (data.box[:2] < jaw.min(axis=0)).all()
-        assert (data.box[2:] > jaw.max(axis=0)).all()
-
-
-def test_boundary_colours_are_those_of_the_skin(video: pvg.VectorVideo) -> None:
-    """g on the cheeks is near the picture's own colour there; lips are redder than skin."""
-    key = video.records[0].key_frames[0]
-    image = pvg.render_frame(video, None, key.frame).astype(np.float32)
-    data = video.face_frame(0, key.frame)
-    assert data is not None
-    smooth = cv2.GaussianBlur(image, (0, 0), 3)
-    labels = table_labels()
-    cheek = (labels.curve == 2) | (labels.curve == 3)
-    positions = labels.basis @ np.concatenate([data.points, data.skin_points])
-    cheek_places = np.rint(positions[cheek[: len(positions)]]).astype(int)
-    seen = smooth[cheek_places[:, 1], cheek_places[:, 0]]
-    assert np.abs(key.colors[cheek] - seen).mean() < 6.0
-    lips = key.colors[labels.group == 3].mean(axis=0)
-    skin = key.colors[cheek].mean(axis=0)
-    assert lips[0] - lips[1] > skin[0] - skin[1]
+        assert 0.2 < (data.matte.alpha > 127).mean() < 0.8
+        contour, box = data.landmarks.points[layout.CONTOUR], data.matte.raster.box
+        assert (box[:2] < contour.min(axis=0)).all()
+        assert (box[2:] > contour.max(axis=0)).all()
 
 
 def test_progress_counts_every_frame_once(short_clip: Path) -> None:
@@ -56,10 +38,10 @@ def test_vectorising_again_gives_the_same_asset(short_clip: Path, video: pvg.Vec
     with pvg.vectorize(short_clip) as again:
         np.testing.assert_array_equal(again.records[0].key_frames[0].colors, video.records[0].key_frames[0].colors)
         for index in (0, 20, 39):
-            one, two = again.face_frame(0, index), video.face_frame(0, index)
+            one, two = again.face_at(0, index), video.face_at(0, index)
             assert one is not None
             assert two is not None
-            np.testing.assert_array_equal(one.matte, two.matte)
+            np.testing.assert_array_equal(one.matte.alpha, two.matte.alpha)
 
 
 def test_the_same_clip_gives_the_same_bytes(short_clip: Path, video: pvg.VectorVideo) -> None:
@@ -82,11 +64,11 @@ def test_a_second_reading_gives_what_one_does(
         assert stages.count("second reading") == 40
         assert [(face.first_frame, face.last_frame) for face in again.faces] == [(0, 39)]
         for index in range(40):
-            one, two = again.face_frame(0, index), video.face_frame(0, index)
+            one, two = again.face_at(0, index), video.face_at(0, index)
             assert one is not None
             assert two is not None
-            np.testing.assert_allclose(one.points, two.points, atol=1 / 16)
-            assert np.abs(one.matte.astype(int) - two.matte).mean() < 1
+            np.testing.assert_allclose(one.landmarks.points, two.landmarks.points, atol=1 / 16)
+            assert np.abs(one.matte.alpha.astype(int) - two.matte.alpha).mean() < 1
 
 
 def test_an_error_in_mid_clip_ends_all_threads(short_clip: Path, tmp_path: Path) -> None:
@@ -153,15 +135,15 @@ def test_what_is_no_media_is_refused(tmp_path: Path) -> None:
 def test_a_face_that_leaves_ends_its_track(samples: Samples) -> None:
     with pvg.vectorize(samples.face_noface_clip) as clip:
         assert clip.faces[0].last_frame < clip.frame_count - 1
-        assert clip.face_frame(0, clip.frame_count - 1) is None
+        assert clip.face_at(0, clip.frame_count - 1) is None
 
 
 def test_the_papers_mask_is_a_setting(samples: Samples) -> None:
     with pvg.vectorize(samples.portrait, mask="ycbcr") as image:
         assert image.settings["mask"] == "ycbcr"
-        data = image.face_frame(0, 0)
+        data = image.face_at(0, 0)
         assert data is not None
-        assert set(np.unique(data.matte)) <= {0, 255}
+        assert set(np.unique(data.matte.alpha)) <= {0, 255}
 
 
 def test_asset_stays_within_its_budget(video: pvg.VectorVideo, short_clip: Path) -> None:

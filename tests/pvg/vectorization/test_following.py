@@ -1,10 +1,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from operator import attrgetter
 
 import numpy as np
 import pytest
 
+from pvg.face import Landmarks
 from pvg.landmarks import FaceTrack, smooth, track_faces
 from pvg.picture import Picture, RgbPicture
 from pvg.vectorization.following import CHUNK, LOOKAHEAD, Following, Stretch
@@ -49,9 +51,10 @@ def joined(stretches: list[Stretch]) -> FaceTrack:
     np.testing.assert_array_equal(firsts[1:], (firsts + lengths)[:-1])
 
     def all_of(name: str) -> np.ndarray:
-        return np.concatenate([getattr(stretch.rows, name) for stretch in stretches])
+        return np.concatenate([attrgetter(name)(stretch.rows) for stretch in stretches])
 
-    return FaceTrack(first, *(all_of(name) for name in ("points", "skin_points", "score", "pose")))
+    landmarks = Landmarks(*(all_of(f"landmarks.{name}") for name in ("points", "skin_points")))
+    return FaceTrack(first, landmarks, all_of("score"), all_of("pose"))
 
 
 def test_one_reading_gives_the_track_that_two_give(clip: Frames) -> None:
@@ -61,11 +64,11 @@ def test_one_reading_gives_the_track_that_two_give(clip: Frames) -> None:
     assert len(stretches) > 2
     assert (track.first, track.last) == (wanted.first, wanted.last) == (0, 119)
     np.testing.assert_array_equal(track.score, wanted.score)
-    apart = np.linalg.norm(track.points - wanted.points, axis=2)
+    apart = np.linalg.norm(track.landmarks.points - wanted.landmarks.points, axis=2)
     # jitter is told from movement by the frames nearby instead of by the whole clip
     assert apart.mean() < 0.0006 * wanted.width_px
     assert apart.max() < 0.01 * wanted.width_px
-    accelerations = [np.abs(np.diff(t.points, 2, axis=0)).mean() for t in (track, wanted)]
+    accelerations = [np.abs(np.diff(t.landmarks.points, 2, axis=0)).mean() for t in (track, wanted)]
     assert accelerations[0] < 1.05 * accelerations[1]
     assert following.cuts == ()
     assert following.left() == ((), 0.0)
@@ -74,7 +77,7 @@ def test_one_reading_gives_the_track_that_two_give(clip: Frames) -> None:
 def test_a_short_track_is_smoothed_as_a_whole(clip: Frames) -> None:
     stretches, _ = follow(clip[:40])
     (whole,) = track_faces(clip[:40]).tracks
-    np.testing.assert_array_equal(joined(stretches).points, smooth(whole).points)
+    np.testing.assert_array_equal(joined(stretches).landmarks.points, smooth(whole).landmarks.points)
 
 
 def test_pictures_are_kept_for_a_bounded_time_only(clip: Frames) -> None:
@@ -120,7 +123,7 @@ def test_a_face_without_a_good_view_in_time_is_left_for_a_second_reading(
     assert stretches == []
     (track,), _ = following.left()
     (whole,) = track_faces(clip).tracks
-    np.testing.assert_array_equal(track.points, whole.points)
+    np.testing.assert_array_equal(track.landmarks.points, whole.landmarks.points)
 
 
 def test_every_stretch_begins_with_a_key_view_once(clip: Frames) -> None:
