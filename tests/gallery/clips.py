@@ -10,7 +10,7 @@ from typing import Any
 import av
 import numpy as np
 
-from pvg.video import Frame, MediaInfo, PixelFormat, VideoWriter, probe, read_frames
+from pvg.video import Frame, MediaInfo, MediaLimits, PixelFormat, VideoWriter, probe, read_frames
 from pvg.video.formats import resolve_format
 from tests.gallery.pictures import colorful
 
@@ -115,6 +115,11 @@ def add_tone(path: Path, seconds: float, onset_s: float, target: Path) -> Path:
                 packet.stream = video
                 output.mux_one(packet)
     return target
+
+
+def every_frame(path: Path, limits: MediaLimits | None = None) -> int:
+    """Read a clip or picture to its end; the number of its frames."""
+    return sum(1 for _ in read_frames(path, limits=limits))
 
 
 def sound_packets(path: Path) -> list[tuple[bytes, Fraction]]:

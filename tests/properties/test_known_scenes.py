@@ -17,11 +17,23 @@ import pytest
 import pvg
 from benchmarks.quality.measures import iou, psnr, wander
 from benchmarks.quality.probes import leak_frames, write_lossless
-from pvg.landmarks import detect_faces, fit_landmarks, jd_106, skin_88
-from pvg.rendering.clip import Renderer
-from pvg.skin import Matte, skin_mask
-from pvg.video import read_frames, read_image
+from pvg.rendering import Renderer
+from pvg.video import read_frames
 from scripts.samples import Samples
+from tests.gallery.scenes import (
+    SIDE,
+    Affine,
+    Subject,
+    at_rest,
+    behind_bar,
+    grown,
+    in_shade,
+    on_path,
+    passing_bar,
+    path,
+    resting_face,
+    shrunk,
+)
 
 PINNED = {
     "mask": 0.0356,  # share of the union of found and true skin that only one of them holds
@@ -35,43 +47,11 @@ PINNED = {
     "after the occluder": 0.37,  # levels, against before
 }
 WORSE = 1.05  # how much a pinned error may grow
-SIDE, FACE_PX = 360, 150.0
-BAR_RGB, BAR_PX = (60, 140, 90), 34
-Affine = np.ndarray  # (2, 3): where a point of the resting face is in a frame
-
-
-@dataclass(frozen=True)
-class Subject:
-    """A resting face: rgb (SIDE, SIDE, 3) uint8 and its skin (SIDE, SIDE) bool."""
-
-    rgb: np.ndarray
-    skin: np.ndarray
-
-    @property
-    def inner(self) -> np.ndarray:
-        """Skin well inside the matte's edge."""
-        return cv2.erode(self.skin.astype(np.uint8), np.ones((13, 13), np.uint8)) > 0
-
-    @property
-    def around(self) -> np.ndarray:
-        """Skin and a margin, so that the matte's edge counts."""
-        return cv2.dilate(self.skin.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
 
 
 @pytest.fixture(scope="module")
 def subject(samples: Samples) -> Subject:
-    """The pale portrait, its face FACE_PX wide in the middle of a square."""
-    rgb = read_image(samples.pale_portrait).rgb()
-    mesh = fit_landmarks(rgb, detect_faces(rgb)[0]).points
-    points, skin_points = jd_106(mesh), skin_88(mesh)
-    scale = FACE_PX / np.ptp(points[:33, 0])
-    center = (points[:33].min(axis=0) + points[:33].max(axis=0)) / 2
-    place = np.array([[scale, 0, SIDE / 2 - scale * center[0]], [0, scale, 0.45 * SIDE - scale * center[1]]])
-    blurred = cv2.GaussianBlur(rgb, (0, 0), max(0.5, 0.4 / scale))
-    small = cv2.warpAffine(blurred, place, (SIDE, SIDE), borderMode=cv2.BORDER_REPLICATE)
-    to_small = np.float32(scale), place[:, 2].astype(np.float32)
-    skin = skin_mask(small, points * to_small[0] + to_small[1], skin_points * to_small[0] + to_small[1])
-    return Subject(np.asarray(small, np.uint8), skin)
+    return resting_face(samples)
 
 
 @dataclass(frozen=True)
@@ -97,38 +77,12 @@ def _run(frames: Iterable[np.ndarray], reference: pvg.VectorVideo, folder: Path)
     with pvg.vectorize(clip, asset=folder / "scene.pvg") as video:
         renderer = Renderer(video, [pvg.transfer(video, reference, contrast=1.0)])
         for frame in read_frames(clip):
-            data = video.face_frame(0, frame.index)
+            data = video.face_at(0, frame.index)
             assert data is not None
             source.append(frame.rgb())
             result.append(renderer.draw(frame)[0].rgb())
-            masks.append(Matte(data.box, data.matte, data.matte >= 128).mask_at(xs, xs))
+            masks.append(data.matte.mask_at(xs, xs))
     return Run(source, result, masks)
-
-
-def _path(k: int) -> Affine:
-    """Where the face is in frame `k`: it sways, turns a little and comes nearer."""
-    affine = cv2.getRotationMatrix2D((SIDE / 2, SIDE / 2), 4 * np.sin(k / 3), 1 + 0.04 * np.sin(k / 5))
-    affine[:, 2] += (2.5 * k - 15, 4 * np.sin(k / 2))
-    return np.asarray(affine)
-
-
-def _moved(picture: np.ndarray, affine: Affine) -> np.ndarray:
-    return cv2.warpAffine(picture, affine, (SIDE, SIDE), borderMode=cv2.BORDER_REPLICATE)
-
-
-def _at_rest(picture: np.ndarray, affine: Affine) -> np.ndarray:
-    """A frame seen from the resting face."""
-    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    return cv2.warpAffine(
-        picture.astype(np.float32), affine, (SIDE, SIDE), flags=flags, borderMode=cv2.BORDER_REPLICATE
-    )
-
-
-def _in_shade(picture: np.ndarray, seed: int) -> np.ndarray:
-    """The picture under a light that falls off to the right, which the face moves through, and a sensor's noise."""
-    light = 1.05 - 0.3 * np.arange(SIDE) / SIDE
-    noise = np.random.default_rng(seed).normal(0, 1, picture.shape)
-    return np.clip(np.rint(picture * light[None, :, None] + noise), 0, 255).astype(np.uint8)
 
 
 @pytest.fixture(scope="module")
@@ -136,8 +90,8 @@ def moving(
     subject: Subject, dark_reference: pvg.VectorVideo, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[list[Affine], Run]:
     """A face that moves through a shade."""
-    paths = [_path(k) for k in range(14)]
-    frames = (_in_shade(_moved(subject.rgb, affine), k) for k, affine in enumerate(paths))
+    paths = [path(k) for k in range(14)]
+    frames = (in_shade(on_path(subject.rgb, affine), k) for k, affine in enumerate(paths))
     return paths, _run(frames, dark_reference, tmp_path_factory.mktemp("moving"))
 
 
@@ -147,13 +101,13 @@ def _holds(name: str, error: float) -> None:
 
 def test_the_mask_follows_a_face_on_a_known_path(subject: Subject, moving: tuple[list[Affine], Run]) -> None:
     paths, run = moving
-    truths = [_moved(subject.skin.astype(np.float32), affine) > 0.5 for affine in paths]
+    truths = [on_path(subject.skin.astype(np.float32), affine) > 0.5 for affine in paths]
     _holds("mask", float(np.mean([1 - iou(*pair) for pair in zip(run.mask, truths, strict=True)])))
 
 
 def test_a_moving_faces_result_is_as_steady_as_its_source(subject: Subject, moving: tuple[list[Affine], Run]) -> None:
     paths, run = moving
-    where = [_moved(subject.inner.astype(np.float32), affine) > 0.5 for affine in paths]
+    where = [on_path(subject.inner.astype(np.float32), affine) > 0.5 for affine in paths]
     ratios = [psnr(*frames, there) for *frames, there in zip(run.source, run.result, where, strict=True)]
     assert max(ratios) < 30  # the look is far from the source
     _holds("steadiness", float(np.std(ratios)))
@@ -163,7 +117,7 @@ def test_results_flicker_little_more_than_their_sources(subject: Subject, moving
     paths, run = moving
 
     def flicker(frames: Sequence[np.ndarray]) -> float:
-        rested = [_at_rest(frame, affine)[subject.around] for frame, affine in zip(frames, paths, strict=True)]
+        rested = [at_rest(frame, affine)[subject.around] for frame, affine in zip(frames, paths, strict=True)]
         return float(np.mean(np.diff(rested, axis=0) ** 2))
 
     _holds("warping", flicker(run.result) / flicker(run.source))
@@ -171,7 +125,7 @@ def test_results_flicker_little_more_than_their_sources(subject: Subject, moving
 
 def test_the_correction_sticks_to_a_moving_face(subject: Subject, moving: tuple[list[Affine], Run]) -> None:
     paths, run = moving
-    rested = [_at_rest(added, affine)[subject.inner] for added, affine in zip(run.corrections, paths, strict=True)]
+    rested = [at_rest(added, affine)[subject.inner] for added, affine in zip(run.corrections, paths, strict=True)]
     assert np.abs(np.mean(rested)) > 20
     _holds("flutter", float(np.std(rested, axis=0).mean()))
 
@@ -203,23 +157,14 @@ def occluded(
     subject: Subject, dark_reference: pvg.VectorVideo, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[np.ndarray, Run]:
     """A resting face that a bar passes: (frames, SIDE, SIDE) bool, where the bar is, and the scene."""
-    left = np.array([-BAR_PX, -BAR_PX, *np.linspace(60, 270, 11), SIDE, SIDE, SIDE])
-    columns = np.arange(SIDE)
-    bars = (columns >= left[:, None]) & (columns < left[:, None] + BAR_PX)
-    there = np.repeat(bars[:, None, :], SIDE, axis=1)
-    frames = (_in_front(subject.rgb, bar, k) for k, bar in enumerate(there))
+    there = passing_bar()
+    frames = (behind_bar(subject.rgb, bar, k) for k, bar in enumerate(there))
     return there, _run(frames, dark_reference, tmp_path_factory.mktemp("occluded"))
-
-
-def _in_front(picture: np.ndarray, bar: np.ndarray, seed: int) -> np.ndarray:
-    noise = np.random.default_rng(seed).normal(0, 1, picture.shape)
-    drawn = np.where(bar[..., None], np.array(BAR_RGB), picture) + noise
-    return np.clip(np.rint(drawn), 0, 255).astype(np.uint8)
 
 
 def test_an_occluder_keeps_most_of_its_colour(subject: Subject, occluded: tuple[np.ndarray, Run]) -> None:
     there, run = occluded
-    cores = [cv2.erode(bar.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0 for bar in there]
+    cores = [shrunk(bar, 9) for bar in there]
     shifts = [np.abs(added[core & subject.inner]) for added, core in zip(run.corrections, cores, strict=True)]
     touched = [shift.mean() for shift in shifts if len(shift) > 200]
     assert len(touched) >= 6
@@ -228,7 +173,7 @@ def test_an_occluder_keeps_most_of_its_colour(subject: Subject, occluded: tuple[
 
 def test_colours_beside_an_occluder_do_not_jump(subject: Subject, occluded: tuple[np.ndarray, Run]) -> None:
     there, run = occluded
-    near = [cv2.dilate(bar.astype(np.uint8), np.ones((31, 31), np.uint8)) > 0 for bar in there]
+    near = [grown(bar, 31) for bar in there]
     steps = []
     for k in range(1, len(near)):
         away = subject.inner & ~near[k] & ~near[k - 1]
