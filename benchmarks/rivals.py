@@ -13,7 +13,7 @@ import pvg
 from benchmarks.quality.faces import Image, Reference, View, read_reference, sample_pixels, view_of
 from benchmarks.quality.peers import DEEP, OURS, PAPER, MaskedLinear, missing, open_methods
 from benchmarks.timing import Measured, cpu_ms, in_turns
-from pvg.looks.transport import sliced_transport
+from pvg.looks import sliced_transport
 from pvg.rendering import Renderer
 from pvg.video import Frame, read_frames
 

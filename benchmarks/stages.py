@@ -17,7 +17,7 @@ from pvg._arrays import Floats
 from pvg.asset import FaceInFrame
 from pvg.curves import labels_by_length, match, table_labels
 from pvg.landmarks import detect_faces, fit_landmarks, region_of_points
-from pvg.looks.transport import sliced_transport
+from pvg.looks import sliced_transport
 from pvg.rendering import PlacedFace, Renderer
 from pvg.rendering.correction import Correction, CurveCorrection, at_curves, extend
 from pvg.rendering.guards import guarded_alpha

@@ -19,7 +19,7 @@ from scipy.spatial import KDTree
 
 import pvg
 from benchmarks.quality.faces import Floats, Image, Reference, View, sample_pixels
-from pvg.looks.transport import sliced_transport
+from pvg.looks import sliced_transport
 from pvg.rendering import Renderer
 from pvg.vectorization.key_colors import fit_key_frame
 from pvg.video import Frame
