@@ -68,7 +68,6 @@ def _membrane(results: Results) -> list[Target]:
         _row(
             "membrane, 800x1096 face, one thread", ms["in all"], "ms", 3.0, f"curves, equations, solve; {nodes} nodes"
         ),
-        _row("  started from the frame before", ms["in all from the frame before"], "ms", None),
         _row("  mean error", error["mean"], "level", 0.15, f"{len(each)} faces, to {unknowns} unknowns solved"),
         _row("  99th percentile of the error", error["p99"], "level", 1.0),
     ]

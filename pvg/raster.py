@@ -11,9 +11,12 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pvg._arrays import Bools, Doubles, Floats
 from pvg._bilinear import read_grid
+
+SUBPIXEL_BITS = 4
 
 Reals = TypeVar("Reals", Floats, Doubles)
 
@@ -95,6 +98,11 @@ def scaled(points: Reals, ratio: Floats | float) -> Reals:
 def sites(count: int, ratio: float) -> Floats:
     """Positions in a picture, (count,) float32, of the pixels along a side of a copy that is `ratio` times as long."""
     return np.asarray((np.arange(count, dtype=np.float32) + 0.5) / ratio - 0.5, np.float32)
+
+
+def fixed_point(polygon: Floats) -> NDArray[np.int32]:
+    """Corners (n, 2) for OpenCV's drawing with `shift=SUBPIXEL_BITS`: sixteenths of a pixel."""
+    return np.rint(polygon * (1 << SUBPIXEL_BITS)).astype(np.int32)
 
 
 def first_reading(corner: float, step: float) -> float:

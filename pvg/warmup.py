@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from pvg.curves import boundary_radius
 from pvg.face import FaceAxes, Landmarks, layout
-from pvg.harmonic.fit import fit_boundary_colors
-from pvg.membrane.lattice import Lattice, Membrane, build_membrane, rasterize_curves
+from pvg.harmonic import fit_boundary_colors
+from pvg.membrane import Lattice, Membrane, build_membrane, cut_edges
 from pvg.rendering.correction import Correction
 from pvg.rendering.planes import apply_correction
 from pvg.rendering.visibility import Visibility
@@ -26,8 +26,8 @@ def warm_up() -> None:
     image = np.stack([x, y, x + y], axis=-1).astype(np.uint8)
     domain = np.hypot(x - 32, y - 32) < 22
     fit = fit_boundary_colors(image, domain, circle, h_min=2.0, rng=np.random.default_rng(0))
-    raster = rasterize_curves(circle, ((0, len(circle), True),), Lattice.over((0, 0, 64, 64)))
-    membrane = build_membrane(raster).solve(np.concatenate([fit.colors, fit.colors[:, :2]], axis=1))
+    cuts = cut_edges(circle, ((0, len(circle), True),), Lattice.over((0, 0, 64, 64)))
+    membrane = build_membrane(cuts).solve(np.concatenate([fit.colors, fit.colors[:, :2]], axis=1))
     membrane.crop(8, 8, 32, 32)
     seen = Visibility(np.zeros(48, np.float32), np.arange(2), np.full((2, 48), 1 / 48, np.float32))
     seen.settle(fit.colors)

@@ -14,13 +14,13 @@ from obstore.exceptions import BaseError
 from pydantic import ValidationError
 from sqlalchemy.exc import ArgumentError, DBAPIError
 
-from service.app import create_app, make_services
-from service.broker import make_folders
-from service.catalog.migrate import is_current
-from service.catalog.migrate import migrate as migrate_database
+from service.api import create_app, make_services
+from service.catalog.migrations import is_current
+from service.catalog.migrations import migrate as migrate_database
+from service.errors import message_of
 from service.logs import configure
-from service.problems import message_of
-from service.processes import WorkerProcess, worker_command
+from service.processes import WorkerProcess, worker_command, worker_environment
+from service.queue import make_folders
 from service.settings import Settings
 
 cli = typer.Typer(
@@ -37,7 +37,7 @@ DRAIN_S = 20
 
 
 def main() -> None:
-    """Entry point of the `pvg-service` command: what it cannot start with is one line, not a traceback."""
+    """Entry point of the `pvg-service` command: a reason not to start is one line, not a traceback."""
     try:
         cli()
     except OSError as error:
@@ -79,7 +79,7 @@ def serve(
     if not (settings.listens_to_loopback_only or settings.allow_unauthenticated_network):
         _refuse(
             f"there are no keys, so only this machine may connect: {settings.host} is refused. Listen at 127.0.0.1, "
-            "or set PVG_ALLOW_UNAUTHENTICATED_NETWORK=true where the network itself keeps strangers out"
+            "or set PVG_ALLOW_UNAUTHENTICATED_NETWORK=true where the network itself limits who can connect"
         )
     configure(settings.log_level)
     make_folders(settings)
@@ -116,7 +116,7 @@ def worker() -> None:
     settings = _settings()
     make_folders(settings)
     command = worker_command(settings)
-    os.execv(command[0], command)  # noqa: S606 - so that signals reach Celery itself
+    os.execve(command[0], command, worker_environment(settings))  # noqa: S606 - so that signals reach Celery itself
 
 
 @cli.command()
@@ -130,7 +130,7 @@ def migrate() -> None:
 
 @cli.command()
 def gc() -> None:
-    """Remove what is past its time, and files that no record names."""
+    """Remove what is past its retention, and files that no record names."""
     settings = _settings()
     configure(settings.log_level)
     services = make_services(settings)

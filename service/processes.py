@@ -11,21 +11,37 @@ import time
 
 import structlog
 
-from service.broker import QUEUES
+from service.queue import QUEUES
 from service.settings import Settings
 
 log = structlog.get_logger(__name__)
 
 
 def worker_command(settings: Settings) -> list[str]:
-    """The worker's command line. It talks to nobody but the broker and the database."""
+    """The worker's command line.
+
+    ``-P`` keeps the current folder out of the import path: a package called `worker` there would run instead.
+    """
     return [
-        *(sys.executable, "-m", "celery", "--quiet", "-A", "worker.app", "worker"),
+        *(sys.executable, "-P", "-m", "worker", "--quiet", "-A", "worker.app", "worker"),
         *("--queues", ",".join(QUEUES), "--concurrency", str(settings.worker_concurrency)),
         *("--hostname", f"pvg-{os.getpid()}@%h", "--loglevel", settings.log_level),
-        # who is there and what they do is known from SQL
+        # which workers there are and what they do is known from the database
         *("--without-gossip", "--without-mingle", "--without-heartbeat"),
     ]
+
+
+def worker_environment(settings: Settings) -> dict[str, str]:
+    """The worker's environment: this process's, and what must hold for the worker however it was started."""
+    return {
+        **os.environ,
+        # the worker must find the same data folder, also one that came from an argument
+        "PVG_DATA_DIR": str(settings.folder),
+        # what the worker starts does not import from the current folder either
+        "PYTHONSAFEPATH": "1",
+        # onnxruntime reports to its maker unless this is set before it is loaded
+        "ORT_DISABLE_TELEMETRY": "1",
+    }
 
 
 class WorkerProcess:
@@ -62,9 +78,7 @@ class WorkerProcess:
             self._stop.wait(self._settings.worker_restart_delay_s)
 
     def _spawn(self) -> subprocess.Popen[bytes]:
-        environment = {**os.environ, "PVG_STARTER_PID": str(os.getpid())}
-        # the worker must find the same data folder and settings, also those that came from arguments
-        environment["PVG_DATA_DIR"] = str(self._settings.folder)
+        environment = worker_environment(self._settings) | {"PVG_STARTER_PID": str(os.getpid())}
         process = subprocess.Popen(
             worker_command(self._settings), env=environment, start_new_session=True, stdin=subprocess.DEVNULL
         )

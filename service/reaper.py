@@ -1,19 +1,15 @@
-"""The reaper: brings back jobs whose worker or message was lost, and clears away what is past its time."""
+"""The reaper: queues jobs again whose worker or message was lost, and removes what is past its retention."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from datetime import timedelta
 
 import structlog
 
-from service.broker import QUEUES
-from service.catalog import jobs, sweep
-from service.catalog.database import Database
-from service.catalog.jobs import Message
-from service.drafts import clear_drafts
-from service.queue import Publisher
+from service.catalog import Database, Message, jobs, sweep
+from service.queue import QUEUES, Publisher
 from service.settings import Settings
 from service.storage import Storage
 
@@ -57,7 +53,7 @@ class Reaper:
                 log.exception("a step of the reaper failed", step=step.__name__)
 
     def revive(self) -> list[Message]:
-        """Queue lapsed jobs again, end those out of attempts or time, let waiting jobs go."""
+        """Queue lapsed jobs again, end those out of attempts or time, release waiting jobs."""
         now = self._database.now()
         with self._database.write() as session:
             again = jobs.reap(session, now=now, max_attempts=self._settings.max_attempts)
@@ -72,9 +68,9 @@ class Reaper:
     def republish(self) -> list[Message]:
         """Send messages again that never reached the broker or that it lost.
 
-        A queue that holds fewer messages than there are queued jobs in two rounds running has lost some; once may be a
-        message on its way to a worker. Which ones are lost nobody knows, so all are sent again. A message too many is
-        harmless: its job is not to be claimed.
+        A queue that holds fewer messages than there are queued jobs in two rounds in a row has lost some; once may be a
+        message on its way to a worker. Which ones are lost is not known, so all are sent again. A message too many is
+        harmless: its job cannot be claimed twice.
         """
         before = self._database.now() - timedelta(seconds=self._settings.republish_after_s)
         with self._database.read() as session:
@@ -96,18 +92,22 @@ class Reaper:
         try:
             return self._publisher.depth(name) < expected
         except Exception as error:
-            log.warning("broker cannot be asked", queue=name, error=type(error).__name__)
+            log.warning("broker does not answer", queue=name, error=type(error).__name__)
             return False
 
     def expire(self) -> None:
-        """Remove results, media and job records past their time, and drafts nobody writes any more."""
+        """Remove results, media and job records past their retention, and drafts whose writer is gone."""
         now = self._database.now()
         with self._database.write() as session:
             keys = sweep.expire_results(session, now=now)
             keys += sweep.expire_media(session, now=now)
             sweep.expire_jobs(session, before=now - timedelta(seconds=self._settings.job_ttl_s))
         self._delete(keys)
-        clear_drafts(self._settings, self._database, self._storage)
+        self._storage.clear_drafts(held=self._held, before=now - timedelta(seconds=self._settings.draft_ttl_s))
+
+    def _held(self, job_ids: Collection[str]) -> set[str]:
+        with self._database.read() as session:
+            return sweep.held(session, job_ids)
 
     def collect(self) -> int:
         """Delete blobs that no record names, left by a process that ended between two steps. Returns their number."""

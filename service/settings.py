@@ -26,14 +26,14 @@ class Settings(BaseSettings):
     allow_unauthenticated_network: bool = False
     root_path: str = ""
 
-    # where things are kept
+    # where data is kept
     data_dir: Path = Path("var/data")
     database_url: str = ""
     broker_url: str = ""
     storage_url: str = ""
     broker_polling_interval_s: float = Field(default=0.2, gt=0)
 
-    # what is taken in
+    # limits of uploads and requests
     max_upload_bytes: int = Field(default=2 * GIB, gt=0)
     max_json_bytes: int = Field(default=1024**2, gt=0)
     max_looks: int = Field(default=16, gt=0)
@@ -115,7 +115,7 @@ class Settings(BaseSettings):
 
     @property
     def listens_to_loopback_only(self) -> bool:
-        """True when nobody outside this machine can reach the configured address."""
+        """True when the configured address can be reached from this machine only."""
         if self.host == "localhost":
             return True
         try:

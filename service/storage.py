@@ -10,7 +10,7 @@ import asyncio
 import hashlib
 import os
 import secrets
-from collections.abc import AsyncIterator, Iterable, Iterator
+from collections.abc import AsyncIterator, Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
@@ -72,16 +72,9 @@ class Storage:
             path.unlink()
 
     def delete(self, key: str) -> None:
-        """Remove a blob; one that is gone already is fine."""
+        """Remove a blob; nothing happens when there is none."""
         with suppress(FileNotFoundError):
             obstore.delete(self._store, key)
-
-    def size(self, key: str) -> int:
-        """Bytes of a blob. Raises `BlobMissingError`."""
-        try:
-            return int(obstore.head(self._store, key)["size"])
-        except FileNotFoundError as error:
-            raise BlobMissingError(key) from error
 
     async def stream(self, key: str, start: int, end: int) -> AsyncIterator[bytes]:
         """The bytes [start, end) of a blob, in pieces.
@@ -130,28 +123,27 @@ class Storage:
         obstore.put(self._store, key, b"ok")
         obstore.delete(self._store, key)
 
-    def clear_drafts(self, *, before: datetime) -> int:
-        """Remove temporary files not touched since ``before``: their writer is gone."""
-        old = []
+    def clear_drafts(self, *, held: Callable[[Collection[str]], Collection[str]], before: datetime) -> int:
+        """Remove the temporary files whose writer is gone. Returns their number.
+
+        They may hold a face, so they must not outlive what they were made from. A job is claimed before its first draft
+        is made, and its last one is published or removed before it ends: a draft whose job is not among those that
+        ``held`` returns, of the ids it is given, was left by a process that was killed. Any other draft is removed when
+        it was last touched before ``before``.
+        """
+        by_job: dict[str, list[Path]] = {}
+        old: list[Path] = []
         for path in self._spool.iterdir():
+            # a file that was named after a draft carries its job's id too
+            if owner := JOB_ID.search(path.name):
+                by_job.setdefault(owner[0], []).append(path)
             with suppress(FileNotFoundError):
                 if path.stat().st_mtime < before.timestamp():
                     old.append(path)
-        return self.remove_drafts(old)
-
-    def drafts_of_jobs(self) -> dict[str, list[Path]]:
-        """The temporary files that carry a job's id, also those that were named after one of them."""
-        found: dict[str, list[Path]] = {}
-        for path in self._spool.iterdir():
-            if owner := JOB_ID.search(path.name):
-                found.setdefault(owner[0], []).append(path)
-        return found
-
-    @staticmethod
-    def remove_drafts(paths: Iterable[Path]) -> int:
-        """Remove temporary files. Returns how many there still were."""
+        kept = held(by_job.keys()) if by_job else ()
+        gone = [path for job_id, paths in by_job.items() if job_id not in kept for path in paths]
         removed = 0
-        for path in paths:
+        for path in (*gone, *old):
             with suppress(FileNotFoundError):
                 path.unlink()
                 removed += 1

@@ -1,4 +1,4 @@
-"""The Celery app of the worker: `celery -A worker.app worker`, as `pvg-service worker` starts it."""
+"""The Celery app of the worker."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import os
 from celery import Celery
 from celery.signals import setup_logging, worker_init, worker_process_init
 
-from service.broker import celery_settings, make_folders
 from service.logs import configure
+from service.queue import celery_settings, make_folders
 from service.settings import Settings
 from worker import lifeline
 
@@ -32,7 +32,7 @@ app.conf.update(
     worker_max_memory_per_child=settings.worker_max_memory_per_child_bytes // 1024,  # Celery counts in KiB
     task_soft_time_limit=settings.job_soft_limit_s,
     task_time_limit=settings.job_hard_limit_s,
-    # a render goes on while the broker is away: the truth is in SQL
+    # a render goes on while the broker is away: the database is the source of truth
     worker_cancel_long_running_tasks_on_connection_loss=False,
     broker_connection_retry=True,
     broker_connection_max_retries=None,

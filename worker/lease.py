@@ -1,4 +1,4 @@
-"""Keeps a job's lease alive while it is worked on, carries its progress to SQL, and tells when to stop."""
+"""Keeps a job's lease alive while it is worked on, writes its progress to the database, and tells when to stop."""
 
 from __future__ import annotations
 
@@ -9,10 +9,7 @@ from typing import Self
 
 import structlog
 
-from service.catalog import jobs
-from service.catalog.database import Database
-from service.catalog.jobs import Lease, Progress
-from service.catalog.models import JobState
+from service.catalog import Database, JobState, Lease, Progress, jobs
 from service.settings import Settings
 
 log = structlog.get_logger(__name__)
@@ -27,7 +24,7 @@ class CanceledError(Exception):
 
 
 class LeaseKeeper:
-    """A thread beside the work. It alone talks to SQL meanwhile, so that a slow database never slows the work."""
+    """A thread beside the work. Only it uses the database meanwhile, so that a slow database never slows the work."""
 
     def __init__(self, database: Database, lease: Lease, settings: Settings) -> None:
         self._database = database

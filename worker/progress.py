@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from service.catalog.jobs import Progress
+from service.catalog import Progress
 
 
 class ProgressScale:

@@ -4,46 +4,49 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 import pvg
 from pvg.asset import VectorVideo
-from service.catalog import jobs, media, results
-from service.catalog.models import Look, Media
-from service.catalog.results import Output
+from service.catalog import (
+    Look,
+    LookParams,
+    Media,
+    Output,
+    OutputOptions,
+    content_type_of,
+    jobs,
+    look_params,
+    media,
+    render_request,
+    results,
+)
 from service.ids import new_id
-from service.sniff import content_type_of
 from service.storage import BlobMissingError, file_sha256
 from worker.failures import OptionError
 from worker.lease import LeaseLostError
-from worker.runner import Run
+from worker.run import Run
 
 #: parts of one video's share of the job: finding the new colours, drawing; storing takes the rest
 _TRANSFER, _RENDER = 0.05, 0.97
-_IMAGE_SUFFIXES = {"png", "jpg", "webp"}
+#: containers of a still picture; all others hold clips
+IMAGE_CONTAINERS = frozenset({"png", "jpg", "webp"})
 
 
 def render(run: Run) -> bool:
-    """Do the job. False when its lease was gone at the end, and nothing was published."""
+    """Do the job. False when its lease was lost at the end, and nothing was published."""
     with run.database.read() as session:
         looks = jobs.looks(session, run.job.id)
         ids = {media_id for look in looks for media_id in (look.video_id, look.reference_id)}
         known = {media_id: media.get(session, media_id) for media_id in ids}
     present = {media_id: medium for media_id, medium in known.items() if medium is not None}
-    if len(present) < len(known):  # deleted, which took the lease along
+    if len(present) < len(known):  # deleted, and the lease was revoked with it
         raise LeaseLostError
     by_video: dict[str, list[Look]] = {}
     for look in looks:
         by_video.setdefault(look.video_id, []).append(look)
     drawn: list[tuple[Look, Path]] = []
     for number, (video_id, group) in enumerate(by_video.items()):
-        start, share = number / len(by_video), 1 / len(by_video)
-        run.progress.expect(
-            {
-                "transfer": (start, start + share * _TRANSFER),
-                "render": (start + share * _TRANSFER, start + share * _RENDER),
-            }
-        )
+        run.progress.expect(spans_of_video(number, len(by_video)))
         try:
             drawn += _render_video(run, present[video_id], group, present)
         except BlobMissingError as error:
@@ -52,19 +55,28 @@ def render(run: Run) -> bool:
     return _publish(run, drawn, present)
 
 
+def spans_of_video(number: int, count: int) -> dict[str, tuple[float, float]]:
+    """The parts of the job, in [0, 1], that the stages of video ``number`` of ``count`` take."""
+    start, share = number / count, 1 / count
+    return {
+        "transfer": (start, start + share * _TRANSFER),
+        "render": (start + share * _TRANSFER, start + share * _RENDER),
+    }
+
+
 def _render_video(run: Run, video: Media, group: list[Look], present: dict[str, Media]) -> list[tuple[Look, Path]]:
     """All looks of one video, up to three in one pass over it."""
-    output: dict[str, Any] = run.job.request["output"]
+    output = render_request(run.job).output
     with ExitStack() as stack:
         source = stack.enter_context(run.storage.local_path(video.source_key))
         canvas = _open(run, stack, video, source)
-        suffix = _suffix(canvas, output["container"])
+        suffix = _suffix(canvas, output)
         new_colors = []
         with run.timed("transfer_s"):
             for done, look in enumerate(group):
                 run.progress("transfer", done, len(group))
                 reference = _open(run, stack, present[look.reference_id])
-                new_colors.append(_transfer(canvas, reference, look.params))
+                new_colors.append(_transfer(canvas, reference, look_params(look)))
         paths = [run.draft(suffix) for _ in group]
         with run.timed("render_s"):
             try:
@@ -72,10 +84,10 @@ def _render_video(run: Run, video: Media, group: list[Look], present: dict[str, 
                     canvas,
                     new_colors,
                     paths,
-                    codec=output["codec"],
-                    crf=output["crf"],
-                    preset=output["preset"],
-                    audio=output["audio"],
+                    codec=output.codec,
+                    crf=output.crf,
+                    preset=output.preset,
+                    audio=output.audio,
                     progress=run.progress,
                 )
             except ValueError as error:
@@ -89,26 +101,27 @@ def _open(run: Run, stack: ExitStack, medium: Media, source: Path | None = None)
     return stack.enter_context(pvg.open_asset(path, source=source))
 
 
-def _transfer(video: VectorVideo, reference: VectorVideo, params: dict[str, Any]) -> pvg.Look:
+def _transfer(video: VectorVideo, reference: VectorVideo, params: LookParams) -> pvg.Look:
     try:
         return pvg.transfer(
             video,
             reference,
-            strength=params["strength"],
-            contrast=params["contrast"],
-            match=params["match"],
-            protect=tuple(params["protect"]),
-            faces=params["faces"],
+            strength=params.strength,
+            contrast=params.contrast,
+            match=params.match,
+            protect=params.protect,
+            faces=params.faces,
         )
     except ValueError as error:
         raise OptionError(str(error)) from error
 
 
-def _suffix(video: VectorVideo, container: str | None) -> str:
+def _suffix(video: VectorVideo, output: OutputOptions) -> str:
+    container = output.container
     is_image = video.media.kind == "image"
     if container is None:
         return ".png" if is_image else ".mp4"
-    if (container in _IMAGE_SUFFIXES) != is_image:
+    if (container in IMAGE_CONTAINERS) != is_image:
         raise OptionError(f"{container} does not fit {'an image' if is_image else 'a clip'}")
     return f".{container}"
 

@@ -2,58 +2,22 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
-from pathlib import Path
+from collections.abc import Callable, Collection, Iterable
+from datetime import timedelta
 
 import structlog
 from celery import Celery
 
-from service.catalog import jobs
-from service.catalog.database import Database
-from service.catalog.jobs import Lease, Message
-from service.catalog.models import Job, JobKind
-from service.drafts import clear_drafts
+from service.catalog import Database, JobKind, Message, jobs, sweep
 from service.queue import send
 from service.settings import Settings
 from service.storage import Storage
 from worker.failures import is_expected, problem_of
 from worker.lease import CanceledError, LeaseKeeper, LeaseLostError
 from worker.progress import ProgressScale
+from worker.run import Run
 
 log = structlog.get_logger(__name__)
-
-
-@dataclass
-class Run:
-    """One job being done by this process."""
-
-    settings: Settings
-    database: Database
-    storage: Storage
-    job: Job
-    lease: Lease
-    keeper: LeaseKeeper
-    progress: ProgressScale
-    timings: dict[str, float] = field(default_factory=dict)
-    drafts: ExitStack = field(default_factory=ExitStack)
-
-    @contextmanager
-    def timed(self, name: str) -> Iterator[None]:
-        """Add the block's seconds to the job's timings."""
-        began = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.timings[name] = round(self.timings.get(name, 0.0) + time.perf_counter() - began, 3)
-
-    def draft(self, suffix: str) -> Path:
-        """A temporary path that is cleared when the run ends, whatever its end."""
-        path = self.storage.draft(suffix, job_id=self.job.id)
-        self.drafts.callback(path.unlink, missing_ok=True)
-        return path
 
 
 class Runner:
@@ -92,12 +56,17 @@ class Runner:
                 self._work(run)
         self._release_waiting()
         # the reaper does it too, where it shares this machine's disk
-        clear_drafts(self._settings, self._database, self._storage)
+        before = self._database.now() - timedelta(seconds=self._settings.draft_ttl_s)
+        self._storage.clear_drafts(held=self._held, before=before)
+
+    def _held(self, job_ids: Collection[str]) -> set[str]:
+        with self._database.read() as session:
+            return sweep.held(session, job_ids)
 
     def _work(self, run: Run) -> None:
         try:
             published = _work_of(JobKind(run.job.kind))(run)
-            log.info("job ends" if published else "job ends unpublished: its lease is gone", **run.timings)
+            log.info("job ends" if published else "job ends unpublished: its lease is lost", **run.timings)
             if not published:
                 self._confirm_cancel(run)
         except CanceledError:
@@ -124,7 +93,7 @@ class Runner:
                 log.info("job canceled")
 
     def _release_waiting(self) -> None:
-        """Let go, or fail, the jobs that waited for this one's medium. The reaper does it too, only later."""
+        """Release, or fail, the jobs that waited for this one's medium. The reaper does it too, only later."""
         with self._database.write() as session:
             released = jobs.release(session, now=self._database.now())
         self._publish(released)

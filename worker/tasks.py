@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from functools import cache
 
-from service.broker import TASK
+from service.queue import TASK
+from worker.acknowledging import CheckedRequest
 from worker.app import app, settings
-from worker.requests import CheckedRequest
 from worker.runner import Runner
 
 
@@ -18,5 +18,5 @@ def _runner() -> Runner:
 
 @app.task(name=TASK, Request=CheckedRequest)  # type: ignore[untyped-decorator]
 def run_job(job_id: str) -> None:
-    """Do a job, if it is still to be had."""
+    """Do a job, if it can still be claimed."""
     _runner().run(job_id)

@@ -8,25 +8,23 @@ from typing import Any
 import pvg
 from pvg.errors import PvgError
 from pvg.video import MediaLimits
-from service.catalog import media
-from service.catalog.media import Asset
-from service.catalog.models import Media, Role
+from service.catalog import Asset, Media, Role, media, vectorize_request
 from service.settings import Settings
 from service.storage import file_sha256
 from worker.lease import LeaseLostError
-from worker.runner import Run
+from worker.run import Run
 
-#: part of the job that each stage of the vectoriser takes, measured; storing takes the rest
-_CLIP = {"vectorize": (0.0, 0.97)}
-_REFERENCE = {"landmarks": (0.0, 0.6), "best frame": (0.6, 0.9)}
+#: part of the job that each stage of the vectoriser takes; storing takes the rest
+CLIP_SPANS = {"vectorize": (0.0, 0.9), "second reading": (0.9, 0.97)}  # few clips need a second reading
+REFERENCE_SPANS = {"landmarks": (0.0, 0.6), "best frame": (0.6, 0.9)}
 
 
 def vectorize(run: Run) -> bool:
-    """Do the job. False when its lease was gone at the end, and nothing was published."""
+    """Do the job. False when its lease was lost at the end, and nothing was published."""
     assert run.job.media_id is not None  # noqa: S101 - every job of this kind has one
     with run.database.read() as session:
         medium = media.get(session, run.job.media_id)
-    if medium is None:  # deleted, which took the lease along
+    if medium is None:  # deleted, and the lease was revoked with it
         raise LeaseLostError
     draft = run.draft(".pvg")
     with run.storage.local_path(medium.source_key) as source, run.timed("vectorize_s"):
@@ -50,14 +48,14 @@ def vectorize(run: Run) -> bool:
 
 
 def _vectorize(run: Run, medium: Media, source: Path, draft: Path) -> dict[str, Any]:
-    is_reference = medium.role == Role.REFERENCE
-    run.progress.expect(_REFERENCE if is_reference else _CLIP)
+    is_reference = vectorize_request(run.job).role is Role.REFERENCE
+    run.progress.expect(REFERENCE_SPANS if is_reference else CLIP_SPANS)
     try:
         with pvg.vectorize(
             source,
             asset=draft,
             reference=is_reference,
-            limits=_limits(run.settings),
+            limits=media_limits(run.settings),
             progress=run.progress,
             min_face_px=run.settings.min_face_px,
         ) as video:
@@ -68,7 +66,8 @@ def _vectorize(run: Run, medium: Media, source: Path, draft: Path) -> dict[str, 
         raise type(error)(str(error).replace(source.name, shown)) from error
 
 
-def _limits(settings: Settings) -> MediaLimits:
+def media_limits(settings: Settings) -> MediaLimits:
+    """The limits of the settings, as the method takes them."""
     return MediaLimits(
         max_pixels=settings.max_pixels,
         max_frames=settings.max_frames,

@@ -2,33 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeVar, cast
+from typing import Any
 
-import numba
 import numpy as np
-import numpy.typing as npt
+from numpy.typing import NDArray
 from scipy import sparse
 
+from pvg._arrays import Doubles, Ints
+from pvg._compiled import kernel
 from pvg._threads import side_by_side
-from pvg.harmonic.quadtree import Floats, Ints, Quadtree
+from pvg.harmonic.quadtree import Quadtree
 
-SUPPORT = 3.0  # ψ is truncated at this many leaf sizes; its tail falls as r⁻⁴
-
-_BIN = 4.0  # side of a search bin in finest leaves
-_LEAST_SHARE = 2000  # points that are worth a thread
-
-_Function = TypeVar("_Function", bound=Callable[..., Any])
+_SUPPORT = 3.0  # leaf sizes at which ψ is truncated; its tail falls as r⁻⁴ [measured: ψ(3h) = −0.002 of ψ(0) = 0.68]
+_BIN = 4.0  # side of a search bin in finest leaves [by eye]
+_LEAST_SHARE = 2000  # points that are worth a thread [by eye]
 
 
-def _kernel(function: _Function) -> _Function:
-    return cast(_Function, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
-
-
-@_kernel
+@kernel()
 def _antiderivative(x: float, y: float) -> float:
-    """F with ∂²F/∂x∂y = ln √(x² + y²)."""
+    """F of eq. (2)'s Γ: ∂²F/∂x∂y = ln √(x² + y²)."""
     if x == 0.0 or y == 0.0:
         return 0.0
     angle = np.arctan(y / x)
@@ -36,9 +29,12 @@ def _antiderivative(x: float, y: float) -> float:
     return float(0.5 * (x * y * (np.log(x * x + y * y) - 3.0) + x * x * angle + y * y * other))
 
 
-@_kernel
-def _source(x: float, y: float, h: float) -> float:
-    """Γ: potential at (x, y) of a unit charge spread over the square of side h at the origin."""
+@kernel()
+def _source_potential(x: float, y: float, h: float) -> float:
+    """Γ of eq. (2), within 1e-8: the potential ln|x| / 2π at (x, y) of a unit charge spread over the square of side h.
+
+    The square lies at the origin; a charge in a point would have a pole there.
+    """
     square = x * x + y * y
     if square > 4.0 * h * h:
         # multipoles of the square; orders 4 and 8 leave less than 1e-8 beyond two sides
@@ -57,22 +53,18 @@ def _source(x: float, y: float, h: float) -> float:
     return total / (2.0 * np.pi * h * h)
 
 
-@_kernel
-def _spread_sources(x: Floats, y: Floats, h: float, out: Floats) -> None:
-    for k in range(len(x)):
-        out[k] = _source(x[k], y[k], h)
-
-
-@_kernel
+@kernel()
 def _count_bins(lows: Ints, highs: Ints, columns: int, counts: Ints) -> None:
+    """Count the supports that reach each search bin; lows, highs: (n, 2) first and last bin of each, (x, y)."""
     for i in range(len(lows)):
         for by in range(lows[i, 1], highs[i, 1] + 1):
             for bx in range(lows[i, 0], highs[i, 0] + 1):
                 counts[by * columns + bx] += 1
 
 
-@_kernel
+@kernel()
 def _fill_bins(lows: Ints, highs: Ints, columns: int, cursor: Ints, members: Ints) -> None:
+    """List the functions of each bin; cursor: where each bin's list begins, moved to its end."""
     for i in range(len(lows)):
         for by in range(lows[i, 1], highs[i, 1] + 1):
             for bx in range(lows[i, 0], highs[i, 0] + 1):
@@ -81,10 +73,11 @@ def _fill_bins(lows: Ints, highs: Ints, columns: int, cursor: Ints, members: Int
                 cursor[b] += 1
 
 
-@_kernel
+@kernel()
 def _count_rows(
-    points: Floats, bins: Ints, centers: Floats, radii: Floats, starts: Ints, members: Ints, counts: Ints
+    points: Doubles, bins: Ints, centers: Doubles, radii: Doubles, starts: Ints, members: Ints, counts: Ints
 ) -> None:
+    """Count the functions that are not zero at each point."""
     for p in range(len(points)):
         for k in range(starts[bins[p]], starts[bins[p] + 1]):
             i = members[k]
@@ -93,24 +86,25 @@ def _count_rows(
                 counts[p] += 1
 
 
-@_kernel
+@kernel()
 def _fill_rows(
-    points: Floats,
+    points: Doubles,
     bins: Ints,
-    centers: Floats,
-    sizes: Floats,
-    radii: Floats,
+    centers: Doubles,
+    sizes: Doubles,
+    radii: Doubles,
     starts: Ints,
     members: Ints,
     stencil_starts: Ints,
     stencil_leaves: Ints,
-    stencil_weights: Floats,
+    stencil_weights: Doubles,
     row_starts: Ints,
-    columns: npt.NDArray[np.int32],
-    values: Floats,
+    columns: NDArray[np.int32],
+    values: Doubles,
     first: int,
     last: int,
 ) -> None:
+    """Evaluate ψ at the points [first, last): columns and values of their rows, see `HarmonicBasis` for the rest."""
     seen = np.full(len(centers), -1, dtype=np.int64)  # each Γ is computed once a point
     sources = np.empty(len(centers))
     for p in range(first, last):
@@ -123,14 +117,14 @@ def _fill_rows(
                 continue
             if seen[i] != p:
                 seen[i] = p
-                sources[i] = _source(dx, dy, sizes[i])
+                sources[i] = _source_potential(dx, dy, sizes[i])
             value = 0.0
             for s in range(stencil_starts[i], stencil_starts[i + 1]):
                 j = stencil_leaves[s]
                 if seen[j] != p:
                     seen[j] = p
-                    sources[j] = _source(x - centers[j, 0], y - centers[j, 1], sizes[j])
-                value += stencil_weights[s] * (sources[j] - sources[i])
+                    sources[j] = _source_potential(x - centers[j, 0], y - centers[j, 1], sizes[j])
+                value += stencil_weights[s] * (sources[j] - sources[i])  # eq. (2): ψ_i = Σ_j w_ij (Γ_j − Γ_i)
             columns[at] = i
             values[at] = value
             at += 1
@@ -149,11 +143,11 @@ class HarmonicBasis:
     """
 
     tree: Quadtree
-    radii: Floats
+    radii: Doubles
     stencil_starts: Ints
     stencil_leaves: Ints
-    stencil_weights: Floats
-    bin_corner: Floats
+    stencil_weights: Doubles
+    bin_corner: Doubles
     bin_side: float
     bin_shape: tuple[int, int]
     bin_starts: Ints
@@ -164,8 +158,18 @@ class HarmonicBasis:
         """Number of basis functions."""
         return len(self.radii)
 
-    def values(self, points: npt.NDArray[Any]) -> sparse.csr_array:
-        """ψ_i(x) before normalisation, (n_points, n_leaves); points outside every support have empty rows."""
+    def values(self, points: NDArray[Any]) -> sparse.csr_array:
+        """ψ_i(x) of eq. (2) before normalisation; points outside every support have empty rows.
+
+        Args:
+            points: (n_points, 2) float, (x, y) in pixels.
+
+        Returns:
+            (n_points, n_leaves), sparse.
+
+        Raises:
+            ValueError: points of another shape, or not finite.
+        """
         where = np.ascontiguousarray(points, dtype=np.float64)
         if where.ndim != 2 or where.shape[1] != 2 or not np.isfinite(where).all():
             raise ValueError(f"points must be finite and of shape (n, 2); got {where.shape}")
@@ -199,14 +203,14 @@ class HarmonicBasis:
             side_by_side(lambda: _fill_rows(*arguments, 0, half), lambda: _fill_rows(*arguments, half, len(where)))
         return sparse.csr_array((data, indices, starts.astype(np.int32)), shape=(len(where), self.n_leaves))
 
-    def design_matrix(self, points: npt.NDArray[Any]) -> sparse.csr_array:
-        """B: (n_points, n_leaves), row = ψ_i(x) / Σ_j ψ_j(x), so that constants are exact.
+    def design_matrix(self, points: NDArray[Any]) -> sparse.csr_array:
+        """B of eq. (3): (n_points, n_leaves), row = ψ_i(x) / Σ_j ψ_j(x), so that constants are exact.
 
         Args:
             points: (n_points, 2) float, (x, y) in pixels, on the domain or within one ring of it.
 
         Raises:
-            ValueError: a point lies so far from the domain that the functions no longer add up to one.
+            ValueError: points as for `values`, or a point so far out that the functions no longer add up to one.
         """
         matrix = self.values(points)
         sums = np.asarray(matrix.sum(axis=1))
@@ -225,7 +229,7 @@ def harmonic_basis(tree: Quadtree) -> HarmonicBasis:
     ends, weights = ends[ends[:, 0] < count], np.tile(weights, 2)[ends[:, 0] < count]
     order = np.lexsort((ends[:, 1], ends[:, 0]))
     ends, weights = ends[order], weights[order]
-    radii = SUPPORT * tree.sizes[:count]
+    radii = _SUPPORT * tree.sizes[:count]
     return HarmonicBasis(
         tree,
         radii,
@@ -237,7 +241,7 @@ def harmonic_basis(tree: Quadtree) -> HarmonicBasis:
 
 
 def laplacian_matrix(tree: Quadtree) -> sparse.csr_array:
-    """Λ: (n_basis, n_basis) symmetric, off-diagonal w_ij = ℓ_ij / d_ij, rows sum to zero."""
+    """Λ of eq. (3): (n_basis, n_basis) symmetric, off-diagonal w_ij = ℓ_ij / d_ij, rows sum to zero."""
     count = tree.n_basis
     inner = tree.pairs.max(axis=1) < count
     i, j = tree.pairs[inner].T
@@ -249,27 +253,11 @@ def laplacian_matrix(tree: Quadtree) -> sparse.csr_array:
     return sparse.csr_array(sparse.coo_array((entries, where), shape=(count, count)))
 
 
-def source_potential(points: npt.NDArray[Any], side: float) -> Floats:
-    """Γ: potential ln|x| / 2π of a unit charge spread over a square at the origin.
-
-    Args:
-        points: (n, 2) float, relative to the centre of the square.
-        side: side h of the square, same unit.
-
-    Returns:
-        (n,) float64, within 1e-8.
-    """
-    where = np.asarray(points, dtype=np.float64)
-    out = np.empty(len(where))
-    _spread_sources(where[:, 0].copy(), where[:, 1].copy(), float(side), out)
-    return out
-
-
-def _offsets(counts: npt.NDArray[Any]) -> Ints:
+def _offsets(counts: NDArray[Any]) -> Ints:
     return np.concatenate([[0], np.cumsum(counts, dtype=np.int64)])
 
 
-def _search_bins(centers: Floats, radii: Floats, side: float) -> tuple[Floats, float, tuple[int, int], Ints, Ints]:
+def _search_bins(centers: Doubles, radii: Doubles, side: float) -> tuple[Doubles, float, tuple[int, int], Ints, Ints]:
     corner = (centers - radii[:, None]).min(axis=0)
     lows = np.floor((centers - radii[:, None] - corner) / side).astype(np.int64)
     highs = np.floor((centers + radii[:, None] - corner) / side).astype(np.int64)

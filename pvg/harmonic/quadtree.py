@@ -6,17 +6,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
+from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 from scipy.spatial import Delaunay
 
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
-Bools = npt.NDArray[np.bool_]
+from pvg._arrays import Bools, Doubles, Ints
 
-PADDING_RINGS = 2  # rings of leaves around the domain that carry basis functions
+# Rings of leaves around the domain that carry basis functions. [measured: inside it the functions, not yet truncated,
+# add up to 1 within 0.0023]
+PADDING_RINGS = 2
 STENCIL_RING = PADDING_RINGS + 1  # leaves that only complete the stencils of the last padding ring
-_MAX_FINE_CELLS = 1 << 24
+_MAX_FINE_CELLS = 1 << 24  # of the raster the tree is cut from [derived: 134 MB of labels]
 
 
 @dataclass(frozen=True)
@@ -37,17 +37,17 @@ class Quadtree:
         labels: (rows, columns) int32, the leaf that covers each finest cell, -1 where none was kept.
     """
 
-    centers: Floats
-    sizes: Floats
+    centers: Doubles
+    sizes: Doubles
     rings: Ints
     pairs: Ints
-    lengths: Floats
-    distances: Floats
-    corner: Floats
+    lengths: Doubles
+    distances: Doubles
+    corner: Doubles
     cell: float
-    labels: npt.NDArray[np.int32]
+    labels: NDArray[np.int32]
 
-    def locate(self, points: npt.NDArray[Any]) -> npt.NDArray[np.int32]:
+    def locate(self, points: NDArray[Any]) -> NDArray[np.int32]:
         """The leaf that covers each of (n, 2) points (x, y) in pixels: (n,) int32, -1 where none was kept."""
         column, row = np.floor((np.asarray(points) - self.corner) / self.cell).astype(np.int64).T
         rows, columns = self.labels.shape
@@ -65,15 +65,15 @@ class Quadtree:
 class _Grid:
     """The raster of finest cells that the tree is cut from: corner in pixels, shape in cells."""
 
-    corner: Floats
+    corner: Doubles
     cell: float
     shape: tuple[int, int]
     levels: int  # a leaf of level k has side cell * 2**k, k = 0 .. levels
 
 
 def build_quadtree(
-    curve_points: npt.NDArray[Any],
-    domain: npt.NDArray[np.bool_],
+    curve_points: NDArray[Any],
+    domain: Bools,
     *,
     h_min: float,
     h_max: float,
@@ -129,7 +129,7 @@ def build_quadtree(
     )
 
 
-def _place_grid(domain: Bools, offset: Floats, h_min: float, h_max: float) -> _Grid:
+def _place_grid(domain: Bools, offset: Doubles, h_min: float, h_max: float) -> _Grid:
     """Centre a raster of cells on the domain with room for four rings of the largest leaves."""
     rows, columns = np.flatnonzero(domain.any(axis=1)), np.flatnonzero(domain.any(axis=0))
     low = np.array([columns[0], rows[0]]) - 0.5
@@ -144,7 +144,7 @@ def _place_grid(domain: Bools, offset: Floats, h_min: float, h_max: float) -> _G
     return _Grid(corner, h_min, (int(cells[1]), int(cells[0])), levels)
 
 
-def _curve_splits(points: Floats, grid: _Grid) -> list[Bools]:
+def _curve_splits(points: Doubles, grid: _Grid) -> list[Bools]:
     """Cells of each level that a curve passes within h/2 of; points in units of the finest cell."""
     splits = [np.zeros(grid.shape, dtype=bool)]  # the finest cells are never split
     for level in range(1, grid.levels + 1):
@@ -176,7 +176,7 @@ def _balance(splits: list[Bools]) -> list[Bools]:
     return balanced
 
 
-def _leaves(splits: list[Bools], grid: _Grid) -> tuple[Floats, Floats, Ints]:
+def _leaves(splits: list[Bools], grid: _Grid) -> tuple[Doubles, Doubles, Ints]:
     """Corners (n, 2) and sides (n,) of the leaves in finest cells, and the leaf index of every finest cell."""
     corners, sides = [], []
     labels = np.full(grid.shape, -1, dtype=np.int64)
@@ -196,11 +196,11 @@ def _leaves(splits: list[Bools], grid: _Grid) -> tuple[Floats, Floats, Ints]:
     return np.concatenate(corners), np.concatenate(sides), labels
 
 
-def _refine(values: npt.NDArray[Any], factor: int) -> npt.NDArray[Any]:
+def _refine(values: NDArray[Any], factor: int) -> NDArray[Any]:
     return values.repeat(factor, axis=0).repeat(factor, axis=1)
 
 
-def _rings(corners: Floats, sides: Floats, labels: Ints, grid: _Grid, domain: Bools, offset: Floats) -> Ints:
+def _rings(corners: Doubles, sides: Doubles, labels: Ints, grid: _Grid, domain: Bools, offset: Doubles) -> Ints:
     """Ring of each leaf around the domain: 0 touches a pixel square of it, up to 4; 5 for everything beyond."""
     start = corners * grid.cell + grid.corner - offset + 0.5
     stop = start + sides[:, None] * grid.cell
@@ -222,7 +222,7 @@ def _rings(corners: Floats, sides: Floats, labels: Ints, grid: _Grid, domain: Bo
     return rings
 
 
-def _voronoi_weights(centers: Floats) -> tuple[Ints, Floats]:
+def _voronoi_weights(centers: Doubles) -> tuple[Ints, Doubles]:
     """Pairs i < j and ℓ_ij / d_ij of the Voronoi diagram: half the cotangents opposite a Delaunay edge.
 
     True Voronoi edges close around every leaf (Σ_j ℓ_ij n_ij = 0), so the stencil of a graded leaf has no dipole
@@ -237,6 +237,6 @@ def _voronoi_weights(centers: Floats) -> tuple[Ints, Floats]:
         keys.append(np.minimum(i, j) * len(centers) + np.maximum(i, j))
         halves.append(0.5 * (a * b).sum(axis=1) / area)
     key, where = np.unique(np.concatenate(keys), return_inverse=True)
-    weights: Floats = np.bincount(where, weights=np.concatenate(halves)).astype(np.float64)
+    weights: Doubles = np.bincount(where, weights=np.concatenate(halves)).astype(np.float64)
     shared = weights > 1e-9  # four cocircular centres: the diagonal has no Voronoi edge
     return np.stack(np.divmod(key[shared], len(centers)), axis=1), weights[shared]

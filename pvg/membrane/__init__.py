@@ -1,7 +1,15 @@
-"""The membrane: the harmonic extension of values on the curves (eq. 1)."""
+"""The membrane H(d): the harmonic extension of values d on the diffusion curves γ into a face's box (eq. 1).
 
-from __future__ import annotations
+In the order of use:
 
-from pvg.membrane.lattice import TOLERANCE, CurveRaster, Lattice, Membrane, build_membrane, rasterize_curves
+    cuts = cut_edges(points, layout, Lattice.over(box))
+    membrane = build_membrane(cuts).solve(values)
+    membrane.read(xs, ys)
+"""
 
-__all__ = ["TOLERANCE", "CurveRaster", "Lattice", "Membrane", "build_membrane", "rasterize_curves"]
+from pvg.membrane.edge_cuts import EdgeCuts, cut_edges
+from pvg.membrane.lattice import Lattice
+from pvg.membrane.membrane import Membrane
+from pvg.membrane.operator import TOLERANCE, MembraneOperator, build_membrane
+
+__all__ = ["TOLERANCE", "EdgeCuts", "Lattice", "Membrane", "MembraneOperator", "build_membrane", "cut_edges"]

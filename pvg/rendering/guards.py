@@ -9,7 +9,7 @@ import numpy as np
 
 from pvg._arrays import Floats
 from pvg.face import layout
-from pvg.raster import scaled
+from pvg.raster import SUBPIXEL_BITS, fixed_point, scaled
 from pvg.rendering.placed_face import PlacedFace
 
 _FEATHER = 0.015  # of the face's width [by eye: narrow eyes stay dark, no rim is seen]
@@ -54,7 +54,7 @@ def _take_out(alpha: Floats, polygon: Floats, sigma: float) -> None:
     # a pixel too wide, so that closed ones would keep a guard, and trembles; drawn finer, both are too small to see.
     finer = np.zeros((rows * _FINER, columns * _FINER), np.uint8)
     corners = scaled(polygon - np.array([x0, y0], np.float32), _FINER / cell)
-    cv2.fillPoly(finer, [np.rint(corners * 16).astype(np.int32)], (255,), shift=4)
+    cv2.fillPoly(finer, [fixed_point(corners)], (255,), shift=SUBPIXEL_BITS)
     covered = cv2.resize(finer, (columns, rows), interpolation=cv2.INTER_AREA).astype(np.float32) / np.float32(255.0)
     side = 2 * reach + 1
     soft = cv2.GaussianBlur(covered, (side, side), sigma / cell, borderType=cv2.BORDER_CONSTANT)

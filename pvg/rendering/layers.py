@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pvg.asset import VectorVideo
 from pvg.curves import table_labels
 from pvg.landmarks import draw_landmarks
+from pvg.raster import SUBPIXEL_BITS, fixed_point
 from pvg.rendering.clip import placed_faces, source_frame
 from pvg.rendering.placed_face import PlacedFace
 
@@ -49,8 +50,8 @@ def _draw_curves(out: Image, placed: PlacedFace) -> None:
     labels = table_labels()
     for start, stop, closed in labels.spans:
         color = _GROUP_COLORS[int(labels.group[start])]
-        corners = np.rint(placed.positions[start:stop] * 16).astype(np.int32)
-        cv2.polylines(out, [corners], closed, color, 1, cv2.LINE_AA, shift=4)
+        corners = fixed_point(placed.positions[start:stop])
+        cv2.polylines(out, [corners], closed, color, 1, cv2.LINE_AA, SUBPIXEL_BITS)
 
 
 def _draw_face(

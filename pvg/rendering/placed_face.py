@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 from pvg._arrays import Floats
 from pvg.asset import FaceInFrame
 from pvg.curves import BOUNDARY, CurveLabels, place
-from pvg.membrane import TOLERANCE, CurveRaster, Lattice, Membrane, build_membrane, rasterize_curves
+from pvg.membrane import TOLERANCE, EdgeCuts, Lattice, Membrane, build_membrane, cut_edges
+from pvg.raster import SUBPIXEL_BITS, fixed_point
 from pvg.rendering.visibility import Visibility, see
 
 _BESIDE_OVAL = 0.02  # claim of a face's ears and neck, against 1 within its oval
@@ -27,7 +28,7 @@ class PlacedFace:
 
     data: its geometry;  positions: (S, 2) its curve samples, source pixels;  x, y: the source pixel of the region's
     corner;  alpha: (h, w) float32 matte in [0, 1], h and w multiples of the chroma step unless the picture ends there;
-    raster: its curves on the solver's lattice;  visibility: which of its samples are seen.
+    cuts: where its curves cut the solver's lattice;  visibility: which of its samples are seen.
     """
 
     data: FaceInFrame
@@ -35,7 +36,7 @@ class PlacedFace:
     x: int
     y: int
     alpha: Floats
-    raster: CurveRaster
+    cuts: EdgeCuts
     visibility: Visibility
 
     @property
@@ -48,7 +49,7 @@ class PlacedFace:
 
         tolerance: estimated largest error, for all channels or each.
         """
-        return build_membrane(self.raster).solve(self.visibility.settle(values), tolerance=tolerance)
+        return build_membrane(self.cuts).solve(self.visibility.settle(values), tolerance=tolerance)
 
 
 def place_face(data: FaceInFrame, labels: CurveLabels, width: int, height: int, align: int = 2) -> PlacedFace | None:
@@ -67,8 +68,8 @@ def place_face(data: FaceInFrame, labels: CurveLabels, width: int, height: int, 
     on_boundary = labels.curve == BOUNDARY  # a ray that met no skin has its sample at the centre
     reach = positions[on_boundary] - data.landmarks.axes.center
     active[on_boundary] = np.hypot(reach[:, 0], reach[:, 1]) > 1.0
-    raster = rasterize_curves(positions, labels.spans, Lattice.over((x0, y0, x1 - x0, y1 - y0)), active=active)
-    return PlacedFace(data, positions, x0, y0, alpha, raster, see(data, labels, positions, width, height))
+    cuts = cut_edges(positions, labels.spans, Lattice.over((x0, y0, x1 - x0, y1 - y0)), active=active)
+    return PlacedFace(data, positions, x0, y0, alpha, cuts, see(data, labels, positions, width, height))
 
 
 def _occupied(data: FaceInFrame) -> Floats:
@@ -121,7 +122,7 @@ def _claim(face: PlacedFace) -> Floats:
     """(h, w) how much a face's pixels belong to it rather than to a face behind or before it."""
     oval = np.zeros(face.alpha.shape, np.float32)
     corners = face.data.landmarks.oval - np.array([face.x, face.y], np.float32)
-    cv2.fillPoly(oval, [np.rint(corners * 16).astype(np.int32)], 1.0, lineType=cv2.LINE_AA, shift=4)
+    cv2.fillPoly(oval, [fixed_point(corners)], 1.0, lineType=cv2.LINE_AA, shift=SUBPIXEL_BITS)
     width = max(face.data.landmarks.axes.width, 1.0)
     soft = cv2.GaussianBlur(oval, (0, 0), max(0.5, _OVAL_EDGE * width))
     return np.asarray((_BESIDE_OVAL + soft) * np.float32((width / 100.0) ** _NEARER), np.float32)

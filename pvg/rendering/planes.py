@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from pvg._arrays import Doubles, Floats
 from pvg.membrane import Lattice, Membrane
+from pvg.raster import sites
 from pvg.rendering import _kernels as kernels
 from pvg.rendering.correction import Correction
 from pvg.video import Frame, Patch, PixelFormat
@@ -171,5 +172,5 @@ def _places(
     Chroma sits on the left luma column of its pair and between its rows, the default of H.264 and HEVC.
     """
     columns = corner[0] + np.arange(size[0], dtype=np.float64) * 2.0 ** log2[0]
-    rows = corner[1] + np.arange(size[1], dtype=np.float64) * 2.0 ** log2[1] + (2.0 ** log2[1] - 1) / 2
+    rows = corner[1] + sites(size[1], 0.5 ** log2[1]).astype(np.float64)
     return (columns - lattice.x) / lattice.step, (rows - lattice.y) / lattice.step

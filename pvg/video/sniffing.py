@@ -14,7 +14,7 @@ Kind = Literal["mp4", "matroska", "avi", "jpeg", "png", "webp"]
 IMAGE_KINDS = frozenset({"jpeg", "png", "webp"})
 ACCEPTED = "accepted are MP4, MOV, WebM, MKV and AVI clips and JPEG, PNG and still WebP pictures"
 
-_ISO_FIRST_BOXES = (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip", b"pnot", b"moof", b"styp")
+_ISO_FIRST_BOXES = (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip", b"pnot", b"styp")
 _HEIF_BRANDS = (b"heic", b"heix", b"hevc", b"mif1", b"msf1", b"avif", b"avis", b"crx ")
 _KNOWN_STARTS = (
     (b"GIF8", "a GIF"),

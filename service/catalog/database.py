@@ -52,7 +52,7 @@ class Database:
             yield session
 
     def ping(self) -> None:
-        """Raise when the database cannot be asked."""
+        """Raise when the database does not answer."""
         with self._engine.connect() as connection:
             connection.execute(text("SELECT 1"))
 

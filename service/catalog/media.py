@@ -12,8 +12,9 @@ from sqlalchemy.orm import Session
 
 from service.catalog import jobs
 from service.catalog.database import changed
-from service.catalog.jobs import Lease
 from service.catalog.models import ACTIVE, Job, JobKind, Look, Media, MediaState, Result, Role
+from service.catalog.requests import VectorizeRequest
+from service.catalog.transitions import Lease, MediaStep, take_media_step
 
 
 @dataclass(frozen=True)
@@ -64,9 +65,8 @@ def create(session: Session, upload: Upload, *, now: datetime, ttl_s: float) -> 
 
     Raises `sqlalchemy.exc.IntegrityError` at flush when another request recorded the same content first.
     """
-    job = jobs.create(
-        session, JobKind.VECTORIZE, request={"role": upload.role.value}, now=now, media_id=upload.media_id
-    )
+    request = VectorizeRequest(upload.role)
+    job = jobs.create(session, JobKind.VECTORIZE, request=request, now=now, media_id=upload.media_id)
     media = Media(
         id=upload.media_id,
         role=upload.role,
@@ -88,13 +88,18 @@ def create(session: Session, upload: Upload, *, now: datetime, ttl_s: float) -> 
     return media
 
 
-def vectorize_again(session: Session, media: Media, *, now: datetime) -> None:
-    """Start over with a medium whose vectorisation failed: the cause may have been ours."""
-    job = jobs.create(session, JobKind.VECTORIZE, request={"role": media.role}, now=now, media_id=media.id)
-    media.state = MediaState.VECTORIZING
-    media.error = None
-    media.job_id = job.id
-    media.updated_at = now
+def vectorize_again(session: Session, media: Media, *, now: datetime) -> bool:
+    """Start over with a medium whose vectorisation failed: the cause may have been ours.
+
+    False, and nothing changed, when the medium is not a failed one. The object is as it was until it is refreshed.
+    """
+    if media.state != MediaState.FAILED:
+        return False
+    request = VectorizeRequest(Role(media.role))
+    job = jobs.create(session, JobKind.VECTORIZE, request=request, now=now, media_id=media.id)
+    return take_media_step(
+        session, MediaStep.VECTORIZE_AGAIN, media.job_id, now=now, values={"error": None, "job_id": job.id}
+    )
 
 
 def keep(session: Session, media_ids: Collection[str], *, now: datetime, ttl_s: float) -> None:
@@ -112,19 +117,19 @@ def finish(session: Session, lease: Lease, asset: Asset, *, now: datetime, timin
     """
     if not jobs.succeed(session, lease, now=now, timings=timings):
         return None
-    media = session.scalar(select(Media).where(Media.job_id == lease.job_id).with_for_update())
-    if media is None:  # deleted: its job was canceled, so the lease is lost; kept for a half-done delete
+    replaced = session.scalar(select(Media.asset_key).where(Media.job_id == lease.job_id).with_for_update())
+    values = {
+        "asset_key": asset.key,
+        "asset_bytes": asset.size_bytes,
+        "info": asset.info,
+        "faces": list(asset.faces),
+        "warnings": list(asset.warnings),
+        "error": None,
+    }
+    finished = take_media_step(session, MediaStep.FINISH, lease.job_id, now=now, values=values)
+    if not finished:  # deleted: its job was canceled, so the lease is lost; kept for a half-done delete
         return [asset.key]
-    replaced = [media.asset_key] if media.asset_key else []
-    media.state = MediaState.READY
-    media.asset_key = asset.key
-    media.asset_bytes = asset.size_bytes
-    media.info = asset.info
-    media.faces = list(asset.faces)
-    media.warnings = list(asset.warnings)
-    media.error = None
-    media.updated_at = now
-    return replaced
+    return [replaced] if replaced else []
 
 
 def active_jobs(session: Session, media_id: str) -> list[str]:

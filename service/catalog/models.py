@@ -29,11 +29,11 @@ class Role(StrEnum):
 
 
 class MediaState(StrEnum):
-    """Where a medium stands."""
+    """Where a medium stands; `service.catalog.transitions` has the steps."""
 
-    VECTORIZING = "vectorizing"
+    VECTORIZING = "vectorizing"  # -> ready, failed
     READY = "ready"
-    FAILED = "failed"
+    FAILED = "failed"  # -> vectorizing
 
 
 class JobKind(StrEnum):
@@ -45,11 +45,11 @@ class JobKind(StrEnum):
 
 
 class JobState(StrEnum):
-    """Where a job stands: queued -> running -> an end state, with `canceling` on the way."""
+    """Where a job stands; `service.catalog.transitions` has the steps."""
 
-    QUEUED = "queued"
-    RUNNING = "running"
-    CANCELING = "canceling"
+    QUEUED = "queued"  # -> queued (its media are ready), running, failed, canceled, expired
+    RUNNING = "running"  # -> queued (next attempt), canceling, succeeded, failed, canceled
+    CANCELING = "canceling"  # -> canceled
     SUCCEEDED = "succeeded"
     FAILED = "failed"
     CANCELED = "canceled"
@@ -139,6 +139,8 @@ class Job(Base):
     attempt: Mapped[int] = mapped_column(default=1)
     lease_token: Mapped[str | None] = mapped_column(String(40))
     lease_expires_at: Mapped[datetime | None]
+    #: when the job was last queued: created, released from waiting, or queued for another attempt
+    queued_at: Mapped[datetime]
     published_at: Mapped[datetime | None]
     media_id: Mapped[str | None] = mapped_column(String(40), index=True)
     request: Mapped[dict[str, Any]]

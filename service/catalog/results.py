@@ -1,4 +1,4 @@
-"""Finished outputs: they appear together with their job's end, and go when their time is over."""
+"""Finished outputs: recorded together with their job's end, deleted after their retention."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from sqlalchemy.orm import Session
 
 from service.catalog import jobs
 from service.catalog.database import changed
-from service.catalog.jobs import Lease
 from service.catalog.models import Look, Result
+from service.catalog.transitions import Lease
 
 
 @dataclass(frozen=True)

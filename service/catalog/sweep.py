@@ -1,4 +1,4 @@
-"""What the reaper asks of the records: messages to send again, and things whose time is over."""
+"""The reaper's queries and deletions: messages to send again, and records past their retention."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from service.catalog.database import changed
 from service.catalog.jobs import Message
 from service.catalog.models import ENDED, HELD, Job, JobState, Media, Result
 
-#: rows a sweep takes on in one transaction
+#: rows that a sweep handles in one transaction
 BATCH = 200
 
 
@@ -40,14 +40,14 @@ def _queued() -> list[ColumnElement[bool]]:
 
 
 def expire_results(session: Session, *, now: datetime) -> list[str]:
-    """Drop the bytes of results past their time. Returns the blobs to delete after the commit."""
+    """Drop the bytes of results past their retention. Returns the blobs to delete after the commit."""
     late = select(Result).where(Result.expires_at < now, Result.blob_key.is_not(None)).limit(BATCH)
     keys = (results.drop_bytes(session, result) for result in session.scalars(late).all())
     return [key for key in keys if key]
 
 
 def expire_media(session: Session, *, now: datetime) -> list[str]:
-    """Delete media past their time that no active job needs. Returns the blobs to delete after the commit."""
+    """Delete media past their retention that no active job needs. Returns the blobs to delete after the commit."""
     late = select(Media).where(Media.expires_at < now).limit(BATCH).with_for_update()
     keys: list[str] = []
     for medium in session.scalars(late).all():
@@ -57,7 +57,7 @@ def expire_media(session: Session, *, now: datetime) -> list[str]:
 
 
 def expire_jobs(session: Session, *, before: datetime) -> int:
-    """Forget the jobs that ended before ``before`` and whose results are gone."""
+    """Delete the records of jobs that ended before ``before`` and whose results are deleted. Returns their number."""
     kept = select(Result.job_id).where(Result.blob_key.is_not(None))
     vectorised = select(Media.job_id)
     old = [Job.state.in_(ENDED), Job.finished_at < before, Job.id.not_in(kept), Job.id.not_in(vectorised)]
@@ -67,7 +67,7 @@ def expire_jobs(session: Session, *, before: datetime) -> int:
 
 
 def held(session: Session, job_ids: Iterable[str]) -> set[str]:
-    """Those of the jobs that a worker has."""
+    """Those of the jobs whose lease a worker holds."""
     return set(session.scalars(select(Job.id).where(Job.id.in_(list(job_ids)), Job.state.in_(HELD))))
 
 

@@ -15,7 +15,7 @@ from benchmarks.quality.measures import iou
 from pvg.curves import boundary_points, boundary_radius, place, table_labels
 from pvg.face import FaceAxes
 from pvg.looks import sliced_transport
-from pvg.membrane import Lattice, build_membrane, rasterize_curves
+from pvg.membrane import Lattice, build_membrane, cut_edges
 from pvg.skin import Matte, SkinTracker, fit_skin_model
 from pvg.vectorization.key_colors import fit_key_frame
 from tests.gallery.scenes import Scene, drawn_face, open_skin
@@ -76,8 +76,8 @@ class Method:
         matte = self._tracker.step(scene.rgb, scene.landmarks)
         h, w = scene.rgb.shape[:2]
         xs, ys = np.arange(w, dtype=np.float32), np.arange(h, dtype=np.float32)
-        raster = rasterize_curves(self._positions(scene, matte), table_labels().spans, Lattice.over((0, 0, w, h)))
-        field = build_membrane(raster).solve(self._new - self.g).crop(0, 0, w, h)
+        cuts = cut_edges(self._positions(scene, matte), table_labels().spans, Lattice.over((0, 0, w, h)))
+        field = build_membrane(cuts).solve(self._new - self.g).crop(0, 0, w, h)
         alpha = matte.alpha_at(xs, ys)
         return Result(scene.rgb + alpha[..., None] * field, alpha, matte.mask_at(xs, ys))
 

@@ -16,15 +16,24 @@ import pytest
 import structlog
 import uvicorn
 
-from service.app import create_app
-from service.catalog import jobs, media, results
-from service.catalog.database import Database
-from service.catalog.jobs import Lease
-from service.catalog.media import Asset, Upload
-from service.catalog.migrate import migrate
-from service.catalog.models import Media, Role
-from service.catalog.results import Output
-from service.context import Services
+from service.api import Services, create_app
+from service.catalog import (
+    Asset,
+    Database,
+    JobKind,
+    Lease,
+    LookParams,
+    Media,
+    NewLook,
+    Output,
+    RenderRequest,
+    Role,
+    Upload,
+    jobs,
+    media,
+    results,
+)
+from service.catalog.migrations import migrate
 from service.ids import new_id
 from service.settings import Settings
 from tests.service.servers import fresh_database, postgres_server, redis_server
@@ -150,6 +159,14 @@ def add_media(database: Database, role: Role = Role.VIDEO, *, content: bytes | N
     upload = Upload(media_id, role, sha256, 10, "video/mp4", "clip.mp4", f"source/{media_id}")
     with database.write() as session:
         return media.create(session, upload, now=database.now(), ttl_s=1000)
+
+
+def add_transfer(database: Database, video: Media, reference: Media) -> str:
+    """Record a transfer as a request does; the job's id."""
+    with database.write() as session:
+        look = NewLook(video.id, reference.id, LookParams())
+        job = jobs.create(session, JobKind.TRANSFER, request=RenderRequest(), now=database.now(), outputs=[look])
+    return job.id
 
 
 def claim(database: Database, job_id: str, lease_s: float = 30) -> Lease:

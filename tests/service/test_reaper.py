@@ -6,16 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from service.app import make_services
-from service.broker import RENDER, VECTORIZE
-from service.catalog import jobs, media, results
-from service.catalog.jobs import NewLook
-from service.catalog.migrate import migrate
-from service.catalog.models import Job, JobKind, Media, Role
-from service.context import Services
+from service.api import Services, make_services
+from service.catalog import Job, Role, jobs, media, results
+from service.catalog.migrations import migrate
+from service.queue import RENDER, VECTORIZE
 from service.settings import Settings
-from tests.service.fixtures import FakeClock, add_media, claim, make_ready, make_results
-from tests.service.test_broker import messages, take
+from tests.service.fixtures import FakeClock, add_media, add_transfer, claim, make_ready, make_results
+from tests.service.queue.test_broker import messages, take
 
 HOUR = 3600.0
 
@@ -43,13 +40,6 @@ def published(services: Services, job_id: str) -> bool:
                 return job is not None
         time.sleep(0.01)
     return False
-
-
-def add_transfer(services: Services, medium: Media) -> str:
-    with services.database.write() as session:
-        output = NewLook(medium.id, medium.id, {})
-        job = jobs.create(session, JobKind.TRANSFER, request={}, now=services.database.now(), outputs=[output])
-    return job.id
 
 
 def test_a_job_whose_message_was_never_sent_is_published(services: Services, clock: FakeClock) -> None:
@@ -93,7 +83,7 @@ def test_a_lapsed_job_is_queued_and_published_again(services: Services, clock: F
 
 def test_a_job_that_missed_its_medium_becoming_ready_is_let_go(services: Services) -> None:
     medium = add_media(services.database)
-    job_id = add_transfer(services, medium)
+    job_id = add_transfer(services.database, medium, medium)
     lease = claim(services.database, medium.job_id)
     with services.database.write() as session:
         asset = media.Asset("asset/x", 1, {}, [], [])
@@ -119,7 +109,7 @@ def test_results_then_media_then_jobs_go_when_their_time_is_over(services: Servi
     draft.write_bytes(b"source")
     services.storage.put(draft, medium.source_key)
     make_ready(services, medium.id)
-    job_id = add_transfer(services, medium)
+    job_id = add_transfer(services.database, medium, medium)
     with services.database.write() as session:
         jobs.release(session, now=clock())
     (result_id,) = make_results(services, job_id, [b"result"])

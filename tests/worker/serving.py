@@ -80,7 +80,7 @@ def wait_until_gone(data_dir: Path, seconds: float) -> dict[int, str]:
 
 
 @contextmanager
-def running_service(folder: Path, **settings: str) -> Iterator[Service]:
+def running_service(folder: Path, *, cwd: Path | None = None, **settings: str) -> Iterator[Service]:
     """Start the service with these settings (without their prefix), stop it with Ctrl-C's signal."""
     data_dir, log = folder / "data", folder / "service.log"
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PVG_")}
@@ -88,7 +88,9 @@ def running_service(folder: Path, **settings: str) -> Iterator[Service]:
     environment |= {f"PVG_{name.upper()}": value for name, value in settings.items()}
     command = [str(Path(sys.executable).with_name("pvg-service")), "serve"]
     with log.open("wb") as output:
-        process = subprocess.Popen(command, env=environment, stdout=output, stderr=output, start_new_session=True)
+        process = subprocess.Popen(
+            command, cwd=cwd, env=environment, stdout=output, stderr=output, start_new_session=True
+        )
     try:
         with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=60) as client:
             until = time.monotonic() + 60

@@ -266,3 +266,14 @@ def test_a_killed_worker_is_started_again(tmp_path: Path) -> None:
             assert time.monotonic() < until
             time.sleep(0.05)
         assert not now & before
+
+
+def test_packages_in_the_folder_it_is_started_in_are_left_alone(tmp_path: Path, samples: Samples) -> None:
+    for name in ("worker", "service", "pvg", "celery"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "__init__.py").write_text("raise SystemExit('imported from the current folder')")
+    with running_service(tmp_path, cwd=tmp_path) as service:
+        workers = worker_processes(service.data_dir, 3)
+        assert service.ready("/references", samples.portrait)["state"] == "ready"
+        assert workers <= worker_processes(service.data_dir, 3)
+        assert "the worker ended by itself" not in service.log.read_text()

@@ -4,10 +4,7 @@ import time
 
 import pytest
 
-from service.catalog import jobs
-from service.catalog.database import Database, utc_now
-from service.catalog.jobs import Lease, Progress
-from service.catalog.models import Job
+from service.catalog import Database, Job, Lease, Progress, jobs, utc_now
 from service.settings import Settings
 from tests.service.fixtures import add_media, claim
 from worker.lease import CanceledError, LeaseKeeper, LeaseLostError

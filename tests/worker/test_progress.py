@@ -3,7 +3,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from service.catalog.jobs import Progress
+from service.catalog import Progress
 from worker.progress import ProgressScale
 
 CALLS = st.lists(st.tuples(st.sampled_from(["landmarks", "skin", "other"]), st.integers(0, 50), st.integers(0, 40)))

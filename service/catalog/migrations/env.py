@@ -1,9 +1,11 @@
-"""Alembic's entry point; run by `service.catalog.migrate`."""
+"""Alembic's entry point; run by `service.catalog.migrations`."""
 
 from __future__ import annotations
 
 from alembic import context
-from sqlalchemy import text
+from sqlalchemy import event, text
+from sqlalchemy.engine.interfaces import DBAPIConnection
+from sqlalchemy.pool import ConnectionPoolEntry
 
 from service.catalog.database import make_engine
 from service.catalog.models import Base
@@ -12,8 +14,17 @@ from service.catalog.models import Base
 LOCK = 7_301_984
 
 
+def _leave_rows_alone(connection: DBAPIConnection, _: ConnectionPoolEntry) -> None:
+    """SQLite changes a table by making a new one and dropping the old, which would delete what refers to its rows."""
+    cursor = connection.cursor()
+    cursor.execute("PRAGMA foreign_keys=OFF")
+    cursor.close()
+
+
 def run() -> None:
     engine = make_engine(context.config.attributes["url"])
+    if engine.dialect.name == "sqlite":
+        event.listen(engine, "connect", _leave_rows_alone)
     writer = engine.execution_options(pvg_writes=True)
     try:
         with writer.begin() as connection:

@@ -1,0 +1,145 @@
+"""Forms as they arrive (multipart/form-data, RFC 7578): fields kept, files streamed to disk."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from dataclasses import dataclass, field
+
+from python_multipart.exceptions import MultipartParseError
+from python_multipart.multipart import MultipartParser, parse_options_header
+
+from service.api.uploads import FileSink, Intake, ReceivedFile
+from service.errors import BadRequestError, TooLargeError
+
+MAX_PARTS = 64
+MAX_FIELD_BYTES = 64 * 1024
+MAX_HEADER_BYTES = 8 * 1024
+#: what the frame of a multipart body may add to the files
+MAX_FRAMING_BYTES = 256 * 1024
+
+
+@dataclass
+class Form:
+    """A multipart body: text fields in order, and files by field name."""
+
+    fields: list[tuple[str, str]] = field(default_factory=list)
+    files: list[tuple[str, ReceivedFile]] = field(default_factory=list)
+
+
+async def read_form(intake: Intake, *, max_files: int = 1) -> Form:
+    """Receive the request's body as a form. The size limit is each file's own.
+
+    Raises `BadRequestError` for a malformed body, `TooLargeError`, and `UnsupportedMediaError` for a file that is none.
+    """
+    intake.check_declared(intake.limit_bytes * max_files + MAX_FRAMING_BYTES)
+    _, options = parse_options_header(intake.request.headers.get("content-type", ""))
+    boundary = options.get(b"boundary", b"")
+    if not boundary or len(boundary) > 70:  # RFC 2046, 5.1.1
+        raise BadRequestError("the multipart body has no usable boundary")
+    return await _FormReader(intake, boundary, max_files).read(intake.request.stream())
+
+
+class _FormReader:
+    """Feeds the parser and turns its callbacks into fields and files."""
+
+    def __init__(self, intake: Intake, boundary: bytes, max_files: int) -> None:
+        self._intake = intake
+        self._max_files = max_files
+        self._form = Form()
+        self._headers: dict[str, bytes] = {}
+        self._header_name = b""
+        self._header_value = b""
+        self._name = ""
+        self._text: bytearray | None = None
+        self._sink: FileSink | None = None
+        self._finished: list[tuple[str, FileSink]] = []
+        self._parts = 0
+        self._complete = False
+        self._parser = MultipartParser(
+            boundary,
+            {
+                "on_part_begin": self._begin,
+                "on_header_field": self._on_header_name,
+                "on_header_value": self._on_header_value,
+                "on_header_end": self._end_header,
+                "on_headers_finished": self._end_headers,
+                "on_part_data": self._on_data,
+                "on_part_end": self._end,
+                "on_end": self._on_end,
+            },
+        )
+
+    async def read(self, chunks: AsyncIterator[bytes]) -> Form:
+        try:
+            async for chunk in chunks:
+                self._parser.write(chunk)
+                await self._drain()
+        except MultipartParseError as error:
+            raise BadRequestError("the multipart body is malformed") from error
+        if not self._complete:
+            raise BadRequestError("the multipart body ends before its closing boundary")
+        return self._form
+
+    async def _drain(self) -> None:
+        for name, sink in self._finished:
+            self._form.files.append((name, await sink.finish()))
+        self._finished.clear()
+        if self._sink is not None:
+            await self._sink.drain()
+
+    def _begin(self) -> None:
+        self._parts += 1
+        if self._parts > MAX_PARTS:
+            raise BadRequestError(f"the multipart body has more than {MAX_PARTS} parts")
+        self._headers.clear()
+        self._text = self._sink = None
+
+    def _on_header_name(self, data: bytes, start: int, end: int) -> None:
+        self._header_name += data[start:end]
+        self._check_header()
+
+    def _on_header_value(self, data: bytes, start: int, end: int) -> None:
+        self._header_value += data[start:end]
+        self._check_header()
+
+    def _check_header(self) -> None:
+        if len(self._header_name) + len(self._header_value) > MAX_HEADER_BYTES:
+            raise BadRequestError("a part of the multipart body has an oversized header")
+
+    def _end_header(self) -> None:
+        self._headers[self._header_name.decode("latin-1").lower()] = self._header_value
+        self._header_name = self._header_value = b""
+
+    def _end_headers(self) -> None:
+        _, options = parse_options_header(self._headers.get("content-disposition", b""))
+        if b"name" not in options:
+            raise BadRequestError("a part of the multipart body has no name")
+        self._name = options[b"name"].decode("utf-8", "replace")
+        if b"filename" not in options:
+            self._text = bytearray()
+            return
+        if len(self._form.files) + len(self._finished) >= self._max_files:
+            raise BadRequestError(f"the multipart body has more files than the {self._max_files} allowed")
+        self._sink = self._intake.open(options[b"filename"].decode("utf-8", "replace"))
+
+    def _on_data(self, data: bytes, start: int, end: int) -> None:
+        if self._sink is not None:
+            self._sink.feed(data[start:end])
+        elif self._text is not None:
+            self._text += data[start:end]
+            if len(self._text) > MAX_FIELD_BYTES:
+                raise TooLargeError(f"the field {self._name!r} is larger than {MAX_FIELD_BYTES} bytes")
+
+    def _end(self) -> None:
+        if self._sink is not None:
+            self._finished.append((self._name, self._sink))
+            self._sink = None
+        elif self._text is not None:
+            try:
+                self._form.fields.append((self._name, self._text.decode()))
+            except UnicodeDecodeError as error:
+                raise BadRequestError(f"the field {self._name!r} is not UTF-8") from error
+            self._text = None
+
+    def _on_end(self) -> None:
+        self._complete = True

@@ -1,0 +1,63 @@
+"""A transfer as a form: `video`, one or more `reference` files or ids, and options that hold for all looks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from pydantic import ValidationError
+
+from service.api.multipart import Form
+from service.api.problems import invalid, invalid_values
+from service.api.schemas import LookOptions, OutputRequest, TransferRequest
+from service.errors import ServiceError
+
+_OUTPUT_FIELDS = frozenset(OutputRequest.model_fields)
+_LOOK_FIELDS = frozenset(LookOptions.model_fields)
+_LISTS = frozenset({"protect", "faces"})
+
+
+def to_request(form: Form, uploaded: Sequence[str]) -> TransferRequest:
+    """The request that a form stands for; ``uploaded`` are the ids of its files, in their order.
+
+    Its options hold for all of its looks. Raises `ValidationFailedError` with pointers that name the form's fields.
+    """
+    options: dict[str, Any] = {}
+    output: dict[str, Any] = {}
+    references = list(uploaded)
+    top: dict[str, Any] = {}
+    unknown = [name for name, _ in form.files if name != "reference"]
+    names = [name for name, _ in form.fields if name != "reference"]
+    if twice := {name for name in names if names.count(name) > 1}:
+        raise invalid_values({f"/{name}": "the field is given more than once" for name in sorted(twice)})
+    for name, text in form.fields:
+        if name == "reference":
+            references.append(text)
+        elif name == "video":
+            top["video"] = text
+        elif name in _LOOK_FIELDS:
+            split = name in _LISTS and text != "all"
+            options[name] = [part.strip() for part in text.split(",") if part.strip()] if split else text
+        elif name in _OUTPUT_FIELDS:
+            output[name] = text
+        else:
+            unknown.append(name)
+    if unknown:
+        raise invalid_values({f"/{name}": "there is no such field here" for name in unknown})
+    try:
+        return TransferRequest.model_validate(
+            {**top, "looks": [{"reference": one, **options} for one in references], "output": output}
+        )
+    except ValidationError as error:
+        raise _named_by_field(error) from error
+
+
+def _named_by_field(error: ValidationError) -> ServiceError:
+    """The same problem, with the fields named as the form names them."""
+    named: dict[str, str] = {}
+    for item in invalid(error).errors:
+        parts = item["pointer"].split("/")[1:]
+        # /looks/0/strength -> /strength, /output/crf -> /crf
+        shown = parts[2:] if parts[0] == "looks" else parts[1:] if parts[0] == "output" else parts
+        named.setdefault("/" + ("/".join(shown) or "reference"), item["detail"])
+    return invalid_values(named)

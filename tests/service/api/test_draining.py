@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+import socket
+import threading
+
+import pytest
+
+from service.api.draining import DECLARED_BYTES
+from tests.service.fixtures import Api
+
+
+def refused(api: Api, body: bytes, declared: int) -> tuple[str, int]:
+    """Post `body` slowly to a path that refuses it at once; the status line and how many bytes went out."""
+    host, port = api.client.base_url.host, api.client.base_url.port
+    sent = 0
+    with socket.create_connection((host, port), timeout=20) as connection:
+        head = f"POST /nowhere HTTP/1.1\r\nHost: {host}\r\nContent-Length: {declared}\r\n\r\n"
+        connection.sendall(head.encode())
+
+        def send() -> None:
+            nonlocal sent
+            try:
+                for start in range(0, len(body), 65536):
+                    connection.sendall(body[start : start + 65536])
+                    sent = min(len(body), start + 65536)
+            except OSError:
+                pass  # cut off, as the caller expects
+
+        sender = threading.Thread(target=send)
+        sender.start()
+        answer = connection.recv(4096)
+        sender.join()
+    return answer.split(b"\r\n")[0].decode(), sent
+
+
+@pytest.mark.parametrize("size", [100_000, DECLARED_BYTES])
+def test_the_answer_reaches_a_client_that_is_still_sending(api: Api, size: int) -> None:
+    for _ in range(5):
+        status, sent = refused(api, b"x" * size, size)
+        assert status == "HTTP/1.1 404 Not Found"
+        assert sent == size
+
+
+def test_a_refused_request_without_a_body_keeps_its_connection(api: Api) -> None:
+    answer = api.client.post("/jobs/job_1/cancel")
+    assert answer.status_code == 404
+    assert "connection" not in answer.headers
+
+
+def test_a_client_that_sends_without_end_is_cut_off(api: Api) -> None:
+    _, sent = refused_quietly(api)
+    assert sent < 32 * DECLARED_BYTES
+
+
+def refused_quietly(api: Api) -> tuple[str, int]:
+    try:
+        return refused(api, b"x" * (32 * DECLARED_BYTES), 2**40)
+    except OSError:
+        return "", 0
+
+
+def test_a_client_that_stops_sending_is_answered_soon(api: Api) -> None:
+    status, _ = refused(api, b"x" * 10, 1000)
+    assert status == "HTTP/1.1 404 Not Found"

@@ -1,0 +1,280 @@
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+from service.catalog import jobs
+from tests.service.api.test_media import PROBLEM, upload
+from tests.service.fixtures import MP4, PNG, Api, claim, make_ready, make_results
+
+
+def looks(*references: str, **options: Any) -> list[dict[str, Any]]:
+    return [{"reference": one, **options} for one in references]
+
+
+def test_a_transfer_of_ready_media_is_queued_at_once(api: Api) -> None:
+    video, reference = upload(api, "/videos"), upload(api, "/references")
+    make_ready(api.services, video["id"])
+    make_ready(api.services, reference["id"])
+    answer = api.client.post(
+        "/transfer",
+        json={
+            "video": video["id"],
+            "looks": looks(reference["id"], video["id"], strength=0.5, contrast="auto", faces=[0], protect=[]),
+            "output": {"codec": "h264", "crf": 20, "audio": "none"},
+        },
+    )
+    assert answer.status_code == 202
+    body = answer.json()
+    assert answer.headers["location"] == f"/jobs/{body['id']}"
+    assert (body["kind"], body["state"], body["done"], body["attempt"]) == ("transfer", "queued", False, 1)
+    assert [look["reference"] for look in body["looks"]] == [reference["id"], video["id"]]
+    lease = claim(api.services.database, body["id"])
+    with api.services.database.read() as session:
+        (first, _) = jobs.looks(session, lease.job_id)
+        job = jobs.get(session, lease.job_id)
+    assert first.params == {
+        "strength": 0.5,
+        "contrast": "auto",
+        "match": "semantic",
+        "protect": [],
+        "faces": [0],
+    }
+    assert job is not None
+    assert job.request["output"]["crf"] == 20
+
+
+def test_a_transfer_waits_for_media_that_still_vectorise(api: Api) -> None:
+    video, reference = upload(api, "/videos"), upload(api, "/references")
+    job = api.client.post("/transfer", json={"video": video["id"], "looks": looks(reference["id"])}).json()
+    assert job["state"] == "queued"
+    database = api.services.database
+    for medium in (video, reference):
+        with database.write() as session:
+            assert jobs.claim(session, job["id"], now=database.now(), lease_s=30) is None
+        make_ready(api.services, medium["id"])
+    claim(database, job["id"])
+
+
+def test_a_transfer_fails_with_the_medium_it_waits_for(api: Api) -> None:
+    video, reference = upload(api, "/videos"), upload(api, "/references")
+    make_ready(api.services, video["id"])
+    job = api.client.post("/transfer", json={"video": video["id"], "looks": looks(reference["id"])}).json()
+    database = api.services.database
+    lease = claim(database, reference["job"])
+    with database.write() as session:
+        jobs.fail(session, lease, PROBLEM, now=database.now(), timings={})
+    with database.write() as session:
+        jobs.release(session, now=database.now())
+    body = api.client.get(f"/jobs/{job['id']}").json()
+    assert (body["state"], body["error"]) == ("failed", PROBLEM)
+    # and one that is asked for now is refused with the same problem
+    refused = api.client.post("/transfer", json={"video": video["id"], "looks": looks(reference["id"])})
+    assert refused.status_code == 422
+    assert refused.json()["type"] == "no-face"
+    assert refused.json()["errors"] == [{"pointer": "/looks/0/reference", "detail": PROBLEM["detail"]}]
+
+
+def test_a_form_with_reference_files_is_one_request(api: Api) -> None:
+    video = upload(api, "/videos")
+    answer = api.client.post(
+        "/transfer",
+        data={"video": video["id"], "contrast": "1.1", "faces": "0,1", "protect": "eyes", "codec": "vp9"},
+        files=[("reference", ("a.png", PNG + b"a")), ("reference", ("b.png", PNG + b"b"))],
+    )
+    assert answer.status_code == 202
+    body = answer.json()
+    references = [look["reference"] for look in body["looks"]]
+    assert len(set(references)) == 2
+    for reference, name in zip(references, ("a.png", "b.png"), strict=True):
+        assert api.client.get(f"/references/{reference}").json()["filename"] == name
+    with api.services.database.read() as session:
+        params = jobs.looks(session, body["id"])[1].params
+    assert (params["contrast"], params["faces"], params["protect"]) == (1.1, [0, 1], ["eyes"])
+    assert api.drafts == []
+
+
+def test_a_form_may_name_references_by_id(api: Api) -> None:
+    video, reference = upload(api, "/videos"), upload(api, "/references")
+    # httpx sends a multipart body only when there is a file
+    parts = {"video": (None, video["id"]), "reference": (None, reference["id"])}
+    answer = api.client.post("/transfer", files=parts)
+    assert answer.status_code == 202
+    assert answer.json()["looks"][0]["reference"] == reference["id"]
+
+
+@pytest.mark.parametrize(
+    ("fields", "pointer"),
+    [
+        ({"strength": "1.5"}, "/strength"),
+        ({"crf": "x"}, "/crf"),
+        ({"nonsense": "1"}, "/nonsense"),
+        ({"faces": "first"}, "/faces/0"),
+        ({"video": "vid_1"}, "/video"),
+    ],
+)
+def test_a_form_with_a_bad_field_records_nothing(api: Api, fields: dict[str, str], pointer: str) -> None:
+    video = upload(api, "/videos")
+    answer = api.client.post(
+        "/transfer", data={"video": video["id"]} | fields, files=[("reference", ("a.png", PNG + b"a"))]
+    )
+    assert answer.status_code == 422
+    assert [error["pointer"] for error in answer.json()["errors"]] == [pointer]
+    assert api.client.get("/references").json()["data"] == []
+    assert api.drafts == []
+
+
+@pytest.mark.parametrize(
+    ("fields", "status", "pointer"),
+    [
+        ({"video": "vid_" + "1" * 32}, 404, "/video"),
+        ({"video": "ref_" + "0" * 32}, 404, "/video"),
+        ({"reference": "ref_" + "1" * 32}, 404, "/reference"),
+        ({"faces": "0,1"}, 422, "/faces"),
+        ({"container": "png"}, 422, "/output/container"),
+        ({"reference": ["ref_" + "1" * 32] * 16}, 422, "/looks"),
+        ({"strength": ["0.5", "1"]}, 422, "/strength"),
+    ],
+)
+def test_a_form_that_asks_for_the_impossible_records_nothing(
+    api: Api, fields: dict[str, Any], status: int, pointer: str
+) -> None:
+    video = upload(api, "/videos")
+    make_ready(api.services, video["id"], faces=1)
+    files = [("reference", ("a.png", PNG + b"a"))]
+    answer = api.client.post("/transfer", data={"video": video["id"]} | fields, files=files)
+    assert (answer.status_code, answer.json()["errors"][0]["pointer"]) == (status, pointer)
+    assert api.client.get("/references").json()["data"] == []
+    assert api.drafts == []
+
+
+def test_a_form_without_reference_or_with_a_file_that_is_none_is_refused(api: Api) -> None:
+    video = upload(api, "/videos")
+    without = api.client.post("/transfer", files={"video": (None, video["id"])})
+    assert without.status_code == 422
+    files = [("reference", ("a.png", PNG + b"a")), ("reference", ("b.txt", b"hello"))]
+    assert api.client.post("/transfer", data={"video": video["id"]}, files=files).status_code == 415
+    assert api.client.get("/references").json()["data"] == []
+
+
+GOOD = "vid_" + "0" * 32
+
+
+@pytest.mark.parametrize(
+    ("body", "pointer"),
+    [
+        ({"looks": looks(GOOD)}, "/video"),
+        ({"video": GOOD}, "/looks"),
+        ({"video": GOOD, "looks": []}, "/looks"),
+        ({"video": GOOD, "looks": looks("../etc/passwd")}, "/looks/0/reference"),
+        ({"video": GOOD, "looks": looks(GOOD, strength=-0.1)}, "/looks/0/strength"),
+        ({"video": GOOD, "looks": looks(GOOD, contrast=0.69)}, "/looks/0/contrast"),
+        ({"video": GOOD, "looks": looks(GOOD, contrast="high")}, "/looks/0/contrast"),
+        ({"video": GOOD, "looks": looks(GOOD, match="exact")}, "/looks/0/match"),
+        ({"video": GOOD, "looks": looks(GOOD, protect=["hair"])}, "/looks/0/protect/0"),
+        ({"video": GOOD, "looks": looks(GOOD, faces=[-1])}, "/looks/0/faces/0"),
+        ({"video": GOOD, "looks": looks(GOOD, faces="some")}, "/looks/0/faces"),
+        ({"video": GOOD, "looks": looks(GOOD, colour=1)}, "/looks/0/colour"),
+        ({"video": GOOD, "looks": looks(GOOD), "unknown": 1}, "/unknown"),
+        ({"video": GOOD, "looks": looks(GOOD), "output": {"codec": "mjpeg"}}, "/output/codec"),
+        ({"video": GOOD, "looks": looks(GOOD), "output": {"container": "webm", "codec": "h264"}}, "/output"),
+        ({"video": GOOD, "looks": looks(GOOD), "output": {"container": "mov", "codec": "av1"}}, "/output"),
+        ({"video": GOOD, "looks": looks(GOOD), "output": {"crf": 52}}, "/output"),
+        ({"video": GOOD, "looks": looks(GOOD), "output": {"crf": "18"}}, "/output/crf"),
+        ({"video": GOOD, "looks": looks(GOOD, strength="0.5")}, "/looks/0/strength"),
+        ({"video": GOOD, "looks": looks(GOOD, strength=True)}, "/looks/0/strength"),
+        ({"video": GOOD, "looks": looks(GOOD, contrast="1.1")}, "/looks/0/contrast"),
+        ({"video": GOOD, "looks": looks(GOOD, faces=[True])}, "/looks/0/faces/0"),
+    ],
+)
+def test_bad_parameters_are_named_by_pointer(api: Api, body: dict[str, Any], pointer: str) -> None:
+    answer = api.client.post("/transfer", json=body)
+    assert answer.status_code == 422
+    problem = answer.json()
+    assert problem["type"] == "validation-failed"
+    assert [error["pointer"] for error in problem["errors"]] == [pointer]
+
+
+def test_other_bodies_than_json_and_forms_are_refused(api: Api) -> None:
+    json_type = {"content-type": "application/json"}
+    assert api.client.post("/transfer", content=b"{", headers=json_type).status_code == 400
+    assert api.client.post("/transfer", content=b"").status_code == 415
+    large = json.dumps({"video": "x" * 2_000_000}).encode()
+    assert api.client.post("/transfer", content=large, headers=json_type).status_code == 413
+
+
+def test_unknown_media_are_not_found(api: Api) -> None:
+    video = upload(api, "/videos")
+    unknown = "ref_" + "0" * 32
+    answer = api.client.post("/transfer", json={"video": video["id"], "looks": looks(video["id"], unknown)})
+    assert answer.status_code == 404
+    assert answer.json()["errors"][0]["pointer"] == "/looks/1/reference"
+
+
+def test_what_does_not_fit_the_video_is_refused(api: Api) -> None:
+    video, reference = upload(api, "/videos"), upload(api, "/references")
+    picture = api.client.post("/videos", content=PNG).json()
+    make_ready(api.services, video["id"], faces=1)
+    for body in (
+        {"video": reference["id"], "looks": looks(video["id"])},
+        {"video": video["id"], "looks": looks(reference["id"], faces=[1])},
+        {"video": video["id"], "looks": looks(reference["id"]), "output": {"container": "png"}},
+        {"video": picture["id"], "looks": looks(reference["id"]), "output": {"container": "mp4"}},
+        {"video": video["id"], "looks": looks(*[reference["id"]] * 17)},
+    ):
+        answer = api.client.post("/transfer", json=body)
+        assert (answer.status_code, answer.json()["type"]) == (422, "validation-failed")
+
+
+def test_a_face_that_is_not_there_is_named_where_it_was_asked_for(api: Api) -> None:
+    video = upload(api, "/videos")
+    make_ready(api.services, video["id"], faces=1)
+    absent = looks(video["id"]) + looks(video["id"], faces=[1])
+    for path, body, pointer in (
+        ("/transfer", {"video": video["id"], "looks": absent}, "/looks/1/faces"),
+        ("/swap", {"a": video["id"], "b": video["id"], "faces": [1]}, "/faces"),
+    ):
+        answer = api.client.post(path, json=body)
+        assert answer.status_code == 422
+        assert [error["pointer"] for error in answer.json()["errors"]] == [pointer]
+
+
+@pytest.mark.parametrize("output", [{"crf": 63, "codec": "av1"}, {"crf": 52, "container": "webm"}, {"crf": 51}])
+def test_the_crf_reaches_as_far_as_the_codec(api: Api, output: dict[str, Any]) -> None:
+    video = upload(api, "/videos")
+    body = {"video": video["id"], "looks": looks(video["id"], strength=1, contrast=1), "output": output}
+    assert api.client.post("/transfer", json=body).status_code == 202
+
+
+def test_a_swap_has_two_results(api: Api) -> None:
+    a, b = upload(api, "/videos"), upload(api, "/videos", b"b")
+    answer = api.client.post("/swap", json={"a": a["id"], "b": b["id"], "contrast": 1.2})
+    assert answer.status_code == 202
+    body = answer.json()
+    assert body["kind"] == "swap"
+    pairs = [(look["video"], look["reference"]) for look in body["looks"]]
+    assert pairs == [(a["id"], b["id"]), (b["id"], a["id"])]
+    make_ready(api.services, a["id"])
+    make_ready(api.services, b["id"])
+    results = make_results(api.services, body["id"], [b"one", b"two"])
+    done = api.client.get(f"/jobs/{body['id']}").json()
+    assert (done["state"], done["done"]) == ("succeeded", True)
+    assert [look["result"] for look in done["looks"]] == results
+    assert [api.client.get(look["url"]).content for look in done["looks"]] == [b"one", b"two"]
+
+
+def test_a_transfer_never_asks_for_a_vectorisation(api: Api) -> None:
+    video = upload(api, "/videos", MP4)
+    make_ready(api.services, video["id"])
+    before = api.client.get(f"/videos/{video['id']}").json()
+    for _ in range(3):
+        api.client.post("/transfer", json={"video": video["id"], "looks": looks(video["id"])})
+    with api.services.database.read() as session:
+        vectorisations = session.query(jobs.Job).filter_by(kind="vectorize").count()
+    assert vectorisations == 1
+    after = api.client.get(f"/videos/{video['id']}").json()
+    assert {k: v for k, v in after.items() if k != "expires_at"} == {
+        k: v for k, v in before.items() if k != "expires_at"
+    }

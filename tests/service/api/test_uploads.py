@@ -1,0 +1,228 @@
+from __future__ import annotations
+
+import base64
+import hashlib
+import os
+import re
+import socket
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from service.api.uploads import clean_name
+from service.settings import Settings
+from tests.service.fixtures import MP4, PNG, Api, make_ready, serve
+
+LIMIT = 2 * 1024**2
+
+
+@pytest.fixture
+def small(settings: Settings) -> Iterator[Api]:
+    """An API that takes in 2 MiB at most."""
+    yield from serve(settings.model_copy(update={"max_upload_bytes": LIMIT}))
+
+
+def test_a_raw_upload_is_stored_hashed_and_queued(api: Api) -> None:
+    content = MP4 + os.urandom(3_000_000)
+    answer = api.client.post("/videos", content=content, headers={"content-type": "video/mp4"})
+    assert answer.status_code == 202
+    body = answer.json()
+    assert re.fullmatch(r"vid_[0-9a-f]{32}", body["id"])
+    assert answer.headers["location"] == f"/videos/{body['id']}"
+    assert body["state"] == "vectorizing"
+    assert body["sha256"] == hashlib.sha256(content).hexdigest()
+    assert (body["size_bytes"], body["content_type"]) == (len(content), "video/mp4")
+    (key,) = api.blobs
+    with api.services.storage.local_path(key) as path:
+        assert path.read_bytes() == content
+    assert api.drafts == []
+    job = api.client.get(f"/jobs/{body['job']}").json()
+    assert (job["kind"], job["state"], job["media"]) == ("vectorize", "queued", body["id"])
+
+
+def test_a_form_upload_is_the_same_file(api: Api) -> None:
+    content = PNG + os.urandom(2_500_000)
+    raw = api.client.post("/references", content=content).json()
+    form = api.client.post("/references", files={"file": ("../../Me & you.png", content, "text/plain")})
+    assert form.status_code == 200
+    assert form.json()["id"] == raw["id"]
+    assert len(api.blobs) == 1
+    assert api.drafts == []
+
+
+def test_the_same_bytes_again_are_the_same_medium(api: Api) -> None:
+    first = api.client.post("/videos", content=MP4 + b"1")
+    again = api.client.post("/videos", content=MP4 + b"1")
+    assert (first.status_code, again.status_code) == (202, 200)
+    assert again.json()["id"] == first.json()["id"]
+    assert again.json()["job"] == first.json()["job"]
+    make_ready(api.services, first.json()["id"])
+    ready = api.client.post("/videos", content=MP4 + b"1")
+    assert (ready.status_code, ready.json()["state"]) == (200, "ready")
+    # a reference is another thing than a video, even with the same bytes
+    other = api.client.post("/references", content=MP4 + b"1")
+    assert other.status_code == 202
+    assert other.json()["id"].startswith("ref_")
+
+
+def test_many_uploads_of_the_same_bytes_at_once_make_one_medium(api: Api) -> None:
+    content = MP4 + os.urandom(200_000)
+    answers: list[tuple[int, str]] = []
+
+    def upload() -> None:
+        answer = api.client.post("/videos", content=content)
+        answers.append((answer.status_code, answer.json()["id"]))
+
+    threads = [threading.Thread(target=upload) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted(status for status, _ in answers) == [200] * 7 + [202]
+    assert len({media_id for _, media_id in answers}) == 1
+    assert len(api.blobs) == 1
+    assert api.drafts == []
+
+
+@pytest.mark.parametrize("content", [b"", b"hello", b"#EXTM3U\n", b"<svg/>", b"GIF89a" + b"\0" * 100])
+def test_what_is_no_media_is_refused_at_the_door(api: Api, content: bytes) -> None:
+    for answer in (
+        api.client.post("/videos", content=content, headers={"content-type": "video/mp4"}),
+        api.client.post("/videos", files={"file": ("clip.mp4", content, "video/mp4")}),
+    ):
+        assert answer.status_code == 415
+        assert answer.json()["type"] == "unsupported-media-type"
+    assert api.blobs == []
+    assert api.drafts == []
+    assert api.client.get("/videos").json() == {"data": [], "next_cursor": None}
+
+
+def test_a_wrong_digest_is_refused_and_a_right_one_taken(api: Api) -> None:
+    content = PNG + b"x"
+    right = base64.b64encode(hashlib.sha256(content).digest()).decode()
+    wrong = base64.b64encode(hashlib.sha256(b"other").digest()).decode()
+    refused = api.client.post("/references", content=content, headers={"repr-digest": f"sha-256=:{wrong}:"})
+    assert refused.status_code == 400
+    assert api.blobs == []
+    taken = api.client.post("/references", content=content, headers={"repr-digest": f"sha-256=:{right}:"})
+    assert taken.status_code == 202
+
+
+def test_a_file_at_the_limit_is_taken_and_one_byte_more_is_not(small: Api) -> None:
+    content = MP4 + bytes(LIMIT - len(MP4))
+    assert small.client.post("/videos", files={"file": ("a.mp4", content)}).status_code == 202
+    for answer in (
+        small.client.post("/videos", content=content + b"1"),
+        small.client.post("/videos", files={"file": ("a.mp4", content + b"1")}),
+    ):
+        assert answer.status_code == 413
+        assert answer.json()["type"] == "too-large"
+    assert len(small.blobs) == 1
+    assert small.drafts == []
+
+
+def send_until_answered(api: Api, head: str, total: int) -> tuple[str, int]:
+    """Send a body of zeros piece by piece until the server answers; (answer, bytes of the body sent)."""
+    piece = bytes(64 * 1024)
+    sent = 0
+    with socket.create_connection(api.address, timeout=10) as connection:
+        connection.sendall(head.encode() + b"\r\n\r\n")
+        connection.settimeout(0.02)
+        while sent < total:
+            try:
+                answer = connection.recv(65536)
+                return answer.decode(), sent
+            except TimeoutError:
+                pass
+            except ConnectionResetError:
+                return "", sent
+            try:
+                data = MP4 + piece[len(MP4) :] if sent == 0 else piece
+                if "chunked" in head:
+                    data = f"{len(data):x}\r\n".encode() + data + b"\r\n"
+                connection.sendall(data)
+                sent += len(piece)
+            except (TimeoutError, BrokenPipeError, ConnectionResetError):
+                break
+        connection.settimeout(10)
+        return connection.recv(65536).decode(), sent
+
+
+def test_a_declared_oversize_is_refused_before_any_of_it_is_read(small: Api) -> None:
+    head = "POST /videos HTTP/1.1\r\nHost: x\r\nContent-Type: video/mp4\r\nContent-Length: 5000000000"
+    answer, sent = send_until_answered(small, head, 10 * LIMIT)
+    assert answer.startswith("HTTP/1.1 413 ")
+    assert "connection: close" in answer.lower()
+    assert sent <= 256 * 1024
+
+
+def test_an_undeclared_oversize_is_cut_off_within_a_mebibyte_of_the_limit(small: Api) -> None:
+    head = "POST /videos HTTP/1.1\r\nHost: x\r\nContent-Type: video/mp4\r\nTransfer-Encoding: chunked"
+    answer, sent = send_until_answered(small, head, 10 * LIMIT)
+    assert answer.startswith("HTTP/1.1 413 ")
+    # what fits into socket buffers may have left us without having been read
+    assert sent <= LIMIT + 1024**2
+    assert small.drafts == []
+
+
+def test_a_client_that_goes_away_leaves_nothing(api: Api) -> None:
+    with socket.create_connection(api.address, timeout=10) as connection:
+        head = "POST /videos HTTP/1.1\r\nHost: x\r\nContent-Type: video/mp4\r\nContent-Length: 3000000\r\n\r\n"
+        connection.sendall(head.encode() + MP4 + bytes(1_500_000))
+        until = time.monotonic() + 5
+        while not api.drafts and time.monotonic() < until:
+            time.sleep(0.01)
+        assert api.drafts
+    until = time.monotonic() + 5
+    while api.drafts and time.monotonic() < until:
+        time.sleep(0.01)
+    assert api.drafts == []
+    assert api.blobs == []
+
+
+@pytest.mark.parametrize(
+    ("content_type", "body"),
+    [
+        ("multipart/form-data", b"--x\r\n"),
+        ("multipart/form-data; boundary=x", b""),
+        ("multipart/form-data; boundary=x", b"garbage"),
+        (
+            "multipart/form-data; boundary=x",
+            b'--x\r\nContent-Disposition: form-data; name="file"; filename="a"\r\n\r\n',
+        ),
+        ("multipart/form-data; boundary=x", b"--x\r\nContent-Disposition: form-data\r\n\r\nabc\r\n--x--\r\n"),
+        ("multipart/form-data; boundary=x", b"--x\r\nA: " + b"b" * 20_000 + b"\r\n\r\n\r\n--x--\r\n"),
+        ("multipart/form-data; boundary=" + "x" * 100, b"--" + b"x" * 100 + b"--\r\n"),
+    ],
+)
+def test_malformed_forms_are_refused(api: Api, content_type: str, body: bytes) -> None:
+    answer = api.client.post("/videos", content=body, headers={"content-type": content_type})
+    assert answer.status_code == 400
+    assert answer.json()["type"] == "malformed"
+    assert api.drafts == []
+
+
+def test_forms_with_anything_else_are_refused(api: Api) -> None:
+    file = ("a.png", PNG)
+    for files, data in (
+        ({"other": file}, {}),
+        ({"file": file}, {"extra": "1"}),
+        ([("file", file), ("file", file)], {}),
+    ):
+        assert api.client.post("/videos", files=files, data=data).status_code == 400
+    assert api.blobs == []
+    assert api.drafts == []
+
+
+def test_a_json_upload_is_not_taken_for_a_file(api: Api) -> None:
+    assert api.client.post("/videos", json={"url": "http://example.com/a.mp4"}).status_code == 415
+
+
+def test_file_names_are_shown_without_folders_and_control_characters() -> None:
+    assert clean_name("../../etc/passwd") == "passwd"
+    assert clean_name("C:\\clips\\a\x00\x1b[31m.mp4") == "a[31m.mp4"
+    assert clean_name("x" * 500 + ".mp4") == "x" * 196 + ".mp4"
+    assert clean_name("") is None
+    assert clean_name("/") is None

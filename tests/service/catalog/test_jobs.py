@@ -1,0 +1,279 @@
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from datetime import timedelta
+from functools import partial
+from typing import Any
+
+import pytest
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.orm import Session
+
+from service.catalog import Asset, Database, Job, JobState, Lease, Media, Progress, Role, jobs, media
+from tests.service.fixtures import FakeClock, add_media, add_transfer, claim
+
+PROBLEM = {"type": "no-face", "title": "No face was found", "detail": "no face found"}
+
+
+def job_of(database: Database, job_id: str) -> Job:
+    with database.read() as session:
+        job = jobs.get(session, job_id)
+    assert job is not None
+    return job
+
+
+def media_of(database: Database, media_id: str) -> Media:
+    with database.read() as session:
+        medium = media.get(session, media_id)
+    assert medium is not None
+    return medium
+
+
+def step(database: Database, name: str, *args: Any, **options: Any) -> Any:
+    with database.write() as session:
+        return getattr(jobs, name)(session, *args, now=database.now(), **options)
+
+
+def state_held(database: Database, lease: Lease) -> JobState | None:
+    with database.read() as session:
+        return jobs.held_state(session, lease)
+
+
+def finish_media(database: Database, medium: Media) -> None:
+    lease = claim(database, medium.job_id)
+    with database.write() as session:
+        asset = Asset("asset/x", 1, {}, [], [])
+        assert media.finish(session, lease, asset, now=database.now(), timings={}) == []
+
+
+def test_of_many_claims_one_wins(database: Database) -> None:
+    job_id = add_media(database).job_id
+    won: list[Lease | None] = []
+    barrier = threading.Barrier(8)
+
+    def try_it() -> None:
+        barrier.wait()
+        with database.write() as session:
+            won.append(jobs.claim(session, job_id, now=database.now(), lease_s=30))
+
+    threads = [threading.Thread(target=try_it) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(won) == 8
+    assert sum(lease is not None for lease in won) == 1
+    assert job_of(database, job_id).attempt == 1
+
+
+def test_a_lapsed_lease_returns_the_job_and_the_late_worker_changes_nothing(
+    database: Database, clock: FakeClock
+) -> None:
+    job_id = add_media(database).job_id
+    late = claim(database, job_id)
+    clock.forward(31)
+    assert [message.job_id for message in step(database, "reap", max_attempts=3)] == [job_id]
+    assert (job_of(database, job_id).state, job_of(database, job_id).attempt) == ("queued", 2)
+    second = claim(database, job_id)
+    assert not step(database, "succeed", late, timings={})
+    assert not step(database, "fail", late, PROBLEM, timings={})
+    assert not step(database, "report", late, Progress("skin", 0.9, 9, 10))
+    assert not step(database, "renew", late, lease_s=30)
+    assert step(database, "succeed", second, timings={})
+    # and after the end neither of them does
+    assert not step(database, "fail", second, PROBLEM, timings={})
+    job = job_of(database, job_id)
+    assert (job.state, job.error, job.lease_token) == ("succeeded", None, None)
+
+
+def test_a_heartbeat_keeps_the_lease(database: Database, clock: FakeClock) -> None:
+    lease = claim(database, add_media(database).job_id)
+    for _ in range(5):
+        clock.forward(20)
+        assert step(database, "renew", lease, lease_s=30)
+        assert state_held(database, lease) is JobState.RUNNING
+        assert step(database, "reap", max_attempts=3) == []
+
+
+def test_the_third_crash_is_the_last(database: Database, clock: FakeClock) -> None:
+    medium = add_media(database)
+    for attempt in (1, 2, 3):
+        claim(database, medium.job_id)
+        assert job_of(database, medium.job_id).attempt == attempt
+        clock.forward(31)
+        step(database, "reap", max_attempts=3)
+    job = job_of(database, medium.job_id)
+    assert job.state == "failed"
+    assert job.error is not None
+    assert job.error["type"] == "worker-crashed"
+    assert media_of(database, medium.id).state == "failed"
+    with database.write() as session:
+        assert jobs.claim(session, medium.job_id, now=database.now(), lease_s=30) is None
+
+
+def test_a_queued_job_is_canceled_at_once_and_cannot_be_claimed(database: Database) -> None:
+    job_id = add_media(database).job_id
+    assert step(database, "cancel", job_id)
+    assert job_of(database, job_id).state == "canceled"
+    with database.write() as session:
+        assert jobs.claim(session, job_id, now=database.now(), lease_s=30) is None
+    assert not step(database, "cancel", job_id)
+
+
+def test_a_running_job_is_canceled_by_its_worker(database: Database) -> None:
+    job_id = add_media(database).job_id
+    lease = claim(database, job_id)
+    assert step(database, "cancel", job_id)
+    assert step(database, "renew", lease, lease_s=30)
+    assert state_held(database, lease) is JobState.CANCELING
+    assert not step(database, "succeed", lease, timings={})
+    assert not step(database, "fail", lease, PROBLEM, timings={})
+    assert step(database, "confirm_cancel", lease)
+    assert job_of(database, job_id).state == "canceled"
+
+
+def test_a_canceled_job_whose_worker_died_is_ended_by_the_reaper(database: Database, clock: FakeClock) -> None:
+    job_id = add_media(database).job_id
+    claim(database, job_id)
+    step(database, "cancel", job_id)
+    clock.forward(31)
+    assert step(database, "reap", max_attempts=3) == []
+    assert job_of(database, job_id).state == "canceled"
+
+
+def test_cancel_and_success_at_the_same_moment_have_one_end(database: Database) -> None:
+    for number in range(20):
+        job_id = add_media(database).job_id
+        lease = claim(database, job_id)
+        barrier = threading.Barrier(2)
+        said: dict[str, bool] = {}
+
+        def race(name: str, call: Callable[[Session], bool], barrier: threading.Barrier, said: dict[str, bool]) -> None:
+            barrier.wait()
+            with database.write() as session:
+                said[name] = call(session)
+
+        cancel = partial(jobs.cancel, job_id=job_id, now=database.now())
+        succeed = partial(jobs.succeed, lease=lease, now=database.now(), timings={})
+        threads = [
+            threading.Thread(target=race, args=(name, call, barrier, said))
+            for name, call in (("cancel", cancel), ("succeed", succeed))
+        ]
+        for thread in threads if number % 2 else threads[::-1]:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert said["cancel"] != said["succeed"]
+        if said["cancel"]:
+            assert step(database, "confirm_cancel", lease)
+        assert job_of(database, job_id).state == ("canceled" if said["cancel"] else "succeeded")
+
+
+def test_a_revoked_job_takes_the_lease_away(database: Database) -> None:
+    job_id = add_media(database).job_id
+    lease = claim(database, job_id)
+    assert step(database, "revoke", job_id)
+    with database.read() as session:
+        assert jobs.held_state(session, lease) is None
+    assert not step(database, "succeed", lease, timings={})
+    assert not step(database, "confirm_cancel", lease)
+
+
+def test_a_job_left_in_the_queue_expires_with_its_medium(database: Database, clock: FakeClock) -> None:
+    medium = add_media(database)
+    clock.forward(100)
+    assert step(database, "expire", before=clock()) == 1
+    assert job_of(database, medium.job_id).state == "expired"
+    assert media_of(database, medium.id).error == job_of(database, medium.job_id).error
+
+
+def test_the_time_in_the_queue_counts_from_the_last_attempt(database: Database, clock: FakeClock) -> None:
+    job_id = add_media(database).job_id
+    clock.forward(100)
+    claim(database, job_id)
+    clock.forward(31)
+    assert len(step(database, "reap", max_attempts=3)) == 1
+    clock.forward(60)
+    assert step(database, "expire", before=clock() - timedelta(seconds=61)) == 0
+    assert job_of(database, job_id).state == "queued"
+    assert step(database, "expire", before=clock() - timedelta(seconds=59)) == 1
+    assert job_of(database, job_id).state == "expired"
+
+
+def test_the_time_in_the_queue_counts_from_the_release(database: Database, clock: FakeClock) -> None:
+    video = add_media(database)
+    job_id = add_transfer(database, video, video)
+    lease = claim(database, video.job_id, lease_s=1000)
+    clock.forward(500)
+    with database.write() as session:
+        asset = Asset("asset/x", 1, {}, [], [])
+        assert media.finish(session, lease, asset, now=database.now(), timings={}) == []
+    assert len(step(database, "release")) == 1
+    clock.forward(60)
+    assert step(database, "expire", before=clock() - timedelta(seconds=61)) == 0
+    claim(database, job_id)
+
+
+def test_a_job_that_waits_too_long_for_its_media_expires(database: Database, clock: FakeClock) -> None:
+    video = add_media(database)
+    job_id = add_transfer(database, video, video)
+    claim(database, video.job_id, lease_s=1000)
+    clock.forward(100)
+    assert step(database, "expire", before=clock() - timedelta(seconds=99)) == 1
+    assert job_of(database, job_id).state == "expired"
+
+
+def test_a_transfer_waits_for_all_of_its_media(database: Database) -> None:
+    video, reference = add_media(database), add_media(database, Role.REFERENCE)
+    job_id = add_transfer(database, video, reference)
+    assert step(database, "release") == []
+    with database.write() as session:
+        assert jobs.claim(session, job_id, now=database.now(), lease_s=30) is None
+    finish_media(database, video)
+    assert step(database, "release") == []
+    finish_media(database, reference)
+    assert [message.job_id for message in step(database, "release")] == [job_id]
+    assert step(database, "release") == []
+    claim(database, job_id)
+
+
+def test_a_failed_medium_fails_the_jobs_that_wait_for_it_with_its_own_error(database: Database) -> None:
+    video, reference = add_media(database), add_media(database, Role.REFERENCE)
+    waiting, other = add_transfer(database, video, reference), add_transfer(database, video, video)
+    lease = claim(database, reference.job_id)
+    assert step(database, "fail", lease, PROBLEM, timings={})
+    step(database, "release")
+    assert media_of(database, reference.id).state == "failed"
+    assert job_of(database, waiting).state == "failed"
+    assert job_of(database, waiting).error == PROBLEM
+    assert job_of(database, other).state == "queued"
+
+
+def test_progress_is_of_the_present_attempt(database: Database, clock: FakeClock) -> None:
+    job_id = add_media(database).job_id
+    lease = claim(database, job_id)
+    assert step(database, "report", lease, Progress("landmarks", 0.25, 5, 20))
+    job = job_of(database, job_id)
+    assert (job.stage, job.fraction, job.frames_done, job.frames_total) == ("landmarks", 0.25, 5, 20)
+    clock.forward(31)
+    step(database, "reap", max_attempts=3)
+    claim(database, job_id)
+    assert (job_of(database, job_id).stage, job_of(database, job_id).fraction) == (None, 0.0)
+
+
+def test_a_job_that_succeeded_has_done_all_its_frames(database: Database) -> None:
+    """Reports are throttled; the last one before the end is not of the last frame."""
+    job_id = add_media(database).job_id
+    lease = claim(database, job_id)
+    assert step(database, "report", lease, Progress("skin", 0.9, 15, 20))
+    assert step(database, "succeed", lease, timings={})
+    job = job_of(database, job_id)
+    assert (job.state, job.fraction, job.frames_done, job.frames_total) == ("succeeded", 1.0, 20, 20)
+
+
+def test_the_same_content_is_recorded_once_a_role(database: Database) -> None:
+    add_media(database, content=b"same")
+    add_media(database, Role.REFERENCE, content=b"same")
+    with pytest.raises(IntegrityError):
+        add_media(database, content=b"same")

@@ -1,0 +1,89 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+from datetime import timedelta
+
+from alembic import command
+from alembic.autogenerate import compare_metadata
+from alembic.runtime.migration import MigrationContext
+from sqlalchemy import inspect, text
+
+from service.catalog import Database, Lease, jobs
+from service.catalog.database import make_engine
+from service.catalog.migrations import _config, is_current, migrate
+from service.catalog.models import Base
+from tests.service.fixtures import FakeClock, add_media, add_transfer
+
+
+def test_the_migrations_make_the_tables_of_the_models(database: Database) -> None:
+    engine = make_engine(database.url)
+    with engine.connect() as connection:
+        context = MigrationContext.configure(connection, opts={"compare_type": True})
+        assert compare_metadata(context, Base.metadata) == []
+    engine.dispose()
+    assert is_current(database.url)
+
+
+def test_migrating_again_changes_nothing_and_down_removes_everything(database: Database) -> None:
+    migrate(database.url)
+    assert is_current(database.url)
+    command.downgrade(_config(database.url), "base")
+    engine = make_engine(database.url)
+    assert inspect(engine).get_table_names() == ["alembic_version"]
+    engine.dispose()
+
+
+def test_several_processes_may_migrate_at_once(database: Database) -> None:
+    command.downgrade(_config(database.url), "base")
+    code = "import sys; from service.catalog.migrations import migrate; migrate(sys.argv[1])"
+    started = [subprocess.Popen([sys.executable, "-c", code, database.url]) for _ in range(3)]
+    assert [process.wait(60) for process in started] == [0, 0, 0]
+    assert is_current(database.url)
+
+
+def rows(database: Database, query: str) -> list[tuple[object, ...]]:
+    with database.read() as session:
+        return [tuple(row) for row in session.execute(text(query)).all()]
+
+
+def test_jobs_of_the_former_version_know_when_they_were_queued(database: Database, clock: FakeClock) -> None:
+    medium, other = add_media(database), add_media(database)
+    waiting = add_transfer(database, medium, medium)
+    clock.forward(100)
+    with database.write() as session:  # one of them is queued again after its worker was lost
+        lease = jobs.claim(session, medium.job_id, now=clock(), lease_s=1)
+        running = jobs.claim(session, other.job_id, now=clock(), lease_s=1000)
+    assert isinstance(lease, Lease)
+    assert running is not None
+    clock.forward(100)
+    with database.write() as session:
+        assert len(jobs.reap(session, now=clock(), max_attempts=3)) == 1
+    before = rows(database, "SELECT id, state, attempt, lease_token FROM jobs ORDER BY id")
+    looks = rows(database, "SELECT job_id, position, video_id FROM looks")
+    assert len(looks) == 1
+
+    command.downgrade(_config(database.url), "0001")
+    assert "queued_at" not in {column["name"] for column in inspect(database._engine).get_columns("jobs")}
+    assert rows(database, "SELECT job_id, position, video_id FROM looks") == looks
+    migrate(database.url)
+
+    assert rows(database, "SELECT id, state, attempt, lease_token FROM jobs ORDER BY id") == before
+    assert rows(database, "SELECT job_id, position, video_id FROM looks") == looks
+    with database.read() as session:
+        queued = {one: job.queued_at for one in (medium.job_id, waiting) if (job := jobs.get(session, one))}
+    assert queued == {medium.job_id: clock(), waiting: clock() - timedelta(seconds=200)}
+    engine = make_engine(database.url)
+    names = {index["name"] for index in inspect(engine).get_indexes("jobs")}
+    engine.dispose()
+    assert names == {"ix_jobs_media_id", "ix_jobs_queue_state_waiting", "ix_jobs_state_lease_expires_at"}
+
+
+def test_a_deleted_job_still_takes_its_looks_along_after_the_migrations(database: Database) -> None:
+    medium = add_media(database)
+    job_id = add_transfer(database, medium, medium)
+    command.downgrade(_config(database.url), "0001")
+    migrate(database.url)
+    with database.write() as session:
+        session.execute(text("DELETE FROM jobs WHERE id = :id"), {"id": job_id})
+    assert rows(database, "SELECT job_id FROM looks") == []

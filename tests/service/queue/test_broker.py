@@ -1,0 +1,92 @@
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from service.catalog import Message
+from service.queue import RENDER, TASK, VECTORIZE, celery_settings, make_folders, make_producer, send
+from service.settings import Settings
+
+
+def messages(settings: Settings) -> list[Path]:
+    return sorted((settings.folder / "broker" / "messages").iterdir())
+
+
+@pytest.fixture(params=["files", "redis"])
+def broker(request: pytest.FixtureRequest, tmp_path: Path) -> Settings:
+    """Settings of an empty broker, once of each kind."""
+    url = "" if request.param == "files" else request.getfixturevalue("redis_url").replace("/0", "/7")
+    settings = Settings(data_dir=tmp_path, broker_url=url)
+    make_folders(settings)
+    with make_producer(settings).connection_for_write() as connection, connection.channel() as channel:
+        for name in (RENDER, VECTORIZE):
+            channel.queue_purge(name)
+    return settings
+
+
+def take(settings: Settings, queue: str) -> list[str]:
+    """The job ids of every message in a queue, in order."""
+    ids = []
+    producer = make_producer(settings)
+    with producer.connection_for_read() as connection:
+        bound = producer.amqp.queues[queue](connection.default_channel)
+        while (message := bound.get()) is not None:
+            assert message.headers["task"] == TASK
+            ids.append(message.payload[0][0])
+            message.ack()
+    return ids
+
+
+def test_messages_arrive_once_in_their_queue_and_in_order(broker: Settings) -> None:
+    producer = make_producer(broker)
+    for number in range(5):
+        send(producer, Message(f"job_{number}", RENDER))
+    send(producer, Message("job_v", VECTORIZE))
+    assert take(broker, RENDER) == [f"job_{number}" for number in range(5)]
+    assert take(broker, VECTORIZE) == ["job_v"]
+    assert take(broker, RENDER) == []
+
+
+def test_two_consumers_never_take_the_same_file(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path)
+    make_folders(settings)
+    producer = make_producer(settings)
+    for number in range(60):
+        send(producer, Message(f"job_{number}", RENDER))
+    taken: list[str] = []
+    barrier = threading.Barrier(4)
+
+    def consume() -> None:
+        barrier.wait()
+        taken.extend(take(settings, RENDER))
+
+    threads = [threading.Thread(target=consume) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted(taken) == sorted(f"job_{number}" for number in range(60))
+    assert messages(settings) == []
+
+
+def test_a_half_written_file_is_not_a_message(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path)
+    make_folders(settings)
+    (settings.folder / "broker" / "messages" / "0001_x.render.draft").write_text('{"bo')
+    assert take(settings, RENDER) == []
+
+
+def test_the_settings_keep_the_promises_of_the_queue(tmp_path: Path) -> None:
+    files: dict[str, Any] = celery_settings(Settings(data_dir=tmp_path))
+    redis: dict[str, Any] = celery_settings(Settings(data_dir=tmp_path, broker_url="redis://localhost/0"))
+    for conf in (files, redis):
+        assert conf["accept_content"] == ["json"]
+        assert conf["result_backend"] is None
+        assert {queue.name for queue in conf["task_queues"]} == {"vectorize", "render"}
+    assert files["broker_transport_options"]["polling_interval"] == 0.2
+    longest = Settings().job_hard_limit_s
+    assert redis["broker_transport_options"]["visibility_timeout"] > 2 * longest
+    assert redis["broker_transport_options"]["unacked_restore_throttle"] == 1

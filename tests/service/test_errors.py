@@ -1,0 +1,48 @@
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from service import errors
+from service.errors import PROBLEMS, MediaFailedError, ServiceError, stored_problem
+
+API = Path(__file__).parents[2] / "docs" / "api.md"
+
+
+def test_every_error_is_of_a_listed_kind() -> None:
+    kinds = [one.kind for one in vars(errors).values() if isinstance(one, type) and issubclass(one, ServiceError)]
+    assert len(kinds) > 10
+    assert all(PROBLEMS[kind.type] is kind for kind in kinds)
+
+
+def test_titles_are_of_one_kind_only() -> None:
+    assert len({problem.title for problem in PROBLEMS.values()}) == len(PROBLEMS)
+
+
+def test_the_documentation_lists_every_kind_with_its_status() -> None:
+    section = API.read_text().split("## Errors")[1]
+    listed = {
+        (kind, int(status))
+        for status, text in re.findall(r"^\| (\d{3}) \| (.*) \|$", section, re.MULTILINE)
+        for kind in re.findall(r"`([a-z-]+)`", text)
+    }
+    # 500 is an answer's status; a stored problem of that kind is told of with 422
+    assert listed == {(problem.type, problem.status) for problem in PROBLEMS.values()} | {("internal-error", 422)}
+
+
+def test_the_problem_of_a_failed_medium_keeps_its_own_kind() -> None:
+    problem = MediaFailedError(stored_problem("no-face", "no face found in a.mp4"), "/video").problem()
+    assert problem == {
+        "type": "no-face",
+        "title": "No face was found",
+        "status": 422,
+        "detail": "no face found in a.mp4",
+        "errors": [{"pointer": "/video", "detail": "no face found in a.mp4"}],
+    }
+
+
+def test_only_listed_kinds_are_stored() -> None:
+    with pytest.raises(KeyError):
+        stored_problem("unheard-of", "x")

@@ -1,0 +1,54 @@
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from service.processes import worker_command, worker_environment
+from service.settings import Settings
+
+POISON = "raise SystemExit('imported from the current folder')\n"
+
+
+@pytest.fixture
+def poisoned(tmp_path: Path) -> Path:
+    """A folder with packages of the same names as ours, and of libraries that the worker imports."""
+    for name in ("worker", "service", "pvg", "celery", "structlog", "numpy"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "__init__.py").write_text(POISON)
+        (tmp_path / name / "__main__.py").write_text(POISON)
+    return tmp_path
+
+
+def test_the_worker_imports_nothing_from_the_folder_it_is_started_in(poisoned: Path, tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path / "data")
+    # Celery's own report loads the app and every module of tasks, as the worker does, and ends
+    command = worker_command(settings)
+    report = [*command[: command.index("worker.app") + 1], "report"]
+    done = subprocess.run(
+        report, cwd=poisoned, env=worker_environment(settings), capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "worker.tasks" in done.stdout
+
+
+def test_the_command_line_leads_past_the_current_folder(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path)
+    assert worker_command(settings)[:4] == [sys.executable, "-P", "-m", "worker"]
+
+
+def test_the_worker_finds_the_data_folder_and_reports_to_nobody(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("ORT_DISABLE_TELEMETRY", "0")
+    monkeypatch.setenv("PVG_LEASE_S", "40")
+    environment = worker_environment(Settings(data_dir=Path("elsewhere")))
+    assert environment["PVG_DATA_DIR"] == str(tmp_path / "elsewhere")
+    assert environment["ORT_DISABLE_TELEMETRY"] == "1"
+    assert environment["PYTHONSAFEPATH"] == "1"
+    assert environment["PVG_LEASE_S"] == "40"
+    assert environment["PATH"] == os.environ["PATH"]

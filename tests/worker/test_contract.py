@@ -1,0 +1,343 @@
+"""What the service and the method both state, tied together: a change on one side alone fails here."""
+
+from __future__ import annotations
+
+import inspect
+import struct
+from collections.abc import Iterator
+from dataclasses import asdict, fields
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, get_args
+
+import av
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+import pvg
+from pvg.vectorization import STAGES
+from pvg.video import CLIP_SUFFIXES, IMAGE_SUFFIXES, VideoWriter, probe, read_frames
+from scripts.samples import Samples
+from service.api.schemas import CLIP_CONTAINERS, IMAGE_CONTAINERS, LookOptions, OutputRequest
+from service.api.sniffing import HEAD_BYTES, sniff
+from service.catalog import LookParams, OutputOptions, Progress, content_type_of
+from service.catalog.requests import Codec, Container, Match, Part, Preset
+from service.errors import PROBLEMS
+from service.settings import Settings
+from worker.failures import problem_of
+from worker.progress import ProgressScale
+from worker.rendering import IMAGE_CONTAINERS as DRAWN_AS_IMAGES
+from worker.rendering import spans_of_video
+from worker.vectorizing import CLIP_SPANS, REFERENCE_SPANS, media_limits
+
+CODECS = get_args(Codec)
+PRESETS = get_args(Preset)
+
+
+def default_of(call: Any, name: str) -> Any:
+    return inspect.signature(call).parameters[name].default
+
+
+# the options of a look
+
+
+def bounds(name: str) -> tuple[float, float]:
+    """The least and the largest number that the API takes for an option."""
+    schema = LookOptions.model_json_schema()["properties"][name]
+    numbers = [part for part in schema.get("anyOf", [schema]) if part.get("type") == "number"]
+    return numbers[0]["minimum"], numbers[0]["maximum"]
+
+
+def taken_by_the_api(model: type[LookOptions] | type[OutputRequest], **options: Any) -> bool:
+    try:
+        model(**options)
+    except ValidationError:
+        return False
+    return True
+
+
+def taken_by_the_method(video: pvg.VectorVideo, reference: pvg.VectorVideo, **options: Any) -> bool:
+    try:
+        pvg.transfer(video, reference, **options)
+    except ValueError:
+        return False
+    return True
+
+
+def test_the_defaults_of_a_look_are_the_methods() -> None:
+    assert {name: default_of(pvg.transfer, name) for name in asdict(LookParams())} == asdict(LookParams())
+    assert {name: default_of(pvg.transfer, name) for name in LookOptions.model_fields} == {
+        name: tuple(value) if isinstance(value, list) else value for name, value in LookOptions().model_dump().items()
+    }
+
+
+@pytest.fixture(scope="module")
+def portrait(samples: Samples) -> Iterator[pvg.VectorVideo]:
+    """A still picture to be recoloured."""
+    with pvg.vectorize(samples.portrait) as vectorized:
+        yield vectorized
+
+
+@pytest.mark.parametrize("name", ["strength", "contrast"])
+def test_the_ranges_of_a_look_are_the_methods(
+    portrait: pvg.VectorVideo, dark_reference: pvg.VectorVideo, name: str
+) -> None:
+    least, most = bounds(name)
+    for value, expected in ((least, True), (most, True), (least - 0.01, False), (most + 0.01, False)):
+        assert taken_by_the_api(LookOptions, **{name: value}) is expected
+        assert taken_by_the_method(portrait, dark_reference, **{name: value}) is expected
+
+
+def test_the_words_of_a_look_are_the_methods(portrait: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> None:
+    for match in (*get_args(Match), "exact"):
+        assert taken_by_the_method(portrait, dark_reference, match=match) is taken_by_the_api(LookOptions, match=match)
+    for part in (*get_args(Part), "brows", "lips"):
+        assert taken_by_the_method(portrait, dark_reference, protect=(part,)) is taken_by_the_api(
+            LookOptions, protect=[part]
+        )
+    assert set(default_of(pvg.transfer, "protect")) == set(get_args(Part))
+    assert taken_by_the_method(portrait, dark_reference, contrast="auto")
+    # the API checks indices against the faces that were found
+    assert taken_by_the_method(portrait, dark_reference, faces=(0,))
+    assert not taken_by_the_method(portrait, dark_reference, faces=(1,))
+
+
+def test_as_many_looks_as_the_service_takes_are_rendered(
+    portrait: pvg.VectorVideo, dark_reference: pvg.VectorVideo, tmp_path: Path
+) -> None:
+    look = pvg.transfer(portrait, dark_reference)
+    paths = [tmp_path / f"{number}.jpg" for number in range(Settings().max_looks)]
+    pvg.render(portrait, [look] * len(paths), paths)
+    assert all(path.stat().st_size for path in paths)
+
+
+# the options of the output
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four frames of 128x128."""
+    path = tmp_path_factory.mktemp("tiny") / "tiny.mp4"
+    write_clip(path, {})
+    return path
+
+
+def write_clip(path: Path, options: dict[str, str]) -> None:
+    with av.open(str(path), "w", format="mp4", options=options) as output:
+        stream = output.add_stream("libx264", rate=25)
+        stream.width = stream.height = 128
+        stream.pix_fmt = "yuv420p"
+        for level in range(4):
+            picture = np.full((128, 128, 3), 40 * level, np.uint8)
+            output.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        output.mux(stream.encode())
+
+
+def written(tiny: Path, target: Path, **options: Any) -> bool:
+    """Whether the method writes a clip with these options; False when it refuses them."""
+    info = probe(tiny)
+    try:
+        with VideoWriter(target, info, info.format, **options) as writer:
+            for frame in read_frames(tiny):
+                writer.write(frame)
+    except ValueError:
+        return False
+    return probe(target).frame_count == 4
+
+
+def test_the_defaults_of_the_output_are_the_methods() -> None:
+    defaults = asdict(OutputOptions())
+    assert defaults.pop("container") is None
+    assert {name: default_of(pvg.render, name) for name in defaults} == defaults
+    assert OutputRequest().model_dump() == asdict(OutputOptions())
+
+
+def test_every_container_is_one_that_the_method_writes() -> None:
+    assert {f".{name}" for name in CLIP_CONTAINERS} <= set(CLIP_SUFFIXES)
+    assert {f".{name}" for name in IMAGE_CONTAINERS} <= set(IMAGE_SUFFIXES)
+    assert set(CLIP_CONTAINERS) | set(IMAGE_CONTAINERS) == set(get_args(Container))
+    assert set(IMAGE_CONTAINERS) == set(DRAWN_AS_IMAGES)
+    for name in get_args(Container):
+        assert content_type_of(f".{name}").startswith("image/" if name in IMAGE_CONTAINERS else "video/")
+
+
+@pytest.mark.parametrize("container", CLIP_CONTAINERS)
+@pytest.mark.parametrize("codec", [*CODECS, "mjpeg"])
+def test_a_container_holds_the_codecs_that_the_method_puts_into_it(
+    tiny: Path, tmp_path: Path, container: str, codec: str
+) -> None:
+    taken = taken_by_the_api(OutputRequest, container=container, codec=codec)
+    assert written(tiny, tmp_path / f"out.{container}", codec=codec) is taken
+
+
+@pytest.mark.parametrize(
+    ("codec", "container", "most"),
+    [
+        ("h264", "mp4", 51),
+        ("hevc", "mp4", 51),
+        ("vp9", "webm", 63),
+        ("av1", "mkv", 63),
+        ("auto", "webm", 63),
+        ("auto", "mp4", 51),
+    ],
+)
+def test_the_crf_reaches_as_far_as_the_encoder(
+    tiny: Path, tmp_path: Path, codec: str, container: str, most: int
+) -> None:
+    for crf in (0, most):
+        assert taken_by_the_api(OutputRequest, codec=codec, container=container, crf=crf)
+        assert written(tiny, tmp_path / f"out{crf}.{container}", codec=codec, crf=crf)
+    for crf in (-1, most + 1):
+        assert not taken_by_the_api(OutputRequest, codec=codec, container=container, crf=crf)
+
+
+@pytest.mark.parametrize("codec", [codec for codec in CODECS if codec != "auto"])
+def test_every_preset_is_known_to_every_encoder(tiny: Path, tmp_path: Path, codec: str) -> None:
+    for preset in PRESETS:
+        assert written(tiny, tmp_path / f"{preset}.mkv", codec=codec, preset=preset)
+
+
+# what is taken in
+
+
+def test_the_limits_of_the_service_are_the_methods() -> None:
+    assert media_limits(Settings()) == pvg.MediaLimits()
+    assert {field.name for field in fields(pvg.MediaLimits)} <= Settings.model_fields.keys()
+    assert Settings().min_face_px == default_of(pvg.vectorize, "min_face_px")
+
+
+def opened(path: Path) -> bool:
+    """Whether the method reads all of a file."""
+    try:
+        return sum(1 for _ in read_frames(path)) == 4
+    except pvg.MediaError:
+        return False
+
+
+def boxes_of(content: bytes) -> list[tuple[bytes, bytes]]:
+    found, start = [], 0
+    while start < len(content):
+        size, kind = struct.unpack(">I4s", content[start : start + 8])
+        found.append((kind, content[start : start + size]))
+        start += size
+    return found
+
+
+@pytest.mark.parametrize(
+    "box", [b"ftyp", b"styp", b"wide", b"free", b"skip", b"pnot", b"mdat", b"sidx", b"uuid", b"abcd"]
+)
+def test_a_first_box_is_taken_exactly_when_the_method_opens_the_file(tiny: Path, tmp_path: Path, box: bytes) -> None:
+    content = tiny.read_bytes()
+    assert content[4:8] == b"ftyp"
+    path = tmp_path / "clip.mp4"
+    path.write_bytes(content[:4] + box + content[8:])
+    assert (sniff(path.read_bytes()[:HEAD_BYTES]) is not None) is opened(path)
+
+
+@pytest.mark.parametrize(
+    ("order", "first"), [("is", b"styp"), ("i", b"moov"), ("f", b"moof")], ids=["styp", "index first", "fragment first"]
+)
+def test_a_fragmented_clip_is_taken_exactly_when_the_method_opens_it(tmp_path: Path, order: str, first: bytes) -> None:
+    whole = tmp_path / "whole.mp4"
+    write_clip(whole, {"movflags": "frag_keyframe+empty_moov+default_base_moof"})
+    boxes = boxes_of(whole.read_bytes())
+    index = b"".join(body for kind, body in boxes if kind == b"moov")
+    fragments = b"".join(body for kind, body in boxes if kind in {b"moof", b"mdat"})
+    styp = struct.pack(">I4s4sI4s", 20, b"styp", b"msdh", 0, b"msdh") if "s" in order else b""
+    path = tmp_path / "clip.mp4"
+    path.write_bytes(styp + (fragments + index if order == "f" else index + fragments))
+    head = path.read_bytes()[:HEAD_BYTES]
+    assert head[4:8] == first
+    assert (sniff(head) is not None) is opened(path)
+
+
+HEADS = [
+    b"",
+    b"hello",
+    b"\xff\xd8\xff\xe0\x00\x10JFIF",
+    b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR",
+    b"RIFF\x00\x00\x00\x00WEBPVP8 ",
+    b"RIFF\x00\x00\x00\x00WEBPVP8L",
+    b"RIFF\x00\x00\x00\x00WEBPVP8X\x0a\x00\x00\x00\x10\x00\x00\x00",
+    b"RIFF\x00\x00\x00\x00WEBPVP8X\x0a\x00\x00\x00\x12\x00\x00\x00",
+    b"RIFF\x00\x00\x00\x00AVI LIST",
+    b"RIFF\x00\x00\x00\x00WAVEfmt ",
+    b"\x1aE\xdf\xa3\x01\x00\x00\x00\x00\x00\x00\x1fB\x82\x84webm",
+    b"\x1aE\xdf\xa3\x01\x00\x00\x00\x00\x00\x00\x23B\x82\x88matroska",
+    *(b"\x00\x00\x00\x18ftyp" + brand for brand in (b"isom", b"mp42", b"qt  ", b"M4V ", b"dash", b"3gp4")),
+    *(
+        b"\x00\x00\x00\x18ftyp" + brand
+        for brand in (b"heic", b"heix", b"hevc", b"mif1", b"msf1", b"avif", b"avis", b"crx ")
+    ),
+    b"GIF89a",
+    b"#EXTM3U\n#EXT-X-VERSION:3",
+    b"ffconcat version 1.0\nfile /etc/passwd",
+    b"<svg xmlns='http://www.w3.org/2000/svg'/>",
+    b"%PDF-1.7",
+    b"II*\x00",
+    b"OggS",
+    b"BM",
+    b"\x47\x40\x00",
+]
+
+
+@pytest.mark.parametrize("head", HEADS)
+def test_the_same_first_bytes_are_taken(tmp_path: Path, head: bytes) -> None:
+    path = tmp_path / "file"
+    path.write_bytes(head)
+    try:
+        kind: str | None = pvg.video.sniff(path)
+    except pvg.MediaError:
+        kind = None
+    found = sniff(head)
+    assert (found is not None) is (kind is not None)
+    if found is not None:
+        assert found.content_type.startswith("image/") is (kind in {"jpeg", "png", "webp"})
+
+
+# stages and errors
+
+
+def test_every_stage_of_the_vectoriser_has_its_part_of_a_job_in_its_order() -> None:
+    assert (*CLIP_SPANS, *REFERENCE_SPANS) == STAGES
+
+
+@pytest.mark.parametrize("spans", [CLIP_SPANS, REFERENCE_SPANS, spans_of_video(0, 1), spans_of_video(1, 2)])
+def test_progress_moves_in_every_stage_and_leaves_room_for_storing(spans: dict[str, tuple[float, float]]) -> None:
+    seen: list[Progress] = []
+    scale = ProgressScale(seen.append)
+    scale.expect(spans)
+    for stage in spans:
+        for done in range(1, 5):
+            scale(stage, done, 4)
+    fractions = [progress.fraction for progress in seen]
+    assert all(later > earlier for earlier, later in pairwise(fractions))
+    assert fractions[-1] < 1
+
+
+def test_the_stages_that_are_named_are_those_expected(short_clip: Path, tmp_path: Path) -> None:
+    named: list[str] = []
+
+    def note(stage: str, done: int, total: int) -> None:
+        named.append(stage)
+
+    def stages() -> list[str]:
+        found = list(dict.fromkeys(named))
+        named.clear()
+        return found
+
+    with pvg.vectorize(short_clip, reference=True, progress=note) as reference:
+        assert stages() == list(REFERENCE_SPANS)
+        with pvg.vectorize(short_clip, progress=note) as video:
+            assert stages() == ["vectorize"]  # no track of this clip needs a second reading
+            pvg.render(video, [pvg.transfer(video, reference)], [tmp_path / "out.mp4"], progress=note)
+            assert stages() == [stage for stage in spans_of_video(0, 1) if stage != "transfer"]  # the worker's own
+
+
+def test_every_error_of_the_method_is_a_problem_of_the_service() -> None:
+    errors = [one for one in vars(pvg).values() if isinstance(one, type) and issubclass(one, pvg.PvgError)]
+    assert len(errors) >= 7
+    for error in errors:
+        problem = problem_of(error("x"))
+        assert problem["title"] == PROBLEMS[problem["type"]].title
