@@ -75,7 +75,7 @@ def cut_clip(source: Path, target: Path, start: int, stop: int) -> Path:
     return target
 
 
-def coded(rgb: np.ndarray, layout: str = "yuv420p") -> av.VideoFrame:
+def libav_frame(rgb: np.ndarray, layout: str = "yuv420p") -> av.VideoFrame:
     """A picture as libav holds it in a layout."""
     return av.VideoFrame.from_ndarray(rgb, format="rgb24").reformat(format=layout)
 

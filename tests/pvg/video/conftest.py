@@ -9,8 +9,8 @@ import pytest
 
 from tests.gallery.clips import (
     add_tone,
-    coded,
     encode_raw,
+    libav_frame,
     short_clip,
 )
 from tests.gallery.pictures import colorful
@@ -20,7 +20,7 @@ from tests.gallery.pictures import colorful
 def long_clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """600 frames with a key picture every 24 and reordered frames between them."""
     base = colorful(9, (160, 96))
-    raw = [coded(np.roll(base, k, 1)) for k in range(600)]
+    raw = [libav_frame(np.roll(base, k, 1)) for k in range(600)]
     return encode_raw(tmp_path_factory.mktemp("long") / "clip.mp4", raw, "libx264", g="24", preset="veryfast", bf="3")
 
 

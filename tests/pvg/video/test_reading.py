@@ -18,9 +18,9 @@ from pvg.video.formats import resolve_format
 from pvg.video.reading import Reading, reading_of, to_frame
 from tests.gallery.clips import (
     SIZE,
-    coded,
     encode_raw,
     every_frame,
+    libav_frame,
     write_clip,
 )
 from tests.gallery.pictures import colorful
@@ -29,15 +29,15 @@ from tests.gallery.pictures import colorful
 @pytest.mark.parametrize(
     ("coded", "delivered"),
     [
-        ("nv12"),
+        ("nv12", "yuv420p"),
         ("yuyv422", "yuv422p"),
-        ("yuva420p"),
+        ("yuva420p", "yuv420p"),
         ("p010le", "yuv420p10le"),
         ("yuv420p9le", "yuv420p10le"),
         ("yuv444p16le", "yuv444p12le"),
         ("yuv411p", "yuv422p"),
         ("yuv440p", "yuv444p"),
-        ("gray"),
+        ("gray", "yuv420p"),
         ("gray10le", "yuv420p10le"),
         ("rgb24", "gbrp"),
         ("bgra", "gbrp"),
@@ -59,7 +59,7 @@ def test_other_layouts_become_the_nearest_one_with_the_same_colours(coded: str, 
 
 
 def _upright() -> Any:
-    raw = av.VideoFrame(*SIZE)
+    raw = av.VideoFrame(*SIZE, "yuv420p")
 
     class Context:
         color_range, colorspace = 1, 1
@@ -76,7 +76,7 @@ def _upright() -> Any:
 def test_avi_clips_are_read_in_order_with_even_steps(codec: str, tmp_path: Path) -> None:
     layout = "yuvj420p" if codec == "mjpeg" else "yuv420p"
     base = colorful(7)
-    raw = [coded(np.roll(base, 3 * k, 1), layout) for k in range(9)]
+    raw = [libav_frame(np.roll(base, 3 * k, 1), layout) for k in range(9)]
     path = encode_raw(tmp_path / "clip.avi", raw, codec)
     frames = list(read_frames(path))
     assert len(frames) == probe(path).frame_count == 9
@@ -90,7 +90,7 @@ def test_avi_clips_are_read_in_order_with_even_steps(codec: str, tmp_path: Path)
 @pytest.mark.parametrize("degrees", [0, 90, 180, 270])
 @pytest.mark.parametrize("hflip", [False, True])
 def test_display_matrices_are_applied(degrees: int, hflip: bool, tmp_path: Path) -> None:
-    raw = [coded(colorful(k)) for k in range(3)]
+    raw = [libav_frame(colorful(k)) for k in range(3)]
     plain = list(read_frames(encode_raw(tmp_path / "plain.mp4", raw, "libx264", crf="0")))
     turned_path = encode_raw(tmp_path / "turned.mp4", raw, "libx264", degrees=degrees, hflip=hflip, crf="0")
     turned, info = list(read_frames(turned_path)), probe(turned_path)
@@ -105,7 +105,7 @@ def test_display_matrices_are_applied(degrees: int, hflip: bool, tmp_path: Path)
 
 
 def test_a_sideways_422_clip_becomes_444(tmp_path: Path) -> None:
-    raw = [coded(colorful(2), "yuv422p") for _ in range(2)]
+    raw = [libav_frame(colorful(2), "yuv422p") for _ in range(2)]
     plain = next(read_frames(encode_raw(tmp_path / "plain.mp4", raw, "libx264", crf="0")))
     turned = next(read_frames(encode_raw(tmp_path / "turned.mp4", raw, "libx264", degrees=90, crf="0")))
     assert turned.format.name == "yuv444p"
@@ -130,7 +130,7 @@ def test_any_range_equals_that_part_of_the_whole(suffix: str, long_clip: Path, t
     if suffix == ".webm":
         path = write_clip(tmp_path / "clip.webm", list(read_frames(long_clip, stop=100)), probe(long_clip))
     elif suffix == ".avi":
-        raw = [coded(colorful(k)) for k in range(40)]
+        raw = [libav_frame(colorful(k)) for k in range(40)]
         path = encode_raw(tmp_path / "clip.avi", raw, "mpeg4", g="10")
     whole = [(frame.index, frame.pts, frame.planes[0].tobytes()) for frame in read_frames(path)]
     last = len(whole)
