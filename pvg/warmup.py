@@ -12,9 +12,7 @@ from pvg.membrane import Lattice, Membrane, build_membrane, cut_edges
 from pvg.rendering.correction import Correction
 from pvg.rendering.planes import apply_correction
 from pvg.rendering.visibility import Visibility
-from pvg.skin import SkinTracker, fit_skin_model
-from pvg.skin.hair import Hair, veil
-from pvg.skin.prior import locate
+from pvg.skin import warm_up as warm_up_skin
 from pvg.video import Frame, PixelFormat, picture_of
 
 
@@ -58,13 +56,8 @@ def _follow(frame: Frame) -> None:
     for picture in (whole, whole.part((0, 0, 60, 60))):
         picture.thumbnail((16, 9))
         picture.warp(np.eye(2, 3), (16, 16))
-        tracker = SkinTracker(fit_skin_model(picture, face))
-        matte = tracker.step(picture, face)
+        matte = warm_up_skin(picture, face)
     boundary_radius(matte.alpha.astype(np.float32), FaceAxes.of(matte.raster.to_cells(points)))
-    where = locate((64, 64), face)
-    for fair in (True, False):
-        hair = Hair(fair, np.zeros(3, np.float32), np.eye(3, dtype=np.float32))
-        veil(np.zeros((64, 64, 3), np.uint8), where.face, where, hair)
 
 
 def _apply(frame: Frame, membrane: Membrane) -> None:

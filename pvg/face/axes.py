@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pvg._arrays import Doubles, Floats
+from pvg._arrays import Floats
 from pvg._compiled import kernel
 from pvg.face import layout
 
@@ -34,31 +34,34 @@ class FaceAxes:
 
         The direction comes from the line between the eye contours' centres, which speech and smiles do not move.
         """
-        x, y, down_x, down_y, width = _axes(np.asarray(points, np.float64), _LEFT_EYE, _RIGHT_EYE, _CONTOUR)
-        down = np.array([down_x, down_y], np.float32)
-        return cls(np.array([x, y], np.float32), down, np.array([down[1], -down[0]], np.float32), width)
+        x, y, across_x, across_y, width = _axes(np.asarray(points, np.float32), _LEFT_EYE, _RIGHT_EYE, _CONTOUR)
+        across = np.array([across_x, across_y], np.float32)
+        return cls(np.array([x, y], np.float32), np.array([-across[1], across[0]], np.float32), across, width)
 
 
 @kernel()
 def _axes(
-    points: Doubles, left_eye: layout.Indices, right_eye: layout.Indices, contour: layout.Indices
-) -> tuple[float, float, float, float, float]:
-    """x and y of the centre, of the downward unit vector, and the width; the axes are wanted several times a frame,
-    and the points are too few for array operations to pay."""
-    left_x, left_y, right_x, right_y = 0.0, 0.0, 0.0, 0.0
-    for k in left_eye:
-        left_x += points[k, 0] / len(left_eye)
-        left_y += points[k, 1] / len(left_eye)
-    for k in right_eye:
-        right_x += points[k, 0] / len(right_eye)
-        right_y += points[k, 1] / len(right_eye)
-    across_x, across_y = right_x - left_x, right_y - left_y
-    length = np.sqrt(across_x**2 + across_y**2)
-    down_x, down_y = -across_y / max(length, 1e-6), across_x / max(length, 1e-6)
-    x = (left_x + right_x) / 2 + down_x * _CENTER_BELOW_EYES * length
-    y = (left_y + right_y) / 2 + down_y * _CENTER_BELOW_EYES * length
+    points: Floats, left_eye: layout.Indices, right_eye: layout.Indices, contour: layout.Indices
+) -> tuple[float, float, np.float32, np.float32, float]:
+    """x and y of the centre, of the unit vector across, and the width.
+
+    The axes are wanted several times a frame, and the points are too few for array operations to pay.
+    """
+    left, right = np.zeros(2, np.float32), np.zeros(2, np.float32)
+    for axis in range(2):
+        for k in left_eye:
+            left[axis] += points[k, axis]
+        for k in right_eye:
+            right[axis] += points[k, axis]
+    left /= np.float32(len(left_eye))
+    right /= np.float32(len(right_eye))
+    apart = right - left
+    length = max(np.hypot(apart[0], apart[1]), np.float32(1e-6))
+    across_x, across_y = apart[0] / length, apart[1] / length
+    x = (left[0] + right[0]) / 2.0 - across_y * _CENTER_BELOW_EYES * length
+    y = (left[1] + right[1]) / 2.0 + across_x * _CENTER_BELOW_EYES * length
     low, high = np.inf, -np.inf
     for k in contour:
-        along = (points[k, 0] - x) * down_y - (points[k, 1] - y) * down_x
+        along = (points[k, 0] - x) * across_x + (points[k, 1] - y) * across_y
         low, high = min(low, along), max(high, along)
-    return x, y, down_x, down_y, high - low
+    return x, y, across_x, across_y, high - low

@@ -1,4 +1,4 @@
-"""Skin masks and soft mattes: one picture guided by its landmarks, or a face through a clip."""
+"""Skin masks and soft mattes: one picture guided by its landmarks, or a face through a clip (docs/skin.md)."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from pvg.skin.matte import Matte
 from pvg.skin.prior import face_box
 from pvg.skin.segmentation import MaskMethod, skin_mask
 from pvg.skin.tracking import SkinModel, SkinTracker, fit_skin_model
+from pvg.skin.warmup import warm_up
 
 __all__ = [
     "MaskMethod",
@@ -15,4 +16,5 @@ __all__ = [
     "face_box",
     "fit_skin_model",
     "skin_mask",
+    "warm_up",
 ]

@@ -1,60 +1,141 @@
-# Compiled functions take their types from the first call.
-# mypy: disable-error-code="no-untyped-def, untyped-decorator, no-untyped-call"
-"""Compiled kernels of what is computed for every cell of every frame."""
+"""Compiled kernels of what is computed for every cell of every frame.
+
+They compute; checks and allocation are their callers'. All their numbers are float32, and what is tuned comes as an
+argument: `SpatialCoefficients` and `PosteriorWeights` hold what `pvg.skin.parameters` says in the form computed with.
+"""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from numba import njit
+
+from pvg._arrays import Bools, Floats
+from pvg._compiled import kernel
+
+_CIE_OFFSET = np.float32(16.0)  # of CIE lightness, L* = 116 f(Y) − 16
 
 
-@njit(cache=True, nogil=True, fastmath=True)
-def mixture_share(color, own, hair, precision, least, width, out):
-    """out (h, w) = t of color = (1 − t) own + t hair for (h, w, 3) colours; see `pvg.skin.veil`.
+class SpatialCoefficients(NamedTuple):
+    """The log-odds of head, ears and neck as `spatial_fields` computes them.
 
-    hair: (3,);  precision: (3, 3) symmetric;  least: squared contrast below which a line has no direction;
-    width: how far, over the contrast, a mixture lies off the line.
+    A ramp from 0 to 1 is a slope and its value at 0; ears are measured in standard deviations.
+    """
+
+    cheek_inside: np.float32
+    cheek_most: np.float32
+    cheek_outside: np.float32
+    forehead_edge: np.float32
+    forehead_inside: np.float32
+    forehead_most: np.float32
+    forehead_outside: np.float32
+    forehead_begins: np.float32
+    forehead_full: np.float32
+    ear_across: np.float32
+    ear_center: np.float32
+    ear_along: np.float32
+    ear_odds: np.float32
+    ear_floor: np.float32
+    ear_reach: np.float32
+    ear_none: np.float32
+    neck_begins: np.float32
+    neck_none: np.float32
+    neck_reach: np.float32
+    neck_half_width: np.float32
+    neck_widening: np.float32
+    neck_edge: np.float32
+    neck_axis: np.float32
+    neck_fall: np.float32
+    neck_head: np.float32
+    neck_head_slope: np.float32
+    neck_head_at_chin: np.float32
+    neck_weight_slope: np.float32
+    neck_weight_at_chin: np.float32
+    least: np.float32
+    most: np.float32
+
+
+class PosteriorWeights(NamedTuple):
+    """Weights of what `skin_probability` adds up, in nats; see `pvg.skin.parameters.TrackingNumbers`."""
+
+    prior: np.float32
+    shape_slope: np.float32
+    shape_most: np.float32
+    neck_release: np.float32
+    hair: np.float32
+
+
+@kernel(fastmath=True)
+def hair_fraction(
+    color: Floats,
+    skin: Floats,
+    hair: Floats,
+    precision: Floats,
+    least_contrast: np.float32,
+    line_width: np.float32,
+    most: np.float32,
+    out: Floats,
+) -> None:
+    """out (h, w) = t of the mixture color = (1 − t) skin + t hair, (h, w, 3) colours; see `pvg.skin.hair.hair_cover`.
+
+    hair: (3,);  precision: (3, 3) symmetric, P of the squared Mahalanobis length vᵀP v;
+    least_contrast: least of that of hair − skin, below which the line between them has no direction;
+    line_width: standard deviation of mixtures from that line, over the contrast;  most: upper limit of t.
     """
     h, w = out.shape
-    none, most = np.float32(0.0), np.float32(1.2)
+    none = np.float32(0.0)
     p00, p01, p02 = precision[0, 0], precision[0, 1], precision[0, 2]
     p11, p12, p22 = precision[1, 1], precision[1, 2], precision[2, 2]
     for i in range(h):
         for j in range(w):
-            x, y, z = hair[0] - own[i, j, 0], hair[1] - own[i, j, 1], hair[2] - own[i, j, 2]
+            x, y, z = hair[0] - skin[i, j, 0], hair[1] - skin[i, j, 1], hair[2] - skin[i, j, 2]
             u, v, s = p00 * x + p01 * y + p02 * z, p01 * x + p11 * y + p12 * z, p02 * x + p12 * y + p22 * z
-            length = max(u * x + v * y + s * z, least)
-            a, b, c = color[i, j, 0] - own[i, j, 0], color[i, j, 1] - own[i, j, 1], color[i, j, 2] - own[i, j, 2]
-            share = min(max((a * u + b * v + c * s) / length, none), most)
-            if share > none:
-                a, b, c = a - share * x, b - share * y, c - share * z
-                off = (
+            contrast = max(u * x + v * y + s * z, least_contrast)
+            a, b, c = color[i, j, 0] - skin[i, j, 0], color[i, j, 1] - skin[i, j, 1], color[i, j, 2] - skin[i, j, 2]
+            t = min(max((a * u + b * v + c * s) / contrast, none), most)
+            if t > none:
+                a, b, c = a - t * x, b - t * y, c - t * z
+                off_line = (
                     p00 * a * a
                     + p11 * b * b
                     + p22 * c * c
                     + np.float32(2.0) * (p01 * a * b + p02 * a * c + p12 * b * c)
                 )
-                share *= np.exp(-off / (length * width * width))
-            out[i, j] = share
+                t *= np.exp(-off_line / (contrast * line_width * line_width))
+            out[i, j] = t
 
 
-@njit(cache=True, nogil=True, fastmath=True)
-def level_chroma(lab, lightness, darkest):
-    """Bring a and b of lab (h, w, 3) to one lightness, in place; see `pvg.skin.colors.to_skin_lab`."""
-    offset = np.float32(16.0)
+@kernel(fastmath=True)
+def normalize_chroma(lab: Floats, lightness: np.float32, darkest: np.float32) -> None:
+    """Bring a and b of lab (h, w, 3) to one lightness, in place; see `pvg.skin.color_model.to_skin_lab`."""
     for i in range(lab.shape[0]):
         for j in range(lab.shape[1]):
-            scale = (lightness + offset) / (max(lab[i, j, 0], darkest) + offset)
+            scale = (lightness + _CIE_OFFSET) / (max(lab[i, j, 0], darkest) + _CIE_OFFSET)
             lab[i, j, 1] *= scale
             lab[i, j, 2] *= scale
 
 
-@njit(cache=True, nogil=True, fastmath=True)
-def skin_share(lab, center, scale, reach, bins, table, sure, prior, neckness, inside, covered, veil_odds, out):
-    """out (h, w) = probability of skin of every cell; see `pvg.skin.tracking`.
+@kernel(fastmath=True)
+def skin_probability(
+    lab: Floats,
+    center: Floats,
+    scale: Floats,
+    middle: np.float32,
+    bins: int,
+    table: Floats,
+    foreground: Bools,
+    prior: Floats,
+    neck: Floats,
+    distance: Floats,
+    hair: Floats,
+    weights: PosteriorWeights,
+    out: Floats,
+) -> None:
+    """out (h, w) = posterior probability of skin of every cell; see `pvg.skin.tracking`.
 
-    lab: (h, w, 3);  center, scale: (3,), bins of `table` are (lab − center) · scale + reach;
-    inside: signed distance to the carried edge;  covered: (h, w) veil.
+    lab: (h, w, 3);  table: (bins³,) log-likelihood ratios over bins (lab − center) · scale + middle, scale (3,);
+    foreground: (h, w), where colours cannot speak against skin;  prior: (h, w) log-odds;  neck: (h, w) in [0, 1];
+    distance: (h, w) signed distance to the carried edge in face sizes;  hair: (h, w) cover in [0, 1].
     """
     h, w = out.shape
     none, top = np.float32(0.0), np.float32(bins - 1)
@@ -62,107 +143,139 @@ def skin_share(lab, center, scale, reach, bins, table, sure, prior, neckness, in
         for j in range(w):
             index = 0
             for k in range(3):
-                place = (lab[i, j, k] - center[k]) * scale[k] + reach
+                place = (lab[i, j, k] - center[k]) * scale[k] + middle
                 index = index * bins + int(min(max(place, none), top))
             evidence = table[index]
-            if sure[i, j]:
+            if foreground[i, j]:
                 evidence = max(evidence, none)
-            carried = min(max(inside[i, j] * np.float32(60.0), np.float32(-6.0)), np.float32(6.0))
-            carried *= np.float32(1.0) - np.float32(0.6) * neckness[i, j]
-            odds = np.float32(0.6) * prior[i, j] + carried + evidence - veil_odds * covered[i, j]
-            out[i, j] = np.float32(1.0) / (np.float32(1.0) + np.exp(-odds))
+            shape = min(max(distance[i, j] * weights.shape_slope, -weights.shape_most), weights.shape_most)
+            against_shape = shape * (weights.neck_release * neck[i, j] - np.float32(1.0))
+            against = -weights.prior * prior[i, j] - evidence + weights.hair * hair[i, j] + against_shape
+            out[i, j] = np.float32(1.0) / (np.float32(1.0) + np.exp(against))
 
 
-@njit(nogil=True, inline="always")
-def _rise(x, low, high):
-    """0 below `low`, 1 above `high`, smooth between."""
-    t = min(max((x - low) / (high - low), np.float32(0.0)), np.float32(1.0))
+@kernel(inline=True)
+def _cubic(t: np.float32) -> np.float32:
+    """0 below 0, 1 above 1, smooth between."""
+    t = min(max(t, np.float32(0.0)), np.float32(1.0))
     return t * t * (np.float32(3.0) - np.float32(2.0) * t)
 
 
-@njit(nogil=True, inline="always")
-def _off_line(a, b, tone, most):
+@kernel(inline=True)
+def _smoothstep(x: np.float32, low: np.float32, high: np.float32) -> np.float32:
+    """0 below `low`, 1 above `high`, smooth between."""
+    return _cubic((x - low) / (high - low))
+
+
+@kernel(inline=True)
+def _hue_distance(a: np.float32, b: np.float32, tone: Floats, most: np.float32) -> np.float32:
     """How far a colour's a and b, in spreads, are off the line from 0 to `most` times `tone` (2,)."""
     length = max(tone[0] * tone[0] + tone[1] * tone[1], np.float32(1e-6))
     along = min(max((a * tone[0] + b * tone[1]) / length, np.float32(0.0)), most)
     a, b = a - along * tone[0], b - along * tone[1]
-    return np.sqrt(a * a + b * b)
+    distance: np.float32 = np.sqrt(a * a + b * b)
+    return distance
 
 
-@njit(cache=True, nogil=True, fastmath=True)
-def off_hue(lab, tone, spread, most, out):
-    """out (h, w) = how far colours (h, w, 3) are off the skin's line of hue, in spreads; see `foreign_share`."""
+@kernel(fastmath=True)
+def hue_distance(lab: Floats, tone: Floats, spread: Floats, most: np.float32, out: Floats) -> None:
+    """out (h, w) = how far colours (h, w, 3) are off the skin's hue line, in spreads; see `occluder_alpha`."""
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
-            out[i, j] = _off_line(lab[i, j, 1] / spread[0], lab[i, j, 2] / spread[1], tone, most)
+            out[i, j] = _hue_distance(lab[i, j, 1] / spread[0], lab[i, j, 2] / spread[1], tone, most)
 
 
-@njit(cache=True, nogil=True, fastmath=True)
-def foreign_share(lab, cells, tone, spread, most, bounds, darkest, out):
-    """out (h, w) = how surely colours (h, w, 3) are off the skin's line of hue, 0 but in `cells` (h, w) bool.
+@kernel(fastmath=True)
+def foreign_hue(
+    lab: Floats,
+    cells: Bools,
+    tone: Floats,
+    spread: Floats,
+    most: np.float32,
+    bounds: Floats,
+    darkest: Floats,
+    out: Floats,
+) -> None:
+    """out (h, w) = how surely colours (h, w, 3) are off the skin's hue line, in [0, 1]; 0 but in `cells` (h, w).
 
     tone, spread: (2,) the skin's a and b in spreads, and those;  most: the end of the line, times `tone`;
-    bounds, darkest: (2,) where the share rises from 0 to 1, in spreads off the line and in L.
+    bounds, darkest: (2,) where the certainty rises from 0 to 1, in spreads off the line and in L.
     """
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
             out[i, j] = np.float32(0.0)
             if not cells[i, j]:
                 continue
-            distance = _off_line(lab[i, j, 1] / spread[0], lab[i, j, 2] / spread[1], tone, most)
-            off = _rise(distance, bounds[0], bounds[1])
-            if off > np.float32(0.0):
-                out[i, j] = off * _rise(lab[i, j, 0], darkest[0], darkest[1])
+            distance = _hue_distance(lab[i, j, 1] / spread[0], lab[i, j, 2] / spread[1], tone, most)
+            foreign = _smoothstep(distance, bounds[0], bounds[1])
+            if foreign > np.float32(0.0):
+                out[i, j] = foreign * _smoothstep(lab[i, j, 0], darkest[0], darkest[1])
 
 
-@njit(nogil=True, inline="always")
-def _head_odds(inside, down, brow):
+@kernel(inline=True)
+def _head_log_odds(inside: np.float32, depth: np.float32, brow: np.float32, c: SpatialCoefficients) -> np.float32:
     """Log-odds of skin on the head: strict along cheeks and jaw, lenient at the hair-line.
 
-    inside: signed distance to the contour in sizes. Fringes and hats reach far below the contour's top, bald heads far
-    above it.
+    inside: signed distance to the contour in face sizes. Fringes and hats reach far below the contour's top, bald
+    heads far above it.
     """
     if inside > 0:
-        cheeks = min(np.float32(40.0) * inside, np.float32(6.0))
-        forehead = min(np.float32(0.3) + np.float32(8.0) * inside, np.float32(1.8))
+        cheeks = min(c.cheek_inside * inside, c.cheek_most)
+        forehead = min(c.forehead_edge + c.forehead_inside * inside, c.forehead_most)
     else:
-        cheeks, forehead = np.float32(30.0) * inside, np.float32(0.3) + np.float32(11.0) * inside
-    above = _rise(-down, -brow - np.float32(0.15), -brow + np.float32(0.08))
+        cheeks, forehead = c.cheek_outside * inside, c.forehead_edge + c.forehead_outside * inside
+    above = _smoothstep(-depth, -brow - c.forehead_begins, -brow + c.forehead_full)
     return cheeks * (np.float32(1.0) - above) + forehead * above
 
 
-@njit(nogil=True, inline="always")
-def _ear_odds(beside, below):
+@kernel(inline=True)
+def _ear_log_odds(beside: np.float32, below: np.float32, c: SpatialCoefficients) -> np.float32:
     """Log-odds of skin at the ears, beside the contour (sizes) and between eyes and nose (sizes below that level)."""
-    a, b = (beside - np.float32(0.07)) / np.float32(0.08), below / np.float32(0.16)
+    a, b = beside * c.ear_across - c.ear_center, below * c.ear_along
     fall = np.float32(0.5) * (a * a + b * b)
-    if fall > np.float32(8.0):  # less than is told apart
-        return np.float32(-9.2)
-    return np.log(np.float32(1.2) * np.exp(-fall) + np.float32(1e-4))
+    if fall > c.ear_reach:  # less than is told apart
+        return c.ear_none
+    log_odds: np.float32 = np.log(c.ear_odds * np.exp(-fall) + c.ear_floor)
+    return log_odds
 
 
-@njit(nogil=True, inline="always")
-def _neck_odds(along, off):
+@kernel(inline=True)
+def _neck_log_odds(along: np.float32, off: np.float32, c: SpatialCoefficients) -> np.float32:
     """Log-odds of skin on the neck: sure under the chin, open towards a collar, widening to the shoulders."""
-    if along <= np.float32(-0.45):
-        return np.float32(-9.0)
-    below = min(max(along, np.float32(0.0)), np.float32(2.0))
-    wide = np.float32(0.40) + np.float32(0.30) * below * np.sqrt(below) - off
-    odds = min(np.float32(1.0) - np.float32(0.6) * below, wide * np.float32(14.0))
-    return odds - np.float32(12.0) * _rise(-along, np.float32(0.35), np.float32(0.6))
+    if along <= -c.neck_begins:
+        return c.neck_none
+    below = min(max(along, np.float32(0.0)), c.neck_reach)
+    inside = c.neck_half_width + c.neck_widening * below * np.sqrt(below) - off
+    log_odds: np.float32 = min(c.neck_axis - c.neck_fall * below, inside * c.neck_edge)
+    return log_odds - c.neck_head * _cubic(c.neck_head_at_chin - c.neck_head_slope * along)
 
 
-@njit(cache=True, nogil=True, fastmath=True)
-def place_fields(inner, outer, frame, brow, level, ends, prior, neckness, fade, down, along, off, ears):
-    """What `pvg.skin.zones.locate` tells of every cell (h, w) by its place alone.
+@kernel(fastmath=True)
+def spatial_fields(
+    inner: Floats,
+    outer: Floats,
+    frame: Floats,
+    brow: np.float32,
+    ear: np.float32,
+    fade_ends: Floats,
+    coefficients: SpatialCoefficients,
+    log_odds: Floats,
+    neck: Floats,
+    fade: Floats,
+    down: Floats,
+    along: Floats,
+    off: Floats,
+    ears: Floats,
+) -> None:
+    """What `pvg.skin.prior.spatial_prior` tells of every cell (h, w) by its place alone.
 
     inner, outer: float32 distances from the contour within and outside it, in cells;
     frame: (12,) float32, centre, across, down, chin and neck (x, y each), size and width of the face;
-    brow, level: depths of brows and ears in sizes;  ends: where the neck's fade begins and ends.
-    Written: prior, the log-odds of skin;  neckness;  fade;  down, depth on the face;  along and off, the way along the
-    neck and the distance off its axis, in sizes;  ears, the ears' own log-odds.
+    brow, ear: depths of brows and ears in sizes;  fade_ends: (2,) where the neck's fade begins and ends.
+    Written: log_odds of skin;  neck, the weight of the neck in [0, 1];  fade;  down, depth on the face;  along and off,
+    the way along the neck and the distance off its axis, in sizes;  ears, the ears' own log-odds.
     """
-    h, w = prior.shape
+    h, w = log_odds.shape
     size, half_width = frame[10], frame[11] / frame[10] / np.float32(2.0)
     one = np.float32(1.0)
     for i in range(h):
@@ -171,10 +284,10 @@ def place_fields(inner, outer, frame, brow, level, ends, prior, neckness, fade, 
             x, chin_x = (np.float32(j) - frame[0]) / size, (np.float32(j) - frame[6]) / size
             side, depth = x * frame[2] + y * frame[3], x * frame[4] + y * frame[5]
             way, away = chin_x * frame[8] + chin_y * frame[9], abs(chin_x * frame[9] - chin_y * frame[8])
-            ear = _ear_odds(abs(side) - half_width, depth - level)
-            head = _head_odds((inner[i, j] - outer[i, j]) / size, depth, brow)
-            odds = max(head, ear, _neck_odds(way, away))
-            prior[i, j] = min(max(odds, np.float32(-7.0)), np.float32(6.0))
-            neckness[i, j] = _rise(way, np.float32(-0.2), np.float32(0.1))
-            fade[i, j] = one - _rise(way, ends[0], ends[1])
-            down[i, j], along[i, j], off[i, j], ears[i, j] = depth, way, away, ear
+            at_ear = _ear_log_odds(abs(side) - half_width, depth - ear, coefficients)
+            on_head = _head_log_odds((inner[i, j] - outer[i, j]) / size, depth, brow, coefficients)
+            most = max(on_head, at_ear, _neck_log_odds(way, away, coefficients))
+            log_odds[i, j] = min(max(most, coefficients.least), coefficients.most)
+            neck[i, j] = _cubic(coefficients.neck_weight_slope * way + coefficients.neck_weight_at_chin)
+            fade[i, j] = one - _smoothstep(way, fade_ends[0], fade_ends[1])
+            down[i, j], along[i, j], off[i, j], ears[i, j] = depth, way, away, at_ear

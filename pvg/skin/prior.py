@@ -1,4 +1,4 @@
-"""Where skin can be: a face's own frame, its box, and how likely each place is skin before colour is looked at."""
+"""The spatial prior: a face's box, and how likely each place is skin before colour is looked at."""
 
 from __future__ import annotations
 
@@ -9,19 +9,11 @@ import numpy as np
 
 from pvg._arrays import Bools, Bytes, Floats
 from pvg.face import FaceAxes, Landmarks, layout
-from pvg.skin._kernels import place_fields
+from pvg.skin._kernels import SpatialCoefficients, spatial_fields
+from pvg.skin.parameters import SKIN_PRIOR, ClosingNumbers, Range, SkinPrior
 
-_SHIFT = 4  # polygons are rasterised with 1/16 px
-_BEARD_REACH = 0.25  # face sizes outside the contour
-_NECK_END = 1.12  # face sizes below the chin: the box's end
-_NECK_FADE = 0.75  # from here to the box's end the matte fades, for a bare chest goes on beyond
-_FEATURE_MARGIN = 0.03  # of the face's size: lashes, brow hairs and lip contours spill over
-
-
-def logistic(odds: Floats) -> Floats:
-    """Probability of log-odds."""
-    probability: Floats = (1 / (1 + np.exp(-odds))).astype(np.float32)
-    return probability
+_BOX, _REGIONS = SKIN_PRIOR.box, SKIN_PRIOR.regions
+_POLYGON_SHIFT = 4  # polygons are rasterised with 1/16 px
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +34,8 @@ class HeadShape:
 
     @property
     def size(self) -> float:
-        """A length that a turn of the head changes little: the geometric mean of width and 0.8 height."""
-        return max(1.0, float(np.sqrt(self.width * 0.8 * self.height)))
+        """A length that a turn of the head changes little: see `pvg.skin.parameters`."""
+        return max(1.0, float(np.sqrt(self.width * _BOX.size_height * self.height)))
 
     def depth(self, points: Floats) -> float:
         """Mean position of points (n, 2) towards the chin, in sizes from the middle."""
@@ -52,19 +44,14 @@ class HeadShape:
 
 def head_shape(landmarks: Landmarks) -> HeadShape:
     """The shape of a head from its landmarks."""
-    axes = landmarks.axes
-    points = landmarks.points
-    eyes = points[58:64].mean(axis=0) - points[52:58].mean(axis=0)
-    across = (eyes / max(float(np.hypot(*eyes)), 1e-6)).astype(np.float32)
-    down = np.array([-across[1], across[0]], np.float32)
-    axes = FaceAxes(axes.center, down, across, axes.width)
-    oval = landmarks.oval
+    axes, oval = landmarks.axes, landmarks.oval
+    across, down = axes.across, axes.down
     a, d = oval @ across, oval @ down
     center = (a.min() + a.max()) / 2 * across + (d.min() + d.max()) / 2 * down
     height = float(np.ptp(d))
     neck = down + np.array([0, 1], np.float32)
     length = float(np.hypot(*neck))
-    neck = neck / length if length > 0.2 else down  # a head upside down: there is no direction between
+    neck = neck / length if length > _BOX.least_upright else down  # a head upside down: there is no direction between
     return HeadShape(
         axes=axes,
         middle=center.astype(np.float32),
@@ -83,57 +70,64 @@ def face_box(landmarks: Landmarks) -> Floats:
     """
     head = head_shape(landmarks)
     # an ellipse around the head, and the neck's end; both in the face's frame so that a rolled face is covered
-    half = (head.width / 2 + 0.22 * head.size, head.height / 2 + 0.26 * head.size)
+    half = (head.width / 2 + _BOX.beside * head.size, head.height / 2 + _BOX.above * head.size)
     reach = np.hypot(half[0] * head.axes.across, half[1] * head.axes.down)
-    side = np.array([head.neck[1], -head.neck[0]], np.float32) * (0.72 * head.size)
-    end = head.chin + _NECK_END * head.size * head.neck
+    side = np.array([head.neck[1], -head.neck[0]], np.float32) * (_BOX.neck_half_width * head.size)
+    end = head.chin + _BOX.neck_end * head.size * head.neck
     corners = np.stack([head.middle - reach, head.middle + reach, end - side, end + side])
     return np.concatenate([corners.min(axis=0), corners.max(axis=0)]).astype(np.float32)
 
 
+def logistic(log_odds: Floats) -> Floats:
+    """Probability of log-odds."""
+    probability: Floats = (1 / (1 + np.exp(-log_odds))).astype(np.float32)
+    return probability
+
+
 @dataclass(frozen=True, eq=False)
-class Gap:
+class Closing:
     """Something that is not skin-coloured but has skin at both ends: brows, a beard, the shadow under a chin.
 
-    across: (2,) the longest such run, cells;  within: (h, w) bool, where it may be.
+    step: (2,) the longest such run, cells;  within: (h, w) bool, where it may be closed.
     """
 
-    across: Floats
+    step: Floats
     within: Bools
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
-    """A face's places over a raster (h, w).
+class SpatialPrior:
+    """What a face's landmarks say of the cells of a raster (h, w) before any colour is looked at.
 
-    prior: float32 log-odds of skin before any colour is looked at;  neckness: float32, 1 on the neck, 0 on the head;
-    fade: float32, 1, falling to 0 where the box's end cuts a bare chest;
-    outside: float32 distance from the face contour in face sizes, 0 within;
-    face: the inside of the contour;  sure: skin or a feature of the face whatever its colour;
-    sample: the part of `sure` that shows the skin's colour;  cheeks: that of `sample` below glasses;
-    chin: that of `sure` below the lips;  jaw: about the face's lower end, where a beard can be;
-    features: brows, eyes and lips, grown;  ears: where ears can be;  upper: all above the brows' middle line;
-    brows: about the brows;
-    above: a kernel (k, k) uint8 that reaches from a brow's cell to the forehead;
-    gaps: what to close;  size: the face's size in cells.
+    log_odds: float32, prior log-odds of skin;  neck: float32 weight in [0, 1], 1 on the neck, 0 on the head;
+    fade: float32 in [0, 1], 1, falling to 0 where the box's end cuts a bare chest;
+    outside: float32 distance from the face contour in face sizes, 0 inside;
+    face: bool, as all that follow, the inside of the contour;
+    foreground: skin or a feature of the face whatever its colour, the certain part of a trimap;
+    sample: the part of `foreground` that shows the skin's colour;  cheeks: that of `sample` below glasses;
+    chin: that of `foreground` below the lips;  jaw: around the face's lower end, where a beard can be;
+    features: brows, eyes and lips, grown;  ears: where ears can be;  forehead: all above the brows' middle line;
+    brows: brows, grown;
+    to_forehead: (k, k) uint8, a structuring element from a brow's cell up to the forehead;
+    closings: what to close in a mask;  size: the face size in cells.
     """
 
-    prior: Floats
-    neckness: Floats
+    log_odds: Floats
+    neck: Floats
     fade: Floats
     outside: Floats
     face: Bools
-    sure: Bools
+    foreground: Bools
     sample: Bools
     cheeks: Bools
     chin: Bools
     jaw: Bools
     features: Bools
     ears: Bools
-    upper: Bools
+    forehead: Bools
     brows: Bools
-    above: Bytes
-    gaps: tuple[Gap, ...]
+    to_forehead: Bytes
+    closings: tuple[Closing, ...]
     size: float
 
 
@@ -148,55 +142,113 @@ def face_area(shape: tuple[int, int], landmarks: Landmarks) -> Bools:
     return _fill(shape, _contour(landmarks))
 
 
-def locate(shape: tuple[int, int], landmarks: Landmarks) -> Places:
-    """The places of a face over a raster (h, w), for landmarks in raster cells."""
-    g, points = head_shape(landmarks), landmarks.points
+def spatial_prior(shape: tuple[int, int], landmarks: Landmarks) -> SpatialPrior:
+    """The prior of a face over a raster (h, w), for landmarks in raster cells."""
+    head, points = head_shape(landmarks), landmarks.points
     contour = _contour(landmarks)
     face = _fill(shape, contour)
     inner, outer = _distance(face), _distance(~face)
-    brow = g.depth(points[layout.UPPER_BROW_EDGES])
-    nose, mouth = g.depth(points[layout.NOSE_WINGS]), g.depth(points[layout.LIPS_OUTER])
+    brow, eyes = head.depth(points[layout.UPPER_BROW_EDGES]), head.depth(points[layout.EYE_CONTOURS])
+    nose, mouth = head.depth(points[layout.NOSE_WINGS]), head.depth(points[layout.LIPS_OUTER])
+    lip = max(head.depth(points[[i]]) for i in layout.LOWER_LIP_EDGE)
 
-    level = (g.depth(points[layout.EYE_CONTOURS]) + nose) / 2 + 0.04
-    frame = np.concatenate([g.middle, g.axes.across, g.axes.down, g.chin, g.neck, [g.size, g.width]]).astype(np.float32)
-    prior, neckness, fade, down, along, off, ears = np.empty((7, *shape), np.float32)
-    ends = np.array([_NECK_FADE, _NECK_END], np.float32)
-    depths = np.float32(brow), np.float32(level)
-    place_fields(inner, outer, frame, *depths, ends, prior, neckness, fade, down, along, off, ears)
-    outside = outer / np.float32(g.size)
+    ear = (eyes + nose) / 2 + SKIN_PRIOR.ears.below
+    vectors = (head.middle, head.axes.across, head.axes.down, head.chin, head.neck, [head.size, head.width])
+    frame = np.concatenate(vectors).astype(np.float32)
+    log_odds, neck, fade, down, along, off, ears = np.empty((7, *shape), np.float32)
+    fade_ends = np.array([_BOX.fade_begins, _BOX.neck_end], np.float32)
+    fields = log_odds, neck, fade, down, along, off, ears
+    spatial_fields(inner, outer, frame, np.float32(brow), np.float32(ear), fade_ends, _COEFFICIENTS, *fields)
+    outside = outer / np.float32(head.size)
 
-    core = _fill(shape, contour.mean(axis=0) + 0.86 * (contour - contour.mean(axis=0)))
-    sure = core & (down > brow + 0.05)
-    features = _spread(shape, points, layout.FEATURES, _FEATURE_MARGIN * g.size)
-    sample = sure & (down < mouth - 0.03) & ~features
-    brows = _spread(shape, points, (layout.LEFT_BROW, layout.RIGHT_BROW), _FEATURE_MARGIN * g.size)
-    return Places(
-        prior=prior,
-        neckness=neckness,
+    core = _fill(shape, contour.mean(axis=0) + _REGIONS.core * (contour - contour.mean(axis=0)))
+    foreground = core & (down > brow + _REGIONS.below_brows)
+    features = _grown_hulls(shape, points, layout.FEATURES, _REGIONS.feature_margin * head.size)
+    sample = foreground & (down < mouth - _REGIONS.above_lips) & ~features
+    brows = _grown_hulls(shape, points, (layout.LEFT_BROW, layout.RIGHT_BROW), _REGIONS.feature_margin * head.size)
+
+    def closing(numbers: ClosingNumbers) -> Closing:
+        low, high = numbers.along
+        return Closing(numbers.length * head.size * head.neck, (along > low) & (along < high) & (off < numbers.off))
+
+    return SpatialPrior(
+        log_odds=log_odds,
+        neck=neck,
         fade=fade,
         outside=outside,
         face=face,
-        sure=sure,
+        foreground=foreground,
         sample=sample,
-        cheeks=sample & (down > g.depth(points[layout.EYE_CONTOURS]) + 0.15),
-        chin=sure & (down > max(g.depth(points[[i]]) for i in layout.LOWER_LIP_EDGE) + 0.03),
-        jaw=(down > mouth) & (outside < _BEARD_REACH),
+        cheeks=sample & (down > eyes + _REGIONS.below_eyes),
+        chin=foreground & (down > lip + _REGIONS.below_lips),
+        jaw=(down > mouth) & (outside < _REGIONS.beard_reach),
         features=features,
-        ears=ears > -3,
-        upper=down < brow,
+        ears=ears > SKIN_PRIOR.ears.least,
+        forehead=down < brow,
         brows=brows,
-        above=_upward(0.14 * g.size * g.axes.down),
-        gaps=(
-            Gap(0.30 * g.size * g.neck, (along > -0.3) & (along < 0.5) & (off < 0.2)),
-            Gap(0.12 * g.size * g.neck, (along > -0.3) & (along < 0.4) & (off < 0.4)),
-            Gap(0.16 * g.size * g.axes.down, brows),
+        to_forehead=_upward(_REGIONS.brow_to_forehead * head.size * head.axes.down),
+        closings=(
+            closing(_REGIONS.chin_shadow),
+            closing(_REGIONS.beard),
+            Closing(_REGIONS.brow_height * head.size * head.axes.down, brows),
         ),
-        size=g.size,
+        size=head.size,
     )
 
 
+def _ramp(ends: Range) -> tuple[np.float32, np.float32]:
+    """Slope of the line that is 0 at the first end and 1 at the second, and its value at 0."""
+    low, high = np.float32(ends[0]), np.float32(ends[1])
+    slope = np.float32(1) / (high - low)
+    return slope, -low * slope
+
+
+def _coefficients(prior: SkinPrior) -> SpatialCoefficients:
+    """The numbers of the spatial prior in the form computed with."""
+    head, ears, neck, regions, one = prior.head, prior.ears, prior.neck, prior.regions, np.float32(1)
+    head_slope, head_at_chin = _ramp(neck.head_rise)
+    weight_slope, weight_at_chin = _ramp(neck.weight_rise)
+    across = one / np.float32(ears.width)
+    return SpatialCoefficients(
+        cheek_inside=np.float32(head.cheek_inside),
+        cheek_most=np.float32(head.cheek_most),
+        cheek_outside=np.float32(head.cheek_outside),
+        forehead_edge=np.float32(head.forehead_edge),
+        forehead_inside=np.float32(head.forehead_inside),
+        forehead_most=np.float32(head.forehead_most),
+        forehead_outside=np.float32(head.forehead_outside),
+        forehead_begins=np.float32(head.forehead_begins),
+        forehead_full=np.float32(head.forehead_full),
+        ear_across=across,
+        ear_center=np.float32(ears.beside) * across,
+        ear_along=one / np.float32(ears.height),
+        ear_odds=np.float32(ears.odds),
+        ear_floor=np.float32(ears.floor),
+        ear_reach=np.float32(ears.reach),
+        ear_none=np.float32(ears.none),
+        neck_begins=np.float32(neck.begins),
+        neck_none=np.float32(neck.none),
+        neck_reach=np.float32(neck.reach),
+        neck_half_width=np.float32(neck.half_width),
+        neck_widening=np.float32(neck.widening),
+        neck_edge=np.float32(neck.edge),
+        neck_axis=np.float32(neck.axis),
+        neck_fall=np.float32(neck.fall),
+        neck_head=np.float32(neck.head),
+        neck_head_slope=head_slope,
+        neck_head_at_chin=head_at_chin,
+        neck_weight_slope=weight_slope,
+        neck_weight_at_chin=weight_at_chin,
+        least=np.float32(regions.least),
+        most=np.float32(regions.most),
+    )
+
+
+_COEFFICIENTS = _coefficients(SKIN_PRIOR)
+
+
 def _upward(step: Floats) -> Bytes:
-    """A kernel of ones from its centre as far as the vector `step` (2,) is long, against it."""
+    """A structuring element: a line from its centre against the vector `step` (2,), as long."""
     half = int(np.ceil(np.abs(step).max())) + 1
     kernel = np.zeros((2 * half + 1, 2 * half + 1), np.uint8)
     end = np.rint(half - step).astype(int)
@@ -204,7 +256,7 @@ def _upward(step: Floats) -> Bytes:
     return kernel
 
 
-def _spread(shape: tuple[int, int], points: Floats, groups: tuple[layout.Indices, ...], margin: float) -> Bools:
+def _grown_hulls(shape: tuple[int, int], points: Floats, groups: tuple[layout.Indices, ...], margin: float) -> Bools:
     """(h, w) bool: the hulls of groups of landmarks, grown by a margin in cells."""
     out = np.zeros(shape, np.uint8)
     for indices in groups:
@@ -216,14 +268,14 @@ def _spread(shape: tuple[int, int], points: Floats, groups: tuple[layout.Indices
 
 def _distance(mask: Bools) -> Floats:
     """(h, w) float32 distance of every cell of `mask` to the next cell outside it."""
-    return np.asarray(cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5), np.float32)
+    return np.asarray(cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5), np.float32)
 
 
 def _fill(shape: tuple[int, int], polygon: Floats) -> Bools:
     """(h, w) bool, true inside a polygon (n, 2)."""
     out = np.zeros(shape, np.uint8)
-    fixed = np.rint(np.clip(polygon, -8192, 8192) * (1 << _SHIFT)).astype(np.int32)
-    cv2.fillPoly(out, [fixed], (1,), lineType=cv2.LINE_8, shift=_SHIFT)
+    fixed = np.rint(np.clip(polygon, -8192, 8192) * (1 << _POLYGON_SHIFT)).astype(np.int32)
+    cv2.fillPoly(out, [fixed], (1,), lineType=cv2.LINE_8, shift=_POLYGON_SHIFT)
     return out.astype(np.bool_)
 
 

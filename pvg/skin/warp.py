@@ -1,4 +1,4 @@
-"""Carry the key frame's shape to another frame: a smooth spline through the landmarks."""
+"""Carry the key frame's shape to another frame: a similarity and Gaussian radial basis functions at the landmarks."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import numpy as np
 
 from pvg._arrays import Doubles, Floats
 from pvg.raster import scaled
+from pvg.skin.parameters import SKIN_PRIOR
 
-_GRID = 8  # cells between the nodes at which the spline is evaluated
-_STIFFNESS = 0.02  # relative to the spline's own scale: the contour guides, it need not be hit
+_WARP = SKIN_PRIOR.warp
 
 
 def similarity(source: Floats, target: Floats) -> tuple[complex, complex]:
@@ -20,7 +20,7 @@ def similarity(source: Floats, target: Floats) -> tuple[complex, complex]:
     return a, complex(t.mean() - a * s.mean())
 
 
-def spline_map(shape: tuple[int, int], source: Floats, target: Floats) -> tuple[Floats, Floats]:
+def rbf_warp(shape: tuple[int, int], source: Floats, target: Floats) -> tuple[Floats, Floats]:
     """Maps x, y, (h, w) each, that take raster cells to where `source` (n, 2) goes to `target` (n, 2).
 
     The deviation from the best similarity is a regularised sum of Gaussians, so far from the points the map is
@@ -28,26 +28,26 @@ def spline_map(shape: tuple[int, int], source: Floats, target: Floats) -> tuple[
     """
     a, b = similarity(source, target)
     scale = float(np.sqrt(source.var(axis=0).sum())) + 1e-6
-    nodes: Doubles = np.asarray(source / scale, np.float64)
+    centers: Doubles = np.asarray(source / scale, np.float64)
     moved = a * (source[:, 0] + 1j * source[:, 1]) + b
     offset = np.stack([target[:, 0] - moved.real, target[:, 1] - moved.imag], axis=1).astype(np.float64)
-    kernel = _kernel(nodes, nodes) + _STIFFNESS * np.eye(len(nodes))
-    weights = np.linalg.solve(kernel, offset)
+    weights = np.linalg.solve(_gaussians(centers, centers) + _WARP.stiffness * np.eye(len(centers)), offset)
 
     h, w = shape
-    rows, columns = (scaled(np.arange(-1, -(-count // _GRID) + 1, dtype=np.float64), _GRID) for count in (h, w))
+    grid = _WARP.grid
+    rows, columns = (scaled(np.arange(-1, -(-count // grid) + 1, dtype=np.float64), grid) for count in (h, w))
     gx, gy = np.meshgrid(columns, rows)
     at: Doubles = np.stack([gx.ravel(), gy.ravel()], axis=1)
     z = a * (at[:, 0] + 1j * at[:, 1]) + b
-    coarse = np.stack([z.real, z.imag], axis=1) + _kernel(at / scale, nodes) @ weights
+    coarse = np.stack([z.real, z.imag], axis=1) + _gaussians(at / scale, centers) @ weights
     coarse = coarse.reshape(*gx.shape, 2).astype(np.float32)
-    fine = cv2.resize(coarse, (gx.shape[1] * _GRID, gx.shape[0] * _GRID), interpolation=cv2.INTER_LINEAR)
-    fine = fine[_GRID : _GRID + h, _GRID : _GRID + w]
+    fine = cv2.resize(coarse, (gx.shape[1] * grid, gx.shape[0] * grid), interpolation=cv2.INTER_LINEAR)
+    fine = fine[grid : grid + h, grid : grid + w]
     return np.ascontiguousarray(fine[..., 0]), np.ascontiguousarray(fine[..., 1])
 
 
-def _kernel(at: Doubles, nodes: Doubles) -> Doubles:
-    """Decaying radial kernel (m, n): smooth, and nothing two face radii away."""
-    squared = (at[:, :1] - nodes[:, 0]) ** 2 + (at[:, 1:] - nodes[:, 1]) ** 2
-    values: Doubles = np.exp(-squared / (2 * 0.6**2))
+def _gaussians(at: Doubles, centers: Doubles) -> Doubles:
+    """Basis functions (m, n): smooth, and nothing two face radii away."""
+    squared = (at[:, :1] - centers[:, 0]) ** 2 + (at[:, 1:] - centers[:, 1]) ** 2
+    values: Doubles = np.exp(-squared / (2 * _WARP.width**2))
     return values

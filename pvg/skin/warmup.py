@@ -1,0 +1,22 @@
+"""Every compiled kernel of the skin run once."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pvg.face import Landmarks
+from pvg.picture import Picture
+from pvg.skin.hair import Hair, hair_cover
+from pvg.skin.matte import Matte
+from pvg.skin.prior import spatial_prior
+from pvg.skin.tracking import SkinTracker, fit_skin_model
+
+
+def warm_up(picture: Picture, landmarks: Landmarks) -> Matte:
+    """Follow a face through one picture, and look for hair whether the picture has any or not."""
+    height, width = picture.size
+    prior = spatial_prior((height, width), landmarks)
+    for fair in (True, False):
+        hair = Hair(fair, np.zeros(3, np.float32), np.eye(3, dtype=np.float32))
+        hair_cover(np.zeros((height, width, 3), np.uint8), prior.face, prior, hair)
+    return SkinTracker(fit_skin_model(picture, landmarks)).step(picture, landmarks)

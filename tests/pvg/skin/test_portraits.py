@@ -1,0 +1,77 @@
+"""Real portraits and a real clip: features inside, corners out, labels met."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from pvg.skin import SkinTracker, fit_skin_model, skin_mask
+from tests.pvg.skin.faces import ON_SKIN, iou, landmarks_of, mask_of, read_rgb
+
+MASKS = ("man_cap_beard_dim", "man_fringe_pale", "woman_earrings_bright", "woman_fringe_dark_background")
+INSIDE = (1, 2, 3, 4, 5, 6, 7, 8, 10, 11, 12, 13, 14)
+
+
+@pytest.mark.parametrize("name", ["portrait", "dark_portrait", "pale_portrait"])
+def test_a_portraits_mask_holds_its_features_and_leaves_the_corners(samples: Any, name: str) -> None:
+    rgb = read_rgb(getattr(samples, name))
+    landmarks = landmarks_of(rgb)
+    model = fit_skin_model(rgb, landmarks)
+    matte = SkinTracker(model).step(rgb, landmarks)
+    oval = cv2.contourArea(cv2.convexHull(landmarks.oval))
+    still = skin_mask(rgb, landmarks)
+    for mask in (still, mask_of(matte, rgb.shape)):
+        col, row = np.rint(landmarks.points[ON_SKIN]).astype(int).T
+        assert mask[row, col].all()
+        assert not mask[[0, 0, -1, -1], [0, -1, 0, -1]].any()
+        assert 0.9 * oval < mask.sum() < 2.2 * oval
+    assert iou(mask_of(matte, rgb.shape), still) > 0.95
+
+
+def _clip(path: Path, frames: range) -> Iterator[np.ndarray]:
+    with av.open(str(path)) as container:
+        for index, frame in enumerate(container.decode(video=0)):
+            if index >= frames.stop:
+                return
+            if index in frames:
+                yield frame.to_ndarray(format="rgb24")
+
+
+def test_a_real_clips_mask_keeps_to_the_face_and_its_size(samples: Any) -> None:
+    tracker, areas = None, []
+    for rgb in _clip(samples.woman_clip, range(0, 24, 2)):
+        landmarks = landmarks_of(rgb)
+        tracker = tracker or SkinTracker(fit_skin_model(rgb, landmarks))
+        matte = tracker.step(rgb, landmarks)
+        mask = mask_of(matte, rgb.shape)
+        col, row = np.rint(landmarks.points[ON_SKIN]).astype(int).T
+        assert mask[row, col].all()
+        areas.append(mask.sum() / cv2.contourArea(cv2.convexHull(landmarks.oval)))
+    assert len(areas) == 12
+    assert min(areas) > 0.85
+    assert max(areas) < 2.2
+    assert np.std(areas) / np.mean(areas) < 0.06
+
+
+def test_labelled_portraits_agree(media_dir: Path) -> None:
+    stills, tracked, rule = [], [], []
+    for name in MASKS:
+        rgb = read_rgb(media_dir / "masks" / f"{name}.jpg")
+        labels = cv2.imread(str(media_dir / "masks" / f"{name}_labels.png"), cv2.IMREAD_UNCHANGED)
+        truth = np.isin(labels, INSIDE)
+        landmarks = landmarks_of(rgb)
+        stills.append(iou(skin_mask(rgb, landmarks), truth))
+        rule.append(iou(skin_mask(rgb, landmarks, method="ycbcr"), truth))
+        matte = SkinTracker(fit_skin_model(rgb, landmarks)).step(rgb, landmarks)
+        tracked.append(iou(mask_of(matte, rgb.shape), truth))
+    assert np.mean(stills) > 0.958
+    assert min(stills) > 0.938
+    assert np.mean(tracked) > 0.956
+    assert min(tracked) > 0.939
+    assert np.mean(rule) < 0.75

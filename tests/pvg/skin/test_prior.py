@@ -1,0 +1,81 @@
+"""The box of a face, and the prior its landmarks give."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pvg.face import Landmarks, layout
+from pvg.skin import face_box
+from pvg.skin.parameters import SKIN_PRIOR
+from pvg.skin.prior import SpatialPrior, spatial_prior
+from tests.pvg.skin.faces import draw_scene, frontal_face
+
+
+def test_the_box_holds_all_landmarks_and_a_neck() -> None:
+    scene = draw_scene()
+    x0, y0, x1, y1 = face_box(scene.landmarks)
+    assert (scene.landmarks.stacked > [x0, y0]).all()
+    assert (scene.landmarks.stacked < [x1, y1]).all()
+    assert y1 > scene.landmarks.points[layout.CHIN, 1] + 0.8 * np.ptp(scene.landmarks.oval[:, 1])
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.floats(0.3, 8), st.floats(-500, 2000), st.floats(-500, 2000), st.floats(-1.2, 1.2), st.integers(0, 2**31))
+def test_the_box_moves_and_scales_with_the_face_and_never_jumps(
+    scale: float, dx: float, dy: float, roll: float, seed: int
+) -> None:
+    turn = np.array([[np.cos(roll), -np.sin(roll)], [np.sin(roll), np.cos(roll)]])
+    face = (frontal_face() * 100 @ turn.T).astype(np.float32)
+    box = face_box(Landmarks.unstack(face))
+    moved = (face * scale + [dx, dy]).astype(np.float32)
+    expected = box * scale + [dx, dy, dx, dy]
+    np.testing.assert_allclose(face_box(Landmarks.unstack(moved)), expected, atol=0.02 * scale + 0.01)
+    nudged = (face + np.random.default_rng(seed).uniform(-0.1, 0.1, face.shape)).astype(np.float32)
+    assert np.abs(face_box(Landmarks.unstack(nudged)) - box).max() < 2.0
+
+
+@pytest.fixture(scope="module")
+def prior() -> SpatialPrior:
+    scene = draw_scene()
+    return spatial_prior(scene.truth.shape, scene.landmarks)
+
+
+def test_the_log_odds_are_for_skin_in_the_face_and_against_it_far_away(prior: SpatialPrior) -> None:
+    assert prior.log_odds[prior.foreground].min() > 1
+    assert prior.log_odds[(prior.outside > 0.4) & (prior.neck == 0)].max() < -3
+    assert prior.log_odds.min() == SKIN_PRIOR.regions.least
+    assert prior.log_odds.max() == SKIN_PRIOR.regions.most
+
+
+def test_the_forehead_is_less_certain_than_the_cheeks(prior: SpatialPrior) -> None:
+    inner, above, below = (
+        cv2.distanceTransform(part.astype(np.uint8), cv2.DIST_L2, 5) / prior.size
+        for part in (prior.face, prior.forehead, ~prior.forehead)
+    )
+    assert prior.log_odds[(above > 0.1) & prior.face].max() <= np.float32(SKIN_PRIOR.head.forehead_most)
+    assert prior.log_odds[(below > 0.2) & (inner > 0.16)].min() == pytest.approx(SKIN_PRIOR.head.cheek_most)
+
+
+def test_ears_lie_beside_the_face_and_the_neck_below_it(prior: SpatialPrior) -> None:
+    rows, columns = np.nonzero(prior.ears & ~prior.face)
+    face_rows, face_columns = np.nonzero(prior.face)
+    middle = face_columns.mean()
+    assert (columns < middle).any()
+    assert (columns > middle).any()
+    assert (np.abs(columns - middle) > 0.25 * np.ptp(face_columns)).all()
+    assert face_rows.min() < rows.min() < rows.max() < face_rows.max()
+    assert (prior.neck[-1] == 1).all()
+    assert (prior.neck[face_rows.min()] == 0).all()
+
+
+def test_the_regions_nest(prior: SpatialPrior) -> None:
+    assert (prior.foreground <= prior.face).all()
+    assert (prior.sample <= prior.foreground).all()
+    assert (prior.cheeks <= prior.sample).all()
+    assert (prior.chin <= prior.foreground).all()
+    assert not (prior.sample & prior.features).any()
+    assert (prior.brows <= prior.features).all()

@@ -1,0 +1,67 @@
+"""The skin mask of one picture."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from pvg.face import layout
+from pvg.skin import SkinTracker, fit_skin_model, skin_mask
+from tests.pvg.skin.faces import TONES, draw_scene, iou
+
+
+@pytest.mark.parametrize("tone", TONES)
+def test_the_skin_of_a_drawn_face_is_found(tone: str) -> None:
+    scene = draw_scene(tone=tone)
+    mask = skin_mask(scene.rgb, scene.landmarks)
+    assert iou(mask, scene.truth) > 0.96
+    col, row = np.rint(scene.landmarks.points[33:]).astype(int).T
+    assert mask[row, col].all()  # eyes, brows, nose and mouth are inside, filled
+
+
+def test_a_tie_of_the_skins_colour_is_left_out() -> None:
+    scene = draw_scene()
+    chin = scene.landmarks.points[layout.CHIN]
+    ys, xs = np.mgrid[: scene.rgb.shape[0], : scene.rgb.shape[1]]
+    shirt = ys > chin[1] + 25
+    tie = shirt & (np.abs(xs - chin[0]) < np.where(ys < chin[1] + 40, 4, 12))
+    rgb = scene.rgb.copy()
+    rgb[shirt & ~tie] = (235, 236, 240)
+    rgb[tie] = TONES["tan"][0]
+    mask = skin_mask(rgb, scene.landmarks)
+    assert mask[tie].mean() < 0.15
+    assert iou(mask, scene.truth & ~shirt) > 0.95
+
+
+def test_a_face_cut_by_the_pictures_edge_is_found_as_far_as_it_is_seen() -> None:
+    for center in ((20, 130), (300, 130), (160, 20), (160, 290)):
+        scene = draw_scene(center=center)
+        assert iou(skin_mask(scene.rgb, scene.landmarks), scene.truth) > 0.94, center
+
+
+def test_a_face_outside_the_picture_has_no_skin() -> None:
+    scene = draw_scene()
+    far = scene.landmarks.moved(np.array([5000, 5000], np.float32))
+    assert not skin_mask(scene.rgb, far).any()
+    model = fit_skin_model(scene.rgb, far)
+    assert not SkinTracker(model).step(scene.rgb, far).alpha.any()
+
+
+def test_a_face_of_sixty_four_pixels_is_found() -> None:
+    scene = draw_scene(width=64)
+    assert iou(skin_mask(scene.rgb, scene.landmarks), scene.truth) > 0.93
+
+
+def test_the_papers_rule_is_red_chroma_between_140_and_160() -> None:
+    scene = draw_scene()
+    mask = skin_mask(scene.rgb, scene.landmarks, method="ycbcr")
+    red, luma = scene.rgb[..., 0].astype(float), scene.rgb @ np.array([0.299, 0.587, 0.114])
+    chroma = np.rint(0.713 * (red - luma) + 128)
+    skin = ((chroma >= 140) & (chroma <= 160)).astype(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(skin, connectivity=4)
+    largest = labels == 1 + np.argmax(stats[1:, cv2.CC_STAT_AREA])
+    assert (mask | ~largest).mean() > 0.998  # all of it, but for rounding
+    assert iou(mask, scene.truth) > 0.9
+    background = 1 - mask.astype(np.uint8)
+    assert cv2.connectedComponents(np.pad(background, 1, constant_values=1), connectivity=4)[0] == 2  # no holes
