@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from pvg.face import Landmarks, layout
-from pvg.skin import skin_mask
+from pvg.skin import Matte, skin_mask
 from scripts.samples import Samples
 from tests.gallery.faces import fit_surest, read_rgb, real_landmarks
 
@@ -93,6 +93,20 @@ def open_skin(scene: Scene) -> np.ndarray:
     """(H, W) bool: skin well inside a drawn face, away from its features."""
     hulls = [cv2.convexHull(scene.landmarks.points[feature])[:, 0] for feature in layout.FEATURES]
     return shrunk(scene.skin, 13) & ~grown(filled(scene.skin.shape, *hulls), 13)
+
+
+def mask_of(matte: Matte, shape: tuple[int, ...]) -> np.ndarray:
+    """The mask of a matte over a whole picture (H, W, ...)."""
+    return matte.mask_at(*_pixels(shape))
+
+
+def alpha_of(matte: Matte, shape: tuple[int, ...]) -> np.ndarray:
+    """A matte over a whole picture (H, W, ...)."""
+    return matte.alpha_at(*_pixels(shape))
+
+
+def _pixels(shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    return np.arange(shape[1], dtype=np.float32), np.arange(shape[0], dtype=np.float32)
 
 
 # a real face
