@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: setup demo test serve lint bench bench-quality clean
+.PHONY: setup demo test test-install serve lint bench bench-quality clean
 
 setup: $(STAMP)
 	$(BIN)/python -m pvg.models
@@ -24,6 +24,10 @@ demo: setup
 
 test: setup
 	$(BIN)/python -m pytest
+
+# built, installed into empty environments outside the repository, and used there; needs the package registry
+test-install: setup
+	$(BIN)/python -m pytest tests/install
 
 serve: setup
 	$(BIN)/pvg-service serve
@@ -46,4 +50,4 @@ $(VENV)/.bench-installed: pyproject.toml constraints.txt
 	touch $@
 
 clean:
-	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

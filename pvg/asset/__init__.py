@@ -3,8 +3,8 @@
 The manifest lists the sha256 of every entry and the archive's comment holds the manifest's own, so an altered byte
 is refused when it is read and a truncated file when it is opened. Arrays are .npy and loaded without pickle: opening
 an asset never executes anything. Positions are kept as fixed-point steps from frame to frame and mattes as bytes,
-both deflated, in chunks of `CHUNK_FRAMES`. The source clip stays beside the asset: it is the store of the Poisson
-regions, since f_i is the Laplacian of the clip itself.
+both deflated, in chunks of `CHUNK_FRAMES`. The source clip stays where the asset notes it, relative to itself: it is
+the store of the Poisson regions, since f_i is the Laplacian of the clip itself.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 from pvg.asset.arrays import CHUNK_FRAMES, FORMAT_VERSION
 from pvg.asset.reading import VectorVideo, faces_by_index, open_asset
 from pvg.asset.records import FaceInFrame, FaceRecord, FaceSummary, KeyFrame, MediaSummary
+from pvg.asset.source import source_note
 from pvg.asset.writing import AssetWriter
 
 __all__ = [
@@ -26,4 +27,5 @@ __all__ = [
     "VectorVideo",
     "faces_by_index",
     "open_asset",
+    "source_note",
 ]

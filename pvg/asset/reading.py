@@ -7,6 +7,7 @@ import hashlib
 import json
 import lzma
 import os
+import shutil
 import struct
 import tempfile
 import zipfile
@@ -23,6 +24,9 @@ from numpy.typing import NDArray
 from pvg._arrays import Floats
 from pvg.asset.arrays import CHUNK_FRAMES, FORMAT_VERSION, FRAME_ARRAYS, decode, from_bytes
 from pvg.asset.records import FaceInFrame, FaceRecord, FaceSummary, KeyFrame, MediaSummary
+from pvg.asset.source import find_source as found_source
+from pvg.asset.source import source_note
+from pvg.asset.writing import replace_manifest
 from pvg.curves import boundary_points
 from pvg.errors import AssetError
 from pvg.face import Landmarks
@@ -112,14 +116,20 @@ class VectorVideo:
             self.path.unlink(missing_ok=True)
 
     def save(self, path: str | Path) -> None:
-        """Copy the asset file to `path`, appearing there only when complete."""
+        """Copy the asset file to `path`, appearing there only when complete; the copy notes where its clip lies."""
         target = Path(path)
         handle, name = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
-        with os.fdopen(handle, "wb") as out, self.path.open("rb") as data:
-            while block := data.read(1 << 20):
-                out.write(block)
-        Path(name).chmod(0o644)
-        Path(name).replace(target)
+        draft = Path(name)
+        try:
+            with os.fdopen(handle, "wb") as out, self.path.open("rb") as data:
+                shutil.copyfileobj(data, out, 1 << 20)
+            if self.source is not None:
+                replace_manifest(draft, {**self.manifest, **source_note(self.source, target)})
+            draft.chmod(0o644)
+            draft.replace(target)
+        except BaseException:
+            draft.unlink(missing_ok=True)
+            raise
 
     @property
     def frame_count(self) -> int:
@@ -237,12 +247,17 @@ class VectorVideo:
         return data
 
 
-def open_asset(path: str | Path, source: str | Path | None = None) -> VectorVideo:
+def open_asset(path: str | Path, source: str | Path | None = None, *, find_source: bool = True) -> VectorVideo:
     """Open an asset file; `source` is the clip it was made from, needed to render it.
 
-    Raises `AssetError` when the file is truncated, altered or of another version.
+    Without a source it is looked for where the asset notes it, relative to itself, and beside it; find_source=False
+    leaves that out, as it should be for assets from others in a service. Either way the clip must have the noted
+    sha256 before a frame of it is read. Raises `AssetError` when the file is truncated, altered or of another version.
     """
-    return VectorVideo(path, source)
+    video = VectorVideo(path, source)
+    if source is None and find_source:
+        video.source = found_source(video.path, video.manifest)
+    return video
 
 
 def faces_by_index(video: VectorVideo, faces: str | Sequence[int]) -> tuple[int, ...]:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pvg.asset.arrays import CHUNK_FRAMES, FORMAT_VERSION, FRAME_ARRAYS, encode, to_bytes
 from pvg.asset.records import FaceRecord
 
+MANIFEST = "manifest.json"
 _LEVEL = 6  # of deflate
 
 
@@ -69,9 +70,7 @@ class AssetWriter:
     def finish(self, manifest: Mapping[str, Any]) -> None:
         """Write the manifest and move the file to its name."""
         body = {"format": FORMAT_VERSION, **manifest, "faces": self._faces, "entries": self._entries}
-        data = json.dumps(body, indent=1).encode()
-        self._entry("manifest.json", data)
-        self._zip.comment = hashlib.sha256(data).hexdigest().encode()
+        _write_manifest(self._zip, body)
         self._zip.close()
         self._temporary.chmod(0o644)
         self._temporary.replace(self.path)
@@ -86,10 +85,29 @@ class AssetWriter:
 
     def _array(self, name: str, array: NDArray[Any]) -> None:
         data = to_bytes(array)
-        self._entry(name, data)
+        _write_entry(self._zip, name, data)
         self._entries[name] = hashlib.sha256(data).hexdigest()
 
-    def _entry(self, name: str, data: bytes) -> None:
-        # a fixed date: the same clip gives the same bytes
-        entry = zipfile.ZipInfo(name, date_time=(1980, 1, 1, 0, 0, 0))
-        self._zip.writestr(entry, data, zipfile.ZIP_DEFLATED, _LEVEL)
+
+def replace_manifest(path: Path, manifest: Mapping[str, Any]) -> None:
+    """Give a whole asset file another manifest in place: it is the last entry, so nothing else is written again."""
+    with zipfile.ZipFile(path) as asset:
+        last = asset.infolist()[-1]
+        if last.filename != MANIFEST:
+            raise ValueError(f"{path.name} does not end with its manifest")
+    with zipfile.ZipFile(path, "a") as asset:
+        asset.filelist.remove(asset.NameToInfo.pop(MANIFEST))
+        asset.start_dir = last.header_offset  # where the next entry goes, and the directory after it
+        _write_manifest(asset, manifest)
+
+
+def _write_manifest(asset: zipfile.ZipFile, manifest: Mapping[str, Any]) -> None:
+    data = json.dumps(manifest, indent=1).encode()
+    _write_entry(asset, MANIFEST, data)
+    asset.comment = hashlib.sha256(data).hexdigest().encode()
+
+
+def _write_entry(asset: zipfile.ZipFile, name: str, data: bytes) -> None:
+    # a fixed date: the same clip gives the same bytes
+    entry = zipfile.ZipInfo(name, date_time=(1980, 1, 1, 0, 0, 0))
+    asset.writestr(entry, data, zipfile.ZIP_DEFLATED, _LEVEL)

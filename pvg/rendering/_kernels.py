@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import vectorize
 from numpy.typing import NDArray
 
 from pvg._arrays import Doubles, Floats
 from pvg._bilinear import reach, read_grid, split
-from pvg._compiled import kernel
+from pvg._compiled import kernel, ufunc
 
 Samples = NDArray[np.uint8] | NDArray[np.uint16]
 
@@ -48,7 +47,7 @@ def _run(weight: Floats) -> tuple[int, int]:
     return first, last
 
 
-@vectorize(["float32(float32, float32, float32, float32, float32)"], cache=True)  # type: ignore[no-untyped-call, untyped-decorator]
+@ufunc("float32(float32, float32, float32, float32, float32)")
 def roll_off(value: Any, toe: Any, below: Any, knee: Any, above: Any) -> Any:
     """The value between toe and knee, approaching black below and white above; slope at most 1 and continuous.
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Literal
 
 from pvg._threads import ahead, one_blas_thread
-from pvg.asset import AssetWriter, MediaSummary, VectorVideo
+from pvg.asset import AssetWriter, MediaSummary, VectorVideo, source_note
 from pvg.curves import CHAIN_RESET_FRAMES
 from pvg.errors import FaceTooSmallError, NoFaceError
 from pvg.landmarks import FaceTrack, link_persons, smooth, track_faces
@@ -81,7 +81,7 @@ def vectorize(
             {
                 "vectorizer": VECTORIZER_VERSION,
                 "settings": {"mask": mask, "matching": matching, "reference": reference, "seed": seed},
-                "source_name": path.name,
+                **source_note(path, None if asset is None else target),
                 "source_sha256": sha256_file(path),
                 "media": asdict(MediaSummary.of(media, done.frame_count)),
                 "shots": list(done.shots),

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import av
 import av.container
@@ -18,6 +19,8 @@ from pvg.errors import MediaError
 from pvg.video.sniffing import IMAGE_KINDS, check_structure, sniff
 
 _DEMUXERS = {"mp4": "mov", "matroska": "matroska", "avi": "avi"}
+# from PyAV 19 on tags that are not UTF-8 are always read so, and the argument is gone
+_LENIENT: dict[str, Any] = {"metadata_errors": "replace"} if int(av.__version__.partition(".")[0]) < 19 else {}
 
 
 @dataclass(frozen=True)
@@ -60,9 +63,7 @@ def open_container(path: Path, max_pixels: int) -> Iterator[av.container.InputCo
     if kind == "mp4":
         options |= {"enable_drefs": "0", "use_absolute_path": "0"}
     try:
-        container = av.open(
-            f"file:{path.absolute()}", "r", format=_DEMUXERS[kind], options=options, metadata_errors="replace"
-        )
+        container = av.open(f"file:{path.absolute()}", "r", format=_DEMUXERS[kind], options=options, **_LENIENT)
     except (av.error.FFmpegError, ValueError, UnicodeDecodeError) as error:
         raise MediaError(f"{path.name} is damaged: its header cannot be read ({reason(error)})") from error
     with container:

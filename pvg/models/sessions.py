@@ -1,0 +1,56 @@
+"""Running a network: the one place that imports onnxruntime."""
+
+from __future__ import annotations
+
+import os
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+from pvg.models.networks import MODELS
+from pvg.models.store import verified
+
+if TYPE_CHECKING:
+    import onnxruntime
+
+__all__ = ["load"]
+
+# keyed by process too: an onnxruntime session's threads do not survive a fork
+_sessions: dict[tuple[int, str | None, str, int], onnxruntime.InferenceSession] = {}
+
+
+def load(name: str, threads: int = 1) -> onnxruntime.InferenceSession:
+    """Return the session of one network of MODELS, made once a process and thread count.
+
+    Inputs are float32 (1, 256, 256, 3) RGB; the file's sha256 is checked before it is used.
+    Raises ModelError when the weights are missing or altered, KeyError for an unknown name.
+    """
+    model = MODELS[name]
+    key = (os.getpid(), os.environ.get("PVG_CACHE_DIR"), name, threads)
+    session = _sessions.get(key)
+    if session is None:
+        data = verified(model)
+        ort = _silent_onnxruntime()
+        options = ort.SessionOptions()
+        options.intra_op_num_threads = threads
+        options.inter_op_num_threads = 1
+        # idle worker threads must not spin: decoding, solving and encoding share the cores
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+        options.log_severity_level = 3
+        session = ort.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+        _sessions[key] = session
+    return session
+
+
+def _silent_onnxruntime() -> ModuleType:
+    """onnxruntime with its telemetry off, imported when it is needed: it takes 0.1 s.
+
+    From 1.29 on it reports to its vendor by default, and keeps an identifier of the machine in the home folder. The
+    variable is read as the library's environment is made and stops all of that; the call serves a process that had
+    imported onnxruntime before.
+    """
+    os.environ["ORT_DISABLE_TELEMETRY"] = "1"
+    import onnxruntime  # noqa: PLC0415 - after the variable
+
+    onnxruntime.disable_telemetry_events()
+    module: ModuleType = onnxruntime
+    return module

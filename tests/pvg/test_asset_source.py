@@ -1,0 +1,107 @@
+"""Where an asset finds its clip: a path relative to itself, which is never more than a hint."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from pvg.asset import AssetWriter, VectorVideo, open_asset, source_note
+from pvg.asset.writing import replace_manifest
+from pvg.errors import AssetError
+from pvg.video import sha256_file
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Path:
+    path = tmp_path / "clip.bin"
+    path.write_bytes(b"the clip")
+    return path
+
+
+@pytest.fixture
+def asset(tmp_path: Path, source: Path) -> Path:
+    """An asset without faces beside its clip."""
+    media = {"kind": "video", "width": 320, "height": 240, "frame_rate": 25.0, "duration_s": 3.0, "frame_count": 75}
+    media |= {"has_audio": False, "rotation": 0, "codec": "h264", "pixel_format": "yuv420p"}
+    path = tmp_path / "clip.pvg"
+    with AssetWriter(path) as writer:
+        writer.finish(
+            {
+                "vectorizer": "test",
+                "settings": {},
+                **source_note(source, path),
+                "source_sha256": sha256_file(source),
+                "media": media,
+                "shots": [0],
+            }
+        )
+    return path
+
+
+def _with_note(asset: Path, **note: object) -> Path:
+    """A copy in a folder of its own whose manifest says so of its clip."""
+    copy = asset.parent / "assets" / "copy.pvg"
+    copy.parent.mkdir(exist_ok=True)
+    copy.write_bytes(asset.read_bytes())
+    with VectorVideo(copy) as video:
+        manifest = {k: v for k, v in video.manifest.items() if not k.startswith("source_")}
+        manifest["source_sha256"] = video.source_sha256
+    replace_manifest(copy, {**manifest, **note})
+    return copy
+
+
+def test_an_asset_finds_its_clip_elsewhere_and_after_both_have_moved(asset: Path, source: Path, tmp_path: Path) -> None:
+    clips = tmp_path / "clips"
+    clips.mkdir()
+    elsewhere = source.rename(clips / "other name.bin")
+    copy = _with_note(asset, **source_note(elsewhere, tmp_path / "assets" / "copy.pvg"))
+    with open_asset(copy) as video:
+        assert video.manifest["source_path"] == "../clips/other name.bin"
+        assert video.require_source().samefile(elsewhere)
+    moved = tmp_path / "moved"
+    moved.mkdir()
+    clips.rename(moved / "clips")
+    copy.parent.rename(moved / "assets")
+    with open_asset(moved / "assets" / "copy.pvg") as video:
+        assert video.require_source().samefile(moved / "clips" / "other name.bin")
+
+
+def test_a_noted_path_is_a_hint_only(asset: Path, source: Path, tmp_path: Path) -> None:
+    """Whoever made the file may have written anything there."""
+    other = tmp_path / "secret.bin"
+    other.write_bytes(b"not the clip")
+    for path in (str(other), "C:\\secret.bin", "\\\\host\\share\\clip.bin", "", ".", "..", "\0", 3, "x" * 9999):
+        with open_asset(_with_note(asset, source_path=path)) as video:
+            assert video.source is None, path
+    guessed = _with_note(asset, source_path="../secret.bin")
+    with open_asset(guessed) as video, pytest.raises(AssetError, match="not the clip"):
+        video.require_source()
+    hinted = _with_note(asset, **source_note(source, tmp_path / "assets" / "copy.pvg"))
+    with VectorVideo(hinted) as video, open_asset(hinted, find_source=False) as same:
+        assert video.source is same.source is None
+    with open_asset(hinted, other) as video:  # what is given is not replaced by what is noted
+        assert video.source == other
+
+
+def test_a_saved_copy_notes_where_the_clip_lies_from_there(asset: Path, source: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "a" / "b"
+    folder.mkdir(parents=True)
+    with VectorVideo(asset, source) as video:
+        video.save(folder / "saved.pvg")
+    with open_asset(folder / "saved.pvg") as video:
+        assert video.manifest["source_path"] == "../../clip.bin"
+        assert video.require_source().samefile(source)
+
+
+def test_a_temporary_asset_notes_no_path(tmp_path: Path) -> None:
+    assert source_note(tmp_path / "clip.mp4", None) == {"source_name": "clip.mp4"}
+
+
+def test_beside_it_the_clip_is_found_by_its_name(asset: Path, source: Path) -> None:
+    copy = _with_note(asset, source_name=source.name)
+    with open_asset(copy) as video:
+        assert video.source is None
+    source.rename(copy.with_name(source.name))
+    with open_asset(copy) as video:
+        assert video.require_source().name == source.name

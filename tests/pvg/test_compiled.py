@@ -1,0 +1,189 @@
+"""Compiled functions: their machine code is kept where it can be, found where it lies, and never needed."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from numba.core.caching import IndexDataCacheFile
+
+from pvg import _compiled
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+KERNELS = """
+from pvg._compiled import kernel, ufunc
+from helpers import twice, OFFSET
+
+@kernel()
+def doubled_and_moved(x):
+    return twice(x) + OFFSET
+
+@ufunc("float32(float32)")
+def negated(x):
+    return -x
+"""
+HELPERS = """
+from pvg._compiled import kernel
+
+OFFSET = 1
+
+@kernel(inline=True)
+def once(x):
+    return x
+
+@kernel()
+def twice(x):
+    return once(x) + x
+"""
+PROBE = """
+import numpy as np
+from numba.core import event
+compiled = []
+class Listener(event.Listener):
+    def on_start(self, event):
+        compiled.append(event.data["dispatcher"].py_func.__name__)
+    def on_end(self, event):
+        pass
+event.register("numba:compile", Listener())
+import kernels
+results = kernels.doubled_and_moved(20), float(kernels.negated(np.float32(2)))
+print(*results, *sorted({"doubled_and_moved", "twice"} & set(compiled)))
+"""
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Iterator[Path]:
+    """A folder of two modules with kernels, and a copy of what they need of ours."""
+    folder = tmp_path / "package"
+    (folder / "pvg").mkdir(parents=True)
+    for name in ("_compiled.py", "_folders.py"):
+        shutil.copy(REPOSITORY / "pvg" / name, folder / "pvg")
+    (folder / "pvg" / "__init__.py").touch()
+    (folder / "kernels.py").write_text(KERNELS)
+    (folder / "helpers.py").write_text(HELPERS)
+    yield folder
+    for path in (folder, *folder.rglob("*")):
+        path.chmod(0o755)
+
+
+def run(folder: Path, *prefix: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    environment = {k: v for k, v in os.environ.items() if k not in ("HOME", "PVG_CACHE_DIR") and "NUMBA" not in k}
+    environment |= {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1", **variables}
+    return subprocess.run(
+        [*prefix, sys.executable, "-c", PROBE], env=environment, cwd="/", capture_output=True, text=True, check=True
+    )
+
+
+def without_privilege() -> list[str]:
+    """The beginning of a command that keeps to permissions: root otherwise writes everywhere."""
+    if os.geteuid() != 0:
+        return []
+    return ["setpriv", "--bounding-set=-dac_override,-dac_read_search"]
+
+
+def close(folder: Path) -> None:
+    for path in (folder, *folder.rglob("*")):
+        path.chmod(0o555 if path.is_dir() else 0o444)
+
+
+COMPILED_ALL = "41 -2.0 doubled_and_moved twice\n"
+COMPILED_NONE = "41 -2.0\n"
+
+
+def test_the_next_process_compiles_nothing(package: Path) -> None:
+    home = {"HOME": str(package.parent)}
+    assert run(package, **home).stdout == COMPILED_ALL
+    assert any((package / "__pycache__").glob("*.nbc"))
+    assert run(package, **home).stdout == COMPILED_NONE
+
+
+def test_a_cache_that_may_only_be_read_is_used(package: Path) -> None:
+    run(package, HOME=str(package.parent))
+    close(package)
+    done = run(package, *without_privilege(), HOME=str(package))
+    assert (done.stdout, done.stderr) == (COMPILED_NONE, "")
+
+
+def test_without_any_place_to_write_it_works_and_says_so_once(package: Path) -> None:
+    close(package)
+    done = run(package, *without_privilege(), HOME=str(package))
+    assert done.stdout == COMPILED_ALL
+    assert done.stderr.count("\n") == 1
+    assert "PVG_CACHE_DIR" in done.stderr
+    assert not (package / "__pycache__").exists()
+
+
+def test_the_users_cache_folder_serves_where_the_modules_cannot_be_written(package: Path, tmp_path: Path) -> None:
+    close(package)
+    own = tmp_path / "own"
+    own.mkdir()
+    assert run(package, *without_privilege(), PVG_CACHE_DIR=str(own)).stdout == COMPILED_ALL
+    assert run(package, *without_privilege(), PVG_CACHE_DIR=str(own)).stdout == COMPILED_NONE
+    assert (own / "kernels").is_dir()
+
+
+@pytest.mark.parametrize("changed", [("helpers.py", "+ x", "+ x + 0"), ("helpers.py", "OFFSET = 1", "OFFSET = 2")])
+def test_a_change_in_a_called_module_is_seen(package: Path, changed: tuple[str, str, str]) -> None:
+    home = {"HOME": str(package.parent)}
+    run(package, **home)
+    name, before, after = changed
+    path = package / name
+    path.write_text(path.read_text().replace(before, after))
+    assert "doubled_and_moved" in run(package, **home).stdout
+
+
+def test_damaged_files_are_compiled_anew(package: Path) -> None:
+    home = {"HOME": str(package.parent)}
+    run(package, **home)
+    for path in (package / "__pycache__").iterdir():
+        path.write_bytes(path.read_bytes()[:40])
+    assert run(package, **home).stdout == COMPILED_ALL
+    assert run(package, **home).stdout == COMPILED_NONE
+
+
+def test_a_full_disk_does_not_stop_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def full(*_: Any) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(IndexDataCacheFile, "save", full)
+    monkeypatch.setenv("PVG_CACHE_DIR", str(tmp_path))
+    _compiled._say_uncached.cache_clear()
+    squared: Callable[[int], int] = _compiled.kernel()(_squared)
+    assert squared(7) == 49
+    assert len(caplog.records) == 1
+
+
+def _squared(x: int) -> int:
+    return x * x
+
+
+OTHER_PROCESSOR = """
+import llvmlite.binding as llvm
+features = llvm.get_host_cpu_features()
+for name in list(features):
+    features[name] = name in ("sse2", "64bit", "cx8", "fxsr", "mmx", "sse")
+llvm.get_host_cpu_name = lambda: "x86-64"
+llvm.get_host_cpu_features = lambda: features
+"""
+
+
+@pytest.mark.skipif(os.uname().machine != "x86_64", reason="names a processor of x86")
+def test_a_cache_for_a_named_processor_serves_others(package: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in the image, which is warmed on one machine and run on another."""
+    home = {"HOME": str(package.parent)}
+    named = {"NUMBA_CPU_NAME": "x86-64-v3", "NUMBA_CPU_FEATURES": "", **home}
+    run(package, **named)
+    run(package, **home)
+    monkeypatch.setattr(sys.modules[__name__], "PROBE", OTHER_PROCESSOR + PROBE)
+    assert run(package, **named).stdout == COMPILED_NONE
+    assert run(package, **home).stdout == COMPILED_ALL, "what was compiled for the host itself serves no other"
