@@ -14,7 +14,6 @@ from benchmarks.clips import Window, encode, make_clip
 from benchmarks.runs import Job, further_looks, transfer
 from benchmarks.stages import stage_times
 from benchmarks.timing import in_turns, seconds
-from pvg.curves.labels import face_frame
 from pvg.video import probe
 
 Rows = list[dict[str, float]]
@@ -99,10 +98,10 @@ def _face_of(job: Job) -> tuple[float, float, float]:
     """x, y of the face's centre and its width in the clip's first face frame."""
     with pvg.open_asset(job.asset, job.clip) as video:
         face = max(video.faces, key=lambda summary: summary.width_px)
-        data = video.face_frame(face.index, face.first_frame)
+        data = video.face_at(face.index, face.first_frame)
         assert data is not None
-        frame = face_frame(data.points)
-        return float(frame.center[0]), float(frame.center[1]), frame.width
+        axes = data.landmarks.axes
+        return float(axes.center[0]), float(axes.center[1]), axes.width
 
 
 def face_windows(job: Job, widths: Sequence[int]) -> dict[int, Window]:

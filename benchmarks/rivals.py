@@ -13,8 +13,8 @@ import pvg
 from benchmarks.quality.faces import Image, Reference, View, read_reference, sample_pixels, view_of
 from benchmarks.quality.peers import DEEP, OURS, PAPER, MaskedLinear, missing, open_methods
 from benchmarks.timing import Measured, cpu_ms, in_turns
-from pvg.looks.transport import sliced_transport
-from pvg.rendering.clip import Renderer
+from pvg.looks import sliced_transport
+from pvg.rendering import Renderer
 from pvg.video import Frame, read_frames
 
 OURS_NAME = "ours"
@@ -71,7 +71,7 @@ def rival_times(clip: str, asset: str, portrait: str, reference_asset: str, fram
         taken: dict[str, list[float]] = {name: [] for name in works}
         pixels = 0
         for turn, frame in enumerate(read_frames(Path(clip), start=first, stop=first + frames + 1)):
-            data = video.face_frame(face.index, frame.index)
+            data = video.face_at(face.index, frame.index)
             if data is None:
                 continue
             view = view_of(data, size)
@@ -96,7 +96,7 @@ def rival_times(clip: str, asset: str, portrait: str, reference_asset: str, fram
 def _once(video: pvg.VectorVideo, face: int, reference: Reference, clip: str) -> dict[str, Any]:
     """Milliseconds of what ours and the masked linear transport do once a clip and reference."""
     (frame,) = read_frames(Path(clip), start=video.faces[face].first_frame, stop=video.faces[face].first_frame + 1)
-    data = video.face_frame(face, frame.index)
+    data = video.face_at(face, frame.index)
     assert data is not None
     view = view_of(data, (frame.width, frame.height))
 

@@ -16,7 +16,7 @@ import numpy as np
 import pvg
 from benchmarks.clips import encode
 from benchmarks.timing import Measured, in_turns, seconds
-from pvg.rendering.clip import Renderer
+from pvg.rendering import Renderer
 from pvg.video import Frame, VideoWriter, probe, read_frames
 from pvg.video.writing import encoder_options
 from pvg.warmup import warm_up

@@ -13,15 +13,16 @@ import numpy as np
 import pvg
 from benchmarks.clips import encode
 from benchmarks.timing import Measured, cpu_ms, seconds
-from pvg.asset import FaceFrameData
-from pvg.curves.labels import face_frame, labels_by_length, stack_points, table_labels
-from pvg.curves.propagation import match
+from pvg._arrays import Floats
+from pvg.asset import FaceInFrame
+from pvg.curves import labels_by_length, match, table_labels
 from pvg.landmarks import detect_faces, fit_landmarks, region_of_points
-from pvg.looks.transport import sliced_transport
-from pvg.membrane import Membrane
-from pvg.rendering.clip import Renderer
-from pvg.rendering.placed_face import Region, open_region
-from pvg.rendering.planes import Change, apply_change, protected_alpha
+from pvg.looks import sliced_transport
+from pvg.rendering import PlacedFace, Renderer
+from pvg.rendering.correction import Correction, CurveCorrection, at_curves, extend
+from pvg.rendering.guards import guarded_alpha
+from pvg.rendering.placed_face import place_face
+from pvg.rendering.planes import apply_correction
 from pvg.skin import SkinTracker, fit_skin_model
 from pvg.vectorization.key_colors import fit_key_frame
 from pvg.video import Frame, picture_of, probe, read_frames
@@ -47,13 +48,13 @@ class _Stages:
         self._tracker: SkinTracker | None = None
         self._points: Any = None
 
-    def data(self, index: int) -> FaceFrameData | None:
-        return self.video.face_frame(self.face, index)
+    def data(self, index: int) -> FaceInFrame | None:
+        return self.video.face_at(self.face, index)
 
     def time(self, name: str, milliseconds: float) -> None:
         self.taken.setdefault(name, []).append(milliseconds)
 
-    def analyse(self, frame: Frame, data: FaceFrameData) -> None:
+    def analyse(self, frame: Frame, data: FaceInFrame) -> None:
         """Stages of the vectoriser that every frame goes through."""
         self.time("to RGB", cpu_ms(lambda: replace(frame).rgb()))  # what peers and single frames need, not ours
         picture = picture_of(frame)
@@ -63,54 +64,57 @@ class _Stages:
         self.time("landmarks", cpu_ms(lambda: meshes.append(fit_landmarks(picture, region))))
         self._points = meshes[0].points
         if self._tracker is None:
-            self._tracker = SkinTracker(fit_skin_model(picture, data.points, data.skin_points))
+            self._tracker = SkinTracker(fit_skin_model(picture, data.landmarks))
         tracker = self._tracker
-        self.time("mask", cpu_ms(lambda: tracker.step(picture, data.points, data.skin_points)))
+        self.time("mask", cpu_ms(lambda: tracker.step(picture, data.landmarks)))
 
-    def key_frame(self, frame: Frame, data: FaceFrameData, region: Region) -> None:
+    def key_frame(self, frame: Frame, data: FaceInFrame, placed: PlacedFace) -> None:
         """Stages done once: the key frame's skin model and boundary colours, and a look."""
-        picture, rgb, width = picture_of(frame), frame.rgb(), face_frame(data.points).width
-        model = fit_skin_model(picture, data.points, data.skin_points)
-        matte = SkinTracker(model).step(picture, data.points, data.skin_points)
+        picture, rgb, width = picture_of(frame), frame.rgb(), data.landmarks.axes.width
+        model = fit_skin_model(picture, data.landmarks)
+        matte = SkinTracker(model).step(picture, data.landmarks)
         wanted = self.reference.records[0].key_frames[0].colors
         rng = np.random.default_rng(0)
         for _ in range(_KEY_REPEATS):
-            self.time("skin model", cpu_ms(lambda: fit_skin_model(picture, data.points, data.skin_points)))
-            self.time("fit", cpu_ms(lambda: fit_key_frame(rgb, matte, region.positions, width, 0)))
+            self.time("skin model", cpu_ms(lambda: fit_skin_model(picture, data.landmarks)))
+            self.time("fit", cpu_ms(lambda: fit_key_frame(rgb, matte, placed.positions, width, 0)))
             self.time("transport", cpu_ms(lambda: sliced_transport(self.key.colors, wanted, rng=rng)))
             self.time("look", cpu_ms(lambda: pvg.transfer(self.video, self.reference, faces=[self.face])))
 
-    def draw(self, frame: Frame, data: FaceFrameData) -> Region | None:
+    def draw(self, frame: Frame, data: FaceInFrame) -> PlacedFace | None:
         """Stages of the renderer."""
         size = (frame.width, frame.height)
-        regions: list[Region | None] = []
-        curves = cpu_ms(lambda: regions.append(open_region(data, table_labels(), *size)))
-        region = regions[0]
-        if region is None:
+        found: list[PlacedFace | None] = []
+        curves = cpu_ms(lambda: found.append(place_face(data, table_labels(), *size)))
+        placed = found[0]
+        if placed is None:
             return None
-        # what a look of automatic contrast solves for: three planes of the change, lambda of luma and of chroma
-        change = self.look.colors[self.face][0] - self.key.colors
-        values = np.concatenate([change, 1.0 + change[:, :2] / 256], axis=1)
-        membranes: list[Membrane] = []
+        g, wanted = self._wanted(frame)
+        corrections: list[Correction] = []
         self.time("curves", curves)
-        self.time("membrane", cpu_ms(lambda: membranes.append(region.membrane(values))))
-        self.time("apply", cpu_ms(lambda: _apply(frame, region, membranes[0], self.look)))
+        level = 2.0 ** (frame.format.depth - 8)
+        self.time("membrane", cpu_ms(lambda: corrections.extend(extend(placed, g, [wanted], level=level))))
+        self.time("apply", cpu_ms(lambda: _apply(frame, placed, corrections[0], self.look)))
         self.time("draw in all", cpu_ms(lambda: self.renderer.patches(frame)))
-        points = stack_points(data.points, data.skin_points)
-        labels = labels_by_length(points, data.boundary, spacing_px=_SPACING_PX)
-        self.time("match", cpu_ms(lambda: match(change, table_labels(), labels)))
-        self.untouched &= _outside_untouched(frame, self.renderer.draw(frame)[0], region)
-        return region
+        labels = labels_by_length(data.landmarks, data.boundary, spacing_px=_SPACING_PX)
+        self.time("match", cpu_ms(lambda: match(wanted.shift, table_labels(), labels)))
+        self.untouched &= _outside_untouched(frame, self.renderer.draw(frame)[0], placed)
+        return placed
+
+    def _wanted(self, frame: Frame) -> tuple[Floats, CurveCorrection]:
+        """The boundary colours in the planes of a frame, and what the look asks for there."""
+        to_planes = frame.format.opponent.matrix.astype(np.float32).T
+        g = self.key.colors @ to_planes
+        return g, at_curves(self.look, g, self.look.colors[self.face][0] @ to_planes)
 
 
-def _apply(frame: Frame, region: Region, membrane: Membrane, look: pvg.Look) -> None:
-    alpha = protected_alpha(region, look.protect)
-    apply_change(frame, (region.x, region.y), alpha, membrane, Change(0, contrast_channel=3))
+def _apply(frame: Frame, placed: PlacedFace, correction: Correction, look: pvg.Look) -> None:
+    apply_correction(frame, (placed.x, placed.y), guarded_alpha(placed, look.protect), correction)
 
 
-def _outside_untouched(before: Frame, after: Frame, region: Region) -> bool:
-    """Whether all samples outside the region's window kept their bits."""
-    x0, y0, x1, y1 = region.window
+def _outside_untouched(before: Frame, after: Frame, placed: PlacedFace) -> bool:
+    """Whether all samples outside the face's window kept their bits."""
+    x0, y0, x1, y1 = placed.window
     for p, (old, new) in enumerate(zip(before.planes, after.planes, strict=True)):
         dx, dy = before.format.chroma_log2 if p else (0, 0)
         changed = old != new
@@ -136,22 +140,26 @@ def stage_times(clip: str, asset: str, reference: str, frames: int) -> dict[str,
             if turn == 1:  # the first frame met everything cold
                 stages.taken.clear()
             stages.analyse(frame, data)
-            region = stages.draw(frame, data)
-            if region is not None and "fit" not in stages.taken and turn > 0:
-                stages.key_frame(frame, data, region)
-            widths.append(face_frame(data.points).width)
+            placed = stages.draw(frame, data)
+            if placed is not None and "fit" not in stages.taken and turn > 0:
+                stages.key_frame(frame, data, placed)
+            widths.append(data.landmarks.axes.width)
         taken = {name: Measured(tuple(values)) for name, values in stages.taken.items()}
         taken["decode"] = Measured((decoding,))
         taken["encode"] = Measured((_encode(Path(clip), kept),))
-        matte = stages.data(first)
+        shown = stages.data(first)
         return {
             "ms": {name: measured.to_json() for name, measured in taken.items()},
             "frames": len(kept),
             "size": [video.media.width, video.media.height],
             "face_px": float(np.median(widths)),
-            "box_px": [] if matte is None else [round(float(v)) for v in matte.box[2:] - matte.box[:2]],
+            "box_px": [] if shown is None else _sides(shown.matte.raster.box),
             "outside_untouched": stages.untouched,
         }
+
+
+def _sides(box: Floats) -> list[int]:
+    return [round(float(v)) for v in box[2:] - box[:2]]
 
 
 def _warm(frames: list[Frame]) -> Iterator[Frame]:

@@ -6,10 +6,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 import pvg
-from pvg.video import VideoWriter, probe, read_frames
 from scripts.samples import Samples, fetch_samples
+from tests.gallery.clips import cut_clip
+
+settings.register_profile("no deadline", deadline=None)  # the first call of a kernel compiles it
+settings.load_profile("no deadline")
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
@@ -27,15 +31,6 @@ def media_dir() -> Path:
     if not folder.is_dir():
         pytest.skip("the folder shared/media is not beside the repository")
     return folder
-
-
-def cut_clip(source: Path, target: Path, start: int, stop: int) -> Path:
-    """Write frames [start, stop) of a clip as a clip of its own."""
-    info = probe(source)
-    with VideoWriter(target, info, info.format, crf=12) as writer:
-        for frame in read_frames(source, start=start, stop=stop):
-            writer.write(frame)
-    return target
 
 
 @pytest.fixture(scope="session")

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 import os
+import sys
 import tempfile
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ProcessPoolExecutor
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -131,6 +133,8 @@ def _measure(
 def main() -> None:
     """Run everything and write the report."""
     options = _options()
+    if find_spec("skimage") is None:
+        sys.exit("scikit-image is not installed; `make bench-quality` installs it")
     material, frames = _chosen(options)
     start = time.perf_counter()
     strips: Path = options.out / "strips"

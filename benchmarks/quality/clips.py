@@ -25,7 +25,7 @@ from benchmarks.quality.measures import (
 )
 from benchmarks.quality.peers import DEEP, Drawn, Method, method_names, open_methods
 from benchmarks.quality.sheets import save_strip
-from pvg.asset import FaceFrameData
+from pvg.asset import FaceInFrame
 from pvg.video import Frame, read_frames
 
 COSTLY_PAIRS = 6  # pairs of neighbouring frames that costly methods are drawn on
@@ -108,17 +108,18 @@ def _widest(video: pvg.VectorVideo) -> int:
     return max(video.faces, key=lambda face: face.width_px).index
 
 
-def same_face(paper: pvg.VectorVideo, data: FaceFrameData, frame: int) -> int | None:
+def same_face(paper: pvg.VectorVideo, data: FaceInFrame, frame: int) -> int | None:
     """The face of another asset of the same clip that lies on `data` in `frame`."""
+    own = data.landmarks.points
     best, nearest = None, float("inf")
     for face in paper.faces:
-        other = paper.face_frame(face.index, frame)
+        other = paper.face_at(face.index, frame)
         if other is None:
             continue
-        distance = float(np.linalg.norm(other.points.mean(axis=0) - data.points.mean(axis=0)))
+        distance = float(np.linalg.norm(other.landmarks.points.mean(axis=0) - own.mean(axis=0)))
         if distance < nearest:
             best, nearest = face.index, distance
-    return best if nearest < 0.3 * float(np.ptp(data.points[:, 0])) else None
+    return best if nearest < 0.3 * float(np.ptp(own[:, 0])) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,13 +232,13 @@ def measure_color(before: Image, after: Image, view: View, reference: Reference)
     return out
 
 
-def measured_frames(video: pvg.VectorVideo, face: int, count: int) -> dict[int, FaceFrameData]:
+def measured_frames(video: pvg.VectorVideo, face: int, count: int) -> dict[int, FaceInFrame]:
     """The first `count` frames in which the face is seen."""
     summary = video.faces[face]
-    out: dict[int, FaceFrameData] = {}
+    out: dict[int, FaceInFrame] = {}
     for index in range(summary.first_frame, summary.last_frame + 1):
-        data = video.face_frame(face, index)
-        if data is not None and data.score > 0 and (data.matte >= 128).any():
+        data = video.face_at(face, index)
+        if data is not None and data.score > 0 and data.matte.mask.any():
             out[index] = data
         if len(out) == count:
             break

@@ -14,18 +14,25 @@ from numpy.typing import NDArray
 
 import pvg
 from benchmarks.quality.color import ita
-from pvg.asset import FaceFrameData, KeyFrame
-from pvg.curves.labels import face_frame, table_labels
-from pvg.landmarks import JD_GROUPS, SKIN_SLICES
-from pvg.rendering.clip import source_frame
-from pvg.rendering.placed_face import Region, open_region
+from pvg.asset import FaceInFrame, KeyFrame
+from pvg.curves import table_labels
+from pvg.face import layout
+from pvg.rendering import PlacedFace, source_frame
+from pvg.rendering.placed_face import place_face
 from pvg.skin import Matte
 
 Image = NDArray[np.uint8]
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float32]
 
-_FEATURES = ("brow_left", "brow_right", "eye_left", "eye_right", "lips_outer", "nose_base")
+_FEATURES = (
+    layout.LEFT_BROW,
+    layout.RIGHT_BROW,
+    layout.LEFT_EYE,
+    layout.RIGHT_EYE,
+    layout.LIPS_OUTER,
+    layout.NOSE_BASE,
+)
 _MARGIN = 0.03  # of the face's width: features grow and the matte shrinks by it before skin is measured
 _LEAST_SKIN = 200  # pixels
 _MOST_PIXELS = 20_000
@@ -52,7 +59,7 @@ class View:
     window: rows and columns of the picture;  size: (width, height) of the picture.
     """
 
-    data: FaceFrameData
+    data: FaceInFrame
     window: tuple[slice, slice]
     size: tuple[int, int]
 
@@ -66,12 +73,12 @@ class View:
     @property
     def matte(self) -> Matte:
         """The matte over its own box."""
-        return Matte(box=self.data.box, alpha=self.data.matte, mask=self.data.matte >= 128)
+        return self.data.matte
 
     @property
     def width(self) -> float:
         """Width of the face in pixels."""
-        return face_frame(self.data.points).width
+        return self.data.landmarks.axes.width
 
     @cached_property
     def face(self) -> Bools:
@@ -92,25 +99,25 @@ class View:
     def skin(self) -> Bools:
         """(h, w) bool: open skin of the face: `inner` within the oval, without brows, eyes, lips and nostrils."""
         origin = np.array([self.window[1].start, self.window[0].start], np.float32)
-        points, oval = self.data.points - origin, self.data.skin_points[SKIN_SLICES["oval"]] - origin
-        features = _hulls(self.alpha.shape, [points[list(JD_GROUPS[name])] for name in _FEATURES])
+        face = self.data.landmarks.moved(-origin)
+        features = _hulls(self.alpha.shape, [face.points[feature] for feature in _FEATURES])
         grown = cv2.dilate(features.astype(np.uint8), odd_kernel(_MARGIN * self.width)).astype(np.bool_)
-        within = self.inner & _hulls(self.alpha.shape, [oval])
+        within = self.inner & _hulls(self.alpha.shape, [face.oval])
         return within & ~grown
 
     @cached_property
     def bare(self) -> Bools:
         """(h, w) bool: `skin` above the nose's base, where no beard grows."""
         origin = np.array([self.window[1].start, self.window[0].start], np.float32)
-        frame = face_frame(self.data.points)
-        base = float((self.data.points[list(JD_GROUPS["nose_base"])].mean(axis=0) - origin) @ frame.down)
+        down = self.data.landmarks.axes.down
+        base = float((self.data.landmarks.points[layout.NOSE_BASE].mean(axis=0) - origin) @ down)
         ys, xs = np.indices(self.skin.shape, np.float32)
-        return np.asarray(self.skin & (xs * frame.down[0] + ys * frame.down[1] < base), np.bool_)
+        return np.asarray(self.skin & (xs * down[0] + ys * down[1] < base), np.bool_)
 
     @cached_property
-    def region(self) -> Region | None:
-        """Curves and matte as the renderer opens them."""
-        return open_region(self.data, table_labels(), *self.size)
+    def placed(self) -> PlacedFace | None:
+        """Curves and matte as the renderer places them."""
+        return place_face(self.data, table_labels(), *self.size)
 
     def crop(self, picture: Image) -> Image:
         """The picture's part in the window."""
@@ -123,14 +130,14 @@ class View:
         return whole
 
 
-def view_of(data: FaceFrameData, size: tuple[int, int], window: tuple[slice, slice] | None = None) -> View:
+def view_of(data: FaceInFrame, size: tuple[int, int], window: tuple[slice, slice] | None = None) -> View:
     """The face over its own box, or over a given window."""
     return View(data, window or window_of([data], size), size)
 
 
-def window_of(faces: list[FaceFrameData], size: tuple[int, int]) -> tuple[slice, slice]:
+def window_of(faces: list[FaceInFrame], size: tuple[int, int]) -> tuple[slice, slice]:
     """The smallest even window of a picture (width, height) that holds the boxes of all faces."""
-    boxes = np.stack([data.box for data in faces])
+    boxes = np.stack([data.matte.raster.box for data in faces])
     low = np.maximum(np.floor(boxes[:, :2].min(axis=0)), 0).astype(int) // 2 * 2
     high = np.minimum(np.ceil(boxes[:, 2:].max(axis=0)) + 1, size).astype(int)
     return slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))
@@ -166,7 +173,7 @@ def read_reference(path: Path, asset: Path) -> Reference:
     """Open a portrait vectorised as a reference. Raises `ValueError` when too little open skin is seen."""
     video = pvg.open_asset(asset, path)
     frame = video.faces[0].first_frame
-    data = video.face_frame(0, frame)
+    data = video.face_at(0, frame)
     if data is None:
         raise ValueError(f"{path.name} has no face in its key frame")
     rgb = source_frame(video, frame).rgb()

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.quality.color import delta_e_2000, lab
+from benchmarks.quality.color import delta_e_2000
 from benchmarks.quality.faces import Bools, Floats, Image, sample_pixels
-from pvg.looks.transport import sliced_wasserstein
+from pvg.looks import sliced_wasserstein
 
 _LEAST_MSE = 1e-4  # identical pictures count as 88 dB, not infinity
 _CONSISTENT_PX = 0.5
@@ -96,7 +96,7 @@ def color_distance(pixels: Any, wanted: Any) -> float:
 
 def median_delta_e(pixels: Any, median: Any) -> float:
     """CIEDE2000 of the median colour of pixels (n, 3) to a colour (3,)."""
-    return float(delta_e_2000(lab(np.median(pixels, axis=0)), lab(median)))
+    return delta_e_2000(np.median(pixels, axis=0), median)
 
 
 def iou(first: Bools, second: Bools) -> float:

@@ -19,10 +19,9 @@ from scipy.spatial import KDTree
 
 import pvg
 from benchmarks.quality.faces import Floats, Image, Reference, View, sample_pixels
-from pvg.curves.labels import face_frame
-from pvg.looks.transport import sliced_transport
-from pvg.rendering.clip import Renderer
-from pvg.vectorization.clip import fit_key_frame
+from pvg.looks import sliced_transport
+from pvg.rendering import Renderer
+from pvg.vectorization.key_colors import fit_key_frame
 from pvg.video import Frame
 
 try:
@@ -136,18 +135,18 @@ class PerFrame:
     costly: bool = True
 
     def draw(self, frame: Frame, view: View) -> list[Drawn]:
-        rgb, region = frame.rgb(), view.region
-        if region is None:
+        rgb, placed = frame.rgb(), view.placed
+        if placed is None:
             return [Drawn(rgb)] * len(self.references)
-        g, visible = fit_key_frame(rgb, view.matte, region.positions, face_frame(view.data.points).width, 0)
+        g, visible = fit_key_frame(rgb, view.matte, placed.positions, view.width, 0)
         changes = [self._change(g, visible, reference) for reference in self.references]
-        h, w = region.alpha.shape
-        field = region.membrane(np.concatenate(changes, axis=1)).crop(region.x, region.y, w, h)
-        window = (slice(region.y, region.y + h), slice(region.x, region.x + w))
+        h, w = placed.alpha.shape
+        field = placed.membrane(np.concatenate(changes, axis=1)).crop(placed.x, placed.y, w, h)
+        window = (slice(placed.y, placed.y + h), slice(placed.x, placed.x + w))
         pictures = []
         for k in range(len(self.references)):
             out = rgb.copy()
-            moved = rgb[window] + region.alpha[..., None] * field[..., 3 * k : 3 * k + 3]
+            moved = rgb[window] + placed.alpha[..., None] * field[..., 3 * k : 3 * k + 3]
             out[window] = np.clip(np.rint(moved), 0, 255).astype(np.uint8)
             pictures.append(Drawn(out))
         return pictures

@@ -18,14 +18,14 @@ from benchmarks.quality.clips import measured_frames, same_face, vectorize_clip
 from benchmarks.quality.faces import Bools, Floats, Image, View, references_of, view_of
 from benchmarks.quality.measures import iou, wander
 from benchmarks.quality.peers import DEEP, open_methods
-from pvg.asset import FaceFrameData
-from pvg.curves.labels import CurveLabels, face_frame, labels_by_length, stack_points, table_labels
-from pvg.curves.propagation import CHAIN_RESET_FRAMES, Chain
-from pvg.landmarks import detect_faces, fit_landmarks, jd_106, skin_88
-from pvg.rendering.clip import Renderer, source_frame
-from pvg.rendering.placed_face import open_region
+from pvg.asset import FaceInFrame
+from pvg.curves import CHAIN_RESET_FRAMES, Chain, CurveLabels, labels_by_length, table_labels
+from pvg.face import Landmarks
+from pvg.landmarks import detect_faces, fit_landmarks
+from pvg.rendering import Renderer, source_frame
+from pvg.rendering.placed_face import place_face
 from pvg.skin import SkinTracker, fit_skin_model, skin_mask
-from pvg.vectorization.clip import fit_key_frame
+from pvg.vectorization.key_colors import fit_key_frame
 from pvg.video import read_frames, read_image
 
 LEAK_FRAMES = 30
@@ -78,9 +78,9 @@ def _person(path: Path, labels: Path | None) -> tuple[Image, Floats]:
         known = np.asarray(cv2.imread(str(labels), cv2.IMREAD_UNCHANGED))
         mask = (known > 0).astype(np.float32)
     else:
-        points, skin_points = _landmarks(rgb)
-        skin = skin_mask(rgb, points, skin_points).astype(np.uint8)
-        size = 2 * round(0.05 * face_frame(points).width) + 1
+        landmarks = _landmarks(rgb)
+        skin = skin_mask(rgb, landmarks).astype(np.uint8)
+        size = 2 * round(0.05 * landmarks.axes.width) + 1
         mask = cv2.dilate(skin, np.ones((size, size), np.uint8)).astype(np.float32)
     scale = _LEAK_SIDE / max(rgb.shape[:2])
     side = (round(rgb.shape[1] * scale) // 2 * 2, round(rgb.shape[0] * scale) // 2 * 2)
@@ -144,13 +144,13 @@ def there_and_back(count: int, total: int) -> list[int]:
     return [min(i % period, period - i % period) if count > 1 else 0 for i in range(total + 1)]
 
 
-def _low(data: FaceFrameData, labels: CurveLabels, colors: Floats, view: View) -> Floats:
+def _low(data: FaceInFrame, labels: CurveLabels, colors: Floats, view: View) -> Floats:
     """LF = H(g) over the view's window."""
-    region = open_region(data, labels, *view.size)
-    if region is None:
+    placed = place_face(data, labels, *view.size)
+    if placed is None:
         raise ValueError("the face left the picture")
     rows, columns = view.window
-    return region.membrane(colors).crop(columns.start, rows.start, columns.stop - columns.start, rows.stop - rows.start)
+    return placed.membrane(colors).crop(columns.start, rows.start, columns.stop - columns.start, rows.stop - rows.start)
 
 
 class _Carried:
@@ -185,8 +185,7 @@ def run_reconstruction(clip: Path, asset: Path, frames: int = RECONSTRUCTION_FRA
         for i, place in enumerate(there_and_back(len(numbers), frames)):
             data = seen[numbers[place]]
             if place not in placed:
-                stacked = stack_points(data.points, data.skin_points)
-                placed[place] = labels_by_length(stacked, data.boundary, spacing_px=_CHAIN_SPACING_PX)
+                placed[place] = labels_by_length(data.landmarks, data.boundary, spacing_px=_CHAIN_SPACING_PX)
             checked = i % _CHECK_EVERY == 0
             starts = i % CHAIN_RESET_FRAMES == 0
             fitted = None
@@ -213,25 +212,25 @@ def run_reconstruction(clip: Path, asset: Path, frames: int = RECONSTRUCTION_FRA
 
 
 def _fit(rgb: Image, view: View) -> Floats:
-    region = view.region
-    if region is None:
+    placed = view.placed
+    if placed is None:
         raise ValueError("the face left the picture")
-    colors, _ = fit_key_frame(rgb, view.matte, region.positions, view.width, 0)
+    colors, _ = fit_key_frame(rgb, view.matte, placed.positions, view.width, 0)
     return colors
 
 
 # --- masks ------------------------------------------------------------------------------------------------------
 
 
-def _landmarks(rgb: Image) -> tuple[Floats, Floats]:
+def _landmarks(rgb: Image) -> Landmarks:
     meshes = [fit_landmarks(rgb, face).points for face in detect_faces(rgb)]
     widest = max(meshes, key=lambda mesh: float(np.ptp(mesh[:, 0])))
-    return jd_106(widest), skin_88(widest)
+    return Landmarks.from_mesh(widest)
 
 
-def _as_tracked(rgb: Image, points: Floats, skin_points: Floats) -> Bools:
+def _as_tracked(rgb: Image, landmarks: Landmarks) -> Bools:
     """The mask that a clip of this one frame would get."""
-    matte = SkinTracker(fit_skin_model(rgb, points, skin_points)).step(rgb, points, skin_points)
+    matte = SkinTracker(fit_skin_model(rgb, landmarks)).step(rgb, landmarks)
     return matte.mask_at(np.arange(rgb.shape[1], dtype=np.float32), np.arange(rgb.shape[0], dtype=np.float32))
 
 
@@ -241,13 +240,13 @@ def run_masks(labelled: tuple[tuple[Path, Path], ...]) -> list[dict[str, Any]]:
     for portrait, labels in labelled:
         rgb = read_image(portrait).rgb()
         truth = np.isin(np.asarray(cv2.imread(str(labels), cv2.IMREAD_UNCHANGED)), INSIDE_LABELS)
-        points, skin_points = _landmarks(rgb)
+        landmarks = _landmarks(rgb)
         rows.append(
             {
                 "portrait": portrait.stem,
-                "landmarks": iou(skin_mask(rgb, points, skin_points), truth),
-                "landmarks, in clips": iou(_as_tracked(rgb, points, skin_points), truth),
-                "ycbcr": iou(skin_mask(rgb, points, skin_points, method="ycbcr"), truth),
+                "landmarks": iou(skin_mask(rgb, landmarks), truth),
+                "landmarks, in clips": iou(_as_tracked(rgb, landmarks), truth),
+                "ycbcr": iou(skin_mask(rgb, landmarks, method="ycbcr"), truth),
             }
         )
     return rows

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import cv2
 import numpy as np
 import pytest
 
 import pvg
-from pvg.curves.labels import table_labels
-from pvg.looks.transport import sliced_wasserstein
-from pvg.rendering.clip import Renderer, source_frame
-from pvg.rendering.placed_face import open_region
+from pvg.face import layout
+from pvg.looks import sliced_wasserstein
+from pvg.rendering import Renderer, placed_faces, source_frame
+from pvg.vectorization.open_skin import skin_sample
 from pvg.video import Frame
 
 FRAMES = (0, 17, 39)
@@ -25,13 +26,10 @@ def frames_of(video: pvg.VectorVideo) -> Iterator[Frame]:
 def matte_of(video: pvg.VectorVideo, frame: Frame) -> np.ndarray:
     """(H, W) float32 matte of all faces."""
     matte = np.zeros((frame.height, frame.width), np.float32)
-    for face in video.faces:
-        data = video.face_frame(face.index, frame.index)
-        region = data and open_region(data, table_labels(), frame.width, frame.height)
-        if region:
-            h, w = region.alpha.shape
-            part = matte[region.y : region.y + h, region.x : region.x + w]
-            np.maximum(part, region.alpha, out=part)
+    for _, placed in placed_faces(video, frame.index):
+        x0, y0, x1, y1 = placed.window
+        part = matte[y0:y1, x0:x1]
+        np.maximum(part, placed.alpha, out=part)
     return matte
 
 
@@ -77,8 +75,6 @@ def test_strength_zero_is_the_clip(video: pvg.VectorVideo, dark_reference: pvg.V
 
 def test_texture_is_untouched_at_lambda_one(video: pvg.VectorVideo, dark_look: pvg.Look) -> None:
     """The change is a membrane: the Laplacian inside the full matte correlates with the source's at 0.99 or more."""
-    import cv2
-
     for frame in frames_of(video):
         (drawn,) = Renderer(video, [dark_look]).draw(frame)
         inner = cv2.erode((matte_of(video, frame) > 0.999).astype(np.uint8), np.ones((9, 9))).astype(bool)
@@ -132,15 +128,13 @@ def test_open_skin_gets_the_colour_of_the_references_open_skin(
     video: pvg.VectorVideo, dark_reference: pvg.VectorVideo, pale_reference: pvg.VectorVideo
 ) -> None:
     """By default, in pixels: the median skin colour comes within a few levels of the reference's."""
-    from pvg.looks.tone import skin_sample
-
     key = video.records[0].key_frames[0]
-    data = video.face_frame(0, key.frame)
+    data = video.face_at(0, key.frame)
     assert data is not None
     matte = matte_of(video, source_frame(video, key.frame))
     for reference in (dark_reference, pale_reference):
         drawn = pvg.render_frame(video, pvg.transfer(video, reference), key.frame)
-        skin = skin_sample(drawn, matte, data.points, data.skin_points)
+        skin = skin_sample(drawn, matte, data.landmarks)
         wanted = np.median(reference.records[0].key_frames[0].skin, axis=0)
         before = np.abs(np.median(key.skin, axis=0) - wanted).max()
         assert before > 20
@@ -179,9 +173,9 @@ def test_eyes_and_teeth_keep_their_colour_unless_asked(video: pvg.VectorVideo, d
             for protect in (("eyes", "teeth"), ())
         ],
     ).draw(frame)
-    data = video.face_frame(0, frame.index)
+    data = video.face_at(0, frame.index)
     assert data is not None
-    for pupil in data.points[[104, 105]]:
+    for pupil in data.landmarks.points[layout.PUPILS]:
         x, y = np.rint(pupil).astype(int)
         source = int(frame.planes[0][y, x])
         assert abs(int(kept.planes[0][y, x]) - source) <= 3

@@ -6,26 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pvg.picture import RgbPicture, clipped
-from pvg.video import Frame, PixelFormat, PlanePicture, picture_of
-
-BT601 = (0.299, 0.114)
-FORMATS = [
-    PixelFormat("yuv420p", 8, (1, 1), BT601, False),
-    PixelFormat("yuv422p10le", 10, (1, 0), BT601, False),
-    PixelFormat("yuv444p", 8, (0, 0), BT601, True),
-    PixelFormat("gbrp", 8, (0, 0), None, True),
-]
-
-
-def smooth_picture(height: int, width: int) -> np.ndarray:
-    """Muted colours that change slowly, so that subsampled chroma holds them."""
-    y, x = np.mgrid[:height, :width]
-    waves = [np.sin(x / 17 + k) * np.cos(y / 23 - k) for k in range(3)]
-    return np.clip(128 + 40 * np.stack(waves, axis=-1), 0, 255)
+from pvg.raster import Raster
+from pvg.video import RGB24, PixelFormat, PlanePicture, picture_of
+from tests.gallery.pictures import FORMATS, YUV420, frame_of, waves
 
 
 def planes(pixel_format: PixelFormat, height: int = 121, width: int = 150) -> tuple[PlanePicture, RgbPicture]:
-    frame = Frame(0, 0, 0.0, pixel_format, pixel_format.from_rgb(smooth_picture(height, width)))
+    frame = frame_of(waves(height, width), pixel_format)
     return picture_of(frame), RgbPicture(frame.rgb())
 
 
@@ -43,8 +30,8 @@ def test_planes_show_what_their_rgb_shows(pixel_format: PixelFormat) -> None:
     turned = np.array([[cos, -sin, 20.0], [sin, cos, -10.0]])
     assert apart(coded.warp(turned, (90, 80)), rgb.warp(turned, (90, 80))) <= 3
     for step in (1.0, 2.4, 7.3):
-        origin = np.array([-5.3, 8.7], np.float32)
-        assert apart(coded.cells(origin, step, (40, 30)), rgb.cells(origin, step, (40, 30))) <= 3
+        raster = Raster(np.array([-5.3, 8.7], np.float32), step, (40, 30))
+        assert apart(coded.cells(raster), rgb.cells(raster)) <= 3
     assert apart(coded.thumbnail((16, 9)), rgb.thumbnail((16, 9))) <= 12  # from different pixels
     small, factor = coded.reduced(2.5)
     assert factor == 2
@@ -58,8 +45,8 @@ def test_a_part_answers_in_the_wholes_coordinates(pixel_format: PixelFormat) -> 
     x0, y0, x1, y1 = part.box
     assert (x0 <= 31, y0 <= 27, x1 >= 111, y1 >= 99) == (True,) * 4
     assert part.size == coded.size
-    origin = np.array([40.4, 35.2], np.float32)
-    np.testing.assert_array_equal(part.cells(origin, 2.3, (20, 25)), coded.cells(origin, 2.3, (20, 25)))
+    raster = Raster(np.array([40.4, 35.2], np.float32), 2.3, (20, 25))
+    np.testing.assert_array_equal(part.cells(raster), coded.cells(raster))
     straight = np.array([[1.0, 0, 40], [0, 1.0, 40]])
     np.testing.assert_array_equal(part.warp(straight, (50, 50)), coded.warp(straight, (50, 50)))
     inner = part.rgb()[27 - y0 : 99 - y0, 31 - x0 : 111 - x0]
@@ -67,7 +54,7 @@ def test_a_part_answers_in_the_wholes_coordinates(pixel_format: PixelFormat) -> 
 
 
 def test_a_part_is_a_copy() -> None:
-    coded, _ = planes(FORMATS[0])
+    coded, _ = planes(YUV420)
     part = coded.part((0, 0, 40, 40))
     before = part.rgb().copy()
     for plane in coded.planes:
@@ -76,16 +63,16 @@ def test_a_part_is_a_copy() -> None:
 
 
 def test_cells_are_means_of_the_pixels_they_cover() -> None:
-    coded, _ = planes(PixelFormat("gbrp", 8, (0, 0), None, True))
+    coded, _ = planes(RGB24)
     pixels = coded.rgb().astype(float)
     means = pixels[:120, :148].reshape(30, 4, 37, 4, 3).mean(axis=(1, 3))
-    assert np.abs(coded.cells(np.zeros(2, np.float32), 4.0, (30, 37)) - means).max() <= 0.51
+    assert np.abs(coded.cells(Raster(np.zeros(2, np.float32), 4.0, (30, 37))) - means).max() <= 0.51
 
 
 def test_beyond_the_picture_its_edge_is_repeated() -> None:
-    coded, rgb = planes(FORMATS[0])
+    coded, rgb = planes(YUV420)
     for picture in (coded, rgb):
-        far = picture.cells(np.array([-300.0, 40.0], np.float32), 2.0, (10, 10))
+        far = picture.cells(Raster(np.array([-300.0, 40.0], np.float32), 2.0, (10, 10)))
         assert (far == far[:, :1]).all()
         part = picture.part((400, 400, 500, 500))
         assert part.box[2] <= 150

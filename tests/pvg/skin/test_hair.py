@@ -8,10 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.quality.measures import iou
 from pvg.face import layout
 from pvg.skin import SkinTracker, fit_skin_model, skin_mask
 from pvg.skin.hair import Hair, _hair_fraction
-from tests.pvg.skin.faces import Scene, draw_scene, iou, mask_of
+from tests.gallery.scenes import Scene, drawn_face, mask_of
 
 
 def _with_hair(scene: Scene, hair: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:
@@ -21,8 +22,8 @@ def _with_hair(scene: Scene, hair: tuple[float, float, float]) -> tuple[np.ndarr
     top, middle = oval[:, 1].min(), oval[:, 0].mean()
     brow = scene.landmarks.points[layout.UPPER_BROW_EDGES, 1].min()
     head = np.hypot((xs - middle) / 100, (ys - oval[:, 1].mean()) / 120) < 1
-    around = head & (scene.truth == 0) & (ys < brow + 15)
-    fringe = scene.truth & (ys < top + 0.6 * (brow - top)) & (xs < middle + 15)
+    around = head & (scene.skin == 0) & (ys < brow + 15)
+    fringe = scene.skin & (ys < top + 0.6 * (brow - top)) & (xs < middle + 15)
     cover = np.where(around, 1.0, np.where(fringe, 0.6 + 0.15 * np.sin(xs), 0.0))
     cover = cv2.GaussianBlur(cover, (0, 0), 0.7)[..., None]
     strands = np.array(hair) * (1 + 0.08 * np.sin(xs * 1.7))[..., None]
@@ -31,9 +32,9 @@ def _with_hair(scene: Scene, hair: tuple[float, float, float]) -> tuple[np.ndarr
 
 @pytest.mark.parametrize("hair", [(45, 33, 26), (190, 162, 105)], ids=["dark", "fair"])
 def test_a_fringe_is_left_out_of_the_still_and_of_the_matte(hair: tuple[float, float, float]) -> None:
-    scene = draw_scene(width=120, tone="pale" if hair[0] < 100 else "tan")
+    scene = drawn_face(width=120, tone="pale" if hair[0] < 100 else "tan")
     rgb, fringe = _with_hair(scene, hair)
-    bare = scene.truth & ~fringe
+    bare = scene.skin & ~fringe
     still = skin_mask(rgb, scene.landmarks)
     model = fit_skin_model(rgb, scene.landmarks)
     matte = SkinTracker(model).step(rgb, scene.landmarks)
@@ -44,17 +45,17 @@ def test_a_fringe_is_left_out_of_the_still_and_of_the_matte(hair: tuple[float, f
 
 
 def test_the_deep_shade_of_a_brim_is_skin() -> None:
-    scene = draw_scene(width=150)
+    scene = drawn_face(width=150)
     ys, xs = np.mgrid[: scene.rgb.shape[0], : scene.rgb.shape[1]]
     oval, brow = scene.landmarks.oval, scene.landmarks.points[layout.UPPER_BROW_EDGES, 1].min()
     hat = np.hypot((xs - oval[:, 0].mean()) / 135, (ys - oval[:, 1].mean()) / 170) < 1
-    shade = scene.truth & (ys < brow - 4)
+    shade = scene.skin & (ys < brow - 4)
     rgb = np.where(shade[..., None], scene.rgb * 0.1, scene.rgb).astype(np.uint8)
-    rgb[hat & ~scene.truth & (ys < brow - 4)] = (45, 60, 150)
+    rgb[hat & ~scene.skin & (ys < brow - 4)] = (45, 60, 150)
     mask = skin_mask(rgb, scene.landmarks)
     assert shade.sum() > 500
     assert mask[shade].mean() > 0.9
-    assert iou(mask, scene.truth) > 0.95
+    assert iou(mask, scene.skin) > 0.95
 
 
 @given(st.floats(0, 1), st.booleans())

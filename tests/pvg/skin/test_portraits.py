@@ -11,17 +11,22 @@ import cv2
 import numpy as np
 import pytest
 
+from benchmarks.quality.measures import iou
+from pvg.face import layout
 from pvg.skin import SkinTracker, fit_skin_model, skin_mask
-from tests.pvg.skin.faces import ON_SKIN, iou, landmarks_of, mask_of, read_rgb
+from tests.gallery.faces import fit_widest, read_rgb
+from tests.gallery.scenes import mask_of
 
 MASKS = ("man_cap_beard_dim", "man_fringe_pale", "woman_earrings_bright", "woman_fringe_dark_background")
 INSIDE = (1, 2, 3, 4, 5, 6, 7, 8, 10, 11, 12, 13, 14)
+# eyes, nose and mouth; brows end at the temples, maybe under hair
+ON_SKIN = np.setdiff1d(np.arange(layout.LANDMARK_COUNT), [*layout.CONTOUR, *layout.BROWS, *layout.PUPILS])
 
 
 @pytest.mark.parametrize("name", ["portrait", "dark_portrait", "pale_portrait"])
 def test_a_portraits_mask_holds_its_features_and_leaves_the_corners(samples: Any, name: str) -> None:
     rgb = read_rgb(getattr(samples, name))
-    landmarks = landmarks_of(rgb)
+    landmarks = fit_widest(rgb)
     model = fit_skin_model(rgb, landmarks)
     matte = SkinTracker(model).step(rgb, landmarks)
     oval = cv2.contourArea(cv2.convexHull(landmarks.oval))
@@ -46,7 +51,7 @@ def _clip(path: Path, frames: range) -> Iterator[np.ndarray]:
 def test_a_real_clips_mask_keeps_to_the_face_and_its_size(samples: Any) -> None:
     tracker, areas = None, []
     for rgb in _clip(samples.woman_clip, range(0, 24, 2)):
-        landmarks = landmarks_of(rgb)
+        landmarks = fit_widest(rgb)
         tracker = tracker or SkinTracker(fit_skin_model(rgb, landmarks))
         matte = tracker.step(rgb, landmarks)
         mask = mask_of(matte, rgb.shape)
@@ -65,7 +70,7 @@ def test_labelled_portraits_agree(media_dir: Path) -> None:
         rgb = read_rgb(media_dir / "masks" / f"{name}.jpg")
         labels = cv2.imread(str(media_dir / "masks" / f"{name}_labels.png"), cv2.IMREAD_UNCHANGED)
         truth = np.isin(labels, INSIDE)
-        landmarks = landmarks_of(rgb)
+        landmarks = fit_widest(rgb)
         stills.append(iou(skin_mask(rgb, landmarks), truth))
         rule.append(iou(skin_mask(rgb, landmarks, method="ycbcr"), truth))
         matte = SkinTracker(fit_skin_model(rgb, landmarks)).step(rgb, landmarks)

@@ -12,11 +12,12 @@ from pvg.face import Landmarks, layout
 from pvg.skin import face_box
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import SpatialPrior, spatial_prior
-from tests.pvg.skin.faces import draw_scene, frontal_face
+from tests.gallery.faces import real_landmarks
+from tests.gallery.scenes import drawn_face
 
 
 def test_the_box_holds_all_landmarks_and_a_neck() -> None:
-    scene = draw_scene()
+    scene = drawn_face()
     x0, y0, x1, y1 = face_box(scene.landmarks)
     assert (scene.landmarks.stacked > [x0, y0]).all()
     assert (scene.landmarks.stacked < [x1, y1]).all()
@@ -28,8 +29,7 @@ def test_the_box_holds_all_landmarks_and_a_neck() -> None:
 def test_the_box_moves_and_scales_with_the_face_and_never_jumps(
     scale: float, dx: float, dy: float, roll: float, seed: int
 ) -> None:
-    turn = np.array([[np.cos(roll), -np.sin(roll)], [np.sin(roll), np.cos(roll)]])
-    face = (frontal_face() * 100 @ turn.T).astype(np.float32)
+    face = real_landmarks(100, angle=roll).stacked
     box = face_box(Landmarks.unstack(face))
     moved = (face * scale + [dx, dy]).astype(np.float32)
     expected = box * scale + [dx, dy, dx, dy]
@@ -40,8 +40,8 @@ def test_the_box_moves_and_scales_with_the_face_and_never_jumps(
 
 @pytest.fixture(scope="module")
 def prior() -> SpatialPrior:
-    scene = draw_scene()
-    return spatial_prior(scene.truth.shape, scene.landmarks)
+    scene = drawn_face()
+    return spatial_prior(scene.skin.shape, scene.landmarks)
 
 
 def test_the_log_odds_are_for_skin_in_the_face_and_against_it_far_away(prior: SpatialPrior) -> None:

@@ -6,22 +6,23 @@ import cv2
 import numpy as np
 import pytest
 
+from benchmarks.quality.measures import iou
 from pvg.face import layout
 from pvg.skin import SkinTracker, fit_skin_model, skin_mask
-from tests.pvg.skin.faces import TONES, draw_scene, iou
+from tests.gallery.scenes import TONES, drawn_face
 
 
 @pytest.mark.parametrize("tone", TONES)
 def test_the_skin_of_a_drawn_face_is_found(tone: str) -> None:
-    scene = draw_scene(tone=tone)
+    scene = drawn_face(tone=tone)
     mask = skin_mask(scene.rgb, scene.landmarks)
-    assert iou(mask, scene.truth) > 0.96
-    col, row = np.rint(scene.landmarks.points[33:]).astype(int).T
+    assert iou(mask, scene.skin) > 0.96
+    col, row = np.rint(np.delete(scene.landmarks.points, layout.CONTOUR, axis=0)).astype(int).T
     assert mask[row, col].all()  # eyes, brows, nose and mouth are inside, filled
 
 
 def test_a_tie_of_the_skins_colour_is_left_out() -> None:
-    scene = draw_scene()
+    scene = drawn_face()
     chin = scene.landmarks.points[layout.CHIN]
     ys, xs = np.mgrid[: scene.rgb.shape[0], : scene.rgb.shape[1]]
     shirt = ys > chin[1] + 25
@@ -31,17 +32,17 @@ def test_a_tie_of_the_skins_colour_is_left_out() -> None:
     rgb[tie] = TONES["tan"][0]
     mask = skin_mask(rgb, scene.landmarks)
     assert mask[tie].mean() < 0.15
-    assert iou(mask, scene.truth & ~shirt) > 0.95
+    assert iou(mask, scene.skin & ~shirt) > 0.95
 
 
 def test_a_face_cut_by_the_pictures_edge_is_found_as_far_as_it_is_seen() -> None:
     for center in ((20, 130), (300, 130), (160, 20), (160, 290)):
-        scene = draw_scene(center=center)
-        assert iou(skin_mask(scene.rgb, scene.landmarks), scene.truth) > 0.94, center
+        scene = drawn_face(center=center)
+        assert iou(skin_mask(scene.rgb, scene.landmarks), scene.skin) > 0.94, center
 
 
 def test_a_face_outside_the_picture_has_no_skin() -> None:
-    scene = draw_scene()
+    scene = drawn_face()
     far = scene.landmarks.moved(np.array([5000, 5000], np.float32))
     assert not skin_mask(scene.rgb, far).any()
     model = fit_skin_model(scene.rgb, far)
@@ -49,12 +50,12 @@ def test_a_face_outside_the_picture_has_no_skin() -> None:
 
 
 def test_a_face_of_sixty_four_pixels_is_found() -> None:
-    scene = draw_scene(width=64)
-    assert iou(skin_mask(scene.rgb, scene.landmarks), scene.truth) > 0.93
+    scene = drawn_face(width=64)
+    assert iou(skin_mask(scene.rgb, scene.landmarks), scene.skin) > 0.93
 
 
 def test_the_papers_rule_is_red_chroma_between_140_and_160() -> None:
-    scene = draw_scene()
+    scene = drawn_face()
     mask = skin_mask(scene.rgb, scene.landmarks, method="ycbcr")
     red, luma = scene.rgb[..., 0].astype(float), scene.rgb @ np.array([0.299, 0.587, 0.114])
     chroma = np.rint(0.713 * (red - luma) + 128)
@@ -62,6 +63,6 @@ def test_the_papers_rule_is_red_chroma_between_140_and_160() -> None:
     _, labels, stats, _ = cv2.connectedComponentsWithStats(skin, connectivity=4)
     largest = labels == 1 + np.argmax(stats[1:, cv2.CC_STAT_AREA])
     assert (mask | ~largest).mean() > 0.998  # all of it, but for rounding
-    assert iou(mask, scene.truth) > 0.9
+    assert iou(mask, scene.skin) > 0.9
     background = 1 - mask.astype(np.uint8)
     assert cv2.connectedComponents(np.pad(background, 1, constant_values=1), connectivity=4)[0] == 2  # no holes

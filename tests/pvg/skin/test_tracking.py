@@ -8,9 +8,11 @@ import cv2
 import numpy as np
 import pytest
 
-from pvg.face import Landmarks, layout
+from benchmarks.quality.measures import iou
+from pvg.face import layout
 from pvg.skin import Matte, SkinTracker, fit_skin_model, skin_mask
-from tests.pvg.skin.faces import Scene, alpha_of, draw_scene, frontal_face, iou, mask_of
+from tests.gallery.faces import real_landmarks
+from tests.gallery.scenes import Scene, alpha_of, drawn_face, mask_of
 
 
 def first_matte(scene: Scene, **options: Any) -> Matte:
@@ -18,26 +20,26 @@ def first_matte(scene: Scene, **options: Any) -> Matte:
 
 
 def test_the_trackers_first_mask_is_the_key_frames() -> None:
-    scene = draw_scene(width=150, center=(160, 120))
+    scene = drawn_face(width=150, center=(160, 120))
     matte = first_matte(scene)
-    assert iou(mask_of(matte, scene.rgb.shape), scene.truth) > 0.95
+    assert iou(mask_of(matte, scene.rgb.shape), scene.skin) > 0.95
     alpha = alpha_of(matte, scene.rgb.shape)
-    inner = cv2.distanceTransform(scene.truth.astype(np.uint8), cv2.DIST_L2, 5)
+    inner = cv2.distanceTransform(scene.skin.astype(np.uint8), cv2.DIST_L2, 5)
     head = np.arange(scene.rgb.shape[0])[:, None] < scene.landmarks.points[layout.CHIN, 1]
     assert alpha[(inner > 10) & head].min() > 0.99
-    assert alpha[cv2.distanceTransform((~scene.truth).astype(np.uint8), cv2.DIST_L2, 5) > 10].max() == 0
+    assert alpha[cv2.distanceTransform((~scene.skin).astype(np.uint8), cv2.DIST_L2, 5) > 10].max() == 0
 
 
 def test_the_mask_follows_a_moving_face_without_jitter_or_ghost() -> None:
-    first = draw_scene(center=(120, 130))
+    first = drawn_face(center=(120, 130))
     tracker = SkinTracker(fit_skin_model(first.rgb, first.landmarks))
     areas, shapes = [], set()
     for k in range(15):
-        scene = draw_scene(center=(120 + 3 * k, 130 + k % 3), seed=k)
+        scene = drawn_face(center=(120 + 3 * k, 130 + k % 3), seed=k)
         matte = tracker.step(scene.rgb, scene.landmarks)
         mask = mask_of(matte, scene.rgb.shape)
-        assert iou(mask, scene.truth) > 0.95
-        outer = cv2.distanceTransform((~scene.truth).astype(np.uint8), cv2.DIST_L2, 5)
+        assert iou(mask, scene.skin) > 0.95
+        outer = cv2.distanceTransform((~scene.skin).astype(np.uint8), cv2.DIST_L2, 5)
         assert alpha_of(matte, scene.rgb.shape)[outer > 10].max() == 0
         areas.append(mask.sum())
         shapes.add(matte.alpha.shape)
@@ -46,7 +48,7 @@ def test_the_mask_follows_a_moving_face_without_jitter_or_ghost() -> None:
 
 
 def test_the_matte_does_not_fade_along_the_pictures_edge() -> None:
-    scene = draw_scene(center=(160, 230))  # the picture ends half-way down the neck
+    scene = drawn_face(center=(160, 230))  # the picture ends half-way down the neck
     tracker = SkinTracker(fit_skin_model(scene.rgb, scene.landmarks))
     for _ in range(3):
         matte = tracker.step(scene.rgb, scene.landmarks)
@@ -58,16 +60,16 @@ def test_the_matte_does_not_fade_along_the_pictures_edge() -> None:
 
 
 def test_a_jump_leaves_no_ghost() -> None:
-    first, second = draw_scene(center=(100, 130)), draw_scene(center=(190, 130), seed=1)
+    first, second = drawn_face(center=(100, 130)), drawn_face(center=(190, 130), seed=1)
     tracker = SkinTracker(fit_skin_model(first.rgb, first.landmarks))
     tracker.step(first.rgb, first.landmarks)
     matte = tracker.step(second.rgb, second.landmarks)
-    assert iou(mask_of(matte, second.rgb.shape), second.truth) > 0.95
+    assert iou(mask_of(matte, second.rgb.shape), second.skin) > 0.95
 
 
 @pytest.mark.parametrize("gain", [0.5, 0.7, 1.5])
 def test_a_sudden_light_does_not_move_the_mask(gain: float) -> None:
-    before, after = draw_scene(tone="dark"), draw_scene(tone="dark", gain=gain, seed=1)
+    before, after = drawn_face(tone="dark"), drawn_face(tone="dark", gain=gain, seed=1)
     tracker = SkinTracker(fit_skin_model(before.rgb, before.landmarks))
     quiet = tracker.step(before.rgb, before.landmarks)
     flash = tracker.step(after.rgb, after.landmarks)
@@ -75,22 +77,22 @@ def test_a_sudden_light_does_not_move_the_mask(gain: float) -> None:
 
 
 def test_the_matte_of_a_still_scene_with_noise_hardly_flickers() -> None:
-    scenes = [draw_scene(seed=seed) for seed in range(8)]
+    scenes = [drawn_face(seed=seed) for seed in range(8)]
     tracker = SkinTracker(fit_skin_model(scenes[0].rgb, scenes[0].landmarks))
     mattes = [tracker.step(scene.rgb, scene.landmarks).alpha / 255 for scene in scenes]
     assert np.mean(np.abs(np.diff(mattes, axis=0))) < 5e-4
 
 
 def test_frames_may_come_before_the_key_frame() -> None:
-    early, key = draw_scene(center=(130, 130), gain=0.8), draw_scene(center=(190, 130), width=130)
+    early, key = drawn_face(center=(130, 130), gain=0.8), drawn_face(center=(190, 130), width=130)
     tracker = SkinTracker(fit_skin_model(key.rgb, key.landmarks))
     matte = tracker.step(early.rgb, early.landmarks)
-    assert iou(mask_of(matte, early.rgb.shape), early.truth) > 0.95
+    assert iou(mask_of(matte, early.rgb.shape), early.skin) > 0.95
 
 
 def test_the_raster_has_square_cells_of_a_pixel_or_more_and_a_bounded_size() -> None:
     for width in (30, 120, 500, 1500):
-        face = Landmarks.unstack((frontal_face() * width + 900).astype(np.float32))
+        face = real_landmarks(width, (900, 900))
         rgb = np.full((1800, 1800, 3), 127, np.uint8)
         matte = SkinTracker(fit_skin_model(rgb, face, method="ycbcr")).step(rgb, face)
         x0, y0, x1, y1 = matte.raster.box
@@ -101,7 +103,7 @@ def test_the_raster_has_square_cells_of_a_pixel_or_more_and_a_bounded_size() -> 
 
 
 def test_the_papers_rule_gives_hard_mattes() -> None:
-    scene = draw_scene()
+    scene = drawn_face()
     matte = first_matte(scene, method="ycbcr")
     np.testing.assert_array_equal(matte.alpha, matte.mask * np.uint8(255))
     still = skin_mask(scene.rgb, scene.landmarks, method="ycbcr")

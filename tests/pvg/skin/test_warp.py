@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from pvg.skin.warp import rbf_warp, similarity
-from tests.pvg.skin.faces import draw_scene
+from tests.gallery.scenes import drawn_face
 
 
 @pytest.fixture(scope="module")
 def points() -> np.ndarray:
-    return draw_scene().landmarks.stacked[::4]
+    return drawn_face().landmarks.stacked[::4]
 
 
 def test_a_similarity_is_carried_exactly(points: np.ndarray) -> None:

@@ -1,0 +1,25 @@
+from __future__ import annotations
+
+import numpy as np
+
+from benchmarks.quality.probes import leak_frames, there_and_back
+from tests.gallery.pictures import texture
+
+
+def test_the_leaks_panel_grows_and_leaves_the_person_alone() -> None:
+    portrait = texture()
+    person = np.zeros(portrait.shape[:2], np.float32)
+    person[40:120, 40:120] = 1
+    frames = list(leak_frames(portrait, person, 6))
+    assert all((frame[person > 0] == portrait[person > 0]).all() for frame in frames)
+    brightness = [float(frame[person == 0].mean()) for frame in frames]
+    assert brightness == sorted(brightness)
+    assert brightness[-1] > brightness[0] + 100
+
+
+def test_a_clip_played_there_and_back_never_jumps() -> None:
+    places = there_and_back(7, 30)
+    assert len(places) == 31
+    assert np.abs(np.diff(places)).max() == 1
+    assert set(places) == set(range(7))
+    assert there_and_back(1, 3) == [0, 0, 0, 0]

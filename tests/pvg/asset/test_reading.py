@@ -1,0 +1,187 @@
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from pvg.asset import CHUNK_FRAMES, AssetWriter, FaceRecord, FaceSummary, VectorVideo, faces_by_index, open_asset
+from pvg.curves import boundary_points
+from pvg.errors import AssetError
+from pvg.face import FaceAxes
+from tests.gallery.assets import FIRST, FRAMES, SUMMARY, frame_arrays, key_frame, manifest_of
+
+
+def test_round_trip_keeps_every_array_to_its_stated_precision(asset: Path, source: Path) -> None:
+    with open_asset(asset, source) as video:
+        assert video.frame_count == FIRST + FRAMES
+        assert video.shots == (0, 40)
+        assert video.faces == (SUMMARY,)
+        for i in (0, 1, CHUNK_FRAMES - 1, CHUNK_FRAMES, FRAMES - 1, 7):  # forwards and back, across chunks
+            want, data = frame_arrays(i), video.face_at(0, FIRST + i)
+            assert data is not None
+            assert np.abs(data.landmarks.points - want["points"]).max() <= 1 / 64
+            assert np.abs(data.landmarks.skin_points - want["skin_points"]).max() <= 1 / 64
+            assert data.score == want["score"][0]
+            np.testing.assert_array_equal(data.pose, want["pose"])
+            np.testing.assert_array_equal(data.matte.raster.box, want["box"])
+            assert np.abs(data.matte.alpha.astype(int) - want["matte"]).max() <= 2
+            np.testing.assert_array_equal(data.matte.alpha == 0, want["matte"] == 0)
+            boundary = boundary_points(want["radius"], FaceAxes.of(want["points"]))
+            assert np.abs(data.boundary - boundary).max() < 0.15
+        assert video.face_at(0, FIRST - 1) is None
+        assert video.face_at(0, FIRST + FRAMES) is None
+        key = video.records[0].key_frame_of(50)
+        np.testing.assert_array_equal(key.colors, key_frame().colors)
+        np.testing.assert_array_equal(key.visible, key_frame().visible)
+        np.testing.assert_array_equal(key.skin, key_frame().skin)
+        landmarks = video.landmarks(0)
+        assert landmarks.shape == (FRAMES, 106, 2)
+        assert landmarks.dtype == np.float32
+        json.dumps(video.summary())
+        video.verify()
+
+
+def test_fixed_point_errors_do_not_accumulate_over_frames(asset: Path) -> None:
+    with open_asset(asset) as video:
+        errors = [np.abs(video.landmarks(0)[i] - frame_arrays(i)["points"]).max() for i in range(FRAMES)]
+    assert max(errors) <= 1 / 64
+
+
+def everything(path: Path) -> bytes:
+    with open_asset(path) as video:
+        video.verify()
+        parts = [video.face_at(0, i) for i in range(FIRST, FIRST + FRAMES)]
+        body = b"".join(
+            p.landmarks.points.tobytes() + p.matte.alpha.tobytes() + p.boundary.tobytes() for p in parts if p
+        )
+        return body + json.dumps(video.summary()).encode() + video.records[0].key_frames[0].colors.tobytes()
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_an_altered_byte_is_refused_or_changes_nothing(asset: Path, tmp_path: Path, data: st.DataObject) -> None:
+    body = bytearray(asset.read_bytes())
+    good = everything(asset)
+    position = data.draw(st.integers(0, len(body) - 1))
+    body[position] ^= data.draw(st.integers(1, 255))
+    altered = tmp_path / "altered.pvg"
+    altered.write_bytes(body)
+    try:
+        read = everything(altered)
+    except AssetError:
+        return
+    assert read == good  # a byte that carries nothing, such as an archive date
+
+
+def test_every_altered_byte_of_the_directory_is_refused_or_changes_nothing(asset: Path, tmp_path: Path) -> None:
+    body = asset.read_bytes()
+    good = everything(asset)
+    altered = tmp_path / "altered.pvg"
+    start = body.rindex(b"PK\x01\x02", 0, body.rindex(b"PK\x05\x06"))  # the last entry's record, then the end record
+    for position in range(start, len(body)):
+        for flip in (0x01, 0x40, 0xFF):
+            altered.write_bytes(body[:position] + bytes([body[position] ^ flip]) + body[position + 1 :])
+            try:
+                read = everything(altered)
+            except AssetError:
+                continue
+            assert read == good, position
+
+
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(part=st.floats(0, 0.999))
+def test_a_truncated_asset_is_refused(asset: Path, tmp_path: Path, part: float) -> None:
+    body = asset.read_bytes()
+    cut = tmp_path / "cut.pvg"
+    cut.write_bytes(body[: int(part * len(body))])
+    with pytest.raises(AssetError):
+        open_asset(cut)
+
+
+def test_another_format_version_is_refused_by_name(asset: Path, tmp_path: Path) -> None:
+    newer = tmp_path / "newer.pvg"
+    with zipfile.ZipFile(asset) as old, zipfile.ZipFile(newer, "w") as new:
+        manifest = json.loads(old.read("manifest.json"))
+        manifest["format"] = 999
+        data = json.dumps(manifest).encode()
+        new.writestr("manifest.json", data)
+        new.comment = hashlib.sha256(data).hexdigest().encode()
+    with pytest.raises(AssetError, match="format 999"):
+        open_asset(newer)
+
+
+def test_loading_never_unpickles(asset: Path, tmp_path: Path) -> None:
+    """A pickled array with matching digests is still refused."""
+    buffer = io.BytesIO()
+    np.save(buffer, np.array([{"a": 1}], dtype=object), allow_pickle=True)
+    evil = tmp_path / "evil.pvg"
+    with zipfile.ZipFile(asset) as old, zipfile.ZipFile(evil, "w") as new:
+        manifest = json.loads(old.read("manifest.json"))
+        payload = b'{"dtype": "<f4", "shape": [1]}\n' + buffer.getvalue()
+        manifest["entries"]["track0/colors"] = hashlib.sha256(payload).hexdigest()
+        data = json.dumps(manifest).encode()
+        new.writestr("track0/colors", payload)
+        new.writestr("manifest.json", data)
+        new.comment = hashlib.sha256(data).hexdigest().encode()
+    with open_asset(evil) as video, pytest.raises(AssetError):
+        _ = video.records
+
+
+def test_rendering_needs_the_very_clip_it_was_made_from(asset: Path, source: Path, tmp_path: Path) -> None:
+    with open_asset(asset, source) as video:
+        assert video.require_source() == source
+    other = tmp_path / "other.bin"
+    other.write_bytes(b"another clip")
+    with open_asset(asset, other) as video, pytest.raises(AssetError, match="not the clip"):
+        video.require_source()
+    with open_asset(asset, find_source=False) as video, pytest.raises(AssetError, match="without its source"):
+        video.require_source()
+    with open_asset(asset, tmp_path / "gone") as video, pytest.raises(AssetError, match="missing"):
+        video.require_source()
+
+
+def test_a_temporary_asset_goes_with_its_object(asset: Path) -> None:
+    video = VectorVideo(asset, temporary=True)
+    saved = asset.with_name("saved.pvg")
+    video.save(saved)
+    video.close()
+    assert not asset.exists()
+    everything(saved)
+
+
+def test_faces_are_chosen_by_number(asset: Path) -> None:
+    with open_asset(asset) as video:
+        assert faces_by_index(video, "all") == (0,)
+        assert faces_by_index(video, [0]) == (0,)
+        with pytest.raises(ValueError, match="no face 3"):
+            faces_by_index(video, [3])
+
+
+def test_no_file_is_a_clear_error(tmp_path: Path) -> None:
+    with pytest.raises(AssetError, match="no asset file"):
+        open_asset(tmp_path / "none.pvg")
+    text = tmp_path / "text.pvg"
+    text.write_text("hello")
+    with pytest.raises(AssetError, match="not an asset"):
+        open_asset(text)
+
+
+def test_faces_of_a_person_stand_together_the_longest_first(tmp_path: Path, source: Path) -> None:
+    path = tmp_path / "clip.pvg"
+    spans = ((0, 4, 0), (0, 9, 1), (10, 29, 0), (30, 39, 0))
+    with AssetWriter(path) as writer:
+        for face, (first, last, person) in enumerate(spans):
+            for i in range(first, last + 1):
+                writer.add_frame(face, frame_arrays(i))
+            writer.add_face(FaceRecord(FaceSummary(face, first, last, 150.0, (200, 150, 120), person), (key_frame(),)))
+        writer.finish(manifest_of(source, 40))
+    with open_asset(path) as video:
+        assert video.persons == ((2, 3, 0), (1,))
+        assert [face["person"] for face in video.summary()["faces"]] == [0, 1, 0, 0]

@@ -1,0 +1,38 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pvg.asset import AssetWriter, FaceRecord, FaceSummary, open_asset
+from tests.gallery.assets import frame_arrays, key_frame, manifest_of
+
+
+def test_an_aborted_writer_leaves_nothing_behind(tmp_path: Path) -> None:
+    def abort() -> None:
+        with AssetWriter(tmp_path / "never.pvg") as writer:
+            writer.add_frame(0, frame_arrays(0))
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        abort()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_faces_keep_their_frames_whatever_number_their_tracks_were_written_under(tmp_path: Path, source: Path) -> None:
+    path = tmp_path / "clip.pvg"
+    with AssetWriter(path) as writer:
+        for track in (7, 2):
+            for i in range(5):
+                writer.add_frame(track, frame_arrays(100 * track + i))
+        for face, track in enumerate((2, 7)):
+            summary = FaceSummary(face, 0, 4, 150.0, (200, 150, 120), face)
+            writer.add_face(FaceRecord(summary, (key_frame(),)), track)
+        writer.finish(manifest_of(source, 5))
+    with open_asset(path) as video:
+        for face, track in enumerate((2, 7)):
+            data = video.face_at(face, 3)
+            assert data is not None
+            assert np.abs(data.landmarks.points - frame_arrays(100 * track + 3)["points"]).max() <= 1 / 64
+            assert np.abs(video.landmarks(face)[3] - data.landmarks.points).max() == 0

@@ -1,0 +1,121 @@
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from pvg.landmarks import smooth, track_faces
+from pvg.landmarks.detector import box_iou
+from tests.gallery.pictures import background, pasted
+
+
+def moving(head: np.ndarray, count: int, speed: int = 4) -> Iterator[tuple[int, np.ndarray]]:
+    scene = background(3)
+    for index in range(count):
+        yield index, pasted(scene, head, 20 + speed * index, 60)
+
+
+def test_a_track_follows_a_moving_face(head: np.ndarray) -> None:
+    result = track_faces(moving(head, 20))
+    assert result.cuts == ()
+    assert result.frame_count == 20
+    (track,) = result.tracks
+    assert (track.first, track.last) == (0, 19)
+    assert track.landmarks.points.shape == (20, 106, 2)
+    assert track.landmarks.skin_points.shape == (20, 88, 2)
+    assert track.pose.shape == (20, 3)
+    assert (
+        track.landmarks.points.dtype
+        == track.landmarks.skin_points.dtype
+        == track.score.dtype
+        == track.pose.dtype
+        == np.float32
+    )
+    assert (track.score > 0.9).all()
+    assert 80 < track.width_px < 140
+    steps = np.diff(track.landmarks.points.mean(axis=1), axis=0)
+    np.testing.assert_allclose(steps, np.tile([4.0, 0.0], (19, 1)), atol=0.6)
+
+
+def test_a_cut_ends_the_track_and_starts_another(head: np.ndarray) -> None:
+    frames = [(5 + i, pasted(background(3), head, 40, 60)) for i in range(6)]
+    frames += [(11 + i, pasted(background(4), head, 260, 90)) for i in range(6)]
+    result = track_faces(iter(frames))
+    assert result.cuts == (11,)
+    assert [(track.first, track.last) for track in result.tracks] == [(5, 10), (11, 16)]
+
+
+def hidden_in(head: np.ndarray, count: int, hidden: range) -> Iterator[tuple[int, np.ndarray]]:
+    scene = background(3)
+    for index in range(count):
+        yield index, scene if index in hidden else pasted(scene, head, 40 + 2 * index, 60)
+
+
+def test_a_face_lost_for_less_than_a_second_resumes_its_track(head: np.ndarray) -> None:
+    (track,) = track_faces(hidden_in(head, 24, range(8, 15))).tracks
+    assert (track.first, track.last) == (0, 23)
+    np.testing.assert_array_equal(np.flatnonzero(track.score == 0), np.arange(8, 15))
+    bridge = track.landmarks.points[7:16]
+    np.testing.assert_allclose(np.diff(bridge, 2, axis=0), 0, atol=1e-3)  # a straight line
+    centre = smooth(track).landmarks.points.mean(axis=1)[:, 0]
+    np.testing.assert_allclose(np.diff(centre), 2, atol=0.5)
+
+
+def test_a_face_lost_for_longer_starts_a_new_track(head: np.ndarray) -> None:
+    result = track_faces(hidden_in(head, 24, range(8, 15)), frame_rate=5)
+    assert [(track.first, track.last) for track in result.tracks] == [(0, 7), (15, 23)]
+
+
+def test_a_face_of_two_frames_is_dropped_unless_the_clip_is_that_short(head: np.ndarray) -> None:
+    assert track_faces(hidden_in(head, 12, range(2, 12))).tracks == ()
+    (track,) = track_faces(hidden_in(head, 2, range(0))).tracks
+    assert track.last == 1
+    (still,) = track_faces(hidden_in(head, 1, range(0))).tracks
+    assert len(still.score) == 1
+    np.testing.assert_array_equal(smooth(still).landmarks.points, still.landmarks.points)
+
+
+def test_two_tracks_never_sit_on_one_face(head: np.ndarray) -> None:
+    scene = pasted(background(5), head, 10, 50)
+    mirrored = np.ascontiguousarray(head[:, ::-1])
+    frames = [(i, pasted(scene, mirrored, 270 - 3 * i, 70)) for i in range(18)]
+    result = track_faces(iter(frames))
+    assert [len(track.score) for track in result.tracks] == [18, 18]
+    for index in range(18):
+        boxes = [
+            np.concatenate([track.landmarks.points[index].min(axis=0), track.landmarks.points[index].max(axis=0)])
+            for track in result.tracks
+        ]
+        assert box_iou(boxes[0], boxes[1][None])[0] < 0.2
+    assert result.tracks[0].landmarks.points[0, :, 0].mean() < result.tracks[1].landmarks.points[0, :, 0].mean()
+
+
+def test_at_most_max_faces_are_followed(head: np.ndarray) -> None:
+    frames = ((i, pasted(pasted(background(5), head, 10, 50), head, 270, 70)) for i in range(4))
+    assert len(track_faces(frames, max_faces=1).tracks) == 1
+
+
+def test_frames_without_a_face_are_fine() -> None:
+    assert track_faces(iter([])).tracks == ()
+    result = track_faces((i, background(6)) for i in range(20))
+    assert result.tracks == ()
+    assert result.frame_count == 20
+
+
+def test_skipped_frames_are_refused() -> None:
+    with pytest.raises(ValueError, match="frame 3 follows frame 1"):
+        track_faces(iter([(1, background(1)), (3, background(1))]))
+
+
+def test_on_frame_sees_every_frame_and_may_abort() -> None:
+    seen: list[int] = []
+
+    def stop_at_three(index: int) -> None:
+        seen.append(index)
+        if index == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        track_faces(((i, background(1)) for i in range(10)), on_frame=stop_at_three)
+    assert seen == [0, 1, 2, 3]

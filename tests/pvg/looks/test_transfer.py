@@ -1,0 +1,138 @@
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pvg
+from pvg.curves import BOUNDARY, GROUPS, table_labels
+from pvg.looks.transfer import _into_gamut
+from pvg.video import VideoWriter, probe, read_frames
+from scripts.samples import Samples
+
+
+def test_the_same_seed_gives_the_same_look(video: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> None:
+    one, two, other = (pvg.transfer(video, dark_reference, seed=seed) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(one.colors[0], two.colors[0])
+    assert (one.colors[0] != other.colors[0]).any()
+
+
+def test_strength_is_the_way_to_the_reference(video: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> None:
+    g = video.records[0].key_frames[0].colors
+    full, half = (pvg.transfer(video, dark_reference, strength=s).colors[0][0] for s in (1.0, 0.5))
+    np.testing.assert_allclose(half, (g + full) / 2, atol=1e-3)
+
+
+def test_semantic_matching_takes_lips_towards_the_references_lips(
+    video: pvg.VectorVideo, pale_reference: pvg.VectorVideo
+) -> None:
+    """Most of the way, so they end nearer to those than to its skin, and keep their own shading."""
+    look = pvg.transfer(video, pale_reference, match="semantic")
+    lip = table_labels().group == GROUPS.index("lips")
+    key, target = video.records[0].key_frames[0], pale_reference.records[0].key_frames[0]
+    lips, skin = np.median(target.colors[target.visible & lip], axis=0), np.median(target.skin, axis=0)
+    ours = np.median(look.colors[0][0][lip], axis=0)
+    assert np.linalg.norm(ours - lips) < 0.5 * np.linalg.norm(ours - skin)
+    before, after = key.colors[lip] - key.colors[lip].mean(axis=0), look.colors[0][0][lip]
+    correlation = np.corrcoef(before.ravel(), (after - after.mean(axis=0)).ravel())[0, 1]
+    assert correlation > 0.98
+
+
+def test_a_flat_face_is_not_blotched_by_a_shaded_reference(
+    video: pvg.VectorVideo, dark_reference: pvg.VectorVideo
+) -> None:
+    """Skin-coloured curve samples keep their differences within the map's bounds: gain per channel times 1.25."""
+    key = video.records[0].key_frames[0]
+    new = pvg.transfer(video, dark_reference, match="semantic").colors[0][0]
+    skin = (table_labels().group == GROUPS.index("skin")) & key.visible
+    ratio = (np.median(new[skin], axis=0) + 8) / (np.median(key.colors[skin], axis=0) + 8)
+    before, after = np.ptp(key.colors[skin], axis=0), np.ptp(new[skin], axis=0)
+    assert (after <= 1.3 * ratio.max() * before + 1.0).all()
+
+
+def test_new_colours_stay_colours(video: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> None:
+    colors = pvg.transfer(video, dark_reference).colors[0]
+    assert colors.min() >= 0
+    assert colors.max() <= 255
+
+
+def test_a_face_left_out_of_the_look_is_not_in_it(video: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> None:
+    assert pvg.transfer(video, dark_reference, faces=[]).colors == {}
+    assert set(pvg.transfer(video, dark_reference, faces=[0]).colors) == {0}
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"strength": 1.2}, "strength"),
+        ({"strength": float("nan")}, "strength"),
+        ({"contrast": 0.5}, "contrast"),
+        ({"contrast": "much"}, "contrast"),
+        ({"match": "hue"}, "match"),
+        ({"protect": ["hair"]}, "protect"),
+        ({"faces": [4]}, "no face 4"),
+        ({"beta": 1.5}, "beta"),
+        ({"iterations": -1}, "iterations"),
+    ],
+)
+def test_parameters_out_of_range_are_named(
+    video: pvg.VectorVideo, dark_reference: pvg.VectorVideo, options: dict[str, object], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        pvg.transfer(video, dark_reference, **options)  # type: ignore[arg-type]
+
+
+_BLACK = (16, 128, 128)
+
+
+@pytest.fixture(scope="module")
+def two_shots(samples: Samples, tmp_path_factory: pytest.TempPathFactory) -> Iterator[pvg.VectorVideo]:
+    """The same woman before and after a short shot of a coloured wall, then in 0.7 of the light."""
+    folder = tmp_path_factory.mktemp("shots")
+    info = probe(samples.woman_clip)
+    frames = list(read_frames(samples.woman_clip, start=20, stop=36))
+    frames += frames[:14]
+    path = folder / "shots.mp4"
+    with VideoWriter(path, info, info.format, crf=12) as writer:
+        for index, frame in enumerate(frames):
+            light = 1.0 if index < 12 else 0.7
+            lit = [
+                np.rint(black + (p - np.float32(black)) * light) for p, black in zip(frame.planes, _BLACK, strict=True)
+            ]
+            if 12 <= index < 16:
+                lit = [np.broadcast_to(np.linspace(60, 200, p.shape[1]), p.shape) for p in frame.planes]
+            y, cb, cr = (p.astype(np.uint8) for p in lit)
+            writer.write(replace(frame, index=index, pts=1001 * index).with_planes((y, cb, cr)))
+    with pvg.vectorize(path, asset=folder / "shots.pvg") as vectorized:
+        yield vectorized
+
+
+@pytest.mark.parametrize("match", ["semantic", "color"])
+def test_a_person_seen_in_two_shots_moves_by_one_map_so_the_darker_shot_stays_darker(
+    two_shots: pvg.VectorVideo, pale_reference: pvg.VectorVideo, match: str
+) -> None:
+    assert two_shots.persons == ((1, 0),)
+    look = pvg.transfer(two_shots, pale_reference, match=match)
+    skin = (table_labels().group == GROUPS.index("skin")) & (table_labels().curve != BOUNDARY)
+
+    def brightness(colors: dict[int, np.ndarray]) -> tuple[float, float]:
+        first, second = (float(np.median(colors[face][0][skin].mean(axis=1))) for face in (0, 1))
+        return first, second
+
+    before = brightness({face: record.key_frames[0].colors[None] for face, record in enumerate(two_shots.records)})
+    after = brightness(look.colors)
+    assert before[1] < 0.75 * before[0]
+    assert after[1] / after[0] == pytest.approx(before[1] / before[0], abs=0.12)
+    leader_alone = pvg.transfer(two_shots, pale_reference, match=match, faces=[1])
+    np.testing.assert_array_equal(leader_alone.colors[1], look.colors[1])
+    follower_alone = pvg.transfer(two_shots, pale_reference, match=match, faces=[0])
+    np.testing.assert_array_equal(follower_alone.colors[0], look.colors[0])
+
+
+def test_colours_brighter_than_white_are_darkened_in_their_own_hue() -> None:
+    into = _into_gamut(np.array([[352.0, 321.0, 300.0], [255.0, 10.0, 0.0], [-4.0, 20.0, 30.0]]))
+    np.testing.assert_allclose(into[0] / into[0, 0], [1.0, 321 / 352, 300 / 352])
+    assert into[0, 0] == pytest.approx(255.0)
+    np.testing.assert_array_equal(into[1:], [[255.0, 10.0, 0.0], [0.0, 20.0, 30.0]])

@@ -1,0 +1,59 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pvg
+from pvg.rendering import LAYERS, placed_faces
+
+
+@pytest.fixture(scope="module")
+def layers(video: pvg.VectorVideo) -> dict[str, np.ndarray]:
+    return {name: pvg.layer(video, 20, name) for name in LAYERS}
+
+
+@pytest.fixture(scope="module")
+def window(video: pvg.VectorVideo) -> tuple[slice, slice]:
+    ((_, placed),) = placed_faces(video, 20)
+    x0, y0, x1, y1 = placed.window
+    return slice(y0, y1), slice(x0, x1)
+
+
+def test_the_image_is_the_source(video: pvg.VectorVideo, layers: dict[str, np.ndarray]) -> None:
+    np.testing.assert_array_equal(layers["image"], pvg.render_frame(video, None, 20))
+
+
+def test_mask_and_matte_are_white_on_skin_and_black_outside_the_faces_window(
+    layers: dict[str, np.ndarray], window: tuple[slice, slice]
+) -> None:
+    outside = np.ones(layers["mask"].shape[:2], np.bool_)
+    outside[window] = False
+    assert set(np.unique(layers["mask"])) == {0, 255}
+    for name in ("mask", "matte"):
+        assert not layers[name][outside].any()
+    np.testing.assert_array_equal(layers["mask"] > 0, layers["matte"] >= 128)
+
+
+def test_low_and_high_frequencies_add_up_to_the_image_on_skin(layers: dict[str, np.ndarray]) -> None:
+    skin = layers["matte"][..., 0] == 255
+    added = layers["low"][skin].astype(int) + layers["high"][skin] - 128
+    unclipped = (layers["high"][skin] > 0) & (layers["high"][skin] < 255) & (layers["low"][skin] < 255)
+    assert unclipped.mean() > 0.9
+    assert np.abs(added - layers["image"][skin])[unclipped].max() <= 1
+
+
+def test_landmarks_and_curves_are_drawn_within_the_faces_window(
+    layers: dict[str, np.ndarray], window: tuple[slice, slice]
+) -> None:
+    for name, ground in (("landmarks", layers["image"]), ("curves", layers["image"] // 3)):
+        changed = (layers[name] != ground).any(axis=2)
+        assert changed[window].mean() > 0.01
+        changed[window] = False
+        assert not changed.any()
+
+
+def test_an_unknown_layer_or_frame_is_named(video: pvg.VectorVideo) -> None:
+    with pytest.raises(ValueError, match="no layer 'edges'"):
+        pvg.layer(video, 0, "edges")
+    with pytest.raises(ValueError, match="no frame 99"):
+        pvg.layer(video, 99, "image")

@@ -1,0 +1,153 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import pvg
+from pvg.face import layout
+from pvg.video import read_image, write_image
+from scripts.samples import Samples
+from tests.gallery.clips import cut_clip
+
+
+def test_every_frame_of_the_clip_has_its_face(video: pvg.VectorVideo) -> None:
+    assert video.frame_count == 40
+    (face,) = video.faces
+    assert (face.first_frame, face.last_frame) == (0, 39)
+    assert 120 < face.width_px < 260
+    for index in range(40):
+        data = video.face_at(0, index)
+        assert data is not None
+        assert data.score > 0.5
+        assert 0.2 < (data.matte.alpha > 127).mean() < 0.8
+        contour, box = data.landmarks.points[layout.CONTOUR], data.matte.raster.box
+        assert (box[:2] < contour.min(axis=0)).all()
+        assert (box[2:] > contour.max(axis=0)).all()
+
+
+def test_progress_counts_every_frame_once(short_clip: Path) -> None:
+    seen: list[tuple[str, int, int]] = []
+    pvg.vectorize(short_clip, progress=lambda *report: seen.append(report)).close()
+    assert seen == [("vectorize", done, 40) for done in range(1, 41)]
+
+
+def test_vectorising_again_gives_the_same_asset(short_clip: Path, video: pvg.VectorVideo) -> None:
+    with pvg.vectorize(short_clip) as again:
+        np.testing.assert_array_equal(again.records[0].key_frames[0].colors, video.records[0].key_frames[0].colors)
+        for index in (0, 20, 39):
+            one, two = again.face_at(0, index), video.face_at(0, index)
+            assert one is not None
+            assert two is not None
+            np.testing.assert_array_equal(one.matte.alpha, two.matte.alpha)
+
+
+def test_the_same_clip_gives_the_same_bytes(short_clip: Path, video: pvg.VectorVideo) -> None:
+    with pvg.vectorize(short_clip) as again:
+        assert again.path.read_bytes() == video.path.read_bytes()
+
+
+def test_a_second_reading_gives_what_one_does(
+    short_clip: Path, video: pvg.VectorVideo, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Tracks without a good view in time are followed again with the whole course known."""
+    import pvg.vectorization.following
+
+    never = lambda track: np.zeros(len(track.score), np.bool_)  # noqa: E731
+    monkeypatch.setattr(pvg.vectorization.following, "good_rows", never)
+    monkeypatch.setattr(pvg.vectorization.following, "CHUNK", 4)
+    monkeypatch.setattr(pvg.vectorization.following, "LOOKAHEAD", 4)
+    stages: list[str] = []
+    with pvg.vectorize(short_clip, progress=lambda stage, done, total: stages.append(stage)) as again:
+        assert stages.count("second reading") == 40
+        assert [(face.first_frame, face.last_frame) for face in again.faces] == [(0, 39)]
+        for index in range(40):
+            one, two = again.face_at(0, index), video.face_at(0, index)
+            assert one is not None
+            assert two is not None
+            np.testing.assert_allclose(one.landmarks.points, two.landmarks.points, atol=1 / 16)
+            assert np.abs(one.matte.alpha.astype(int) - two.matte.alpha).mean() < 1
+
+
+def test_an_error_in_mid_clip_ends_all_threads(short_clip: Path, tmp_path: Path) -> None:
+    import threading
+
+    cut = tmp_path / "cut.mp4"
+    cut.write_bytes(short_clip.read_bytes()[: int(short_clip.stat().st_size * 0.6)])
+    before = threading.active_count()
+    with pytest.raises(pvg.MediaError):
+        pvg.vectorize(cut, asset=tmp_path / "cut.pvg")
+    assert threading.active_count() == before
+    assert [path.name for path in tmp_path.iterdir()] == ["cut.mp4"]
+
+
+def test_an_abort_leaves_no_asset(short_clip: Path, tmp_path: Path) -> None:
+    class CanceledError(Exception):
+        pass
+
+    def cancel(stage: str, done: int, total: int) -> None:
+        if stage == "vectorize" and done == 10:
+            raise CanceledError
+
+    with pytest.raises(CanceledError):
+        pvg.vectorize(short_clip, asset=tmp_path / "out.pvg", progress=cancel)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_reference_keeps_only_its_key_frame(samples: Samples, tmp_path: Path) -> None:
+    clip = cut_clip(samples.woman_clip, tmp_path / "clip.mp4", 0, 30)
+    with pvg.vectorize(clip, reference=True) as reference:
+        (face,) = reference.faces
+        assert face.first_frame == face.last_frame == reference.records[0].key_frames[0].frame
+        assert reference.path.stat().st_size < 60_000
+
+
+def test_no_face_is_an_error_that_says_where(samples: Samples) -> None:
+    with pytest.raises(pvg.NoFaceError, match=r"no face found in any of \d+ frames of no_face.mp4"):
+        pvg.vectorize(samples.no_face_clip)
+
+
+def test_a_small_face_is_refused_and_a_smallish_one_warned_of(samples: Samples, tmp_path: Path) -> None:
+    rgb = read_image(samples.portrait).rgb()
+    with pvg.vectorize(samples.portrait) as full:
+        width = full.faces[0].width_px
+    sizes = {"tiny.png": 50.0, "smallish.png": 120.0}
+    for name, target in sizes.items():
+        scale = target / width
+        size = (round(rgb.shape[1] * scale), round(rgb.shape[0] * scale))
+        write_image(tmp_path / name, np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8))
+    with pytest.raises(pvg.FaceTooSmallError, match=r"4\d|5\d px wide; it must be at least 64 px"):
+        pvg.vectorize(tmp_path / "tiny.png")
+    with pvg.vectorize(tmp_path / "smallish.png") as image:
+        assert "200 px or more is advised" in image.faces[0].warnings[0]
+
+
+def test_what_is_no_media_is_refused(tmp_path: Path) -> None:
+    text = tmp_path / "clip.mp4"
+    text.write_text("not a clip")
+    with pytest.raises(pvg.MediaError):
+        pvg.vectorize(text, asset=tmp_path / "clip.pvg")
+    assert not (tmp_path / "clip.pvg").exists()
+
+
+def test_a_face_that_leaves_ends_its_track(samples: Samples) -> None:
+    with pvg.vectorize(samples.face_noface_clip) as clip:
+        assert clip.faces[0].last_frame < clip.frame_count - 1
+        assert clip.face_at(0, clip.frame_count - 1) is None
+
+
+def test_the_papers_mask_is_a_setting(samples: Samples) -> None:
+    with pvg.vectorize(samples.portrait, mask="ycbcr") as image:
+        assert image.settings["mask"] == "ycbcr"
+        data = image.face_at(0, 0)
+        assert data is not None
+        assert set(np.unique(data.matte.alpha)) <= {0, 255}
+
+
+def test_asset_stays_within_its_budget(video: pvg.VectorVideo, short_clip: Path) -> None:
+    """15 % of the source or 20 kB a 1080p frame, whichever is larger (scaled to this clip's pixels)."""
+    pixels = video.media.width * video.media.height / (1920 * 1080)
+    budget = max(0.15 * short_clip.stat().st_size, 20_000 * pixels * video.frame_count)
+    assert video.path.stat().st_size <= budget

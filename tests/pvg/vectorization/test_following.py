@@ -1,0 +1,133 @@
+from __future__ import annotations
+
+from collections.abc import Iterable
+from operator import attrgetter
+
+import numpy as np
+import pytest
+
+from pvg.face import Landmarks
+from pvg.landmarks import FaceTrack, smooth, track_faces
+from pvg.picture import Picture, RgbPicture
+from pvg.vectorization.following import CHUNK, LOOKAHEAD, Following, Stretch
+from pvg.vectorization.key_frames import opacity
+from pvg.video import picture_of, read_frames
+from scripts.samples import Samples
+
+Frames = list[tuple[int, Picture]]
+
+
+@pytest.fixture(scope="module")
+def clip(samples: Samples) -> Frames:
+    frames: Frames = [(frame.index, picture_of(frame)) for frame in read_frames(samples.woman_clip, stop=120)]
+    assert len(frames) == 120
+    return frames
+
+
+def blank(picture: Picture) -> Picture:
+    height, width = picture.size
+    return RgbPicture(np.full((height, width, 3), 90, np.uint8))
+
+
+def follow(frames: Iterable[tuple[int, Picture]], min_face_px: float = 64) -> tuple[list[Stretch], Following]:
+    following = Following(min_face_px=min_face_px, frame_rate=25)
+    settled, stretches = 0, []
+    for advance in following.advances(frames):
+        assert advance.settled >= settled
+        settled = advance.settled
+        stretches += advance.stretches
+    assert settled == following.frame_count
+    return stretches, following
+
+
+def joined(stretches: list[Stretch]) -> FaceTrack:
+    """All stretches of a track as one; they follow on each other."""
+    first = stretches[0].rows.first
+    for stretch in stretches:
+        assert stretch.start == stretch.rows.first - first
+        assert len(stretch.pictures) == len(stretch.visible) == len(stretch.rows.score)
+    firsts = np.array([stretch.rows.first for stretch in stretches])
+    lengths = np.array([len(stretch.pictures) for stretch in stretches])
+    np.testing.assert_array_equal(firsts[1:], (firsts + lengths)[:-1])
+
+    def all_of(name: str) -> np.ndarray:
+        return np.concatenate([attrgetter(name)(stretch.rows) for stretch in stretches])
+
+    landmarks = Landmarks(*(all_of(f"landmarks.{name}") for name in ("points", "skin_points")))
+    return FaceTrack(first, landmarks, all_of("score"), all_of("pose"))
+
+
+def test_one_reading_gives_the_track_that_two_give(clip: Frames) -> None:
+    stretches, following = follow(clip)
+    (whole,) = track_faces(clip).tracks
+    track, wanted = joined(stretches), smooth(whole)
+    assert len(stretches) > 2
+    assert (track.first, track.last) == (wanted.first, wanted.last) == (0, 119)
+    np.testing.assert_array_equal(track.score, wanted.score)
+    apart = np.linalg.norm(track.landmarks.points - wanted.landmarks.points, axis=2)
+    # jitter is told from movement by the frames nearby instead of by the whole clip
+    assert apart.mean() < 0.0006 * wanted.width_px
+    assert apart.max() < 0.01 * wanted.width_px
+    accelerations = [np.abs(np.diff(t.landmarks.points, 2, axis=0)).mean() for t in (track, wanted)]
+    assert accelerations[0] < 1.05 * accelerations[1]
+    assert following.cuts == ()
+    assert following.left() == ((), 0.0)
+
+
+def test_a_short_track_is_smoothed_as_a_whole(clip: Frames) -> None:
+    stretches, _ = follow(clip[:40])
+    (whole,) = track_faces(clip[:40]).tracks
+    np.testing.assert_array_equal(joined(stretches).landmarks.points, smooth(whole).landmarks.points)
+
+
+def test_pictures_are_kept_for_a_bounded_time_only(clip: Frames) -> None:
+    following = Following(min_face_px=64, frame_rate=25)
+    for count, advance in enumerate(following.advances(clip), start=1):
+        if count < len(clip):
+            assert count - advance.settled <= CHUNK + LOOKAHEAD + 1
+        for stretch in advance.stretches:
+            for picture in stretch.pictures:
+                x0, y0, x1, y1 = picture.box
+                assert (x1 - x0) * (y1 - y0) < 0.9 * 360 * 640
+
+
+def test_visibility_is_that_of_the_whole_track(clip: Frames) -> None:
+    gone = range(70, 82)
+    frames = [(i, blank(picture) if i in gone else picture) for i, picture in clip[:110]]
+    frames += [(i, blank(picture)) for i, picture in clip[110:]]
+    stretches, following = follow(frames)
+    shots = (0, *following.cuts)
+    by_number = {number: [s for s in stretches if s.number == number] for number in {s.number for s in stretches}}
+    assert by_number
+    for own in by_number.values():
+        track = joined(own)
+        visible = np.concatenate([stretch.visible for stretch in own])
+        np.testing.assert_allclose(visible, opacity(track, shots, following.frame_count))
+
+
+def test_a_narrow_face_is_named_and_not_followed(clip: Frames) -> None:
+    stretches, following = follow(clip[:30], min_face_px=1000)
+    assert stretches == []
+    tracks, widest = following.left()
+    assert tracks == ()
+    assert widest > 100
+
+
+def test_a_face_without_a_good_view_in_time_is_left_for_a_second_reading(
+    clip: Frames, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import pvg.vectorization.following
+
+    monkeypatch.setattr(pvg.vectorization.following, "good_rows", lambda track: np.zeros(len(track.score), np.bool_))
+    stretches, following = follow(clip)
+    assert stretches == []
+    (track,), _ = following.left()
+    (whole,) = track_faces(clip).tracks
+    np.testing.assert_array_equal(track.landmarks.points, whole.landmarks.points)
+
+
+def test_every_stretch_begins_with_a_key_view_once(clip: Frames) -> None:
+    stretches, _ = follow(clip)
+    keys = [stretch.key for stretch in stretches]
+    assert keys[0] is not None
+    assert keys[1:] == [None] * (len(keys) - 1)
