@@ -51,9 +51,7 @@ def _anchors() -> FloatArray:
     return np.concatenate(grids)
 
 
-def detect_faces(
-    picture: Picture | ByteArray, *, min_score: float = MIN_SCORE, tiles: bool = True, threads: int = 1
-) -> tuple[Detection, ...]:
+def detect_faces(picture: Picture | ByteArray, *, tiles: bool = True) -> tuple[Detection, ...]:
     """Return the faces of one picture, best score first.
 
     picture: a picture or (H, W, 3) uint8 RGB. The whole is looked at letterboxed; when that shows nothing sure, a
@@ -62,7 +60,7 @@ def detect_faces(
     """
     picture = as_picture(picture)
     height, width = picture.size
-    found = _detect_in(picture, min_score, threads)
+    found = _detect_in(picture)
     longer = max(height, width)
     if tiles and longer >= MIN_TILED_PX and all(detection.score < SURE_SCORE for detection in found):
         count = int(np.clip(-(-longer // TILE_PX), 2, MAX_TILES))
@@ -70,11 +68,11 @@ def detect_faces(
         for y in np.linspace(0, height - tile_h, count).astype(int):
             for x in np.linspace(0, width - tile_w, count).astype(int):
                 tile = picture.part((int(x), int(y), int(x) + tile_w, int(y) + tile_h))
-                found += _detect_in(tile, min_score, threads)
+                found += _detect_in(tile)
     return tuple(_merge(found))
 
 
-def _detect_in(picture: Picture, min_score: float, threads: int) -> list[Detection]:
+def _detect_in(picture: Picture) -> list[Detection]:
     """Raw detections in what a picture holds."""
     left, top, right, bottom = picture.box
     smaller, factor = picture.reduced(max(right - left, bottom - top) / INPUT_PX)
@@ -90,10 +88,10 @@ def _detect_in(picture: Picture, min_score: float, threads: int) -> list[Detecti
     square *= 2 / 255
     square -= 1
 
-    session = models.load("face_detection_back", threads)
+    session = models.load("face_detection_back")
     regressors, logits = session.run(["regressors", "classificators"], {session.get_inputs()[0].name: square})
     scores = 1 / (1 + np.exp(-np.clip(logits[0, :, 0], -80, 80)))
-    kept = np.flatnonzero(scores >= min_score)
+    kept = np.flatnonzero(scores >= MIN_SCORE)
     raw = regressors[0, kept].reshape(-1, 8, 2)
     # centre, size, then the key points; all but the size are relative to the anchor
     points = raw + _anchors()[kept, None] * INPUT_PX

@@ -26,19 +26,16 @@ _COLORS = {
 
 
 def draw_landmarks(rgb: npt.NDArray[np.uint8], points: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
-    """Return a copy of rgb, (H, W, 3) uint8, with the landmark groups drawn in; points: (106, 2) or (n, 106, 2)."""
+    """Return a copy of rgb, (H, W, 3) uint8, with the landmark groups drawn in; points: (106, 2)."""
     drawn = rgb.copy()
     unit = 1 << SUBPIXEL_BITS
-    for face in points.reshape(-1, 106, 2):
-        width = float(np.ptp(face[layout.CONTOUR, 0]))
-        radius, thickness = max(1.0, width / 150), max(1, round(width / 300))
-        for name, group in layout.LANDMARK_GROUPS.items():
-            corners = fixed_point(face[group])
-            color = _COLORS[name]
-            if name != "pupils":
-                cv2.polylines(
-                    drawn, [corners], name in layout.CLOSED_GROUPS, color, thickness, cv2.LINE_AA, SUBPIXEL_BITS
-                )
-            for x, y in corners:
-                cv2.circle(drawn, (int(x), int(y)), round(radius * unit), color, -1, cv2.LINE_AA, SUBPIXEL_BITS)
+    width = float(np.ptp(points[layout.CONTOUR, 0]))
+    radius, thickness = max(1.0, width / 150), max(1, round(width / 300))
+    for name, group in layout.LANDMARK_GROUPS.items():
+        corners = fixed_point(points[group])
+        color = _COLORS[name]
+        if name != "pupils":
+            cv2.polylines(drawn, [corners], name in layout.CLOSED_GROUPS, color, thickness, cv2.LINE_AA, SUBPIXEL_BITS)
+        for x, y in corners:
+            cv2.circle(drawn, (int(x), int(y)), round(radius * unit), color, -1, cv2.LINE_AA, SUBPIXEL_BITS)
     return drawn

@@ -98,7 +98,7 @@ def _crop(picture: Picture, to_source: npt.NDArray[np.float64], size: float) -> 
     return small.warp(scaled_affine(to_small, 1.0 / factor), (INPUT_PX, INPUT_PX))
 
 
-def fit_landmarks(picture: Picture | ByteArray, region: Region | Detection, *, threads: int = 1) -> Mesh:
+def fit_landmarks(picture: Picture | ByteArray, region: Region | Detection) -> Mesh:
     """Fit the mesh to the face in a region.
 
     picture: a picture or (H, W, 3) uint8 RGB. A Detection is fitted twice, the second time in the crop its own points
@@ -106,11 +106,11 @@ def fit_landmarks(picture: Picture | ByteArray, region: Region | Detection, *, t
     """
     picture = as_picture(picture)
     if isinstance(region, Detection):
-        first = fit_landmarks(picture, region_of_detection(region), threads=threads)
-        return fit_landmarks(picture, region_of_points(first.points), threads=threads)
+        first = fit_landmarks(picture, region_of_detection(region))
+        return fit_landmarks(picture, region_of_points(first.points))
     to_source = _crop_to_source(region)
     crop = _crop(picture, to_source, region.size)
-    session = models.load("face_landmarks_detector", threads)
+    session = models.load("face_landmarks_detector")
     values = np.multiply(crop[None], np.float32(1 / 255), dtype=np.float32)
     flat, flag = session.run(["Identity", "Identity_1"], {session.get_inputs()[0].name: values})
     found = flat.reshape(-1, 3)

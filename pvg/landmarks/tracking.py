@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -169,23 +169,18 @@ def track_faces(
     max_faces: int = 8,
     min_face_px: float = 24.0,
     frame_rate: float = 25.0,
-    threads: int = 1,
-    on_frame: Callable[[int], None] | None = None,
 ) -> FaceTracks:
     """Follow up to max_faces faces at a time through consecutive frames.
 
     frames: (index, picture or (H, W, 3) uint8 RGB), indices rising by one. The detector runs on the first frame of a
     shot, while a face is lost and every 15 frames; otherwise each face's crop follows its last landmarks. A track
     ends at a cut or when its face stays away for more than a second (frame_rate frames). Faces whose mesh measures
-    less than min_face_px across its longer side are not followed. on_frame is told the index of every finished
-    frame and may raise to abort. The points are raw: see `smooth`. Raises ModelError without weights, ValueError
-    when an index is skipped.
+    less than min_face_px across its longer side are not followed. The points are raw: see `smooth`. Raises ModelError
+    without weights, ValueError when an index is skipped.
     """
-    tracker = FaceTracker(max_faces=max_faces, min_face_px=min_face_px, frame_rate=frame_rate, threads=threads)
+    tracker = FaceTracker(max_faces=max_faces, min_face_px=min_face_px, frame_rate=frame_rate)
     for index, frame in frames:
         tracker.step(index, as_picture(frame))
-        if on_frame is not None:
-            on_frame(index)
     return tracker.result()
 
 
@@ -196,13 +191,10 @@ class FaceTracker:
     first;  frame_count: frames seen.
     """
 
-    def __init__(
-        self, *, max_faces: int = 8, min_face_px: float = 24.0, frame_rate: float = 25.0, threads: int = 1
-    ) -> None:
+    def __init__(self, *, max_faces: int = 8, min_face_px: float = 24.0, frame_rate: float = 25.0) -> None:
         self._max_faces = max_faces
         self._min_face_px = min_face_px
         self._max_lost = round(frame_rate)
-        self._threads = threads
         self._cut_detector = CutDetector()
         self.cuts: list[int] = []
         self.open: list[OpenTrack] = []
@@ -227,7 +219,7 @@ class FaceTracker:
         due = self._last_detection is None or index - self._last_detection >= DETECT_EVERY
         if due or lost or not self.open:
             # tiles cost four more runs, so a clip without faces pays for them only now and then
-            self._acquire(index, detect_faces(picture, tiles=due and not self.open, threads=self._threads), picture)
+            self._acquire(index, detect_faces(picture, tiles=due and not self.open), picture)
             if due:
                 self._last_detection = index
         kept = [track for track in self.open if index - track.last <= self._max_lost]
@@ -261,7 +253,7 @@ class FaceTracker:
 
     def _fit(self, picture: Picture, region: Region | Detection) -> Mesh | None:
         """The mesh, if it is a face, large enough, and has its centre in the picture."""
-        mesh = fit_landmarks(picture, region, threads=self._threads)
+        mesh = fit_landmarks(picture, region)
         height, width = picture.size
         x, y = mesh.points.mean(axis=0)
         inside = 0 <= x < width and 0 <= y < height

@@ -20,7 +20,7 @@ Planes = tuple[Plane, Plane, Plane]
 UNSPECIFIED = 2
 """The code point of ISO/IEC 23091-2 (H.273) for "not stated": matrix, primaries and transfer alike."""
 
-RANGE_UNSPECIFIED, RANGE_LIMITED, RANGE_FULL = 0, 1, 2
+RANGE_LIMITED, RANGE_FULL = 1, 2
 
 LUMA_WEIGHTS = {  # H.273 matrix code point -> (K_R, K_B)
     1: (0.2126, 0.0722),  # BT.709

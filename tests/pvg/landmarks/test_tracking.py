@@ -106,16 +106,3 @@ def test_frames_without_a_face_are_fine() -> None:
 def test_skipped_frames_are_refused() -> None:
     with pytest.raises(ValueError, match="frame 3 follows frame 1"):
         track_faces(iter([(1, background(1)), (3, background(1))]))
-
-
-def test_on_frame_sees_every_frame_and_may_abort() -> None:
-    seen: list[int] = []
-
-    def stop_at_three(index: int) -> None:
-        seen.append(index)
-        if index == 3:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        track_faces(((i, background(1)) for i in range(10)), on_frame=stop_at_three)
-    assert seen == [0, 1, 2, 3]
