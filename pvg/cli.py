@@ -86,17 +86,17 @@ def _open_input(path: Path, stack: ExitStack, *, reference: bool, source: Path |
 def _contrast(value: str) -> Contrast:
     if value == "auto":
         return "auto"
-    factor = _number(value)
-    if not 0.7 <= factor <= 1.5:
+    contrast = _number(value)
+    if not 0.7 <= contrast <= 1.5:
         raise argparse.ArgumentTypeError(f'"auto" or a number from 0.7 to 1.5, not {value!r}')
-    return factor
+    return contrast
 
 
 def _strength(value: str) -> float:
-    factor = _number(value)
-    if not 0.0 <= factor <= 1.0:
+    strength = _number(value)
+    if not 0.0 <= strength <= 1.0:
         raise argparse.ArgumentTypeError(f"a number from 0 to 1, not {value!r}")
-    return factor
+    return strength
 
 
 def _number(value: str) -> float:
