@@ -92,7 +92,7 @@ def test_a_patch_may_reach_over_a_planes_edge() -> None:
 def test_the_roll_off_keeps_order_and_stays_between_black_and_white(values: list[float]) -> None:
     bend = _roll_off(constant(0, 0, 0, contrast=FIELD_OF_ONE), YUV444, 0)
     ordered = sorted(values)
-    rolled = [float(roll_off(np.float32(v), *bend)) for v in ordered]
+    rolled = roll_off(np.array([ordered], np.float32), bend)[0].tolist()
     steps = np.diff(rolled)
     assert (steps >= -1e-3).all()
     assert (steps <= np.diff(ordered) + 1e-3).all()
