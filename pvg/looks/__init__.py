@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pvg.looks.look import CONTRAST_RANGE, PROTECTABLE, Contrast, Look
-from pvg.looks.tone import ComplexionMap
+from pvg.looks.tone import SkinMap
 from pvg.looks.transfer import BETA, ITERATIONS, transfer
 from pvg.looks.transport import sliced_transport, sliced_wasserstein
 
@@ -12,9 +12,9 @@ __all__ = [
     "CONTRAST_RANGE",
     "ITERATIONS",
     "PROTECTABLE",
-    "ComplexionMap",
     "Contrast",
     "Look",
+    "SkinMap",
     "sliced_transport",
     "sliced_wasserstein",
     "transfer",

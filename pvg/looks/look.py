@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 from pvg._arrays import Floats
 
 CONTRAST_RANGE = (0.7, 1.5)  # of λ [paper]
@@ -18,12 +20,17 @@ class Look:
     """New boundary colours for a clip.
 
     colors: for each face index of the look, (K, S, 3) float32 g' of its K key frames, 0-255 RGB, strength applied;
-    contrast: λ of u' = λI + H(g' − λg), or "auto" for a field that follows the brightness that is asked for;
-    strength: in [0, 1], already in `colors`, applied to the contrast when rendering;  protect: features that keep
-    their own colour.
+    contrast: λ of u' = λI + H(g' − λg), strength applied: a number, or for each face index (K, S, 2) float32, λ of luma
+    and of chroma at the curves;  protect: features that keep their own colour.
     """
 
     colors: dict[int, Floats]
-    contrast: Contrast = 1.0
-    strength: float = 1.0
+    contrast: float | dict[int, Floats] = 1.0
     protect: tuple[str, ...] = PROTECTABLE
+
+    def at_curves(self, face: int, key: int) -> Floats:
+        """What is carried along the curves of a key frame: (S, 3) g', or (S, 5) g' and λ."""
+        colors = self.colors[face][key]
+        return (
+            colors if isinstance(self.contrast, float) else np.concatenate([colors, self.contrast[face][key]], axis=1)
+        )

@@ -68,6 +68,8 @@ def transfer(
     make_map = parts_map if match == "semantic" else all_colors_map
     chosen = faces_by_index(video, faces)
     colors: dict[int, Floats] = {}
+    fields: dict[int, Floats] = {}
+    share = np.float32(strength)
     for person in video.persons:
         if not set(person) & set(chosen):
             continue
@@ -75,12 +77,13 @@ def transfer(
         for index in person:
             if index not in chosen:
                 continue
-            new = []
+            new, slopes = [], []
             for key in video.records[index].key_frames:
-                moved = _into_gamut(apply(key)).astype(np.float32)
-                new.append(key.colors + np.float32(strength) * (moved - key.colors))
-            colors[index] = np.stack(new).astype(np.float32)
-    return Look(colors, contrast, strength, tuple(protect))
+                moved, slope = apply(key)
+                new.append(key.colors + share * (_into_gamut(moved).astype(np.float32) - key.colors))
+                slopes.append(np.float32(1.0) + share * (slope - np.float32(1.0)))
+            colors[index], fields[index] = np.stack(new).astype(np.float32), np.stack(slopes)
+    return Look(colors, fields if contrast == "auto" else 1.0 + strength * (contrast - 1.0), tuple(protect))
 
 
 def _into_gamut(colors: Doubles) -> Doubles:

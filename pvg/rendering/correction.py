@@ -16,14 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pvg._arrays import Floats
-from pvg.looks import Look
 from pvg.membrane import TOLERANCE, Lattice
 from pvg.rendering.placed_face import PlacedFace
 
-_AUTO_EXPONENT = 0.6  # of the luma ratio [by eye: 0.5 to 0.75 keeps eyes and brows crisp, 1 looks harsh]
-_AUTO_RANGE = (0.5, 1.6)  # [by eye: more turns lips and lids white where a dark face is made pale]
-_CHROMA_RANGE = (0.25, 1.5)  # [by eye: more would lift the noise that coding leaves in chroma]
-_LEAST_CHROMA = 4.0  # code values added to both sides of the ratio, so that grey skin does not explode [by eye]
 _HIGHEST_DETAIL = 128.0  # levels of I − black that a field of λ multiplies: how much finer than H(g') it is solved
 
 Contrast = float | Floats
@@ -65,30 +60,14 @@ class Correction:
         return self.contrast if isinstance(self.contrast, float) else 1.0
 
 
-def at_curves(look: Look, g: Floats, new: Floats) -> CurveCorrection:
+def at_curves(g: Floats, new: Floats, contrast: Contrast) -> CurveCorrection:
     """What a look asks for at the curves.
 
-    g, new: (S, 3) luma and chroma of the boundary colours g and g', code values.
+    g, new: (S, 3) luma and chroma of the boundary colours g and g', code values;  contrast: λ, or (S, 2).
     """
-    contrast = _contrast(look, g, new)
     if isinstance(contrast, float):
         return CurveCorrection(new - contrast * g, contrast)  # g' − λg on γ, eq. (1)
     return CurveCorrection(new - contrast[:, [0, 1, 1]] * g, contrast)
-
-
-def _contrast(look: Look, g: Floats, new: Floats) -> Contrast:
-    """λ of a look: a number, or (S, 2) values at the curves that follow what is asked for, of luma and chroma.
-
-    Chroma keeps its proportions: what is a shade redder or paler than the skin around it stays so by as much of the
-    new skin's chroma. With luma's λ a highlight, paler than the skin, would pass grey and turn blue where skin is made
-    pale.
-    """
-    if look.contrast != "auto":
-        return 1.0 + look.strength * (look.contrast - 1.0)
-    luma = (np.maximum(new[:, 0], 0.0) + 1.0) / (np.maximum(g[:, 0], 0.0) + 1.0)
-    chroma = (np.hypot(new[:, 1], new[:, 2]) + _LEAST_CHROMA) / (np.hypot(g[:, 1], g[:, 2]) + _LEAST_CHROMA)
-    fields = [np.clip(luma**_AUTO_EXPONENT, *_AUTO_RANGE), np.clip(chroma, *_CHROMA_RANGE)]
-    return np.stack(fields, axis=1).astype(np.float32)
 
 
 def extend(face: PlacedFace, g: Floats, wanted: Sequence[CurveCorrection], *, level: float) -> list[Correction]:

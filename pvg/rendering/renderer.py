@@ -60,7 +60,7 @@ class _ChainColors:
 def _propagation(video: VectorVideo, face: int, looks: Sequence[Look]) -> _TableColors | _ChainColors:
     """How g and the looks' g' of a face get to each frame, as the clip was vectorised for."""
     stacks = [
-        np.concatenate([key.colors, *(look.colors[face][k] for look in looks)], axis=1)
+        np.concatenate([key.colors, *(look.at_curves(face, k) for look in looks)], axis=1)
         for k, key in enumerate(video.records[face].key_frames)
     ]
     return (_ChainColors if video.settings["matching"] == "chain" else _TableColors)(video, face, stacks)
@@ -115,9 +115,15 @@ class Renderer:
         """Draw one face with the looks numbered `which`;  colors: (S, 3 + 3 looks), g and their g'."""
         to_planes = frame.format.opponent.matrix.astype(np.float32).T
         g = colors[:, :3] @ to_planes
-        wanted = [
-            at_curves(self.looks[i], g, colors[:, 3 + 3 * k : 6 + 3 * k] @ to_planes) for k, i in enumerate(which)
-        ]
+        wanted, first = [], 3
+        for i in which:
+            contrast = self.looks[i].contrast
+            if isinstance(contrast, float):
+                wanted.append(at_curves(g, colors[:, first : first + 3] @ to_planes, contrast))
+                first += 3
+            else:
+                wanted.append(at_curves(g, colors[:, first : first + 3] @ to_planes, colors[:, first + 3 : first + 5]))
+                first += 5
         corrections = extend(placed, g, wanted, level=2.0 ** (frame.format.depth - 8))
         alphas: dict[tuple[str, ...], Floats] = {}
         alike = len({self.looks[i].protect for i in which}) == 1
