@@ -44,8 +44,9 @@ def test_vectorising_again_gives_the_same_asset(short_clip: Path, video: pvg.Vec
             np.testing.assert_array_equal(one.matte.alpha, two.matte.alpha)
 
 
-def test_the_same_clip_gives_the_same_bytes(short_clip: Path, video: pvg.VectorVideo) -> None:
-    with pvg.vectorize(short_clip) as again:
+def test_the_same_clip_gives_the_same_bytes_in_the_same_folder(short_clip: Path, video: pvg.VectorVideo) -> None:
+    """An asset notes where its clip lies, relative to itself."""
+    with pvg.vectorize(short_clip, asset=video.path.with_name("again.pvg")) as again:
         assert again.path.read_bytes() == video.path.read_bytes()
 
 
