@@ -176,7 +176,7 @@ def in_shade(picture: np.ndarray, seed: int) -> np.ndarray:
 
 
 def passing_bar() -> np.ndarray:
-    """(frames, SIDE, SIDE) bool: a bar that comes in from the left, passes before the face and leaves."""
+    """(frames, SIDE, SIDE) bool: a bar that comes in from the left, passes in front of the face and leaves."""
     left = np.array([-BAR_PX, -BAR_PX, *np.linspace(60, 270, 11), SIDE, SIDE, SIDE])
     columns = np.arange(SIDE)
     bars = (columns >= left[:, None]) & (columns < left[:, None] + BAR_PX)
