@@ -23,7 +23,7 @@ _LUMA = np.array([0.299, 0.587, 0.114])
 _QUANTILES = (0.03, 0.10, 0.25, 0.50, 0.75, 0.90, 0.97)
 _SLOPES = (0.55, 1.7)  # of the tone curve between two quantiles [by eye: outside, blotches or a flat wash]
 _SMOOTH_LEVELS = 7  # width of the box that rounds the tone curve's corners
-_LEAST_STEP = 1.0  # levels between two quantiles, for skin of one tone
+_LEAST_STEP = 0.25  # levels added to both sides of a slope, so that skin of one tone has one
 _SPREAD_RANGE = (0.6, 1.4)  # of k, the ratio of the spreads of chroma at a tone [by eye]
 _CONTRAST_RANGE = (0.6, 2.0)  # of λ for luma [by eye]
 _CHROMA_RANGE = (0.5, 1.5)  # of λ for chroma [by eye: more lifts the noise that coding leaves there]
@@ -77,10 +77,8 @@ def tone_curve(source: Doubles, target: Doubles) -> Doubles:
     """T as a table (256,): luma of `source` (n,) to that of `target` (m,), quantile by quantile, slopes bounded."""
     s, t = np.quantile(source, _QUANTILES), np.quantile(target, _QUANTILES)
     middle = len(s) // 2
-    gaps = np.maximum(np.diff(s), _LEAST_STEP)
-    slopes = np.clip(np.diff(t) / gaps, *_SLOPES)
-    s = s[middle] + np.concatenate([-np.cumsum(gaps[:middle][::-1])[::-1], [0.0], np.cumsum(gaps[middle:])])
-    rise = slopes * gaps
+    gaps = np.diff(s)
+    rise = np.clip((np.diff(t) + _LEAST_STEP) / (gaps + _LEAST_STEP), *_SLOPES) * gaps
     t = t[middle] + np.concatenate([-np.cumsum(rise[:middle][::-1])[::-1], [0.0], np.cumsum(rise[middle:])])
     kept = (s > 0.0) & (s < 255.0) & (t > 0.0) & (t < 255.0)
     s, t = s[kept], t[kept]
