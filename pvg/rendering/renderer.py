@@ -27,7 +27,7 @@ class _TableColors:
         self._tables = [ColorTable(colors, table_labels()) for colors in stacks]
 
     def at(self, frame: int) -> tuple[CurveLabels, Floats]:
-        """Labels and (S, 3 + 3 looks) colours in `frame`."""
+        """Labels in `frame`, and (S, …) g beside what each look carries, see `Look.at_curves`."""
         key = self._record.key_frames.index(self._record.key_frame_of(frame))
         return table_labels(), self._tables[key].at(table_labels())
 
@@ -41,7 +41,7 @@ class _ChainColors:
         self._chain: tuple[int, int, Chain, CurveLabels] | None = None  # key, frame, chain, labels
 
     def at(self, frame: int) -> tuple[CurveLabels, Floats]:
-        """Labels and (S, 3 + 3 looks) colours in `frame`; S differs from frame to frame."""
+        """The same; S differs from frame to frame."""
         key = self._record.key_frames.index(self._record.key_frame_of(frame))
         first = self._record.key_frames[key].frame
         if self._chain is None or self._chain[0] != key or self._chain[1] >= frame:
@@ -112,18 +112,16 @@ class Renderer:
     def _draw_face(
         self, frame: Frame, placed: PlacedFace, which: list[int], colors: Floats, out: list[list[Patch]]
     ) -> None:
-        """Draw one face with the looks numbered `which`;  colors: (S, 3 + 3 looks), g and their g'."""
+        """Draw one face with the looks numbered `which`;  colors: (S, …), g and what each look carries."""
         to_planes = frame.format.opponent.matrix.astype(np.float32).T
         g = colors[:, :3] @ to_planes
         wanted, first = [], 3
         for i in which:
             contrast = self.looks[i].contrast
-            if isinstance(contrast, float):
-                wanted.append(at_curves(g, colors[:, first : first + 3] @ to_planes, contrast))
-                first += 3
-            else:
-                wanted.append(at_curves(g, colors[:, first : first + 3] @ to_planes, colors[:, first + 3 : first + 5]))
-                first += 5
+            of_look = colors[:, first : first + (3 if isinstance(contrast, float) else 5)]  # see `Look.at_curves`
+            new = of_look[:, :3] @ to_planes
+            wanted.append(at_curves(g, new, contrast if isinstance(contrast, float) else of_look[:, 3:]))
+            first += of_look.shape[1]
         corrections = extend(placed, g, wanted, level=2.0 ** (frame.format.depth - 8))
         alphas: dict[tuple[str, ...], Floats] = {}
         alike = len({self.looks[i].protect for i in which}) == 1

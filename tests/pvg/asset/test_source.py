@@ -13,13 +13,6 @@ from pvg.video import sha256_file
 
 
 @pytest.fixture
-def source(tmp_path: Path) -> Path:
-    path = tmp_path / "clip.bin"
-    path.write_bytes(b"the clip")
-    return path
-
-
-@pytest.fixture
 def asset(tmp_path: Path, source: Path) -> Path:
     """An asset without faces beside its clip."""
     media = {"kind": "video", "width": 320, "height": 240, "frame_rate": 25.0, "duration_s": 3.0, "frame_count": 75}
