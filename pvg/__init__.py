@@ -24,7 +24,7 @@ from pvg.errors import (
 
 if TYPE_CHECKING:
     from pvg.asset import VectorVideo, open_asset
-    from pvg.looks import Look, transfer
+    from pvg.looks import Look, exchange, transfer
     from pvg.rendering import layer, render, render_frame, swap
     from pvg.vectorization import vectorize
     from pvg.video import MediaLimits
@@ -40,6 +40,7 @@ __all__ = [
     "PvgError",
     "SolverError",
     "VectorVideo",
+    "exchange",
     "layer",
     "open_asset",
     "render",
@@ -56,6 +57,7 @@ _HOMES = {
     "Look": "pvg.looks",
     "MediaLimits": "pvg.video",
     "VectorVideo": "pvg.asset",
+    "exchange": "pvg.looks",
     "layer": "pvg.rendering",
     "open_asset": "pvg.asset",
     "render": "pvg.rendering",

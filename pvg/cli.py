@@ -10,10 +10,10 @@ import json
 import math
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import pvg
 from pvg._outputs import check_file, check_folder, check_outputs, check_suffix, outputs, suffix
@@ -22,7 +22,7 @@ from pvg.errors import AssetError, PvgError
 if TYPE_CHECKING:
     from tqdm import tqdm
 
-    from pvg.asset import VectorVideo
+    from pvg.asset import FaceSummary, VectorVideo
     from pvg.looks import Contrast
 
 BAD_ARGUMENTS = 2
@@ -34,6 +34,7 @@ MASKS = ("landmarks", "ycbcr")
 MATCHINGS = ("table", "chain")
 MATCHES = ("color", "semantic")
 CODECS = ("auto", "h264", "hevc", "vp9", "av1")
+BETA, ITERATIONS = 0.2, 20
 LAYERS = ("image", "landmarks", "mask", "matte", "curves", "low", "high")
 
 
@@ -92,11 +93,33 @@ def _contrast(value: str) -> Contrast:
     return contrast
 
 
-def _strength(value: str) -> float:
-    strength = _number(value)
-    if not 0.0 <= strength <= 1.0:
+def _contrasts(value: str) -> Contrast | tuple[Contrast, Contrast]:
+    parts = value.split(",")
+    if len(parts) == 1:
+        return _contrast(value)
+    if len(parts) != 2:
+        raise argparse.ArgumentTypeError(f"one contrast for both or two like 0.8,1.2, not {value!r}")
+    return _contrast(parts[0]), _contrast(parts[1])
+
+
+def _share(value: str) -> float:
+    share = _number(value)
+    if not 0.0 <= share <= 1.0:
         raise argparse.ArgumentTypeError(f"a number from 0 to 1, not {value!r}")
-    return strength
+    return share
+
+
+def _beta(value: str) -> float:
+    beta = _number(value)
+    if not 0.0 < beta <= 1.0:
+        raise argparse.ArgumentTypeError(f"a number above 0, up to 1, not {value!r}")
+    return beta
+
+
+def _count(value: str) -> int:
+    if not value.isdecimal():
+        raise argparse.ArgumentTypeError(f"a whole number from 0, not {value!r}")
+    return int(value)
 
 
 def _number(value: str) -> float:
@@ -115,12 +138,32 @@ def _faces(value: str) -> Literal["all"] | list[int]:
         raise argparse.ArgumentTypeError(f'"all" or face numbers like 0 or 0,1, not {value!r}') from None
 
 
+def _two_faces(value: str) -> tuple[int, int]:
+    parts = value.split(",")
+    if len(parts) != 2 or not all(part.isdecimal() for part in parts) or int(parts[0]) == int(parts[1]):
+        raise argparse.ArgumentTypeError(f"two different face numbers like 0,1, not {value!r}")
+    return int(parts[0]), int(parts[1])
+
+
+def _warn(path: Path, faces: Iterable[FaceSummary]) -> None:
+    """Say on standard error what is to be known of these faces of a file, one line each."""
+    for face in faces:
+        for warning in face.warnings:
+            print(f"pvg: warning: {path.name}, face {face.index}: {warning}", file=sys.stderr)
+
+
+def _chosen(video: VectorVideo, faces: Literal["all"] | Sequence[int]) -> list[FaceSummary]:
+    return [face for face in video.faces if faces == "all" or face.index in faces]
+
+
 def _vectorize(given: argparse.Namespace) -> None:
     check_file(given.output, [given.input])
     with _progress() as progress:
-        pvg.vectorize(
+        video = pvg.vectorize(
             given.input, asset=given.output, mask=given.mask, matching=given.matching, progress=progress
-        ).close()
+        )
+    with video:
+        _warn(given.input, video.faces)
     print(given.output)
 
 
@@ -128,28 +171,71 @@ def _transfer(given: argparse.Namespace) -> None:
     check_outputs(given.output, given.reference, [given.input, given.source, *given.reference])
     with ExitStack() as stack:
         clip = _open_input(given.input, stack, reference=False, source=given.source)
+        references = [_open_input(path, stack, reference=True) for path in given.reference]
         looks = [
             pvg.transfer(
                 clip,
-                _open_input(path, stack, reference=True),
+                reference,
                 contrast=given.contrast,
-                strength=given.strength,
-                match=given.match,
                 faces=given.face,
+                reference_face=given.reference_face,
+                **_look_options(given),
             )
-            for path in given.reference
+            for reference in references
         ]
         paths = outputs(given.output, given.reference, clip)
         for path in paths:
             check_suffix(path, [clip.media.kind])
             check_file(path, [clip.source, given.input, *given.reference])
+        _warn(given.input, _chosen(clip, given.face))
+        for path, reference in zip(given.reference, references, strict=True):
+            _warn(path, [_reference_face(reference, given.reference_face)])
         with _progress() as progress:
             pvg.render(clip, looks, paths, codec=given.codec, progress=progress)
     print(*paths, sep="\n")
 
 
+def _look_options(given: argparse.Namespace) -> dict[str, Any]:
+    """The options of a look that `transfer` and `swap` share, but for the contrast."""
+    return {name: getattr(given, name) for name in ("strength", "match", "beta", "iterations", "seed")}
+
+
+def _reference_face(reference: VectorVideo, face: int | None) -> FaceSummary:
+    from pvg.looks import reference_face_of  # noqa: PLC0415
+
+    return reference_face_of(reference, face)
+
+
 def _swap(given: argparse.Namespace) -> None:
-    a, b, folder = given.a, given.b, given.output
+    a, b = given.a, given.b
+    if b is None:
+        if given.faces is None:
+            raise ValueError("give a second clip, or two faces of the one: --faces 0,1")
+        _swap_within(given)
+        return
+    if a.exists() and b.exists() and a.samefile(b):
+        raise ValueError("a clip cannot be swapped with itself; give it alone, with two faces: --faces 0,1")
+    if given.faces is not None:
+        raise ValueError("--faces is for a swap within one clip; leave out one of the two")
+    _swap_clips(given, a, b, given.output)
+
+
+def _swap_within(given: argparse.Namespace) -> None:
+    """Two faces of one clip."""
+    check_outputs(given.output, [given.a], [given.a])
+    with ExitStack() as stack:
+        clip = _open_input(given.a, stack, reference=False)
+        (path,) = outputs(given.output, [given.a], clip)
+        check_suffix(path, [clip.media.kind])
+        check_file(path, [clip.source, given.a])
+        look = pvg.exchange(clip, given.faces, contrast=given.contrast, **_look_options(given))
+        _warn(given.a, _chosen(clip, given.faces))
+        with _progress() as progress:
+            pvg.render(clip, [look], [path], codec=given.codec, progress=progress)
+    print(path)
+
+
+def _swap_clips(given: argparse.Namespace, a: Path, b: Path, folder: Path) -> None:
     check_folder(folder)
     with ExitStack() as stack:
         first, second = _open_input(a, stack, reference=False), _open_input(b, stack, reference=False)
@@ -161,16 +247,19 @@ def _swap(given: argparse.Namespace) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         for path in paths:
             check_file(path, [a, b, first.source, second.source])
+        if first.source_sha256 == second.source_sha256:
+            raise ValueError(f"{a.name} and {b.name} are the same clip; give one alone, with two faces: --faces 0,1")
+        _warn(a, first.faces)
+        _warn(b, second.faces)
         with _progress() as progress:
             pvg.swap(
                 first,
                 second,
                 paths,
                 contrast=given.contrast,
-                strength=given.strength,
-                match=given.match,
                 codec=given.codec,
                 progress=progress,
+                **_look_options(given),
             )
     print(*paths, sep="\n")
 
@@ -234,15 +323,38 @@ def _parser() -> argparse.ArgumentParser:
     )
     _add_look(one)
     one.add_argument(
+        "--contrast", type=_contrast, default="auto", metavar="X", help='"auto" (default) or a factor from 0.7 to 1.5'
+    )
+    one.add_argument(
         "--face", type=_faces, default="all", metavar="N", help='"all" (default) or face numbers, e.g. 0 or 0,1'
+    )
+    one.add_argument(
+        "--reference-face",
+        type=_count,
+        metavar="N",
+        help="face number in the references, as `pvg inspect` lists them; default: the largest face of each",
     )
     _add_source(one)
 
-    one = command("swap", _swap, "Exchange the face colours of two clips or images")
+    one = command("swap", _swap, "Exchange the face colours of two clips or images, or of two faces in one")
     one.add_argument("a", type=Path, metavar="A")
-    one.add_argument("b", type=Path, metavar="B")
-    one.add_argument("-o", "--output", type=Path, metavar="FOLDER", required=True, help="for both results")
+    one.add_argument("b", type=Path, metavar="B", nargs="?", help="without it two faces of A are exchanged: --faces")
+    one.add_argument("--faces", type=_two_faces, metavar="I,J", help="face numbers in A, e.g. 0,1")
+    one.add_argument(
+        *("-o", "--output"),
+        type=Path,
+        metavar="OUT",
+        required=True,
+        help="a folder for both results, or a file for a swap within A",
+    )
     _add_look(one)
+    one.add_argument(
+        "--contrast",
+        type=_contrasts,
+        default="auto",
+        metavar="X[,Y]",
+        help='"auto" (default) or a factor from 0.7 to 1.5, for both or for each, e.g. 0.8,1.2',
+    )
 
     one = command(
         "inspect", _inspect, "Show what an asset holds: a JSON summary, or a picture of one layer of one frame"
@@ -277,10 +389,7 @@ def _add_reference(parser: argparse.ArgumentParser) -> None:
 
 def _add_look(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--contrast", type=_contrast, default="auto", metavar="X", help='"auto" (default) or a factor from 0.7 to 1.5'
-    )
-    parser.add_argument(
-        "--strength", type=_strength, default=1.0, metavar="X", help="from 0, the clip as it is, to 1 (default)"
+        "--strength", type=_share, default=1.0, metavar="X", help="from 0, the clip as it is, to 1 (default)"
     )
     parser.add_argument(
         "--match",
@@ -288,6 +397,11 @@ def _add_look(parser: argparse.ArgumentParser) -> None:
         default="semantic",
         help="all colours together, or skin to skin, lips to lips (default)",
     )
+    parser.add_argument("--beta", type=_beta, default=BETA, metavar="X", help=f"of eq. (7), above 0, up to 1 ({BETA})")
+    parser.add_argument(
+        "--iterations", type=_count, default=ITERATIONS, metavar="N", help=f"iterations of eq. (7) ({ITERATIONS})"
+    )
+    parser.add_argument("--seed", type=_count, default=0, metavar="N", help="of the transport's random rotations (0)")
     parser.add_argument("--codec", choices=CODECS, default="auto", help="video codec of the output")
 
 

@@ -48,6 +48,14 @@ def video(short_clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterato
 
 
 @pytest.fixture(scope="session")
+def group(samples: Samples, tmp_path_factory: pytest.TempPathFactory) -> Iterator[pvg.VectorVideo]:
+    """A picture of five people, vectorised into an asset file."""
+    asset = tmp_path_factory.mktemp("assets") / "group.pvg"
+    with pvg.vectorize(samples.several_faces, asset=asset) as vectorized:
+        yield vectorized
+
+
+@pytest.fixture(scope="session")
 def dark_reference(samples: Samples) -> Iterator[pvg.VectorVideo]:
     """A portrait of deep brown skin."""
     with pvg.vectorize(samples.dark_portrait, reference=True) as vectorized:

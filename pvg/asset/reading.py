@@ -260,13 +260,17 @@ def open_asset(path: str | Path, source: str | Path | None = None, *, find_sourc
     return video
 
 
-def faces_by_index(video: VectorVideo, faces: str | Sequence[int]) -> tuple[int, ...]:
-    """The face numbers that `faces` ("all" or indices) selects. Raises `ValueError` on an unknown one."""
+def faces_by_index(video: VectorVideo, faces: str | Sequence[int], *, what: str = "clip") -> tuple[int, ...]:
+    """The face numbers that `faces` ("all" or indices) selects. Raises `ValueError` on an unknown one.
+
+    what: the video is called in the message.
+    """
     known = tuple(face.index for face in video.faces)
     if faces == "all":
         return known
     chosen = tuple(int(face) for face in faces)
     unknown = [face for face in chosen if face not in known]
     if unknown:
-        raise ValueError(f"no face {unknown[0]}; this clip has faces 0 to {len(known) - 1}")
+        has = "face 0 only" if len(known) == 1 else f"faces 0 to {len(known) - 1}"
+        raise ValueError(f"no face {unknown[0]}; this {what} has {has}")
     return chosen

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from pvg.looks.exchange import contrast_of_both, exchange
 from pvg.looks.look import CONTRAST_RANGE, PROTECTABLE, Contrast, Look
 from pvg.looks.tone import SkinMap
-from pvg.looks.transfer import BETA, ITERATIONS, transfer
+from pvg.looks.transfer import BETA, ITERATIONS, reference_face_of, transfer
 from pvg.looks.transport import sliced_transport, sliced_wasserstein
 
 __all__ = [
@@ -15,6 +16,9 @@ __all__ = [
     "Contrast",
     "Look",
     "SkinMap",
+    "contrast_of_both",
+    "exchange",
+    "reference_face_of",
     "sliced_transport",
     "sliced_wasserstein",
     "transfer",

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -20,17 +21,31 @@ class Look:
     """New boundary colours for a clip.
 
     colors: for each face index of the look, (K, S, 3) float32 g' of its K key frames, 0-255 RGB, strength applied;
-    contrast: λ of u' = λI + H(g' − λg), strength applied: a number, or for each face index (K, S, 2) float32, λ of luma
-    and of chroma at the curves;  protect: features that keep their own colour.
+    contrast: λ of u' = λI + H(g' − λg), strength applied: a number, or for each face index a number or (K, S, 2)
+    float32, λ of luma and of chroma at the curves;  protect: features that keep their own colour.
     """
 
     colors: dict[int, Floats]
-    contrast: float | dict[int, Floats] = 1.0
+    contrast: float | Mapping[int, float | Floats] = 1.0
     protect: tuple[str, ...] = PROTECTABLE
 
     def at_curves(self, face: int, key: int) -> Floats:
         """What is carried along the curves of a key frame: (S, 3) g', or (S, 5) g' and λ."""
-        colors = self.colors[face][key]
-        return (
-            colors if isinstance(self.contrast, float) else np.concatenate([colors, self.contrast[face][key]], axis=1)
-        )
+        colors, contrast = self.colors[face][key], self.contrast_of(face)
+        return colors if isinstance(contrast, float) else np.concatenate([colors, contrast[key]], axis=1)
+
+    def contrast_of(self, face: int) -> float | Floats:
+        """λ of one face of the look."""
+        return self.contrast if isinstance(self.contrast, float) else self.contrast[face]
+
+    def merged(self, other: Look) -> Look:
+        """This look and another one of other faces, drawn as one.
+
+        Raises `ValueError` when both change a face, or when they protect different features.
+        """
+        if both := sorted(set(self.colors) & set(other.colors)):
+            raise ValueError(f"both looks change face {both[0]}; looks of different faces can be merged")
+        if set(self.protect) != set(other.protect):
+            raise ValueError("looks that protect different features cannot be merged")
+        contrast = {face: look.contrast_of(face) for look in (self, other) for face in look.colors}
+        return replace(self, colors=self.colors | other.colors, contrast=contrast)

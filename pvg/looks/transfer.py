@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from pvg._arrays import Doubles, Floats
-from pvg.asset import KeyFrame, VectorVideo, faces_by_index
+from pvg.asset import FaceSummary, KeyFrame, VectorVideo, faces_by_index
 from pvg.looks.color_map import TransportSteps, all_colors_map
 from pvg.looks.look import CONTRAST_RANGE, PROTECTABLE, Contrast, Look
 from pvg.looks.parts import parts_map
@@ -22,10 +22,19 @@ BETA = 0.2  # β of eq. (7) [paper]
 ITERATIONS = 20  # N of eq. (7) [paper]
 
 
-def _reference_key(reference: VectorVideo) -> KeyFrame:
-    """The key frame of the reference's largest face."""
-    largest = max(reference.records, key=lambda record: record.summary.width_px)
-    return largest.key_frames[0]
+def reference_face_of(reference: VectorVideo, face: int | None = None) -> FaceSummary:
+    """The face whose colours a reference gives: `face`, or its largest one.
+
+    Raises `ValueError` when there is no such face.
+    """
+    if face is None:
+        return max(reference.faces, key=lambda one: one.width_px)
+    (index,) = faces_by_index(reference, (face,), what="reference")
+    return reference.faces[index]
+
+
+def _reference_key(reference: VectorVideo, face: int | None) -> KeyFrame:
+    return reference.records[reference_face_of(reference, face).index].key_frames[0]
 
 
 def _check(strength: float, contrast: Contrast, match: str, protect: Sequence[str]) -> None:
@@ -50,20 +59,22 @@ def transfer(
     match: str = "semantic",
     protect: Sequence[str] = PROTECTABLE,
     faces: Literal["all"] | Sequence[int] = "all",
+    reference_face: int | None = None,
     beta: float = BETA,
     iterations: int = ITERATIONS,
     seed: int = 0,
 ) -> Look:
-    """Give the faces of `video` the face colours of `reference`'s largest face (eq. 7, 8).
+    """Give the faces of `video` the colours of one face of `reference` (eq. 7, 8).
 
     strength: in [0, 1], 0 leaves the clip as it is;  contrast: λ in [0.7, 1.5], 1 as in the paper, or "auto" for
     a λ that follows the brightness the transfer asks for;  match: "semantic" moves skin to skin and lips to lips,
     "color" transports all boundary colours together as the paper does;  protect: features that keep their own colour;
-    beta, iterations: of eq. (7), the paper's 0.2 and 20;  seed: of the random rotations.
+    faces: "all", or the indices of those to change;  reference_face: index of the reference's face, its largest when
+    None;  beta, iterations: of eq. (7), the paper's 0.2 and 20;  seed: of the random rotations.
     Raises `ValueError` on a parameter out of range or an unknown face.
     """
     _check(strength, contrast, match, protect)
-    target = _reference_key(reference)
+    target = _reference_key(reference, reference_face)
     steps = TransportSteps(beta, iterations, seed)
     make_map = parts_map if match == "semantic" else all_colors_map
     chosen = faces_by_index(video, faces)

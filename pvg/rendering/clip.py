@@ -17,7 +17,7 @@ from pvg._threads import Sink, ahead, one_blas_thread
 from pvg.asset import VectorVideo
 from pvg.curves import table_labels
 from pvg.errors import AssetError
-from pvg.looks import Look, transfer
+from pvg.looks import Contrast, Look, contrast_of_both, exchange, transfer
 from pvg.rendering.placed_face import PlacedFace, place_face
 from pvg.rendering.renderer import Renderer
 from pvg.video import Frame, MediaInfo, Patch, VideoWriter, probe, read_frames, write_image
@@ -134,14 +134,41 @@ def render_frame(video: VectorVideo, look: Look | None, index: int) -> Bytes:
         return (frame if look is None else Renderer(video, [look]).draw(frame)[0]).rgb()
 
 
-def swap(a: VectorVideo, b: VectorVideo, paths: Sequence[str | Path], **options: Any) -> None:
-    """Exchange face colours: `paths[0]` is `a` with the colours of `b`, `paths[1]` is `b` with those of `a`.
+def swap(
+    a: VectorVideo,
+    b: VectorVideo | None = None,
+    paths: str | Path | Sequence[str | Path] = (),
+    *,
+    faces: Literal["all"] | Sequence[int] = "all",
+    contrast: Contrast | Sequence[Contrast] = "auto",
+    **options: Any,
+) -> None:
+    """Exchange face colours, between two clips or between two faces of one.
 
-    options: those of `transfer` and of `render`.
+    Two clips: `paths[0]` is `a` with the colours of `b`, `paths[1]` is `b` with those of `a`; faces: to be changed in
+    each. One clip, without `b`: two `faces` of `a` exchange their colours in one clip, written to the one path.
+    contrast: λ of both sides, or one for each: "auto" or a number, first that of `a` or of `faces[0]`.
+    options: the others of `transfer` and of `render`. Raises `ValueError` for a clip and itself, and as those do.
+
+        pvg.swap(video, paths="swapped.mp4", faces=(0, 1), contrast=(0.8, 1.2))
     """
-    ours, theirs = paths
+    targets = [paths] if isinstance(paths, (str, Path)) else list(paths)
+    if len(targets) != (1 if b is None else 2):
+        raise ValueError(f"a swap within one clip has one path, one of two clips has two, not {len(targets)}")
     drawing = {k: options.pop(k) for k in ("codec", "crf", "preset", "audio", "progress") if k in options}
-    looks = transfer(a, b, **options), transfer(b, a, **options)
+    if b is None:
+        if faces == "all":
+            raise ValueError("a swap within one clip is of two faces, such as faces=(0, 1)")
+        render(a, [exchange(a, faces, contrast=contrast, **options)], targets, **drawing)
+        return
+    if a.source_sha256 == b.source_sha256:
+        raise ValueError("a clip cannot be swapped with itself; give it alone, with two faces, such as faces=(0, 1)")
+    ours, theirs = targets
+    first, second = contrast_of_both(contrast)
+    looks = (
+        transfer(a, b, faces=faces, contrast=first, **options),
+        transfer(b, a, faces=faces, contrast=second, **options),
+    )
     render(a, [looks[0]], [ours], **drawing)
     render(b, [looks[1]], [theirs], **drawing)
 

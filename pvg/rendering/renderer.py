@@ -88,7 +88,7 @@ class Renderer:
         out: list[list[Patch]] = [[] for _ in self.looks]
         for face, placed, colors in self._placed_faces(frame):
             if colors is not None:
-                self._draw_face(frame, placed, self._with_face[face], colors, out)
+                self._draw_face(frame, placed, face, colors, out)
         return out
 
     def _placed_faces(self, frame: Frame) -> list[tuple[int, PlacedFace, Floats | None]]:
@@ -109,15 +109,14 @@ class Renderer:
         divided = divide_overlaps([placed for _, placed, _ in found])
         return [(face, placed, colors) for (face, _, colors), placed in zip(found, divided, strict=True)]
 
-    def _draw_face(
-        self, frame: Frame, placed: PlacedFace, which: list[int], colors: Floats, out: list[list[Patch]]
-    ) -> None:
-        """Draw one face with the looks numbered `which`;  colors: (S, …), g and what each look carries."""
+    def _draw_face(self, frame: Frame, placed: PlacedFace, face: int, colors: Floats, out: list[list[Patch]]) -> None:
+        """Draw one face with the looks that have it;  colors: (S, …), g and what each of them carries."""
+        which = self._with_face[face]
         to_planes = frame.format.opponent.matrix.astype(np.float32).T
         g = colors[:, :3] @ to_planes
         wanted, first = [], 3
         for i in which:
-            contrast = self.looks[i].contrast
+            contrast = self.looks[i].contrast_of(face)
             of_look = colors[:, first : first + (3 if isinstance(contrast, float) else 5)]  # see `Look.at_curves`
             new = of_look[:, :3] @ to_planes
             wanted.append(at_curves(g, new, contrast if isinstance(contrast, float) else of_look[:, 3:]))

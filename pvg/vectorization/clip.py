@@ -19,7 +19,7 @@ from pvg._threads import ahead, one_blas_thread
 from pvg.asset import AssetWriter, MediaSummary, VectorVideo, source_note
 from pvg.curves import CHAIN_RESET_FRAMES
 from pvg.errors import FaceTooSmallError, NoFaceError
-from pvg.landmarks import FaceTrack, link_persons, smooth, track_faces
+from pvg.landmarks import FaceTrack, FaceTracks, link_persons, smooth, track_faces
 from pvg.picture import Picture
 from pvg.skin import MaskMethod, Matte
 from pvg.vectorization.following import CHUNK, Following, KeyView, Stretch, key_view, rows_between
@@ -29,7 +29,7 @@ from pvg.video import MediaInfo, MediaLimits, picture_of, probe, read_frames, sh
 
 Progress = Callable[[str, int, int], None]
 
-VECTORIZER_VERSION = 4  # raised when the same clip would give another asset
+VECTORIZER_VERSION = 5  # raised when the same clip would give another asset
 MIN_FACE_PX = 64
 STAGES = ("vectorize", "second reading", "landmarks", "best frame")  # of the progress callback, in their order
 _VECTORIZE, _SECOND_READING, _LANDMARKS, _BEST_FRAME = STAGES
@@ -47,31 +47,33 @@ def vectorize(
     limits: MediaLimits | None = None,
     progress: Progress | None = None,
     min_face_px: int = MIN_FACE_PX,
+    advised_face_px: int = ADVISED_FACE_PX,
     seed: int = 0,
 ) -> VectorVideo:
     """Vectorise a clip or an image, once for all looks.
 
     asset: where the asset file is written; a temporary file that goes with the object when None.
-    reference: keep only what a reference needs, the best frame of the largest face.
+    reference: keep only what a reference needs: all faces of an image, the best frame of a clip's largest face.
     mask: "landmarks" (default) or "ycbcr", the paper's rule.  matching: "table" maps every frame straight to the key
     frame's colours; "chain" is the paper's frame-to-frame way with new key frames every 120 frames.
     progress: called as (stage, frames done, frames expected) with one of STAGES; what it raises ends the work and
     passes through. A clip has the stage "vectorize", and "second reading" if a track needs one; a reference
     "landmarks" and "best frame".
-    seed: of the pixels that the least-squares fit draws.
+    min_face_px: of faces that are followed;  advised_face_px: narrower ones get a warning;  seed: of the pixels that
+    the least-squares fit draws.
     Raises `MediaError` (not a video or image, damaged, over a limit), `NoFaceError`, and `FaceTooSmallError` when
     every face is narrower than `min_face_px`.
     """
     path = Path(source)
     report: Progress = progress or (lambda stage, done, total: None)
     media = probe(path, limits)
-    work = _Work(path, media, limits, report, mask, matching, seed, min_face_px)
+    work = _Work(path, media, limits, report, mask, matching, seed, min_face_px, advised_face_px)
     target = Path(asset) if asset is not None else _temporary_name()
     with one_blas_thread(), contextlib.ExitStack() as undo:
         if asset is None:
             undo.callback(target.unlink)
         writer = undo.enter_context(AssetWriter(target))
-        done = work.best_frame(writer) if reference else work.whole_clip(writer)
+        done = work.whole_clip(writer) if not reference else work.key_views(writer)
         faces = sorted(done.faces, key=lambda face: (face.first, face.left_to_right))
         records = [face.record(index) for index, face in enumerate(faces)]
         persons = link_persons([face.shape() for face in faces], [record.summary.skin_rgb for record in records])
@@ -118,6 +120,7 @@ class _Work:
     matching: str
     seed: int
     min_face_px: int
+    advised_face_px: int
 
     @property
     def rate(self) -> float:
@@ -144,7 +147,9 @@ class _Work:
     def face(self, number: int, rows: FaceTrack, key: KeyView) -> VectorFace:
         """A face that begins with these rows."""
         reset = CHAIN_RESET_FRAMES if self.matching == "chain" else None
-        return VectorFace(number, rows, key, method=self.mask, seed=self.seed, reset=reset)
+        return VectorFace(
+            *(number, rows, key), method=self.mask, seed=self.seed, reset=reset, advised_px=self.advised_face_px
+        )
 
     def whole_clip(self, writer: AssetWriter) -> _Done:
         """Follow every face of the clip and write all its frames."""
@@ -195,35 +200,47 @@ class _Work:
         (frame,) = read_frames(self.path, start=index, stop=index + 1, limits=self.limits)
         return picture_of(frame)
 
-    def best_frame(self, writer: AssetWriter) -> _Done:
-        """Find the best frame of the largest face and write it alone."""
-        if self.media.kind == "image":  # is read once
-            images = list(self.pictures())
-            result = track_faces(images, frame_rate=self.rate)
-        else:
-            images = []
-            result = track_faces(self.reported(_LANDMARKS, 0, _REFERENCE_FRAMES), frame_rate=self.rate)
+    def key_views(self, writer: AssetWriter) -> _Done:
+        """Write what a reference needs: one view of a face."""
+        return self._all_faces(writer) if self.media.kind == "image" else self._best_frame(writer)
+
+    def _all_faces(self, writer: AssetWriter) -> _Done:
+        """Write all faces of an image that are wide enough."""
+        ((index, picture),) = self.pictures()
+        result = track_faces([(index, picture)], frame_rate=self.rate)
+        self._check_width(result)
+        faces = []
+        for number, found in enumerate(t for t in result.tracks if t.width_px >= self.min_face_px):
+            track = smooth(found)
+            faces.append(self.face(number, track, key_view(track, 0, picture)))
+            faces[-1].add_key_frame_only(track, writer)
+        return _Done(tuple(faces), (0,), result.frame_count)
+
+    def _best_frame(self, writer: AssetWriter) -> _Done:
+        """Find the best frame of a clip's largest face and write it alone."""
+        result = track_faces(self.reported(_LANDMARKS, 0, _REFERENCE_FRAMES), frame_rate=self.rate)
         if not result.tracks and result.frame_count == _REFERENCE_FRAMES:  # no face so early: look further
             result = track_faces(self.reported(_LANDMARKS), frame_rate=self.rate)
-        widest = max(result.tracks, key=lambda track: track.width_px, default=None)
-        if widest is None or widest.width_px < self.min_face_px:
-            raise self._refusal(0.0 if widest is None else widest.width_px, result.frame_count)
-        track = smooth(widest)
+        self._check_width(result)
+        track = smooth(max(result.tracks, key=lambda track: track.width_px))
         views: dict[int, VectorFace] = {}
 
         def matte_of(row: int, picture: Picture) -> Matte:
             views[row] = self.face(0, track, key_view(track, row, picture))
             return views[row].key_matte
 
-        if images:
-            row = 0
-        else:
-            stop = min(track.last + 1, track.first + _REFERENCE_FRAMES)
-            row = best_row(track, self.reported(_BEST_FRAME, track.first, stop), matte_of)
+        stop = min(track.last + 1, track.first + _REFERENCE_FRAMES)
+        row = best_row(track, self.reported(_BEST_FRAME, track.first, stop), matte_of)
         if row not in views:
-            matte_of(row, images[0][1] if images else self._picture(track.first + row))
+            matte_of(row, self._picture(track.first + row))
         views[row].add_key_frame_only(track, writer)
         return _Done((views[row],), (0, *result.cuts), result.frame_count)
+
+    def _check_width(self, found: FaceTracks) -> None:
+        """Raise `NoFaceError` or `FaceTooSmallError` unless one face is wide enough."""
+        widest = max((track.width_px for track in found.tracks), default=0.0)
+        if widest < self.min_face_px:
+            raise self._refusal(widest, found.frame_count)
 
     def _refusal(self, widest: float, frame_count: int) -> NoFaceError | FaceTooSmallError:
         """Why a clip without a usable face is refused; widest: of those found, 0 without any."""
@@ -234,5 +251,5 @@ class _Work:
             )
         return FaceTooSmallError(
             f"the largest face in {self.path.name} is {widest:.0f} px wide; it must be at least {self.min_face_px} px, "
-            f"and {ADVISED_FACE_PX} px is advised"
+            f"and {self.advised_face_px} px is advised"
         )

@@ -32,15 +32,27 @@ class VectorFace:
     """
 
     def __init__(
-        self, number: int, begin: FaceTrack, key: KeyView, *, method: MaskMethod, seed: int, reset: int | None
+        self,
+        number: int,
+        begin: FaceTrack,
+        key: KeyView,
+        *,
+        method: MaskMethod,
+        seed: int,
+        reset: int | None,
+        advised_px: int = ADVISED_FACE_PX,
     ) -> None:
-        """begin: the track's first rows or all;  reset: a new key frame after so many frames, None for never."""
+        """begin: the track's first rows or all;  reset: a new key frame after so many frames, None for never.
+
+        advised_px: narrower faces get a warning.
+        """
         self.number = number
         self.first = begin.first
         self.left_to_right = float(begin.landmarks.points[0, :, 0].mean())
         self._last = begin.first
         self._reset = reset
         self._seed = seed
+        self._advised_px = advised_px
         self._extents: list[Floats] = []
         self._ratios: list[Floats] = []
         self._keys: dict[int, Future[KeyFrame]] = {}
@@ -82,8 +94,8 @@ class VectorFace:
         colors = keys[0].colors[skin] if skin.any() else keys[0].colors
         width = float(np.median(np.concatenate(self._extents)))
         warnings: tuple[str, ...] = ()
-        if width < ADVISED_FACE_PX:
-            warnings = (f"the face is {width:.0f} px wide; {ADVISED_FACE_PX} px or more is advised",)
+        if width < self._advised_px:
+            warnings = (f"the face is {width:.0f} px wide; {self._advised_px} px or more is advised",)
         summary = FaceSummary(
             index=index,
             first_frame=self.first,

@@ -14,6 +14,7 @@ import pytest
 
 import pvg
 from pvg import cli
+from pvg.looks import BETA, ITERATIONS
 from pvg.rendering import LAYERS
 from pvg.video import probe, read_image
 from pvg.video.writing import Codec
@@ -70,6 +71,28 @@ def test_swap_writes_both(clip: Path, samples: Samples, tmp_path: Path) -> None:
     assert {path.suffix for path in (tmp_path / "swapped").iterdir()} == {".mp4", ".png"}
 
 
+def test_swap_within_one_writes_a_file_and_warns_of_small_faces(group: pvg.VectorVideo, tmp_path: Path) -> None:
+    out = tmp_path / "swapped.png"
+    result = run("swap", group.path, "--faces", "1,4", "-o", out, "--contrast", "0.8,1.2")
+    assert (result.returncode, result.stdout) == (0, f"{out}\n"), result.stderr
+    expected = pvg.render_frame(group, pvg.exchange(group, (1, 4), contrast=(0.8, 1.2)), 0)
+    np.testing.assert_array_equal(read_image(out).rgb(), expected)
+    assert result.stderr.splitlines() == [
+        f"pvg: warning: group.pvg, face {face}: {group.faces[face].warnings[0]}" for face in (1, 4)
+    ]
+
+
+def test_a_face_of_a_group_is_the_reference(asset: Path, group: pvg.VectorVideo, tmp_path: Path) -> None:
+    out = tmp_path / "out.png"
+    arguments = ["transfer", group.path, "--face", "0", "--reference", group.path, "-o", out]
+    result = run(*arguments, "--reference-face", "2", "--iterations", "5", "--beta", "0.5", "--seed", "3")
+    assert result.returncode == 0, result.stderr
+    look = pvg.transfer(group, group, faces=[0], reference_face=2, iterations=5, beta=0.5, seed=3)
+    np.testing.assert_array_equal(read_image(out).rgb(), pvg.render_frame(group, look, 0))
+    # of those that take part, each once for the clip and once for the reference
+    assert [line.split(": ")[2] for line in result.stderr.splitlines()] == ["group.pvg, face 0", "group.pvg, face 2"]
+
+
 def test_inspect_prints_a_summary(asset: Path) -> None:
     result = run("inspect", asset)
     summary = json.loads(result.stdout)
@@ -94,14 +117,23 @@ def test_inspect_writes_a_picture(asset: Path, tmp_path: Path) -> None:
     assert read_image(tmp_path / "curves.png").rgb().shape == (360, 640, 3)
 
 
-def test_bad_arguments_exit_with_2(asset: Path, samples: Samples, tmp_path: Path) -> None:
+def test_bad_arguments_exit_with_2(asset: Path, clip: Path, samples: Samples, tmp_path: Path) -> None:
     look = ["--reference", samples.dark_portrait]
     for arguments in (
         ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--contrast", "3"],
         ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--contrast", "strong"],
         ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--strength", "2"],
         ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--face", "7"],
+        ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--reference-face", "1"],
+        ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--beta", "0"],
+        ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--iterations", "-1"],
         ["transfer", asset, *look, *look, "-o", tmp_path / "o.mp4"],
+        ["swap", asset, asset, "-o", tmp_path / "o"],
+        ["swap", asset, clip, "-o", tmp_path / "o"],
+        ["swap", asset, "-o", tmp_path / "o.mp4"],
+        ["swap", asset, "--faces", "0,1", "-o", tmp_path / "o.mp4"],
+        ["swap", asset, "--faces", "0,0", "-o", tmp_path / "o.mp4"],
+        ["swap", asset, samples.portrait, "--faces", "0,1", "-o", tmp_path / "o"],
         ["inspect", asset, "--layer", "hair", "-o", tmp_path / "o.png"],
         ["inspect", asset, "--layer", "mask", "-o", tmp_path / "o.png", "--frame", "99"],
         ["paint", asset],
@@ -168,6 +200,7 @@ def test_the_choices_are_the_librarys() -> None:
     assert get_args(parameters["mask"]) == cli.MASKS
     assert get_args(parameters["matching"]) == cli.MATCHINGS
     assert get_args(Codec) == cli.CODECS
+    assert (BETA, ITERATIONS) == (cli.BETA, cli.ITERATIONS)
     assert cli.LAYERS == LAYERS
 
 

@@ -52,6 +52,19 @@ def test_a_flat_face_is_not_blotched_by_a_shaded_reference(
     assert (after <= 1.3 * ratio.max() * before + 1.0).all()
 
 
+def test_the_references_face_is_its_largest_or_the_one_asked_for(
+    video: pvg.VectorVideo, group: pvg.VectorVideo
+) -> None:
+    largest = max(group.faces, key=lambda face: face.width_px).index
+    looks = [pvg.transfer(video, group, reference_face=face.index).colors[0] for face in group.faces]
+    np.testing.assert_array_equal(pvg.transfer(video, group).colors[0], looks[largest])
+    skin = (table_labels().group == GROUPS.index("skin")) & (table_labels().curve != BOUNDARY)
+    for face, colors in zip(group.faces, looks, strict=True):
+        wanted = np.median(group.records[face.index].key_frames[0].skin, axis=0)
+        assert np.linalg.norm(np.median(colors[0][skin], axis=0) - wanted) < 25
+    assert not any((a == b).all() for i, a in enumerate(looks) for b in looks[:i])
+
+
 def test_new_colours_stay_colours(video: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> None:
     colors = pvg.transfer(video, dark_reference).colors[0]
     assert colors.min() >= 0
@@ -72,7 +85,9 @@ def test_a_face_left_out_of_the_look_is_not_in_it(video: pvg.VectorVideo, dark_r
         ({"contrast": "much"}, "contrast"),
         ({"match": "hue"}, "match"),
         ({"protect": ["hair"]}, "protect"),
-        ({"faces": [4]}, "no face 4"),
+        ({"faces": [4]}, "no face 4; this clip has face 0 only"),
+        ({"reference_face": 1}, "no face 1; this reference has face 0 only"),
+        ({"reference_face": -1}, "no face -1"),
         ({"beta": 1.5}, "beta"),
         ({"iterations": -1}, "iterations"),
     ],

@@ -67,6 +67,60 @@ def test_an_image_is_rendered_as_an_image(samples: Samples, dark_reference: pvg.
         np.testing.assert_array_equal(own, pvg.render_frame(image, None, 0))
 
 
+def test_a_swap_has_a_contrast_for_each_side(video: pvg.VectorVideo, samples: Samples, tmp_path: Path) -> None:
+    with pvg.vectorize(samples.dark_portrait) as image:
+        pvg.swap(video, image, [tmp_path / "a.mp4", tmp_path / "b.png"], contrast=(0.8, 1.2), preset="ultrafast")
+        (drawn,) = read_frames(tmp_path / "b.png")
+        expected = pvg.render_frame(image, pvg.transfer(image, video, contrast=1.2), 0)
+        np.testing.assert_array_equal(drawn.rgb(), expected)
+
+
+def test_a_swap_within_one_clip_exchanges_two_faces_and_leaves_the_others(
+    group: pvg.VectorVideo, tmp_path: Path
+) -> None:
+    pvg.swap(group, paths=tmp_path / "swapped.png", faces=(1, 4), contrast=(0.8, "auto"))
+    (swapped,) = read_frames(tmp_path / "swapped.png")
+    look = pvg.exchange(group, (1, 4), contrast=(0.8, "auto"))
+    np.testing.assert_array_equal(swapped.rgb(), pvg.render_frame(group, look, 0))
+    changed = (swapped.rgb() != pvg.render_frame(group, None, 0)).any(axis=2)
+    for face in group.faces:
+        found = group.face_at(face.index, 0)
+        assert found is not None
+        x, y = found.landmarks.points.mean(axis=0).astype(int)
+        share = changed[y - 20 : y + 20, x - 20 : x + 20].mean()
+        assert share > 0.9 if face.index in (1, 4) else share == 0
+
+
+def test_one_look_of_two_faces_draws_what_two_looks_do(group: pvg.VectorVideo) -> None:
+    """Also where one λ is a number and the other a field."""
+    one = pvg.transfer(group, group, faces=[1], reference_face=4, contrast=0.8)
+    two = pvg.transfer(group, group, faces=[4], reference_face=1)
+    plain, first, second, both = (
+        pvg.render_frame(group, look, 0).astype(int) for look in (None, one, two, one.merged(two))
+    )
+    np.testing.assert_array_equal(both, first + second - plain)
+    assert np.abs(both - plain).max() > 20
+
+
+def test_a_clip_is_not_swapped_with_itself(video: pvg.VectorVideo, group: pvg.VectorVideo, tmp_path: Path) -> None:
+    out = tmp_path / "out.png"
+    with pytest.raises(ValueError, match="swapped with itself"):
+        pvg.swap(video, video, [out, out])
+    with pytest.raises(ValueError, match="of two faces"):
+        pvg.swap(group, paths=out)
+    with pytest.raises(ValueError, match="two different faces"):
+        pvg.swap(group, paths=out, faces=(1, 1))
+    with pytest.raises(ValueError, match="no face 7"):
+        pvg.swap(group, paths=out, faces=(0, 7))
+    with pytest.raises(ValueError, match="one path"):
+        pvg.swap(group, paths=[out, out], faces=(0, 1))
+    with pytest.raises(ValueError, match="one for each"):
+        pvg.swap(group, paths=out, faces=(0, 1), contrast=(1.0, 1.0, 1.0))
+    with pytest.raises(ValueError, match="contrast must be"):
+        pvg.swap(group, paths=out, faces=(0, 1), contrast=(1.0, 2.0))
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_swap_gives_each_the_others_colours(video: pvg.VectorVideo, samples: Samples, tmp_path: Path) -> None:
     with pvg.vectorize(samples.dark_portrait) as image:
         pvg.swap(video, image, [tmp_path / "a.mp4", tmp_path / "b.png"], crf=10)

@@ -105,6 +105,23 @@ def test_a_reference_keeps_only_its_key_frame(samples: Samples, tmp_path: Path) 
         assert reference.path.stat().st_size < 60_000
 
 
+def test_a_reference_picture_keeps_all_its_faces(samples: Samples, group: pvg.VectorVideo) -> None:
+    with pvg.vectorize(samples.several_faces, reference=True) as reference:
+        assert reference.faces == group.faces
+        assert len(reference.faces) == 5
+        for one, other in zip(reference.records, group.records, strict=True):
+            np.testing.assert_array_equal(one.key_frames[0].colors, other.key_frames[0].colors)
+            np.testing.assert_array_equal(one.key_frames[0].skin, other.key_frames[0].skin)
+
+
+def test_a_reference_picture_keeps_the_faces_that_are_wide_enough(samples: Samples, group: pvg.VectorVideo) -> None:
+    widths = sorted(face.width_px for face in group.faces)
+    with pvg.vectorize(samples.several_faces, reference=True, min_face_px=95, advised_face_px=98) as reference:
+        assert sorted(face.width_px for face in reference.faces) == [width for width in widths if width >= 95]
+        assert [bool(face.warnings) for face in reference.faces] == [face.width_px < 98 for face in reference.faces]
+        assert [face.index for face in reference.faces] == list(range(len(reference.faces)))
+
+
 def test_no_face_is_an_error_that_says_where(samples: Samples) -> None:
     with pytest.raises(pvg.NoFaceError, match=r"no face found in any of \d+ frames of no_face.mp4"):
         pvg.vectorize(samples.no_face_clip)

@@ -1,0 +1,37 @@
+"""Two faces of one clip exchange their colours, as the paper's Fig. 9 has it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from pvg.asset import VectorVideo, faces_by_index
+from pvg.looks.look import Contrast, Look
+from pvg.looks.transfer import transfer
+
+
+def exchange(
+    video: VectorVideo, faces: Sequence[int], *, contrast: Contrast | Sequence[Contrast] = "auto", **options: Any
+) -> Look:
+    """One look of `video` in which two of its faces exchange their colours; all others stay as they are.
+
+    faces: the indices of the two;  contrast: λ of both, or one for each in the order of `faces`: "auto" or a number;
+    options: the others of `transfer`, for both. Raises `ValueError` unless there are two different faces, and on a
+    parameter out of range.
+    """
+    if len(faces) != 2 or faces[0] == faces[1]:
+        raise ValueError(f"two different faces exchange their colours, not {list(faces)}")
+    first, second = faces_by_index(video, faces)
+    ours, theirs = contrast_of_both(contrast)
+    return transfer(video, video, faces=[first], reference_face=second, contrast=ours, **options).merged(
+        transfer(video, video, faces=[second], reference_face=first, contrast=theirs, **options)
+    )
+
+
+def contrast_of_both(contrast: Contrast | Sequence[Contrast]) -> tuple[Contrast, Contrast]:
+    """λ of the first and of the second of two. Raises `ValueError` when it is neither one nor two."""
+    if isinstance(contrast, (str, float, int)):
+        return contrast, contrast  # a word other than "auto" is refused by `transfer`
+    if len(contrast) != 2:
+        raise ValueError(f"contrast is one for both or one for each of the two, not {len(contrast)}")
+    return contrast[0], contrast[1]
