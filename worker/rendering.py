@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import pvg
 from pvg.asset import VectorVideo
+from pvg.looks import reference_face_of
 from service.catalog import (
     Look,
     LookParams,
     Media,
     Output,
     OutputOptions,
+    Report,
     content_type_of,
     jobs,
     look_params,
@@ -32,6 +35,15 @@ _TRANSFER, _RENDER = 0.05, 0.97
 IMAGE_CONTAINERS = frozenset({"png", "jpg", "webp"})
 
 
+@dataclass(frozen=True)
+class _Drawn:
+    """One look as a file, not yet stored."""
+
+    look: Look
+    path: Path
+    report: Report
+
+
 def render(run: Run) -> bool:
     """Do the job. False when its lease was lost at the end, and nothing was published."""
     with run.database.read() as session:
@@ -44,7 +56,7 @@ def render(run: Run) -> bool:
     by_video: dict[str, list[Look]] = {}
     for look in looks:
         by_video.setdefault(look.video_id, []).append(look)
-    drawn: list[tuple[Look, Path]] = []
+    drawn: list[_Drawn] = []
     for number, (video_id, group) in enumerate(by_video.items()):
         run.progress.expect(spans_of_video(number, len(by_video)))
         try:
@@ -64,19 +76,21 @@ def spans_of_video(number: int, count: int) -> dict[str, tuple[float, float]]:
     }
 
 
-def _render_video(run: Run, video: Media, group: list[Look], present: dict[str, Media]) -> list[tuple[Look, Path]]:
+def _render_video(run: Run, video: Media, group: list[Look], present: dict[str, Media]) -> list[_Drawn]:
     """All looks of one video, up to three in one pass over it."""
     output = render_request(run.job).output
     with ExitStack() as stack:
         source = stack.enter_context(run.storage.local_path(video.source_key))
         canvas = _open(run, stack, video, source)
         suffix = _suffix(canvas, output)
-        new_colors = []
+        new_colors, reports = [], []
         with run.timed("transfer_s"):
             for done, look in enumerate(group):
                 run.progress("transfer", done, len(group))
                 reference = _open(run, stack, present[look.reference_id])
-                new_colors.append(_transfer(canvas, reference, look_params(look)))
+                params = look_params(look)
+                new_colors.append(_transfer(canvas, reference, params))
+                reports.append(_report(canvas, reference, params))
         paths = [run.draft(suffix) for _ in group]
         with run.timed("render_s"):
             try:
@@ -92,7 +106,7 @@ def _render_video(run: Run, video: Media, group: list[Look], present: dict[str, 
                 )
             except ValueError as error:
                 raise OptionError(str(error)) from error
-    return list(zip(group, paths, strict=True))
+    return [_Drawn(*one) for one in zip(group, paths, reports, strict=True)]
 
 
 def _open(run: Run, stack: ExitStack, medium: Media, source: Path | None = None) -> VectorVideo:
@@ -102,18 +116,28 @@ def _open(run: Run, stack: ExitStack, medium: Media, source: Path | None = None)
 
 
 def _transfer(video: VectorVideo, reference: VectorVideo, params: LookParams) -> pvg.Look:
+    options = {field.name: getattr(params, field.name) for field in fields(LookParams)}
     try:
-        return pvg.transfer(
-            video,
-            reference,
-            strength=params.strength,
-            contrast=params.contrast,
-            match=params.match,
-            protect=params.protect,
-            faces=params.faces,
-        )
+        if options.pop("exchange"):
+            del options["reference_face"]
+            return pvg.exchange(video, **options)
+        return pvg.transfer(video, reference, **options)
     except ValueError as error:
         raise OptionError(str(error)) from error
+
+
+def _report(video: VectorVideo, reference: VectorVideo, params: LookParams) -> Report:
+    """How the video was vectorised, and the warnings of the faces that take part."""
+    warnings = [
+        f"video, face {face.index}: {warning}"
+        for face in video.faces
+        if params.faces == "all" or face.index in params.faces
+        for warning in face.warnings
+    ]
+    if not params.exchange:
+        face = reference_face_of(reference, params.reference_face)
+        warnings += [f"reference, face {face.index}: {warning}" for warning in face.warnings]
+    return Report(video.settings["mask"], video.settings["matching"], tuple(warnings))
 
 
 def _suffix(video: VectorVideo, output: OutputOptions) -> str:
@@ -126,14 +150,14 @@ def _suffix(video: VectorVideo, output: OutputOptions) -> str:
     return f".{container}"
 
 
-def _publish(run: Run, drawn: list[tuple[Look, Path]], present: dict[str, Media]) -> bool:
+def _publish(run: Run, drawn: list[_Drawn], present: dict[str, Media]) -> bool:
     outputs: list[Output] = []
     published = False
     try:
         with run.timed("store_s"):
-            for look, path in drawn:
+            for one in drawn:
                 run.keeper.check()
-                outputs.append(_store(run, look, path, present))
+                outputs.append(_store(run, one, present))
         run.keeper.flush()
         with run.database.write() as session:
             published = results.publish(
@@ -151,7 +175,8 @@ def _publish(run: Run, drawn: list[tuple[Look, Path]], present: dict[str, Media]
     return published
 
 
-def _store(run: Run, look: Look, path: Path, present: dict[str, Media]) -> Output:
+def _store(run: Run, drawn: _Drawn, present: dict[str, Media]) -> Output:
+    look, path = drawn.look, drawn.path
     result_id = new_id("res")
     sha256, size = file_sha256(path), path.stat().st_size
     key = run.storage.key("result", sha256, result_id, path.suffix)
@@ -164,6 +189,7 @@ def _store(run: Run, look: Look, path: Path, present: dict[str, Media]) -> Outpu
         size_bytes=size,
         content_type=content_type_of(path.suffix),
         filename=f"{_stem(present[look.video_id])}-{_stem(present[look.reference_id])}{path.suffix}",
+        report=drawn.report,
     )
 
 

@@ -36,7 +36,7 @@ def vectorize(run: Run) -> bool:
         size = draft.stat().st_size
         run.keeper.check()
         run.storage.put(draft, key)
-    faces, warnings = _faces(summary["faces"], run.settings.warn_face_px)
+    faces, warnings = _faces(summary["faces"])
     run.keeper.flush()
     asset = Asset(key, size, summary["media"], faces, warnings)
     with run.database.write() as session:
@@ -48,16 +48,20 @@ def vectorize(run: Run) -> bool:
 
 
 def _vectorize(run: Run, medium: Media, source: Path, draft: Path) -> dict[str, Any]:
-    is_reference = vectorize_request(run.job).role is Role.REFERENCE
+    request = vectorize_request(run.job)
+    is_reference = request.role is Role.REFERENCE
     run.progress.expect(REFERENCE_SPANS if is_reference else CLIP_SPANS)
     try:
         with pvg.vectorize(
             source,
             asset=draft,
             reference=is_reference,
+            mask=request.settings.mask,
+            matching=request.settings.matching,
             limits=media_limits(run.settings),
             progress=run.progress,
             min_face_px=run.settings.min_face_px,
+            advised_face_px=run.settings.warn_face_px,
         ) as video:
             return video.summary()
     except PvgError as error:
@@ -77,14 +81,10 @@ def media_limits(settings: Settings) -> MediaLimits:
     )
 
 
-_SHOWN = ("index", "first_frame", "last_frame", "width_px", "skin_rgb")
+_SHOWN = ("index", "first_frame", "last_frame", "width_px", "skin_rgb", "warnings")
 
 
-def _faces(found: list[dict[str, Any]], advised_px: int) -> tuple[list[dict[str, Any]], list[str]]:
-    """What is shown of each face, and a warning for each that is small."""
-    warnings = [
-        f"face {face['index']} is {face['width_px']:.0f} px wide; {advised_px} px or more gives better results"
-        for face in found
-        if face["width_px"] < advised_px
-    ]
+def _faces(found: list[dict[str, Any]]) -> tuple[list[dict[str, Any]], list[str]]:
+    """What is shown of each face, and the warnings of all."""
+    warnings = [f"face {face['index']}: {warning}" for face in found for warning in face["warnings"]]
     return [{name: face[name] for name in _SHOWN} for face in found], warnings

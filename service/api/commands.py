@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
-from service.api.schemas import CLIP_CONTAINERS, IMAGE_CONTAINERS, LookOptions, OutputRequest
+from service.api.schemas import CLIP_CONTAINERS, IMAGE_CONTAINERS, Contrast, LookOptions, OutputRequest
 from service.api.services import Services
 from service.api.uploads import ReceivedFile
 from service.catalog import (
+    DEFAULT_VECTOR_SETTINGS,
     Job,
     JobKind,
     LookParams,
@@ -23,6 +24,7 @@ from service.catalog import (
     RenderRequest,
     Role,
     Upload,
+    VectorSettings,
     jobs,
     media,
 )
@@ -32,28 +34,31 @@ from service.ids import new_id
 _TRIES = 3
 
 
-def register(services: Services, role: Role, file: ReceivedFile) -> tuple[Media, bool]:
+def register(
+    services: Services, role: Role, file: ReceivedFile, vector: VectorSettings = DEFAULT_VECTOR_SETTINGS
+) -> tuple[Media, bool]:
     """Record a received file. Returns its medium, and True when there is a vectorisation to wait for because of it.
 
-    The same bytes in the same role are the same medium; one that failed is vectorised again.
+    The same bytes in the same role, vectorised with the same settings, are the same medium; one that failed is
+    vectorised again.
     """
     for _ in range(_TRIES):
-        known = _known(services, role, file.sha256)
+        known = _known(services, role, file.sha256, vector)
         if known is not None:
             return known
-        created = _create(services, role, file)
+        created = _create(services, role, file, vector)
         if created is not None:
             return created, True
     raise ConflictError("this file is being uploaded and deleted at the same time; try again")
 
 
-def _known(services: Services, role: Role, sha256: str) -> tuple[Media, bool] | None:
+def _known(services: Services, role: Role, sha256: str, vector: VectorSettings) -> tuple[Media, bool] | None:
     settings, now = services.settings, services.database.now()
     with services.database.read() as session:
-        if media.find_content(session, role, sha256) is None:
+        if media.find_content(session, role, sha256, vector) is None:
             return None
     with services.database.write() as session:
-        found = media.find_content(session, role, sha256, lock=True)
+        found = media.find_content(session, role, sha256, vector, lock=True)
         if found is None:
             return None
         again = media.vectorize_again(session, found, now=now)
@@ -65,7 +70,7 @@ def _known(services: Services, role: Role, sha256: str) -> tuple[Media, bool] | 
     return found, again
 
 
-def _create(services: Services, role: Role, file: ReceivedFile) -> Media | None:
+def _create(services: Services, role: Role, file: ReceivedFile, vector: VectorSettings) -> Media | None:
     """Store the bytes and record them; None when another request recorded the same bytes first."""
     media_id = new_id("vid" if role is Role.VIDEO else "ref")
     key = services.storage.key("source", file.sha256, media_id, file.kind.suffix)
@@ -77,6 +82,7 @@ def _create(services: Services, role: Role, file: ReceivedFile) -> Media | None:
         content_type=file.kind.content_type,
         filename=file.filename,
         source_key=key,
+        settings=vector,
     )
     draft = file.path.with_suffix(".publish")
     # the draft keeps its name as well, in case another request wins and the bytes are needed again
@@ -98,16 +104,21 @@ def _create(services: Services, role: Role, file: ReceivedFile) -> Media | None:
 
 @dataclass(frozen=True)
 class Wanted:
-    """One look that a request asks for. ``faces_pointer`` is where in the request its faces stand."""
+    """One look that a request asks for.
+
+    ``place`` is where in the request its options stand, as a JSON pointer. With ``exchange`` two faces of the video
+    exchange their colours, with a contrast for each.
+    """
 
     video_id: str
     reference_id: str
     options: LookOptions
-    faces_pointer: str
+    place: str
+    exchange: tuple[Contrast, Contrast] | None = None
 
 
 def check_looks(services: Services, looks: Sequence[Wanted], output: OutputRequest, pointers: dict[str, str]) -> None:
-    """Raise what `request_looks` would raise, and record nothing."""
+    """Raise what `request_looks` would raise for a transfer, and record nothing."""
     with services.database.read() as session:
         _check(session, looks, output, pointers)
 
@@ -127,12 +138,14 @@ def request_looks(
     database = services.database
     with database.write() as session:
         _check(session, looks, output, pointers)
+        if kind is JobKind.SWAP:
+            _check_apart(session, looks[0])
         job = jobs.create(
             session,
             kind,
             request=RenderRequest(_output_options(output)),
             now=database.now(),
-            outputs=[NewLook(look.video_id, look.reference_id, _params(look.options)) for look in looks],
+            outputs=[NewLook(look.video_id, look.reference_id, _params(look)) for look in looks],
         )
         media.keep(session, list(pointers), now=database.now(), ttl_s=services.settings.media_ttl_s)
     # a second transaction: it sees a medium that became ready while the first one ran
@@ -142,13 +155,19 @@ def request_looks(
     return job
 
 
-def _params(options: LookOptions) -> LookParams:
+def _params(look: Wanted) -> LookParams:
+    options = look.options
     return LookParams(
         strength=options.strength,
-        contrast=options.contrast,
+        contrast=look.exchange or options.contrast,
         match=options.match,
         protect=tuple(options.protect),
         faces=options.faces if options.faces == "all" else tuple(options.faces),
+        reference_face=options.reference_face,
+        beta=options.beta,
+        iterations=options.iterations,
+        seed=options.seed,
+        exchange=look.exchange is not None,
     )
 
 
@@ -166,6 +185,7 @@ def _check(session: Session, looks: Sequence[Wanted], output: OutputRequest, poi
     known = {media_id: _usable(session, media_id, pointers) for media_id in pointers}
     for look in looks:
         _check_video(known[look.video_id], look, output, pointers[look.video_id])
+        _check_reference(known.get(look.reference_id), look)
 
 
 def _usable(session: Session, media_id: str, pointers: dict[str, str]) -> Media:
@@ -192,7 +212,23 @@ def _check_video(video: Media, look: Wanted, output: OutputRequest, where: str) 
     faces = look.options.faces
     if video.state == MediaState.READY and faces != "all" and max(faces) >= len(video.faces):
         detail = f"{video.id} has {len(video.faces)} face(s); their indices begin at 0"
-        raise ValidationFailedError(detail, errors=[{"pointer": look.faces_pointer, "detail": detail}])
+        raise ValidationFailedError(detail, errors=[{"pointer": f"{look.place}/faces", "detail": detail}])
+
+
+def _check_reference(reference: Media | None, look: Wanted) -> None:
+    face = look.options.reference_face
+    if reference is None or reference.state != MediaState.READY or face is None or face < len(reference.faces):
+        return
+    detail = f"{reference.id} has {len(reference.faces)} face(s); their indices begin at 0"
+    raise ValidationFailedError(detail, errors=[{"pointer": f"{look.place}/reference_face", "detail": detail}])
+
+
+def _check_apart(session: Session, look: Wanted) -> None:
+    """Two videos that exchange their colours are not the same bytes, whatever their settings."""
+    both = [media.get(session, media_id) for media_id in (look.video_id, look.reference_id)]
+    if look.exchange is None and len({one.sha256 for one in both if one is not None}) == 1:
+        detail = f"{look.reference_id} is the same clip; give `a` alone, with the two faces to exchange"
+        raise ValidationFailedError(detail, errors=[{"pointer": "/b", "detail": detail}])
 
 
 def remove(services: Services, role: Role, media_id: str, *, cancel_jobs: bool) -> None:

@@ -9,6 +9,7 @@ from pydantic import AfterValidator, BaseModel
 
 from service.api.schemas import Problem
 from service.api.services import Services
+from service.catalog import Mask, Matching
 from service.ids import MEDIA_ID
 
 
@@ -33,6 +34,10 @@ ResultId = Annotated[str, _Unknown, Path(examples=["res_0192f0c1a2b37c4d8e5f6071
 CancelJobs = Annotated[bool, Query(description="cancel the jobs that use it instead of answering 409")]
 Cursor = Annotated[str | None, Query(pattern=MEDIA_ID.pattern, description="`next_cursor` of the page before")]
 PageSize = Annotated[int, Query(ge=1, le=200)]
+MaskOf = Annotated[Mask | None, Query(description="how the skin is found: landmarks, or ycbcr, the paper's rule")]
+MatchingOf = Annotated[
+    Matching | None, Query(description="how colours are carried: table, or chain, the paper's way with its resets")
+]
 WaitSeconds = Annotated[float, Query(ge=0, le=60, description="hold the answer until the job is done")]
 
 

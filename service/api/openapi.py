@@ -7,15 +7,16 @@ from typing import Any
 from fastapi import FastAPI
 from pydantic import BaseModel
 
-from service.api.schemas import Problem, SwapRequest, TransferRequest
+from service.api.schemas import Problem, ReferenceOptions, SwapRequest, TransferRequest
 
 _FILE = {"type": "string", "format": "binary"}
 _REF = "#/components/schemas/{model}"
 
 
-def file_body(description: str) -> dict[str, Any]:
-    """One file: the raw body, or the field `file` of a form."""
-    form = {"type": "object", "properties": {"file": _FILE}, "required": ["file"]}
+def file_body(description: str, options: type[ReferenceOptions]) -> dict[str, Any]:
+    """One file: the raw body, or the field `file` of a form, which may hold the options too."""
+    fields = options.model_json_schema()["properties"]
+    form = {"type": "object", "properties": {"file": _FILE, **fields}, "required": ["file"]}
     return {
         "requestBody": {
             "required": True,
@@ -47,6 +48,10 @@ TRANSFER_FORM: dict[str, Any] = {
         "match": {"type": "string"},
         "protect": {"type": "string", "description": "comma-separated"},
         "faces": {"type": "string", "description": "all, or comma-separated indices"},
+        "reference_face": {"type": "integer"},
+        "beta": {"type": "number"},
+        "iterations": {"type": "integer"},
+        "seed": {"type": "integer"},
         "container": {"type": "string"},
         "codec": {"type": "string"},
         "crf": {"type": "integer"},

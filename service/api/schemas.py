@@ -7,30 +7,55 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from service.catalog import Audio, Codec, Container, Match, Part, Preset
+from service.catalog import Audio, Codec, Container, Mask, Match, Matching, Part, Preset
 from service.ids import MEDIA_ID
 
 MediaId = Annotated[str, Field(pattern=MEDIA_ID.pattern, examples=["vid_0192f0c1a2b37c4d8e5f60718293a4b5"])]
 Contrast = Literal["auto"] | Annotated[float, Field(ge=0.7, le=1.5)]
+ContrastOfEach = Annotated[list[Contrast], Field(min_length=2, max_length=2)]
 Faces = Literal["all"] | Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=1, max_length=64)]
 
 CLIP_CONTAINERS = ("mp4", "mov", "mkv", "webm")
 IMAGE_CONTAINERS = ("png", "jpg", "webp")
 MAX_CRF_H26X = 51
+#: the transport has settled long before, and a request must not ask for minutes of it
+MAX_ITERATIONS = 200
+MAX_SEED = 2**32 - 1
 
 
 class _Request(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class LookOptions(_Request):
-    """How a reference's colours are put on a face."""
+class ReferenceOptions(_Request):
+    """How a reference is vectorised."""
 
+    mask: Mask = Field(default="landmarks", description="how the skin is found; ycbcr: the paper's rule")
+
+
+class VideoOptions(ReferenceOptions):
+    """How a video is vectorised."""
+
+    matching: Matching = Field(default="table", description="how colours are carried; chain: the paper's way")
+
+
+class _ColorOptions(_Request):
     strength: float = Field(default=1.0, ge=0, le=1, description="0 leaves the clip as it is, 1 is the whole transfer")
-    contrast: Contrast = Field(default="auto", description="contrast of the skin: 0.7–1.5, or auto")
     match: Match = Field(default="semantic", description="all colours together, or skin to skin and lips to lips")
     protect: list[Part] = Field(default=["eyes", "teeth"], description="parts that keep their colour")
     faces: Faces = Field(default="all", description="indices of the faces to change, or all")
+    reference_face: int | None = Field(
+        default=None, ge=0, le=1000, description="index of the reference's face; its largest when not given"
+    )
+    beta: float = Field(default=0.2, gt=0, le=1, description="β of the paper's eq. (7)")
+    iterations: int = Field(default=20, ge=0, le=MAX_ITERATIONS, description="N of the paper's eq. (7)")
+    seed: int = Field(default=0, ge=0, le=MAX_SEED, description="of the transport's random rotations")
+
+
+class LookOptions(_ColorOptions):
+    """How a reference's colours are put on a face."""
+
+    contrast: Contrast = Field(default="auto", description="contrast of the skin: 0.7–1.5, or auto")
 
 
 class LookRequest(LookOptions):
@@ -68,12 +93,26 @@ class TransferRequest(_Request):
     output: OutputRequest = OutputRequest()
 
 
-class SwapRequest(LookOptions):
-    """The colours of ``a`` on ``b`` and of ``b`` on ``a``."""
+class SwapRequest(_ColorOptions):
+    """The colours of ``a`` on ``b`` and of ``b`` on ``a``; without ``b``, two ``faces`` of ``a`` exchange theirs."""
 
     a: MediaId
-    b: MediaId
+    b: MediaId | None = Field(default=None, description="another video; without it, two faces of `a` are exchanged")
+    contrast: Contrast | ContrastOfEach = Field(
+        default="auto", description="contrast of the skin: 0.7–1.5, or auto; for both sides, or for each"
+    )
     output: OutputRequest = OutputRequest()
+
+    @property
+    def contrasts(self) -> tuple[Contrast, Contrast]:
+        """The contrast of either side."""
+        if isinstance(self.contrast, list):
+            return self.contrast[0], self.contrast[1]
+        return self.contrast, self.contrast
+
+    def side(self, contrast: Contrast) -> LookOptions:
+        """The options of one side."""
+        return LookOptions(**{name: getattr(self, name) for name in _ColorOptions.model_fields}, contrast=contrast)
 
 
 class Error(BaseModel):
@@ -103,6 +142,13 @@ class StoredProblem(BaseModel):
     detail: str
 
 
+class VectorBody(BaseModel):
+    """How a medium is vectorised."""
+
+    mask: str
+    matching: str
+
+
 class MediaBody(BaseModel):
     """A video or a reference."""
 
@@ -113,8 +159,9 @@ class MediaBody(BaseModel):
     content_type: str
     size_bytes: int
     sha256: str
+    settings: VectorBody
     media: dict[str, Any] | None = Field(description="size, frame rate, duration, … once ready")
-    faces: list[dict[str, Any]]
+    faces: list[dict[str, Any]] = Field(description="index, frames, width, skin colour and warnings of each face")
     warnings: list[str]
     error: StoredProblem | None
     created_at: datetime
@@ -143,6 +190,9 @@ class LookBody(BaseModel):
     state: str
     video: str
     reference: str
+    options: dict[str, Any] = Field(description="how it was asked for, defaults included")
+    settings: VectorBody | None = Field(description="how its video was vectorised, once it is drawn")
+    warnings: list[str] = Field(description="what may spoil it, such as a small face, once it is drawn")
     result: str | None
     url: str | None
 

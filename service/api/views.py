@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from service.api.schemas import JobBody, LookBody, MediaBody, ProgressBody
+from service.api.schemas import JobBody, LookBody, MediaBody, ProgressBody, VectorBody
 from service.catalog import ENDED, Job, Look, Media
 
 
@@ -19,6 +19,7 @@ def media_body(media: Media) -> MediaBody:
             "content_type": media.content_type,
             "size_bytes": media.size_bytes,
             "sha256": media.sha256,
+            "settings": VectorBody(mask=media.mask, matching=media.matching),
             "media": media.info,
             "faces": media.faces,
             "warnings": media.warnings,
@@ -45,20 +46,25 @@ def job_body(job: Job, looks: Sequence[Look], *, root_path: str = "") -> JobBody
                 frames_total=job.frames_total,
             ),
             "media": job.media_id,
-            "looks": [
-                LookBody(
-                    state=job.state,
-                    video=look.video_id,
-                    reference=look.reference_id,
-                    result=look.result_id,
-                    url=f"{root_path}/results/{look.result_id}" if look.result_id else None,
-                )
-                for look in looks
-            ],
+            "looks": [_look_body(job, look, root_path) for look in looks],
             "error": job.error,
             "timings": job.timings,
             "created_at": job.created_at,
             "started_at": job.started_at,
             "finished_at": job.finished_at,
         }
+    )
+
+
+def _look_body(job: Job, look: Look, root_path: str) -> LookBody:
+    report = look.report
+    return LookBody(
+        state=job.state,
+        video=look.video_id,
+        reference=look.reference_id,
+        options=look.params,
+        settings=None if report is None else VectorBody(mask=report["mask"], matching=report["matching"]),
+        warnings=[] if report is None else report["warnings"],
+        result=look.result_id,
+        url=f"{root_path}/results/{look.result_id}" if look.result_id else None,
     )

@@ -12,25 +12,30 @@ from service.catalog.media import Asset, Upload
 from service.catalog.media_types import AVI, JPEG, MKV, MOV, MP4, PNG, WEBM, WEBP, FileType, content_type_of
 from service.catalog.models import ENDED, Job, JobKind, JobState, Look, Media, MediaState, Result, Role
 from service.catalog.requests import (
+    DEFAULT_VECTOR_SETTINGS,
     Audio,
     Codec,
     Container,
     LookParams,
+    Mask,
     Match,
+    Matching,
     OutputOptions,
     Part,
     Preset,
     RenderRequest,
     VectorizeRequest,
+    VectorSettings,
     look_params,
     render_request,
     vectorize_request,
 )
-from service.catalog.results import Output
+from service.catalog.results import Output, Report
 from service.catalog.transitions import Lease
 
 __all__ = [
     "AVI",
+    "DEFAULT_VECTOR_SETTINGS",
     "ENDED",
     "JPEG",
     "MKV",
@@ -52,7 +57,9 @@ __all__ = [
     "Lease",
     "Look",
     "LookParams",
+    "Mask",
     "Match",
+    "Matching",
     "Media",
     "MediaState",
     "Message",
@@ -63,9 +70,11 @@ __all__ = [
     "Preset",
     "Progress",
     "RenderRequest",
+    "Report",
     "Result",
     "Role",
     "Upload",
+    "VectorSettings",
     "VectorizeRequest",
     "content_type_of",
     "jobs",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 from sqlalchemy import or_, select, update
 from sqlalchemy.orm import Session
@@ -13,7 +13,7 @@ from sqlalchemy.orm import Session
 from service.catalog import jobs
 from service.catalog.database import changed
 from service.catalog.models import ACTIVE, Job, JobKind, Look, Media, MediaState, Result, Role
-from service.catalog.requests import VectorizeRequest
+from service.catalog.requests import DEFAULT_VECTOR_SETTINGS, Mask, Matching, VectorizeRequest, VectorSettings
 from service.catalog.transitions import Lease, MediaStep, take_media_step
 
 
@@ -28,6 +28,7 @@ class Upload:
     content_type: str
     filename: str | None
     source_key: str
+    settings: VectorSettings = DEFAULT_VECTOR_SETTINGS
 
 
 @dataclass(frozen=True)
@@ -46,10 +47,21 @@ def get(session: Session, media_id: str, *, lock: Literal["share", "update"] | N
     return session.get(Media, media_id, with_for_update={"read": lock == "share"} if lock else None)
 
 
-def find_content(session: Session, role: Role, sha256: str, *, lock: bool = False) -> Media | None:
-    """The medium of this role with these bytes, or None. ``lock`` keeps it as it is until the transaction ends."""
-    query = select(Media).where(Media.role == role, Media.sha256 == sha256)
+def find_content(
+    session: Session, role: Role, sha256: str, settings: VectorSettings, *, lock: bool = False
+) -> Media | None:
+    """The medium of this role with these bytes, vectorised with these settings, or None.
+
+    ``lock`` keeps it as it is until the transaction ends.
+    """
+    same = (Media.mask == settings.mask, Media.matching == settings.matching)
+    query = select(Media).where(Media.role == role, Media.sha256 == sha256, *same)
     return session.scalar(query.with_for_update() if lock else query)
+
+
+def settings_of(media: Media) -> VectorSettings:
+    """How a medium is vectorised."""
+    return VectorSettings(cast(Mask, media.mask), cast(Matching, media.matching))
 
 
 def page(session: Session, role: Role, *, before: str | None, limit: int) -> list[Media]:
@@ -65,11 +77,13 @@ def create(session: Session, upload: Upload, *, now: datetime, ttl_s: float) -> 
 
     Raises `sqlalchemy.exc.IntegrityError` at flush when another request recorded the same content first.
     """
-    request = VectorizeRequest(upload.role)
+    request = VectorizeRequest(upload.role, upload.settings)
     job = jobs.create(session, JobKind.VECTORIZE, request=request, now=now, media_id=upload.media_id)
     media = Media(
         id=upload.media_id,
         role=upload.role,
+        mask=upload.settings.mask,
+        matching=upload.settings.matching,
         state=MediaState.VECTORIZING,
         sha256=upload.sha256,
         size_bytes=upload.size_bytes,
@@ -95,7 +109,7 @@ def vectorize_again(session: Session, media: Media, *, now: datetime) -> bool:
     """
     if media.state != MediaState.FAILED:
         return False
-    request = VectorizeRequest(Role(media.role))
+    request = VectorizeRequest(Role(media.role), settings_of(media))
     job = jobs.create(session, JobKind.VECTORIZE, request=request, now=now, media_id=media.id)
     return take_media_step(
         session, MediaStep.VECTORIZE_AGAIN, media.job_id, now=now, values={"error": None, "job_id": job.id}

@@ -103,10 +103,13 @@ class Media(Base):
     """An uploaded video or reference, and its asset once vectorised."""
 
     __tablename__ = "media"
-    __table_args__ = (UniqueConstraint("role", "sha256"),)
+    __table_args__ = (UniqueConstraint("role", "sha256", "mask", "matching"),)
 
     id: Mapped[str] = mapped_column(String(40), primary_key=True)
     role: Mapped[str] = mapped_column(String(16))
+    #: how it is vectorised; the same bytes with other settings are another medium
+    mask: Mapped[str] = mapped_column(String(16))
+    matching: Mapped[str] = mapped_column(String(16))
     state: Mapped[str] = mapped_column(String(16))
     sha256: Mapped[str] = mapped_column(String(64))
     size_bytes: Mapped[int] = mapped_column(BigInteger)
@@ -166,6 +169,8 @@ class Look(Base):
     video_id: Mapped[str] = mapped_column(String(40), index=True)
     reference_id: Mapped[str] = mapped_column(String(40), index=True)
     params: Mapped[dict[str, Any]]
+    #: what was found while it was drawn, see `service.catalog.results.Report`
+    report: Mapped[dict[str, Any] | None]
     result_id: Mapped[str | None] = mapped_column(String(40))
 
 

@@ -7,7 +7,7 @@ version did not write reads as its default, and one that this version does not k
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, fields
-from typing import Any, Literal, TypeVar
+from typing import Any, Final, Literal, TypeVar
 
 from service.catalog.models import Job, Look, Role
 
@@ -17,6 +17,23 @@ Preset = Literal["ultrafast", "superfast", "veryfast", "faster", "fast", "medium
 Audio = Literal["copy", "none"]
 Match = Literal["color", "semantic"]
 Part = Literal["eyes", "teeth"]
+Mask = Literal["landmarks", "ycbcr"]
+Matching = Literal["table", "chain"]
+Contrast = float | Literal["auto"]
+
+
+@dataclass(frozen=True)
+class VectorSettings:
+    """How a medium is vectorised: how its skin is found, and how colours are carried from frame to frame.
+
+    "ycbcr" and "chain" are the paper's. The same bytes with other settings are another medium.
+    """
+
+    mask: Mask = "landmarks"
+    matching: Matching = "table"
+
+
+DEFAULT_VECTOR_SETTINGS: Final = VectorSettings()
 
 
 @dataclass(frozen=True)
@@ -24,6 +41,7 @@ class VectorizeRequest:
     """Vectorise a medium for this role."""
 
     role: Role
+    settings: VectorSettings = DEFAULT_VECTOR_SETTINGS
 
 
 @dataclass(frozen=True)
@@ -31,14 +49,21 @@ class LookParams:
     """How a reference's colours are put on a face.
 
     ``strength`` is in [0, 1], ``contrast`` in [0.7, 1.5] or "auto"; ``protect`` names the parts that keep their colour,
-    ``faces`` the indices of the faces to change.
+    ``faces`` the indices of the faces to change, ``reference_face`` that of the reference's, None its largest;
+    ``beta``, ``iterations`` and ``seed`` are those of the transport. With ``exchange`` the two ``faces`` exchange their
+    colours, and ``contrast`` has one value for each.
     """
 
     strength: float = 1.0
-    contrast: float | Literal["auto"] = "auto"
+    contrast: Contrast | tuple[Contrast, Contrast] = "auto"
     match: Match = "semantic"
     protect: tuple[Part, ...] = ("eyes", "teeth")
     faces: tuple[int, ...] | Literal["all"] = "all"
+    reference_face: int | None = None
+    beta: float = 0.2
+    iterations: int = 20
+    seed: int = 0
+    exchange: bool = False
 
 
 @dataclass(frozen=True)
@@ -64,7 +89,7 @@ class RenderRequest:
 
 Request = VectorizeRequest | RenderRequest
 
-_Stored = TypeVar("_Stored", LookParams, OutputOptions)
+_Stored = TypeVar("_Stored", LookParams, OutputOptions, VectorSettings)
 
 
 def to_json(value: Request | LookParams) -> dict[str, Any]:
@@ -74,7 +99,8 @@ def to_json(value: Request | LookParams) -> dict[str, Any]:
 
 def vectorize_request(job: Job) -> VectorizeRequest:
     """What a vectorize job is asked to do. Raises `KeyError` or `ValueError` for a record of another kind."""
-    return VectorizeRequest(Role(job.request["role"]))
+    settings = _from_json(VectorSettings, job.request.get("settings", {}))
+    return VectorizeRequest(Role(job.request["role"]), settings)
 
 
 def render_request(job: Job) -> RenderRequest:

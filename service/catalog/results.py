@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
 from typing import Any
 
@@ -17,6 +17,15 @@ from service.catalog.transitions import Lease
 
 
 @dataclass(frozen=True)
+class Report:
+    """What is to be known of a drawn look: how its video was vectorised, and what may spoil it."""
+
+    mask: str
+    matching: str
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class Output:
     """A rendered file whose bytes are in the storage under ``key``. ``position`` is that of its look."""
 
@@ -27,6 +36,7 @@ class Output:
     size_bytes: int
     content_type: str
     filename: str
+    report: Report | None = None
 
 
 def get(session: Session, result_id: str) -> Result | None:
@@ -50,6 +60,9 @@ def publish(
     for output in outputs:
         look = wanted[output.position]
         look.result_id = output.result_id
+        look.report = (
+            None if output.report is None else {**asdict(output.report), "warnings": list(output.report.warnings)}
+        )
         session.add(
             Result(
                 id=output.result_id,

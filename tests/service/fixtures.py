@@ -18,6 +18,7 @@ import uvicorn
 
 from service.api import Services, create_app
 from service.catalog import (
+    DEFAULT_VECTOR_SETTINGS,
     Asset,
     Database,
     JobKind,
@@ -27,8 +28,10 @@ from service.catalog import (
     NewLook,
     Output,
     RenderRequest,
+    Report,
     Role,
     Upload,
+    VectorSettings,
     jobs,
     media,
     results,
@@ -152,11 +155,17 @@ def serve(settings: Settings) -> Iterator[Api]:
 # a worker's steps, done by hand on the records
 
 
-def add_media(database: Database, role: Role = Role.VIDEO, *, content: bytes | None = None) -> Media:
+def add_media(
+    database: Database,
+    role: Role = Role.VIDEO,
+    *,
+    content: bytes | None = None,
+    settings: VectorSettings = DEFAULT_VECTOR_SETTINGS,
+) -> Media:
     """Record a medium as an upload does."""
     media_id = new_id("vid" if role is Role.VIDEO else "ref")
     sha256 = hashlib.sha256(content or media_id.encode()).hexdigest()
-    upload = Upload(media_id, role, sha256, 10, "video/mp4", "clip.mp4", f"source/{media_id}")
+    upload = Upload(media_id, role, sha256, 10, "video/mp4", "clip.mp4", f"source/{media_id}", settings)
     with database.write() as session:
         return media.create(session, upload, now=database.now(), ttl_s=1000)
 
@@ -194,7 +203,7 @@ def make_ready(services: Services, media_id: str, *, faces: int = 1) -> None:
         jobs.release(session, now=database.now())
 
 
-def make_results(services: Services, job_id: str, contents: list[bytes]) -> list[str]:
+def make_results(services: Services, job_id: str, contents: list[bytes], report: Report | None = None) -> list[str]:
     """End a job well with these files as its results."""
     lease = claim(services.database, job_id)
     outputs = []
@@ -204,7 +213,8 @@ def make_results(services: Services, job_id: str, contents: list[bytes]) -> list
         sha256, result_id = hashlib.sha256(content).hexdigest(), new_id("res")
         key = services.storage.key("result", sha256, result_id, ".mp4")
         services.storage.put(draft, key)
-        outputs.append(Output(result_id, position, key, sha256, len(content), "video/mp4", f"clip–{position}.mp4"))
+        name = f"clip–{position}.mp4"
+        outputs.append(Output(result_id, position, key, sha256, len(content), "video/mp4", name, report))
     now = services.database.now()
     with services.database.write() as session:
         assert results.publish(session, lease, outputs, now=now, timings={"render_s": 1.0}, ttl_s=1000)

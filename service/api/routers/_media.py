@@ -2,20 +2,45 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 from fastapi import Request, Response
+from pydantic import ValidationError
 from starlette.concurrency import run_in_threadpool
 
 from service.api import commands
 from service.api.multipart import read_form
-from service.api.schemas import MediaBody, MediaPage
+from service.api.problems import invalid, invalid_values
+from service.api.schemas import MediaBody, MediaPage, ReferenceOptions
 from service.api.services import Services
 from service.api.uploads import Intake
 from service.api.views import media_body
-from service.catalog import Role, media
+from service.catalog import Role, VectorSettings, media
 from service.errors import BadRequestError, NotFoundError, UnsupportedMediaError
 
 
-async def upload(services: Services, role: Role, request: Request, response: Response) -> MediaBody:
+@dataclass(frozen=True)
+class Given:
+    """The settings of a vectorisation as the query has them: None where it says nothing."""
+
+    options: type[ReferenceOptions]
+    query: dict[str, str | None]
+
+    def settings(self, fields: Sequence[tuple[str, str]] = ()) -> VectorSettings:
+        """The settings of query and form together. Raises `ValidationFailedError` for one that is unknown or twice."""
+        said = {name: value for name, value in self.query.items() if value is not None}
+        names = [*said, *(name for name, _ in fields)]
+        if twice := {name for name in names if names.count(name) > 1}:
+            raise invalid_values({f"/{name}": "the setting is given more than once" for name in sorted(twice)})
+        try:
+            checked = self.options.model_validate(said | dict(fields))
+        except ValidationError as error:
+            raise invalid(error) from error
+        return VectorSettings(**checked.model_dump())
+
+
+async def upload(services: Services, role: Role, request: Request, response: Response, given: Given) -> MediaBody:
     """Receive a file, raw or as the form field `file`. 202 when it will be vectorised, 200 when it is known."""
     declared = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     if declared == "application/json":
@@ -23,12 +48,14 @@ async def upload(services: Services, role: Role, request: Request, response: Res
     async with Intake(services.storage, request, limit_bytes=services.settings.max_upload_bytes) as intake:
         if declared == "multipart/form-data":
             form = await read_form(intake)
-            if [name for name, _ in form.files] != ["file"] or form.fields:
-                raise BadRequestError("the form must hold one file, in the field `file`, and nothing else")
-            received = form.files[0][1]
+            known = given.options.model_fields
+            if [name for name, _ in form.files] != ["file"] or any(name not in known for name, _ in form.fields):
+                allowed = " and ".join(f"`{name}`" for name in known)
+                raise BadRequestError(f"the form must hold one file, in the field `file`, and may hold {allowed}")
+            received, settings = form.files[0][1], given.settings(form.fields)
         else:
-            received = await intake.raw()
-        found, pending = await run_in_threadpool(commands.register, services, role, received)
+            received, settings = await intake.raw(), given.settings()
+        found, pending = await run_in_threadpool(commands.register, services, role, received, settings)
     response.status_code = 202 if pending else 200
     response.headers["Location"] = f"{services.settings.root_path}/{role.value}s/{found.id}"
     return media_body(found)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from fastapi import APIRouter, Request, Response
 
 from service.api import commands
-from service.api.dependencies import CancelJobs, Cursor, PageSize, ReferenceId, ServicesDep, answer, problems
+from service.api.dependencies import CancelJobs, Cursor, MaskOf, PageSize, ReferenceId, ServicesDep, answer, problems
 from service.api.openapi import file_body
 from service.api.routers import _media
-from service.api.schemas import MediaBody, MediaPage
+from service.api.schemas import MediaBody, MediaPage, ReferenceOptions
 from service.catalog import Role
 
 router = APIRouter(prefix="/references", tags=["references"])
@@ -18,11 +18,14 @@ router = APIRouter(prefix="/references", tags=["references"])
     "",
     status_code=202,
     responses=answer(200, MediaBody, "the same content is there already") | problems(400, 413, 415, 507),
-    openapi_extra=file_body("A picture or clip whose skin colours are to be used"),
+    openapi_extra=file_body("A picture or clip whose skin colours are to be used", ReferenceOptions),
 )
-async def upload_reference(request: Request, response: Response, services: ServicesDep) -> MediaBody:
-    """Upload a reference; it is vectorised once, and the same bytes again answer with the same id."""
-    return await _media.upload(services, Role.REFERENCE, request, response)
+async def upload_reference(
+    request: Request, response: Response, services: ServicesDep, mask: MaskOf = None
+) -> MediaBody:
+    """Upload a reference; it is vectorised once, and the same bytes with the same mask answer with the same id."""
+    given = _media.Given(ReferenceOptions, {"mask": mask})
+    return await _media.upload(services, Role.REFERENCE, request, response, given)
 
 
 @router.get("", responses=problems())

@@ -13,7 +13,7 @@ from service.api.commands import Wanted
 from service.api.dependencies import ServicesDep, problems
 from service.api.multipart import read_form
 from service.api.openapi import TRANSFER_FORM, json_body
-from service.api.problems import invalid
+from service.api.problems import invalid, invalid_values
 from service.api.routers.jobs import load_job
 from service.api.schemas import JobBody, SwapRequest, TransferRequest
 from service.api.services import Services
@@ -52,17 +52,29 @@ async def transfer(request: Request, response: Response, services: ServicesDep) 
     openapi_extra=json_body(SwapRequest),
 )
 async def swap(request: Request, response: Response, services: ServicesDep) -> JobBody:
-    """Exchange the colours of two videos: the first result is `a` with the colours of `b`, the second the other."""
+    """Exchange the colours of two videos, or of two faces in one.
+
+    Two videos: the first result is `a` with the colours of `b`, the second the other. Without `b`, two `faces` of `a`
+    exchange their colours in one result.
+    """
     wanted = await _read(request, services, SwapRequest)
-    job = await run_in_threadpool(
-        commands.request_looks,
-        services,
-        JobKind.SWAP,
-        [Wanted(wanted.a, wanted.b, wanted, "/faces"), Wanted(wanted.b, wanted.a, wanted, "/faces")],
-        wanted.output,
-        {wanted.a: "/a", wanted.b: "/b"},
-    )
+    looks = _sides_of(wanted)
+    pointers = {wanted.a: "/a"} if wanted.b in {None, wanted.a} else {wanted.a: "/a", str(wanted.b): "/b"}
+    job = await run_in_threadpool(commands.request_looks, services, JobKind.SWAP, looks, wanted.output, pointers)
     return await _accepted(services, job.id, response)
+
+
+def _sides_of(wanted: SwapRequest) -> list[Wanted]:
+    """The looks of a swap. Raises `ValidationFailedError` for a video and itself without two faces to exchange."""
+    a, b, faces = wanted.a, wanted.b, wanted.faces
+    ours, theirs = wanted.contrasts
+    if b is not None and b != a:
+        return [Wanted(a, b, wanted.side(ours), ""), Wanted(b, a, wanted.side(theirs), "")]
+    if faces == "all" or len(faces) != 2 or faces[0] == faces[1]:
+        raise invalid_values({"/faces": "a swap within one clip is of two different faces, such as [0, 1]"})
+    if wanted.reference_face is not None:
+        raise invalid_values({"/reference_face": "the two faces are each other's reference"})
+    return [Wanted(a, a, wanted.side("auto"), "", exchange=(ours, theirs))]
 
 
 def _looks_of(wanted: TransferRequest, services: Services, *, is_form: bool) -> tuple[list[Wanted], dict[str, str]]:
@@ -73,7 +85,7 @@ def _looks_of(wanted: TransferRequest, services: Services, *, is_form: bool) -> 
     places = ["" if is_form else f"/looks/{i}" for i in range(len(wanted.looks))]
     pairs = list(zip(wanted.looks, places, strict=True))
     pointers = {look.reference: f"{place}/reference" for look, place in pairs} | {wanted.video: "/video"}
-    return [Wanted(wanted.video, look.reference, look, f"{place}/faces") for look, place in pairs], pointers
+    return [Wanted(wanted.video, look.reference, look, place) for look, place in pairs], pointers
 
 
 async def _accepted(services: Services, job_id: str, response: Response) -> JobBody:

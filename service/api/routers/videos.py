@@ -5,10 +5,20 @@ from __future__ import annotations
 from fastapi import APIRouter, Request, Response
 
 from service.api import commands
-from service.api.dependencies import CancelJobs, Cursor, PageSize, ServicesDep, VideoId, answer, problems
+from service.api.dependencies import (
+    CancelJobs,
+    Cursor,
+    MaskOf,
+    MatchingOf,
+    PageSize,
+    ServicesDep,
+    VideoId,
+    answer,
+    problems,
+)
 from service.api.openapi import file_body
 from service.api.routers import _media
-from service.api.schemas import MediaBody, MediaPage
+from service.api.schemas import MediaBody, MediaPage, VideoOptions
 from service.catalog import Role
 
 router = APIRouter(prefix="/videos", tags=["videos"])
@@ -18,11 +28,14 @@ router = APIRouter(prefix="/videos", tags=["videos"])
     "",
     status_code=202,
     responses=answer(200, MediaBody, "the same content is there already") | problems(400, 413, 415, 507),
-    openapi_extra=file_body("A clip, or a still picture, to be recoloured"),
+    openapi_extra=file_body("A clip, or a still picture, to be recoloured", VideoOptions),
 )
-async def upload_video(request: Request, response: Response, services: ServicesDep) -> MediaBody:
-    """Upload a video; it is vectorised once, and the same bytes again answer with the same id."""
-    return await _media.upload(services, Role.VIDEO, request, response)
+async def upload_video(
+    request: Request, response: Response, services: ServicesDep, mask: MaskOf = None, matching: MatchingOf = None
+) -> MediaBody:
+    """Upload a video; it is vectorised once, and the same bytes with the same settings answer with the same id."""
+    given = _media.Given(VideoOptions, {"mask": mask, "matching": matching})
+    return await _media.upload(services, Role.VIDEO, request, response, given)
 
 
 @router.get("", responses=problems())

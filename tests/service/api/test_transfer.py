@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from service.catalog import jobs
+from service.catalog import Report, jobs
 from tests.service.api.test_media import PROBLEM, upload
 from tests.service.fixtures import MP4, PNG, Api, claim, make_ready, make_results
 
@@ -41,7 +41,13 @@ def test_a_transfer_of_ready_media_is_queued_at_once(api: Api) -> None:
         "match": "semantic",
         "protect": [],
         "faces": [0],
+        "reference_face": None,
+        "beta": 0.2,
+        "iterations": 20,
+        "seed": 0,
+        "exchange": False,
     }
+    assert body["looks"][0]["options"] == first.params
     assert job is not None
     assert job.request["output"]["crf"] == 20
 
@@ -81,7 +87,8 @@ def test_a_form_with_reference_files_is_one_request(api: Api) -> None:
     video = upload(api, "/videos")
     answer = api.client.post(
         "/transfer",
-        data={"video": video["id"], "contrast": "1.1", "faces": "0,1", "protect": "eyes", "codec": "vp9"},
+        data={"video": video["id"], "contrast": "1.1", "faces": "0,1", "protect": "eyes", "codec": "vp9"}
+        | {"reference_face": "2", "beta": "0.5", "iterations": "7", "seed": "3", "match": "color"},
         files=[("reference", ("a.png", PNG + b"a")), ("reference", ("b.png", PNG + b"b"))],
     )
     assert answer.status_code == 202
@@ -93,6 +100,8 @@ def test_a_form_with_reference_files_is_one_request(api: Api) -> None:
     with api.services.database.read() as session:
         params = jobs.looks(session, body["id"])[1].params
     assert (params["contrast"], params["faces"], params["protect"]) == (1.1, [0, 1], ["eyes"])
+    assert (params["reference_face"], params["match"]) == (2, "color")
+    assert (params["beta"], params["iterations"], params["seed"]) == (0.5, 7, 3)
     assert api.drafts == []
 
 
@@ -111,6 +120,10 @@ def test_a_form_may_name_references_by_id(api: Api) -> None:
         ({"strength": "1.5"}, "/strength"),
         ({"crf": "x"}, "/crf"),
         ({"nonsense": "1"}, "/nonsense"),
+        ({"reference_face": "-1"}, "/reference_face"),
+        ({"beta": "0"}, "/beta"),
+        ({"iterations": "1e9"}, "/iterations"),
+        ({"exchange": "true"}, "/exchange"),
         ({"faces": "first"}, "/faces/0"),
         ({"video": "vid_1"}, "/video"),
     ],
@@ -177,6 +190,16 @@ GOOD = "vid_" + "0" * 32
         ({"video": GOOD, "looks": looks(GOOD, faces=[-1])}, "/looks/0/faces/0"),
         ({"video": GOOD, "looks": looks(GOOD, faces="some")}, "/looks/0/faces"),
         ({"video": GOOD, "looks": looks(GOOD, colour=1)}, "/looks/0/colour"),
+        ({"video": GOOD, "looks": looks(GOOD, exchange=True)}, "/looks/0/exchange"),
+        ({"video": GOOD, "looks": looks(GOOD, contrast=[0.8, 1.2])}, "/looks/0/contrast"),
+        ({"video": GOOD, "looks": looks(GOOD, reference_face=-1)}, "/looks/0/reference_face"),
+        ({"video": GOOD, "looks": looks(GOOD, reference_face=0.5)}, "/looks/0/reference_face"),
+        ({"video": GOOD, "looks": looks(GOOD, beta=0)}, "/looks/0/beta"),
+        ({"video": GOOD, "looks": looks(GOOD, beta=1.01)}, "/looks/0/beta"),
+        ({"video": GOOD, "looks": looks(GOOD, iterations=-1)}, "/looks/0/iterations"),
+        ({"video": GOOD, "looks": looks(GOOD, iterations=201)}, "/looks/0/iterations"),
+        ({"video": GOOD, "looks": looks(GOOD, seed=-1)}, "/looks/0/seed"),
+        ({"video": GOOD, "looks": looks(GOOD, seed=2**32)}, "/looks/0/seed"),
         ({"video": GOOD, "looks": looks(GOOD), "unknown": 1}, "/unknown"),
         ({"video": GOOD, "looks": looks(GOOD), "output": {"codec": "mjpeg"}}, "/output/codec"),
         ({"video": GOOD, "looks": looks(GOOD), "output": {"container": "webm", "codec": "h264"}}, "/output"),
@@ -241,6 +264,23 @@ def test_a_face_that_is_not_there_is_named_where_it_was_asked_for(api: Api) -> N
         assert [error["pointer"] for error in answer.json()["errors"]] == [pointer]
 
 
+def test_a_face_that_a_ready_reference_does_not_have_is_named_where_it_was_asked_for(api: Api) -> None:
+    video, reference = upload(api, "/videos"), upload(api, "/references")
+    wanted = looks(video["id"]) + looks(reference["id"], reference_face=3)
+    early = api.client.post("/transfer", json={"video": video["id"], "looks": wanted})
+    assert early.status_code == 202  # nobody knows yet: its worker will tell
+    make_ready(api.services, reference["id"], faces=3)
+    refused = api.client.post("/transfer", json={"video": video["id"], "looks": wanted})
+    assert refused.status_code == 422
+    assert [error["pointer"] for error in refused.json()["errors"]] == ["/looks/1/reference_face"]
+    assert "has 3 face(s)" in refused.json()["detail"]
+    parts = {"video": (None, video["id"]), "reference": (None, reference["id"]), "reference_face": (None, "3")}
+    form = api.client.post("/transfer", files=parts)
+    assert [error["pointer"] for error in form.json()["errors"]] == ["/reference_face"]
+    wanted[1]["reference_face"] = 2
+    assert api.client.post("/transfer", json={"video": video["id"], "looks": wanted}).status_code == 202
+
+
 @pytest.mark.parametrize("output", [{"crf": 63, "codec": "av1"}, {"crf": 52, "container": "webm"}, {"crf": 51}])
 def test_the_crf_reaches_as_far_as_the_codec(api: Api, output: dict[str, Any]) -> None:
     video = upload(api, "/videos")
@@ -263,6 +303,95 @@ def test_a_swap_has_two_results(api: Api) -> None:
     assert (done["state"], done["done"]) == ("succeeded", True)
     assert [look["result"] for look in done["looks"]] == results
     assert [api.client.get(look["url"]).content for look in done["looks"]] == [b"one", b"two"]
+
+
+def params_of(api: Api, job_id: str) -> list[dict[str, Any]]:
+    with api.services.database.read() as session:
+        return [look.params for look in jobs.looks(session, job_id)]
+
+
+def test_a_swap_has_a_contrast_for_each_side(api: Api) -> None:
+    a, b = upload(api, "/videos"), upload(api, "/videos", b"b")
+    body = {"a": a["id"], "b": b["id"], "contrast": [0.8, "auto"], "beta": 0.5}
+    ours, theirs = params_of(api, api.client.post("/swap", json=body).json()["id"])
+    assert (ours["contrast"], theirs["contrast"]) == (0.8, "auto")
+    assert ours["beta"] == theirs["beta"] == 0.5
+    assert not ours["exchange"]
+
+
+@pytest.mark.parametrize("with_b", [False, True])
+def test_a_swap_within_one_clip_has_one_result(api: Api, with_b: bool) -> None:
+    video = upload(api, "/videos")
+    both = {"b": video["id"]} if with_b else {}
+    body = {"a": video["id"], "faces": [2, 0], "contrast": [0.8, 1.2]} | both
+    job = api.client.post("/swap", json=body).json()
+    assert (job["kind"], [(look["video"], look["reference"]) for look in job["looks"]]) == (
+        "swap",
+        [(video["id"], video["id"])],
+    )
+    (params,) = params_of(api, job["id"])
+    assert (params["exchange"], params["faces"], params["contrast"]) == (True, [2, 0], [0.8, 1.2])
+    make_ready(api.services, video["id"], faces=3)
+    (result,) = make_results(api.services, job["id"], [b"one"])
+    (look,) = api.client.get(f"/jobs/{job['id']}").json()["looks"]
+    assert look["result"] == result
+    absent = api.client.post("/swap", json=body | {"faces": [0, 3]})
+    assert [error["pointer"] for error in absent.json()["errors"]] == ["/faces"]
+
+
+@pytest.mark.parametrize(
+    ("options", "pointer"),
+    [
+        ({}, "/faces"),
+        ({"faces": "all"}, "/faces"),
+        ({"faces": [0]}, "/faces"),
+        ({"faces": [1, 1]}, "/faces"),
+        ({"faces": [0, 1, 2]}, "/faces"),
+        ({"faces": [0, 1], "reference_face": 1}, "/reference_face"),
+        ({"faces": [0, 1], "contrast": [1.0]}, "/contrast"),
+        ({"faces": [0, 1], "contrast": [1.0, 2.0]}, "/contrast/1"),
+        ({"faces": [0, 1], "contrast": 2.0}, "/contrast"),
+        ({"faces": [0, 1], "exchange": True}, "/exchange"),
+    ],
+)
+def test_a_clip_is_swapped_with_itself_by_two_faces_only(api: Api, options: dict[str, Any], pointer: str) -> None:
+    video = upload(api, "/videos")
+    for both in ({}, {"b": video["id"]}):
+        answer = api.client.post("/swap", json={"a": video["id"]} | both | options)
+        assert (answer.status_code, answer.json()["type"]) == (422, "validation-failed")
+        assert [error["pointer"] for error in answer.json()["errors"]] == [pointer]
+
+
+def test_a_clip_with_other_settings_is_the_same_clip_in_a_swap(api: Api) -> None:
+    one = upload(api, "/videos")
+    other = api.client.post("/videos?matching=chain", content=MP4).json()
+    answer = api.client.post("/swap", json={"a": one["id"], "b": other["id"]})
+    assert answer.status_code == 422
+    assert [error["pointer"] for error in answer.json()["errors"]] == ["/b"]
+
+
+def test_what_was_found_while_a_look_was_drawn_stands_beside_its_result(api: Api) -> None:
+    video = upload(api, "/videos")
+    make_ready(api.services, video["id"])
+    wanted = {"video": video["id"], "looks": looks(video["id"])}
+    job = api.client.post("/transfer", json=wanted).json()
+    (before,) = job["looks"]
+    assert (before["settings"], before["warnings"]) == (None, [])
+    make_results(api.services, job["id"], [b"one"], Report("ycbcr", "chain", ("video, face 0: small",)))
+    (look,) = api.client.get(f"/jobs/{job['id']}").json()["looks"]
+    assert look["settings"] == {"mask": "ycbcr", "matching": "chain"}
+    assert look["warnings"] == ["video, face 0: small"]
+
+
+def test_the_ranges_stand_in_the_schema(api: Api) -> None:
+    schemas = api.client.get("/openapi.json").json()["components"]["schemas"]
+    look, swap = schemas["LookRequest"]["properties"], schemas["SwapRequest"]["properties"]
+    for one in (look, swap):
+        assert (one["beta"]["exclusiveMinimum"], one["beta"]["maximum"]) == (0, 1)
+        assert (one["iterations"]["minimum"], one["iterations"]["maximum"]) == (0, 200)
+        assert (one["seed"]["minimum"], one["seed"]["maximum"]) == (0, 2**32 - 1)
+        assert one["reference_face"]["anyOf"][0] == {"type": "integer", "minimum": 0, "maximum": 1000}
+    assert [part["type"] for part in swap["contrast"]["anyOf"]] == ["string", "number", "array"]
 
 
 def test_a_transfer_never_asks_for_a_vectorisation(api: Api) -> None:

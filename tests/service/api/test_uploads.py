@@ -8,10 +8,12 @@ import socket
 import threading
 import time
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
 from service.api.uploads import clean_name
+from service.catalog import VectorSettings, jobs, vectorize_request
 from service.settings import Settings
 from tests.service.fixtures import MP4, PNG, Api, make_ready, serve
 
@@ -65,6 +67,83 @@ def test_the_same_bytes_again_are_the_same_medium(api: Api) -> None:
     other = api.client.post("/references", content=MP4 + b"1")
     assert other.status_code == 202
     assert other.json()["id"].startswith("ref_")
+
+
+def settings_of(api: Api, medium: dict[str, Any]) -> VectorSettings:
+    """What the job is asked for."""
+    with api.services.database.read() as session:
+        job = jobs.get(session, medium["job"])
+    assert job is not None
+    return vectorize_request(job).settings
+
+
+def test_the_same_bytes_with_other_settings_are_another_medium(api: Api) -> None:
+    settings = [{}, {"mask": "ycbcr"}, {"matching": "chain"}, {"mask": "ycbcr", "matching": "chain"}]
+    made = [api.client.post("/videos", content=MP4, params=one) for one in settings]
+    assert [answer.status_code for answer in made] == [202] * 4
+    videos = [answer.json() for answer in made]
+    assert len({video["id"] for video in videos}) == len({video["job"] for video in videos}) == len(api.blobs) == 4
+    assert len({video["sha256"] for video in videos}) == 1
+    for wanted, video in zip(settings, videos, strict=True):
+        full = {"mask": "landmarks", "matching": "table"} | wanted
+        assert video["settings"] == full
+        assert settings_of(api, video) == VectorSettings(**full)
+        for again in (
+            api.client.post("/videos", content=MP4, params=wanted),
+            api.client.post("/videos", content=MP4, params=full),
+            api.client.post("/videos", data=full, files={"file": ("clip.mp4", MP4)}),
+            api.client.post("/videos", data=wanted, files={"file": ("clip.mp4", MP4)}),
+        ):
+            assert (again.status_code, again.json()["id"]) == (200, video["id"])
+    assert api.client.delete(f"/videos/{videos[1]['id']}?cancel_jobs=true").status_code == 204
+    assert [api.client.get(f"/videos/{video['id']}").status_code for video in videos] == [200, 404, 200, 200]
+    assert len(api.blobs) == 3
+    assert api.drafts == []
+
+
+def test_a_reference_has_a_mask_too(api: Api) -> None:
+    one, other = (api.client.post("/references", content=PNG, params=p).json() for p in ({}, {"mask": "ycbcr"}))
+    assert one["id"] != other["id"]
+    assert settings_of(api, other) == VectorSettings(mask="ycbcr")
+    form = api.client.post("/references", data={"matching": "chain"}, files={"file": ("a.png", PNG)})
+    assert form.status_code == 400
+
+
+@pytest.mark.parametrize(
+    ("query", "fields", "pointer"),
+    [
+        ({"mask": "skin"}, {}, "/query/mask"),
+        ({"matching": ""}, {}, "/query/matching"),
+        ({}, {"mask": "skin"}, "/mask"),
+        ({}, {"matching": "none"}, "/matching"),
+        ({"mask": "ycbcr"}, {"mask": "ycbcr"}, "/mask"),
+    ],
+)
+def test_bad_settings_are_named_and_nothing_is_kept(
+    api: Api, query: dict[str, str], fields: dict[str, str], pointer: str
+) -> None:
+    answer = api.client.post("/videos", params=query, data=fields, files={"file": ("clip.mp4", MP4)})
+    assert (answer.status_code, answer.json()["type"]) == (422, "validation-failed")
+    assert [error["pointer"] for error in answer.json()["errors"]] == [pointer]
+    assert api.blobs == []
+    assert api.drafts == []
+
+
+def test_a_failed_medium_is_tried_again_with_its_own_settings(api: Api) -> None:
+    video = api.client.post("/videos?mask=ycbcr", content=MP4).json()
+    api.client.post(f"/jobs/{video['job']}/cancel")
+    again = api.client.post("/videos?mask=ycbcr", content=MP4).json()
+    assert again["id"] == video["id"]
+    assert again["job"] != video["job"]
+    assert settings_of(api, again) == VectorSettings(mask="ycbcr")
+
+
+def test_the_settings_stand_in_the_schema(api: Api) -> None:
+    upload = api.client.get("/openapi.json").json()["paths"]["/videos"]["post"]
+    assert {one["name"] for one in upload["parameters"]} == {"mask", "matching"}
+    form = upload["requestBody"]["content"]["multipart/form-data"]["schema"]["properties"]
+    assert form["mask"]["enum"] == ["landmarks", "ycbcr"]
+    assert form["matching"]["enum"] == ["table", "chain"]
 
 
 def test_many_uploads_of_the_same_bytes_at_once_make_one_medium(api: Api) -> None:

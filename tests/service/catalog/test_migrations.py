@@ -4,12 +4,14 @@ import subprocess
 import sys
 from datetime import timedelta
 
+import pytest
 from alembic import command
 from alembic.autogenerate import compare_metadata
 from alembic.runtime.migration import MigrationContext
 from sqlalchemy import inspect, text
+from sqlalchemy.exc import IntegrityError
 
-from service.catalog import Database, Lease, jobs
+from service.catalog import Database, Lease, Role, VectorSettings, jobs, media
 from service.catalog.database import make_engine
 from service.catalog.migrations import _config, is_current, migrate
 from service.catalog.models import Base
@@ -87,3 +89,25 @@ def test_a_deleted_job_still_takes_its_looks_along_after_the_migrations(database
     with database.write() as session:
         session.execute(text("DELETE FROM jobs WHERE id = :id"), {"id": job_id})
     assert rows(database, "SELECT job_id FROM looks") == []
+
+
+def test_media_of_the_former_version_have_its_settings_and_others_may_stand_beside_them(database: Database) -> None:
+    papers = VectorSettings(mask="ycbcr", matching="chain")
+    medium = add_media(database, content=b"clip")
+    other = add_media(database, content=b"clip", settings=papers)
+    job_id = add_transfer(database, medium, medium)
+    with pytest.raises(IntegrityError):
+        add_media(database, content=b"clip", settings=papers)
+    command.downgrade(_config(database.url), "0002")
+    assert rows(database, "SELECT id, sha256 FROM media") == [(medium.id, medium.sha256)]
+    assert rows(database, "SELECT job_id FROM looks") == [(job_id,)]
+    migrate(database.url)
+    assert rows(database, "SELECT id, mask, matching FROM media") == [(medium.id, "landmarks", "table")]
+    assert rows(database, "SELECT report FROM looks") == [(None,)]
+    again = add_media(database, content=b"clip", settings=papers)
+    assert again.id != other.id
+    with database.read() as session:
+        for one, settings in ((medium, VectorSettings()), (again, papers)):
+            found = media.find_content(session, Role.VIDEO, medium.sha256, settings)
+            assert found is not None
+            assert found.id == one.id

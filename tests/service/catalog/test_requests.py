@@ -13,6 +13,7 @@ from service.catalog import (
     RenderRequest,
     Role,
     VectorizeRequest,
+    VectorSettings,
     jobs,
     look_params,
     render_request,
@@ -22,13 +23,16 @@ from service.catalog.models import Job, Look
 from tests.service.fixtures import add_media
 
 LOOK = LookParams(strength=0.5, contrast=1.1, match="color", protect=("eyes",), faces=(0, 2))
+SWAPPED = LookParams(contrast=(0.8, "auto"), faces=(1, 0), beta=0.5, iterations=3, seed=7, exchange=True)
+OF_A_GROUP = LookParams(reference_face=2)
+PAPERS = VectorSettings(mask="ycbcr", matching="chain")
 OUTPUT = OutputOptions(container="webm", codec="vp9", crf=30, preset="fast", audio="none")
 
 
 def test_a_request_comes_back_from_the_record_as_it_was(database: Database) -> None:
-    video = add_media(database, Role.VIDEO)
+    video = add_media(database, Role.VIDEO, settings=PAPERS)
     with database.write() as session:
-        looks = [NewLook(video.id, video.id, LOOK), NewLook(video.id, video.id, LookParams())]
+        looks = [NewLook(video.id, video.id, params) for params in (LOOK, LookParams(), SWAPPED, OF_A_GROUP)]
         made = jobs.create(session, JobKind.TRANSFER, request=RenderRequest(OUTPUT), now=database.now(), outputs=looks)
     with database.read() as session:
         job, vectorizing = jobs.get(session, made.id), jobs.get(session, video.job_id)
@@ -36,8 +40,8 @@ def test_a_request_comes_back_from_the_record_as_it_was(database: Database) -> N
     assert job is not None
     assert vectorizing is not None
     assert render_request(job) == RenderRequest(OUTPUT)
-    assert [look_params(look) for look in stored] == [LOOK, LookParams()]
-    assert vectorize_request(vectorizing) == VectorizeRequest(Role.VIDEO)
+    assert [look_params(look) for look in stored] == [LOOK, LookParams(), SWAPPED, OF_A_GROUP]
+    assert vectorize_request(vectorizing) == VectorizeRequest(Role.VIDEO, PAPERS)
 
 
 #: what the first version wrote into its columns
