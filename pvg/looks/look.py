@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -27,6 +27,7 @@ class Look:
     colors: dict[int, Floats]
     contrast: float | dict[int, Floats] = 1.0
     protect: tuple[str, ...] = PROTECTABLE
+    parts: dict[int, Floats] = field(default_factory=dict)
 
     def at_curves(self, face: int, key: int) -> Floats:
         """What is carried along the curves of a key frame: (S, 3) g', or (S, 5) g' and λ."""
