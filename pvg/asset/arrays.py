@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 CHUNK_FRAMES = 32
 _POINT_SCALE = 32  # positions are stored in 1/32 px
 _RADIUS_SCALE = 8

@@ -153,9 +153,18 @@ class VectorVideo:
         for face, track, raw in zip(self.faces, self._tracks, self.manifest["faces"], strict=True):
             colors = self._array(f"track{track}/colors")
             visible = self._array(f"track{track}/visible")
-            keys = zip(raw["key_frames"], colors, visible, strict=True)
+            parts = self._array(f"track{track}/parts")
+            keys = zip(raw["key_frames"], colors, visible, parts, strict=True)
             frames = tuple(
-                KeyFrame(int(f), c, v, self._array(f"track{track}/skin/{k:06d}")) for k, (f, c, v) in enumerate(keys)
+                KeyFrame(
+                    int(f),
+                    c,
+                    v,
+                    self._array(f"track{track}/skin/{k:06d}"),
+                    self._array(f"track{track}/skin_at/{k:06d}"),
+                    p,
+                )
+                for k, (f, c, v, p) in enumerate(keys)
             )
             out.append(FaceRecord(face, frames))
         return tuple(out)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pvg._arrays import Bools, Floats
 from pvg.face import Landmarks
 from pvg.skin import Matte
@@ -69,13 +72,17 @@ class KeyFrame:
 
     frame: frame number in the clip;  colors: (S, 3) float32 g, 0-255 RGB, on the table's labels;
     visible: (S,) bool, whether the sample lay on visible skin or a visible feature;
-    skin: (N, 3) float32, colours of the open skin evenly over the face, N = 0 when there is too little of it.
+    skin: (N, 3) float32, colours of the open skin evenly over the face, N = 0 when there is too little of it;
+    skin_at: (N,) int16, the sample of the table's labels on a skin curve nearest to each of them;
+    parts: (P, 3) float32, median colour of each of `pvg.face.parts.PARTS`, NaN where it is not seen.
     """
 
     frame: int
     colors: Floats
     visible: Bools
     skin: Floats
+    skin_at: NDArray[np.int16]
+    parts: Floats
 
 
 @dataclass(frozen=True, eq=False)

@@ -62,8 +62,10 @@ class AssetWriter:
             self._flush(track)
         self._array(f"track{track}/colors", np.stack([key.colors for key in record.key_frames]))
         self._array(f"track{track}/visible", np.stack([key.visible for key in record.key_frames]))
+        self._array(f"track{track}/parts", np.stack([key.parts for key in record.key_frames]))
         for k, key in enumerate(record.key_frames):
             self._array(f"track{track}/skin/{k:06d}", key.skin)
+            self._array(f"track{track}/skin_at/{k:06d}", key.skin_at)
         key_frames = [key.frame for key in record.key_frames]
         self._faces.append({**asdict(record.summary), "track": track, "key_frames": key_frames})
 

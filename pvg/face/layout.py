@@ -37,6 +37,8 @@ LEFT_BROW: Final = _points(33, 34, 35, 36, 37, 67, 66, 65, 64)
 RIGHT_BROW: Final = _points(38, 39, 40, 41, 42, 71, 70, 69, 68)
 UPPER_BROW_EDGES: Final = _points(range(33, 43))
 BROWS: Final = _points(range(33, 43), range(64, 72))
+LEFT_LOWER_BROW_EDGE: Final = _points(range(64, 68))
+RIGHT_LOWER_BROW_EDGE: Final = _points(range(68, 72))
 NOSE_RIDGE: Final = _points(43, 44, 45, 46)
 NOSE_TIP: Final = 46
 NOSE_BASE: Final = _points(47, 48, 49, 50, 51)
@@ -50,6 +52,8 @@ RIGHT_EYE: Final = _points(58, 59, 75, 60, 61, 62, 76, 63)
 LEFT_EYE_CONTOUR: Final = _points(range(52, 58))
 RIGHT_EYE_CONTOUR: Final = _points(range(58, 64))
 EYE_CONTOURS: Final = _points(range(52, 64))
+LEFT_UPPER_LASHES: Final = _points(52, 53, 72, 54, 55)
+RIGHT_UPPER_LASHES: Final = _points(58, 59, 75, 60, 61)
 LEFT_EYE_CORNERS: Final = (52, 55)
 RIGHT_EYE_CORNERS: Final = (58, 61)
 INNER_EYE_CORNERS: Final = (55, 58)
@@ -151,6 +155,17 @@ AZIMUTH_DEG: Final = np.array((
 ), np.float32)
 """Degrees by which the skin at each of the 106 landmarks and 88 skin points looks to the image's right on a face held
 straight. [measured: normals of the fitted mesh, mean of 14 portraits and their mirror images]"""
+
+ELEVATION_DEG: Final = np.array((
+    0, 1, 3, 5, 8, 10, 14, 17, 20, 22, 23, 19, 18, 22, 27, 31, 33, 31, 27, 22, 18, 19, 23, 22, 20, 17, 14, 10, 8, 5,
+    3, 1, 0, 7, 2, 2, 12, 17, 17, 12, 2, 2, 7, 1, -40, -27, 2, 15, 36, 53, 36, 15, 17, 20, 13, -7, -9, 1, -7, 13,
+    20, 17, 1, -9, 23, 28, 35, 22, 22, 35, 28, 23, 17, -5, -3, 17, -5, -3, -4, -4, -25, -25, 4, 4, 16, 27, 16, 16,
+    16, 27, 16, -8, -4, 11, -4, -8, 5, 27, 27, 27, 5, -1, -2, -1, -3, -3, -20, -22, -20, -15, -8, -3, -1, 0, 2, 6,
+    9, 15, 21, 24, 17, 20, 26, 30, 33, 30, 26, 20, 17, 24, 21, 15, 9, 6, 2, 0, -1, -3, -8, -15, -20, -22, -13, -11,
+    -10, -13, -9, -1, -2, 0, 0, 3, 11, 16, 20, 20, 16, 14, 14, 18, 18, 18, 14, 14, 16, 20, 20, 16, 11, 3, 0, 0, -2,
+    -1, -9, -13, -10, -11, -16, -17, -18, -14, -2, 11, 7, -3, -16, -17, -18, -14, -2, 11, 7, -3,
+), np.float32)
+"""Degrees by which it looks down, measured alike."""
 
 # vertices of the mesh
 MESH_LEFT_CONTOUR: Final = (127, 234, 93, 132, 58, 172, 136, 150, 149, 176, 148, 152)

@@ -4,22 +4,27 @@ from __future__ import annotations
 
 from pvg.looks.exchange import contrast_of_both, exchange
 from pvg.looks.look import CONTRAST_RANGE, PROTECTABLE, Contrast, Look
-from pvg.looks.tone import SkinMap
-from pvg.looks.transfer import BETA, ITERATIONS, reference_face_of, transfer
+from pvg.looks.parts import MAKEUP, Makeup
+from pvg.looks.tone import SkinMap, to_rgb
+from pvg.looks.transfer import BETA, ITERATIONS, LIGHT, reference_face_of, transfer
 from pvg.looks.transport import sliced_transport, sliced_wasserstein
 
 __all__ = [
     "BETA",
     "CONTRAST_RANGE",
     "ITERATIONS",
+    "LIGHT",
+    "MAKEUP",
     "PROTECTABLE",
     "Contrast",
     "Look",
+    "Makeup",
     "SkinMap",
     "contrast_of_both",
     "exchange",
     "reference_face_of",
     "sliced_transport",
     "sliced_wasserstein",
+    "to_rgb",
     "transfer",
 ]

@@ -51,7 +51,7 @@ def all_colors_map(key: KeyFrame, target: KeyFrame, steps: TransportSteps) -> Co
         return new, ratio_contrast(other.colors, new)
 
     def colors(other: KeyFrame) -> Doubles:
-        if other is not key:
+        if other.frame != key.frame:  # its own, whatever light it is seen in
             return _follow_like_colors(other.colors, seen, moved)
         out = key.colors.astype(np.float64)
         out[key.visible] = moved

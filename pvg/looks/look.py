@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -28,6 +28,7 @@ class Look:
     colors: dict[int, Floats]
     contrast: float | Mapping[int, float | Floats] = 1.0
     protect: tuple[str, ...] = PROTECTABLE
+    parts: dict[int, Floats] = field(default_factory=dict)
 
     def at_curves(self, face: int, key: int) -> Floats:
         """What is carried along the curves of a key frame: (S, 3) g', or (S, 5) g' and λ."""
@@ -48,4 +49,4 @@ class Look:
         if set(self.protect) != set(other.protect):
             raise ValueError("looks that protect different features cannot be merged")
         contrast = {face: look.contrast_of(face) for look in (self, other) for face in look.colors}
-        return replace(self, colors=self.colors | other.colors, contrast=contrast)
+        return replace(self, colors=self.colors | other.colors, contrast=contrast, parts=self.parts | other.parts)

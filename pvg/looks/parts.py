@@ -1,70 +1,104 @@
-"""Part by part: skin goes to skin by one smooth map, lips take the reference's difference between lips and skin."""
+"""Parts are differences to the skin: lips, lids, cheeks and brows take what sets the reference's apart from its skin.
+
+Skin goes to skin by one smooth map F. A part goes with it, as it would in another light, and then some way towards the
+reference's difference between part and skin: how much darker it is, and how far its chroma is from what the reference's
+skin has at that luma, so that shading is not taken for make-up. Both are bounded by what such a part can be, and a
+part that the reference shows under a beard, in shadow or not at all stays with the skin.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from pvg._arrays import Doubles, Floats
 from pvg.asset import KeyFrame
-from pvg.curves import GROUPS, table_labels
-from pvg.looks.color_map import SMALLEST_GROUP, ColorMap, TransportSteps, all_colors_map
-from pvg.looks.tone import SkinMap, to_opponent, to_rgb
+from pvg.face.parts import PARTS
+from pvg.looks.tone import SkinMap, UsualChroma, to_opponent
 
-_LIPS = table_labels().group == GROUPS.index("lips")
-_LIPS_WAY = 0.75  # of the way from where the skin's map takes the lips to the reference's lips [by eye]
-# what lips can be beside skin [by eye]: darker by so much of its luma, or a little lighter; B − Y and R − Y in levels
-_LIPS_DARKER, _LIPS_LIGHTER = 0.35, 0.05
-_LIPS_BLUE, _LIPS_RED = (-30.0, 20.0), (0.0, 60.0)
-# beyond these the reference shows no lips: a beard, a shadow or an open mouth [by eye]
-_SHADOW = 0.5  # of the skin's luma
-_LIGHT = (1 / 1.5, 1.5)  # of the lips' own shades [by eye]
-_LEAST_RED = 1.0  # levels of R − Y above the skin's
+MAKEUP = 0.75  # default strength of every part [by eye]
+Makeup = float | Mapping[str, float]
 
 
-def parts_map(key: KeyFrame, target: KeyFrame, steps: TransportSteps) -> ColorMap:
-    """Skin to skin and lips to lips.
+@dataclass(frozen=True)
+class PartBounds:
+    """What a part can be beside the skin of its face [by eye].
 
-    The open skin's colours are transported, and all curves follow the smooth map F that this comes to: brows and eyes
-    go as they would in another light, so that no dark brow of the reference falls on a lid. Lips go with the skin and
-    most of the way to the reference's difference between lips and skin. Without enough open skin on either side the
-    curves' colours stand in for it.
+    luma: least and most of the skin's, None when a part changes no luma;  blue, red: B − Y and R − Y beyond the skin's
+    usual chroma at that luma, levels;  shown: least and most of the skin's luma that the part itself can have, outside
+    it is a shadow, a beard or a highlight.
     """
-    if min(len(key.skin), len(target.skin)) == 0:
-        return all_colors_map(key, target, steps)
-    skin = SkinMap.between(key.skin, steps.transport(key.skin, target.skin))
-    ours, theirs = _lip_color(key), _lip_color(target)
-    change = np.zeros(3)
-    if ours is not None and theirs is not None:
-        change = _lip_change(skin, key.skin, ours, target.skin, theirs)
 
-    def apply(other: KeyFrame) -> tuple[Doubles, Floats]:
-        moved, contrast = skin(other.colors), skin.contrast(other.colors)
-        middle = _lip_color(other)
-        if middle is not None and change.any():
-            goal = to_opponent(skin(middle[None])) + change
-            # their own shades, in another light
-            light = np.clip(goal[0, 0] / max(to_opponent(middle[None])[0, 0], 1.0), *_LIGHT)
-            moved[_LIPS] = to_rgb(goal) + light * (other.colors[_LIPS] - middle)
-        return moved, contrast
-
-    return apply
+    luma: tuple[float, float] | None
+    blue: tuple[float, float]
+    red: tuple[float, float]
+    shown: tuple[float, float]
 
 
-def _lip_change(skin: SkinMap, own_skin: Floats, lips: Floats, their_skin: Floats, their_lips: Floats) -> Doubles:
-    """(3,) luma, B − Y and R − Y to add to lips that the skin's map has moved; 0 where the reference shows no lips."""
-    base = to_opponent(np.median(their_skin, axis=0)[None])[0]
-    wanted = to_opponent(their_lips[None])[0] - base
-    if wanted[2] < _LEAST_RED or base[0] + wanted[0] < _SHADOW * base[0]:
-        return np.zeros(3)
-    face = to_opponent(skin(np.median(own_skin, axis=0)[None]))[0]
-    wanted[0] = np.clip(wanted[0] / max(base[0], 1.0), -_LIPS_DARKER, _LIPS_LIGHTER) * face[0]
-    wanted[1], wanted[2] = np.clip(wanted[1], *_LIPS_BLUE), np.clip(wanted[2], *_LIPS_RED)
-    return np.asarray(_LIPS_WAY * (wanted - (to_opponent(skin(lips[None]))[0] - face)))
+_BOUNDS = {
+    "lips": PartBounds((0.62, 1.05), (-25.0, 20.0), (-4.0, 60.0), (0.45, 1.2)),
+    "lids": PartBounds((0.72, 1.06), (-14.0, 14.0), (-12.0, 18.0), (0.5, 1.25)),
+    "cheeks": PartBounds(None, (-12.0, 10.0), (-10.0, 18.0), (0.6, 1.5)),
+    "brows": PartBounds((0.35, 1.0), (-12.0, 12.0), (-12.0, 12.0), (0.2, 1.05)),
+}
+_LEAST_RED = -3.0  # levels of R − Y beyond the skin's: lips with less are a beard or a shadow [by eye]
+_MOST_LUMA = 0.3  # of the face's luma that a part may gain or lose
 
 
-def _lip_color(key: KeyFrame) -> Floats | None:
-    """(3,) median of the visible lip samples, None when there are too few."""
-    seen = _LIPS & key.visible
-    if int(seen.sum()) < SMALLEST_GROUP:
-        return None
-    return np.asarray(np.median(key.colors[seen], axis=0))
+def strengths(makeup: Makeup) -> Floats:
+    """(P,) the strength of every part of PARTS. Raises `ValueError` on an unknown part or one not in [0, 1]."""
+    given = dict.fromkeys(PARTS, makeup) if isinstance(makeup, (int, float)) else dict(makeup)
+    if unknown := [part for part in given if part not in PARTS]:
+        raise ValueError(f"no part {unknown[0]!r} to make up; known are {', '.join(PARTS)}")
+    for part, strength in given.items():
+        if isinstance(strength, bool) or not isinstance(strength, (int, float)) or not 0.0 <= strength <= 1.0:
+            raise ValueError(f"makeup of {part} must be in [0, 1], not {strength!r}")
+    default = MAKEUP
+    return np.array([given.get(part, default) for part in PARTS], np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class PartChanges:
+    """What a reference's parts ask for, before they meet those of a clip.
+
+    luma: (P,) of the skin's, NaN where nothing is asked;  chroma: (P, 2) B − Y and R − Y beyond the skin's usual one.
+    """
+
+    luma: Doubles
+    chroma: Doubles
+
+    @classmethod
+    def of(cls, reference: KeyFrame) -> PartChanges:
+        """What sets a reference's parts apart from its skin; parts that it does not show ask for nothing."""
+        luma, chroma = np.full(len(PARTS), np.nan), np.zeros((len(PARTS), 2))
+        skin = to_opponent(reference.skin)
+        usual, middle = UsualChroma.of(skin), max(float(np.median(skin[:, 0])), 1.0)
+        parts = to_opponent(reference.parts)
+        beyond = parts[:, 1:] - usual.at(parts[:, 0])
+        for p, part in enumerate(PARTS):
+            bounds, ratio = _BOUNDS[part], parts[p, 0] / middle
+            if not bounds.shown[0] <= ratio <= bounds.shown[1]:  # false for what was not seen, NaN
+                continue
+            if part == "lips" and beyond[p, 1] < _LEAST_RED:
+                continue
+            luma[p] = np.clip(ratio, *bounds.luma) if bounds.luma else ratio
+            chroma[p] = np.clip(beyond[p, 0], *bounds.blue), np.clip(beyond[p, 1], *bounds.red)
+        return cls(luma, chroma)
+
+    def on(self, skin: SkinMap, key: KeyFrame) -> Floats:
+        """(P, 3) luma, B − Y and R − Y, levels, to add to a clip's parts that the skin's map F has moved."""
+        out = np.zeros((len(PARTS), 3), np.float32)
+        if not len(key.skin):
+            return out
+        face = float(to_opponent(skin(np.median(key.skin, axis=0)[None]))[0, 0])
+        moved = to_opponent(skin(key.parts))
+        for p, part in enumerate(PARTS):
+            if np.isnan(self.luma[p]) or np.isnan(moved[p, 0]):
+                continue
+            goal = self.luma[p] * face if _BOUNDS[part].luma else moved[p, 0]
+            goal = moved[p, 0] + np.clip(goal - moved[p, 0], -_MOST_LUMA * face, _MOST_LUMA * face)
+            out[p, 0] = goal - moved[p, 0]
+            out[p, 1:] = skin.goal.at(np.array([goal]))[0] + self.chroma[p] - moved[p, 1:]
+        return out

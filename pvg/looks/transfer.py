@@ -15,11 +15,14 @@ import numpy as np
 from pvg._arrays import Doubles, Floats
 from pvg.asset import FaceSummary, KeyFrame, VectorVideo, faces_by_index
 from pvg.looks.color_map import TransportSteps, all_colors_map
+from pvg.looks.light import light_ratio, relit
 from pvg.looks.look import CONTRAST_RANGE, PROTECTABLE, Contrast, Look
-from pvg.looks.parts import parts_map
+from pvg.looks.parts import MAKEUP, Makeup, PartChanges, strengths
+from pvg.looks.tone import SkinMap
 
 BETA = 0.2  # β of eq. (7) [paper]
 ITERATIONS = 20  # N of eq. (7) [paper]
+LIGHT = 0.0  # default strength of the reference's light
 
 
 def reference_face_of(reference: VectorVideo, face: int | None = None) -> FaceSummary:
@@ -37,9 +40,11 @@ def _reference_key(reference: VectorVideo, face: int | None) -> KeyFrame:
     return reference.records[reference_face_of(reference, face).index].key_frames[0]
 
 
-def _check(strength: float, contrast: Contrast, match: str, protect: Sequence[str]) -> None:
+def _check(strength: float, light: float, contrast: Contrast, match: str, protect: Sequence[str]) -> None:
     if not 0.0 <= strength <= 1.0:
         raise ValueError(f"strength must be in [0, 1], not {strength}")
+    if not 0.0 <= light <= 1.0:
+        raise ValueError(f"light must be in [0, 1], not {light}")
     if contrast != "auto" and not (
         isinstance(contrast, (int, float)) and CONTRAST_RANGE[0] <= contrast <= CONTRAST_RANGE[1]
     ):
@@ -54,47 +59,68 @@ def transfer(
     video: VectorVideo,
     reference: VectorVideo,
     *,
+    reference_face: int | None = None,
     strength: float = 1.0,
     contrast: Contrast = "auto",
     match: str = "semantic",
+    makeup: Makeup = MAKEUP,
+    light: float = LIGHT,
     protect: Sequence[str] = PROTECTABLE,
     faces: Literal["all"] | Sequence[int] = "all",
-    reference_face: int | None = None,
     beta: float = BETA,
     iterations: int = ITERATIONS,
     seed: int = 0,
 ) -> Look:
-    """Give the faces of `video` the colours of one face of `reference` (eq. 7, 8).
+    """Give the faces of `video` the face colours of a face of `reference` (eq. 7, 8).
 
-    strength: in [0, 1], 0 leaves the clip as it is;  contrast: λ in [0.7, 1.5], 1 as in the paper, or "auto" for
-    a λ that follows the brightness the transfer asks for;  match: "semantic" moves skin to skin and lips to lips,
-    "color" transports all boundary colours together as the paper does;  protect: features that keep their own colour;
-    faces: "all", or the indices of those to change;  reference_face: index of the reference's face, its largest when
-    None;  beta, iterations: of eq. (7), the paper's 0.2 and 20;  seed: of the random rotations.
-    Raises `ValueError` on a parameter out of range or an unknown face.
+    reference_face: its index there, the largest when None;  strength: in [0, 1], 0 leaves the clip as it is;
+    contrast: λ in [0.7, 1.5], 1 as in the paper, or "auto" for a λ that follows the brightness the transfer asks for;
+    match: "semantic" moves skin to skin, "color" transports all boundary colours together as the paper does;
+    makeup: in [0, 1] for all parts or by part, how far lips, lids, cheeks and brows take the reference's difference to
+    its skin; "color" has none;  light: in [0, 1], how far light falls on the face from where it does on the reference;
+    protect: features that keep their own colour;  faces: "all", or the indices of those to change;
+    beta, iterations: of eq. (7), the paper's 0.2 and 20;  seed: of the random rotations.
+    Raises `ValueError` on a parameter out of range or an unknown face or part.
     """
-    _check(strength, contrast, match, protect)
+    _check(strength, light, contrast, match, protect)
     target = _reference_key(reference, reference_face)
     steps = TransportSteps(beta, iterations, seed)
-    make_map = parts_map if match == "semantic" else all_colors_map
+    wanted = strengths(makeup)[:, None]
+    changes = PartChanges.of(target) if match == "semantic" and len(target.skin) else None
     chosen = faces_by_index(video, faces)
     colors: dict[int, Floats] = {}
     fields: dict[int, Floats] = {}
+    parts: dict[int, Floats] = {}
     share = np.float32(strength)
     for person in video.persons:
         if not set(person) & set(chosen):
             continue
-        apply = make_map(_leading_key(video, person), target, steps)
+        leading = _leading_key(video, person)
+        leading = relit(leading, light_ratio(leading, target, light))
+        skin = _skin_map(leading, target, steps) if match == "semantic" else None
+        apply = all_colors_map(leading, target, steps) if skin is None else skin.at_curves
         for index in person:
             if index not in chosen:
                 continue
             new, slopes = [], []
             for key in video.records[index].key_frames:
-                moved, slope = apply(key)
+                ratio = light_ratio(key, target, light)
+                moved, slope = apply(relit(key, ratio))
+                slope = slope * ratio[:, None]
                 new.append(key.colors + share * (_into_gamut(moved).astype(np.float32) - key.colors))
                 slopes.append(np.float32(1.0) + share * (slope - np.float32(1.0)))
             colors[index], fields[index] = np.stack(new).astype(np.float32), np.stack(slopes)
-    return Look(colors, fields if contrast == "auto" else 1.0 + strength * (contrast - 1.0), tuple(protect))
+            if skin is not None and changes is not None:
+                keys = video.records[index].key_frames
+                parts[index] = np.stack([share * wanted * changes.on(skin, key) for key in keys])
+    return Look(colors, fields if contrast == "auto" else 1.0 + strength * (contrast - 1.0), tuple(protect), parts)
+
+
+def _skin_map(key: KeyFrame, target: KeyFrame, steps: TransportSteps) -> SkinMap | None:
+    """The smooth map of the transport of the open skin; None without enough of it on either side."""
+    if min(len(key.skin), len(target.skin)) == 0:
+        return None
+    return SkinMap.between(key.skin, steps.transport(key.skin, target.skin))
 
 
 def _into_gamut(colors: Doubles) -> Doubles:

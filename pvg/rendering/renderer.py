@@ -12,6 +12,7 @@ from pvg.curves import Chain, ColorTable, CurveLabels, labels_by_length, table_l
 from pvg.looks import Look
 from pvg.rendering.correction import at_curves, extend
 from pvg.rendering.guards import guarded_alpha
+from pvg.rendering.makeup import with_parts
 from pvg.rendering.placed_face import PlacedFace, divide_overlaps, place_face
 from pvg.rendering.planes import apply_correction
 from pvg.video import Frame, Patch
@@ -88,7 +89,7 @@ class Renderer:
         out: list[list[Patch]] = [[] for _ in self.looks]
         for face, placed, colors in self._placed_faces(frame):
             if colors is not None:
-                self._draw_face(frame, placed, face, colors, out)
+                self._draw_face(frame, face, placed, colors, out)
         return out
 
     def _placed_faces(self, frame: Frame) -> list[tuple[int, PlacedFace, Floats | None]]:
@@ -109,8 +110,14 @@ class Renderer:
         divided = divide_overlaps([placed for _, placed, _ in found])
         return [(face, placed, colors) for (face, _, colors), placed in zip(found, divided, strict=True)]
 
-    def _draw_face(self, frame: Frame, placed: PlacedFace, face: int, colors: Floats, out: list[list[Patch]]) -> None:
-        """Draw one face with the looks that have it;  colors: (S, …), g and what each of them carries."""
+    def _parts(self, look: int, face: int, frame: int) -> Floats | None:
+        """What a look adds to the parts of a face, (P, 3), None when nothing."""
+        parts = self.looks[look].parts.get(face)
+        record = self.video.records[face]
+        return None if parts is None else parts[record.key_frames.index(record.key_frame_of(frame))]
+
+    def _draw_face(self, frame: Frame, face: int, placed: PlacedFace, colors: Floats, out: list[list[Patch]]) -> None:
+        """Draw one face with its looks;  colors: (S, …), g and what each look carries."""
         which = self._with_face[face]
         to_planes = frame.format.opponent.matrix.astype(np.float32).T
         g = colors[:, :3] @ to_planes
@@ -122,6 +129,8 @@ class Renderer:
             wanted.append(at_curves(g, new, contrast if isinstance(contrast, float) else of_look[:, 3:]))
             first += of_look.shape[1]
         corrections = extend(placed, g, wanted, level=2.0 ** (frame.format.depth - 8))
+        parts = [self._parts(i, face, frame.index) for i in which]
+        corrections = with_parts(corrections, parts, placed.data.landmarks, to_planes.astype(np.float64))
         alphas: dict[tuple[str, ...], Floats] = {}
         alike = len({self.looks[i].protect for i in which}) == 1
         for i, correction in zip(which, corrections, strict=True):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from pvg._arrays import Bools, Bytes, Floats
 from pvg.face import Landmarks, layout
@@ -28,10 +29,11 @@ _UNLIKE = 20.0  # CIE76 difference of the medians of upper and lower face that s
 _LEAST = 24  # fewer samples say nothing
 
 
-def skin_sample(rgb: Bytes, skin: Floats, landmarks: Landmarks) -> Floats:
-    """Colours of the open skin of one face: (SAMPLES, 3) float32, 0-255 RGB, or (0, 3) when there is too little.
+def skin_sample(rgb: Bytes, skin: Floats, landmarks: Landmarks) -> tuple[Floats, Floats]:
+    """The open skin of one face: its colours (SAMPLES, 3) float32, 0-255 RGB, and where they are, (SAMPLES, 2) pixels.
 
-    rgb: (H, W, 3);  skin: (H, W) float32, the matte;  landmarks: in its pixels.
+    Both are empty when there is too little of it.  rgb: (H, W, 3);  skin: (H, W) float32, the matte;
+    landmarks: in its pixels.
     """
     axes, points = landmarks.axes, landmarks.points
     h, w = rgb.shape[:2]
@@ -46,20 +48,21 @@ def skin_sample(rgb: Bytes, skin: Floats, landmarks: Landmarks) -> Floats:
     region[np.asarray(cv2.dilate(features, kernel)) > 0] = 0
     rows, columns = np.nonzero((region > 0) & (skin > 0.9))
     if len(rows) < _LEAST:
-        return np.empty((0, 3), np.float32)
+        return np.empty((0, 3), np.float32), np.empty((0, 2), np.float32)
     smooth = cv2.GaussianBlur(rgb, (0, 0), max(0.6, _SMOOTHING * axes.width)).astype(np.float32)
     colors = smooth[rows, columns]
     nose_tip = points[layout.NOSE_TIP]
-    below = (np.stack([columns, rows], axis=1) - nose_tip) @ axes.down > 0
-    colors = _without_beard(colors, below)
+    places = np.stack([columns, rows], axis=1).astype(np.float32)
+    kept = _without_beard(colors, (places - nose_tip) @ axes.down > 0)
     # pixels come row by row, so equal steps through them are spread evenly over the face
-    chosen = np.linspace(0, len(colors) - 1, SAMPLES).round().astype(int)
-    return np.ascontiguousarray(colors[chosen], np.float32)
+    chosen = kept[np.linspace(0, len(kept) - 1, SAMPLES).round().astype(int)]
+    return np.ascontiguousarray(colors[chosen], np.float32), places[chosen]
 
 
-def _without_beard(colors: Floats, lower: Bools) -> Floats:
+def _without_beard(colors: Floats, lower: Bools) -> NDArray[np.intp]:
+    """The numbers of the colours that are kept."""
     if min(int(lower.sum()), int((~lower).sum())) < _LEAST:
-        return colors
+        return np.arange(len(colors))
     lab = cv2.cvtColor(colors[None] / np.float32(255.0), cv2.COLOR_RGB2Lab)[0]
     gap = float(np.linalg.norm(np.median(lab[lower], axis=0) - np.median(lab[~lower], axis=0)))
-    return colors[~lower] if gap > _UNLIKE else colors
+    return np.flatnonzero(~lower) if gap > _UNLIKE else np.arange(len(colors))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pvg._arrays import Bytes, Floats
 from pvg._threads import side_by_side
 from pvg.asset import AssetWriter, FaceRecord, FaceSummary, KeyFrame
-from pvg.curves import BOUNDARY, boundary_points, boundary_radius, place, table_labels
+from pvg.curves import BOUNDARY, GROUPS, boundary_points, boundary_radius, place, table_labels
 from pvg.face import FaceAxes, Landmarks
 from pvg.landmarks import FaceShape, FaceTrack, frontal_ratios
 from pvg.picture import Picture
@@ -19,6 +19,7 @@ from pvg.skin import MaskMethod, Matte, SkinTracker, fit_skin_model
 from pvg.vectorization.following import KeyView, Stretch, rows_between
 from pvg.vectorization.key_colors import fit_key_frame
 from pvg.vectorization.open_skin import skin_sample
+from pvg.vectorization.part_colors import part_colors
 
 ADVISED_FACE_PX = 200  # the paper's least face size
 _SAMPLE_MARGIN = 0.06  # of the face's width: reach of what smooths the sampled skin
@@ -142,11 +143,19 @@ def _key_frame(frame: int, picture: Picture, landmarks: Landmarks, matte: Matte,
     boundary = boundary_points(_radius(landmarks, matte), landmarks.axes)
     positions = place(table_labels(), landmarks, boundary)
     rgb, corner = _cut_out(picture, matte.raster.box)
-    skin, (colors, visible) = side_by_side(
-        lambda: _open_skin(picture, landmarks, matte),
+    (skin, places, parts), (colors, visible) = side_by_side(
+        lambda: (*_open_skin(picture, landmarks, matte), part_colors(picture, landmarks, matte)),
         lambda: fit_key_frame(rgb, matte.crop(corner), positions - corner, landmarks.axes.width, seed),
     )
-    return KeyFrame(frame, colors, visible, skin)
+    return KeyFrame(frame, colors, visible, skin, _nearest_on_skin(places, positions), parts)
+
+
+def _nearest_on_skin(places: Floats, positions: Floats) -> NDArray[np.int16]:
+    """(N,) the sample on a skin curve, of those at `positions` (S, 2), that is nearest to each place (N, 2)."""
+    labels = table_labels()
+    on_skin = np.flatnonzero((labels.group == GROUPS.index("skin")) & (labels.curve != BOUNDARY))
+    gaps = places[:, None] - positions[on_skin]
+    return np.asarray(on_skin[np.argmin((gaps**2).sum(axis=2), axis=1)], np.int16)
 
 
 def _radius(landmarks: Landmarks, matte: Matte) -> Floats:
@@ -165,9 +174,10 @@ def _cut_out(picture: Picture, box: Floats) -> tuple[Bytes, Floats]:
     return part.rgb(), np.array(part.box[:2], np.float32)
 
 
-def _open_skin(picture: Picture, landmarks: Landmarks, matte: Matte) -> Floats:
-    """The colours of the open skin, see `skin_sample`; looked for within the face contour only."""
+def _open_skin(picture: Picture, landmarks: Landmarks, matte: Matte) -> tuple[Floats, Floats]:
+    """The open skin and where it is in the picture, see `skin_sample`; looked for within the face contour only."""
     margin, skin = _SAMPLE_MARGIN * landmarks.axes.width + 2, landmarks.skin_points
     rgb, corner = _cut_out(picture, np.concatenate([skin.min(axis=0) - margin, skin.max(axis=0) + margin]))
     alpha = matte.crop(corner).alpha_at(*(np.arange(n, dtype=np.float32) for n in (rgb.shape[1], rgb.shape[0])))
-    return skin_sample(rgb, alpha, landmarks.moved(-corner))
+    colors, places = skin_sample(rgb, alpha, landmarks.moved(-corner))
+    return colors, places + corner

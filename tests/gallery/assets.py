@@ -36,7 +36,14 @@ def key_frame() -> KeyFrame:
     """Boundary colours at random."""
     rng = np.random.default_rng(99)
     colors = rng.uniform(0, 255, (len(table_labels()), 3)).astype(np.float32)
-    return KeyFrame(FIRST, colors, rng.random(len(colors)) > 0.1, rng.uniform(0, 255, (64, 3)).astype(np.float32))
+    return KeyFrame(
+        FIRST,
+        colors,
+        rng.random(len(colors)) > 0.1,
+        rng.uniform(0, 255, (64, 3)).astype(np.float32),
+        rng.integers(0, len(colors), 64).astype(np.int16),
+        rng.uniform(0, 255, (4, 3)).astype(np.float32),
+    )
 
 
 def manifest_of(source: Path, frame_count: int, shots: tuple[int, ...] = (0,)) -> dict[str, object]:

@@ -134,7 +134,7 @@ def test_open_skin_gets_the_colour_of_the_references_open_skin(
     matte = matte_of(video, source_frame(video, key.frame))
     for reference in (dark_reference, pale_reference):
         drawn = pvg.render_frame(video, pvg.transfer(video, reference), key.frame)
-        skin = skin_sample(drawn, matte, data.landmarks)
+        skin, _ = skin_sample(drawn, matte, data.landmarks)
         wanted = np.median(reference.records[0].key_frames[0].skin, axis=0)
         before = np.abs(np.median(key.skin, axis=0) - wanted).max()
         assert before > 20

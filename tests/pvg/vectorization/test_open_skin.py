@@ -38,4 +38,4 @@ def test_without_enough_skin_there_is_no_sample(image: pvg.VectorVideo) -> None:
     assert data is not None
     rgb = source_frame(image, 0).rgb()
     nothing = np.zeros(rgb.shape[:2], np.float32)
-    assert skin_sample(rgb, nothing, data.landmarks).shape == (0, 3)
+    assert [part.shape for part in skin_sample(rgb, nothing, data.landmarks)] == [(0, 3), (0, 2)]

@@ -1,0 +1,48 @@
+"""Parts on top of the membrane: each adds its own change where its cover is, and nothing beyond.
+
+Covers are drawn on the lattice's nodes, as fine as the membrane itself, and their changes added to its shift: a pixel
+costs no more than without them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pvg._arrays import Doubles, Floats
+from pvg.face import Landmarks
+from pvg.face.parts import PARTS, add_cover, feather, part_outlines
+from pvg.looks import to_rgb
+from pvg.rendering.correction import Correction
+
+
+def with_parts(
+    corrections: Sequence[Correction], changes: Sequence[Floats | None], landmarks: Landmarks, to_planes: Doubles
+) -> list[Correction]:
+    """The corrections of one face, all on one lattice, with the changes of its parts.
+
+    changes: a (P, 3) for each correction, see `Look.parts`, or None;  to_planes: (3, 3) of the clip's luma and chroma
+    by RGB, transposed.
+    """
+    if not any(change is not None and change.any() for change in changes):
+        return list(corrections)
+    lattice = corrections[0].lattice
+    covers: dict[int, Floats] = {}
+    out = []
+    for correction, change in zip(corrections, changes, strict=True):
+        shift = correction.shift
+        if change is not None and change.any():
+            shift = shift.copy()
+            for p in np.flatnonzero(change.any(axis=1)).tolist():
+                if p not in covers:
+                    covers[p] = np.zeros((lattice.height, lattice.width), np.float32)
+                    soft = feather(PARTS[p], landmarks)
+                    outlines = part_outlines(PARTS[p], landmarks)
+                    add_cover(covers[p], outlines, (lattice.x, lattice.y), lattice.step, soft)
+                gain = (to_rgb(change[p : p + 1].astype(np.float64)) @ to_planes)[0]
+                for plane in range(3):
+                    shift[plane] += np.float32(gain[plane]) * covers[p]
+        out.append(replace(correction, shift=shift))
+    return out

@@ -1,0 +1,54 @@
+"""The colours of a face's parts on its key frame: what a look compares with those of the reference's parts."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pvg._arrays import Bools, Bytes, Floats
+from pvg.face import Landmarks
+from pvg.face.parts import PARTS, add_cover, feather, part_outlines
+from pvg.picture import Picture
+from pvg.raster import Raster
+from pvg.skin import Matte
+
+_CELLS_A_WIDTH = 128.0
+_MARGIN = 0.1  # of the face's width around the landmarks, room for the covers' feather
+_COVERED = 0.6  # of a cell that counts
+_LEAST_CELLS = 8
+_LEAST_SEEN = 0.5  # of a side's cells that the matte shows
+_SHADED = 1.5  # a side darker than the other by this is in its shadow and does not count
+
+
+def part_colors(picture: Picture, landmarks: Landmarks, matte: Matte) -> Floats:
+    """(P, 3) float32 median colour of each of PARTS, 0-255 RGB, NaN where it is not seen.
+
+    Of two sides that are lit alike the mean counts, else the brighter one.
+    """
+    width = max(landmarks.axes.width, 1.0)
+    step = max(1.0, width / _CELLS_A_WIDTH)
+    low = landmarks.stacked.min(axis=0) - _MARGIN * width
+    high = landmarks.stacked.max(axis=0) + _MARGIN * width
+    rows, columns = (int(np.ceil((high[k] - low[k]) / step)) + 1 for k in (1, 0))
+    raster = Raster(np.rint(low).astype(np.float32), step, (rows, columns))
+    rgb = picture.cells(raster)
+    xs, ys = raster.centers()
+    seen = (matte.alpha_at(xs.astype(np.float32), ys.astype(np.float32)) > 0.5) & raster.inside(picture.size)
+    return np.stack([_part_color(part, landmarks, rgb, seen, (float(xs[0]), float(ys[0])), step) for part in PARTS])
+
+
+def _part_color(
+    part: str, landmarks: Landmarks, rgb: Bytes, seen: Bools, origin: tuple[float, float], step: float
+) -> Floats:
+    sides = []
+    for outline in part_outlines(part, landmarks):
+        cover = np.zeros(seen.shape, np.float32)
+        add_cover(cover, [outline], origin, step, feather(part, landmarks))
+        within = cover > _COVERED * float(cover.max())
+        shown = within & seen
+        if shown.sum() >= max(_LEAST_CELLS, _LEAST_SEEN * within.sum()):
+            sides.append(np.median(rgb[shown], axis=0))
+    if not sides:
+        return np.full(3, np.nan, np.float32)
+    brightest = max(sides, key=lambda color: float(color.sum()))
+    alike = [color for color in sides if _SHADED * color.sum() >= brightest.sum()]
+    return np.asarray(np.mean(alike, axis=0), np.float32)

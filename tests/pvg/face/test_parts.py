@@ -1,0 +1,46 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pvg.face import layout
+from pvg.face.parts import PARTS, Outline, add_cover, feather, part_outlines
+from tests.gallery.faces import made_up_landmarks
+
+_SQUARE = np.array([(20, 20), (44, 20), (44, 40), (20, 40)], np.float32)
+
+
+@pytest.mark.parametrize("step", [1.0, 2.5])
+def test_a_cover_weighs_what_its_outline_covers_and_ends_there(step: float) -> None:
+    cells = int(80 / step)
+    out = np.zeros((cells, cells), np.float32)
+    add_cover(out, [Outline(_SQUARE)], (0.0, 0.0), step, 2.0)
+    assert out.sum() * step**2 == pytest.approx(24 * 20, rel=0.06)
+    ys, xs = np.indices(out.shape) * step
+    away = np.hypot(np.clip(np.maximum(20 - xs, xs - 44), 0, None), np.clip(np.maximum(20 - ys, ys - 40), 0, None))
+    assert (out[away > 3 * max(2.0, step) + 2 * step] == 0).all()
+    assert out[int(30 / step), int(32 / step)] == pytest.approx(1.0, abs=0.02)
+
+
+def test_a_hole_and_what_lies_outside_the_cells_are_left_out() -> None:
+    out = np.zeros((60, 32), np.float32)
+    hole = np.array([(26, 26), (38, 26), (38, 34), (26, 34)], np.float32)
+    add_cover(out, [Outline(_SQUARE, hole), Outline(_SQUARE + 500)], (0.0, 0.0), 1.0, 0.8)
+    assert out[30, 30] < 0.05
+    assert out[23, 24] > 0.9
+
+
+def test_every_part_lies_where_its_features_are() -> None:
+    face = made_up_landmarks()
+    places = {
+        "lips": layout.LIPS,
+        "lids": layout.EYE_CONTOURS,
+        "brows": layout.BROWS,
+    }
+    for part in PARTS:
+        outlines = part_outlines(part, face)
+        assert len(outlines) == (1 if part == "lips" else 2)
+        middle = np.mean([outline.polygon.mean(axis=0) for outline in outlines], axis=0)
+        near = face.points[places[part]].mean(axis=0) if part in places else face.axes.center
+        assert np.linalg.norm(middle - near) < 0.25 * face.axes.width
+        assert 0.0 < feather(part, face) < 0.1 * face.axes.width

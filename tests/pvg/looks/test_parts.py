@@ -1,0 +1,88 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pvg.asset import KeyFrame
+from pvg.face.parts import PARTS
+from pvg.looks.parts import MAKEUP, PartChanges, strengths
+from pvg.looks.tone import SkinMap, to_opponent, to_rgb
+from tests.gallery.assets import key_frame
+
+
+def _skin(color: tuple[float, float, float], seed: int = 0) -> np.ndarray:
+    """Skin of one chroma for each tone, (256, 3)."""
+    light = np.random.default_rng(seed).uniform(0.85, 1.15, (256, 1))
+    return (np.array(color) * light).astype(np.float32)
+
+
+def _face(color: tuple[float, float, float], beyond: dict[str, tuple[float, float, float]]) -> KeyFrame:
+    """A key frame whose parts are its skin's colour, multiplied and shifted: part -> (luma share, B − Y, R − Y)."""
+    skin = _skin(color)
+    middle = to_opponent(np.median(skin, axis=0)[None])[0]
+    parts = []
+    for part in PARTS:
+        share, blue, red = beyond.get(part, (1.0, 0.0, 0.0))
+        parts.append(to_rgb(np.array([[middle[0] * share, middle[1] * share + blue, middle[2] * share + red]]))[0])
+    return replace(key_frame(), skin=skin, parts=np.array(parts, np.float32))
+
+
+_OWN = _face((150, 110, 95), {"lips": (0.85, 0.0, 12.0), "brows": (0.5, 0.0, 0.0)})
+_MADE_UP = _face((210, 175, 160), {"lips": (0.7, 4.0, 40.0), "lids": (0.85, 8.0, 0.0), "cheeks": (1.0, 0.0, 12.0)})
+
+
+def _map(source: KeyFrame, target: KeyFrame) -> SkinMap:
+    return SkinMap.between(source.skin, target.skin.astype(np.float64))
+
+
+@pytest.mark.parametrize("part", ["lips", "lids", "cheeks"])
+def test_a_part_ends_as_far_from_the_skin_as_the_references(part: str) -> None:
+    skin, p = _map(_OWN, _MADE_UP), PARTS.index(part)
+    change = PartChanges.of(_MADE_UP).on(skin, _OWN)
+    ends = to_opponent(skin(_OWN.parts))[p] + change[p] - to_opponent(skin(np.median(_OWN.skin, axis=0)[None]))[0]
+    wanted = to_opponent(_MADE_UP.parts)[p] - to_opponent(np.median(_MADE_UP.skin, axis=0)[None])[0]
+    alone = np.linalg.norm(ends - change[p] - wanted)
+    assert np.linalg.norm(ends - wanted) < 0.25 * alone
+
+
+def test_a_reference_like_the_clip_asks_for_nothing() -> None:
+    change = PartChanges.of(_OWN).on(_map(_OWN, _OWN), _OWN)
+    assert np.abs(change).max() < 1.0
+
+
+@pytest.mark.parametrize(
+    ("part", "color"),
+    [
+        ("lips", (0.3, 0.0, 3.0)),  # under a black beard
+        ("lips", (0.8, 0.0, -20.0)),  # grey: stubble
+        ("lids", (0.3, 0.0, 0.0)),  # sunglasses
+        ("cheeks", (0.4, 0.0, 0.0)),  # in deep shadow
+    ],
+)
+def test_a_beard_or_a_shadow_in_the_reference_is_left_out(part: str, color: tuple[float, float, float]) -> None:
+    reference = _face((210, 175, 160), {part: color})
+    change = PartChanges.of(reference).on(_map(_OWN, reference), _OWN)
+    assert (change[PARTS.index(part)] == 0).all()
+
+
+def test_what_is_not_seen_on_either_side_is_left_out() -> None:
+    hidden = np.full((len(PARTS), 3), np.nan, np.float32)
+    for ours, theirs in ((_OWN, replace(_MADE_UP, parts=hidden)), (replace(_OWN, parts=hidden), _MADE_UP)):
+        assert (PartChanges.of(theirs).on(_map(ours, theirs), ours) == 0).all()
+
+
+def test_black_lips_are_bounded_by_what_lips_can_be() -> None:
+    painted = _face((210, 175, 160), {"lips": (0.5, 0.0, 30.0)})
+    skin = _map(_OWN, painted)
+    lips = to_opponent(skin(_OWN.parts))[0] + PartChanges.of(painted).on(skin, _OWN)[0]
+    assert lips[0] > 0.55 * to_opponent(skin(np.median(_OWN.skin, axis=0)[None]))[0, 0]
+
+
+def test_strengths_are_for_all_parts_or_by_part() -> None:
+    np.testing.assert_array_equal(strengths(0.5), np.full(len(PARTS), 0.5, np.float32))
+    np.testing.assert_array_equal(strengths({"lids": 0.2}), np.float32([MAKEUP, 0.2, MAKEUP, MAKEUP]))
+    for wrong in (1.5, -0.1, {"nose": 0.5}, {"lips": True}, {"lips": 2}):
+        with pytest.raises(ValueError, match=r"makeup|no part"):
+            strengths(wrong)
