@@ -34,7 +34,9 @@ MASKS = ("landmarks", "ycbcr")
 MATCHINGS = ("table", "chain")
 MATCHES = ("color", "semantic")
 CODECS = ("auto", "h264", "hevc", "vp9", "av1")
-BETA, ITERATIONS = 0.2, 20
+PARTS = ("lips", "lids", "cheeks", "brows")
+MAKEUP, LIGHT, BETA, ITERATIONS = 0.75, 0.0, 0.2, 20
+LOOK_OPTIONS = ("strength", "match", "makeup", "light", "beta", "iterations", "seed")  # that transfer and swap share
 LAYERS = ("image", "landmarks", "mask", "matte", "curves", "low", "high")
 
 
@@ -107,6 +109,16 @@ def _share(value: str) -> float:
     if not 0.0 <= share <= 1.0:
         raise argparse.ArgumentTypeError(f"a number from 0 to 1, not {value!r}")
     return share
+
+
+def _makeup(value: str) -> float | dict[str, float]:
+    if "=" not in value:
+        return _share(value)
+    parts = [part.partition("=")[::2] for part in value.split(",")]
+    names = [name for name, _ in parts]
+    if unknown := [name for name in names if name not in PARTS or names.count(name) > 1]:
+        raise argparse.ArgumentTypeError(f"each of {', '.join(PARTS)} at most once, not {unknown[0]!r}")
+    return {name: _share(share) for name, share in parts}
 
 
 def _beta(value: str) -> float:
@@ -197,7 +209,7 @@ def _transfer(given: argparse.Namespace) -> None:
 
 def _look_options(given: argparse.Namespace) -> dict[str, Any]:
     """The options of a look that `transfer` and `swap` share, but for the contrast."""
-    return {name: getattr(given, name) for name in ("strength", "match", "beta", "iterations", "seed")}
+    return {name: getattr(given, name) for name in LOOK_OPTIONS}
 
 
 def _reference_face(reference: VectorVideo, face: int | None) -> FaceSummary:
@@ -396,6 +408,21 @@ def _add_look(parser: argparse.ArgumentParser) -> None:
         choices=MATCHES,
         default="semantic",
         help="all colours together, or skin to skin, lips to lips (default)",
+    )
+    parser.add_argument(
+        "--makeup",
+        type=_makeup,
+        default=MAKEUP,
+        metavar="X",
+        help=f"how far {', '.join(PARTS)} take the reference's make-up, from 0 to 1 ({MAKEUP}), "
+        "or by part, e.g. lips=1,lids=0.3",
+    )
+    parser.add_argument(
+        "--light",
+        type=_share,
+        default=LIGHT,
+        metavar="X",
+        help=f"how far light falls from where it does on the reference, from 0 to 1 ({LIGHT})",
     )
     parser.add_argument("--beta", type=_beta, default=BETA, metavar="X", help=f"of eq. (7), above 0, up to 1 ({BETA})")
     parser.add_argument(

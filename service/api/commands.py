@@ -163,6 +163,8 @@ def _params(look: Wanted) -> LookParams:
         match=options.match,
         protect=tuple(options.protect),
         faces=options.faces if options.faces == "all" else tuple(options.faces),
+        makeup=options.makeup if isinstance(options.makeup, float) else options.makeup.model_dump(),
+        light=options.light,
         reference_face=options.reference_face,
         beta=options.beta,
         iterations=options.iterations,

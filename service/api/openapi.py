@@ -48,6 +48,8 @@ TRANSFER_FORM: dict[str, Any] = {
         "match": {"type": "string"},
         "protect": {"type": "string", "description": "comma-separated"},
         "faces": {"type": "string", "description": "all, or comma-separated indices"},
+        "makeup": {"type": "string", "description": "a number, or comma-separated by part: lips=1,lids=0.3"},
+        "light": {"type": "number"},
         "reference_face": {"type": "integer"},
         "beta": {"type": "number"},
         "iterations": {"type": "integer"},

@@ -29,7 +29,7 @@ from service.errors import (
     problem_body,
 )
 
-_UNION_MEMBER = re.compile(r"literal\[.*|constrained-\w+|list\[.*|function-\w+.*")
+_UNION_MEMBER = re.compile(r"literal\[.*|constrained-\w+|list\[.*|function-\w+.*|MakeupParts")
 
 
 def problem_response(request: Request, error: ServiceError) -> JSONResponse:

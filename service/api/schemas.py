@@ -12,6 +12,7 @@ from service.ids import MEDIA_ID
 
 MediaId = Annotated[str, Field(pattern=MEDIA_ID.pattern, examples=["vid_0192f0c1a2b37c4d8e5f60718293a4b5"])]
 Contrast = Literal["auto"] | Annotated[float, Field(ge=0.7, le=1.5)]
+Share = Annotated[float, Field(ge=0, le=1)]
 ContrastOfEach = Annotated[list[Contrast], Field(min_length=2, max_length=2)]
 Faces = Literal["all"] | Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=1, max_length=64)]
 
@@ -20,6 +21,7 @@ IMAGE_CONTAINERS = ("png", "jpg", "webp")
 MAX_CRF_H26X = 51
 #: the transport has settled long before, and a request must not ask for minutes of it
 MAX_ITERATIONS = 200
+MAKEUP = 0.75
 MAX_SEED = 2**32 - 1
 
 
@@ -39,11 +41,24 @@ class VideoOptions(ReferenceOptions):
     matching: Matching = Field(default="table", description="how colours are carried; chain: the paper's way")
 
 
+class MakeupParts(_Request):
+    """How far each part takes the reference's make-up."""
+
+    lips: Share = MAKEUP
+    lids: Share = MAKEUP
+    cheeks: Share = MAKEUP
+    brows: Share = MAKEUP
+
+
 class _ColorOptions(_Request):
     strength: float = Field(default=1.0, ge=0, le=1, description="0 leaves the clip as it is, 1 is the whole transfer")
     match: Match = Field(default="semantic", description="all colours together, or skin to skin and lips to lips")
     protect: list[Part] = Field(default=["eyes", "teeth"], description="parts that keep their colour")
     faces: Faces = Field(default="all", description="indices of the faces to change, or all")
+    makeup: Share | MakeupParts = Field(
+        default=MAKEUP, description="how far lips, lids, cheeks and brows take the reference's make-up: all, or by part"
+    )
+    light: Share = Field(default=0.0, description="how far light falls from where it does on the reference")
     reference_face: int | None = Field(
         default=None, ge=0, le=1000, description="index of the reference's face; its largest when not given"
     )

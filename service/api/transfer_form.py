@@ -36,8 +36,7 @@ def to_request(form: Form, uploaded: Sequence[str]) -> TransferRequest:
         elif name == "video":
             top["video"] = text
         elif name in _LOOK_FIELDS:
-            split = name in _LISTS and text != "all"
-            options[name] = [part.strip() for part in text.split(",") if part.strip()] if split else text
+            options[name] = _option(name, text)
         elif name in _OUTPUT_FIELDS:
             output[name] = text
         else:
@@ -50,6 +49,15 @@ def to_request(form: Form, uploaded: Sequence[str]) -> TransferRequest:
         )
     except ValidationError as error:
         raise _named_by_field(error) from error
+
+
+def _option(name: str, text: str) -> str | list[str] | dict[str, str]:
+    """The value of a field: a list or, as in `lips=1,lids=0.3`, a mapping where the option may be one."""
+    if name == "makeup" and "=" in text:
+        return {part.strip(): value.strip() for part, _, value in (one.partition("=") for one in text.split(","))}
+    if name in _LISTS and text != "all":
+        return [part.strip() for part in text.split(",") if part.strip()]
+    return text
 
 
 def _named_by_field(error: ValidationError) -> ServiceError:

@@ -50,6 +50,7 @@ class LookParams:
 
     ``strength`` is in [0, 1], ``contrast`` in [0.7, 1.5] or "auto"; ``protect`` names the parts that keep their colour,
     ``faces`` the indices of the faces to change, ``reference_face`` that of the reference's, None its largest;
+    ``makeup`` is in [0, 1] for all parts or by part, ``light`` in [0, 1];
     ``beta``, ``iterations`` and ``seed`` are those of the transport. With ``exchange`` the two ``faces`` exchange their
     colours, and ``contrast`` has one value for each.
     """
@@ -59,6 +60,8 @@ class LookParams:
     match: Match = "semantic"
     protect: tuple[Part, ...] = ("eyes", "teeth")
     faces: tuple[int, ...] | Literal["all"] = "all"
+    makeup: float | dict[str, float] = 0.75
+    light: float = 0.0
     reference_face: int | None = None
     beta: float = 0.2
     iterations: int = 20

@@ -14,7 +14,8 @@ import pytest
 
 import pvg
 from pvg import cli
-from pvg.looks import BETA, ITERATIONS
+from pvg.face.parts import PARTS
+from pvg.looks import BETA, ITERATIONS, LIGHT, MAKEUP
 from pvg.rendering import LAYERS
 from pvg.video import probe, read_image
 from pvg.video.writing import Codec
@@ -85,9 +86,11 @@ def test_swap_within_one_writes_a_file_and_warns_of_small_faces(group: pvg.Vecto
 def test_a_face_of_a_group_is_the_reference(asset: Path, group: pvg.VectorVideo, tmp_path: Path) -> None:
     out = tmp_path / "out.png"
     arguments = ["transfer", group.path, "--face", "0", "--reference", group.path, "-o", out]
-    result = run(*arguments, "--reference-face", "2", "--iterations", "5", "--beta", "0.5", "--seed", "3")
+    paper = ["--iterations", "5", "--beta", "0.5", "--seed", "3"]
+    result = run(*arguments, "--reference-face", "2", "--makeup", "lips=1,cheeks=0.25", "--light", "0.5", *paper)
     assert result.returncode == 0, result.stderr
-    look = pvg.transfer(group, group, faces=[0], reference_face=2, iterations=5, beta=0.5, seed=3)
+    options = {"makeup": {"lips": 1.0, "cheeks": 0.25}, "light": 0.5, "iterations": 5, "beta": 0.5, "seed": 3}
+    look = pvg.transfer(group, group, faces=[0], reference_face=2, **options)  # type: ignore[arg-type]
     np.testing.assert_array_equal(read_image(out).rgb(), pvg.render_frame(group, look, 0))
     # of those that take part, each once for the clip and once for the reference
     assert [line.split(": ")[2] for line in result.stderr.splitlines()] == ["group.pvg, face 0", "group.pvg, face 2"]
@@ -126,6 +129,10 @@ def test_bad_arguments_exit_with_2(asset: Path, clip: Path, samples: Samples, tm
         ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--face", "7"],
         ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--reference-face", "1"],
         ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--beta", "0"],
+        ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--light", "1.5"],
+        ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--makeup", "2"],
+        ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--makeup", "nose=1"],
+        ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--makeup", "lips=1,lips=0"],
         ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--iterations", "-1"],
         ["transfer", asset, *look, *look, "-o", tmp_path / "o.mp4"],
         ["swap", asset, asset, "-o", tmp_path / "o"],
@@ -200,7 +207,8 @@ def test_the_choices_are_the_librarys() -> None:
     assert get_args(parameters["mask"]) == cli.MASKS
     assert get_args(parameters["matching"]) == cli.MATCHINGS
     assert get_args(Codec) == cli.CODECS
-    assert (BETA, ITERATIONS) == (cli.BETA, cli.ITERATIONS)
+    assert (MAKEUP, LIGHT, BETA, ITERATIONS) == (cli.MAKEUP, cli.LIGHT, cli.BETA, cli.ITERATIONS)
+    assert PARTS == cli.PARTS
     assert cli.LAYERS == LAYERS
 
 

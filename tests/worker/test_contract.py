@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, fields
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, get_args, get_type_hints
 
 import av
 import numpy as np
@@ -16,13 +16,15 @@ import pytest
 from pydantic import ValidationError
 
 import pvg
+from pvg.face.parts import PARTS
+from pvg.looks import MAKEUP
 from pvg.vectorization import STAGES
 from pvg.video import CLIP_SUFFIXES, IMAGE_SUFFIXES, VideoWriter, probe, read_frames
 from scripts.samples import Samples
-from service.api.schemas import CLIP_CONTAINERS, IMAGE_CONTAINERS, LookOptions, OutputRequest
+from service.api.schemas import CLIP_CONTAINERS, IMAGE_CONTAINERS, LookOptions, MakeupParts, OutputRequest, VideoOptions
 from service.api.sniffing import HEAD_BYTES, sniff
-from service.catalog import LookParams, OutputOptions, Progress, content_type_of
-from service.catalog.requests import Codec, Container, Match, Part, Preset
+from service.catalog import LookParams, OutputOptions, Progress, VectorSettings, content_type_of
+from service.catalog.requests import Codec, Container, Mask, Match, Matching, Part, Preset
 from service.errors import PROBLEMS
 from service.settings import Settings
 from worker.failures import problem_of
@@ -66,7 +68,9 @@ def taken_by_the_method(video: pvg.VectorVideo, reference: pvg.VectorVideo, **op
 
 
 def test_the_defaults_of_a_look_are_the_methods() -> None:
-    assert {name: default_of(pvg.transfer, name) for name in asdict(LookParams())} == asdict(LookParams())
+    params = asdict(LookParams())
+    assert params.pop("exchange") is False  # the worker's own: `pvg.exchange` instead of `pvg.transfer`
+    assert {name: default_of(pvg.transfer, name) for name in params} == params
     assert {name: default_of(pvg.transfer, name) for name in LookOptions.model_fields} == {
         name: tuple(value) if isinstance(value, list) else value for name, value in LookOptions().model_dump().items()
     }
@@ -79,7 +83,7 @@ def portrait(samples: Samples) -> Iterator[pvg.VectorVideo]:
         yield vectorized
 
 
-@pytest.mark.parametrize("name", ["strength", "contrast"])
+@pytest.mark.parametrize("name", ["strength", "contrast", "light", "makeup"])
 def test_the_ranges_of_a_look_are_the_methods(
     portrait: pvg.VectorVideo, dark_reference: pvg.VectorVideo, name: str
 ) -> None:
@@ -87,6 +91,37 @@ def test_the_ranges_of_a_look_are_the_methods(
     for value, expected in ((least, True), (most, True), (least - 0.01, False), (most + 0.01, False)):
         assert taken_by_the_api(LookOptions, **{name: value}) is expected
         assert taken_by_the_method(portrait, dark_reference, **{name: value}) is expected
+
+
+def test_the_ranges_of_the_transport_are_the_methods(
+    portrait: pvg.VectorVideo, dark_reference: pvg.VectorVideo
+) -> None:
+    for name, taken, refused in (
+        ("beta", (0.01, 1.0), (0.0, 1.01)),
+        ("iterations", (0, 1), (-1,)),
+        ("seed", (0,), (-1,)),
+    ):
+        for value in taken:
+            assert taken_by_the_api(LookOptions, **{name: value})
+            assert taken_by_the_method(portrait, dark_reference, **{name: value})
+        for value in refused:
+            assert not taken_by_the_api(LookOptions, **{name: value})
+            assert not taken_by_the_method(portrait, dark_reference, **{name: value})
+
+
+def test_the_parts_of_makeup_are_the_methods(portrait: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> None:
+    assert tuple(MakeupParts.model_fields) == PARTS
+    assert MakeupParts().model_dump() == dict.fromkeys(PARTS, MAKEUP)
+    for makeup in ({"lips": 1.0}, {"lips": 1.5}, {"nose": 1.0}, {}):
+        taken = taken_by_the_method(portrait, dark_reference, makeup=makeup)
+        assert taken is taken_by_the_api(LookOptions, makeup=makeup)
+
+
+def test_the_settings_of_a_vectorisation_are_the_methods() -> None:
+    defaults = asdict(VectorSettings())
+    assert {name: default_of(pvg.vectorize, name) for name in defaults} == defaults == VideoOptions().model_dump()
+    words = get_type_hints(pvg.vectorize)
+    assert (get_args(words["mask"]), get_args(words["matching"])) == (get_args(Mask), get_args(Matching))
 
 
 def test_the_words_of_a_look_are_the_methods(portrait: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> None:
@@ -205,6 +240,7 @@ def test_the_limits_of_the_service_are_the_methods() -> None:
     assert media_limits(Settings()) == pvg.MediaLimits()
     assert {field.name for field in fields(pvg.MediaLimits)} <= Settings.model_fields.keys()
     assert Settings().min_face_px == default_of(pvg.vectorize, "min_face_px")
+    assert Settings().warn_face_px == default_of(pvg.vectorize, "advised_face_px")
 
 
 def opened(path: Path) -> bool:

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import pvg
 from pvg.video import probe, read_frames
 from scripts.samples import Samples
 from tests.conftest import cut_clip
@@ -129,6 +130,65 @@ def test_a_swap_recolours_both(service: Service, clip: Path, samples: Samples, t
     assert source is not None
     assert drawn.shape == source.shape
     assert np.abs(drawn.astype(int) - source).max() > 30
+
+
+def test_a_group_picture_is_a_reference_of_many_faces_and_a_clip_of_two_that_swap(
+    service: Service, clip: Path, samples: Samples, tmp_path: Path
+) -> None:
+    picture = {"video": service.upload("/videos", samples.portrait)["id"]}
+    upload = service.upload("/references", samples.several_faces)
+    # asked for while nobody knows how many faces there are
+    early = service.client.post(
+        "/transfer", json=picture | {"looks": [{"reference": upload["id"], "reference_face": 9}]}
+    )
+    group = service.ready("/references", samples.several_faces)
+    assert [face["index"] for face in group["faces"]] == [0, 1, 2, 3, 4]
+    assert all("200 px or more is advised" in face["warnings"][0] for face in group["faces"])
+    assert [warning[:8] for warning in group["warnings"]] == [f"face {i}: " for i in range(5)]
+    late = service.client.post("/transfer", json=picture | {"looks": [{"reference": group["id"], "reference_face": 9}]})
+    assert (late.status_code, late.json()["errors"][0]["pointer"]) == (422, "/looks/0/reference_face")
+    failed = service.finished(early.json()["id"])
+    assert (failed["state"], failed["error"]["type"]) == ("failed", "validation-failed")
+    assert failed["error"]["detail"] == "no face 9; this reference has faces 0 to 4"
+
+    paper = {"match": "color", "contrast": 1.0, "beta": 0.3, "iterations": 10, "seed": 5}
+    asked = [{"reference": group["id"], "reference_face": face} | paper for face in (0, 1)]
+    looks = service.client.post("/transfer", json=picture | {"looks": asked}).json()
+    done = service.finished(looks["id"])
+    assert done["state"] == "succeeded", done
+    for i, look in enumerate(done["looks"]):
+        assert look["settings"] == {"mask": "landmarks", "matching": "table"}
+        assert asked[i].items() <= (look["options"] | {"reference": group["id"]}).items()
+        assert look["warnings"][-1].startswith(f"reference, face {i}: the face is ")
+    first, second = (service.client.get(look["url"]).content for look in done["looks"])
+    assert first != second
+
+    video = service.ready("/videos", samples.several_faces)
+    swap = {"a": video["id"], "faces": [1, 4], "contrast": [0.8, 1.2]}
+    swapped = service.finished(service.client.post("/swap", json=swap).json()["id"])
+    assert swapped["state"] == "succeeded", swapped
+    (look,) = swapped["looks"]
+    drawn = frames(download(service, look["result"], tmp_path / "swapped.png"))
+    assert [warning[:13] for warning in look["warnings"]] == ["video, face 1", "video, face 4"]
+    with pvg.vectorize(samples.several_faces) as own:
+        expected = pvg.render_frame(own, pvg.exchange(own, (1, 4), contrast=(0.8, 1.2)), 0)
+    np.testing.assert_array_equal(drawn[0], expected)
+
+
+def test_a_clip_is_vectorised_in_the_papers_way_beside_ours(service: Service, clip: Path) -> None:
+    ours = service.ready("/videos", clip)
+    with clip.open("rb") as data:
+        form = service.client.post(
+            "/videos", data={"mask": "ycbcr", "matching": "chain"}, files={"file": ("clip.mp4", data)}
+        )
+    papers = form.json()
+    assert papers["id"] != ours["id"]
+    assert service.finished(papers["job"])["state"] == "succeeded"
+    look = {"reference": ours["id"], "match": "color", "contrast": 1.0}
+    job = service.client.post("/transfer", json={"video": papers["id"], "looks": [look]}).json()
+    done = service.finished(job["id"])
+    assert done["state"] == "succeeded", done
+    assert done["looks"][0]["settings"] == {"mask": "ycbcr", "matching": "chain"}
 
 
 def test_what_has_no_face_fails_with_that_problem_and_so_do_the_jobs_that_wait_for_it(

@@ -41,6 +41,8 @@ def test_a_transfer_of_ready_media_is_queued_at_once(api: Api) -> None:
         "match": "semantic",
         "protect": [],
         "faces": [0],
+        "makeup": 0.75,
+        "light": 0.0,
         "reference_face": None,
         "beta": 0.2,
         "iterations": 20,
@@ -88,6 +90,7 @@ def test_a_form_with_reference_files_is_one_request(api: Api) -> None:
     answer = api.client.post(
         "/transfer",
         data={"video": video["id"], "contrast": "1.1", "faces": "0,1", "protect": "eyes", "codec": "vp9"}
+        | {"makeup": "lips=1, lids=0.3", "light": "0.5"}
         | {"reference_face": "2", "beta": "0.5", "iterations": "7", "seed": "3", "match": "color"},
         files=[("reference", ("a.png", PNG + b"a")), ("reference", ("b.png", PNG + b"b"))],
     )
@@ -100,7 +103,8 @@ def test_a_form_with_reference_files_is_one_request(api: Api) -> None:
     with api.services.database.read() as session:
         params = jobs.looks(session, body["id"])[1].params
     assert (params["contrast"], params["faces"], params["protect"]) == (1.1, [0, 1], ["eyes"])
-    assert (params["reference_face"], params["match"]) == (2, "color")
+    assert (params["reference_face"], params["match"], params["light"]) == (2, "color", 0.5)
+    assert params["makeup"] == {"lips": 1, "lids": 0.3, "cheeks": 0.75, "brows": 0.75}
     assert (params["beta"], params["iterations"], params["seed"]) == (0.5, 7, 3)
     assert api.drafts == []
 
@@ -122,6 +126,10 @@ def test_a_form_may_name_references_by_id(api: Api) -> None:
         ({"nonsense": "1"}, "/nonsense"),
         ({"reference_face": "-1"}, "/reference_face"),
         ({"beta": "0"}, "/beta"),
+        ({"makeup": "much"}, "/makeup"),
+        ({"makeup": "lips=2"}, "/makeup/lips"),
+        ({"makeup": "nose=1"}, "/makeup/nose"),
+        ({"light": "2"}, "/light"),
         ({"iterations": "1e9"}, "/iterations"),
         ({"exchange": "true"}, "/exchange"),
         ({"faces": "first"}, "/faces/0"),
@@ -194,6 +202,11 @@ GOOD = "vid_" + "0" * 32
         ({"video": GOOD, "looks": looks(GOOD, contrast=[0.8, 1.2])}, "/looks/0/contrast"),
         ({"video": GOOD, "looks": looks(GOOD, reference_face=-1)}, "/looks/0/reference_face"),
         ({"video": GOOD, "looks": looks(GOOD, reference_face=0.5)}, "/looks/0/reference_face"),
+        ({"video": GOOD, "looks": looks(GOOD, makeup=1.1)}, "/looks/0/makeup"),
+        ({"video": GOOD, "looks": looks(GOOD, makeup="1")}, "/looks/0/makeup"),
+        ({"video": GOOD, "looks": looks(GOOD, makeup={"lips": -1})}, "/looks/0/makeup/lips"),
+        ({"video": GOOD, "looks": looks(GOOD, makeup={"nose": 1})}, "/looks/0/makeup/nose"),
+        ({"video": GOOD, "looks": looks(GOOD, light=-0.1)}, "/looks/0/light"),
         ({"video": GOOD, "looks": looks(GOOD, beta=0)}, "/looks/0/beta"),
         ({"video": GOOD, "looks": looks(GOOD, beta=1.01)}, "/looks/0/beta"),
         ({"video": GOOD, "looks": looks(GOOD, iterations=-1)}, "/looks/0/iterations"),

@@ -24,7 +24,7 @@ from tests.service.fixtures import add_media
 
 LOOK = LookParams(strength=0.5, contrast=1.1, match="color", protect=("eyes",), faces=(0, 2))
 SWAPPED = LookParams(contrast=(0.8, "auto"), faces=(1, 0), beta=0.5, iterations=3, seed=7, exchange=True)
-OF_A_GROUP = LookParams(reference_face=2)
+OF_A_GROUP = LookParams(reference_face=2, makeup={"lips": 1.0, "brows": 0.0}, light=0.5)
 PAPERS = VectorSettings(mask="ycbcr", matching="chain")
 OUTPUT = OutputOptions(container="webm", codec="vp9", crf=30, preset="fast", audio="none")
 
@@ -59,7 +59,7 @@ def test_jobs_of_the_former_version_are_read() -> None:
 
 
 def test_a_value_that_was_not_recorded_is_its_default_and_an_unknown_one_is_passed_over() -> None:
-    assert look_params(Look(params={"strength": 0.2, "makeup": 1})) == LookParams(strength=0.2)
+    assert look_params(Look(params={"strength": 0.2, "glitter": 1})) == LookParams(strength=0.2)
     assert render_request(Job(request={})) == RenderRequest()
 
 
