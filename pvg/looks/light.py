@@ -11,11 +11,13 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pvg._arrays import Doubles, Floats
 from pvg.asset import KeyFrame
-from pvg.curves import BOUNDARY, table_labels
+from pvg.curves import BOUNDARY, CURVES, table_labels
 from pvg.face import layout
+from pvg.face.parts import PARTS
 from pvg.looks.tone import to_opponent
 
 _SAMPLES_ENOUGH = 60
@@ -24,6 +26,7 @@ _RANGE = (0.55, 1.8)  # of the ratio [by eye]
 _BOUNDARY_AZIMUTH = 65.0  # where the mask boundary lies sideways: light there goes no further than on the cheeks
 _STEEPEST = 65.0  # degrees from the front that the ratio changes up to
 _ROBUST_ROUNDS = 4
+_CURVES = {"lips": "lips_", "lids": "eye_", "cheeks": "cheek_", "brows": "brow_"}  # nearest to each part
 _DARKEST = 4.0  # levels of luma below which a logarithm says nothing
 _OUTLIER = 0.15  # of log luma: stubble, freckles, highlights count less
 
@@ -83,4 +86,13 @@ def relit(key: KeyFrame, ratio: Floats) -> KeyFrame:
     if (ratio == 1.0).all():
         return key
     colors, skin = key.colors * ratio[:, None], key.skin * ratio[key.skin_at][:, None]
-    return replace(key, colors=colors.astype(np.float32), skin=skin.astype(np.float32))
+    parts = key.parts * np.array([[ratio[on].mean()] for on in _around_parts()])
+    return replace(key, colors=colors.astype(np.float32), skin=skin.astype(np.float32), parts=parts.astype(np.float32))
+
+
+@cache
+def _around_parts() -> tuple[NDArray[np.intp], ...]:
+    """The samples of the table on or beside each of PARTS, whose light it stands in."""
+    labels = table_labels()
+    curves = {part: [c for c, curve in enumerate(CURVES) if curve.name.startswith(_CURVES[part])] for part in PARTS}
+    return tuple(np.flatnonzero(np.isin(labels.curve, curves[part])) for part in PARTS)

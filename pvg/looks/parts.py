@@ -27,24 +27,25 @@ class PartBounds:
     """What a part can be beside the skin of its face [by eye].
 
     luma: least and most of the skin's, None when a part changes no luma;  blue, red: B − Y and R − Y beyond the skin's
-    usual chroma at that luma, levels;  shown: least and most of the skin's luma that the part itself can have, outside
-    it is a shadow, a beard or a highlight.
+    usual chroma at that luma, levels;  step: most of the skin's luma that the clip's own part gets darker or lighter;
+    shown: least and most of the skin's luma that the reference's part can have, outside it is a shadow, a beard or a
+    highlight.
     """
 
     luma: tuple[float, float] | None
+    step: tuple[float, float]
     blue: tuple[float, float]
     red: tuple[float, float]
     shown: tuple[float, float]
 
 
 _BOUNDS = {
-    "lips": PartBounds((0.62, 1.05), (-25.0, 20.0), (-4.0, 60.0), (0.45, 1.2)),
-    "lids": PartBounds((0.72, 1.06), (-14.0, 14.0), (-12.0, 18.0), (0.5, 1.25)),
-    "cheeks": PartBounds(None, (-12.0, 10.0), (-10.0, 18.0), (0.6, 1.5)),
-    "brows": PartBounds((0.35, 1.0), (-12.0, 12.0), (-12.0, 12.0), (0.2, 1.05)),
+    "lips": PartBounds((0.62, 1.05), (0.25, 0.15), (-25.0, 20.0), (-4.0, 60.0), (0.45, 1.2)),
+    "lids": PartBounds((0.72, 1.06), (0.2, 0.1), (-14.0, 14.0), (-12.0, 18.0), (0.5, 1.25)),
+    "cheeks": PartBounds(None, (0.0, 0.0), (-12.0, 10.0), (-10.0, 18.0), (0.6, 1.5)),
+    "brows": PartBounds((0.35, 1.0), (0.1, 0.02), (-6.0, 6.0), (-6.0, 6.0), (0.2, 1.05)),
 }
 _LEAST_RED = -3.0  # levels of R − Y beyond the skin's: lips with less are a beard or a shadow [by eye]
-_MOST_LUMA = 0.3  # of the face's luma that a part may gain or lose
 
 
 def strengths(makeup: Makeup) -> Floats:
@@ -97,8 +98,9 @@ class PartChanges:
         for p, part in enumerate(PARTS):
             if np.isnan(self.luma[p]) or np.isnan(moved[p, 0]):
                 continue
-            goal = self.luma[p] * face if _BOUNDS[part].luma else moved[p, 0]
-            goal = moved[p, 0] + np.clip(goal - moved[p, 0], -_MOST_LUMA * face, _MOST_LUMA * face)
-            out[p, 0] = goal - moved[p, 0]
+            bounds = _BOUNDS[part]
+            darker, lighter = (share * face for share in bounds.step)
+            out[p, 0] = np.clip(self.luma[p] * face - moved[p, 0], -darker, lighter) if bounds.luma else 0.0
+            goal = moved[p, 0] + out[p, 0]
             out[p, 1:] = skin.goal.at(np.array([goal]))[0] + self.chroma[p] - moved[p, 1:]
         return out

@@ -102,17 +102,19 @@ def transfer(
         for index in person:
             if index not in chosen:
                 continue
-            new, slopes = [], []
+            new, slopes, gained = [], [], []
             for key in video.records[index].key_frames:
                 ratio = light_ratio(key, target, light)
-                moved, slope = apply(relit(key, ratio))
+                lit = relit(key, ratio)
+                moved, slope = apply(lit)
                 slope = slope * ratio[:, None]
+                if skin is not None and changes is not None:
+                    gained.append(share * wanted * changes.on(skin, lit))
                 new.append(key.colors + share * (_into_gamut(moved).astype(np.float32) - key.colors))
                 slopes.append(np.float32(1.0) + share * (slope - np.float32(1.0)))
             colors[index], fields[index] = np.stack(new).astype(np.float32), np.stack(slopes)
-            if skin is not None and changes is not None:
-                keys = video.records[index].key_frames
-                parts[index] = np.stack([share * wanted * changes.on(skin, key) for key in keys])
+            if gained:
+                parts[index] = np.stack(gained)
     return Look(colors, fields if contrast == "auto" else 1.0 + strength * (contrast - 1.0), tuple(protect), parts)
 
 
