@@ -225,6 +225,7 @@ def _swap(given: argparse.Namespace) -> None:
             raise ValueError("give a second clip, or two faces of the one: --faces 0,1")
         _swap_within(given)
         return
+    check_folder(given.output)
     if a.exists() and b.exists() and a.samefile(b):
         raise ValueError("a clip cannot be swapped with itself; give it alone, with two faces: --faces 0,1")
     if given.faces is not None:
@@ -248,9 +249,11 @@ def _swap_within(given: argparse.Namespace) -> None:
 
 
 def _swap_clips(given: argparse.Namespace, a: Path, b: Path, folder: Path) -> None:
-    check_folder(folder)
+    """Two clips."""
     with ExitStack() as stack:
         first, second = _open_input(a, stack, reference=False), _open_input(b, stack, reference=False)
+        if first.source_sha256 == second.source_sha256:
+            raise ValueError(f"{a.name} and {b.name} are the same clip; give one alone, with two faces: --faces 0,1")
         same = a.stem == b.stem
         paths = [
             folder / f"{a.stem}{'-a' if same else ''}{suffix(first)}",
@@ -259,8 +262,6 @@ def _swap_clips(given: argparse.Namespace, a: Path, b: Path, folder: Path) -> No
         folder.mkdir(parents=True, exist_ok=True)
         for path in paths:
             check_file(path, [a, b, first.source, second.source])
-        if first.source_sha256 == second.source_sha256:
-            raise ValueError(f"{a.name} and {b.name} are the same clip; give one alone, with two faces: --faces 0,1")
         _warn(a, first.faces)
         _warn(b, second.faces)
         with _progress() as progress:
