@@ -35,7 +35,7 @@ MATCHINGS = ("table", "chain")
 MATCHES = ("color", "semantic")
 CODECS = ("auto", "h264", "hevc", "vp9", "av1")
 PARTS = ("lips", "lids", "cheeks", "brows")
-MAKEUP, LIGHT, BETA, ITERATIONS = 0.75, 0.0, 0.2, 20
+MAKEUP, LIGHT, BETA, ITERATIONS = 0.75, 0.25, 0.2, 20
 LOOK_OPTIONS = ("strength", "match", "makeup", "light", "beta", "iterations", "seed")  # that transfer and swap share
 LAYERS = ("image", "landmarks", "mask", "matte", "curves", "low", "high")
 

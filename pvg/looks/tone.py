@@ -27,8 +27,11 @@ _SMOOTH_LEVELS = 7  # width of the box that rounds the tone curve's corners
 _LEAST_STEP = 0.25  # levels added to both sides of a slope, so that skin of one tone has one
 _SPREAD_RANGE = (0.6, 1.4)  # of k, the ratio of the spreads of chroma at a tone [by eye]
 _CONTRAST_RANGE = (0.6, 2.0)  # of λ for luma [by eye]
-_CHROMA_RANGE = (0.5, 1.5)  # of λ for chroma [by eye: more lifts the noise that coding leaves there]
+_CHROMA_RANGE = (0.5, 1.1)  # of λ for chroma [by blind choice: with 1.5 skin is called red or burnt]
 _LEAST_CHROMA = 4.0  # levels added to both sides of the ratio of chroma, so that grey skin does not explode
+# of the way from the line that is seen to the one of constant hue and saturation: light from two sides colours shadows,
+# and whole ones would turn sockets and stubble violet [by eye]
+_OWN_HUE = 0.5
 _LEAST_LUMA_SPREAD = 4.0  # levels: skin of less spread says nothing of how chroma changes with luma
 
 
@@ -59,11 +62,12 @@ class UsualChroma:
 
     @classmethod
     def of(cls, opponent: Doubles) -> UsualChroma:
-        """The line through colours (n, 3) of `to_opponent`, by least squares."""
+        """The line through colours (n, 3) of `to_opponent`, by least squares, half way to constant saturation."""
         luma, chroma = opponent[:, 0], opponent[:, 1:]
         middle, mean = luma.mean(), chroma.mean(axis=0)
         spread = max(float(((luma - middle) ** 2).mean()), _LEAST_LUMA_SPREAD**2)
         slope = ((luma - middle)[:, None] * (chroma - mean)).mean(axis=0) / spread
+        slope += _OWN_HUE * (mean / max(middle, 1.0) - slope)
         low, high = np.quantile(luma, (_QUANTILES[0], _QUANTILES[-1]))
         return cls(mean - slope * middle, slope, max(float(low), 1.0), min(float(high), 254.0))
 

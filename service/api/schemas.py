@@ -58,7 +58,7 @@ class _ColorOptions(_Request):
     makeup: Share | MakeupParts = Field(
         default=MAKEUP, description="how far lips, lids, cheeks and brows take the reference's make-up: all, or by part"
     )
-    light: Share = Field(default=0.0, description="how far light falls from where it does on the reference")
+    light: Share = Field(default=0.25, description="how far light falls from where it does on the reference")
     reference_face: int | None = Field(
         default=None, ge=0, le=1000, description="index of the reference's face; its largest when not given"
     )

@@ -61,7 +61,7 @@ class LookParams:
     protect: tuple[Part, ...] = ("eyes", "teeth")
     faces: tuple[int, ...] | Literal["all"] = "all"
     makeup: float | dict[str, float] = 0.75
-    light: float = 0.0
+    light: float = 0.25
     reference_face: int | None = None
     beta: float = 0.2
     iterations: int = 20
