@@ -73,19 +73,14 @@ class PartChanges:
     @classmethod
     def of(cls, reference: KeyFrame) -> PartChanges:
         """What sets a reference's parts apart from its skin; parts that it does not show ask for nothing."""
-        luma, chroma = np.full(len(PARTS), np.nan), np.zeros((len(PARTS), 2))
-        skin = to_opponent(reference.skin)
-        usual, middle = UsualChroma.of(skin), max(float(np.median(skin[:, 0])), 1.0)
         parts = to_opponent(reference.parts)
-        beyond = parts[:, 1:] - usual.at(parts[:, 0])
+        luma = parts[:, 0] / _level(reference.skin)
+        chroma = parts[:, 1:] - UsualChroma.of(to_opponent(reference.skin)).at(parts[:, 0])
         for p, part in enumerate(PARTS):
-            bounds, ratio = _BOUNDS[part], parts[p, 0] / middle
-            if not bounds.shown[0] <= ratio <= bounds.shown[1]:  # false for what was not seen, NaN
-                continue
-            if part == "lips" and beyond[p, 1] < _LEAST_RED:
-                continue
-            luma[p] = np.clip(ratio, *bounds.luma) if bounds.luma else ratio
-            chroma[p] = np.clip(beyond[p, 0], *bounds.blue), np.clip(beyond[p, 1], *bounds.red)
+            low, high = _BOUNDS[part].shown
+            hidden = not low <= luma[p] <= high  # true for what was not seen, NaN
+            if hidden or (part == "lips" and chroma[p, 1] < _LEAST_RED):
+                luma[p], chroma[p] = np.nan, 0.0
         return cls(luma, chroma)
 
     def on(self, skin: SkinMap, key: KeyFrame) -> Floats:
@@ -93,14 +88,27 @@ class PartChanges:
         out = np.zeros((len(PARTS), 3), np.float32)
         if not len(key.skin):
             return out
-        face = float(to_opponent(skin(np.median(key.skin, axis=0)[None]))[0, 0])
+        face = _level(skin(key.skin))
         moved = to_opponent(skin(key.parts))
         for p, part in enumerate(PARTS):
             if np.isnan(self.luma[p]) or np.isnan(moved[p, 0]):
                 continue
-            bounds = _BOUNDS[part]
-            darker, lighter = (share * face for share in bounds.step)
-            out[p, 0] = np.clip(self.luma[p] * face - moved[p, 0], -darker, lighter) if bounds.luma else 0.0
-            goal = moved[p, 0] + out[p, 0]
-            out[p, 1:] = skin.goal.at(np.array([goal]))[0] + self.chroma[p] - moved[p, 1:]
+            bounds, ours = _BOUNDS[part], moved[p]
+            if bounds.luma:
+                goal = face * _within(self.luma[p], bounds.luma, ours[0] / face)
+                out[p, 0] = np.clip(goal - ours[0], -bounds.step[0] * face, bounds.step[1] * face)
+            usual, then = (skin.goal.at(np.array([luma]))[0] for luma in (ours[0], ours[0] + out[p, 0]))
+            for channel, bound in enumerate((bounds.blue, bounds.red)):
+                beyond = _within(self.chroma[p, channel], bound, ours[1 + channel] - usual[channel])
+                out[p, 1 + channel] = then[channel] + beyond - ours[1 + channel]
         return out
+
+
+def _level(skin: Floats | Doubles) -> float:
+    """Median luma of skin colours (n, 3), at least 1."""
+    return max(float(np.median(to_opponent(skin)[:, 0])), 1.0)
+
+
+def _within(wanted: float, bounds: tuple[float, float], own: float) -> float:
+    """What is wanted, within bounds that have room for what the clip's part already is."""
+    return float(np.clip(wanted, min(bounds[0], own), max(bounds[1], own)))
