@@ -154,7 +154,8 @@ class VectorVideo:
             colors = self._array(f"track{track}/colors")
             visible = self._array(f"track{track}/visible")
             parts = self._array(f"track{track}/parts")
-            keys = zip(raw["key_frames"], colors, visible, parts, strict=True)
+            since = raw.get("key_frames_since", [None] * len(colors))
+            keys = zip(raw["key_frames"], colors, visible, parts, since, strict=True)
             frames = tuple(
                 KeyFrame(
                     int(f),
@@ -163,8 +164,9 @@ class VectorVideo:
                     self._array(f"track{track}/skin/{k:06d}"),
                     self._array(f"track{track}/skin_at/{k:06d}"),
                     p,
+                    None if last is None else int(last),
                 )
-                for k, (f, c, v, p) in enumerate(keys)
+                for k, (f, c, v, p, last) in enumerate(keys)
             )
             out.append(FaceRecord(face, frames))
         return tuple(out)

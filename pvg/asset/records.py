@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,7 +76,9 @@ class KeyFrame:
     visible: (S,) bool, whether the sample lay on visible skin or a visible feature;
     skin: (N, 3) float32, colours of the open skin evenly over the face, N = 0 when there is too little of it;
     skin_at: (N,) int16, the sample of the table's labels on a skin curve nearest to each of them;
-    parts: (P, 3) float32, median colour of each of `pvg.face.parts.PARTS`, NaN where it is not seen.
+    parts: (P, 3) float32, median colour of each of `pvg.face.parts.PARTS`, NaN where it is not seen;
+    since: the last frame that the key frame before it serves alone, from where the colours go over to this one's; None
+    when they do so at once, at `frame`.
     """
 
     frame: int
@@ -83,6 +87,7 @@ class KeyFrame:
     skin: Floats
     skin_at: NDArray[np.int16]
     parts: Floats
+    since: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +114,33 @@ class FaceRecord:
     key_frames: tuple[KeyFrame, ...]
 
     def key_frame_of(self, frame: int) -> KeyFrame:
-        """The key frame whose colours serve `frame`: the last one at or before it, else the first."""
-        earlier = [key for key in self.key_frames if key.frame <= frame]
-        return earlier[-1] if earlier else self.key_frames[0]
+        """The key frame last passed at `frame`: the last one at or before it, else the first."""
+        return self.key_frames[self._passed(frame)]
+
+    def keys_at(self, frame: int) -> tuple[int, int, float]:
+        """The key frames that serve `frame`, by number, and the share of the second: g = (1 − share) g₁ + share g₂.
+
+        Between two key frames the colours go over linearly, as the light did that asked for the second one.
+        """
+        first = self._passed(frame)
+        second = min(first + 1, len(self.key_frames) - 1)
+        after = self.key_frames[second]
+        if after.since is None or frame <= after.since or frame >= after.frame:
+            return first, first, 0.0
+        return first, second, (frame - after.since) / (after.frame - after.since)
+
+    def blended(self, tables: Sequence[Floats] | Floats, frame: int) -> Floats:
+        """What serves `frame` of something known at every key frame: the same shape as one of `tables`."""
+        first, second, share = self.keys_at(frame)
+        if first == second:
+            return tables[first]
+        return np.asarray(tables[first] + np.float32(share) * (tables[second] - tables[first]), np.float32)
+
+    def served(self) -> tuple[float, ...]:
+        """How many of the face's frames each key frame is the nearest of."""
+        keys, face = [key.frame for key in self.key_frames], self.summary
+        ends = [float(face.first_frame), *((a + b) / 2 for a, b in itertools.pairwise(keys)), face.last_frame + 1.0]
+        return tuple(stop - start for start, stop in itertools.pairwise(ends))
+
+    def _passed(self, frame: int) -> int:
+        return max((k for k, key in enumerate(self.key_frames) if key.frame <= frame), default=0)

@@ -67,7 +67,9 @@ class AssetWriter:
             self._array(f"track{track}/skin/{k:06d}", key.skin)
             self._array(f"track{track}/skin_at/{k:06d}", key.skin_at)
         key_frames = [key.frame for key in record.key_frames]
-        self._faces.append({**asdict(record.summary), "track": track, "key_frames": key_frames})
+        since = [key.since for key in record.key_frames]
+        entry = {"track": track, "key_frames": key_frames, "key_frames_since": since}
+        self._faces.append({**asdict(record.summary), **entry})
 
     def finish(self, manifest: Mapping[str, Any]) -> None:
         """Write the manifest and move the file to its name."""

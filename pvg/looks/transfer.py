@@ -2,7 +2,8 @@
 
 Only the colours of the key frames are moved, by sliced optimal mass transport (eq. 7, 8); no pixel is read. The
 transport of a person is one map for the whole clip: it serves all their faces and key frames, so that a look does
-not change at a cut and light that differs between shots stays.
+not change at a cut and light that differs between shots stays. A key frame that is lit more or less brightly takes the
+map relative to its exposure (`looks/exposure.py`), so that light that changes stays light.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 from pvg._arrays import Doubles, Floats
 from pvg.asset import FaceSummary, KeyFrame, VectorVideo, faces_by_index
 from pvg.looks.color_map import TransportSteps, all_colors_map
+from pvg.looks.exposure import Exposure, at_exposure, leading_key
 from pvg.looks.light import light_ratio, relit
 from pvg.looks.look import CONTRAST_RANGE, PROTECTABLE, Contrast, Look
 from pvg.looks.parts import MAKEUP, Makeup, PartChanges, strengths
@@ -37,7 +39,7 @@ def reference_face_of(reference: VectorVideo, face: int | None = None) -> FaceSu
 
 
 def _reference_key(reference: VectorVideo, face: int | None) -> KeyFrame:
-    return reference.records[reference_face_of(reference, face).index].key_frames[0]
+    return leading_key([reference.records[reference_face_of(reference, face).index]])
 
 
 def _check(strength: float, light: float, contrast: Contrast, match: str, protect: Sequence[str]) -> None:
@@ -95,10 +97,12 @@ def transfer(
     for person in video.persons:
         if not set(person) & set(chosen):
             continue
-        leading = _leading_key(video, person)
+        leading = leading_key([video.records[index] for index in person])
         leading = relit(leading, light_ratio(leading, target, light))
         skin = _skin_map(leading, target, steps) if match == "semantic" else None
         apply = all_colors_map(leading, target, steps) if skin is None else skin.at_curves
+        # the paper's way moves every key frame by the same map
+        exposures = Exposure.between(leading, apply) if video.settings["matching"] != "chain" else None
         for index in person:
             if index not in chosen:
                 continue
@@ -106,11 +110,13 @@ def transfer(
             for key in video.records[index].key_frames:
                 ratio = light_ratio(key, target, light)
                 lit = relit(key, ratio)
+                gain, kept = exposures.of(lit) if exposures is not None else (1.0, 1.0)
+                lit = at_exposure(lit, 1.0 / gain)
                 moved, slope = apply(lit)
-                slope = slope * ratio[:, None]
+                slope = slope * ratio[:, None] * np.float32(kept / gain)
                 if skin is not None and changes is not None:
-                    gained.append(share * wanted * changes.on(skin, lit))
-                new.append(key.colors + share * (_into_gamut(moved).astype(np.float32) - key.colors))
+                    gained.append(share * wanted * np.float32(kept) * changes.on(skin, lit))
+                new.append(key.colors + share * (_into_gamut(kept * moved).astype(np.float32) - key.colors))
                 slopes.append(np.float32(1.0) + share * (slope - np.float32(1.0)))
             colors[index], fields[index] = np.stack(new).astype(np.float32), np.stack(slopes)
             if gained:
@@ -129,9 +135,3 @@ def _into_gamut(colors: Doubles) -> Doubles:
     """Colours (n, 3) darkened to at most 255 in their own hue: cut channel by channel they would turn white."""
     positive = np.maximum(colors, 0.0)
     return np.asarray(positive * np.minimum(1.0, 255.0 / np.maximum(positive.max(axis=1, keepdims=True), 1.0)))
-
-
-def _leading_key(video: VectorVideo, person: Sequence[int]) -> KeyFrame:
-    """The key frame that a person's map is made from: of the face seen longest, if its skin could be sampled."""
-    keys = [video.records[index].key_frames[0] for index in person]
-    return next((key for key in keys if len(key.skin)), keys[0])

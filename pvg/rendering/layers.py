@@ -63,7 +63,8 @@ def _draw_face(
         shown = placed.alpha if name == "matte" else (placed.alpha >= 0.5).astype(np.float32)
         out[window] = np.maximum(out[window], np.rint(255 * shown)[..., None].astype(np.uint8))
         return
-    colors = video.records[face].key_frame_of(index).colors
+    record = video.records[face]
+    colors = record.blended([key.colors for key in record.key_frames], index)
     low = placed.membrane(colors).crop(placed.x, placed.y, w, h)
     field = low if name == "low" else image[window] - low + _MID_GREY
     alpha = placed.alpha[..., None]

@@ -21,7 +21,7 @@ _CHAIN_SPACING_PX = 2.0  # between the samples of the paper's chain
 
 
 class _TableColors:
-    """g and every look's g' of one face by the clip-wide table."""
+    """g and every look's g' of one face by the clip-wide table, going over from key frame to key frame."""
 
     def __init__(self, video: VectorVideo, face: int, stacks: Sequence[Floats]) -> None:
         self._record = video.records[face]
@@ -29,8 +29,8 @@ class _TableColors:
 
     def at(self, frame: int) -> tuple[CurveLabels, Floats]:
         """Labels in `frame`, and (S, …) g beside what each look carries, see `Look.at_curves`."""
-        key = self._record.key_frames.index(self._record.key_frame_of(frame))
-        return table_labels(), self._tables[key].at(table_labels())
+        tables = [table.at(table_labels()) for table in self._tables]
+        return table_labels(), self._record.blended(tables, frame)
 
 
 class _ChainColors:
@@ -114,7 +114,7 @@ class Renderer:
         """What a look adds to the parts of a face, (P, 3), None when nothing."""
         parts = self.looks[look].parts.get(face)
         record = self.video.records[face]
-        return None if parts is None else parts[record.key_frames.index(record.key_frame_of(frame))]
+        return None if parts is None else record.blended(parts, frame)
 
     def _draw_face(self, frame: Frame, face: int, placed: PlacedFace, colors: Floats, out: list[list[Patch]]) -> None:
         """Draw one face with its looks;  colors: (S, …), g and what each look carries."""

@@ -235,6 +235,21 @@ class OcclusionNumbers:
 
 
 @dataclass(frozen=True)
+class TintNumbers:
+    """Light whose colour is not the same over a face, as planes of log R/G and log B/G."""
+
+    cells: int = 400  # [by eye]: the planes are fitted to so many
+    least_cells: int = 60  # [by eye]: fewer say nothing
+    dark: float = 8.0  # 8-bit levels [by eye]: darker cells show no colour
+    clipped: float = 250.0  # 8-bit levels [by eye]: brighter ones have lost theirs
+    outlier: float = 0.12  # of log chroma off the planes [by eye]: such cells count a quarter
+    ridge: float = 0.002  # of the number of cells [by eye]
+    rounds: int = 6  # of reweighting [by eye]
+    tilt_rise: Range = (0.1, 0.2)  # of log chroma a face size [by eye]: from the skin's own to the light's
+    steepest: float = 1.2  # of log chroma a face size [by eye]
+
+
+@dataclass(frozen=True)
 class WarpNumbers:
     """The warp that carries the key frame's shape."""
 
@@ -254,6 +269,8 @@ class TrackingNumbers:
     least_side: int = 8  # cells along a side of any raster [by eye]
     dimmest: float = 4.0  # 8-bit levels of the face's median colour [by eye]: limits the change of light
     light_change: Range = (0.2, 5.0)  # limits of the change of light, per channel [by eye]
+    brighter: float = 0.9  # of the light's change [by eye]: below, what is clipped has lost its hue since the key frame
+    clipped: float = 250.0  # 8-bit levels [by eye]
     prior_weight: float = 0.6  # of the prior's log-odds [by eye]
     shape_slope: float = 60.0  # nats a face size of distance to the carried edge [by eye]
     shape_most: float = 6.0  # nats [by eye]
@@ -296,6 +313,7 @@ class SkinPrior:
     cut: CutNumbers = CutNumbers()
     cleanup: CleanupNumbers = CleanupNumbers()
     occlusion: OcclusionNumbers = OcclusionNumbers()
+    tint: TintNumbers = TintNumbers()
     warp: WarpNumbers = WarpNumbers()
     tracking: TrackingNumbers = TrackingNumbers()
     paper: PaperNumbers = PaperNumbers()

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from pvg._arrays import Bools, Bytes, Floats
+from pvg._arrays import Bools, Bytes, Doubles, Floats
 from pvg.face import Landmarks
 from pvg.picture import Picture, as_picture
 from pvg.raster import Raster
@@ -20,6 +20,7 @@ from pvg.skin.occlusion import occluder_alpha, open_skin
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import SpatialPrior, face_area, face_box, head_shape, spatial_prior
 from pvg.skin.segmentation import MaskMethod, red_chroma_mask, segment
+from pvg.skin.tint import tint_slopes, without_tilt
 from pvg.skin.warp import rbf_warp
 
 _TRACKING = SKIN_PRIOR.tracking
@@ -49,7 +50,8 @@ class LearnedSkin:
     hair: the hair around the forehead, None where none is seen;
     distance: (h, w) float32 signed distance to the mask's edge in face sizes, positive on skin, over a raster in whose
     cells the stacked landmarks and skin points lie at `points` (194, 2);
-    open: (h, w) float32 over the same raster, 1 on skin that shows its own hue.
+    open: (h, w) float32 over the same raster, 1 on skin that shows its own hue;
+    tint: (2, 2) how the light's colour changes over the face, see `tint_slopes`.
     """
 
     colors: SkinColors
@@ -58,6 +60,7 @@ class LearnedSkin:
     distance: Floats
     open: Floats
     points: Floats
+    tint: Doubles
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +91,7 @@ def fit_skin_model(frame: Picture | Bytes, landmarks: Landmarks, *, method: Mask
         distance=np.asarray(_signed_distance(found.mask) / prior.size, np.float32),
         open=open_skin(to_skin_lab(small), found.colors.scale, found.mask),
         points=own.stacked,
+        tint=tint_slopes(small, prior.sample & visible, prior.size),
     )
     return SkinModel(learned)
 
@@ -197,14 +201,18 @@ def _estimate(
     And the alpha (h, w) in [0, 1] of what lies in front of the face.
     """
     # a lamp or a cloud that changes the face changes what surrounds it alike: undo it before colours are looked up
-    gain = np.clip(learned.light / _face_color(rgb, prior.sample & visible), *_TRACKING.light_change)
+    sample = prior.sample & visible
+    even = without_tilt(rgb, tint_slopes(rgb, sample, prior.size) - learned.tint, prior.size)
+    gain = np.clip(learned.light / _face_color(even, sample), *_TRACKING.light_change)
     levels = np.clip(np.arange(256)[:, None] * gain, 0, 255).astype(np.uint8)
-    lit = np.asarray(cv2.LUT(rgb, levels[None]), np.uint8)
+    lit = np.asarray(cv2.LUT(even, levels[None]), np.uint8)
     lab = to_skin_lab(lit)
     knots = slice(None, None, SKIN_PRIOR.warp.knot_step)
     map_x, map_y = rbf_warp(prior.face.shape, points[knots], learned.points[knots])
     distance = cv2.remap(learned.distance, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     was_open = cv2.remap(learned.open, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+    if gain.min() < _TRACKING.brighter:  # highlights that the light has driven into clipping show no hue
+        was_open = np.where(rgb.max(axis=2) >= _TRACKING.clipped, 0, was_open)
     occluder = occluder_alpha(lab, learned.colors.scale, np.asarray(was_open, np.float32), prior)
     hair = np.zeros(prior.face.shape, np.float32)
     if learned.hair is not None:

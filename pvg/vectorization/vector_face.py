@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from pvg.face import FaceAxes, Landmarks
 from pvg.landmarks import FaceShape, FaceTrack, frontal_ratios
 from pvg.picture import Picture
 from pvg.skin import MaskMethod, Matte, SkinTracker, fit_skin_model
+from pvg.vectorization.exposure import DueKey, ExposureWatch, Patch
 from pvg.vectorization.following import KeyView, Stretch, rows_between
 from pvg.vectorization.key_colors import fit_key_frame
 from pvg.vectorization.open_skin import skin_sample
@@ -57,11 +59,16 @@ class VectorFace:
         self._extents: list[Floats] = []
         self._ratios: list[Floats] = []
         self._keys: dict[int, Future[KeyFrame]] = {}
+        self._since: dict[int, int | None] = {}  # by a key's row, see `KeyFrame.since`
+        self._main_from: int | None = None
         model = fit_skin_model(key.picture, key.landmarks, method=method)
         self._skin = SkinTracker(model)
         self._key_row = key.row
         self._key: KeyView | None = key
         self.key_matte = SkinTracker(model).step(key.picture, key.landmarks)
+        self._watch: ExposureWatch | None = None
+        if reset is None:
+            self._watch = ExposureWatch(key.row, Patch.of(key.picture, key.landmarks, self.key_matte))
 
     def add(self, stretch: Stretch, writer: AssetWriter) -> None:
         """Follow the skin through the next rows and write them."""
@@ -71,6 +78,9 @@ class VectorFace:
             matte = self._skin.step(picture, rows.landmarks[k])
             if self._reset is not None and row % self._reset == 0 and row not in self._keys:
                 self._fit(row, picture, rows.landmarks[k], matte)
+            if self._watch is not None:
+                score, pose = float(rows.score[k]), rows.pose[k]
+                self._fit_due(self._watch.see(row, picture, rows.landmarks[k], matte, score, pose))
             self._write(rows, k, matte, float(stretch.visible[k]), writer)
         self._remember(stretch.rows)
 
@@ -90,9 +100,12 @@ class VectorFace:
 
         Raises SolverError when the colours of a key frame cannot be fitted.
         """
-        keys = tuple(self._keys[row].result() for row in sorted(self._keys))
-        skin = keys[0].visible & (table_labels().group == 0) & (table_labels().curve != BOUNDARY)
-        colors = keys[0].colors[skin] if skin.any() else keys[0].colors
+        if self._watch is not None:
+            self._fit_due(self._watch.end())
+            self._since[self._key_row] = self._watch.main_since
+        main, keys = self._keys[self._key_row].result(), self._key_frames()
+        skin = main.visible & (table_labels().group == 0) & (table_labels().curve != BOUNDARY)
+        colors = main.colors[skin] if skin.any() else main.colors
         width = float(np.median(np.concatenate(self._extents)))
         warnings: tuple[str, ...] = ()
         if width < self._advised_px:
@@ -108,6 +121,14 @@ class VectorFace:
         )
         return FaceRecord(summary, keys)
 
+    def _key_frames(self) -> tuple[KeyFrame, ...]:
+        keys = {row: fitting.result() for row, fitting in self._keys.items()}
+        if self._main_from is not None:
+            keys[self._main_from] = replace(keys[self._key_row], frame=self.first + self._main_from)
+        since = {row: None if last is None else self.first + last for row, last in self._since.items()}
+        first = min(keys)
+        return tuple(replace(keys[row], since=None if row == first else since.get(row)) for row in sorted(keys))
+
     def _remember(self, rows: FaceTrack) -> None:
         self._last = rows.last
         self._extents.append(rows.extents[rows.score > 0])
@@ -118,6 +139,15 @@ class VectorFace:
         key, self._key = self._key, None
         if key is not None:
             self._fit(key.row, key.picture, key.landmarks, self.key_matte)
+
+    def _fit_due(self, due: list[DueKey]) -> None:
+        """Fit the key frames that a change of light asks for."""
+        for key in due:
+            sight = key.sight
+            self._fit(sight.row, sight.picture, sight.landmarks, sight.matte)
+            self._since[sight.row] = key.since
+            if key.main_from is not None:
+                self._main_from = key.main_from
 
     def _fit(self, row: int, picture: Picture, landmarks: Landmarks, matte: Matte) -> None:
         """Fit a row's colours in a thread of its own: half a second that nothing before `record` waits for."""

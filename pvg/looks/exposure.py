@@ -1,0 +1,102 @@
+"""Exposure that changes within a clip: which key frame leads a person, and how the others follow.
+
+The map F of a person is made from one key frame. Another one, `gain` times as bright, takes it relative to its
+exposure,
+
+    g' = kept · F(g / gain),        kept = gain up to 1, above it bent so that the skin's highlights stay below white
+
+so the clip's own light survives as light, instead of being moved up the tone curve once more, and never runs away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pvg._arrays import Bools
+from pvg.asset import FaceRecord, KeyFrame
+from pvg.curves import BOUNDARY, GROUPS, table_labels
+from pvg.looks.color_map import ColorMap
+from pvg.looks.tone import to_opponent
+
+_LEADS_AT = 0.75  # of a person's frames, by rising exposure: brief light does not lead, brief dark neither [by eye]
+_AS_BRIGHT = 1.1  # times: of key frames that are lit alike the one that serves longest leads
+_GAINS = (0.05, 20.0)
+_HIGHLIGHTS = 0.95  # of the skin's colours, whose brightest channel is to stay …
+_BRIGHTEST = 242.0  # … below this level
+_DARKEST = 1.0  # level of a median that a ratio is taken of
+
+
+def leading_key(records: Sequence[FaceRecord]) -> KeyFrame:
+    """The key frame that a person's map is made from: the one in whose light three quarters of their frames are.
+
+    Those or dimmer: a map made in dim light would leave the brighter frames no room below white. Key frames whose open
+    skin could be sampled come first.  records: of the person's faces, the one seen longest first.
+    """
+    keys = [(key, frames) for record in records for key, frames in zip(record.key_frames, record.served(), strict=True)]
+    keys = [(key, frames) for key, frames in keys if len(key.skin)] or keys
+    if len(keys) == 1:
+        return keys[0][0]
+    brightness = np.array([_brightness(key, "skin" if len(key.skin) else "curves") for key, _ in keys])
+    frames = np.array([frames for _, frames in keys])
+    order = np.argsort(brightness, kind="stable")
+    reached = np.cumsum(frames[order]) >= _LEADS_AT * frames.sum()
+    wanted = brightness[order[int(np.argmax(reached))]]
+    alike = (brightness <= wanted * _AS_BRIGHT) & (brightness >= wanted / _AS_BRIGHT)
+    return keys[int(np.argmax(np.where(alike, frames, -1)))][0]
+
+
+def at_exposure(key: KeyFrame, gain: float) -> KeyFrame:
+    """The key frame as it would be with its colours multiplied by a gain."""
+    if gain == 1.0:
+        return key
+    colors, skin, parts = (np.asarray(c * np.float32(gain), np.float32) for c in (key.colors, key.skin, key.parts))
+    return replace(key, colors=colors, skin=skin, parts=parts)
+
+
+@dataclass(frozen=True, eq=False)
+class Exposure:
+    """The exposure of a person's key frames relative to the leading one.
+
+    room: how many times as bright the leading one's skin may become before its highlights reach white.
+    """
+
+    leading: KeyFrame
+    room: float
+
+    @classmethod
+    def between(cls, leading: KeyFrame, apply: ColorMap) -> Exposure:
+        """Of the leading key frame and the map that was made from it."""
+        moved, _ = apply(leading)
+        high = float(np.quantile(moved[_on_skin(leading)].max(axis=1), _HIGHLIGHTS))
+        return cls(leading, max(1.0, _BRIGHTEST / max(high, 1.0)))
+
+    def of(self, key: KeyFrame) -> tuple[float, float]:
+        """How many times as bright as the leading one a key frame is, and how much of that its new colours keep."""
+        if key is self.leading:
+            return 1.0, 1.0
+        by = "skin" if len(key.skin) and len(self.leading.skin) else "curves"
+        gain = float(np.clip(_brightness(key, by) / _brightness(self.leading, by), *_GAINS))
+        return gain, self._kept(gain)
+
+    def _kept(self, gain: float) -> float:
+        """`gain` up to 1; above it rising ever slower towards the room there is."""
+        room = self.room - 1.0
+        if gain <= 1.0:
+            return gain
+        return 1.0 + room * (1.0 - float(np.exp(-(gain - 1.0) / room))) if room > 0.0 else 1.0
+
+
+def _on_skin(key: KeyFrame) -> Bools:
+    """(S,) bool: samples on curves of open skin that are seen, all when none is."""
+    labels = table_labels()
+    skin = (labels.group == GROUPS.index("skin")) & (labels.curve != BOUNDARY)
+    seen = np.asarray(skin & key.visible)
+    return seen if seen.any() else skin
+
+
+def _brightness(key: KeyFrame, by: str) -> float:
+    colors = key.skin if by == "skin" else key.colors[_on_skin(key)]
+    return max(float(np.median(to_opponent(colors)[:, 0])), _DARKEST)
