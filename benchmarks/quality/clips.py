@@ -93,8 +93,8 @@ def strip_columns() -> tuple[str, ...]:
 
 
 def vectorize_clip(clip: Path, asset: Path, *, paper: bool) -> str | None:
-    """Write the clip's asset, with the paper's settings or ours; returns what went wrong."""
-    options: dict[str, Any] = {"mask": "ycbcr", "matching": "chain"} if paper else {}
+    """Write the clip's asset, ours or with the paper's chain and its resets; returns what went wrong."""
+    options: dict[str, Any] = {"matching": "chain"} if paper else {}
     try:
         pvg.vectorize(clip, asset=asset, **options).close()
     except (pvg.PvgError, ValueError) as error:
@@ -104,7 +104,19 @@ def vectorize_clip(clip: Path, asset: Path, *, paper: bool) -> str | None:
     return None
 
 
-def _widest(video: pvg.VectorVideo) -> int:
+def kept_asset(path: Path, folder: Path, *, paper: bool = False, reference: bool = False) -> Path:
+    """The asset of a clip or reference in a folder, made unless it is there."""
+    asset = folder / f"{path.stem}{'.paper' * paper}{'.reference' * reference}.pvg"
+    if not asset.exists():
+        if reference:
+            pvg.vectorize(path, asset=asset, reference=True).close()
+        else:
+            vectorize_clip(path, asset, paper=paper)
+    return asset
+
+
+def widest(video: pvg.VectorVideo) -> int:
+    """The number of the widest face."""
     return max(video.faces, key=lambda face: face.width_px).index
 
 
@@ -232,8 +244,8 @@ def measure_color(before: Image, after: Image, view: View, reference: Reference)
     return out
 
 
-def measured_frames(video: pvg.VectorVideo, face: int, count: int) -> dict[int, FaceInFrame]:
-    """The first `count` frames in which the face is seen."""
+def measured_frames(video: pvg.VectorVideo, face: int, count: int | None = None) -> dict[int, FaceInFrame]:
+    """The frames in which the face is seen, all or the first `count`."""
     summary = video.faces[face]
     out: dict[int, FaceInFrame] = {}
     for index in range(summary.first_frame, summary.last_frame + 1):
@@ -252,7 +264,7 @@ def run_clip(job: ClipJob) -> dict[str, Any]:
         references = stack.enter_context(references_of(job.references))
         portraits = stack.enter_context(references_of(job.portraits))
         video = stack.enter_context(pvg.open_asset(job.asset, job.clip))
-        face = _widest(video)
+        face = widest(video)
         seen = measured_frames(video, face, job.frames)
         first = next(iter(seen))
         size = (video.media.width, video.media.height)
