@@ -44,7 +44,8 @@ def odd_kernel(radius: float) -> NDArray[np.uint8]:
     return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)), np.uint8)
 
 
-def _hulls(shape: tuple[int, int], polygons: list[Floats]) -> Bools:
+def hulls(shape: tuple[int, int], polygons: list[Floats]) -> Bools:
+    """(h, w) bool, the convex hulls of polygons (n, 2), drawn to a sixteenth of a pixel."""
     out = np.zeros(shape, np.uint8)
     for polygon in polygons:
         hull = cv2.convexHull(np.ascontiguousarray(polygon, np.float32))[:, 0]
@@ -100,9 +101,9 @@ class View:
         """(h, w) bool: open skin of the face: `inner` within the oval, without brows, eyes, lips and nostrils."""
         origin = np.array([self.window[1].start, self.window[0].start], np.float32)
         face = self.data.landmarks.moved(-origin)
-        features = _hulls(self.alpha.shape, [face.points[feature] for feature in _FEATURES])
+        features = hulls(self.alpha.shape, [face.points[feature] for feature in _FEATURES])
         grown = cv2.dilate(features.astype(np.uint8), odd_kernel(_MARGIN * self.width)).astype(np.bool_)
-        within = self.inner & _hulls(self.alpha.shape, [face.oval])
+        within = self.inner & hulls(self.alpha.shape, [face.oval])
         return within & ~grown
 
     @cached_property
