@@ -3,8 +3,8 @@
 `python -m benchmarks.quality.regions --half report` draws the default look on the labelled pictures and prints a table.
 
 The face's change D is the median, over the labelled face without eyes and mouth, of after − before in CIELAB. A pixel
-of skin changes with the face when the projection of its change on D is at least half of |D|; one that is no skin when it
-is at least a fifth.
+of skin changes with the face when the projection of its change on D is at least half of |D|; one that is no skin when
+it is at least a fifth.
 """
 
 from __future__ import annotations
@@ -22,12 +22,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pvg
-from benchmarks.quality.clips import kept_asset
+from benchmarks.quality.clips import kept_asset, opened_paper
 from benchmarks.quality.color import delta_e_of_labs
-from benchmarks.quality.faces import Bools, Floats, Image, Reference, hulls, odd_kernel, read_reference, view_of
+from benchmarks.quality.faces import (
+    Bools,
+    Floats,
+    Image,
+    Reference,
+    hulls,
+    odd_kernel,
+    read_reference,
+    references_of,
+    view_of,
+)
 from benchmarks.quality.labels import LABELS, SKIN, Label, read_labels
 from benchmarks.quality.media import HALVES, MEDIA, Half, find_material, half_of
-from benchmarks.quality.peers import OURS, Looks, Method
+from benchmarks.quality.peers import DEEP, OURS, Looks, Method, open_methods
 from pvg.asset import FaceInFrame
 from pvg.face import Landmarks, layout
 from pvg.rendering import source_frame
@@ -65,7 +75,8 @@ def _distance_to(mask: Bools) -> Floats:
 class LabelledFace:
     """Where the regions of one person lie in a labelled picture.
 
-    masks: region -> (H, W) bool, those of too few pixels left out;  core: the face without eyes and mouth;  skin: all labelled skin of the person;  glow: 2 to 10 px outside all skin.
+    masks: region -> (H, W) bool, those of too few pixels left out;  core: the face without eyes and mouth;
+    skin: all labelled skin of the person;  glow: 2 to 10 px outside all skin.
     """
 
     masks: dict[str, Bools]
@@ -194,6 +205,35 @@ def label_rows(
                 continue
             rows.append({"picture": name, "reference": reference.name, "method": method.name, **changed.row()})
     return rows, left_out
+
+
+def run_regions(
+    media: Path, labels: Sequence[Label], asset: Path, paper_asset: Path, references: dict[Path, Path]
+) -> dict[str, Any]:
+    """All methods on the labels of one clip or still, which is vectorised unless its asset is there."""
+    cv2.setNumThreads(1)
+    with ExitStack() as stack:
+        opened = stack.enter_context(references_of(references))
+        if not asset.exists():
+            try:
+                pvg.vectorize(media, asset=asset).close()
+            except pvg.PvgError as error:
+                return {"rows": [], "left_out": [f"{media.stem}: {error}"]}
+        video = stack.enter_context(pvg.open_asset(asset, media))
+
+        def every(of: pvg.VectorVideo, face: int, reference: Reference) -> list[Method]:
+            # maps that are replayed are fitted on the labelled frame
+            frame = labels[0].frame
+            data = of.face_at(face, frame)
+            paper = None if data is None else opened_paper(stack, paper_asset, media, data, frame)
+            return [method for method in open_methods(of, face, paper, [reference]) if method.name != DEEP]
+
+        rows: list[dict[str, Any]] = []
+        left_out: list[str] = []
+        for label in labels:
+            found, missed = label_rows(label, video, opened, every)
+            rows, left_out = rows + found, left_out + missed
+    return {"rows": rows, "left_out": left_out}
 
 
 COLUMNS = (*SKIN_REGIONS, *OTHER_REGIONS, *(f"ΔE {name}" for name in ONE_PERSON), "glow")
