@@ -31,7 +31,7 @@ LEAK_FRAMES = 30
 _LEAK_SIDE = 512
 _COSTLY_EVERY = 6
 _PANEL, _GROUND = np.array([255, 246, 225], np.float32), np.array([70, 72, 78], np.float32)
-_CHECKS = 8  # frames of a clip in which g is compared with a fit
+_CHECKS = 6  # frames of a clip in which g is compared with a fit
 _CHAIN_SPACING_PX = 2.0
 # face, ears, neck and the features inside, of the class indices
 INSIDE_LABELS = (1, 2, 3, 4, 5, 6, 7, 8, 10, 11, 12, 13, 14)
