@@ -52,7 +52,8 @@ def _chosen(options: argparse.Namespace) -> tuple[Material, int | None]:
     if options.quick:
         quick = tuple(clip for clip in clips if clip.stem.startswith(_QUICK_CLIPS))
         clips = clips if options.clips else quick or clips
-        references, portraits = references[:3:2], portraits[::4]
+        references = references[:3:2]
+        portraits = tuple(dict.fromkeys((*references, *portraits[::4])))
     frames = options.frames or (24 if options.quick else None)
     return Material(clips, references, portraits, labelled, material.source), frames
 

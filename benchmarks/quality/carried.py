@@ -91,17 +91,23 @@ def carried_row(before: Described, after: Described, wanted: Described) -> dict[
     return out
 
 
+def _correlation(first: Doubles, second: Doubles) -> float:
+    if np.ptp(first) == 0 or np.ptp(second) == 0:
+        return float("nan")
+    return float(np.corrcoef(first, second)[0, 1])
+
+
 def slope_and_correlation(triples: list[list[float]]) -> tuple[float, float]:
     """Of the logarithms of (before, after, wanted), all pairs: the slope of after over wanted; their correlation."""
     after, wanted = (np.log(np.maximum([triple[k] for triple in triples], 0.1)) for k in (1, 2))
     slope = float(np.polyfit(wanted, after, 1)[0]) if np.ptp(wanted) > 0 else float("nan")
-    return slope, float(np.corrcoef(after, wanted)[0, 1])
+    return slope, _correlation(after, wanted)
 
 
 def light_correlation(rows: list[list[list[float]]]) -> float:
     """Correlation of both gradients of light, after against wanted, over all pairs: the mean of the two."""
     after, wanted = (np.array([row[k] for row in rows]) for k in (1, 2))
-    return float(np.mean([np.corrcoef(after[:, axis], wanted[:, axis])[0, 1] for axis in (0, 1)]))
+    return float(np.mean([_correlation(after[:, axis], wanted[:, axis]) for axis in (0, 1)]))
 
 
 def share_carried(ways: list[list[float]]) -> float:

@@ -32,7 +32,7 @@ from benchmarks.quality.sheets import save_strip
 from pvg.asset import FaceInFrame
 from pvg.video import Frame, read_frames
 
-MOTION_PAIRS = 40  # neighbouring frames that warping errors are measured on, spread over the clip
+MOTION_PAIRS = 30  # neighbouring frames that warping errors are measured on, spread over the clip
 COSTLY_FRAMES = 13  # consecutive frames in the middle of the clip that costly methods are drawn on
 PLACES = ("warping_whole", "warping_face", "warping_inner")  # the picture; the grown face; the shrunk face
 COLOR_FRAMES = 3
@@ -237,17 +237,10 @@ class _OverTime:
             series.detail.append(detail_kept(luma, picture.luma(frame, view.window), view.inner))
 
 
-def measure_color(before: Image, after: Image, view: View, reference: Reference) -> dict[str, float]:
-    """Distances of open face skin to the reference's, before and after.
-
-    before, after: (h, w, 3) the source and a result over the view's window.
-    """
-    median = np.median(reference.skin, axis=0)
-    out: dict[str, float] = {}
-    for picture, stage in ((before, "_before"), (after, "")):
-        out["distance" + stage] = color_distance(picture[view.skin], reference.skin)
-        out["delta_e" + stage] = median_delta_e(picture[view.skin], median)
-    return out
+def measure_color(part: Image, view: View, reference: Reference) -> tuple[float, float]:
+    """Distance of open face skin to the reference's, and CIEDE2000 of the medians; part: (h, w, 3) in the window."""
+    pixels = part[view.skin]
+    return color_distance(pixels, reference.skin), median_delta_e(pixels, np.median(reference.skin, axis=0))
 
 
 class _Colors:
@@ -267,6 +260,7 @@ class _Colors:
         source = view.crop(frame.rgb())
         first = not self.rows
         before = describe(source, view)
+        away = {portrait.name: measure_color(source, view, portrait) for portrait in self._portraits}
         strips: dict[str, dict[str, Image]] = {
             portrait.name: {"input": source, "reference": portrait.view.crop(portrait.rgb)}
             for portrait in self._portraits
@@ -278,6 +272,7 @@ class _Colors:
             for portrait, wanted, picture in zip(self._portraits, self._wanted, pictures, strict=True):
                 result = view.crop(picture.rgb)
                 strips[portrait.name][method.name] = result
+                distance, delta_e = measure_color(result, view, portrait)
                 self.rows.append(
                     {
                         "clip": self._job.clip.stem,
@@ -285,7 +280,10 @@ class _Colors:
                         "reference": portrait.name,
                         "reference_ita": portrait.ita,
                         "method": method.name,
-                        **measure_color(source, result, view, portrait),
+                        "distance_before": away[portrait.name][0],
+                        "delta_e_before": away[portrait.name][1],
+                        "distance": distance,
+                        "delta_e": delta_e,
                         **carried_row(before, describe(result, view), wanted),
                     }
                 )

@@ -53,6 +53,7 @@ _GLOW_PX = (2.0, 10.0)
 _LEAST_PIXELS = 30
 _LEAST_CHANGE = 3.0  # |D| in CIELAB below which the face counts as unchanged
 _NEAR = 0.5  # of the face's width, between a labelled face and the tracked one
+UNCHANGED = "the face is not changed"
 _WORST = 3
 
 Labs = NDArray[np.float32]
@@ -201,7 +202,7 @@ def label_rows(
         for method in make(video, face, reference):
             changed = measure_regions(where, before, labs(method.draw(frame, view)[0].rgb))
             if changed is None:
-                left_out.append(f"{name}, {method.name}: the face is not changed")
+                left_out.append(f"{name}, {method.name}: {UNCHANGED}")
                 continue
             rows.append({"picture": name, "reference": reference.name, "method": method.name, **changed.row()})
     return rows, left_out

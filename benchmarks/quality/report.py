@@ -12,7 +12,7 @@ from benchmarks.quality.clips import COLOR_FRAMES, COSTLY_FRAMES, MOTION_PAIRS, 
 from benchmarks.quality.color import TONE_GROUPS, tone_group
 from benchmarks.quality.peers import DEEP, MK, OURS, PAPER, full_options, has_option, method_names
 from benchmarks.quality.plots import draw_plots
-from benchmarks.quality.regions import regions_table
+from benchmarks.quality.regions import UNCHANGED, regions_table
 from benchmarks.quality.sheets import save_sheet
 from benchmarks.quality.summary import (
     HEADLINE,
@@ -151,7 +151,9 @@ def _regions(results: Results) -> str:
     rows = [row for row in results["regions"] if row["method"] == HEADLINE]
     if not rows:
         return "Not measured: no labelled regions of these files."
-    left_out = [line for line in results["regions_left_out"] if ", " not in line or line.count(HEADLINE)]
+    unchanged = (line for line in results["regions_left_out"] if line.endswith(UNCHANGED))
+    others = {line for line in unchanged if f", {HEADLINE}: " not in line}
+    left_out = [line for line in results["regions_left_out"] if line not in others]
     return "\n".join([regions_table(rows), *(f"- left out: {line}" for line in left_out)])
 
 

@@ -93,16 +93,17 @@ def _carried(name: str, reduce: Callable[[list[Any]], float]) -> Value:
     def value(results: Results, method: str) -> float | None:
         wanted = FULL if method == HEADLINE and name in FULL_MEASURES and color_rows(results, FULL) else method
         rows = [row[name] for row in color_rows(results, wanted) if name in row]
-        return reduce(rows) if len(rows) > 1 else None
+        found = reduce(rows) if len(rows) > 1 else math.nan
+        return found if math.isfinite(found) else None
 
     return value
 
 
-def _region(*names: str, median: bool = False) -> Value:
+def _region(*names: str, reduce: Callable[[list[float]], float | None] = mean) -> Value:
     def value(results: Results, method: str) -> float | None:
         rows = [row for row in results["regions"] if row["method"] == method]
         found = [row[name] for row in rows for name in names if row.get(name) is not None]
-        return median(found) if median else mean(found)
+        return reduce(found)
 
     return value
 
@@ -176,8 +177,8 @@ MEASURES = (
     Measure("leak around the lips, change over that of open skin, median", _carried("leak", _middle), 2, 1.0),
     Measure("the same: ΔE2000 between the two changes, 90th percentile", _carried("cloud", _high), 2),
     Measure("place of light, correlation", _carried("light", light_correlation), 2, 0.6, at_least=True),
-    Measure("one person: ΔE2000 of neck, ears, hands, median", _region(*_ONE_PERSON, median=True), 2, 2.0),
-    Measure("body's ΔE2000, median", _region("ΔE body", median=True), 2),
+    Measure("one person: ΔE2000 of neck, ears, hands, median", _region(*_ONE_PERSON, reduce=median), 2, 2.0),
+    Measure("body's ΔE2000, median", _region("ΔE body", reduce=median), 2),
     _steady("whole frame, less its mean over 1 s", "steady_whole", 0.02),
     _steady("face, less its mean over 1 s", "steady_face", 0.02),
     _steady("whole frame, raw", "raw_whole"),
