@@ -9,11 +9,11 @@ from pathlib import Path
 
 from benchmarks.blind.drawing import RIVALS, DrawnPair, draw_at_revision, draw_clip, revision_of
 from benchmarks.blind.key import OURS, RIVAL, KeyEntry, write_key, write_template
-from benchmarks.blind.plan import plan_pairs, usable_portraits
+from benchmarks.blind.plan import plan_pairs
 from benchmarks.blind.sheets import draw_sheet
 from benchmarks.quality.color import tone_group
 from benchmarks.quality.faces import Image
-from benchmarks.quality.media import HALVES, choose, find_material, half_of
+from benchmarks.quality.media import HALVES, choose, find_material, half_of, usable_portraits
 from pvg.video import write_image
 from scripts.samples import REPOSITORY
 

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-LEFT_OUT = ("woman_astronaut", "group_")  # a face too small for its skin to be told, and four faces
 STRIP_FRAMES = 4
 _STRIP_ENDS = (0.08, 0.92)  # of the frames with a face
 
@@ -31,11 +30,6 @@ class Pair:
         """The frames shown, of those in which the face is seen."""
         shares = np.linspace(*_STRIP_ENDS, STRIP_FRAMES) if self.strip else np.array([self.place])
         return [seen[int(i)] for i in np.rint(shares * (len(seen) - 1))]
-
-
-def usable_portraits(portraits: Sequence[Path]) -> list[Path]:
-    """The portraits that are shown, by name."""
-    return sorted(path for path in portraits if not path.stem.startswith(LEFT_OUT))
 
 
 def plan_pairs(clips: Sequence[Path], portraits: Sequence[Path], count: int, seed: int) -> list[Pair]:

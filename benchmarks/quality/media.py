@@ -11,6 +11,7 @@ from scripts.samples import REPOSITORY, fetch_samples
 
 MEDIA = REPOSITORY.parent / "shared" / "media"
 HALVES = ("tune", "report", "all")
+LEFT_OUT = ("woman_astronaut", "group_")  # a face too small for its skin to be told, and four faces
 # pale, tan, brown, and a dim picture: the pairs then go both ways between light and dark
 DEFAULT_REFERENCES = (
     "woman_pale_soft_light",
@@ -58,6 +59,11 @@ def find_material() -> Material:
 def half_of(items: Sequence[T], half: Half) -> tuple[T, ...]:
     """Every second of sorted items: "tune" from the first on, "report" from the second; "all" of them."""
     return tuple({"tune": items[::2], "report": items[1::2], "all": items}[half])
+
+
+def usable_portraits(portraits: Sequence[Path]) -> list[Path]:
+    """The portraits that halves are taken of, by name."""
+    return sorted(path for path in portraits if not path.stem.startswith(LEFT_OUT))
 
 
 def choose(paths: tuple[Path, ...], wanted: str | None) -> tuple[Path, ...]:

@@ -36,7 +36,7 @@ from benchmarks.quality.faces import (
     view_of,
 )
 from benchmarks.quality.labels import LABELS, SKIN, Label, read_labels
-from benchmarks.quality.media import HALVES, MEDIA, Half, find_material, half_of
+from benchmarks.quality.media import HALVES, MEDIA, Half, find_material, half_of, usable_portraits
 from benchmarks.quality.peers import DEEP, OURS, Looks, Method, open_methods
 from pvg.asset import FaceInFrame
 from pvg.face import Landmarks, layout
@@ -126,7 +126,7 @@ class RegionChange:
     def row(self) -> dict[str, Any]:
         """Flat, for tables."""
         deltas = {f"ΔE {name}": value for name, value in self.delta_e.items()}
-        return {"|D|": self.change, **self.shares, **deltas, "glow": self.glow}
+        return {"D": self.change, **self.shares, **deltas, "glow": self.glow}
 
 
 def measure_regions(face: LabelledFace, before: Labs, after: Labs) -> RegionChange | None:
@@ -248,10 +248,10 @@ def _cell(name: str, value: float | None) -> str:
 
 def regions_table(rows: list[dict[str, Any]]) -> str:
     """The table of one method's rows with their means, and the worst three of each column: Markdown."""
-    head = ["picture", "reference", "|D|", *COLUMNS]
+    head = ["picture", "reference", "D", *COLUMNS]
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     for row in rows:
-        cells = [row["picture"], row["reference"], f"{row['|D|']:.1f}", *(_cell(c, row.get(c)) for c in COLUMNS)]
+        cells = [row["picture"], row["reference"], f"{row['D']:.1f}", *(_cell(c, row.get(c)) for c in COLUMNS)]
         lines.append("| " + " | ".join(cells) + " |")
     means = {c: [row[c] for row in rows if row.get(c) is not None] for c in COLUMNS}
     averages = [_cell(c, float(np.mean(values)) if values else None) for c, values in means.items()]
@@ -271,9 +271,9 @@ def regions_table(rows: list[dict[str, Any]]) -> str:
 def labels_of_half(labels: Sequence[Label], half: Half) -> list[Label]:
     """The labels of the clips and portraits of one half."""
     material = find_material()
-    chosen = {path.name for files in (material.clips, material.portraits) for path in half_of(sorted(files), half)}
-    known = {path.name for files in (material.clips, material.portraits) for path in files}
-    return [label for label in labels if label.media.name in chosen or (half == "all" or label.media.name not in known)]
+    files = (sorted(material.clips), usable_portraits(material.portraits))
+    chosen = {path.name for some in files for path in half_of(some, half)}
+    return [label for label in labels if half == "all" or label.media.name in chosen]
 
 
 def strong_references(folder: Path, stack: ExitStack) -> list[Reference]:

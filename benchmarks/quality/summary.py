@@ -87,13 +87,18 @@ def _ramp(key: str) -> Value:
     return value
 
 
-def _carried(name: str, reduce: Callable[[list[Any]], float]) -> Value:
-    """A number of all pairs together. Light and parts are asked of full strength, where the library has that."""
+def _carried(name: str, reduce: Callable[[list[Any]], float], at_least: int = 1) -> Value:
+    """A number of all pairs together, of so many references at least.
+
+    Light and parts are asked of full strength, where the library has that.
+    """
 
     def value(results: Results, method: str) -> float | None:
         wanted = FULL if method == HEADLINE and name in FULL_MEASURES and color_rows(results, FULL) else method
-        rows = [row[name] for row in color_rows(results, wanted) if name in row]
-        found = reduce(rows) if len(rows) > 1 else math.nan
+        of_method = [row for row in color_rows(results, wanted) if name in row]
+        if not of_method or len({row["reference"] for row in of_method}) < at_least:
+            return None
+        found = reduce([row[name] for row in of_method])
         return found if math.isfinite(found) else None
 
     return value
@@ -144,6 +149,7 @@ class Measure:
         return f"{'≥' if self.at_least else '≤'} {self.target:g}{' at λ = 1' if self.at_lambda_one else ''}"
 
 
+_LINE = 6  # references that slopes and correlations need
 _ONE_PERSON = tuple(f"ΔE {name}" for name in ("neck", "ear", "hand"))
 
 
@@ -158,6 +164,11 @@ def _high(values: list[float]) -> float:
 FULL_MEASURES = (*PARTS, "leak", "cloud", "light")
 
 
+def _line(name: str, which: int) -> Value:
+    """The slope (0) or the correlation (1) of result over reference."""
+    return _carried(name, lambda rows: slope_and_correlation(rows)[which], _LINE)
+
+
 def _steady(title: str, name: str, target: float | None = None) -> Measure:
     return Measure(f"steadiness, {title}, dB", _case_mean(name), 4, target)
 
@@ -166,17 +177,21 @@ MEASURES = (
     Measure("closer: sliced Wasserstein of skin, %", lambda r, m: closer(color_rows(r, m)), 1, 75.0, at_least=True),
     Measure("colour: ΔE2000, median", lambda r, m: percentile(color_rows(r, m), "delta_e", 50), 2, 1.3),
     Measure("colour: ΔE2000, 90th percentile", lambda r, m: percentile(color_rows(r, m), "delta_e", 90), 2, 4.5),
-    Measure("tonal contrast, slope", _carried("tones", lambda v: slope_and_correlation(v)[0]), 2, 0.8, at_least=True),
+    Measure("tonal contrast, slope", _line("tones", 0), 2, 0.8, at_least=True),
     Measure(
-        "tonal contrast, correlation", _carried("tones", lambda v: slope_and_correlation(v)[1]), 2, 0.9, at_least=True
+        "tonal contrast, correlation",
+        _line("tones", 1),
+        2,
+        0.9,
+        at_least=True,
     ),
-    Measure("spread of hue and chroma, slope", _carried("hues", lambda v: slope_and_correlation(v)[0]), 2),
+    Measure("spread of hue and chroma, slope", _line("hues", 0), 2),
     Measure("parts: lips carried, %", _carried("lips", share_carried), 0, 60.0, at_least=True),
     Measure("parts: lids carried, %", _carried("lids", share_carried), 0, 50.0, at_least=True),
     Measure("parts: blush carried, %", _carried("blush", share_carried), 0, 40.0, at_least=True),
     Measure("leak around the lips, change over that of open skin, median", _carried("leak", _middle), 2, 1.0),
     Measure("the same: ΔE2000 between the two changes, 90th percentile", _carried("cloud", _high), 2),
-    Measure("place of light, correlation", _carried("light", light_correlation), 2, 0.6, at_least=True),
+    Measure("place of light, correlation", _carried("light", light_correlation, _LINE), 2, 0.6, at_least=True),
     Measure("one person: ΔE2000 of neck, ears, hands, median", _region(*_ONE_PERSON, reduce=median), 2, 2.0),
     Measure("body's ΔE2000, median", _region("ΔE body", reduce=median), 2),
     _steady("whole frame, less its mean over 1 s", "steady_whole", 0.02),

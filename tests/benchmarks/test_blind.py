@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from benchmarks.blind.key import OURS, RIVAL, KeyEntry, read_choices, read_key, write_key, write_template
-from benchmarks.blind.plan import plan_pairs, usable_portraits
+from benchmarks.blind.plan import plan_pairs
 from benchmarks.blind.score import interval, judge, score
 from benchmarks.blind.sheets import SIZE, draw_sheet
-from benchmarks.quality.media import half_of
+from benchmarks.quality.media import half_of, usable_portraits
 
 CLIPS = [Path(f"clip{i}.mp4") for i in range(8)]
 PORTRAITS = [Path(f"portrait{i}.jpg") for i in range(7)]
