@@ -8,7 +8,7 @@ from itertools import groupby
 from pathlib import Path
 
 from benchmarks.blind.drawing import RIVALS, DrawnPair, draw_at_revision, draw_clip, revision_of
-from benchmarks.blind.key import OURS, RIVAL, KeyEntry, write_key, write_template
+from benchmarks.blind.key import OURS, RIVAL, KeyEntry, read_choices, write_key, write_template
 from benchmarks.blind.plan import plan_pairs
 from benchmarks.blind.sheets import draw_sheet
 from benchmarks.quality.color import tone_group
@@ -55,6 +55,9 @@ def _save(drawn: DrawnPair, rival: list[Image], folder: Path) -> None:
 def main() -> None:
     """Draw the sheets, the key and the table to fill in."""
     options = _options()
+    choices = options.out / "choices.csv"
+    if choices.exists() and read_choices(choices):
+        raise SystemExit(f"{choices} is filled in; move it away or take another folder with --out")
     commit = None if options.against in RIVALS else revision_of(options.against)
     material = find_material()
     clips = choose(half_of(sorted(material.clips), options.half), options.clips)
@@ -81,7 +84,7 @@ def main() -> None:
     entries.sort(key=lambda entry: entry.number)
     about = {"against": options.against, "commit": commit, "half": options.half, "seed": options.seed}
     write_key(options.out / "key" / "key.json", entries, about)
-    write_template(options.out / "choices.csv", [entry.number for entry in entries])
+    write_template(choices, [entry.number for entry in entries])
     print(f"sheets in {sheets}; the key, not to be looked at, in {options.out / 'key'}")
 
 

@@ -86,7 +86,7 @@ class Method(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Looks:
-    """Our renderer on an asset: ours, or the paper's settings when the asset was made with them."""
+    """Our renderer on an asset: ours, or the paper's way when the asset was made with its chain."""
 
     name: str
     renderer: Renderer
