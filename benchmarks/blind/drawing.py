@@ -86,14 +86,14 @@ def _rival(
 def draw_clip(clip: Path, pairs: Sequence[Pair], against: str, assets: Path) -> list[DrawnPair]:
     """All sheets' pictures of one clip; assets are made in, or taken from, a folder."""
     with ExitStack() as stack:
-        video = stack.enter_context(pvg.openkept_asset(kept_asset(clip, assets), clip))
+        video = stack.enter_context(pvg.open_asset(kept_asset(clip, assets), clip))
         face = widest(video)
         seen = measured_frames(video, face)
         first = next(iter(seen))
         size = (video.media.width, video.media.height)
         paper = None
         if against == "paper":
-            other = stack.enter_context(pvg.openkept_asset(kept_asset(clip, assets, paper=True), clip))
+            other = stack.enter_context(pvg.open_asset(kept_asset(clip, assets, paper=True), clip))
             twin = same_face(other, seen[first], first)
             paper = None if twin is None else (other, twin)
         opening = source_frame(video, first)
