@@ -77,13 +77,14 @@ class LabelledFace:
     """Where the regions of one person lie in a labelled picture.
 
     masks: region -> (H, W) bool, those of too few pixels left out;  core: the face without eyes and mouth;
-    skin: all labelled skin of the person;  glow: 2 to 10 px outside all skin.
+    skin: all labelled skin of the person;  glow: 2 to 10 px outside all skin;  wall: what of that has no label.
     """
 
     masks: dict[str, Bools]
     core: Bools
     skin: Bools
     glow: Bools
+    wall: Bools
 
     @classmethod
     def of(cls, label: Label, person: int, landmarks: Landmarks) -> LabelledFace:
@@ -106,7 +107,7 @@ class LabelledFace:
         }
         kept = {name: mask for name, mask in masks.items() if int(mask.sum()) >= _LEAST_PIXELS}
         glow = (from_skin >= _GLOW_PX[0]) & (from_skin <= _GLOW_PX[1])
-        return cls(kept, core, label.mask(SKIN, person), glow)
+        return cls(kept, core, label.mask(SKIN, person), glow, glow & ~named)
 
 
 @dataclass(frozen=True)
@@ -115,18 +116,19 @@ class RegionChange:
 
     change: |D|;  shares: region -> share of its pixels that change with the face;  delta_e: region -> CIEDE2000 between
     the region's median colour moved by D and as it came out;  glow: mean |change| 2 to 10 px outside the labelled skin
-    over that inside.
+    over that inside;  wall: the same where the glow has no label, None without such pixels.
     """
 
     change: float
     shares: dict[str, float]
     delta_e: dict[str, float]
     glow: float
+    wall: float | None
 
     def row(self) -> dict[str, Any]:
         """Flat, for tables."""
         deltas = {f"ΔE {name}": value for name, value in self.delta_e.items()}
-        return {"D": self.change, **self.shares, **deltas, "glow": self.glow}
+        return {"D": self.change, **self.shares, **deltas, "glow": self.glow, "glow on the wall": self.wall}
 
 
 def measure_regions(face: LabelledFace, before: Labs, after: Labs) -> RegionChange | None:
@@ -148,7 +150,12 @@ def measure_regions(face: LabelledFace, before: Labs, after: Labs) -> RegionChan
             own = np.median(before[mask], axis=0)
             deltas[name] = delta_e_of_labs(own + whole, own + np.median(change[mask], axis=0))
     length = np.linalg.norm(change, axis=2)
-    return RegionChange(size, shares, deltas, float(length[face.glow].mean() / max(length[face.skin].mean(), 1e-6)))
+    inside = max(float(length[face.skin].mean()), 1e-6)
+    glow, wall = (
+        float(length[mask].mean()) / inside if int(mask.sum()) >= _LEAST_PIXELS else None
+        for mask in (face.glow, face.wall)
+    )
+    return RegionChange(size, shares, deltas, glow or 0.0, wall)
 
 
 def tracked_face(video: pvg.VectorVideo, label: Label, person: int) -> tuple[int, FaceInFrame] | None:
@@ -237,7 +244,7 @@ def run_regions(
     return {"rows": rows, "left_out": left_out}
 
 
-COLUMNS = (*SKIN_REGIONS, *OTHER_REGIONS, *(f"ΔE {name}" for name in ONE_PERSON), "glow")
+COLUMNS = (*SKIN_REGIONS, *OTHER_REGIONS, *(f"ΔE {name}" for name in ONE_PERSON), "glow", "glow on the wall")
 
 
 def _cell(name: str, value: float | None) -> str:

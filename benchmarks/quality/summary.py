@@ -210,6 +210,7 @@ MEASURES = (
     Measure("truth of g, worst frame, levels", _truth("worst"), 2),
     Measure("leak of a growing bright panel, worst, levels", _leak, 3, 0.2),
     Measure("glow, change 2–10 px outside labelled skin over inside", _region("glow"), 3, 0.02),
+    Measure("the same where nothing is labelled: walls", _region("glow on the wall"), 3),
     Measure(
         "detail, correlation of Laplacians",
         _case_mean("detail"),

@@ -16,7 +16,7 @@ def masks() -> LabelledFace:
     out["hair"][5:20, 20:40], out["background"][45:, :] = True, True
     out["glow"][42:45, 20:40] = True
     named = {name: mask for name, mask in out.items() if name != "glow"}
-    return LabelledFace(named, out["face"], out["face"] | out["ear"], out["glow"])
+    return LabelledFace(named, out["face"], out["face"] | out["ear"], out["glow"], out["glow"])
 
 
 def changed(parts: dict[str, tuple[float, float, float]]) -> RegionChange | None:
@@ -55,7 +55,7 @@ def test_one_person_is_the_difference_to_the_colour_moved_as_the_face() -> None:
 def test_the_glow_is_the_change_around_skin_over_that_of_skin() -> None:
     found = changed({"face": (-20, 0, 0), "ear": (-20, 0, 0), "glow": (-1, 0, 0)})
     assert found is not None
-    assert found.glow == pytest.approx(0.05)
+    assert found.glow == found.wall == pytest.approx(0.05)
 
 
 def test_a_face_that_stays_as_it_is_has_no_shares() -> None:
