@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: setup demo test test-install serve lint bench bench-quality clean
+.PHONY: setup demo test test-install serve lint bench bench-quality blind blind-score clean
 
 setup: $(STAMP)
 	$(BIN)/python -m pvg.models
@@ -44,6 +44,14 @@ bench: setup $(VENV)/.bench-installed
 
 bench-quality: setup $(VENV)/.bench-installed
 	$(BIN)/python -m benchmarks.quality $(ARGS)
+
+# sheets for eyes that do not know which side is whose: ARGS='--against paper --pairs 40 --out DIR'
+blind: setup $(VENV)/.bench-installed
+	$(BIN)/python -m benchmarks.blind $(ARGS)
+
+# ARGS='DIR/key/key.json choices.csv [more.csv ...]'
+blind-score: $(STAMP)
+	$(BIN)/python -m benchmarks.blind.score $(ARGS)
 
 $(VENV)/.bench-installed: pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[bench]'

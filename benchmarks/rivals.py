@@ -11,7 +11,7 @@ import numpy as np
 
 import pvg
 from benchmarks.quality.faces import Image, Reference, View, read_reference, sample_pixels, view_of
-from benchmarks.quality.peers import DEEP, OURS, PAPER, MaskedLinear, missing, open_methods
+from benchmarks.quality.peers import LINEAR, RASTER, Replayed, fit_linear, missing, open_peers
 from benchmarks.timing import Measured, cpu_ms, in_turns
 from pvg.looks import sliced_transport
 from pvg.rendering import Renderer
@@ -49,10 +49,8 @@ def _works(video: pvg.VectorVideo, face: int, reference: Reference) -> dict[str,
     look = pvg.transfer(video, reference.video, faces=[face])
     renderer = Renderer(video, [look])
     works: dict[str, Callable[[Frame, View], Any]] = {OURS_NAME: lambda frame, view: renderer.patches(frame)}
-    for method in open_methods(video, face, None, [reference]):
-        if method.name not in (*OURS, PAPER, DEEP):
-            name = EQUAL_ONCE if method.name == "raster OMT" else method.name
-            works[name] = method.draw
+    for method in open_peers([reference]):
+        works[EQUAL_ONCE if method.name == RASTER else method.name] = method.draw
     works[PLAIN_OMT] = RasterTransport(reference).draw
     return works
 
@@ -100,11 +98,11 @@ def _once(video: pvg.VectorVideo, face: int, reference: Reference, clip: str) ->
     assert data is not None
     view = view_of(data, (frame.width, frame.height))
 
-    def fit_linear() -> None:
-        MaskedLinear([reference]).draw(frame, view)
+    def masked_linear() -> None:
+        Replayed(LINEAR, [reference], fit_linear).draw(frame, view)
 
     taken = in_turns(
-        {OURS_NAME: lambda: pvg.transfer(video, reference.video, faces=[face]), "masked linear, frame 1": fit_linear},
+        {OURS_NAME: lambda: pvg.transfer(video, reference.video, faces=[face]), LINEAR: masked_linear},
         5,
     )
     return {name: one.cpu.scaled(1000.0).to_json() for name, one in taken.items()}

@@ -40,6 +40,11 @@ def tone_group(angle: float) -> str:
 
 def delta_e_2000(first: Any, second: Any) -> float:
     """CIEDE2000 of two sRGB colours (3,) on the 0-255 scale, by scikit-image."""
+    return delta_e_of_labs(lab(first), lab(second))
+
+
+def delta_e_of_labs(first: Any, second: Any) -> float:
+    """CIEDE2000 of two CIELAB colours (3,)."""
     from skimage.color import deltaE_ciede2000  # noqa: PLC0415 — of the `bench` extra, which the tests do without
 
-    return float(deltaE_ciede2000(lab(first), lab(second)))
+    return float(deltaE_ciede2000(first, second))

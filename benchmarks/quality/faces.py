@@ -16,7 +16,7 @@ import pvg
 from benchmarks.quality.color import ita
 from pvg.asset import FaceInFrame, KeyFrame
 from pvg.curves import table_labels
-from pvg.face import layout
+from pvg.face import Landmarks, layout
 from pvg.rendering import PlacedFace, source_frame
 from pvg.rendering.placed_face import place_face
 from pvg.skin import Matte
@@ -34,6 +34,8 @@ _FEATURES = (
     layout.NOSE_BASE,
 )
 _MARGIN = 0.03  # of the face's width: features grow and the matte shrinks by it before skin is measured
+_LID, _LASHES = 0.055, 0.01  # of the face's width around the eye: lids, and what is eye or lashes
+_RING = (0.03, 0.10)  # of the face's width outside the lips
 _LEAST_SKIN = 200  # pixels
 _MOST_PIXELS = 20_000
 
@@ -44,7 +46,8 @@ def odd_kernel(radius: float) -> NDArray[np.uint8]:
     return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)), np.uint8)
 
 
-def _hulls(shape: tuple[int, int], polygons: list[Floats]) -> Bools:
+def hulls(shape: tuple[int, int], polygons: list[Floats]) -> Bools:
+    """(h, w) bool, the convex hulls of polygons (n, 2), drawn to a sixteenth of a pixel."""
     out = np.zeros(shape, np.uint8)
     for polygon in polygons:
         hull = cv2.convexHull(np.ascontiguousarray(polygon, np.float32))[:, 0]
@@ -98,11 +101,10 @@ class View:
     @cached_property
     def skin(self) -> Bools:
         """(h, w) bool: open skin of the face: `inner` within the oval, without brows, eyes, lips and nostrils."""
-        origin = np.array([self.window[1].start, self.window[0].start], np.float32)
-        face = self.data.landmarks.moved(-origin)
-        features = _hulls(self.alpha.shape, [face.points[feature] for feature in _FEATURES])
+        face = self._in_window
+        features = hulls(self.alpha.shape, [face.points[feature] for feature in _FEATURES])
         grown = cv2.dilate(features.astype(np.uint8), odd_kernel(_MARGIN * self.width)).astype(np.bool_)
-        within = self.inner & _hulls(self.alpha.shape, [face.oval])
+        within = self.inner & hulls(self.alpha.shape, [face.oval])
         return within & ~grown
 
     @cached_property
@@ -113,6 +115,33 @@ class View:
         base = float((self.data.landmarks.points[layout.NOSE_BASE].mean(axis=0) - origin) @ down)
         ys, xs = np.indices(self.skin.shape, np.float32)
         return np.asarray(self.skin & (xs * down[0] + ys * down[1] < base), np.bool_)
+
+    @cached_property
+    def parts(self) -> dict[str, Bools]:
+        """(h, w) bool of lips, lids, cheeks, forehead and ring: the skin 3 to 10 % of the width outside the lips."""
+        face = self._in_window
+        shape, width = self.alpha.shape, self.width
+        mouth, gap = (hulls(shape, [face.points[loop]]) for loop in (layout.LIPS_OUTER, layout.LIPS_INNER))
+        eyes = hulls(shape, [face.points[loop] for loop in (layout.LEFT_EYE, layout.RIGHT_EYE)]).astype(np.uint8)
+        brows = hulls(shape, [face.points[loop] for loop in (layout.LEFT_BROW, layout.RIGHT_BROW)])
+        near, open_eyes = (cv2.dilate(eyes, odd_kernel(share * width)).astype(np.bool_) for share in (_LID, _LASHES))
+        down = self.data.landmarks.axes.down
+        ys, xs = np.indices(shape, np.float32)
+        below = xs * down[0] + ys * down[1]
+        away = cv2.distanceTransform((~mouth).astype(np.uint8), cv2.DIST_L2, 5) / width
+        cheeks = hulls(shape, [face.skin_points[loop] for loop in (layout.LEFT_CHEEK, layout.RIGHT_CHEEK)])
+        pupils, brow_tops = (float((face.points[g] @ down).mean()) for g in (layout.PUPILS, layout.UPPER_BROW_EDGES))
+        return {
+            "lips": mouth & ~gap & self.face,
+            "lids": near & ~open_eyes & ~brows & (below < pupils) & self.face,
+            "cheeks": cheeks & self.skin,
+            "forehead": self.skin & (below < brow_tops),
+            "ring": self.inner & (away >= _RING[0]) & (away <= _RING[1]) & hulls(shape, [face.oval]),
+        }
+
+    @property
+    def _in_window(self) -> Landmarks:
+        return self.data.landmarks.moved(-np.array([self.window[1].start, self.window[0].start], np.float32))
 
     @cached_property
     def placed(self) -> PlacedFace | None:

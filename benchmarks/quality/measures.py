@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -28,6 +29,23 @@ def psnr(first: Image, second: Image, where: Bools | None = None) -> float:
     else:
         error = float(np.mean((first[where].astype(np.float32) - second[where]) ** 2))
     return float(10.0 * np.log10(255.0**2 / max(error, _LEAST_MSE)))
+
+
+def less_running_mean(values: Sequence[float], breaks: Sequence[bool], window: int) -> Floats:
+    """Values less their mean over `window` neighbours, centred, shorter at the ends: what flickers, not what moves.
+
+    breaks: whether a value begins a new run, after a cut or a gap; no mean reaches over it.
+    """
+    series = np.asarray(values, np.float64)
+    starts = [0, *(i for i, new in enumerate(breaks) if new and i > 0), len(series)]
+    out = np.empty_like(series)
+    half = window // 2
+    for start, stop in itertools.pairwise(starts):
+        sums = np.concatenate([[0.0], np.cumsum(series[start:stop])])
+        at = np.arange(stop - start)
+        low, high = np.maximum(at - half, 0), np.minimum(at + half + 1, stop - start)
+        out[start:stop] = series[start:stop] - (sums[high] - sums[low]) / (high - low)
+    return out.astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal, TypeVar
 
 from scripts.samples import REPOSITORY, fetch_samples
 
 MEDIA = REPOSITORY.parent / "shared" / "media"
+HALVES = ("tune", "report", "all")
+LEFT_OUT = ("woman_astronaut", "group_")  # a face too small for its skin to be told, and four faces
 # pale, tan, brown, and a dim picture: the pairs then go both ways between light and dark
 DEFAULT_REFERENCES = (
     "woman_pale_soft_light",
@@ -15,6 +19,9 @@ DEFAULT_REFERENCES = (
     "man_brown_skin_glasses_beard_blue_bg",
     "woman_low_key_dark_background",
 )
+
+Half = Literal["tune", "report", "all"]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -47,6 +54,16 @@ def find_material() -> Material:
     samples = fetch_samples()
     portraits = (samples.pale_portrait, samples.dark_portrait, samples.portrait)
     return Material((samples.woman_clip, samples.single_face_clip), portraits, portraits, (), "registry samples")
+
+
+def half_of(items: Sequence[T], half: Half) -> tuple[T, ...]:
+    """Every second of sorted items: "tune" from the first on, "report" from the second; "all" of them."""
+    return tuple({"tune": items[::2], "report": items[1::2], "all": items}[half])
+
+
+def usable_portraits(portraits: Sequence[Path]) -> list[Path]:
+    """The portraits that halves are taken of, by name."""
+    return sorted(path for path in portraits if not path.stem.startswith(LEFT_OUT))
 
 
 def choose(paths: tuple[Path, ...], wanted: str | None) -> tuple[Path, ...]:

@@ -1,12 +1,13 @@
 """The methods compared, ours and others', behind one call: a frame in, one picture a reference out.
 
 Every peer sees the same decoded frames. Those that work on the face get our own soft matte and landmarks (a gift: they
-would have to find them), except the paper's settings, which bring their own mask. Whole-frame ones are given whole
+would have to find them), except the paper's mask, which is a row of its own. Whole-frame ones are given whole
 pictures, as their users do.
 """
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
@@ -19,8 +20,10 @@ from scipy.spatial import KDTree
 
 import pvg
 from benchmarks.quality.faces import Floats, Image, Reference, View, sample_pixels
+from pvg.asset import KeyFrame
 from pvg.looks import sliced_transport
 from pvg.rendering import Renderer
+from pvg.skin import skin_mask
 from pvg.vectorization.key_colors import fit_key_frame
 from pvg.video import Frame
 
@@ -34,10 +37,16 @@ except ImportError:
     ColorMatcher = None
 
 DEEP = "ours, λ = 1, in 12 bits"
-OURS = ("ours", "ours, λ = 1", "ours, λ = 1, all colours")  # the defaults; then without contrast; then the paper's way
+OURS = ("ours", "ours, λ = 1")  # the defaults; then without contrast
 AT_LAMBDA_ONE = OURS[1:]
-PAPER = "paper's settings"
-NEEDS = {"match_histograms": "scikit-image", "color-matcher mkl": "color-matcher"}
+FULL = "ours, full light and parts"  # drawn where the measure asks for it, when the library has those options
+PAPER = "the paper's way"  # all colours transported, the chain with reset, λ = 1, our mask
+PAPER_MASK = "the paper's way, its Cr mask"
+MK, LINEAR, REINHARD = "masked Monge-Kantorovich (Lab)", "masked linear (RGB)", "masked Reinhard (Lab)"
+RASTER = "raster OMT"
+HISTOGRAMS = "match_histograms"
+PAPERS_TRANSFER: dict[str, Any] = {"contrast": 1.0, "match": "color"}
+NEEDS = {HISTOGRAMS: "scikit-image", "color-matcher mkl": "color-matcher"}
 _OMT_SAMPLE = 4000
 _LIKE = 8
 _MORE_BITS = 4
@@ -77,7 +86,7 @@ class Method(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Looks:
-    """Our renderer on an asset: ours, or the paper's settings when the asset was made with them."""
+    """Our renderer on an asset: ours, or the paper's way when the asset was made with its chain."""
 
     name: str
     renderer: Renderer
@@ -168,7 +177,7 @@ class RasterTransport:
     """The sliced transport of eq. (7, 8) on the face's pixels, frame by frame; equal colours are moved once."""
 
     references: Sequence[Reference]
-    name: str = "raster OMT"
+    name: str = RASTER
     costly: bool = True
 
     def draw(self, frame: Frame, view: View) -> list[Drawn]:
@@ -188,25 +197,86 @@ class RasterTransport:
         return pictures
 
 
-class MaskedLinear:
-    """The linear optimal transport between two Gaussians (Monge-Kantorovich), fitted on the first frame's face
-    pixels and replayed on all frames under the matte."""
+Change = Callable[[Floats], NDArray[Any]]
+"""Colours (..., 3) float32, 0-255 RGB, to new ones."""
 
-    name = "masked linear, frame 1"
-    costly = False
 
-    def __init__(self, references: Sequence[Reference]) -> None:
-        self._references = references
-        self._maps: list[tuple[NDArray[np.float64], NDArray[np.float64]]] | None = None
+@dataclass(eq=False)
+class Replayed:
+    """A map of colours fitted on the face of the first frame that is drawn, and replayed under our matte."""
+
+    name: str
+    references: Sequence[Reference]
+    fit: Callable[[Image, Image], Change]
+    costly: bool = False
+    _changes: list[Change] | None = None
 
     def draw(self, frame: Frame, view: View) -> list[Drawn]:
         rgb = frame.rgb()
         part = view.crop(rgb)
-        if self._maps is None:
-            pixels = part[view.face].astype(np.float64)
-            self._maps = [linear_map(pixels, reference.face.astype(np.float64)) for reference in self._references]
-        pictures = [_blend(rgb, view, part @ matrix.T.astype(np.float32) + offset) for matrix, offset in self._maps]
-        return [Drawn(picture) for picture in pictures]
+        if self._changes is None:
+            self._changes = [self.fit(part[view.face], reference.face) for reference in self.references]
+        new = part.astype(np.float32)
+        return [Drawn(_blend(rgb, view, change(new))) for change in self._changes]
+
+
+def _to_lab(rgb: Floats) -> Floats:
+    """OpenCV's CIELAB of colours (h, w, 3) or (n, 3), 0-255."""
+    return np.asarray(cv2.cvtColor(np.atleast_3d(rgb / 255).reshape(len(rgb), -1, 3), cv2.COLOR_RGB2Lab), np.float32)
+
+
+def _from_lab(colors: NDArray[Any]) -> Floats:
+    return np.asarray(255 * cv2.cvtColor(colors.astype(np.float32), cv2.COLOR_Lab2RGB), np.float32)
+
+
+def fit_linear(pixels: Image, wanted: Image) -> Change:
+    """The Monge-Kantorovich map of RGB."""
+    matrix, offset = linear_map(pixels.astype(np.float64), wanted.astype(np.float64))
+    return lambda colors: np.asarray(colors @ matrix.T.astype(np.float32) + offset)
+
+
+def fit_mk(pixels: Image, wanted: Image) -> Change:
+    """The Monge-Kantorovich map of CIELAB."""
+    first, second = (_to_lab(colors.astype(np.float32))[:, 0].astype(np.float64) for colors in (pixels, wanted))
+    matrix, offset = linear_map(first, second)
+    return lambda colors: _from_lab(_to_lab(colors) @ matrix.T.astype(np.float32) + offset)
+
+
+def fit_reinhard(pixels: Image, wanted: Image) -> Change:
+    """Means and standard deviations of CIELAB matched (Reinhard et al. 2001)."""
+    first, second = (_to_lab(colors.astype(np.float32))[:, 0] for colors in (pixels, wanted))
+    scale = second.std(axis=0) / np.maximum(first.std(axis=0), 1e-6)
+    offset = second.mean(axis=0) - scale * first.mean(axis=0)
+    return lambda colors: _from_lab(_to_lab(colors) * scale + offset)
+
+
+@dataclass(frozen=True, eq=False)
+class PaperMask:
+    """The paper's way under its own rule for skin, pixel by pixel: 8-bit Cr in [140, 160], the largest component."""
+
+    looks: Sequence[pvg.Look]
+    keys: Sequence[KeyFrame]
+    face: int
+    name: str = PAPER_MASK
+    costly: bool = False
+
+    def draw(self, frame: Frame, view: View) -> list[Drawn]:
+        rgb, placed = frame.rgb(), view.placed
+        if placed is None:
+            return [Drawn(rgb)] * len(self.looks)
+        key = max((k for k, one in enumerate(self.keys) if one.frame <= frame.index), default=0)
+        changes = [look.colors[self.face][key] - self.keys[key].colors for look in self.looks]
+        h, w = placed.alpha.shape
+        field = placed.membrane(np.concatenate(changes, axis=1)).crop(placed.x, placed.y, w, h)
+        window = (slice(placed.y, placed.y + h), slice(placed.x, placed.x + w))
+        corner = -np.array([placed.x, placed.y], np.float32)
+        skin = skin_mask(rgb[window], view.data.landmarks.moved(corner), method="ycbcr")[..., None]
+        pictures = []
+        for k in range(len(self.looks)):
+            out = rgb.copy()
+            out[window] = np.clip(np.rint(rgb[window] + skin * field[..., 3 * k : 3 * k + 3]), 0, 255).astype(np.uint8)
+            pictures.append(Drawn(out))
+        return pictures
 
 
 def linear_map(
@@ -259,17 +329,24 @@ def color_matcher_mkl(rgb: Image, reference: Image) -> Image:
 
 def missing() -> dict[str, str]:
     """Method -> package, of the peers that are not installed."""
-    absent = {"match_histograms": match_histograms is None, "color-matcher mkl": ColorMatcher is None}
+    absent = {HISTOGRAMS: match_histograms is None, "color-matcher mkl": ColorMatcher is None}
     return {name: NEEDS[name] for name, gone in absent.items() if gone}
 
 
 def method_names() -> tuple[str, ...]:
     """All methods in the order of the tables' columns."""
-    others = (
-        *(PAPER, "per-frame vectorisation", "raster OMT", "masked linear, frame 1"),
-        *("match_histograms", "Lab mean/std", "color-matcher mkl"),
-    )
+    others = (PAPER, PAPER_MASK, MK, LINEAR, REINHARD, RASTER, HISTOGRAMS)
     return (*OURS, *(name for name in others if name not in missing()), DEEP)
+
+
+def has_option(name: str) -> bool:
+    """Whether the library's `transfer` knows an option."""
+    return name in inspect.signature(pvg.transfer).parameters
+
+
+def full_options() -> dict[str, Any]:
+    """The options that carry light and parts wholly, those that the library has."""
+    return {name: 1.0 for name in ("light", "makeup") if has_option(name)}
 
 
 def open_methods(
@@ -277,21 +354,45 @@ def open_methods(
     face: int,
     paper: tuple[pvg.VectorVideo, int] | None,
     references: Sequence[Reference],
+    *,
+    full: bool = False,
 ) -> list[Method]:
-    """All methods that can run on a clip; `paper` is the clip with the paper's settings and its face there."""
+    """All methods of the quality report; `paper` is the clip with the paper's chain and its face there.
+
+    full: also ours with light and parts carried wholly, if the library has such options.
+    """
     methods: list[Method] = [
         Looks.of(OURS[0], video, face, references),
         Looks.of(OURS[1], video, face, references, contrast=1.0),
-        Looks.of(OURS[2], video, face, references, contrast=1.0, match="color"),
     ]
+    if full and full_options():
+        methods.append(Looks.of(FULL, video, face, references, **full_options()))
     if paper is not None:
-        options: dict[str, Any] = {"contrast": 1.0, "match": "color", "protect": ()}
-        methods.append(Looks.of(PAPER, paper[0], paper[1], references, **options))
-    methods += [PerFrame(references), RasterTransport(references), MaskedLinear(references)]
+        of_paper = Looks.of(PAPER, paper[0], paper[1], references, **PAPERS_TRANSFER)
+        keys = paper[0].records[paper[1]].key_frames
+        methods += [of_paper, PaperMask(of_paper.renderer.looks, keys, paper[1])]
+    methods += [
+        Replayed(MK, references, fit_mk),
+        Replayed(LINEAR, references, fit_linear),
+        Replayed(REINHARD, references, fit_reinhard),
+        RasterTransport(references),
+    ]
     if match_histograms is not None:
-        methods.append(WholeFrame("match_histograms", references, histograms))
+        methods.append(WholeFrame(HISTOGRAMS, references, histograms))
+    methods.append(DeepLooks(DEEP, Looks.of(DEEP, video, face, references, contrast=1.0).renderer))
+    return methods
+
+
+def open_peers(references: Sequence[Reference]) -> list[Method]:
+    """What a user could take instead, as the speed benchmark times it."""
+    methods: list[Method] = [
+        PerFrame(references),
+        RasterTransport(references),
+        Replayed(LINEAR, references, fit_linear),
+    ]
+    if match_histograms is not None:
+        methods.append(WholeFrame(HISTOGRAMS, references, histograms))
     methods.append(WholeFrame("Lab mean/std", references, lab_mean_std))
     if ColorMatcher is not None:
         methods.append(WholeFrame("color-matcher mkl", references, color_matcher_mkl))
-    methods.append(DeepLooks(DEEP, Looks.of(DEEP, video, face, references, contrast=1.0).renderer))
     return methods

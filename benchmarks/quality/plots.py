@@ -24,7 +24,7 @@ def draw_plots(results: dict[str, Any], out: Path) -> list[str]:
     drawn = []
     for name, draw in (
         ("steadiness.png", _steadiness),
-        ("reconstruction.png", _reconstruction),
+        ("truth.png", _truth),
         ("leak.png", _leak),
         ("delta-e.png", _delta_e),
     ):
@@ -50,14 +50,13 @@ def _steadiness(axes: Any, results: dict[str, Any]) -> None:
     axes.legend(fontsize=7)
 
 
-def _reconstruction(axes: Any, results: dict[str, Any]) -> None:
-    """Own-colours error and drift over frames (Fig. 11)."""
-    clip = results["reconstruction"][0]
-    for key in clip["rows"][0]:
-        if key != "frame":
-            axes.plot([r["frame"] for r in clip["rows"]], [r[key] for r in clip["rows"]], label=key, marker=".")
-    axes.set(title=clip["clip"], xlabel="frame", ylabel="levels")
-    axes.legend(fontsize=7)
+def _truth(axes: Any, results: dict[str, Any]) -> None:
+    """How far g is from a fit to the frame, every clip (Fig. 11)."""
+    for clip in results["truth"]:
+        frames = [row["frame"] for row in clip["rows"]]
+        axes.plot(frames, [row["table"] for row in clip["rows"]], label=clip["clip"], marker=".", linewidth=1)
+    axes.set(title="the clip-wide table", xlabel="frame", ylabel="|H(g) - H(fit)|, levels")
+    axes.legend(fontsize=6)
 
 
 def _leak(axes: Any, results: dict[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""Measures that need no clip-and-reference pair: leak, reconstruction over 600 frames, masks against labels."""
+"""Measures that need no clip-and-reference pair: leak, truth of the boundary colours, masks against labels."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pvg
-from benchmarks.quality.clips import measured_frames, same_face, vectorize_clip
+from benchmarks.quality.clips import measured_frames, opened_paper, vectorize_clip, widest
 from benchmarks.quality.faces import Bools, Floats, Image, View, references_of, view_of
 from benchmarks.quality.measures import iou, wander
 from benchmarks.quality.peers import DEEP, open_methods
@@ -22,18 +22,16 @@ from pvg.asset import FaceInFrame
 from pvg.curves import CHAIN_RESET_FRAMES, Chain, CurveLabels, labels_by_length, table_labels
 from pvg.face import Landmarks
 from pvg.landmarks import detect_faces, fit_landmarks
-from pvg.rendering import Renderer, source_frame
 from pvg.rendering.placed_face import place_face
 from pvg.skin import SkinTracker, fit_skin_model, skin_mask
 from pvg.vectorization.key_colors import fit_key_frame
 from pvg.video import read_frames, read_image
 
 LEAK_FRAMES = 30
-RECONSTRUCTION_FRAMES = 600
 _LEAK_SIDE = 512
 _COSTLY_EVERY = 6
 _PANEL, _GROUND = np.array([255, 246, 225], np.float32), np.array([70, 72, 78], np.float32)
-_CHECK_EVERY = 60
+_CHECKS = 6  # frames of a clip in which g is compared with a fit
 _CHAIN_SPACING_PX = 2.0
 # face, ears, neck and the features inside, of the class indices
 INSIDE_LABELS = (1, 2, 3, 4, 5, 6, 7, 8, 10, 11, 12, 13, 14)
@@ -102,11 +100,7 @@ def run_leak(portrait: Path, labels: Path | None, references: dict[Path, Path], 
         video = stack.enter_context(pvg.open_asset(asset, clip))
         seen = measured_frames(video, 0, LEAK_FRAMES)
         first = next(iter(seen))
-        paper = None
-        if paper_asset.exists():
-            other = stack.enter_context(pvg.open_asset(paper_asset, clip))
-            twin = same_face(other, seen[first], first)
-            paper = None if twin is None else (other, twin)
+        paper = opened_paper(stack, paper_asset, clip, seen[first], first)
         methods = open_methods(video, 0, paper, opened)
         size = (video.media.width, video.media.height)
         fixed = view_of(seen[first], size).inner
@@ -135,13 +129,7 @@ def run_leak(portrait: Path, labels: Path | None, references: dict[Path, Path], 
     ]
 
 
-# --- reconstruction ---------------------------------------------------------------------------------------------
-
-
-def there_and_back(count: int, total: int) -> list[int]:
-    """Frame numbers of a clip of `count` frames played forward and backward until there are `total` + 1."""
-    period = max(1, 2 * (count - 1))
-    return [min(i % period, period - i % period) if count > 1 else 0 for i in range(total + 1)]
+# --- truth of g -------------------------------------------------------------------------------------------------
 
 
 def _low(data: FaceInFrame, labels: CurveLabels, colors: Floats, view: View) -> Floats:
@@ -153,70 +141,55 @@ def _low(data: FaceInFrame, labels: CurveLabels, colors: Floats, view: View) -> 
     return placed.membrane(colors).crop(columns.start, rows.start, columns.stop - columns.start, rows.stop - rows.start)
 
 
-class _Carried:
-    """Colours carried along the clip: by the table, by the chain without reset, and by the chain with resets."""
-
-    def __init__(self, key: Floats) -> None:
-        self.table = key
-        self._free = Chain(key, table_labels())
-        self._reset = Chain(key, table_labels())
-
-    def step(self, labels: CurveLabels, fitted: Floats | None) -> tuple[Floats, Floats]:
-        """Colours of the free chain and of the one that starts again from `fitted`, table samples, when given."""
-        if fitted is not None:
-            self._reset = Chain(fitted, table_labels())
-        return self._free.step(labels), self._reset.step(labels)
-
-
-def run_reconstruction(clip: Path, asset: Path, frames: int = RECONSTRUCTION_FRAMES) -> dict[str, Any]:
-    """Own-colours error and drift of the boundary colours over `frames` frames, the clip played there and back."""
-    cv2.setNumThreads(1)
-    with pvg.open_asset(asset, clip) as video:
-        face = max(video.faces, key=lambda summary: summary.width_px).index
-        seen = measured_frames(video, face, 1 << 30)
-        numbers = list(seen)
-        record = video.records[face]
-        own = pvg.Look({face: np.stack([key.colors for key in record.key_frames])}, protect=())
-        renderer = Renderer(video, [own])
-        size = (video.media.width, video.media.height)
-        carried = _Carried(record.key_frame_of(numbers[0]).colors)
-        placed: dict[int, CurveLabels] = {}
-        rows: list[dict[str, float]] = []
-        for i, place in enumerate(there_and_back(len(numbers), frames)):
-            data = seen[numbers[place]]
-            if place not in placed:
-                placed[place] = labels_by_length(data.landmarks, data.boundary, spacing_px=_CHAIN_SPACING_PX)
-            checked = i % _CHECK_EVERY == 0
-            starts = i % CHAIN_RESET_FRAMES == 0
-            fitted = None
-            if checked or starts:
-                view = view_of(data, size)
-                frame = source_frame(video, numbers[place])
-                fitted = _fit(frame.rgb(), view)
-            free, reset = carried.step(placed[place], fitted if starts else None)
-            if not checked or fitted is None:
-                continue
-            drawn = renderer.draw(frame)[0].rgb()
-            difference = np.abs(drawn.astype(np.float32) - frame.rgb())[view.window]
-            truth = _low(data, table_labels(), fitted, view)
-            lows = {
-                "table": _low(data, table_labels(), carried.table, view),
-                "chain": _low(data, placed[place], free, view),
-                "chain, reset": _low(data, placed[place], reset, view),
-            }
-            row = {"frame": float(i), "own colours": float(difference[view.face].mean())}
-            row |= {f"drift, {name}": float(np.abs(low - truth)[view.face].mean()) for name, low in lows.items()}
-            row["chain from table"] = float(np.abs(lows["chain"] - lows["table"])[view.face].mean())
-            rows.append(row)
-    return {"clip": clip.stem, "frames": frames, "distinct_frames": len(numbers), "rows": rows}
-
-
 def _fit(rgb: Image, view: View) -> Floats:
     placed = view.placed
     if placed is None:
         raise ValueError("the face left the picture")
     colors, _ = fit_key_frame(rgb, view.matte, placed.positions, view.width, 0)
     return colors
+
+
+def run_truth(clip: Path, asset: Path, frames: int | None = None) -> dict[str, Any]:
+    """How far g is from ĝ, the fit to that very frame: mean of |H(g) − H(ĝ)| over the face, some frames of the clip.
+
+    Three ways to carry g: the clip-wide table, the paper's chain from the first key frame, and the same begun anew
+    from ĝ every 120 frames.
+    """
+    cv2.setNumThreads(1)
+    with pvg.open_asset(asset, clip) as video:
+        face = widest(video)
+        seen = measured_frames(video, face, frames)
+        numbers = list(seen)
+        record = video.records[face]
+        size = (video.media.width, video.media.height)
+        checked = {numbers[int(i)] for i in np.rint(np.linspace(0, len(numbers) - 1, min(_CHECKS, len(numbers))))}
+        first = record.key_frame_of(numbers[0]).colors
+        free, reset = Chain(first, table_labels()), Chain(first, table_labels())
+        rows: list[dict[str, float]] = []
+        for i, frame in enumerate(f for f in read_frames(clip, start=numbers[0], stop=numbers[-1] + 1)):
+            if frame.index not in seen:
+                continue
+            data = seen[frame.index]
+            view = view_of(data, size)
+            if view.placed is None:
+                continue
+            starts = i > 0 and i % CHAIN_RESET_FRAMES == 0
+            fitted = _fit(frame.rgb(), view) if starts or frame.index in checked else None
+            if starts and fitted is not None:
+                reset = Chain(fitted, table_labels())
+            labels = labels_by_length(data.landmarks, data.boundary, spacing_px=_CHAIN_SPACING_PX)
+            chained, anew = free.step(labels), reset.step(labels)
+            if fitted is None or frame.index not in checked:
+                continue
+            truth = _low(data, table_labels(), fitted, view)
+            lows = {
+                "table": _low(data, table_labels(), record.key_frame_of(frame.index).colors, view),
+                "chain": _low(data, labels, chained, view),
+                "chain, reset": _low(data, labels, anew, view),
+            }
+            away = {name: float(np.abs(low - truth)[view.face].mean()) for name, low in lows.items()}
+            rows.append({"frame": float(frame.index), **away})
+    return {"clip": clip.stem, "rows": rows}
 
 
 # --- masks ------------------------------------------------------------------------------------------------------

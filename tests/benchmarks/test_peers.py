@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.quality.peers import lab_mean_std, linear_map
+from benchmarks.quality.peers import fit_linear, fit_mk, fit_reinhard, lab_mean_std, linear_map
 from tests.gallery.pictures import texture
 
 
@@ -20,3 +20,14 @@ def test_the_linear_map_gives_pixels_the_mean_and_covariance_wanted() -> None:
 def test_lab_mean_and_std_leave_a_picture_matched_to_itself() -> None:
     picture = texture()
     assert np.abs(lab_mean_std(picture, picture).astype(int) - picture).max() <= 1
+
+
+def test_masked_maps_give_the_reference_its_means_and_leave_a_face_matched_to_itself() -> None:
+    rng = np.random.default_rng(3)
+    pixels = np.clip(rng.normal((120, 90, 80), 12, (3000, 3)), 0, 255).astype(np.uint8)
+    wanted = np.clip(rng.normal((190, 150, 130), 9, (3000, 3)), 0, 255).astype(np.uint8)
+    for fit in (fit_linear, fit_mk, fit_reinhard):
+        moved = fit(pixels, wanted)(pixels[None].astype(np.float32))[0]
+        np.testing.assert_allclose(moved.mean(axis=0), wanted.mean(axis=0), atol=1.0)
+        same = fit(pixels, pixels)(pixels[None].astype(np.float32))[0]
+        assert np.abs(same - pixels).max() < 0.5

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.quality.probes import leak_frames, there_and_back
+from benchmarks.quality.probes import leak_frames
 from tests.gallery.pictures import texture
 
 
@@ -15,11 +15,3 @@ def test_the_leaks_panel_grows_and_leaves_the_person_alone() -> None:
     brightness = [float(frame[person == 0].mean()) for frame in frames]
     assert brightness == sorted(brightness)
     assert brightness[-1] > brightness[0] + 100
-
-
-def test_a_clip_played_there_and_back_never_jumps() -> None:
-    places = there_and_back(7, 30)
-    assert len(places) == 31
-    assert np.abs(np.diff(places)).max() == 1
-    assert set(places) == set(range(7))
-    assert there_and_back(1, 3) == [0, 0, 0, 0]

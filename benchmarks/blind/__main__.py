@@ -1,0 +1,92 @@
+"""`python -m benchmarks.blind`: sheets of ours beside a rival, for eyes that do not know which is which."""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from itertools import groupby
+from pathlib import Path
+
+from benchmarks.blind.drawing import RIVALS, DrawnPair, draw_at_revision, draw_clip, revision_of
+from benchmarks.blind.key import OURS, RIVAL, KeyEntry, read_choices, write_key, write_template
+from benchmarks.blind.plan import plan_pairs
+from benchmarks.blind.sheets import draw_sheet
+from benchmarks.quality.color import tone_group
+from benchmarks.quality.faces import Image
+from benchmarks.quality.media import HALVES, choose, find_material, half_of, usable_portraits
+from pvg.video import write_image
+from scripts.samples import REPOSITORY
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.blind", description=__doc__)
+    parser.add_argument("--against", required=True, help=f"{', '.join(RIVALS)}, or a git revision of this project")
+    parser.add_argument("--pairs", type=int, default=40, help="sheets")
+    parser.add_argument("--half", choices=HALVES, default="report", help="every second clip and portrait, or all")
+    parser.add_argument("--seed", type=int, default=0, help="of pairs, sides and frames")
+    parser.add_argument("--clips", help="comma-separated parts of clip names, of that half")
+    parser.add_argument("--out", type=Path, default=REPOSITORY / "benchmarks" / "out" / "blind", help="folder")
+    parser.add_argument("--assets", type=Path, help="folder that keeps the assets of ours for the next set of sheets")
+    return parser.parse_args()
+
+
+def _entry(drawn: DrawnPair, against: str) -> KeyEntry:
+    pair = drawn.pair
+    sides = (OURS, RIVAL) if pair.ours_is_a else (RIVAL, OURS)
+    return KeyEntry(
+        pair.number,
+        pair.clip.stem,
+        pair.reference.stem,
+        against,
+        "strip" if pair.strip else "still",
+        drawn.frames,
+        *sides,
+        ita=round(drawn.ita, 1),
+        group=tone_group(drawn.ita),
+    )
+
+
+def _save(drawn: DrawnPair, rival: list[Image], folder: Path) -> None:
+    sides = (drawn.ours, rival) if drawn.pair.ours_is_a else (rival, drawn.ours)
+    sheet = draw_sheet(drawn.pair.number, drawn.reference, sides, drawn.crops)
+    write_image(folder / f"{drawn.pair.number:03d}.png", sheet)
+
+
+def main() -> None:
+    """Draw the sheets, the key and the table to fill in."""
+    options = _options()
+    choices = options.out / "choices.csv"
+    if choices.exists() and read_choices(choices):
+        raise SystemExit(f"{choices} is filled in; move it away or take another folder with --out")
+    commit = None if options.against in RIVALS else revision_of(options.against)
+    material = find_material()
+    clips = choose(half_of(sorted(material.clips), options.half), options.clips)
+    portraits = half_of(usable_portraits(material.portraits), options.half)
+    pairs = plan_pairs(clips, portraits, options.pairs, options.seed)
+    sheets = options.out / "sheets"
+    sheets.mkdir(parents=True, exist_ok=True)
+    for old in sheets.glob("*.png"):
+        old.unlink()
+    entries = []
+    with tempfile.TemporaryDirectory() as name:
+        assets = options.assets or Path(name) / "assets"
+        assets.mkdir(parents=True, exist_ok=True)
+        by_clip = sorted(pairs, key=lambda pair: (pair.clip, pair.number))
+        for k, (clip, group) in enumerate(groupby(by_clip, key=lambda pair: pair.clip)):
+            drawn = draw_clip(clip, list(group), options.against, assets)
+            elsewhere = draw_at_revision(commit, drawn, Path(name) / f"revision-{k}") if commit else None
+            for i, one in enumerate(drawn):
+                rival = elsewhere[i] if elsewhere is not None else one.rival
+                assert rival is not None
+                _save(one, rival, sheets)
+                entries.append(_entry(one, options.against))
+            print(f"{len(entries):3d} of {len(pairs)} sheets", flush=True)
+    entries.sort(key=lambda entry: entry.number)
+    about = {"against": options.against, "commit": commit, "half": options.half, "seed": options.seed}
+    write_key(options.out / "key" / "key.json", entries, about)
+    write_template(choices, [entry.number for entry in entries])
+    print(f"sheets in {sheets}; the key, not to be looked at, in {options.out / 'key'}")
+
+
+if __name__ == "__main__":
+    main()
