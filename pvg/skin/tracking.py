@@ -117,9 +117,13 @@ class _TemporalState:
 
 
 class SkinTracker:
-    """Makes the matte of each frame of a track, in order."""
+    """Makes the matte of each frame of a track, in order.
+
+    light: (3,) RGB, the face's colour in the last frame.
+    """
 
     def __init__(self, model: SkinModel) -> None:
+        self.light = np.full(3, _MID_GREY, np.float32) if model.learned is None else model.learned.light
         self._model = model
         self._raster: Raster | None = None
         self._before: _TemporalState | None = None
@@ -135,7 +139,8 @@ class SkinTracker:
             mask = red_chroma_mask(small, face_area(raster.shape, own), visible)
             return Matte.over(raster.box, mask.astype(np.uint8) * np.uint8(255), mask)
         prior = spatial_prior(raster.shape, own)
-        probability, occluder = _estimate(self._model.learned, small, prior, own.stacked, visible)
+        self.light = _face_color(small, prior.sample & visible)
+        probability, occluder = _estimate(self._model.learned, small, prior, own.stacked, visible, self.light)
         mask, alpha = self._smooth_in_time(small, probability, prior, visible)
         # last, so that skin that comes back is still known
         mask, alpha = mask & (occluder < 0.5), alpha * (1 - occluder)
@@ -190,14 +195,14 @@ class SkinTracker:
 
 
 def _estimate(
-    learned: LearnedSkin, rgb: Bytes, prior: SpatialPrior, points: Floats, visible: Bools
+    learned: LearnedSkin, rgb: Bytes, prior: SpatialPrior, points: Floats, visible: Bools, light: Floats
 ) -> tuple[Floats, Floats]:
     """Posterior probability of skin (h, w) from this frame alone: its colours, the prior and the key frame's shape.
 
-    And the alpha (h, w) in [0, 1] of what lies in front of the face.
+    And the alpha (h, w) in [0, 1] of what lies in front of the face.  light: (3,) the face's colour in this frame.
     """
     # a lamp or a cloud that changes the face changes what surrounds it alike: undo it before colours are looked up
-    gain = np.clip(learned.light / _face_color(rgb, prior.sample & visible), *_TRACKING.light_change)
+    gain = np.clip(learned.light / light, *_TRACKING.light_change)
     levels = np.clip(np.arange(256)[:, None] * gain, 0, 255).astype(np.uint8)
     lit = np.asarray(cv2.LUT(rgb, levels[None]), np.uint8)
     lab = to_skin_lab(lit)
