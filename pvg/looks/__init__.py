@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pvg.looks.look import CONTRAST_RANGE, PROTECTABLE, Contrast, Look
+from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, BodyMap, Contrast, Look
 from pvg.looks.tone import SkinMap
 from pvg.looks.transfer import BETA, ITERATIONS, transfer
 from pvg.looks.transport import sliced_transport, sliced_wasserstein
@@ -10,8 +10,10 @@ from pvg.looks.transport import sliced_transport, sliced_wasserstein
 __all__ = [
     "BETA",
     "CONTRAST_RANGE",
+    "EXTENTS",
     "ITERATIONS",
     "PROTECTABLE",
+    "BodyMap",
     "Contrast",
     "Look",
     "SkinMap",

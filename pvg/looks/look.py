@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 
 from pvg._arrays import Floats
+from pvg.looks.tone import SkinMap
 
 CONTRAST_RANGE = (0.7, 1.5)  # of λ [paper]
 PROTECTABLE = ("eyes", "teeth")
 
+EXTENTS = ("skin", "face")  # all skin of a person, or the face with ears and neck
+
 Contrast = float | Literal["auto"]
+
+
+@dataclass(frozen=True, eq=False)
+class BodyMap:
+    """What the rest of a person's skin is given: `strength` of the way from its colours to those of the map F."""
+
+    skin: SkinMap
+    strength: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,12 +32,14 @@ class Look:
 
     colors: for each face index of the look, (K, S, 3) float32 g' of its K key frames, 0-255 RGB, strength applied;
     contrast: λ of u' = λI + H(g' − λg), strength applied: a number, or for each face index (K, S, 2) float32, λ of luma
-    and of chroma at the curves;  protect: features that keep their own colour.
+    and of chroma at the curves;  protect: features that keep their own colour;
+    body: for each face index whose person's other skin goes along, how it does.
     """
 
     colors: dict[int, Floats]
     contrast: float | dict[int, Floats] = 1.0
     protect: tuple[str, ...] = PROTECTABLE
+    body: dict[int, BodyMap] = field(default_factory=dict)
 
     def at_curves(self, face: int, key: int) -> Floats:
         """What is carried along the curves of a key frame: (S, 3) g', or (S, 5) g' and λ."""

@@ -10,11 +10,12 @@ from pvg._arrays import Floats
 from pvg.asset import VectorVideo
 from pvg.curves import Chain, ColorTable, CurveLabels, labels_by_length, table_labels
 from pvg.looks import Look
+from pvg.rendering.body import BodyTables, PlacedBody, apply_body, place_body
 from pvg.rendering.correction import at_curves, extend
 from pvg.rendering.guards import guarded_alpha
 from pvg.rendering.placed_face import PlacedFace, divide_overlaps, place_face
 from pvg.rendering.planes import apply_correction
-from pvg.video import Frame, Patch
+from pvg.video import Frame, Patch, PixelFormat
 
 _CHAIN_SPACING_PX = 2.0  # between the samples of the paper's chain
 
@@ -75,6 +76,12 @@ class Renderer:
         faces = sorted({face for look in looks for face in look.colors})
         # numbers, since one look may be asked for twice
         self._with_face = {face: [i for i, look in enumerate(looks) if face in look.colors] for face in faces}
+        self._with_body = {
+            face: [i for i, look in enumerate(looks) if face in look.body and look.body[face].strength > 0]
+            for face in sorted({face for look in looks for face in look.body})
+        }
+        self._with_body = {face: which for face, which in self._with_body.items() if which}
+        self._tables: dict[tuple[int, int], BodyTables] = {}
         self._colors = {
             face: _propagation(video, face, [looks[i] for i in which]) for face, which in self._with_face.items()
         }
@@ -86,10 +93,34 @@ class Renderer:
     def patches(self, frame: Frame) -> list[list[Patch]]:
         """What every look changes in the frame, in their order, each to be laid over it in its order."""
         out: list[list[Patch]] = [[] for _ in self.looks]
-        for face, placed, colors in self._placed_faces(frame):
+        faces = self._placed_faces(frame)
+        bodies = self._placed_bodies(frame, faces)  # before guards are taken out of the faces' mattes
+        for face, placed, colors in faces:
             if colors is not None:
                 self._draw_face(frame, placed, self._with_face[face], colors, out)
+        for face, body in bodies:
+            for i in self._with_body[face]:
+                tables = self._tables_of(i, face, frame.format)
+                out[i] += apply_body(frame, body, tables, under=out[i])
         return out
+
+    def _placed_bodies(
+        self, frame: Frame, faces: Sequence[tuple[int, PlacedFace, Floats | None]]
+    ) -> list[tuple[int, PlacedBody]]:
+        """(face, where the person's other skin is) of every face in the frame that a look draws with its body."""
+        placed_faces = [placed for _, placed, _ in faces]
+        out: list[tuple[int, PlacedBody]] = []
+        for face, placed, _ in faces:
+            if face in self._with_body:
+                body = place_body(frame, placed.data.body, placed_faces, [other for _, other in out])
+                if body is not None:
+                    out.append((face, body))
+        return out
+
+    def _tables_of(self, look: int, face: int, pixel_format: PixelFormat) -> BodyTables:
+        if (look, face) not in self._tables:
+            self._tables[look, face] = BodyTables.of(self.looks[look].body[face], pixel_format)
+        return self._tables[look, face]
 
     def _placed_faces(self, frame: Frame) -> list[tuple[int, PlacedFace, Floats | None]]:
         """(face, where it is, its colours) of every face in the frame; one that no look draws has no colours.

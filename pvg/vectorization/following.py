@@ -84,6 +84,7 @@ class Following:
         """from_first_row: whether a track's key view is its first row;  scenes: whether stretches have them."""
         self._scene_reader = SceneReader() if scenes else None
         self._scenes: dict[int, Scene] = {}
+        self._looked = -1  # the last frame with a scene
         self._tracker = FaceTracker(frame_rate=frame_rate)
         self._min_face_px = min_face_px
         self._from_first_row = from_first_row
@@ -134,7 +135,8 @@ class Following:
         """Keep the scene of a frame with faces."""
         if self._scene_reader is not None and self._tracker.open:
             faces = [track.seen[-1].landmarks for track in self._tracker.open]
-            cut = index in self._tracker.cuts or index - 1 not in self._scenes
+            cut = index in self._tracker.cuts or index - 1 != self._looked
+            self._looked = index
             self._scenes[index] = self._scene_reader.step(picture, faces, cut=cut)
 
     def _settled(self, upto: int) -> int:
