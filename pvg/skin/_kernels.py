@@ -305,6 +305,10 @@ class BodyWeights(NamedTuple):
     texture_from: np.float32
     texture: np.float32
     texture_dark: np.float32
+    ear_beside: np.float32
+    ear_width: np.float32
+    ear_height: np.float32
+    ear_release: np.float32
     known: np.float32
     known_begins: np.float32
     known_ends: np.float32
@@ -326,8 +330,8 @@ def body_log_odds(
 
     rgb: (h, w, 3);  person: (h, w), 255 on people;  neck: (h, w) in [0, 1], the face's own mask;
     cube: (n, n, n) log-odds of colours in the key frame's light at n even steps of R, G, B;  gain: (3,) to that light;
-    frame: (14,) of the head: chin, neck, middle, across and down (x, y each), size, and its half width, height above
-    and below the middle.
+    frame: (16,) of the head: chin, neck, middle, across and down (x, y each), size, half width, height above and below
+    the middle of what lies around it, half width of its oval, and the ears' depth.
     """
     h, w = out.shape
     none, one, half = np.float32(0.0), np.float32(1.0), np.float32(0.5)
@@ -359,9 +363,9 @@ def body_log_odds(
             # green stands for the brightness whose evenness is measured
             top, bottom, left, right = max(i - 1, 0), min(i + 2, h), max(j - 1, 0), min(j + 2, w)
             mean, square, count = none, none, none
-            for p in range(top, bottom):
-                for q in range(left, right):
-                    value = np.float32(rgb[p, q, 1])
+            for y_near in range(top, bottom):
+                for x_near in range(left, right):
+                    value = np.float32(rgb[y_near, x_near, 1])
                     mean += value
                     square += value * value
                     count += one
@@ -370,10 +374,14 @@ def body_log_odds(
             total -= weights.texture * max(uneven - weights.texture_from, none)
             chin_x, x = (np.float32(j) - frame[0]) / size, (np.float32(j) - frame[4]) / size
             way = chin_x * frame[2] + chin_y * frame[3]
-            side, depth = (x * frame[6] + y * frame[7]) / wide, x * frame[8] + y * frame[9]
-            depth /= above if depth < none else below
-            away = np.sqrt(side * side + depth * depth)
-            total -= weights.head * (one - _smoothstep(away, weights.head_begins, weights.head_ends))
+            side, depth = abs(x * frame[6] + y * frame[7]), x * frame[8] + y * frame[9]
+            p, q = side / wide, depth / (above if depth < none else below)
+            around = one - _smoothstep(np.sqrt(p * p + q * q), weights.head_begins, weights.head_ends)
+            if around > none:
+                p = (side - frame[14] - weights.ear_beside) / weights.ear_width
+                q = (depth - frame[15]) / weights.ear_height
+                at_ear = np.exp(-half * (p * p + q * q))
+                total -= weights.head * around * (one - weights.ear_release * at_ear)
             if neck[i, j] > none:
                 total += weights.known * neck[i, j] * _smoothstep(way, weights.known_begins, weights.known_ends)
             out[i, j] = min(max(total, -weights.most), weights.most)

@@ -19,7 +19,7 @@ from pvg.skin._kernels import BodyWeights, body_log_odds
 from pvg.skin.color_model import SkinColors, to_skin_lab
 from pvg.skin.matte import Matte
 from pvg.skin.parameters import SKIN_PRIOR
-from pvg.skin.prior import HeadShape, head_shape, logistic
+from pvg.skin.prior import HeadShape, ear_depth, head_shape, logistic
 from pvg.skin.scene import Scene
 
 _BODY, _TRACKING = SKIN_PRIOR.body, SKIN_PRIOR.tracking
@@ -33,6 +33,10 @@ _WEIGHTS = BodyWeights(
     texture_from=np.float32(_BODY.texture_from),
     texture=np.float32(_BODY.texture),
     texture_dark=np.float32(_BODY.texture_dark),
+    ear_beside=np.float32(SKIN_PRIOR.ears.beside),
+    ear_width=np.float32(_BODY.ear_width),
+    ear_height=np.float32(_BODY.ear_height),
+    ear_release=np.float32(_BODY.ear_release),
     known=np.float32(_BODY.known),
     known_begins=np.float32(_BODY.known_rise[0]),
     known_ends=np.float32(_BODY.known_rise[1]),
@@ -93,7 +97,7 @@ class BodyTracker:
         known = face.raster.read(face.mask.astype(np.float32), xs, ys)
         gain = np.clip(self._light / light, *_TRACKING.light_change).astype(np.float32)
         log_odds = np.empty(scene.raster.shape, np.float32)
-        body_log_odds(scene.rgb, scene.person, known, self._table, gain, _frame(head), _WEIGHTS, log_odds)
+        body_log_odds(scene.rgb, scene.person, known, self._table, gain, _frame(head, own), _WEIGHTS, log_odds)
         log_odds = np.asarray(cv2.GaussianBlur(log_odds, (0, 0), _BODY.blur), np.float32)
         share = _owned(scene, landmarks, head)
         probability = logistic(log_odds) if share is None else np.asarray(logistic(log_odds) * share, np.float32)
@@ -127,7 +131,7 @@ class BodyTracker:
         return mask, alpha
 
 
-def _frame(head: HeadShape) -> Floats:
+def _frame(head: HeadShape, landmarks: Landmarks) -> Floats:
     """The head as `body_log_odds` measures it."""
     ends = np.array(
         [
@@ -135,6 +139,8 @@ def _frame(head: HeadShape) -> Floats:
             head.width / 2 / head.size + _BODY.head_beside,
             head.height / 2 / head.size + _BODY.head_above,
             head.height / 2 / head.size + _BODY.head_below,
+            head.width / 2 / head.size,
+            ear_depth(head, landmarks),
         ],
         np.float32,
     )

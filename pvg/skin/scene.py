@@ -26,15 +26,22 @@ _FLOW_CELLS = 2  # cells a side of one vector of the flow
 
 
 def person_mask(rgb: Bytes) -> Floats:
-    """Where people are: (256, 256) float32 in [0, 1] over the whole of a picture (h, w, 3) uint8 RGB.
+    """Where people are: (h, w) float32 in [0, 1] of a picture (h, w, 3) uint8 RGB.
 
+    The network takes squares; a picture that is squeezed into one makes it see people in tables and plants, so that the
+    picture's last rows or columns are repeated instead: people go on below a picture.
     Raises ModelError when the weights are not installed.
     """
-    how = cv2.INTER_AREA if min(rgb.shape[:2]) >= _NETWORK_PX else cv2.INTER_LINEAR
-    square = cv2.resize(rgb, (_NETWORK_PX, _NETWORK_PX), interpolation=how)
+    height, width = rgb.shape[:2]
+    scale = _NETWORK_PX / max(height, width)
+    h, w = max(1, round(height * scale)), max(1, round(width * scale))
+    small = cv2.resize(rgb, (w, h), interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
+    left = (_NETWORK_PX - w) // 2
+    square = cv2.copyMakeBorder(small, 0, _NETWORK_PX - h, left, _NETWORK_PX - w - left, cv2.BORDER_REPLICATE)
     session = models.load(_NETWORK)
     (out,) = session.run(None, {session.get_inputs()[0].name: square[None] * np.float32(1 / 255)})
-    return np.asarray(out[0, ..., 0], np.float32)
+    mask = np.ascontiguousarray(out[0, :h, left : left + w, 0], np.float32)
+    return np.asarray(np.clip(cv2.resize(mask, (width, height), interpolation=cv2.INTER_LINEAR), 0, 1), np.float32)
 
 
 def scene_raster(size: tuple[int, int]) -> Raster:
@@ -100,9 +107,7 @@ class SceneReader:
             flow = np.asarray(self._flow.calc(grey, self._grey, np.zeros((*grey.shape, 2), np.float32)), np.float32)
         self._age += 1
         if flow is None or self._person is None or self._age >= _BODY.person_every:
-            h, w = raster.shape
-            found = cv2.resize(person_mask(rgb), (w, h), interpolation=cv2.INTER_LINEAR)
-            person = np.asarray(np.rint(np.clip(found, 0, 1) * 255), np.uint8)
+            person = np.asarray(np.rint(person_mask(rgb) * 255), np.uint8)
             self._age = 0
         else:
             moved = cv2.remap(
