@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 from pvg._arrays import Doubles, Floats
 from pvg.looks import BodyMap
 from pvg.looks.tone import to_rgb
-from pvg.raster import Raster
 from pvg.picture import halved
+from pvg.raster import Raster
 from pvg.rendering import _body_kernels as kernels
 from pvg.rendering import _kernels
 from pvg.rendering.placed_face import PlacedFace
@@ -53,7 +53,9 @@ class PlacedBody:
     alpha: Floats
 
 
-def place_body(frame: Frame, body: Matte, faces: Sequence[PlacedFace], others: Sequence[PlacedBody]) -> PlacedBody | None:
+def place_body(
+    frame: Frame, body: Matte, faces: Sequence[PlacedFace], others: Sequence[PlacedBody]
+) -> PlacedBody | None:
     """A body's matte in the pixels of a frame, None when there is nothing of it.
 
     faces: all faces in the frame, which keep their own mattes;  others: bodies that were placed before.
@@ -71,11 +73,16 @@ def place_body(frame: Frame, body: Matte, faces: Sequence[PlacedFace], others: S
     )
     luma = _luma(frame, (x0, y0, x1, y1))
     slope, start = _guide(coarse, _cell_means(luma, part.crop(np.array([x0, y0], np.float32))), frame.format.depth)
-    columns, rows = ((np.arange(a, b) - o + 0.5) / part.step - 0.5 for a, b, o in zip((x0, y0), (x1, y1), part.origin))
+    columns, rows = (
+        (np.arange(low, high) - part.origin[axis] + 0.5) / part.step - 0.5
+        for axis, (low, high) in enumerate(((x0, x1), (y0, y1)))
+    )
     alpha = np.empty(luma.shape, np.float32)
     kernels.guided_alpha(luma, slope, start, columns, rows, _MARGIN, alpha)
     placed = PlacedBody(x0, y0, alpha)
-    for other in (*faces, *others):
+    for face in faces:
+        _take_out(placed, face)
+    for other in others:
         _take_out(placed, other)
     return placed if alpha.max(initial=0) > _LEAST else None
 
@@ -91,7 +98,9 @@ def _window(frame: Frame, body: Matte) -> tuple[int, int, int, int, tuple[int, i
         low, high = max(0, int(held[0]) - reach), min(body.alpha.shape[1 - axis], int(held[-1]) + 1 + reach)
         size = (frame.width, frame.height)[axis]
         step = body.raster.step
-        pixels.append((max(0, int(low * step) // align * align), min(size, -(-int(np.ceil(high * step)) // align) * align)))
+        pixels.append(
+            (max(0, int(low * step) // align * align), min(size, -(-int(np.ceil(high * step)) // align) * align))
+        )
         cells.append((low, max(high, low + 2)))
     (x0, x1), (y0, y1) = pixels
     if x1 <= x0 or y1 <= y0:

@@ -360,6 +360,9 @@ def body_log_odds(
             ) * v
             total = near + u * (far - near)
             total += min(weights.person * (seen - half), weights.person_for)
+            if total + weights.known < none:  # whatever else is said
+                out[i, j] = max(total, -weights.most)
+                continue
             # green stands for the brightness whose evenness is measured
             top, bottom, left, right = max(i - 1, 0), min(i + 2, h), max(j - 1, 0), min(j + 2, w)
             mean, square, count = none, none, none

@@ -1,9 +1,9 @@
 """The rest of a person's skin: neck, chest, arms and hands, told in the whole picture by what the face taught.
 
-In every cell of a scene the log-odds add up: how alike its colour is to the face's own, its hue more than its light; what
-the key frame saw of that colour beside the face; the person mask; evenness; against what lies around the head, which is
-hair or the face's; and for what the face's own mask calls neck. What is likely skin then counts where it touches the face
-or makes a part that is surely skin, and is made steady in time as the face's matte is.
+In every cell of a scene the log-odds add up: how alike its colour is to the face's own, its hue more than its light;
+what the key frame saw of that colour beside the face; the person mask; evenness; against what lies around the head,
+which is hair or the face's; and for what the face's own mask calls neck. What is likely skin then counts where it
+touches the face or makes a part that is surely skin, and is made steady in time as the face's matte is.
 """
 
 from __future__ import annotations
@@ -44,6 +44,7 @@ _WEIGHTS = BodyWeights(
 )
 _TOUCHING = 2  # cells around the face's mask that a part touches it by
 _SIDE_BY_SIDE = 0.5  # of a face's width: faces nearer to each other are one
+_STOOD = 0.3  # of a part: so much of it was there before
 _LEAST_CHROMA = 1.0  # Lab: below it a hue has no direction
 
 
@@ -69,12 +70,9 @@ def color_table(colors: SkinColors) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """What one scene leaves to the next, (h, w) each: its grey picture, probability, mask and alpha."""
+    """What one scene leaves to the next: layers (h, w, 4) float32, its grey picture, probability, mask and alpha."""
 
-    grey: Bytes
-    probability: Floats
-    mask: Floats
-    alpha: Floats
+    layers: Floats
 
 
 class BodyTracker:
@@ -107,27 +105,23 @@ class BodyTracker:
 
     def _smooth_in_time(self, scene: Scene, probability: Floats, known: Floats, size: float) -> tuple[Bools, Floats]:
         """Mask and alpha (h, w), held to those of the scene before where nothing changed."""
-        grey = np.asarray(cv2.cvtColor(scene.rgb, cv2.COLOR_RGB2GRAY), np.uint8)
+        grey = np.asarray(cv2.cvtColor(scene.rgb, cv2.COLOR_RGB2GRAY), np.float32)
         before, maps = self._before, scene.before()
         if before is None or maps is None:
             mask = _parts(probability, probability > 0.5, known, None, size)
             alpha = _soft_edge(probability, mask)
         else:
-
-            def moved(values: Floats) -> Floats:
-                out = cv2.remap(values, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-                return np.asarray(out, np.float32)
-
-            window = (_TRACKING.change_window, _TRACKING.change_window)
-            change = cv2.blur(np.abs(moved(before.grey.astype(np.float32)) - grey), window)
+            moved = cv2.remap(before.layers, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            was_grey, was_probability, was, was_alpha = cv2.split(moved)
+            change = cv2.blur(cv2.absdiff(was_grey, grey), (_TRACKING.change_window, _TRACKING.change_window))
             keep = np.asarray(_TRACKING.keep * np.exp(-((change / _TRACKING.change) ** 2)), np.float32)
-            was = moved(before.mask)
-            probability = (probability + keep * (moved(before.probability) - probability)).astype(np.float32)
+            probability = (probability + keep * (was_probability - probability)).astype(np.float32)
             likely = probability + _TRACKING.hysteresis * keep * (was - 0.5) > 0.5
-            mask = _parts(probability, likely, known, was, size)
+            mask = _parts(probability, likely, known, np.asarray(was, np.float32), size)
             alpha = _soft_edge(probability, mask)
-            alpha = (alpha + keep * (moved(before.alpha) - alpha)).astype(np.float32)
-        self._before = _State(grey, probability, mask.astype(np.float32), alpha)
+            alpha = (alpha + keep * (was_alpha - alpha)).astype(np.float32)
+        layers = cv2.merge([grey, probability, mask.astype(np.float32), alpha])
+        self._before = _State(np.asarray(layers, np.float32))
         return mask, alpha
 
 
@@ -175,18 +169,21 @@ def _parts(probability: Floats, likely: Bools, known: Floats, before: Floats | N
     known: (h, w) the face's own mask;  before: (h, w) the mask before;  size: a face size in cells.
     """
     face = (known > 0.5).astype(np.uint8)
-    joined = cv2.morphologyEx((likely | (face > 0)).astype(np.uint8), cv2.MORPH_CLOSE, _square(_BODY.join))
+    joined = cv2.morphologyEx(likely.astype(np.uint8) | face, cv2.MORPH_CLOSE, _square(_BODY.join))
     count, labels, stats, _ = cv2.connectedComponentsWithStats(joined, connectivity=8)
-    flat = labels.ravel()
-    cells = np.maximum(np.bincount(flat, weights=likely.ravel(), minlength=count), 1)
-    mean = np.bincount(flat, weights=(probability * likely).ravel(), minlength=count) / cells
-    touches = np.bincount(flat, weights=(cv2.dilate(face, _square(2 * _TOUCHING + 1)) > 0).ravel(), minlength=count) > 0
-    least = np.full(count, _BODY.least_part * size**2)
-    if before is not None:
-        stood = np.bincount(flat, weights=(before > 0.5).ravel(), minlength=count) > 0.3 * cells
-        least[stood] = _BODY.kept_part * size**2
-    kept = touches | ((cells > least) & (mean > _BODY.sure))
+    touching = cv2.dilate(face, _square(2 * _TOUCHING + 1)) > 0
+    kept = np.bincount(labels[touching], minlength=count) > 0
     kept[0] = False
+    for part in np.flatnonzero(~kept & (stats[:, cv2.CC_STAT_AREA] > _BODY.kept_part * size**2)):
+        if part == 0:
+            continue
+        x, y, w, h = (int(v) for v in stats[part, :4])
+        box = slice(y, y + h), slice(x, x + w)
+        cells = likely[box] & (labels[box] == part)
+        area = int(cells.sum())
+        stood = before is not None and float((before[box][cells] > 0.5).mean() if area else 0) > _STOOD
+        least = (_BODY.kept_part if stood else _BODY.least_part) * size**2
+        kept[part] = area > least and float(probability[box][cells].mean()) > _BODY.sure
     return np.asarray(likely & kept[labels])
 
 

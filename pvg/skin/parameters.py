@@ -276,10 +276,10 @@ class TrackingNumbers:
 class BodyNumbers:
     """The rest of a person's skin, in the whole picture: neck, chest, arms, hands."""
 
-    cells: int = 320  # along the picture's longer side, at most [by eye]
+    cells: int = 256  # along the picture's longer side, at most [by eye]
     least_cell_px: float = 2.0  # source pixels a cell at least [by eye]: finer cells show noise
     least_side: int = 8  # cells along a side at least [by eye]
-    person_every: int = 3  # frames from one mask of the network to the next [by eye]
+    person_every: int = 4  # frames from one mask of the network to the next [by eye]
     cube: int = 33  # nodes along each side of the table of colours [by eye]
     base: float = 4.0  # nats for the face's own colour [by eye]
     along: Range = (2.1, 2.6)  # spreads of chroma, standard deviation towards grey and away from it [by eye]
@@ -297,7 +297,9 @@ class BodyNumbers:
     head_above: float = 0.5  # face sizes above the oval [by eye]
     head_below: float = -0.05  # face sizes below the chin [by eye]
     head_rise: Range = (0.85, 1.15)  # of that ellipse, where the head ends [by eye]
-    ear_width: float = 0.14  # face sizes, standard deviation across the face [by eye]: ears that the face's matte missed
+    ear_width: float = (
+        0.14  # face sizes, standard deviation across the face [by eye]: ears that the face's matte missed
+    )
     ear_height: float = 0.22  # face sizes, standard deviation along the face [by eye]
     ear_release: float = 1.0  # of `head` that is not held against an ear [by eye]
     texture_from: float = 0.12  # standard deviation over brightness, of 3 cells a side [by eye]: skin is smooth

@@ -1,7 +1,7 @@
 """The whole picture at a small size: what all skin of a person is found in, once a frame for all faces.
 
 A scene has the picture over square cells, the person mask of a network, how the cells moved since the scene before, and
-the faces. The network is asked in every third frame only; between, its mask moves with the picture.
+the faces. The network is asked in every fourth frame only; between, its mask moves with the picture.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pvg import models
 from pvg._arrays import Bytes, Floats
 from pvg.face import Landmarks
 from pvg.picture import Picture, as_picture
-from pvg.raster import Raster
+from pvg.raster import Raster, first_reading
 from pvg.skin.parameters import SKIN_PRIOR
 
 _BODY = SKIN_PRIOR.body
@@ -107,20 +107,19 @@ class SceneReader:
             flow = np.asarray(self._flow.calc(grey, self._grey, np.zeros((*grey.shape, 2), np.float32)), np.float32)
         self._age += 1
         if flow is None or self._person is None or self._age >= _BODY.person_every:
-            person = np.asarray(np.rint(person_mask(rgb) * 255), np.uint8)
+            person: Bytes = np.asarray(np.rint(person_mask(rgb) * 255), np.uint8)
             self._age = 0
         else:
-            moved = cv2.remap(
-                self._person, *_maps(flow, raster.shape), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-            )
+            maps = _maps(flow, raster.shape)
+            moved = cv2.remap(self._person, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
             person = np.asarray(moved, np.uint8)
         self._grey, self._person = grey, person
         return Scene(raster, rgb, person, flow, tuple(faces))
 
 
 def _cells(picture: Picture, raster: Raster) -> Bytes:
-    """The picture over the raster's cells; large ones are halved first, which is cheaper than averaging all pixels."""
+    """The picture over the raster's cells: halved as far as may be, then read at their centres, which is cheap."""
     smaller, factor = picture.reduced(raster.step)
-    if factor == 1:
-        return picture.cells(raster)
-    return smaller.cells(Raster(np.asarray(raster.origin / factor, np.float32), raster.step / factor, raster.shape))
+    step = raster.step / factor
+    x, y = (first_reading(float(corner) / factor, step) for corner in raster.origin)
+    return smaller.warp(np.array([[step, 0, x], [0, step, y]]), (raster.shape[1], raster.shape[0]))

@@ -2,8 +2,8 @@
 
 Smoothing without lag needs what comes after, and a track counts as a face only once enough of it was seen. Instead of
 reading the clip twice, the surroundings of each face are kept for some dozens of frames, a tenth of a frame each, and
-the whole picture at a small size; the whole clip is never held. What cannot be told that soon is left for a second reading: tracks that begin too doubtful,
-too small, or without one good view of the face.
+the whole picture at a small size; the whole clip is never held. What cannot be told that soon is left for a second
+reading: tracks that begin too doubtful, too small, or without one good view of the face.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Stretch:
 
     number: the track's, in the order they were found;  start: its first row here, counted from the track's first;
     rows: their landmarks;  pictures: of every row, the face's surroundings;  visible: (n,) float32, see `opacity`;
-    scenes: of every row, the whole picture, or none where they were not asked for;  key: with the first stretch of a track.
+    scenes: of every row, the whole picture, or none where they were not asked for;  key: with a track's first stretch.
     """
 
     number: int

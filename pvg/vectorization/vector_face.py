@@ -68,7 +68,10 @@ class VectorFace:
         self._remember(stretch.rows)
 
     def add_key_frame_only(self, track: FaceTrack, scenes: Sequence[Scene], writer: AssetWriter) -> None:
-        """Write just the key frame of the track, which is all that a reference needs; scenes: the one of it, or none."""
+        """Write just the key frame of the track, which is all that a reference needs.
+
+        scenes: the one of that frame, or none.
+        """
         self._fit_key()
         self.first = track.first + self._key_row
         body = self._body_alpha(scenes, track.landmarks[self._key_row], self.key_matte, self._key_light)
