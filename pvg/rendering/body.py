@@ -184,8 +184,9 @@ class BodyTables:
         gain = _read(codes, source[:, 0], target[:, 0] - source[:, 0])
         slopes = np.diff(gain, prepend=gain[0])
         middle = int(np.argmin(np.abs(codes - source[128, 0])))
-        rise = np.cumsum(np.maximum(slopes, 0))
-        fall = gain - (rise := rise - rise[middle])
+        summed = np.cumsum(np.maximum(slopes, 0))
+        rise = summed - summed[middle]
+        fall = gain - rise
         excess = look.strength * (skin.spread - 1.0)
         chroma = [
             look.strength * _read(codes, source[:, 0], target[:, p] - source[:, p])
@@ -219,7 +220,7 @@ def apply_body(frame: Frame, body: PlacedBody, tables: BodyTables, under: Sequen
     x, y = left >> log2x, upper >> log2y
     for p in (1, 2):
         before = frame.planes[p][y : y + rows, x : x + columns]
-        wide = without_fine_detail(before, log2x) if tables.excess > 0 else np.ascontiguousarray(before)
+        wide: NDArray[Any] = without_fine_detail(before, log2x) if tables.excess > 0 else np.ascontiguousarray(before)
         part = with_patches(before, p, (x, y), under)
         shift, excess = tables.chroma[p - 1], np.float32(tables.excess)
         kernels.apply_chroma(part, wide, broad, log2x, log2y, weight, shift, excess, top)
@@ -231,14 +232,15 @@ def _apply_to_rgb(frame: Frame, body: PlacedBody, tables: BodyTables, under: Seq
     """`apply_body` for R, G, B planes: what luma and chroma gain is added in RGB."""
     (left, upper), (h, w) = (body.x, body.y), body.alpha.shape
     opponent = frame.format.opponent
-    before = np.stack([plane[upper : upper + h, left : left + w] for plane in frame.planes], axis=-1)
+    window = slice(upper, upper + h), slice(left, left + w)
+    before: NDArray[Any] = np.stack([plane[window] for plane in frame.planes], axis=-1)
     to_opponent_codes = opponent.matrix @ np.linalg.inv(frame.format.matrix)
     source = (before @ to_opponent_codes.T + opponent.offset).astype(np.float32)
     broad = [without_fine_detail(np.ascontiguousarray(source[..., p])) for p in range(3)]
     codes = np.arange(tables.tone.shape[1], dtype=np.float32)
     rise, fall = tables.tone
     bend = luma_bend(opponent)
-    luma = np.ascontiguousarray(source[..., 0])
+    luma: Floats = np.ascontiguousarray(source[..., 0])
     wanted = luma + np.interp(broad[0], codes, rise) + np.interp(luma, codes, fall)
     gained = np.empty_like(source)
     gained[..., 0] = _kernels.roll_off(np.asarray(wanted, np.float32), bend) - _kernels.roll_off(luma, bend)

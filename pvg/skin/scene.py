@@ -101,7 +101,8 @@ class SceneReader:
         raster = scene_raster(picture.size)
         rgb = _cells(picture, raster)
         small = (max(1, raster.shape[1] // _FLOW_CELLS), max(1, raster.shape[0] // _FLOW_CELLS))
-        grey = np.asarray(cv2.cvtColor(cv2.resize(rgb, small, interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2GRAY))
+        averaged = cv2.resize(rgb, small, interpolation=cv2.INTER_AREA)
+        grey = np.asarray(cv2.cvtColor(averaged, cv2.COLOR_RGB2GRAY), np.uint8)
         flow = None
         if not cut and self._grey is not None and self._grey.shape == grey.shape:
             flow = np.asarray(self._flow.calc(grey, self._grey, np.zeros((*grey.shape, 2), np.float32)), np.float32)
