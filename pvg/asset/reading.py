@@ -186,7 +186,12 @@ class VectorVideo:
             score=float(part["score"][0]),
             pose=part["pose"],
             matte=Matte.over(part["box"], part["matte"]),
+            body=Matte.over(self._picture_box, part["body"]),
         )
+
+    @property
+    def _picture_box(self) -> Floats:
+        return np.array([0, 0, self.media.width, self.media.height], np.float32)
 
     def landmarks(self, face: int) -> Floats:
         """(frames of the track, 106, 2) float32 landmarks in source pixels."""

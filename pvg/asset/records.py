@@ -96,7 +96,7 @@ class FaceInFrame:
 
     landmarks: source pixels;  boundary: (192, 2) mask boundary samples, source pixels;
     score: face score in [0, 1], 0 where the face is not seen;  pose: (3,) yaw, pitch, roll in degrees;
-    matte: its skin.
+    matte: its skin;  body: all other skin of the person, over the whole picture.
     """
 
     landmarks: Landmarks
@@ -104,6 +104,7 @@ class FaceInFrame:
     score: float
     pose: Floats
     matte: Matte
+    body: Matte
 
 
 @dataclass(frozen=True, eq=False)

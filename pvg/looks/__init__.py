@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pvg.looks.exchange import contrast_of_both, exchange
-from pvg.looks.look import CONTRAST_RANGE, PROTECTABLE, Contrast, Look
+from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, BodyMap, Contrast, Look
 from pvg.looks.parts import MAKEUP, Makeup
 from pvg.looks.tone import SkinMap, to_rgb
 from pvg.looks.transfer import BETA, ITERATIONS, LIGHT, reference_face_of, transfer
@@ -12,10 +12,12 @@ from pvg.looks.transport import sliced_transport, sliced_wasserstein
 __all__ = [
     "BETA",
     "CONTRAST_RANGE",
+    "EXTENTS",
     "ITERATIONS",
     "LIGHT",
     "MAKEUP",
     "PROTECTABLE",
+    "BodyMap",
     "Contrast",
     "Look",
     "Makeup",

@@ -9,11 +9,27 @@ from typing import Literal
 import numpy as np
 
 from pvg._arrays import Floats
+from pvg.looks.tone import SkinMap
 
 CONTRAST_RANGE = (0.7, 1.5)  # of λ [paper]
 PROTECTABLE = ("eyes", "teeth")
 
+EXTENTS = ("skin", "face")  # all skin of a person, or the face with ears and neck
+
 Contrast = float | Literal["auto"]
+
+
+@dataclass(frozen=True, eq=False)
+class BodyMap:
+    """What the rest of a person's skin is given: `strength` of the way from its colours to those of the map F.
+
+    exposures: (K, 2) of the face's key frames, how bright each is beside the one that F was made from, and how much of
+    that the new colours keep: g' = kept · F(g / gain).
+    """
+
+    skin: SkinMap
+    strength: float
+    exposures: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,13 +38,17 @@ class Look:
 
     colors: for each face index of the look, (K, S, 3) float32 g' of its K key frames, 0-255 RGB, strength applied;
     contrast: λ of u' = λI + H(g' − λg), strength applied: a number, or for each face index a number or (K, S, 2)
-    float32, λ of luma and of chroma at the curves;  protect: features that keep their own colour.
+    float32, λ of luma and of chroma at the curves;  protect: features that keep their own colour;
+    parts: for each face index (K, P, 3) float32, luma, B − Y and R − Y in levels that each of `pvg.face.parts.PARTS`
+    gains besides, strength applied; a face without them has no part of its own;
+    body: for each face index whose person's other skin goes along, how it does.
     """
 
     colors: dict[int, Floats]
     contrast: float | Mapping[int, float | Floats] = 1.0
     protect: tuple[str, ...] = PROTECTABLE
     parts: dict[int, Floats] = field(default_factory=dict)
+    body: dict[int, BodyMap] = field(default_factory=dict)
 
     def at_curves(self, face: int, key: int) -> Floats:
         """What is carried along the curves of a key frame: (S, 3) g', or (S, 5) g' and λ."""
@@ -49,4 +69,5 @@ class Look:
         if set(self.protect) != set(other.protect):
             raise ValueError("looks that protect different features cannot be merged")
         contrast = {face: look.contrast_of(face) for look in (self, other) for face in look.colors}
-        return replace(self, colors=self.colors | other.colors, contrast=contrast, parts=self.parts | other.parts)
+        parts, body = self.parts | other.parts, self.body | other.body
+        return replace(self, colors=self.colors | other.colors, contrast=contrast, parts=parts, body=body)

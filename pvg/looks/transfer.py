@@ -15,10 +15,10 @@ import numpy as np
 
 from pvg._arrays import Doubles, Floats
 from pvg.asset import FaceSummary, KeyFrame, VectorVideo, faces_by_index
-from pvg.looks.color_map import TransportSteps, all_colors_map
+from pvg.looks.color_map import SMALLEST_GROUP, TransportSteps, all_colors_map
 from pvg.looks.exposure import Exposure, at_exposure, leading_key
 from pvg.looks.light import light_ratio, relit
-from pvg.looks.look import CONTRAST_RANGE, PROTECTABLE, Contrast, Look
+from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, BodyMap, Contrast, Look
 from pvg.looks.parts import MAKEUP, Makeup, PartChanges, strengths
 from pvg.looks.tone import SkinMap
 
@@ -42,7 +42,9 @@ def _reference_key(reference: VectorVideo, face: int | None) -> KeyFrame:
     return leading_key([reference.records[reference_face_of(reference, face).index]])
 
 
-def _check(strength: float, light: float, contrast: Contrast, match: str, protect: Sequence[str]) -> None:
+def _check(
+    strength: float, light: float, contrast: Contrast, match: str, protect: Sequence[str], extent: str
+) -> None:
     if not 0.0 <= strength <= 1.0:
         raise ValueError(f"strength must be in [0, 1], not {strength}")
     if not 0.0 <= light <= 1.0:
@@ -53,6 +55,8 @@ def _check(strength: float, light: float, contrast: Contrast, match: str, protec
         raise ValueError(f'contrast must be "auto" or in [0.7, 1.5], not {contrast!r}')
     if match not in ("color", "semantic"):
         raise ValueError(f'match must be "color" or "semantic", not {match!r}')
+    if extent not in EXTENTS:
+        raise ValueError(f'extent must be "skin" or "face", not {extent!r}')
     if unknown := [part for part in protect if part not in PROTECTABLE]:
         raise ValueError(f"cannot protect {unknown[0]!r}; known are {', '.join(PROTECTABLE)}")
 
@@ -68,6 +72,7 @@ def transfer(
     makeup: Makeup = MAKEUP,
     light: float = LIGHT,
     protect: Sequence[str] = PROTECTABLE,
+    extent: str = "skin",
     faces: Literal["all"] | Sequence[int] = "all",
     beta: float = BETA,
     iterations: int = ITERATIONS,
@@ -80,11 +85,12 @@ def transfer(
     match: "semantic" moves skin to skin, "color" transports all boundary colours together as the paper does;
     makeup: in [0, 1] for all parts or by part, how far lips, lids, cheeks and brows take the reference's difference to
     its skin; "color" has none;  light: in [0, 1], how far light falls on the face from where it does on the reference;
-    protect: features that keep their own colour;  faces: "all", or the indices of those to change;
+    protect: features that keep their own colour;  extent: "skin", all skin of a person, or "face", which leaves chest,
+    arms and hands as they are;  faces: "all", or the indices of those to change;
     beta, iterations: of eq. (7), the paper's 0.2 and 20;  seed: of the random rotations.
     Raises `ValueError` on a parameter out of range or an unknown face or part.
     """
-    _check(strength, light, contrast, match, protect)
+    _check(strength, light, contrast, match, protect, extent)
     target = _reference_key(reference, reference_face)
     steps = TransportSteps(beta, iterations, seed)
     wanted = strengths(makeup)[:, None]
@@ -93,24 +99,29 @@ def transfer(
     colors: dict[int, Floats] = {}
     fields: dict[int, Floats] = {}
     parts: dict[int, Floats] = {}
+    body: dict[int, BodyMap] = {}
     share = np.float32(strength)
     for person in video.persons:
         if not set(person) & set(chosen):
             continue
         leading = leading_key([video.records[index] for index in person])
-        leading = relit(leading, light_ratio(leading, target, light))
+        plain, leading = leading, relit(leading, light_ratio(leading, target, light))
         skin = _skin_map(leading, target, steps) if match == "semantic" else None
         apply = all_colors_map(leading, target, steps) if skin is None else skin.at_curves
         # the paper's way moves every key frame by the same map
         exposures = Exposure.between(leading, apply) if video.settings["matching"] != "chain" else None
+        whole = skin
+        if extent == "skin" and (skin is None or plain is not leading):
+            whole = _body_map(plain, target, steps)
         for index in person:
             if index not in chosen:
                 continue
-            new, slopes, gained = [], [], []
+            new, slopes, gained, exposed = [], [], [], []
             for key in video.records[index].key_frames:
                 ratio = light_ratio(key, target, light)
                 lit = relit(key, ratio)
                 gain, kept = exposures.of(lit) if exposures is not None else (1.0, 1.0)
+                exposed.append((gain, kept))
                 lit = at_exposure(lit, 1.0 / gain)
                 moved, slope = apply(lit)
                 slope = slope * ratio[:, None] * np.float32(kept / gain)
@@ -121,7 +132,10 @@ def transfer(
             colors[index], fields[index] = np.stack(new).astype(np.float32), np.stack(slopes)
             if gained:
                 parts[index] = np.stack(gained)
-    return Look(colors, fields if contrast == "auto" else 1.0 + strength * (contrast - 1.0), tuple(protect), parts)
+            if extent == "skin" and whole is not None:
+                body[index] = BodyMap(whole, strength, np.array(exposed, np.float32))
+    number = 1.0 if contrast == "auto" else 1.0 + strength * (contrast - 1.0)
+    return Look(colors, fields if contrast == "auto" else number, tuple(protect), parts, body)
 
 
 def _skin_map(key: KeyFrame, target: KeyFrame, steps: TransportSteps) -> SkinMap | None:
@@ -129,6 +143,16 @@ def _skin_map(key: KeyFrame, target: KeyFrame, steps: TransportSteps) -> SkinMap
     if min(len(key.skin), len(target.skin)) == 0:
         return None
     return SkinMap.between(key.skin, steps.transport(key.skin, target.skin))
+
+
+def _body_map(key: KeyFrame, target: KeyFrame, steps: TransportSteps) -> SkinMap:
+    """The same for the rest of a person's skin; curves stand in where there is too little open skin."""
+    own, wanted = key.skin, target.skin
+    if min(len(own), len(wanted)) == 0:
+        own, wanted = key.colors[key.visible], target.colors[target.visible]
+        if min(len(own), len(wanted)) < SMALLEST_GROUP:
+            return SkinMap.between(key.colors, key.colors.astype(np.float64))
+    return SkinMap.between(own, steps.transport(own, wanted))
 
 
 def _into_gamut(colors: Doubles) -> Doubles:

@@ -31,14 +31,17 @@ _NO_ROLL_OFF = np.empty(0, np.float32)
 
 def _roll_off(correction: Correction, pixel_format: PixelFormat, plane: int) -> Floats:
     """The roll-off of a plane, (4,) for `_kernels.roll_off`, or (0,): luma has one where λ is a field."""
-    if plane > 0 or correction.contrast_field(plane) is None:
-        return _NO_ROLL_OFF
+    return _NO_ROLL_OFF if plane > 0 or correction.contrast_field(plane) is None else luma_bend(pixel_format)
+
+
+def luma_bend(pixel_format: PixelFormat) -> Floats:
+    """The roll-off of luma, (4,) for `_kernels.roll_off`."""
     black = float(pixel_format.offset[0])
     span = float(pixel_format.matrix[0].sum()) * 255.0
     return np.array([black + _TOE * span, _TOE * span, black + _KNEE * span, (1 - _KNEE) * span], np.float32)
 
 
-def _without_fine_detail(plane: NDArray[Any], log2: int = 0) -> NDArray[Any]:
+def without_fine_detail(plane: NDArray[Any], log2: int = 0) -> NDArray[Any]:
     """A plane whose columns are 2^log2 pixels apart, smoothed by two boxes, nearly a bell; chroma at half size by one.
 
     A field λ above 1 enlarges what is left: brows, lids and shades of skin go with the skin's brightness. Finer is
@@ -63,14 +66,14 @@ def apply_correction(
     pixel_format = frame.format
     top = np.float32(2**pixel_format.depth - 1)
     patches = []
-    over_chroma = _over_chroma(alpha, pixel_format)
+    chroma_alpha = over_chroma(alpha, pixel_format)
     for p, plane in enumerate(frame.planes):
         log2 = pixel_format.chroma_log2 if p else (0, 0)
-        weight = over_chroma if p else alpha
+        weight = chroma_alpha if p else alpha
         rows, columns = weight.shape
         x, y = left >> log2[0], upper >> log2[1]
         before = plane[y : y + rows, x : x + columns]
-        part = _with_patches(before, p, (x, y), under)
+        part = with_patches(before, p, (x, y), under)
         places = _places(correction.lattice, corner, (columns, rows), log2)
         level = float(pixel_format.offset[p])
         if correction.low is not None and correction.contrast_number != 1.0:
@@ -79,7 +82,7 @@ def apply_correction(
         field = correction.contrast_field(p)
         enlarges = field is not None and float(field.max()) > 1.0
         # contiguous either way: one type, compiled once
-        broad: NDArray[Any] = _without_fine_detail(before, log2[0]) if enlarges else np.ascontiguousarray(before)
+        broad: NDArray[Any] = without_fine_detail(before, log2[0]) if enlarges else np.ascontiguousarray(before)
         kernels.apply_correction(
             part,
             before,
@@ -97,7 +100,7 @@ def apply_correction(
     return patches
 
 
-def _over_chroma(alpha: Floats, pixel_format: PixelFormat) -> Floats:
+def over_chroma(alpha: Floats, pixel_format: PixelFormat) -> Floats:
     """The matte (h, w) averaged over the pixels of each chroma sample, as (r, c)."""
     log2x, log2y = pixel_format.chroma_log2
     if not (log2x or log2y):
@@ -126,7 +129,7 @@ def _apply_to_rgb(
         plane, field = source[..., p], correction.contrast_field(p)
         if field is not None:
             excess = over_pixels(field) - 1.0
-            wanted[..., p] += excess * np.where(excess > 0.0, _without_fine_detail(np.ascontiguousarray(plane)), plane)
+            wanted[..., p] += excess * np.where(excess > 0.0, without_fine_detail(np.ascontiguousarray(plane)), plane)
         elif correction.low is not None and correction.contrast_number != 1.0:
             mean = np.average(plane - over_pixels(correction.low[p]), weights=alpha)
             wanted[..., p] += (correction.contrast_number - 1.0) * (plane - np.float32(mean))
@@ -138,13 +141,13 @@ def _apply_to_rgb(
     gained = alpha[..., None] * ((wanted - source) @ np.linalg.inv(to_opponent).T)
     patches = []
     for p in range(3):
-        part = _with_patches(before[..., p], p, corner, under)
+        part = with_patches(before[..., p], p, corner, under)
         new = np.clip(np.rint(gained[..., p] + part), 0, 2**frame.format.depth - 1).astype(frame.format.dtype)
         patches.append(Patch(p, upper, left, new))
     return patches
 
 
-def _with_patches(samples: NDArray[Any], plane: int, corner: tuple[int, int], patches: Sequence[Patch]) -> NDArray[Any]:
+def with_patches(samples: NDArray[Any], plane: int, corner: tuple[int, int], patches: Sequence[Patch]) -> NDArray[Any]:
     """A copy of samples of a plane, the first of them at `corner` (x, y), with what the patches lay over them."""
     part = samples.copy()
     for patch in patches:

@@ -10,6 +10,7 @@ from pvg._arrays import Floats
 from pvg.asset import VectorVideo
 from pvg.curves import Chain, ColorTable, CurveLabels, labels_by_length, table_labels
 from pvg.looks import Look
+from pvg.rendering.body import BodyTables, PlacedBody, apply_body, place_body
 from pvg.rendering.correction import at_curves, extend
 from pvg.rendering.guards import guarded_alpha
 from pvg.rendering.makeup import with_parts
@@ -76,6 +77,13 @@ class Renderer:
         faces = sorted({face for look in looks for face in look.colors})
         # numbers, since one look may be asked for twice
         self._with_face = {face: [i for i, look in enumerate(looks) if face in look.colors] for face in faces}
+        self._with_body = {
+            face: [i for i, look in enumerate(looks) if face in look.body and look.body[face].strength > 0]
+            for face in sorted({face for look in looks for face in look.body})
+        }
+        self._with_body = {face: which for face, which in self._with_body.items() if which}
+        # by look and face: the exposure that the tables were made for, and they
+        self._tables: dict[tuple[int, int], tuple[tuple[float, float], BodyTables]] = {}
         self._colors = {
             face: _propagation(video, face, [looks[i] for i in which]) for face, which in self._with_face.items()
         }
@@ -87,10 +95,38 @@ class Renderer:
     def patches(self, frame: Frame) -> list[list[Patch]]:
         """What every look changes in the frame, in their order, each to be laid over it in its order."""
         out: list[list[Patch]] = [[] for _ in self.looks]
-        for face, placed, colors in self._placed_faces(frame):
+        faces = self._placed_faces(frame)
+        bodies = self._placed_bodies(frame, faces)  # before guards are taken out of the faces' mattes
+        for face, placed, colors in faces:
             if colors is not None:
                 self._draw_face(frame, face, placed, colors, out)
+        for face, body in bodies:
+            for i in self._with_body[face]:
+                tables = self._tables_of(i, face, frame)
+                out[i] += apply_body(frame, body, tables, under=out[i])
         return out
+
+    def _placed_bodies(
+        self, frame: Frame, faces: Sequence[tuple[int, PlacedFace, Floats | None]]
+    ) -> list[tuple[int, PlacedBody]]:
+        """(face, where the person's other skin is) of every face in the frame that a look draws with its body."""
+        placed_faces = [placed for _, placed, _ in faces]
+        out: list[tuple[int, PlacedBody]] = []
+        for face, placed, _ in faces:
+            if face in self._with_body:
+                body = place_body(frame, placed.data.body, placed_faces, [other for _, other in out])
+                if body is not None:
+                    out.append((face, body))
+        return out
+
+    def _tables_of(self, look: int, face: int, frame: Frame) -> BodyTables:
+        body = self.looks[look].body[face]
+        gain, kept = self.video.records[face].blended(body.exposures, frame.index)
+        before, tables = self._tables.get((look, face), (None, None))
+        if tables is None or before != (gain, kept):
+            tables = BodyTables.of(body, frame.format, float(gain), float(kept))
+            self._tables[look, face] = (gain, kept), tables
+        return tables
 
     def _placed_faces(self, frame: Frame) -> list[tuple[int, PlacedFace, Floats | None]]:
         """(face, where it is, its colours) of every face in the frame; one that no look draws has no colours.

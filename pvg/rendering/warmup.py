@@ -6,11 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pvg._arrays import Floats
+from pvg._arrays import Bytes, Floats
+from pvg.looks import BodyMap, SkinMap
 from pvg.membrane import Membrane
+from pvg.rendering.body import BodyTables, apply_body, place_body
 from pvg.rendering.correction import Correction
 from pvg.rendering.planes import apply_correction
 from pvg.rendering.visibility import Visibility
+from pvg.skin import Matte
 from pvg.video import Frame
 
 
@@ -24,6 +27,18 @@ def warm_up(frames: Sequence[Frame], membrane: Membrane, colors: Floats) -> None
     seen.settle(colors)
     alpha, planes, lattice = np.ones((32, 32), np.float32), membrane.planes, membrane.lattice
     corrections = Correction(lattice, planes[:3], planes[3:]), Correction(lattice, planes[:3], 1.1, planes[:3])
+    look = BodyMap(SkinMap.between(colors, colors.astype(np.float64)), 1.0)
     for frame in frames:
         for correction in corrections:
             apply_correction(frame, (8, 8), alpha, correction)
+        body = Matte.over(np.array([0, 0, frame.width, frame.height], np.float32), _spot())
+        placed = place_body(frame, body, (), ())
+        if placed is not None:
+            apply_body(frame, placed, BodyTables.of(look, frame.format))
+
+
+def _spot() -> Bytes:
+    """A small matte with some skin in its middle."""
+    alpha = np.zeros((16, 16), np.uint8)
+    alpha[4:12, 4:12] = 255
+    return alpha

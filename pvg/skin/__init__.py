@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+from pvg.skin.body import BodyTracker
 from pvg.skin.matte import Matte
 from pvg.skin.prior import face_box
+from pvg.skin.scene import Scene, SceneReader, person_mask, scene_raster
 from pvg.skin.segmentation import MaskMethod, skin_mask
 from pvg.skin.tracking import SkinModel, SkinTracker, fit_skin_model
 from pvg.skin.warmup import warm_up
 
 __all__ = [
+    "BodyTracker",
     "MaskMethod",
     "Matte",
+    "Scene",
+    "SceneReader",
     "SkinModel",
     "SkinTracker",
     "face_box",
     "fit_skin_model",
+    "person_mask",
+    "scene_raster",
     "skin_mask",
     "warm_up",
 ]

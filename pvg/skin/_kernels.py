@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pvg._arrays import Bools, Floats
+from pvg._arrays import Bools, Bytes, Floats
 from pvg._compiled import kernel
 
 _CIE_OFFSET = np.float32(16.0)  # of CIE lightness, L* = 116 f(Y) − 16
@@ -291,3 +291,100 @@ def spatial_fields(
             neck[i, j] = _cubic(coefficients.neck_weight_slope * way + coefficients.neck_weight_at_chin)
             fade[i, j] = one - _smoothstep(way, fade_ends[0], fade_ends[1])
             down[i, j], along[i, j], off[i, j], ears[i, j] = depth, way, away, at_ear
+
+
+class BodyWeights(NamedTuple):
+    """What `body_log_odds` adds up, in nats; see `pvg.skin.parameters.BodyNumbers`."""
+
+    person: np.float32
+    person_for: np.float32
+    no_person: np.float32
+    head: np.float32
+    head_begins: np.float32
+    head_ends: np.float32
+    texture_from: np.float32
+    texture: np.float32
+    texture_dark: np.float32
+    ear_beside: np.float32
+    ear_width: np.float32
+    ear_height: np.float32
+    ear_release: np.float32
+    known: np.float32
+    known_begins: np.float32
+    known_ends: np.float32
+    most: np.float32
+
+
+@kernel(fastmath=True)
+def body_log_odds(
+    rgb: Bytes,
+    person: Bytes,
+    neck: Floats,
+    cube: Floats,
+    gain: Floats,
+    frame: Floats,
+    weights: BodyWeights,
+    out: Floats,
+) -> None:
+    """out (h, w) = log-odds of a person's skin off the face, of every cell; see `pvg.skin.body`.
+
+    rgb: (h, w, 3);  person: (h, w), 255 on people;  neck: (h, w) in [0, 1], the face's own mask;
+    cube: (n, n, n) log-odds of colours in the key frame's light at n even steps of R, G, B;  gain: (3,) to that light;
+    frame: (16,) of the head: chin, neck, middle, across and down (x, y each), size, half width, height above and below
+    the middle of what lies around it, half width of its oval, and the ears' depth.
+    """
+    h, w = out.shape
+    none, one, half = np.float32(0.0), np.float32(1.0), np.float32(0.5)
+    last = cube.shape[0] - 1
+    unit = np.float32(last) / np.float32(255.0)
+    size, wide, above, below = frame[10], frame[11], frame[12], frame[13]
+    at, share = np.empty(3, np.int32), np.empty(3, np.float32)
+    for i in range(h):
+        chin_y, y = (np.float32(i) - frame[1]) / size, (np.float32(i) - frame[5]) / size
+        for j in range(w):
+            seen = np.float32(person[i, j]) * np.float32(1.0 / 255.0)
+            if seen < weights.no_person:
+                out[i, j] = -weights.most
+                continue
+            for k in range(3):
+                place = min(np.float32(rgb[i, j, k]) * gain[k], np.float32(255.0)) * unit
+                at[k] = min(int(place), last - 1)
+                share[k] = place - np.float32(at[k])
+            r, g, b = at[0], at[1], at[2]
+            u, v, s = share[0], share[1], share[2]
+            near = (cube[r, g, b] * (one - s) + cube[r, g, b + 1] * s) * (one - v) + (
+                cube[r, g + 1, b] * (one - s) + cube[r, g + 1, b + 1] * s
+            ) * v
+            far = (cube[r + 1, g, b] * (one - s) + cube[r + 1, g, b + 1] * s) * (one - v) + (
+                cube[r + 1, g + 1, b] * (one - s) + cube[r + 1, g + 1, b + 1] * s
+            ) * v
+            total = near + u * (far - near)
+            total += min(weights.person * (seen - half), weights.person_for)
+            if total + weights.known < none:  # whatever else is said
+                out[i, j] = max(total, -weights.most)
+                continue
+            # green stands for the brightness whose evenness is measured
+            top, bottom, left, right = max(i - 1, 0), min(i + 2, h), max(j - 1, 0), min(j + 2, w)
+            mean, square, count = none, none, none
+            for y_near in range(top, bottom):
+                for x_near in range(left, right):
+                    value = np.float32(rgb[y_near, x_near, 1])
+                    mean += value
+                    square += value * value
+                    count += one
+            mean /= count
+            uneven = np.sqrt(max(square / count - mean * mean, none)) / (mean + weights.texture_dark)
+            total -= weights.texture * max(uneven - weights.texture_from, none)
+            chin_x, x = (np.float32(j) - frame[0]) / size, (np.float32(j) - frame[4]) / size
+            way = chin_x * frame[2] + chin_y * frame[3]
+            side, depth = abs(x * frame[6] + y * frame[7]), x * frame[8] + y * frame[9]
+            p, q = side / wide, depth / (above if depth < none else below)
+            around = one - _smoothstep(np.sqrt(p * p + q * q), weights.head_begins, weights.head_ends)
+            if around > none:
+                p = (side - frame[14] - weights.ear_beside) / weights.ear_width
+                q = (depth - frame[15]) / weights.ear_height
+                at_ear = np.exp(-half * (p * p + q * q))
+                total -= weights.head * around * (one - weights.ear_release * at_ear)
+            if neck[i, j] > none:
+                total += weights.known * neck[i, j] * _smoothstep(way, weights.known_begins, weights.known_ends)
+            out[i, j] = min(max(total, -weights.most), weights.most)

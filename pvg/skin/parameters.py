@@ -290,6 +290,49 @@ class TrackingNumbers:
 
 
 @dataclass(frozen=True)
+class BodyNumbers:
+    """The rest of a person's skin, in the whole picture: neck, chest, arms, hands."""
+
+    cells: int = 256  # along the picture's longer side, at most [by eye]
+    least_cell_px: float = 2.0  # source pixels a cell at least [by eye]: finer cells show noise
+    least_side: int = 8  # cells along a side at least [by eye]
+    person_every: int = 4  # frames from one mask of the network to the next [by eye]
+    cube: int = 33  # nodes along each side of the table of colours [by eye]
+    base: float = 4.0  # nats for the face's own colour [by eye]
+    along: Range = (2.1, 2.6)  # spreads of chroma, standard deviation towards grey and away from it [by eye]
+    across: float = 1.8  # spreads of chroma across the hue, standard deviation [by eye]
+    light_free: float = 2.5  # spreads of lightness that cost nothing [by eye]: a body is lit otherwise than a face
+    light: float = 1.2  # spreads of lightness beyond, standard deviation [by eye]
+    seen_for: float = 1.5  # nats at most by the colours of the key frame [by eye]
+    seen_against: float = 4.0  # nats at most against skin by them [by eye]: hair and collars beside the face
+    seen_weight: float = 0.8  # of them [by eye]
+    person: float = 14.0  # nats from no person to a person [by eye]
+    person_for: float = 1.0  # nats at most for being a person [by eye]
+    no_person: float = 0.25  # of the person mask [by eye]: less is none
+    head: float = 8.0  # nats against skin around the head [by eye]: what is not the face's matte there is hair
+    head_beside: float = 0.40  # face sizes beside the oval [by eye]
+    head_above: float = 0.5  # face sizes above the oval [by eye]
+    head_below: float = -0.05  # face sizes below the chin [by eye]
+    head_rise: Range = (0.85, 1.15)  # of that ellipse, where the head ends [by eye]
+    ear_width: float = 0.14  # face sizes across the face [by eye]: standard deviation of ears the face's matte missed
+    ear_height: float = 0.22  # face sizes, standard deviation along the face [by eye]
+    ear_release: float = 1.0  # of `head` that is not held against an ear [by eye]
+    texture_from: float = 0.12  # standard deviation over brightness, of 3 cells a side [by eye]: skin is smooth
+    texture: float = 20.0  # nats a unit more [by eye]
+    texture_dark: float = 12.0  # 8-bit levels added to the brightness [by eye]
+    known: float = 4.0  # nats for what the face's mask calls neck [by eye]
+    known_rise: Range = (-0.15, 0.1)  # face sizes below the chin [by eye]: where it begins to
+    most: float = 7.0  # nats, the limit of the sum [by eye]
+    blur: float = 0.7  # cells, of the log-odds [by eye]
+    join: int = 5  # cells [by eye]: gaps narrower than this join parts
+    least_part: float = 0.015  # squared face sizes of a part that does not touch the face [by eye]: a hand
+    kept_part: float = 0.006  # the same when it was there in the frame before [by eye]
+    sure: float = 0.85  # mean probability of such a part [by eye]
+    owner: float = 6.0  # power by which a nearer face owns a cell more [by eye]
+    neck_end: float = 0.5  # face sizes below the chin [by eye]: where a body begins
+
+
+@dataclass(frozen=True)
 class PaperNumbers:
     """The paper's rule."""
 
@@ -316,6 +359,7 @@ class SkinPrior:
     tint: TintNumbers = TintNumbers()
     warp: WarpNumbers = WarpNumbers()
     tracking: TrackingNumbers = TrackingNumbers()
+    body: BodyNumbers = BodyNumbers()
     paper: PaperNumbers = PaperNumbers()
 
 

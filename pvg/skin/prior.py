@@ -62,6 +62,12 @@ def head_shape(landmarks: Landmarks) -> HeadShape:
     )
 
 
+def ear_depth(head: HeadShape, landmarks: Landmarks) -> float:
+    """Where the ears are, in sizes from the head's middle towards the chin."""
+    eyes, nose = (head.depth(landmarks.points[part]) for part in (layout.EYE_CONTOURS, layout.NOSE_WINGS))
+    return (eyes + nose) / 2 + SKIN_PRIOR.ears.below
+
+
 def face_box(landmarks: Landmarks) -> Floats:
     """The region of a face: hair-line, ears and neck down to a collar, in an upright box.
 
@@ -149,10 +155,9 @@ def spatial_prior(shape: tuple[int, int], landmarks: Landmarks) -> SpatialPrior:
     face = _fill(shape, contour)
     inner, outer = _distance(face), _distance(~face)
     brow, eyes = head.depth(points[layout.UPPER_BROW_EDGES]), head.depth(points[layout.EYE_CONTOURS])
-    nose, mouth = head.depth(points[layout.NOSE_WINGS]), head.depth(points[layout.LIPS_OUTER])
+    mouth = head.depth(points[layout.LIPS_OUTER])
     lip = max(head.depth(points[[i]]) for i in layout.LOWER_LIP_EDGE)
-
-    ear = (eyes + nose) / 2 + SKIN_PRIOR.ears.below
+    ear = ear_depth(head, landmarks)
     vectors = (head.middle, head.axes.across, head.axes.down, head.chin, head.neck, [head.size, head.width])
     frame = np.concatenate(vectors).astype(np.float32)
     log_odds, neck, fade, down, along, off, ears = np.empty((7, *shape), np.float32)

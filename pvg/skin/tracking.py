@@ -121,9 +121,13 @@ class _TemporalState:
 
 
 class SkinTracker:
-    """Makes the matte of each frame of a track, in order."""
+    """Makes the matte of each frame of a track, in order.
+
+    light: (3,) RGB, the face's colour in the last frame.
+    """
 
     def __init__(self, model: SkinModel) -> None:
+        self.light = np.full(3, _MID_GREY, np.float32) if model.learned is None else model.learned.light
         self._model = model
         self._raster: Raster | None = None
         self._before: _TemporalState | None = None
@@ -139,6 +143,7 @@ class SkinTracker:
             mask = red_chroma_mask(small, face_area(raster.shape, own), visible)
             return Matte.over(raster.box, mask.astype(np.uint8) * np.uint8(255), mask)
         prior = spatial_prior(raster.shape, own)
+        self.light = _face_color(small, prior.sample & visible)
         probability, occluder = _estimate(self._model.learned, small, prior, own.stacked, visible)
         mask, alpha = self._smooth_in_time(small, probability, prior, visible)
         # last, so that skin that comes back is still known

@@ -6,17 +6,27 @@ import numpy as np
 
 from pvg.face import Landmarks
 from pvg.picture import Picture
+from pvg.skin.body import BodyTracker
 from pvg.skin.hair import Hair, hair_cover
 from pvg.skin.matte import Matte
 from pvg.skin.prior import spatial_prior
+from pvg.skin.scene import Scene, scene_raster
 from pvg.skin.tracking import SkinTracker, fit_skin_model
 
 
 def warm_up(picture: Picture, landmarks: Landmarks) -> Matte:
-    """Follow a face through one picture, and look for hair whether the picture has any or not."""
+    """Follow a person's skin through one picture, and look for hair whether the picture has any or not."""
     height, width = picture.size
     prior = spatial_prior((height, width), landmarks)
     for fair in (True, False):
         hair = Hair(fair, np.zeros(3, np.float32), np.eye(3, dtype=np.float32))
         hair_cover(np.zeros((height, width, 3), np.uint8), prior.face, prior, hair)
-    return SkinTracker(fit_skin_model(picture, landmarks)).step(picture, landmarks)
+    model = fit_skin_model(picture, landmarks)
+    skin = SkinTracker(model)
+    matte = skin.step(picture, landmarks)
+    if model.learned is not None:
+        raster = scene_raster(picture.size)
+        nobody = np.zeros(raster.shape, np.uint8)
+        scene = Scene(raster, np.zeros((*raster.shape, 3), np.uint8), nobody, None, ())
+        BodyTracker(model.learned.colors, model.learned.light).step(scene, landmarks, matte, skin.light)
+    return matte

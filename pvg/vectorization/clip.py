@@ -21,7 +21,7 @@ from pvg.curves import CHAIN_RESET_FRAMES
 from pvg.errors import FaceTooSmallError, NoFaceError
 from pvg.landmarks import FaceTrack, FaceTracks, link_persons, smooth, track_faces
 from pvg.picture import Picture
-from pvg.skin import MaskMethod, Matte
+from pvg.skin import MaskMethod, Matte, Scene, SceneReader
 from pvg.vectorization.following import CHUNK, Following, KeyView, Stretch, key_view, rows_between
 from pvg.vectorization.key_frames import best_row, first_good_row, opacity
 from pvg.vectorization.vector_face import ADVISED_FACE_PX, VectorFace
@@ -154,7 +154,10 @@ class _Work:
     def whole_clip(self, writer: AssetWriter) -> _Done:
         """Follow every face of the clip and write all its frames."""
         following = Following(
-            min_face_px=self.min_face_px, frame_rate=self.rate, from_first_row=self.matching == "chain"
+            min_face_px=self.min_face_px,
+            frame_rate=self.rate,
+            from_first_row=self.matching == "chain",
+            scenes=self.mask == "landmarks",
         )
         faces: dict[int, VectorFace] = {}
         settled = 0
@@ -187,13 +190,18 @@ class _Work:
             row = 0 if self.matching == "chain" else first_good_row(track)
             faces[number] = self.face(number, track, key_view(track, row, self._picture(track.first + row)))
         start, stop = min(t.first for t in tracks.values()), max(t.last for t in tracks.values()) + 1
+        reader = SceneReader()
         for index, picture in self.reported(_SECOND_READING, start, stop):
+            there = [t.landmarks[index - t.first] for t in tracks.values() if t.first <= index <= t.last]
+            scenes: tuple[Scene, ...] = ()
+            if self.mask == "landmarks":
+                scenes = (reader.step(picture, there, cut=index in shots),)
             for number, track in tracks.items():
                 row = index - track.first
                 if 0 <= row < len(track.score):
                     rows = rows_between(track, index, index + 1)
                     seen = visible[number][row : row + 1]
-                    faces[number].add(Stretch(number, row, rows, (picture,), seen, None), writer)
+                    faces[number].add(Stretch(number, row, rows, (picture,), seen, scenes, None), writer)
         return faces
 
     def _picture(self, index: int) -> Picture:
@@ -209,11 +217,14 @@ class _Work:
         ((index, picture),) = self.pictures()
         result = track_faces([(index, picture)], frame_rate=self.rate)
         self._check_width(result)
+        scenes: list[Scene] = []
+        if self.mask == "landmarks":  # an image can be drawn as well
+            scenes = [SceneReader().step(picture, [track.landmarks[0] for track in result.tracks])]
         faces = []
         for number, found in enumerate(t for t in result.tracks if t.width_px >= self.min_face_px):
             track = smooth(found)
             faces.append(self.face(number, track, key_view(track, 0, picture)))
-            faces[-1].add_key_frame_only(track, writer)
+            faces[-1].add_key_frame_only(track, scenes, writer)
         return _Done(tuple(faces), (0,), result.frame_count)
 
     def _best_frame(self, writer: AssetWriter) -> _Done:
@@ -233,7 +244,7 @@ class _Work:
         row = best_row(track, self.reported(_BEST_FRAME, track.first, stop), matte_of)
         if row not in views:
             matte_of(row, self._picture(track.first + row))
-        views[row].add_key_frame_only(track, writer)
+        views[row].add_key_frame_only(track, (), writer)
         return _Done((views[row],), (0, *result.cuts), result.frame_count)
 
     def _check_width(self, found: FaceTracks) -> None:

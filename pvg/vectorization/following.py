@@ -1,9 +1,9 @@
 """Faces followed in one reading of a clip: landmarks run ahead, what needs their smoothed course comes behind.
 
 Smoothing without lag needs what comes after, and a track counts as a face only once enough of it was seen. Instead of
-reading the clip twice, the surroundings of each face are kept for some dozens of frames, a tenth of a frame each; the
-whole clip is never held. What cannot be told that soon is left for a second reading: tracks that begin too doubtful,
-too small, or without one good view of the face.
+reading the clip twice, the surroundings of each face are kept for some dozens of frames, a tenth of a frame each, and
+the whole picture at a small size; the whole clip is never held. What cannot be told that soon is left for a second
+reading: tracks that begin too doubtful, too small, or without one good view of the face.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from pvg._arrays import Floats
 from pvg.face import Landmarks
 from pvg.landmarks import MIN_SEEN, FaceTrack, FaceTracker, OpenTrack, smooth
 from pvg.picture import Picture
+from pvg.skin import Scene, SceneReader
 from pvg.vectorization.key_frames import FADE_REACH, faded, first_good_row, good_rows, surroundings
 
 CHUNK = 32  # frames a face is followed by at a time
@@ -37,7 +38,7 @@ class Stretch:
 
     number: the track's, in the order they were found;  start: its first row here, counted from the track's first;
     rows: their landmarks;  pictures: of every row, the face's surroundings;  visible: (n,) float32, see `opacity`;
-    key: with the first stretch of a track.
+    scenes: of every row, the whole picture, or none where they were not asked for;  key: with a track's first stretch.
     """
 
     number: int
@@ -45,6 +46,7 @@ class Stretch:
     rows: FaceTrack
     pictures: tuple[Picture, ...]
     visible: Floats
+    scenes: tuple[Scene, ...]
     key: KeyView | None
 
 
@@ -76,7 +78,13 @@ class Following:
     smoothed;  widest: the width in px of the widest track that is a face but too small, 0 without one.
     """
 
-    def __init__(self, *, min_face_px: float, frame_rate: float, from_first_row: bool = False) -> None:
+    def __init__(
+        self, *, min_face_px: float, frame_rate: float, from_first_row: bool = False, scenes: bool = True
+    ) -> None:
+        """from_first_row: whether a track's key view is its first row;  scenes: whether stretches have them."""
+        self._scene_reader = SceneReader() if scenes else None
+        self._scenes: dict[int, Scene] = {}
+        self._looked = -1  # the last frame with a scene
         self._tracker = FaceTracker(frame_rate=frame_rate)
         self._min_face_px = min_face_px
         self._from_first_row = from_first_row
@@ -107,17 +115,29 @@ class Following:
         for index, picture in frames:
             self._tracker.step(index, picture)
             stretches = self._close()
+            self._look_around(index, picture)
             for track in self._tracker.open:
                 course = self._course(track)
                 if not course.left:
                     course.pictures[index] = picture.part(surroundings(track.seen[-1].landmarks, course.aspect))
                     if track.last - LOOKAHEAD - course.done >= CHUNK:
                         stretches += self._settle(course, course.done + CHUNK)
-            yield Advance(self._settled(index + 1), tuple(stretches))
+            settled = self._settled(index + 1)
+            for frame in [frame for frame in self._scenes if frame < settled]:
+                del self._scenes[frame]
+            yield Advance(settled, tuple(stretches))
         self._tracker.closed += self._tracker.open
         self._tracker.open = []
         self._finished = True
         yield Advance(self.frame_count, tuple(self._close()))
+
+    def _look_around(self, index: int, picture: Picture) -> None:
+        """Keep the scene of a frame with faces."""
+        if self._scene_reader is not None and self._tracker.open:
+            faces = [track.seen[-1].landmarks for track in self._tracker.open]
+            cut = index in self._tracker.cuts or index - 1 != self._looked
+            self._looked = index
+            self._scenes[index] = self._scene_reader.step(picture, faces, cut=cut)
 
     def _settled(self, upto: int) -> int:
         return min([upto, *(course.done for course in self._courses if not course.left)])
@@ -165,10 +185,11 @@ class Following:
             after=beyond <= track.last or self._whole_to(track.last + 1),
         )[start - before : stop - before]
         pictures = tuple(course.pictures.pop(frame) for frame in range(start, stop))
+        scenes = tuple(self._scenes[frame] for frame in range(start, stop)) if self._scene_reader else ()
         course.done = stop
         track.forget(stop - HISTORY)
         rows = rows_between(window, start, stop)
-        return [Stretch(course.number, start - track.first, rows, pictures, visible, key)]
+        return [Stretch(course.number, start - track.first, rows, pictures, visible, scenes, key)]
 
     def _whole_to(self, frame: int) -> bool:
         """Whether a shot or the clip ends before `frame`."""

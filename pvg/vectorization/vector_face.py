@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
@@ -16,7 +17,7 @@ from pvg.curves import BOUNDARY, GROUPS, boundary_points, boundary_radius, place
 from pvg.face import FaceAxes, Landmarks
 from pvg.landmarks import FaceShape, FaceTrack, frontal_ratios
 from pvg.picture import Picture
-from pvg.skin import MaskMethod, Matte, SkinTracker, fit_skin_model
+from pvg.skin import BodyTracker, MaskMethod, Matte, Scene, SkinTracker, fit_skin_model, scene_raster
 from pvg.vectorization.exposure import DueKey, ExposureWatch, Patch
 from pvg.vectorization.following import KeyView, Stretch, rows_between
 from pvg.vectorization.key_colors import fit_key_frame
@@ -63,9 +64,13 @@ class VectorFace:
         self._main_from: int | None = None
         model = fit_skin_model(key.picture, key.landmarks, method=method)
         self._skin = SkinTracker(model)
+        learned = model.learned
+        self._body = None if learned is None else BodyTracker(learned.colors, learned.light)
         self._key_row = key.row
         self._key: KeyView | None = key
-        self.key_matte = SkinTracker(model).step(key.picture, key.landmarks)
+        skin = SkinTracker(model)
+        self.key_matte, self._key_light = skin.step(key.picture, key.landmarks), skin.light
+        self._no_body = np.zeros(scene_raster(key.picture.size).shape, np.uint8)
         self._watch: ExposureWatch | None = None
         if reset is None:
             self._watch = ExposureWatch(key.row, Patch.of(key.picture, key.landmarks, self.key_matte))
@@ -81,14 +86,19 @@ class VectorFace:
             if self._watch is not None:
                 score, pose = float(rows.score[k]), rows.pose[k]
                 self._fit_due(self._watch.see(row, picture, rows.landmarks[k], matte, score, pose))
-            self._write(rows, k, matte, float(stretch.visible[k]), writer)
+            body = self._body_alpha(stretch.scenes[k : k + 1], rows.landmarks[k], matte, self._skin.light)
+            self._write(rows, k, (matte.alpha, body), matte, float(stretch.visible[k]), writer)
         self._remember(stretch.rows)
 
-    def add_key_frame_only(self, track: FaceTrack, writer: AssetWriter) -> None:
-        """Write just the key frame of the track, which is all that a reference needs."""
+    def add_key_frame_only(self, track: FaceTrack, scenes: Sequence[Scene], writer: AssetWriter) -> None:
+        """Write just the key frame of the track, which is all that a reference needs.
+
+        scenes: the one of that frame, or none.
+        """
         self._fit_key()
         self.first = track.first + self._key_row
-        self._write(track, self._key_row, self.key_matte, 1.0, writer)
+        body = self._body_alpha(scenes, track.landmarks[self._key_row], self.key_matte, self._key_light)
+        self._write(track, self._key_row, (self.key_matte.alpha, body), self.key_matte, 1.0, writer)
         self._remember(rows_between(track, self.first, self.first + 1))
 
     def shape(self) -> FaceShape:
@@ -156,7 +166,17 @@ class VectorFace:
         self._keys[row] = fitting.submit(_key_frame, frame, picture, landmarks, matte, self._seed)
         fitting.shutdown(wait=False)
 
-    def _write(self, rows: FaceTrack, k: int, matte: Matte, visible: float, writer: AssetWriter) -> None:
+    def _body_alpha(self, scenes: Sequence[Scene], landmarks: Landmarks, matte: Matte, light: Floats) -> Bytes:
+        """The matte of the person's other skin in the scene of a row, nothing where none was made."""
+        if not scenes or self._body is None:
+            return self._no_body
+        return self._body.step(scenes[0], landmarks, matte, light).alpha
+
+    def _write(
+        self, rows: FaceTrack, k: int, alphas: tuple[Bytes, Bytes], matte: Matte, visible: float, writer: AssetWriter
+    ) -> None:
+        """alphas: of the face and of the person's other skin."""
+        face, body = (a if visible == 1 else np.rint(a * visible).astype(np.uint8) for a in alphas)
         arrays: dict[str, NDArray[Any]] = {
             "points": rows.landmarks.points[k],
             "skin_points": rows.landmarks.skin_points[k],
@@ -164,7 +184,8 @@ class VectorFace:
             "score": rows.score[k : k + 1].astype(np.float32),
             "pose": rows.pose[k].astype(np.float32),
             "box": matte.raster.box,
-            "matte": matte.alpha if visible == 1 else np.rint(matte.alpha * visible).astype(np.uint8),
+            "matte": face,
+            "body": body,
         }
         writer.add_frame(self.number, arrays)
 

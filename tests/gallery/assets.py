@@ -29,6 +29,7 @@ def frame_arrays(i: int) -> dict[str, np.ndarray]:
         "pose": rng.uniform(-20, 20, 3).astype(np.float32),
         "box": np.array([10 + i, 20, 230 + i, 284], np.float32),
         "matte": matte,
+        "body": np.where(np.arange(160 * 120).reshape(120, 160) % 100 < 20 + i, 255, 0).astype(np.uint8),
     }
 
 

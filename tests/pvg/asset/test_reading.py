@@ -33,6 +33,8 @@ def test_round_trip_keeps_every_array_to_its_stated_precision(asset: Path, sourc
             np.testing.assert_array_equal(data.matte.raster.box, want["box"])
             assert np.abs(data.matte.alpha.astype(int) - want["matte"]).max() <= 2
             np.testing.assert_array_equal(data.matte.alpha == 0, want["matte"] == 0)
+            np.testing.assert_array_equal(data.body.alpha, want["body"])
+            np.testing.assert_array_equal(data.body.raster.box, [0, 0, 320, 240])
             boundary = boundary_points(want["radius"], FaceAxes.of(want["points"]))
             assert np.abs(data.boundary - boundary).max() < 0.15
         assert video.face_at(0, FIRST - 1) is None

@@ -1,0 +1,102 @@
+"""Compiled kernels that draw the rest of a person's skin: its matte at pixel size, and a map of colour by tables."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pvg._arrays import Doubles, Floats
+from pvg._bilinear import reach, split
+from pvg._compiled import kernel
+from pvg.rendering._kernels import Samples, _roll_off, _run
+
+
+@kernel(fastmath=True)
+def guided_alpha(
+    luma: Samples, slope: Floats, start: Floats, columns: Doubles, rows: Doubles, margin: np.float32, out: Floats
+) -> None:
+    """out (h, w) = (slope · luma + start − margin) / (1 − 2 margin), held to [0, 1]; 0 where slope and start are.
+
+    slope, start: (r, c) grids;  columns, rows: positions of the pixels in them.
+    """
+    count, (h, w) = out.shape[1], slope.shape
+    index, share = np.empty(count, np.int32), np.empty(count, np.float32)
+    split(columns, w, index, share)
+    slopes, starts = np.empty((2, count), np.float32), np.empty((2, count), np.float32)
+    at_slope, at_start = -2, -2
+    none, one = np.float32(0.0), np.float32(1.0)
+    wide = one / (one - np.float32(2.0) * margin)
+    busy = np.empty(h, np.bool_)
+    for i in range(h):
+        busy[i] = False
+        for j in range(w):
+            if start[i, j] != none or slope[i, j] != none:
+                busy[i] = True
+                break
+    for i in range(out.shape[0]):
+        place = min(max(rows[i], 0.0), h - 1.0)
+        upper = min(int(place), h - 2)
+        if not (busy[upper] or busy[upper + 1]):
+            out[i, :] = none
+            continue
+        f = np.float32(place - upper)
+        at_slope = reach(slope, upper, at_slope, index, share, slopes)
+        at_start = reach(start, upper, at_start, index, share, starts)
+        a, b, c, d, to, value = slopes[0], slopes[1], starts[0], starts[1], out[i], luma[i]
+        for j in range(count):
+            s, t = a[j] + f * (b[j] - a[j]), c[j] + f * (d[j] - c[j])
+            to[j] = min(max((s * np.float32(value[j]) + t - margin) * wide, none), one)
+
+
+@kernel(fastmath=True)
+def apply_tone(
+    part: Samples, before: Samples, broad: Samples, alpha: Floats, tables: Floats, bend: Floats, top: np.float32
+) -> None:
+    """part += α (R(before + rise[broad] + fall[before]) − R(before)), in place, rounded and held to [0, top].
+
+    part, before, broad: (h, w) samples of luma, broad the same or smoothed;  alpha: (h, w);
+    tables: (2, top + 1), rise and fall: what a tone curve adds, by its slopes above 1 and by those below;
+    bend: (4,) of R, see `_kernels.roll_off`.
+    """
+    half, none = np.float32(0.5), np.float32(0.0)
+    rise, fall = tables[0], tables[1]
+    for i in range(part.shape[0]):
+        first, last = _run(alpha[i])
+        for j in range(first, last):
+            weight = alpha[i, j]
+            if weight == none:
+                continue
+            source = np.float32(before[i, j])
+            wanted = source + rise[broad[i, j]] + fall[before[i, j]]
+            change = _roll_off(wanted, bend[0], bend[1], bend[2], bend[3]) - _roll_off(
+                source, bend[0], bend[1], bend[2], bend[3]
+            )
+            part[i, j] = np.int32(min(max(np.float32(part[i, j]) + weight * change + half, none), top))
+
+
+@kernel(fastmath=True)
+def apply_chroma(
+    part: Samples,
+    broad: Samples,
+    luma: Samples,
+    log2x: int,
+    log2y: int,
+    alpha: Floats,
+    shift: Floats,
+    excess: np.float32,
+    top: np.float32,
+) -> None:
+    """part += α (shift[luma] + excess · broad), in place, rounded and held to [0, top].
+
+    part, broad: (h, w) samples of chroma, broad as they came or smoothed;  luma: smoothed, 2^log2x × 2^log2y as many;
+    alpha: (h, w);  shift: (top + 1,).
+    """
+    half, none = np.float32(0.5), np.float32(0.0)
+    for i in range(part.shape[0]):
+        first, last = _run(alpha[i])
+        y = min(i << log2y, luma.shape[0] - 1)
+        for j in range(first, last):
+            weight = alpha[i, j]
+            if weight == none:
+                continue
+            change = shift[luma[y, min(j << log2x, luma.shape[1] - 1)]] + excess * np.float32(broad[i, j])
+            part[i, j] = np.int32(min(max(np.float32(part[i, j]) + weight * change + half, none), top))

@@ -1,0 +1,200 @@
+"""The rest of a person's skin: neck, chest, arms and hands, told in the whole picture by what the face taught.
+
+In every cell of a scene the log-odds add up: how alike its colour is to the face's own, its hue more than its light;
+what the key frame saw of that colour beside the face; the person mask; evenness; against what lies around the head,
+which is hair or the face's; and for what the face's own mask calls neck. What is likely skin then counts where it
+touches the face or makes a part that is surely skin, and is made steady in time as the face's matte is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from pvg._arrays import Bools, Bytes, Floats
+from pvg.face import Landmarks
+from pvg.skin._kernels import BodyWeights, body_log_odds
+from pvg.skin.color_model import SkinColors, to_skin_lab
+from pvg.skin.matte import Matte
+from pvg.skin.parameters import SKIN_PRIOR
+from pvg.skin.prior import HeadShape, ear_depth, head_shape, logistic
+from pvg.skin.scene import Scene
+
+_BODY, _TRACKING = SKIN_PRIOR.body, SKIN_PRIOR.tracking
+_WEIGHTS = BodyWeights(
+    person=np.float32(_BODY.person),
+    person_for=np.float32(_BODY.person_for),
+    no_person=np.float32(_BODY.no_person),
+    head=np.float32(_BODY.head),
+    head_begins=np.float32(_BODY.head_rise[0]),
+    head_ends=np.float32(_BODY.head_rise[1]),
+    texture_from=np.float32(_BODY.texture_from),
+    texture=np.float32(_BODY.texture),
+    texture_dark=np.float32(_BODY.texture_dark),
+    ear_beside=np.float32(SKIN_PRIOR.ears.beside),
+    ear_width=np.float32(_BODY.ear_width),
+    ear_height=np.float32(_BODY.ear_height),
+    ear_release=np.float32(_BODY.ear_release),
+    known=np.float32(_BODY.known),
+    known_begins=np.float32(_BODY.known_rise[0]),
+    known_ends=np.float32(_BODY.known_rise[1]),
+    most=np.float32(_BODY.most),
+)
+_TOUCHING = 2  # cells around the face's mask that a part touches it by
+_SIDE_BY_SIDE = 0.5  # of a face's width: faces nearer to each other are one
+_STOOD = 0.3  # of a part: so much of it was there before
+_LEAST_CHROMA = 1.0  # Lab: below it a hue has no direction
+
+
+def color_table(colors: SkinColors) -> Floats:
+    """Log-odds of skin by colour alone, (n, n, n) float32 at even steps of R, G, B from 0 to 255."""
+    levels = np.linspace(0, 255, _BODY.cube).astype(np.float32)
+    grid = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), axis=-1).reshape(_BODY.cube, -1, 3)
+    lab = to_skin_lab(np.asarray(grid, np.float32))
+    center, spread = colors.scale.center, colors.scale.spread
+    tone = center[1:]
+    chroma = max(float(np.hypot(*tone)), _LEAST_CHROMA)
+    off = lab[..., 1:] - tone
+    unit = float(spread[1:].mean())
+    along = (off @ tone) / chroma
+    across = (off[..., 1] * tone[0] - off[..., 0] * tone[1]) / chroma
+    along = along / (unit * np.where(along < 0, *_BODY.along))
+    across = across / (unit * _BODY.across)
+    light = np.maximum(np.abs(lab[..., 0] - center[0]) / spread[0] - _BODY.light_free, 0) / _BODY.light
+    seen = np.clip(colors.evidence(lab), -_BODY.seen_against, _BODY.seen_for)
+    table = _BODY.base - 0.5 * (along**2 + across**2 + light**2) + _BODY.seen_weight * seen
+    return np.ascontiguousarray(table.reshape((_BODY.cube,) * 3), np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """What one scene leaves to the next: layers (h, w, 4) float32, its grey picture, probability, mask and alpha."""
+
+    layers: Floats
+
+
+class BodyTracker:
+    """Makes the matte of a person's skin off the face in each scene of a track, in order."""
+
+    def __init__(self, colors: SkinColors, light: Floats) -> None:
+        """colors: learned on the key frame;  light: (3,) RGB, the face's colour there."""
+        self._table = color_table(colors)
+        self._light = light
+        self._before: _State | None = None
+
+    def step(self, scene: Scene, landmarks: Landmarks, face: Matte, light: Floats) -> Matte:
+        """The matte in the next scene, over the whole picture.
+
+        landmarks: of the face, source pixels;  face: its own matte;  light: (3,) RGB, its colour now.
+        """
+        own = landmarks.in_cells(scene.raster)
+        head = head_shape(own)
+        xs, ys = (np.asarray(v, np.float32) for v in scene.raster.centers())
+        known = face.raster.read(face.mask.astype(np.float32), xs, ys)
+        gain = np.clip(self._light / light, *_TRACKING.light_change).astype(np.float32)
+        log_odds = np.empty(scene.raster.shape, np.float32)
+        body_log_odds(scene.rgb, scene.person, known, self._table, gain, _frame(head, own), _WEIGHTS, log_odds)
+        log_odds = np.asarray(cv2.GaussianBlur(log_odds, (0, 0), _BODY.blur), np.float32)
+        share = _owned(scene, landmarks, head)
+        probability = logistic(log_odds) if share is None else np.asarray(logistic(log_odds) * share, np.float32)
+        mask, alpha = self._smooth_in_time(scene, probability, known, head.size)
+        levels = np.rint(alpha * (255 / _TRACKING.alpha_step)) * _TRACKING.alpha_step
+        return Matte.over(scene.raster.box, levels.astype(np.uint8), mask)
+
+    def _smooth_in_time(self, scene: Scene, probability: Floats, known: Floats, size: float) -> tuple[Bools, Floats]:
+        """Mask and alpha (h, w), held to those of the scene before where nothing changed."""
+        grey = np.asarray(cv2.cvtColor(scene.rgb, cv2.COLOR_RGB2GRAY), np.float32)
+        before, maps = self._before, scene.before()
+        if before is None or maps is None:
+            mask = _parts(probability, probability > 0.5, known, None, size)
+            alpha = _soft_edge(probability, mask)
+        else:
+            moved = cv2.remap(before.layers, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            was_grey, was_probability, was, was_alpha = cv2.split(moved)
+            change = cv2.blur(cv2.absdiff(was_grey, grey), (_TRACKING.change_window, _TRACKING.change_window))
+            keep = np.asarray(_TRACKING.keep * np.exp(-((change / _TRACKING.change) ** 2)), np.float32)
+            probability = (probability + keep * (was_probability - probability)).astype(np.float32)
+            likely = probability + _TRACKING.hysteresis * keep * (was - 0.5) > 0.5
+            mask = _parts(probability, likely, known, np.asarray(was, np.float32), size)
+            alpha = _soft_edge(probability, mask)
+            alpha = (alpha + keep * (was_alpha - alpha)).astype(np.float32)
+        layers = cv2.merge([grey, probability, mask.astype(np.float32), alpha])
+        self._before = _State(np.asarray(layers, np.float32))
+        return mask, alpha
+
+
+def _frame(head: HeadShape, landmarks: Landmarks) -> Floats:
+    """The head as `body_log_odds` measures it."""
+    ends = np.array(
+        [
+            head.size,
+            head.width / 2 / head.size + _BODY.head_beside,
+            head.height / 2 / head.size + _BODY.head_above,
+            head.height / 2 / head.size + _BODY.head_below,
+            head.width / 2 / head.size,
+            ear_depth(head, landmarks),
+        ],
+        np.float32,
+    )
+    return np.concatenate([head.chin, head.neck, head.middle, head.axes.across, head.axes.down, ends]).astype(
+        np.float32
+    )
+
+
+def _owned(scene: Scene, landmarks: Landmarks, head: HeadShape) -> Floats | None:
+    """(h, w) in [0, 1], how far each cell belongs to the person of this face rather than of others; None if alone."""
+    middle, width = landmarks.axes.center, landmarks.axes.width
+    others = [f for f in scene.faces if float(np.hypot(*(f.axes.center - middle))) > _SIDE_BY_SIDE * width]
+    if not others:
+        return None
+    distance = _distance(scene.raster.shape, head)
+    nearest = np.min([_distance(scene.raster.shape, head_shape(f.in_cells(scene.raster))) for f in others], axis=0)
+    share = 1 / (1 + (distance / np.maximum(nearest, 1e-3)) ** _BODY.owner)
+    return np.asarray(share, np.float32)
+
+
+def _distance(shape: tuple[int, int], head: HeadShape) -> Floats:
+    """(h, w) float32 distance from where the body below a head begins, or its middle if nearer, in face sizes."""
+    y, x = np.ogrid[: shape[0], : shape[1]]
+    begin = head.chin + _BODY.neck_end * head.size * head.neck
+    ends = [np.hypot(x - at[0], y - at[1]) / head.size for at in (begin, head.middle)]
+    return np.asarray(np.minimum(*ends), np.float32)
+
+
+def _parts(probability: Floats, likely: Bools, known: Floats, before: Floats | None, size: float) -> Bools:
+    """The parts of `likely` (h, w) that are a body's: what touches the face, and what is large and sure enough.
+
+    known: (h, w) the face's own mask;  before: (h, w) the mask before;  size: a face size in cells.
+    """
+    face = (known > 0.5).astype(np.uint8)
+    joined = cv2.morphologyEx(likely.astype(np.uint8) | face, cv2.MORPH_CLOSE, _square(_BODY.join))
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(joined, connectivity=8)
+    touching = cv2.dilate(face, _square(2 * _TOUCHING + 1)) > 0
+    kept = np.bincount(labels[touching], minlength=count) > 0
+    kept[0] = False
+    for part in np.flatnonzero(~kept & (stats[:, cv2.CC_STAT_AREA] > _BODY.kept_part * size**2)):
+        if part == 0:
+            continue
+        x, y, w, h = (int(v) for v in stats[part, :4])
+        box = slice(y, y + h), slice(x, x + w)
+        cells = likely[box] & (labels[box] == part)
+        area = int(cells.sum())
+        stood = before is not None and float((before[box][cells] > 0.5).mean() if area else 0) > _STOOD
+        least = (_BODY.kept_part if stood else _BODY.least_part) * size**2
+        kept[part] = area > least and float(probability[box][cells].mean()) > _BODY.sure
+    return np.asarray(likely & kept[labels])
+
+
+def _soft_edge(probability: Floats, mask: Bools) -> Floats:
+    """The matte: the probability around the mask's edge, 1 inside and 0 away from it."""
+    near = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), 1.0)
+    low, high = _TRACKING.edge_rise
+    alpha = np.clip((probability - low) / (high - low), 0, 1)
+    outer, inner = _TRACKING.edge_core
+    return np.asarray(np.where(near > inner, 1.0, np.where(near < outer, 0.0, alpha)), np.float32)
+
+
+def _square(side: int) -> Bytes:
+    return np.ones((side, side), np.uint8)

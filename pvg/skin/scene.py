@@ -1,0 +1,126 @@
+"""The whole picture at a small size: what all skin of a person is found in, once a frame for all faces.
+
+A scene has the picture over square cells, the person mask of a network, how the cells moved since the scene before, and
+the faces. The network is asked in every fourth frame only; between, its mask moves with the picture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from pvg import models
+from pvg._arrays import Bytes, Floats
+from pvg.face import Landmarks
+from pvg.picture import Picture, as_picture
+from pvg.raster import Raster, first_reading
+from pvg.skin.parameters import SKIN_PRIOR
+
+_BODY = SKIN_PRIOR.body
+_NETWORK = "selfie_segmenter"
+_NETWORK_PX = 256
+_FLOW_CELLS = 2  # cells a side of one vector of the flow
+
+
+def person_mask(rgb: Bytes) -> Floats:
+    """Where people are: (h, w) float32 in [0, 1] of a picture (h, w, 3) uint8 RGB.
+
+    The network takes squares; a picture that is squeezed into one makes it see people in tables and plants, so that the
+    picture's last rows or columns are repeated instead: people go on below a picture.
+    Raises ModelError when the weights are not installed.
+    """
+    height, width = rgb.shape[:2]
+    scale = _NETWORK_PX / max(height, width)
+    h, w = max(1, round(height * scale)), max(1, round(width * scale))
+    small = cv2.resize(rgb, (w, h), interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
+    left = (_NETWORK_PX - w) // 2
+    square = cv2.copyMakeBorder(small, 0, _NETWORK_PX - h, left, _NETWORK_PX - w - left, cv2.BORDER_REPLICATE)
+    session = models.load(_NETWORK)
+    (out,) = session.run(None, {session.get_inputs()[0].name: square[None] * np.float32(1 / 255)})
+    mask = np.ascontiguousarray(out[0, :h, left : left + w, 0], np.float32)
+    return np.asarray(np.clip(cv2.resize(mask, (width, height), interpolation=cv2.INTER_LINEAR), 0, 1), np.float32)
+
+
+def scene_raster(size: tuple[int, int]) -> Raster:
+    """The cells over a whole picture of `size` (height, width); the last row may reach over its edge."""
+    height, width = size
+    columns = max(_BODY.least_side, round(width / max(_BODY.least_cell_px, max(size) / _BODY.cells)))
+    step = width / columns
+    rows = max(_BODY.least_side, int(np.ceil(height / step - 1e-6)))
+    return Raster.over(np.array([0, 0, width, height], np.float32), (rows, columns))
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A whole picture at a small size.
+
+    raster: its cells;  rgb: (h, w, 3) uint8;  person: (h, w) uint8, 255 on people;
+    flow: (h', w', 2) float32, from blocks of cells to where they were in the scene before, None without one;
+    faces: all that are known to be there, source pixels.
+    """
+
+    raster: Raster
+    rgb: Bytes
+    person: Bytes
+    flow: Floats | None
+    faces: tuple[Landmarks, ...]
+
+    def before(self) -> tuple[Floats, Floats] | None:
+        """Maps x, y (h, w) from the cells to where they were in the scene before, None without one."""
+        if self.flow is None:
+            return None
+        return _maps(self.flow, self.raster.shape)
+
+
+def _maps(flow: Floats, shape: tuple[int, int]) -> tuple[Floats, Floats]:
+    h, w = shape
+    fine = cv2.resize(flow, (w, h), interpolation=cv2.INTER_LINEAR) * np.float32(_FLOW_CELLS)
+    return np.asarray(fine[..., 0] + np.arange(w, dtype=np.float32)), np.asarray(
+        fine[..., 1] + np.arange(h, dtype=np.float32)[:, None]
+    )
+
+
+class SceneReader:
+    """Makes the scene of each picture of a clip, in order."""
+
+    def __init__(self) -> None:
+        self._flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
+        self._grey: Bytes | None = None
+        self._person: Bytes | None = None
+        self._age = 0
+
+    def step(self, frame: Picture | Bytes, faces: Sequence[Landmarks] = (), *, cut: bool = False) -> Scene:
+        """The scene of the next frame, a picture or (H, W, 3) uint8 RGB.
+
+        faces: source pixels;  cut: whether a shot begins with it.
+        """
+        picture = as_picture(frame)
+        raster = scene_raster(picture.size)
+        rgb = _cells(picture, raster)
+        small = (max(1, raster.shape[1] // _FLOW_CELLS), max(1, raster.shape[0] // _FLOW_CELLS))
+        averaged = cv2.resize(rgb, small, interpolation=cv2.INTER_AREA)
+        grey = np.asarray(cv2.cvtColor(averaged, cv2.COLOR_RGB2GRAY), np.uint8)
+        flow = None
+        if not cut and self._grey is not None and self._grey.shape == grey.shape:
+            flow = np.asarray(self._flow.calc(grey, self._grey, np.zeros((*grey.shape, 2), np.float32)), np.float32)
+        self._age += 1
+        if flow is None or self._person is None or self._age >= _BODY.person_every:
+            person: Bytes = np.asarray(np.rint(person_mask(rgb) * 255), np.uint8)
+            self._age = 0
+        else:
+            maps = _maps(flow, raster.shape)
+            moved = cv2.remap(self._person, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            person = np.asarray(moved, np.uint8)
+        self._grey, self._person = grey, person
+        return Scene(raster, rgb, person, flow, tuple(faces))
+
+
+def _cells(picture: Picture, raster: Raster) -> Bytes:
+    """The picture over the raster's cells: halved as far as may be, then read at their centres, which is cheap."""
+    smaller, factor = picture.reduced(raster.step)
+    step = raster.step / factor
+    x, y = (first_reading(float(corner) / factor, step) for corner in raster.origin)
+    return smaller.warp(np.array([[step, 0, x], [0, step, y]]), (raster.shape[1], raster.shape[0]))

@@ -1,0 +1,138 @@
+"""All skin of a person, drawn: what changes, what does not, and where the face's matte and the body's meet."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pvg
+from pvg.asset import FaceInFrame
+from pvg.curves import table_labels
+from pvg.looks import BodyMap, SkinMap
+from pvg.rendering import Renderer, source_frame
+from pvg.rendering.body import BodyTables, apply_body, place_body
+from pvg.rendering.placed_face import place_face
+from pvg.skin import Matte
+from pvg.video import RGB24, Frame, PixelFormat
+from tests.gallery.scenes import shrunk
+
+FORMATS = [
+    PixelFormat("yuv420p", 8, (1, 1), (0.299, 0.114), False),
+    PixelFormat("yuv420p10le", 10, (1, 1), (0.2126, 0.0722), False),
+    PixelFormat("yuv444p", 8, (0, 0), (0.2126, 0.0722), True),
+    RGB24,
+]
+SIZE = (96, 128)
+
+
+def _skin(rng: np.random.Generator, middle: tuple[int, int, int] = (190, 140, 110)) -> np.ndarray:
+    light = rng.uniform(0.6, 1.2, (400, 1))
+    return np.clip(np.array(middle) * light + rng.normal(0, 3, (400, 3)), 1, 254).astype(np.float32)
+
+
+def _frame(pixel_format: PixelFormat) -> Frame:
+    """A disc of skin, shaded, on blue."""
+    x = np.arange(SIZE[1])
+    shade = np.broadcast_to(0.7 + 0.3 * x / SIZE[1], SIZE)
+    rgb = np.where(_disc()[..., None], np.array([190, 140, 110]) * shade[..., None], np.array([60, 80, 150]))
+    return Frame(0, 0, 0.0, pixel_format, pixel_format.from_rgb(rgb))
+
+
+def _disc() -> np.ndarray:
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]]
+    return np.hypot(x - 60, y - 50) < 30
+
+
+def _matte(cell: int = 4) -> Matte:
+    coarse = _disc().reshape(SIZE[0] // cell, cell, SIZE[1] // cell, cell).mean(axis=(1, 3))
+    return Matte.over(np.array([0, 0, SIZE[1], SIZE[0]], np.float32), np.rint(255 * coarse).astype(np.uint8))
+
+
+def _drawn(frame: Frame, look: BodyMap) -> Frame:
+    body = place_body(frame, _matte(), [], [])
+    assert body is not None
+    return frame.patched(apply_body(frame, body, BodyTables.of(look, frame.format)))
+
+
+def _to(middle: tuple[int, int, int]) -> SkinMap:
+    rng = np.random.default_rng(3)
+    return SkinMap.between(_skin(rng), _skin(rng, middle).astype(np.float64))
+
+
+@pytest.mark.parametrize("pixel_format", FORMATS, ids=lambda f: f.name)
+def test_own_colours_change_no_bit(pixel_format: PixelFormat) -> None:
+    skin = _skin(np.random.default_rng(0))
+    frame = _frame(pixel_format)
+    drawn = _drawn(frame, BodyMap(SkinMap.between(skin, skin.astype(np.float64)), 1.0))
+    for before, after in zip(frame.planes, drawn.planes, strict=True):
+        np.testing.assert_array_equal(before, after)
+
+
+@pytest.mark.parametrize("pixel_format", FORMATS, ids=lambda f: f.name)
+@pytest.mark.parametrize("goal", [(235, 195, 175), (90, 60, 45)])
+def test_skin_goes_where_the_map_says_and_the_rest_keeps_its_bits(
+    pixel_format: PixelFormat, goal: tuple[int, int, int]
+) -> None:
+    frame, skin = _frame(pixel_format), _to(goal)
+    drawn = _drawn(frame, BodyMap(skin, 1.0))
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]]
+    inside, outside = np.hypot(x - 60, y - 50) < 20, np.hypot(x - 60, y - 50) > 60
+    wanted = skin(frame.rgb()[inside].astype(np.float32))
+    assert np.abs(drawn.rgb()[inside] - wanted).mean() < 6  # luma rolls off, chroma by BT.709's luma
+    np.testing.assert_array_equal(drawn.rgb()[outside], frame.rgb()[outside])
+
+
+def test_the_edge_lies_where_the_picture_has_it() -> None:
+    """The matte's cells are 4 pixels, its edge is the luma's."""
+    body = place_body(_frame(FORMATS[0]), _matte(), [], [])
+    assert body is not None
+    alpha = np.zeros(SIZE, np.float32)
+    h, w = body.alpha.shape
+    alpha[body.y : body.y + h, body.x : body.x + w] = body.alpha
+    assert np.abs(alpha - _disc()).mean() < 0.02
+    xs, ys = np.arange(SIZE[1], dtype=np.float32), np.arange(SIZE[0], dtype=np.float32)
+    assert np.abs(alpha - _disc()).mean() < 0.7 * np.abs(_matte().alpha_at(xs, ys) - _disc()).mean()
+
+
+def test_half_the_strength_goes_half_the_way() -> None:
+    frame, skin = _frame(FORMATS[0]), _to((90, 60, 45))
+    whole, half = (_drawn(frame, BodyMap(skin, strength)).planes[0].astype(int) for strength in (1.0, 0.5))
+    assert np.abs((whole - frame.planes[0]) / 2 - (half - frame.planes[0].astype(int))).max() <= 1
+
+
+def test_face_and_body_meet_without_a_gap(video: pvg.VectorVideo, face: FaceInFrame) -> None:
+    """Both together are the larger of both mattes everywhere, so neither an edge nor a gap lies between them."""
+    frame = source_frame(video, 20)
+    placed = place_face(face, table_labels(), frame.width, frame.height)
+    assert placed is not None
+    alone, beside = place_body(frame, face.body, [], []), place_body(frame, face.body, [placed], [])
+    assert alone is not None
+    total = np.zeros((2, frame.height, frame.width), np.float32)
+    x0, y0, x1, y1 = placed.window
+    for k, body in enumerate((alone, beside)):
+        if body is not None:
+            h, w = body.alpha.shape
+            total[k, body.y : body.y + h, body.x : body.x + w] = body.alpha
+    np.maximum(total[0, y0:y1, x0:x1], placed.alpha, out=total[0, y0:y1, x0:x1])
+    total[1, y0:y1, x0:x1] += placed.alpha
+    np.testing.assert_allclose(total[1], total[0], atol=1e-5)
+
+
+def test_the_extent_face_leaves_the_body_alone(video: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> None:
+    frame = source_frame(video, 20)
+    of_face, of_skin = (pvg.transfer(video, dark_reference, extent=extent) for extent in ("face", "skin"))
+    assert not of_face.body
+    assert set(of_skin.body) == set(of_skin.colors)
+    source, face, skin = frame.rgb(), *(drawn.rgb() for drawn in Renderer(video, [of_face, of_skin]).draw(frame))
+    data = video.face_at(0, 20)
+    assert data is not None
+    xs, ys = np.arange(frame.width, dtype=np.float32), np.arange(frame.height, dtype=np.float32)
+    alpha = data.matte.alpha_at(xs, ys)
+    outside, inner = shrunk(alpha == 0, 7), shrunk(alpha == 1, 7)  # chroma is shared by neighbours
+    np.testing.assert_array_equal(face[outside], source[outside])
+    np.testing.assert_array_equal(face[inner], skin[inner])
+
+
+def test_an_unknown_extent_is_refused(video: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> None:
+    with pytest.raises(ValueError, match="extent"):
+        pvg.transfer(video, dark_reference, extent="body")
