@@ -33,6 +33,7 @@ _ASSET_MAGIC = b"PK\x03\x04"
 MASKS = ("landmarks", "ycbcr")
 MATCHINGS = ("table", "chain")
 MATCHES = ("color", "semantic")
+EXTENTS = ("skin", "face")
 CODECS = ("auto", "h264", "hevc", "vp9", "av1")
 LAYERS = ("image", "landmarks", "mask", "matte", "curves", "low", "high")
 
@@ -136,6 +137,7 @@ def _transfer(given: argparse.Namespace) -> None:
                 strength=given.strength,
                 match=given.match,
                 faces=given.face,
+                extent=given.extent,
             )
             for path in given.reference
         ]
@@ -169,6 +171,7 @@ def _swap(given: argparse.Namespace) -> None:
                 contrast=given.contrast,
                 strength=given.strength,
                 match=given.match,
+                extent=given.extent,
                 codec=given.codec,
                 progress=progress,
             )
@@ -287,6 +290,9 @@ def _add_look(parser: argparse.ArgumentParser) -> None:
         choices=MATCHES,
         default="semantic",
         help="all colours together, or skin to skin, lips to lips (default)",
+    )
+    parser.add_argument(
+        "--extent", choices=EXTENTS, default="skin", help="all skin of a person (default), or the face alone"
     )
     parser.add_argument("--codec", choices=CODECS, default="auto", help="video codec of the output")
 

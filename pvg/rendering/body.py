@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 
 from pvg._arrays import Doubles, Floats
 from pvg.looks import BodyMap
-from pvg.looks.tone import to_rgb
 from pvg.picture import halved
 from pvg.raster import Raster
 from pvg.rendering import _body_kernels as kernels
@@ -142,8 +141,8 @@ def _guide(alpha: Floats, luma: Floats, depth: int) -> tuple[Floats, Floats]:
     slope = (mean(luma * alpha) - mean_luma * mean_alpha) / (variance + np.float32(_GUIDE_EPSILON * 4.0 ** (depth - 8)))
     start = mean_alpha - slope * mean_luma
     near = cv2.dilate((alpha > 0).astype(np.uint8), np.ones((_GUIDE_CELLS, _GUIDE_CELLS), np.uint8)).astype(np.float32)
-    slope, start = cv2.blur(slope, (3, 3)) * near, cv2.blur(start, (3, 3)) * near
-    return np.asarray(slope, np.float32), np.asarray(start, np.float32)
+    slopes, starts = (np.asarray(cv2.blur(values, (3, 3)), np.float32) * near for values in (slope, start))
+    return slopes, starts
 
 
 def _take_out(body: PlacedBody, other: PlacedFace | PlacedBody) -> None:
@@ -175,11 +174,8 @@ class BodyTables:
     @classmethod
     def of(cls, look: BodyMap, pixel_format: PixelFormat) -> BodyTables:
         """The tables of a look for the opponent planes of a format."""
-        skin, opponent = look.skin, pixel_format.opponent
-        levels = np.arange(256.0)
-        usual = to_rgb(np.column_stack([levels, skin.own.at(levels)]))
-        goal = to_rgb(np.column_stack([skin.tone, skin.goal.at(skin.tone)]))
-        source, target = (colors @ opponent.matrix.T + opponent.offset for colors in (usual, goal))
+        opponent = pixel_format.opponent
+        source, target = (colors @ opponent.matrix.T + opponent.offset for colors in look.usual_colors())
         codes = np.arange(2.0**pixel_format.depth)
         gain = _read(codes, source[:, 0], target[:, 0] - source[:, 0])
         slopes = np.diff(gain, prepend=gain[0])
@@ -187,7 +183,7 @@ class BodyTables:
         summed = np.cumsum(np.maximum(slopes, 0))
         rise = summed - summed[middle]
         fall = gain - rise
-        excess = look.strength * (skin.spread - 1.0)
+        excess = look.strength * (look.skin.spread - 1.0)
         chroma = [
             look.strength * _read(codes, source[:, 0], target[:, p] - source[:, p])
             - excess * _read(codes, source[:, 0], source[:, p])
