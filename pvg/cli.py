@@ -33,10 +33,12 @@ _ASSET_MAGIC = b"PK\x03\x04"
 MASKS = ("landmarks", "ycbcr")
 MATCHINGS = ("table", "chain")
 MATCHES = ("color", "semantic")
+EXTENTS = ("skin", "face")
 CODECS = ("auto", "h264", "hevc", "vp9", "av1")
 PARTS = ("lips", "lids", "cheeks", "brows")
 MAKEUP, LIGHT, BETA, ITERATIONS = 0.75, 0.25, 0.2, 20
-LOOK_OPTIONS = ("strength", "match", "makeup", "light", "beta", "iterations", "seed")  # that transfer and swap share
+# that transfer and swap share
+LOOK_OPTIONS = ("strength", "match", "makeup", "light", "extent", "beta", "iterations", "seed")
 LAYERS = ("image", "landmarks", "mask", "matte", "curves", "low", "high")
 
 
@@ -430,6 +432,9 @@ def _add_look(parser: argparse.ArgumentParser) -> None:
         "--iterations", type=_count, default=ITERATIONS, metavar="N", help=f"iterations of eq. (7) ({ITERATIONS})"
     )
     parser.add_argument("--seed", type=_count, default=0, metavar="N", help="of the transport's random rotations (0)")
+    parser.add_argument(
+        "--extent", choices=EXTENTS, default="skin", help="all skin of a person (default), or the face alone"
+    )
     parser.add_argument("--codec", choices=CODECS, default="auto", help="video codec of the output")
 
 

@@ -8,8 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from pvg._arrays import Floats
-from pvg.looks.tone import SkinMap
+from pvg._arrays import Doubles, Floats
+from pvg.looks.tone import SkinMap, to_rgb
 
 CONTRAST_RANGE = (0.7, 1.5)  # of λ [paper]
 PROTECTABLE = ("eyes", "teeth")
@@ -30,6 +30,12 @@ class BodyMap:
     skin: SkinMap
     strength: float
     exposures: Floats
+
+    def usual_colors(self) -> tuple[Doubles, Doubles]:
+        """The colours (256, 3) that are usual at the lumas 0 to 255, 0-255 RGB, and what F makes of them."""
+        skin, levels = self.skin, np.arange(256.0)
+        usual = to_rgb(np.column_stack([levels, skin.own.at(levels)]))
+        return usual, to_rgb(np.column_stack([skin.tone, skin.goal.at(skin.tone)]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,9 +42,7 @@ def _reference_key(reference: VectorVideo, face: int | None) -> KeyFrame:
     return leading_key([reference.records[reference_face_of(reference, face).index]])
 
 
-def _check(
-    strength: float, light: float, contrast: Contrast, match: str, protect: Sequence[str], extent: str
-) -> None:
+def _check(strength: float, light: float, contrast: Contrast, match: str, protect: Sequence[str], extent: str) -> None:
     if not 0.0 <= strength <= 1.0:
         raise ValueError(f"strength must be in [0, 1], not {strength}")
     if not 0.0 <= light <= 1.0:

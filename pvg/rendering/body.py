@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 
 from pvg._arrays import Doubles, Floats
 from pvg.looks import BodyMap
-from pvg.looks.tone import to_rgb
 from pvg.picture import halved
 from pvg.raster import Raster
 from pvg.rendering import _body_kernels as kernels
@@ -142,8 +141,8 @@ def _guide(alpha: Floats, luma: Floats, depth: int) -> tuple[Floats, Floats]:
     slope = (mean(luma * alpha) - mean_luma * mean_alpha) / (variance + np.float32(_GUIDE_EPSILON * 4.0 ** (depth - 8)))
     start = mean_alpha - slope * mean_luma
     near = cv2.dilate((alpha > 0).astype(np.uint8), np.ones((_GUIDE_CELLS, _GUIDE_CELLS), np.uint8)).astype(np.float32)
-    slope, start = cv2.blur(slope, (3, 3)) * near, cv2.blur(start, (3, 3)) * near
-    return np.asarray(slope, np.float32), np.asarray(start, np.float32)
+    slopes, starts = (np.asarray(cv2.blur(values, (3, 3)), np.float32) * near for values in (slope, start))
+    return slopes, starts
 
 
 def _take_out(body: PlacedBody, other: PlacedFace | PlacedBody) -> None:
@@ -175,11 +174,9 @@ class BodyTables:
     @classmethod
     def of(cls, look: BodyMap, pixel_format: PixelFormat, gain: float = 1.0, kept: float = 1.0) -> BodyTables:
         """The tables of a look for the opponent planes of a format;  gain, kept: see `BodyMap.exposures`."""
-        skin, opponent = look.skin, pixel_format.opponent
-        levels = np.arange(256.0)
-        usual = gain * to_rgb(np.column_stack([levels, skin.own.at(levels)]))
-        goal = kept * to_rgb(np.column_stack([skin.tone, skin.goal.at(skin.tone)]))
-        source, target = (colors @ opponent.matrix.T + opponent.offset for colors in (usual, goal))
+        opponent = pixel_format.opponent
+        usual, goal = look.usual_colors()
+        source, target = (colors @ opponent.matrix.T + opponent.offset for colors in (gain * usual, kept * goal))
         codes = np.arange(2.0**pixel_format.depth)
         gained = _read(codes, source[:, 0], target[:, 0] - source[:, 0])
         slopes = np.diff(gained, prepend=gained[0])
@@ -187,7 +184,7 @@ class BodyTables:
         summed = np.cumsum(np.maximum(slopes, 0))
         rise = summed - summed[middle]
         fall = gained - rise
-        excess = look.strength * (skin.spread * kept / gain - 1.0)
+        excess = look.strength * (look.skin.spread * kept / gain - 1.0)
         chroma = [
             look.strength * _read(codes, source[:, 0], target[:, p] - source[:, p])
             - excess * _read(codes, source[:, 0], source[:, p])

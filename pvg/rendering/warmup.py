@@ -27,7 +27,7 @@ def warm_up(frames: Sequence[Frame], membrane: Membrane, colors: Floats) -> None
     seen.settle(colors)
     alpha, planes, lattice = np.ones((32, 32), np.float32), membrane.planes, membrane.lattice
     corrections = Correction(lattice, planes[:3], planes[3:]), Correction(lattice, planes[:3], 1.1, planes[:3])
-    look = BodyMap(SkinMap.between(colors, colors.astype(np.float64)), 1.0)
+    look = BodyMap(SkinMap.between(colors, colors.astype(np.float64)), 1.0, np.ones((1, 2), np.float32))
     for frame in frames:
         for correction in corrections:
             apply_correction(frame, (8, 8), alpha, correction)

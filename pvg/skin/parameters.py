@@ -314,9 +314,9 @@ class BodyNumbers:
     head_above: float = 0.5  # face sizes above the oval [by eye]
     head_below: float = -0.05  # face sizes below the chin [by eye]
     head_rise: Range = (0.85, 1.15)  # of that ellipse, where the head ends [by eye]
-    ear_width: float = 0.14  # face sizes across the face [by eye]: standard deviation of ears the face's matte missed
-    ear_height: float = 0.22  # face sizes, standard deviation along the face [by eye]
-    ear_release: float = 1.0  # of `head` that is not held against an ear [by eye]
+    ear_width: float = 0.10  # face sizes across the face [by eye]: standard deviation of ears the face's matte missed
+    ear_height: float = 0.18  # face sizes, standard deviation along the face [by eye]
+    ear_release: float = 0.8  # of `head` that is not held against an ear [by eye]
     texture_from: float = 0.12  # standard deviation over brightness, of 3 cells a side [by eye]: skin is smooth
     texture: float = 20.0  # nats a unit more [by eye]
     texture_dark: float = 12.0  # 8-bit levels added to the brightness [by eye]

@@ -16,6 +16,8 @@ from pvg.skin import Matte
 from pvg.video import RGB24, Frame, PixelFormat
 from tests.gallery.scenes import shrunk
 
+_ONCE = np.ones((1, 2), np.float32)  # one key frame, the one that the map was made from
+
 FORMATS = [
     PixelFormat("yuv420p", 8, (1, 1), (0.299, 0.114), False),
     PixelFormat("yuv420p10le", 10, (1, 1), (0.2126, 0.0722), False),
@@ -63,7 +65,7 @@ def _to(middle: tuple[int, int, int]) -> SkinMap:
 def test_own_colours_change_no_bit(pixel_format: PixelFormat) -> None:
     skin = _skin(np.random.default_rng(0))
     frame = _frame(pixel_format)
-    drawn = _drawn(frame, BodyMap(SkinMap.between(skin, skin.astype(np.float64)), 1.0))
+    drawn = _drawn(frame, BodyMap(SkinMap.between(skin, skin.astype(np.float64)), 1.0, _ONCE))
     for before, after in zip(frame.planes, drawn.planes, strict=True):
         np.testing.assert_array_equal(before, after)
 
@@ -74,7 +76,7 @@ def test_skin_goes_where_the_map_says_and_the_rest_keeps_its_bits(
     pixel_format: PixelFormat, goal: tuple[int, int, int]
 ) -> None:
     frame, skin = _frame(pixel_format), _to(goal)
-    drawn = _drawn(frame, BodyMap(skin, 1.0))
+    drawn = _drawn(frame, BodyMap(skin, 1.0, _ONCE))
     y, x = np.mgrid[: SIZE[0], : SIZE[1]]
     inside, outside = np.hypot(x - 60, y - 50) < 20, np.hypot(x - 60, y - 50) > 60
     wanted = skin(frame.rgb()[inside].astype(np.float32))
@@ -96,7 +98,7 @@ def test_the_edge_lies_where_the_picture_has_it() -> None:
 
 def test_half_the_strength_goes_half_the_way() -> None:
     frame, skin = _frame(FORMATS[0]), _to((90, 60, 45))
-    whole, half = (_drawn(frame, BodyMap(skin, strength)).planes[0].astype(int) for strength in (1.0, 0.5))
+    whole, half = (_drawn(frame, BodyMap(skin, strength, _ONCE)).planes[0].astype(int) for strength in (1.0, 0.5))
     assert np.abs((whole - frame.planes[0]) / 2 - (half - frame.planes[0].astype(int))).max() <= 1
 
 
