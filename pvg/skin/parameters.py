@@ -294,7 +294,7 @@ class BodyNumbers:
     """The rest of a person's skin, in the whole picture: neck, chest, arms, hands."""
 
     cells: int = 256  # along the picture's longer side, at most [by eye]
-    least_cell_px: float = 2.0  # source pixels a cell at least [by eye]: finer cells show noise
+    least_cell_px: float = 3.0  # source pixels a cell at least [by eye]: finer cells show noise
     least_side: int = 8  # cells along a side at least [by eye]
     person_every: int = 4  # frames from one mask of the network to the next [by eye]
     cube: int = 33  # nodes along each side of the table of colours [by eye]

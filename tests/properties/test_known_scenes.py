@@ -75,7 +75,7 @@ def _run(frames: Iterable[np.ndarray], reference: pvg.VectorVideo, folder: Path)
     xs = np.arange(SIDE, dtype=np.float32)
     source, result, masks = [], [], []
     with pvg.vectorize(clip, asset=folder / "scene.pvg") as video:
-        renderer = Renderer(video, [pvg.transfer(video, reference, contrast=1.0)])
+        renderer = Renderer(video, [pvg.transfer(video, reference, contrast=1.0, extent="face")])
         for frame in read_frames(clip):
             data = video.face_at(0, frame.index)
             assert data is not None

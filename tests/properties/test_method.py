@@ -36,7 +36,7 @@ def matte_of(video: pvg.VectorVideo, frame: Frame) -> np.ndarray:
 @pytest.fixture(scope="module")
 def dark_look(video: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> pvg.Look:
     """The paper's settings: all colours together, lambda 1."""
-    return pvg.transfer(video, dark_reference, match="color", contrast=1.0)
+    return pvg.transfer(video, dark_reference, match="color", contrast=1.0, extent="face")
 
 
 @pytest.mark.parametrize("match", ["color", "semantic"])
