@@ -16,7 +16,7 @@ _RADIUS_SCALE = 8
 _MATTE_LEVELS = 63  # 64 levels of opacity: one step of a correction of 70 levels is roughly one level
 
 FRAME_ARRAYS = ("points", "skin_points", "radius", "score", "pose", "box", "matte", "body")
-_MATTES = ("matte", "body")
+MATTES = ("matte", "body")
 _FIXED_POINT = {"points": _POINT_SCALE, "skin_points": _POINT_SCALE, "radius": _RADIUS_SCALE, "box": _RADIUS_SCALE}
 _TO_LEVELS = np.rint(np.arange(256) * (_MATTE_LEVELS / 255.0)).astype(np.uint8)
 _FROM_LEVELS = np.rint(np.minimum(np.arange(256), _MATTE_LEVELS) * (255.0 / _MATTE_LEVELS)).astype(np.uint8)
@@ -24,7 +24,7 @@ _FROM_LEVELS = np.rint(np.minimum(np.arange(256), _MATTE_LEVELS) * (255.0 / _MAT
 
 def encode(name: str, values: NDArray[Any]) -> NDArray[Any]:
     """A chunk (n, …) of one of FRAME_ARRAYS as it is stored: fixed-point steps from frame to frame, matte levels."""
-    if name in _MATTES:
+    if name in MATTES:
         return np.asarray(_TO_LEVELS[values])
     if name not in _FIXED_POINT:
         return values
@@ -34,7 +34,7 @@ def encode(name: str, values: NDArray[Any]) -> NDArray[Any]:
 
 def decode(name: str, values: NDArray[Any]) -> NDArray[Any]:
     """What `encode` was given, to the stored precision."""
-    if name in _MATTES:
+    if name in MATTES:
         return np.asarray(_FROM_LEVELS[values])
     if name not in _FIXED_POINT:
         return values
