@@ -24,7 +24,9 @@ from pvg.errors import (
 
 if TYPE_CHECKING:
     from pvg.asset import VectorVideo, open_asset
-    from pvg.looks import Look, exchange, transfer
+    from pvg.looks.exchange import exchange
+    from pvg.looks.look import Look
+    from pvg.looks.transfer import transfer
     from pvg.rendering import layer, render, render_frame, swap
     from pvg.vectorization import vectorize
     from pvg.video import MediaLimits

@@ -18,7 +18,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from pvg._arrays import Doubles, Floats
-from pvg.asset import KeyFrame
 
 _LUMA = np.array([0.299, 0.587, 0.114])
 _QUANTILES = (0.03, 0.10, 0.25, 0.50, 0.75, 0.90, 0.97)
@@ -131,10 +130,6 @@ class SkinMap:
         luma = np.interp(opponent[:, 0], np.arange(256.0), self.tone)
         chroma = self.goal.at(luma) + self.spread * (opponent[:, 1:] - self.own.at(opponent[:, 0]))
         return to_rgb(np.column_stack([luma, chroma]))
-
-    def at_curves(self, key: KeyFrame) -> tuple[Doubles, Floats]:
-        """The new boundary colours (S, 3) of a key frame, and λ (S, 2) for luma and chroma."""
-        return self(key.colors), self.contrast(key.colors)
 
     def contrast(self, colors: Floats) -> Floats:
         """λ of luma and of chroma (n, 2) at colours (n, 3): F's own slope.

@@ -15,7 +15,7 @@ import numpy as np
 
 from pvg._arrays import Doubles, Floats
 from pvg.asset import FaceSummary, KeyFrame, VectorVideo, faces_by_index
-from pvg.looks.color_map import SMALLEST_GROUP, TransportSteps, all_colors_map
+from pvg.looks.color_map import SMALLEST_GROUP, ColorMap, TransportSteps, all_colors_map
 from pvg.looks.exposure import Exposure, at_exposure, leading_key
 from pvg.looks.light import light_ratio, relit
 from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, BodyMap, Contrast, Look
@@ -105,7 +105,7 @@ def transfer(
         leading = leading_key([video.records[index] for index in person])
         plain, leading = leading, relit(leading, light_ratio(leading, target, light))
         skin = _skin_map(leading, target, steps) if match == "semantic" else None
-        apply = all_colors_map(leading, target, steps) if skin is None else skin.at_curves
+        apply = all_colors_map(leading, target, steps) if skin is None else _at_curves(skin)
         # the paper's way moves every key frame by the same map
         exposures = Exposure.between(leading, apply) if video.settings["matching"] != "chain" else None
         whole = skin
@@ -134,6 +134,10 @@ def transfer(
                 body[index] = BodyMap(whole, strength, np.array(exposed, np.float32))
     number = 1.0 if contrast == "auto" else 1.0 + strength * (contrast - 1.0)
     return Look(colors, fields if contrast == "auto" else number, tuple(protect), parts, body)
+
+
+def _at_curves(skin: SkinMap) -> ColorMap:
+    return lambda key: (skin(key.colors), skin.contrast(key.colors))
 
 
 def _skin_map(key: KeyFrame, target: KeyFrame, steps: TransportSteps) -> SkinMap | None:
