@@ -165,6 +165,7 @@ def _params(look: Wanted) -> LookParams:
         faces=options.faces if options.faces == "all" else tuple(options.faces),
         makeup=options.makeup if isinstance(options.makeup, float) else options.makeup.model_dump(),
         light=options.light,
+        extent=options.extent,
         reference_face=options.reference_face,
         beta=options.beta,
         iterations=options.iterations,

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from service.catalog import Audio, Codec, Container, Mask, Match, Matching, Part, Preset
+from service.catalog import Audio, Codec, Container, Extent, Mask, Match, Matching, Part, Preset
 from service.ids import MEDIA_ID
 
 MediaId = Annotated[str, Field(pattern=MEDIA_ID.pattern, examples=["vid_0192f0c1a2b37c4d8e5f60718293a4b5"])]
@@ -59,6 +59,7 @@ class _ColorOptions(_Request):
         default=MAKEUP, description="how far lips, lids, cheeks and brows take the reference's make-up: all, or by part"
     )
     light: Share = Field(default=0.25, description="how far light falls from where it does on the reference")
+    extent: Extent = Field(default="skin", description="all skin of the person, or the face with ears and neck alone")
     reference_face: int | None = Field(
         default=None, ge=0, le=1000, description="index of the reference's face; its largest when not given"
     )

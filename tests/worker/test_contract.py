@@ -24,7 +24,7 @@ from scripts.samples import Samples
 from service.api.schemas import CLIP_CONTAINERS, IMAGE_CONTAINERS, LookOptions, MakeupParts, OutputRequest, VideoOptions
 from service.api.sniffing import HEAD_BYTES, sniff
 from service.catalog import LookParams, OutputOptions, Progress, VectorSettings, content_type_of
-from service.catalog.requests import Codec, Container, Mask, Match, Matching, Part, Preset
+from service.catalog.requests import Codec, Container, Extent, Mask, Match, Matching, Part, Preset
 from service.errors import PROBLEMS
 from service.settings import Settings
 from worker.failures import problem_of
@@ -127,6 +127,9 @@ def test_the_settings_of_a_vectorisation_are_the_methods() -> None:
 def test_the_words_of_a_look_are_the_methods(portrait: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> None:
     for match in (*get_args(Match), "exact"):
         assert taken_by_the_method(portrait, dark_reference, match=match) is taken_by_the_api(LookOptions, match=match)
+    for extent in (*get_args(Extent), "arms"):
+        taken = taken_by_the_api(LookOptions, extent=extent)
+        assert taken_by_the_method(portrait, dark_reference, extent=extent) is taken
     for part in (*get_args(Part), "brows", "lips"):
         assert taken_by_the_method(portrait, dark_reference, protect=(part,)) is taken_by_the_api(
             LookOptions, protect=[part]
