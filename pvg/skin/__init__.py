@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pvg.skin.consensus import MatteConsensus
 from pvg.skin.matte import Matte
 from pvg.skin.prior import face_box
 from pvg.skin.segmentation import MaskMethod, skin_mask
@@ -11,6 +12,7 @@ from pvg.skin.warmup import warm_up
 __all__ = [
     "MaskMethod",
     "Matte",
+    "MatteConsensus",
     "SkinModel",
     "SkinTracker",
     "face_box",

@@ -290,6 +290,16 @@ class TrackingNumbers:
 
 
 @dataclass(frozen=True)
+class ConsensusNumbers:
+    """What the frames around may not overrule, by how far the picture is off its median of five, 8-bit levels."""
+
+    passing: Range = (30.0, 60.0)  # [by eye]: something large passes, from noise and glints of glasses on
+    around: int = 5  # cells [by eye]: twice, and one, how far an edge may be off where it usually is
+    part: int = 7  # cells [by eye]: the least width of such a thing
+    colored: Range = (6.0, 14.0)  # [by eye]: something of another hue than skin passes
+
+
+@dataclass(frozen=True)
 class PaperNumbers:
     """The paper's rule."""
 
@@ -316,6 +326,7 @@ class SkinPrior:
     tint: TintNumbers = TintNumbers()
     warp: WarpNumbers = WarpNumbers()
     tracking: TrackingNumbers = TrackingNumbers()
+    consensus: ConsensusNumbers = ConsensusNumbers()
     paper: PaperNumbers = PaperNumbers()
 
 

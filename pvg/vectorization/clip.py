@@ -72,6 +72,8 @@ def vectorize(
             undo.callback(target.unlink)
         writer = undo.enter_context(AssetWriter(target))
         done = work.best_frame(writer) if reference else work.whole_clip(writer)
+        for face in done.faces:
+            face.finish(writer)
         faces = sorted(done.faces, key=lambda face: (face.first, face.left_to_right))
         records = [face.record(index) for index, face in enumerate(faces)]
         persons = link_persons([face.shape() for face in faces], [record.summary.skin_rgb for record in records])

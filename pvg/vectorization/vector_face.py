@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
@@ -16,7 +17,7 @@ from pvg.curves import BOUNDARY, GROUPS, boundary_points, boundary_radius, place
 from pvg.face import FaceAxes, Landmarks
 from pvg.landmarks import FaceShape, FaceTrack, frontal_ratios
 from pvg.picture import Picture
-from pvg.skin import MaskMethod, Matte, SkinTracker, fit_skin_model
+from pvg.skin import MaskMethod, Matte, MatteConsensus, SkinTracker, fit_skin_model
 from pvg.vectorization.exposure import DueKey, ExposureWatch, Patch
 from pvg.vectorization.following import KeyView, Stretch, rows_between
 from pvg.vectorization.key_colors import fit_key_frame
@@ -51,6 +52,8 @@ class VectorFace:
         self._main_from: int | None = None
         model = fit_skin_model(key.picture, key.landmarks, method=method)
         self._skin = SkinTracker(model)
+        self._consensus = MatteConsensus()
+        self._unwritten: deque[tuple[FaceTrack, int, float]] = deque()  # rows, one of them, its opacity
         self._key_row = key.row
         self._key: KeyView | None = key
         self.key_matte = SkinTracker(model).step(key.picture, key.landmarks)
@@ -69,14 +72,22 @@ class VectorFace:
             if self._watch is not None:
                 score, pose = float(rows.score[k]), rows.pose[k]
                 self._fit_due(self._watch.see(row, picture, rows.landmarks[k], matte, score, pose))
-            self._write(rows, k, matte, float(stretch.visible[k]), writer)
+            self._unwritten.append((rows, k, float(stretch.visible[k])))
+            steady = matte if self._skin.seen is None else self._consensus.add(self._skin.seen)
+            if steady is not None:
+                self._write(*self._unwritten.popleft(), steady, writer)
         self._remember(stretch.rows)
+
+    def finish(self, writer: AssetWriter) -> None:
+        """Write the last rows, once all are added."""
+        for steady in self._consensus.end():
+            self._write(*self._unwritten.popleft(), steady, writer)
 
     def add_key_frame_only(self, track: FaceTrack, writer: AssetWriter) -> None:
         """Write just the key frame of the track, which is all that a reference needs."""
         self._fit_key()
         self.first = track.first + self._key_row
-        self._write(track, self._key_row, self.key_matte, 1.0, writer)
+        self._write(track, self._key_row, 1.0, self.key_matte, writer)
         self._remember(rows_between(track, self.first, self.first + 1))
 
     def shape(self) -> FaceShape:
@@ -144,7 +155,7 @@ class VectorFace:
         self._keys[row] = fitting.submit(_key_frame, frame, picture, landmarks, matte, self._seed)
         fitting.shutdown(wait=False)
 
-    def _write(self, rows: FaceTrack, k: int, matte: Matte, visible: float, writer: AssetWriter) -> None:
+    def _write(self, rows: FaceTrack, k: int, visible: float, matte: Matte, writer: AssetWriter) -> None:
         arrays: dict[str, NDArray[Any]] = {
             "points": rows.landmarks.points[k],
             "skin_points": rows.landmarks.skin_points[k],
