@@ -64,5 +64,5 @@ def test_exposure_survives_the_map_and_never_reaches_white() -> None:
             assert kept == gain  # light that is dimmed dims the new colours as much
         moved, _ = skin_map.at_curves(at_exposure(key_at(9, level), 1 / gain))
         assert np.quantile((kept * moved).max(axis=1), 0.95) < 250
-    kept = [k for _, k in new.values()]
-    assert kept == sorted(kept)
+    shares = [share for _, share in new.values()]
+    assert shares == sorted(shares)

@@ -18,7 +18,7 @@ def in_lamp(scene: Scene, left: tuple[float, ...], right: tuple[float, ...]) -> 
     low, high = scene.landmarks.oval[:, 0].min(), scene.landmarks.oval[:, 0].max()
     share = np.clip((np.arange(scene.rgb.shape[1]) - low) / (high - low), 0, 1)[:, None]
     light = np.array(left) * (1 - share) + np.array(right) * share
-    return np.clip(np.rint(scene.rgb * light), 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(np.rint(scene.rgb * light), 0, 255), np.uint8)
 
 
 @pytest.mark.parametrize("lamp", LAMPS)
@@ -51,7 +51,7 @@ def test_the_tilt_is_that_of_the_light_whatever_lies_before_a_part_of_the_face()
     rgb[..., 2] *= light
     rgb[:, 90:110] = (60, 140, 90)
     slopes = tint_slopes(np.rint(rgb).astype(np.uint8), np.ones((90, 120), bool), size)
-    np.testing.assert_allclose(slopes, [[0, 0], [across, 0]], atol=0.06)
+    np.testing.assert_allclose(slopes, np.array([[0.0, 0.0], [across, 0.0]]), atol=0.06)
 
 
 def test_small_tilts_are_left_alone() -> None:

@@ -33,7 +33,7 @@ def keys_of(scenes: Sequence[Scene], main_row: int = 0, yaw: Callable[[int], flo
     return sorted([*keys, (main_row, watch.main_since)])
 
 
-def lit(gains: Sequence[float]) -> list[Scene]:
+def lit(gains: Sequence[float] | np.ndarray) -> list[Scene]:
     return [drawn_face(gain=gain, seed=seed) for seed, gain in enumerate(gains)]
 
 
