@@ -138,9 +138,10 @@ class FaceRecord:
         return np.asarray(tables[first] + np.float32(share) * (tables[second] - tables[first]), np.float32)
 
     def served(self) -> tuple[float, ...]:
-        """How many of the face's frames each key frame is the nearest of."""
-        keys, face = [key.frame for key in self.key_frames], self.summary
-        ends = [float(face.first_frame), *((a + b) / 2 for a, b in itertools.pairwise(keys)), face.last_frame + 1.0]
+        """How many of the face's frames each key frame serves, those between two of them by their shares."""
+        later, face = self.key_frames[1:], self.summary
+        begins = (key.frame if key.since is None else (key.since + key.frame) / 2 for key in later)
+        ends = [float(face.first_frame), *begins, face.last_frame + 1.0]
         return tuple(stop - start for start, stop in itertools.pairwise(ends))
 
     def _passed(self, frame: int) -> int:

@@ -79,9 +79,9 @@ class Exposure:
             return 1.0, 1.0
         by = "skin" if len(key.skin) and len(self.leading.skin) else "curves"
         gain = float(np.clip(_brightness(key, by) / _brightness(self.leading, by), *_GAINS))
-        return gain, self._kept(gain)
+        return gain, self.kept(gain)
 
-    def _kept(self, gain: float) -> float:
+    def kept(self, gain: float) -> float:
         """`gain` up to 1; above it rising ever slower towards the room there is."""
         room = self.room - 1.0
         if gain <= 1.0:

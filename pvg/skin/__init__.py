@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pvg.skin.body import BodyTracker
+from pvg.skin.consensus import MatteConsensus
 from pvg.skin.matte import Matte
 from pvg.skin.prior import face_box
 from pvg.skin.scene import Scene, SceneReader, person_mask, scene_raster
@@ -14,6 +15,7 @@ __all__ = [
     "BodyTracker",
     "MaskMethod",
     "Matte",
+    "MatteConsensus",
     "Scene",
     "SceneReader",
     "SkinModel",

@@ -238,13 +238,13 @@ class OcclusionNumbers:
 class TintNumbers:
     """Light whose colour is not the same over a face, as planes of log R/G and log B/G."""
 
-    cells: int = 400  # [by eye]: the planes are fitted to so many
-    least_cells: int = 60  # [by eye]: fewer say nothing
+    cells: float = 20.0  # a face size [by eye]: the planes are fitted to some hundred
+    least_cells: int = 40  # [by eye]: fewer say nothing
     dark: float = 8.0  # 8-bit levels [by eye]: darker cells show no colour
     clipped: float = 250.0  # 8-bit levels [by eye]: brighter ones have lost theirs
     outlier: float = 0.12  # of log chroma off the planes [by eye]: such cells count a quarter
     ridge: float = 0.002  # of the number of cells [by eye]
-    rounds: int = 6  # of reweighting [by eye]
+    rounds: int = 5  # of reweighting [by eye]
     tilt_rise: Range = (0.1, 0.2)  # of log chroma a face size [by eye]: from the skin's own to the light's
     steepest: float = 1.2  # of log chroma a face size [by eye]
 
@@ -333,6 +333,16 @@ class BodyNumbers:
 
 
 @dataclass(frozen=True)
+class ConsensusNumbers:
+    """What the frames around may not overrule, by how far the picture is off its median of five, 8-bit levels."""
+
+    passing: Range = (30.0, 60.0)  # [by eye]: something large passes, from noise and glints of glasses on
+    around: int = 5  # cells [by eye]: twice, and one, how far an edge may be off where it usually is
+    part: int = 7  # cells [by eye]: the least width of such a thing
+    colored: Range = (6.0, 14.0)  # [by eye]: something of another hue than skin passes
+
+
+@dataclass(frozen=True)
 class PaperNumbers:
     """The paper's rule."""
 
@@ -360,6 +370,7 @@ class SkinPrior:
     warp: WarpNumbers = WarpNumbers()
     tracking: TrackingNumbers = TrackingNumbers()
     body: BodyNumbers = BodyNumbers()
+    consensus: ConsensusNumbers = ConsensusNumbers()
     paper: PaperNumbers = PaperNumbers()
 
 

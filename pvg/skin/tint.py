@@ -22,24 +22,23 @@ def tint_slopes(rgb: Bytes, sample: Bools, size: float) -> Doubles:
     rgb: (h, w, 3);  sample: (h, w), open skin;  size: of the face in cells. What stands in front of the face does not
     lie on the plane of the rest and does not count.
     """
-    rows, columns = np.nonzero(sample)
+    step = max(1, round(size / _TINT.cells))
+    rows, columns = np.nonzero(sample[::step, ::step])
     if len(rows) < _TINT.least_cells:
         return np.zeros((2, 2))
-    step = max(1, len(rows) // _TINT.cells)
-    rows, columns = rows[::step], columns[::step]
-    colors = rgb[rows, columns].astype(np.float64)
+    colors = rgb[::step, ::step][rows, columns].astype(np.float64)
     shown = (colors.max(axis=1) < _TINT.clipped) & (colors.max(axis=1) > _TINT.dark)
     if shown.sum() < _TINT.least_cells / 2:
         return np.zeros((2, 2))
     logs = np.log(colors[shown] + _TINT.dark)
     wanted = logs[:, (0, 2)] - logs[:, 1:2]
-    places = np.stack([columns[shown], rows[shown]], axis=1) / size
+    places = np.stack([columns[shown], rows[shown]], axis=1) * (step / size)
     basis = np.column_stack([places - places.mean(axis=0), np.ones(len(places))])
     found = np.vstack([np.zeros((2, 2)), np.median(wanted, axis=0)])
     ridge = np.diag([_TINT.ridge * len(places)] * 2 + [0.0])
     for _ in range(_TINT.rounds):
-        off = np.hypot(*(wanted - basis @ found).T) / _TINT.outlier
-        weighted = basis / (1.0 + off**2)[:, None] ** 2
+        off = ((wanted - basis @ found) ** 2).sum(axis=1) / _TINT.outlier**2
+        weighted = basis / (1.0 + off[:, None]) ** 2
         found = np.linalg.solve(weighted.T @ basis + ridge, weighted.T @ wanted)
     return np.asarray(found[:2].T)
 

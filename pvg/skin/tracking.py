@@ -14,6 +14,7 @@ from pvg.raster import Raster
 from pvg.skin._kernels import PosteriorWeights, skin_probability
 from pvg.skin.cleanup import face_component
 from pvg.skin.color_model import SkinColors, to_skin_lab
+from pvg.skin.consensus import MatteInTime
 from pvg.skin.hair import Hair, find_hair, hair_cover
 from pvg.skin.matte import Matte
 from pvg.skin.occlusion import occluder_alpha, open_skin
@@ -123,7 +124,8 @@ class _TemporalState:
 class SkinTracker:
     """Makes the matte of each frame of a track, in order.
 
-    light: (3,) RGB, the face's colour in the last frame.
+    light: (3,) RGB, the face's colour in the last frame;
+    seen: what the last one was told by, for `MatteConsensus`; None before the first and by the paper's rule.
     """
 
     def __init__(self, model: SkinModel) -> None:
@@ -131,6 +133,7 @@ class SkinTracker:
         self._model = model
         self._raster: Raster | None = None
         self._before: _TemporalState | None = None
+        self.seen: MatteInTime | None = None
         self._flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
 
     def step(self, frame: Picture | Bytes, landmarks: Landmarks) -> Matte:
@@ -145,11 +148,15 @@ class SkinTracker:
         prior = spatial_prior(raster.shape, own)
         self.light = _face_color(small, prior.sample & visible)
         probability, occluder = _estimate(self._model.learned, small, prior, own.stacked, visible)
-        mask, alpha = self._smooth_in_time(small, probability, prior, visible)
+        mask, alpha = self._smooth_in_time(small, probability, prior)
         # last, so that skin that comes back is still known
-        mask, alpha = mask & (occluder < 0.5), alpha * (1 - occluder)
-        levels = np.rint(alpha * (255 / _TRACKING.alpha_step)) * _TRACKING.alpha_step
-        return Matte.over(raster.box, levels.astype(np.uint8), mask)
+        mask, alpha = mask & (occluder < 0.5), alpha * prior.fade * (1 - occluder)
+        levels = np.asarray(np.rint(alpha * (255 / _TRACKING.alpha_step)) * _TRACKING.alpha_step, np.uint8)
+        # a cell more than is seen, or sampling the matte would fade it along the picture's edge
+        cells = visible.astype(np.uint8)
+        seen = np.asarray(cv2.dilate(cells, np.ones((3, 3), np.uint8)), np.uint8) if visible.any() else cells
+        self.seen = MatteInTime(raster, levels, mask, small, occluder, seen, visible)
+        return self.seen.matte(levels, mask)
 
     def _next_raster(self, landmarks: Landmarks) -> Raster:
         """A raster of the first one's shape, over the face's box."""
@@ -162,9 +169,7 @@ class SkinTracker:
         self._raster = Raster.centered(box, step, (h, w))
         return self._raster
 
-    def _smooth_in_time(
-        self, rgb: Bytes, probability: Floats, prior: SpatialPrior, visible: Bools
-    ) -> tuple[Bools, Floats]:
+    def _smooth_in_time(self, rgb: Bytes, probability: Floats, prior: SpatialPrior) -> tuple[Bools, Floats]:
         """Mask and alpha (h, w) of this frame's skin, held to those of the frame before where nothing changed."""
         grey = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8)
         if self._before is None:
@@ -177,9 +182,7 @@ class SkinTracker:
             alpha = _soft_edge(probability, mask)
             alpha = (alpha + keep * (before.alpha - alpha)).astype(np.float32)
         self._before = _TemporalState(grey, probability, mask.astype(np.float32), alpha)
-        # a cell more than is seen, or sampling the matte would fade it along the picture's edge
-        seen = cv2.dilate(visible.astype(np.uint8), np.ones((3, 3), np.uint8)) if visible.any() else 0
-        return mask & visible, (alpha * seen * prior.fade).astype(np.float32)
+        return mask, alpha
 
     def _warp_to(self, before: _TemporalState, grey: Bytes) -> tuple[_TemporalState, Floats]:
         """The frame before moved onto this one by optical flow, and its weight: (h, w) in [0, 1)."""

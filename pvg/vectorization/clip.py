@@ -73,7 +73,9 @@ def vectorize(
         if asset is None:
             undo.callback(target.unlink)
         writer = undo.enter_context(AssetWriter(target))
-        done = work.whole_clip(writer) if not reference else work.key_views(writer)
+        done = work.key_views(writer) if reference else work.whole_clip(writer)
+        for face in done.faces:
+            face.finish(writer)
         faces = sorted(done.faces, key=lambda face: (face.first, face.left_to_right))
         records = [face.record(index) for index, face in enumerate(faces)]
         persons = link_persons([face.shape() for face in faces], [record.summary.skin_rgb for record in records])

@@ -35,7 +35,7 @@ _FREE_KEYS, _ROWS_A_KEY = (
 )  # keys that a track may have beside its first: and one every so many rows
 _PATIENCE = 100  # rows that a change must have lasted once they are spent: flicker stops, a new level is still found
 
-_SIDE, _OVERSAMPLED = 24, 4  # cells of a face in its own coordinates, and pixels read a side of each
+_SIDE, _OVERSAMPLED = 24, 3  # cells of a face in its own coordinates, and pixels read a side of each
 _MARKS = (layout.LEFT_EYE_CONTOUR, layout.RIGHT_EYE_CONTOUR, layout.LIPS_OUTER)
 _PLACES = np.array([(0.3, 0.32), (0.7, 0.32), (0.5, 0.75)], np.float32)  # where their middles lie
 _DARK = 4.0  # levels added to both sides of a ratio

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
@@ -17,7 +18,16 @@ from pvg.curves import BOUNDARY, GROUPS, boundary_points, boundary_radius, place
 from pvg.face import FaceAxes, Landmarks
 from pvg.landmarks import FaceShape, FaceTrack, frontal_ratios
 from pvg.picture import Picture
-from pvg.skin import BodyTracker, MaskMethod, Matte, Scene, SkinTracker, fit_skin_model, scene_raster
+from pvg.skin import (
+    BodyTracker,
+    MaskMethod,
+    Matte,
+    MatteConsensus,
+    Scene,
+    SkinTracker,
+    fit_skin_model,
+    scene_raster,
+)
 from pvg.vectorization.exposure import DueKey, ExposureWatch, Patch
 from pvg.vectorization.following import KeyView, Stretch, rows_between
 from pvg.vectorization.key_colors import fit_key_frame
@@ -66,6 +76,9 @@ class VectorFace:
         self._skin = SkinTracker(model)
         learned = model.learned
         self._body = None if learned is None else BodyTracker(learned.colors, learned.light)
+        self._consensus = MatteConsensus()
+        # rows that wait for the frames after them: one of some rows, its opacity, the body's alpha
+        self._unwritten: deque[tuple[FaceTrack, int, float, Bytes]] = deque()
         self._key_row = key.row
         self._key: KeyView | None = key
         skin = SkinTracker(model)
@@ -87,8 +100,16 @@ class VectorFace:
                 score, pose = float(rows.score[k]), rows.pose[k]
                 self._fit_due(self._watch.see(row, picture, rows.landmarks[k], matte, score, pose))
             body = self._body_alpha(stretch.scenes[k : k + 1], rows.landmarks[k], matte, self._skin.light)
-            self._write(rows, k, (matte.alpha, body), matte, float(stretch.visible[k]), writer)
+            self._unwritten.append((rows, k, float(stretch.visible[k]), body))
+            steady = matte if self._skin.seen is None else self._consensus.add(self._skin.seen)
+            if steady is not None:
+                self._write(*self._unwritten.popleft(), steady, writer)
         self._remember(stretch.rows)
+
+    def finish(self, writer: AssetWriter) -> None:
+        """Write the last rows, once all are added."""
+        for steady in self._consensus.end():
+            self._write(*self._unwritten.popleft(), steady, writer)
 
     def add_key_frame_only(self, track: FaceTrack, scenes: Sequence[Scene], writer: AssetWriter) -> None:
         """Write just the key frame of the track, which is all that a reference needs.
@@ -98,7 +119,7 @@ class VectorFace:
         self._fit_key()
         self.first = track.first + self._key_row
         body = self._body_alpha(scenes, track.landmarks[self._key_row], self.key_matte, self._key_light)
-        self._write(track, self._key_row, (self.key_matte.alpha, body), self.key_matte, 1.0, writer)
+        self._write(track, self._key_row, 1.0, body, self.key_matte, writer)
         self._remember(rows_between(track, self.first, self.first + 1))
 
     def shape(self) -> FaceShape:
@@ -172,11 +193,9 @@ class VectorFace:
             return self._no_body
         return self._body.step(scenes[0], landmarks, matte, light).alpha
 
-    def _write(
-        self, rows: FaceTrack, k: int, alphas: tuple[Bytes, Bytes], matte: Matte, visible: float, writer: AssetWriter
-    ) -> None:
-        """alphas: of the face and of the person's other skin."""
-        face, body = (a if visible == 1 else np.rint(a * visible).astype(np.uint8) for a in alphas)
+    def _write(self, rows: FaceTrack, k: int, visible: float, body: Bytes, matte: Matte, writer: AssetWriter) -> None:
+        """matte: of the face;  body: alpha of the person's other skin."""
+        face, body = (a if visible == 1 else np.rint(a * visible).astype(np.uint8) for a in (matte.alpha, body))
         arrays: dict[str, NDArray[Any]] = {
             "points": rows.landmarks.points[k],
             "skin_points": rows.landmarks.skin_points[k],

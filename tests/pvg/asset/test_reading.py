@@ -4,6 +4,7 @@ import hashlib
 import io
 import json
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -187,3 +188,25 @@ def test_faces_of_a_person_stand_together_the_longest_first(tmp_path: Path, sour
     with open_asset(path) as video:
         assert video.persons == ((2, 3, 0), (1,))
         assert [face["person"] for face in video.summary()["faces"]] == [0, 1, 0, 0]
+
+
+def test_colours_go_over_from_key_frame_to_key_frame(source: Path, tmp_path: Path) -> None:
+    first = key_frame()
+    second = replace(first, frame=40, colors=first.colors + 8, since=30)
+    third = replace(first, frame=60, colors=first.colors + 16)
+    with AssetWriter(tmp_path / "keys.pvg") as writer:
+        for i in range(FRAMES):
+            writer.add_frame(0, frame_arrays(i))
+        writer.add_face(FaceRecord(SUMMARY, (first, second, third)))
+        writer.finish(manifest_of(source, FIRST + FRAMES))
+    with open_asset(tmp_path / "keys.pvg") as video:
+        (record,) = video.records
+        assert [key.since for key in record.key_frames] == [None, 30, None]
+        assert record.keys_at(0) == record.keys_at(30) == (0, 0, 0.0)
+        assert record.keys_at(35) == (0, 1, 0.5)
+        assert record.keys_at(40) == record.keys_at(59) == (1, 1, 0.0)
+        assert record.keys_at(60) == record.keys_at(70) == (2, 2, 0.0)
+        tables = [key.colors for key in record.key_frames]
+        added = [float(np.mean(record.blended(tables, f) - first.colors)) for f in range(71)]
+        np.testing.assert_allclose(added[30:41], 0.8 * np.arange(11), atol=1e-3)
+        assert sum(record.served()) == FRAMES

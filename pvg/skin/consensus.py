@@ -1,0 +1,109 @@
+"""Nothing of a matte opens or closes for fewer than three frames, unless the picture itself does.
+
+A glint on glasses or a patch of noise can open a hole in a matte for a frame or two, and an ear or a strip of neck can
+be taken in for as long. So each cell is held to the median over five frames, two before and two after, of it and its
+neighbours: what lasts three frames stays, edges stay where they are, and shorter changes go. What really passes in
+front of the face may be that short: where a large part of the picture itself leaves its own median, or where something
+of another hue does, the frame's own matte holds.
+
+Cells lie in the face's box, which goes with the face, so that a cell sees nearly the same place of it in five frames.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from pvg._arrays import Bools, Bytes, Floats
+from pvg.raster import Raster
+from pvg.skin.matte import Matte
+from pvg.skin.parameters import SKIN_PRIOR, Range
+
+REACH = 2  # frames to either side
+
+_CONSENSUS = SKIN_PRIOR.consensus
+_AROUND = np.ones((_CONSENSUS.around, _CONSENSUS.around), np.uint8)
+
+
+@dataclass(frozen=True, eq=False)
+class MatteInTime:
+    """A matte and what it was told by.
+
+    alpha: (h, w) uint8, mask: (h, w) bool, the matte's own before it was cut along the picture's edge, for a cell that
+    lies beyond the edge in one frame lies within it in the next;  rgb: (h, w, 3) uint8, the picture;
+    occluder: (h, w) float32 in [0, 1], what lies in front of the face;
+    seen: (h, w) uint8, 1 where the matte may be shown, visible: (h, w) bool, within the picture.
+    """
+
+    raster: Raster
+    alpha: Bytes
+    mask: Bools
+    rgb: Bytes
+    occluder: Floats
+    seen: Bytes
+    visible: Bools
+
+    def matte(self, alpha: Bytes, mask: Bools) -> Matte:
+        """A matte over the frame's raster, cut along the picture's edge."""
+        return Matte.over(self.raster.box, alpha * self.seen, mask & self.visible)
+
+
+class MatteConsensus:
+    """Brings the mattes of a track, in order, to what the frames around each of them agree on."""
+
+    def __init__(self) -> None:
+        self._window: deque[MatteInTime] = deque(maxlen=2 * REACH + 1)
+        self._behind = 0  # of the window, frames not given yet
+
+    def add(self, frame: MatteInTime) -> Matte | None:
+        """Take the next frame; the matte of the one REACH frames before it, None while there is none."""
+        if not self._window:
+            self._window.extend([frame] * REACH)
+        self._window.append(frame)
+        self._behind += 1
+        if self._behind <= REACH:
+            return None
+        self._behind -= 1
+        return _agreed(self._window)
+
+    def end(self) -> list[Matte]:
+        """The mattes of the last frames, when no more come."""
+        out = []
+        while self._behind:
+            self._window.append(self._window[-1])
+            if len(self._window) == 2 * REACH + 1:
+                out.append(_agreed(self._window))
+                self._behind -= 1
+        return out
+
+
+def _agreed(window: deque[MatteInTime]) -> Matte:
+    """The matte in the middle of five."""
+    own = window[REACH]
+    usual = _median(*(frame.alpha for frame in window))
+    # an edge may be a little off where it usually is, as it is while a head rolls to and fro
+    alpha = np.clip(own.alpha, cv2.erode(usual, _AROUND), cv2.dilate(usual, _AROUND))
+    if (alpha == own.alpha).all():
+        return own.matte(own.alpha, own.mask)
+    strange = np.asarray(cv2.absdiff(own.rgb, _median(*(frame.rgb for frame in window))), np.uint8).max(axis=2)
+    kernel = np.ones((_CONSENSUS.part, _CONSENSUS.part), np.uint8)
+    broad = np.asarray(cv2.morphologyEx(strange, cv2.MORPH_OPEN, kernel), np.uint8)
+    of_other_hue = np.asarray(own.occluder * _rise(strange, _CONSENSUS.colored), np.float32)
+    weight = np.maximum(_rise(np.asarray(cv2.dilate(broad, kernel), np.uint8), _CONSENSUS.passing), of_other_hue)
+    mixed = alpha + weight * (own.alpha.astype(np.float32) - alpha)
+    changed = np.rint(mixed).astype(np.uint8)
+    return own.matte(changed, np.where(changed == own.alpha, own.mask, changed >= 128))
+
+
+def _rise(levels: Bytes, ends: Range) -> Floats:
+    low, high = ends
+    return np.asarray(np.clip((levels - np.float32(low)) / np.float32(high - low), 0, 1), np.float32)
+
+
+def _median(a: Bytes, b: Bytes, c: Bytes, d: Bytes, e: Bytes) -> Bytes:
+    """Of five, cell by cell."""
+    low, high = np.maximum(np.minimum(a, b), np.minimum(c, d)), np.minimum(np.maximum(a, b), np.maximum(c, d))
+    return np.maximum(np.minimum(low, high), np.minimum(np.maximum(low, high), e))

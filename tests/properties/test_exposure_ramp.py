@@ -1,0 +1,62 @@
+"""A shot whose exposure runs from 0.4 to 1.0 of a still, or back, in 100 frames: nothing burns out, nothing steps.
+
+The colour that is wanted of a frame is the reference's skin, as much dimmer or brighter as the frame's exposure is
+against that of the key frame that leads (`pvg.looks.exposure`): up to 1 in proportion, above it bent below white.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pvg
+from benchmarks.quality.color import delta_e_2000
+from benchmarks.quality.probes import write_lossless
+from pvg.looks.exposure import Exposure, leading_key
+from pvg.looks.tone import SkinMap, to_opponent
+from pvg.looks.transport import sliced_transport
+from pvg.rendering import Renderer
+from pvg.video import read_frames
+from scripts.samples import Samples
+from tests.gallery.scenes import resting_face
+
+FRAMES = 100
+
+
+@pytest.mark.parametrize("ends", [(0.4, 1.0), (1.0, 0.4)], ids=["up", "down"])
+def test_a_ramp_of_exposure_neither_burns_out_nor_steps(
+    samples: Samples,
+    dark_reference: pvg.VectorVideo,
+    pale_reference: pvg.VectorVideo,
+    tmp_path: Path,
+    ends: tuple[float, float],
+) -> None:
+    pytest.importorskip("skimage", reason="CIEDE2000 is of the bench extra")
+    subject, gains = resting_face(samples), np.linspace(*ends, FRAMES)
+    write_lossless(tmp_path / "ramp.mp4", (np.rint(subject.rgb * gain).astype(np.uint8) for gain in gains))
+    references = (dark_reference, pale_reference)
+    with pvg.vectorize(tmp_path / "ramp.mp4", asset=tmp_path / "ramp.pvg") as video:
+        (record,) = video.records
+        assert 4 <= len(record.key_frames) <= 8
+        renderer = Renderer(video, [pvg.transfer(video, reference) for reference in references])
+        before, after, burnt, lumas = [], [], [], []
+        for frame in read_frames(video.require_source()):
+            drawn = [frame.rgb()[subject.inner] for frame in renderer.draw(frame)]
+            before.append(to_opponent(frame.rgb()[subject.inner])[:, 0].mean())
+            lumas.append([to_opponent(one)[:, 0].mean() for one in drawn])
+            after.append([np.median(one, axis=0) for one in drawn])
+            burnt.append([(one.min(axis=1) >= 250).mean() for one in drawn])
+    assert np.max(burnt) <= 0.02
+    lead = leading_key([record])
+    own_steps = np.abs(np.diff(before))
+    for k, reference in enumerate(references):
+        target, colors = leading_key(reference.records).skin, np.array([one[k] for one in after])
+        moved = sliced_transport(lead.skin, target, beta=0.2, iterations=20, rng=np.random.default_rng(0))
+        exposure = Exposure.between(lead, SkinMap.between(lead.skin, moved).at_curves)
+        share = np.array([exposure.kept(gain / gains[lead.frame]) for gain in gains])
+        wanted = np.median(target, axis=0) * share[:, None]
+        assert max(delta_e_2000(*pair) for pair in zip(colors, wanted, strict=True)) <= 5
+        steps = np.abs(np.diff([one[k] for one in lumas]))
+        assert (steps - own_steps).max() <= 1.5

@@ -1,0 +1,68 @@
+"""The map of a person at another exposure."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pvg.asset import FaceRecord, KeyFrame
+from pvg.looks.exposure import Exposure, at_exposure, leading_key
+from pvg.looks.tone import SkinMap, to_opponent
+from tests.gallery.assets import FRAMES, SUMMARY, key_frame
+
+
+def key_at(frame: int, level: float) -> KeyFrame:
+    rng = np.random.default_rng(5)
+    made = key_frame()
+    skin = (np.array((200.0, 150.0, 125.0)) * rng.uniform(0.7, 1.2, (300, 1)) * level / 100).astype(np.float32)
+    colors = (np.array((190.0, 145.0, 120.0)) * rng.uniform(0.7, 1.2, (len(made.colors), 1)) * level / 100).astype("f4")
+    visible = np.ones(len(colors), bool)
+    return replace(made, frame=frame, skin=skin, colors=colors, visible=visible, parts=made.parts * np.float32(0.5))
+
+
+def record(keys: Sequence[KeyFrame]) -> FaceRecord:
+    return FaceRecord(SUMMARY, tuple(keys))
+
+
+def brightness(key: KeyFrame) -> float:
+    return float(np.median(to_opponent(key.skin)[:, 0]))
+
+
+def test_brief_light_and_brief_dark_do_not_lead() -> None:
+    first, last = SUMMARY.first_frame, SUMMARY.last_frame
+    flash = record([key_at(first, 50), key_at(last - 4, 100)])
+    assert leading_key([flash]) is flash.key_frames[0]
+    night = record([key_at(first, 20), key_at(first + 8, 100)])
+    assert leading_key([night]) is night.key_frames[1]
+
+
+def test_a_ramp_is_led_alike_whichever_way_it_runs() -> None:
+    levels = [40, 50, 62, 78, 97]
+    frames = [int(f) for f in SUMMARY.first_frame + np.linspace(0, FRAMES - 1, len(levels))]
+
+    def ramp(levels: Sequence[float]) -> FaceRecord:
+        keys = [key_at(frame, level) for frame, level in zip(frames, levels, strict=True)]
+        return record([keys[0], *(replace(b, since=a.frame) for a, b in itertools.pairwise(keys))])
+
+    up, down = ramp(levels), ramp(levels[::-1])
+    assert brightness(leading_key([up])) == brightness(leading_key([down]))
+    assert brightness(leading_key([up])) > 0.75 * brightness(up.key_frames[-1])
+
+
+def test_exposure_survives_the_map_and_never_reaches_white() -> None:
+    lead = key_at(0, 50)
+    skin_map = SkinMap.between(lead.skin, lead.skin.astype(np.float64) * 1.6)
+    exposure = Exposure.between(lead, skin_map.at_curves)
+    assert exposure.of(lead) == (1.0, 1.0)
+    new = {level: exposure.of(key_at(9, level)) for level in (10, 25, 40, 60, 80, 125)}
+    for level, (gain, kept) in new.items():
+        np.testing.assert_allclose(gain, level / 50, rtol=1e-3)
+        if gain <= 1:
+            assert kept == gain  # light that is dimmed dims the new colours as much
+        moved, _ = skin_map.at_curves(at_exposure(key_at(9, level), 1 / gain))
+        assert np.quantile((kept * moved).max(axis=1), 0.95) < 250
+    shares = [share for _, share in new.values()]
+    assert shares == sorted(shares)

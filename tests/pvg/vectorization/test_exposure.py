@@ -1,0 +1,97 @@
+"""When a change of light makes a key frame: on drawn faces whose light is known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import cv2
+import numpy as np
+import pytest
+
+from pvg.picture import as_picture
+from pvg.skin import SkinTracker, fit_skin_model
+from pvg.vectorization.exposure import LOOKAHEAD, ExposureWatch, Patch
+from tests.gallery.scenes import Scene, drawn_face
+
+Keys = list[tuple[int, int | None]]
+FRONTAL = np.zeros(3, np.float32)
+
+
+def keys_of(scenes: Sequence[Scene], main_row: int = 0, yaw: Callable[[int], float] = lambda row: 0.0) -> Keys:
+    """(row, since) of the key frames that a watch asks for, the main one among them; since None: from the beginning."""
+    main = scenes[main_row]
+    model = fit_skin_model(main.rgb, main.landmarks)
+    matte = SkinTracker(model).step(main.rgb, main.landmarks)
+    watch = ExposureWatch(main_row, Patch.of(as_picture(main.rgb), main.landmarks, matte))
+    tracker, due = SkinTracker(model), []
+    for row, scene in enumerate(scenes):
+        matte = tracker.step(scene.rgb, scene.landmarks)
+        pose = FRONTAL + np.array([yaw(row), 0, 0], np.float32)
+        due += watch.see(row, as_picture(scene.rgb), scene.landmarks, matte, 1.0, pose)
+    due += watch.end()
+    keys: Keys = [(key.sight.row, key.since) for key in due]
+    return sorted([*keys, (main_row, watch.main_since)])
+
+
+def lit(gains: Sequence[float] | np.ndarray) -> list[Scene]:
+    return [drawn_face(gain=gain, seed=seed) for seed, gain in enumerate(gains)]
+
+
+def test_steady_light_with_noise_and_a_sway_of_exposure_makes_no_key() -> None:
+    assert keys_of(lit([1 + 0.1 * np.sin(k / 4) for k in range(40)])) == [(0, None)]
+
+
+def test_a_flash_makes_no_key() -> None:
+    gains = np.ones(30)
+    gains[10 : 10 + LOOKAHEAD // 2] = 0.5
+    assert keys_of(lit(gains)) == [(0, None)]
+
+
+def test_a_step_of_light_makes_a_key_at_the_step_that_goes_over_at_once() -> None:
+    assert keys_of(lit([1.0] * 15 + [0.6] * 20)) == [(0, None), (15, 14)]
+
+
+@pytest.mark.parametrize("gains", [np.linspace(0.4, 1.0, 60), np.linspace(1.0, 0.4, 60)], ids=["up", "down"])
+def test_a_ramp_makes_keys_a_fifth_apart_and_one_at_its_end(gains: np.ndarray) -> None:
+    keys = keys_of(lit(gains))
+    rows = [row for row, _ in keys]
+    assert rows[0] == 0
+    assert rows[-1] == 59
+    steps = np.exp(np.abs(np.diff(np.log(gains[rows]))))
+    assert steps.max() < 1.3
+    assert 4 <= len(keys) <= 7
+    for (row, since), before in zip(keys[1:], rows, strict=False):
+        assert since is not None
+        assert before <= since < row
+
+
+def test_a_main_key_behind_a_ramp_gets_keys_before_it() -> None:
+    keys = keys_of(lit([0.5] * 12 + [1.0] * 20), main_row=14)
+    assert keys == [(0, None), (12, 11), (14, 13)]
+
+
+def test_what_covers_part_of_the_face_makes_no_key() -> None:
+    scenes = lit([1.0] * 30)
+    for scene in scenes[8:]:  # a hand of the skin's hue, but dimmer, over half of the face
+        scene.rgb[:, 150:] = (scene.rgb[:, 150:] * 0.55).astype(np.uint8)
+    assert keys_of(scenes) == [(0, None)]
+
+
+def test_what_covers_the_whole_face_makes_no_key() -> None:
+    scenes = lit([1.0] * 30)
+    for scene in scenes[8:]:
+        palm = np.full_like(scene.rgb, (120, 85, 65)) + cv2.resize(
+            np.random.default_rng(3).integers(0, 40, (10, 10, 3), np.uint8), scene.rgb.shape[1::-1]
+        )
+        scene.rgb[scene.skin] = palm[scene.skin]
+    assert keys_of(scenes) == [(0, None)]
+
+
+def test_a_turned_head_makes_no_key() -> None:
+    scenes = lit([1.0] * 10 + [0.6] * 20)
+    assert keys_of(scenes, yaw=lambda row: 40.0 if row >= 8 else 0.0) == [(0, None)]
+
+
+def test_flicker_cannot_make_keys_without_end() -> None:
+    gains = [1.0 if k // 12 % 2 else 0.55 for k in range(240)]
+    assert len(keys_of(lit(gains))) <= 9
