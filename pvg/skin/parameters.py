@@ -273,6 +273,18 @@ class TrackingNumbers:
 
 
 @dataclass(frozen=True)
+class EdgeNumbers:
+    """The matte's edge at picture resolution: the line of colours between skin and its surroundings."""
+
+    certain: Range = (0.1, 0.9)  # of a cell's alpha [measured: as rise]: between both the picture decides
+    reach: int = 2  # blocks of 2×2 cells to either side [measured: as rise]: whose colours count
+    noise: float = 60.0  # squared levels [by eye]: colours that differ by less tell nothing
+    few: float = 6.0  # cells of either side [by eye]: fewer are trusted in proportion
+    chroma: float = 2.0  # weight of chroma beside luma [by eye]
+    rise: Range = (0.15, 0.7)  # of the way from the surroundings' colour to skin's [measured: on labelled frames]
+
+
+@dataclass(frozen=True)
 class PaperNumbers:
     """The paper's rule."""
 
@@ -298,6 +310,7 @@ class SkinPrior:
     occlusion: OcclusionNumbers = OcclusionNumbers()
     warp: WarpNumbers = WarpNumbers()
     tracking: TrackingNumbers = TrackingNumbers()
+    edges: EdgeNumbers = EdgeNumbers()
     paper: PaperNumbers = PaperNumbers()
 
 

@@ -1,0 +1,87 @@
+"""The matte's edge at picture resolution: a band around it follows the colours of the picture.
+
+A matte is kept in cells of some pixels. Between those that are skin and those that are not lies a band whose pixels
+the frame itself decides: nearby skin and nearby surroundings have a mean colour each, and a pixel's alpha is where it
+lies on the line from one to the other. So strands of hair stay dark, and the edge lies where the picture has it. The
+line is linear in the coded planes, its coefficients vary slowly and are computed on blocks of cells; where both colours
+are alike, or one is not seen nearby, the cells' own alpha stays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from pvg._arrays import Bytes, Floats
+from pvg.rendering import _edge_kernels as kernels
+from pvg.rendering.placed_face import PlacedFace
+from pvg.skin import Matte
+from pvg.skin.parameters import SKIN_PRIOR
+from pvg.video import Frame, PixelFormat
+
+_EDGES = SKIN_PRIOR.edges
+_RISE = np.array(_EDGES.rise, np.float32)
+_CROSS = np.asarray(cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3)), np.uint8)
+_NEIGHBOURS = np.ones((3, 3), np.uint8)
+_SKIN, _AROUND = 1, 2  # kinds of cells, see `kernels.gather`
+
+
+def follow_edges(face: PlacedFace, frame: Frame) -> PlacedFace:
+    """The face with a matte that follows the edges of the frame it is placed in."""
+    alpha = face.alpha.copy()
+    refine(alpha, (face.x, face.y), face.data.matte, frame)
+    return replace(face, alpha=alpha)
+
+
+def refine(alpha: Floats, window: tuple[int, int], matte: Matte, frame: Frame) -> None:
+    """Let a matte as read at pixels, alpha (h, w) with its first pixel at `window` (x, y), follow a frame, in place."""
+    full = int(matte.alpha.max())
+    if full == 0:
+        return
+    kind = _kinds(matte.alpha, full)
+    unknown = np.asarray(kind == 0, np.uint8)
+    touched = np.asarray(cv2.dilate(unknown, _NEIGHBOURS), np.uint8)
+    raster, planes = matte.raster, [np.ascontiguousarray(plane) for plane in frame.planes]
+    log2x, log2y = frame.format.chroma_log2
+    weights = _weights(frame.format)
+    rows, columns = (-(-size // 2) for size in kind.shape)
+    reach = 2 * _EDGES.reach + 3
+    wanted = np.asarray(cv2.dilate(unknown, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)), np.uint8)
+    corner, step = raster.origin.astype(np.float32), float(raster.step)
+    sums = np.zeros((rows, columns, 2 * kernels.SUMS), np.float32)
+    kernels.gather(*planes, log2x, log2y, weights, corner, step, kind, wanted, sums)
+    lines = np.empty((rows, columns, kernels.LINE), np.float32)
+    kernels.color_lines(
+        sums, weights, _near(touched, (rows, columns)), _EDGES.reach, _EDGES.noise, _EDGES.few, _RISE, lines
+    )
+    cells = np.empty((*kind.shape, kernels.LINE), np.float32)
+    kernels.spread_to_cells(lines, touched, cells)
+    opacity = np.float32(full / 255.0)
+    kernels.follow_lines(*planes, log2x, log2y, window, corner, step, unknown, cells, opacity, alpha)
+
+
+def _kinds(alpha: Bytes, full: int) -> Bytes:
+    """(h, w) uint8: cells of skin, cells of its surroundings, and 0 for those between, on which the picture decides.
+
+    alpha: (h, w) of a matte whose skin is `full`.
+    """
+    low, high = _EDGES.certain
+    around = cv2.erode(np.asarray(alpha <= low * full, np.uint8), _CROSS)
+    return np.asarray(np.where(alpha >= high * full, _SKIN, around * _AROUND), np.uint8)
+
+
+def _near(touched: Bytes, shape: tuple[int, int]) -> Bytes:
+    """The blocks of 2×2 cells that touched cells are read from, (rows, columns) bool."""
+    padded = np.pad(touched, [(0, 2 * blocks - cells) for blocks, cells in zip(shape, touched.shape, strict=True)])
+    blocks = padded.reshape(shape[0], 2, shape[1], 2).max(axis=(1, 3))
+    return np.asarray(cv2.dilate(blocks, _NEIGHBOURS), np.bool_)
+
+
+def _weights(pixel_format: PixelFormat) -> Floats:
+    """(3,) what a code of each plane counts, in levels."""
+    levels = 2.0 ** (8 - pixel_format.depth)
+    if pixel_format.is_rgb:
+        return np.full(3, levels / np.sqrt(3.0), np.float32)  # as long as luma for greys
+    return np.array([levels, levels * _EDGES.chroma, levels * _EDGES.chroma], np.float32)
