@@ -14,18 +14,10 @@ LINE = 5  # three slopes, an offset, the trust
 
 
 @kernel(inline=True)
-def _mean(plane: Samples, left: float, top: float, side: float) -> float:
-    """The mean of the samples of a square whose corner is counted from the plane's own; −1 where there are none."""
-    x0, y0 = int(np.floor(left)), int(np.floor(top))
-    x1, y1 = max(x0 + 1, int(np.floor(left + side))), max(y0 + 1, int(np.floor(top + side)))
-    x0, y0, x1, y1 = max(x0, 0), max(y0, 0), min(x1, plane.shape[1]), min(y1, plane.shape[0])
-    if x0 >= x1 or y0 >= y1:
-        return -1.0
-    total = 0
-    for y in range(y0, y1):
-        for x in range(x0, x1):
-            total += plane[y, x]
-    return total / ((x1 - x0) * (y1 - y0))
+def _sample(plane: Samples, x: float, y: float) -> float:
+    """The sample that lies `x`, `y` from the plane's corner, the nearest one beyond its sides."""
+    column, row = min(max(int(x), 0), plane.shape[1] - 1), min(max(int(y), 0), plane.shape[0] - 1)
+    return float(plane[row, column])
 
 
 @kernel()
@@ -39,28 +31,33 @@ def gather(
     corner: Floats,
     step: float,
     kind: Bytes,
-    wanted: Bytes,
+    wanted: Bools,
     sums: Floats,
 ) -> None:
     """Add up the colours of the cells around an edge, skin's and those of its surroundings apart.
 
     first, second, third: planes, the others 2^log2x × 2^log2y pixels a sample;  weights: (3,) of their codes;
-    corner, step: the raster's;  kind: (h, w), 1 on skin, 2 off it, 0 on neither;  wanted: (h, w), cells that count.
-    sums: (rows, columns, 2 · SUMS) over blocks of 2×2 cells, zero before.
+    corner, step: the raster's;  kind: (h, w), 1 on skin, 2 off it, 0 on neither;
+    wanted: (rows, columns) blocks of 2×2 cells that count;  sums: (rows, columns, 2 · SUMS) over them, zero before.
     """
     across, along = 1.0 / (1 << log2x), 1.0 / (1 << log2y)
+    height, width = first.shape
     for i in range(kind.shape[0]):
-        top = corner[1] + i * step
+        middle = corner[1] + (i + 0.5) * step
+        top, bottom = middle - 0.25 * step, middle + 0.25 * step
+        if middle < 0.0 or middle > height:
+            continue
         for j in range(kind.shape[1]):
-            if kind[i, j] == 0 or wanted[i, j] == 0:
+            if kind[i, j] == 0 or not wanted[i >> 1, j >> 1]:
                 continue
-            left = corner[0] + j * step
-            a = _mean(first, left, top, step)
-            if a < 0.0:
+            center = corner[0] + (j + 0.5) * step
+            left, right = center - 0.25 * step, center + 0.25 * step
+            if center < 0.0 or center > width:
                 continue
-            a *= weights[0]
-            b = _mean(second, left * across, top * along, step * across) * weights[1]
-            c = _mean(third, left * across, top * along, step * across) * weights[2]
+            a = _sample(first, left, top) + _sample(first, right, top)
+            a = 0.25 * weights[0] * (a + _sample(first, left, bottom) + _sample(first, right, bottom))
+            b = weights[1] * _sample(second, center * across, middle * along)
+            c = weights[2] * _sample(third, center * across, middle * along)
             to, k = sums[i >> 1, j >> 1], SUMS * (int(kind[i, j]) - 1)
             to[k] += np.float32(1.0)
             to[k + 1] += np.float32(a)
@@ -71,7 +68,7 @@ def gather(
 
 @kernel(fastmath=True)
 def color_lines(
-    sums: Floats, weights: Floats, near: Bools, reach: int, noise: float, few: float, rise: Floats, lines: Floats
+    sums: Floats, weights: Floats, near: Bytes, reach: int, noise: float, few: float, rise: Floats, lines: Floats
 ) -> None:
     """lines (rows, columns, LINE): the share of skin in a colour, by the line from its surroundings' colour to skin's.
 
@@ -156,7 +153,7 @@ def follow_lines(
     """
     h, w = alpha.shape
     rows, columns = unknown.shape
-    one, none = np.float32(1.0), np.float32(0.0)
+    one, none, full = np.float32(1.0), np.float32(0.0), np.float32(1.0) / opacity
     starts = np.empty(columns, np.int64)
     for j in range(columns):
         starts[j] = int(np.ceil(corner[0] + (j + 0.5) * step - 0.5 - window[0]))
@@ -185,7 +182,7 @@ def follow_lines(
             pace = np.float32(1.0 / step)
             for x in range(x0, x1):
                 t = begin + pace * np.float32(x - x0)
-                at, known = window[0] + x, out[x] / opacity
+                at, known = window[0] + x, out[x] * full
                 share = (left[0] + t * right[0]) * np.float32(luma[at]) + left[3] + t * right[3]
                 share += (left[1] + t * right[1]) * np.float32(one_row[at >> log2x])
                 share += (left[2] + t * right[2]) * np.float32(other_row[at >> log2x])
