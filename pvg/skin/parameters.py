@@ -23,6 +23,7 @@ class BoxNumbers:
     neck_half_width: float = 0.72  # face sizes [by eye]: where a neck runs into shoulders
     neck_end: float = 1.12  # face sizes below the chin [by eye]: the box's end
     fade_begins: float = 0.75  # face sizes below the chin [by eye]: from here the matte fades to the box's end
+    side_fade: float = 0.06  # face sizes [by eye]: the matte fades along all sides of its raster
     least_upright: float = 0.2  # length of the sum of face's and picture's down [by eye]: less is a head upside down
 
 
@@ -53,7 +54,7 @@ class EarNumbers:
     below: float = 0.04  # face sizes below the middle between eyes and nose [by eye]: its centre
     width: float = 0.08  # face sizes, standard deviation across the face [by eye]
     height: float = 0.16  # face sizes, standard deviation along the face [by eye]
-    odds: float = 1.2  # odds of skin at its centre [by eye]
+    odds: float = 3.0  # odds of skin at its centre [measured: 93 % of labelled ears instead of 88, at 1.2]
     floor: float = 1e-4  # odds of skin far away [by eye]
     reach: float = 8.0  # fall of its exponent beyond which the floor is taken alone [by eye]
     none: float = -9.2  # nats, the floor's [by eye]
@@ -75,6 +76,9 @@ class NeckNumbers:
     head: float = 12.0  # nats less where the head begins [by eye]
     head_rise: Range = (0.35, 0.6)  # face sizes above the chin [by eye]: where the head begins
     weight_rise: Range = (-0.2, 0.1)  # face sizes below the chin [by eye]: from head to neck
+
+    chest_rise: Range = (0.2, 0.5)  # face sizes below the chin [by eye]: from neck to chest
+    chest_fade: float = 0.15  # face sizes to either side of that edge [by eye]: a bare chest fades there
 
 
 @dataclass(frozen=True)
@@ -267,7 +271,7 @@ class TrackingNumbers:
     change_window: int = 5  # cells over which change is averaged [by eye]
     hysteresis: float = 0.3  # of probability for what the mask before said [by eye]
     edge_blur: float = 2.0  # cells [measured: with 2.5 colours beside an occluder step by 2.4 levels instead of 2.1]
-    edge_rise: Range = (0.15, 0.8)  # probability [measured: as edge_blur, with 0.2 to 1]: the matte from 0 to 1
+    edge_rise: Range = (0.0, 0.5)  # probability [measured: outer 3 % of labelled faces 78 instead of 62 %]: alpha 0 to 1
     edge_core: Range = (0.03, 0.97)  # of the blurred mask [by eye]: the matte is 0 below and 1 above
     alpha_step: int = 5  # 8-bit levels of alpha are multiples of it [measured: as good as all 256]
 
@@ -281,7 +285,7 @@ class EdgeNumbers:
     noise: float = 60.0  # squared levels [by eye]: colours that differ by less tell nothing
     few: float = 6.0  # cells of either side [by eye]: fewer are trusted in proportion
     chroma: float = 2.0  # weight of chroma beside luma [by eye]
-    rise: Range = (0.15, 0.7)  # of the way from the surroundings' colour to skin's [measured: on labelled frames]
+    rise: Range = (0.1, 0.6)  # of the way from the surroundings' colour to skin's [measured: on labelled frames]
 
 
 @dataclass(frozen=True)
