@@ -118,7 +118,8 @@ def _read_block(lines: Floats, i: int, j: int, k: int) -> np.float32:
     u = min(x + 1, columns - 1) if j & 1 else max(x - 1, 0)
     near, far = np.float32(0.75), np.float32(0.25)
     value: np.float32 = near * (near * lines[y, x, k] + far * lines[y, u, k])
-    return value + far * (near * lines[v, x, k] + far * lines[v, u, k])
+    value += far * (near * lines[v, x, k] + far * lines[v, u, k])
+    return value
 
 
 @kernel()
@@ -164,7 +165,11 @@ def follow_lines(
         if i < 0 or i > rows - 2:
             continue
         f, out = np.float32(place - i), alpha[y]
-        luma, one_row, other_row = first[window[1] + y], second[(window[1] + y) >> log2y], third[(window[1] + y) >> log2y]
+        luma, one_row, other_row = (
+            first[window[1] + y],
+            second[(window[1] + y) >> log2y],
+            third[(window[1] + y) >> log2y],
+        )
         for j in range(columns - 1):
             if unknown[i, j] + unknown[i, j + 1] + unknown[i + 1, j] + unknown[i + 1, j + 1] == 0:
                 continue

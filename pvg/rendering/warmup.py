@@ -9,8 +9,10 @@ import numpy as np
 from pvg._arrays import Floats
 from pvg.membrane import Membrane
 from pvg.rendering.correction import Correction
+from pvg.rendering.edges import refine
 from pvg.rendering.planes import apply_correction
 from pvg.rendering.visibility import Visibility
+from pvg.skin import Matte
 from pvg.video import Frame
 
 
@@ -24,6 +26,8 @@ def warm_up(frames: Sequence[Frame], membrane: Membrane, colors: Floats) -> None
     seen.settle(colors)
     alpha, planes, lattice = np.ones((32, 32), np.float32), membrane.planes, membrane.lattice
     corrections = Correction(lattice, planes[:3], planes[3:]), Correction(lattice, planes[:3], 1.1, planes[:3])
+    matte = Matte.over(np.array([8, 8, 40, 40], np.float32), np.eye(8, dtype=np.uint8) * np.uint8(255))
     for frame in frames:
         for correction in corrections:
             apply_correction(frame, (8, 8), alpha, correction)
+        refine(alpha, (8, 8), matte, frame)

@@ -303,5 +303,5 @@ def spatial_fields(
             log_odds[i, j] = min(max(most, coefficients.least), coefficients.most)
             neck[i, j] = _cubic(coefficients.neck_weight_slope * way + coefficients.neck_weight_at_chin)
             fade[i, j] = (one - _smoothstep(way, fade_ends[0], fade_ends[1])) * _sides(way, away, coefficients)
-            fade[i, j] *= _cubic(min(min(i, h - 1 - i), min(j, w - 1 - j)) / (size * fade_ends[2]))
+            fade[i, j] *= _cubic(np.float32(min(i, h - 1 - i, j, w - 1 - j)) / (size * fade_ends[2]))
             down[i, j], along[i, j], off[i, j], ears[i, j] = depth, way, away, at_ear
