@@ -12,6 +12,7 @@ from pvg.curves import Chain, ColorTable, CurveLabels, labels_by_length, table_l
 from pvg.looks import Look
 from pvg.rendering.body import BodyTables, PlacedBody, apply_body, place_body
 from pvg.rendering.correction import at_curves, extend
+from pvg.rendering.edges import follow_edges
 from pvg.rendering.guards import guarded_alpha
 from pvg.rendering.makeup import with_parts
 from pvg.rendering.placed_face import PlacedFace, divide_overlaps, place_face
@@ -75,6 +76,7 @@ class Renderer:
         self.video = video
         self.looks = tuple(looks)
         faces = sorted({face for look in looks for face in look.colors})
+        self._follows = video.settings["mask"] == "landmarks"  # the paper's rule has hard edges
         # numbers, since one look may be asked for twice
         self._with_face = {face: [i for i, look in enumerate(looks) if face in look.colors] for face in faces}
         self._with_body = {
@@ -142,7 +144,7 @@ class Renderer:
             labels, colors = self._colors[face].at(frame.index) if face in self._colors else (table_labels(), None)
             placed = place_face(data, labels, frame.width, frame.height, align)
             if placed is not None:
-                found.append((face, placed, colors))
+                found.append((face, follow_edges(placed, frame) if self._follows else placed, colors))
         divided = divide_overlaps([placed for _, placed, _ in found])
         return [(face, placed, colors) for (face, _, colors), placed in zip(found, divided, strict=True)]
 

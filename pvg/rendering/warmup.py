@@ -11,6 +11,7 @@ from pvg.looks import BodyMap, SkinMap
 from pvg.membrane import Membrane
 from pvg.rendering.body import BodyTables, apply_body, place_body
 from pvg.rendering.correction import Correction
+from pvg.rendering.edges import refine
 from pvg.rendering.planes import apply_correction
 from pvg.rendering.visibility import Visibility
 from pvg.skin import Matte
@@ -28,9 +29,11 @@ def warm_up(frames: Sequence[Frame], membrane: Membrane, colors: Floats) -> None
     alpha, planes, lattice = np.ones((32, 32), np.float32), membrane.planes, membrane.lattice
     corrections = Correction(lattice, planes[:3], planes[3:]), Correction(lattice, planes[:3], 1.1, planes[:3])
     look = BodyMap(SkinMap.between(colors, colors.astype(np.float64)), 1.0, np.ones((1, 2), np.float32))
+    matte = Matte.over(np.array([8, 8, 40, 40], np.float32), np.eye(8, dtype=np.uint8) * np.uint8(255))
     for frame in frames:
         for correction in corrections:
             apply_correction(frame, (8, 8), alpha, correction)
+        refine(alpha, (8, 8), matte, frame)
         body = Matte.over(np.array([0, 0, frame.width, frame.height], np.float32), _spot())
         placed = place_body(frame, body, (), ())
         if placed is not None:

@@ -51,6 +51,9 @@ class SpatialCoefficients(NamedTuple):
     neck_head_at_chin: np.float32
     neck_weight_slope: np.float32
     neck_weight_at_chin: np.float32
+    chest_begins: np.float32
+    chest_full: np.float32
+    chest_fade: np.float32
     least: np.float32
     most: np.float32
 
@@ -250,6 +253,15 @@ def _neck_log_odds(along: np.float32, off: np.float32, c: SpatialCoefficients) -
     return log_odds - c.neck_head * _cubic(c.neck_head_at_chin - c.neck_head_slope * along)
 
 
+@kernel(inline=True)
+def _sides(along: np.float32, off: np.float32, c: SpatialCoefficients) -> np.float32:
+    """1 on head and neck, falling to 0 across the edge of a bare chest, where nothing in the picture ends."""
+    below = min(max(along, np.float32(0.0)), c.neck_reach)
+    inside = c.neck_half_width + c.neck_widening * below * np.sqrt(below) - off
+    chest = _smoothstep(along, c.chest_begins, c.chest_full)
+    return np.float32(1.0) - chest * (np.float32(1.0) - _smoothstep(inside, -c.chest_fade, c.chest_fade))
+
+
 @kernel(fastmath=True)
 def spatial_fields(
     inner: Floats,
@@ -271,7 +283,8 @@ def spatial_fields(
 
     inner, outer: float32 distances from the contour within and outside it, in cells;
     frame: (12,) float32, centre, across, down, chin and neck (x, y each), size and width of the face;
-    brow, ear: depths of brows and ears in sizes;  fade_ends: (2,) where the neck's fade begins and ends.
+    brow, ear: depths of brows and ears in sizes;  fade_ends: (3,) where the neck's fade begins and ends,
+    and the width of the fade along the raster's sides, in sizes.
     Written: log_odds of skin;  neck, the weight of the neck in [0, 1];  fade;  down, depth on the face;  along and off,
     the way along the neck and the distance off its axis, in sizes;  ears, the ears' own log-odds.
     """
@@ -289,7 +302,8 @@ def spatial_fields(
             most = max(on_head, at_ear, _neck_log_odds(way, away, coefficients))
             log_odds[i, j] = min(max(most, coefficients.least), coefficients.most)
             neck[i, j] = _cubic(coefficients.neck_weight_slope * way + coefficients.neck_weight_at_chin)
-            fade[i, j] = one - _smoothstep(way, fade_ends[0], fade_ends[1])
+            fade[i, j] = (one - _smoothstep(way, fade_ends[0], fade_ends[1])) * _sides(way, away, coefficients)
+            fade[i, j] *= _cubic(np.float32(min(i, h - 1 - i, j, w - 1 - j)) / (size * fade_ends[2]))
             down[i, j], along[i, j], off[i, j], ears[i, j] = depth, way, away, at_ear
 
 

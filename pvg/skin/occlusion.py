@@ -62,4 +62,5 @@ def occluder_alpha(lab: Floats, scale: ColorScale, was_open: Floats, prior: Spat
     between = cv2.morphologyEx(solid, cv2.MORPH_CLOSE, np.ones((reach, reach), np.uint8))
     solid = np.where(prior.features, np.minimum(_foreign_hue(lab, scale, prior.features), between), solid)
     grown = cv2.dilate(solid, _NEIGHBOURS)
-    return np.asarray(cv2.GaussianBlur(grown, (0, 0), _OCCLUSION.soft), np.float32)
+    soft = cv2.GaussianBlur(grown, (0, 0), _OCCLUSION.soft)
+    return np.asarray(np.minimum(_OCCLUSION.harden * soft, 1.0), np.float32)

@@ -106,7 +106,7 @@ class SpatialPrior:
     """What a face's landmarks say of the cells of a raster (h, w) before any colour is looked at.
 
     log_odds: float32, prior log-odds of skin;  neck: float32 weight in [0, 1], 1 on the neck, 0 on the head;
-    fade: float32 in [0, 1], 1, falling to 0 where the box's end cuts a bare chest;
+    fade: float32 in [0, 1], 1, falling to 0 where the box ends and at the sides of a bare chest;
     outside: float32 distance from the face contour in face sizes, 0 inside;
     face: bool, as all that follow, the inside of the contour;
     foreground: skin or a feature of the face whatever its colour, the certain part of a trimap;
@@ -161,7 +161,7 @@ def spatial_prior(shape: tuple[int, int], landmarks: Landmarks) -> SpatialPrior:
     vectors = (head.middle, head.axes.across, head.axes.down, head.chin, head.neck, [head.size, head.width])
     frame = np.concatenate(vectors).astype(np.float32)
     log_odds, neck, fade, down, along, off, ears = np.empty((7, *shape), np.float32)
-    fade_ends = np.array([_BOX.fade_begins, _BOX.neck_end], np.float32)
+    fade_ends = np.array([_BOX.fade_begins, _BOX.neck_end, _BOX.side_fade], np.float32)
     fields = log_odds, neck, fade, down, along, off, ears
     spatial_fields(inner, outer, frame, np.float32(brow), np.float32(ear), fade_ends, _COEFFICIENTS, *fields)
     outside = outer / np.float32(head.size)
@@ -244,6 +244,9 @@ def _coefficients(prior: SkinPrior) -> SpatialCoefficients:
         neck_head_at_chin=head_at_chin,
         neck_weight_slope=weight_slope,
         neck_weight_at_chin=weight_at_chin,
+        chest_begins=np.float32(neck.chest_rise[0]),
+        chest_full=np.float32(neck.chest_rise[1]),
+        chest_fade=np.float32(neck.chest_fade),
         least=np.float32(regions.least),
         most=np.float32(regions.most),
     )

@@ -12,6 +12,7 @@ import pvg
 from pvg.face import layout
 from pvg.looks import sliced_wasserstein
 from pvg.rendering import Renderer, placed_faces, source_frame
+from pvg.rendering.edges import follow_edges
 from pvg.vectorization.open_skin import skin_sample
 from pvg.video import Frame
 
@@ -26,7 +27,8 @@ def frames_of(video: pvg.VectorVideo) -> Iterator[Frame]:
 def matte_of(video: pvg.VectorVideo, frame: Frame) -> np.ndarray:
     """(H, W) float32 matte of all faces."""
     matte = np.zeros((frame.height, frame.width), np.float32)
-    for _, placed in placed_faces(video, frame.index):
+    for _, cells in placed_faces(video, frame.index):
+        placed = follow_edges(cells, frame)
         x0, y0, x1, y1 = placed.window
         part = matte[y0:y1, x0:x1]
         np.maximum(part, placed.alpha, out=part)

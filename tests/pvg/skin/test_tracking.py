@@ -108,3 +108,15 @@ def test_the_papers_rule_gives_hard_mattes() -> None:
     np.testing.assert_array_equal(matte.alpha, matte.mask * np.uint8(255))
     still = skin_mask(scene.rgb, scene.landmarks, method="ycbcr")
     assert iou(mask_of(matte, scene.rgb.shape), still) > 0.9
+
+
+def test_the_matte_fades_along_every_side_of_its_raster() -> None:
+    """A picture of nothing but skin: whatever side the matte meets, it has no straight edge there."""
+    scene = drawn_face(width=120, center=(200, 200), size=(480, 400), tone=((190, 140, 105), (190, 140, 105)))
+    alpha = first_matte(scene).alpha
+    for side in (alpha[0], alpha[-1], alpha[:, 0], alpha[:, -1]):
+        assert side.max() == 0
+    steps = max(
+        np.abs(np.diff(alpha[:8].astype(int), axis=0)).max(), np.abs(np.diff(alpha[-8:].astype(int), axis=0)).max()
+    )
+    assert steps < 130

@@ -1,0 +1,196 @@
+"""Compiled kernels of the matte's edge at picture resolution; see `pvg.rendering.edges`."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pvg._arrays import Bools, Bytes, Floats
+from pvg._compiled import kernel
+
+Samples = NDArray[np.uint8] | NDArray[np.uint16]
+SUMS = 5  # of one side: cells, their three colours, and the squared lengths of those
+LINE = 5  # three slopes, an offset, the trust
+
+
+@kernel(inline=True)
+def _sample(plane: Samples, x: float, y: float) -> float:
+    """The sample that lies `x`, `y` from the plane's corner, the nearest one beyond its sides."""
+    column, row = min(max(int(x), 0), plane.shape[1] - 1), min(max(int(y), 0), plane.shape[0] - 1)
+    return float(plane[row, column])
+
+
+@kernel()
+def gather(
+    first: Samples,
+    second: Samples,
+    third: Samples,
+    log2x: int,
+    log2y: int,
+    weights: Floats,
+    corner: Floats,
+    step: float,
+    kind: Bytes,
+    wanted: Bools,
+    sums: Floats,
+) -> None:
+    """Add up the colours of the cells around an edge, skin's and those of its surroundings apart.
+
+    first, second, third: planes, the others 2^log2x × 2^log2y pixels a sample;  weights: (3,) of their codes;
+    corner, step: the raster's;  kind: (h, w), 1 on skin, 2 off it, 0 on neither;
+    wanted: (rows, columns) blocks of 2×2 cells that count;  sums: (rows, columns, 2 · SUMS) over them, zero before.
+    """
+    across, along = 1.0 / (1 << log2x), 1.0 / (1 << log2y)
+    height, width = first.shape
+    for i in range(kind.shape[0]):
+        middle = corner[1] + (i + 0.5) * step
+        top, bottom = middle - 0.25 * step, middle + 0.25 * step
+        if middle < 0.0 or middle > height:
+            continue
+        for j in range(kind.shape[1]):
+            if kind[i, j] == 0 or not wanted[i >> 1, j >> 1]:
+                continue
+            center = corner[0] + (j + 0.5) * step
+            left, right = center - 0.25 * step, center + 0.25 * step
+            if center < 0.0 or center > width:
+                continue
+            a = _sample(first, left, top) + _sample(first, right, top)
+            a = 0.25 * weights[0] * (a + _sample(first, left, bottom) + _sample(first, right, bottom))
+            b = weights[1] * _sample(second, center * across, middle * along)
+            c = weights[2] * _sample(third, center * across, middle * along)
+            to, k = sums[i >> 1, j >> 1], SUMS * (int(kind[i, j]) - 1)
+            to[k] += np.float32(1.0)
+            to[k + 1] += np.float32(a)
+            to[k + 2] += np.float32(b)
+            to[k + 3] += np.float32(c)
+            to[k + 4] += np.float32(a * a + b * b + c * c)
+
+
+@kernel(fastmath=True)
+def color_lines(
+    sums: Floats, weights: Floats, near: Bytes, reach: int, noise: float, few: float, rise: Floats, lines: Floats
+) -> None:
+    """lines (rows, columns, LINE): the share of skin in a colour, by the line from its surroundings' colour to skin's.
+
+    share · trust = slopes · codes + offset. near: blocks that are wanted, the others become 0;  reach: blocks to
+    either side that are averaged;  noise: squared levels;  few: cells of either side that are trusted in full;
+    rise: (2,) where between both colours the share rises from 0 to 1.
+    """
+    rows, columns = near.shape
+    total = np.empty(2 * SUMS, np.float32)
+    gain = 1.0 / (rise[1] - rise[0])
+    for i in range(rows):
+        for j in range(columns):
+            lines[i, j, :] = np.float32(0.0)
+            if not near[i, j]:
+                continue
+            total[:] = np.float32(0.0)
+            for y in range(max(0, i - reach), min(rows, i + reach + 1)):
+                for x in range(max(0, j - reach), min(columns, j + reach + 1)):
+                    for k in range(2 * SUMS):
+                        total[k] += sums[y, x, k]
+            inner, outer = total[0], total[SUMS]
+            if inner < 1.0 or outer < 1.0:
+                continue
+            length, inner_square, outer_square, offset = 0.0, 0.0, 0.0, 0.0
+            for k in range(1, 4):
+                skin, around = total[k] / inner, total[SUMS + k] / outer
+                inner_square += skin * skin
+                outer_square += around * around
+                offset += around * (skin - around)
+                length += (skin - around) ** 2
+            spread = max(total[4] / inner - inner_square, 0.0) + max(total[SUMS + 4] / outer - outer_square, 0.0)
+            trust = length / (length + spread + noise) * min(1.0, inner / few) * min(1.0, outer / few)
+            scale = trust * gain / max(length, 1e-3)
+            for k in range(1, 4):
+                slope = (total[k] / inner - total[SUMS + k] / outer) * scale * weights[k - 1]
+                lines[i, j, k - 1] = np.float32(slope)
+            lines[i, j, 3] = np.float32(-offset * scale - trust * gain * rise[0])
+            lines[i, j, 4] = np.float32(trust)
+
+
+@kernel(inline=True)
+def _read_block(lines: Floats, i: int, j: int, k: int) -> np.float32:
+    """The value of the blocks at the middle of cell (i, j), bilinear."""
+    rows, columns = lines.shape[0], lines.shape[1]
+    y, x = i >> 1, j >> 1
+    v = min(y + 1, rows - 1) if i & 1 else max(y - 1, 0)
+    u = min(x + 1, columns - 1) if j & 1 else max(x - 1, 0)
+    near, far = np.float32(0.75), np.float32(0.25)
+    value: np.float32 = near * (near * lines[y, x, k] + far * lines[y, u, k])
+    value += far * (near * lines[v, x, k] + far * lines[v, u, k])
+    return value
+
+
+@kernel()
+def spread_to_cells(lines: Floats, touched: Bytes, cells: Floats) -> None:
+    """cells (h, w, LINE): lines (rows, columns, LINE) of blocks of 2×2 cells at the middles of the `touched` cells."""
+    for i in range(touched.shape[0]):
+        for j in range(touched.shape[1]):
+            if touched[i, j]:
+                for k in range(LINE):
+                    cells[i, j, k] = _read_block(lines, i, j, k)
+
+
+@kernel(fastmath=True)
+def follow_lines(
+    first: Samples,
+    second: Samples,
+    third: Samples,
+    log2x: int,
+    log2y: int,
+    window: tuple[int, int],
+    corner: Floats,
+    step: float,
+    unknown: Bytes,
+    cells: Floats,
+    opacity: np.float32,
+    alpha: Floats,
+) -> None:
+    """Let alpha (h, w) follow the picture where `unknown` (rows, columns) is 1, in place; bilinear to 0.
+
+    window: x, y of alpha's first pixel;  corner, step: the raster's;  cells: (rows, columns, LINE), whose touched
+    ones are defined;  opacity: alpha's value on skin.
+    """
+    h, w = alpha.shape
+    rows, columns = unknown.shape
+    one, none, full = np.float32(1.0), np.float32(0.0), np.float32(1.0) / opacity
+    starts = np.empty(columns, np.int64)
+    for j in range(columns):
+        starts[j] = int(np.ceil(corner[0] + (j + 0.5) * step - 0.5 - window[0]))
+    left, right = np.empty(LINE + 1, np.float32), np.empty(LINE + 1, np.float32)
+    for y in range(h):
+        place = (window[1] + y - corner[1] + 0.5) / step - 0.5
+        i = int(np.floor(place))
+        if i < 0 or i > rows - 2:
+            continue
+        f, out = np.float32(place - i), alpha[y]
+        luma, one_row, other_row = (
+            first[window[1] + y],
+            second[(window[1] + y) >> log2y],
+            third[(window[1] + y) >> log2y],
+        )
+        for j in range(columns - 1):
+            if unknown[i, j] + unknown[i, j + 1] + unknown[i + 1, j] + unknown[i + 1, j + 1] == 0:
+                continue
+            x0, x1 = max(starts[j], 0), min(starts[j + 1], w)
+            if x0 >= x1:
+                continue
+            for k in range(LINE):
+                left[k] = cells[i, j, k] + f * (cells[i + 1, j, k] - cells[i, j, k])
+                right[k] = cells[i, j + 1, k] + f * (cells[i + 1, j + 1, k] - cells[i, j + 1, k])
+            left[LINE] = (one - f) * unknown[i, j] + f * unknown[i + 1, j]
+            right[LINE] = (one - f) * unknown[i, j + 1] + f * unknown[i + 1, j + 1]
+            for k in range(LINE + 1):
+                right[k] -= left[k]
+            begin = np.float32((window[0] + x0 - corner[0] + 0.5) / step - 0.5 - j)
+            pace = np.float32(1.0 / step)
+            for x in range(x0, x1):
+                t = begin + pace * np.float32(x - x0)
+                at, known = window[0] + x, out[x] * full
+                share = (left[0] + t * right[0]) * np.float32(luma[at]) + left[3] + t * right[3]
+                share += (left[1] + t * right[1]) * np.float32(one_row[at >> log2x])
+                share += (left[2] + t * right[2]) * np.float32(other_row[at >> log2x])
+                share += (one - left[4] - t * right[4]) * known
+                share = min(max(share, none), one)
+                out[x] = opacity * (known + (left[5] + t * right[5]) * (share - known))

@@ -1,0 +1,110 @@
+"""The matte's edge at picture resolution: a band around it follows the colours of the picture.
+
+A matte is kept in cells of some pixels. Between those that are skin and those that are not lies a band whose pixels
+the frame itself decides: nearby skin and nearby surroundings have a mean colour each, and a pixel's alpha is where it
+lies on the line from one to the other. So strands of hair stay dark, and the edge lies where the picture has it. The
+line is linear in the coded planes, its coefficients vary slowly and are computed on blocks of cells; where both colours
+are alike, or one is not seen nearby, the cells' own alpha stays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pvg._arrays import Bytes, Floats
+from pvg.raster import Raster
+from pvg.rendering import _edge_kernels as kernels
+from pvg.rendering.placed_face import PlacedFace
+from pvg.skin import Matte
+from pvg.skin.parameters import SKIN_PRIOR
+from pvg.video import Frame, PixelFormat
+
+Planes = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
+
+_EDGES = SKIN_PRIOR.edges
+_RISE = np.array(_EDGES.rise, np.float32)
+_CROSS = np.asarray(cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3)), np.uint8)
+_NEIGHBOURS = np.ones((3, 3), np.uint8)
+_SKIN, _AROUND = 1, 2  # kinds of cells, see `kernels.gather`
+
+
+def follow_edges(face: PlacedFace, frame: Frame) -> PlacedFace:
+    """The face with a matte that follows the edges of the frame it is placed in."""
+    alpha = face.alpha.copy()
+    refine(alpha, (face.x, face.y), face.data.matte, frame)
+    return replace(face, alpha=alpha)
+
+
+def refine(alpha: Floats, window: tuple[int, int], matte: Matte, frame: Frame) -> None:
+    """Let a matte as read at pixels, alpha (h, w) with its first pixel at `window` (x, y), follow a frame, in place."""
+    full = int(matte.alpha.max())
+    if full == 0:
+        return
+    kind = _kinds(matte.alpha, full)
+    unknown = np.asarray(kind == 0, np.uint8)
+    touched = np.asarray(cv2.dilate(unknown, _NEIGHBOURS), np.uint8)
+    (first, second, third), (x, y) = _cut_out(frame, matte.raster, window, alpha.shape)
+    log2x, log2y = frame.format.chroma_log2
+    weights = _weights(frame.format)
+    near = _near(touched)
+    side = 2 * _EDGES.reach + 1
+    wanted = np.asarray(cv2.dilate(near, np.ones((side, side), np.uint8)), np.bool_)
+    corner, step = (matte.raster.origin - np.array([x, y])).astype(np.float32), float(matte.raster.step)
+    sums = np.zeros((*near.shape, 2 * kernels.SUMS), np.float32)
+    kernels.gather(first, second, third, log2x, log2y, weights, corner, step, kind, wanted, sums)
+    lines = np.empty((*near.shape, kernels.LINE), np.float32)
+    kernels.color_lines(sums, weights, near, _EDGES.reach, _EDGES.noise, _EDGES.few, _RISE, lines)
+    cells = np.empty((*kind.shape, kernels.LINE), np.float32)
+    kernels.spread_to_cells(lines, touched, cells)
+    opacity = np.float32(full / 255.0)
+    begin = window[0] - x, window[1] - y
+    kernels.follow_lines(first, second, third, log2x, log2y, begin, corner, step, unknown, cells, opacity, alpha)
+
+
+def _cut_out(
+    frame: Frame, raster: Raster, window: tuple[int, int], shape: tuple[int, ...]
+) -> tuple[Planes, tuple[int, int]]:
+    """What the planes show of a raster and of a window of (h, w) pixels, and x, y of its first pixel."""
+    x0, y0, x1, y1 = raster.box
+    log2x, log2y = frame.format.chroma_log2
+    x, y = (
+        max(0, int(min(low, at))) >> log2 << log2
+        for low, at, log2 in zip((x0, y0), window, (log2x, log2y), strict=True)
+    )
+    right, bottom = max(int(x1) + 1, window[0] + shape[1]), max(int(y1) + 1, window[1] + shape[0])
+
+    def cut(plane: NDArray[Any], across: int, along: int) -> NDArray[Any]:
+        # a copy is of one type whatever the plane is: compiled once
+        return plane[y >> along : -(-bottom >> along), x >> across : -(-right >> across)].copy()
+
+    first, second, third = frame.planes
+    return (cut(first, 0, 0), cut(second, log2x, log2y), cut(third, log2x, log2y)), (x, y)
+
+
+def _kinds(alpha: Bytes, full: int) -> Bytes:
+    """(h, w) uint8: cells of skin, cells of its surroundings, and 0 for those between, on which the picture decides.
+
+    alpha: (h, w) of a matte whose skin is `full`.
+    """
+    low, high = (np.uint8(round(share * full)) for share in _EDGES.certain)
+    around = cv2.erode((alpha <= low).view(np.uint8), _CROSS)
+    return np.asarray((alpha > high) * np.uint8(_SKIN) + around * np.uint8(_AROUND), np.uint8)
+
+
+def _near(touched: Bytes) -> Bytes:
+    """The blocks of 2×2 cells that touched cells are read from, (rows, columns) uint8."""
+    # block b is read by the cells from 2 b − 1 to 2 b + 2
+    return np.ascontiguousarray(cv2.dilate(touched, np.ones((5, 5), np.uint8))[::2, ::2])
+
+
+def _weights(pixel_format: PixelFormat) -> Floats:
+    """(3,) what a code of each plane counts, in levels."""
+    levels = 2.0 ** (8 - pixel_format.depth)
+    if pixel_format.is_rgb:
+        return np.full(3, levels / np.sqrt(3.0), np.float32)  # as long as luma for greys
+    return np.array([levels, levels * _EDGES.chroma, levels * _EDGES.chroma], np.float32)
