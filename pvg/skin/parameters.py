@@ -289,7 +289,7 @@ class TrackingNumbers:
     change_window: int = 5  # cells over which change is averaged [by eye]
     hysteresis: float = 0.3  # of probability for what the mask before said [by eye]
     edge_blur: float = 2.0  # cells [measured: with 2.5 colours beside an occluder step by 2.4 levels instead of 2.1]
-    edge_rise: Range = (0.15, 0.5)  # probability [measured: from 0, the outer 3 % of faces gain 2 %, occluders tint]
+    edge_rise: Range = (0.15, 0.65)  # probability [measured: from 0, the outer 3 % of faces gain 2 %, occluders tint]
     edge_core: Range = (0.03, 0.97)  # of the blurred mask [by eye]: the matte is 0 below and 1 above
     alpha_step: int = 5  # 8-bit levels of alpha are multiples of it [measured: as good as all 256]
 
@@ -353,10 +353,10 @@ class EdgeNumbers:
 
     certain: Range = (0.1, 0.9)  # of a cell's alpha [measured: as rise]: between both the picture decides
     reach: int = 2  # blocks of 2×2 cells to either side [measured: as rise]: whose colours count
-    noise: float = 60.0  # squared levels [by eye]: colours that differ by less tell nothing
+    noise: float = 2000.0  # squared levels [by eye]: colours that differ by less tell nothing
     few: float = 6.0  # cells of either side [by eye]: fewer are trusted in proportion
     chroma: float = 2.0  # weight of chroma beside luma [by eye]
-    rise: Range = (0.0, 0.65)  # of the way to skin's colour [measured: narrower meets labels better, flickers more]
+    rise: Range = (0.0, 0.9)  # of the way to skin's colour [measured: narrower meets labels better, flickers more]
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ from pvg.vectorization.part_colors import part_colors
 
 ADVISED_FACE_PX = 200  # the paper's least face size
 _SAMPLE_MARGIN = 0.06  # of the face's width: reach of what smooths the sampled skin
-_INSET = 0.012  # boundary samples lie this part of the face's width inside the mask
+INSET = 0.02  # boundary samples lie this part of the face's width inside the mask
 
 
 class VectorFace:
@@ -230,7 +230,7 @@ def _nearest_on_skin(places: Floats, positions: Floats) -> NDArray[np.int16]:
 
 def _radius(landmarks: Landmarks, matte: Matte) -> Floats:
     """Boundary radii in source pixels, from the matte over its box."""
-    inset = _INSET * landmarks.axes.width
+    inset = INSET * landmarks.axes.width
     axes = FaceAxes.of(matte.raster.to_cells(landmarks.points))
     cells = boundary_radius(matte.alpha.astype(np.float32) / 255.0, axes)
     radius: Floats = np.maximum(cells * matte.raster.step - inset, 0.0).astype(np.float32)

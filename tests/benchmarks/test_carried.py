@@ -7,8 +7,6 @@ from benchmarks.quality.carried import Described, carried_row, light_correlation
 from benchmarks.quality.measures import less_running_mean
 from benchmarks.quality.ramp import GAINS, ramp_frames
 
-pytest.importorskip("skimage")
-
 
 def described(skin: tuple[float, ...], lips: tuple[float, ...], light: tuple[float, ...] = (0, 0)) -> Described:
     middle = np.array(skin, float)

@@ -5,8 +5,6 @@ import pytest
 
 from benchmarks.quality.regions import LabelledFace, RegionChange, measure_regions
 
-pytest.importorskip("skimage")
-
 
 def masks() -> LabelledFace:
     """A face with an ear on its left, hair above, and wall around."""

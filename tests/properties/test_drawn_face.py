@@ -18,6 +18,7 @@ from pvg.looks import sliced_transport
 from pvg.membrane import Lattice, build_membrane, cut_edges
 from pvg.skin import Matte, SkinTracker, fit_skin_model
 from pvg.vectorization.key_colors import fit_key_frame
+from pvg.vectorization.vector_face import INSET
 from tests.gallery.scenes import Scene, drawn_face, open_skin
 
 WORSE = 1.05  # how much a pinned error may grow
@@ -59,7 +60,7 @@ class Method:
     def _positions(scene: Scene, matte: Matte) -> np.ndarray:
         face, raster = scene.landmarks, matte.raster
         radius = boundary_radius(matte.alpha.astype(np.float32) / 255, FaceAxes.of(raster.to_cells(face.points)))
-        inset = np.maximum(radius * raster.step - 0.012 * face.axes.width, 0)
+        inset = np.maximum(radius * raster.step - INSET * face.axes.width, 0)
         return place(table_labels(), face, boundary_points(inset, face.axes))
 
     def aim(self, reference: Scene) -> None:

@@ -36,14 +36,14 @@ from tests.gallery.scenes import (
 )
 
 PINNED = {
-    "mask": 0.0356,  # share of the union of found and true skin that only one of them holds
-    "steadiness": 0.0035,  # dB
-    "warping": 1.49,  # output / input, by the known path
+    "mask": 0.0585,  # share of the union of found and true skin that only one holds; truth, a still's mask, lies inside
+    "steadiness": 0.0044,  # dB
+    "warping": 1.67,  # output / input, by the known path; 1.51 with a matte that does not follow the picture's edges
     "flutter": 0.515,  # levels: how much a skin point's correction changes while the face moves
     "leak": 0.0155,  # levels
     "light": 0.61,  # levels: how much a change of light changes the correction
     "occluder": 0.6,  # levels on the occluder, over the face
-    "beside the occluder": 2.03,  # levels between two frames, away from it
+    "beside the occluder": 2.18,  # levels between two frames, away from it
     "after the occluder": 0.4,  # levels, against before
 }
 WORSE = 1.05  # how much a pinned error may grow
@@ -75,7 +75,7 @@ def _run(frames: Iterable[np.ndarray], reference: pvg.VectorVideo, folder: Path)
     xs = np.arange(SIDE, dtype=np.float32)
     source, result, masks = [], [], []
     with pvg.vectorize(clip, asset=folder / "scene.pvg") as video:
-        renderer = Renderer(video, [pvg.transfer(video, reference, contrast=1.0, extent="face")])
+        renderer = Renderer(video, [pvg.transfer(video, reference, contrast=1.0, light=0.0, extent="face")])
         for frame in read_frames(clip):
             data = video.face_at(0, frame.index)
             assert data is not None
