@@ -35,7 +35,11 @@ def hair_odds(rgb: Bytes, person: Bytes, known: Floats, head: HeadShape, scale: 
     if min(len(sample) for sample in samples) < _RING.least:
         return out
     samples = [sample[:: 1 + len(sample) // _RING.most_sample] for sample in samples]
-    asked = (person > 255 * _BODY.no_person) & ~face
+    start, end = _RING.reach
+    share = np.clip((end - np.hypot(side, depth)) / (end - start), _RING.far, 1)
+    low, high = _RING.neck_rise
+    share = np.where(depth > 0, share * np.clip((side / half_width - low) / (high - low), 0, 1), share)
+    asked = (person > 255 * _BODY.no_person) & ~face & (share > 0)
     levels = np.clip(np.arange(256)[:, None] * gain, 0, 255).astype(np.uint8)
     colors = rgb.reshape(-1, 1, 3)[np.concatenate([*samples, np.flatnonzero(asked)])]
     lab = to_skin_lab(np.asarray(cv2.LUT(colors, levels[None]), np.uint8))[:, 0]
@@ -43,10 +47,6 @@ def hair_odds(rgb: Bytes, person: Bytes, known: Floats, head: HeadShape, scale: 
     ends = np.cumsum([len(sample) for sample in samples])
     of_ring, of_face, z = np.split(z, ends)
     hair, skin = (_likelihood(z, sample) for sample in (of_ring, of_face))
-    start, end = _RING.reach
-    share = np.clip((end - np.hypot(side, depth)) / (end - start), _RING.far, 1)
-    low, high = _RING.neck_rise
-    share = np.where(depth > 0, share * np.clip((side / half_width - low) / (high - low), 0, 1), share)
     out[asked] = share[asked] * np.clip(_RING.weight * (hair - skin + _RING.prior), 0, _RING.most)
     return out
 
