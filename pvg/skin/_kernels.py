@@ -323,6 +323,8 @@ class BodyWeights(NamedTuple):
     ear_width: np.float32
     ear_height: np.float32
     ear_release: np.float32
+    ear_begins: np.float32
+    ear_ends: np.float32
     known: np.float32
     known_begins: np.float32
     known_ends: np.float32
@@ -334,6 +336,7 @@ def body_log_odds(
     rgb: Bytes,
     person: Bytes,
     neck: Floats,
+    against: Floats,
     cube: Floats,
     gain: Floats,
     frame: Floats,
@@ -343,6 +346,7 @@ def body_log_odds(
     """out (h, w) = log-odds of a person's skin off the face, of every cell; see `pvg.skin.body`.
 
     rgb: (h, w, 3);  person: (h, w), 255 on people;  neck: (h, w) in [0, 1], the face's own mask;
+    against: (h, w), log-odds for what lies around the head;
     cube: (n, n, n) log-odds of colours in the key frame's light at n even steps of R, G, B;  gain: (3,) to that light;
     frame: (16,) of the head: chin, neck, middle, across and down (x, y each), size, half width, height above and below
     the middle of what lies around it, half width of its oval, and the ears' depth.
@@ -372,7 +376,8 @@ def body_log_odds(
             far = (cube[r + 1, g, b] * (one - s) + cube[r + 1, g, b + 1] * s) * (one - v) + (
                 cube[r + 1, g + 1, b] * (one - s) + cube[r + 1, g + 1, b + 1] * s
             ) * v
-            total = near + u * (far - near)
+            total = near + u * (far - near) - against[i, j]
+            sure = total
             total += min(weights.person * (seen - half), weights.person_for)
             if total + weights.known < none:  # whatever else is said
                 out[i, j] = max(total, -weights.most)
@@ -397,7 +402,7 @@ def body_log_odds(
             if around > none:
                 p = (side - frame[14] - weights.ear_beside) / weights.ear_width
                 q = (depth - frame[15]) / weights.ear_height
-                at_ear = np.exp(-half * (p * p + q * q))
+                at_ear = np.exp(-half * (p * p + q * q)) * _smoothstep(sure, weights.ear_begins, weights.ear_ends)
                 total -= weights.head * around * (one - weights.ear_release * at_ear)
             if neck[i, j] > none:
                 total += weights.known * neck[i, j] * _smoothstep(way, weights.known_begins, weights.known_ends)

@@ -20,6 +20,7 @@ from pvg.skin.color_model import SkinColors, to_skin_lab
 from pvg.skin.matte import Matte
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import HeadShape, ear_depth, head_shape, logistic
+from pvg.skin.ring import hair_odds
 from pvg.skin.scene import Scene
 
 _BODY, _TRACKING = SKIN_PRIOR.body, SKIN_PRIOR.tracking
@@ -37,6 +38,8 @@ _WEIGHTS = BodyWeights(
     ear_width=np.float32(_BODY.ear_width),
     ear_height=np.float32(_BODY.ear_height),
     ear_release=np.float32(_BODY.ear_release),
+    ear_begins=np.float32(_BODY.ear_sure[0]),
+    ear_ends=np.float32(_BODY.ear_sure[1]),
     known=np.float32(_BODY.known),
     known_begins=np.float32(_BODY.known_rise[0]),
     known_ends=np.float32(_BODY.known_rise[1]),
@@ -81,8 +84,11 @@ class BodyTracker:
     def __init__(self, colors: SkinColors, light: Floats) -> None:
         """colors: learned on the key frame;  light: (3,) RGB, the face's colour there."""
         self._table = color_table(colors)
+        self._scale = colors.scale
         self._light = light
         self._before: _State | None = None
+        self._hair: Floats | None = None  # of the scene before
+        self._scenes = 0
 
     def step(self, scene: Scene, landmarks: Landmarks, face: Matte, light: Floats) -> Matte:
         """The matte in the next scene, over the whole picture.
@@ -95,20 +101,29 @@ class BodyTracker:
         known = face.raster.read(face.mask.astype(np.float32), xs, ys)
         gain = np.clip(self._light / light, *_TRACKING.light_change).astype(np.float32)
         log_odds = np.empty(scene.raster.shape, np.float32)
-        body_log_odds(scene.rgb, scene.person, known, self._table, gain, _frame(head, own), _WEIGHTS, log_odds)
+        person = _own_people(scene.person, known, head.size)
+        maps = scene.before()
+        if self._hair is None or maps is None or self._scenes % _BODY.person_every == 0:
+            hair = hair_odds(scene.rgb, person, known, head, self._scale, gain)
+        else:
+            hair = np.asarray(cv2.remap(self._hair, *maps, cv2.INTER_LINEAR), np.float32)
+        self._hair, self._scenes = hair, self._scenes + 1
+        body_log_odds(scene.rgb, person, known, hair, self._table, gain, _frame(head, own), _WEIGHTS, log_odds)
         log_odds = np.asarray(cv2.GaussianBlur(log_odds, (0, 0), _BODY.blur), np.float32)
         share = _owned(scene, landmarks, head)
         probability = logistic(log_odds) if share is None else np.asarray(logistic(log_odds) * share, np.float32)
-        mask, alpha = self._smooth_in_time(scene, probability, known, head.size)
+        mask, alpha = self._smooth_in_time(scene, probability, known, head)
         levels = np.rint(alpha * (255 / _TRACKING.alpha_step)) * _TRACKING.alpha_step
         return Matte.over(scene.raster.box, levels.astype(np.uint8), mask)
 
-    def _smooth_in_time(self, scene: Scene, probability: Floats, known: Floats, size: float) -> tuple[Bools, Floats]:
+    def _smooth_in_time(
+        self, scene: Scene, probability: Floats, known: Floats, head: HeadShape
+    ) -> tuple[Bools, Floats]:
         """Mask and alpha (h, w), held to those of the scene before where nothing changed."""
         grey = np.asarray(cv2.cvtColor(scene.rgb, cv2.COLOR_RGB2GRAY), np.float32)
         before, maps = self._before, scene.before()
         if before is None or maps is None:
-            mask = _parts(probability, probability > 0.5, known, None, size)
+            mask = _parts(probability, probability > 0.5, known, None, head)
             alpha = _soft_edge(probability, mask)
         else:
             moved = cv2.remap(before.layers, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
@@ -117,7 +132,7 @@ class BodyTracker:
             keep = np.asarray(_TRACKING.keep * np.exp(-((change / _TRACKING.change) ** 2)), np.float32)
             probability = (probability + keep * (was_probability - probability)).astype(np.float32)
             likely = probability + _TRACKING.hysteresis * keep * (was - 0.5) > 0.5
-            mask = _parts(probability, likely, known, np.asarray(was, np.float32), size)
+            mask = _parts(probability, likely, known, np.asarray(was, np.float32), head)
             alpha = _soft_edge(probability, mask)
             alpha = (alpha + keep * (was_alpha - alpha)).astype(np.float32)
         layers = cv2.merge([grey, probability, mask.astype(np.float32), alpha])
@@ -143,6 +158,17 @@ def _frame(head: HeadShape, landmarks: Landmarks) -> Floats:
     )
 
 
+def _own_people(person: Bytes, known: Floats, size: float) -> Bytes:
+    """The person mask (h, w) without small parts that have nothing of the face's own mask (h, w): pots and chairs.
+
+    size: a face size in cells.
+    """
+    count, labels, stats, _ = cv2.connectedComponentsWithStats((person > 255 * _BODY.no_person).astype(np.uint8))
+    kept = stats[:, cv2.CC_STAT_AREA] > _BODY.least_person * size**2
+    kept |= np.bincount(labels[known > 0.5], minlength=count) > 0
+    return np.asarray(person * kept[labels], np.uint8)
+
+
 def _owned(scene: Scene, landmarks: Landmarks, head: HeadShape) -> Floats | None:
     """(h, w) in [0, 1], how far each cell belongs to the person of this face rather than of others; None if alone."""
     middle, width = landmarks.axes.center, landmarks.axes.width
@@ -163,14 +189,16 @@ def _distance(shape: tuple[int, int], head: HeadShape) -> Floats:
     return np.asarray(np.minimum(*ends), np.float32)
 
 
-def _parts(probability: Floats, likely: Bools, known: Floats, before: Floats | None, size: float) -> Bools:
+def _parts(probability: Floats, likely: Bools, known: Floats, before: Floats | None, head: HeadShape) -> Bools:
     """The parts of `likely` (h, w) that are a body's: what touches the face, and what is large and sure enough.
 
-    known: (h, w) the face's own mask;  before: (h, w) the mask before;  size: a face size in cells.
+    Above the chin only a hand is skin that touches nothing, and a raised hand is large.
+    known: (h, w) the face's own mask;  before: (h, w) the mask before;  head: in cells.
     """
+    size = head.size
     face = (known > 0.5).astype(np.uint8)
     joined = cv2.morphologyEx(likely.astype(np.uint8) | face, cv2.MORPH_CLOSE, _square(_BODY.join))
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(joined, connectivity=8)
+    count, labels, stats, middles = cv2.connectedComponentsWithStats(joined, connectivity=8)
     touching = cv2.dilate(face, _square(2 * _TOUCHING + 1)) > 0
     kept = np.bincount(labels[touching], minlength=count) > 0
     kept[0] = False
@@ -183,6 +211,8 @@ def _parts(probability: Floats, likely: Bools, known: Floats, before: Floats | N
         area = int(cells.sum())
         stood = before is not None and float((before[box][cells] > 0.5).mean() if area else 0) > _STOOD
         least = (_BODY.kept_part if stood else _BODY.least_part) * size**2
+        if (middles[part] - head.chin) @ head.axes.down < 0:
+            least *= _BODY.raised_part
         kept[part] = area > least and float(probability[box][cells].mean()) > _BODY.sure
     return np.asarray(likely & kept[labels])
 

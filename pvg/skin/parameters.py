@@ -322,6 +322,7 @@ class BodyNumbers:
     ear_width: float = 0.10  # face sizes across the face [by eye]: standard deviation of ears the face's matte missed
     ear_height: float = 0.18  # face sizes, standard deviation along the face [by eye]
     ear_release: float = 0.8  # of `head` that is not held against an ear [by eye]
+    ear_sure: Range = (2.5, 4.0)  # nats by colour [by eye]: where an ear is one
     texture_from: float = 0.12  # standard deviation over brightness, of 3 cells a side [by eye]: skin is smooth
     texture: float = 20.0  # nats a unit more [by eye]
     texture_dark: float = 12.0  # 8-bit levels added to the brightness [by eye]
@@ -333,6 +334,8 @@ class BodyNumbers:
     least_part: float = 0.015  # squared face sizes of a part that does not touch the face [by eye]: a hand
     kept_part: float = 0.006  # the same when it was there in the frame before [by eye]
     sure: float = 0.85  # mean probability of such a part [by eye]
+    raised_part: float = 4.0  # times as large above the chin [by eye]: what touches nothing there is a hand or no skin
+    least_person: float = 0.25  # squared face sizes of the person mask away from the face [by eye]: an arm, no pot
     owner: float = 6.0  # power by which a nearer face owns a cell more [by eye]
     neck_end: float = 0.5  # face sizes below the chin [by eye]: where a body begins
 
@@ -353,10 +356,33 @@ class EdgeNumbers:
 
     certain: Range = (0.1, 0.9)  # of a cell's alpha [measured: as rise]: between both the picture decides
     reach: int = 2  # blocks of 2×2 cells to either side [measured: as rise]: whose colours count
-    noise: float = 2000.0  # squared levels [by eye]: colours that differ by less tell nothing
+    # squared levels [measured: 60 meets labels no better and flickers more]: colours that differ by less tell nothing
+    noise: float = 2000.0
     few: float = 6.0  # cells of either side [by eye]: fewer are trusted in proportion
     chroma: float = 2.0  # weight of chroma beside luma [by eye]
     rise: Range = (0.0, 0.9)  # of the way to skin's colour [measured: narrower meets labels better, flickers more]
+
+
+@dataclass(frozen=True)
+class RingNumbers:
+    """Hair beside the face and on the shoulders, by the colours of the ring around the head."""
+
+    inner: float = 0.5  # of the half widths of what lies around the head [by eye]: the ring begins
+    below: float = 0.1  # face sizes below the chin [by eye]: it ends
+    apart: int = 3  # cells from the face's mask to it [by eye]: ears and skin's edge are no hair
+    person: float = 0.8  # of the person mask [by eye]: in the ring, what is surely the person
+    least: int = 40  # cells of ring and of face [by eye]: fewer tell no colour
+    most_sample: int = 600  # cells of either, about [by eye]: more tell nothing more
+    inlier: float = 3.0  # robust standard deviations [by eye]: colours further from the median are others'
+    inlier_margin: float = 1.0  # spreads of the skin's colours, added to that [by eye]
+    noise: float = 0.3  # spreads [by eye]: added to the standard deviations
+    furthest: float = 20.0  # squared standard deviations [by eye]: colours beyond are like neither
+    prior: float = 2.0  # nats for hair near the head [by eye]
+    weight: float = 2.0  # of the log-ratio [by eye]
+    most: float = 6.0  # nats [by eye]
+    reach: Range = (1.4, 2.2)  # face sizes from the head's middle [by eye]: where hair ends
+    far: float = 0.1  # of the weight, beyond [by eye]
+    neck_rise: Range = (0.6, 1.0)  # of the oval's half width [by eye]: straight below the face is the neck, no hair
 
 
 @dataclass(frozen=True)
@@ -389,6 +415,7 @@ class SkinPrior:
     body: BodyNumbers = BodyNumbers()
     consensus: ConsensusNumbers = ConsensusNumbers()
     edges: EdgeNumbers = EdgeNumbers()
+    ring: RingNumbers = RingNumbers()
     paper: PaperNumbers = PaperNumbers()
 
 

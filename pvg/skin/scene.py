@@ -22,25 +22,29 @@ from pvg.skin.parameters import SKIN_PRIOR
 _BODY = SKIN_PRIOR.body
 _NETWORK = "selfie_segmenter"
 _NETWORK_PX = 256
+_WALL_PX = 63  # of the network's square: the picture's first row, smoothed over so many, stands for what is above it
 _FLOW_CELLS = 2  # cells a side of one vector of the flow
 
 
 def person_mask(rgb: Bytes) -> Floats:
     """Where people are: (h, w) float32 in [0, 1] of a picture (h, w, 3) uint8 RGB.
 
-    The network takes squares; a picture that is squeezed into one makes it see people in tables and plants, so that the
-    picture's last rows or columns are repeated instead: people go on below a picture.
+    The network takes squares; a picture that is squeezed into one makes it see people in tables and plants, so that it
+    stays in the middle and its last rows or columns are repeated: people go on below a picture. Above it they do not,
+    and its first row, repeated, would draw what is behind a head out into a tall hat: there it is smoothed to a wall.
     Raises ModelError when the weights are not installed.
     """
     height, width = rgb.shape[:2]
     scale = _NETWORK_PX / max(height, width)
     h, w = max(1, round(height * scale)), max(1, round(width * scale))
     small = cv2.resize(rgb, (w, h), interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
-    left = (_NETWORK_PX - w) // 2
-    square = cv2.copyMakeBorder(small, 0, _NETWORK_PX - h, left, _NETWORK_PX - w - left, cv2.BORDER_REPLICATE)
+    top, left = (_NETWORK_PX - h) // 2, (_NETWORK_PX - w) // 2
+    edges = top, _NETWORK_PX - h - top, left, _NETWORK_PX - w - left
+    square = cv2.copyMakeBorder(small, *edges, cv2.BORDER_REPLICATE)
+    square[:top] = cv2.blur(square[top : top + 1], (_WALL_PX, 1))
     session = models.load(_NETWORK)
     (out,) = session.run(None, {session.get_inputs()[0].name: square[None] * np.float32(1 / 255)})
-    mask = np.ascontiguousarray(out[0, :h, left : left + w, 0], np.float32)
+    mask = np.ascontiguousarray(out[0, top : top + h, left : left + w, 0], np.float32)
     return np.asarray(np.clip(cv2.resize(mask, (width, height), interpolation=cv2.INTER_LINEAR), 0, 1), np.float32)
 
 

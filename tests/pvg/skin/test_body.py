@@ -16,7 +16,7 @@ from tests.gallery.faces import fit_widest, read_rgb
 from tests.gallery.scenes import TONES, drawn_face, filled, shrunk
 
 SIZE = (480, 640)
-RED, OAK, PINE = (170, 30, 35), (150, 102, 62), (196, 146, 104)
+RED, OAK, PINE, HAIR = (170, 30, 35), (150, 102, 62), (196, 146, 104), (165, 112, 76)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +77,32 @@ def test_a_hand_follows_and_cloth_and_wall_do_not(tone: str) -> None:
     assert alpha[shrunk(drawn.hand, 9)].mean() > 0.95
     assert alpha[shrunk(drawn.cloth, 9)].mean() < 0.01
     assert alpha[shrunk(drawn.wall, 9)].mean() < 0.01
+
+
+def test_hair_of_nearly_the_skins_hue_is_none() -> None:
+    drawn = _drawn()
+    ys, xs = np.mgrid[: SIZE[0], : SIZE[1]]
+    side, down = np.abs(xs - 300), ys - 140
+    over = (np.hypot(side, np.minimum(down, 0)) < 105) & (ys < 330)  # over the head and down to the shoulders
+    skin = _alpha(drawn, SkinTracker(fit_skin_model(drawn.rgb, drawn.landmarks)).step(drawn.rgb, drawn.landmarks)) > 0.5
+    hair = over & ~skin
+    rgb = drawn.rgb.copy()
+    shine = np.random.default_rng(1).normal(1, 0.03, SIZE)[..., None]
+    rgb[hair] = np.clip(np.array(HAIR) * shine, 0, 255)[hair].astype(np.uint8)
+    person = Drawn(rgb, drawn.landmarks, drawn.hand, drawn.cloth & ~hair, drawn.wall & ~hair)
+    alpha = _step(*_tracker(drawn), person, person.scene())  # the key frame has not seen it
+    assert alpha[shrunk(hair, 9)].mean() < 0.15
+    assert alpha[shrunk(person.hand, 9)].mean() > 0.95
+
+
+def test_a_small_piece_of_wall_beside_the_head_is_none() -> None:
+    drawn = _drawn()
+    ys, xs = np.mgrid[: SIZE[0], : SIZE[1]]
+    spot = np.hypot(xs - 450, ys - 70) < 17
+    rgb = np.where(spot[..., None], np.array(TONES["tan"][0]) * 0.9, drawn.rgb).astype(np.uint8)
+    person = Drawn(rgb, drawn.landmarks, drawn.hand, drawn.cloth, drawn.wall & ~spot)  # the person mask is wrong there
+    alpha = _step(*_tracker(person), person, person.scene())
+    assert alpha[spot].mean() < 0.02
 
 
 def test_light_that_changes_changes_no_matte() -> None:

@@ -1,0 +1,64 @@
+"""Hair beside the face, told by the ring around the head: what is nearer to the ring's colours than to the face's."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from pvg._arrays import Bytes, Floats
+from pvg.skin.color_model import MAD_TO_SIGMA, ColorScale, median_deviation, to_skin_lab
+from pvg.skin.parameters import SKIN_PRIOR
+from pvg.skin.prior import HeadShape
+
+_RING, _BODY = SKIN_PRIOR.ring, SKIN_PRIOR.body
+
+
+def hair_odds(rgb: Bytes, person: Bytes, known: Floats, head: HeadShape, scale: ColorScale, gain: Floats) -> Floats:
+    """(h, w) float32 nats against skin in the cells of a scene, 0 where no hair is known.
+
+    rgb: (h, w, 3);  person: (h, w), 255 on people;  known: (h, w) in [0, 1], the face's own mask;  head: in cells;
+    scale: of the face's skin on the key frame;  gain: (3,) to its light.
+    """
+    out = np.zeros(known.shape, np.float32)
+    y, x = (along.astype(np.float32) for along in np.ogrid[: known.shape[0], : known.shape[1]])
+    across, down = head.axes.across, head.axes.down
+    off_x, off_y = (x - head.middle[0]) / np.float32(head.size), (y - head.middle[1]) / np.float32(head.size)
+    side, depth = np.abs(off_x * across[0] + off_y * across[1]), off_x * down[0] + off_y * down[1]
+    half_width, half_height = head.width / 2 / head.size, head.height / 2 / head.size
+    # half an ellipse over the head, upright below its middle
+    away = np.hypot(side / (half_width + _BODY.head_beside), np.minimum(depth, 0) / (half_height + _BODY.head_above))
+    around = (away > _RING.inner) & (away < 1) & (depth < half_height + _RING.below)
+    margin = np.ones((2 * _RING.apart + 1,) * 2, np.uint8)
+    around &= (person > 255 * _RING.person) & (cv2.dilate((known > 0).astype(np.uint8), margin) == 0)
+    face = cv2.erode((known > 0.5).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    samples = [np.flatnonzero(part) for part in (around, face)]
+    if min(len(sample) for sample in samples) < _RING.least:
+        return out
+    samples = [sample[:: 1 + len(sample) // _RING.most_sample] for sample in samples]
+    start, end = _RING.reach
+    share = np.clip((end - np.hypot(side, depth)) / (end - start), _RING.far, 1)
+    low, high = _RING.neck_rise
+    share = np.where(depth > 0, share * np.clip((side / half_width - low) / (high - low), 0, 1), share)
+    asked = (person > 255 * _BODY.no_person) & ~face & (share > 0)
+    levels = np.clip(np.arange(256)[:, None] * gain, 0, 255).astype(np.uint8)
+    colors = rgb.reshape(-1, 1, 3)[np.concatenate([*samples, np.flatnonzero(asked)])]
+    lab = to_skin_lab(np.asarray(cv2.LUT(colors, levels[None]), np.uint8))[:, 0]
+    z = np.asarray((lab - scale.center) / scale.spread, np.float32)
+    ends = np.cumsum([len(sample) for sample in samples])
+    of_ring, of_face, z = np.split(z, ends)
+    hair, skin = (_likelihood(z, sample) for sample in (of_ring, of_face))
+    out[asked] = share[asked] * np.clip(_RING.weight * (hair - skin + _RING.prior), 0, _RING.most)
+    return out
+
+
+def _likelihood(z: Floats, sample: Floats) -> Floats:
+    """(n,) log-likelihood of colours z (n, 3) by the normal distribution of most of a sample (m, 3)."""
+    center = np.median(sample, axis=0)
+    off = sample - center
+    limit = _RING.inlier * MAD_TO_SIGMA * median_deviation(sample, center) + _RING.inlier_margin
+    off = off[(np.abs(off) <= limit).all(axis=1)]
+    covariance = off.T @ off / max(len(off), 1) + np.eye(3) * _RING.noise**2
+    root = np.linalg.cholesky(np.linalg.inv(covariance)).astype(np.float32)
+    squares = (((z - center) @ root) ** 2).sum(axis=1)
+    level = 0.5 * float(np.log(np.linalg.det(covariance)))
+    return np.asarray(-0.5 * np.minimum(squares, _RING.furthest) - level, np.float32)
