@@ -356,7 +356,7 @@ class EdgeNumbers:
 
     certain: Range = (0.1, 0.9)  # of a cell's alpha [measured: as rise]: between both the picture decides
     reach: int = 2  # blocks of 2×2 cells to either side [measured: as rise]: whose colours count
-    noise: float = 2000.0  # squared levels [measured: less flickers more]: colours that differ by less tell nothing
+    noise: float = 1000.0  # squared levels [measured: less flickers more]: colours that differ by less tell nothing
     few: float = 6.0  # cells of either side [by eye]: fewer are trusted in proportion
     chroma: float = 2.0  # weight of chroma beside luma [by eye]
     rise: Range = (0.0, 0.9)  # of the way to skin's colour [measured: narrower meets labels better, flickers more]

@@ -55,14 +55,14 @@ def test_a_ramp_is_led_alike_whichever_way_it_runs() -> None:
 def test_exposure_survives_the_map_and_never_reaches_white() -> None:
     lead = key_at(0, 50)
     skin_map = SkinMap.between(lead.skin, lead.skin.astype(np.float64) * 1.6)
-    exposure = Exposure.between(lead, skin_map.at_curves)
+    exposure = Exposure.between(lead, lambda key: (skin_map(key.colors), skin_map.contrast(key.colors)))
     assert exposure.of(lead) == (1.0, 1.0)
     new = {level: exposure.of(key_at(9, level)) for level in (10, 25, 40, 60, 80, 125)}
     for level, (gain, kept) in new.items():
         np.testing.assert_allclose(gain, level / 50, rtol=1e-3)
         if gain <= 1:
             assert kept == gain  # light that is dimmed dims the new colours as much
-        moved, _ = skin_map.at_curves(at_exposure(key_at(9, level), 1 / gain))
+        moved = skin_map(at_exposure(key_at(9, level), 1 / gain).colors)
         assert np.quantile((kept * moved).max(axis=1), 0.95) < 250
     shares = [share for _, share in new.values()]
     assert shares == sorted(shares)
