@@ -163,7 +163,8 @@ def run_truth(clip: Path, asset: Path, frames: int | None = None) -> dict[str, A
         record = video.records[face]
         size = (video.media.width, video.media.height)
         checked = {numbers[int(i)] for i in np.rint(np.linspace(0, len(numbers) - 1, min(_CHECKS, len(numbers))))}
-        first = record.key_frame_of(numbers[0]).colors
+        tables = [key.colors for key in record.key_frames]
+        first = record.blended(tables, numbers[0])
         free, reset = Chain(first, table_labels()), Chain(first, table_labels())
         rows: list[dict[str, float]] = []
         for i, frame in enumerate(f for f in read_frames(clip, start=numbers[0], stop=numbers[-1] + 1)):
@@ -183,7 +184,7 @@ def run_truth(clip: Path, asset: Path, frames: int | None = None) -> dict[str, A
                 continue
             truth = _low(data, table_labels(), fitted, view)
             lows = {
-                "table": _low(data, table_labels(), record.key_frame_of(frame.index).colors, view),
+                "table": _low(data, table_labels(), record.blended(tables, frame.index), view),
                 "chain": _low(data, labels, chained, view),
                 "chain, reset": _low(data, labels, anew, view),
             }
