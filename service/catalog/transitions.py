@@ -191,7 +191,10 @@ MEDIA_TRANSITIONS: Final = {
         MediaTransition(MediaStep.FINISH, MediaState.VECTORIZING, MediaState.READY, "its job succeeded"),
         MediaTransition(MediaStep.FAIL, MediaState.VECTORIZING, MediaState.FAILED, "its job ended in any other way"),
         MediaTransition(
-            MediaStep.VECTORIZE_AGAIN, MediaState.FAILED, MediaState.VECTORIZING, "the same bytes are uploaded again with the same settings"
+            MediaStep.VECTORIZE_AGAIN,
+            MediaState.FAILED,
+            MediaState.VECTORIZING,
+            "the same bytes are uploaded again with the same settings",
         ),
     )
 }
