@@ -154,8 +154,7 @@ class VectorVideo:
             colors = self._array(f"track{track}/colors")
             visible = self._array(f"track{track}/visible")
             parts = self._array(f"track{track}/parts")
-            since = raw.get("key_frames_since", [None] * len(colors))
-            keys = zip(raw["key_frames"], colors, visible, parts, since, strict=True)
+            keys = zip(raw["key_frames"], colors, visible, parts, raw["key_frames_since"], strict=True)
             frames = tuple(
                 KeyFrame(
                     int(f),

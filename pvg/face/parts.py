@@ -8,19 +8,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
-from pvg._arrays import Bytes, Floats
+from pvg._arrays import Floats
 from pvg.face import layout
+from pvg.face.cover import soft_cover
 from pvg.face.landmarks import Landmarks
-from pvg.raster import SUBPIXEL_BITS, fixed_point, scaled
 
 PARTS = ("lips", "lids", "cheeks", "brows")
 _FEATHER = {"lips": 0.010, "lids": 0.022, "cheeks": 0.075, "brows": 0.014}  # of the face's width [by eye]
 _LID_HEIGHT = 0.5  # of the way from the upper lash line to the brow's lower edge
-_FINER = 4  # outlines are drawn this many times finer than their cells
-_REACH = 3.0  # feathers after which nothing is left of a cover
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,29 +65,14 @@ def add_cover(out: Floats, outlines: Sequence[Outline], origin: tuple[float, flo
     """Add the cover of some outlines to `out` (h, w) float32, in place.
 
     out: over cells centred at source pixels origin + step·(column, row);  soft: the feather, source pixels. A cell gets
-    the share of it that the outline covers, blurred: a part goes as it closes.
+    the share of it that the outline covers, blurred.
     """
     sigma = max(soft / step, 0.5)
-    reach = int(np.ceil(_REACH * sigma))
-    corner = np.asarray(origin, np.float32)
+    corner, cell = np.asarray(origin, np.float32), np.float32(step)
     for outline in outlines:
-        polygon = (outline.polygon - corner) / np.float32(step)
-        low = np.floor(polygon.min(axis=0)).astype(int) - reach
-        high = np.ceil(polygon.max(axis=0)).astype(int) + reach + 1
-        x0, y0, x1, y1 = max(low[0], 0), max(low[1], 0), min(high[0], out.shape[1]), min(high[1], out.shape[0])
-        if x0 >= x1 or y0 >= y1:
-            continue
-        columns, rows = high - low
-        finer = np.zeros((rows * _FINER, columns * _FINER), np.uint8)
-        shift = low.astype(np.float32)
-        _fill(finer, polygon - shift, 255)
-        if outline.hole is not None:
-            _fill(finer, (outline.hole - corner) / np.float32(step) - shift, 0)
-        covered = cv2.resize(finer, (int(columns), int(rows)), interpolation=cv2.INTER_AREA).astype(np.float32)
-        side = 2 * reach + 1
-        cover = cv2.GaussianBlur(covered, (side, side), sigma, borderType=cv2.BORDER_CONSTANT) / np.float32(255.0)
-        out[y0:y1, x0:x1] += cover[y0 - low[1] : y1 - low[1], x0 - low[0] : x1 - low[0]]
-
-
-def _fill(finer: Bytes, polygon: Floats, level: int) -> None:
-    cv2.fillPoly(finer, [fixed_point(scaled(polygon, float(_FINER)))], (level,), shift=SUBPIXEL_BITS)
+        hole = None if outline.hole is None else (outline.hole - corner) / cell
+        cover, (x, y) = soft_cover((outline.polygon - corner) / cell, sigma, hole)
+        x0, y0 = max(x, 0), max(y, 0)
+        x1, y1 = min(x + cover.shape[1], out.shape[1]), min(y + cover.shape[0], out.shape[0])
+        if x0 < x1 and y0 < y1:
+            out[y0:y1, x0:x1] += cover[y0 - y : y1 - y, x0 - x : x1 - x]

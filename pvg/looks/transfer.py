@@ -43,10 +43,9 @@ def _reference_key(reference: VectorVideo, face: int | None) -> KeyFrame:
 
 
 def _check(strength: float, light: float, contrast: Contrast, match: str, protect: Sequence[str], extent: str) -> None:
-    if not 0.0 <= strength <= 1.0:
-        raise ValueError(f"strength must be in [0, 1], not {strength}")
-    if not 0.0 <= light <= 1.0:
-        raise ValueError(f"light must be in [0, 1], not {light}")
+    for name, share in (("strength", strength), ("light", light)):
+        if not 0.0 <= share <= 1.0:
+            raise ValueError(f"{name} must be in [0, 1], not {share}")
     if contrast != "auto" and not (
         isinstance(contrast, (int, float)) and CONTRAST_RANGE[0] <= contrast <= CONTRAST_RANGE[1]
     ):
@@ -108,9 +107,10 @@ def transfer(
         apply = all_colors_map(leading, target, steps) if skin is None else _at_curves(skin)
         # the paper's way moves every key frame by the same map
         exposures = Exposure.between(leading, apply) if video.settings["matching"] != "chain" else None
-        whole = skin
-        if extent == "skin" and (skin is None or plain is not leading):
-            whole = _body_map(plain, target, steps)
+        # light falls on the face alone
+        whole = None
+        if extent == "skin":
+            whole = skin if skin is not None and plain is leading else _body_map(plain, target, steps)
         for index in person:
             if index not in chosen:
                 continue
@@ -130,7 +130,7 @@ def transfer(
             colors[index], fields[index] = np.stack(new).astype(np.float32), np.stack(slopes)
             if gained:
                 parts[index] = np.stack(gained)
-            if extent == "skin" and whole is not None:
+            if whole is not None:
                 body[index] = BodyMap(whole, strength, np.array(exposed, np.float32))
     number = 1.0 if contrast == "auto" else 1.0 + strength * (contrast - 1.0)
     return Look(colors, fields if contrast == "auto" else number, tuple(protect), parts, body)
@@ -149,11 +149,12 @@ def _skin_map(key: KeyFrame, target: KeyFrame, steps: TransportSteps) -> SkinMap
 
 def _body_map(key: KeyFrame, target: KeyFrame, steps: TransportSteps) -> SkinMap:
     """The same for the rest of a person's skin; curves stand in where there is too little open skin."""
-    own, wanted = key.skin, target.skin
-    if min(len(own), len(wanted)) == 0:
-        own, wanted = key.colors[key.visible], target.colors[target.visible]
-        if min(len(own), len(wanted)) < SMALLEST_GROUP:
-            return SkinMap.between(key.colors, key.colors.astype(np.float64))
+    skin = _skin_map(key, target, steps)
+    if skin is not None:
+        return skin
+    own, wanted = key.colors[key.visible], target.colors[target.visible]
+    if min(len(own), len(wanted)) < SMALLEST_GROUP:
+        return SkinMap.between(key.colors, key.colors.astype(np.float64))
     return SkinMap.between(own, steps.transport(own, wanted))
 
 

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from pvg._arrays import Doubles, Floats
 from pvg.looks import BodyMap
 from pvg.picture import halved
-from pvg.raster import Raster
+from pvg.raster import Raster, first_reading
 from pvg.rendering import _body_kernels as kernels
 from pvg.rendering import _kernels
 from pvg.rendering.placed_face import PlacedFace
@@ -123,8 +123,8 @@ def _cell_means(luma: NDArray[Any], raster: Raster) -> Floats:
     while factor * 2 <= raster.step and min(smaller.shape) >= 4:
         smaller, factor = halved(smaller), factor * 2
     step = raster.step / factor
-    first = np.asarray(raster.origin, np.float64) / factor + 0.5 * step - 0.5
-    matrix = np.array([[step, 0, first[0]], [0, step, first[1]]])
+    x, y = (first_reading(float(corner) / factor, step) for corner in raster.origin)
+    matrix = np.array([[step, 0, x], [0, step, y]])
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     size = (raster.shape[1], raster.shape[0])
     return np.asarray(cv2.warpAffine(smaller, matrix, size, flags=flags, borderMode=cv2.BORDER_REPLICATE), np.float32)

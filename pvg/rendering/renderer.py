@@ -79,11 +79,10 @@ class Renderer:
         self._follows = video.settings["mask"] == "landmarks"  # the paper's rule has hard edges
         # numbers, since one look may be asked for twice
         self._with_face = {face: [i for i, look in enumerate(looks) if face in look.colors] for face in faces}
-        self._with_body = {
-            face: [i for i, look in enumerate(looks) if face in look.body and look.body[face].strength > 0]
-            for face in sorted({face for look in looks for face in look.body})
-        }
-        self._with_body = {face: which for face, which in self._with_body.items() if which}
+        self._with_body: dict[int, list[int]] = {}
+        for i, look in enumerate(looks):
+            for face in (face for face, body in look.body.items() if body.strength > 0):
+                self._with_body.setdefault(face, []).append(i)
         # by look and face: the exposure that the tables were made for, and they
         self._tables: dict[tuple[int, int], tuple[tuple[float, float], BodyTables]] = {}
         self._colors = {

@@ -8,8 +8,6 @@ touches the face or makes a part that is surely skin, and is made steady in time
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 
@@ -71,13 +69,6 @@ def color_table(colors: SkinColors) -> Floats:
     return np.ascontiguousarray(table.reshape((_BODY.cube,) * 3), np.float32)
 
 
-@dataclass(frozen=True, eq=False)
-class _State:
-    """What one scene leaves to the next: layers (h, w, 4) float32, its grey picture, probability, mask and alpha."""
-
-    layers: Floats
-
-
 class BodyTracker:
     """Makes the matte of a person's skin off the face in each scene of a track, in order."""
 
@@ -86,7 +77,8 @@ class BodyTracker:
         self._table = color_table(colors)
         self._scale = colors.scale
         self._light = light
-        self._before: _State | None = None
+        # what one scene leaves to the next: (h, w, 4), its grey picture, probability, mask and alpha
+        self._before: Floats | None = None
         self._hair: Floats | None = None  # of the scene before
         self._scenes = 0
 
@@ -102,7 +94,7 @@ class BodyTracker:
         gain = np.clip(self._light / light, *_TRACKING.light_change).astype(np.float32)
         log_odds = np.empty(scene.raster.shape, np.float32)
         person = _own_people(scene.person, known, head.size)
-        maps = scene.before()
+        maps = scene.before
         if self._hair is None or maps is None or self._scenes % _BODY.person_every == 0:
             hair = hair_odds(scene.rgb, person, known, head, self._scale, gain)
         else:
@@ -121,12 +113,12 @@ class BodyTracker:
     ) -> tuple[Bools, Floats]:
         """Mask and alpha (h, w), held to those of the scene before where nothing changed."""
         grey = np.asarray(cv2.cvtColor(scene.rgb, cv2.COLOR_RGB2GRAY), np.float32)
-        before, maps = self._before, scene.before()
+        before, maps = self._before, scene.before
         if before is None or maps is None:
             mask = _parts(probability, probability > 0.5, known, None, head)
             alpha = _soft_edge(probability, mask)
         else:
-            moved = cv2.remap(before.layers, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            moved = cv2.remap(before, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
             was_grey, was_probability, was, was_alpha = cv2.split(moved)
             change = cv2.blur(cv2.absdiff(was_grey, grey), (_TRACKING.change_window, _TRACKING.change_window))
             keep = np.asarray(_TRACKING.keep * np.exp(-((change / _TRACKING.change) ** 2)), np.float32)
@@ -136,7 +128,7 @@ class BodyTracker:
             alpha = _soft_edge(probability, mask)
             alpha = (alpha + keep * (was_alpha - alpha)).astype(np.float32)
         layers = cv2.merge([grey, probability, mask.astype(np.float32), alpha])
-        self._before = _State(np.asarray(layers, np.float32))
+        self._before = np.asarray(layers, np.float32)
         return mask, alpha
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -72,6 +73,7 @@ class Scene:
     flow: Floats | None
     faces: tuple[Landmarks, ...]
 
+    @cached_property
     def before(self) -> tuple[Floats, Floats] | None:
         """Maps x, y (h, w) from the cells to where they were in the scene before, None without one."""
         if self.flow is None:
