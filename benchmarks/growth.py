@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -44,15 +45,19 @@ def _halved_window(clip: Path) -> Window:
     return Window((info.width - 1) / 2, (info.height - 1) / 2, width, height, scale)
 
 
+def _vectorise(job: Job) -> None:
+    pvg.vectorize(job.clip, asset=job.asset).close()
+
+
 def over_frames(clip: Path, folder: Path, references: tuple[Path, ...], counts: Sequence[int]) -> dict[str, Any]:
     """CPU and wall seconds of vectorising and of one look for clips of `counts` frames."""
     rows: Rows = []
     for count in counts:
         source = make_clip(clip, folder / f"frames-{count}.mp4", count, _halved_window(clip))
         job = Job(source, folder / f"frames-{count}.pvg", references)
-        vectorised = seconds(lambda j=job: pvg.vectorize(j.clip, asset=j.asset).close())
-        stage = seconds(lambda j=job: j.looks(1))
-        drawn = seconds(lambda j=job: transfer(j, 1, folder))
+        vectorised = seconds(partial(_vectorise, job))
+        stage = seconds(partial(job.looks, 1))
+        drawn = seconds(partial(transfer, job, 1, folder))
         rows.append(
             {
                 "frames": count,
@@ -75,8 +80,8 @@ def over_looks(folder: Path, references: tuple[Path, ...], frames: int, counts: 
     job = Job(folder / f"frames-{frames}.mp4", folder / f"frames-{frames}.pvg", references)
     rows: Rows = []
     for count in counts:
-        stage = seconds(lambda m=count: job.looks(m))
-        drawn = seconds(lambda m=count: transfer(job, m, folder))
+        stage = seconds(partial(job.looks, count))
+        drawn = seconds(partial(transfer, job, count, folder))
         rows.append({"looks": count, "transfer stage": stage[1], "transfer": drawn[1], "transfer wall": drawn[0]})
     x = [row["looks"] for row in rows]
     fits = {name: linear_fit(x, [row[name] for row in rows]) for name in ("transfer stage", "transfer")}
@@ -109,8 +114,8 @@ def face_windows(job: Job, widths: Sequence[int]) -> dict[int, Window]:
     x, y, width = _face_of(job)
     info = probe(job.clip)
     enlarged = max(1.0, _ROOM * max(widths) / min(info.width, info.height))
-    size = tuple(round(side * enlarged) // 2 * 2 for side in (info.width, info.height))
-    return {wanted: Window(x, y, *size, wanted / width) for wanted in widths}
+    across, down = (round(side * enlarged) // 2 * 2 for side in (info.width, info.height))
+    return {wanted: Window(x, y, across, down, wanted / width) for wanted in widths}
 
 
 def clip_windows(job: Job, factors: Sequence[float]) -> dict[float, Window]:

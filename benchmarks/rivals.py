@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +79,7 @@ def rival_times(clip: str, asset: str, portrait: str, reference_asset: str, fram
                 if len(taken[name]) >= _SLOW_FRAMES and taken[name][-1] > _SLOW_MS:
                     continue
                 fresh = replace(frame)  # its own colours, not yet converted for the method before
-                milliseconds = cpu_ms(lambda w=work, f=fresh, v=view: w(f, v))
+                milliseconds = cpu_ms(partial(work, fresh, view))
                 if turn > 0:  # the first meets everything cold
                     taken[name].append(milliseconds)
         return {

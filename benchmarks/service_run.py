@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +15,25 @@ from scripts.demo import running_service
 
 _WAIT_S = 10  # of one long poll
 _LIMIT_S = 900.0
+_PATIENCE_S = 60.0
 
 
-def _upload(client: httpx.Client, path: str, file: Path) -> dict[str, Any]:
+@contextmanager
+def served(folder: Path) -> Iterator[httpx.Client]:
+    """The service on its embedded default with its data in a folder, and a client of it."""
+    with running_service(folder) as url, httpx.Client(base_url=f"{url}/v1", timeout=_PATIENCE_S) as client:
+        yield client
+
+
+def upload(client: httpx.Client, path: str, file: Path) -> dict[str, Any]:
+    """Send a file as a form; the medium that it becomes."""
     with file.open("rb") as data:
-        body: dict[str, Any] = client.post(path, files={"file": (file.name, data)}).raise_for_status().json()
+        body: dict[str, Any] = client.post(f"{path}/form", files={"file": (file.name, data)}).raise_for_status().json()
     return body
 
 
-def _until_done(client: httpx.Client, job: str) -> None:
+def until_done(client: httpx.Client, job: str) -> None:
+    """Wait for a job. Raises RuntimeError when it does not succeed, or not in time."""
     deadline = time.monotonic() + _LIMIT_S
     while time.monotonic() < deadline:
         body = client.get(f"/jobs/{job}", params={"wait": _WAIT_S}).raise_for_status().json()
@@ -37,17 +49,17 @@ def over_http(clip: Path, portraits: tuple[Path, ...], repeats: int) -> dict[str
 
     Every transfer asks for another strength, since the service does not do the same work twice.
     """
-    with tempfile.TemporaryDirectory() as folder, running_service(Path(folder)) as client:
+    with tempfile.TemporaryDirectory() as folder, served(Path(folder)) as client:
         started = time.perf_counter()
-        video = _upload(client, "/videos", clip)
-        reference = _upload(client, "/references", portraits[0])
-        _until_done(client, video["job"])
+        video = upload(client, "/videos", clip)
+        reference = upload(client, "/references", portraits[0])
+        until_done(client, video["job"])
         vectorised = time.perf_counter() - started
         taken = []
         for turn in range(repeats + 1):  # the first one waits for the reference too
             look = {"reference": reference["id"], "strength": 1.0 - turn / 100.0}
             started = time.perf_counter()
             accepted = client.post("/transfer", json={"video": video["id"], "looks": [look]}).raise_for_status()
-            _until_done(client, accepted.json()["id"])
+            until_done(client, accepted.json()["id"])
             taken.append(time.perf_counter() - started)
     return {"upload and vectorise": vectorised, "first transfer": taken[0], "transfer": taken[1:]}

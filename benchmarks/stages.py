@@ -21,8 +21,9 @@ from pvg.looks import sliced_transport
 from pvg.rendering import PlacedFace, Renderer
 from pvg.rendering.correction import Correction, CurveCorrection, at_curves, extend
 from pvg.rendering.guards import guarded_alpha
+from pvg.rendering.map_tables import MapTables
 from pvg.rendering.placed_face import place_face
-from pvg.rendering.planes import apply_correction
+from pvg.rendering.planes import apply_correction, fade_in_dark
 from pvg.skin import SkinTracker, fit_skin_model
 from pvg.vectorization.key_colors import fit_key_frame
 from pvg.video import Frame, picture_of, probe, read_frames
@@ -105,11 +106,16 @@ class _Stages:
         """The boundary colours in the planes of a frame, and what the look asks for there."""
         to_planes = frame.format.opponent.matrix.astype(np.float32).T
         g = self.key.colors @ to_planes
-        return g, at_curves(self.look, g, self.look.colors[self.face][0] @ to_planes)
+        # a look of the defaults is drawn by its map
+        tables = MapTables.of(self.look.maps[self.face], frame.format)
+        return g, at_curves(g, self.look.colors[self.face][0] @ to_planes, tables)
 
 
 def _apply(frame: Frame, placed: PlacedFace, correction: Correction, look: pvg.Look) -> None:
-    apply_correction(frame, (placed.x, placed.y), guarded_alpha(placed, look.protect), correction)
+    alpha, guards = guarded_alpha(placed, look.protect)
+    corner = placed.x, placed.y
+    fade = fade_in_dark(frame, corner, alpha, [correction])
+    apply_correction(frame, corner, alpha, correction, guards=[(guard, 0.8) for guard in guards], fade=fade)
 
 
 def _outside_untouched(before: Frame, after: Frame, placed: PlacedFace) -> bool:

@@ -128,8 +128,8 @@ class Suite:
     def membrane(self) -> None:
         """One membrane of a large face, and its error on several, each in the colours of the next portrait."""
         assets = self.references
-        faces = list(zip(self.material.portraits, assets, (*assets[1:], assets[0]), strict=True))
-        faces = [tuple(map(str, face)) for face in faces][: self.effort.portraits]
+        paths = zip(self.material.portraits, assets, (*assets[1:], assets[0]), strict=True)
+        faces = [tuple(map(str, face)) for face in paths][: self.effort.portraits]
         self.results["membrane"] = run_alone(membrane_times, faces, self.effort.membranes, one_thread=True).result
 
     def _stages(self, job: Job) -> Any:

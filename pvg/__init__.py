@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from pvg.looks.exchange import exchange
     from pvg.looks.look import Look
     from pvg.looks.transfer import transfer
-    from pvg.rendering import layer, render, render_frame, swap
+    from pvg.rendering import export, layer, render, render_frame, swap
     from pvg.vectorization import vectorize
-    from pvg.video import MediaLimits
+    from pvg.video import MediaLimits, inspect
 
 __all__ = [
     "AssetError",
@@ -43,6 +43,8 @@ __all__ = [
     "SolverError",
     "VectorVideo",
     "exchange",
+    "export",
+    "inspect",
     "layer",
     "open_asset",
     "render",
@@ -60,6 +62,8 @@ _HOMES = {
     "MediaLimits": "pvg.video",
     "VectorVideo": "pvg.asset",
     "exchange": "pvg.looks",
+    "export": "pvg.rendering",
+    "inspect": "pvg.video",
     "layer": "pvg.rendering",
     "open_asset": "pvg.asset",
     "render": "pvg.rendering",

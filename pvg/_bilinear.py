@@ -14,12 +14,14 @@ from pvg._compiled import kernel
 
 
 @kernel(fastmath=True)
-def split(places: Doubles, count: int, index: NDArray[np.int32], share: Floats) -> None:
-    """Split positions into the node before and the way to the next; those outside a grid of `count` are clamped."""
+def split(places: Doubles, count: int) -> tuple[NDArray[np.int32], Floats]:
+    """Positions as the node before and the way to the next; those outside a grid of `count` are clamped."""
+    index, share = np.empty(len(places), np.int32), np.empty(len(places), np.float32)
     for j in range(len(places)):
         place = min(max(places[j], 0.0), count - 1.0)
         index[j] = min(int(place), count - 2)
         share[j] = place - index[j]
+    return index, share
 
 
 @kernel(fastmath=True)
@@ -47,14 +49,10 @@ def reach(plane: Floats, upper: int, at: int, index: NDArray[np.int32], share: F
 def read_grid(plane: Floats, columns: Doubles, rows: Doubles, out: Floats) -> None:
     """out[i, j] = the bilinear value of plane at (columns[j], rows[i]), in nodes; positions outside are clamped."""
     h, w = plane.shape
-    index, share = np.empty(len(columns), np.int32), np.empty(len(columns), np.float32)
-    split(columns, w, index, share)
+    (index, share), (upper, down) = split(columns, w), split(rows, h)
     wide, at = np.empty((2, len(columns)), np.float32), -2
     for i in range(len(rows)):
-        place = min(max(rows[i], 0.0), h - 1.0)
-        upper = min(int(place), h - 2)
-        at = reach(plane, upper, at, index, share, wide)
-        f = np.float32(place - upper)
-        a, b, to = wide[0], wide[1], out[i]
+        at = reach(plane, upper[i], at, index, share, wide)
+        f, a, b, to = down[i], wide[0], wide[1], out[i]
         for j in range(len(to)):
             to[j] = a[j] + f * (b[j] - a[j])

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pvg.asset import VectorVideo
 
+_IMAGES = ("png", "tiff", "jpg", "webp")
+
 
 def check_file(path: Path, inputs: Iterable[Path | None]) -> None:
     """Refuse, before the long work, a file that cannot be written or would replace what is being read."""
@@ -52,13 +54,34 @@ def check_suffix(path: Path, kinds: Iterable[str]) -> None:
         raise ValueError(f"-o {path} must end in {', '.join(allowed)}")
 
 
-def suffix(video: VectorVideo) -> str:
+def suffix(video: VectorVideo, container: str | None = None) -> str:
     """Of an output that is named by the command."""
-    return ".png" if video.media.kind == "image" else ".mp4"
+    is_image = video.media.kind == "image"
+    if container is None:
+        return ".png" if is_image else ".mp4"
+    if (container in _IMAGES) != is_image:
+        raise ValueError(f"{container} does not fit {'an image' if is_image else 'a clip'}")
+    return f".{container}"
 
 
-def check_outputs(output: Path, references: list[Path], inputs: list[Path | None]) -> None:
+def check_pipe(container: str | None, references: list[Path]) -> None:
+    """What can be told of an output to a pipe before the clip is known."""
+    if len(references) > 1:
+        raise ValueError("-o - is one stream; several references need a folder")
+    if container not in (None, "nut", "y4m"):
+        raise ValueError(f"{container} cannot be written to a pipe; --container nut and y4m can")
+
+
+def check_outputs(
+    output: Path, references: list[Path], inputs: list[Path | None], container: str | None = None
+) -> None:
     """What can be told of the outputs before the clip is known."""
+    if container in ("nut", "y4m"):
+        raise ValueError(f"{container} is written to a pipe: -o -")
+    if container is not None and output.suffix and not output.is_dir() and len(references) == 1:
+        named = {".m4v": "mp4", ".jpeg": "jpg"}.get(output.suffix.lower(), output.suffix.lower()[1:])
+        if named != container:
+            raise ValueError(f"-o {output} is not named as {container} is")
     if len(references) > 1 and output.suffix and not output.is_dir():
         raise ValueError(f"-o {output} is a file; several references need a folder")
     if len(references) > 1 or output.is_dir():
@@ -68,11 +91,12 @@ def check_outputs(output: Path, references: list[Path], inputs: list[Path | None
         check_file(output, inputs)
 
 
-def outputs(output: Path, references: list[Path], video: VectorVideo) -> list[Path]:
+def outputs(output: Path, references: list[Path], video: VectorVideo, container: str | None = None) -> list[Path]:
     """The file of each look."""
+    ending = suffix(video, container)
     if len(references) == 1:
-        return [output / f"{references[0].stem}{suffix(video)}" if output.is_dir() else output]
+        return [output / f"{references[0].stem}{ending}" if output.is_dir() else output]
     output.mkdir(parents=True, exist_ok=True)
     stems = [path.stem for path in references]
     names = [stem if stems.count(stem) == 1 else f"{stem}-{k + 1}" for k, stem in enumerate(stems)]
-    return [output / f"{name}{suffix(video)}" for name in names]
+    return [output / f"{name}{ending}" for name in names]

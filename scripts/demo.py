@@ -12,7 +12,6 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import cv2
 import httpx
@@ -20,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvg.video import probe, read_frames, write_image
+from pvg_client import Client, Look, PvgClientError
 from scripts.samples import REPOSITORY, fetch_samples
 
 OUTPUT = REPOSITORY / "demo"
@@ -35,57 +35,34 @@ def _free_port() -> int:
 
 
 @contextmanager
-def running_service(data_dir: Path) -> Iterator[httpx.Client]:
-    """`pvg-service serve` on a free port, stopped by the same signal as Ctrl-C."""
+def running_service(data_dir: Path) -> Iterator[str]:
+    """`pvg-service serve` on a free port, stopped by the same signal as Ctrl-C; its address."""
     port = _free_port()
     environment = {**os.environ, "PVG_DATA_DIR": str(data_dir), "PVG_PORT": str(port)}
     command = [str(Path(sys.executable).with_name("pvg-service")), "serve"]
     with (data_dir / "service.log").open("wb") as log:
         service = subprocess.Popen(command, env=environment, stdout=log, stderr=log, start_new_session=True)
         try:
-            with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=60) as client:
-                _wait_ready(client, service, data_dir / "service.log")
-                yield client
+            url = f"http://127.0.0.1:{port}"
+            _wait_ready(url, service, data_dir / "service.log")
+            yield url
         finally:
             service.send_signal(signal.SIGINT)
             service.wait(timeout=60)
 
 
-def _wait_ready(client: httpx.Client, service: subprocess.Popen[bytes], log: Path) -> None:
+def _wait_ready(url: str, service: subprocess.Popen[bytes], log: Path) -> None:
     deadline = time.monotonic() + _START_TIMEOUT_S
     while time.monotonic() < deadline:
         if service.poll() is not None:
             sys.exit(f"the service stopped at once:\n{log.read_text()}")
         try:
-            if client.get("/readyz").status_code == httpx.codes.OK:
+            if httpx.get(f"{url}/readyz").status_code == httpx.codes.OK:
                 return
         except httpx.TransportError:
             pass
         time.sleep(0.2)
     sys.exit(f"the service was not ready after {_START_TIMEOUT_S:.0f} s:\n{log.read_text()}")
-
-
-def _upload(client: httpx.Client, path: str, file: Path) -> dict[str, Any]:
-    with file.open("rb") as data:
-        answer = client.post(path, files={"file": (file.name, data)})
-    answer.raise_for_status()
-    body: dict[str, Any] = answer.json()
-    return body
-
-
-def _finished(client: httpx.Client, job: str, what: str) -> dict[str, Any]:
-    deadline = time.monotonic() + _JOB_TIMEOUT_S
-    while time.monotonic() < deadline:
-        body: dict[str, Any] = client.get(f"/jobs/{job}", params={"wait": 2}).raise_for_status().json()
-        if sys.stderr.isatty():
-            print(f"\r{what}: {body['progress']['fraction'] or 0:4.0%}", end="", file=sys.stderr)
-        if body["done"]:
-            if sys.stderr.isatty():
-                print(file=sys.stderr)
-            if body["state"] != "succeeded":
-                sys.exit(f"{what} {body['state']}: {body['error']}")
-            return body
-    sys.exit(f"{what} took more than {_JOB_TIMEOUT_S:.0f} s")
 
 
 def contact_sheet(rows: list[tuple[str, Path]], target: Path) -> None:
@@ -115,21 +92,20 @@ def main() -> None:
     started = time.monotonic()
     with (
         tempfile.TemporaryDirectory(prefix="pvg-demo-") as data_dir,
-        running_service(Path(data_dir)) as client,
+        running_service(Path(data_dir)) as url,
+        Client(url) as client,
     ):
-        print(f"service: {client.base_url}")
-        video = _upload(client, "/videos", samples.woman_clip)
-        print(f"uploaded {samples.woman_clip.name} as {video['id']}")
-        vectorized = _finished(client, video["job"], "vectorise")
-        references = [_upload(client, "/references", portrait)["id"] for portrait in looks.values()]
-        request = {"video": video["id"], "looks": [{"reference": reference} for reference in references]}
-        accepted = client.post("/transfer", json=request).raise_for_status().json()
-        job = _finished(client, accepted["id"], "transfer")
-        for name, look in zip(looks, job["looks"], strict=True):
-            answer = client.get(f"/results/{look['result']}").raise_for_status()
-            (OUTPUT / f"{name}.mp4").write_bytes(answer.content)
-        print(f"vectorised once: {vectorized['timings']}")
-        print(f"two looks: {job['timings']}")
+        print(f"service: {url}")
+        video = client.upload(samples.woman_clip)
+        print(f"uploaded {samples.woman_clip.name} as {video.id}")
+        vectorized = client.wait(video, timeout=_JOB_TIMEOUT_S)
+        references = [client.upload(portrait, role="reference") for portrait in looks.values()]
+        transfer = client.transfer(video, [Look(reference) for reference in references])
+        job = client.wait(transfer, timeout=_JOB_TIMEOUT_S)
+        for name, result in zip(looks, job.results, strict=True):
+            client.download(result, OUTPUT / f"{name}.mp4")
+        print(f"vectorised once: {vectorized.timings}")
+        print(f"two looks: {job.timings}")
     rows = [("source", samples.woman_clip), *((name, OUTPUT / f"{name}.mp4") for name in looks)]
     contact_sheet(rows, OUTPUT / "contact-sheet.png")
     info = probe(OUTPUT / "look-1.mp4")
@@ -140,4 +116,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except (PvgClientError, TimeoutError) as error:
+        sys.exit(str(error))

@@ -9,15 +9,25 @@ from typing import Any, ClassVar, Final
 from pydantic_core import ErrorDetails
 
 PROBLEM_JSON: Final = "application/problem+json"
+#: the page of the service that tells of all kinds of problems
+PROBLEMS_PAGE: Final = "/docs/problems"
 
 
 @dataclass(frozen=True)
 class ProblemType:
-    """A kind of problem: its `type`, its title, and the HTTP status of an answer of this kind."""
+    """A kind of problem: its code, its title, and the HTTP status of an answer of this kind."""
 
     type: str
     title: str
     status: int
+
+
+@dataclass(frozen=True)
+class Limit:
+    """What a request went over: the most that is allowed, and of what."""
+
+    limit: float
+    unit: str
 
 
 #: every kind of problem that the service makes itself, by type
@@ -25,23 +35,38 @@ PROBLEMS: Final = {
     problem.type: problem
     for problem in (
         ProblemType("malformed", "The request is malformed", 400),
+        ProblemType("unauthorized", "A key is needed", 401),
+        ProblemType("forbidden", "This is not allowed", 403),
         ProblemType("not-found", "There is no such resource", 404),
+        ProblemType("method-not-allowed", "The address does not take this method", 405),
+        ProblemType("too-slow", "The request came too slowly", 408),
         ProblemType("conflict", "The resource is in use or already finished", 409),
+        ProblemType("idempotency-key-in-use", "The first request of this Idempotency-Key is still worked on", 409),
         ProblemType("gone", "The resource has been removed", 410),
+        ProblemType("precondition-failed", "The request is of another version of the protocol", 412),
         ProblemType("too-large", "The file is too large", 413),
         ProblemType("unsupported-media-type", "The media type is not supported", 415),
         ProblemType("range-not-satisfiable", "The range cannot be satisfied", 416),
+        ProblemType("misdirected", "The request is for another host", 421),
+        ProblemType("header-too-large", "The header of the request is too large", 431),
         ProblemType("validation-failed", "The request is not valid", 422),
+        ProblemType("checksum-mismatch", "The bytes are not those that were sent", 460),
+        ProblemType("idempotency-key-reused", "The Idempotency-Key was used for another request", 422),
+        ProblemType("url-not-allowed", "The URL is not one the service asks for", 422),
+        ProblemType("fetch-failed", "The file could not be fetched", 422),
         # why a job or a medium has failed; an answer has these when the request names that medium
         ProblemType("no-face", "No face was found", 422),
         ProblemType("face-too-small", "The face is too small", 422),
         ProblemType("media-invalid", "The file is not a video or image the service can read", 422),
         ProblemType("asset-invalid", "The vectorised asset cannot be read", 422),
+        ProblemType("source-lost", "The uploaded file is lost", 422),
         ProblemType("worker-crashed", "The job crashed its worker repeatedly", 422),
         ProblemType("time-limit", "The job took longer than allowed", 422),
         ProblemType("canceled", "The job was canceled", 422),
         ProblemType("expired", "The job waited too long in the queue", 422),
+        ProblemType("quota-exceeded", "A quota of this key is used up", 429),
         ProblemType("internal-error", "Something went wrong on our side", 500),
+        ProblemType("not-implemented", "The transfer coding is not supported", 501),
         ProblemType("unavailable", "The service is not available right now", 503),
         ProblemType("insufficient-storage", "The service has no room left", 507),
     )
@@ -59,21 +84,45 @@ class ServiceError(Exception):
         *,
         errors: Sequence[dict[str, str]] = (),
         headers: dict[str, str] | None = None,
+        limit: Limit | None = None,
     ) -> None:
         super().__init__(detail)
         self.detail = detail
         self.errors = list(errors)
         self.headers = headers or {}
+        self.limit = limit
 
     def problem(self) -> dict[str, Any]:
         """The problem's own members, without what belongs to the request."""
-        return problem_body(self.kind, self.detail, self.errors)
+        return problem_body(self.kind, self.detail, self.errors, self.limit)
 
 
 class BadRequestError(ServiceError):
     """The request cannot be understood at all."""
 
     kind = PROBLEMS["malformed"]
+
+
+class UnauthorizedError(ServiceError):
+    """The request has no key, or none that is good (RFC 6750, 3)."""
+
+    kind = PROBLEMS["unauthorized"]
+
+    def __init__(self, detail: str, *, invalid: bool) -> None:
+        challenge = 'Bearer realm="pvg"' + (', error="invalid_token"' if invalid else "")
+        super().__init__(detail, headers={"WWW-Authenticate": challenge})
+
+
+class ForbiddenError(ServiceError):
+    """The request is understood and refused, whoever repeats it."""
+
+    kind = PROBLEMS["forbidden"]
+
+
+class MisdirectedError(ServiceError):
+    """The request names a host that is not this service."""
+
+    kind = PROBLEMS["misdirected"]
 
 
 class NotFoundError(ServiceError):
@@ -88,10 +137,31 @@ class ConflictError(ServiceError):
     kind = PROBLEMS["conflict"]
 
 
+class IdempotencyKeyInUseError(ServiceError):
+    """Another request with the same Idempotency-Key is being worked on."""
+
+    kind = PROBLEMS["idempotency-key-in-use"]
+
+    def __init__(self, detail: str) -> None:
+        super().__init__(detail, headers={"Retry-After": "1"})
+
+
 class GoneError(ServiceError):
     """The thing existed, and its bytes have been removed."""
 
     kind = PROBLEMS["gone"]
+
+
+class PreconditionError(ServiceError):
+    """The request speaks a version of a protocol that the service does not."""
+
+    kind = PROBLEMS["precondition-failed"]
+
+
+class ChecksumError(ServiceError):
+    """The bytes were damaged on the way (tus 1.0, checksum extension)."""
+
+    kind = PROBLEMS["checksum-mismatch"]
 
 
 class TooLargeError(ServiceError):
@@ -99,8 +169,8 @@ class TooLargeError(ServiceError):
 
     kind = PROBLEMS["too-large"]
 
-    def __init__(self, detail: str) -> None:
-        super().__init__(detail, headers={"Connection": "close"})
+    def __init__(self, detail: str, *, limit_bytes: int) -> None:
+        super().__init__(detail, headers={"Connection": "close"}, limit=Limit(limit_bytes, "bytes"))
 
 
 class UnsupportedMediaError(ServiceError):
@@ -119,6 +189,30 @@ class ValidationFailedError(ServiceError):
     """The request is well formed, and a value in it is not allowed."""
 
     kind = PROBLEMS["validation-failed"]
+
+
+class UrlNotAllowedError(ServiceError):
+    """The URL is malformed, or leads to what is not on the public internet."""
+
+    kind = PROBLEMS["url-not-allowed"]
+
+
+class FetchFailedError(ServiceError):
+    """A URL that was given does not answer, or not with what is wanted."""
+
+    kind = PROBLEMS["fetch-failed"]
+
+
+class IdempotencyKeyReusedError(ServiceError):
+    """The Idempotency-Key was used for a request that was not the same."""
+
+    kind = PROBLEMS["idempotency-key-reused"]
+
+
+class QuotaExceededError(ServiceError):
+    """The key has used up one of its quotas; ``headers`` say which and for how long."""
+
+    kind = PROBLEMS["quota-exceeded"]
 
 
 class MediaFailedError(ServiceError):
@@ -149,11 +243,30 @@ class UnavailableError(ServiceError):
         super().__init__(detail, headers={"Retry-After": "5"})
 
 
-def problem_body(kind: ProblemType, detail: str, errors: Sequence[dict[str, str]] = ()) -> dict[str, Any]:
-    """The members of an RFC 9457 problem."""
-    body: dict[str, Any] = {"type": kind.type, "title": kind.title, "status": kind.status, "detail": detail}
+class StoppingError(UnavailableError):
+    """The service stops, and begins nothing more; whoever is asked for has no part in it."""
+
+
+def type_of(code: str, root_path: str = "") -> str:
+    """The `type` of a problem (RFC 9457, 3.1.1): where the service itself tells of it."""
+    return f"{root_path}{PROBLEMS_PAGE}#{code}"
+
+
+def shown(stored: dict[str, Any] | None, root_path: str) -> dict[str, Any] | None:
+    """Why a job or a medium failed, from how it is kept: the address of its type depends on where the service is."""
+    return None if stored is None else {**stored, "code": stored["type"], "type": type_of(stored["type"], root_path)}
+
+
+def problem_body(
+    kind: ProblemType, detail: str, errors: Sequence[dict[str, str]] = (), limit: Limit | None = None
+) -> dict[str, Any]:
+    """The members of an RFC 9457 problem; ``code``, ``limit`` and ``unit`` are our own."""
+    body: dict[str, Any] = {"type": type_of(kind.type), "code": kind.type, "title": kind.title}
+    body |= {"status": kind.status, "detail": detail}
     if errors:
         body["errors"] = list(errors)
+    if limit is not None:
+        body |= {"limit": limit.limit, "unit": limit.unit}
     return body
 
 

@@ -7,9 +7,11 @@ import secrets
 import time
 from typing import Final, Literal
 
-Prefix = Literal["vid", "ref", "job", "res", "req"]
+Prefix = Literal["vid", "ref", "job", "res", "req", "key", "msg", "upl", "prv"]
 
 JOB_ID: Final = re.compile(r"job_[0-9a-f]{32}")
+DELIVERY_CURSOR: Final = re.compile(r"^msg_[0-9a-f]{32}$")
+JOB_CURSOR: Final = re.compile(r"^job_[0-9a-f]{32}$")
 MEDIA_ID: Final = re.compile(r"^(vid|ref)_[0-9a-f]{32}$")
 
 

@@ -41,3 +41,6 @@ def configure(level: str) -> None:
     # the request log is ours; the migration's own lines are noise
     logging.getLogger("uvicorn.access").disabled = True
     logging.getLogger("alembic").setLevel(logging.WARNING)
+    # addresses that others name may hold secrets
+    for name in ("httpx", "httpcore"):
+        logging.getLogger(name).setLevel(logging.WARNING)

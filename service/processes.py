@@ -1,4 +1,4 @@
-"""The worker as a child of `pvg-service serve`: started, started again when it dies, and stopped with all it began."""
+"""Workers as children of `pvg-service serve`: started, started again when they die, and stopped with all they began."""
 
 from __future__ import annotations
 
@@ -8,24 +8,48 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
 
 import structlog
 
-from service.queue import QUEUES
+from service.queue import PREVIEW, QUEUES
 from service.settings import Settings
 
 log = structlog.get_logger(__name__)
 
 
-def worker_command(settings: Settings) -> list[str]:
-    """The worker's command line.
+@dataclass(frozen=True)
+class WorkerKind:
+    """A kind of worker: the module that is run, where its Celery app is, and the queues it takes from."""
+
+    name: str
+    module: str
+    app: str
+    queues: tuple[str, ...]
+    concurrency: Callable[[Settings], int]
+    options: tuple[str, ...] = ()
+
+
+JOBS: Final = WorkerKind("jobs", "worker", "worker.app", QUEUES, lambda settings: settings.worker_concurrency)
+PREVIEWS: Final = WorkerKind(
+    *("previews", "worker.previews", "worker.previews.app", (PREVIEW,), lambda settings: settings.preview_concurrency),
+    options=("--pool", "threads"),
+)
+#: all that a service needs, each a process of its own beside the API
+KINDS: Final = (JOBS, PREVIEWS)
+
+
+def worker_command(settings: Settings, kind: WorkerKind = JOBS) -> list[str]:
+    """A worker's command line.
 
     ``-P`` keeps the current folder out of the import path: a package called `worker` there would run instead.
     """
     return [
-        *(sys.executable, "-P", "-m", "worker", "--quiet", "-A", "worker.app", "worker"),
-        *("--queues", ",".join(QUEUES), "--concurrency", str(settings.worker_concurrency)),
-        *("--hostname", f"pvg-{os.getpid()}@%h", "--loglevel", settings.log_level),
+        *(sys.executable, "-P", "-m", kind.module, "--quiet", "-A", kind.app, "worker"),
+        *("--queues", ",".join(kind.queues), "--concurrency", str(kind.concurrency(settings)), *kind.options),
+        *("--hostname", f"pvg-{kind.name}-{os.getpid()}@%h", "--loglevel", settings.log_level),
         # which workers there are and what they do is known from the database
         *("--without-gossip", "--without-mingle", "--without-heartbeat"),
     ]
@@ -50,19 +74,24 @@ class WorkerProcess:
     The kernel kills the worker when the thread that started it ends, so that thread lives until `stop`.
     """
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, kind: WorkerKind = JOBS) -> None:
         self._settings = settings
+        self._kind = kind
         self._stop = threading.Event()
         self._process: subprocess.Popen[bytes] | None = None
-        self._thread = threading.Thread(target=self._run, name="worker-keeper", daemon=True)
+        self._thread = threading.Thread(target=self._run, name=f"worker-keeper-{kind.name}", daemon=True)
 
     def start(self) -> None:
         """Start the worker."""
         self._thread.start()
 
+    def begin_to_stop(self) -> None:
+        """Tell the worker to stop, and return at once."""
+        self._stop.set()
+
     def stop(self) -> None:
         """Stop the worker and every process it began."""
-        self._stop.set()
+        self.begin_to_stop()
         self._thread.join()
 
     def _run(self) -> None:
@@ -80,17 +109,20 @@ class WorkerProcess:
     def _spawn(self) -> subprocess.Popen[bytes]:
         environment = worker_environment(self._settings) | {"PVG_STARTER_PID": str(os.getpid())}
         process = subprocess.Popen(
-            worker_command(self._settings), env=environment, start_new_session=True, stdin=subprocess.DEVNULL
+            worker_command(self._settings, self._kind),
+            env=environment,
+            start_new_session=True,
+            stdin=subprocess.DEVNULL,
         )
-        log.info("worker started", worker_pid=process.pid)
+        log.info("worker started", kind=self._kind.name, worker_pid=process.pid)
         return process
 
     def _end(self, process: subprocess.Popen[bytes]) -> None:
         _signal_group(process.pid, signal.SIGTERM, leader_only=True)
         try:
-            process.wait(self._settings.worker_stop_grace_s)
+            process.wait(self._settings.worker_stop_limit_s + 1)
         except subprocess.TimeoutExpired:
-            log.warning("the worker is still busy, killing it; its job will be taken up again")
+            log.warning("the worker does not stop, killing it; its job will be taken up again")
         _signal_group(process.pid, signal.SIGKILL)
         process.wait()
         until = time.monotonic() + 5

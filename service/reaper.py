@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import threading
-from collections.abc import Callable, Collection, Iterable
-from datetime import timedelta
+import time
+from collections.abc import Callable, Collection
+from datetime import datetime, timedelta
 
 import structlog
 
-from service.catalog import Database, Message, jobs, sweep
+from service.blobs import Blobs
+from service.catalog import Database, Message, idempotency, jobs, previews, sweep, tombstones, webhooks
+from service.outages import is_outage
 from service.queue import QUEUES, Publisher
+from service.room import Room
 from service.settings import Settings
 from service.storage import Storage
 
@@ -19,23 +24,36 @@ log = structlog.get_logger(__name__)
 class Reaper:
     """Runs its rounds in a thread. Several reapers at once do no harm: each step is a conditional update."""
 
-    def __init__(self, settings: Settings, database: Database, storage: Storage, publisher: Publisher) -> None:
+    def __init__(
+        self,
+        settings: Settings,
+        database: Database,
+        storage: Storage,
+        room: Room,
+        blobs: Blobs,
+        publisher: Publisher,
+    ) -> None:
         self._settings = settings
         self._database = database
         self._storage = storage
+        self._room = room
+        self._blobs = blobs
         self._publisher = publisher
-        self._short: set[str] = set()
+        self._spared_until = -math.inf
+        self._short: set[Message] = set()
+        self._collected: datetime | None = None
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="reaper", daemon=True)
 
     def start(self) -> None:
-        """Start the rounds; the first one runs at once."""
+        """Start the rounds; the first one runs at once, and leaves workers alone as after an outage."""
+        self._spare_leases()
         self._thread.start()
 
     def stop(self) -> None:
         """Stop after the present round."""
         self._stop.set()
-        self._thread.join(timeout=5)
+        self._thread.join(timeout=2)
 
     def _run(self) -> None:
         while True:
@@ -45,21 +63,39 @@ class Reaper:
 
     def round(self) -> None:
         """One round. A step that fails is logged and does not keep the others from running."""
-        steps: tuple[Callable[[], object], ...] = (self.revive, self.republish, self.expire)
+        steps: tuple[Callable[[], object], ...] = (
+            self.revive,
+            self.republish,
+            self.expire,
+            self.delete,
+            self.collect_now_and_then,
+            self._room.keep_reserve,
+        )
         for step in steps:
             try:
                 step()
-            except Exception:
-                log.exception("a step of the reaper failed", step=step.__name__)
+            except Exception as error:
+                if is_outage(error):
+                    self._spare_leases()
+                    log.warning("the database or the storage is away", step=step.__name__, error=type(error).__name__)
+                else:
+                    log.exception("a step of the reaper failed", step=step.__name__)
+
+    def _spare_leases(self) -> None:
+        """Take no lease for over before its worker had time to renew it: while the database was away, it could not."""
+        # it was away until the next round at most, and a worker renews within a heartbeat
+        self._spared_until = time.monotonic() + self._settings.reap_interval_s + 2 * self._settings.heartbeat_s
 
     def revive(self) -> list[Message]:
         """Queue lapsed jobs again, end those out of attempts or time, release waiting jobs."""
         now = self._database.now()
+        spared = time.monotonic() < self._spared_until
         with self._database.write() as session:
-            again = jobs.reap(session, now=now, max_attempts=self._settings.max_attempts)
+            again = [] if spared else jobs.reap(session, now=now, max_attempts=self._settings.max_attempts)
             queued_since = now - timedelta(seconds=self._settings.max_queued_s)
             jobs.expire(session, before=queued_since, now=now)
             again += jobs.release(session, now=now)
+            webhooks.wake(session, now=now)
         for message in again:
             log.info("job queued again", job=message.job_id, queue=message.queue)
         self._publisher.publish(again)
@@ -68,46 +104,64 @@ class Reaper:
     def republish(self) -> list[Message]:
         """Send messages again that never reached the broker or that it lost.
 
-        A queue that holds fewer messages than there are queued jobs in two rounds in a row has lost some; once may be a
-        message on its way to a worker. Which ones are lost is not known, so all are sent again. A message too many is
+        A message is lost that is missing in two rounds in a row; once may be one on its way to a worker. Of a broker
+        that only counts its messages it is not known which ones are lost, so all are sent again. A message too many is
         harmless: its job cannot be claimed twice.
         """
         before = self._database.now() - timedelta(seconds=self._settings.republish_after_s)
         with self._database.read() as session:
             missing = sweep.unpublished(session, before=before)
-            expected = {name: sweep.queued_count(session, name) for name in QUEUES}
-        for name, count in expected.items():
-            short = count > 0 and self._is_short(name, count)
-            again = short and name in self._short
-            (self._short.add if short and not again else self._short.discard)(name)
-            if again:
-                with self._database.read() as session:
-                    missing += sweep.published(session, name, before=before)
+        absent = {message for name in QUEUES for message in self._absent(name, before)}
+        missing += sorted(absent & self._short, key=lambda message: message.job_id)
+        self._short = absent.difference(missing)
         if missing:
             log.info("publishing again", count=len(missing))
         self._publisher.publish(missing)
         return missing
 
-    def _is_short(self, name: str, expected: int) -> bool:
+    def _absent(self, name: str, before: datetime) -> list[Message]:
+        """The jobs that should have a message in this queue, and that have none, or may have none."""
         try:
-            return self._publisher.depth(name) < expected
+            # the broker first: a job that a worker takes meanwhile is not queued any more
+            held = self._publisher.sent(name)
+            depth = self._publisher.depth(name) if held is None else 0
         except Exception as error:
             log.warning("broker does not answer", queue=name, error=type(error).__name__)
-            return False
+            return []
+        with self._database.read() as session:
+            expected = sweep.published(session, name, before=before)
+        if held is None:
+            return expected if depth < len(expected) else []
+        return [message for message in expected if message.job_id not in held]
 
     def expire(self) -> None:
         """Remove results, media and job records past their retention, and drafts whose writer is gone."""
         now = self._database.now()
         with self._database.write() as session:
-            keys = sweep.expire_results(session, now=now)
-            keys += sweep.expire_media(session, now=now)
+            sweep.expire_results(session, now=now)
+            sweep.expire_media(session, now=now)
+            sweep.expire_uploads(session, now=now)
             sweep.expire_jobs(session, before=now - timedelta(seconds=self._settings.job_ttl_s))
-        self._delete(keys)
+            previews.expire(session, now=now)
+            idempotency.expire(session, now=now, limit=sweep.BATCH)
         self._storage.clear_drafts(held=self._held, before=now - timedelta(seconds=self._settings.draft_ttl_s))
 
     def _held(self, job_ids: Collection[str]) -> set[str]:
         with self._database.read() as session:
             return sweep.held(session, job_ids)
+
+    def delete(self) -> None:
+        """Delete the blobs that no record names any more, and leave no trace of the records that did."""
+        self._blobs.sweep()
+        self._database.forget()
+
+    def collect_now_and_then(self) -> None:
+        """`collect` at the first round and whenever ``collect_interval_s`` have passed since."""
+        now = self._database.now()
+        if self._collected is None or now - self._collected >= timedelta(seconds=self._settings.collect_interval_s):
+            self._collected = now
+            if removed := self.collect():
+                log.info("files without a record removed", count=removed)
 
     def collect(self) -> int:
         """Delete blobs that no record names, left by a process that ended between two steps. Returns their number."""
@@ -119,9 +173,7 @@ class Reaper:
             with self._database.read() as session:
                 known = sweep.known_keys(session, batch)
             orphans += [key for key in batch if key not in known]
-        self._delete(orphans)
+        with self._database.write() as session:
+            tombstones.bury(session, orphans, now=self._database.now())
+        self.delete()
         return len(orphans)
-
-    def _delete(self, keys: Iterable[str]) -> None:
-        for key in keys:
-            self._storage.delete(key)

@@ -2,85 +2,239 @@
 
 from __future__ import annotations
 
+import difflib
 import ipaddress
+import os
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Self
+from typing import Annotated, Any, Final, Self
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, SecretStr, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 GIB = 1024**3
 DAY_S = 86_400
 
+_PREFIX: Final = "PVG_"
+#: settings that are secrets: the path of a file that holds one is given in a variable of the same name and this ending
+FROM_FILES: Final = ("database_url", "broker_url", "link_secret", "metrics_token")
+FILE_ENDING: Final = "_FILE"
+#: what obstore reads of S3's credentials from variables, and we from files as well
+_STORE_SECRETS: Final = ("access_key_id", "secret_access_key", "session_token")
+#: variables of the same prefix that are read elsewhere: by the library, from `serve` to its worker, by the tests
+_READ_ELSEWHERE: Final = ("PVG_CACHE_DIR", "PVG_STARTER_PID", "PVG_REQUIRE_SERVERS", "PVG_TEST_DATABASE_URL")
+_MIN_SECRET: Final = 32
+#: names by which only this machine itself can mean this machine
+_LOOPBACK_NAMES: Final = frozenset({"localhost", "127.0.0.1", "::1"})
+
 
 class Settings(BaseSettings):
-    """Settings with their defaults: one machine, SQLite, a local folder and a broker made of files."""
+    """Settings with their defaults: one machine, SQLite, a local folder and a broker made of files.
 
-    model_config = SettingsConfigDict(env_prefix="PVG_", extra="ignore", frozen=True)
+    The sentence below a setting is what docs/operations.md says of it: `python -m scripts.settings_table --write`.
+    """
+
+    model_config = SettingsConfigDict(env_prefix=_PREFIX, extra="ignore", frozen=True, use_attribute_docstrings=True)
 
     # where the API listens
     host: str = "127.0.0.1"
+    """Address of the API."""
     port: int = Field(default=8000, ge=0, le=65_535)
+    """Port of the API."""
     allow_unauthenticated_network: bool = False
-    root_path: str = ""
+    """Allow an address other than loopback before there are keys; see "Who may connect"."""
+    root_path: Annotated[str, AfterValidator(lambda path: path.rstrip("/"))] = ""
+    """Path prefix at which a proxy in front has the service, and which it removes; none by default."""
+
+    # whom the API answers: names of hosts, origins of other web pages that may write
+    allowed_hosts: str = ""
+    """Names by which it may be called besides those of loopback, with commas; `*` is any."""
+    allowed_origins: str = ""
+    """Other sites whose pages may use it, such as `https://studio.example`, with commas."""
+
+    # what it asks for itself: files by URL, receivers of webhooks
+    allow_private_networks: bool = False
+    """URLs that are fetched or sent to may lead to addresses that are not public; for closed networks."""
+    fetch_timeout_s: float = Field(default=3600.0, gt=0)
+    """Time for a file that is given by its URL."""
+
+    # links that need no key: what signs them, and whether results are had from the object store itself
+    link_secret: SecretStr = SecretStr("")
+    """What signs links that need no key, 32 characters or more; the same for all APIs. Without one, a file in the data
+    folder."""
+    links_to_store: bool = False
+    """Links to results lead to the object store itself, which clients can reach by the address in `AWS_ENDPOINT`."""
+
+    # connections
+    max_connections: int = Field(default=1000, gt=0)
+    """Connections at a time; fewer where there are too few descriptors."""
+    idle_timeout_s: float = Field(default=10.0, gt=0)
+    """Silence after which a connection without a request is closed."""
+    head_timeout_s: float = Field(default=10.0, gt=0)
+    """Time for the head of a request."""
+    body_timeout_s: float = Field(default=20.0, gt=0)
+    """Time over which the speed of a body is measured."""
+    min_body_bytes_per_s: float = Field(default=500.0, ge=0)
+    """Slower bodies are refused."""
+    send_timeout_s: float = Field(default=60.0, gt=0)
+    """A client that takes nothing of its answer for this long is cut off."""
+    stop_notice_s: float = Field(default=1.0, ge=0)
+    """Time between being not ready and taking no more connections, when told to stop."""
 
     # where data is kept
     data_dir: Path = Path("var/data")
+    """SQLite file, blobs, broker files and drafts, unless placed elsewhere."""
     database_url: str = ""
+    """`postgresql://user:password@host/name`. Without one, SQLite in the data folder."""
     broker_url: str = ""
+    """`redis://host:6379/0`, of Valkey or Redis. Without one, files in the data folder."""
     storage_url: str = ""
+    """A folder, or `s3://bucket/prefix` (credentials from `AWS_*`). Without one, `blobs/` in the data folder."""
     broker_polling_interval_s: float = Field(default=0.2, gt=0)
+    """How often the embedded broker looks for messages."""
+
+    # room on the disk below which uploads and new jobs are refused and queued ones wait
+    min_free_bytes: int = Field(default=GIB // 4, ge=0)
+    """Room on the disk below which nothing new is begun; see "A full disk"."""
 
     # limits of uploads and requests
     max_upload_bytes: int = Field(default=2 * GIB, gt=0)
+    """Bytes of one uploaded file."""
     max_json_bytes: int = Field(default=1024**2, gt=0)
+    """Bytes of a JSON body."""
     max_looks: int = Field(default=16, gt=0)
+    """Looks of one transfer."""
     max_pixels: int = Field(default=33_554_432, gt=0)
+    """Pixels of one frame."""
     max_frames: int = Field(default=200_000, gt=0)
+    """Frames of one clip."""
     max_duration_s: float = Field(default=3600.0, gt=0)
+    """Length of one clip."""
     max_frame_rate: float = Field(default=240.0, gt=0)
+    """Frames a second."""
     max_streams: int = Field(default=16, gt=0)
+    """Streams in one file."""
     min_face_px: int = Field(default=64, gt=0)
+    """Narrower faces are refused."""
     warn_face_px: int = Field(default=200, gt=0)
+    """Narrower faces get a warning."""
 
     # jobs
     lease_s: float = Field(default=30.0, gt=0)
+    """A worker that does not answer for this long loses its job."""
     heartbeat_s: float = Field(default=5.0, gt=0)
+    """How often a worker renews its lease."""
     progress_interval_s: float = Field(default=1.0, ge=0)
+    """How often progress is written and a cancel noticed."""
     reap_interval_s: float = Field(default=10.0, gt=0)
+    """Time between two rounds of the reaper."""
     republish_after_s: float = Field(default=10.0, ge=0)
+    """Age from which a job without a message is sent again."""
     max_attempts: int = Field(default=3, gt=0)
+    """Attempts at one job."""
     max_queued_s: float = Field(default=DAY_S, gt=0)
+    """Jobs queued for longer expire, counted from when they were last queued."""
+    max_outage_s: float = Field(default=600.0, ge=0)
+    """How long a running job waits for a database or an object store that is away."""
     job_soft_limit_s: float = Field(default=7200.0, gt=0)
-    job_hard_limit_s: float = Field(default=7260.0, gt=0)
+    """A job that takes longer is killed and fails with `time-limit`, at once and for good."""
+    job_hard_limit_s: float = Field(default=7800.0, gt=0)
+    """A supervisor that hangs for longer is killed."""
+    job_memory_bytes: int = Field(default=6 * GIB, ge=GIB)
+    """Memory of one job's process; what needs more fails with `too-large` (docs/security.md)."""
+    job_file_bytes: int = Field(default=128 * GIB, gt=0)
+    """Bytes of one file that a job writes."""
+    part_s: float = Field(default=7.5, ge=5.0)
+    """Length of the parts that a long clip is drawn in; the bytes of results depend on it: the same for all workers."""
+
+    # webhooks
+    webhook_timeout_s: float = Field(default=10.0, gt=0)
+    """Time for one attempt to deliver a webhook."""
 
     # the worker
     worker_concurrency: int = Field(default=2, gt=0)
+    """Pool processes of a worker, which supervise a job each."""
     worker_max_tasks_per_child: int = Field(default=50, gt=0)
+    """Jobs after which a pool process is replaced."""
     worker_max_memory_per_child_bytes: int = Field(default=4 * GIB, gt=0)
-    worker_stop_grace_s: float = Field(default=10.0, ge=0)
+    """Memory from which a pool process is replaced after its job."""
+    worker_stop_grace_s: float = Field(default=8.0, ge=0)
+    """Time that a job which is about to end gets when its worker is told to stop."""
     worker_restart_delay_s: float = Field(default=1.0, ge=0)
+    """Pause before a dead worker is started again."""
+
+    # previews
+    preview_concurrency: int = Field(default=2, gt=0)
+    """Single pictures that are made at once."""
+    preview_timeout_s: float = Field(default=10.0, gt=0)
+    """A picture that is not made by then is 503."""
+    preview_idle_s: float = Field(default=30.0, gt=0)
+    """How long a clip stays open for the next picture."""
+    preview_open_clips: int = Field(default=4, gt=0)
+    """Clips that are open at once."""
+    preview_polling_interval_s: float = Field(default=0.02, gt=0)
+    """How often the worker of previews looks at the embedded broker."""
+    max_open_previews: int = Field(default=8, gt=0)
+    """Pictures of one key that may wait to be made; more are 429."""
 
     # retention
+    upload_ttl_s: float = Field(default=DAY_S, gt=0)
+    """Retention of what has arrived of a resumable upload, from its last piece."""
     media_ttl_s: float = Field(default=30 * DAY_S, gt=0)
+    """Retention of videos and references, from their last use."""
     result_ttl_s: float = Field(default=7 * DAY_S, gt=0)
+    """Retention of results."""
     job_ttl_s: float = Field(default=30 * DAY_S, gt=0)
-    draft_ttl_s: float = Field(default=3 * 3600, gt=0)
-    orphan_ttl_s: float = Field(default=DAY_S, ge=0)
+    """Retention of records of finished jobs."""
+    draft_ttl_s: float = Field(default=60.0, ge=0)
+    """Age from which a received file is removed that no process has open any more."""
+    orphan_ttl_s: float = Field(default=3600.0, ge=0)
+    """Age from which files that no record names are removed."""
+    collect_interval_s: float = Field(default=6 * 3600.0, gt=0)
+    """Time between two searches for files that no record names."""
+    idempotency_ttl_s: float = Field(default=DAY_S, gt=0)
+    """Time for which the answer to an `Idempotency-Key` is kept."""
+
+    # what Prometheus says to see /metrics; a service with keys shows them to nobody else
+    metrics_token: SecretStr = SecretStr("")
+    """What Prometheus sends to see `/metrics`; see "Figures"."""
 
     log_level: str = "INFO"
+    """Which lines the log has: `DEBUG`, `INFO`, `WARNING`, `ERROR`."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_files(cls, given: dict[str, Any]) -> dict[str, Any]:
+        files = _from_files(os.environ, _PREFIX, FROM_FILES)
+        return given | {name: secret for name, secret in files.items() if not given.get(name)}
 
     @model_validator(mode="after")
     def _check(self) -> Self:
+        check_names(os.environ)
+        if self.storage_url.startswith("s3"):
+            store_secrets(os.environ)
         if self.heartbeat_s * 2 > self.lease_s:
             raise ValueError("lease_s must be at least twice heartbeat_s, or one slow beat loses the job")
-        if self.draft_ttl_s <= self.job_hard_limit_s:
-            raise ValueError("draft_ttl_s must be longer than job_hard_limit_s, or a running job loses its files")
         if self.job_hard_limit_s <= self.job_soft_limit_s:
             raise ValueError("job_hard_limit_s must be longer than job_soft_limit_s")
+        if 0 < len(self.link_secret.get_secret_value()) < _MIN_SECRET:
+            raise ValueError(f"link_secret must have at least {_MIN_SECRET} characters")
+        for origin in self.origins:
+            parts = urlsplit(origin)
+            if (
+                parts.scheme not in {"http", "https"}
+                or origin != f"{parts.scheme}://{parts.netloc}"
+                or not parts.netloc
+            ):
+                raise ValueError(f"allowed_origins: {origin} is not an origin, such as https://studio.example")
         return self
+
+    @property
+    def worker_stop_limit_s(self) -> float:
+        """Seconds after which a worker that was told to stop is ended: jobs have ended or are given back by then."""
+        return self.worker_stop_grace_s + 7
 
     @property
     def folder(self) -> Path:
@@ -104,6 +258,12 @@ class Settings(BaseSettings):
         return self.database_url
 
     @property
+    def database_file(self) -> Path | None:
+        """The file of a SQLite database, or None for another one."""
+        scheme, _, path = self.database.partition(":///")
+        return Path(path) if scheme.startswith("sqlite") and path else None
+
+    @property
     def local_storage_folder(self) -> Path | None:
         """The folder of the blobs, or None when they live in an object store."""
         if not self.storage_url:
@@ -114,6 +274,26 @@ class Settings(BaseSettings):
         return None if parts.scheme else Path(self.storage_url).expanduser().resolve()
 
     @property
+    def host_names(self) -> frozenset[str] | None:
+        """The names that a request's Host may have, in lower case and without ports; None when it may be any."""
+        given = _listed(self.allowed_hosts)
+        if "*" in given:
+            return None
+        # the address listened at is no secret name: a page cannot make a name resolve to an address in its URL
+        own = () if self.host in {"", "0.0.0.0", "::"} else (self.host,)  # noqa: S104 - compared, not bound
+        return _LOOPBACK_NAMES | {name.lower().strip("[]") for name in (*given, *own)}
+
+    @property
+    def origins(self) -> frozenset[str]:
+        """The origins of other sites whose pages may write, such as ``https://studio.example``."""
+        return frozenset(origin.lower().rstrip("/") for origin in _listed(self.allowed_origins))
+
+    @property
+    def uses_broker_of_files(self) -> bool:
+        """True for the embedded broker, whose messages are files in the data folder."""
+        return not self.broker_url or self.broker_url.startswith("filesystem://")
+
+    @property
     def listens_to_loopback_only(self) -> bool:
         """True when the configured address can be reached from this machine only."""
         if self.host == "localhost":
@@ -122,3 +302,46 @@ class Settings(BaseSettings):
             return ipaddress.ip_address(self.host).is_loopback
         except ValueError:
             return False
+
+
+def _listed(text: str) -> list[str]:
+    return [part.strip() for part in text.split(",") if part.strip()]
+
+
+def store_secrets(environment: Mapping[str, str]) -> dict[str, str]:
+    """S3's credentials that ``AWS_…_FILE`` name, as obstore calls them. Raises `ValueError` as `Settings` does."""
+    return _from_files(environment, "AWS_", _STORE_SECRETS)
+
+
+def _from_files(environment: Mapping[str, str], prefix: str, names: Iterable[str]) -> dict[str, str]:
+    """What is in the files that ``{prefix}…_FILE`` name, without the line's end, by names.
+
+    Raises `ValueError` for a file that is missing, empty or no text, and for a variable beside its file.
+    """
+    variables = {name.upper(): value for name, value in environment.items() if value}
+    found = {}
+    for name in names:
+        variable = f"{prefix}{name}".upper()
+        path = variables.get(variable + FILE_ENDING)
+        if path is None:
+            continue
+        if variable in variables:
+            raise ValueError(f"{variable} and {variable}{FILE_ENDING} are both given")
+        try:
+            found[name] = Path(path).read_text().strip()
+        except (OSError, UnicodeDecodeError) as error:
+            reason = error.strerror if isinstance(error, OSError) else "not text"
+            raise ValueError(f"{variable}{FILE_ENDING}: {path}: {reason}") from None
+        if not found[name]:
+            raise ValueError(f"{variable}{FILE_ENDING}: {path} is empty")
+    return found
+
+
+def check_names(names: Iterable[str]) -> None:
+    """Raise `ValueError` for a variable that looks like a setting and is none: a typing error must not pass."""
+    own = (*Settings.model_fields, *(f"{name}{FILE_ENDING}" for name in FROM_FILES))
+    known = {f"{_PREFIX}{name}".upper() for name in own} | set(_READ_ELSEWHERE)
+    for name in sorted(names):
+        if name.upper().startswith(_PREFIX) and name.upper() not in known:
+            near = difflib.get_close_matches(name.upper(), known, n=1, cutoff=0.0)
+            raise ValueError(f"{name} is not a setting; the nearest is {near[0]}")

@@ -7,24 +7,37 @@ deleting one needs no counting of users and cannot race with another upload of t
 from __future__ import annotations
 
 import asyncio
+import fcntl
 import hashlib
 import os
 import secrets
+import shutil
 from collections.abc import AsyncIterator, Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
-from datetime import datetime
+from datetime import datetime, timedelta
 from pathlib import Path
-from typing import Literal
+from typing import IO, TYPE_CHECKING, Final, Literal, cast
 
 import obstore
+from obstore.exceptions import GenericError
 from obstore.store import LocalStore, ObjectStore, from_url
 
 from service.ids import JOB_ID
-from service.settings import Settings
+from service.settings import Settings, store_secrets
 
-Kind = Literal["source", "asset", "result"]
+if TYPE_CHECKING:
+    from obstore import SignCapableStore
+    from obstore.store import RetryConfig, S3Config
+
+Kind = Literal["source", "asset", "pictures", "result", "preview", "part", "drawn"]
 
 CHUNK_BYTES = 256 * 1024
+_PART_BYTES: Final = 5 * 1024**2
+#: S3 takes no more parts of one upload
+_MAX_PARTS: Final = 10_000
+#: each is held in memory while it is sent: together less than 50 MB
+_PARTS_AT_ONCE: Final = 4
+_RETRIES: Final[RetryConfig] = {"max_retries": 3, "retry_timeout": timedelta(seconds=5)}
 
 
 class BlobMissingError(Exception):
@@ -42,7 +55,9 @@ class Storage:
             self._folder.mkdir(parents=True, exist_ok=True)
             self._store: ObjectStore = LocalStore(self._folder)
         else:
-            self._store = from_url(settings.storage_url)
+            # who waits for longer does so knowingly: obstore's own three minutes hold up requests and leases
+            config = store_secrets(os.environ) if settings.storage_url.startswith("s3") else {}
+            self._store = from_url(settings.storage_url, config=cast("S3Config", config) or None, retry_config=_RETRIES)
 
     @staticmethod
     def key(kind: Kind, sha256: str, owner_id: str, suffix: str) -> str:
@@ -50,13 +65,30 @@ class Storage:
         return f"{kind}/{sha256[:2]}/{sha256}-{owner_id}{suffix}"
 
     def draft(self, suffix: str = "", *, job_id: str = "") -> Path:
-        """A fresh temporary path to write a file at. Nobody sees it until `put` publishes it."""
+        """A fresh temporary path to write a file, or a folder of files, at. Nobody sees it until `put` publishes it."""
         return self._spool / f"{job_id}{'-' if job_id else ''}{secrets.token_hex(16)}{suffix}"
+
+    def new_draft(self) -> tuple[Path, IO[bytes]]:
+        """A draft without a job, opened for writing. It is kept for as long as it is open; see `clear_drafts`."""
+        path = self.draft()
+        file = path.open("xb")
+        fcntl.flock(file, fcntl.LOCK_EX)
+        return path, file
+
+    def new_folder(self) -> tuple[Path, int]:
+        """A folder for drafts of no job, and a descriptor: it is kept for as long as that is open."""
+        path = self.draft()
+        path.mkdir()
+        descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        return path, descriptor
 
     def put(self, path: Path, key: str) -> None:
         """Publish a finished file under its key, complete or not at all. The file at ``path`` goes away."""
         if self._folder is None:
-            obstore.put(self._store, key, path)
+            with _bucket_known():
+                part = part_bytes(path.stat().st_size)
+                obstore.put(self._store, key, path, chunk_size=part, max_concurrency=_PARTS_AT_ONCE)
             path.unlink()
             return
         target = self._folder / key
@@ -71,9 +103,20 @@ class Storage:
             obstore.put(self._store, key, path)
             path.unlink()
 
+    def exists(self, key: str) -> bool:
+        """There is a blob of this key."""
+        try:
+            obstore.head(self._store, key)
+        except FileNotFoundError:
+            # what answers to HEAD does not say whether the bucket is there; listing raises when it is not
+            for _ in obstore.list(self._store, key):
+                pass
+            return False
+        return True
+
     def delete(self, key: str) -> None:
         """Remove a blob; nothing happens when there is none."""
-        with suppress(FileNotFoundError):
+        with suppress(FileNotFoundError), _bucket_known():
             obstore.delete(self._store, key)
 
     async def stream(self, key: str, start: int, end: int) -> AsyncIterator[bytes]:
@@ -82,16 +125,24 @@ class Storage:
         Raises `BlobMissingError` before the first piece.
         """
         try:
-            found = await obstore.get_async(self._store, key, options={"range": (start, end)})
+            with _bucket_known():
+                found = await obstore.get_async(self._store, key, options={"range": (start, end)})
         except FileNotFoundError as error:
             raise BlobMissingError(key) from error
         return _pieces(found)
 
+    def link(self, key: str, *, expires_in: timedelta) -> str | None:
+        """A URL of the object store itself, signed by it, from which a blob may be had; None for a local folder."""
+        if self._folder is not None:
+            return None
+        return str(obstore.sign(cast("SignCapableStore", self._store), "GET", key, expires_in))
+
     @contextmanager
-    def local_path(self, key: str) -> Iterator[Path]:
+    def local_path(self, key: str, *, job_id: str = "", folder: Path | None = None) -> Iterator[Path]:
         """The blob as a local file: the very file in a local folder, else a copy for the time of the block.
 
-        Raises `BlobMissingError`. The file must not be changed.
+        The copy carries the id of the job that it is made for, or is in a ``folder`` that is kept. Raises
+        `BlobMissingError`. The file must not be changed.
         """
         if self._folder is not None:
             path = self._folder / key
@@ -99,10 +150,12 @@ class Storage:
                 raise BlobMissingError(key)
             yield path
             return
-        path = self.draft(Path(key).suffix)
+        path = self.draft(Path(key).suffix, job_id=job_id)
+        if folder is not None:
+            path = folder / path.name
         try:
             try:
-                with path.open("wb") as file:
+                with path.open("wb") as file, _bucket_known():
                     for piece in obstore.get(self._store, key).stream(min_chunk_size=CHUNK_BYTES):
                         file.write(piece)
             except FileNotFoundError as error:
@@ -120,16 +173,17 @@ class Storage:
     def ping(self) -> None:
         """Raise when nothing can be written or read."""
         key = f"probe/{secrets.token_hex(8)}"
-        obstore.put(self._store, key, b"ok")
-        obstore.delete(self._store, key)
+        with _bucket_known():
+            obstore.put(self._store, key, b"ok")
+            obstore.delete(self._store, key)
 
     def clear_drafts(self, *, held: Callable[[Collection[str]], Collection[str]], before: datetime) -> int:
         """Remove the temporary files whose writer is gone. Returns their number.
 
         They may hold a face, so they must not outlive what they were made from. A job is claimed before its first draft
         is made, and its last one is published or removed before it ends: a draft whose job is not among those that
-        ``held`` returns, of the ids it is given, was left by a process that was killed. Any other draft is removed when
-        it was last touched before ``before``.
+        ``held`` returns, of the ids it is given, was left by a process that was killed. Any other draft was made by
+        `new_draft`, or `new_folder`, and is removed when nobody has it open and it was last touched before ``before``.
         """
         by_job: dict[str, list[Path]] = {}
         old: list[Path] = []
@@ -137,23 +191,55 @@ class Storage:
             # a file that was named after a draft carries its job's id too
             if owner := JOB_ID.search(path.name):
                 by_job.setdefault(owner[0], []).append(path)
+                continue
             with suppress(FileNotFoundError):
-                if path.stat().st_mtime < before.timestamp():
+                if path.stat().st_mtime < before.timestamp() and not _is_open(path):
                     old.append(path)
         kept = held(by_job.keys()) if by_job else ()
         gone = [path for job_id, paths in by_job.items() if job_id not in kept for path in paths]
         removed = 0
         for path in (*gone, *old):
             with suppress(FileNotFoundError):
-                path.unlink()
+                if path.is_dir():
+                    shutil.rmtree(path, ignore_errors=True)  # one whose job was taken away may still write into it
+                else:
+                    path.unlink()
                 removed += 1
         return removed
+
+
+@contextmanager
+def _bucket_known() -> Iterator[None]:
+    """Tell a bucket that is not there, of whose blobs nothing is known, from a blob that is missing."""
+    try:
+        yield
+    except FileNotFoundError as error:
+        if "NoSuchBucket" not in str(error):
+            raise
+        raise GenericError("the bucket does not exist") from error
+
+
+def _is_open(path: Path) -> bool:
+    """Some process has the draft open that `new_draft` or `new_folder` made, under this name or another."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:  # where locks are not to be had, nothing is known
+        return True
+    finally:
+        os.close(descriptor)
+    return False
 
 
 async def _pieces(found: obstore.GetResult) -> AsyncIterator[bytes]:
     async for piece in found.stream(min_chunk_size=CHUNK_BYTES):
         yield bytes(piece)
         await asyncio.sleep(0)  # a fast disk must not starve the other requests
+
+
+def part_bytes(size: int) -> int:
+    """How large the parts are in which a file of this size goes to an object store."""
+    return max(_PART_BYTES, -(-size // _MAX_PARTS))
 
 
 def file_sha256(path: Path) -> str:

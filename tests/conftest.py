@@ -12,10 +12,24 @@ import pvg
 from scripts.samples import Samples, fetch_samples
 from tests.gallery.clips import cut_clip
 
+pytest_plugins = ["tests.promises", "tests.parts", "tests.worker.serving"]
+
 settings.register_profile("no deadline", deadline=None)  # the first call of a kernel compiles it
 settings.load_profile("no deadline")
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+
+_OF_THE_METHOD = ("pvg", "properties", "benchmarks", "gallery")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """With two processes (`-n 2 --dist loadgroup`) one has the service's tests, in their order, and one the method's.
+
+    What the first start, break and measure are processes, ports and seconds, which they would take from each other.
+    """
+    for item in items:
+        folder = item.path.relative_to(REPOSITORY / "tests").parts[0]
+        item.add_marker(pytest.mark.xdist_group("method" if folder in _OF_THE_METHOD else "service"))
 
 
 @pytest.fixture(scope="session")

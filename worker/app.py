@@ -5,21 +5,34 @@ from __future__ import annotations
 import os
 
 from celery import Celery
-from celery.signals import setup_logging, worker_init, worker_process_init
+from celery.signals import (
+    setup_logging,
+    worker_init,
+    worker_process_init,
+    worker_process_shutdown,
+    worker_shutting_down,
+)
 
 from service.logs import configure
 from service.queue import celery_settings, make_folders
 from service.settings import Settings
-from worker import lifeline
+from worker import lifeline, stopping
+from worker.heartbeat import Heartbeat, wait_for_weights
+from worker.sandbox import SandboxServer
 
 settings = Settings()
 
-# several pool children share the cores; the numeric libraries read these when a child first imports them
+# several jobs share the cores; the numeric libraries read these as they are loaded
 _THREADS = str(max(1, (os.cpu_count() or 1) // settings.worker_concurrency))
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
     os.environ.setdefault(_name, _THREADS)
 
 make_folders(settings)
+
+#: started with the worker's main process, before its pool
+sandbox = SandboxServer(str(settings.folder))
+#: of a pool process; a thread is made before it is forked, and started after
+_heartbeat = Heartbeat(settings)
 
 app = Celery("pvg-worker", include=["worker.tasks"])
 app.conf.update(celery_settings(settings))
@@ -27,10 +40,11 @@ app.conf.update(
     task_acks_late=True,
     task_reject_on_worker_lost=True,
     worker_prefetch_multiplier=1,
+    worker_pool="worker.pool:TaskPool",
     worker_concurrency=settings.worker_concurrency,
     worker_max_tasks_per_child=settings.worker_max_tasks_per_child,
     worker_max_memory_per_child=settings.worker_max_memory_per_child_bytes // 1024,  # Celery counts in KiB
-    task_soft_time_limit=settings.job_soft_limit_s,
+    # a job's time is kept by its supervisor; this is for a supervisor that hangs
     task_time_limit=settings.job_hard_limit_s,
     # a render goes on while the broker is away: the database is the source of truth
     worker_cancel_long_running_tasks_on_connection_loss=False,
@@ -49,8 +63,22 @@ def _set_up_logging(**_: object) -> None:
 @worker_init.connect  # type: ignore[untyped-decorator]
 def _tie_worker(**_: object) -> None:
     lifeline.die_with_starter()
+    wait_for_weights(settings)
+    sandbox.start()  # the pool takes no job before it can do one
 
 
 @worker_process_init.connect  # type: ignore[untyped-decorator]
 def _tie_child(**_: object) -> None:
     lifeline.die_with_parent()
+    _heartbeat.start()
+
+
+@worker_process_shutdown.connect  # type: ignore[untyped-decorator]
+def _leave(**_: object) -> None:
+    _heartbeat.stop()
+
+
+@worker_shutting_down.connect  # type: ignore[untyped-decorator]
+def _stop(**_: object) -> None:
+    stopping.ask()
+    stopping.end_within(settings.worker_stop_limit_s)

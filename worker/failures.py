@@ -2,38 +2,102 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Collection
+from typing import Any, Final
 
-from celery.exceptions import SoftTimeLimitExceeded
-
-from pvg.errors import AssetError, FaceTooSmallError, MediaError, NoFaceError, PvgError
 from service.errors import stored_problem
+from service.outages import is_disk_full, is_outage
+from worker.answers import one_line
+from worker.sandbox import (
+    CrashError,
+    FileLimitError,
+    LimitError,
+    MemoryLimitError,
+    MethodError,
+    NoRoomError,
+    TimeLimitError,
+)
+
+
+class SourceLostError(Exception):
+    """The storage does not have the file of a medium any more."""
+
+    def __init__(self, media_id: str) -> None:
+        super().__init__(f"the file of {media_id} is no longer in the storage; upload it again")
+
+
+class AssetLostError(Exception):
+    """The storage does not have the asset of a medium any more, and it is not made again here."""
+
+    def __init__(self, media_id: str) -> None:
+        super().__init__(f"the vectorised {media_id} is no longer in the storage; a transfer with it makes it again")
+
+
+class LostAssetsError(Exception):
+    """Assets of these media are missing, damaged or of another version."""
+
+    def __init__(self, media_ids: Collection[str]) -> None:
+        super().__init__(f"the vectorised {', '.join(sorted(media_ids))} cannot be read, though made again")
+        self.media_ids = media_ids
+
+
+class LostPartsError(Exception):
+    """Parts that were drawn are missing, damaged or of another version when they are to be joined."""
 
 
 class OptionError(Exception):
     """An option of the request does not fit the medium it is used on."""
 
 
-#: the first class that fits gives the type; children come before their parents
-_TYPES: tuple[tuple[type[Exception], str], ...] = (
-    (FaceTooSmallError, "face-too-small"),
-    (NoFaceError, "no-face"),
-    (MediaError, "media-invalid"),
-    (AssetError, "asset-invalid"),
-    (OptionError, "validation-failed"),
-)
+#: the problems of errors that tell of the input, by the names of their classes in the job's process
+EXPECTED: Final = {
+    "FaceTooSmallError": "face-too-small",
+    "NoFaceError": "no-face",
+    "MediaError": "media-invalid",
+    "AssetError": "asset-invalid",
+    "OptionError": "validation-failed",
+    "TooLargeError": "too-large",
+}
+#: those of our own errors whose text is shown
+_SHOWN: Final[dict[type[Exception], str]] = {
+    OptionError: "validation-failed",
+    SourceLostError: "source-lost",
+    AssetLostError: "asset-invalid",
+    LostAssetsError: "asset-invalid",
+    TimeLimitError: "time-limit",
+    MemoryLimitError: "too-large",
+    FileLimitError: "too-large",
+}
+_CRASHED: Final = "the job ended its process on every attempt"
 
 
 def problem_of(error: Exception) -> dict[str, Any]:
     """The problem to store with the job."""
-    if isinstance(error, SoftTimeLimitExceeded):
-        return stored_problem("time-limit", "the job took longer than the service allows")
-    for kind, name in _TYPES:
-        if isinstance(error, kind):
-            return stored_problem(name, str(error))
+    if type(error) in _SHOWN:
+        return stored_problem(_SHOWN[type(error)], str(error))
+    if isinstance(error, MethodError) and error.kind in EXPECTED:
+        return stored_problem(EXPECTED[error.kind], one_line(str(error)))
+    if isinstance(error, CrashError):
+        return stored_problem("worker-crashed", _CRASHED)
+    if lacks_room(error):
+        return stored_problem("insufficient-storage", "no room was left for this job, on every attempt")
+    if is_outage(error):
+        return stored_problem("unavailable", "the records or the files could not be reached for too long")
     return stored_problem("internal-error", "the job failed on our side; the log has it under this job's id")
 
 
 def is_expected(error: Exception) -> bool:
     """True for errors that tell of the input, not of a fault of ours."""
-    return isinstance(error, PvgError | OptionError | SoftTimeLimitExceeded)
+    if isinstance(error, MethodError):
+        return error.kind in EXPECTED
+    return isinstance(error, OptionError | SourceLostError | AssetLostError | LimitError)
+
+
+def lacks_room(error: BaseException) -> bool:
+    """True when an error, or one that led to it, is that of a full disk."""
+    seen: BaseException | None = error
+    while seen is not None:
+        if isinstance(seen, NoRoomError) or is_disk_full(seen):
+            return True
+        seen = seen.__cause__ or seen.__context__
+    return False

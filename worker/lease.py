@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
@@ -11,8 +12,15 @@ import structlog
 
 from service.catalog import Database, JobState, Lease, Progress, jobs
 from service.settings import Settings
+from worker import stopping
+from worker.stopping import StoppedError
 
 log = structlog.get_logger(__name__)
+
+#: seconds between two looks at whether the worker has to stop
+_LOOK_S = 1.0
+#: for one look at the database, after which it is called slow
+_SLOW_S = 2.0
 
 
 class LeaseLostError(Exception):
@@ -24,15 +32,26 @@ class CanceledError(Exception):
 
 
 class LeaseKeeper:
-    """A thread beside the work. Only it uses the database meanwhile, so that a slow database never slows the work."""
+    """A thread beside the work. Only it uses the database meanwhile, so that a slow database never slows the work.
 
-    def __init__(self, database: Database, lease: Lease, settings: Settings) -> None:
+    The lease of a worker whose database is away runs out, but nobody can take the job over without the database either:
+    the work goes on, and the lease is renewed when the database is back (`Reaper` leaves time for it). Only after
+    `Settings.max_outage_s` it stops.
+
+    When the worker has to stop and the job will not end in time, ``give_back`` is called in the thread, so that another
+    worker can have the job before the work has noticed.
+    """
+
+    def __init__(
+        self, database: Database, lease: Lease, settings: Settings, give_back: Callable[[], None] | None = None
+    ) -> None:
+        self._give_back = give_back
         self._database = database
         self._lease = lease
         self._settings = settings
         self._latest: Progress | None = None
         self._verdict: type[Exception] | None = None
-        self._renewed = time.monotonic()
+        self._began = self._renewed = time.monotonic()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"lease-{lease.job_id}", daemon=True)
 
@@ -61,20 +80,40 @@ class LeaseKeeper:
                 log.warning("progress not written", job=self._lease.job_id, error=type(error).__name__)
 
     def check(self) -> None:
-        """Raise `CanceledError` or `LeaseLostError` when the work has to stop."""
+        """Raise `CanceledError`, `LeaseLostError` or `StoppedError` when the work has to stop."""
+        if self._verdict is None and not self._may_go_on():
+            self._verdict = StoppedError
         if self._verdict is not None:
             raise self._verdict
 
+    def _may_go_on(self) -> bool:
+        fraction = self._latest.fraction if self._latest is not None else 0.0
+        return stopping.may_go_on(self._began, fraction, grace_s=self._settings.worker_stop_grace_s)
+
     def _run(self) -> None:
+        self._keep()
+        if self._verdict is StoppedError and self._give_back is not None:
+            try:
+                self._give_back()
+            except Exception as error:  # the lease runs out, and the reaper queues the job again
+                log.warning("job not given back", job=self._lease.job_id, error=type(error).__name__)
+
+    def _keep(self) -> None:
         written: Progress | None = None
-        while self._verdict is None and not self._stop.wait(self._settings.progress_interval_s or 0.1):
+        while self._verdict is None and not self._stop.wait(min(self._settings.progress_interval_s, _LOOK_S) or 0.1):
+            if not self._may_go_on():
+                self._verdict = StoppedError
+                return
+            began = time.monotonic()
             try:
                 latest = self._latest
                 self._tick(latest if latest != written else None)
                 written = latest
-            except Exception as error:  # progress never fails a job; a lease that cannot be kept does
+                if (taken := time.monotonic() - began) > _SLOW_S:
+                    log.warning("lease upkeep is slow", job=self._lease.job_id, seconds=round(taken, 1))
+            except Exception as error:  # progress never fails a job; a database that stays away does
                 log.warning("lease upkeep failed", job=self._lease.job_id, error=type(error).__name__)
-                if time.monotonic() - self._renewed > self._settings.lease_s:
+                if time.monotonic() - self._renewed > self._settings.max_outage_s:
                     self._verdict = LeaseLostError
 
     def _tick(self, progress: Progress | None) -> None:
@@ -89,6 +128,8 @@ class LeaseKeeper:
                     self._renewed = time.monotonic()
         with self._database.read() as session:
             state = jobs.held_state(session, self._lease)
+        if self._verdict is not None:
+            return  # it was told to stop meanwhile, and gives the job back, or ends it if it is canceled
         if state is None:
             self._verdict = LeaseLostError
         elif state is JobState.CANCELING:

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
-from dataclasses import dataclass, fields
+from collections.abc import Collection, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
-import pvg
-from pvg.asset import VectorVideo
-from pvg.looks import reference_face_of
 from service.catalog import (
+    Extra,
     Look,
-    LookParams,
     Media,
     Output,
     OutputOptions,
+    PartName,
+    PartOf,
     Report,
     content_type_of,
     jobs,
@@ -25,124 +27,176 @@ from service.catalog import (
 )
 from service.ids import new_id
 from service.storage import BlobMissingError, file_sha256
-from worker.failures import OptionError
+from worker.answers import LookAnswer, RenderAnswer, VerifyAnswer, checked, made
+from worker.failures import LostAssetsError, OptionError, SourceLostError
 from worker.lease import LeaseLostError
 from worker.run import Run
+from worker.sandbox import CrashError, MethodError
 
-#: parts of one video's share of the job: finding the new colours, drawing; storing takes the rest
+#: parts of one video's share of the job: finding the new colours, drawing, extras; storing takes the rest
 _TRANSFER, _RENDER = 0.05, 0.97
+#: where drawing ends when there are extras: a matte is another reading of the clip for each look, a cube one frame
+_RENDER_BEFORE = {"cube": 0.93, "matte": 0.6}
 #: containers of a still picture; all others hold clips
-IMAGE_CONTAINERS = frozenset({"png", "jpg", "webp"})
+IMAGE_CONTAINERS = frozenset({"png", "jpg", "webp", "tiff"})
 
 
 @dataclass(frozen=True)
-class _Drawn:
-    """One look as a file, not yet stored."""
+class _Extra:
+    """A part of a look as a file, not yet stored; see `PartOf`."""
+
+    part: PartName
+    person: int
+    path: Path
+
+
+@dataclass(frozen=True)
+class DrawnLook:
+    """One look as a file, not yet stored, and what was made beside it."""
 
     look: Look
     path: Path
     report: Report
+    extras: tuple[_Extra, ...]
 
 
 def render(run: Run) -> bool:
     """Do the job. False when its lease was lost at the end, and nothing was published."""
-    with run.database.read() as session:
-        looks = jobs.looks(session, run.job.id)
-        ids = {media_id for look in looks for media_id in (look.video_id, look.reference_id)}
-        known = {media_id: media.get(session, media_id) for media_id in ids}
-    present = {media_id: medium for media_id, medium in known.items() if medium is not None}
-    if len(present) < len(known):  # deleted, and the lease was revoked with it
-        raise LeaseLostError
+    looks, present = wanted(run)
     by_video: dict[str, list[Look]] = {}
     for look in looks:
         by_video.setdefault(look.video_id, []).append(look)
-    drawn: list[_Drawn] = []
+    drawn: list[DrawnLook] = []
+    extras = render_request(run.job).output.extras
     for number, (video_id, group) in enumerate(by_video.items()):
-        run.progress.expect(spans_of_video(number, len(by_video)))
-        try:
+        run.progress.expect(spans_of_video(number, len(by_video), extras))
+        with telling_what_is_lost(run, present):
             drawn += _render_video(run, present[video_id], group, present)
-        except BlobMissingError as error:
-            run.keeper.check()
-            raise LeaseLostError from error
-    return _publish(run, drawn, present)
+    return publish(run, drawn, present)
 
 
-def spans_of_video(number: int, count: int) -> dict[str, tuple[float, float]]:
+def wanted(run: Run) -> tuple[list[Look], dict[str, Media]]:
+    """The looks to make, of the whole job, and the media they need. Raises `LeaseLostError` when one was deleted."""
+    looks, known = run.patience(lambda: _known(run))
+    present = {media_id: medium for media_id, medium in known.items() if medium is not None}
+    if len(present) < len(known):  # the lease was revoked with it
+        raise LeaseLostError
+    return looks, present
+
+
+def _known(run: Run) -> tuple[list[Look], dict[str, Media | None]]:
+    with run.database.read() as session:
+        looks = jobs.looks(session, run.job.parent_id or run.job.id)
+        ids = {media_id for look in looks for media_id in (look.video_id, look.reference_id)}
+        return looks, {media_id: media.get(session, media_id) for media_id in ids}
+
+
+@contextmanager
+def telling_what_is_lost(run: Run, present: dict[str, Media]) -> Iterator[None]:
+    """When the block fails for it, raise `SourceLostError` or `LostAssetsError` of those of these media whose files
+    are gone or cannot be read.
+    """
+    try:
+        yield
+    except (MethodError, BlobMissingError) as error:
+        if not isinstance(error, MethodError) or error.kind == "AssetError":
+            _say_what_is_lost(run, present, error)
+        raise
+
+
+def _say_what_is_lost(run: Run, present: dict[str, Media], error: Exception) -> None:
+    # deleted, and the lease was revoked before the files went: the end of the job changes nothing
+    for medium in present.values():
+        if not run.patience(partial(run.storage.exists, medium.source_key)):
+            raise SourceLostError(medium.id) from error
+    lost = [medium.id for medium in present.values() if not _is_whole(run, medium)]
+    if lost:
+        raise LostAssetsError(lost) from error
+
+
+def _is_whole(run: Run, medium: Media) -> bool:
+    try:
+        with ExitStack() as stack:
+            asset = _asset(run, stack, medium)
+            found = run.call("verify", {"asset": str(asset)}, read=[asset], folder=run.draft_folder())
+    except BlobMissingError:
+        return False
+    return checked(VerifyAnswer, found).whole
+
+
+def spans_of_video(number: int, count: int, extras: Collection[Extra] = ()) -> dict[str, tuple[float, float]]:
     """The parts of the job, in [0, 1], that the stages of video ``number`` of ``count`` take."""
     start, share = number / count, 1 / count
-    return {
+    drawn = min([_RENDER, *(_RENDER_BEFORE[extra] for extra in extras)])
+    spans = {
         "transfer": (start, start + share * _TRANSFER),
-        "render": (start + share * _TRANSFER, start + share * _RENDER),
+        "render": (start + share * _TRANSFER, start + share * drawn),
     }
+    if extras:
+        spans["extras"] = (start + share * drawn, start + share * _RENDER)
+    return spans
 
 
-def _render_video(run: Run, video: Media, group: list[Look], present: dict[str, Media]) -> list[_Drawn]:
-    """All looks of one video, up to three in one pass over it."""
+def _render_video(run: Run, video: Media, group: list[Look], present: dict[str, Media]) -> list[DrawnLook]:
+    """All looks of one video, in one process."""
     output = render_request(run.job).output
+    folder, suffix = run.draft_folder(), suffix_of(video, output)
+    names = [f"look-{number}{suffix}" for number in range(len(group))]
+    extras = [folder / f"extras-{number}" for number in range(len(group))]
     with ExitStack() as stack:
-        source = stack.enter_context(run.storage.local_path(video.source_key))
-        canvas = _open(run, stack, video, source)
-        suffix = _suffix(canvas, output)
-        new_colors, reports = [], []
-        with run.timed("transfer_s"):
-            for done, look in enumerate(group):
-                run.progress("transfer", done, len(group))
-                reference = _open(run, stack, present[look.reference_id])
-                params = look_params(look)
-                new_colors.append(_transfer(canvas, reference, params))
-                reports.append(_report(canvas, reference, params))
-        paths = [run.draft(suffix) for _ in group]
-        with run.timed("render_s"):
-            try:
-                pvg.render(
-                    canvas,
-                    new_colors,
-                    paths,
-                    codec=output.codec,
-                    crf=output.crf,
-                    preset=output.preset,
-                    audio=output.audio,
-                    progress=run.progress,
-                )
-            except ValueError as error:
-                raise OptionError(str(error)) from error
-    return [_Drawn(*one) for one in zip(group, paths, reports, strict=True)]
-
-
-def _open(run: Run, stack: ExitStack, medium: Media, source: Path | None = None) -> VectorVideo:
-    assert medium.asset_key is not None  # noqa: S101 - a job is released only when its media are ready
-    path = stack.enter_context(run.storage.local_path(medium.asset_key))
-    return stack.enter_context(VectorVideo(path, source))
-
-
-def _transfer(video: VectorVideo, reference: VectorVideo, params: LookParams) -> pvg.Look:
-    options = {field.name: getattr(params, field.name) for field in fields(LookParams)}
-    try:
-        if options.pop("exchange"):
-            del options["reference_face"]
-            return pvg.exchange(video, **options)
-        return pvg.transfer(video, reference, **options)
-    except ValueError as error:
-        raise OptionError(str(error)) from error
-
-
-def _report(video: VectorVideo, reference: VectorVideo, params: LookParams) -> Report:
-    """How the video was vectorised, and the warnings of the faces that take part."""
-    warnings = [
-        f"video, face {face.index}: {warning}"
-        for face in video.faces
-        if params.faces == "all" or face.index in params.faces
-        for warning in face.warnings
+        arguments, read = inputs(run, stack, video, group, present)
+        arguments |= {"paths": [str(folder / name) for name in names], "extras": [str(path) for path in extras]}
+        found = run.call("render", arguments, read=read, folder=folder)
+    answer = checked(RenderAnswer, found)
+    if len(answer.looks) != len(group):
+        raise CrashError("its process answered for other looks")
+    run.add_timings(answer.timings.items())
+    return [
+        drawn_look(look, made(folder, name), said, path)
+        for look, name, said, path in zip(group, names, answer.looks, extras, strict=True)
     ]
-    if not params.exchange:
-        face = reference_face_of(reference, params.reference_face)
-        warnings += [f"reference, face {face.index}: {warning}" for warning in face.warnings]
-    return Report(video.settings["mask"], video.settings["matching"], tuple(warnings))
 
 
-def _suffix(video: VectorVideo, output: OutputOptions) -> str:
+def inputs(
+    run: Run, stack: ExitStack, video: Media, group: list[Look], present: dict[str, Media]
+) -> tuple[dict[str, Any], list[Path]]:
+    """What every call about looks of one video is told, and the files it reads: there until the stack is closed."""
+    source = stack.enter_context(run.local_path(video.source_key))
+    asset = _asset(run, stack, video)
+    references = [_asset(run, stack, present[look.reference_id]) for look in group]
+    arguments = {
+        "source": str(source),
+        "asset": str(asset),
+        "looks": [
+            {"reference": str(reference), "params": asdict(look_params(look))}
+            for reference, look in zip(references, group, strict=True)
+        ],
+        "output": asdict(render_request(run.job).output),
+    }
+    return arguments, [source, asset, *references]
+
+
+def _asset(run: Run, stack: ExitStack, medium: Media) -> Path:
+    assert medium.asset_key is not None  # noqa: S101 - a job is released only when its media are ready
+    return stack.enter_context(run.local_path(medium.asset_key))
+
+
+def drawn_look(look: Look, path: Path, said: LookAnswer, extras: Path) -> DrawnLook:
+    """What was drawn, with what its process says of it."""
+    report = Report(
+        mask=said.mask,
+        matching=said.matching,
+        input_color=said.input_color,
+        warnings=(*said.warnings, *(f"output: {line}" for line in said.output_warnings)),
+    )
+    files = [_Extra(extra.part, extra.person, made(extras, extra.name)) for extra in said.extras]
+    return DrawnLook(look, path, report, tuple(files))
+
+
+def suffix_of(video: Media, output: OutputOptions) -> str:
+    """Of the file that a look of this video becomes. Raises `OptionError` when the container is not of its kind."""
     container = output.container
-    is_image = video.media.kind == "image"
+    is_image = (video.info or {}).get("kind") == "image"
     if container is None:
         return ".png" if is_image else ".mp4"
     if (container in IMAGE_CONTAINERS) != is_image:
@@ -150,47 +204,75 @@ def _suffix(video: VectorVideo, output: OutputOptions) -> str:
     return f".{container}"
 
 
-def _publish(run: Run, drawn: list[_Drawn], present: dict[str, Media]) -> bool:
+def publish(run: Run, drawn: list[DrawnLook], present: dict[str, Media]) -> bool:
+    """Store the looks and end the job with them. False when its lease was lost: nothing was published."""
     outputs: list[Output] = []
     published = False
     try:
         with run.timed("store_s"):
             for one in drawn:
-                run.keeper.check()
-                outputs.append(_store(run, one, present))
+                _store(run, one, present, outputs)
         run.keeper.flush()
-        with run.database.write() as session:
-            published = results.publish(
-                session,
-                run.lease,
-                outputs,
-                now=run.database.now(),
-                timings=run.timings,
-                ttl_s=run.settings.result_ttl_s,
-            )
+        stored, outputs = outputs, []  # from here on they may have a record, also when no answer says so
+        published = run.patience(lambda: _record(run, stored))
+        outputs = stored
     finally:
         if not published:
-            for output in outputs:
-                run.storage.delete(output.key)
+            run.blobs.discard([output.key for output in outputs])
     return published
 
 
-def _store(run: Run, drawn: _Drawn, present: dict[str, Media]) -> Output:
-    look, path = drawn.look, drawn.path
+def _record(run: Run, outputs: list[Output]) -> bool:
+    """End the job with its outputs. True as well when a call before has done so, and its answer was lost."""
+    with run.database.write() as session:
+        return results.publish(
+            session,
+            run.lease,
+            outputs,
+            now=run.database.now(),
+            timings=run.timings,
+            ttl_s=run.settings.result_ttl_s,
+        ) or (bool(outputs) and results.get(session, outputs[0].result_id) is not None)
+
+
+def _store(run: Run, drawn: DrawnLook, present: dict[str, Media], outputs: list[Output]) -> None:
+    """Store a look and what was made beside it, and add them to the outputs."""
+    look = drawn.look
+    stem = f"{_stem(present[look.video_id])}-{_stem(present[look.reference_id])}"
+    main = _stored(run, look, drawn.path, f"{stem}{drawn.path.suffix}", outputs, report=drawn.report)
+    for extra in drawn.extras:
+        part_of = PartOf(main.result_id, extra.part, extra.person)
+        _stored(run, look, extra.path, f"{stem}-{extra.path.name}", outputs, part_of=part_of)
+
+
+def _stored(
+    run: Run,
+    look: Look,
+    path: Path,
+    filename: str,
+    outputs: list[Output],
+    *,
+    report: Report | None = None,
+    part_of: PartOf | None = None,
+) -> Output:
+    run.keeper.check()
     result_id = new_id("res")
     sha256, size = file_sha256(path), path.stat().st_size
     key = run.storage.key("result", sha256, result_id, path.suffix)
-    run.storage.put(path, key)
-    return Output(
+    output = Output(
         result_id=result_id,
         position=look.position,
         key=key,
         sha256=sha256,
         size_bytes=size,
         content_type=content_type_of(path.suffix),
-        filename=f"{_stem(present[look.video_id])}-{_stem(present[look.reference_id])}{path.suffix}",
-        report=drawn.report,
+        filename=filename,
+        report=report,
+        part_of=part_of,
     )
+    outputs.append(output)  # first: what is stored halfway is deleted as well
+    run.patience(lambda: run.blobs.put(path, key))
+    return output
 
 
 def _stem(medium: Media) -> str:

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
-from service.catalog import Database, Job, Lease
+from service.blobs import Blobs
+from service.catalog import Database, Job, Lease, Message
 from service.settings import Settings
 from service.storage import Storage
 from worker.lease import LeaseKeeper
+from worker.patience import Patience
 from worker.progress import ProgressScale
+from worker.sandbox import Limits, Sandbox, View, Watch
 
 
 @dataclass
@@ -22,12 +28,18 @@ class Run:
     settings: Settings
     database: Database
     storage: Storage
+    blobs: Blobs
     job: Job
     lease: Lease
     keeper: LeaseKeeper
     progress: ProgressScale
+    sandbox: Sandbox
+    patience: Patience
     timings: dict[str, float] = field(default_factory=dict)
+    began: float = field(default_factory=time.monotonic)
     drafts: ExitStack = field(default_factory=ExitStack)
+    #: of the jobs that its work has made, to be published when it ends
+    messages: list[Message] = field(default_factory=list)
 
     @contextmanager
     def timed(self, name: str) -> Iterator[None]:
@@ -38,8 +50,36 @@ class Run:
         finally:
             self.timings[name] = round(self.timings.get(name, 0.0) + time.perf_counter() - began, 3)
 
-    def draft(self, suffix: str) -> Path:
-        """A temporary path that is cleared when the run ends, whatever its end."""
-        path = self.storage.draft(suffix, job_id=self.job.id)
-        self.drafts.callback(path.unlink, missing_ok=True)
+    def add_timings(self, seconds: Iterable[tuple[str, float]]) -> None:
+        """Add these seconds to the job's timings, name by name."""
+        for name, more in seconds:
+            self.timings[name] = round(self.timings.get(name, 0.0) + more, 3)
+
+    @contextmanager
+    def local_path(self, key: str) -> Iterator[Path]:
+        """A blob as a local file; a copy of it carries the job's id. A storage that is away is waited for."""
+        with ExitStack() as stack:
+            yield self.patience(lambda: stack.enter_context(self.storage.local_path(key, job_id=self.job.id)))
+
+    def draft_folder(self) -> Path:
+        """A temporary folder that is cleared with its files when the run ends, whatever its end."""
+        path = self.storage.draft(job_id=self.job.id)
+        self.drafts.callback(shutil.rmtree, path, ignore_errors=True)
+        path.mkdir()
         return path
+
+    def call(self, name: str, arguments: Mapping[str, Any], *, read: Sequence[Path], folder: Path) -> Any:
+        """Make a call of `worker.sandbox.calls` in a process that sees these files and writes into this folder alone.
+
+        Its answer is not checked. Raises what `Sandbox.call` raises, and what ends this run: its time limit too.
+        """
+        settings = self.settings
+        limits = Limits(
+            memory_bytes=settings.job_memory_bytes,
+            cpu_s=int(settings.job_soft_limit_s * (os.cpu_count() or 1)) + 1,
+            file_bytes=settings.job_file_bytes,
+        )
+        watch = Watch(self.keeper.check, self.progress, self.began + settings.job_soft_limit_s)
+        view = View(tuple(path.resolve() for path in read), folder.resolve())
+        shared = {"memory_bytes": limits.memory_bytes}
+        return self.sandbox.call(name, {**arguments, **shared}, limits=limits, view=view, watch=watch)

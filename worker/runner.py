@@ -2,62 +2,145 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable
+import time
+from collections.abc import Callable, Collection, Iterable, Mapping
 from datetime import timedelta
+from typing import Final, TypeVar
 
 import structlog
 from celery import Celery
 
-from service.catalog import Database, JobKind, Message, jobs, sweep
-from service.queue import send
+from service import tracing
+from service.blobs import Blobs
+from service.catalog import Database, Job, JobKind, Lease, Message, PartKind, fairness, jobs, media, parts, sweep
+from service.catalog.fairness import Taken
+from service.outages import is_outage
+from service.queue import send, withdraw
+from service.room import Room
 from service.settings import Settings
 from service.storage import Storage
-from worker.failures import is_expected, problem_of
+from worker import stopping
+from worker.failures import LostAssetsError, LostPartsError, is_expected, lacks_room, problem_of
 from worker.lease import CanceledError, LeaseKeeper, LeaseLostError
+from worker.parts import draw_part, join, render_or_split
+from worker.patience import Patience
 from worker.progress import ProgressScale
 from worker.run import Run
+from worker.sandbox import CrashError, MethodError, Sandbox
+from worker.stopping import StoppedError
+from worker.vectorizing import vectorize
+
+#: seconds for which a worker with a message waits for room on its disk, and between two looks
+ROOM_WAIT_S: Final = 8.0
+ROOM_POLL_S: Final = 0.5
 
 log = structlog.get_logger(__name__)
 
+T = TypeVar("T")
+
 
 class Runner:
-    """Does jobs, one after the other, in one pool child."""
+    """Supervises jobs, one after the other, in one pool child; media are worked on in the processes of ``sandbox``."""
 
-    def __init__(self, settings: Settings, app: Celery) -> None:
+    def __init__(self, settings: Settings, app: Celery, sandbox: Sandbox) -> None:
         self._settings = settings
         self._app = app
-        self._database = Database(settings.database)
+        self._sandbox = sandbox
+        self._room = Room(settings)
+        self._database = Database(settings.database, before_write=self._room.give_back)
         self._storage = Storage(settings)
+        # recorded when all of a job's are written, and stores may be away in between
+        self._blobs = Blobs(self._database, self._storage, within_s=settings.job_hard_limit_s)
 
     def run(self, job_id: str) -> None:
-        """Do a job if it can be claimed: a message may be late, repeated, or of a job that was canceled."""
-        with self._database.write() as session:
-            lease = jobs.claim(session, job_id, now=self._database.now(), lease_s=self._settings.lease_s)
-            job = jobs.get(session, job_id)
-        if lease is None or job is None:
+        """Do a job if one can be claimed: a message may be late, repeated, or of a job that was canceled.
+
+        The job done is another one when it is another key's turn. Raises `StoppedError` when the worker is told to stop
+        before a job is claimed.
+        """
+        stopping.check()
+        limit_s = self._settings.max_outage_s
+        patience = Patience(stopping.check, limit_s=limit_s)
+        if not patience(lambda: self._has_room(job_id)):
+            return
+        token = jobs.new_token()
+        claimed = patience(lambda: self._claim(job_id, token))
+        if claimed is None:
             log.info("nothing to claim", job=job_id)
             return
+        taken, job = claimed
+        lease = taken.lease
+        if taken.deferred is not None:
+            self._publish([taken.deferred])
         structlog.contextvars.clear_contextvars()
-        structlog.contextvars.bind_contextvars(job=job_id, kind=job.kind, attempt=job.attempt)
+        structlog.contextvars.bind_contextvars(job=job.id, kind=job.kind, attempt=job.attempt)
+        if job.parent_id is not None:
+            structlog.contextvars.bind_contextvars(part_of=job.parent_id)
+        tracing.traceparent.set(job.traceparent)  # jobs that this one makes are of its trace
+        if job.traceparent is not None:
+            structlog.contextvars.bind_contextvars(trace_id=tracing.trace_id(job.traceparent))
         log.info("job begins")
-        with LeaseKeeper(self._database, lease, self._settings) as keeper:
+        with LeaseKeeper(self._database, lease, self._settings, lambda: self._give_back(job, lease)) as keeper:
             run = Run(
                 self._settings,
                 self._database,
                 self._storage,
+                self._blobs,
                 job,
                 lease,
                 keeper,
                 ProgressScale(keeper.report),
+                self._sandbox,
+                Patience(keeper.check, limit_s=limit_s),
+                dict(job.timings or {}),
             )
             if job.started_at is not None:
-                run.timings["queued_s"] = round((job.started_at - job.created_at).total_seconds(), 3)
+                run.timings["queued_s"] = round((job.started_at - job.queued_at).total_seconds(), 3)
             with run.drafts:
                 self._work(run)
-        self._release_waiting()
+        self._publish(run.messages)
+        self._tidy_up()
+
+    def _claim(self, job_id: str, token: str) -> tuple[Taken, Job] | None:
+        with self._database.write() as session:
+            now, lease_s = self._database.now(), self._settings.lease_s
+            taken = fairness.claim(session, job_id, now=now, lease_s=lease_s, token=token)
+            if taken is None and (lease := jobs.claimed(session, token)):  # by a call before, whose answer was lost
+                taken = Taken(lease)
+            job = jobs.get(session, taken.lease.job_id) if taken is not None else None
+        return None if taken is None or job is None else (taken, job)
+
+    def _tidy_up(self) -> None:
+        """What may be done after a job; the reaper does it too, only later."""
+        try:
+            self._release_waiting()
+            self._clear_drafts()
+        except Exception as error:
+            if not is_outage(error):
+                raise
+            log.warning("left to the reaper", error=type(error).__name__)
+
+    def _clear_drafts(self) -> None:
         # the reaper does it too, where it shares this machine's disk
         before = self._database.now() - timedelta(seconds=self._settings.draft_ttl_s)
         self._storage.clear_drafts(held=self._held, before=before)
+
+    def _has_room(self, job_id: str) -> bool:
+        """Wait a little for room on the disk. False when there is none: the job is left to be sent again later."""
+        until = time.monotonic() + ROOM_WAIT_S
+        waited = False
+        while self._room.is_short():
+            if not waited:
+                waited = True
+                log.warning("no room for jobs on the disk", job=job_id)
+                with self._database.write() as session:
+                    if not jobs.put_off(session, job_id, now=self._database.now()):
+                        return True  # nothing to wait for: the claim finds out
+            if time.monotonic() >= until:
+                return False
+            stopping.check()
+            time.sleep(ROOM_POLL_S)
+        return True
 
     def _held(self, job_ids: Collection[str]) -> set[str]:
         with self._database.read() as session:
@@ -65,35 +148,109 @@ class Runner:
 
     def _work(self, run: Run) -> None:
         try:
-            published = _work_of(JobKind(run.job.kind))(run)
+            published = _WORK[run.job.kind](run)
             log.info("job ends" if published else "job ends unpublished: its lease is lost", **run.timings)
             if not published:
-                self._confirm_cancel(run)
+                self._confirm_cancel(run.lease)
         except CanceledError:
-            self._confirm_cancel(run)
+            self._confirm_cancel(run.lease)
         except LeaseLostError:
             log.warning("lease lost, work dropped")
+        except StoppedError:
+            log.info("work dropped: the worker has to stop")  # its keeper gives the job back
+        except SystemExit:  # this pool process alone was told to end
+            self._give_back(run.job, run.lease)
+            raise
+        except LostAssetsError as error:
+            self._make_again(run, error)
+        except LostPartsError as error:
+            self._draw_again(run, error)
         except Exception as error:
+            if lacks_room(error):
+                run.drafts.close()  # the records need some
+            if run.job.attempt < self._settings.max_attempts and (why := _worth_another_attempt(error)):
+                log.warning(why, error=str(error) if isinstance(error, CrashError) else type(error).__name__)
+                self._give_back(run.job, run.lease, costs_attempt=True)
+                return
             if is_expected(error):
                 log.info("job fails", error=str(error))
             else:
-                log.exception("job fails unexpectedly")
+                log.exception("job fails unexpectedly", trace=error.trace if isinstance(error, MethodError) else None)
             self._fail(run, error)
 
-    def _fail(self, run: Run, error: Exception) -> None:
-        with self._database.write() as session:
-            now = self._database.now()
-            failed = jobs.fail(session, run.lease, problem_of(error), now=now, timings=run.timings)
-        if not failed:
-            self._confirm_cancel(run)
+    def _make_again(self, run: Run, error: LostAssetsError) -> None:
+        """Have lost assets made again from their sources, and the job wait for them; once, then it fails."""
+        messages = self._at_last(lambda: self._made_again(run, error))
+        if messages is None:
+            log.error("job fails: an asset that was made again cannot be read", media=sorted(error.media_ids))
+            self._fail(run, error)
+            return
+        log.warning("assets are lost; they are made again", media=sorted(error.media_ids))
+        self._publish(messages)
+        if not messages:
+            self._confirm_cancel(run.lease)
 
-    def _confirm_cancel(self, run: Run) -> None:
+    def _draw_again(self, run: Run, error: LostPartsError) -> None:
+        """Have a job in parts begin anew, as often as other jobs are tried; then it fails."""
+        message = self._at_last(lambda: self._drawn_again(run))
+        if message is None:
+            log.error("job fails: its parts cannot be joined", error=str(error))
+            self._fail(run, error)
+            return
+        log.warning("parts are lost or damaged; they are drawn again", error=str(error))
+        self._publish([message])
+
+    def _drawn_again(self, run: Run) -> Message | None:
         with self._database.write() as session:
-            if jobs.confirm_cancel(session, run.lease, now=self._database.now()):
-                log.info("job canceled")
+            attempts = self._settings.max_attempts
+            return jobs.draw_again(session, run.lease, now=self._database.now(), max_attempts=attempts)
+
+    def _made_again(self, run: Run, error: LostAssetsError) -> list[Message] | None:
+        with self._database.write() as session:
+            return media.make_again(session, run.lease, error.media_ids, now=self._database.now())
+
+    def _fail(self, run: Run, error: Exception) -> None:
+        needless = self._at_last(lambda: self._failed(run, error))
+        if needless is None:
+            self._confirm_cancel(run.lease)
+            return
+        for message in needless:
+            withdraw(self._settings, message)
+
+    def _failed(self, run: Run, error: Exception) -> list[Message] | None:
+        """The messages of its other parts, which are not needed any more; None when the lease is lost."""
+        with self._database.write() as session:
+            now, whole_id = self._database.now(), run.job.parent_id
+            others = [] if whole_id is None else parts.messages(session, [whole_id])
+            failed = jobs.fail(session, run.lease, problem_of(error), now=now, timings=run.timings)
+            return others if failed else None
+
+    def _give_back(self, job: Job, lease: Lease, *, costs_attempt: bool = False) -> None:
+        if self._at_last(lambda: self._given_back(lease, costs_attempt=costs_attempt)):
+            log.info("job given back", job=job.id, costs_attempt=costs_attempt)
+            stopping.settle()
+            self._publish([Message(job.id, job.queue)])
+        else:
+            self._confirm_cancel(lease)
+
+    def _given_back(self, lease: Lease, *, costs_attempt: bool) -> bool:
+        with self._database.write() as session:
+            return jobs.give_back(session, lease, now=self._database.now(), costs_attempt=costs_attempt)
+
+    def _confirm_cancel(self, lease: Lease) -> None:
+        if self._at_last(lambda: self._canceled(lease)):
+            log.info("job canceled")
+
+    def _canceled(self, lease: Lease) -> bool:
+        with self._database.write() as session:
+            return jobs.confirm_cancel(session, lease, now=self._database.now())
+
+    def _at_last(self, step: Callable[[], T]) -> T:
+        """Take a last step of a job, when the database is there to take it: until then its lease is kept."""
+        return Patience(stopping.check, limit_s=self._settings.max_outage_s)(step)
 
     def _release_waiting(self) -> None:
-        """Release, or fail, the jobs that waited for this one's medium. The reaper does it too, only later."""
+        """Release, or fail, the jobs that waited for this one's medium."""
         with self._database.write() as session:
             released = jobs.release(session, now=self._database.now())
         self._publish(released)
@@ -102,19 +259,26 @@ class Runner:
         for message in messages:
             try:
                 send(self._app, message)
-            except Exception as error:
+                with self._database.write() as session:
+                    jobs.mark_published(session, message.job_id, now=self._database.now())
+            except Exception as error:  # the reaper sends it again, and a second one does no harm
                 log.warning("publish failed", waiting_job=message.job_id, error=type(error).__name__)
                 return
-            with self._database.write() as session:
-                jobs.mark_published(session, message.job_id, now=self._database.now())
 
 
-def _work_of(kind: JobKind) -> Callable[[Run], bool]:
-    """The work of a kind of job. Loaded late: the method's libraries are heavy and not safe to fork."""
-    if kind is JobKind.VECTORIZE:
-        from worker.vectorizing import vectorize  # noqa: PLC0415
+def _worth_another_attempt(error: Exception) -> str | None:
+    """Why a job that failed so is tried again; None when it would fail again."""
+    if isinstance(error, CrashError):
+        return "the job's process crashed"
+    if lacks_room(error):
+        return "no room was left for the job"
+    return "the database or the storage stays away" if is_outage(error) else None
 
-        return vectorize
-    from worker.rendering import render  # noqa: PLC0415
 
-    return render
+_WORK: Mapping[str, Callable[[Run], bool]] = {
+    JobKind.VECTORIZE: vectorize,
+    JobKind.TRANSFER: render_or_split,
+    JobKind.SWAP: render_or_split,
+    PartKind.PART: draw_part,
+    PartKind.JOIN: join,
+}

@@ -2,89 +2,134 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
-import pvg
-from pvg.errors import PvgError
-from pvg.video import MediaLimits
-from service.catalog import Asset, Media, Role, media, vectorize_request
+from service.catalog import Asset, Media, Pictures, Role, media, vectorize_request
 from service.settings import Settings
-from service.storage import file_sha256
+from service.storage import BlobMissingError, Kind, file_sha256
+from worker.answers import FaceAnswer, OutputAnswer, PictureAnswer, VectorizeAnswer, checked, made
+from worker.failures import SourceLostError
 from worker.lease import LeaseLostError
 from worker.run import Run
+from worker.sandbox import CrashError, MethodError
 
 #: part of the job that each stage of the vectoriser takes; storing takes the rest
 CLIP_SPANS = {"vectorize": (0.0, 0.9), "second reading": (0.9, 0.97)}  # few clips need a second reading
 REFERENCE_SPANS = {"landmarks": (0.0, 0.6), "best frame": (0.6, 0.9)}
+_ASSET = "asset.pvg"
+_PICTURES = "pictures.jpgs"
 
 
 def vectorize(run: Run) -> bool:
     """Do the job. False when its lease was lost at the end, and nothing was published."""
     assert run.job.media_id is not None  # noqa: S101 - every job of this kind has one
-    with run.database.read() as session:
-        medium = media.get(session, run.job.media_id)
+    medium = run.patience(lambda: _medium(run, run.job.media_id))
     if medium is None:  # deleted, and the lease was revoked with it
         raise LeaseLostError
-    draft = run.draft(".pvg")
-    with run.storage.local_path(medium.source_key) as source, run.timed("vectorize_s"):
-        summary = _vectorize(run, medium, source, draft)
+    folder = run.draft_folder()
+    try:
+        with run.local_path(medium.source_key) as source, run.timed("vectorize_s"):
+            answer = _vectorize(run, medium, source, folder)
+    except BlobMissingError as error:
+        raise SourceLostError(medium.id) from error
+    sizes: list[int] = []
     with run.timed("store_s"):
-        # the lease is part of the name: two attempts never write, or clear away, each other's blob
-        owner = f"{medium.id}-{run.lease.token[:12]}"
-        key = run.storage.key("asset", file_sha256(draft), owner, ".pvg")
-        size = draft.stat().st_size
-        run.keeper.check()
-        run.storage.put(draft, key)
-    faces, warnings = _faces(summary["faces"])
+        key = _store(run, medium, "asset", made(folder, _ASSET), ".pvg", sizes)
+        pictures = made(folder, _PICTURES)
+        spans = _spans(answer.pictures, pictures.stat().st_size)
+        pictures_key = _store(run, medium, "pictures", pictures, ".jpgs", sizes)
+    faces, warnings = _faces(answer.faces)
+    shown = answer.media.model_dump(exclude={"warnings"})
     run.keeper.flush()
-    asset = Asset(key, size, summary["media"], faces, warnings)
-    with run.database.write() as session:
-        now = run.database.now()
-        unneeded = media.finish(session, run.lease, asset, now=now, timings=run.timings)
-    for blob in [key] if unneeded is None else unneeded:
-        run.storage.delete(blob)
+    lines = [*answer.media.warnings, *warnings, *_of_the_file(answer.output)]
+    asset = Asset(key, sum(sizes), shown, faces, lines, Pictures(pictures_key, spans))
+    unneeded = run.patience(lambda: _finish(run, asset))
+    if unneeded is None:
+        run.blobs.discard(asset.keys)
+    else:
+        run.blobs.delete(unneeded)
     return unneeded is not None
 
 
-def _vectorize(run: Run, medium: Media, source: Path, draft: Path) -> dict[str, Any]:
+def _store(run: Run, medium: Media, kind: Kind, draft: Path, suffix: str, sizes: list[int]) -> str:
+    """Store a file that was made of a medium; its key. Its size is added to the others."""
+    # the lease is part of the name: two attempts never write, or clear away, each other's blob
+    key = run.storage.key(kind, file_sha256(draft), f"{medium.id}-{run.lease.token[:12]}", suffix)
+    sizes.append(draft.stat().st_size)
+    run.keeper.check()
+    run.patience(lambda: run.blobs.put(draft, key))
+    return key
+
+
+def _spans(said: list[PictureAnswer], size: int) -> list[list[int | None]]:
+    """Where the small pictures are in their file of so many bytes."""
+    if any(not one.start < one.end <= size for one in said):
+        raise CrashError("its process told of pictures that it did not make")
+    return [[one.face, one.start, one.end] for one in said]
+
+
+def _medium(run: Run, media_id: str | None) -> Media | None:
+    with run.database.read() as session:
+        return None if media_id is None else media.get(session, media_id)
+
+
+def _finish(run: Run, asset: Asset) -> list[str] | None:
+    with run.database.write() as session:
+        unneeded = media.finish(session, run.lease, asset, now=run.database.now(), timings=run.timings)
+        if unneeded is None:  # unless it was finished by a call whose answer was lost
+            medium = _medium(run, run.job.media_id)
+            return [] if medium is not None and medium.asset_key == asset.key else None
+        return unneeded
+
+
+def _vectorize(run: Run, medium: Media, source: Path, folder: Path) -> VectorizeAnswer:
     request = vectorize_request(run.job)
     is_reference = request.role is Role.REFERENCE
     run.progress.expect(REFERENCE_SPANS if is_reference else CLIP_SPANS)
+    arguments = {
+        "source": str(source),
+        "asset": str(folder / _ASSET),
+        "pictures": str(folder / _PICTURES),
+        "limits": media_limits(run.settings),
+        "options": {
+            "reference": is_reference,
+            **asdict(request.settings),
+            "min_face_px": run.settings.min_face_px,
+            "advised_face_px": run.settings.warn_face_px,
+        },
+    }
     try:
-        with pvg.vectorize(
-            source,
-            asset=draft,
-            reference=is_reference,
-            mask=request.settings.mask,
-            matching=request.settings.matching,
-            limits=media_limits(run.settings),
-            progress=run.progress,
-            min_face_px=run.settings.min_face_px,
-            advised_face_px=run.settings.warn_face_px,
-        ) as video:
-            return video.summary()
-    except PvgError as error:
+        return checked(VectorizeAnswer, run.call("vectorize", arguments, read=[source], folder=folder))
+    except MethodError as error:
         # the blob's name means nothing to the client
         shown = medium.filename or "the file"
-        raise type(error)(str(error).replace(source.name, shown)) from error
+        raise MethodError(error.kind, str(error).replace(source.name, shown), error.trace) from error
 
 
-def media_limits(settings: Settings) -> MediaLimits:
-    """The limits of the settings, as the method takes them."""
-    return MediaLimits(
-        max_pixels=settings.max_pixels,
-        max_frames=settings.max_frames,
-        max_duration_s=settings.max_duration_s,
-        max_frame_rate=settings.max_frame_rate,
-        max_streams=settings.max_streams,
-    )
+def media_limits(settings: Settings) -> dict[str, float]:
+    """The limits of the settings, by the names of the method's `MediaLimits`."""
+    return {
+        "max_pixels": settings.max_pixels,
+        "max_frames": settings.max_frames,
+        "max_duration_s": settings.max_duration_s,
+        "max_frame_rate": settings.max_frame_rate,
+        "max_streams": settings.max_streams,
+    }
 
 
-_SHOWN = ("index", "first_frame", "last_frame", "width_px", "skin_rgb", "warnings")
+def _of_the_file(output: OutputAnswer | None) -> list[str]:
+    """What an mp4 made of a clip, or a png of a picture, does not keep of its file, or why there can be none."""
+    if output is None:
+        return []
+    lines = [output.refused] if output.refused is not None else output.lost
+    return [f"in {_ARTICLES[output.container]}: {line}" for line in lines]
 
 
-def _faces(found: list[dict[str, Any]]) -> tuple[list[dict[str, Any]], list[str]]:
+_ARTICLES = {"mp4": "an mp4", "png": "a png"}
+
+
+def _faces(found: list[FaceAnswer]) -> tuple[list[dict[str, object]], list[str]]:
     """What is shown of each face, and the warnings of all."""
-    warnings = [f"face {face['index']}: {warning}" for face in found for warning in face["warnings"]]
-    return [{name: face[name] for name in _SHOWN} for face in found], warnings
+    warnings = [f"face {face.index}: {warning}" for face in found for warning in face.warnings]
+    return [face.model_dump() for face in found], warnings

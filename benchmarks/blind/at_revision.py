@@ -19,7 +19,7 @@ import pvg
 
 def _face(video: Any, frame: int, point: list[float]) -> int:
     """The face whose middle lies nearest to a point of a frame."""
-    away = {}
+    away: dict[int, float] = {}
     for face in video.faces:
         data = video.face_at(face.index, frame)
         if data is not None:

@@ -45,8 +45,8 @@ class Described:
 def _labs(part: Image, where: Bools) -> Doubles:
     """(n, 3) CIELAB of at most some thousand pixels of a mask, evenly over it."""
     pixels = part[where]
-    pixels = pixels[:: max(1, len(pixels) // _MOST_PIXELS)].astype(np.float32) / np.float32(255)
-    return np.asarray(cv2.cvtColor(pixels[None], cv2.COLOR_RGB2Lab)[0], np.float64)
+    few = pixels[:: max(1, len(pixels) // _MOST_PIXELS)].astype(np.float32) / np.float32(255)
+    return np.asarray(cv2.cvtColor(few[None], cv2.COLOR_RGB2Lab)[0], np.float64)
 
 
 def _median(part: Image, where: Bools) -> Doubles | None:

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import importlib
 from pathlib import Path
 from typing import Any
 
 from benchmarks.quality.peers import DEEP, method_names
 
-plt: Any
+plt: Any = None
 try:
     import matplotlib as mpl
 
     mpl.use("Agg")
-    from matplotlib import pyplot as plt
+    plt = importlib.import_module("matplotlib.pyplot")
 except ImportError:
-    plt = None
+    pass
 
 
 def draw_plots(results: dict[str, Any], out: Path) -> list[str]:

@@ -5,14 +5,10 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import lzma
 import os
 import shutil
-import struct
 import tempfile
-import zipfile
-import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, fields
 from functools import cached_property
 from pathlib import Path
@@ -23,6 +19,8 @@ from numpy.typing import NDArray
 
 from pvg._arrays import Floats
 from pvg.asset.arrays import CHUNK_FRAMES, FORMAT_VERSION, FRAME_ARRAYS, decode, from_bytes
+from pvg.asset.checking import check_chunk, check_decoded, check_keys, check_manifest, entry_limit
+from pvg.asset.entries import DAMAGE, Entries
 from pvg.asset.records import FaceInFrame, FaceRecord, FaceSummary, KeyFrame, MediaSummary
 from pvg.asset.source import find_source as found_source
 from pvg.asset.source import source_note
@@ -34,19 +32,6 @@ from pvg.skin import Matte
 from pvg.video import sha256_file
 
 _CACHED_CHUNKS = 4
-# what zipfile and its decompressors raise on damaged bytes
-_DAMAGE = (
-    zipfile.BadZipFile,
-    zlib.error,
-    lzma.LZMAError,
-    struct.error,
-    KeyError,
-    ValueError,
-    RuntimeError,
-    OverflowError,
-    OSError,
-    EOFError,
-)
 
 
 def _face_from_json(values: Mapping[str, Any]) -> FaceSummary:
@@ -67,19 +52,20 @@ class VectorVideo:
         self._temporary = temporary
         self._cache: dict[str, NDArray[Any]] = {}
         try:
-            self._zip = zipfile.ZipFile(self.path)
+            self._file = Entries(self.path)
         except FileNotFoundError:
             raise AssetError(f"no asset file at {self.path}") from None
-        except _DAMAGE as error:
+        except DAMAGE as error:
             raise AssetError(f"{self.path.name} is not an asset or is truncated ({error})") from None
         try:
             self._read_manifest()
         except BaseException:
-            self._zip.close()
+            self._file.close()
             raise
 
     def _read_manifest(self) -> None:
-        data = self._read("manifest.json", self._zip.comment.decode("ascii", "replace"))
+        digest = self._file.comment.decode("ascii", "replace")
+        data = self._read("manifest.json", digest, self._file.manifest_limit)
         try:
             manifest = json.loads(data)
             version = manifest["format"]
@@ -88,15 +74,18 @@ class VectorVideo:
                     f"{self.path.name} has asset format {version}, this library reads {FORMAT_VERSION}; "
                     "vectorise the clip again"
                 )
+            check_manifest(manifest)
             self.manifest: dict[str, Any] = manifest
             self._entries: dict[str, str] = manifest["entries"]
-            self.media = MediaSummary(**manifest["media"])
+            media = manifest["media"]
+            self.media = MediaSummary(**media | {"warnings": tuple(media.get("warnings", ()))})
             self.source_sha256: str = manifest["source_sha256"]
-            self.settings: dict[str, Any] = manifest["settings"]
+            # assets made before there were others do not say their input colour
+            self.settings: dict[str, Any] = {"input_color": "auto"} | manifest["settings"]
             self.shots: tuple[int, ...] = tuple(manifest["shots"])
             self.faces: tuple[FaceSummary, ...] = tuple(_face_from_json(face) for face in manifest["faces"])
             self._tracks = tuple(int(face["track"]) for face in manifest["faces"])
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
             raise AssetError(f"the manifest of {self.path.name} is malformed ({error!r})") from None
 
     def __enter__(self) -> Self:
@@ -111,7 +100,7 @@ class VectorVideo:
 
     def close(self) -> None:
         """Close the file; a temporary asset is removed. Twice is harmless."""
-        self._zip.close()
+        self._file.close()
         if self._temporary:
             self.path.unlink(missing_ok=True)
 
@@ -151,24 +140,23 @@ class VectorVideo:
         """Every face with its key frames."""
         out = []
         for face, track, raw in zip(self.faces, self._tracks, self.manifest["faces"], strict=True):
-            colors = self._array(f"track{track}/colors")
-            visible = self._array(f"track{track}/visible")
-            parts = self._array(f"track{track}/parts")
+            count = len(raw["key_frames"])
+            colors, visible, parts = (self._of_keys(track, name, count) for name in ("colors", "visible", "parts"))
             keys = zip(raw["key_frames"], colors, visible, parts, raw["key_frames_since"], strict=True)
             frames = tuple(
-                KeyFrame(
-                    int(f),
-                    c,
-                    v,
-                    self._array(f"track{track}/skin/{k:06d}"),
-                    self._array(f"track{track}/skin_at/{k:06d}"),
-                    p,
-                    None if last is None else int(last),
-                )
-                for k, (f, c, v, p, last) in enumerate(keys)
+                KeyFrame(f, c, v, *self._skin_of_key(track, k), p, last) for k, (f, c, v, p, last) in enumerate(keys)
             )
             out.append(FaceRecord(face, frames))
         return tuple(out)
+
+    def _of_keys(self, track: int, name: str, count: int) -> NDArray[Any]:
+        return self._array(f"track{track}/{name}", lambda array: check_keys(name, array, count))
+
+    def _skin_of_key(self, track: int, key: int) -> tuple[Floats, NDArray[np.int16]]:
+        skin = self._array(f"track{track}/skin/{key:06d}", lambda array: check_keys("skin", array, len(array)))
+        count = len(skin)
+        skin_at = self._array(f"track{track}/skin_at/{key:06d}", lambda array: check_keys("skin_at", array, count))
+        return skin, skin_at
 
     def face_at(self, face: int, frame: int) -> FaceInFrame | None:
         """What `face` is in `frame`, None outside its track. Raises `AssetError` when altered."""
@@ -177,7 +165,8 @@ class VectorVideo:
             return None
         track = self._tracks[face]
         chunk, row = divmod(frame - summary.first_frame, CHUNK_FRAMES)
-        part = {name: self._chunk(f"track{track}/{name}/{chunk:06d}", name)[row] for name in FRAME_ARRAYS}
+        rows = min(CHUNK_FRAMES, summary.last_frame - summary.first_frame + 1 - chunk * CHUNK_FRAMES)
+        part = {name: self._chunk(f"track{track}/{name}/{chunk:06d}", name, rows)[row] for name in FRAME_ARRAYS}
         landmarks = Landmarks(part["points"], part["skin_points"])
         return FaceInFrame(
             landmarks=landmarks,
@@ -195,9 +184,13 @@ class VectorVideo:
     def landmarks(self, face: int) -> Floats:
         """(frames of the track, 106, 2) float32 landmarks in source pixels."""
         summary = self.faces[face]
-        chunks = -(-(summary.last_frame - summary.first_frame + 1) // CHUNK_FRAMES)
-        track = self._tracks[face]
-        parts = [decode("points", self._array(f"track{track}/points/{c:06d}")) for c in range(chunks)]
+        count, track = summary.last_frame - summary.first_frame + 1, self._tracks[face]
+        parts = [
+            self._decoded(
+                f"track{track}/points/{start // CHUNK_FRAMES:06d}", "points", min(CHUNK_FRAMES, count - start)
+            )
+            for start in range(0, count, CHUNK_FRAMES)
+        ]
         return np.concatenate(parts).astype(np.float32)
 
     def require_source(self) -> Path:
@@ -235,27 +228,41 @@ class VectorVideo:
             ],
         }
 
-    def _chunk(self, entry: str, name: str) -> NDArray[Any]:
+    def _chunk(self, entry: str, name: str, rows: int) -> NDArray[Any]:
         if entry not in self._cache:
             limit = _CACHED_CHUNKS * len(FRAME_ARRAYS) * max(1, len(self.faces))
             while len(self._cache) >= limit:
                 self._cache.pop(next(iter(self._cache)))
-            self._cache[entry] = decode(name, self._array(entry))
+            self._cache[entry] = self._decoded(entry, name, rows)
         return self._cache[entry]
 
-    def _array(self, name: str) -> NDArray[Any]:
+    def _decoded(self, entry: str, name: str, rows: int) -> NDArray[Any]:
+        values = decode(name, self._array(entry, lambda stored: check_chunk(name, stored, rows)))
+        try:
+            check_decoded(values)
+        except ValueError as error:
+            raise AssetError(f"entry {entry} of {self.path.name} cannot be used ({error})") from None
+        return values
+
+    def _array(self, name: str, check: Callable[[NDArray[Any]], None] = lambda _: None) -> NDArray[Any]:
         if name not in self._entries:
             raise AssetError(f"{self.path.name} has no entry {name}")
-        data = self._read(name, self._entries[name])
         try:
-            return from_bytes(data)
-        except (ValueError, TypeError, KeyError, EOFError) as error:
+            limit = entry_limit(name)
+        except ValueError as error:
+            raise AssetError(f"{self.path.name} cannot be used: {error}") from None
+        data = self._read(name, self._entries[name], limit)
+        try:
+            array = from_bytes(data)
+            check(array)
+            return array
+        except (ValueError, TypeError, KeyError, IndexError, EOFError, OverflowError, RecursionError) as error:
             raise AssetError(f"entry {name} of {self.path.name} is not an array ({error})") from None
 
-    def _read(self, name: str, digest: str) -> bytes:
+    def _read(self, name: str, digest: str, limit: int) -> bytes:
         try:
-            data = self._zip.read(name)
-        except _DAMAGE as error:
+            data = self._file.read(name, limit)
+        except DAMAGE as error:
             raise AssetError(f"entry {name} of {self.path.name} is missing or damaged ({error})") from None
         if hashlib.sha256(data).hexdigest() != digest:
             raise AssetError(f"entry {name} of {self.path.name} was altered")

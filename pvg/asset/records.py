@@ -20,7 +20,9 @@ class MediaSummary:
     """What the source is, as shown to people; see `pvg.video.MediaInfo` for all a file says of itself.
 
     kind: "video" or "image";  width, height: upright pixels;  frame_rate: average, frames a second, None for images;
-    rotation: clockwise degrees that made the stored picture upright.
+    rotation: clockwise degrees that made the stored picture upright;  color: how its colours were read, "SDR" or by
+    name;  color_primaries, color_transfer: code points of ISO/IEC 23091-2 (2: not stated);
+    warnings: what of the file is not read, a line each.
     """
 
     kind: str
@@ -33,6 +35,10 @@ class MediaSummary:
     pixel_format: str
     has_audio: bool
     rotation: int
+    color: str = "SDR"
+    color_primaries: int = 2
+    color_transfer: int = 2
+    warnings: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, media: MediaInfo, frame_count: int) -> MediaSummary:
@@ -48,6 +54,10 @@ class MediaSummary:
             pixel_format=media.pixel_format,
             has_audio=media.has_audio,
             rotation=media.rotation,
+            color=media.color,
+            color_primaries=media.color_primaries,
+            color_transfer=media.color_transfer,
+            warnings=media.warnings,
         )
 
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import tempfile
+import secrets
 import zipfile
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -27,9 +26,8 @@ class AssetWriter:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        handle, name = tempfile.mkstemp(prefix=f".{self.path.name}.", dir=self.path.parent)
-        os.close(handle)
-        self._temporary = Path(name)
+        self._temporary = self.path.parent / f".{self.path.name}.{secrets.token_hex(8)}"
+        self._temporary.touch(0o666, exist_ok=False)  # less what the umask takes
         self._zip = zipfile.ZipFile(self._temporary, "w", zipfile.ZIP_DEFLATED)
         self._entries: dict[str, str] = {}
         self._pending: dict[int, dict[str, list[NDArray[Any]]]] = {}
@@ -76,7 +74,6 @@ class AssetWriter:
         body = {"format": FORMAT_VERSION, **manifest, "faces": self._faces, "entries": self._entries}
         _write_manifest(self._zip, body)
         self._zip.close()
-        self._temporary.chmod(0o644)
         self._temporary.replace(self.path)
 
     def _flush(self, track: int) -> None:

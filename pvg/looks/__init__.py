@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pvg.looks.exchange import contrast_of_both, exchange
-from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, BodyMap, Contrast, Look
+from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, BodyMap, Contrast, Look, Region
 from pvg.looks.parts import MAKEUP, Makeup
 from pvg.looks.tone import SkinMap, to_rgb
 from pvg.looks.transfer import BETA, ITERATIONS, LIGHT, reference_face_of, transfer
@@ -21,6 +21,7 @@ __all__ = [
     "Contrast",
     "Look",
     "Makeup",
+    "Region",
     "SkinMap",
     "contrast_of_both",
     "exchange",

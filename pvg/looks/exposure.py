@@ -69,8 +69,7 @@ class Exposure:
     @classmethod
     def between(cls, leading: KeyFrame, apply: ColorMap) -> Exposure:
         """Of the leading key frame and the map that was made from it."""
-        moved, _ = apply(leading)
-        high = float(np.quantile(moved[_on_skin(leading)].max(axis=1), _HIGHLIGHTS))
+        high = float(np.quantile(apply(leading)[_on_skin(leading)].max(axis=1), _HIGHLIGHTS))
         return cls(leading, max(1.0, _BRIGHTEST / max(high, 1.0)))
 
     def of(self, key: KeyFrame) -> tuple[float, float]:

@@ -17,6 +17,9 @@ PROTECTABLE = ("eyes", "teeth")
 EXTENTS = ("skin", "face")  # all skin of a person, or the face with ears and neck
 
 Contrast = float | Literal["auto"]
+Region = Literal["face", "beside", "body"]
+"""Of a person's skin: the face, ears and neck in its matte, the rest."""
+FaceContrast = float | Literal["map"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,11 +34,21 @@ class BodyMap:
     strength: float
     exposures: Floats
 
-    def usual_colors(self) -> tuple[Doubles, Doubles]:
-        """The colours (256, 3) that are usual at the lumas 0 to 255, 0-255 RGB, and what F makes of them."""
+    def usual_colors(self, region: Region = "face") -> tuple[Doubles, Doubles]:
+        """The colours (256, 3) that are usual at the lumas 0 to 255, 0-255 RGB, and what F makes of them.
+
+        The tone curve is that of single pixels in the face, `SkinMap.texture`, or `SkinMap.beside`: of ears and neck,
+        whose shade goes over into the jaw's, and of the body.
+        """
         skin, levels = self.skin, np.arange(256.0)
         usual = to_rgb(np.column_stack([levels, skin.own.at(levels)]))
-        return usual, to_rgb(np.column_stack([skin.tone, skin.goal.at(skin.tone)]))
+        texture = skin.texture
+        tone = texture if region == "face" else skin.beside(skin.tone if region == "body" else texture)
+        return usual, to_rgb(np.column_stack([tone, skin.goal.at(tone)]))
+
+    def spread(self, region: Region = "face") -> float:
+        """What is left of a difference to the usual chroma: k in the face, k² beside it."""
+        return self.skin.spread ** (1 if region == "face" else 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,25 +56,23 @@ class Look:
     """New boundary colours for a clip.
 
     colors: for each face index of the look, (K, S, 3) float32 g' of its K key frames, 0-255 RGB, strength applied;
-    contrast: λ of u' = λI + H(g' − λg), strength applied: a number, or for each face index a number or (K, S, 2)
-    float32, λ of luma and of chroma at the curves;  protect: features that keep their own colour;
+    contrast: λ of u' = λI + H(g' − λg), strength applied: a number, or for each face index a number or "map":
+    u' = F(I) + H(g' − F(g)) with F of `maps`;
+    protect: features that go their own way;
     parts: for each face index (K, P, 3) float32, luma, B − Y and R − Y in levels that each of `pvg.face.parts.PARTS`
     gains besides, strength applied; a face without them has no part of its own;
-    body: for each face index whose person's other skin goes along, how it does.
+    maps: for each face index its one map of colour, light and parts aside;
+    body: the face indices whose person's other skin goes along, by that map.
     """
 
     colors: dict[int, Floats]
-    contrast: float | Mapping[int, float | Floats] = 1.0
+    contrast: float | Mapping[int, FaceContrast] = 1.0
     protect: tuple[str, ...] = PROTECTABLE
     parts: dict[int, Floats] = field(default_factory=dict)
-    body: dict[int, BodyMap] = field(default_factory=dict)
+    maps: dict[int, BodyMap] = field(default_factory=dict)
+    body: frozenset[int] = frozenset()
 
-    def at_curves(self, face: int, key: int) -> Floats:
-        """What is carried along the curves of a key frame: (S, 3) g', or (S, 5) g' and λ."""
-        colors, contrast = self.colors[face][key], self.contrast_of(face)
-        return colors if isinstance(contrast, float) else np.concatenate([colors, contrast[key]], axis=1)
-
-    def contrast_of(self, face: int) -> float | Floats:
+    def contrast_of(self, face: int) -> FaceContrast:
         """λ of one face of the look."""
         return self.contrast if isinstance(self.contrast, float) else self.contrast[face]
 
@@ -75,5 +86,5 @@ class Look:
         if set(self.protect) != set(other.protect):
             raise ValueError("looks that protect different features cannot be merged")
         contrast = {face: look.contrast_of(face) for look in (self, other) for face in look.colors}
-        parts, body = self.parts | other.parts, self.body | other.body
-        return replace(self, colors=self.colors | other.colors, contrast=contrast, parts=parts, body=body)
+        parts, body, maps = self.parts | other.parts, self.body | other.body, self.maps | other.maps
+        return replace(self, colors=self.colors | other.colors, contrast=contrast, parts=parts, body=body, maps=maps)

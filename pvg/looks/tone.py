@@ -7,8 +7,7 @@ pigment do to a skin is smoother: a tone curve, and for each tone a chroma. The 
     Y' = T(Y)                              T monotone, through black, rolling off to white
     c' = m'(T(Y)) + k (c − m(Y))           m, m': the chroma that is usual at a luma, before and after
 
-Brows, sockets and the shadow of a fringe lie on the same curve as the skin, so they keep their hue; and F's own slope
-is the λ to draw with: u' = λI + H(g' − λg) is F(I) linearised at the low frequencies.
+Brows, sockets and the shadow of a fringe lie on the same curve as the skin, so they keep their hue.
 """
 
 from __future__ import annotations
@@ -21,12 +20,26 @@ from pvg._arrays import Doubles, Floats
 
 _LUMA = np.array([0.299, 0.587, 0.114])
 _QUANTILES = (0.03, 0.10, 0.25, 0.50, 0.75, 0.90, 0.97)
-_SLOPES = (0.55, 1.7)  # of the tone curve between two quantiles [by eye: outside, blotches or a flat wash]
-_SMOOTH_LEVELS = 7  # width of the box that rounds the tone curve's corners
+_SLOPES = (0.45, 2.0)  # of the tone curve between two quantiles [by eye: outside, blotches or a flat wash]
+_FEATURES = 0.45  # of the skin's median luma, below which what is seen in a face is no skin [by eye]
+_STEEPEST = 3.5  # slope from there to the darkest skin: features stay dark beside shadows that are lifted [by eye]
+_EVEN = 0.35  # power of the whole curve's slope in each, against blotches where one stretch alone is steep [by eye]
+_TO_WHITE = 1.8  # slope above the brightest skin, at most [by eye]
+_SMOOTH_LEVELS = 25  # width of the boxes, two of them, that rounds the tone curve's corners
 _LEAST_STEP = 0.25  # levels added to both sides of a slope, so that skin of one tone has one
-_SPREAD_RANGE = (0.6, 1.4)  # of k, the ratio of the spreads of chroma at a tone [by eye]
-_CONTRAST_RANGE = (0.6, 2.0)  # of λ for luma [by eye]
-_CHROMA_RANGE = (0.5, 1.1)  # of λ for chroma [by blind choice: with 1.5 skin is called red or burnt]
+# of k, the ratio of the spreads of chroma at a tone: what differs from the usual chroma dims and greys with the skin
+# and never grows, or a flushed nose, freckles and light of two colours turn into orange and green patches [by eye]
+_LEAST_SPREAD = 0.5
+_FLATTEST = 0.4  # of what may be the most of k
+# what is redder or yellower than the rest of the skin looks like a stain on skin of another hue: k falls by that share
+# where the saturation, levels of chroma a level of luma, moves by so much [by eye]
+_OTHER_HUE, _OTHER = 0.4, 0.08
+# of a pixel darker than the middle of the skin: the power of T/Y beside that of T' in its slope, where that is more. A
+# face made bright by lifted shadows is flat, brows and stubble milky; T's slope alone keeps them so [by eye]
+_CRISP = 0.8
+_MIDDLE = 0.1  # of the middle luma: over which that begins
+_SLOPE_RANGE = (0.6, 2.0)  # of F in luma as a whole [by eye]
+_SHADE = 0.8  # of the middle luma: skin beside the face that is darker than this goes through black [by eye]
 _LEAST_CHROMA = 4.0  # levels added to both sides of the ratio of chroma, so that grey skin does not explode
 # of the way from the line that is seen to the one of constant hue and saturation: light from two sides colours shadows,
 # and whole ones would turn sockets and stubble violet [by eye]
@@ -82,15 +95,29 @@ def tone_curve(source: Doubles, target: Doubles) -> Doubles:
     s, t = np.quantile(source, _QUANTILES), np.quantile(target, _QUANTILES)
     middle = len(s) // 2
     gaps = np.diff(s)
-    rise = np.clip((np.diff(t) + _LEAST_STEP) / (gaps + _LEAST_STEP), *_SLOPES) * gaps
+    each = (np.diff(t) + _LEAST_STEP) / (gaps + _LEAST_STEP)
+    whole = (t[-1] - t[0] + _LEAST_STEP) / (s[-1] - s[0] + _LEAST_STEP)
+    rise = np.clip(each ** (1.0 - _EVEN) * whole**_EVEN, *_SLOPES) * gaps
     t = t[middle] + np.concatenate([-np.cumsum(rise[:middle][::-1])[::-1], [0.0], np.cumsum(rise[middle:])])
+    s_middle, t_middle = min(max(float(s[middle]), 1.0), 254.0), float(t[middle])
+    dark, ratio = _FEATURES * s_middle, t_middle / s_middle
+    if dark < s[0]:  # brows, lashes and pupils are darker than any skin: they keep their distance to it in light
+        s, t = np.insert(s, 0, dark), np.insert(t, 0, max(dark * ratio, t[0] - _STEEPEST * (s[0] - dark)))
+        t = np.maximum.accumulate(t)
     kept = (s > 0.0) & (s < 255.0) & (t > 0.0) & (t < 255.0)
     s, t = s[kept], t[kept]
-    white = min(255.0, t[-1] + _SLOPES[1] * (255.0 - s[-1]))
+    white = min(255.0, t[-1] + _TO_WHITE * (255.0 - s[-1]))
     levels = np.arange(256.0)
     table = np.interp(levels, np.concatenate([[0.0], s, [255.0]]), np.concatenate([[0.0], t, [white]]))
+    smooth = _box(_box(table))
+    # the corner at the median is rounded as well: the curve is led back through it, its ends stay
+    led = np.minimum(levels / s_middle, (255.0 - levels) / (255.0 - s_middle))
+    return smooth + (t_middle - float(np.interp(s_middle, levels, smooth))) * led
+
+
+def _box(table: Doubles) -> Doubles:
+    """A table (256,) averaged over a box, continued through both ends by point reflection: black stays black."""
     half = _SMOOTH_LEVELS // 2
-    # continued through both ends by point reflection, so that black stays black
     padded = np.concatenate([-table[half:0:-1], table, 2 * table[-1] - table[-2 : -2 - half : -1]])
     return np.asarray(np.convolve(padded, np.full(_SMOOTH_LEVELS, 1.0 / _SMOOTH_LEVELS), mode="valid"))
 
@@ -99,14 +126,13 @@ def tone_curve(source: Doubles, target: Doubles) -> Doubles:
 class SkinMap:
     """The map F of a skin's colours to another's.
 
-    tone: (256,) T;  own, goal: the usual chroma before and after;  spread: k;  chroma_contrast: λ for chroma.
+    tone: (256,) T;  own, goal: the usual chroma before and after;  spread: k.
     """
 
     tone: Doubles
     own: UsualChroma
     goal: UsualChroma
     spread: float
-    chroma_contrast: float
 
     @classmethod
     def between(cls, skin: Floats, moved: Doubles) -> SkinMap:
@@ -116,13 +142,14 @@ class SkinMap:
         around, wanted = source[:, 1:] - own.at(source[:, 0]), target[:, 1:] - goal.at(target[:, 0])
         spread = np.sqrt(((wanted**2).sum(axis=1).mean() + 1.0) / ((around**2).sum(axis=1).mean() + 1.0))
         chroma = [float(np.hypot(*one[:, 1:].mean(axis=0))) + _LEAST_CHROMA for one in (target, source)]
-        return cls(
-            tone_curve(source[:, 0], target[:, 0]),
-            own,
-            goal,
-            float(np.clip(spread, *_SPREAD_RANGE)),
-            float(np.clip(chroma[0] / chroma[1], *_CHROMA_RANGE)),
-        )
+        tone = tone_curve(source[:, 0], target[:, 0])
+        middle = max(float(np.median(source[:, 0])), 1.0)
+        brighter = float(np.interp(middle, np.arange(256.0), tone)) / middle
+        most = min(1.0, brighter, chroma[0] / chroma[1])
+        lumas = np.array([middle, middle * brighter])
+        shift = (goal.at(lumas[1:])[0] - own.at(lumas[:1])[0] * brighter) / max(lumas[1], 1.0)
+        most *= 1.0 - _OTHER_HUE * min(1.0, float(np.hypot(*shift)) / _OTHER)
+        return cls(tone, own, goal, min(max(float(spread), _LEAST_SPREAD), max(most, _FLATTEST)))
 
     def __call__(self, colors: Floats) -> Doubles:
         """Map (n, 3) colours, 0-255 RGB; the result may leave that range."""
@@ -131,14 +158,54 @@ class SkinMap:
         chroma = self.goal.at(luma) + self.spread * (opponent[:, 1:] - self.own.at(opponent[:, 0]))
         return to_rgb(np.column_stack([luma, chroma]))
 
-    def contrast(self, colors: Floats) -> Floats:
-        """λ of luma and of chroma (n, 2) at colours (n, 3): F's own slope.
+    @property
+    def texture(self) -> Doubles:
+        """(256,) the tone curve of single pixels between curves: T, but steeper below the skin's middle.
+
+        Where T lifts shadows, its slope is less than T/Y, by which brows, stubble and folds would darken in their own
+        light: they take the slope T'^(1 − p) (T/Y)^p, though nothing gets darker than by the gain at the middle. The
+        colours at the curves are T's all the same.
+        """
+        levels = np.arange(256.0)
+        middle = self._middle
+        rise = np.gradient(self.tone)
+        ratio = np.maximum(self.tone, 1.0) / np.maximum(levels, 1.0)
+        crisp = np.maximum(rise, 0.0) ** (1.0 - _CRISP) * ratio**_CRISP
+        share = np.clip((middle - levels) / (_MIDDLE * middle), 0.0, 1.0)
+        slope = rise + share * np.maximum(crisp - rise, 0.0)
+        curve = np.cumsum(slope) - 0.5 * slope
+        bright = float(np.interp(middle, levels, self.tone))
+        curve += bright - np.interp(middle, levels, curve)
+        return np.asarray(np.maximum(curve, np.minimum(self.tone, levels * bright / middle)))
+
+    def beside(self, shade: Doubles) -> Doubles:
+        """(256,) the tone curve of skin beside the face: as much brighter or darker as the middle of the face's skin.
+
+        An ear or a neck is lit otherwise than the face, and differs from it as before, though nothing brighter gets
+        nearer to white than by its share of the way. Deep shade goes through black, or as the curve `shade` (256,)
+        makes it if that is brighter.
+        """
+        levels, middle = np.arange(256.0), self._middle
+        bright = float(np.interp(middle, levels, self.tone))
+        shifted = levels + (bright - middle) * np.minimum(1.0, levels / (_SHADE * middle))
+        to_white = bright + (levels - middle) * (255.0 - bright) / (255.0 - middle)
+        shifted = np.where(levels > middle, np.minimum(shifted, to_white), shifted)
+        return np.asarray(np.where(levels < middle, np.maximum(shifted, shade), shifted))
+
+    @property
+    def _middle(self) -> float:
+        """Luma half way through the skin's."""
+        return 0.5 * (self.own.low + max(self.own.high, self.own.low + _LEAST_LUMA_SPREAD))
+
+    def slopes(self, colors: Floats) -> Floats:
+        """F's slope in luma and in chroma (n, 2) at colours (n, 3), one for all of the face.
 
         T' alone is flat where a dim face is made bright, T/Y alone flat where a pale face is made dark: their geometric
-        mean.
+        mean, T' over the whole range of the skin. Chroma's is k.
         """
-        luma = np.clip(to_opponent(colors)[:, 0], 1.0, 255.0)
-        levels = np.arange(256.0)
-        rise, level = np.interp(luma, levels, np.gradient(self.tone)), np.interp(luma, levels, self.tone)
-        contrast = np.clip(np.sqrt(rise * level / luma), *_CONTRAST_RANGE)
-        return np.stack([contrast, np.full(len(colors), self.chroma_contrast)], axis=1).astype(np.float32)
+        low, high = self.own.low, max(self.own.high, self.own.low + _LEAST_LUMA_SPREAD)
+        middle = 0.5 * (low + high)
+        ends = np.interp([low, middle, high], np.arange(256.0), self.tone)
+        rise = (ends[2] - ends[0] + _LEAST_STEP) / (high - low + _LEAST_STEP)
+        slope = np.clip(np.sqrt(rise * ends[1] / middle), *_SLOPE_RANGE)
+        return np.tile(np.array([slope, self.spread], np.float32), (len(colors), 1))

@@ -15,10 +15,12 @@ import numpy as np
 
 from pvg._arrays import Doubles, Floats
 from pvg.asset import FaceSummary, KeyFrame, VectorVideo, faces_by_index
+from pvg.face.parts import PARTS
+from pvg.looks.apart import parts_apart
 from pvg.looks.color_map import SMALLEST_GROUP, ColorMap, TransportSteps, all_colors_map
 from pvg.looks.exposure import Exposure, at_exposure, leading_key
 from pvg.looks.light import light_ratio, relit
-from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, BodyMap, Contrast, Look
+from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, BodyMap, Contrast, FaceContrast, Look
 from pvg.looks.parts import MAKEUP, Makeup, PartChanges, strengths
 from pvg.looks.tone import SkinMap
 
@@ -78,11 +80,12 @@ def transfer(
     """Give the faces of `video` the face colours of a face of `reference` (eq. 7, 8).
 
     reference_face: its index there, the largest when None;  strength: in [0, 1], 0 leaves the clip as it is;
-    contrast: λ in [0.7, 1.5], 1 as in the paper, or "auto" for a λ that follows the brightness the transfer asks for;
+    contrast: λ in [0.7, 1.5], 1 as in the paper, or "auto": the look's own map of colour on every pixel in place of λ;
+    where there is no such map, with "color" or too little open skin on either side, that is the paper's 1;
     match: "semantic" moves skin to skin, "color" transports all boundary colours together as the paper does;
     makeup: in [0, 1] for all parts or by part, how far lips, lids, cheeks and brows take the reference's difference to
     its skin; "color" has none;  light: in [0, 1], how far light falls on the face from where it does on the reference;
-    protect: features that keep their own colour;  extent: "skin", all skin of a person, or "face", which leaves chest,
+    protect: features that go their own way;  extent: "skin", all skin of a person, or "face", which leaves chest,
     arms and hands as they are;  faces: "all", or the indices of those to change;
     beta, iterations: of eq. (7), the paper's 0.2 and 20;  seed: of the random rotations.
     Raises `ValueError` on a parameter out of range or an unknown face or part.
@@ -94,9 +97,9 @@ def transfer(
     changes = PartChanges.of(target) if match == "semantic" and len(target.skin) else None
     chosen = faces_by_index(video, faces)
     colors: dict[int, Floats] = {}
-    fields: dict[int, Floats] = {}
+    contrasts: dict[int, FaceContrast] = {}
     parts: dict[int, Floats] = {}
-    body: dict[int, BodyMap] = {}
+    maps: dict[int, BodyMap] = {}
     share = np.float32(strength)
     for person in video.persons:
         if not set(person) & set(chosen):
@@ -108,36 +111,35 @@ def transfer(
         # the paper's way moves every key frame by the same map
         exposures = Exposure.between(leading, apply) if video.settings["matching"] != "chain" else None
         # light falls on the face alone
-        whole = None
-        if extent == "skin":
-            whole = skin if skin is not None and plain is leading else _body_map(plain, target, steps)
+        whole = skin if skin is not None and plain is leading else _body_map(plain, target, steps)
         for index in person:
             if index not in chosen:
                 continue
-            new, slopes, gained, exposed = [], [], [], []
+            new, gained, exposed = [], [], []
             for key in video.records[index].key_frames:
-                ratio = light_ratio(key, target, light)
-                lit = relit(key, ratio)
+                lit = relit(key, light_ratio(key, target, light))
                 gain, kept = exposures.of(lit) if exposures is not None else (1.0, 1.0)
                 exposed.append((gain, kept))
                 lit = at_exposure(lit, 1.0 / gain)
-                moved, slope = apply(lit)
-                slope = slope * ratio[:, None] * np.float32(kept / gain)
+                moved = apply(lit)
+                lacks = np.zeros((len(PARTS), 3), np.float32)
+                if skin is not None and contrast != "auto":  # F, where it draws pixels, takes parts along
+                    moved, lacks = parts_apart(lit, skin, moved)
                 if skin is not None and changes is not None:
-                    gained.append(share * wanted * np.float32(kept) * changes.on(skin, lit))
+                    gained.append(share * np.float32(kept) * (lacks + wanted * changes.on(skin, lit)))
                 new.append(key.colors + share * (_into_gamut(kept * moved).astype(np.float32) - key.colors))
-                slopes.append(np.float32(1.0) + share * (slope - np.float32(1.0)))
-            colors[index], fields[index] = np.stack(new).astype(np.float32), np.stack(slopes)
+            colors[index] = np.stack(new).astype(np.float32)
+            contrasts[index] = 1.0 if skin is None else "map"
             if gained:
                 parts[index] = np.stack(gained)
-            if whole is not None:
-                body[index] = BodyMap(whole, strength, np.array(exposed, np.float32))
+            maps[index] = BodyMap(whole, strength, np.array(exposed, np.float32))
     number = 1.0 if contrast == "auto" else 1.0 + strength * (contrast - 1.0)
-    return Look(colors, fields if contrast == "auto" else number, tuple(protect), parts, body)
+    body = frozenset(maps if extent == "skin" else ())
+    return Look(colors, contrasts if contrast == "auto" else number, tuple(protect), parts, maps, body)
 
 
 def _at_curves(skin: SkinMap) -> ColorMap:
-    return lambda key: (skin(key.colors), skin.contrast(key.colors))
+    return lambda key: skin(key.colors)
 
 
 def _skin_map(key: KeyFrame, target: KeyFrame, steps: TransportSteps) -> SkinMap | None:

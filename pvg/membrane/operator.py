@@ -44,13 +44,13 @@ class MembraneOperator:
     equations: FivePoint
     share: Floats
 
-    def solve(self, values: ArrayLike, *, tolerance: ArrayLike = TOLERANCE) -> Membrane:
+    def solve(self, values: ArrayLike, *, tolerance: float = TOLERANCE) -> Membrane:
         """The harmonic extension of `values` from γ into the box (eq. 1).
 
         Args:
             values: (S, C) finite, the values at the samples of γ; C is any number of channels (3 a look).
-            tolerance: estimated largest error, in the units of the values, for all channels or (C,) for each; the
-                true one was below it on faces and at most 10 times it on odd random curves.
+            tolerance: estimated largest error, in the units of the values; the true one was below it on faces and at
+                most 10 times it on odd random curves.
 
         Raises:
             ValueError: another number of samples.
@@ -62,22 +62,20 @@ class MembraneOperator:
         if not np.isfinite(high - low).all():
             raise SolverError("the curve values hold NaN or infinity; check the colours of the curves")
         middle = 0.5 * (low + high)  # makes constants exact
-        wanted = np.broadcast_to(np.asarray(tolerance, np.float32), (len(ties),))
+        wanted = np.float32(tolerance)
         if ((high - low) * FINEST_TOLERANCE > wanted).any():
-            raise SolverError(f"a tolerance of {wanted.min():g} is finer than float32 resolves; take {TOLERANCE}")
+            raise SolverError(f"a tolerance of {wanted:g} is finer than float32 resolves; take {TOLERANCE}")
         planes = np.empty((len(ties), lattice.height, lattice.width), np.float32)
         size = self.share.shape[1]
         whole = _ones(size)
         for channel, plane in enumerate(planes):
             u, b = np.zeros(size, np.float32), np.empty(size, np.float32)
             load_ties(cuts.node, self.weight, ties[channel], middle[channel], b)
-            solved, cycles, error = solve(
-                u, b, self.equations, self.share, whole, cuts.levels, wanted[channel], MAX_CYCLES
-            )
-            if not error <= wanted[channel]:
+            solved, cycles, error = solve(u, b, self.equations, self.share, whole, cuts.levels, wanted, MAX_CYCLES)
+            if not error <= wanted:
                 raise SolverError(
                     f"the membrane of {lattice.width}x{lattice.height} nodes, channel {channel}, is off by about "
-                    f"{error:.3g} levels after {cycles} cycles (wanted {wanted[channel]:g}); raise the tolerance"
+                    f"{error:.3g} levels after {cycles} cycles (wanted {wanted:g}); raise the tolerance"
                 )
             np.add(finest_nodes(solved, cuts.levels), middle[channel], out=plane)
         return Membrane(lattice, planes)

@@ -10,7 +10,18 @@ from __future__ import annotations
 from pvg.errors import ModelError
 from pvg.models.installing import install
 from pvg.models.networks import MODELS, PACKAGES, ModelFile, Package
-from pvg.models.sessions import load
-from pvg.models.store import cache_folder
+from pvg.models.sessions import load, preload
+from pvg.models.store import cache_folder, check
 
-__all__ = ["MODELS", "PACKAGES", "ModelError", "ModelFile", "Package", "cache_folder", "install", "load"]
+__all__ = [
+    "MODELS",
+    "PACKAGES",
+    "ModelError",
+    "ModelFile",
+    "Package",
+    "cache_folder",
+    "check",
+    "install",
+    "load",
+    "preload",
+]

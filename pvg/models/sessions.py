@@ -54,3 +54,8 @@ def _silent_onnxruntime() -> ModuleType:
     onnxruntime.disable_telemetry_events()
     module: ModuleType = onnxruntime
     return module
+
+
+def preload() -> None:
+    """Load the library without making a session, for processes that are forked from this one."""
+    _silent_onnxruntime()

@@ -14,7 +14,7 @@ from pvg._folders import cache_root
 from pvg.errors import ModelError
 from pvg.models.networks import MODELS, ModelFile
 
-__all__ = ["CONVERTER_VERSION", "cache_folder", "sha256", "store", "verified"]
+__all__ = ["CONVERTER_VERSION", "cache_folder", "check", "sha256", "store", "verified"]
 
 CONVERTER_VERSION = 2
 """Raised whenever the converter's output changes, so that an old cache is left alone and a new one is made."""
@@ -54,6 +54,12 @@ def verified(model: ModelFile) -> bytes:
     if source_sha256 != model.tflite_sha256 or onnx_sha256 != sha256(data):
         raise ModelError(f"the weights {path} are not the pinned ones (sha256 differs); {_REMEDY}")
     return data
+
+
+def check() -> None:
+    """Return when all networks of MODELS are there; raise ModelError, as `verified` does, for the first that is not."""
+    for model in MODELS.values():
+        verified(model)
 
 
 def store(converted: Mapping[str, bytes]) -> None:

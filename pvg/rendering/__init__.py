@@ -4,18 +4,31 @@ from __future__ import annotations
 
 from pvg.rendering.clip import placed_faces, render, render_frame, source_frame, swap
 from pvg.rendering.layers import LAYERS, layer
+from pvg.rendering.parts import PART_S, join_parts, part_bounds, render_part
 from pvg.rendering.placed_face import PlacedFace
 from pvg.rendering.renderer import Renderer
+from pvg.rendering.stills import Stills
+from pvg.rendering.suite_files import MATTES, PARTS, export
 from pvg.rendering.warmup import warm_up
+from pvg.video import can_join
 
 __all__ = [
     "LAYERS",
+    "MATTES",
+    "PARTS",
+    "PART_S",
     "PlacedFace",
     "Renderer",
+    "Stills",
+    "can_join",
+    "export",
+    "join_parts",
     "layer",
+    "part_bounds",
     "placed_faces",
     "render",
     "render_frame",
+    "render_part",
     "source_frame",
     "swap",
     "warm_up",

@@ -1,50 +1,12 @@
-"""Compiled kernels that draw the rest of a person's skin: its matte at pixel size, and a map of colour by tables."""
+"""Compiled kernels that draw the rest of a person's skin: a map of colour by tables."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from pvg._arrays import Doubles, Floats
-from pvg._bilinear import reach, split
+from pvg._arrays import Floats
 from pvg._compiled import kernel
 from pvg.rendering._kernels import Samples, _roll_off, _run
-
-
-@kernel(fastmath=True)
-def guided_alpha(
-    luma: Samples, slope: Floats, start: Floats, columns: Doubles, rows: Doubles, margin: np.float32, out: Floats
-) -> None:
-    """out (h, w) = (slope · luma + start − margin) / (1 − 2 margin), held to [0, 1]; 0 where slope and start are.
-
-    slope, start: (r, c) grids;  columns, rows: positions of the pixels in them.
-    """
-    count, (h, w) = out.shape[1], slope.shape
-    index, share = np.empty(count, np.int32), np.empty(count, np.float32)
-    split(columns, w, index, share)
-    slopes, starts = np.empty((2, count), np.float32), np.empty((2, count), np.float32)
-    at_slope, at_start = -2, -2
-    none, one = np.float32(0.0), np.float32(1.0)
-    wide = one / (one - np.float32(2.0) * margin)
-    busy = np.empty(h, np.bool_)
-    for i in range(h):
-        busy[i] = False
-        for j in range(w):
-            if start[i, j] != none or slope[i, j] != none:
-                busy[i] = True
-                break
-    for i in range(out.shape[0]):
-        place = min(max(rows[i], 0.0), h - 1.0)
-        upper = min(int(place), h - 2)
-        if not (busy[upper] or busy[upper + 1]):
-            out[i, :] = none
-            continue
-        f = np.float32(place - upper)
-        at_slope = reach(slope, upper, at_slope, index, share, slopes)
-        at_start = reach(start, upper, at_start, index, share, starts)
-        a, b, c, d, to, value = slopes[0], slopes[1], starts[0], starts[1], out[i], luma[i]
-        for j in range(count):
-            s, t = a[j] + f * (b[j] - a[j]), c[j] + f * (d[j] - c[j])
-            to[j] = min(max((s * np.float32(value[j]) + t - margin) * wide, none), one)
 
 
 @kernel(fastmath=True)

@@ -69,54 +69,95 @@ def roll_off(values: Floats, bend: Floats) -> Floats:
 
 
 @kernel(fastmath=True)
-def apply_correction(
+def apply_contrast(
     part: Samples,
     before: Samples,
-    broad: Samples,
     alpha: Floats,
     columns: Doubles,
     rows: Doubles,
     shift: Floats,
-    contrast_field: Floats,
-    contrast_less_one: np.float32,
+    excess: np.float32,
     level: np.float32,
-    bend: Floats,
     top: np.float32,
 ) -> None:
-    """part += α (R(before + (λ − 1)(before − level) + shift) − R(before)), in place: u' = λI + H(g' − λg), eq. (1).
+    """part += α (excess (before − level) + shift), in place: u' = λI + H(g' − λg), eq. (1), with excess = λ − 1.
 
-    Rounded and held to [0, top].  R is `_roll_off`.  Where λ − 1 is positive, (broad − level) stands for (before −
-    level): what broad lacks of before is then left as it is.
-    part, before, broad: (r, c) uint8 or uint16 samples, before as the frame came, broad the same or smoothed.
-    alpha: (r, c) float32, the matte over their blocks of pixels.
-    columns, rows: positions of the samples in the grids `shift`, H(g' − λg), and `contrast_field`, λ. One of two says
-    λ: a field without rows stands for 1 everywhere, and `contrast_less_one`, λ − 1 as a number, is 0 beside a field.
-    bend: (4,) float32, see `_roll_off`, or empty for none.
+    Rounded and held to [0, top].
+    part, before: (r, c) uint8 or uint16 samples, before as the frame came;  alpha: (r, c) float32, the matte over their
+    blocks of pixels;  columns, rows: positions of the samples in the grid `shift`, H(g' − λg).
     """
     count, (h, w) = part.shape[1], shift.shape
-    index, share = np.empty(count, np.int32), np.empty(count, np.float32)
-    split(columns, w, index, share)
-    change = np.empty(count, np.float32)
-    added, contrast = np.empty((2, count), np.float32), np.ones((2, count), np.float32)
-    at_added, at_contrast = -2, -2
-    offset, half, none = contrast_less_one - np.float32(1.0), np.float32(0.5), np.float32(0.0)
+    (index, share), (upper, down) = split(columns, w), split(rows, h)
+    change, detail = np.empty(count, np.float32), np.empty(count, np.float32)
+    added = np.empty((2, count), np.float32)
+    at, half, none = -2, np.float32(0.5), np.float32(0.0)
     for i in range(part.shape[0]):
         first, last = _run(alpha[i])
         if first >= last:
             continue
-        place = min(max(rows[i], 0.0), h - 1.0)
-        upper = min(int(place), h - 2)
-        f = np.float32(place - upper)
-        at_added = reach(shift, upper, at_added, index, share, added)
-        if len(contrast_field):
-            at_contrast = reach(contrast_field, upper, at_contrast, index, share, contrast)
+        at, f = reach(shift, upper[i], at, index, share, added), down[i]
         a, b = added[0, first:last], added[1, first:last]
-        c, d = contrast[0, first:last], contrast[1, first:last]
-        v, was, wide, to = alpha[i, first:last], before[i, first:last], broad[i, first:last], part[i, first:last]
+        v, was, to = alpha[i, first:last], before[i, first:last], part[i, first:last]
         for j in range(last - first):
-            excess = c[j] + f * (d[j] - c[j]) + offset  # λ − 1
-            taken = np.float32(wide[j]) if excess > none else np.float32(was[j])
-            change[j] = a[j] + f * (b[j] - a[j]) + excess * (taken - level)
+            change[j] = a[j] + f * (b[j] - a[j])
+            detail[j] = excess * (np.float32(was[j]) - level)
+        for j in range(last - first):
+            change[j] += detail[j]  # apart: rounded before it is added
+        for j in range(last - first):
+            to[j] = np.int32(min(max(np.float32(to[j]) + v[j] * change[j] + half, none), top))
+
+
+@kernel(fastmath=True)
+def apply_map(
+    part: Samples,
+    before: Samples,
+    broad: Samples,
+    by: Samples,
+    log2x: int,
+    log2y: int,
+    alpha: Floats,
+    columns: Doubles,
+    rows: Doubles,
+    shift: Floats,
+    tables: Floats,
+    excess: np.float32,
+    fade: Floats,
+    bend: Floats,
+    top: np.float32,
+) -> None:
+    """part += α (R(F(before) + w shift) − R(before)), in place: u' = F(I) + H(g' − F(g)), rounded and held to [0, top].
+
+    F(before) = before + rise[by] + fall[before] + excess · broad.  R is `_roll_off`.
+    part, before, broad: (r, c) samples of a plane, as the frame came and smoothed;  by: smoothed luma, 2^log2x ×
+    2^log2y as many;  shift: H(g' − F(g)), and alpha, columns, rows: see `apply_contrast`;  tables: (2, top + 1), rise
+    and fall, or (1, top + 1), rise alone;  fade: (r, c) float32 w, see `fade_in_dark`, without rows it is 1;
+    bend: (4,) float32, or empty for none.
+    """
+    count, (h, w) = part.shape[1], shift.shape
+    (index, share), (upper, down) = split(columns, w), split(rows, h)
+    change, added = np.empty(count, np.float32), np.empty((2, count), np.float32)
+    at, half, none = -2, np.float32(0.5), np.float32(0.0)
+    rise, falls, fall = tables[0], len(tables) > 1, tables[len(tables) - 1]
+    for i in range(part.shape[0]):
+        first, last = _run(alpha[i])
+        if first >= last:
+            continue
+        at, f = reach(shift, upper[i], at, index, share, added), down[i]
+        a, b = added[0, first:last], added[1, first:last]
+        v, was, wide, to = alpha[i, first:last], before[i, first:last], broad[i, first:last], part[i, first:last]
+        luma = by[min(i << log2y, by.shape[0] - 1)]
+        for j in range(last - first):
+            change[j] = a[j] + f * (b[j] - a[j])
+        if len(fade):
+            w = fade[i, first:last]
+            for j in range(last - first):
+                change[j] *= w[j]
+        if falls:
+            for j in range(last - first):
+                change[j] += rise[wide[j]] + fall[was[j]]
+        else:
+            for j in range(last - first):
+                change[j] += rise[luma[min((first + j) << log2x, len(luma) - 1)]] + excess * np.float32(wide[j])
         if len(bend):
             toe, below, knee, above = bend[0], bend[1], bend[2], bend[3]
             for j in range(last - first):
@@ -128,8 +169,71 @@ def apply_correction(
 
 
 @kernel(fastmath=True)
+def fade_in_dark(
+    luma: Samples | Floats,
+    alpha: Floats,
+    columns: Doubles,
+    rows: Doubles,
+    around: Floats,
+    black: np.float32,
+    low: np.float32,
+    high: np.float32,
+    out: Floats,
+) -> None:
+    """out (r, c) float32 = w(luma / around), both above black: 1 from `high` on, the ratio itself up to `low`.
+
+    F(I) + w H(g' − F(g)) is then F's about the skin, and I g'/g in what is much darker: through black.
+    luma: (r, c) samples, or float32;  alpha: (r, c), where it is 0 nothing is written;
+    around: a grid, see `apply_contrast`.
+    """
+    count, (h, w) = out.shape[1], around.shape
+    (index, share), (upper, down) = split(columns, w), split(rows, h)
+    held = np.empty((2, count), np.float32)
+    at, one, none = -2, np.float32(1.0), np.float32(0.0)
+    wide = one / (high - low)
+    for i in range(out.shape[0]):
+        first, last = _run(alpha[i])
+        if first >= last:
+            continue
+        at, f = reach(around, upper[i], at, index, share, held), down[i]
+        a, b, source, to = held[0, first:last], held[1, first:last], luma[i, first:last], out[i, first:last]
+        for j in range(last - first):
+            ratio = max(np.float32(source[j]) - black, none) / max(a[j] + f * (b[j] - a[j]), one)
+            t = min(max((ratio - low) * wide, none), one)
+            t = t * t * (np.float32(3.0) - np.float32(2.0) * t)
+            to[j] = min(one - (one - t) * (one - ratio), one)
+
+
+@kernel(fastmath=True)
+def scale(
+    part: Samples,
+    before: Samples,
+    weight: Floats,
+    gain_less_one: np.float32,
+    level: np.float32,
+    bend: Floats,
+    top: np.float32,
+) -> None:
+    """part += weight (R(before + (gain − 1)(before − level)) − R(before)), in place, rounded and held to [0, top].
+
+    R is `_roll_off`.  part, before: (r, c) uint8 or uint16 samples;  weight: (r, c) float32;  level: the code of black
+    or grey;  bend: (4,) float32, or empty for none.
+    """
+    half, none = np.float32(0.5), np.float32(0.0)
+    for i in range(part.shape[0]):
+        first, last = _run(weight[i])
+        for j in range(first, last):
+            source = np.float32(before[i, j])
+            change = gain_less_one * (source - level)
+            if len(bend):
+                wanted = _roll_off(source + change, bend[0], bend[1], bend[2], bend[3])
+                change = wanted - _roll_off(source, bend[0], bend[1], bend[2], bend[3])
+            part[i, j] = np.int32(min(max(np.float32(part[i, j]) + weight[i, j] * change + half, none), top))
+
+
+@kernel(fastmath=True)
 def mean_above(before: Samples, alpha: Floats, columns: Doubles, rows: Doubles, low: Floats) -> float:
-    """The mean of before − low over the matte; low is a grid, see `apply_correction`. 0 where the matte is empty."""
+    """The mean of before − low over the matte; low is a grid, see `apply_contrast`. 0 where the matte is empty."""
     field = np.empty(before.shape, np.float32)
     read_grid(low, columns, rows, field)
     total, mass = np.float64(0.0), np.float64(0.0)

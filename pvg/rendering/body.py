@@ -1,7 +1,7 @@
 """The rest of a person's skin in one frame: its matte at pixel size, and the face's map F applied to it by tables.
 
-The coarse matte is sharpened by a guided filter whose coefficients are found on its own raster and read at pixel size:
-α = a·Y + b, so the edge lies where the luma's edge is. Where the face's matte is, the body's gives way,
+The matte's edge follows the picture as the face's does (`pvg.rendering.edges`). Where the face's matte is, the body's
+gives way,
 
     α_total = α_face + max(0, α_body − α_face) = max(α_face, α_body),
 
@@ -10,7 +10,8 @@ are needed: F takes luma by a table, and chroma by tables of luma,
 
     Y' = T(Y)        c' = m'(T(Y)) + k (c − m(Y))
 
-where slopes above 1 see a smoothed picture: what is finer is left as it is, as in `planes`.
+with T of skin beside the face (`SkinMap.beside`). Slopes above 1 see a smoothed picture: what is finer is left as it
+is, as in `planes`.
 """
 
 from __future__ import annotations
@@ -19,24 +20,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pvg._arrays import Doubles, Floats
-from pvg.looks import BodyMap
-from pvg.picture import halved
-from pvg.raster import Raster, first_reading
+from pvg._arrays import Floats
+from pvg.raster import Raster
 from pvg.rendering import _body_kernels as kernels
 from pvg.rendering import _kernels
+from pvg.rendering.edges import refine
+from pvg.rendering.map_tables import MapTables
 from pvg.rendering.placed_face import PlacedFace
-from pvg.rendering.planes import luma_bend, over_chroma, with_patches, without_fine_detail
+from pvg.rendering.planes import luma_bend, opponent_matrix, over_chroma, with_patches, without_fine_detail
 from pvg.skin import Matte
-from pvg.video import Frame, Patch, PixelFormat
+from pvg.skin.parameters import SKIN_PRIOR
+from pvg.video import Frame, Patch
 
-_GUIDE_CELLS = 5  # side of the guided filter's boxes [by eye]
-_GUIDE_EPSILON = 60.0  # squared 8-bit levels [by eye: less lets noise into the edge]
-_MARGIN = np.float32(0.06)  # of alpha, cut off at both ends [by eye: no veil beside the skin]
+_REACH = 2 * (SKIN_PRIOR.edges.reach + 1)  # cells around the matte whose colours its edge is told by, even
 _LEAST = 1e-3  # of alpha: less is nothing
 
 
@@ -63,21 +62,9 @@ def place_body(
     if window is None:
         return None
     x0, y0, x1, y1, cells = window
-    raster = body.raster
-    coarse = np.asarray(body.alpha[cells[1] : cells[3], cells[0] : cells[2]] / np.float32(255), np.float32)
-    part = Raster(
-        np.asarray(raster.origin + np.array(cells[:2], np.float32) * np.float32(raster.step), np.float32),
-        raster.step,
-        (coarse.shape[0], coarse.shape[1]),
-    )
-    luma = _luma(frame, (x0, y0, x1, y1))
-    slope, start = _guide(coarse, _cell_means(luma, part.crop(np.array([x0, y0], np.float32))), frame.format.depth)
-    columns, rows = (
-        (np.arange(low, high) - part.origin[axis] + 0.5) / part.step - 0.5
-        for axis, (low, high) in enumerate(((x0, x1), (y0, y1)))
-    )
-    alpha = np.empty(luma.shape, np.float32)
-    kernels.guided_alpha(luma, slope, start, columns, rows, _MARGIN, alpha)
+    matte = _part(body, cells)
+    alpha = matte.alpha_at(np.arange(x0, x1, dtype=np.float32), np.arange(y0, y1, dtype=np.float32))
+    refine(alpha, (x0, y0), matte, frame)
     placed = PlacedBody(x0, y0, alpha)
     for face in faces:
         _take_out(placed, face)
@@ -88,13 +75,15 @@ def place_body(
 
 def _window(frame: Frame, body: Matte) -> tuple[int, int, int, int, tuple[int, int, int, int]] | None:
     """x0, y0, x1, y1 of the pixels that the matte may touch, and of its cells; None without any."""
-    reach, align = _GUIDE_CELLS, 2 ** max(frame.format.chroma_log2)
+    align = 2 ** max(frame.format.chroma_log2)
     pixels, cells = [], []
     for axis in (0, 1):
         held = np.flatnonzero(body.alpha.max(axis=axis))
         if not len(held):
             return None
-        low, high = max(0, int(held[0]) - reach), min(body.alpha.shape[1 - axis], int(held[-1]) + 1 + reach)
+        # from an even cell, so that an edge is told by the same blocks of cells wherever the window begins
+        low = max(0, int(held[0]) // 2 * 2 - _REACH)
+        high = min(body.alpha.shape[1 - axis], int(held[-1]) + 1 + _REACH)
         size = (frame.width, frame.height)[axis]
         step = body.raster.step
         pixels.append(
@@ -107,42 +96,14 @@ def _window(frame: Frame, body: Matte) -> tuple[int, int, int, int, tuple[int, i
     return x0, y0, x1, y1, (cells[0][0], cells[1][0], cells[0][1], cells[1][1])
 
 
-def _luma(frame: Frame, box: tuple[int, int, int, int]) -> NDArray[Any]:
-    """(h, w) luma codes of a box of the frame."""
-    x0, y0, x1, y1 = box
-    if not frame.format.is_rgb:
-        return np.ascontiguousarray(frame.planes[0][y0:y1, x0:x1])
-    planes = np.stack([plane[y0:y1, x0:x1] for plane in frame.planes], axis=-1)
-    weights = (frame.format.opponent.matrix @ np.linalg.inv(frame.format.matrix))[0]
-    return np.asarray(np.rint(planes @ weights), frame.format.dtype)
-
-
-def _cell_means(luma: NDArray[Any], raster: Raster) -> Floats:
-    """Luma at a raster's cells, of its halved copies; raster: in luma's own pixels."""
-    smaller, factor = luma, 1
-    while factor * 2 <= raster.step and min(smaller.shape) >= 4:
-        smaller, factor = halved(smaller), factor * 2
-    step = raster.step / factor
-    x, y = (first_reading(float(corner) / factor, step) for corner in raster.origin)
-    matrix = np.array([[step, 0, x], [0, step, y]])
-    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    size = (raster.shape[1], raster.shape[0])
-    return np.asarray(cv2.warpAffine(smaller, matrix, size, flags=flags, borderMode=cv2.BORDER_REPLICATE), np.float32)
-
-
-def _guide(alpha: Floats, luma: Floats, depth: int) -> tuple[Floats, Floats]:
-    """a, b (h, w) each of α = a·Y + b, the guided filter's coefficients; exactly 0 where alpha is 0 all around."""
-
-    def mean(values: Floats) -> Floats:
-        return np.asarray(cv2.blur(values, (_GUIDE_CELLS, _GUIDE_CELLS), borderType=cv2.BORDER_REPLICATE), np.float32)
-
-    mean_luma, mean_alpha = mean(luma), mean(alpha)
-    variance = np.maximum(mean(luma * luma) - mean_luma * mean_luma, 0)
-    slope = (mean(luma * alpha) - mean_luma * mean_alpha) / (variance + np.float32(_GUIDE_EPSILON * 4.0 ** (depth - 8)))
-    start = mean_alpha - slope * mean_luma
-    near = cv2.dilate((alpha > 0).astype(np.uint8), np.ones((_GUIDE_CELLS, _GUIDE_CELLS), np.uint8)).astype(np.float32)
-    slopes, starts = (np.asarray(cv2.blur(values, (3, 3)), np.float32) * near for values in (slope, start))
-    return slopes, starts
+def _part(body: Matte, cells: tuple[int, int, int, int]) -> Matte:
+    """The matte over the cells x0, y0, x1, y1 and one more around, the outermost repeated: skin does not end there."""
+    x0, y0, x1, y1 = cells
+    around = slice(y0, y1), slice(x0, x1)
+    alpha, mask = np.pad(body.alpha[around], 1, mode="edge"), np.pad(body.mask[around], 1, mode="edge")
+    step = body.raster.step
+    origin = body.raster.origin + np.array([x0 - 1, y0 - 1], np.float32) * np.float32(step)
+    return Matte(Raster(np.asarray(origin, np.float32), step, (alpha.shape[0], alpha.shape[1])), alpha, mask)
 
 
 def _take_out(body: PlacedBody, other: PlacedFace | PlacedBody) -> None:
@@ -159,47 +120,7 @@ def _take_out(body: PlacedBody, other: PlacedFace | PlacedBody) -> None:
             np.minimum(part, 1 - taken, out=part)
 
 
-@dataclass(frozen=True, eq=False)
-class BodyTables:
-    """A map F on the planes of one format, strength applied.
-
-    tone: (2, n) float32 what luma gains by its code, by slopes of T above 1 and below;
-    chroma: (2, n) float32 what each chroma plane gains by luma's code, `excess` of its own code aside.
-    """
-
-    tone: Floats
-    chroma: Floats
-    excess: float
-
-    @classmethod
-    def of(cls, look: BodyMap, pixel_format: PixelFormat, gain: float = 1.0, kept: float = 1.0) -> BodyTables:
-        """The tables of a look for the opponent planes of a format;  gain, kept: see `BodyMap.exposures`."""
-        opponent = pixel_format.opponent
-        usual, goal = look.usual_colors()
-        source, target = (colors @ opponent.matrix.T + opponent.offset for colors in (gain * usual, kept * goal))
-        codes = np.arange(2.0**pixel_format.depth)
-        gained = _read(codes, source[:, 0], target[:, 0] - source[:, 0])
-        slopes = np.diff(gained, prepend=gained[0])
-        middle = int(np.argmin(np.abs(codes - source[128, 0])))
-        summed = np.cumsum(np.maximum(slopes, 0))
-        rise = summed - summed[middle]
-        fall = gained - rise
-        excess = look.strength * (look.skin.spread * kept / gain - 1.0)
-        chroma = [
-            look.strength * _read(codes, source[:, 0], target[:, p] - source[:, p])
-            - excess * _read(codes, source[:, 0], source[:, p])
-            for p in (1, 2)
-        ]
-        tone = look.strength * np.stack([rise, fall])
-        return cls(tone.astype(np.float32), np.stack(chroma).astype(np.float32), float(excess))
-
-
-def _read(codes: Doubles, at: Doubles, values: Doubles) -> Doubles:
-    """Values (n,) known at increasing `at` (n,), read at `codes`; constant beyond."""
-    return np.asarray(np.interp(codes, np.maximum.accumulate(at), values))
-
-
-def apply_body(frame: Frame, body: PlacedBody, tables: BodyTables, under: Sequence[Patch] = ()) -> list[Patch]:
+def apply_body(frame: Frame, body: PlacedBody, tables: MapTables, under: Sequence[Patch] = ()) -> list[Patch]:
     """The new samples of a body in every plane;  under: patches that were laid before."""
     if frame.format.is_rgb:
         return _apply_to_rgb(frame, body, tables, under)
@@ -225,25 +146,18 @@ def apply_body(frame: Frame, body: PlacedBody, tables: BodyTables, under: Sequen
     return patches
 
 
-def _apply_to_rgb(frame: Frame, body: PlacedBody, tables: BodyTables, under: Sequence[Patch]) -> list[Patch]:
+def _apply_to_rgb(frame: Frame, body: PlacedBody, tables: MapTables, under: Sequence[Patch]) -> list[Patch]:
     """`apply_body` for R, G, B planes: what luma and chroma gain is added in RGB."""
     (left, upper), (h, w) = (body.x, body.y), body.alpha.shape
     opponent = frame.format.opponent
     window = slice(upper, upper + h), slice(left, left + w)
     before: NDArray[Any] = np.stack([plane[window] for plane in frame.planes], axis=-1)
-    to_opponent_codes = opponent.matrix @ np.linalg.inv(frame.format.matrix)
+    to_opponent_codes = opponent_matrix(frame.format)
     source = (before @ to_opponent_codes.T + opponent.offset).astype(np.float32)
-    broad = [without_fine_detail(np.ascontiguousarray(source[..., p])) for p in range(3)]
-    codes = np.arange(tables.tone.shape[1], dtype=np.float32)
-    rise, fall = tables.tone
     bend = luma_bend(opponent)
     luma: Floats = np.ascontiguousarray(source[..., 0])
-    wanted = luma + np.interp(broad[0], codes, rise) + np.interp(luma, codes, fall)
-    gained = np.empty_like(source)
-    gained[..., 0] = _kernels.roll_off(np.asarray(wanted, np.float32), bend) - _kernels.roll_off(luma, bend)
-    for p in (1, 2):
-        wide = broad[p] if tables.excess > 0 else source[..., p]
-        gained[..., p] = np.interp(broad[0], codes, tables.chroma[p - 1]) + tables.excess * wide
+    gained = tables.gained_of(source, without_fine_detail(source))
+    gained[..., 0] = _kernels.roll_off(luma + gained[..., 0], bend) - _kernels.roll_off(luma, bend)
     change = body.alpha[..., None] * (gained @ np.linalg.inv(to_opponent_codes).T)
     patches = []
     for p in range(3):

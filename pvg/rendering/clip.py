@@ -7,45 +7,62 @@ the clip and one operator.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, closing
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, BinaryIO, Literal
+
+import numpy as np
 
 from pvg._arrays import Bytes
-from pvg._threads import Sink, ahead, one_blas_thread
+from pvg._threads import one_blas_thread
 from pvg.asset import VectorVideo
 from pvg.curves import table_labels
 from pvg.errors import AssetError
 from pvg.looks import Contrast, Look, contrast_of_both, exchange, transfer
+from pvg.memory import looks_at_once
+from pvg.rendering.canvas import Asked, Canvas, piped_canvas, plans_of, stored_canvas, stored_frames, writer_of
+from pvg.rendering.passes import LOOKS_AT_ONCE, MEMORY_BYTES, Progress, draw, partial_name
 from pvg.rendering.placed_face import PlacedFace, place_face
 from pvg.rendering.renderer import Renderer
-from pvg.video import Frame, MediaInfo, Patch, VideoWriter, probe, read_frames, write_image
-
-Progress = Callable[[str, int, int], None]
-
-_LOOKS_AT_ONCE = 3  # an encoder holds tens of frames: more looks are drawn in further passes over the clip
-
-
-def _partial(path: Path) -> Path:
-    return path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+from pvg.video import (
+    Frame,
+    Plan,
+    VideoWriter,
+    Y4mWriter,
+    lost_in_picture,
+    read_picture_metadata,
+    write_image,
+)
 
 
 def render(
     video: VectorVideo,
     looks: Sequence[Look],
-    paths: Sequence[str | Path],
+    paths: Sequence[str | Path | BinaryIO],
     *,
+    container: str | None = None,
     codec: str = "auto",
     crf: int | None = None,
     preset: str | None = None,
     audio: Literal["copy", "none"] = "copy",
+    pictures: BinaryIO | None = None,
+    memory_bytes: int = MEMORY_BYTES,
     progress: Progress | None = None,
-) -> None:
+) -> list[tuple[str, ...]]:
     """Render every look of `looks` to the path of the same place in `paths`, up to three in one pass over the clip.
 
-    The container follows from the suffix: .mp4, .mov, .mkv, .webm; .png, .jpg, .webp for an image. codec: "auto",
-    "h264", "hevc", "vp9", "av1";  crf, preset: the encoder's own scales;  audio: "copy" or "none".
+    container: "mp4", "mov", "mkv", "webm"; None follows from the suffix: .mp4, .mov, .mkv, .webm; .png, .tiff, .jpg,
+    .webp for an image, which keeps its profile, EXIF, alpha and, in PNG and TIFF, its 16 bits. A binary stream in the
+    place of a path is written to as "nut" (None) or "y4m". codec: "auto",
+    "h264", "hevc", "vp9" or "av1", or for editing "prores" (422 HQ), "prores4444", "dnxhr", "ffv1";
+    crf, preset: the encoder's own scales;  audio: "copy" or "none", all sound tracks or no sound.
+    pictures: NUT or YUV4MPEG2, whose frames are drawn on instead of the clip's, of the same size and number; tracks
+    and tags are then those of the clip, where it is there.
+    Tracks, chapters, tags, timecode, HDR10 metadata and fields of the clip go along as far as the container and the
+    codec hold them. Returns for each path what is not as in the clip or picture, a line each.
+    memory_bytes: what a pass over the clip is to take at most; where three looks would take more by `pvg.memory`, a
+    pass has two or one.
     progress: called as ("render", frames done, frames), counted over all passes; what it raises ends the work and
     passes through. Files appear under their names only when all are complete. Raises `AssetError` when the source clip
     is missing or another one, `MediaError` when it cannot be read, `ValueError` on options that do not fit.
@@ -53,77 +70,85 @@ def render(
     if len(looks) != len(paths):
         raise ValueError(f"{len(looks)} looks need {len(looks)} paths, not {len(paths)}")
     if not looks:
-        return
-    targets = [Path(path) for path in paths]
-    partials = [_partial(target) for target in targets]
-    if len(set(partials)) != len(partials):
+        return []
+    targets = [Path(path) if isinstance(path, (str, Path)) else path for path in paths]
+    drafts = [partial_name(target) if isinstance(target, Path) else target for target in targets]
+    if len({id(draft) if not isinstance(draft, Path) else draft for draft in drafts}) != len(drafts):
         raise ValueError("two looks would be written to the same path")
-    source = _drawable_source(video)
-    info = probe(source)
+    if pictures is not None and len(looks) > LOOKS_AT_ONCE:
+        raise ValueError(f"pictures that come by a pipe are drawn once, for at most {LOOKS_AT_ONCE} looks")
+    asked = Asked(container, codec, crf, preset, audio)
+    partials = [draft for draft in drafts if isinstance(draft, Path)]
     try:
-        with one_blas_thread():
-            if info.kind == "image":
-                _render_image(video, looks, partials)
+        with one_blas_thread(), ExitStack() as stack:
+            canvas = stack.enter_context(_canvas(video, pictures))
+            if canvas.info.kind == "image":
+                lost = _render_image(video, looks, canvas, partials, targets)
             else:
-                sound = source if audio == "copy" else None
-                options = {"codec": codec, "crf": crf, "preset": preset, "audio_from": sound}
-                _render_clip(video, looks, partials, info, options, progress)
-        for partial, target in zip(partials, targets, strict=True):
-            partial.replace(target)
+                plans = plans_of(targets, canvas, asked)
+                at_once = LOOKS_AT_ONCE
+                if pictures is None:
+                    at_once = looks_at_once(canvas.info, memory_bytes, most=LOOKS_AT_ONCE, codec=codec)
+                _render_clip(video, looks, drafts, canvas, plans, asked, at_once, progress)
+                lost = [canvas.info.warnings + plan.warnings for plan in plans]
+        for draft, target in zip(drafts, targets, strict=True):
+            if isinstance(draft, Path) and isinstance(target, Path):
+                draft.replace(target)
     finally:
         for partial in partials:
             partial.unlink(missing_ok=True)
+    return lost
 
 
-def _drawable_source(video: VectorVideo) -> Path:
-    if video.settings["reference"] and video.media.kind == "video":
-        raise AssetError(
-            f"{video.path.name} keeps a reference's key frame only; vectorise the clip in full to render it"
-        )
-    return video.require_source()
+def _canvas(video: VectorVideo, pictures: BinaryIO | None) -> AbstractContextManager[Canvas]:
+    if pictures is not None:
+        if video.settings["reference"] or video.media.kind != "video":
+            raise AssetError(f"{video.path.name} is no clip in full: pictures by a pipe cannot be drawn on")
+        return piped_canvas(video, pictures)
+    return nullcontext(stored_canvas(video))
 
 
-def _render_image(video: VectorVideo, looks: Sequence[Look], paths: list[Path]) -> None:
-    (frame,) = read_frames(video.require_source())
-    for drawn, path in zip(Renderer(video, looks).draw(frame), paths, strict=True):
-        write_image(path, drawn.rgb())
+def _render_image(
+    video: VectorVideo,
+    looks: Sequence[Look],
+    canvas: Canvas,
+    partials: Sequence[Path],
+    targets: Sequence[Path | BinaryIO],
+) -> list[tuple[str, ...]]:
+    """Write a picture's looks; what is not kept of it, a line each."""
+    source = video.require_source()
+    if len(partials) != len(targets):
+        raise ValueError("a picture is written to a file")
+    (frame,), metadata = canvas.frames(), read_picture_metadata(source)
+    for drawn, path in zip(Renderer(video, looks).draw(frame), partials, strict=True):
+        write_image(path, np.stack(drawn.planes, axis=-1), alpha=drawn.alpha, metadata=metadata)
+    return [canvas.info.warnings + lost_in_picture(source, path) for path in partials]
 
 
 def _render_clip(
     video: VectorVideo,
     looks: Sequence[Look],
-    paths: list[Path],
-    info: MediaInfo,
-    options: dict[str, Any],
+    drafts: Sequence[Path | BinaryIO],
+    canvas: Canvas,
+    plans: Sequence[Plan],
+    asked: Asked,
+    at_once: int,
     progress: Progress | None,
 ) -> None:
     # one encoder may use all cores; several share them, which costs less memory and processor time
-    threads = 0 if len(looks) == 1 else max(1, (os.cpu_count() or 1) // min(len(looks), _LOOKS_AT_ONCE))
-    parts = [slice(i, i + _LOOKS_AT_ONCE) for i in range(0, len(looks), _LOOKS_AT_ONCE)]
-    for done, part in enumerate(parts):
-        renderer = Renderer(video, looks[part])
-        with ExitStack() as stack:
-            writers = [VideoWriter(path, info, info.format, threads=threads, **options) for path in paths[part]]
-            sinks = [Sink(_writing(stack.enter_context(writer))) for writer in writers]
-            for sink in sinks:
-                stack.enter_context(sink)
-            frames = stack.enter_context(closing(ahead(read_frames(video.require_source()))))
-            for frame in frames:
-                for sink, patches in zip(sinks, renderer.patches(frame), strict=True):
-                    sink.put((frame, patches))
-                if progress is not None:
-                    progress("render", done * video.frame_count + frame.index + 1, len(parts) * video.frame_count)
+    threads = 0 if len(looks) == 1 else max(1, (os.cpu_count() or 1) // min(len(looks), at_once))
 
+    def writer(k: int) -> VideoWriter | Y4mWriter:
+        return writer_of(drafts[k], canvas.info, plans[k], asked, threads)
 
-def _writing(writer: VideoWriter) -> Callable[[tuple[Frame, list[Patch]]], None]:
-    return lambda item: writer.write(*item)
+    draw(video, looks, canvas.frames, writer, count=video.frame_count, at_once=at_once, progress=progress)
 
 
 def source_frame(video: VectorVideo, index: int) -> Frame:
     """Frame `index` of the source clip. Raises `ValueError` when there is none."""
     if not 0 <= index < video.frame_count:
         raise ValueError(f"no frame {index}; the clip has {video.frame_count}")
-    (frame,) = read_frames(_drawable_source(video), start=index, stop=index + 1)
+    (frame,) = stored_frames(video, index, index + 1)
     return frame
 
 
@@ -142,25 +167,25 @@ def swap(
     faces: Literal["all"] | Sequence[int] = "all",
     contrast: Contrast | Sequence[Contrast] = "auto",
     **options: Any,
-) -> None:
+) -> list[tuple[str, ...]]:
     """Exchange face colours, between two clips or between two faces of one.
 
     Two clips: `paths[0]` is `a` with the colours of `b`, `paths[1]` is `b` with those of `a`; faces: to be changed in
     each. One clip, without `b`: two `faces` of `a` exchange their colours in one clip, written to the one path.
     contrast: λ of both sides, or one for each: "auto" or a number, first that of `a` or of `faces[0]`.
-    options: the others of `transfer` and of `render`. Raises `ValueError` for a clip and itself, and as those do.
+    options: the others of `transfer` and of `render`. Returns as `render`. Raises `ValueError` for a clip and itself,
+    and as those do.
 
         pvg.swap(video, paths="swapped.mp4", faces=(0, 1), contrast=(0.8, 1.2))
     """
     targets = [paths] if isinstance(paths, (str, Path)) else list(paths)
     if len(targets) != (1 if b is None else 2):
         raise ValueError(f"a swap within one clip has one path, one of two clips has two, not {len(targets)}")
-    drawing = {k: options.pop(k) for k in ("codec", "crf", "preset", "audio", "progress") if k in options}
+    drawing = {k: options.pop(k) for k in ("container", "codec", "crf", "preset", "audio", "progress") if k in options}
     if b is None:
         if faces == "all":
             raise ValueError("a swap within one clip is of two faces, such as faces=(0, 1)")
-        render(a, [exchange(a, faces, contrast=contrast, **options)], targets, **drawing)
-        return
+        return render(a, [exchange(a, faces, contrast=contrast, **options)], targets, **drawing)
     if a.source_sha256 == b.source_sha256:
         raise ValueError("a clip cannot be swapped with itself; give it alone, with two faces, such as faces=(0, 1)")
     ours, theirs = targets
@@ -169,8 +194,7 @@ def swap(
         transfer(a, b, faces=faces, contrast=first, **options),
         transfer(b, a, faces=faces, contrast=second, **options),
     )
-    render(a, [looks[0]], [ours], **drawing)
-    render(b, [looks[1]], [theirs], **drawing)
+    return render(a, [looks[0]], [ours], **drawing) + render(b, [looks[1]], [theirs], **drawing)
 
 
 def placed_faces(video: VectorVideo, index: int) -> Iterator[tuple[int, PlacedFace]]:

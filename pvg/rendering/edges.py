@@ -103,8 +103,8 @@ def _near(touched: Bytes) -> Bytes:
 
 
 def _weights(pixel_format: PixelFormat) -> Floats:
-    """(3,) what a code of each plane counts, in levels."""
-    levels = 2.0 ** (8 - pixel_format.depth)
+    """(3,) what a code of each plane counts, in SDR levels."""
+    levels = 2.0 ** (8 - pixel_format.depth) / pixel_format.levels_a_grey
     if pixel_format.is_rgb:
         return np.full(3, levels / np.sqrt(3.0), np.float32)  # as long as luma for greys
     return np.array([levels, levels * _EDGES.chroma, levels * _EDGES.chroma], np.float32)

@@ -1,13 +1,24 @@
-"""Guards: eyes and teeth keep their own colour, so they are taken out of the matte."""
+"""Guards: eyes and teeth go their own way, so they are taken out of the matte; their brightness follows the skin's.
+
+White is seen beside what surrounds it: eyes as bright as they were look milky in a face made dark, dull in one made
+bright. Within a guard the coded colours are multiplied by a power of the gain in luma of the skin around it,
+
+    u' = (Y' / Y)^s · I
+
+which keeps hue and saturation, and is the clip itself where the skin stays. `planes` adds a part of the skin's change
+of chroma: in warm light white is a little warm.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from pvg._arrays import Floats
+from pvg.curves import BOUNDARY, GROUPS
 from pvg.face import layout
 from pvg.face.cover import soft_cover
 from pvg.raster import scaled
@@ -15,12 +26,32 @@ from pvg.rendering.placed_face import PlacedFace
 
 _FEATHER = 0.015  # of the face's width [by eye: narrow eyes stay dark, no rim is seen]
 _CELLS_A_SPREAD = 2.0  # at least; so the guards of large faces are blurred on cells of several pixels
+_AROUND = 0.25  # of the face's width: spread of the weights of the skin that a guard follows [by eye]
+_FOLLOWS_DARK, _FOLLOWS_BRIGHT = 0.85, 0.7  # s of the way, as the skin becomes darker or brighter [by eye]
+_GAINS = (0.25, 3.0)  # of the skin's luma [by eye]
+_LEAST_LUMA = 1.0  # levels of 255 added to both sides of a gain, so that black skin has one
 
 
-def guarded_alpha(face: PlacedFace, protect: Sequence[str], *, in_place: bool = False) -> Floats:
-    """The face's matte (h, w) without the features that keep their own colour ("eyes", "teeth").
+@dataclass(frozen=True, eq=False)
+class Guard:
+    """What one feature takes out of a face's matte.
 
-    in_place: whether the face's own matte may be changed, since nobody needs it again.
+    x, y: its first pixel in the face's window, multiples of the chroma step;  weight: (h, w) float32, the alpha that
+    is taken out;  center: (2,) float32 source pixels.
+    """
+
+    x: int
+    y: int
+    weight: Floats
+    center: Floats
+
+
+def guarded_alpha(
+    face: PlacedFace, protect: Sequence[str], *, in_place: bool = False, align: int = 2
+) -> tuple[Floats, list[Guard]]:
+    """The face's matte (h, w) without the features that go their own way ("eyes", "teeth"), and those.
+
+    in_place: whether the face's own matte may be changed, since nobody needs it again;  align: the chroma step.
     """
     landmarks = face.data.landmarks
     polygons: list[Floats] = []
@@ -29,23 +60,52 @@ def guarded_alpha(face: PlacedFace, protect: Sequence[str], *, in_place: bool = 
     if "teeth" in protect:
         polygons.append(landmarks.points[layout.LIPS_INNER])
     if not polygons:
-        return face.alpha
+        return face.alpha, []
     sigma = max(0.8, _FEATHER * landmarks.axes.width)
     origin = np.array([face.x, face.y], np.float32)
     alpha = face.alpha if in_place else face.alpha.copy()
+    guards = []
     for polygon in polygons:
-        _take_out(alpha, polygon - origin, sigma)
-    return alpha
+        taken = _take_out(alpha, polygon - origin, sigma, align)
+        if taken is not None:
+            guards.append(Guard(*taken, np.asarray(polygon.mean(axis=0), np.float32)))
+    return alpha, guards
 
 
-def _take_out(alpha: Floats, polygon: Floats, sigma: float) -> None:
-    """Fade alpha to 0 inside a polygon of its pixels, over roughly `sigma` at its edge, in place."""
+def _take_out(alpha: Floats, polygon: Floats, sigma: float, align: int) -> tuple[int, int, Floats] | None:
+    """Fade alpha to 0 inside a polygon of its pixels, over roughly `sigma` at its edge, in place.
+
+    Returns where it was changed, x and y, and what was taken there, (h, w); None outside of the window.
+    """
     cell = max(1, int(sigma / _CELLS_A_SPREAD))
     guard, (column, row) = soft_cover(scaled(polygon, 1.0 / cell), sigma / cell)
     if cell > 1:
         size = guard.shape[1] * cell, guard.shape[0] * cell
         guard = np.asarray(cv2.resize(guard, size, interpolation=cv2.INTER_LINEAR), np.float32)
     x0, y0 = column * cell, row * cell
-    part = alpha[max(y0, 0) : max(y0 + guard.shape[0], 0), max(x0, 0) : max(x0 + guard.shape[1], 0)]
-    top, left = max(-y0, 0), max(-x0, 0)
-    part *= 1.0 - guard[top : top + part.shape[0], left : left + part.shape[1]]
+    left, top = max(x0, 0), max(y0, 0)
+    right, bottom = min(x0 + guard.shape[1], alpha.shape[1]), min(y0 + guard.shape[0], alpha.shape[0])
+    if right <= left or bottom <= top:
+        return None
+    x, y = left // align * align, top // align * align
+    weight = np.zeros((bottom - y, right - x), np.float32)
+    part = alpha[top:bottom, left:right]
+    taken = weight[top - y :, left - x :]
+    np.multiply(part, guard[top - y0 : bottom - y0, left - x0 : right - x0], out=taken)
+    part -= taken
+    return x, y, weight
+
+
+def guard_gain(guard: Guard, face: PlacedFace, luma: Floats, new: Floats, level: float = 1.0) -> float:
+    """What the colours within a guard are multiplied by: 1 where the skin around it keeps its luma.
+
+    luma, new: (S,) of the boundary colours g and g', codes above black;  level: code values a level of 255.
+    """
+    skin = (face.labels.group == GROUPS.index("skin")) & (face.labels.curve != BOUNDARY)
+    spread = _AROUND * max(face.data.landmarks.axes.width, 1.0)
+    away = (face.positions[skin] - guard.center) / np.float32(spread)
+    weight = np.exp(-0.5 * (away * away).sum(axis=1))
+    least = _LEAST_LUMA * level * float(weight.sum())
+    before, after = (max(float((weight * values[skin]).sum()), 0.0) + least for values in (luma, new))
+    gain = min(max(after / before, _GAINS[0]), _GAINS[1]) if before > 0.0 else 1.0
+    return float(gain ** (_FOLLOWS_DARK if gain < 1.0 else _FOLLOWS_BRIGHT))

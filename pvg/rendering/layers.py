@@ -12,6 +12,7 @@ from pvg.landmarks import draw_landmarks
 from pvg.raster import SUBPIXEL_BITS, fixed_point
 from pvg.rendering.clip import placed_faces, source_frame
 from pvg.rendering.placed_face import PlacedFace
+from pvg.video import Frame
 
 LAYERS = ("image", "landmarks", "mask", "matte", "curves", "low", "high")
 _GROUP_COLORS = ((255, 200, 0), (0, 220, 255), (80, 255, 80), (255, 60, 120))  # skin, brows, eyes, lips
@@ -20,16 +21,16 @@ _MID_GREY = 128
 Image = NDArray[np.uint8]
 
 
-def layer(video: VectorVideo, index: int, name: str) -> Image:
+def layer(video: VectorVideo, index: int, name: str, *, frame: Frame | None = None) -> Image:
     """Draw layer `name` of frame `index`: (H, W, 3) uint8 RGB.
 
     image: the source;  landmarks: the 106 points on it;  mask, matte: skin in white;  curves: the diffusion curves in
     their boundary colours g over the dimmed source;  low: LF = H(g);  high: HF = I - H(g) around mid grey.
-    Raises `ValueError` on an unknown layer or frame.
+    frame: frame `index` of the source, where it was read before. Raises `ValueError` on an unknown layer or frame.
     """
     if name not in LAYERS:
         raise ValueError(f"no layer {name!r}; known are {', '.join(LAYERS)}")
-    image = source_frame(video, index).rgb()
+    image = (source_frame(video, index) if frame is None else frame).rgb()
     if name in ("mask", "matte"):
         out: Image = np.zeros_like(image)
     elif name == "high":

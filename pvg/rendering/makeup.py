@@ -14,17 +14,15 @@ import numpy as np
 from pvg._arrays import Doubles, Floats
 from pvg.face import Landmarks
 from pvg.face.parts import PARTS, add_cover, feather, part_outlines
-from pvg.looks import to_rgb
 from pvg.rendering.correction import Correction
 
 
 def with_parts(
-    corrections: Sequence[Correction], changes: Sequence[Floats | None], landmarks: Landmarks, to_planes: Doubles
+    corrections: Sequence[Correction], changes: Sequence[Doubles | None], landmarks: Landmarks
 ) -> list[Correction]:
     """The corrections of one face, all on one lattice, with the changes of its parts.
 
-    changes: a (P, 3) for each correction, see `Look.parts`, or None;  to_planes: (3, 3) of the clip's luma and chroma
-    by RGB, transposed.
+    changes: for each correction (P, 3) luma and chroma that each of PARTS gains, code values, or None.
     """
     if not any(change is not None and change.any() for change in changes):
         return list(corrections)
@@ -41,8 +39,7 @@ def with_parts(
                     soft = feather(PARTS[p], landmarks)
                     outlines = part_outlines(PARTS[p], landmarks)
                     add_cover(covers[p], outlines, (lattice.x, lattice.y), lattice.step, soft)
-                gain = (to_rgb(change[p : p + 1].astype(np.float64)) @ to_planes)[0]
                 for plane in range(3):
-                    shift[plane] += np.float32(gain[plane]) * covers[p]
+                    shift[plane] += np.float32(change[p, plane]) * covers[p]
         out.append(replace(correction, shift=shift))
     return out

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike
 
 from pvg._arrays import Floats
 from pvg.asset import FaceInFrame
@@ -26,12 +25,14 @@ _NEARER = 4  # of two faces the larger is likely the nearer: claims grow with th
 class PlacedFace:
     """One face in one frame, ready for any number of looks.
 
-    data: its geometry;  positions: (S, 2) its curve samples, source pixels;  x, y: the source pixel of the region's
-    corner;  alpha: (h, w) float32 matte in [0, 1], h and w multiples of the chroma step unless the picture ends there;
-    cuts: where its curves cut the solver's lattice;  visibility: which of its samples are seen.
+    data: its geometry;  labels: of its S curve samples;  positions: (S, 2) of them, source pixels;  x, y: the source
+    pixel of the region's corner;  alpha: (h, w) float32 matte in [0, 1], h and w multiples of the chroma step unless
+    the picture ends there;  cuts: where its curves cut the solver's lattice;  visibility: which of its samples are
+    seen.
     """
 
     data: FaceInFrame
+    labels: CurveLabels
     positions: Floats
     x: int
     y: int
@@ -44,10 +45,10 @@ class PlacedFace:
         """x0, y0, x1, y1 of its pixels in the picture."""
         return self.x, self.y, self.x + self.alpha.shape[1], self.y + self.alpha.shape[0]
 
-    def membrane(self, values: Floats, *, tolerance: ArrayLike = TOLERANCE) -> Membrane:
+    def membrane(self, values: Floats, *, tolerance: float = TOLERANCE) -> Membrane:
         """Harmonic extension of values (S, C) at the curves, hidden samples following those that are seen.
 
-        tolerance: estimated largest error, for all channels or each.
+        tolerance: estimated largest error, in the units of the values.
         """
         return build_membrane(self.cuts).solve(self.visibility.settle(values), tolerance=tolerance)
 
@@ -69,7 +70,7 @@ def place_face(data: FaceInFrame, labels: CurveLabels, width: int, height: int, 
     reach = positions[on_boundary] - data.landmarks.axes.center
     active[on_boundary] = np.hypot(reach[:, 0], reach[:, 1]) > 1.0
     cuts = cut_edges(positions, labels.spans, Lattice.over((x0, y0, x1 - x0, y1 - y0)), active=active)
-    return PlacedFace(data, positions, x0, y0, alpha, cuts, see(data, labels, positions, width, height))
+    return PlacedFace(data, labels, positions, x0, y0, alpha, cuts, see(data, labels, positions, width, height))
 
 
 def _occupied(data: FaceInFrame) -> Floats:

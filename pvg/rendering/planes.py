@@ -1,10 +1,11 @@
 """A correction applied to the samples of one face, in any coded format.
 
-    P' = P + α (R(P + (λ − 1)(P − level) + H(g' − λg)) − R(P))
+    P' = P + α ((λ − 1)(P − level) + H(g' − λg))            P' = P + α (R(F(P) + w H(g' − F(g))) − R(P))
 
-with the roll-off R towards black and white. The correction is affine in every pixel, so it acts on the planes a clip
-is coded in. Only the rectangle of the face is touched: the outcome are patches, which a writer lays over the frame it
-copies anyway.
+with the roll-off R towards black and white, and w = 1 but for what is much darker than skin: brows, lashes and pupils
+go through black, P g'/g, and not along the skin's tangent, which would lay a veil over them. λ and F act on luma and
+chroma one by one, so on the planes a clip is coded in. Only the rectangle of the face is touched: the outcome are
+patches, which a writer lays over the frame it copies anyway.
 """
 
 from __future__ import annotations
@@ -21,17 +22,17 @@ from pvg.membrane import Lattice, Membrane
 from pvg.raster import sites
 from pvg.rendering import _kernels as kernels
 from pvg.rendering.correction import Correction
+from pvg.rendering.guards import Guard
+from pvg.rendering.map_tables import MapTables
 from pvg.video import Frame, Patch, PixelFormat
 
 _FINE_PX = 5  # side of the boxes that take fine detail out [by eye: white specks go, brows and lids stay]
 _TOE, _KNEE = 0.05, 0.88  # of the way from black to white, where luma begins to roll off [by eye]
-_NO_FIELD = np.empty((0, 0), np.float32)
+# of the skin around: from light like this on a pixel is skin, below it is a brow, a lash, a pupil [by eye]
+_DARK = np.float32(0.4), np.float32(0.8)
+_TINTED = np.float32(0.5)  # of the skin's change of chroma that eyes and teeth take [by eye: without, eyes look blue]
+_NO_FADE = np.empty((0, 0), np.float32)
 _NO_ROLL_OFF = np.empty(0, np.float32)
-
-
-def _roll_off(correction: Correction, pixel_format: PixelFormat, plane: int) -> Floats:
-    """The roll-off of a plane, (4,) for `_kernels.roll_off`, or (0,): luma has one where λ is a field."""
-    return _NO_ROLL_OFF if plane > 0 or correction.contrast_field(plane) is None else luma_bend(pixel_format)
 
 
 def luma_bend(pixel_format: PixelFormat) -> Floats:
@@ -44,7 +45,7 @@ def luma_bend(pixel_format: PixelFormat) -> Floats:
 def without_fine_detail(plane: NDArray[Any], log2: int = 0) -> NDArray[Any]:
     """A plane whose columns are 2^log2 pixels apart, smoothed by two boxes, nearly a bell; chroma at half size by one.
 
-    A field λ above 1 enlarges what is left: brows, lids and shades of skin go with the skin's brightness. Finer is
+    Slopes of F above 1 enlarge what is left: brows, lids and shades of skin go with the skin's brightness. Finer is
     noise as well, and single bright pixels beside lips and in the corners of eyes, which would turn white.
     """
     if log2:
@@ -53,51 +54,124 @@ def without_fine_detail(plane: NDArray[Any], log2: int = 0) -> NDArray[Any]:
 
 
 def apply_correction(
-    frame: Frame, corner: tuple[int, int], alpha: Floats, correction: Correction, under: Sequence[Patch] = ()
+    frame: Frame,
+    corner: tuple[int, int],
+    alpha: Floats,
+    correction: Correction,
+    under: Sequence[Patch] = (),
+    guards: Sequence[tuple[Guard, float]] = (),
+    fade: Floats | None = None,
 ) -> list[Patch]:
     """The new samples of one face in every plane.
 
     corner: x, y of the source pixel that alpha (h, w) starts at, multiples of the chroma step;  alpha: the face's
-    matte, guards taken out;  under: patches of other faces that were laid before.
+    matte, guards taken out;  under: patches of other faces that were laid before;  guards: what was taken out, each
+    with what its colours are multiplied by;  fade: (h, w) of `fade_in_dark`, 1 everywhere when None, for F alone.
     """
     if frame.format.is_rgb:
-        return _apply_to_rgb(frame, corner, alpha, correction, under)
+        return _apply_to_rgb(frame, corner, alpha, correction, under, guards, fade)
     left, upper = corner
-    pixel_format = frame.format
+    pixel_format, contrast = frame.format, correction.contrast
     top = np.float32(2**pixel_format.depth - 1)
     patches = []
-    chroma_alpha = over_chroma(alpha, pixel_format)
+    chroma_alpha = over_chroma(_alpha_of_chroma(alpha, guards), pixel_format)
+    fades = [_NO_FADE] * 3 if fade is None else [fade, *[over_chroma(fade, pixel_format)] * 2]
+    if isinstance(contrast, MapTables):
+        luma = without_fine_detail(frame.planes[0][upper : upper + alpha.shape[0], left : left + alpha.shape[1]])
     for p, plane in enumerate(frame.planes):
         log2 = pixel_format.chroma_log2 if p else (0, 0)
         weight = chroma_alpha if p else alpha
         rows, columns = weight.shape
         x, y = left >> log2[0], upper >> log2[1]
-        before = plane[y : y + rows, x : x + columns]
+        before = plane[y : y + rows, x : x + columns].copy()  # contiguous as what is smoothed is: compiled once
         part = with_patches(before, p, (x, y), under)
         places = _places(correction.lattice, corner, (columns, rows), log2)
-        level = float(pixel_format.offset[p])
-        if correction.low is not None and correction.contrast_number != 1.0:
-            # open skin is brighter than the curves around it, so I − H(g) has a mean; λ leaves it where it is
-            level = kernels.mean_above(before, weight, *places, correction.low[p])
-        field = correction.contrast_field(p)
-        enlarges = field is not None and float(field.max()) > 1.0
-        # contiguous either way: one type, compiled once
-        broad: NDArray[Any] = without_fine_detail(before, log2[0]) if enlarges else np.ascontiguousarray(before)
-        kernels.apply_correction(
-            part,
-            before,
-            broad,
-            weight,
-            *places,
-            correction.shift[p],
-            _NO_FIELD if field is None else field,
-            np.float32(correction.contrast_number - 1.0),
-            np.float32(level),
-            _roll_off(correction, pixel_format, p),
-            top,
-        )
+        if isinstance(contrast, MapTables):
+            wide = luma if p == 0 else without_fine_detail(before, log2[0]) if contrast.excess > 0 else before
+            kernels.apply_map(
+                part,
+                before,
+                wide,
+                luma,
+                *log2,
+                weight,
+                *places,
+                correction.shift[p],
+                contrast.tone if p == 0 else contrast.chroma[p - 1 : p],
+                np.float32(contrast.excess if p else 0.0),
+                fades[p],
+                _NO_ROLL_OFF if p else luma_bend(pixel_format),
+                top,
+            )
+        else:
+            level = float(pixel_format.offset[p])
+            if correction.low is not None and contrast != 1.0:
+                # open skin is brighter than the curves around it, so I − H(g) has a mean; λ leaves it where it is
+                level = kernels.mean_above(before, weight, *places, correction.low[p])
+            # in this order as ever: rounded otherwise, a sample in a million would move by a code
+            excess = np.float32(1.0) + (np.float32(contrast - 1.0) - np.float32(1.0))
+            kernels.apply_contrast(part, before, weight, *places, correction.shift[p], excess, np.float32(level), top)
+        _scale_all(part, before, guards, pixel_format, p)
         patches.append(Patch(p, y, x, part))
     return patches
+
+
+def _alpha_of_chroma(alpha: Floats, guards: Sequence[tuple[Guard, float]]) -> Floats:
+    """The matte with a part of what guards took out: in warm light white is a little warm."""
+    if not guards:
+        return alpha
+    out = alpha.copy()
+    for guard, _ in guards:
+        rows, columns = guard.weight.shape
+        out[guard.y : guard.y + rows, guard.x : guard.x + columns] += _TINTED * guard.weight
+    return out
+
+
+def fade_in_dark(
+    frame: Frame, corner: tuple[int, int], alpha: Floats, corrections: Sequence[Correction]
+) -> Floats | None:
+    """w over a face, (h, w), the same for all its corrections by F; None without any.
+
+    corner, alpha: see `apply_correction`.
+    """
+    one = next((each for each in corrections if each.around is not None), None)
+    if one is None or one.around is None:
+        return None
+    (left, upper), (rows, columns) = corner, alpha.shape
+    window = slice(upper, upper + rows), slice(left, left + columns)
+    luma: NDArray[Any] = frame.planes[0][window]
+    if frame.format.is_rgb:
+        luma = _opponent_of(_stacked(frame, window), frame.format)[..., 0]
+    fade = np.ones(alpha.shape, np.float32)
+    places = _places(one.lattice, corner, (columns, rows), (0, 0))
+    black = np.float32(frame.format.offset[0])
+    kernels.fade_in_dark(np.ascontiguousarray(luma), alpha, *places, one.around, black, *_DARK, fade)
+    return fade
+
+
+def _scale_all(
+    part: NDArray[Any],
+    before: NDArray[Any],
+    guards: Sequence[tuple[Guard, float]],
+    pixel_format: PixelFormat,
+    plane: int,
+) -> None:
+    for guard, gain in guards:
+        if gain != 1.0:
+            _scale(part, before, guard, gain, pixel_format, plane)
+
+
+def _scale(
+    part: NDArray[Any], before: NDArray[Any], guard: Guard, gain: float, pixel_format: PixelFormat, plane: int
+) -> None:
+    """Multiply what a guard holds of a plane by its gain, in place."""
+    log2x, log2y = pixel_format.chroma_log2 if plane else (0, 0)
+    weight = over_chroma(guard.weight, pixel_format) if plane else guard.weight
+    top, left = guard.y >> log2y, guard.x >> log2x
+    window = slice(top, top + weight.shape[0]), slice(left, left + weight.shape[1])
+    bend = _NO_ROLL_OFF if plane else luma_bend(pixel_format)
+    least, most = np.float32(pixel_format.offset[plane]), np.float32(2**pixel_format.depth - 1)
+    kernels.scale(part[window], before[window], weight, np.float32(gain - 1.0), least, bend, most)
 
 
 def over_chroma(alpha: Floats, pixel_format: PixelFormat) -> Floats:
@@ -112,39 +186,76 @@ def over_chroma(alpha: Floats, pixel_format: PixelFormat) -> Floats:
 
 
 def _apply_to_rgb(
-    frame: Frame, corner: tuple[int, int], alpha: Floats, correction: Correction, under: Sequence[Patch]
+    frame: Frame,
+    corner: tuple[int, int],
+    alpha: Floats,
+    correction: Correction,
+    under: Sequence[Patch],
+    guards: Sequence[tuple[Guard, float]],
+    fade: Floats | None,
 ) -> list[Patch]:
     """`apply_correction` for R, G, B planes, as stills have: what luma and chroma gain is added in RGB."""
     (left, upper), (rows, columns) = corner, alpha.shape
     opponent = frame.format.opponent
-    before = np.stack([plane[upper : upper + rows, left : left + columns] for plane in frame.planes], axis=-1)
-    to_opponent = opponent.matrix @ np.linalg.inv(frame.format.matrix)
-    source = (before @ to_opponent.T).astype(np.float32)
+    window = slice(upper, upper + rows), slice(left, left + columns)
+    before = _stacked(frame, window)
+    source = _opponent_of(before, frame.format)
+    guarded = _scaled_rgb(before, source[..., 0].copy(), guards, luma_bend(opponent))
     wanted = source.copy()
 
     def over_pixels(nodes: Floats) -> Floats:
         return Membrane(correction.lattice, nodes[None]).crop(left, upper, columns, rows)[..., 0]
 
+    contrast = correction.contrast
+    if isinstance(contrast, MapTables):
+        own = source + np.asarray(opponent.offset, np.float32)
+        wanted += contrast.gained_of(own, without_fine_detail(own))
     for p in range(3):
-        plane, field = source[..., p], correction.contrast_field(p)
-        if field is not None:
-            excess = over_pixels(field) - 1.0
-            wanted[..., p] += excess * np.where(excess > 0.0, without_fine_detail(np.ascontiguousarray(plane)), plane)
-        elif correction.low is not None and correction.contrast_number != 1.0:
+        if isinstance(contrast, float) and contrast != 1.0 and correction.low is not None:
+            plane = source[..., p]
             mean = np.average(plane - over_pixels(correction.low[p]), weights=alpha)
-            wanted[..., p] += (correction.contrast_number - 1.0) * (plane - np.float32(mean))
-        wanted[..., p] += over_pixels(correction.shift[p])
-        if p == 0:
-            bend = _roll_off(correction, opponent, 0)
-            if len(bend):
-                wanted[..., 0], source[..., 0] = (kernels.roll_off(v, bend) for v in (wanted[..., 0], source[..., 0]))
-    gained = alpha[..., None] * ((wanted - source) @ np.linalg.inv(to_opponent).T)
+            wanted[..., p] += (contrast - 1.0) * (plane - np.float32(mean))
+        wanted[..., p] += over_pixels(correction.shift[p]) * (1.0 if fade is None else fade)
+    if isinstance(contrast, MapTables):
+        bend = luma_bend(opponent)
+        wanted[..., 0], source[..., 0] = (kernels.roll_off(v, bend) for v in (wanted[..., 0], source[..., 0]))
+    gained = wanted - source
+    gained[..., 0] *= alpha
+    gained[..., 1:] *= _alpha_of_chroma(alpha, guards)[..., None]
+    gained = gained @ np.linalg.inv(opponent_matrix(frame.format)).T + guarded
     patches = []
     for p in range(3):
         part = with_patches(before[..., p], p, corner, under)
         new = np.clip(np.rint(gained[..., p] + part), 0, 2**frame.format.depth - 1).astype(frame.format.dtype)
         patches.append(Patch(p, upper, left, new))
     return patches
+
+
+def opponent_matrix(pixel_format: PixelFormat) -> Doubles:
+    """(3, 3) from R, G, B codes to those of luma and chroma, black aside."""
+    return np.asarray(pixel_format.opponent.matrix @ np.linalg.inv(pixel_format.matrix))
+
+
+def _stacked(frame: Frame, window: tuple[slice, slice]) -> NDArray[Any]:
+    """(h, w, 3) codes of R, G, B planes."""
+    return np.stack([plane[window] for plane in frame.planes], axis=-1)
+
+
+def _opponent_of(codes: NDArray[Any], pixel_format: PixelFormat) -> Floats:
+    """(h, w, 3) luma and chroma, black aside, of R, G, B codes (h, w, 3)."""
+    return np.asarray(codes @ opponent_matrix(pixel_format).T, np.float32)
+
+
+def _scaled_rgb(before: NDArray[Any], luma: Floats, guards: Sequence[tuple[Guard, float]], bend: Floats) -> Floats:
+    """(h, w, 3) what R, G, B (h, w, 3) of luma (h, w) gain within guards."""
+    gained = np.zeros(before.shape, np.float32)
+    for guard, gain in guards:
+        rows, columns = guard.weight.shape
+        window = slice(guard.y, guard.y + rows), slice(guard.x, guard.x + columns)
+        own = np.ascontiguousarray(luma[window])
+        change = kernels.roll_off(np.float32(gain) * own, bend) - kernels.roll_off(own, bend)
+        gained[window] += (guard.weight * change / np.maximum(own, np.float32(1.0)))[..., None] * before[window]
+    return gained
 
 
 def with_patches(samples: NDArray[Any], plane: int, corner: tuple[int, int], patches: Sequence[Patch]) -> NDArray[Any]:

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
 from pvg._arrays import Floats
 from pvg.asset import VectorVideo
 from pvg.curves import Chain, ColorTable, CurveLabels, labels_by_length, table_labels
-from pvg.looks import Look
-from pvg.rendering.body import BodyTables, PlacedBody, apply_body, place_body
+from pvg.looks import Look, Region
+from pvg.rendering.beside import with_beside
+from pvg.rendering.body import PlacedBody, apply_body, place_body
+from pvg.rendering.coding import Coding
 from pvg.rendering.correction import at_curves, extend
 from pvg.rendering.edges import follow_edges
-from pvg.rendering.guards import guarded_alpha
+from pvg.rendering.guards import Guard, guard_gain, guarded_alpha
 from pvg.rendering.makeup import with_parts
+from pvg.rendering.map_tables import MapTables
 from pvg.rendering.placed_face import PlacedFace, divide_overlaps, place_face
-from pvg.rendering.planes import apply_correction
+from pvg.rendering.planes import apply_correction, fade_in_dark
 from pvg.video import Frame, Patch
 
+_GUARDED = np.float32(0.7)  # of a look that eyes and teeth are said to take where only a matte tells it
 _CHAIN_SPACING_PX = 2.0  # between the samples of the paper's chain
 
 
@@ -30,7 +34,7 @@ class _TableColors:
         self._tables = [ColorTable(colors, table_labels()) for colors in stacks]
 
     def at(self, frame: int) -> tuple[CurveLabels, Floats]:
-        """Labels in `frame`, and (S, …) g beside what each look carries, see `Look.at_curves`."""
+        """Labels in `frame`, and (S, 3 + 3n) g beside g' of n looks."""
         tables = [table.at(table_labels()) for table in self._tables]
         return table_labels(), self._record.blended(tables, frame)
 
@@ -63,7 +67,7 @@ class _ChainColors:
 def _propagation(video: VectorVideo, face: int, looks: Sequence[Look]) -> _TableColors | _ChainColors:
     """How g and the looks' g' of a face get to each frame, as the clip was vectorised for."""
     stacks = [
-        np.concatenate([key.colors, *(look.at_curves(face, k) for look in looks)], axis=1)
+        np.concatenate([key.colors, *(look.colors[face][k] for look in looks)], axis=1)
         for k, key in enumerate(video.records[face].key_frames)
     ]
     return (_ChainColors if video.settings["matching"] == "chain" else _TableColors)(video, face, stacks)
@@ -81,10 +85,10 @@ class Renderer:
         self._with_face = {face: [i for i, look in enumerate(looks) if face in look.colors] for face in faces}
         self._with_body: dict[int, list[int]] = {}
         for i, look in enumerate(looks):
-            for face in (face for face, body in look.body.items() if body.strength > 0):
+            for face in (face for face in sorted(look.body) if look.maps[face].strength > 0):
                 self._with_body.setdefault(face, []).append(i)
-        # by look and face: the exposure that the tables were made for, and they
-        self._tables: dict[tuple[int, int], tuple[tuple[float, float], BodyTables]] = {}
+        # by look, face and region: the exposure that the tables were made for, and they
+        self._tables: dict[tuple[int, int, Region], tuple[tuple[float, float], MapTables]] = {}
         self._colors = {
             face: _propagation(video, face, [looks[i] for i in which]) for face, which in self._with_face.items()
         }
@@ -103,8 +107,30 @@ class Renderer:
                 self._draw_face(frame, face, placed, colors, out)
         for face, body in bodies:
             for i in self._with_body[face]:
-                tables = self._tables_of(i, face, frame)
+                tables = self._tables_of(i, face, frame, "body")
                 out[i] += apply_body(frame, body, tables, under=out[i])
+        return out
+
+    def mattes(self, frame: Frame, look: int, persons: Sequence[Collection[int]]) -> list[Floats]:
+        """(H, W) float32 in [0, 1] for the faces of each person: how far each pixel takes a look of theirs.
+
+        What guards keep follows the look in brightness above all: it takes a part of it.
+        """
+        placed = self._placed_faces(frame)
+        bodies = self._placed_bodies(frame, placed)
+        out = []
+        for faces in persons:
+            total = np.zeros((frame.height, frame.width), np.float32)
+            for face, one, _ in placed:
+                if face in faces:
+                    alpha, guards = guarded_alpha(one, self.looks[look].protect)
+                    _add(total, one.x, one.y, alpha)
+                    for guard in guards:
+                        _add(total, one.x + guard.x, one.y + guard.y, _GUARDED * guard.weight)
+            for face, body in bodies:
+                if face in faces and face in self.looks[look].body:
+                    _add(total, body.x, body.y, body.alpha)
+            out.append(np.minimum(total, np.float32(1.0)))
         return out
 
     def _placed_bodies(
@@ -120,13 +146,13 @@ class Renderer:
                     out.append((face, body))
         return out
 
-    def _tables_of(self, look: int, face: int, frame: Frame) -> BodyTables:
-        body = self.looks[look].body[face]
+    def _tables_of(self, look: int, face: int, frame: Frame, region: Region) -> MapTables:
+        body = self.looks[look].maps[face]
         gain, kept = self.video.records[face].blended(body.exposures, frame.index)
-        before, tables = self._tables.get((look, face), (None, None))
+        before, tables = self._tables.get((look, face, region), (None, None))
         if tables is None or before != (gain, kept):
-            tables = BodyTables.of(body, frame.format, float(gain), float(kept))
-            self._tables[look, face] = (gain, kept), tables
+            tables = MapTables.of(body, frame.format, float(gain), float(kept), region=region)
+            self._tables[look, face, region] = (gain, kept), tables
         return tables
 
     def _placed_faces(self, frame: Frame) -> list[tuple[int, PlacedFace, Floats | None]]:
@@ -154,24 +180,44 @@ class Renderer:
         return None if parts is None else record.blended(parts, frame)
 
     def _draw_face(self, frame: Frame, face: int, placed: PlacedFace, colors: Floats, out: list[list[Patch]]) -> None:
-        """Draw one face with its looks;  colors: (S, …), g and what each look carries."""
+        """Draw one face with its looks;  colors: (S, 3 + 3n), g and g' of each look."""
         which = self._with_face[face]
-        to_planes = frame.format.opponent.matrix.astype(np.float32).T
-        g = colors[:, :3] @ to_planes
-        wanted, first = [], 3
-        for i in which:
-            contrast = self.looks[i].contrast_of(face)
-            of_look = colors[:, first : first + (3 if isinstance(contrast, float) else 5)]  # see `Look.at_curves`
-            new = of_look[:, :3] @ to_planes
-            wanted.append(at_curves(g, new, contrast if isinstance(contrast, float) else of_look[:, 3:]))
-            first += of_look.shape[1]
-        corrections = extend(placed, g, wanted, level=2.0 ** (frame.format.depth - 8))
-        parts = [self._parts(i, face, frame.index) for i in which]
-        corrections = with_parts(corrections, parts, placed.data.landmarks, to_planes.astype(np.float64))
-        alphas: dict[tuple[str, ...], Floats] = {}
+        coding = Coding(frame.format)
+        codes = coding.colors(colors[:, :3])
+        wanted, lumas, parts = [], [], []
+        beside: list[MapTables | None] = []
+        for k, i in enumerate(which, start=1):
+            new = colors[:, 3 * k : 3 * (k + 1)]
+            new_codes, contrast = coding.colors(new), self.looks[i].contrast_of(face)
+            drawn = self._tables_of(i, face, frame, "face") if contrast == "map" else contrast
+            beside.append(self._tables_of(i, face, frame, "beside") if contrast == "map" else None)
+            wanted.append(at_curves(codes, new_codes, drawn))
+            lumas.append(new_codes[:, 0])
+            gained = self._parts(i, face, frame.index)
+            parts.append(None if gained is None else coding.changes(gained, new))
+        level, align = 2.0 ** (frame.format.depth - 8), 2 ** max(frame.format.chroma_log2)
+        corrections = extend(placed, codes, wanted, level=level)
+        corrections = with_parts(corrections, parts, placed.data.landmarks)
+        corrections = with_beside(frame, placed, corrections, beside)
+        corner = placed.x, placed.y
+        fade = fade_in_dark(frame, corner, placed.alpha, corrections)
+        guarded: dict[tuple[str, ...], tuple[Floats, list[Guard]]] = {}
         alike = len({self.looks[i].protect for i in which}) == 1
-        for i, correction in zip(which, corrections, strict=True):
+        for i, correction, luma in zip(which, corrections, lumas, strict=True):
             protect = self.looks[i].protect
-            if protect not in alphas:
-                alphas[protect] = guarded_alpha(placed, protect, in_place=alike)
-            out[i] += apply_correction(frame, (placed.x, placed.y), alphas[protect], correction, under=out[i])
+            if protect not in guarded:
+                guarded[protect] = guarded_alpha(placed, protect, in_place=alike, align=align)
+            alpha, guards = guarded[protect]
+            gains: list[tuple[Guard, float]] = []
+            # λ as a number is the paper's: what changes in the clip survives exactly, in eyes and teeth too
+            if correction.mapped:
+                gains = [(guard, guard_gain(guard, placed, codes[:, 0], luma, level)) for guard in guards]
+            out[i] += apply_correction(
+                frame, corner, alpha, correction, under=out[i], guards=gains, fade=fade if correction.mapped else None
+            )
+
+
+def _add(total: Floats, x: int, y: int, alpha: Floats) -> None:
+    """Add alpha (h, w) at column x and row y to a whole picture's, in place; what lies beyond is dropped."""
+    part = total[y : y + alpha.shape[0], x : x + alpha.shape[1]]
+    part += alpha[: part.shape[0], : part.shape[1]]

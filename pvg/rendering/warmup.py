@@ -9,35 +9,40 @@ import numpy as np
 from pvg._arrays import Bytes, Floats
 from pvg.looks import BodyMap, SkinMap
 from pvg.membrane import Membrane
-from pvg.rendering.body import BodyTables, apply_body, place_body
+from pvg.rendering.body import apply_body, place_body
 from pvg.rendering.correction import Correction
 from pvg.rendering.edges import refine
-from pvg.rendering.planes import apply_correction
+from pvg.rendering.guards import Guard
+from pvg.rendering.map_tables import MapTables
+from pvg.rendering.planes import apply_correction, fade_in_dark
 from pvg.rendering.visibility import Visibility
 from pvg.skin import Matte
 from pvg.video import Frame
 
 
 def warm_up(frames: Sequence[Frame], membrane: Membrane, colors: Floats) -> None:
-    """Apply a field and a number as contrast to each kind of frame, and settle hidden samples.
+    """Apply a number and a map as contrast to each kind of frame, and settle hidden samples.
 
-    frames: of at least 40×40 pixels;  membrane: of five channels over them;  colors: (S, 3) at its curves.
+    frames: of at least 40×40 pixels;  membrane: of three channels over them;  colors: (S, 3) at its curves.
     """
     count = len(colors)
     seen = Visibility(np.zeros(count, np.float32), np.arange(2), np.full((2, count), 1 / count, np.float32))
     seen.settle(colors)
     alpha, planes, lattice = np.ones((32, 32), np.float32), membrane.planes, membrane.lattice
-    corrections = Correction(lattice, planes[:3], planes[3:]), Correction(lattice, planes[:3], 1.1, planes[:3])
+    number = Correction(lattice, planes, 1.1, planes)
     look = BodyMap(SkinMap.between(colors, colors.astype(np.float64)), 1.0, np.ones((1, 2), np.float32))
     matte = Matte.over(np.array([8, 8, 40, 40], np.float32), np.eye(8, dtype=np.uint8) * np.uint8(255))
+    guard = Guard(8, 8, np.ones((8, 8), np.float32), np.zeros(2, np.float32))
     for frame in frames:
-        for correction in corrections:
-            apply_correction(frame, (8, 8), alpha, correction)
+        tables = MapTables.of(look, frame.format)
+        for correction in (number, Correction(lattice, planes, tables, around=planes[0])):
+            fade = fade_in_dark(frame, (8, 8), alpha, [correction])
+            apply_correction(frame, (8, 8), alpha, correction, guards=[(guard, 0.8)], fade=fade)
         refine(alpha, (8, 8), matte, frame)
         body = Matte.over(np.array([0, 0, frame.width, frame.height], np.float32), _spot())
         placed = place_body(frame, body, (), ())
         if placed is not None:
-            apply_body(frame, placed, BodyTables.of(look, frame.format))
+            apply_body(frame, placed, tables)
 
 
 def _spot() -> Bytes:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pvg._arrays import Bools, Bytes, Floats
 from pvg._compiled import kernel
@@ -322,6 +323,9 @@ class BodyWeights(NamedTuple):
     ear_beside: np.float32
     ear_width: np.float32
     ear_height: np.float32
+    ear_reach: np.float32
+    ear_rise: np.float32
+    ear_bare: np.float32
     ear_release: np.float32
     ear_begins: np.float32
     ear_ends: np.float32
@@ -331,6 +335,22 @@ class BodyWeights(NamedTuple):
     most: np.float32
 
 
+@kernel(inline=True)
+def _of_cube(cube: Floats, at: NDArray[np.int32], share: Floats) -> np.float32:
+    """Of a cube (n, n, n), read linearly between the node `at` (3,) and the next ones, by `share` (3,) of the way."""
+    r, g, b = at[0], at[1], at[2]
+    u, v, s = share[0], share[1], share[2]
+    one = np.float32(1.0)
+    near = (cube[r, g, b] * (one - s) + cube[r, g, b + 1] * s) * (one - v) + (
+        cube[r, g + 1, b] * (one - s) + cube[r, g + 1, b + 1] * s
+    ) * v
+    far = (cube[r + 1, g, b] * (one - s) + cube[r + 1, g, b + 1] * s) * (one - v) + (
+        cube[r + 1, g + 1, b] * (one - s) + cube[r + 1, g + 1, b + 1] * s
+    ) * v
+    value: np.float32 = near + u * (far - near)
+    return value
+
+
 @kernel(fastmath=True)
 def body_log_odds(
     rgb: Bytes,
@@ -338,6 +358,7 @@ def body_log_odds(
     neck: Floats,
     against: Floats,
     cube: Floats,
+    ears: Floats,
     gain: Floats,
     frame: Floats,
     weights: BodyWeights,
@@ -347,7 +368,8 @@ def body_log_odds(
 
     rgb: (h, w, 3);  person: (h, w), 255 on people;  neck: (h, w) in [0, 1], the face's own mask;
     against: (h, w), log-odds for what lies around the head;
-    cube: (n, n, n) log-odds of colours in the key frame's light at n even steps of R, G, B;  gain: (3,) to that light;
+    cube, ears: (n, n, n) log-odds of colours in the key frame's light at n even steps of R, G, B, everywhere and where
+    the ears are;  gain: (3,) to that light;
     frame: (16,) of the head: chin, neck, middle, across and down (x, y each), size, half width, height above and below
     the middle of what lies around it, half width of its oval, and the ears' depth.
     """
@@ -368,15 +390,16 @@ def body_log_odds(
                 place = min(np.float32(rgb[i, j, k]) * gain[k], np.float32(255.0)) * unit
                 at[k] = min(int(place), last - 1)
                 share[k] = place - np.float32(at[k])
-            r, g, b = at[0], at[1], at[2]
-            u, v, s = share[0], share[1], share[2]
-            near = (cube[r, g, b] * (one - s) + cube[r, g, b + 1] * s) * (one - v) + (
-                cube[r, g + 1, b] * (one - s) + cube[r, g + 1, b + 1] * s
-            ) * v
-            far = (cube[r + 1, g, b] * (one - s) + cube[r + 1, g, b + 1] * s) * (one - v) + (
-                cube[r + 1, g + 1, b] * (one - s) + cube[r + 1, g + 1, b + 1] * s
-            ) * v
-            total = near + u * (far - near) - against[i, j]
+            total = _of_cube(cube, at, share)
+            x = (np.float32(j) - frame[4]) / size
+            side, depth = abs(x * frame[6] + y * frame[7]), x * frame[8] + y * frame[9]
+            p = (side - frame[14] - weights.ear_beside) / weights.ear_width
+            q = (depth - frame[15]) / weights.ear_height
+            at_ear = half * (p * p + q * q)
+            at_ear = min(weights.ear_rise * np.exp(-at_ear), one) if at_ear < weights.ear_reach else none
+            if at_ear > none:
+                total += at_ear * max(_of_cube(ears, at, share) - total, none)
+            total -= against[i, j] * (one - weights.ear_bare * at_ear)
             sure = total
             total += min(weights.person * (seen - half), weights.person_for)
             if total + weights.known < none:  # whatever else is said
@@ -393,17 +416,13 @@ def body_log_odds(
                     count += one
             mean /= count
             uneven = np.sqrt(max(square / count - mean * mean, none)) / (mean + weights.texture_dark)
-            total -= weights.texture * max(uneven - weights.texture_from, none)
-            chin_x, x = (np.float32(j) - frame[0]) / size, (np.float32(j) - frame[4]) / size
-            way = chin_x * frame[2] + chin_y * frame[3]
-            side, depth = abs(x * frame[6] + y * frame[7]), x * frame[8] + y * frame[9]
+            total -= weights.texture * (one - at_ear) * max(uneven - weights.texture_from, none)
+            way = (np.float32(j) - frame[0]) / size * frame[2] + chin_y * frame[3]
             p, q = side / wide, depth / (above if depth < none else below)
             around = one - _smoothstep(np.sqrt(p * p + q * q), weights.head_begins, weights.head_ends)
             if around > none:
-                p = (side - frame[14] - weights.ear_beside) / weights.ear_width
-                q = (depth - frame[15]) / weights.ear_height
-                at_ear = np.exp(-half * (p * p + q * q)) * _smoothstep(sure, weights.ear_begins, weights.ear_ends)
-                total -= weights.head * around * (one - weights.ear_release * at_ear)
+                ear = at_ear * _smoothstep(sure, weights.ear_begins, weights.ear_ends)
+                total -= weights.head * around * (one - weights.ear_release * ear)
             if neck[i, j] > none:
                 total += weights.known * neck[i, j] * _smoothstep(way, weights.known_begins, weights.known_ends)
             out[i, j] = min(max(total, -weights.most), weights.most)

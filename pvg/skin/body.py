@@ -35,6 +35,9 @@ _WEIGHTS = BodyWeights(
     ear_beside=np.float32(SKIN_PRIOR.ears.beside),
     ear_width=np.float32(_BODY.ear_width),
     ear_height=np.float32(_BODY.ear_height),
+    ear_reach=np.float32(SKIN_PRIOR.ears.reach),
+    ear_rise=np.float32(_BODY.ear_rise),
+    ear_bare=np.float32(_BODY.ear_bare),
     ear_release=np.float32(_BODY.ear_release),
     ear_begins=np.float32(_BODY.ear_sure[0]),
     ear_ends=np.float32(_BODY.ear_sure[1]),
@@ -49,8 +52,11 @@ _STOOD = 0.3  # of a part: so much of it was there before
 _LEAST_CHROMA = 1.0  # Lab: below it a hue has no direction
 
 
-def color_table(colors: SkinColors) -> Floats:
-    """Log-odds of skin by colour alone, (n, n, n) float32 at even steps of R, G, B from 0 to 255."""
+def color_tables(colors: SkinColors) -> tuple[Floats, Floats]:
+    """Log-odds of skin by colour alone, everywhere and at the ears: (n, n, n) float32 at even steps of R, G, B to 255.
+
+    Ears are thin and full of blood: they may be redder, darker and of more chroma than the face.
+    """
     levels = np.linspace(0, 255, _BODY.cube).astype(np.float32)
     grid = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), axis=-1).reshape(_BODY.cube, -1, 3)
     lab = to_skin_lab(np.asarray(grid, np.float32))
@@ -60,13 +66,27 @@ def color_table(colors: SkinColors) -> Floats:
     off = lab[..., 1:] - tone
     unit = float(spread[1:].mean())
     along = (off @ tone) / chroma
-    across = (off[..., 1] * tone[0] - off[..., 0] * tone[1]) / chroma
-    along = along / (unit * np.where(along < 0, *_BODY.along))
-    across = across / (unit * _BODY.across)
-    light = np.maximum(np.abs(lab[..., 0] - center[0]) / spread[0] - _BODY.light_free, 0) / _BODY.light
-    seen = np.clip(colors.evidence(lab), -_BODY.seen_against, _BODY.seen_for)
-    table = _BODY.base - 0.5 * (along**2 + across**2 + light**2) + _BODY.seen_weight * seen
-    return np.ascontiguousarray(table.reshape((_BODY.cube,) * 3), np.float32)
+    across = (off[..., 1] * tone[0] - off[..., 0] * tone[1]) / chroma / unit
+    missing = np.maximum(0, _BODY.least_chroma - 1 - along / chroma)
+    grey = _BODY.grey * missing**2 * min(1.0, chroma / SKIN_PRIOR.colors.full_chroma)
+    along = along / unit
+    away = (lab[..., 0] - center[0]) / spread[0]
+    light = np.maximum(np.abs(away) - _BODY.light_free, 0) / _BODY.light
+    seen = colors.evidence(lab)
+
+    def table(against: Floats | float, more: float, redder: float) -> Floats:
+        squares = (along / np.where(along < 0, _BODY.along[0], more)) ** 2
+        squares += (across / np.where(across < 0, redder, _BODY.across)) ** 2 + light**2
+        told = _BODY.seen_weight * np.clip(seen, -against, _BODY.seen_for)
+        odds = _BODY.base - 0.5 * squares - grey + told
+        return np.ascontiguousarray(odds.reshape((_BODY.cube,) * 3), np.float32)
+
+    # a wall beside an ear is no ear: only what has the face's chroma or more
+    at_ears = np.where(along > 0, _BODY.ear_against, _BODY.seen_against)
+    return (
+        table(_BODY.seen_against, _BODY.along[1], _BODY.across),
+        table(at_ears, _BODY.ear_along, _BODY.ear_redder),
+    )
 
 
 class BodyTracker:
@@ -74,7 +94,7 @@ class BodyTracker:
 
     def __init__(self, colors: SkinColors, light: Floats) -> None:
         """colors: learned on the key frame;  light: (3,) RGB, the face's colour there."""
-        self._table = color_table(colors)
+        self._tables = color_tables(colors)
         self._scale = colors.scale
         self._light = light
         # what one scene leaves to the next: (h, w, 4), its grey picture, probability, mask and alpha
@@ -100,13 +120,50 @@ class BodyTracker:
         else:
             hair = np.asarray(cv2.remap(self._hair, *maps, cv2.INTER_LINEAR), np.float32)
         self._hair, self._scenes = hair, self._scenes + 1
-        body_log_odds(scene.rgb, person, known, hair, self._table, gain, _frame(head, own), _WEIGHTS, log_odds)
+        body_log_odds(scene.rgb, person, known, hair, *self._tables, gain, _frame(head, own), _WEIGHTS, log_odds)
         log_odds = np.asarray(cv2.GaussianBlur(log_odds, (0, 0), _BODY.blur), np.float32)
         share = _owned(scene, landmarks, head)
         probability = logistic(log_odds) if share is None else np.asarray(logistic(log_odds) * share, np.float32)
+        self._leave_out_hair(probability, scene.rgb, person, known, hair, head, gain)
         mask, alpha = self._smooth_in_time(scene, probability, known, head)
         levels = np.rint(alpha * (255 / _TRACKING.alpha_step)) * _TRACKING.alpha_step
         return Matte.over(scene.raster.box, levels.astype(np.uint8), mask)
+
+    def _leave_out_hair(
+        self, probability: Floats, rgb: Bytes, person: Bytes, known: Floats, hair: Floats, head: HeadShape, gain: Floats
+    ) -> None:
+        """Set the probability (h, w) to 0, in place, in parts beside the face that are cut out of hair of one colour.
+
+        The place of an ear makes up for a colour that is not quite the skin's. An ear ends where its colour does; a
+        part whose surroundings have its own colour ends where that place does. All others: (h, w) cells, see `step`.
+        """
+        y, x = (along.astype(np.float32) for along in np.ogrid[: known.shape[0], : known.shape[1]])
+        down = head.axes.down
+        above = (x - head.chin[0]) * down[0] + (y - head.chin[1]) * down[1] < -_BODY.hair_above * head.size
+        likely, off_face = probability > 0.5, known < 0.5
+        parts = (likely & off_face & above).astype(np.uint8)
+        count, labels, stats, _ = cv2.connectedComponentsWithStats(parts, connectivity=8)
+        around = off_face & ~likely & (person > 255 * _BODY.no_person)
+        least, most = _BODY.hair_cells, _BODY.hair_most * head.size**2
+        for part in range(1, count):
+            x0, y0, w, h, area = (int(v) for v in stats[part])
+            if not least <= area <= most:
+                continue
+            reach = _BODY.hair_reach
+            box = slice(max(0, y0 - reach), y0 + h + reach), slice(max(0, x0 - reach), x0 + w + reach)
+            inside = labels[box] == part
+            said = float(hair[box][inside].mean())
+            if said < _BODY.hair_said:
+                continue
+            near, far = (cv2.dilate(inside.astype(np.uint8), _square(2 * r + 1)) > 0 for r in (1, reach))
+            ring = far & ~near & around[box]
+            if int(ring.sum()) < least:
+                continue
+            lit = np.asarray(np.clip(np.rint(rgb[box] * gain), 0, 255), np.uint8)
+            z = (to_skin_lab(lit) - self._scale.center) / self._scale.spread
+            apart = np.median(z[inside], axis=0) - np.median(z[ring], axis=0)
+            if float(np.linalg.norm(apart)) < _BODY.hair_alike + said:
+                probability[box][inside] = 0.0
 
     def _smooth_in_time(
         self, scene: Scene, probability: Floats, known: Floats, head: HeadShape
@@ -169,8 +226,9 @@ def _owned(scene: Scene, landmarks: Landmarks, head: HeadShape) -> Floats | None
         return None
     distance = _distance(scene.raster.shape, head)
     nearest = np.min([_distance(scene.raster.shape, head_shape(f.in_cells(scene.raster))) for f in others], axis=0)
-    share = 1 / (1 + (distance / np.maximum(nearest, 1e-3)) ** _BODY.owner)
-    return np.asarray(share, np.float32)
+    # both take what is as near to either: `place_body` divides it, and nothing is left to nobody
+    share = 2 / (1 + (distance / np.maximum(nearest, 1e-3)) ** _BODY.owner)
+    return np.asarray(np.minimum(share, 1), np.float32)
 
 
 def _distance(shape: tuple[int, int], head: HeadShape) -> Floats:

@@ -305,6 +305,8 @@ class BodyNumbers:
     cube: int = 33  # nodes along each side of the table of colours [by eye]
     base: float = 4.0  # nats for the face's own colour [by eye]
     along: Range = (2.1, 2.6)  # spreads of chroma, standard deviation towards grey and away from it [by eye]
+    grey: float = 60.0  # nats times missing chroma squared [measured: greyish collars 14 % at 0, 7 at 40, 4 at 80]
+    least_chroma: float = 0.5  # of the face's own at one lightness [by eye]: less is missing
     across: float = 1.8  # spreads of chroma across the hue, standard deviation [by eye]
     light_free: float = 2.5  # spreads of lightness that cost nothing [by eye]: a body is lit otherwise than a face
     light: float = 1.2  # spreads of lightness beyond, standard deviation [by eye]
@@ -319,10 +321,23 @@ class BodyNumbers:
     head_above: float = 0.5  # face sizes above the oval [by eye]
     head_below: float = -0.05  # face sizes below the chin [by eye]
     head_rise: Range = (0.85, 1.15)  # of that ellipse, where the head ends [by eye]
-    ear_width: float = 0.10  # face sizes across the face [by eye]: standard deviation of ears the face's matte missed
+    ear_width: float = 0.08  # face sizes across the face [by eye]: standard deviation of where ears are
     ear_height: float = 0.18  # face sizes, standard deviation along the face [by eye]
-    ear_release: float = 0.8  # of `head` that is not held against an ear [by eye]
-    ear_sure: Range = (2.5, 4.0)  # nats by colour [by eye]: where an ear is one
+    ear_rise: float = 3.0  # times that Gaussian, up to 1 [measured: at 2 a tenth less of red ears]
+    ear_along: float = 8.0  # spreads of chroma, standard deviation away from grey at the ears [by eye]: blood
+    ear_redder: float = 6.0  # the same across the hue, to red [measured: 73 % of reddened ears, 51 at 4, 33 at 1.8]
+    ear_against: float = 0.5  # nats at most by the key frame's colours, from skin's chroma on [by eye]: a missed ear
+    # counted as surroundings there
+    ear_bare: float = 0.5  # of hair's log-odds not held against an ear [measured: 74 % of reddened ears, 50 at 0.3]
+    ear_release: float = 0.95  # of `head` that is not held against an ear [by eye]
+    ear_sure: Range = (-2.0, 1.0)  # nats by colour [by eye]: where an ear is one
+    hair_above: float = 0.05  # face sizes above the chin [by eye]: parts beside the face begin
+    hair_most: float = 0.12  # squared face sizes [by eye]: larger parts are no ears
+    hair_cells: int = 6  # [by eye]: smaller parts and surroundings say nothing
+    hair_reach: int = 3  # cells around a part [by eye]: its surroundings
+    hair_said: float = 1.0  # nats, a part's mean of hair's log-odds [measured: as hair_alike]: less is no hair
+    # hair is 0.5 to 3.9 spreads from what is around it; ears are 3.4 to 22, and little there speaks for hair
+    hair_alike: float = 1.5  # spreads between a part and what is around it, beyond those nats [measured: as above]
     texture_from: float = 0.12  # standard deviation over brightness, of 3 cells a side [by eye]: skin is smooth
     texture: float = 20.0  # nats a unit more [by eye]
     texture_dark: float = 12.0  # 8-bit levels added to the brightness [by eye]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import os
 import tempfile
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -25,11 +25,11 @@ from pvg.skin import MaskMethod, Matte, Scene, SceneReader
 from pvg.vectorization.following import CHUNK, Following, KeyView, Stretch, key_view, rows_between
 from pvg.vectorization.key_frames import best_row, first_good_row, opacity
 from pvg.vectorization.vector_face import ADVISED_FACE_PX, VectorFace
-from pvg.video import MediaInfo, MediaLimits, picture_of, probe, read_frames, sha256_file
+from pvg.video import Frame, InputColor, MediaInfo, MediaLimits, picture_of, probe, read_frames, sha256_file
 
 Progress = Callable[[str, int, int], None]
 
-VECTORIZER_VERSION = 6  # raised when the same clip would give another asset
+VECTORIZER_VERSION = 8  # raised when the same clip would give another asset
 MIN_FACE_PX = 64
 STAGES = ("vectorize", "second reading", "landmarks", "best frame")  # of the progress callback, in their order
 _VECTORIZE, _SECOND_READING, _LANDMARKS, _BEST_FRAME = STAGES
@@ -44,11 +44,13 @@ def vectorize(
     reference: bool = False,
     mask: MaskMethod = "landmarks",
     matching: Literal["table", "chain"] = "table",
+    input_color: InputColor = "auto",
     limits: MediaLimits | None = None,
     progress: Progress | None = None,
     min_face_px: int = MIN_FACE_PX,
     advised_face_px: int = ADVISED_FACE_PX,
     seed: int = 0,
+    strict: bool = False,
 ) -> VectorVideo:
     """Vectorise a clip or an image, once for all looks.
 
@@ -56,18 +58,22 @@ def vectorize(
     reference: keep only what a reference needs: all faces of an image, the best frame of a clip's largest face.
     mask: "landmarks" (default) or "ycbcr", the paper's rule.  matching: "table" maps every frame straight to the key
     frame's colours; "chain" is the paper's frame-to-frame way with new key frames every 120 frames.
+    input_color: how the clip is coded: "auto" believes its tags, of HDR too; camera logarithms, which files do not
+    name, are "slog3", "logc3", "logc4", "vlog", "applelog"; "sdr", "pq" and "hlg" stand for wrong or missing tags.
     progress: called as (stage, frames done, frames expected) with one of STAGES; what it raises ends the work and
     passes through. A clip has the stage "vectorize", and "second reading" if a track needs one; a reference
     "landmarks" and "best frame".
     min_face_px: of faces that are followed;  advised_face_px: narrower ones get a warning;  seed: of the pixels that
-    the least-squares fit draws.
+    the least-squares fit draws.  strict: a clip whose end is cut off is refused; else its frames up to there are used.
     Raises `MediaError` (not a video or image, damaged, over a limit), `NoFaceError`, and `FaceTooSmallError` when
     every face is narrower than `min_face_px`.
     """
     path = Path(source)
     report: Progress = progress or (lambda stage, done, total: None)
-    media = probe(path, limits)
-    work = _Work(path, media, limits, report, mask, matching, seed, min_face_px, advised_face_px)
+    media = probe(path, limits, input_color=input_color, strict=strict)
+    work = _Work(
+        *(path, media, limits, input_color, strict, report, mask, matching, seed, min_face_px, advised_face_px)
+    )
     target = Path(asset) if asset is not None else _temporary_name()
     with one_blas_thread(), contextlib.ExitStack() as undo:
         if asset is None:
@@ -84,7 +90,10 @@ def vectorize(
         writer.finish(
             {
                 "vectorizer": VECTORIZER_VERSION,
-                "settings": {"mask": mask, "matching": matching, "reference": reference, "seed": seed},
+                "settings": {
+                    **{"mask": mask, "matching": matching, "reference": reference, "seed": seed},
+                    "input_color": input_color,
+                },
                 **source_note(path, None if asset is None else target),
                 "source_sha256": sha256_file(path),
                 "media": asdict(MediaSummary.of(media, done.frame_count)),
@@ -117,6 +126,8 @@ class _Work:
     path: Path
     media: MediaInfo
     limits: MediaLimits | None
+    input_color: InputColor
+    strict: bool
     report: Progress
     mask: MaskMethod
     matching: str
@@ -129,9 +140,14 @@ class _Work:
         """Frames a second, some usual number for images."""
         return float(self.media.frame_rate or 25)
 
+    def _read(self, start: int, stop: int | None) -> Iterator[Frame]:
+        limits, color = self.limits, self.input_color
+        return read_frames(self.path, start=start, stop=stop, limits=limits, input_color=color, strict=self.strict)
+
     def pictures(self, start: int = 0, stop: int | None = None) -> Generator[tuple[int, Picture], None, None]:
         """(index, picture) of the frames [start, stop), decoded ahead in a thread."""
-        with contextlib.closing(ahead(read_frames(self.path, start=start, stop=stop, limits=self.limits))) as frames:
+        reading = self._read(start, stop)
+        with contextlib.closing(ahead(reading)) as frames:
             for frame in frames:
                 yield frame.index, picture_of(frame)
 
@@ -207,7 +223,7 @@ class _Work:
         return faces
 
     def _picture(self, index: int) -> Picture:
-        (frame,) = read_frames(self.path, start=index, stop=index + 1, limits=self.limits)
+        (frame,) = self._read(index, index + 1)
         return picture_of(frame)
 
     def key_views(self, writer: AssetWriter) -> _Done:

@@ -2,30 +2,68 @@
 
 from __future__ import annotations
 
-from pvg.video.formats import RGB24, Frame, Patch, PixelFormat
+from pvg.video.color import INPUT_COLORS, ColorSpace, InputColor, color_space, named_space
+from pvg.video.describing import inspect, planned
+from pvg.video.encoders import CLIP_SUFFIXES, CONTAINERS, check_scales
+from pvg.video.encoding import PictureEncoder
+from pvg.video.formats import RGB24, RGB48, Frame, Patch, PixelFormat
 from pvg.video.images import IMAGE_SUFFIXES, read_image, write_image
 from pvg.video.info import MediaInfo, probe, sha256_file
+from pvg.video.joining import can_join, join
+from pvg.video.keeping import Plan, make_plan
 from pvg.video.opening import MediaLimits
+from pvg.video.parts import ClipOfParts, PartWriter
+from pvg.video.picture_metadata import PictureMetadata, lost_in_picture, read_picture_metadata
+from pvg.video.pipes import PipedClip, PipeReader, Y4mWriter
 from pvg.video.planes import PlanePicture, picture_of
-from pvg.video.reading import read_frames
-from pvg.video.sniffing import sniff
-from pvg.video.writing import CLIP_SUFFIXES, VideoWriter
+from pvg.video.reading import frame_at, key_pictures, read_frames
+from pvg.video.sniffing import IMAGE_KINDS, sniff
+from pvg.video.streams import Streams, read_streams
+from pvg.video.writing import VideoWriter
 
 __all__ = [
     "CLIP_SUFFIXES",
+    "CONTAINERS",
+    "IMAGE_KINDS",
     "IMAGE_SUFFIXES",
+    "INPUT_COLORS",
     "RGB24",
+    "RGB48",
+    "ClipOfParts",
+    "ColorSpace",
     "Frame",
+    "InputColor",
     "MediaInfo",
     "MediaLimits",
+    "PartWriter",
     "Patch",
+    "PictureEncoder",
+    "PictureMetadata",
+    "PipeReader",
+    "PipedClip",
     "PixelFormat",
+    "Plan",
     "PlanePicture",
+    "Streams",
     "VideoWriter",
+    "Y4mWriter",
+    "can_join",
+    "check_scales",
+    "color_space",
+    "frame_at",
+    "inspect",
+    "join",
+    "key_pictures",
+    "lost_in_picture",
+    "make_plan",
+    "named_space",
     "picture_of",
+    "planned",
     "probe",
     "read_frames",
     "read_image",
+    "read_picture_metadata",
+    "read_streams",
     "sha256_file",
     "sniff",
     "write_image",

@@ -88,3 +88,41 @@ def codes_to_rgb(first: Plane, second: Plane, third: Plane, matrix: Floats, offs
                 line[j] = np.uint8(np.int32(min(max(value, none), top) + half))
             for j in range(w):
                 out[i, j, k] = line[j]
+
+
+@kernel(fastmath=True)
+def codes_to_sdr(
+    first: Plane,
+    second: Plane,
+    third: Plane,
+    matrix: Floats,
+    offset: Floats,
+    light: Floats,
+    raised: Floats,
+    weights: Floats,
+    gamut: Floats,
+    shown: Floats,
+    out: Bytes,
+) -> None:
+    """out (h, w, 3) uint8 = SDR-referred BT.709 of the codes of three planes (h, w), see `color.ColorSpace.tables`.
+
+    matrix (3, 3), offset (3,): from codes to the clip's own R'G'B', 0-255.
+    """
+    h, w = first.shape
+    last, none, one, half = np.float32(len(shown) - 1), np.float32(0.0), np.float32(1.0), np.float32(0.5)
+    scale = last / np.float32(255.0)
+    for i in range(h):
+        for j in range(w):
+            a, b, c = np.float32(first[i, j]), np.float32(second[i, j]), np.float32(third[i, j])
+            at = (matrix[0, 0] * a + matrix[0, 1] * b + matrix[0, 2] * c + offset[0]) * scale
+            r = light[0, int(min(max(at, none), last) + half)]
+            at = (matrix[1, 0] * a + matrix[1, 1] * b + matrix[1, 2] * c + offset[1]) * scale
+            g = light[1, int(min(max(at, none), last) + half)]
+            at = (matrix[2, 0] * a + matrix[2, 1] * b + matrix[2, 2] * c + offset[2]) * scale
+            u = light[2, int(min(max(at, none), last) + half)]
+            luminance = min(max(weights[0] * r + weights[1] * g + weights[2] * u, none), one)
+            gain = raised[int(np.sqrt(luminance) * last + half)]
+            for k in range(3):
+                value = (gamut[k, 0] * r + gamut[k, 1] * g + gamut[k, 2] * u) * gain
+                root = np.sqrt(min(max(value, none), one))
+                out[i, j, k] = np.uint8(shown[int(root * last + half)] + half)

@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvg.errors import MediaError
+from pvg.video._kernels import codes_to_rgb, codes_to_sdr
+from pvg.video.color import ColorSpace
 
 Plane = NDArray[np.uint8] | NDArray[np.uint16]
 Planes = tuple[Plane, Plane, Plane]
@@ -39,11 +41,13 @@ _CHROMA_NAMES = {(1, 1): "420", (1, 0): "422", (0, 0): "444"}
 class PixelFormat:
     """What the three planes of a frame mean.
 
-    name: the libav name of the layout ("yuv420p", "yuv422p10le", …; "gbrp" or "rgb24" for R, G, B planes).
-    depth: bits a sample: 8, 10 or 12; a plane is uint8 at 8 bits and uint16 above.
+    name: the libav name of the layout ("yuv420p", "yuv422p10le", …; "gbrp", "gbrp10le", …, "rgb24" or "rgb48le" for R,
+        G, B planes).
+    depth: bits a sample: 8, 10 or 12, R, G, B planes also 16; a plane is uint8 at 8 bits and uint16 above.
     chroma_log2: (x, y), the binary logarithm of the chroma planes' subsampling; (0, 0) for RGB.
     luma_weights: (K_R, K_B) of the Y'CbCr matrix; None when the planes are R, G, B themselves.
     full_range: True when black and white are 0 and 2^depth - 1 rather than the studio range.
+    color: what the R'G'B' of the planes stands for; None for SDR, whose values are taken as they are.
     """
 
     name: str
@@ -51,6 +55,7 @@ class PixelFormat:
     chroma_log2: tuple[int, int]
     luma_weights: tuple[float, float] | None
     full_range: bool
+    color: ColorSpace | None = None
 
     @property
     def is_rgb(self) -> bool:
@@ -90,6 +95,11 @@ class PixelFormat:
         black = 0.0 if self.full_range else float(16 * 2 ** (self.depth - 8))
         return np.array([black, middle, middle])
 
+    @cached_property
+    def levels_a_grey(self) -> float:
+        """How many levels of 255 a level of middle SDR grey makes: 1 for SDR, about half for PQ and HLG."""
+        return 1.0 if self.color is None else float(self.color.slope(np.array([128.0]))[0])
+
     def plane_shapes(self, width: int, height: int) -> tuple[tuple[int, int], tuple[int, int], tuple[int, int]]:
         """The (h, w) of the three planes of a width x height picture; chroma sizes round up."""
         x, y = self.chroma_log2
@@ -97,14 +107,14 @@ class PixelFormat:
         return (height, width), chroma, chroma
 
     def to_rgb(self, planes: Planes) -> NDArray[np.float64]:
-        """(H, W, 3) float64 RGB, 0–255 scale, neither rounded nor clipped; chroma is raised bilinearly."""
+        """(H, W, 3) float64, the clip's own R'G'B', 0–255, neither rounded nor clipped; chroma is raised bilinearly."""
         height, width = planes[0].shape
         full = [planes[0].astype(np.float64)]
         full += [raise_chroma(plane.astype(np.float64), self, width, height) for plane in planes[1:]]
         return (np.stack(full, axis=-1) - self.offset) @ np.linalg.inv(self.matrix).T
 
     def from_rgb(self, rgb: NDArray[Any]) -> Planes:
-        """Planes of an (H, W, 3) RGB picture on the 0–255 scale; chroma is the mean of the pixels it covers."""
+        """Planes of (H, W, 3) own R'G'B', 0–255; chroma is the mean of the pixels it covers."""
         codes = np.asarray(rgb, dtype=np.float64) @ self.matrix.T + self.offset
         luma, *chroma = (codes[..., k] for k in range(3))
         lowered = [_lower_chroma(plane, self) for plane in chroma]
@@ -115,10 +125,16 @@ class PixelFormat:
         return quantised
 
     def fast_rgb(self, planes: Planes) -> NDArray[np.uint8]:
-        """(H, W, 3) uint8 RGB, within 2 levels of the rounded `to_rgb` (chroma is raised in code values)."""
-        if self.is_rgb and self.depth == 8:
-            return _as_uint8(cv2.merge(planes))
+        """(H, W, 3) uint8 RGB as an SDR display shows it.
+
+        For SDR within 2 levels of the rounded `to_rgb` (chroma is raised in code values).
+        """
         height, width = planes[0].shape
+        if self.color is not None:
+            return self.shown(planes[0], *(raise_chroma(plane, self, width, height) for plane in planes[1:]))
+        if self.is_rgb:
+            merged = cv2.merge(planes)
+            return _as_uint8(merged if self.depth == 8 else cv2.convertScaleAbs(merged, alpha=1.0 / self.matrix[0, 0]))
         codes = cv2.merge([planes[0], *(raise_chroma(plane, self, width, height) for plane in planes[1:])])
         inverse = np.linalg.inv(self.matrix)
         affine = np.column_stack([inverse, -inverse @ self.offset])
@@ -126,6 +142,21 @@ class PixelFormat:
             return _as_uint8(cv2.transform(codes, affine))
         # transform() answers in the depth it was given: 16-bit steps of 1/256 level keep the precision
         return _as_uint8(cv2.convertScaleAbs(cv2.transform(codes, affine * 256.0), alpha=1.0 / 256.0))
+
+    def shown(self, first: NDArray[Any], second: NDArray[Any], third: NDArray[Any]) -> NDArray[np.uint8]:
+        """(h, w, 3) uint8 RGB as an SDR display shows codes of three planes of one size (h, w), perhaps fractions."""
+        out = np.empty((*first.shape, 3), np.uint8)
+        if self.color is None:
+            codes_to_rgb(first, second, third, *self._affine, out)
+        else:
+            codes_to_sdr(first, second, third, *self._affine, *self.color.tables, out)
+        return out
+
+    @cached_property
+    def _affine(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """The (3, 3) matrix and (3,) offset from codes to the clip's own R'G'B', 0–255."""
+        inverse = np.linalg.inv(self.matrix)
+        return inverse.astype(np.float32), (-inverse @ self.offset).astype(np.float32)
 
 
 def _as_uint8(array: Any) -> NDArray[np.uint8]:
@@ -155,6 +186,9 @@ def _lower_chroma(plane: NDArray[np.float64], pixel_format: PixelFormat) -> NDAr
 RGB24 = PixelFormat("rgb24", 8, (0, 0), None, True)
 """Still pictures: three uint8 planes R, G, B."""
 
+RGB48 = PixelFormat("rgb48le", 16, (0, 0), None, True)
+"""Still pictures of 16 bits a sample: three uint16 planes R, G, B."""
+
 
 @dataclass(frozen=True, eq=False)
 class Patch:
@@ -177,8 +211,9 @@ class Frame:
 
     index: display order, from 0. pts: time stamp in units of the clip's time base. time_s: the same in seconds.
     duration: in units of the time base; 0 when the container does not say.
-    planes: three (h, w) arrays, uint8 or uint16; chroma planes have their own size. Treat them as read-only:
-    `with_planes` makes a changed frame.
+    planes: three (h, w) arrays, uint8 or uint16; chroma planes have their own size. Treat them as read-only.
+    alpha: (H, W) samples of the planes' type, 0 to 2^depth - 1, as stored beside
+    colours that are not premultiplied; None for an opaque picture. No look changes it.
     """
 
     index: int
@@ -187,6 +222,7 @@ class Frame:
     format: PixelFormat
     planes: Planes
     duration: int = 0
+    alpha: Plane | None = None
     _cache: dict[str, NDArray[np.uint8]] = field(default_factory=dict, init=False, repr=False)
 
     @property
@@ -200,7 +236,7 @@ class Frame:
         return int(self.planes[0].shape[0])
 
     def rgb(self) -> NDArray[np.uint8]:
-        """(H, W, 3) uint8 RGB, computed once by the frame's own matrix and range; do not write into it."""
+        """(H, W, 3) uint8 RGB as an SDR display shows the frame, computed once; do not write into it."""
         if "rgb" not in self._cache:
             self._cache["rgb"] = self.format.fast_rgb(self.planes)
             self._cache["rgb"].flags.writeable = False
@@ -215,17 +251,6 @@ class Frame:
             patch.lay_over((first, second, third)[patch.plane])
         return replace(self, planes=(first, second, third))
 
-    def with_planes(self, planes: Planes) -> Frame:
-        """The same instant with other planes; their shapes and type must be those of the format (ValueError)."""
-        shapes = self.format.plane_shapes(self.width, self.height)
-        for plane, shape in zip(planes, shapes, strict=True):
-            if plane.shape != shape or plane.dtype != self.format.dtype:
-                raise ValueError(
-                    f"plane is {plane.shape} {plane.dtype}, the frame's {self.format.name} needs "
-                    f"{shape} {np.dtype(self.format.dtype)}"
-                )
-        return replace(self, planes=planes)
-
 
 def is_high_definition(width: int, height: int) -> bool:
     """Whether players take an untagged picture of this size for BT.709 rather than BT.601.
@@ -235,17 +260,21 @@ def is_high_definition(width: int, height: int) -> bool:
     return max(width, height) >= 1280 or min(width, height) > 576
 
 
-def resolve_format(av_name: str, width: int, height: int, matrix: int, color_range: int) -> PixelFormat:
+def resolve_format(
+    av_name: str, width: int, height: int, matrix: int, color_range: int, color: ColorSpace | None = None
+) -> PixelFormat:
     """The supported format nearest to a decoder's.
 
-    av_name: libav pixel format; matrix, color_range: H.273 code points as coded (2 and 0: unspecified).
-    Anything RGB-like becomes "gbrp"; other depths and subsamplings go to the next one that loses nothing
-    (above 12 bits: 12). Raises MediaError for a matrix that is not a plain Y'CbCr one.
+    av_name: libav pixel format; matrix, color_range: H.273 code points as coded (2 and 0: unspecified);
+    color: what its R'G'B' stands for.
+    Anything RGB-like becomes "gbrp", "gbrp10le", "gbrp12le" or "gbrp16le"; other depths and subsamplings go to the next
+    one that loses nothing (Y'CbCr above 12 bits: 12). Raises MediaError for a matrix that is not a plain Y'CbCr one.
     """
     source = av.VideoFormat(av_name, 64, 64)
-    if source.is_rgb or source.has_palette or source.is_bayer or av_name.startswith(("xyz", "mono")):
-        return PixelFormat("gbrp", 8, (0, 0), None, True)
     bits = max(component.bits for component in source.components)
+    if source.is_rgb or source.has_palette or source.is_bayer or av_name.startswith(("xyz", "mono")):
+        depth = next((depth for depth in (8, 10, 12) if bits <= depth), 16)
+        return PixelFormat("gbrp" if depth == 8 else f"gbrp{depth}le", depth, (0, 0), None, True, color)
     depth = 8 if bits <= 8 else 10 if bits <= 10 else 12
     if matrix == UNSPECIFIED:
         weights = LUMA_WEIGHTS[1 if is_high_definition(width, height) else 6]
@@ -259,4 +288,4 @@ def resolve_format(av_name: str, width: int, height: int, matrix: int, color_ran
     chroma = (int(narrow), int(narrow and low)) if colored else (1, 1)
     name = f"yuv{_CHROMA_NAMES[chroma]}p" + ("" if depth == 8 else f"{depth}le")
     full = color_range == RANGE_FULL or av_name.startswith("yuvj")
-    return PixelFormat(name, depth, chroma, weights, full)
+    return PixelFormat(name, depth, chroma, weights, full, color)

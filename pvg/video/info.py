@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
@@ -10,10 +11,11 @@ from typing import Literal
 
 from pvg.errors import MediaError
 from pvg.video.formats import RANGE_FULL, UNSPECIFIED, PixelFormat
-from pvg.video.images import read_image
+from pvg.video.images import color_of_picture, read_image
 from pvg.video.opening import MediaLimits, OpenClip, open_clip
-from pvg.video.reading import packet_stamps, pictures, reading_of
-from pvg.video.sniffing import IMAGE_KINDS, check_pixels, sniff
+from pvg.video.picture_metadata import read_picture_metadata
+from pvg.video.reading import Reading, has_alpha, packet_stamps, pictures, reading_of
+from pvg.video.sniffing import IMAGE_KINDS, check_pixels, claimed_bytes, cut_short, sniff
 
 
 @dataclass(frozen=True)
@@ -25,6 +27,8 @@ class MediaInfo:
     name as coded. color_matrix, color_primaries, color_transfer: code points of ISO/IEC 23091-2 (2: not stated);
     color_range: 0 not stated, 1 limited, 2 full. rotation: degrees clockwise that make the stored picture
     upright. sample_aspect_ratio: width over height of an upright pixel. format: what `read_frames` delivers.
+    has_alpha: whether its frames come with an alpha plane.
+    warnings: what of the file is not read, a line each: an end that is missing, further picture streams.
     """
 
     kind: Literal["video", "image"]
@@ -45,28 +49,45 @@ class MediaInfo:
     audio_codec: str | None
     format: PixelFormat
     sample_aspect_ratio: Fraction = Fraction(1)
+    has_alpha: bool = False
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def color(self) -> str:
+        """How its colours are read, for people: "SDR", "PQ BT.2020", "S-Log3", …"""
+        return "SDR" if self.format.color is None else self.format.color.name
 
 
-def probe(path: str | Path, limits: MediaLimits | None = None) -> MediaInfo:
+def probe(
+    path: str | Path, limits: MediaLimits | None = None, *, input_color: str = "auto", strict: bool = False
+) -> MediaInfo:
     """Look at a clip or picture and hold it to the limits; one frame is decoded, after its size is checked.
 
+    input_color: one of `color.INPUT_COLORS`, for clips whose tags do not say how they are coded;
+    strict: a clip whose end is cut off is refused; else its frames are counted up to there, and a warning says so.
     Raises MediaError in one line: not a clip or picture, damaged, only sound, or over a limit (with both numbers).
     """
     path = Path(path)
     limits = limits or MediaLimits()
     kind = sniff(path)
     if kind in IMAGE_KINDS:
-        return _probe_image(path, kind, limits)
+        return _probe_image(path, kind, limits, input_color)
     with open_clip(path, limits) as clip:
-        info = _probe_clip(clip, limits)
+        info = _probe_clip(clip, limits, input_color)
+        claimed, size = max(claimed_bytes(path, kind), _last_sample(clip)), path.stat().st_size
+    if claimed > size:
+        if strict:
+            raise cut_short(path.name, claimed, size)
+        info = _of_cut_file(path, info, limits, size / claimed)
     if info.frame_count == 0 or info.frame_rate is None:
         info = _count_packets(path, info, limits)
     _check_totals(path.name, info, limits)
     return info
 
 
-def _probe_image(path: Path, kind: str, limits: MediaLimits) -> MediaInfo:
-    frame = read_image(path, limits)
+def _probe_image(path: Path, kind: str, limits: MediaLimits, input_color: str) -> MediaInfo:
+    frame = read_image(path, limits, input_color)
+    unread = color_of_picture(read_picture_metadata(path))[1] if input_color == "auto" else None
     return MediaInfo(
         kind="image",
         width=frame.width,
@@ -85,10 +106,12 @@ def _probe_image(path: Path, kind: str, limits: MediaLimits) -> MediaInfo:
         has_audio=False,
         audio_codec=None,
         format=frame.format,
+        has_alpha=frame.alpha is not None,
+        warnings=() if unread is None else (unread,),
     )
 
 
-def _probe_clip(clip: OpenClip, limits: MediaLimits) -> MediaInfo:
+def _probe_clip(clip: OpenClip, limits: MediaLimits, input_color: str) -> MediaInfo:
     stream, context = clip.stream, clip.stream.codec_context
     check_pixels(clip.name, context.width, context.height, limits.max_pixels)
     rate = stream.average_rate or stream.guessed_rate
@@ -118,7 +141,7 @@ def _probe_clip(clip: OpenClip, limits: MediaLimits) -> MediaInfo:
     if first is None:
         raise MediaError(f"{clip.name} holds no frame that can be decoded; it is damaged or empty")
     check_pixels(clip.name, first.width, first.height, limits.max_pixels)
-    reading = reading_of(clip, first)
+    reading = reading_of(clip, first, input_color)
     width, height = reading.upright_size
     aspect = stream.sample_aspect_ratio or Fraction(1)
     return replace(
@@ -129,7 +152,58 @@ def _probe_clip(clip: OpenClip, limits: MediaLimits) -> MediaInfo:
         rotation=reading.orientation.degrees,
         format=reading.target,
         sample_aspect_ratio=1 / aspect if reading.orientation.transpose else aspect,
+        has_alpha=has_alpha(first),
+        warnings=_of_streams(clip) + (_of_colors(clip, reading) if input_color == "auto" else ()),
     )
+
+
+# what makers of cameras and editing suites write into tags -> what `input_color` calls it
+_LOGARITHMS = {
+    re.compile(r"\bs-?log-?3\b", re.IGNORECASE): "slog3",
+    re.compile(r"\blog-?c-?4\b", re.IGNORECASE): "logc4",
+    re.compile(r"\blog-?c(-?3)?\b", re.IGNORECASE): "logc3",
+    re.compile(r"\bv-?log\b", re.IGNORECASE): "vlog",
+    re.compile(r"\bapple-? ?log\b", re.IGNORECASE): "applelog",
+}
+
+
+def _of_colors(clip: OpenClip, reading: Reading) -> tuple[str, ...]:
+    """What is to be known of a clip whose colours were read by its tags."""
+    told = " ".join([*clip.container.metadata.values(), *clip.stream.metadata.values()])
+    named = next((name for pattern, name in _LOGARITHMS.items() if pattern.search(told)), None)
+    if named is not None:
+        return (f"its tags speak of a camera's logarithm, which is not guessed: name it as the input color, {named}",)
+    unstated = clip.stream.codec_context.color_trc in (0, UNSPECIFIED)
+    if unstated and reading.target.color is None and reading.target.depth > 8:
+        return ("it does not say its transfer function and is read as SDR: if it is not, name the input color",)
+    return ()
+
+
+def _of_streams(clip: OpenClip) -> tuple[str, ...]:
+    if clip.choices == 1:
+        return ()
+    number = [stream.index for stream in clip.container.streams.video].index(clip.stream.index) + 1
+    return (
+        f"the file has {clip.choices} video streams: number {number} is used, the first marked default, or else the "
+        "first; the others are not kept",
+    )
+
+
+def _last_sample(clip: OpenClip) -> int:
+    """Where the last sample of an MP4's picture stream ends by its index; 0 for other containers."""
+    if "mp4" not in clip.container.format.name:
+        return 0
+    return max((entry.pos + entry.size for entry in clip.stream.index_entries), default=0)
+
+
+def _of_cut_file(path: Path, info: MediaInfo, limits: MediaLimits, share: float) -> MediaInfo:
+    """What is left of a clip whose end is missing; share: of its bytes, in [0, 1]."""
+    counted = _count_packets(path, info, limits)
+    of = f" of {info.frame_count}" if info.frame_count > counted.frame_count else ""
+    line = f"the file is cut short: {share:.0%} of its bytes are there"
+    line += f"; its first {counted.frame_count}{of} frames are read"
+    seconds = counted.frame_count / float(counted.frame_rate or 25)
+    return replace(counted, duration_s=min(info.duration_s or seconds, seconds), warnings=(*info.warnings, line))
 
 
 def _claimed_frames(clip: OpenClip) -> int:

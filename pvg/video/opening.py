@@ -7,17 +7,25 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import av
+import av.codec
 import av.container
 import av.error
+import av.packet
 import av.stream
+import av.video.codeccontext
+import av.video.frame
 import av.video.stream
 
 from pvg.errors import MediaError
+from pvg.video.indexes import check_index
 from pvg.video.sniffing import IMAGE_KINDS, check_structure, sniff
 
+Packet: TypeAlias = "av.packet.Packet[av.video.stream.VideoStream]"
+
+_ALPHA_DECODERS = {"vp8": "libvpx", "vp9": "libvpx-vp9"}
 _DEMUXERS = {"mp4": "mov", "matroska": "matroska", "avi": "avi"}
 # from PyAV 19 on tags that are not UTF-8 are always read so, and the argument is gone
 _LENIENT: dict[str, Any] = {"metadata_errors": "replace"} if int(av.__version__.partition(".")[0]) < 19 else {}
@@ -40,11 +48,35 @@ class MediaLimits:
 
 @dataclass(frozen=True)
 class OpenClip:
-    """An open container and its picture stream; `name` is for messages."""
+    """An open container and its picture stream; `name` is for messages.
+
+    choices: how many picture streams there were. decoder: one of its own where the stream's drops alpha, or None.
+    set_aside: indices of streams that the demuxer itself sets aside, such as the text of QuickTime's chapters.
+    """
 
     name: str
     container: av.container.InputContainer
     stream: av.video.stream.VideoStream
+    choices: int = 1
+    decoder: av.video.codeccontext.VideoCodecContext | None = None
+    set_aside: frozenset[int] = frozenset()
+
+    @property
+    def context(self) -> av.video.codeccontext.VideoCodecContext:
+        """What decodes."""
+        return self.stream.codec_context if self.decoder is None else self.decoder
+
+    def decode(self, packet: Packet) -> list[av.video.frame.VideoFrame]:
+        """The pictures that a packet of the stream completes; an empty packet gives those still held."""
+        if self.decoder is None:
+            return packet.decode()
+        return self.decoder.decode(packet if packet.size else None)
+
+    def seek(self, pts: int) -> None:
+        """Go to the key picture at or before a time stamp of the stream."""
+        self.container.seek(pts, stream=self.stream, backward=True)
+        if self.decoder is not None:
+            self.decoder.flush_buffers()
 
     @property
     def time_base(self) -> Fraction:
@@ -59,6 +91,7 @@ def open_container(path: Path, max_pixels: int) -> Iterator[av.container.InputCo
     if kind in IMAGE_KINDS:
         raise MediaError(f"{path.name} is a still picture, not a clip")
     check_structure(path, kind, max_pixels)
+    check_index(path, kind)
     options = {"protocol_whitelist": "file", "max_pixels": _decoder_limit(max_pixels)}
     if kind == "mp4":
         options |= {"enable_drefs": "0", "use_absolute_path": "0"}
@@ -72,26 +105,52 @@ def open_container(path: Path, max_pixels: int) -> Iterator[av.container.InputCo
 
 @contextmanager
 def open_clip(path: Path, limits: MediaLimits) -> Iterator[OpenClip]:
-    """Open a clip and choose its picture stream (cover art is none). Raises MediaError."""
+    """Open a clip and its picture stream: the first that is marked default, or else the first; cover art is none.
+
+    Raises MediaError.
+    """
     with open_container(path, limits.max_pixels) as container:
         if len(container.streams) > limits.max_streams:
             raise MediaError(
                 f"{path.name} has {len(container.streams)} streams; at most {limits.max_streams} are accepted"
             )
-        cover = av.stream.Disposition.attached_pic
-        streams = [stream for stream in container.streams.video if not stream.disposition & cover]
+        streams = _picture_streams(container)
         if not streams:
             what = "only sound" if container.streams.audio else "no pictures"
             raise MediaError(f"{path.name} has {what}; a clip with a video track is needed")
-        stream = streams[0]
+        stream = next((one for one in streams if one.disposition & av.stream.Disposition.default), streams[0])
         if stream.codec_context is None:
             raise MediaError(f"{path.name} uses a video codec that is not known here; convert it to H.264")
+        aside = frozenset(one.index for one in container.streams if one.discard == av.stream.Discard.all)
         for other in container.streams:
             if other.index != stream.index:
                 other.discard = av.stream.Discard.all
         stream.codec_context.options = {"max_pixels": _decoder_limit(limits.max_pixels)}
         stream.thread_type = "AUTO"
-        yield OpenClip(path.name, container, stream)
+        decoder = _alpha_decoder(stream, limits.max_pixels)
+        yield OpenClip(path.name, container, stream, len(streams), decoder, aside)
+
+
+def _picture_streams(container: av.container.InputContainer) -> list[av.video.stream.VideoStream]:
+    still = av.stream.Disposition.attached_pic | av.stream.Disposition.still_image
+    return [stream for stream in container.streams.video if not stream.disposition & still]
+
+
+def _alpha_decoder(
+    stream: av.video.stream.VideoStream, max_pixels: int
+) -> av.video.codeccontext.VideoCodecContext | None:
+    """libvpx for VP8 and VP9 whose alpha lies beside the pictures (WebM, AlphaMode 1): libav's own decoders drop it."""
+    name = _ALPHA_DECODERS.get(stream.codec_context.name)
+    if name is None or stream.metadata.get("alpha_mode") != "1":
+        return None
+    try:
+        context = av.codec.CodecContext.create(name, "r")
+    except ValueError:  # a PyAV without libvpx: alpha is dropped
+        return None
+    assert isinstance(context, av.video.codeccontext.VideoCodecContext)  # noqa: S101 - narrows the binding's union
+    context.options = {"max_pixels": _decoder_limit(max_pixels)}
+    context.thread_type = "AUTO"
+    return context
 
 
 def _decoder_limit(max_pixels: int) -> str:

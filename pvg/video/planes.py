@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from pvg._arrays import Bytes, Doubles, Floats
 from pvg.picture import Affine, Box, clipped, halved, samples_a_cell
 from pvg.raster import Raster, first_reading, scaled_affine
-from pvg.video._kernels import Counts, average_cells, codes_to_rgb, taps
+from pvg.video._kernels import Counts, average_cells, taps
 from pvg.video.formats import Frame, PixelFormat, Plane, Planes
 
 
@@ -103,20 +102,11 @@ class PlanePicture:
         return self._to_rgb(luma, blue, red)
 
     def _to_rgb(self, luma: NDArray[Any], blue: NDArray[Any], red: NDArray[Any]) -> Bytes:
-        out = np.empty((*luma.shape, 3), np.uint8)
-        codes_to_rgb(luma, blue, red, *_affine(self.format), out)
-        return out
+        return self.format.shown(luma, blue, red)
 
 
 def _as_plane(plane: NDArray[Any]) -> Plane:
     return plane
-
-
-@lru_cache(maxsize=8)
-def _affine(pixel_format: PixelFormat) -> tuple[Floats, Floats]:
-    """The (3, 3) matrix and (3,) offset from codes to RGB, 0-255."""
-    inverse = np.linalg.inv(pixel_format.matrix)
-    return inverse.astype(np.float32), (-inverse @ pixel_format.offset).astype(np.float32)
 
 
 def _averaged(plane: Plane, corner: Doubles, steps: tuple[float, float], shape: tuple[int, int]) -> Floats:

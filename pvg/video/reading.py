@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -18,9 +18,11 @@ import av.video.frame
 import numpy as np
 
 from pvg.errors import MediaError
+from pvg.video.color import color_space, named_space
 from pvg.video.formats import (
     RANGE_FULL,
     RANGE_LIMITED,
+    UNSPECIFIED,
     Frame,
     PixelFormat,
     Plane,
@@ -29,10 +31,12 @@ from pvg.video.formats import (
     resolve_format,
 )
 from pvg.video.images import read_image
-from pvg.video.opening import MediaLimits, OpenClip, open_clip, reason
+from pvg.video.opening import MediaLimits, OpenClip, Packet, open_clip, reason
 from pvg.video.sniffing import IMAGE_KINDS, check_pixels, sniff
 
 _NO_END = 1 << 62
+_ROUNDING_S = 1e-3
+_UNSTATED = (0, UNSPECIFIED, 3)  # code points: reserved ones say nothing
 _ONE_FRAME_A_PACKET = ("h264", "hevc", "mjpeg", "mpeg4", "prores", "png")
 
 
@@ -86,63 +90,93 @@ class Reading:
         return (height, width) if self.orientation.transpose else (width, height)
 
 
-def reading_of(clip: OpenClip, frame: av.video.frame.VideoFrame) -> Reading:
-    """The plan for a clip whose first decoded picture is `frame`. Raises MediaError for unsupported colours."""
+def reading_of(clip: OpenClip, frame: av.video.frame.VideoFrame, input_color: str = "auto") -> Reading:
+    """The plan for a clip whose first decoded picture is `frame`.
+
+    input_color: one of `color.INPUT_COLORS`. Raises MediaError for unsupported colours.
+    """
     context = clip.stream.codec_context
     color_range = frame.color_range or context.color_range
     matrix = context.colorspace if frame.colorspace == 2 else frame.colorspace
     try:
-        target = resolve_format(frame.format.name, frame.width, frame.height, matrix, color_range)
+        if input_color == "auto":
+            tags = (frame.color_primaries, context.color_primaries), (frame.color_trc, context.color_trc)
+            color = color_space(*(next((tag for tag in both if tag not in _UNSTATED), UNSPECIFIED) for both in tags))
+        else:
+            color = named_space(input_color)
+        target = resolve_format(frame.format.name, frame.width, frame.height, matrix, color_range, color)
     except MediaError as error:
         raise MediaError(f"{clip.name}: {error}") from error
     orientation = orientation_of(frame)
     if orientation.transpose and target.chroma_log2 == (1, 0):
         # A sideways 4:2:2 picture has no supported layout; 4:4:4 holds all of it
         name = target.name.replace("422", "444")
-        target = PixelFormat(name, target.depth, (0, 0), target.luma_weights, target.full_range)
+        target = replace(target, name=name, chroma_log2=(0, 0))
     return Reading((frame.width, frame.height), frame.format.name, target, orientation)
 
 
+@dataclass(frozen=True)
+class _Manner:
+    """How a clip is to be read; see `read_frames`."""
+
+    limits: MediaLimits
+    input_color: str
+    strict: bool
+
+
 def read_frames(
-    path: str | Path, *, start: int = 0, stop: int | None = None, limits: MediaLimits | None = None
+    path: str | Path,
+    *,
+    start: int = 0,
+    stop: int | None = None,
+    limits: MediaLimits | None = None,
+    input_color: str = "auto",
+    strict: bool = False,
+    frame_count: int | None = None,
 ) -> Iterator[Frame]:
     """Yield the upright frames [start, stop) of a clip in display order, or the one frame of a picture.
 
     Frames are decoded as they are asked for. Layouts other than planar Y'CbCr 4:2:0, 4:2:2, 4:4:4 at 8, 10 or
-    12 bits are converted to the nearest of these or to R, G, B planes; alpha is dropped; interlaced frames come
-    as coded. Time stamps are the container's (one that does not increase is raised to its predecessor's + 1).
-    Raises MediaError, also in mid-clip: damaged or cut data, a changed picture size, a limit passed.
+    12 bits are converted to the nearest of these or to R, G, B planes of 8, 10, 12 or 16 bits; alpha comes along;
+    interlaced frames come as coded. Time stamps are the container's (one that does not increase is raised to its
+    predecessor's + 1).
+    A clip whose end is cut off gives its whole frames up to there; strict: it is refused.
+    frame_count: how many frames reading from the start gives, where that is known: where packets tell of another
+    number, as some decoders skip pictures, frames are counted by decoding all before them.
+    input_color: one of `color.INPUT_COLORS`, for clips whose tags do not say how they are coded.
+    Raises MediaError, also in mid-clip: damaged data, a changed picture size, a limit passed.
     """
     path = Path(path)
-    limits = limits or MediaLimits()
+    how = _Manner(limits or MediaLimits(), input_color, strict)
     if start < 0 or (stop is not None and stop < start):
         raise ValueError(f"frames [{start}, {stop}) are not a range")
     if stop == start:
         return
     if sniff(path) in IMAGE_KINDS:
         if start == 0:
-            yield read_image(path, limits)
+            yield read_image(path, how.limits, input_color)
         return
+    wanted = range(start, _NO_END if stop is None else stop)
     if start > 0:
-        stamps = _display_index(path, limits)
-        if stamps is not None:
-            yield from _read_from(path, range(start, _NO_END if stop is None else stop), limits, stamps)
+        stamps = _display_index(path, how.limits)
+        if stamps is not None and frame_count in (None, len(stamps.display)):
+            yield from _read_from(path, wanted, how, stamps)
             return
-    with open_clip(path, limits) as clip:
-        yield from _decode(clip, limits, range(start, _NO_END if stop is None else stop))
+    with open_clip(path, how.limits) as clip:
+        yield from _decode(clip, wanted, how)
 
 
-def _decode(clip: OpenClip, limits: MediaLimits, wanted: range) -> Iterator[Frame]:
+def _decode(clip: OpenClip, wanted: range, how: _Manner) -> Iterator[Frame]:
     reading: Reading | None = None
     index, last, first = 0, None, None
-    for picture in pictures(clip):
+    for picture in pictures(clip, strict=how.strict):
         if reading is None:
-            reading = reading_of(clip, picture)
-        _check_picture(clip.name, picture, reading, index, limits)
+            reading = reading_of(clip, picture, how.input_color)
+        _check_picture(clip.name, picture, reading, index, how.limits)
         pts = _stamp(clip, picture, last)
         first = pts if first is None else first
-        if (pts - first) * clip.time_base > limits.max_duration_s:
-            raise MediaError(f"{clip.name} runs past {limits.max_duration_s} s at frame {index}; cut it shorter")
+        if (pts - first) * clip.time_base > how.limits.max_duration_s:
+            raise MediaError(f"{clip.name} runs past {how.limits.max_duration_s} s at frame {index}; cut it shorter")
         if index in wanted:
             yield to_frame(picture, reading, index, pts, clip.time_base)
         last, index = pts, index + 1
@@ -152,23 +186,39 @@ def _decode(clip: OpenClip, limits: MediaLimits, wanted: range) -> Iterator[Fram
         raise MediaError(f"{clip.name} holds no frame that can be decoded; it is damaged or empty")
 
 
-def pictures(clip: OpenClip, since: int | None = None) -> Iterator[av.video.frame.VideoFrame]:
+def whole_packets(clip: OpenClip, strict: bool = False) -> Iterator[Packet]:
+    """The packets of a clip in file order, up to where it is cut off, and an empty one.
+
+    Raises MediaError where data is missing in the middle; strict: also where the end is missing.
+    """
+    count, cut = 0, False
+    for packet in clip.container.demux(clip.stream):
+        if packet.size and (cut or (packet.is_corrupt and strict)):
+            raise MediaError(
+                f"{clip.name} is damaged or cut short after packet {count} of its pictures; upload it whole"
+            )
+        if packet.is_corrupt and packet.size:  # only a part of it is there, as at the end of a file
+            cut = True
+            continue
+        yield packet
+        count += 1
+
+
+def pictures(clip: OpenClip, since: int | None = None, *, strict: bool = False) -> Iterator[av.video.frame.VideoFrame]:
     """Decoded pictures in display order; MediaError names the frame where the data is damaged.
 
-    since: a time stamp; pictures before it that no other picture needs are not decoded.
+    since: a time stamp; pictures before it that no other picture needs are not decoded. strict: see `read_frames`.
     """
     count = packets = 0
     interlaced = False
-    context = clip.stream.codec_context
+    context = clip.context
     try:
-        for packet in clip.container.demux(clip.stream):
+        for packet in whole_packets(clip, strict):
             if since is not None:
                 early = packet.pts is not None and packet.pts < since
                 context.skip_frame = "NONREF" if early else "DEFAULT"
-            if packet.is_corrupt and packet.size:
-                raise MediaError(f"{clip.name} is damaged or cut short after frame {count}; upload it whole")
             packets += bool(packet.size and not packet.is_discard)
-            for picture in packet.decode():
+            for picture in clip.decode(packet):
                 interlaced = interlaced or picture.interlaced_frame
                 yield picture
                 count += 1
@@ -217,7 +267,24 @@ def to_frame(picture: av.video.frame.VideoFrame, reading: Reading, index: int, p
     """The planes of a decoded picture, turned upright."""
     stored = [reading.orientation.apply(plane) for plane in _stored_planes(picture, reading.target)]
     planes: Planes = (stored[0], stored[1], stored[2])
-    return Frame(index, pts, float(pts * time_base), reading.target, planes, duration=picture.duration or 0)
+    alpha = reading.orientation.apply(_stored_alpha(picture, reading.target)) if has_alpha(picture) else None
+    return Frame(
+        index, pts, float(pts * time_base), reading.target, planes, duration=picture.duration or 0, alpha=alpha
+    )
+
+
+def has_alpha(picture: av.video.frame.VideoFrame) -> bool:
+    """Whether a decoded picture comes with alpha; that of a palette does not count."""
+    return any(component.is_alpha for component in picture.format.components)
+
+
+def _stored_alpha(picture: av.video.frame.VideoFrame, target: PixelFormat) -> Plane:
+    """(h, w) alpha in the samples of `target`, as stored."""
+    last = picture.format.components[-1]
+    if last.plane != 3 or last.bits != target.depth or picture.format.name.endswith("be"):
+        digits = "" if target.depth == 8 else f"{target.depth}le"
+        picture = picture.reformat(format=("gbrap" if target.is_rgb else "yuva444p") + digits)
+    return _plane_of(picture, 3, target)
 
 
 def _stored_planes(picture: av.video.frame.VideoFrame, target: PixelFormat) -> list[Plane]:
@@ -232,7 +299,7 @@ def _stored_planes(picture: av.video.frame.VideoFrame, target: PixelFormat) -> l
         luma, *chroma = (_plane_of(picture, component.plane, coded) for component in picture.format.components[:3])
         raised: list[Plane] = [raise_chroma(plane, coded, picture.width, picture.height) for plane in chroma]
         return [luma, *raised]
-    if source.replace("yuva", "yuv") != target.name:
+    if source.replace("yuva", "yuv").replace("gbrap", "gbrp") != target.name:
         full = RANGE_FULL if target.full_range else RANGE_LIMITED
         picture = picture.reformat(
             format=target.name,
@@ -261,6 +328,7 @@ def _plane_of(picture: av.video.frame.VideoFrame, index: int, target: PixelForma
 class _Stamps:
     display: tuple[int, ...]  # the time stamps of all frames, ascending
     keys: tuple[int, ...]  # those of the pictures decoding may start at
+    time_base: Fraction  # seconds a tick
 
 
 def packet_stamps(path: Path, limits: MediaLimits) -> tuple[list[tuple[int | None, bool]], Fraction]:
@@ -273,7 +341,7 @@ def packet_stamps(path: Path, limits: MediaLimits) -> tuple[list[tuple[int | Non
         try:
             packets = [
                 (None if unknown else packet.pts, packet.is_keyframe)
-                for packet in clip.container.demux(clip.stream)
+                for packet in whole_packets(clip)
                 if packet.size and not packet.is_discard
             ]
         except av.error.FFmpegError as error:
@@ -287,48 +355,75 @@ def _display_index(path: Path, limits: MediaLimits) -> _Stamps | None:
     return _cached_index(path.absolute(), status.st_size, status.st_mtime_ns, limits)
 
 
+def key_pictures(path: str | Path, limits: MediaLimits | None = None) -> tuple[int, ...] | None:
+    """The numbers of the frames of a clip that decoding may begin at, ascending; (0,) for a picture.
+
+    None where packets do not tell: every frame is then reached by decoding all before it. Raises MediaError.
+    """
+    path = Path(path)
+    if sniff(path) in IMAGE_KINDS:
+        return (0,)
+    stamps = _display_index(path, limits or MediaLimits())
+    return None if stamps is None else tuple(bisect_left(stamps.display, key) for key in stamps.keys)
+
+
+def frame_at(path: str | Path, time_s: float, limits: MediaLimits | None = None) -> int | None:
+    """The number of the frame that a clip shows so many seconds after its first one; the last one at and past its end.
+
+    None where packets do not tell. Raises MediaError.
+    """
+    path = Path(path)
+    if sniff(path) in IMAGE_KINDS:
+        return 0
+    stamps = _display_index(path, limits or MediaLimits())
+    if stamps is None or not stamps.display:
+        return None
+    # a time that was worked out from a frame's number or stamp is that frame's in spite of its rounding
+    ticks = stamps.display[0] + (time_s + _ROUNDING_S) / float(stamps.time_base)
+    return max(0, bisect_right(stamps.display, ticks) - 1)
+
+
 @lru_cache(maxsize=8)
 def _cached_index(path: Path, size: int, modified_ns: int, limits: MediaLimits) -> _Stamps | None:
-    packets, _ = packet_stamps(path, limits)
+    packets, time_base = packet_stamps(path, limits)
     stamps = [pts for pts, _ in packets if pts is not None]
     if len(stamps) != len(packets) or len(set(stamps)) != len(stamps):
         return None
-    return _Stamps(tuple(sorted(stamps)), tuple(sorted(pts for pts, key in packets if key and pts is not None)))
+    keys = tuple(sorted(pts for pts, key in packets if key and pts is not None))
+    return _Stamps(tuple(sorted(stamps)), keys, time_base)
 
 
-def _read_from(path: Path, wanted: range, limits: MediaLimits, stamps: _Stamps) -> Iterator[Frame]:
+def _read_from(path: Path, wanted: range, how: _Manner, stamps: _Stamps) -> Iterator[Frame]:
     """Frames from wanted.start by way of the key picture before it; else by decoding from the beginning."""
     if wanted.start >= len(stamps.display):
         return
     before = bisect_right(stamps.keys, stamps.display[wanted.start]) - 1
     if before >= 0:
         done = False
-        with open_clip(path, limits) as clip:
-            for frame in _decode_after_seek(clip, limits, stamps, stamps.keys[before], wanted):
+        with open_clip(path, how.limits) as clip:
+            for frame in _decode_after_seek(clip, wanted, how, stamps, stamps.keys[before]):
                 yield frame
                 done = True
         if done:
             return
-    with open_clip(path, limits) as clip:
-        yield from _decode(clip, limits, wanted)
+    with open_clip(path, how.limits) as clip:
+        yield from _decode(clip, wanted, how)
 
 
-def _decode_after_seek(
-    clip: OpenClip, limits: MediaLimits, stamps: _Stamps, key: int, wanted: range
-) -> Iterator[Frame]:
+def _decode_after_seek(clip: OpenClip, wanted: range, how: _Manner, stamps: _Stamps, key: int) -> Iterator[Frame]:
     # How the clip looks is fixed by its first frame, wherever reading begins
     opening = next(pictures(clip), None)
     if opening is None:
         return
-    reading = reading_of(clip, opening)
-    clip.container.seek(key, stream=clip.stream, backward=True)
+    reading = reading_of(clip, opening, how.input_color)
+    clip.seek(key)
     index, goal = wanted.start, stamps.display[wanted.start]
-    for picture in pictures(clip, since=goal):
+    for picture in pictures(clip, since=goal, strict=how.strict):
         if picture.pts is None or (index == wanted.start and picture.pts > goal):
             return  # the seek landed late: the caller decodes from the beginning
         if picture.pts < goal:
             continue
-        _check_picture(clip.name, picture, reading, index, limits)
+        _check_picture(clip.name, picture, reading, index, how.limits)
         if index >= len(stamps.display) or picture.pts != stamps.display[index]:
             raise MediaError(f"{clip.name} is damaged after frame {index - 1}; upload it again")
         yield to_frame(picture, reading, index, picture.pts, clip.time_base)

@@ -9,10 +9,10 @@ from typing import BinaryIO, Literal
 
 from pvg.errors import MediaError
 
-Kind = Literal["mp4", "matroska", "avi", "jpeg", "png", "webp"]
+Kind = Literal["mp4", "matroska", "avi", "jpeg", "png", "webp", "tiff"]
 
-IMAGE_KINDS = frozenset({"jpeg", "png", "webp"})
-ACCEPTED = "accepted are MP4, MOV, WebM, MKV and AVI clips and JPEG, PNG and still WebP pictures"
+IMAGE_KINDS = frozenset({"jpeg", "png", "webp", "tiff"})
+ACCEPTED = "accepted are MP4, MOV, WebM, MKV and AVI clips and JPEG, PNG, TIFF and still WebP pictures"
 
 _ISO_FIRST_BOXES = (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip", b"pnot", b"styp")
 _HEIF_BRANDS = (b"heic", b"heix", b"hevc", b"mif1", b"msf1", b"avif", b"avis", b"crx ")
@@ -27,8 +27,8 @@ _KNOWN_STARTS = (
     (b"<html", "an HTML document"),
     (b"%PDF", "a PDF"),
     (b"BM", "a BMP picture"),
-    (b"II*\0", "a TIFF picture"),
-    (b"MM\0*", "a TIFF picture"),
+    (b"II+\0", "a BigTIFF picture"),
+    (b"MM\0+", "a BigTIFF picture"),
     (b"PK\x03\x04", "a ZIP archive"),
     (b"ID3", "an MP3 sound file"),
     (b"\xff\xfb", "an MP3 sound file"),
@@ -78,6 +78,8 @@ def _accepted_kind(head: bytes) -> Kind | None:
         kind = "jpeg"
     elif head.startswith(b"\x89PNG\r\n\x1a\n"):
         kind = "png"
+    elif head.startswith((b"II*\0", b"MM\0*")):
+        kind = "tiff"
     elif head.startswith(b"RIFF") and tag == b"WEBP":
         # bit 1 of the VP8X flags: animation
         kind = None if head[12:16] == b"VP8X" and len(head) > 20 and head[20] & 2 else "webp"
@@ -103,33 +105,42 @@ def _describe(head: bytes) -> str:
 # --- ISO base media (MP4, MOV) -------------------------------------------------------------------------------
 
 _ISO_FOLDERS = (b"moov", b"trak", b"mdia", b"minf", b"dinf", b"stbl")
+_MOST_DEPTH, _MOST_BOXES = 10, 100_000
 
 
 def check_structure(path: Path, kind: Kind, max_pixels: int) -> None:
     """Refuse, before a demuxer opens it, a clip whose headers do not fit the file or the limits.
 
-    Checked are: the outer boxes end inside the file (a cut file), MP4 sample tables live in this file only,
-    and no MP4 track declares more than max_pixels. Raises MediaError.
+    Checked are: an MP4 has its index, and all of it; MP4 sample tables live in this file only; no MP4 track declares
+    more than max_pixels. Raises MediaError. What is cut off behind its index passes; see `claimed_bytes`.
+    """
+    if kind == "mp4":
+        with path.open("rb") as file:
+            _check_iso(path.name, file, path.stat().st_size, max_pixels)
+
+
+def claimed_bytes(path: Path, kind: Kind) -> int:
+    """How long a clip ought to be by its outer boxes, RIFF header or segment: more than it has when it is cut short.
+
+    A Matroska file that was recorded live does not say; nor does an MP4 whose last box runs to the end of the file.
     """
     size = path.stat().st_size
     with path.open("rb") as file:
         if kind == "mp4":
-            _check_iso(path.name, file, size, max_pixels)
-        elif kind == "matroska":
-            _check_end(path.name, _segment_end(file), size)
-        else:
-            # The last pad byte of a RIFF file may be left out
-            _check_end(path.name, 7 + int(struct.unpack("<I", file.read(8)[4:])[0]), size)
+            return max((end for box, _, end in iso_boxes(file, 0, size) if box in (b"mdat", b"moof")), default=size)
+        if kind == "matroska":
+            return _segment_end(file) or size
+        head = file.read(8)
+        # the last pad byte of a RIFF file may be left out
+        return 7 + int(struct.unpack("<I", head[4:])[0]) if len(head) == 8 else size
 
 
-def _check_end(name: str, claimed: int | None, size: int) -> None:
-    if claimed is not None and claimed > size:
-        raise MediaError(
-            f"{name} is cut short: its header claims {claimed} bytes, the file has {size}; upload it whole"
-        )
+def cut_short(name: str, claimed: int, size: int) -> MediaError:
+    """The refusal of a file that ends before it should."""
+    return MediaError(f"{name} is cut short: its header claims {claimed} bytes, the file has {size}; upload it whole")
 
 
-def _boxes(file: BinaryIO, start: int, end: int) -> Iterator[tuple[bytes, int, int]]:
+def iso_boxes(file: BinaryIO, start: int, end: int) -> Iterator[tuple[bytes, int, int]]:
     """(type, body start, box end) of the boxes in file[start:end]; an end may lie outside."""
     while start + 8 <= end:
         file.seek(start)
@@ -148,11 +159,11 @@ def _boxes(file: BinaryIO, start: int, end: int) -> Iterator[tuple[bytes, int, i
 
 def _check_iso(name: str, file: BinaryIO, size: int, max_pixels: int) -> None:
     seen = set()
-    for kind, body, end in _boxes(file, 0, size):
+    for kind, body, end in iso_boxes(file, 0, size):
         seen.add(kind)
-        if kind in (b"moov", b"mdat", b"moof"):
-            _check_end(name, end, size)
         if kind == b"moov":
+            if end > size:
+                raise cut_short(name, end, size)
             _check_moov(name, file, body, end, max_pixels)
     if b"moov" not in seen:
         raise MediaError(f"{name} has no index (moov box): the recording was not finished; export it again")
@@ -160,15 +171,18 @@ def _check_iso(name: str, file: BinaryIO, size: int, max_pixels: int) -> None:
 
 def _check_moov(name: str, file: BinaryIO, start: int, end: int, max_pixels: int) -> None:
     handler = b""  # mdia orders hdlr before minf
-    stack = [_boxes(file, start, end)]
+    stack, number = [iso_boxes(file, start, end)], 0
     while stack:
         box = next(stack[-1], None)
         if box is None:
             stack.pop()
             continue
         kind, body, stop = box
+        number += 1
+        if len(stack) > _MOST_DEPTH or number > _MOST_BOXES:
+            raise MediaError(f"{name} has an index of boxes too many or too deep in each other; export it again")
         if kind in _ISO_FOLDERS:
-            stack.append(_boxes(file, body, min(stop, end)))
+            stack.append(iso_boxes(file, body, min(stop, end)))
         elif kind == b"hdlr":
             file.seek(body + 8)
             found = file.read(4)
@@ -180,7 +194,7 @@ def _check_moov(name: str, file: BinaryIO, start: int, end: int, max_pixels: int
 
 
 def _check_references(name: str, file: BinaryIO, body: int, end: int) -> None:
-    for _, entry, _ in _boxes(file, body + 8, end):
+    for _, entry, _ in iso_boxes(file, body + 8, end):
         file.seek(entry)
         flags = file.read(4)
         if len(flags) == 4 and not flags[3] & 1:  # flag 1: the data is in this file
@@ -188,7 +202,7 @@ def _check_references(name: str, file: BinaryIO, body: int, end: int) -> None:
 
 
 def _check_declared_size(name: str, file: BinaryIO, body: int, end: int, max_pixels: int) -> None:
-    for _, entry, _ in _boxes(file, body + 8, end):
+    for _, entry, _ in iso_boxes(file, body + 8, end):
         file.seek(entry + 24)
         raw = file.read(4)
         width, height = struct.unpack(">HH", raw) if len(raw) == 4 else (0, 0)

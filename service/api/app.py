@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
+from fastapi.routing import APIRoute
 from starlette.concurrency import run_in_threadpool
+from starlette.middleware.cors import CORSMiddleware
 
-from service.api import docs, openapi, problems
+from service.addresses import PREFIX
+from service.api import docs, idempotency, openapi, page, problems
+from service.api.authentication import authenticate
 from service.api.draining import DrainBeforeRefusal
 from service.api.middleware import RequestContext
-from service.api.routers import ROUTERS
+from service.api.origins import OwnHostAndOrigin
+from service.api.routers import OPEN_ROUTERS, ROOT_ROUTERS, ROUTERS
 from service.api.services import make_services
-from service.catalog import Clock, utc_now
+from service.catalog import Clock
 from service.settings import Settings
 
 
-def create_app(settings: Settings | None = None, *, clock: Clock = utc_now) -> FastAPI:
+def create_app(settings: Settings | None = None, *, clock: Clock | None = None) -> FastAPI:
     """The application. The database must be migrated; workers may come and go."""
     settings = settings or Settings()
     services = make_services(settings, clock=clock)
@@ -26,29 +32,59 @@ def create_app(settings: Settings | None = None, *, clock: Clock = utc_now) -> F
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
         services.publisher.start()
         services.reaper.start()
+        services.deliverer.start()
         try:
             yield
         finally:
-            await run_in_threadpool(services.reaper.stop)
-            await run_in_threadpool(services.publisher.stop)
-            services.database.close()
+            parts = (services.reaper, services.publisher, services.deliverer)
+            await asyncio.gather(*(run_in_threadpool(part.stop) for part in parts))
+            services.close()
 
     app = FastAPI(
         title="Face colour transfer for portrait video",
         description="Upload a clip once; it is vectorised once. Each transfer only recolours it.",
         version="0.1.0",
         lifespan=lifespan,
-        # FastAPI's own pages load their scripts from a content network
+        # FastAPI would send traces, with bodies and messages in them, where the environment says so
+        telemetry={"tracing": False, "metrics": False, "logs": False, "auto_configure": False},
+        generate_unique_id_function=lambda route: route.name,
+        # `docs` serves the schema; FastAPI's own pages load their scripts from a content network
+        openapi_url=None,
         docs_url=None,
         redoc_url=None,
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
     )
     app.state.services = services
+    # each surrounds those before it
+    if settings.origins:
+        app.add_middleware(
+            CORSMiddleware,
+            allow_origins=sorted(settings.origins),
+            allow_methods=["GET", "HEAD", "POST", "PUT", "PATCH", "DELETE"],
+            allow_headers=["*"],
+            expose_headers=[
+                *("ETag", "Idempotent-Replayed", "Location", "Preference-Applied", "RateLimit", "RateLimit-Policy"),
+                *("Pvg-Frame", "Repr-Digest", "Retry-After", "WWW-Authenticate", "X-Request-ID"),
+                *("Accept-Ranges", "Content-Disposition", "Content-Range"),
+                *("Tus-Resumable", "Tus-Version", "Tus-Extension", "Tus-Max-Size", "Tus-Checksum-Algorithm"),
+                *("Upload-Offset", "Upload-Length", "Upload-Metadata", "Upload-Expires", "Pvg-Media"),
+            ],
+        )
+    app.add_middleware(OwnHostAndOrigin, hosts=settings.host_names, origins=settings.origins)
     app.add_middleware(DrainBeforeRefusal)
-    app.add_middleware(RequestContext, root_path=settings.root_path)
+    app.add_middleware(RequestContext, meters=services.meters, root_path=settings.root_path)
     problems.install(app)
+    idempotency.install(app)
     for router in ROUTERS:
-        app.include_router(router)
+        # a route's own body is read after this
+        dependencies = [] if router in OPEN_ROUTERS else [Depends(authenticate)]
+        first, alias = ("", PREFIX) if router in ROOT_ROUTERS else (PREFIX, "")
+        app.include_router(router, prefix=first, dependencies=dependencies)
+        app.include_router(router, prefix=alias, dependencies=dependencies, include_in_schema=False)
+        shown = (route for route in router.routes if isinstance(route, APIRoute) and route.include_in_schema)
+        # the schema is made when it is asked for: it takes most of a second
+        services.meters.name_routes({route.name: first + route.path for route in shown})
     openapi.install(app)
     docs.install(app)
+    page.install(app)
     return app

@@ -2,18 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import secrets
+from collections.abc import Sequence, Set
+from dataclasses import dataclass, field
+from datetime import datetime
+from functools import partial
 
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
-from service.api.schemas import CLIP_CONTAINERS, IMAGE_CONTAINERS, Contrast, LookOptions, OutputRequest
+from service import addresses
+from service.api import lookups, quotas
+from service.api.idempotency import Once
+from service.api.schemas import (
+    CLIP_CONTAINERS,
+    IMAGE_CONTAINERS,
+    Contrast,
+    JobBody,
+    LookOptions,
+    MediaBody,
+    OutputRequest,
+)
 from service.api.services import Services
+from service.api.storing import store
 from service.api.uploads import ReceivedFile
+from service.api.views import media_body
 from service.catalog import (
     DEFAULT_VECTOR_SETTINGS,
-    Job,
     JobKind,
     LookParams,
     Media,
@@ -26,80 +41,178 @@ from service.catalog import (
     Upload,
     VectorSettings,
     jobs,
+    keys,
     media,
+    parts,
+    resumable,
+    webhooks,
 )
 from service.errors import ConflictError, MediaFailedError, NotFoundError, ValidationFailedError
 from service.ids import new_id
 
 _TRIES = 3
+#: options of an output that still pictures do not have
+_OF_CLIPS = frozenset({"codec", "crf", "preset", "audio", "matte"})
 
 
-def register(
-    services: Services, role: Role, file: ReceivedFile, vector: VectorSettings = DEFAULT_VECTOR_SETTINGS
-) -> tuple[Media, bool]:
-    """Record a received file. Returns its medium, and True when there is a vectorisation to wait for because of it.
+@dataclass(frozen=True)
+class Asked:
+    """Whose request it is, how it is answered once, and what its sender calls it."""
 
-    The same bytes in the same role, vectorised with the same settings, are the same medium; one that failed is
-    vectorised again.
+    owner: str
+    once: Once
+    metadata: dict[str, str] = field(default_factory=dict)
+    #: the receiver that is told of the job's end
+    webhook: str | None = None
+    #: make it again even if it was made before
+    force: bool = False
+    #: the resumable upload whose bytes it is, which ends with it
+    upload: str | None = None
+
+
+@dataclass(frozen=True)
+class Registered:
+    """A recorded file; ``pending`` when there is a vectorisation to wait for because of it."""
+
+    body: MediaBody
+    pending: bool
+    location: str
+
+
+async def register(
+    services: Services,
+    role: Role,
+    file: ReceivedFile,
+    vector: VectorSettings = DEFAULT_VECTOR_SETTINGS,
+    *,
+    asked: Asked,
+    answers: bool = True,
+) -> Registered:
+    """Store a received file and record it.
+
+    The same bytes of one owner in the same role, vectorised with the same settings, are the same medium; one that
+    failed is vectorised again. ``answers`` when its medium is what the request is answered with.
+    Raises `QuotaExceededError`, and `UnavailableError` when the store took too long.
     """
+    arrival = _Arrival(services, role, file, vector, asked, answers)
     for _ in range(_TRIES):
-        known = _known(services, role, file.sha256, vector)
-        if known is not None:
-            return known
-        created = _create(services, role, file, vector)
-        if created is not None:
-            return created, True
+        registered = await arrival.register()
+        if registered is not None:
+            return registered
     raise ConflictError("this file is being uploaded and deleted at the same time; try again")
 
 
-def _known(services: Services, role: Role, sha256: str, vector: VectorSettings) -> tuple[Media, bool] | None:
-    settings, now = services.settings, services.database.now()
-    with services.database.read() as session:
-        if media.find_content(session, role, sha256, vector) is None:
-            return None
-    with services.database.write() as session:
-        found = media.find_content(session, role, sha256, vector, lock=True)
-        if found is None:
-            return None
-        again = media.vectorize_again(session, found, now=now)
-        media.keep(session, [found.id], now=now, ttl_s=settings.media_ttl_s)
-        session.flush()
-        session.refresh(found)
-    if again:
-        services.publisher.publish([Message(found.job_id, JobKind.VECTORIZE.value)])
-    return found, again
+@dataclass(frozen=True)
+class _Arrival:
+    """A received file on its way into the records: its bytes are stored between two transactions, and hold up none."""
 
+    services: Services
+    role: Role
+    file: ReceivedFile
+    vector: VectorSettings
+    asked: Asked
+    answers: bool
 
-def _create(services: Services, role: Role, file: ReceivedFile, vector: VectorSettings) -> Media | None:
-    """Store the bytes and record them; None when another request recorded the same bytes first."""
-    media_id = new_id("vid" if role is Role.VIDEO else "ref")
-    key = services.storage.key("source", file.sha256, media_id, file.kind.suffix)
-    upload = Upload(
-        media_id=media_id,
-        role=role,
-        sha256=file.sha256,
-        size_bytes=file.size_bytes,
-        content_type=file.kind.content_type,
-        filename=file.filename,
-        source_key=key,
-        settings=vector,
-    )
-    draft = file.path.with_suffix(".publish")
-    # the draft keeps its name as well, in case another request wins and the bytes are needed again
-    draft.hardlink_to(file.path)
-    try:
-        services.storage.put(draft, key)
+    async def register(self) -> Registered | None:
+        """One try; None when another request was faster, to record or to delete the same."""
+        calls = self.services.calls
+        known, is_lost = await calls.read(self._look)
+        if known is not None and not is_lost:
+            return (await calls.write(self._heal, known, None))[0]
+        # a file that is stored again has a key of its own: of two who do so, the one that fails takes nothing away
+        media_id = known.id if known is not None else new_id("vid" if self.role is Role.VIDEO else "ref")
+        name = media_id if known is None else f"{media_id}-{secrets.token_hex(4)}"
+        key = self.services.storage.key("source", self.file.sha256, name, self.file.kind.suffix)
+        return await store(self.services, self.file.path, key, partial(self._record, known, media_id, key))
+
+    def _record(self, known: Media | None, media_id: str, key: str) -> tuple[Registered | None, bool]:
+        """The answer, and whether a record names the file of ``key``."""
+        if known is not None:
+            return self._heal(known, key)
+        created = self._create(media_id, key)
+        return created, created is not None
+
+    def _look(self) -> tuple[Media | None, bool]:
+        """The medium that this is, if it is known, and whether its file is lost."""
+        with self.services.database.read() as session:
+            known = self._find(session)
+        return known, known is not None and not self.services.storage.exists(known.source_key)
+
+    def _find(self, session: Session, *, lock: bool = False) -> Media | None:
+        return media.find_content(session, self.role, self.file.sha256, self.vector, owner=self.asked.owner, lock=lock)
+
+    def _create(self, media_id: str, key: str) -> Registered | None:
+        services, file, owner = self.services, self.file, self.asked.owner
+        upload = Upload(
+            media_id=media_id,
+            role=self.role,
+            sha256=file.sha256,
+            size_bytes=file.size_bytes,
+            content_type=file.kind.content_type,
+            filename=file.filename,
+            source_key=key,
+            settings=self.vector,
+            owner=owner,
+            metadata=self.asked.metadata if self.answers else {},
+        )
+        now = services.database.now()
+        try:
+            with services.database.write() as session:
+                self._close_upload(session, media_id, now=now)
+                quotas.check(session, owner, now=now, size_bytes=file.size_bytes)
+                created = media.create(session, upload, now=now, ttl_s=services.settings.media_ttl_s)
+                registered = self._registered(session, created, pending=True)
+        except IntegrityError:
+            return None
+        services.publisher.publish([Message(created.job_id, JobKind.VECTORIZE.value)])
+        return registered
+
+    def _heal(self, known: Media, key: str | None) -> tuple[Registered | None, bool]:
+        """Answer with a medium that is known, and whether its file is that of ``key`` from now on, if it was lost."""
+        services, asked, now = self.services, self.asked, self.services.database.now()
         with services.database.write() as session:
-            created = media.create(session, upload, now=services.database.now(), ttl_s=services.settings.media_ttl_s)
-    except IntegrityError:
-        services.storage.delete(key)
-        return None
-    except BaseException:
-        draft.unlink(missing_ok=True)
-        services.storage.delete(key)
-        raise
-    services.publisher.publish([Message(created.job_id, JobKind.VECTORIZE.value)])
-    return created
+            keys.lock(session, asked.owner)
+            found = self._find(session, lock=True)
+            if found is None or found.id != known.id:
+                return None, False
+            self._close_upload(session, found.id, now=now)
+            if found.state == MediaState.FAILED:
+                quotas.check(session, asked.owner, now=now)
+            is_used = key is not None and found.source_key == known.source_key
+            if key is not None and is_used:
+                media.replace_source(session, found, key, now=now)
+            again = media.vectorize_again(session, found, now=now)
+            media.keep(session, [found.id], now=now, ttl_s=services.settings.media_ttl_s)
+            session.flush()
+            session.refresh(found)
+            if asked.metadata and self.answers:
+                found.metadata_ = asked.metadata
+            registered = self._registered(session, found, pending=again)
+        if again:
+            services.publisher.publish([Message(found.job_id, JobKind.VECTORIZE.value)])
+        return registered, is_used
+
+    def _close_upload(self, session: Session, media_id: str, *, now: datetime) -> None:
+        """End the upload that the file came by, so that its bytes are not counted twice."""
+        asked = self.asked
+        if asked.upload is None:
+            return
+        keys.lock(session, asked.owner)  # before anything else, as everywhere
+        upload = resumable.get(session, asked.upload, owner=asked.owner, now=now, lock=True)
+        if upload is None:
+            raise NotFoundError(f"there is no upload {asked.upload} any more")
+        if upload.media_id is not None:
+            raise ConflictError(f"{asked.upload} is complete: {upload.media_id}")
+        resumable.close(session, upload, media_id=media_id, size_bytes=self.file.size_bytes, now=now)
+
+    def _registered(self, session: Session, found: Media, *, pending: bool) -> Registered:
+        location = addresses.of_media(self.services.settings, found.role, found.id)
+        body, asked = media_body(found, self.services.settings), self.asked
+        if self.answers:
+            if asked.webhook is not None and (job := jobs.get(session, found.job_id)) is not None:
+                webhooks.announce(session, job, asked.webhook, now=self.services.database.now())
+            asked.once.keep(session, 202 if pending else 200, body, location=location, resource_id=found.id)
+        return Registered(body, pending, location)
 
 
 @dataclass(frozen=True)
@@ -117,10 +230,13 @@ class Wanted:
     exchange: tuple[Contrast, Contrast] | None = None
 
 
-def check_looks(services: Services, looks: Sequence[Wanted], output: OutputRequest, pointers: dict[str, str]) -> None:
+def check_looks(
+    services: Services, owner: str, looks: Sequence[Wanted], output: OutputRequest, pointers: dict[str, str]
+) -> None:
     """Raise what `request_looks` would raise for a transfer, and record nothing."""
     with services.database.read() as session:
-        _check(session, looks, output, pointers)
+        _check(session, owner, looks, output, pointers)
+        quotas.check(session, owner, now=services.database.now(), lock=False)
 
 
 def request_looks(
@@ -129,33 +245,50 @@ def request_looks(
     looks: Sequence[Wanted],
     output: OutputRequest,
     pointers: dict[str, str],
-) -> Job:
-    """Record a job that makes these looks and publish it once its media are ready.
+    asked: Asked,
+) -> tuple[JobBody, bool]:
+    """Record a job that makes these looks and publish it once its media are ready. Returns it, and True when it is new.
 
-    ``pointers`` says where in the request each id stands, for errors. Raises `NotFoundError` for an unknown id,
-    `MediaFailedError` for a medium that failed, `ValidationFailedError` for what does not fit the video.
+    The owner's job of the same looks is returned instead while it goes on, or while its results are kept, unless
+    ``asked.force``. ``pointers`` says where in the request each id stands, for errors. Raises `NotFoundError` for an
+    unknown id, `MediaFailedError` for a medium that failed, `ValidationFailedError` for what does not fit the video,
+    `QuotaExceededError`, and `StorageFullError` when there is too little room to do the job.
     """
-    database = services.database
+    services.room.require()
+    database, owner = services.database, asked.owner
+    request = RenderRequest(_output_options(output))
+    outputs = [NewLook(look.video_id, look.reference_id, params_of(look)) for look in looks]
     with database.write() as session:
-        _check(session, looks, output, pointers)
+        now = database.now()
+        # until the end of the transaction: no other request of this key is counted, nor asks for the same of this video
+        keys.lock(session, owner)
+        media.lock(session, owner, pointers)
+        _check(session, owner, looks, output, pointers)
         if kind is JobKind.SWAP:
             _check_apart(session, looks[0])
-        job = jobs.create(
-            session,
-            kind,
-            request=RenderRequest(_output_options(output)),
-            now=database.now(),
-            outputs=[NewLook(look.video_id, look.reference_id, _params(look)) for look in looks],
-        )
-        media.keep(session, list(pointers), now=database.now(), ttl_s=services.settings.media_ttl_s)
-    # a second transaction: it sees a medium that became ready while the first one ran
-    with database.write() as session:
-        released = jobs.release(session, now=database.now(), job_id=job.id)
+        mark = jobs.fingerprint(kind, request, outputs, asked.metadata)
+        job = None if asked.force else jobs.find_same(session, owner, mark, now=now)
+        new = job is None
+        if job is None:
+            quotas.check(session, owner, now=now)
+            job = jobs.create(
+                session, kind, request=request, now=now, outputs=outputs, owner=owner, metadata=asked.metadata
+            )
+        if asked.webhook is not None:
+            webhooks.announce(session, job, asked.webhook, now=now)
+        media.keep(session, list(pointers), now=now, ttl_s=services.settings.media_ttl_s)
+        # the media are locked since `_check`: one that becomes ready later finds the job recorded
+        released = jobs.release(session, now=now, job_id=job.id)
+        session.refresh(job)
+        body = lookups.of_job(services.settings, services.room, session, job, forecasts=services.forecasts)
+        location = addresses.of_job(services.settings, job.id)
+        asked.once.keep(session, 202 if new else 200, body, location=location, resource_id=job.id)
     services.publisher.publish(released)
-    return job
+    return body, new
 
 
-def _params(look: Wanted) -> LookParams:
+def params_of(look: Wanted) -> LookParams:
+    """How a look is asked for, as it is recorded."""
     options = look.options
     return LookParams(
         strength=options.strength,
@@ -181,18 +314,23 @@ def _output_options(output: OutputRequest) -> OutputOptions:
         crf=output.crf,
         preset=output.preset,
         audio=output.audio,
+        extras=tuple(sorted(set(output.extras))),
+        matte=output.matte,
     )
 
 
-def _check(session: Session, looks: Sequence[Wanted], output: OutputRequest, pointers: dict[str, str]) -> None:
-    known = {media_id: _usable(session, media_id, pointers) for media_id in pointers}
+def _check(
+    session: Session, owner: str, looks: Sequence[Wanted], output: OutputRequest, pointers: dict[str, str]
+) -> None:
+    known = {media_id: _usable(session, owner, media_id, pointers) for media_id in pointers}
+    _check_output({known[look.video_id] for look in looks}, output)
     for look in looks:
-        _check_video(known[look.video_id], look, output, pointers[look.video_id])
-        _check_reference(known.get(look.reference_id), look)
+        _check_container(known[look.video_id], output)
+        check_look(known[look.video_id], known.get(look.reference_id), look, pointers[look.video_id])
 
 
-def _usable(session: Session, media_id: str, pointers: dict[str, str]) -> Media:
-    found = media.get(session, media_id, lock="share")
+def _usable(session: Session, owner: str, media_id: str, pointers: dict[str, str]) -> Media:
+    found = media.get(session, media_id, owner=owner)
     if found is None:
         where = pointers[media_id]
         detail = f"there is no {'video' if media_id.startswith('vid') else 'reference'} {media_id}"
@@ -202,20 +340,40 @@ def _usable(session: Session, media_id: str, pointers: dict[str, str]) -> Media:
     return found
 
 
-def _check_video(video: Media, look: Wanted, output: OutputRequest, where: str) -> None:
+def check_look(video: Media, reference: Media | None, look: Wanted, where: str) -> None:
+    """Raise `ValidationFailedError` when a look does not fit its media, as far as they are known yet.
+
+    ``where`` the video stands in the request, as a JSON pointer.
+    """
     if video.role != Role.VIDEO:
         detail = f"{video.id} is a reference; upload the file to /videos to change its colours"
         raise ValidationFailedError(detail, errors=[{"pointer": where, "detail": detail}])
+    faces = look.options.faces
+    if video.state == MediaState.READY and faces != "all" and max(faces) >= len(video.faces):
+        detail = f"{video.id} has {len(video.faces)} face(s); their indices begin at 0"
+        raise ValidationFailedError(detail, errors=[{"pointer": f"{look.place}/faces", "detail": detail}])
+    _check_reference(reference, look)
+
+
+def _check_container(video: Media, output: OutputRequest) -> None:
     is_image = video.content_type.startswith("image/")
     allowed = IMAGE_CONTAINERS if is_image else CLIP_CONTAINERS
     if output.container is not None and output.container not in allowed:
         detail = f"{video.id} is {'an image' if is_image else 'a clip'}: the container must be one of "
         detail += ", ".join(allowed)
         raise ValidationFailedError(detail, errors=[{"pointer": "/output/container", "detail": detail}])
-    faces = look.options.faces
-    if video.state == MediaState.READY and faces != "all" and max(faces) >= len(video.faces):
-        detail = f"{video.id} has {len(video.faces)} face(s); their indices begin at 0"
-        raise ValidationFailedError(detail, errors=[{"pointer": f"{look.place}/faces", "detail": detail}])
+
+
+def _check_output(videos: Set[Media], output: OutputRequest) -> None:
+    """Still pictures have no codec and no sound: what is asked for in vain is refused, not passed over."""
+    if any(not video.content_type.startswith("image/") for video in videos):
+        return
+    names = sorted(name for name in _OF_CLIPS & output.model_fields_set if getattr(output, name) is not None)
+    if names:
+        which = ", ".join(sorted(video.id for video in videos))
+        detail = f"of clips only, and {which} is an image"
+        errors = [{"pointer": f"/output/{name}", "detail": detail} for name in names]
+        raise ValidationFailedError(f"/output/{names[0]}: {detail}", errors=errors)
 
 
 def _check_reference(reference: Media | None, look: Wanted) -> None:
@@ -234,22 +392,30 @@ def _check_apart(session: Session, look: Wanted) -> None:
         raise ValidationFailedError(detail, errors=[{"pointer": "/b", "detail": detail}])
 
 
-def remove(services: Services, role: Role, media_id: str, *, cancel_jobs: bool) -> None:
+async def remove(services: Services, owner: str, role: Role, media_id: str, *, cancel_jobs: bool) -> None:
     """Delete a medium with everything derived from it: asset, results, and the file itself.
 
     Raises `NotFoundError`, and `ConflictError` while jobs need it and ``cancel_jobs`` is false.
     """
+    keys = await services.calls.write(_remove, services, owner, role, media_id, cancel_jobs=cancel_jobs)
+    await services.calls.store(services.blobs.delete, keys)
+
+
+def _remove(services: Services, owner: str, role: Role, media_id: str, *, cancel_jobs: bool) -> list[str]:
+    """Remove the records. Returns the blobs that are to go."""
     database = services.database
     with database.write() as session:
-        found = media.get(session, media_id, lock="update")
+        found = media.get(session, media_id, owner=owner, lock="update")
         if found is None or found.role != role:
             raise NotFoundError(f"there is no {role.value} {media_id}")
         active = media.active_jobs(session, media_id)
         if active and not cancel_jobs:
             detail = f"{len(active)} job(s) still use {media_id}: {', '.join(active[:10])}"
             raise ConflictError(f"{detail}; wait for them, or delete with ?cancel_jobs=true")
+        ended, drawn = parts.messages(session, active), parts.files_of(session, active)
         for job_id in active:
             jobs.revoke(session, job_id, now=database.now())
-        keys = media.delete(session, found)
-    for key in keys:
-        services.storage.delete(key)
+        ended += [jobs.message_of(job) for job_id in active if (job := jobs.get(session, job_id))]
+        keys = media.delete(session, found, now=database.now()) + drawn
+    services.publisher.withdraw(ended)
+    return keys

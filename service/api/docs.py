@@ -1,16 +1,19 @@
-"""/docs and /redoc: the interactive documentation, from files of this installation alone."""
+"""/docs, /redoc and /openapi.json: the documentation, from files of this installation alone."""
 
 from __future__ import annotations
 
+from html import escape
 from importlib.resources import files
 from pathlib import Path
 from typing import Final
 
 from fastapi import FastAPI, Request
 from fastapi.openapi.docs import get_redoc_html, get_swagger_ui_html
-from starlette.responses import FileResponse, HTMLResponse
+from starlette.responses import FileResponse, HTMLResponse, JSONResponse
 
-from service.errors import NotFoundError
+from service.addresses import PREFIX
+from service.api.advice import ADVICE
+from service.errors import PROBLEMS, PROBLEMS_PAGE, NotFoundError
 
 #: the files of a page and their media types
 ASSETS: Final = {
@@ -28,13 +31,20 @@ _HEADERS: Final = {
 
 
 def install(app: FastAPI) -> None:
-    """Add both pages and their files."""
+    """Add the schema, both pages and their files."""
+
+    @app.get("/openapi.json", include_in_schema=False)
+    @app.get(f"{PREFIX}/openapi.json", include_in_schema=False)
+    def schema(request: Request) -> JSONResponse:
+        root, described = _root(request), app.openapi()
+        return JSONResponse(described | {"servers": [{"url": root}]} if root else described)
 
     @app.get("/docs", include_in_schema=False)
+    @app.get(f"{PREFIX}/docs", include_in_schema=False)
     def swagger(request: Request) -> HTMLResponse:
         root = _root(request)
         page = get_swagger_ui_html(
-            openapi_url=f"{root}{app.openapi_url}",
+            openapi_url=f"{root}/openapi.json",
             title=app.title,
             swagger_js_url=f"{root}/docs/assets/swagger-ui-bundle.js",
             swagger_css_url=f"{root}/docs/assets/swagger-ui.css",
@@ -45,10 +55,11 @@ def install(app: FastAPI) -> None:
         return HTMLResponse(page.body, headers=_HEADERS)
 
     @app.get("/redoc", include_in_schema=False)
+    @app.get(f"{PREFIX}/redoc", include_in_schema=False)
     def redoc(request: Request) -> HTMLResponse:
         root = _root(request)
         page = get_redoc_html(
-            openapi_url=f"{root}{app.openapi_url}",
+            openapi_url=f"{root}/openapi.json",
             title=app.title,
             redoc_js_url=f"{root}/docs/assets/redoc.standalone.js",
             redoc_favicon_url=f"{root}/docs/assets/favicon.png",
@@ -56,11 +67,35 @@ def install(app: FastAPI) -> None:
         )
         return HTMLResponse(page.body, headers=_HEADERS)
 
+    @app.get(PROBLEMS_PAGE, include_in_schema=False)
+    @app.get(f"{PREFIX}{PROBLEMS_PAGE}", include_in_schema=False)
+    def problems() -> HTMLResponse:
+        return HTMLResponse(_problems_page(app.title), headers=_HEADERS)
+
     @app.get("/docs/assets/{name}", include_in_schema=False)
     def asset(name: str) -> FileResponse:
         if name not in ASSETS:
             raise NotFoundError(f"there is no file {name}")
         return FileResponse(_FOLDER / name, media_type=ASSETS[name])
+
+
+def _problems_page(title: str) -> str:
+    """Every kind of problem: its code, which its type's address names, what it means and what to do."""
+    items = "".join(
+        f'<section id="{kind.type}"><h2><code>{kind.type}</code></h2><p><strong>{escape(kind.title)}</strong> '
+        f"({kind.status})</p><p>{escape(meaning)}</p><p>{escape(remedy)}</p></section>"
+        for kind, (meaning, remedy) in ((PROBLEMS[code], ADVICE[code]) for code in sorted(PROBLEMS))
+    )
+    return (
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>Problems: {escape(title)}</title>'
+        '<meta name="viewport" content="width=device-width">'
+        "<style>body{font:1rem/1.5 sans-serif;max-width:45rem;margin:2rem auto;padding:0 1rem}"
+        "h2{margin:2rem 0 0}:target{background:#ffd}</style>"
+        "<h1>Problems</h1><p>What went wrong is answered as <code>application/problem+json</code> (RFC 9457). "
+        "<code>type</code> leads here; <code>code</code> is its last part, and the same at every installation. "
+        "The status in brackets is that of an answer; jobs and media that failed have problems of the same kinds."
+        f"</p>{items}</html>"
+    )
 
 
 def _root(request: Request) -> str:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import re
 import time
+from urllib.parse import urlsplit, urlunsplit
 
 import structlog
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import ClientDisconnect, Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from service import tracing
+from service.api.meters import Meters
 from service.api.problems import problem_response
 from service.errors import ServiceError
 from service.ids import new_id
@@ -19,14 +22,32 @@ log = structlog.get_logger(__name__)
 _ACCEPTED_ID = re.compile(r"[A-Za-z0-9._-]{1,128}")
 
 
+def relative(location: str, root_path: str) -> str:
+    """A Location without scheme and host (RFC 9110, 10.2.2): those of a request are what its sender says they are.
+
+    A prefix that a proxy has removed from the request's path is put before it, if it is not there.
+    """
+    parts = urlsplit(location)
+    # two slashes at the beginning would name a host again
+    path = "/" + parts.path.lstrip("/")
+    if root_path and not path.startswith(f"{root_path}/"):
+        path = root_path + path
+    return urlunsplit(("", "", path, parts.query, parts.fragment))
+
+
+def _only(values: list[str]) -> str | None:
+    return values[0] if len(values) == 1 else None
+
+
 class RequestContext:
     """ASGI middleware around everything else: X-Request-ID, a log line, and a problem for any unhandled error.
 
     ``root_path`` is the path prefix that a proxy in front has removed.
     """
 
-    def __init__(self, app: ASGIApp, *, root_path: str = "") -> None:
+    def __init__(self, app: ASGIApp, *, meters: Meters, root_path: str = "") -> None:
         self._app = app
+        self._meters = meters
         self._root_path = root_path
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -41,8 +62,13 @@ class RequestContext:
         scope.setdefault("state", {})["request_id"] = request_id
         structlog.contextvars.clear_contextvars()
         structlog.contextvars.bind_contextvars(request_id=request_id)
+        trace = tracing.parse(_only(Headers(scope=scope).getlist("traceparent")))
+        tracing.traceparent.set(trace)
+        if trace is not None:
+            structlog.contextvars.bind_contextvars(trace_id=tracing.trace_id(trace))
         began = time.perf_counter()
         status = 0
+        self._meters.begin()
 
         async def send_with_id(message: Message) -> None:
             nonlocal status
@@ -51,6 +77,11 @@ class RequestContext:
                 headers = MutableHeaders(scope=message)
                 headers["X-Request-ID"] = request_id
                 headers["X-Content-Type-Options"] = "nosniff"
+                # lists that a dependency adds to any answer, errors and streams too
+                for name, value in scope["state"].get("answer_headers", {}).items():
+                    headers[name] = f"{value}, {headers[name]}" if name in headers else value
+                if "location" in headers:
+                    headers["Location"] = relative(headers["Location"], self._root_path)
             await send(message)
 
         try:
@@ -64,6 +95,8 @@ class RequestContext:
                 raise  # too late for an answer: the connection has to break
             error = ServiceError("the request failed on our side; the log has it under this request id")
             await problem_response(Request(scope), error)(scope, receive, send_with_id)
+        finally:
+            self._meters.end(scope, status, time.perf_counter() - began)
         log.info(
             "request",
             method=scope["method"],

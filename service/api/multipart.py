@@ -31,6 +31,8 @@ async def read_form(intake: Intake, *, max_files: int = 1) -> Form:
 
     Raises `BadRequestError` for a malformed body, `TooLargeError`, and `UnsupportedMediaError` for a file that is none.
     """
+    if "repr-digest" in intake.request.headers:
+        raise BadRequestError("Repr-Digest is checked when the body is the file itself, not when it is a form")
     intake.check_declared(intake.limit_bytes * max_files + MAX_FRAMING_BYTES)
     _, options = parse_options_header(intake.request.headers.get("content-type", ""))
     boundary = options.get(b"boundary", b"")
@@ -115,12 +117,17 @@ class _FormReader:
         if b"name" not in options:
             raise BadRequestError("a part of the multipart body has no name")
         self._name = options[b"name"].decode("utf-8", "replace")
-        if b"filename" not in options:
+        # a file may have no name (RFC 7578, 4.2)
+        if b"filename" not in options and not self._is_file():
             self._text = bytearray()
             return
         if len(self._form.files) + len(self._finished) >= self._max_files:
             raise BadRequestError(f"the multipart body has more files than the {self._max_files} allowed")
-        self._sink = self._intake.open(options[b"filename"].decode("utf-8", "replace"))
+        self._sink = self._intake.open(options.get(b"filename", b"").decode("utf-8", "replace"))
+
+    def _is_file(self) -> bool:
+        kind = self._headers.get("content-type", b"").strip().lower()
+        return kind.startswith((b"application/octet-stream", b"image/", b"video/"))
 
     def _on_data(self, data: bytes, start: int, end: int) -> None:
         if self._sink is not None:
@@ -128,7 +135,8 @@ class _FormReader:
         elif self._text is not None:
             self._text += data[start:end]
             if len(self._text) > MAX_FIELD_BYTES:
-                raise TooLargeError(f"the field {self._name!r} is larger than {MAX_FIELD_BYTES} bytes")
+                detail = f"the field {self._name!r} is larger than {MAX_FIELD_BYTES} bytes"
+                raise TooLargeError(detail, limit_bytes=MAX_FIELD_BYTES)
 
     def _end(self) -> None:
         if self._sink is not None:

@@ -1,80 +1,337 @@
-"""Documents the bodies that endpoints read themselves: streamed files, and JSON or a form at the same address."""
+"""The schema, as far as FastAPI does not see it: bodies that endpoints read themselves, header fields and examples.
+
+An operation has one type of body: generators of clients take the first they know, or make a choice of them that is no
+one's. So a form has an address of its own, besides that of the file or the JSON, which takes it as well.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+import re
+from collections.abc import Iterator
+from typing import Any, Final, get_args
 
 from fastapi import FastAPI
 from pydantic import BaseModel
 
-from service.api.schemas import Problem, ReferenceOptions, SwapRequest, TransferRequest
+from service.api import examples, tus
+from service.api.preview_request import PreviewRequest
+from service.api.schemas import (
+    MAX_METADATA,
+    MAX_SEED,
+    METADATA_PAIR,
+    RECEIVER_URL,
+    Problem,
+    ReferenceByUrl,
+    ReferenceOptions,
+    ResultLinkRequest,
+    SwapRequest,
+    TransferRequest,
+    UploadLinkRequest,
+    VideoByUrl,
+)
+from service.catalog import Codec, Container, Extent, Preset
+from service.errors import PROBLEM_JSON, PROBLEMS
+from service.ids import MEDIA_ID
 
-_FILE = {"type": "string", "format": "binary"}
+#: those that FastAPI does not see, because routes read their bodies themselves
+_MODELS: Final[tuple[type[BaseModel], ...]] = (
+    *(PreviewRequest, Problem, ReferenceByUrl, ResultLinkRequest, SwapRequest),
+    *(TransferRequest, UploadLinkRequest, VideoByUrl),
+)
+BINARY: Final = {"type": "string", "format": "binary"}
+_OCTETS: Final = {"contentType": "application/octet-stream"}
+_PAIRS = {
+    "type": "array",
+    "items": {"type": "string", "pattern": METADATA_PAIR},
+    "maxItems": MAX_METADATA,
+    "description": "name:value, each name once",
+}
+_RECEIVER = {
+    "type": "string",
+    "pattern": RECEIVER_URL,
+    "maxLength": 2048,
+    "description": "URL of the receiver that is told of the end",
+}
 _REF = "#/components/schemas/{model}"
+_JSON: Final = "application/json"
+_SPEAK_TUS: Final = frozenset({"get_upload_protocol", "create_upload", "append_to_upload", "delete_upload"})
+_SAFE: Final = frozenset({"get", "head", "options"})
+
+_TAGS: Final = {
+    "videos": "Clips and still pictures to be recoloured. Each is vectorised once.",
+    "references": "Pictures and clips whose skin colours are used.",
+    "uploads": "Files that arrive in pieces (tus 1.0), or by a link that needs no key.",
+    "transfer": "Jobs that make recoloured files of vectorised media.",
+    "preview": "One picture of a look, while somebody waits.",
+    "jobs": "What becomes of the work: states, progress, results, errors.",
+    "webhooks": "Who was told of the ends of jobs, and what that is signed with.",
+    "results": "Finished files, whole or in ranges.",
+    "service": "What the caller may do, and how much of it is used.",
+    "health": "For process supervisors, load balancers and Prometheus.",
+}
+
+_INTEGER: Final = {"type": "integer", "minimum": 0}
+_TEXT: Final = {"type": "string"}
+_OFFSET: Final = {"type": "integer", "minimum": 0, "maximum": 10**18 - 1}
+_LENGTH: Final = {**_OFFSET, "minimum": 1}
+#: the header fields of tus 1.0 that requests have, and answers too
+_TUS: Final[dict[str, tuple[dict[str, Any], str]]] = {
+    # no constant: generators take none in a header
+    "Tus-Resumable": (
+        {"type": "string", "pattern": f"^{re.escape(tus.VERSION)}$"},
+        f"the version of tus: {tus.VERSION}",
+    ),
+    "Upload-Length": (_LENGTH, "bytes of the whole file"),
+    "Upload-Offset": (_OFFSET, "how many bytes are there"),
+    "Upload-Metadata": (
+        {"type": "string", "maxLength": tus.MAX_METADATA, "examples": ["filename Y2xpcC5tcDQ=,role dmlkZW8="]},
+        "names, each with a value in base64: `filename`, `role`, the settings, and `metadata.` with names of your own",
+    ),
+    "Upload-Checksum": (
+        {"type": "string", "pattern": f"^({'|'.join(tus.ALGORITHMS)}) [A-Za-z0-9+/]+={{0,2}}$"},
+        "algorithm and digest of these bytes in base64; others are answered 460",
+    ),
+}
+_ASKED: Final = _TUS | {"Prefer": (_TEXT, "`wait=20`, as the parameter `wait` (RFC 7240)")}
+_OPTIONAL: Final = frozenset({"Upload-Metadata", "Upload-Checksum", "Prefer"})
+#: the header fields of answers
+_FIELDS: Final[dict[str, tuple[dict[str, Any], str]]] = {
+    "X-Request-ID": (_TEXT, "the request's id, as logs have it; one that is sent is kept"),
+    "RateLimit": (_TEXT, "what is left of a key's quota (draft-ietf-httpapi-ratelimit-headers-10)"),
+    "RateLimit-Policy": (_TEXT, "a key's quota (draft-ietf-httpapi-ratelimit-headers-10)"),
+    "Retry-After": (_INTEGER, "seconds after which it is worth another try"),
+    "WWW-Authenticate": (_TEXT, "how to say who asks (RFC 6750)"),
+    "Location": ({"type": "string", "format": "uri-reference"}, "where it is"),
+    "Idempotent-Replayed": ({"type": "string", "const": "true"}, "it was answered before, and is answered so again"),
+    "Preference-Applied": (_TEXT, "the `Prefer: wait=` that was followed (RFC 7240)"),
+    "ETag": (_TEXT, "a strong entity tag: the hash of the content"),
+    "Repr-Digest": (_TEXT, "the sha-256 of the whole file (RFC 9530)"),
+    "Accept-Ranges": ({"type": "string", "const": "bytes"}, "ranges are answered"),
+    "Content-Range": (_TEXT, "which bytes of how many"),
+    "Content-Disposition": (_TEXT, "the name of the file"),
+    "Pvg-Frame": (_INTEGER, "the frame that the picture shows"),
+    "Pvg-Media": (_TEXT, "the video or reference that the file has become"),
+    "Upload-Expires": (_TEXT, "when what is there of the file goes (RFC 9110, 5.6.7)"),
+    **{name: _TUS[name] for name in ("Tus-Resumable", "Upload-Offset")},
+    "Tus-Version": (_TEXT, "the versions of tus that are spoken"),
+    "Tus-Extension": (_TEXT, "what of tus is spoken besides its core"),
+    "Tus-Max-Size": (_INTEGER, "the most bytes of a file"),
+    "Tus-Checksum-Algorithm": (_TEXT, "for Upload-Checksum"),
+}
 
 
-def file_body(description: str, options: type[ReferenceOptions]) -> dict[str, Any]:
-    """One file: the raw body, or the field `file` of a form, which may hold the options too."""
-    fields = options.model_json_schema()["properties"]
-    form = {"type": "object", "properties": {"file": _FILE, **fields}, "required": ["file"]}
+def file_body(description: str, content_type: str = "application/octet-stream") -> dict[str, Any]:
+    """One file, or a piece of one: the body itself."""
+    content = {content_type: {"schema": BINARY}}
+    return {"requestBody": {"required": True, "description": description, "content": content}}
+
+
+def file_form(description: str) -> dict[str, Any]:
+    """One file: the only field of a form."""
+    schema = {"type": "object", "properties": {"file": BINARY}, "required": ["file"], "additionalProperties": False}
+    content = {"multipart/form-data": {"schema": schema, "encoding": {"file": _OCTETS}}}
+    return {"requestBody": {"required": True, "description": description, "content": content}}
+
+
+def fields(*names: str) -> dict[str, Any]:
+    """Header fields that a route reads itself: what is wrong with them is passed over, or has an answer of tus."""
     return {
-        "requestBody": {
-            "required": True,
-            "description": description,
-            "content": {
-                "application/octet-stream": {"schema": _FILE},
-                "multipart/form-data": {"schema": form},
-            },
-        }
+        "parameters": [
+            {"name": name, "in": "header", "required": name not in _OPTIONAL, "description": text, "schema": schema}
+            for name, (schema, text) in ((name, _ASKED[name]) for name in names)
+        ]
     }
 
 
-def json_body(model: type[BaseModel], form: dict[str, Any] | None = None) -> dict[str, Any]:
-    """A JSON body, and possibly a form that says the same."""
-    content: dict[str, Any] = {"application/json": {"schema": {"$ref": _REF.format(model=model.__name__)}}}
-    if form is not None:
-        content["multipart/form-data"] = {"schema": form}
-    return {"requestBody": {"required": True, "content": content}}
+def form_body(description: str, options: type[ReferenceOptions]) -> dict[str, Any]:
+    """One file: the field `file` of a form, which may hold the options too."""
+    fields = options.model_json_schema()["properties"]
+    properties = {"file": BINARY, **fields, "metadata": _PAIRS, "webhook": _RECEIVER}
+    schema = {"type": "object", "properties": properties, "required": ["file"], "additionalProperties": False}
+    content = {"multipart/form-data": {"schema": schema, "encoding": {"file": _OCTETS}}}
+    return {"requestBody": {"required": True, "description": description, "content": content}}
 
 
+def json_body(model: type[BaseModel], *, required: bool = True) -> dict[str, Any]:
+    """A JSON body."""
+    content = {_JSON: {"schema": {"$ref": _REF.format(model=model.__name__)}}}
+    return {"requestBody": {"required": required, "content": content}}
+
+
+def file_content(*content_types: str) -> dict[str, Any]:
+    """The content of an answer that is a file of one of these types."""
+    return {one: {"schema": _TEXT if one.startswith("text/") else BINARY} for one in content_types}
+
+
+def _words(*words: str) -> str:
+    """A pattern for some of these words, with commas."""
+    one = "|".join(words)
+    return f"^({one})(,({one}))*$"
+
+
+_FACES: Final = r"^(all|\d{1,3}(,\d{1,3}){0,63})$"
+_SHARE: Final = r"(0(\.\d{1,6})?|1)"
+_PART: Final = f"(lips|lids|cheeks|brows)={_SHARE}"
 TRANSFER_FORM: dict[str, Any] = {
     "type": "object",
     "required": ["video", "reference"],
+    "additionalProperties": False,
     "properties": {
-        "video": {"type": "string"},
-        "reference": {"type": "array", "items": _FILE, "description": "files, or ids, one look each"},
-        "strength": {"type": "number"},
-        "contrast": {"type": "string"},
-        "match": {"type": "string"},
-        "protect": {"type": "string", "description": "comma-separated"},
-        "faces": {"type": "string", "description": "all, or comma-separated indices"},
-        "makeup": {"type": "string", "description": "a number, or comma-separated by part: lips=1,lids=0.3"},
-        "light": {"type": "number"},
-        "reference_face": {"type": "integer"},
-        "beta": {"type": "number"},
-        "iterations": {"type": "integer"},
-        "seed": {"type": "integer"},
-        "container": {"type": "string"},
-        "codec": {"type": "string"},
-        "crf": {"type": "integer"},
-        "preset": {"type": "string"},
-        "audio": {"type": "string"},
+        "video": {"type": "string", "pattern": MEDIA_ID.pattern},
+        "reference": {"type": "array", "items": BINARY, "minItems": 1, "description": "files, one look each"},
+        "strength": {"type": "number", "minimum": 0, "maximum": 1},
+        "contrast": {"anyOf": [{"const": "auto"}, {"type": "number", "minimum": 0.7, "maximum": 1.5}]},
+        "match": {"type": "string", "enum": ["semantic", "color"]},
+        "protect": {"type": "string", "pattern": _words("eyes", "teeth"), "description": "comma-separated"},
+        "faces": {"type": "string", "pattern": _FACES, "description": "all, or comma-separated indices"},
+        "makeup": {
+            "type": "string",
+            "pattern": rf"^({_SHARE}|{_PART}(,{_PART}){{0,3}})$",
+            "description": "a number, or comma-separated by part, each once: lips=1,lids=0.3",
+        },
+        "light": {"type": "number", "minimum": 0, "maximum": 1},
+        "extent": {"type": "string", "enum": [*get_args(Extent)]},
+        "reference_face": {"type": "integer", "minimum": 0, "maximum": 1000},
+        "beta": {"type": "number", "exclusiveMinimum": 0, "maximum": 1},
+        "iterations": {"type": "integer", "minimum": 0, "maximum": 200},
+        "seed": {"type": "integer", "minimum": 0, "maximum": MAX_SEED},
+        "container": {"type": "string", "enum": [*get_args(Container)]},
+        "codec": {"type": "string", "enum": [*get_args(Codec)]},
+        "crf": {"type": "integer", "minimum": 0, "maximum": 63},
+        "preset": {"type": "string", "enum": [*get_args(Preset)]},
+        "audio": {"type": "string", "enum": ["copy", "none"]},
+        "extras": {"type": "string", "pattern": _words("cube", "matte"), "description": "comma-separated: cube, matte"},
+        "matte": {"type": "string", "enum": ["ffv1", "prores"]},
+        "webhook": _RECEIVER,
+        "metadata": _PAIRS,
+        "force": {"type": "boolean"},
     },
 }
 
 
+def form(schema: dict[str, Any]) -> dict[str, Any]:
+    """A form of these fields."""
+    content = {"multipart/form-data": {"schema": schema, "encoding": {"reference": _OCTETS}}}
+    return {"requestBody": {"required": True, "content": content}}
+
+
 def install(app: FastAPI) -> None:
-    """Add the schemas that no endpoint declares to FastAPI itself."""
+    """Complete the schema that FastAPI makes."""
     generate = app.openapi
 
     def openapi() -> dict[str, Any]:
         if app.openapi_schema is None:
-            schemas = generate().setdefault("components", {}).setdefault("schemas", {})
-            for model in (Problem, SwapRequest, TransferRequest):
-                schema = model.model_json_schema(ref_template=_REF)
-                schemas.update(schema.pop("$defs", {}))
-                schemas[model.__name__] = schema
+            _complete(generate())
         assert app.openapi_schema is not None  # noqa: S101 - filled by generate()
         return app.openapi_schema
 
     app.openapi = openapi  # type: ignore[method-assign]
+
+
+def _complete(described: dict[str, Any]) -> None:
+    components = described.setdefault("components", {})
+    schemas = components.setdefault("schemas", {})
+    for model in _MODELS:
+        schema = model.model_json_schema(ref_template=_REF)
+        schemas.update(schema.pop("$defs", {}))
+        schemas[model.__name__] = schema
+    for unused in ("HTTPValidationError", "ValidationError"):
+        schemas.pop(unused, None)
+    schemas["Problem"]["properties"]["code"]["examples"] = sorted(PROBLEMS)
+    components["headers"] = {name: {"description": text, "schema": schema} for name, (schema, text) in _FIELDS.items()}
+    described["tags"] = [{"name": name, "description": text} for name, text in _TAGS.items()]
+    for path, method, operation in _operations(described):
+        _complete_operation(path, method, operation)
+
+
+def _operations(described: dict[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]]:
+    for path, methods in described["paths"].items():
+        for method, operation in methods.items():
+            yield path, method, operation
+
+
+def _complete_operation(path: str, method: str, operation: dict[str, Any]) -> None:
+    operation_id = operation["operationId"]
+    if any(parameter["name"] == "signature" for parameter in operation.get("parameters", [])):
+        operation["security"].append({})  # by a link no key is needed
+    # what stands before every route may answer so
+    for status in (421,) if method in _SAFE else (403, 408, 421):
+        operation["responses"].setdefault(str(status), {"description": "", "content": {PROBLEM_JSON: {}}})
+    for content in operation.get("requestBody", {}).get("content", {}).values():
+        _show(content, operation_id)
+    for status, answer in operation["responses"].items():
+        if PROBLEM_JSON in answer.get("content", {}):
+            kinds = examples.of_problems(int(status), path)
+            answer["description"] = ", ".join(f"`{code}`" for code in kinds)
+            answer["content"] = {
+                PROBLEM_JSON: {
+                    "schema": {"$ref": _REF.format(model=Problem.__name__)},
+                    "examples": {code: {"value": value} for code, value in kinds.items()},
+                }
+            }
+        for content in answer.get("content", {}).values():
+            _show(content, operation_id)
+        names = _fields_of(int(status), method, operation, answer)
+        answer["headers"] = {name: {"$ref": f"#/components/headers/{name}"} for name in names}
+
+
+def _show(content: dict[str, Any], operation_id: str) -> None:
+    """Add the examples there are of a content."""
+    schema = content.get("schema", {})
+    model = str(schema.get("$ref", "")).rpartition("/")[2]
+    if model in examples.EXAMPLES:
+        content["examples"] = {name: {"value": value} for name, value in examples.EXAMPLES[model].items()}
+    elif operation_id in examples.TEXTS:
+        content["example"] = examples.TEXTS[operation_id]
+
+
+def _fields_of(status: int, method: str, operation: dict[str, Any], answer: dict[str, Any]) -> list[str]:
+    """The header fields of an answer."""
+    names = ["X-Request-ID"]
+    asks = {parameter["name"].lower() for parameter in operation.get("parameters", [])}
+    content = answer.get("content", {})
+    # a file is answered in ranges, and as what it is
+    is_file = "range" in asks
+    if any("key" in scheme for scheme in operation.get("security", [])) and status not in {401, 403, 408, 421}:
+        names += ["RateLimit", "RateLimit-Policy"]
+    if status < 300 and method == "post":
+        names += ["Idempotent-Replayed"] if "idempotency-key" in asks else []
+        names += ["Location"] if _makes_a_place(operation) else []
+    if status < 400 and "304" in operation["responses"]:
+        names += ["ETag"]
+        names += ["Preference-Applied"] if "wait" in asks else []
+    if is_file and status < 400:
+        names += ["Accept-Ranges", "Repr-Digest"] + (["Content-Disposition"] if content else [])
+    if is_file and status in {206, 416}:
+        names += ["Content-Range"]
+    if status in {409, 429, 503} and PROBLEM_JSON in content:
+        names += ["Retry-After"]
+    if status == 401:
+        names += ["WWW-Authenticate"]
+    return names + _fields_of_uploads(status, operation) + _fields_of_pictures(status, content)
+
+
+def _makes_a_place(operation: dict[str, Any]) -> bool:
+    """What it makes has an address of its own: links and previews are the answer themselves."""
+    operation_id = operation["operationId"]
+    return operation_id.startswith("create_") and not operation_id.endswith(("_link", "_preview"))
+
+
+def _fields_of_pictures(status: int, content: dict[str, Any]) -> list[str]:
+    return ["Pvg-Frame"] if status == 200 and content.keys() & {"image/jpeg", "image/png"} else []
+
+
+def _fields_of_uploads(status: int, operation: dict[str, Any]) -> list[str]:
+    """Those of tus."""
+    operation_id = operation["operationId"]
+    speaks = operation_id in _SPEAK_TUS
+    names = ["Tus-Resumable"] if speaks and status not in {401, 403, 421} else []
+    if speaks and status == 412:
+        names += ["Tus-Version"]
+    if operation_id == "get_upload_protocol" and status == 204:
+        names += ["Tus-Version", "Tus-Extension", "Tus-Max-Size", "Tus-Checksum-Algorithm"]
+    if operation_id == "create_upload" and status == 201:
+        names += ["Upload-Expires"]
+    if operation_id == "append_to_upload" and status == 204:
+        names += ["Upload-Offset", "Upload-Expires", "Pvg-Media"]
+    return names

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-import errno
 import re
 from http import HTTPStatus
-from typing import Any
+from typing import Any, Final
 
+import structlog
 from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
+from obstore.exceptions import BaseError
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
-from sqlalchemy.exc import OperationalError
+from sqlalchemy.exc import SQLAlchemyError
+from starlette._utils import get_route_path
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import JSONResponse
+from starlette.routing import Match
+from starlette.types import Scope
 
+from service.addresses import PREFIX
 from service.errors import (
     PROBLEM_JSON,
     PROBLEMS,
@@ -28,7 +33,11 @@ from service.errors import (
     message_of,
     problem_body,
 )
+from service.outages import is_disk_full, is_outage
 
+log = structlog.get_logger(__name__)
+
+_METHODS: Final = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS")
 _UNION_MEMBER = re.compile(r"literal\[.*|constrained-\w+|list\[.*|function-\w+.*|MakeupParts")
 
 
@@ -38,6 +47,7 @@ def problem_response(request: Request, error: ServiceError) -> JSONResponse:
 
 
 def _respond(request: Request, body: dict[str, Any], headers: dict[str, str] | None) -> JSONResponse:
+    body["type"] = str(request.scope.get("root_path", "")).rstrip("/") + body["type"]
     body["instance"] = request.url.path
     body["request_id"] = getattr(request.state, "request_id", "")
     return JSONResponse(body, status_code=body["status"], headers=headers, media_type=PROBLEM_JSON)
@@ -76,6 +86,20 @@ def invalid_values(errors: dict[str, str]) -> ServiceError:
     return ValidationFailedError(f"{where or 'body'}: {detail}", errors=items)
 
 
+def allowed(app: FastAPI, scope: Scope) -> list[str]:
+    """The methods that the address of a request takes: a route knows its own alone."""
+    described, path = app.openapi()["paths"], get_route_path(scope)
+    # a word that has a meaning of its own, as in /videos/form, is no id
+    for place in (path, f"{PREFIX}{path}"):
+        if place in described:
+            return [method for method in _METHODS if method.lower() in described[place]]
+    return [
+        method
+        for method in _METHODS
+        if any(route.matches({**scope, "method": method})[0] is Match.FULL for route in app.router.routes)
+    ]
+
+
 def install(app: FastAPI) -> None:
     """Register the handlers of every error the application raises on purpose or through its framework."""
 
@@ -92,18 +116,29 @@ def install(app: FastAPI) -> None:
         phrase = HTTPStatus(error.status_code).phrase
         name = phrase.lower().replace(" ", "-")
         kind = PROBLEMS.get(name) or ProblemType(name, phrase, error.status_code)
-        return _respond(request, problem_body(kind, str(error.detail)), dict(error.headers or {}))
+        headers = dict(error.headers or {})
+        if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
+            headers["Allow"] = ", ".join(allowed(app, request.scope))
+        return _respond(request, problem_body(kind, str(error.detail)), headers)
 
     @app.exception_handler(OSError)
     async def on_os_error(request: Request, error: OSError) -> JSONResponse:
-        if error.errno in {errno.ENOSPC, errno.EDQUOT}:
+        if is_disk_full(error):
             return problem_response(request, StorageFullError("no room is left for this; try again later"))
         raise error
 
-    @app.exception_handler(OperationalError)
-    async def on_database_error(request: Request, error: OperationalError) -> JSONResponse:
-        if "disk is full" in str(error.orig) or "No space left" in str(error.orig):
+    @app.exception_handler(SQLAlchemyError)
+    async def on_database_error(request: Request, error: SQLAlchemyError) -> JSONResponse:
+        if is_disk_full(error):
             return problem_response(request, StorageFullError("no room is left for this; try again later"))
-        if error.connection_invalidated or "locked" in str(error.orig):
-            return problem_response(request, UnavailableError("the records cannot be reached; try again"))
-        raise error
+        return away(request, error, "the records cannot be reached; try again")
+
+    @app.exception_handler(BaseError)
+    async def on_store_error(request: Request, error: BaseError) -> JSONResponse:
+        return away(request, error, "the files cannot be reached; try again")
+
+    def away(request: Request, error: Exception, detail: str) -> JSONResponse:
+        if not is_outage(error):
+            raise error
+        log.warning("answered as unavailable", path=request.url.path, error=type(error).__name__)
+        return problem_response(request, UnavailableError(detail))

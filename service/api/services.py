@@ -2,30 +2,142 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
+from functools import partial
 
-from service.catalog import Clock, Database, utc_now
-from service.queue import Publisher, make_folders
+from service.api import lookups
+from service.api.calls import LOCK_WAIT_S, Calls
+from service.api.fetches import Fetches
+from service.api.forecasts import Forecasts
+from service.api.meters import Meters
+from service.api.preview_watch import PreviewWatch
+from service.api.probes import Probe
+from service.api.rates import Rates
+from service.api.signing import Signer
+from service.api.streams import Streams
+from service.api.waiting import JobWatch, Snapshot
+from service.blobs import Blobs
+from service.catalog import Clock, Database, Preview, jobs, previews
+from service.catalog.jobs import Standing
+from service.egress import Egress
+from service.queue import RENDER, Publisher, make_folders
 from service.reaper import Reaper
+from service.room import Room
 from service.settings import Settings
 from service.storage import Storage
+from service.webhooks import Deliverer
+
+
+@dataclass
+class Known:
+    """What the records said last, for while they are away. What was never read is what keeps more closed."""
+
+    has_keys: bool = True
 
 
 @dataclass(frozen=True)
 class Services:
-    """The parts of one running API."""
+    """The parts of one running API.
+
+    ``database`` is that of the requests, whose threads wait for no lock; ``calls`` says where to use it. The reaper and
+    the publisher have threads of their own, and a database that waits.
+    """
 
     settings: Settings
     database: Database
+    background: Database
     storage: Storage
+    room: Room
+    blobs: Blobs
     publisher: Publisher
     reaper: Reaper
+    rates: Rates
+    calls: Calls
+    watch: JobWatch
+    previews: PreviewWatch
+    streams: Streams
+    egress: Egress
+    fetches: Fetches
+    deliverer: Deliverer
+    signer: Signer
+    forecasts: Forecasts
+    meters: Meters
+    known: Known
+    #: what /readyz asks
+    probes: tuple[Probe, Probe, Probe]
+
+    def close(self) -> None:
+        """Close the connections to the database, and let the threads of requests to others go."""
+        self.egress.close()
+        self.database.close()
+        self.background.close()
 
 
-def make_services(settings: Settings, *, clock: Clock = utc_now) -> Services:
+def make_services(settings: Settings, *, clock: Clock | None = None) -> Services:
     """The parts of an API, not started yet. Raises `OSError` when its folders cannot be made."""
     make_folders(settings)
-    database = Database(settings.database, clock=clock)
-    storage = Storage(settings)
-    publisher = Publisher(settings, database)
-    return Services(settings, database, storage, publisher, Reaper(settings, database, storage, publisher))
+    storage, room = Storage(settings), Room(settings)
+    database = Database(settings.database, clock=clock, lock_wait_s=LOCK_WAIT_S, before_write=room.give_back)
+    background = Database(settings.database, clock=clock, before_write=room.give_back)
+    publisher = Publisher(settings, background)
+    calls = Calls()
+
+    forecasts = Forecasts(settings, database)
+
+    def load(job_ids: Collection[str]) -> dict[str, Snapshot]:
+        return load_snapshots(database, job_ids, settings, room, forecasts)
+
+    def stand(job_ids: Collection[str]) -> dict[str, Standing]:
+        with database.read() as session:
+            return jobs.standings(session, job_ids)
+
+    return Services(
+        settings,
+        database,
+        background,
+        storage,
+        room,
+        Blobs(database, storage),
+        publisher,
+        Reaper(settings, background, storage, room, Blobs(background, storage), publisher),
+        Rates(database),
+        calls,
+        JobWatch(calls, stand, load),
+        PreviewWatch(calls, partial(load_previews, database)),
+        Streams(settings.max_connections // 2),
+        Egress(settings),
+        Fetches(),
+        # one of its own: receivers whose names resolve slowly hold up no file that is fetched
+        Deliverer(settings, background, Egress(settings)),
+        Signer(settings, database.now),
+        forecasts,
+        Meters(),
+        Known(),
+        (
+            Probe("database", calls, database.ping),
+            Probe("storage", calls, storage.ping),
+            Probe("broker", calls, lambda: publisher.depth(RENDER)),
+        ),
+    )
+
+
+def load_snapshots(
+    database: Database, job_ids: Collection[str], settings: Settings, room: Room, forecasts: Forecasts
+) -> dict[str, Snapshot]:
+    """How each of these jobs stands, with the answer that shows it, by id."""
+    with database.read() as session:
+        found = jobs.every(session, job_ids)
+        bodies = lookups.of_jobs(settings, room, session, found, forecasts=forecasts)
+    return {
+        job.id: Snapshot(
+            jobs.standing_of(job), body.model_dump_json().encode(), None if body.queue is None else body.queue.position
+        )
+        for job, body in zip(found, bodies, strict=True)
+    }
+
+
+def load_previews(database: Database, preview_ids: Collection[str]) -> tuple[Collection[Preview], Collection[str]]:
+    """Those of these pictures that have ended, and the ids of those that are still there."""
+    with database.read() as session:
+        return previews.ended(session, preview_ids), previews.existing(session, preview_ids)

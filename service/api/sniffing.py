@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from typing import Final
 
-from service.catalog import AVI, JPEG, MKV, MOV, MP4, PNG, WEBM, WEBP, FileType
+from service.catalog import AVI, JPEG, MKV, MOV, MP4, PNG, TIFF, WEBM, WEBP, FileType
 
 #: bytes of the file's head that `sniff` wants to see
 HEAD_BYTES: Final = 4096
 
 
-_MAGIC: Final = {b"\xff\xd8\xff": JPEG, b"\x89PNG\r\n\x1a\n": PNG}
+_MAGIC: Final = {b"\xff\xd8\xff": JPEG, b"\x89PNG\r\n\x1a\n": PNG, b"II*\0": TIFF, b"MM\0*": TIFF}
 # pictures in the same box format as mp4, which the method does not read
 _OTHER_BRANDS: Final = {b"heic", b"heix", b"hevc", b"mif1", b"msf1", b"avif", b"avis", b"crx "}
 # boxes that open a QuickTime file written without `ftyp`; fragments (`moof`) before their index open in no reader
 _OLD_QUICKTIME: Final = {b"moov", b"mdat", b"wide", b"free", b"skip", b"pnot"}
+
+
+#: what is allowed, as people call it
+FORMATS: Final = ("mp4", "mov", "webm", "mkv", "avi", "jpeg", "png", "webp", "tiff")
 
 
 def sniff(head: bytes) -> FileType | None:

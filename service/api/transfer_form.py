@@ -7,6 +7,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from service.api.metadata import to_metadata
 from service.api.multipart import Form
 from service.api.problems import invalid, invalid_values
 from service.api.schemas import LookOptions, OutputRequest, TransferRequest
@@ -14,7 +15,8 @@ from service.errors import ServiceError
 
 _OUTPUT_FIELDS = frozenset(OutputRequest.model_fields)
 _LOOK_FIELDS = frozenset(LookOptions.model_fields)
-_LISTS = frozenset({"protect", "faces"})
+#: comma-separated, or given again
+_LISTS = frozenset({"protect", "faces", "extras"})
 
 
 def to_request(form: Form, uploaded: Sequence[str]) -> TransferRequest:
@@ -26,29 +28,45 @@ def to_request(form: Form, uploaded: Sequence[str]) -> TransferRequest:
     output: dict[str, Any] = {}
     references = list(uploaded)
     top: dict[str, Any] = {}
+    pairs: list[str] = []
     unknown = [name for name, _ in form.files if name != "reference"]
-    names = [name for name, _ in form.fields if name != "reference"]
+    names = [name for name, _ in form.fields if name not in {"reference", "metadata", *_LISTS}]
     if twice := {name for name in names if names.count(name) > 1}:
         raise invalid_values({f"/{name}": "the field is given more than once" for name in sorted(twice)})
-    for name, text in form.fields:
+    for name, text in _joined(form):
         if name == "reference":
             references.append(text)
-        elif name == "video":
-            top["video"] = text
+        elif name in {"video", "force"}:
+            top[name] = text
+        elif name == "webhook":
+            top[name] = {"url": text}
+        elif name == "metadata":
+            pairs.append(text)
         elif name in _LOOK_FIELDS:
             options[name] = _option(name, text)
         elif name in _OUTPUT_FIELDS:
-            output[name] = text
+            output[name] = _option(name, text)
         else:
             unknown.append(name)
     if unknown:
         raise invalid_values({f"/{name}": "there is no such field here" for name in unknown})
+    top["metadata"] = to_metadata(pairs)
     try:
         return TransferRequest.model_validate(
             {**top, "looks": [{"reference": one, **options} for one in references], "output": output}
         )
     except ValidationError as error:
         raise _named_by_field(error) from error
+
+
+def _joined(form: Form) -> list[tuple[str, str]]:
+    """The fields; those of a list that is given more than once are one."""
+    lists: dict[str, list[str]] = {}
+    for name, text in form.fields:
+        if name in _LISTS:
+            lists.setdefault(name, []).append(text)
+    others = [(name, text) for name, text in form.fields if name not in _LISTS]
+    return others + [(name, ",".join(texts)) for name, texts in lists.items()]
 
 
 def _option(name: str, text: str) -> str | list[str] | dict[str, str]:
@@ -67,5 +85,6 @@ def _named_by_field(error: ValidationError) -> ServiceError:
         parts = item["pointer"].split("/")[1:]
         # /looks/0/strength -> /strength, /output/crf -> /crf
         shown = parts[2:] if parts[0] == "looks" else parts[1:] if parts[0] == "output" else parts
+        shown = ["webhook"] if parts[0] == "webhook" else shown
         named.setdefault("/" + ("/".join(shown) or "reference"), item["detail"])
     return invalid_values(named)

@@ -3,24 +3,32 @@
 from __future__ import annotations
 
 import base64
-import binascii
 import hashlib
 import re
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
+from urllib.parse import unquote
 
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 
 from service.api.sniffing import HEAD_BYTES, sniff
 from service.catalog import FileType
+from service.egress import Egress
 from service.errors import BadRequestError, TooLargeError, UnsupportedMediaError
+from service.room import Room
 from service.storage import Storage
 
 #: bytes collected before they go to the disk and the hash, in a thread
 BUFFER_BYTES = 1024**2
+# one member of a dictionary whose values are byte sequences; parameters say nothing here
+_DIGEST = re.compile(r"([a-z*][a-z0-9_.*-]*)=:([A-Za-z0-9+/=]*):(?:[ \t]*;[ \t]*[a-z*][a-z0-9_.*-]*(?:=[^,;\"]*)?)*")
+_NAME_IN_UTF8 = re.compile(r";\s*filename\*\s*=\s*utf-8'[^']*'([^;\s]+)", re.IGNORECASE)
+_NAME = re.compile(r';\s*filename\s*=\s*(?:"((?:[^"\\]|\\.)*)"|([^;"\s]+))', re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -37,28 +45,30 @@ class ReceivedFile:
 class FileSink:
     """One file being received."""
 
-    def __init__(self, path: Path, limit_bytes: int, filename: str | None) -> None:
+    def __init__(self, path: Path, file: IO[bytes], room: Room, limit_bytes: int, filename: str | None) -> None:
         self.path = path
+        self._room = room
         self.filename = filename
         self.size_bytes = 0
         self._limit = limit_bytes
         self._hash = hashlib.sha256()
         self._head = b""
         self._buffer = bytearray()
-        self._file: IO[bytes] = path.open("xb")
+        self._file = file
 
     def feed(self, data: bytes) -> None:
         """Take bytes in. Raises `TooLargeError` as soon as there are too many."""
         self.size_bytes += len(data)
         if self.size_bytes > self._limit:
-            raise TooLargeError(f"the file is larger than {self._limit} bytes")
+            raise TooLargeError(f"the file is larger than {self._limit} bytes", limit_bytes=self._limit)
         if len(self._head) < HEAD_BYTES:
             self._head = (self._head + data)[:HEAD_BYTES]
         self._buffer += data
 
     async def drain(self, *, everything: bool = False) -> None:
-        """Write what has been collected, when it is worth a write."""
+        """Write what has been collected, when it is worth a write. Raises `StorageFullError` when there is no room."""
         if self._buffer and (everything or len(self._buffer) >= BUFFER_BYTES):
+            self._room.require(len(self._buffer))
             data, self._buffer = bytes(self._buffer), bytearray()
             await run_in_threadpool(self._write, data)
 
@@ -66,26 +76,40 @@ class FileSink:
         self._hash.update(data)
         self._file.write(data)
 
-    async def finish(self) -> ReceivedFile:
-        """Close the file. Raises `UnsupportedMediaError` when its bytes are not of an allowed type."""
+    async def complete(self) -> None:
+        """Write all of it, whatever it is. It stays open until it is given up: nobody takes it for an abandoned one."""
         await self.drain(everything=True)
-        await run_in_threadpool(self._file.close)
+        await run_in_threadpool(self._file.flush)
+
+    @property
+    def sha256(self) -> str:
+        """The hash, as hex, of what has been written."""
+        return self._hash.hexdigest()
+
+    async def finish(self) -> ReceivedFile:
+        """The whole file. Raises `UnsupportedMediaError` when its bytes are not of an allowed type."""
+        await self.complete()
         kind = sniff(self._head)
         if kind is None:
             what = "is empty" if not self.size_bytes else "is not a video or image of an allowed type"
-            raise UnsupportedMediaError(f"the file {what}; allowed are mp4, mov, webm, mkv, avi, jpeg, png and webp")
-        return ReceivedFile(self.path, self._hash.hexdigest(), self.size_bytes, kind, self.filename)
+            raise UnsupportedMediaError(
+                f"the file {what}; allowed are mp4, mov, webm, mkv, avi, jpeg, png, tiff and webp"
+            )
+        return ReceivedFile(self.path, self.sha256, self.size_bytes, kind, self.filename)
 
-    def close(self) -> None:
-        """Give the file up."""
-        self._file.close()
+    def drop(self) -> None:
+        """Give the file up: unless it was published, its bytes go."""
+        self.path.unlink(missing_ok=True)
+        with suppress(OSError):  # what is still to be written has no room
+            self._file.close()
 
 
 class Intake:
     """The files of one request, each of at most ``limit_bytes``. Leaving the block removes every unpublished draft."""
 
-    def __init__(self, storage: Storage, request: Request, *, limit_bytes: int) -> None:
+    def __init__(self, storage: Storage, room: Room, request: Request, *, limit_bytes: int) -> None:
         self._storage = storage
+        self._room = room
         self.request = request
         self.limit_bytes = limit_bytes
         self._sinks: list[FileSink] = []
@@ -97,34 +121,72 @@ class Intake:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         for sink in self._sinks:
-            sink.close()
-            sink.path.unlink(missing_ok=True)
+            sink.drop()
 
-    def open(self, filename: str | None) -> FileSink:
-        """Begin a file."""
-        sink = FileSink(self._storage.draft(), self.limit_bytes, clean_name(filename))
+    def open(self, filename: str | None, *, size_bytes: int | None = None, limit_bytes: int | None = None) -> FileSink:
+        """Begin a file, of so many bytes if that is known, else of the body's size at most, and under the limit.
+
+        Raises `StorageFullError` when there is too little room.
+        """
+        if size_bytes is None:
+            declared = self.request.headers.get("content-length", "")
+            size_bytes = int(declared) if declared.isdecimal() else 0
+        self._room.require(size_bytes)
+        limit = self.limit_bytes if limit_bytes is None else limit_bytes
+        sink = FileSink(*self._storage.new_draft(), self._room, limit, clean_name(filename))
         self._sinks.append(sink)
         return sink
+
+    def drop(self, sink: FileSink) -> None:
+        """Give one of the files up before the block is left: it holds no descriptor and no room any more."""
+        self._sinks.remove(sink)
+        sink.drop()
 
     async def raw(self) -> ReceivedFile:
         """Receive a body that is the file itself.
 
         Raises `TooLargeError`, `UnsupportedMediaError`, and `BadRequestError` when its Repr-Digest does not fit.
         """
+        expected = expected_digest(self.request.headers.getlist("repr-digest"))
         self.check_declared(self.limit_bytes)
-        sink = self.open(None)
+        sink = self.open(declared_name(self.request.headers.get("content-disposition")))
         async for chunk in self.request.stream():
             sink.feed(chunk)
             await sink.drain()
         received = await sink.finish()
-        check_digest(self.request.headers.get("repr-digest"), received.sha256)
+        check_digest(expected, received.sha256)
         return received
+
+    async def fetch(self, egress: Egress, url: str) -> ReceivedFile:
+        """Receive the file that is at a URL, under the name that the URL has for it.
+
+        Raises `UrlNotAllowedError`, `FetchFailedError`, `TooLargeError` and `UnsupportedMediaError`.
+        """
+        name = unquote(egress.check(url).path).rsplit("/", 1)[-1]
+        async with egress.stream(url) as file:
+            size_bytes = file.size_bytes or 0
+            if size_bytes > self.limit_bytes:
+                raise TooLargeError(f"the file is larger than {self.limit_bytes} bytes", limit_bytes=self.limit_bytes)
+            sink = self.open(name, size_bytes=size_bytes)
+            async for chunk in file.chunks:
+                sink.feed(chunk)
+                await sink.drain()
+        return await sink.finish()
 
     def check_declared(self, limit: int) -> None:
         """Raise `TooLargeError` when the request declares a body of more than ``limit`` bytes."""
         declared = self.request.headers.get("content-length", "")
         if declared.isdecimal() and int(declared) > limit:
-            raise TooLargeError(f"the body is larger than {limit} bytes")
+            raise TooLargeError(f"the body is larger than {limit} bytes", limit_bytes=limit)
+
+
+def declared_name(disposition: str | None) -> str | None:
+    """What a Content-Disposition (RFC 6266, 4.3) calls the body: its `filename*` in UTF-8, else its `filename`."""
+    if found := _NAME_IN_UTF8.search(disposition or ""):
+        return unquote(found[1])
+    if found := _NAME.search(disposition or ""):
+        return re.sub(r"\\(.)", r"\1", found[1]) if found[1] is not None else found[2]
+    return None
 
 
 def clean_name(filename: str | None) -> str | None:
@@ -136,14 +198,30 @@ def clean_name(filename: str | None) -> str | None:
     return name[-200:] or None
 
 
-def check_digest(header: str | None, sha256: str) -> None:
-    """Compare a Repr-Digest header (RFC 9530) with what arrived; other algorithms than sha-256 are ignored."""
-    found = re.search(r"(?:^|,)\s*sha-256=:([A-Za-z0-9+/=]*):", header or "")
-    if not found:
-        return
-    try:
-        expected = base64.b64decode(found[1], validate=True).hex()
-    except binascii.Error as error:
-        raise BadRequestError("the Repr-Digest header is malformed") from error
-    if expected != sha256:
+def expected_digest(lines: Sequence[str]) -> str | None:
+    """The sha256, as hex, that Repr-Digest headers (RFC 9530, 3) ask for; None when they name none.
+
+    Other algorithms are passed over, as a receiver may. Raises `BadRequestError` for what is no dictionary of byte
+    sequences (RFC 9651, 3.2), and for a sha-256 of another length.
+    """
+    if not lines:
+        return None
+    found: dict[str, bytes] = {}
+    for member in ",".join(lines).split(","):
+        parts = _DIGEST.fullmatch(member.strip(" \t"))
+        try:
+            if parts is None:
+                raise ValueError
+            found[parts[1]] = base64.b64decode(parts[2], validate=True)
+        except ValueError as error:
+            raise BadRequestError("the Repr-Digest header is malformed; it looks like sha-256=:BASE64:") from error
+    digest = found.get("sha-256")
+    if digest is not None and len(digest) != hashlib.sha256().digest_size:
+        raise BadRequestError("the sha-256 of the Repr-Digest header has not 32 bytes")
+    return digest.hex() if digest is not None else None
+
+
+def check_digest(expected: str | None, sha256: str) -> None:
+    """Raise `BadRequestError` when what arrived is not what its sender says it is."""
+    if expected not in {None, sha256}:
         raise BadRequestError("the body is not what its Repr-Digest says; it was damaged on the way")

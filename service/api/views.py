@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
+from datetime import timedelta
+from typing import Any, Final, cast
 
-from service.api.schemas import JobBody, LookBody, MediaBody, ProgressBody, VectorBody
-from service.catalog import ENDED, Job, Look, Media
+from service import addresses
+from service.api.schemas import ExtraBody, JobBody, LookBody, MediaBody, OptionsBody, ProgressBody, State, VectorBody
+from service.catalog import ENDED, Job, JobState, Look, Media, MediaState, Result, jobs, look_params
+from service.catalog.forecast import Forecast
+from service.errors import shown
+from service.settings import Settings
+
+_UNKNOWN: Final = Forecast()
 
 
-def media_body(media: Media) -> MediaBody:
+def media_body(media: Media, settings: Settings) -> MediaBody:
     """The answer that shows a medium."""
+    at = addresses.of_media(settings, media.role, media.id)
     return MediaBody.model_validate(
         {
             "id": media.id,
@@ -19,19 +29,36 @@ def media_body(media: Media) -> MediaBody:
             "content_type": media.content_type,
             "size_bytes": media.size_bytes,
             "sha256": media.sha256,
-            "settings": VectorBody(mask=media.mask, matching=media.matching),
+            "settings": VectorBody(mask=media.mask, matching=media.matching, input_color=media.input_color),
             "media": media.info,
-            "faces": media.faces,
+            "poster": f"{at}/poster" if media.state == MediaState.READY else None,
+            "faces": [{**face, "thumbnail": f"{at}/faces/{face['index']}/thumbnail"} for face in media.faces],
             "warnings": media.warnings,
-            "error": media.error,
+            "metadata": media.metadata_,
+            "error": shown(media.error, settings.root_path),
             "created_at": media.created_at,
             "expires_at": media.expires_at,
         }
     )
 
 
-def job_body(job: Job, looks: Sequence[Look], *, root_path: str = "") -> JobBody:
-    """The answer that shows a job. A look shares its job's state: all are rendered together."""
+def job_body(
+    job: Job,
+    looks: Sequence[Look],
+    files: Sequence[Result],
+    settings: Settings,
+    *,
+    no_room: bool = False,
+    forecast: Forecast = _UNKNOWN,
+) -> JobBody:
+    """The answer that shows a job.
+
+    ``files`` are its results and their parts, ``no_room`` says that the disk is full, so that jobs wait, and
+    ``forecast`` is what is likely of it.
+
+    A look shares its job's state: all are rendered together.
+    """
+    expires_at = job.finished_at + timedelta(seconds=settings.job_ttl_s) if job.finished_at is not None else None
     return JobBody.model_validate(
         {
             "id": job.id,
@@ -39,32 +66,82 @@ def job_body(job: Job, looks: Sequence[Look], *, root_path: str = "") -> JobBody
             "state": job.state,
             "done": job.state in ENDED,
             "attempt": job.attempt,
+            "waiting_for": _waiting_for(job, no_room),
             "progress": ProgressBody(
                 stage=job.stage,
                 fraction=job.fraction,
                 frames_done=job.frames_done,
                 frames_total=job.frames_total,
             ),
+            "queue": None if forecast.position is None else {"position": forecast.position},
+            "eta": _eta(forecast),
             "media": job.media_id,
-            "looks": [_look_body(job, look, root_path) for look in looks],
-            "error": job.error,
+            "looks": [_look_body(job, look, files, settings) for look in looks],
+            "error": shown(job.error, settings.root_path),
             "timings": job.timings,
+            "metadata": job.metadata_,
+            "traceparent": job.traceparent,
             "created_at": job.created_at,
             "started_at": job.started_at,
             "finished_at": job.finished_at,
+            "expires_at": expires_at,
         }
     )
 
 
-def _look_body(job: Job, look: Look, root_path: str) -> LookBody:
+def _eta(forecast: Forecast) -> dict[str, float] | None:
+    eta = forecast.eta
+    if eta is None:
+        return None
+    return {"seconds": round(eta.seconds, 1), "low": round(eta.low, 1), "high": round(eta.high, 1)}
+
+
+def _waiting_for(job: Job, no_room: bool) -> str | None:
+    if job.state != JobState.QUEUED:
+        return None
+    if job.waiting:
+        return "media"
+    return "room" if no_room or job.stage == jobs.NO_ROOM else None
+
+
+def _settings(report: dict[str, Any]) -> VectorBody:
+    # a former version's report does not say the colour
+    return VectorBody(mask=report["mask"], matching=report["matching"], input_color=report.get("input_color", "auto"))
+
+
+def _look_body(job: Job, look: Look, files: Sequence[Result], settings: Settings) -> LookBody:
     report = look.report
+    result = next((one for one in files if one.id == look.result_id), None)
+    url = addresses.of_result(settings, look.result_id) if look.result_id else None
     return LookBody(
-        state=job.state,
+        state=cast("State", job.state),
         video=look.video_id,
         reference=look.reference_id,
-        options=look.params,
-        settings=None if report is None else VectorBody(mask=report["mask"], matching=report["matching"]),
+        # what a former version did not write is its default
+        options=OptionsBody.model_validate(asdict(look_params(look))),
+        settings=None if report is None else _settings(report),
         warnings=[] if report is None else report["warnings"],
         result=look.result_id,
-        url=f"{root_path}/results/{look.result_id}" if look.result_id else None,
+        url=url,
+        size_bytes=None if result is None else result.size_bytes,
+        content_type=None if result is None else result.content_type,
+        sha256=None if result is None else result.sha256,
+        expires_at=None if result is None else result.expires_at,
+        # bytes of a result and its parts go in one sweep, or in two
+        extras=[_extra_body(part, url) for part in files if url and part.part_of == look.result_id and part.blob_key],
+    )
+
+
+def _extra_body(part: Result, url: str) -> ExtraBody:
+    person = part.person or 1
+    return ExtraBody.model_validate(
+        {
+            "part": part.part,
+            "person": person,
+            "url": f"{url}/{part.part}" + (f"?person={person}" if person > 1 else ""),
+            "size_bytes": part.size_bytes,
+            "sha256": part.sha256,
+            "content_type": part.content_type,
+            "expires_at": part.expires_at,
+        }
     )

@@ -1,48 +1,99 @@
 """The records: media, jobs, looks and results in the database, and the state machines that keep them consistent.
 
-`jobs`, `media`, `results` and `sweep` hold the operations, each on an open transaction of `Database`.
+`jobs`, `parts`, `fairness`, `forecast`, `media`, `results`, `resumable`, `previews`, `keys`, `idempotency`,
+`statistics`, `sweep`, `tombstones`, `webhooks` and `workers` hold the operations, each on an open transaction of
+`Database`.
 """
 
 from __future__ import annotations
 
-from service.catalog import jobs, media, results, sweep
-from service.catalog.database import Clock, Database, utc_now
-from service.catalog.jobs import Message, NewLook, Progress
-from service.catalog.media import Asset, Upload
-from service.catalog.media_types import AVI, JPEG, MKV, MOV, MP4, PNG, WEBM, WEBP, FileType, content_type_of
-from service.catalog.models import ENDED, Job, JobKind, JobState, Look, Media, MediaState, Result, Role
+from service.catalog import (
+    fairness,
+    forecast,
+    idempotency,
+    jobs,
+    keys,
+    media,
+    parts,
+    previews,
+    results,
+    resumable,
+    statistics,
+    sweep,
+    tombstones,
+    webhooks,
+    workers,
+)
+from service.catalog.clock import Clock, utc_now
+from service.catalog.database import Database
+from service.catalog.jobs import Filter, NewLook, Progress
+from service.catalog.media import Asset, Pictures, Upload
+from service.catalog.media_types import AVI, CUBE, JPEG, MKV, MOV, MP4, PNG, TIFF, WEBM, WEBP, FileType, content_type_of
+from service.catalog.messages import Message
+from service.catalog.models import (
+    ENDED,
+    Delivery,
+    DeliveryState,
+    Job,
+    JobKind,
+    JobState,
+    Key,
+    Look,
+    Media,
+    MediaState,
+    PartKind,
+    Preview,
+    PreviewState,
+    Result,
+    ResumableUpload,
+    Role,
+    UploadPart,
+)
 from service.catalog.requests import (
     DEFAULT_VECTOR_SETTINGS,
+    HELD,
+    MAX_CRF,
     Audio,
     Codec,
     Container,
     Extent,
+    Extra,
+    InputColor,
+    Layer,
     LookParams,
     Mask,
     Match,
     Matching,
+    MatteFormat,
     OutputOptions,
     Part,
     Preset,
     RenderRequest,
+    StillFormat,
+    StillRequest,
     VectorizeRequest,
     VectorSettings,
     look_params,
     render_request,
+    still_request,
     vectorize_request,
 )
-from service.catalog.results import Output, Report
+from service.catalog.results import Output, PartName, PartOf, Report
 from service.catalog.transitions import Lease
 
 __all__ = [
     "AVI",
+    "CUBE",
     "DEFAULT_VECTOR_SETTINGS",
     "ENDED",
+    "HELD",
     "JPEG",
+    "MAX_CRF",
     "MKV",
     "MOV",
     "MP4",
     "PNG",
+    "TIFF",
     "WEBM",
     "WEBP",
     "Asset",
@@ -51,17 +102,25 @@ __all__ = [
     "Codec",
     "Container",
     "Database",
+    "Delivery",
+    "DeliveryState",
     "Extent",
+    "Extra",
     "FileType",
+    "Filter",
+    "InputColor",
     "Job",
     "JobKind",
     "JobState",
+    "Key",
+    "Layer",
     "Lease",
     "Look",
     "LookParams",
     "Mask",
     "Match",
     "Matching",
+    "MatteFormat",
     "Media",
     "MediaState",
     "Message",
@@ -69,22 +128,44 @@ __all__ = [
     "Output",
     "OutputOptions",
     "Part",
+    "PartKind",
+    "PartName",
+    "PartOf",
+    "Pictures",
     "Preset",
+    "Preview",
+    "PreviewState",
     "Progress",
     "RenderRequest",
     "Report",
     "Result",
+    "ResumableUpload",
     "Role",
+    "StillFormat",
+    "StillRequest",
     "Upload",
+    "UploadPart",
     "VectorSettings",
     "VectorizeRequest",
     "content_type_of",
+    "fairness",
+    "forecast",
+    "idempotency",
     "jobs",
+    "keys",
     "look_params",
     "media",
+    "parts",
+    "previews",
     "render_request",
     "results",
+    "resumable",
+    "statistics",
+    "still_request",
     "sweep",
+    "tombstones",
     "utc_now",
     "vectorize_request",
+    "webhooks",
+    "workers",
 ]

@@ -2,27 +2,56 @@
 
 from __future__ import annotations
 
+import sqlite3
+import threading
+from collections import defaultdict
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from datetime import UTC, datetime
+from contextlib import contextmanager, nullcontext
+from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
 from sqlalchemy import Connection, CursorResult, Engine, Executable, create_engine, event, text
 from sqlalchemy.engine import make_url
 from sqlalchemy.engine.interfaces import DBAPIConnection
+from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 from sqlalchemy.pool import ConnectionPoolEntry
 
-Clock = Callable[[], datetime]
+from service.catalog.clock import Clock, ServerClock, utc_now
 
-#: seconds a SQLite writer waits for another one
-BUSY_TIMEOUT_S = 15
+#: seconds that a writer waits for another one
+LOCK_WAIT_S = 15.0
+#: seconds to connect to a database server, and to get one of the connections that are open
+_CONNECT_S = 3
+_POOL_S = 5.0
 
 
-def utc_now() -> datetime:
-    """The time now, aware, in UTC."""
-    return datetime.now(UTC)
+#: one for each SQLite database, by its URL
+_turns: defaultdict[str, threading.Lock] = defaultdict(threading.Lock)
+
+
+class _WritersTurn:
+    """Lets the writers of this process on one SQLite database take turns, each for as long as its block.
+
+    A SQLite writer that finds another one at work looks again after a sleep, up to 0.1 s later: of several threads that
+    write all the time, one waits for many such sleeps. Raises what SQLite raises when the wait takes longer than
+    ``wait_s``.
+    """
+
+    def __init__(self, url: str, wait_s: float) -> None:
+        self._wait_s = wait_s
+        self._lock = _turns[url]
+
+    def __enter__(self) -> None:
+        if not self._lock.acquire(timeout=self._wait_s):
+            locked = sqlite3.OperationalError("database is locked")
+            locked.sqlite_errorcode, locked.sqlite_errorname = sqlite3.SQLITE_BUSY, "SQLITE_BUSY"
+            raise OperationalError("BEGIN IMMEDIATE", None, locked)
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
 
 
 class Database:
@@ -30,53 +59,117 @@ class Database:
 
     `read` and `write` open one transaction each; `write` commits at the end of the block and rolls back on an
     error. On SQLite a writer takes its lock at once (BEGIN IMMEDIATE): one that starts as a reader and upgrades
-    fails without waiting when another writes.
+    fails without waiting when another writes. A writer waits ``lock_wait_s`` for others, then raises.
+    ``before_write`` runs before it, and may make room for it.
+
+    `now` is the database's time: a server's own; that of this machine for SQLite, all of whose users are on it. Tests
+    give a ``clock`` that moves when told to.
     """
 
-    def __init__(self, url: str, *, clock: Clock = utc_now) -> None:
+    def __init__(
+        self,
+        url: str,
+        *,
+        clock: Clock | None = None,
+        lock_wait_s: float = LOCK_WAIT_S,
+        before_write: Callable[[], None] = lambda: None,
+    ) -> None:
         self.url = url
-        self.now = clock
-        self._engine = make_engine(url)
+        self._engine = make_engine(url, lock_wait_s=lock_wait_s)
         self._writer = self._engine.execution_options(pvg_writes=True)
+        is_sqlite = self._engine.dialect.name == "sqlite"
+        self._server = None if is_sqlite else ServerClock()
+        self.now: Clock = clock or self._now
+        self._before_write = before_write
+        self._turn = _WritersTurn(url, lock_wait_s) if is_sqlite else nullcontext()
+        self._lock_wait_s = lock_wait_s
 
     @contextmanager
     def read(self) -> Iterator[Session]:
         """A transaction that changes nothing."""
         with Session(self._engine, expire_on_commit=False) as session:
+            self._set_clock(session)
             yield session
 
     @contextmanager
     def write(self) -> Iterator[Session]:
         """A transaction that is committed when the block ends."""
-        with Session(self._writer, expire_on_commit=False) as session, session.begin():
+        self._before_write()
+        with self._turn, Session(self._writer, expire_on_commit=False) as session, session.begin():
+            self._set_clock(session)
             yield session
+
+    def _now(self) -> datetime:
+        if self._server is None:
+            return utc_now()
+        known = self._server.now()
+        if known is None:
+            with self.read():
+                known = self._server.now()
+        assert known is not None, "reading asks for the time"  # noqa: S101
+        return known
+
+    def _set_clock(self, session: Session) -> None:
+        if self._server is not None and self._server.is_due:
+            self._server.ask(session.connection())
 
     def ping(self) -> None:
         """Raise when the database does not answer."""
         with self._engine.connect() as connection:
             connection.execute(text("SELECT 1"))
 
+    def forget(self) -> None:
+        """Remove what was deleted from the files of SQLite too; while others read or write, try again later.
+
+        The rows are overwritten in the database's file, but pages of before wait in its log until they are copied.
+        """
+        if self._engine.dialect.name != "sqlite":
+            return
+        connection = self._engine.raw_connection()
+        try:
+            cursor = connection.cursor()
+            cursor.execute("PRAGMA busy_timeout=500")
+            cursor.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+            cursor.execute(f"PRAGMA busy_timeout={round(self._lock_wait_s * 1000)}")
+        finally:
+            connection.close()
+
     def close(self) -> None:
         """Close every pooled connection."""
         self._engine.dispose()
 
 
-def make_engine(url: str) -> Engine:
+def make_engine(url: str, *, lock_wait_s: float = LOCK_WAIT_S) -> Engine:
     """An engine with the settings each database engine needs."""
     parsed = make_url(url)
     if parsed.get_backend_name() != "sqlite":
-        return create_engine(url, pool_pre_ping=True, pool_size=20, max_overflow=20)
+        # a server that is gone is noticed: no call waits for it for longer than a few seconds
+        patience = {"connect_timeout": _CONNECT_S, "tcp_user_timeout": 10_000, "keepalives_idle": 10}
+        given = {name: value for name, value in patience.items() if name not in parsed.query}
+        engine = create_engine(
+            url, connect_args=given, pool_pre_ping=True, pool_size=20, max_overflow=20, pool_timeout=_POOL_S
+        )
+        event.listen(engine, "connect", partial(_prepare_server, round(lock_wait_s * 1000)))
+        return engine
     if parsed.database and parsed.database != ":memory:":
         Path(parsed.database).parent.mkdir(parents=True, exist_ok=True)
     engine = create_engine(
         url,
-        connect_args={"timeout": BUSY_TIMEOUT_S, "check_same_thread": False},
+        connect_args={"timeout": lock_wait_s, "check_same_thread": False},
         pool_size=20,
         max_overflow=20,
+        pool_timeout=_POOL_S,
     )
     event.listen(engine, "connect", _prepare_sqlite)
     event.listen(engine, "begin", _begin_sqlite)
     return engine
+
+
+def _prepare_server(lock_wait_ms: int, connection: DBAPIConnection, _: ConnectionPoolEntry) -> None:
+    cursor = connection.cursor()
+    cursor.execute(f"SET lock_timeout = {lock_wait_ms:d}")
+    cursor.close()
+    connection.commit()
 
 
 def _prepare_sqlite(connection: DBAPIConnection, _: ConnectionPoolEntry) -> None:
@@ -85,6 +178,7 @@ def _prepare_sqlite(connection: DBAPIConnection, _: ConnectionPoolEntry) -> None
     cursor.execute("PRAGMA journal_mode=WAL")
     cursor.execute("PRAGMA synchronous=NORMAL")
     cursor.execute("PRAGMA foreign_keys=ON")
+    cursor.execute("PRAGMA secure_delete=ON")  # what a removed row held is overwritten
     cursor.close()
 
 

@@ -6,36 +6,35 @@ nothing, and sees that it did not.
 
 from __future__ import annotations
 
+import hashlib
+import json
 import secrets
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from datetime import datetime
 from types import MappingProxyType
 from typing import Any, Final
 
-from sqlalchemy import ColumnElement, exists, or_, select
+from sqlalchemy import ColumnElement, and_, exists, func, or_, select
 from sqlalchemy.orm import Session
 
-from service.catalog.models import HELD, Job, JobKind, JobState, Look, Media, MediaState
+from service import tracing
+from service.catalog import parts
+from service.catalog.messages import QUEUE_OF, Message
+from service.catalog.models import ENDED, HELD, Job, JobKind, JobState, Look, Media, MediaState, Result
 from service.catalog.requests import LookParams, Request, to_json
-from service.catalog.transitions import Lease, MediaStep, Step, take_media_step, take_step
+from service.catalog.transitions import JOB_TRANSITIONS, Lease, MediaStep, Step, take_media_step, take_step
 from service.errors import stored_problem
 from service.ids import new_id
 
-#: the queue of each kind of job
-QUEUE_OF: Final = {JobKind.VECTORIZE: "vectorize", JobKind.TRANSFER: "render", JobKind.SWAP: "render"}
+#: the stage of a queued job that a worker has no room for
+NO_ROOM: Final = "waiting for room"
 
-_CANCELED = stored_problem("canceled", "the job was canceled")
 _CRASHED = stored_problem("worker-crashed", "the worker stopped answering on every attempt")
 _EXPIRED = stored_problem("expired", "no worker took the job in time")
 
-
-@dataclass(frozen=True)
-class Message:
-    """A job to publish, and its queue."""
-
-    job_id: str
-    queue: str
+#: what clients ask for and see, not the shares of a job that is done in parts
+OF_CLIENTS: Final = Job.parent_id.is_(None)
 
 
 @dataclass(frozen=True)
@@ -57,14 +56,125 @@ class NewLook:
     params: LookParams
 
 
-def get(session: Session, job_id: str) -> Job | None:
-    """The job, or None."""
-    return session.get(Job, job_id)
+def get(session: Session, job_id: str, *, owner: str | None = None) -> Job | None:
+    """The job, or None; with an ``owner``, who is a client, None for another's too."""
+    job = session.get(Job, job_id)
+    is_hidden = job is None or (owner is not None and (job.owner != owner or job.parent_id is not None))
+    return None if is_hidden else job
+
+
+def message_of(job: Job) -> Message:
+    """The message that a job has, or would have."""
+    return Message(job.id, job.queue)
 
 
 def looks(session: Session, job_id: str) -> list[Look]:
     """The job's outputs, in order."""
     return list(session.scalars(select(Look).where(Look.job_id == job_id).order_by(Look.position)))
+
+
+def every(session: Session, job_ids: Collection[str]) -> list[Job]:
+    """Those of the jobs that there are."""
+    return list(session.scalars(select(Job).where(Job.id.in_(job_ids))))
+
+
+@dataclass(frozen=True)
+class Standing:
+    """What of a job changes while it goes on, but for what is written with its end."""
+
+    state: str
+    attempt: int
+    waiting: bool
+    stage: str | None
+    fraction: float
+    frames_done: int
+    frames_total: int
+
+    @property
+    def has_ended(self) -> bool:
+        """True when nothing of it changes any more."""
+        return self.state in ENDED
+
+    @property
+    def has_place(self) -> bool:
+        """True while it waits for a worker alone, behind others."""
+        return self.state == JobState.QUEUED and not self.waiting
+
+
+_STANDING: Final = tuple(getattr(Job, one.name) for one in fields(Standing))
+
+
+def standing_of(job: Job) -> Standing:
+    """How a job stands."""
+    return Standing(*(getattr(job, one.name) for one in fields(Standing)))
+
+
+def standings(session: Session, job_ids: Collection[str]) -> dict[str, Standing]:
+    """How each of the jobs stands, by one query that reads no more."""
+    return {
+        row[0]: Standing(*row[1:]) for row in session.execute(select(Job.id, *_STANDING).where(Job.id.in_(job_ids)))
+    }
+
+
+def looks_of(session: Session, job_ids: Collection[str]) -> dict[str, list[Look]]:
+    """The outputs of each of the jobs, in order."""
+    found: dict[str, list[Look]] = {}
+    if job_ids:
+        for look in session.scalars(select(Look).where(Look.job_id.in_(job_ids)).order_by(Look.position)):
+            found.setdefault(look.job_id, []).append(look)
+    return found
+
+
+@dataclass(frozen=True)
+class Filter:
+    """Which jobs to list; what is None or empty chooses nothing."""
+
+    ids: Collection[str] | None = None
+    #: the clip that is recoloured, or the medium that is vectorised
+    video_id: str | None = None
+    states: Collection[str] = ()
+    kinds: Collection[str] = ()
+    metadata: Mapping[str, str] = field(default_factory=dict)
+
+
+def page(session: Session, owner: str, wanted: Filter, *, before: str | None, limit: int) -> list[Job]:
+    """Jobs of an owner, newest first, older than the id ``before``; ids sort by creation."""
+    query = select(Job).where(Job.owner == owner, OF_CLIENTS).order_by(Job.id.desc()).limit(limit)
+    if before is not None:
+        query = query.where(Job.id < before)
+    if wanted.ids is not None:
+        query = query.where(Job.id.in_(wanted.ids))
+    if wanted.video_id is not None:
+        on_it = exists(select(Look.job_id).where(Look.job_id == Job.id, Look.video_id == wanted.video_id))
+        query = query.where(or_(Job.media_id == wanted.video_id, on_it))
+    if wanted.states:
+        query = query.where(Job.state.in_(wanted.states))
+    if wanted.kinds:
+        query = query.where(Job.kind.in_(wanted.kinds))
+    for name, value in wanted.metadata.items():
+        query = query.where(Job.metadata_[name].as_string() == value)
+    return list(session.scalars(query))
+
+
+def fingerprint(kind: JobKind, request: Request, outputs: Sequence[NewLook], metadata: Mapping[str, str]) -> str:
+    """The same for two requests of one owner that ask for the same, as 64 hex digits."""
+    looks = [[look.video_id, look.reference_id, to_json(look.params)] for look in outputs]
+    asked = [kind, to_json(request), looks, dict(metadata)]
+    return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
+
+
+def find_same(session: Session, owner: str, fingerprint: str, *, now: datetime) -> Job | None:
+    """The owner's newest job of this fingerprint that is going on, or whose results are all there still."""
+    gone = (
+        select(Look.job_id)
+        .outerjoin(Result, Result.id == Look.result_id)
+        .where(Look.job_id == Job.id, or_(Result.id.is_(None), Result.blob_key.is_(None), Result.expires_at <= now))
+    )
+    lives = or_(
+        Job.state.in_((JobState.QUEUED, JobState.RUNNING)), and_(Job.state == JobState.SUCCEEDED, ~exists(gone))
+    )
+    query = select(Job).where(Job.owner == owner, Job.fingerprint == fingerprint, lives)
+    return session.scalar(query.order_by(Job.id.desc()).limit(1))
 
 
 def create(
@@ -75,20 +185,22 @@ def create(
     now: datetime,
     media_id: str | None = None,
     outputs: Sequence[NewLook] = (),
+    owner: str = "",
+    metadata: Mapping[str, str] = MappingProxyType({}),
 ) -> Job:
     """Record a queued job. It waits until `release` finds all its media ready."""
     job = Job(
         id=new_id("job"),
+        owner=owner,
+        metadata_=dict(metadata),
+        fingerprint=fingerprint(kind, request, outputs, metadata) if outputs else None,
         kind=kind,
         queue=QUEUE_OF[kind],
         state=JobState.QUEUED,
         waiting=kind is not JobKind.VECTORIZE,
-        attempt=1,
         media_id=media_id,
         request=to_json(request),
-        fraction=0.0,
-        frames_done=0,
-        frames_total=0,
+        traceparent=tracing.traceparent.get(),
         created_at=now,
         updated_at=now,
         queued_at=now,
@@ -124,9 +236,16 @@ def release(session: Session, *, now: datetime, job_id: str | None = None) -> li
     for one in session.scalars(select(Job.id).where(*waits, _needs(MediaState.FAILED))).all():
         _end(session, Step.FAIL_WAITING, one, now=now, error=_media_error(session, one))
     free = session.execute(
-        select(Job.id, Job.queue).where(*waits, ~_needs(MediaState.VECTORIZING), ~_needs(MediaState.FAILED))
+        select(Job.id, Job.queue, Job.created_at).where(
+            *waits, ~_needs(MediaState.VECTORIZING), ~_needs(MediaState.FAILED)
+        )
     ).all()
-    return [Message(one, queue) for one, queue in free if take_step(session, Step.RELEASE, one, now=now)]
+    released: list[Message] = []
+    for one, queue, created_at in free:
+        waited = {"timings": {"waited_s": round((now - created_at).total_seconds(), 3)}}
+        if take_step(session, Step.RELEASE, one, now=now, values=waited):
+            released.append(Message(one, queue))
+    return released
 
 
 def _media_error(session: Session, job_id: str) -> dict[str, Any]:
@@ -141,18 +260,29 @@ def _media_error(session: Session, job_id: str) -> dict[str, Any]:
     return dict(error)
 
 
-def mark_published(session: Session, job_id: str, *, now: datetime) -> None:
-    """Remember when the job's message was handed to the broker."""
-    take_step(session, Step.PUBLISH, job_id, now=now, values={"published_at": now})
+def mark_published(session: Session, job_id: str, *, now: datetime) -> bool:
+    """Remember when the job's message was handed to the broker. False when the job has ended by now."""
+    return take_step(session, Step.PUBLISH, job_id, now=now, values={"published_at": now})
 
 
 # the worker's steps
 
 
-def claim(session: Session, job_id: str, *, now: datetime, lease_s: float) -> Lease | None:
+def new_token() -> str:
+    """A token for a lease that nobody has yet."""
+    return secrets.token_hex(16)
+
+
+def claim(session: Session, job_id: str, *, now: datetime, lease_s: float, token: str | None = None) -> Lease | None:
     """Take a queued job for ``lease_s`` seconds. None when it is not available: taken, finished, waiting or unknown."""
-    lease = Lease(job_id, secrets.token_hex(16))
+    lease = Lease(job_id, token or new_token())
     return lease if take_step(session, Step.CLAIM, job_id, now=now, lease=lease, lease_s=lease_s) else None
+
+
+def claimed(session: Session, token: str) -> Lease | None:
+    """The lease of this token, if `claim` has granted it."""
+    job_id = session.scalar(select(Job.id).where(Job.lease_token == token, Job.state.in_(HELD)))
+    return Lease(job_id, token) if job_id is not None else None
 
 
 def renew(session: Session, lease: Lease, *, now: datetime, lease_s: float) -> bool:
@@ -169,20 +299,33 @@ def held_state(session: Session, lease: Lease) -> JobState | None:
 
 def report(session: Session, lease: Lease, progress: Progress, *, now: datetime) -> bool:
     """Write the progress. False when the lease is lost."""
+    whole_id = parts.lock_whole(session, lease.job_id)
     values = {
         "stage": progress.stage,
         "fraction": progress.fraction,
         "frames_done": progress.frames_done,
         "frames_total": progress.frames_total,
     }
-    return take_step(session, Step.REPORT, lease.job_id, now=now, lease=lease, values=values)
+    told = take_step(session, Step.REPORT, lease.job_id, now=now, lease=lease, values=values)
+    if told and whole_id is not None:
+        parts.tell(session, whole_id, now=now)
+    return told
 
 
 def succeed(session: Session, lease: Lease, *, now: datetime, timings: dict[str, Any]) -> bool:
-    """End a running job well. False when the lease is lost or the job is being canceled: publish nothing then."""
+    """End a running job well. False when the lease is lost or the job is being canceled: publish nothing then.
+
+    What ends with a join is the job whose parts it has joined; its ``timings`` are those of the whole.
+    """
+    whole_id = parts.lock_whole(session, lease.job_id)
+    if whole_id is not None and not parts.is_running(session, whole_id):
+        return False
     # reports are throttled, so the last one stopped short of the last frame
     values = {"fraction": 1.0, "frames_done": Job.frames_total, "timings": timings}
-    return take_step(session, Step.SUCCEED, lease.job_id, now=now, lease=lease, values=values)
+    succeeded = take_step(session, Step.SUCCEED, lease.job_id, now=now, lease=lease, values=values)
+    if succeeded and whole_id is not None:
+        parts.end_whole(session, Step.PARTS_JOINED, whole_id, now=now, values=values)
+    return succeeded
 
 
 def fail(session: Session, lease: Lease, error: dict[str, Any], *, now: datetime, timings: dict[str, Any]) -> bool:
@@ -192,7 +335,50 @@ def fail(session: Session, lease: Lease, error: dict[str, Any], *, now: datetime
 
 def confirm_cancel(session: Session, lease: Lease, *, now: datetime) -> bool:
     """The worker has stopped a job that was being canceled. False when the lease is lost."""
-    return _end(session, Step.CONFIRM_CANCEL, lease.job_id, now=now, error=_CANCELED, lease=lease)
+    return _end(session, Step.CONFIRM_CANCEL, lease.job_id, now=now, error=parts.CANCELED, lease=lease)
+
+
+def put_off(session: Session, job_id: str, *, now: datetime) -> bool:
+    """Leave a queued job for later: there is no room for it. Its message is used up and is sent again."""
+    return take_step(session, Step.PUT_OFF, job_id, now=now, values={"stage": NO_ROOM, "published_at": None})
+
+
+def give_back(session: Session, lease: Lease, *, now: datetime, costs_attempt: bool = False) -> bool:
+    """Return a running job to the queue, for another worker. False when the lease is lost or the job is being canceled.
+
+    It is the worker that has to go, so the attempt does not count, unless ``costs_attempt``.
+    """
+    values = {"attempt": Job.attempt + 1} if costs_attempt else {}
+    return take_step(session, Step.GIVE_BACK, lease.job_id, now=now, lease=lease, values=values)
+
+
+def wait_again(session: Session, lease: Lease, *, now: datetime) -> bool:
+    """Return a running job to those that wait for their media. False when the lease is lost.
+
+    Of a part or a join, it is the whole job that waits, and begins anew.
+    """
+    whole_id = parts.lock_whole(session, lease.job_id)
+    if whole_id is not None:
+        held = held_state(session, lease) is JobState.RUNNING
+        values = {"waiting": True, "attempt": 1}  # it showed the most of its parts
+        return held and parts.end_whole(session, Step.PARTS_WAIT, whole_id, now=now, values=values)
+    return take_step(session, Step.WAIT_AGAIN, lease.job_id, now=now, lease=lease, values={"waiting": True})
+
+
+def draw_again(session: Session, lease: Lease, *, now: datetime, max_attempts: int) -> Message | None:
+    """Have a whole job begin anew whose join finds a part lost or damaged; its message, to be published.
+
+    None on its last attempt, when the lease is lost or the job is being canceled: nothing was changed.
+    """
+    whole_id = parts.lock_whole(session, lease.job_id)
+    if whole_id is None or held_state(session, lease) is not JobState.RUNNING:
+        return None
+    whole = session.execute(select(Job.attempt, Job.queue).where(Job.id == whole_id)).one()
+    if whole.attempt >= max_attempts:
+        return None
+    values = {"attempt": whole.attempt + 1}
+    taken = parts.end_whole(session, Step.PARTS_AGAIN, whole_id, now=now, values=values)
+    return Message(whole_id, whole.queue) if taken else None
 
 
 # the API's and the reaper's steps
@@ -203,38 +389,51 @@ def cancel(session: Session, job_id: str, *, now: datetime) -> bool:
 
     A queued job ends at once; a running one is `canceling` until its worker or the reaper confirms.
     """
-    if _end(session, Step.CANCEL_QUEUED, job_id, now=now, error=_CANCELED):
+    if _end(session, Step.CANCEL_QUEUED, job_id, now=now, error=parts.CANCELED):
         return True
-    return take_step(session, Step.REQUEST_CANCEL, job_id, now=now)
+    if not take_step(session, Step.REQUEST_CANCEL, job_id, now=now):
+        return False
+    parts.cancel(session, job_id, now=now)
+    return True
 
 
 def revoke(session: Session, job_id: str, *, now: datetime) -> bool:
     """End an active job at once and take the lease away: its worker notices at the next step."""
-    return _end(session, Step.REVOKE, job_id, now=now, error=_CANCELED)
+    return _end(session, Step.REVOKE, job_id, now=now, error=parts.CANCELED)
 
 
 def reap(session: Session, *, now: datetime, max_attempts: int) -> list[Message]:
     """Deal with jobs whose worker went silent. Returns those queued again, to be published."""
     again: list[Message] = []
     lapsed = (Job.lease_expires_at < now, Job.state.in_(HELD))
-    rows = session.execute(select(Job.id, Job.queue, Job.lease_token, Job.state, Job.attempt).where(*lapsed))
+    rows = session.execute(
+        select(Job.id, Job.queue, Job.lease_token, Job.state, Job.attempt)
+        .where(*lapsed)
+        .order_by(func.coalesce(Job.parent_id, Job.id), Job.id)  # two reapers wait for each other in one direction
+    )
     for job_id, queue, token, state, attempt in rows.all():
+        parts.lock_whole(session, job_id)  # before the first of its parts
         # each step checks the lease once more: a beat may have arrived in between
         lease = Lease(job_id, token or "")
         if state == JobState.CANCELING:
-            _end(session, Step.REAP_CANCELED, job_id, now=now, error=_CANCELED, lease=lease)
+            _end(session, Step.REAP_CANCELED, job_id, now=now, error=parts.CANCELED, lease=lease)
         elif attempt >= max_attempts:
             _end(session, Step.GIVE_UP, job_id, now=now, error=_CRASHED, lease=lease)
         elif take_step(session, Step.REQUEUE, job_id, now=now, lease=lease, values={"attempt": Job.attempt + 1}):
             again.append(Message(job_id, queue))
+    parts.end_abandoned(session, now=now)
     return again
 
 
 def expire(session: Session, *, before: datetime, now: datetime) -> int:
-    """End the jobs that were last queued before ``before`` and are queued still. Returns their number."""
+    """End the jobs that were last queued before ``before`` and are queued still. Returns their number.
+
+    A part does not expire by itself: a job that is done in parts does, when for so long nobody has worked on any.
+    """
     late = Job.queued_at < before
-    ids = session.scalars(select(Job.id).where(Job.state == JobState.QUEUED, late)).all()
-    return sum(_end(session, Step.EXPIRE, job_id, now=now, error=_EXPIRED, only_if=late) for job_id in ids)
+    ids = session.scalars(select(Job.id).where(Job.state == JobState.QUEUED, late, OF_CLIENTS)).all()
+    ended = sum(_end(session, Step.EXPIRE, job_id, now=now, error=_EXPIRED, only_if=late) for job_id in ids)
+    return ended + parts.expire(session, before=before, now=now, error=_EXPIRED)
 
 
 def _end(
@@ -248,9 +447,16 @@ def _end(
     only_if: ColumnElement[bool] | None = None,
     values: Mapping[str, Any] = MappingProxyType({}),
 ) -> bool:
-    """An end other than success; the medium of a vectorising job fails with it."""
+    """An end other than success; the medium of a vectorising job fails with it, and the whole with one of its parts."""
+    whole_id = parts.lock_whole(session, job_id)
     values = {"error": error, **values}
     if not take_step(session, step, job_id, now=now, lease=lease, only_if=only_if, values=values):
         return False
     take_media_step(session, MediaStep.FAIL, job_id, now=now, values={"error": error})
+    if whole_id is None:
+        parts.remove(session, job_id, now=now)
+    elif JOB_TRANSITIONS[step].target is not JobState.FAILED or not parts.end_whole(
+        session, Step.PARTS_FAILED, whole_id, now=now, values={"error": error}
+    ):
+        parts.stop_if_idle(session, whole_id, now=now)
     return True

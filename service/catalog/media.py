@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from datetime import datetime, timedelta
 from typing import Any, Literal, cast
 
 from sqlalchemy import or_, select, update
 from sqlalchemy.orm import Session
 
-from service.catalog import jobs
+from service.catalog import idempotency, jobs, previews, resumable, tombstones
 from service.catalog.database import changed
+from service.catalog.messages import Message
 from service.catalog.models import ACTIVE, Job, JobKind, Look, Media, MediaState, Result, Role
-from service.catalog.requests import DEFAULT_VECTOR_SETTINGS, Mask, Matching, VectorizeRequest, VectorSettings
+from service.catalog.requests import (
+    DEFAULT_VECTOR_SETTINGS,
+    InputColor,
+    Mask,
+    Matching,
+    VectorizeRequest,
+    VectorSettings,
+)
 from service.catalog.transitions import Lease, MediaStep, take_media_step
 
 
@@ -29,44 +37,95 @@ class Upload:
     filename: str | None
     source_key: str
     settings: VectorSettings = DEFAULT_VECTOR_SETTINGS
+    owner: str = ""
+    metadata: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Asset:
-    """What the vectoriser made of a medium. The asset's bytes are in the storage under ``key``."""
+    """What the vectoriser made of a medium. The asset's bytes are in the storage under ``key``.
+
+    ``size_bytes`` counts its small pictures too.
+    """
 
     key: str
     size_bytes: int
     info: dict[str, Any]
     faces: list[dict[str, Any]]
     warnings: list[str]
+    pictures: Pictures | None = None
+
+    @property
+    def keys(self) -> list[str]:
+        """Of all its blobs."""
+        return [self.key] if self.pictures is None else [self.key, self.pictures.key]
 
 
-def get(session: Session, media_id: str, *, lock: Literal["share", "update"] | None = None) -> Media | None:
-    """The medium, or None. A lock keeps others from deleting it ("share"), or from using it ("update")."""
-    return session.get(Media, media_id, with_for_update={"read": lock == "share"} if lock else None)
+@dataclass(frozen=True)
+class Pictures:
+    """Small pictures of a medium, JPEG, one after the other in the blob ``key``.
+
+    spans: ``[face, start, end]`` of each, in bytes; the poster's face is None.
+    """
+
+    key: str
+    spans: list[list[int | None]]
+
+
+def picture_of(medium: Media, face: int | None) -> tuple[str, int, int] | None:
+    """The blob, and the bytes [start, end) in it, of a medium's poster, or of a face's thumbnail; None without one."""
+    for of, start, end in medium.pictures or ():
+        if of == face and medium.pictures_key is not None:
+            return medium.pictures_key, start, end
+    return None
+
+
+def get(
+    session: Session, media_id: str, *, owner: str | None = None, lock: Literal["share", "update"] | None = None
+) -> Media | None:
+    """The medium, or None; with an ``owner``, None for another's too.
+
+    A lock keeps others from deleting it ("share"), or from using it ("update").
+    """
+    found = session.get(Media, media_id, with_for_update={"read": lock == "share"} if lock else None)
+    return found if found is not None and owner in {None, found.owner} else None
+
+
+def assets(session: Session, media_ids: Collection[str]) -> dict[str, str | None]:
+    """The asset's blob of each of these media that is there, by its id."""
+    found = session.execute(select(Media.id, Media.asset_key).where(Media.id.in_(media_ids)))
+    return {row.id: row.asset_key for row in found}
+
+
+def lock(session: Session, owner: str, media_ids: Collection[str]) -> None:
+    """Keep others from using or deleting these media of an owner. All at once, in one order, so that none waits for
+    one who waits for it.
+    """
+    query = select(Media.id).where(Media.owner == owner, Media.id.in_(media_ids)).order_by(Media.id)
+    session.execute(query.with_for_update()).all()
 
 
 def find_content(
-    session: Session, role: Role, sha256: str, settings: VectorSettings, *, lock: bool = False
+    session: Session, role: Role, sha256: str, settings: VectorSettings, *, owner: str = "", lock: bool = False
 ) -> Media | None:
-    """The medium of this role with these bytes, vectorised with these settings, or None.
+    """The owner's medium of this role with these bytes, vectorised with these settings, or None.
 
     ``lock`` keeps it as it is until the transaction ends.
     """
-    same = (Media.mask == settings.mask, Media.matching == settings.matching)
-    query = select(Media).where(Media.role == role, Media.sha256 == sha256, *same)
+    same = (getattr(Media, name) == value for name, value in asdict(settings).items())
+    query = select(Media).where(Media.owner == owner, Media.role == role, Media.sha256 == sha256, *same)
     return session.scalar(query.with_for_update() if lock else query)
 
 
 def settings_of(media: Media) -> VectorSettings:
     """How a medium is vectorised."""
-    return VectorSettings(cast(Mask, media.mask), cast(Matching, media.matching))
+    said = cast(Mask, media.mask), cast(Matching, media.matching), cast(InputColor, media.input_color)
+    return VectorSettings(*said)
 
 
-def page(session: Session, role: Role, *, before: str | None, limit: int) -> list[Media]:
-    """Media of a role, newest first, older than the id ``before``; ids sort by creation."""
-    query = select(Media).where(Media.role == role).order_by(Media.id.desc()).limit(limit)
+def page(session: Session, role: Role, *, owner: str, before: str | None, limit: int) -> list[Media]:
+    """An owner's media of a role, newest first, older than the id ``before``; ids sort by creation."""
+    query = select(Media).where(Media.owner == owner, Media.role == role).order_by(Media.id.desc()).limit(limit)
     if before is not None:
         query = query.where(Media.id < before)
     return list(session.scalars(query))
@@ -75,15 +134,21 @@ def page(session: Session, role: Role, *, before: str | None, limit: int) -> lis
 def create(session: Session, upload: Upload, *, now: datetime, ttl_s: float) -> Media:
     """Record a new medium with the job that vectorises it.
 
-    Raises `sqlalchemy.exc.IntegrityError` at flush when another request recorded the same content first.
+    Raises `sqlalchemy.exc.IntegrityError` at flush when another request recorded the same content first, and
+    `LateError` when the blob took so long to be written that it is deleted.
     """
+    if not tombstones.recorded(session, [upload.source_key]):
+        raise tombstones.LateError(upload.source_key)
     request = VectorizeRequest(upload.role, upload.settings)
-    job = jobs.create(session, JobKind.VECTORIZE, request=request, now=now, media_id=upload.media_id)
+    job = jobs.create(
+        session, JobKind.VECTORIZE, request=request, now=now, media_id=upload.media_id, owner=upload.owner
+    )
     media = Media(
         id=upload.media_id,
+        owner=upload.owner,
+        metadata_=dict(upload.metadata),
         role=upload.role,
-        mask=upload.settings.mask,
-        matching=upload.settings.matching,
+        **asdict(upload.settings),
         state=MediaState.VECTORIZING,
         sha256=upload.sha256,
         size_bytes=upload.size_bytes,
@@ -102,6 +167,17 @@ def create(session: Session, upload: Upload, *, now: datetime, ttl_s: float) -> 
     return media
 
 
+def replace_source(session: Session, media: Media, key: str, *, now: datetime) -> None:
+    """The file of a medium, which was lost, is there again under another key.
+
+    Raises `LateError` when it took so long to be written that it is deleted.
+    """
+    if not tombstones.recorded(session, [key]):
+        raise tombstones.LateError(key)
+    tombstones.bury(session, [media.source_key], now=now)
+    media.source_key = key
+
+
 def vectorize_again(session: Session, media: Media, *, now: datetime) -> bool:
     """Start over with a medium whose vectorisation failed: the cause may have been ours.
 
@@ -110,10 +186,49 @@ def vectorize_again(session: Session, media: Media, *, now: datetime) -> bool:
     if media.state != MediaState.FAILED:
         return False
     request = VectorizeRequest(Role(media.role), settings_of(media))
-    job = jobs.create(session, JobKind.VECTORIZE, request=request, now=now, media_id=media.id)
+    job = jobs.create(session, JobKind.VECTORIZE, request=request, now=now, media_id=media.id, owner=media.owner)
     return take_media_step(
         session, MediaStep.VECTORIZE_AGAIN, media.job_id, now=now, values={"error": None, "job_id": job.id}
     )
+
+
+def make_again(session: Session, lease: Lease, media_ids: Collection[str], *, now: datetime) -> list[Message] | None:
+    """Vectorise media again whose assets a running job finds lost or unreadable; the job waits for them.
+
+    Of a part or a join it is the whole job that waits, and begins anew.
+
+    Returns what is to be published: nothing when the lease is lost. None, and nothing changed, when the asset of one
+    was made after the job was created and is unusable all the same: it would be so again.
+    """
+    job = jobs.get(session, lease.job_id)
+    if job is None or job.started_at is None:
+        return []
+    asked_at = job.created_at
+    if job.parent_id is not None and (whole := jobs.get(session, job.parent_id)) is not None:
+        asked_at = whole.created_at  # a job that is cut again has parts that are younger than what was made for it
+    found = [get(session, media_id, lock="update") for media_id in sorted(media_ids)]
+    # another job may have noticed before, so that the asset is not the one that this job found
+    lost = [
+        one
+        for one in found
+        if one is not None and one.state == MediaState.READY and not _made_since(session, one, job.started_at)
+    ]
+    if any(_made_since(session, one, asked_at) for one in lost):
+        return None
+    if not jobs.wait_again(session, lease, now=now):
+        return []
+    messages = []
+    for one in lost:
+        request = VectorizeRequest(Role(one.role), settings_of(one))
+        again = jobs.create(session, JobKind.VECTORIZE, request=request, now=now, media_id=one.id, owner=one.owner)
+        take_media_step(session, MediaStep.MAKE_AGAIN, one.job_id, now=now, values={"job_id": again.id})
+        messages.append(jobs.message_of(again))
+    return messages
+
+
+def _made_since(session: Session, media: Media, then: datetime) -> bool:
+    made = jobs.get(session, media.job_id)
+    return made is not None and made.created_at > then
 
 
 def keep(session: Session, media_ids: Collection[str], *, now: datetime, ttl_s: float) -> None:
@@ -127,43 +242,58 @@ def keep(session: Session, media_ids: Collection[str], *, now: datetime, ttl_s: 
 def finish(session: Session, lease: Lease, asset: Asset, *, now: datetime, timings: dict[str, Any]) -> list[str] | None:
     """End a vectorising job with its asset, in one step.
 
-    Returns the keys of blobs that are no longer needed, or None when the lease is lost and nothing was changed.
+    Returns the keys of blobs that are no longer needed and have their tombstones, or None when the lease is lost and
+    nothing was changed. Raises `LateError` when the asset took so long to be written that it is deleted.
     """
     if not jobs.succeed(session, lease, now=now, timings=timings):
         return None
-    replaced = session.scalar(select(Media.asset_key).where(Media.job_id == lease.job_id).with_for_update())
+    if not tombstones.recorded(session, asset.keys):
+        raise tombstones.LateError(asset.key)
+    columns = select(Media.asset_key, Media.pictures_key).where(Media.job_id == lease.job_id)
+    replaced = [key for row in session.execute(columns.with_for_update()) for key in row if key]
     values = {
         "asset_key": asset.key,
         "asset_bytes": asset.size_bytes,
+        "pictures_key": None if asset.pictures is None else asset.pictures.key,
+        "pictures": None if asset.pictures is None else asset.pictures.spans,
         "info": asset.info,
         "faces": list(asset.faces),
         "warnings": list(asset.warnings),
         "error": None,
     }
     finished = take_media_step(session, MediaStep.FINISH, lease.job_id, now=now, values=values)
-    if not finished:  # deleted: its job was canceled, so the lease is lost; kept for a half-done delete
-        return [asset.key]
-    return [replaced] if replaced else []
+    # not finished: deleted, and its job was canceled, so the lease is lost; kept for a half-done delete
+    unneeded = replaced if finished else asset.keys
+    tombstones.bury(session, unneeded, now=now)
+    return unneeded
 
 
 def active_jobs(session: Session, media_id: str) -> list[str]:
     """Ids of the unfinished jobs that need this medium."""
     users = select(Look.job_id).where(or_(Look.video_id == media_id, Look.reference_id == media_id))
     query = select(Job.id).where(Job.state.in_(ACTIVE), or_(Job.media_id == media_id, Job.id.in_(users)))
+    query = query.order_by(Job.id)  # in which others lock them
     return list(session.scalars(query))
 
 
-def delete(session: Session, media: Media) -> list[str]:
-    """Remove a medium and every result made with it. Returns the keys of the blobs to delete after the commit."""
+def delete(session: Session, media: Media, *, now: datetime) -> list[str]:
+    """Remove a medium and every result made with it. Returns the keys of the blobs to delete after the commit.
+
+    Their tombstones are written by the same transaction.
+    """
     results: Sequence[Result] = session.scalars(
         select(Result).where(or_(Result.video_id == media.id, Result.reference_id == media.id))
     ).all()
     keys = [key for result in results if (key := result.blob_key)]
-    keys += [key for key in (media.asset_key, media.source_key) if key]
+    keys += [key for key in (media.asset_key, media.pictures_key, media.source_key) if key]
+    keys += previews.delete_of(session, media.id)
     gone = [result.id for result in results]
     changed(session, update(Look).where(Look.result_id.in_(gone)).values(result_id=None))
+    idempotency.forget(session, media.id)
+    resumable.forget(session, media.id)
     for result in results:
         session.delete(result)
     session.delete(media)
     session.flush()
+    tombstones.bury(session, keys, now=now)
     return keys

@@ -22,8 +22,11 @@ AVI: Final = FileType("video/x-msvideo", ".avi")
 JPEG: Final = FileType("image/jpeg", ".jpg")
 PNG: Final = FileType("image/png", ".png")
 WEBP: Final = FileType("image/webp", ".webp")
+TIFF: Final = FileType("image/tiff", ".tiff")
+CUBE: Final = FileType("text/plain", ".cube")
 
-_BY_SUFFIX: Final = {kind.suffix: kind.content_type for kind in (MP4, MOV, WEBM, MKV, AVI, JPEG, PNG, WEBP)}
+_ALL: Final = (MP4, MOV, WEBM, MKV, AVI, JPEG, PNG, WEBP, TIFF, CUBE)
+_BY_SUFFIX: Final = {kind.suffix: kind.content_type for kind in _ALL}
 
 
 def content_type_of(suffix: str) -> str:

@@ -6,32 +6,49 @@ version did not write reads as its default, and one that this version does not k
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Final, Literal, TypeVar
 
-from service.catalog.models import Job, Look, Role
+from service.catalog.models import Job, Look, Preview, Role
 
-Container = Literal["mp4", "mov", "mkv", "webm", "png", "jpg", "webp"]
-Codec = Literal["auto", "h264", "hevc", "vp9", "av1"]
+Container = Literal["mp4", "mov", "mkv", "webm", "png", "jpg", "webp", "tiff"]
+Codec = Literal["auto", "h264", "hevc", "vp9", "av1", "prores", "prores4444", "dnxhr", "ffv1"]
 Preset = Literal["ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow"]
 Audio = Literal["copy", "none"]
+Extra = Literal["cube", "matte"]
+MatteFormat = Literal["ffv1", "prores"]
 Match = Literal["color", "semantic"]
 Extent = Literal["skin", "face"]
 Part = Literal["eyes", "teeth"]
 Mask = Literal["landmarks", "ycbcr"]
 Matching = Literal["table", "chain"]
+InputColor = Literal["auto", "sdr", "pq", "hlg", "slog3", "logc3", "logc4", "vlog", "applelog"]
 Contrast = float | Literal["auto"]
+Layer = Literal["image", "landmarks", "mask", "matte", "curves", "low", "high"]
+StillFormat = Literal["jpeg", "png"]
+
+#: the codecs that each container of clips holds
+HELD: Final[dict[str, tuple[Codec, ...]]] = {
+    "mp4": ("h264", "hevc", "vp9", "av1"),
+    "mov": ("h264", "hevc", "prores", "prores4444", "dnxhr"),
+    "mkv": ("h264", "hevc", "vp9", "av1", "ffv1", "prores", "prores4444"),
+    "webm": ("vp9", "av1"),
+}
+#: the codecs with a scale of quality, ``crf``, and where it ends; they alone have ``preset``
+MAX_CRF: Final[dict[str, int]] = {"h264": 51, "hevc": 51, "vp9": 63, "av1": 63}
 
 
 @dataclass(frozen=True)
 class VectorSettings:
-    """How a medium is vectorised: how its skin is found, and how colours are carried from frame to frame.
+    """How a medium is vectorised: how its skin is found, how colours are carried from frame to frame, how it is coded.
 
-    "ycbcr" and "chain" are the paper's. The same bytes with other settings are another medium.
+    "ycbcr" and "chain" are the paper's; "auto" believes the file's colour tags. The same bytes with other settings
+    are another medium.
     """
 
     mask: Mask = "landmarks"
     matching: Matching = "table"
+    input_color: InputColor = "auto"
 
 
 DEFAULT_VECTOR_SETTINGS: Final = VectorSettings()
@@ -76,7 +93,8 @@ class LookParams:
 class OutputOptions:
     """How results are encoded. ``crf`` and ``preset`` are the encoder's own scales; None leaves its default.
 
-    Without a ``container``, clips become mp4 and pictures png.
+    Without a ``container``, clips become mp4 and pictures png. ``extras`` are made of each look beside its result: its
+    cube, and its matte, coded as ``matte`` says; that of a picture is a png.
     """
 
     container: Container | None = None
@@ -84,6 +102,8 @@ class OutputOptions:
     crf: int | None = None
     preset: Preset | None = None
     audio: Audio = "copy"
+    extras: tuple[Extra, ...] = ()
+    matte: MatteFormat = "ffv1"
 
 
 @dataclass(frozen=True)
@@ -93,9 +113,30 @@ class RenderRequest:
     output: OutputOptions = OutputOptions()
 
 
-Request = VectorizeRequest | RenderRequest
+@dataclass(frozen=True)
+class StillRequest:
+    """A single picture of a medium: a frame with a look, as it is, or a layer of it.
 
-_Stored = TypeVar("_Stored", LookParams, OutputOptions, VectorSettings)
+    ``frame`` counts from 0, ``time_s`` from the first one; without either the worker chooses one that shows the faces.
+    With ``nearest`` it may be the nearest one that is quick to have. ``params`` are the look's; ``before``: the frame
+    without it. ``crop`` is x, y, width, height in pixels, ``face`` a face to show alone; ``max_width`` is in pixels.
+    """
+
+    format: StillFormat
+    max_width: int
+    frame: int | None = None
+    time_s: float | None = None
+    nearest: bool = False
+    params: LookParams | None = None
+    before: bool = False
+    layer: Layer | None = None
+    crop: tuple[int, int, int, int] | None = None
+    face: int | None = None
+
+
+Request = VectorizeRequest | RenderRequest | StillRequest
+
+_Stored = TypeVar("_Stored", LookParams, OutputOptions, StillRequest, VectorSettings)
 
 
 def to_json(value: Request | LookParams) -> dict[str, Any]:
@@ -112,6 +153,14 @@ def vectorize_request(job: Job) -> VectorizeRequest:
 def render_request(job: Job) -> RenderRequest:
     """What a transfer or swap job is asked to do."""
     return RenderRequest(_from_json(OutputOptions, job.request.get("output", {})))
+
+
+def still_request(preview: Preview) -> StillRequest:
+    """What a single picture is to show."""
+    stored = dict(preview.request)
+    params = stored.pop("params", None)
+    read = _from_json(StillRequest, stored)
+    return read if params is None else replace(read, params=_from_json(LookParams, params))
 
 
 def look_params(look: Look) -> LookParams:

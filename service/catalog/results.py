@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
-from typing import Any
+from typing import Any, Literal
 
-from sqlalchemy import update
+from sqlalchemy import or_, select, update
 from sqlalchemy.orm import Session
 
-from service.catalog import jobs
+from service.catalog import jobs, tombstones
 from service.catalog.database import changed
-from service.catalog.models import Look, Result
+from service.catalog.models import Job, Look, Result
+from service.catalog.parts import whole_of
 from service.catalog.transitions import Lease
+
+#: what is made beside a result, by the last part of its address
+PartName = Literal["look.cube", "matte"]
 
 
 @dataclass(frozen=True)
@@ -22,7 +26,17 @@ class Report:
 
     mask: str
     matching: str
+    input_color: str = "auto"
     warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class PartOf:
+    """What a part of a result is: which of its parts, of which of the persons that the look changes, from 1."""
+
+    result_id: str
+    part: PartName
+    person: int
 
 
 @dataclass(frozen=True)
@@ -37,11 +51,34 @@ class Output:
     content_type: str
     filename: str
     report: Report | None = None
+    part_of: PartOf | None = None
 
 
-def get(session: Session, result_id: str) -> Result | None:
-    """The result, or None. Its ``blob_key`` is None once the bytes are removed."""
-    return session.get(Result, result_id)
+def get(session: Session, result_id: str, *, owner: str | None = None) -> Result | None:
+    """The result, or None; with an ``owner``, None for another's too. Parts of one are found by `parts`.
+
+    Its ``blob_key`` is None once the bytes are removed.
+    """
+    result = session.get(Result, result_id)
+    if result is None or result.part_of is not None or owner not in {None, result.owner}:
+        return None
+    return result
+
+
+def files(session: Session, result_ids: Collection[str]) -> list[Result]:
+    """These results and what was made beside them, the latter by part, then by person."""
+    if not result_ids:
+        return []
+    query = select(Result).where(or_(Result.id.in_(result_ids), Result.part_of.in_(result_ids)))
+    return list(session.scalars(query.order_by(Result.part, Result.person)))
+
+
+def parts(session: Session, result_ids: Collection[str]) -> list[Result]:
+    """What was made beside these results: by part, then by person."""
+    if not result_ids:
+        return []
+    query = select(Result).where(Result.part_of.in_(result_ids)).order_by(Result.part, Result.person)
+    return list(session.scalars(query))
 
 
 def publish(
@@ -53,20 +90,30 @@ def publish(
     timings: dict[str, Any],
     ttl_s: float,
 ) -> bool:
-    """End a rendering job with its results, in one step. False when the lease is lost: nothing was changed."""
+    """End a rendering job with its results, in one step; with a join, the job whose parts it has joined.
+
+    False when the lease is lost: nothing was changed. Raises `LateError` when a file took so long to be written that it
+    is deleted.
+    """
+    job_id = whole_of(session, lease.job_id) or lease.job_id
     if not jobs.succeed(session, lease, now=now, timings=timings):
         return False
-    wanted = {look.position: look for look in jobs.looks(session, lease.job_id)}
+    if not tombstones.recorded(session, [output.key for output in outputs]):
+        raise tombstones.LateError(job_id)
+    owner = session.scalar(select(Job.owner).where(Job.id == job_id)) or ""
+    wanted = {look.position: look for look in jobs.looks(session, job_id)}
     for output in outputs:
-        look = wanted[output.position]
-        look.result_id = output.result_id
-        look.report = (
-            None if output.report is None else {**asdict(output.report), "warnings": list(output.report.warnings)}
-        )
+        look, part = wanted[output.position], output.part_of
+        if part is None:
+            look.result_id = output.result_id
+            look.report = (
+                None if output.report is None else {**asdict(output.report), "warnings": list(output.report.warnings)}
+            )
         session.add(
             Result(
                 id=output.result_id,
-                job_id=lease.job_id,
+                owner=owner,
+                job_id=job_id,
                 position=output.position,
                 video_id=look.video_id,
                 reference_id=look.reference_id,
@@ -77,14 +124,20 @@ def publish(
                 filename=output.filename,
                 created_at=now,
                 expires_at=now + timedelta(seconds=ttl_s),
+                part_of=None if part is None else part.result_id,
+                part=None if part is None else part.part,
+                person=None if part is None else part.person,
             )
         )
     session.flush()
     return True
 
 
-def drop_bytes(session: Session, result: Result) -> str | None:
-    """Forget the bytes of a result. Returns the blob's key, to be deleted after the commit."""
+def drop_bytes(session: Session, result: Result, *, now: datetime) -> str | None:
+    """Forget the bytes of a result. Returns the blob's key, to be deleted after the commit.
+
+    Its tombstone is written by the same transaction.
+    """
     key = result.blob_key
     if key is None:
         return None
@@ -92,4 +145,7 @@ def drop_bytes(session: Session, result: Result) -> str | None:
         session, update(Result).where(Result.id == result.id, Result.blob_key == key).values(blob_key=None)
     )
     changed(session, update(Look).where(Look.result_id == result.id).values(result_id=None))
-    return key if dropped else None
+    if not dropped:
+        return None
+    tombstones.bury(session, [key], now=now)
+    return key

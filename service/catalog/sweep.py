@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from datetime import datetime
 
-from sqlalchemy import ColumnElement, delete, func, select
+from sqlalchemy import ColumnElement, delete, select, union_all
 from sqlalchemy.orm import Session
 
-from service.catalog import media, results
+from service.catalog import jobs, media, results, resumable, statistics
 from service.catalog.database import changed
-from service.catalog.jobs import Message
-from service.catalog.models import ENDED, HELD, Job, JobState, Media, Result
+from service.catalog.messages import Message
+from service.catalog.models import ENDED, HELD, Job, JobState, Media, PartFile, Result, Tombstone, UploadPart
 
 #: rows that a sweep handles in one transaction
 BATCH = 200
@@ -29,12 +29,6 @@ def published(session: Session, queue: str, *, before: datetime) -> list[Message
     return [Message(job_id, queue) for job_id in session.scalars(query)]
 
 
-def queued_count(session: Session, queue: str) -> int:
-    """How many jobs should have a message in this queue."""
-    query = select(func.count()).select_from(Job)
-    return session.scalar(query.where(*_queued(), Job.queue == queue, Job.published_at.is_not(None))) or 0
-
-
 def _queued() -> list[ColumnElement[bool]]:
     return [Job.state == JobState.QUEUED, Job.waiting.is_(False)]
 
@@ -42,7 +36,7 @@ def _queued() -> list[ColumnElement[bool]]:
 def expire_results(session: Session, *, now: datetime) -> list[str]:
     """Drop the bytes of results past their retention. Returns the blobs to delete after the commit."""
     late = select(Result).where(Result.expires_at < now, Result.blob_key.is_not(None)).limit(BATCH)
-    keys = (results.drop_bytes(session, result) for result in session.scalars(late).all())
+    keys = (results.drop_bytes(session, result, now=now) for result in session.scalars(late).all())
     return [key for key in keys if key]
 
 
@@ -52,18 +46,29 @@ def expire_media(session: Session, *, now: datetime) -> list[str]:
     keys: list[str] = []
     for medium in session.scalars(late).all():
         if not media.active_jobs(session, medium.id):
-            keys += media.delete(session, medium)
+            keys += media.delete(session, medium, now=now)
     return keys
+
+
+def expire_uploads(session: Session, *, now: datetime) -> list[str]:
+    """Remove unfinished uploads past their time. Returns the blobs to delete after the commit."""
+    return resumable.expire(session, now=now, limit=BATCH)
 
 
 def expire_jobs(session: Session, *, before: datetime) -> int:
     """Delete the records of jobs that ended before ``before`` and whose results are deleted. Returns their number."""
     kept = select(Result.job_id).where(Result.blob_key.is_not(None))
     vectorised = select(Media.job_id)
-    old = [Job.state.in_(ENDED), Job.finished_at < before, Job.id.not_in(kept), Job.id.not_in(vectorised)]
+    old = [
+        jobs.OF_CLIENTS,
+        Job.state.in_(ENDED),
+        Job.finished_at < before,
+        Job.id.not_in(kept),
+        Job.id.not_in(vectorised),
+    ]
     ids = session.scalars(select(Job.id).where(*old).limit(BATCH)).all()
     changed(session, delete(Result).where(Result.job_id.in_(ids)))
-    return changed(session, delete(Job).where(Job.id.in_(ids)))
+    return statistics.remove_jobs(session, list(ids))
 
 
 def held(session: Session, job_ids: Iterable[str]) -> set[str]:
@@ -72,9 +77,11 @@ def held(session: Session, job_ids: Iterable[str]) -> set[str]:
 
 
 def known_keys(session: Session, keys: Iterable[str]) -> set[str]:
-    """Those of the keys that a record names."""
+    """Those of the keys that a record or a tombstone names."""
     wanted = list(keys)
-    found: set[str] = set()
-    for column in (Media.source_key, Media.asset_key, Result.blob_key):
-        found.update(key for key in session.scalars(select(column).where(column.in_(wanted))) if key)
-    return found
+    columns = (
+        *(Media.source_key, Media.asset_key, Media.pictures_key),
+        *(Result.blob_key, PartFile.blob_key, UploadPart.blob_key, Tombstone.blob_key),
+    )
+    # one statement sees one state: a key that moves from its tombstone to a record is never in between
+    return set(session.scalars(union_all(*(select(column).where(column.in_(wanted)) for column in columns))))

@@ -18,7 +18,17 @@ from sqlalchemy import ColumnElement, update
 from sqlalchemy.orm import Session
 
 from service.catalog.database import changed
-from service.catalog.models import ACTIVE, ENDED, HELD, Job, JobState, Media, MediaState
+from service.catalog.models import (
+    ACTIVE,
+    ENDED,
+    HELD,
+    Delivery,
+    DeliveryState,
+    Job,
+    JobState,
+    Media,
+    MediaState,
+)
 
 
 @dataclass(frozen=True)
@@ -35,6 +45,7 @@ class LeaseCheck(Enum):
     NONE = "nothing"
     HELD = "the caller holds it"
     LAPSED = "its time is over"
+    FREE = "nobody holds it"
 
 
 class LeaseEffect(Enum):
@@ -60,11 +71,23 @@ class Step(StrEnum):
     GIVE_UP = "give_up"
     REAP_CANCELED = "reap_canceled"
     CLAIM = "claim"
+    DEFER = "defer"
     RENEW = "renew"
     REPORT = "report"
     SUCCEED = "succeed"
     FAIL = "fail"
     CONFIRM_CANCEL = "confirm_cancel"
+    GIVE_BACK = "give_back"
+    WAIT_AGAIN = "wait_again"
+    PUT_OFF = "put_off"
+    SPLIT = "split"
+    PARTS_REPORT = "parts_report"
+    PARTS_JOINED = "parts_joined"
+    PARTS_FAILED = "parts_failed"
+    PARTS_STOPPED = "parts_stopped"
+    PARTS_WAIT = "parts_wait"
+    PARTS_AGAIN = "parts_again"
+    PARTS_EXPIRED = "parts_expired"
 
 
 @dataclass(frozen=True)
@@ -103,11 +126,24 @@ JOB_TRANSITIONS: Final = {
         Transition(Step.REAP_CANCELED, _CANCELING, _S.CANCELED, "its worker no longer answers", _C.LAPSED, _E.DROPPED),
         # steps of the worker
         Transition(Step.CLAIM, _QUEUED, _S.RUNNING, "a worker takes it", _C.NONE, _E.GRANTED, waiting=False),
+        Transition(Step.DEFER, _QUEUED, None, "its message was used for another key's job: one is due again"),
         Transition(Step.RENEW, HELD, None, "its worker is alive", _C.HELD, _E.PROLONGED),
         Transition(Step.REPORT, HELD, None, "its worker reports progress", _C.HELD),
         Transition(Step.SUCCEED, _RUNNING, _S.SUCCEEDED, "its worker has done it", _C.HELD, _E.DROPPED),
         Transition(Step.FAIL, _RUNNING, _S.FAILED, "its worker cannot do it", _C.HELD, _E.DROPPED),
         Transition(Step.CONFIRM_CANCEL, _CANCELING, _S.CANCELED, "its worker has stopped", _C.HELD, _E.DROPPED),
+        Transition(Step.GIVE_BACK, _RUNNING, _S.QUEUED, "its worker cannot go on", _C.HELD, _E.DROPPED),
+        Transition(Step.WAIT_AGAIN, _RUNNING, _S.QUEUED, "an asset is lost and made again", _C.HELD, _E.DROPPED),
+        Transition(Step.PUT_OFF, _QUEUED, None, "its worker's disk has no room", waiting=False),
+        # of a job that is done in parts: it is running, and its parts have the leases
+        Transition(Step.SPLIT, _RUNNING, None, "its worker has cut it into parts", _C.HELD, _E.DROPPED),
+        Transition(Step.PARTS_REPORT, HELD, None, "a worker of a part reports progress", _C.FREE),
+        Transition(Step.PARTS_JOINED, _RUNNING, _S.SUCCEEDED, "its parts are joined", _C.FREE),
+        Transition(Step.PARTS_FAILED, _RUNNING, _S.FAILED, "one of its parts has failed", _C.FREE),
+        Transition(Step.PARTS_STOPPED, _CANCELING, _S.CANCELED, "none of its parts goes on", _C.FREE),
+        Transition(Step.PARTS_WAIT, _RUNNING, _S.QUEUED, "a part finds an asset lost; it is made again", _C.FREE),
+        Transition(Step.PARTS_AGAIN, _RUNNING, _S.QUEUED, "its join finds a part lost or damaged", _C.FREE),
+        Transition(Step.PARTS_EXPIRED, _RUNNING, _S.EXPIRED, "no worker takes its parts in time", _C.FREE),
     )
 }
 
@@ -133,7 +169,9 @@ def take_step(
     conditions = [Job.id == job_id, Job.state.in_(row.sources)]
     if row.waiting is not None:
         conditions.append(Job.waiting.is_(row.waiting))
-    if row.check is not LeaseCheck.NONE:
+    if row.check is LeaseCheck.FREE:
+        conditions.append(Job.lease_token.is_(None))
+    elif row.check is not LeaseCheck.NONE:
         assert lease is not None, f"{step} needs a lease"  # noqa: S101 - a mistake of the caller, not of the data
         conditions.append(Job.lease_token == lease.token)
     if row.check is LeaseCheck.LAPSED:
@@ -141,7 +179,11 @@ def take_step(
     if only_if is not None:
         conditions.append(only_if)
     written = _of_state(row.target, now) | _of_lease(row.effect, now, lease, lease_s) | {"updated_at": now, **values}
-    return bool(changed(session, update(Job).where(*conditions).values(**written)))
+    taken = bool(changed(session, update(Job).where(*conditions).values(**written)))
+    if taken and row.target in ENDED:  # its webhooks are due from the very transaction that ends it
+        waits = (Delivery.job_id == job_id, Delivery.state == DeliveryState.WAITING)
+        changed(session, update(Delivery).where(*waits).values(state=DeliveryState.PENDING, next_at=now))
+    return taken
 
 
 def _of_state(target: JobState | None, now: datetime) -> dict[str, Any]:
@@ -173,6 +215,7 @@ class MediaStep(StrEnum):
     FINISH = "finish"
     FAIL = "fail"
     VECTORIZE_AGAIN = "vectorize_again"
+    MAKE_AGAIN = "make_again"
 
 
 @dataclass(frozen=True)
@@ -195,6 +238,12 @@ MEDIA_TRANSITIONS: Final = {
             MediaState.FAILED,
             MediaState.VECTORIZING,
             "the same bytes are uploaded again with the same settings",
+        ),
+        MediaTransition(
+            MediaStep.MAKE_AGAIN,
+            MediaState.READY,
+            MediaState.VECTORIZING,
+            "a job finds its asset lost, damaged or of another version",
         ),
     )
 }

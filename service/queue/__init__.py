@@ -5,10 +5,22 @@ The message is a job id. The database is the source of truth, so the broker may 
 
 from __future__ import annotations
 
-from service.queue.broker import QUEUES, RENDER, TASK, VECTORIZE, celery_settings, make_folders
+from service.queue.broker import (
+    PREVIEW,
+    PREVIEW_TASK,
+    QUEUES,
+    RENDER,
+    TASK,
+    VECTORIZE,
+    celery_settings,
+    make_folders,
+    withdraw,
+)
 from service.queue.publisher import Publisher, make_producer, send
 
 __all__ = [
+    "PREVIEW",
+    "PREVIEW_TASK",
     "QUEUES",
     "RENDER",
     "TASK",
@@ -18,4 +30,5 @@ __all__ = [
     "make_folders",
     "make_producer",
     "send",
+    "withdraw",
 ]

@@ -5,13 +5,18 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Iterable
+from typing import Final
 
 import structlog
 from celery import Celery
 
 from service.catalog import Database, Message, jobs
-from service.queue.broker import TASK, celery_settings
+from service.outages import is_outage
+from service.queue.broker import JOB_HEADER, PREVIEW, PREVIEW_TASK, TASK, celery_settings, sent_jobs, withdraw
 from service.settings import Settings
+
+#: messages whose jobs are marked as published in one transaction
+_BATCH: Final = 50
 
 log = structlog.get_logger(__name__)
 
@@ -25,15 +30,19 @@ def make_producer(settings: Settings) -> Celery:
     return producer
 
 
-def send(producer: Celery, message: Message) -> None:
+def send(producer: Celery, message: Message, task: str = TASK) -> None:
     """Hand one message to the broker. Raises the broker's error at once, without trying again."""
-    producer.send_task(TASK, args=[message.job_id], queue=message.queue, ignore_result=True, retry=False)
+    headers = {JOB_HEADER: message.job_id}
+    producer.send_task(
+        task, args=[message.job_id], headers=headers, queue=message.queue, ignore_result=True, retry=False
+    )
 
 
 class Publisher:
     """Sends messages in the background. What cannot be sent stays unpublished, and the reaper tries again."""
 
     def __init__(self, settings: Settings, database: Database) -> None:
+        self._settings = settings
         self._producer = make_producer(settings)
         self._database = database
         self._pending: queue.SimpleQueue[Message | None] = queue.SimpleQueue()
@@ -46,12 +55,32 @@ class Publisher:
     def stop(self) -> None:
         """Send what is pending, then stop; gives up after a few seconds, as the reaper sends the rest."""
         self._pending.put(None)
-        self._thread.join(timeout=5)
+        self._thread.join(timeout=2)
 
     def publish(self, messages: Iterable[Message]) -> None:
         """Queue messages for sending. Returns at once and never fails."""
         for message in messages:
             self._pending.put(message)
+
+    def ask(self, preview_id: str) -> None:
+        """Send for a single picture, at once. Raises the broker's error."""
+        send(self._producer, Message(preview_id, PREVIEW), PREVIEW_TASK)
+
+    def withdraw_preview(self, preview_id: str) -> None:
+        """Take back the message of a picture that nobody waits for."""
+        self.withdraw([Message(preview_id, PREVIEW)])
+
+    def withdraw(self, messages: Iterable[Message]) -> None:
+        """Take back messages of jobs that have ended without a worker."""
+        for message in messages:
+            try:
+                withdraw(self._settings, message)
+            except OSError as error:  # a worker passes over it
+                log.warning("a message could not be taken back", job=message.job_id, error=error.strerror)
+
+    def sent(self, name: str) -> set[str] | None:
+        """The jobs whose messages the broker holds in a queue, or None where it can only count them: see `depth`."""
+        return sent_jobs(self._settings, name)
 
     def depth(self, name: str) -> int:
         """How many messages the broker holds in a queue. Raises when the broker does not answer."""
@@ -62,13 +91,30 @@ class Publisher:
 
     def _run(self) -> None:
         while (message := self._pending.get()) is not None:
-            try:
-                send(self._producer, message)
-            except Exception as error:
-                log.warning("publish failed", job=message.job_id, error=type(error).__name__)
-                continue
-            try:
-                with self._database.write() as session:
-                    jobs.mark_published(session, message.job_id, now=self._database.now())
-            except Exception:  # the message is out; a second one does no harm
-                log.exception("marking a job as published failed", job=message.job_id)
+            sent: list[Message] = []
+            while message is not None:
+                try:
+                    send(self._producer, message)
+                    sent.append(message)
+                except Exception as error:
+                    log.warning("publish failed", job=message.job_id, error=type(error).__name__)
+                if len(sent) >= _BATCH or self._pending.empty():
+                    break
+                message = self._pending.get()
+            self._mark(sent)
+            if message is None:
+                return
+
+    def _mark(self, sent: list[Message]) -> None:
+        """Remember what was sent, in one transaction; take back the messages of jobs that have ended meanwhile."""
+        try:
+            with self._database.write() as session:
+                now = self._database.now()
+                # in the order in which others lock several
+                ordered = sorted(sent, key=lambda message: message.job_id)
+                ended = [one for one in ordered if not jobs.mark_published(session, one.job_id, now=now)]
+        except Exception as error:  # the messages are out; a second one does no harm
+            say = log.warning if is_outage(error) else log.exception
+            say("marking jobs as published failed", count=len(sent), error=type(error).__name__)
+        else:
+            self.withdraw(ended)

@@ -54,7 +54,7 @@ def manifest_of(source: Path, frame_count: int, shots: tuple[int, ...] = (0,)) -
     media |= {"codec": "h264", "pixel_format": "yuv420p"}
     return {
         "vectorizer": "test",
-        "settings": {"mask": "landmarks", "matching": "table", "reference": False},
+        "settings": {"mask": "landmarks", "matching": "table", "reference": False, "input_color": "auto"},
         "source_name": source.name,
         "source_sha256": sha256_file(source),
         "media": media,

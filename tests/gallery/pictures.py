@@ -5,13 +5,13 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from pvg.video import RGB24, Frame, PixelFormat
+from pvg.video import RGB24, RGB48, Frame, PixelFormat
 
 YUV420 = PixelFormat("yuv420p", 8, (1, 1), (0.2126, 0.0722), False)
 YUV422_10 = PixelFormat("yuv422p10le", 10, (1, 0), (0.2126, 0.0722), False)
 YUV444 = PixelFormat("yuv444p", 8, (0, 0), (0.299, 0.114), True)
-FORMATS = (YUV420, YUV422_10, YUV444, RGB24)
-"""Every kind of planes: two depths, three samplings of chroma, limited and full range, and RGB."""
+FORMATS = (YUV420, YUV422_10, YUV444, RGB24, RGB48)
+"""Every kind of planes: three depths, three samplings of chroma, limited and full range, and RGB."""
 
 
 def frame_of(rgb: np.ndarray, pixel_format: PixelFormat) -> Frame:

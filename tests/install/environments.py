@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,7 +29,7 @@ def run(*command: str | Path, **variables: str) -> subprocess.CompletedProcess[s
         cwd="/",
         capture_output=True,
         text=True,
-        timeout=400,
+        timeout=1200,
         check=False,
     )
 
@@ -76,14 +77,14 @@ def bare_environment(folder: Path, python: str | Path) -> Environment:
     return Environment(folder)
 
 
-def build(folder: Path) -> tuple[Path, Path]:
+def build(folder: Path, root: Path = REPOSITORY, sources: Sequence[str] = _SOURCES) -> tuple[Path, Path]:
     """The wheel and the source distribution; the wheel is built from the latter, which therefore is complete."""
     copy = folder / "source"
     copy.mkdir()
-    for name in _SOURCES:
-        path = REPOSITORY / name
+    for name in sources:
+        path = root / name
         if path.is_dir():
-            shutil.copytree(path, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
+            shutil.copytree(path, copy / name, ignore=shutil.ignore_patterns("__pycache__", "*.egg-info"))
         else:
             shutil.copy(path, copy)
     script = "import sys, setuptools.build_meta as backend; print(backend.build_sdist(sys.argv[1]))"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -89,7 +90,7 @@ def test_lambda_changes_contrast_not_mean_colour(video: pvg.VectorVideo, contras
     look = pvg.transfer(video, video, contrast=contrast, protect=())
     for frame in frames_of(video):
         # a softer copy of the frame, so that nothing clips at white or black
-        soft = frame.with_planes((np.rint(0.5 * frame.planes[0] + 60).astype(np.uint8), *frame.planes[1:]))
+        soft = replace(frame, planes=(np.rint(0.5 * frame.planes[0] + 60).astype(np.uint8), *frame.planes[1:]))
         (drawn,) = Renderer(video, [look]).draw(soft)
         matte = matte_of(video, frame)
         change = drawn.rgb().astype(float) - soft.rgb()
@@ -106,7 +107,7 @@ def test_light_that_changes_in_the_clip_survives_exactly(video: pvg.VectorVideo,
     """A flash in the source (the paper's Fig. 8) reaches the result as it is: nothing is fitted to the frame."""
     frame = source_frame(video, FRAMES[1])
     luma = np.clip(frame.planes[0].astype(int) + 12, 0, 235).astype(np.uint8)
-    flashed = frame.with_planes((luma, *frame.planes[1:]))
+    flashed = replace(frame, planes=(luma, *frame.planes[1:]))
     renderer = Renderer(video, [dark_look])
     (plain,), (flash,) = renderer.draw(frame), renderer.draw(flashed)
     unclipped = (frame.planes[0] < 220) & (plain.planes[0] > 1)

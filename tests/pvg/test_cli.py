@@ -6,6 +6,7 @@ import json
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import get_args, get_type_hints
 
@@ -13,19 +14,40 @@ import numpy as np
 import pytest
 
 import pvg
-from pvg import cli
+from pvg import _options as cli
+from pvg.cli import main
 from pvg.face.parts import PARTS
 from pvg.looks import BETA, ITERATIONS, LIGHT, MAKEUP
-from pvg.rendering import LAYERS
-from pvg.video import probe, read_image
-from pvg.video.writing import Codec
+from pvg.rendering import LAYERS, MATTES
+from pvg.video import CONTAINERS, IMAGE_SUFFIXES, INPUT_COLORS, probe, read_image
+from pvg.video.encoders import Codec
 from scripts.samples import Samples
 from tests.conftest import cut_clip
 
+Run = Callable[..., "subprocess.CompletedProcess[str]"]
 
-def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+
+def run_process(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    """The command as a shell starts it: what only a process shows, and all that libraries write by themselves."""
     command = [str(Path(sys.executable).with_name("pvg")), *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+
+
+@pytest.fixture
+def run(capfd: pytest.CaptureFixture[str]) -> Run:
+    """The same without a process of its own, which takes seconds to import everything."""
+
+    def called(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+        code: object = 0
+        capfd.readouterr()
+        try:
+            main([str(argument) for argument in arguments])
+        except SystemExit as end:
+            code = end.code
+        assert isinstance(code, int)
+        return subprocess.CompletedProcess(arguments, code, *capfd.readouterr())
+
+    return called
 
 
 @pytest.fixture(scope="module")
@@ -35,55 +57,64 @@ def clip(samples: Samples, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def asset(clip: Path) -> Path:
-    result = run("vectorize", clip, "-o", clip.with_name("clip.pvg"))
+    result = run_process("vectorize", clip, "-o", clip.with_name("clip.pvg"))
     assert result.returncode == 0, result.stderr
     assert result.stderr == ""  # no progress bar when piped
     return Path(result.stdout.strip())
 
 
+@pytest.fixture(scope="module")
+def reference_asset(samples: Samples, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("cli") / "reference.pvg"
+    pvg.vectorize(samples.pale_portrait, asset=path).close()
+    return path
+
+
 def test_one_reference_writes_a_file(asset: Path, samples: Samples, tmp_path: Path) -> None:
     out = tmp_path / "out.mp4"
-    result = run("transfer", asset, "--reference", samples.dark_portrait, "-o", out, "--contrast", "auto")
+    result = run_process("transfer", asset, "--reference", samples.dark_portrait, "-o", out, "--contrast", "auto")
     assert (result.returncode, result.stdout, result.stderr) == (0, f"{out}\n", "")
     assert probe(out).frame_count == 8
 
 
-def test_several_references_write_a_folder(clip: Path, samples: Samples, tmp_path: Path) -> None:
-    references = ["--reference", samples.dark_portrait, "--reference", samples.pale_portrait]
+def test_several_references_write_a_folder(
+    run: Run, clip: Path, samples: Samples, reference_asset: Path, tmp_path: Path
+) -> None:
+    references = ["--reference", samples.dark_portrait, "--reference", reference_asset]
     result = run("transfer", clip, *references, "-o", tmp_path / "looks", "--strength", "0.5")
     assert result.returncode == 0, result.stderr
     names = sorted(path.name for path in (tmp_path / "looks").iterdir())
-    assert names == sorted(f"{p.stem}.mp4" for p in (samples.dark_portrait, samples.pale_portrait))
+    assert names == sorted(f"{p.stem}.mp4" for p in (samples.dark_portrait, reference_asset))
 
 
-def test_an_image_and_a_reference_asset(samples: Samples, tmp_path: Path) -> None:
-    reference = tmp_path / "reference.pvg"
-    assert run("vectorize", samples.pale_portrait, "-o", reference).returncode == 0
-    result = run("transfer", samples.portrait, "--reference", reference, "-o", tmp_path / "out.png")
+def test_an_image_and_a_reference_asset(run: Run, samples: Samples, reference_asset: Path, tmp_path: Path) -> None:
+    result = run("transfer", samples.portrait, "--reference", reference_asset, "-o", tmp_path / "out.png")
     assert result.returncode == 0, result.stderr
     before, after = (read_image(p).rgb().astype(int) for p in (samples.portrait, tmp_path / "out.png"))
     assert before.shape == after.shape
     assert (before != after).any()
 
 
-def test_swap_writes_both(clip: Path, samples: Samples, tmp_path: Path) -> None:
-    result = run("swap", clip, samples.dark_portrait, "-o", tmp_path / "swapped")
+def test_swap_writes_both(run: Run, asset: Path, samples: Samples, tmp_path: Path) -> None:
+    result = run("swap", asset, samples.dark_portrait, "-o", tmp_path / "swapped")
     assert result.returncode == 0, result.stderr
     assert {path.suffix for path in (tmp_path / "swapped").iterdir()} == {".mp4", ".png"}
 
 
-def test_swap_within_one_writes_a_file_and_warns_of_small_faces(group: pvg.VectorVideo, tmp_path: Path) -> None:
+def test_swap_within_one_writes_a_file_and_warns_of_small_faces(
+    run: Run, group: pvg.VectorVideo, tmp_path: Path
+) -> None:
     out = tmp_path / "swapped.png"
     result = run("swap", group.path, "--faces", "1,4", "-o", out, "--contrast", "0.8,1.2")
     assert (result.returncode, result.stdout) == (0, f"{out}\n"), result.stderr
     expected = pvg.render_frame(group, pvg.exchange(group, (1, 4), contrast=(0.8, 1.2)), 0)
     np.testing.assert_array_equal(read_image(out).rgb(), expected)
-    assert result.stderr.splitlines() == [
+    assert [line for line in result.stderr.splitlines() if ", face " in line] == [
         f"pvg: warning: group.pvg, face {face}: {group.faces[face].warnings[0]}" for face in (1, 4)
     ]
 
 
-def test_a_face_of_a_group_is_the_reference(asset: Path, group: pvg.VectorVideo, tmp_path: Path) -> None:
+def test_a_face_of_a_group_is_the_reference(run: Run, asset: Path, group: pvg.VectorVideo, tmp_path: Path) -> None:
     out = tmp_path / "out.png"
     arguments = ["transfer", group.path, "--face", "0", "--reference", group.path, "-o", out]
     paper = ["--iterations", "5", "--beta", "0.5", "--seed", "3"]
@@ -93,14 +124,93 @@ def test_a_face_of_a_group_is_the_reference(asset: Path, group: pvg.VectorVideo,
     look = pvg.transfer(group, group, faces=[0], reference_face=2, **options)  # type: ignore[arg-type]
     np.testing.assert_array_equal(read_image(out).rgb(), pvg.render_frame(group, look, 0))
     # of those that take part, each once for the clip and once for the reference
-    assert [line.split(": ")[2] for line in result.stderr.splitlines()] == ["group.pvg, face 0", "group.pvg, face 2"]
+    said = [line.split(": ")[2] for line in result.stderr.splitlines()]
+    assert said == ["group.pvg, face 0", "group.pvg, face 2", "out.png"]  # what the picture's file had besides
 
 
-def test_inspect_prints_a_summary(asset: Path) -> None:
+def test_an_export_is_a_folder_for_a_grading_suite(
+    run: Run, asset: Path, reference_asset: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "suite"
+    result = run("export", asset, "--reference", reference_asset, "-o", folder, "--matte", "png", "--light", "0")
+    assert (result.returncode, result.stderr) == (0, "")
+    assert result.stdout.splitlines() == [str(folder / name) for name in ("look.cube", "matte", "README.txt")]
+    assert len(list((folder / "matte").iterdir())) == 8
+    (tmp_path / "file").write_text("")
+    refused = run("export", asset, "--reference", reference_asset, "-o", tmp_path / "file")
+    assert refused.returncode == 2
+    assert "is a file" in refused.stderr
+
+
+def test_a_camera_logarithm_is_named_not_guessed(run: Run, clip: Path) -> None:
+    plain = json.loads(run("inspect", clip).stdout)["media"]
+    named = json.loads(run("inspect", clip, "--input-color", "slog3").stdout)["media"]
+    assert (plain["color"], named["color"]) == ("SDR", "S-Log3")
+    assert run("inspect", clip, "--input-color", "slog2").returncode == 2
+
+
+def test_inspect_tells_of_a_picture_what_an_output_keeps(run: Run, samples: Samples) -> None:
+    found = json.loads(run("inspect", samples.dark_portrait, "--container", "jpg").stdout)
+    assert found["media"]["kind"] == "image"
+    assert found["output"]["container"] == "jpg"
+    assert isinstance(found["output"]["not_kept"], list)
+    refused = json.loads(run("inspect", samples.dark_portrait, "--container", "mp4").stdout)
+    assert "refused" in refused["output"]
+
+
+def test_inspect_prints_a_summary(run: Run, asset: Path) -> None:
     result = run("inspect", asset)
     summary = json.loads(result.stdout)
     assert summary["media"]["frame_count"] == 8
     assert summary["faces"][0]["width_px"] > 100
+
+
+def test_inspect_tells_of_a_clip_what_an_output_keeps(run: Run, clip: Path, samples: Samples) -> None:
+    found = json.loads(run("inspect", clip, "--container", "mov", "--codec", "prores").stdout)
+    assert found["media"]["frame_count"] == 8
+    assert found["output"]["codec"] == "prores"
+    assert "4:2:2, 10 bits" in found["output"]["changed"][0]
+    assert found["output"]["not_kept"] == []
+    refused = json.loads(run("inspect", clip, "--container", "webm", "--codec", "ffv1").stdout)["output"]["refused"]
+    assert refused == "WebM holds vp9 or av1, not ffv1; write .mkv or --container nut"
+    assert json.loads(run("inspect", samples.portrait).stdout)["media"]["kind"] == "image"
+    assert run("inspect", clip, "--layer", "mask", "-o", clip.with_suffix(".png")).returncode == 2
+
+
+def test_pictures_go_through_pipes(asset: Path, reference_asset: Path, tmp_path: Path) -> None:
+    """Out of one command as a stream and into another, with nothing else on standard output."""
+    look = ["--reference", str(reference_asset)]
+    command = [str(Path(sys.executable).with_name("pvg")), "transfer", str(asset), *look]
+    given = subprocess.run([*command, "--strength", "0", "-o", "-"], capture_output=True, timeout=300, check=True)
+    assert given.stdout.startswith(b"nut/multimedia container\0")
+    taken = subprocess.run(
+        [*command, "--source", "-", "-o", "-", "--container", "y4m"],
+        input=given.stdout,
+        capture_output=True,
+        timeout=300,
+        check=True,
+    )
+    assert taken.stdout.startswith(b"YUV4MPEG2 W640 H360 F")
+    assert taken.stdout.count(b"FRAME\n") >= 8
+    assert b"standard output: " in taken.stderr
+    bad = subprocess.run(
+        [*command, "--source", "-", "-o", str(tmp_path / "o.mp4")],
+        input=b"hello",
+        capture_output=True,
+        timeout=300,
+        check=False,
+    )
+    assert bad.returncode == 3
+    assert b"neither NUT nor YUV4MPEG2" in bad.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_a_codec_changes_is_said(run: Run, asset: Path, reference_asset: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out.mov"
+    result = run("transfer", asset, "--reference", reference_asset, "-o", out, "--codec", "prores")
+    assert (result.returncode, result.stdout) == (0, f"{out}\n")
+    assert result.stderr.startswith("pvg: warning: out.mov: pictures become Y'CbCr 4:2:2, 10 bits")
+    assert probe(out).codec == "prores"
 
 
 @pytest.mark.parametrize("layer", ["image", "landmarks", "mask", "matte", "curves", "low", "high"])
@@ -114,14 +224,16 @@ def test_inspect_draws_every_layer(asset: Path, clip: Path, tmp_path: Path, laye
     assert (layer == "image") == bool((drawn == image).all())
 
 
-def test_inspect_writes_a_picture(asset: Path, tmp_path: Path) -> None:
+def test_inspect_writes_a_picture(run: Run, asset: Path, tmp_path: Path) -> None:
     result = run("inspect", asset, "--frame", "3", "--layer", "curves", "-o", tmp_path / "curves.png")
     assert result.returncode == 0, result.stderr
     assert read_image(tmp_path / "curves.png").rgb().shape == (360, 640, 3)
 
 
-def test_bad_arguments_exit_with_2(asset: Path, clip: Path, samples: Samples, tmp_path: Path) -> None:
-    look = ["--reference", samples.dark_portrait]
+def test_bad_arguments_exit_with_2(
+    run: Run, asset: Path, clip: Path, samples: Samples, reference_asset: Path, tmp_path: Path
+) -> None:
+    look = ["--reference", reference_asset]
     for arguments in (
         ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--contrast", "3"],
         ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--contrast", "strong"],
@@ -135,6 +247,14 @@ def test_bad_arguments_exit_with_2(asset: Path, clip: Path, samples: Samples, tm
         ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--makeup", "lips=1,lips=0"],
         ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--iterations", "-1"],
         ["transfer", asset, *look, *look, "-o", tmp_path / "o.mp4"],
+        ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--container", "mkv"],
+        ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--container", "nut"],
+        ["transfer", asset, *look, "-o", tmp_path / "o.mov", "--codec", "ffv1"],
+        ["transfer", clip, *look, "-o", tmp_path / "o.mov", "--codec", "ffv1"],
+        ["transfer", asset, *look, "-o", tmp_path / "o.mov", "--codec", "prores", "--crf", "20"],
+        ["transfer", asset, *look, "-o", "-", "--container", "mp4"],
+        ["transfer", asset, *look, *look, "-o", "-"],
+        ["transfer", clip, *look, "--source", "-", "-o", tmp_path / "o.mp4"],
         ["swap", asset, asset, "-o", tmp_path / "o"],
         ["swap", asset, clip, "-o", tmp_path / "o"],
         ["swap", asset, "-o", tmp_path / "o.mp4"],
@@ -147,23 +267,25 @@ def test_bad_arguments_exit_with_2(asset: Path, clip: Path, samples: Samples, tm
     ):
         result = run(*arguments)
         assert result.returncode == 2, (arguments, result.stderr)
+    assert run_process("paint", asset).returncode == 2
     assert list(tmp_path.iterdir()) == []
 
 
-def test_bad_input_exits_with_3_and_one_line(samples: Samples, tmp_path: Path) -> None:
-    text = tmp_path / "text.mp4"
+def test_bad_input_exits_with_3_and_one_line(run: Run, samples: Samples, tmp_path: Path) -> None:
+    text, ground = tmp_path / "text.mp4", tmp_path / "ground.mp4"
     text.write_text("hello")
-    for source, words in (
-        (samples.no_face_clip, "no face found"),
-        (text, "text.mp4"),
-        (tmp_path / "missing.mp4", "missing.mp4"),
+    cut_clip(samples.no_face_clip, ground, 0, 4)
+    for command, source, words in (
+        (run, ground, "no face found"),
+        (run_process, text, "text.mp4"),
+        (run, tmp_path / "missing.mp4", "missing.mp4"),
     ):
-        result = run("vectorize", source, "-o", tmp_path / "o.pvg")
+        result = command("vectorize", source, "-o", tmp_path / "o.pvg")
         assert result.returncode == 3
         assert words in result.stderr
         assert result.stderr.count("\n") == 1
         assert result.stderr.startswith("pvg: ")
-    assert [path.name for path in tmp_path.iterdir()] == ["text.mp4"]
+    assert {path.name for path in tmp_path.iterdir()} == {"text.mp4", "ground.mp4"}
 
 
 def test_the_help_loads_no_library() -> None:
@@ -180,14 +302,13 @@ def test_the_help_loads_no_library() -> None:
         assert done.stdout == "[]\n"
 
 
-def test_a_transfer_between_assets_loads_no_network(asset: Path, samples: Samples, tmp_path: Path) -> None:
-    reference, out = tmp_path / "reference.pvg", tmp_path / "out.mp4"
-    assert run("vectorize", samples.pale_portrait, "-o", reference).returncode == 0
+def test_a_transfer_between_assets_loads_no_network(asset: Path, reference_asset: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out.mp4"
     script = (
         "import sys, pvg.cli; pvg.cli.main(sys.argv[1:]); "
         "print(sorted({'onnxruntime', 'onnx', 'tqdm', 'pvg.vectorization', 'scipy.ndimage'} & set(sys.modules)))"
     )
-    arguments = ["transfer", asset, "--reference", reference, "-o", out]
+    arguments = ["transfer", asset, "--reference", reference_asset, "-o", out]
     done = subprocess.run(
         [sys.executable, "-c", script, *map(str, arguments)], capture_output=True, text=True, check=True
     )
@@ -207,38 +328,46 @@ def test_the_choices_are_the_librarys() -> None:
     assert get_args(parameters["mask"]) == cli.MASKS
     assert get_args(parameters["matching"]) == cli.MATCHINGS
     assert get_args(Codec) == cli.CODECS
+    assert set(cli.CLIP_CONTAINERS) <= set(CONTAINERS)
     assert (MAKEUP, LIGHT, BETA, ITERATIONS) == (cli.MAKEUP, cli.LIGHT, cli.BETA, cli.ITERATIONS)
     assert PARTS == cli.PARTS
     assert cli.LAYERS == LAYERS
+    assert cli.MATTES == MATTES
+    assert cli.INPUT_COLORS == INPUT_COLORS
+    assert {f".{name}" for name in cli.IMAGE_CONTAINERS} <= set(IMAGE_SUFFIXES)
 
 
 def test_the_version() -> None:
-    result = run("--version")
+    result = run_process("--version")
     assert (result.returncode, result.stdout) == (0, f"pvg {pvg.__version__}\n")
 
 
-def test_an_asset_and_its_clip_may_move_together(asset: Path, clip: Path, samples: Samples, tmp_path: Path) -> None:
+def test_an_asset_and_its_clip_may_move_together(
+    run: Run, asset: Path, clip: Path, reference_asset: Path, tmp_path: Path
+) -> None:
     (tmp_path / "moved").mkdir()
     for path in (asset, clip):
         shutil.copy(path, tmp_path / "moved")
-    look = ["--reference", samples.dark_portrait, "-o", tmp_path / "o.mp4"]
+    look = ["--reference", reference_asset, "-o", tmp_path / "o.mp4"]
     assert run("transfer", tmp_path / "moved" / asset.name, *look).returncode == 0
 
 
-def test_an_asset_without_its_clip_names_it(asset: Path, samples: Samples, tmp_path: Path) -> None:
+def test_an_asset_without_its_clip_names_it(run: Run, asset: Path, reference_asset: Path, tmp_path: Path) -> None:
     alone = tmp_path / "alone.pvg"
     alone.write_bytes(asset.read_bytes())
-    result = run("transfer", alone, "--reference", samples.dark_portrait, "-o", tmp_path / "o.mp4")
+    result = run("transfer", alone, "--reference", reference_asset, "-o", tmp_path / "o.mp4")
     assert result.returncode == 3
     assert result.stderr.startswith("pvg: alone.pvg is drawn on clip.mp4")
     assert "--source" in result.stderr
 
 
-def test_outputs_are_refused_before_the_work_begins(asset: Path, clip: Path, samples: Samples, tmp_path: Path) -> None:
+def test_outputs_are_refused_before_the_work_begins(
+    run: Run, asset: Path, clip: Path, reference_asset: Path, tmp_path: Path
+) -> None:
     """The input is no clip, which nobody gets to see: the output is looked at first."""
     text = tmp_path / "text.mp4"
     text.write_text("hello")
-    look = ["--reference", samples.dark_portrait]
+    look = ["--reference", reference_asset]
     cases: list[tuple[list[str | Path], int, str]] = [
         (["vectorize", text, "-o", tmp_path], 3, "Is a directory"),
         (["vectorize", text, "-o", tmp_path / "none" / "o.pvg"], 3, f"No such file or directory: {tmp_path}/none\n"),

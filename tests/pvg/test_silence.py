@@ -49,15 +49,27 @@ def traced(log: Path, command: list[str], home: Path) -> list[str]:
     return [line for line in log.read_text().splitlines() if re.search(r"AF_INET6?\b|AF_NETLINK|port=", line)]
 
 
-def test_vectorising_looks_nothing_up_and_calls_nobody(home: Path, samples: Samples, tmp_path: Path) -> None:
-    asset = tmp_path / "portrait.pvg"
+def test_vectorising_and_rendering_look_nothing_up_and_call_nobody(
+    home: Path, samples: Samples, tmp_path: Path
+) -> None:
     # onnxruntime sends its first report by a thread, more than 4 s after the networks are loaded
-    script = "import sys, time, pvg; pvg.vectorize(sys.argv[1], asset=sys.argv[2]).close(); time.sleep(12)"
-    seen = traced(tmp_path / "log", [sys.executable, "-c", script, str(samples.portrait), str(asset)], home)
+    script = """
+import sys, time, pvg
+with pvg.vectorize(sys.argv[1], asset=sys.argv[4]) as video, pvg.vectorize(sys.argv[2]) as reference:
+    pvg.render(video, [pvg.transfer(video, reference)], [sys.argv[3]])
+time.sleep(12)
+"""
+    out, asset = tmp_path / "out.png", tmp_path / "portrait.pvg"
+    paths = [str(samples.portrait), str(samples.dark_portrait), str(out), str(asset)]
+    assert traced(tmp_path / "log", [sys.executable, "-c", script, *paths], home) == []
+    assert out.exists()
     assert asset.exists()
-    assert seen == []
-    others = [path for path in home.rglob("*") if path.is_file() and not path.is_relative_to(home / ".cache" / "pvg")]
-    assert others == []
+    assert left_behind(home) == []
+
+
+def left_behind(home: Path) -> list[Path]:
+    """Files in a home folder that are not this library's."""
+    return [path for path in home.rglob("*") if path.is_file() and not path.is_relative_to(home / ".cache" / "pvg")]
 
 
 def test_the_trace_would_show_a_call(home: Path, tmp_path: Path) -> None:

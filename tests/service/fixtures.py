@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import hashlib
-import socket
+import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
 import structlog
-import uvicorn
+from sqlalchemy.engine import make_url
+from sqlalchemy.orm import Session
 
 from service.api import Services, create_app
+from service.api.examples import MEDIUM
+from service.api.server import listen, make_server
 from service.catalog import (
     DEFAULT_VECTOR_SETTINGS,
     Asset,
@@ -27,19 +32,25 @@ from service.catalog import (
     Media,
     NewLook,
     Output,
+    PartName,
+    PartOf,
     RenderRequest,
     Report,
     Role,
     Upload,
     VectorSettings,
+    content_type_of,
     jobs,
     media,
     results,
+    tombstones,
+    utc_now,
 )
 from service.catalog.migrations import migrate
 from service.ids import new_id
 from service.settings import Settings
-from tests.service.servers import fresh_database, postgres_server, redis_server
+from tests.parts import fresh_parts
+from tests.service.servers import fresh_database, is_from_template
 
 PNG = b"\x89PNG\r\n\x1a\n"
 MP4 = b"\x00\x00\x00\x18ftypisom\x00\x00\x02\x00isomiso2"
@@ -69,18 +80,6 @@ class FakeClock:
         self.time += timedelta(seconds=seconds)
 
 
-@pytest.fixture(scope="session")
-def postgres_url() -> Iterator[str]:
-    with postgres_server() as url:
-        yield url
-
-
-@pytest.fixture(scope="session")
-def redis_url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    with redis_server(tmp_path_factory.mktemp("redis")) as url:
-        yield url
-
-
 @pytest.fixture
 def clock() -> FakeClock:
     return FakeClock()
@@ -90,23 +89,52 @@ def clock() -> FakeClock:
 def database(request: pytest.FixtureRequest, tmp_path: Path, clock: FakeClock) -> Iterator[Database]:
     """An empty catalog, once on each engine."""
     if request.param == "sqlite":
-        yield from _open(f"sqlite:///{tmp_path / 'catalog.sqlite3'}", clock)
+        url = f"sqlite:///{tmp_path / 'catalog.sqlite3'}"
+        make_tables(url)
+        yield from _open(url, clock)
         return
-    with fresh_database(request.getfixturevalue("postgres_url")) as url:
+    server = request.getfixturevalue("postgres_url")
+    with fresh_database(server, request.getfixturevalue("postgres_tables")) as url:
         yield from _open(url, clock)
 
 
 def _open(url: str, clock: FakeClock) -> Iterator[Database]:
-    migrate(url)
     database = Database(url, clock=clock)
     yield database
     database.close()
 
 
+@cache
+def _sqlite_tables() -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        migrate(f"sqlite:///{folder}/catalog.sqlite3")
+        return (Path(folder) / "catalog.sqlite3").read_bytes()
+
+
+def make_tables(url: str) -> None:
+    """What `migrate` does to a database that is not there yet; to a SQLite file sooner, once it was done to one."""
+    parsed = make_url(url)
+    path = Path(parsed.database or "")
+    if is_from_template(url):
+        return
+    if parsed.get_backend_name() != "sqlite" or path.exists():
+        migrate(url)
+        return
+    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    path.touch(mode=0o600)
+    path.write_bytes(_sqlite_tables())
+
+
 @pytest.fixture
-def settings(tmp_path: Path) -> Settings:
+def settings(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Settings]:
+    """Those of an embedded service, or with `--scaled` of one on PostgreSQL, Redis and S3."""
     # rounds of the reaper are run by the tests themselves
-    return Settings(data_dir=tmp_path / "data", reap_interval_s=3600)
+    embedded = Settings(data_dir=tmp_path / "data", reap_interval_s=3600)
+    if not request.config.getoption("--scaled"):
+        yield embedded
+        return
+    with fresh_parts(request) as parts:
+        yield embedded.model_copy(update=parts)
 
 
 @dataclass(frozen=True)
@@ -133,11 +161,10 @@ def api(settings: Settings) -> Iterator[Api]:
 
 def serve(settings: Settings) -> Iterator[Api]:
     """Run the API of these settings in a thread."""
-    migrate(settings.database)
+    make_tables(settings.database)
     app = create_app(settings)
-    server = uvicorn.Server(uvicorn.Config(app, log_config=None, access_log=False, timeout_graceful_shutdown=2))
-    with socket.socket() as listener:
-        listener.bind(("127.0.0.1", 0))
+    server = make_server(app, settings, drain_s=2)
+    with listen("127.0.0.1", 0)[0] as listener:
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
         thread.start()
         try:
@@ -161,13 +188,21 @@ def add_media(
     *,
     content: bytes | None = None,
     settings: VectorSettings = DEFAULT_VECTOR_SETTINGS,
+    owner: str = "",
 ) -> Media:
     """Record a medium as an upload does."""
     media_id = new_id("vid" if role is Role.VIDEO else "ref")
     sha256 = hashlib.sha256(content or media_id.encode()).hexdigest()
-    upload = Upload(media_id, role, sha256, 10, "video/mp4", "clip.mp4", f"source/{media_id}", settings)
+    upload = Upload(media_id, role, sha256, 10, "video/mp4", "clip.mp4", f"source/{media_id}", settings, owner)
     with database.write() as session:
+        announce(session, upload.source_key)
         return media.create(session, upload, now=database.now(), ttl_s=1000)
+
+
+def announce(session: Session, *keys: str) -> None:
+    """What is written before a blob is; for records whose blobs the test does without."""
+    for key in keys:
+        tombstones.expect(session, key, now=utc_now(), within_s=900)
 
 
 def add_transfer(database: Database, video: Media, reference: Media) -> str:
@@ -187,7 +222,7 @@ def claim(database: Database, job_id: str, lease_s: float = 30) -> Lease:
 
 def make_ready(services: Services, media_id: str, *, faces: int = 1) -> None:
     """End a medium's vectorisation well, and let waiting jobs go."""
-    database, storage = services.database, services.storage
+    database, storage = services.background, services.storage
     with database.read() as session:
         medium = media.get(session, media_id)
     assert medium is not None
@@ -195,27 +230,41 @@ def make_ready(services: Services, media_id: str, *, faces: int = 1) -> None:
     draft = storage.draft()
     draft.write_bytes(b"asset of " + media_id.encode())
     key = storage.key("asset", medium.sha256, media_id, ".pvg")
-    storage.put(draft, key)
-    asset = Asset(key, 30, {"kind": "video"}, [{"index": i, "width_px": 300.0} for i in range(faces)], [])
+    services.blobs.put(draft, key)
+    found = [MEDIUM["faces"][0] | {"index": i, "width_px": 300.0} for i in range(faces)]
+    asset = Asset(key, 30, MEDIUM["media"], found, [])
     with database.write() as session:
         assert media.finish(session, lease, asset, now=database.now(), timings={}) == []
     with database.write() as session:
         jobs.release(session, now=database.now())
 
 
-def make_results(services: Services, job_id: str, contents: list[bytes], report: Report | None = None) -> list[str]:
-    """End a job well with these files as its results."""
-    lease = claim(services.database, job_id)
-    outputs = []
+def make_results(
+    services: Services,
+    job_id: str,
+    contents: list[bytes],
+    report: Report | None = None,
+    parts: Sequence[tuple[PartName, int, bytes]] = (),
+) -> list[str]:
+    """End a job well with these files as its results, each with the same parts of persons."""
+    lease = claim(services.background, job_id)
+    outputs: list[Output] = []
     for position, content in enumerate(contents):
-        draft = services.storage.draft()
-        draft.write_bytes(content)
-        sha256, result_id = hashlib.sha256(content).hexdigest(), new_id("res")
-        key = services.storage.key("result", sha256, result_id, ".mp4")
-        services.storage.put(draft, key)
-        name = f"clip–{position}.mp4"
-        outputs.append(Output(result_id, position, key, sha256, len(content), "video/mp4", name, report))
-    now = services.database.now()
-    with services.database.write() as session:
+        result = _output(services, position, content, f"clip–{position}.mp4", report=report)
+        outputs.append(result)
+        for part, person, data in parts:
+            name = f"clip-look-{person}.cube" if part == "look.cube" else f"clip-matte-{person}.mkv"
+            outputs.append(_output(services, position, data, name, part_of=PartOf(result.result_id, part, person)))
+    now = services.background.now()
+    with services.background.write() as session:
         assert results.publish(session, lease, outputs, now=now, timings={"render_s": 1.0}, ttl_s=1000)
-    return [output.result_id for output in outputs]
+    return [output.result_id for output in outputs if output.part_of is None]
+
+
+def _output(services: Services, position: int, content: bytes, name: str, **more: Any) -> Output:
+    draft = services.storage.draft()
+    draft.write_bytes(content)
+    sha256, result_id, suffix = hashlib.sha256(content).hexdigest(), new_id("res"), Path(name).suffix
+    key = services.storage.key("result", sha256, result_id, suffix)
+    services.blobs.put(draft, key)
+    return Output(result_id, position, key, sha256, len(content), content_type_of(suffix), name, **more)

@@ -4,22 +4,36 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import socket
 import subprocess
 import tempfile
+import threading
 import time
 import uuid
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Final, NoReturn
 
 import psycopg
 import pytest
 import redis
 from sqlalchemy.engine import make_url
 
+#: what tests start or use and no Python package brings: its name in a skipped test's reason, and Debian's package of it
+PACKAGES: Final = {
+    "redis-server": "redis-server",
+    "PostgreSQL": "postgresql",
+    "chromium": "chromium",
+    "strace": "strace",
+    "curl": "curl",
+    "jq": "jq",
+    "nginx": "nginx-light",
+}
 
-def missing(what: str) -> None:
+
+def missing(what: str) -> NoReturn:
     """Skip the test, or fail it where the servers are required."""
     if os.environ.get("PVG_REQUIRE_SERVERS") == "1":
         pytest.fail(f"PVG_REQUIRE_SERVERS=1, but {what}")
@@ -32,7 +46,8 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def _stop(process: subprocess.Popen[bytes]) -> None:
+def stop(process: subprocess.Popen[bytes]) -> None:
+    """End a server; one that does not is killed."""
     process.terminate()
     try:
         process.wait(10)
@@ -62,7 +77,7 @@ def redis_server(folder: Path, port: int | None = None) -> Iterator[str]:
                     time.sleep(0.05)
         yield f"redis://127.0.0.1:{port}/0"
     finally:
-        _stop(process)
+        stop(process)
 
 
 def _postgres_bin() -> Path | None:
@@ -79,44 +94,156 @@ def _run(command: list[str], folder: Path) -> None:
 
 @contextmanager
 def postgres_server() -> Iterator[str]:
-    """A PostgreSQL cluster of our own; the URL of its first database."""
+    """A PostgreSQL cluster of our own, or the one that is given; the URL of its first database."""
     given = os.environ.get("PVG_TEST_DATABASE_URL")
     if given:
         yield given
         return
+    with postgres_of_our_own() as server:
+        yield server.url
+
+
+@contextmanager
+def postgres_of_our_own() -> Iterator[Postgres]:
+    """A PostgreSQL cluster that may be stopped."""
     binaries = _postgres_bin()
     if binaries is None:
-        missing("PostgreSQL is not installed and PVG_TEST_DATABASE_URL is not set")
-        return
+        missing("PostgreSQL is not installed")
     # pytest's own temporary folders are closed to other users, and PostgreSQL refuses to run as root
     with tempfile.TemporaryDirectory(prefix="pvg-postgres-") as name:
         yield from _run_postgres(binaries, Path(name))
 
 
-def _run_postgres(binaries: Path, folder: Path) -> Iterator[str]:
-    prefix: list[str] = []
-    if os.geteuid() == 0:
-        prefix = ["runuser", "-u", "postgres", "--"]
-        shutil.chown(folder, "postgres")
-    data, port = folder / "data", free_port()
-    _run([*prefix, str(binaries / "initdb"), "-D", str(data), "-U", "pvg", "-A", "trust", "--no-sync"], folder)
-    options = f"-p {port} -c listen_addresses=127.0.0.1 -c unix_socket_directories={folder} -c fsync=off"
-    control = [*prefix, str(binaries / "pg_ctl"), "-D", str(data), "-w"]
-    _run([*control, "-o", options, "-l", str(folder / "log"), "start"], folder)
+class Postgres:
+    """A PostgreSQL cluster in a folder, not started yet."""
+
+    def __init__(self, binaries: Path, folder: Path) -> None:
+        prefix: list[str] = []
+        if os.geteuid() == 0:
+            prefix = ["runuser", "-u", "postgres", "--"]
+            shutil.chown(folder, "postgres")
+        self._folder, self._data, port = folder, folder / "data", free_port()
+        init = [*prefix, str(binaries / "initdb"), "-D", str(self._data), "-U", "pvg", "-A", "trust", "--no-sync"]
+        _run(init, folder)
+        self._options = f"-p {port} -c listen_addresses=127.0.0.1 -c unix_socket_directories={folder} -c fsync=off"
+        self._control = [*prefix, str(binaries / "pg_ctl"), "-D", str(self._data), "-w"]
+        self.url = f"postgresql+psycopg://pvg@127.0.0.1:{port}/postgres"
+
+    def start(self) -> None:
+        """Start it, also after `stop`."""
+        _run([*self._control, "-o", self._options, "-l", str(self._folder / "log"), "start"], self._folder)
+
+    def stop(self) -> None:
+        """Stop it as a crash does: connections end, and are refused."""
+        _run([*self._control, "-m", "immediate", "stop"], self._folder)
+
+    def freeze(self) -> None:
+        """Stop its processes where they are: connections stay, and nothing answers."""
+        self._signal(signal.SIGSTOP)
+
+    def thaw(self) -> None:
+        """Let its processes go on."""
+        self._signal(signal.SIGCONT)
+
+    def _signal(self, number: signal.Signals) -> None:
+        first = (self._data / "postmaster.pid").read_text().split()[0]
+        # the one that starts others first, so that none is missed
+        os.kill(int(first), number)
+        for child in Path(f"/proc/{first}/task/{first}/children").read_text().split():
+            os.kill(int(child), number)
+
+
+def _run_postgres(binaries: Path, folder: Path) -> Iterator[Postgres]:
+    server = Postgres(binaries, folder)
+    server.start()
     try:
-        yield f"postgresql+psycopg://pvg@127.0.0.1:{port}/postgres"
+        yield server
     finally:
-        _run([*control, "-m", "immediate", "stop"], folder)
+        server.stop()
+
+
+class Wire:
+    """A port that leads to a server, and can be cut: connections end, new ones are refused; or hang."""
+
+    def __init__(self, port: int) -> None:
+        self._target = port
+        self.port = free_port()
+        self._pairs: list[socket.socket] = []
+        self._flows = threading.Event()
+        self._listener: socket.socket | None = None
+
+    def connect(self) -> None:
+        """Let everything through."""
+        self._flows.set()
+        if self._listener is None:
+            self._listener = socket.create_server(("127.0.0.1", self.port))
+            threading.Thread(target=self._accept, args=(self._listener,), daemon=True).start()
+
+    def cut(self) -> None:
+        """End all connections and refuse new ones."""
+        if self._listener is not None:
+            self._listener.shutdown(socket.SHUT_RDWR)
+            self._listener.close()
+            self._listener = None
+        for one in self._pairs:
+            with suppress(OSError):
+                one.shutdown(socket.SHUT_RDWR)
+        self._pairs.clear()
+
+    def hang(self) -> None:
+        """Let nothing through, and end nothing."""
+        self._flows.clear()
+
+    def _accept(self, listener: socket.socket) -> None:
+        with suppress(OSError):
+            while True:
+                near = listener.accept()[0]
+                far = socket.create_connection(("127.0.0.1", self._target))
+                self._pairs += [near, far]
+                for source, sink in ((near, far), (far, near)):
+                    threading.Thread(target=self._pump, args=(source, sink), daemon=True).start()
+
+    def _pump(self, source: socket.socket, sink: socket.socket) -> None:
+        with suppress(OSError):
+            while data := source.recv(65536):
+                self._flows.wait()
+                sink.sendall(data)
+        for one in (source, sink):
+            with suppress(OSError):
+                one.shutdown(socket.SHUT_RDWR)
+        source.close()  # the sink is another pump's source
 
 
 @contextmanager
-def fresh_database(server_url: str) -> Iterator[str]:
-    """An empty database in the server; its URL."""
+def wire_to(url: str) -> Iterator[tuple[Wire, str]]:
+    """A wire to the server of a database, and the URL that leads over it."""
+    parsed = make_url(url)
+    assert parsed.port is not None
+    wire = Wire(parsed.port)
+    wire.connect()
+    try:
+        yield wire, parsed.set(port=wire.port).render_as_string(hide_password=False)
+    finally:
+        wire.connect()
+        wire.cut()
+
+
+_COPY: Final = "_copy"
+
+
+def is_from_template(url: str) -> bool:
+    """The database was made from another one, with its tables."""
+    return str(make_url(url).database).endswith(_COPY)
+
+
+@contextmanager
+def fresh_database(server_url: str, template: str = "template1") -> Iterator[str]:
+    """A database of its own in the server, empty or like the one of this name; its URL."""
     url = make_url(server_url)
-    name = f"pvg_test_{uuid.uuid4().hex[:12]}"
+    name = f"pvg_test_{uuid.uuid4().hex[:12]}{_COPY if template != 'template1' else ''}"
     plain = url.set(drivername="postgresql").render_as_string(hide_password=False)
     with psycopg.connect(plain, autocommit=True) as connection:
-        connection.execute(f'CREATE DATABASE "{name}"'.encode())
+        connection.execute(f'CREATE DATABASE "{name}" TEMPLATE "{template}"'.encode())
     try:
         yield url.set(database=name).render_as_string(hide_password=False)
     finally:

@@ -2,15 +2,21 @@ from __future__ import annotations
 
 import ast
 import os
+import re
+import signal
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
-from service.cli import cli
+from service.cli import _have_keys, cli
 from service.settings import Settings
+from tests.service.receivers import until
+from tests.service.servers import fresh_database, postgres_of_our_own
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.1.5", "example.com", ""])
@@ -21,6 +27,33 @@ def test_any_other_address_is_refused_without_keys(host: str, tmp_path: Path) ->
     assert result.exit_code == 2
     assert "PVG_ALLOW_UNAUTHENTICATED_NETWORK" in result.output
     assert not (tmp_path / "data").exists()
+
+
+def test_keys_are_made_listed_limited_rotated_and_revoked(tmp_path: Path) -> None:
+    environment = {"PVG_DATA_DIR": str(tmp_path / "data"), "PVG_HOST": "0.0.0.0"}
+
+    def run(*arguments: str, code: int = 0) -> str:
+        result = CliRunner().invoke(cli, ["keys", *arguments], env=environment)
+        assert result.exit_code == code, result.output
+        return result.output
+
+    assert "migrate" in run("list", code=2)
+    text = run("create", "studio", "--rate", "5").strip()
+    assert re.fullmatch(r"pvg_[0-9a-f]{32}_[A-Za-z0-9_-]{43}", text)
+    assert "keys rotate" in run("create", "studio", code=2)
+    run("limit", "studio", "--active-jobs", "7")
+    listed = run("list")
+    assert all(part in listed for part in ("studio", "active", "5/min", "0/7 jobs"))
+    assert text[-43:] not in listed
+    assert run("rotate", "studio").strip() not in {text, ""}
+    assert "0 video(s)" in run("assign", "studio")
+    run("revoke", "studio")
+    assert "revoked" in run("list")
+    assert "no key nobody" in run("revoke", "nobody", code=2)
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in environment.items():
+            patch.setenv(name, value)
+        assert _have_keys(Settings())  # a revoked one keeps the service closed: it may listen anywhere
 
 
 def test_a_bad_setting_is_one_line_that_names_it() -> None:
@@ -34,6 +67,7 @@ def test_a_bad_setting_is_one_line_that_names_it() -> None:
     ("arguments", "setting", "code", "words"),
     [
         (["serve"], {"PVG_LEASE_S": "5"}, 2, "lease_s must be at least twice"),
+        (["worker"], {"PVG_WORKER_CONCURENCY": "5"}, 2, "the nearest is PVG_WORKER_CONCURRENCY"),
         (["migrate"], {"PVG_DATABASE_URL": "nonsense"}, 2, "PVG_DATABASE_URL"),
         (["migrate"], {"PVG_DATABASE_URL": "postgresql://u:secret@127.0.0.1:1/d"}, 1, "database"),
         (["gc"], {}, 2, "pvg-service migrate"),
@@ -58,3 +92,27 @@ def test_the_service_starts_without_the_method_and_the_worker() -> None:
     modules = set(ast.literal_eval(loaded))
     assert "fastapi" in modules
     assert not modules & {"pvg", "worker", "cv2", "numpy", "onnxruntime", "av", "numba"}
+
+
+def test_a_service_waits_for_a_database_that_starts_with_it(tmp_path: Path) -> None:
+    with postgres_of_our_own() as postgres, fresh_database(postgres.url) as database:
+        postgres.stop()
+        with running(tmp_path, database) as log:
+            until(lambda: "does not answer yet" in log.read_text())
+            postgres.start()
+            until(lambda: "Application startup complete" in log.read_text())
+            assert "cannot be used" not in log.read_text()
+
+
+@contextmanager
+def running(folder: Path, database: str) -> Iterator[Path]:
+    """`pvg-service serve` without a worker; what it says."""
+    log = folder / "log"
+    own = {name: value for name, value in os.environ.items() if not name.startswith("PVG_")}
+    own |= {"PVG_DATA_DIR": str(folder / "data"), "PVG_PORT": "0", "PVG_DATABASE_URL": database}
+    command = [str(Path(sys.executable).with_name("pvg-service")), "serve", "--no-worker"]
+    with log.open("wb") as output, subprocess.Popen(command, env=own, stdout=output, stderr=output) as process:
+        try:
+            yield log
+        finally:
+            process.send_signal(signal.SIGINT)

@@ -28,14 +28,16 @@ def test_the_documentation_lists_every_kind_with_its_status() -> None:
         for status, text in re.findall(r"^\| (\d{3}) \| (.*) \|$", section, re.MULTILINE)
         for kind in re.findall(r"`([a-z-]+)`", text)
     }
-    # 500 is an answer's status; a stored problem of that kind is told of with 422
-    assert listed == {(problem.type, problem.status) for problem in PROBLEMS.values()} | {("internal-error", 422)}
+    # 413 and 500 are statuses of answers; stored problems of those kinds are told of with 422
+    stored = {("too-large", 422), ("internal-error", 422)}
+    assert listed == {(problem.type, problem.status) for problem in PROBLEMS.values()} | stored
 
 
 def test_the_problem_of_a_failed_medium_keeps_its_own_kind() -> None:
     problem = MediaFailedError(stored_problem("no-face", "no face found in a.mp4"), "/video").problem()
     assert problem == {
-        "type": "no-face",
+        "type": "/docs/problems#no-face",
+        "code": "no-face",
         "title": "No face was found",
         "status": 422,
         "detail": "no face found in a.mp4",

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from service.processes import worker_command, worker_environment
+from service.processes import KINDS, PREVIEWS, WorkerKind, worker_command, worker_environment
 from service.settings import Settings
 
 POISON = "raise SystemExit('imported from the current folder')\n"
@@ -23,16 +23,27 @@ def poisoned(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_the_worker_imports_nothing_from_the_folder_it_is_started_in(poisoned: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+def test_a_worker_imports_nothing_from_the_folder_it_is_started_in(
+    poisoned: Path, tmp_path: Path, kind: WorkerKind
+) -> None:
     settings = Settings(data_dir=tmp_path / "data")
     # Celery's own report loads the app and every module of tasks, as the worker does, and ends
-    command = worker_command(settings)
-    report = [*command[: command.index("worker.app") + 1], "report"]
+    command = worker_command(settings, kind)
+    report = [*command[: command.index(kind.app) + 1], "report"]
     done = subprocess.run(
         report, cwd=poisoned, env=worker_environment(settings), capture_output=True, text=True, timeout=120, check=False
     )
     assert done.returncode == 0, done.stderr
-    assert "worker.tasks" in done.stdout
+    assert ("worker.tasks" if kind is not PREVIEWS else "worker_pool: 'threads'") in done.stdout
+
+
+def test_each_queue_has_one_kind_of_worker(tmp_path: Path) -> None:
+    queues = [queue for kind in KINDS for queue in kind.queues]
+    assert sorted(queues) == ["preview", "render", "vectorize"]
+    command = worker_command(Settings(data_dir=tmp_path), PREVIEWS)
+    assert command[command.index("--queues") + 1] == "preview"
+    assert command[command.index("--pool") + 1] == "threads"
 
 
 def test_the_command_line_leads_past_the_current_folder(tmp_path: Path) -> None:

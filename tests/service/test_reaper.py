@@ -8,10 +8,18 @@ import pytest
 
 from service.api import Services, make_services
 from service.catalog import Job, Role, jobs, media, results
-from service.catalog.migrations import migrate
 from service.queue import RENDER, VECTORIZE
 from service.settings import Settings
-from tests.service.fixtures import FakeClock, add_media, add_transfer, claim, make_ready, make_results
+from tests.service.fixtures import (
+    FakeClock,
+    add_media,
+    add_transfer,
+    announce,
+    claim,
+    make_ready,
+    make_results,
+    make_tables,
+)
 from tests.service.queue.test_broker import messages, take
 
 HOUR = 3600.0
@@ -23,7 +31,7 @@ def services(tmp_path: Path, clock: FakeClock) -> Iterator[Services]:
     settings = Settings(
         data_dir=tmp_path / "data", result_ttl_s=HOUR, media_ttl_s=10 * HOUR, job_ttl_s=20 * HOUR, max_queued_s=HOUR
     )
-    migrate(settings.database)
+    make_tables(settings.database)
     services = make_services(settings, clock=clock)
     services.publisher.start()
     yield services
@@ -85,8 +93,9 @@ def test_a_job_that_missed_its_medium_becoming_ready_is_let_go(services: Service
     medium = add_media(services.database)
     job_id = add_transfer(services.database, medium, medium)
     lease = claim(services.database, medium.job_id)
-    with services.database.write() as session:
+    with services.background.write() as session:
         asset = media.Asset("asset/x", 1, {}, [], [])
+        announce(session, "asset/x")
         media.finish(session, lease, asset, now=services.database.now(), timings={})
     services.reaper.round()
     assert published(services, job_id)
@@ -110,7 +119,7 @@ def test_results_then_media_then_jobs_go_when_their_time_is_over(services: Servi
     services.storage.put(draft, medium.source_key)
     make_ready(services, medium.id)
     job_id = add_transfer(services.database, medium, medium)
-    with services.database.write() as session:
+    with services.background.write() as session:
         jobs.release(session, now=clock())
     (result_id,) = make_results(services, job_id, [b"result"])
 
@@ -182,7 +191,7 @@ def test_drafts_of_a_killed_worker_go_with_its_lease(services: Services, clock: 
 
 def test_a_broker_that_is_away_fails_no_round(tmp_path: Path, clock: FakeClock) -> None:
     settings = Settings(data_dir=tmp_path, broker_url="redis://127.0.0.1:1/0")
-    migrate(settings.database)
+    make_tables(settings.database)
     services = make_services(settings, clock=clock)
     services.publisher.start()
     medium = add_media(services.database)

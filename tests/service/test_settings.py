@@ -1,9 +1,13 @@
 from __future__ import annotations
 
-import pytest
-from pydantic import ValidationError
+import re
+from pathlib import Path
 
-from service.settings import Settings
+import pytest
+from pydantic import SecretStr, ValidationError
+
+from scripts.settings_table import PAGE, with_table
+from service.settings import FROM_FILES, Settings, check_names
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.1.2.3", "::1", "localhost"])
@@ -21,3 +25,109 @@ def test_settings_that_would_lose_jobs_are_refused() -> None:
 def test_postgres_addresses_use_the_installed_driver() -> None:
     for given in ("postgres://u@h/d", "postgresql://u@h/d", "postgresql+psycopg://u@h/d"):
         assert Settings(database_url=given).database == "postgresql+psycopg://u@h/d"
+
+
+@pytest.mark.parametrize(
+    ("given", "nearest"),
+    [
+        ("PVG_MAX_UPLOAD_BYTE", "PVG_MAX_UPLOAD_BYTES"),
+        ("PVG_STORAGE", "PVG_STORAGE_URL"),
+        ("pvg_datadir", "PVG_DATA_DIR"),
+        ("PVG_ALLOWED_HOST", "PVG_ALLOWED_HOSTS"),
+    ],
+)
+def test_an_unknown_setting_is_refused_and_the_nearest_named(
+    given: str, nearest: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(given, "1")
+    with pytest.raises(ValidationError, match=f"{given} is not a setting; the nearest is {nearest}"):
+        Settings()
+
+
+@pytest.mark.parametrize(
+    "origins", ["*", "null", "studio.example", "https://a.example/x", "https://a.example, ftp://b"]
+)
+def test_allowed_origins_are_origins(origins: str) -> None:
+    with pytest.raises(ValidationError, match="is not an origin"):
+        Settings(allowed_origins=origins)
+    assert Settings(allowed_origins="https://A.example:8443/ ,").origins == {"https://a.example:8443"}
+
+
+def test_every_variable_of_our_prefix_in_the_code_is_known() -> None:
+    repository = Path(__file__).resolve().parents[2]
+    files = [
+        path
+        for folder in ("pvg", "service", "worker", "scripts", "benchmarks")
+        for path in (repository / folder).rglob("*.py")
+    ]
+    files += [
+        repository / name for name in ("Dockerfile", "docker-compose.yml", "Makefile", ".ci/run", "docs/operations.md")
+    ]
+    files += [path for path in (repository / "deploy").rglob("*") if path.is_file() and path.suffix != ".pyc"]
+    files += (repository / "docs" / "operations").glob("*.md")
+    names = {name for path in files for name in re.findall(r"\bPVG_[A-Z0-9_]*[A-Z0-9]\b", path.read_text())}
+    assert {"PVG_CACHE_DIR", "PVG_DATA_DIR"} <= names
+    check_names(names)
+
+
+def test_the_documentation_says_of_every_setting_what_the_class_does() -> None:
+    assert PAGE.read_text() == with_table(PAGE.read_text()), "run `python -m scripts.settings_table --write`"
+    assert all(field.description for field in Settings.model_fields.values())
+
+
+@pytest.mark.parametrize("setting", FROM_FILES)
+def test_a_secret_may_be_in_a_file(setting: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    secret, variable = "postgresql://u:p%40@h/d-and-so-on-and-on", f"PVG_{setting.upper()}"
+    file = tmp_path / "secret"
+    file.write_text(secret + "\n")
+    monkeypatch.setenv(f"{variable}_FILE", str(file))
+
+    def read(settings: Settings) -> str:
+        value = getattr(settings, setting)
+        return str(value.get_secret_value() if isinstance(value, SecretStr) else value)
+
+    assert read(Settings()) == secret
+    monkeypatch.setenv(variable, "")  # as compose files set what is not given
+    assert read(Settings()) == secret
+    assert read(Settings.model_validate(Settings().model_dump() | {"port": 0})) == secret
+    monkeypatch.setenv(variable, "x" * 32)
+    with pytest.raises(ValidationError, match=f"{variable} and {variable}_FILE are both given"):
+        Settings()
+
+
+@pytest.mark.parametrize(("content", "reason"), [(b"\n", "is empty"), (None, "No such file"), (b"\xff", "not text")])
+def test_a_file_without_a_secret_is_refused(
+    content: bytes | None, reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "secret"
+    if content is not None:
+        file.write_bytes(content)
+    monkeypatch.setenv("PVG_METRICS_TOKEN_FILE", str(file))
+    with pytest.raises(ValidationError, match=reason):
+        Settings()
+
+
+@pytest.mark.parametrize("name", ["ACCESS_KEY_ID", "SECRET_ACCESS_KEY", "SESSION_TOKEN"])
+def test_credentials_of_a_store_are_as_strict(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    variable, file = f"AWS_{name}", tmp_path / "secret"
+    monkeypatch.delenv(variable, raising=False)
+    monkeypatch.setenv(f"{variable}_FILE", str(file))
+    monkeypatch.setenv("PVG_STORAGE_URL", "s3://bucket/prefix")
+    for content, reason in ((None, "No such file"), (b"\n", "is empty"), (b"\xff", "not text")):
+        if content is not None:
+            file.write_bytes(content)
+        with pytest.raises(ValidationError, match=f"{variable}_FILE.*{reason}"):
+            Settings()
+    file.write_text("OURS\n")
+    Settings()
+    monkeypatch.setenv(variable, "THEIRS")
+    with pytest.raises(ValidationError, match=f"{variable} and {variable}_FILE are both given"):
+        Settings()
+    monkeypatch.setenv("PVG_STORAGE_URL", "")
+    Settings()  # nothing is read of a store that is not used
+
+
+def test_only_secrets_are_read_from_files(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PVG_PORT_FILE", "/dev/null")
+    with pytest.raises(ValidationError, match="PVG_PORT_FILE is not a setting"):
+        Settings()

@@ -3,21 +3,30 @@ from __future__ import annotations
 import asyncio
 import os
 import time
-from collections.abc import Collection
-from datetime import UTC, datetime
+from collections.abc import Callable, Collection
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+import httpx
 import pytest
+from obstore.exceptions import BaseError
 
+from service.outages import is_outage
 from service.settings import Settings
-from service.storage import BlobMissingError, Storage, file_sha256
+from service.storage import BlobMissingError, Storage, file_sha256, part_bytes
+from tests.service.s3 import PAGE, S3
 
 
-@pytest.fixture(params=["folder", "object store"])
+@pytest.fixture(params=["folder", "s3"])
 def storage(request: pytest.FixtureRequest, tmp_path: Path) -> Storage:
-    """Blobs in a local folder, and in a store that has no paths."""
-    url = "" if request.param == "folder" else "memory:///"
+    """Blobs in a local folder, and in a bucket below a prefix."""
+    url = "" if request.param == "folder" else request.getfixturevalue("bucket").storage_url
     return Storage(Settings(data_dir=tmp_path, storage_url=url))
+
+
+@pytest.fixture
+def remote(bucket: S3, tmp_path: Path) -> Storage:
+    return Storage(Settings(data_dir=tmp_path, storage_url=bucket.storage_url))
 
 
 def add(storage: Storage, content: bytes) -> str:
@@ -47,6 +56,81 @@ def test_a_blob_comes_back_whole_in_parts_and_as_a_file(storage: Storage) -> Non
     assert [found for found, _ in storage.entries()] == [key]
 
 
+def test_a_blob_of_several_parts_of_an_upload_is_one(remote: Storage, bucket: S3) -> None:
+    content = os.urandom(12 * 1024**2 + 1)  # obstore sends parts of 5 MiB
+    key = add(remote, content)
+    assert bucket.listed() == [f"faces/{key}"]
+    assert bucket.client().head_object(Bucket=bucket.bucket, Key=f"faces/{key}")["ETag"].strip('"').endswith("-3")
+    edge = 5 * 1024**2
+    assert read(remote, key, edge - 10, edge + 10) == content[edge - 10 : edge + 10]
+    with remote.local_path(key) as path:
+        assert path.read_bytes() == content
+    assert httpx.get(str(remote.link(key, expires_in=timedelta(minutes=1)))).content == content
+
+
+@pytest.mark.parametrize("size", [0, 5 * 1024**2, 10_000 * 5 * 1024**2, 10_000 * 5 * 1024**2 + 1, 128 * 1024**3])
+def test_a_file_of_any_size_has_no_more_parts_than_s3_takes(size: int) -> None:
+    assert part_bytes(size) >= 5 * 1024**2
+    assert part_bytes(size) * 10_000 >= size
+
+
+def test_what_is_written_twice_is_what_was_written_last(storage: Storage) -> None:
+    key = add(storage, b"first")
+    draft = storage.draft()
+    draft.write_bytes(b"second")
+    storage.put(draft, key)
+    assert read(storage, key, 0, 6) == b"second"
+    assert [found for found, _ in storage.entries()] == [key]
+
+
+def test_every_page_of_a_listing_is_read(remote: Storage, bucket: S3) -> None:
+    client = bucket.client()
+    for number in range(PAGE + 5):
+        client.put_object(Bucket=bucket.bucket, Key=f"faces/part/{number}", Body=b"")
+    client.put_object(Bucket=bucket.bucket, Key="of-others", Body=b"")
+    found = list(remote.entries())
+    assert len({key for key, _ in found}) == len(found) == PAGE + 5
+    assert all(abs(when - datetime.now(UTC)) < timedelta(hours=1) for _, when in found)
+
+
+def test_a_store_that_refuses_the_credentials_is_away(remote: Storage, bucket: S3, tmp_path: Path) -> None:
+    draft = remote.draft()
+    draft.write_bytes(b"x")
+    with bucket.checking_signatures() as known:
+        for call in (remote.ping, lambda: remote.put(draft, "source/a"), lambda: remote.delete("source/a")):
+            with pytest.raises(BaseError) as raised:
+                call()
+            assert is_outage(raised.value), raised.value
+        with pytest.MonkeyPatch.context() as patch:
+            for name, value in known.environment().items():
+                patch.setenv(name, value)
+            Storage(Settings(data_dir=tmp_path, storage_url=bucket.storage_url)).ping()
+    assert draft.exists()
+
+
+def test_a_bucket_that_is_not_there_is_an_outage_and_no_lost_file(s3: S3, tmp_path: Path) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in s3.environment().items():
+            patch.setenv(name, value)
+        storage = Storage(Settings(data_dir=tmp_path, storage_url="s3://nobody-made-this/faces"))
+        draft = storage.draft()
+        draft.write_bytes(b"x")
+        calls: tuple[Callable[[], object], ...] = (
+            storage.ping,
+            lambda: storage.put(draft, "source/a"),
+            lambda: storage.delete("source/a"),
+            lambda: storage.exists("source/a"),
+            lambda: read(storage, "source/a", 0, 1),
+            lambda: storage.local_path("source/a").__enter__(),
+            lambda: list(storage.entries()),
+        )
+        for number, call in enumerate(calls):
+            with pytest.raises(BaseError) as raised:
+                call()
+            assert is_outage(raised.value), (number, raised.value)
+        assert draft.exists()
+
+
 def test_a_deleted_blob_is_missing_everywhere(storage: Storage) -> None:
     key = add(storage, b"x")
     storage.delete(key)
@@ -63,10 +147,9 @@ def test_a_probe_leaves_nothing(storage: Storage) -> None:
     assert list(storage.entries()) == []
 
 
-def test_a_local_copy_of_a_remote_blob_is_removed(tmp_path: Path) -> None:
-    storage = Storage(Settings(data_dir=tmp_path, storage_url="memory:///"))
-    key = add(storage, b"x")
-    with storage.local_path(key) as path:
+def test_a_local_copy_of_a_remote_blob_is_removed(remote: Storage, tmp_path: Path) -> None:
+    key = add(remote, b"x")
+    with remote.local_path(key) as path:
         assert path.exists()
     assert not path.exists()
     assert list((tmp_path / "spool").iterdir()) == []
@@ -95,3 +178,23 @@ def test_drafts_of_jobs_that_nobody_holds_are_cleared(storage: Storage) -> None:
     assert storage.clear_drafts(held=held, before=datetime.fromtimestamp(0, UTC)) == 1
     assert asked == [set(ids)]
     assert [draft.exists() for draft in drafts] == [True, False]
+
+
+def test_a_folder_of_drafts_is_cleared_with_its_files(storage: Storage) -> None:
+    folder = storage.draft(job_id=f"job_{0:032x}")
+    folder.mkdir()
+    (folder / "matte.mkv").write_bytes(b"x")
+    assert storage.clear_drafts(held=lambda _: (), before=datetime.fromtimestamp(0, UTC)) == 1
+    assert not folder.exists()
+
+
+def test_credentials_of_a_store_may_be_in_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, secret in (("AWS_ACCESS_KEY_ID", "OURKEY"), ("AWS_SECRET_ACCESS_KEY", "c" * 40)):
+        (tmp_path / name).write_text(secret + "\n")
+        monkeypatch.setenv(f"{name}_FILE", str(tmp_path / name))
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("AWS_REGION", "eu-central-1")
+    store = Storage(Settings(data_dir=tmp_path, storage_url="s3://bucket/prefix"))
+    link = store.link("result/x", expires_in=timedelta(seconds=60))  # signed here, with what is in the files
+    assert link is not None
+    assert "X-Amz-Credential=OURKEY%2F" in link

@@ -1,42 +1,146 @@
-"""`pvg-service serve` as a user starts it, for tests that talk to the real thing."""
+"""`pvg-service` as a user starts it, for tests that talk to the real thing.
+
+"Embedded" is one `pvg-service serve`: SQLite, files, a broker of files, workers as its children. "Scaled" is two APIs,
+two workers and one of previews, which share PostgreSQL, Redis and S3 and nothing else: each has a data folder of its
+own, and each call of a client goes to the API that did not get the one before.
+"""
 
 from __future__ import annotations
 
+import itertools
+import json
 import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import httpx
+import pytest
+import redis
 
-from tests.service.servers import free_port
+from service.queue import PREVIEW
+from tests.service.s3 import S3
+from tests.service.servers import free_port, fresh_database
+
+T = TypeVar("T")
+
+#: of the services that were started last; a failing test shows the end of them
+_LOGS: deque[Path] = deque(maxlen=2)
+_SHOWN_CHARACTERS = 6000
+#: a start is not measured here, and a busy machine warms its sandbox slowly
+_START_S = 180
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    call: pytest.CallInfo[None],
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    report = yield
+    if report.failed:
+        for log in _LOGS:
+            if log.exists() and log.stat().st_mtime >= call.start:
+                report.sections.append((f"end of {log.parent.name}/{log.name}", log.read_text()[-_SHOWN_CHARACTERS:]))
+    return report
+
+
+def until(seconds: float, reached: Callable[[], T], *, said: Callable[[], object] = str) -> T:
+    """What ``reached`` answers as soon as that is true; after so many seconds the test fails with what is ``said``."""
+    end = time.monotonic() + seconds
+    while not (found := reached()):
+        assert time.monotonic() < end, said()
+        time.sleep(0.05)
+    return found
+
+
+class Turns(httpx.BaseTransport):
+    """Takes each request to another of several APIs than the one before, whichever of them it names."""
+
+    def __init__(self, ports: Sequence[int]) -> None:
+        self._ports = frozenset(ports)
+        self._turns = itertools.cycle(ports)
+        self._wire = httpx.HTTPTransport()
+
+    def handle_request(self, request: httpx.Request) -> httpx.Response:
+        if request.url.port in self._ports:
+            request.url = request.url.copy_with(port=next(self._turns))
+            request.headers["Host"] = request.url.netloc.decode()
+        return self._wire.handle_request(request)
+
+    def close(self) -> None:
+        self._wire.close()
 
 
 @dataclass(frozen=True)
 class Service:
-    """A running service, and every process that belongs to it."""
+    """A running service, and every process that belongs to it.
+
+    process: the API, or the first of several. data_dir: its folder. others: the folders of the other processes.
+    """
 
     client: httpx.Client
     process: subprocess.Popen[bytes]
     data_dir: Path
     log: Path
+    ports: tuple[int, ...] = ()
+    others: tuple[Path, ...] = ()
+    s3: S3 | None = None
+    settings: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def folders(self) -> tuple[Path, ...]:
+        return (self.data_dir, *self.others)
 
     def processes(self) -> dict[int, str]:
         """Pid and command line of all processes of this service, however they were started."""
-        return processes_of(self.data_dir)
+        return {pid: command for folder in self.folders for pid, command in processes_of(folder).items()}
 
-    def upload(self, path: str, file: Path) -> dict[str, Any]:
+    def new_client(self) -> httpx.Client:
+        """Another client of it."""
+        return httpx.Client(base_url=self.client.base_url, timeout=60, transport=Turns(self.ports))
+
+    def drafts(self) -> list[Path]:
+        """What any process of it has not finished writing."""
+        return [path for folder in self.folders for path in (folder / "spool").iterdir()]
+
+    def blobs(self) -> list[str]:
+        """The keys of everything that it keeps."""
+        if self.s3 is not None:
+            return sorted(self.s3.listed())
+        return sorted(
+            str(path.relative_to(self.data_dir)) for path in self.data_dir.glob("blobs/**/*") if path.is_file()
+        )
+
+    def sizes(self) -> dict[str, int]:
+        """The size of everything in S3, by its key; nothing where it keeps files."""
+        return {} if self.s3 is None else self.s3.sizes()
+
+    def files(self) -> list[Path]:
+        """Every file in its folders."""
+        return [path for folder in self.folders for path in folder.rglob("*") if path.is_file()]
+
+    def upload(self, path: str, file: Path, **fields: str) -> dict[str, Any]:
         with file.open("rb") as data:
-            answer = self.client.post(path, files={"file": (file.name, data)})
+            answer = self.client.post(path, files={"file": (file.name, data)}, data=fields)
         assert answer.status_code in {200, 202}, answer.text
         body: dict[str, Any] = answer.json()
         return body
+
+    def job(self, job_id: str) -> dict[str, Any]:
+        """A job as it is; of a service that has no time for an answer (503) it is asked for again."""
+        until = time.monotonic() + 30
+        while True:
+            answer = self.client.get(f"/jobs/{job_id}")
+            if answer.status_code != 503 or time.monotonic() > until:
+                assert answer.is_success, f"{answer.status_code} {answer.text}\n{self.log.read_text()[-4000:]}"
+                return dict(answer.json())
+            time.sleep(0.5)
 
     def finished(self, job_id: str, seconds: float = 120) -> dict[str, Any]:
         """The job once it is done."""
@@ -46,6 +150,33 @@ class Service:
             if body["done"]:
                 return body
         raise AssertionError(f"not done after {seconds} s: {body}\n{self.log.read_text()[-4000:]}")
+
+    def finished_at_last(self, job_id: str, seconds: float) -> dict[str, Any]:
+        """The job once it is done, by a service that may not answer for a while."""
+        until = time.monotonic() + seconds
+        while time.monotonic() < until:
+            answer = self.client.get(f"/jobs/{job_id}")
+            if answer.is_success and answer.json()["done"]:
+                return dict(answer.json())
+            time.sleep(0.2)
+        raise AssertionError(f"not done after {seconds} s: {answer.text}\n{self.log.read_text()[-4000:]}")
+
+    def at_work(self, job_id: str, seconds: float = 240) -> None:
+        """Wait until a job has done a frame."""
+        until = time.monotonic() + seconds
+        while self.job(job_id)["progress"]["frames_done"] < 1:
+            assert time.monotonic() < until, self.log.read_text()[-4000:]
+            time.sleep(0.05)
+
+    def folder_of(self, job_id: str) -> Path:
+        """The data folder of the worker that is at work on a job: what it writes is there, under the job's id."""
+        (folder,) = {path.parent.parent for path in self.drafts() if job_id in path.name}
+        return folder
+
+    def events(self, event: str, **values: object) -> list[dict[str, Any]]:
+        """What the log says of an event."""
+        lines = [json.loads(line) for line in self.log.read_text().splitlines() if line.startswith("{")]
+        return [line for line in lines if line["event"] == event and values.items() <= line.items()]
 
     def ready(self, path: str, file: Path) -> dict[str, Any]:
         """Upload and wait for the vectorisation."""
@@ -57,18 +188,41 @@ class Service:
 
 
 def processes_of(data_dir: Path) -> dict[int, str]:
-    """Every living process whose environment names this data folder."""
+    """Every living process whose environment, or whose last argument as that of a sandbox, names this data folder."""
     marker = f"PVG_DATA_DIR={data_dir}".encode()
     found = {}
     for entry in Path("/proc").iterdir():
         if not entry.name.isdigit():
             continue
         try:
-            if marker in (entry / "environ").read_bytes().split(b"\0"):
-                found[int(entry.name)] = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode()
+            command = (entry / "cmdline").read_bytes()
+            if marker in (entry / "environ").read_bytes().split(b"\0") or command.endswith(f"\0{data_dir}\0".encode()):
+                found[int(entry.name)] = command.replace(b"\0", b" ").decode()
         except OSError:
             continue  # it ended, is a zombie, or is another user's
     return found
+
+
+def worker_processes(data_dir: Path, at_least: int = 1) -> set[int]:
+    """The worker's main process and its pool children, once there are so many."""
+    until = time.monotonic() + _START_S
+    while True:
+        found = {pid for pid, command in processes_of(data_dir).items() if "worker.app" in command}
+        if len(found) >= at_least:
+            return found
+        assert time.monotonic() < until, found
+        time.sleep(0.05)
+
+
+def pool_child(service: Service, job_id: str) -> int:
+    """The pool child that has a job; its worker has a single slot."""
+    workers = worker_processes(service.folder_of(job_id), 2)
+    (child,) = [pid for pid in workers if parent_of(pid) in workers]
+    return child
+
+
+def parent_of(pid: int) -> int:
+    return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
 
 
 def wait_until_gone(data_dir: Path, seconds: float) -> dict[int, str]:
@@ -80,29 +234,80 @@ def wait_until_gone(data_dir: Path, seconds: float) -> dict[int, str]:
 
 
 @contextmanager
-def running_service(folder: Path, *, cwd: Path | None = None, **settings: str) -> Iterator[Service]:
-    """Start the service with these settings (without their prefix), stop it with Ctrl-C's signal."""
-    data_dir, log = folder / "data", folder / "service.log"
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("PVG_")}
-    environment |= {"PVG_DATA_DIR": str(data_dir), "PVG_PORT": str(port := free_port()), "OMP_NUM_THREADS": "1"}
-    environment |= {f"PVG_{name.upper()}": value for name, value in settings.items()}
-    command = [str(Path(sys.executable).with_name("pvg-service")), "serve"]
-    with log.open("wb") as output:
-        process = subprocess.Popen(
-            command, cwd=cwd, env=environment, stdout=output, stderr=output, start_new_session=True
+def running_service(
+    folder: Path,
+    *,
+    cwd: Path | None = None,
+    before: Sequence[str] = (),
+    arguments: Sequence[str] = (),
+    **settings: str,
+) -> Iterator[Service]:
+    """Start the service with these settings (without their prefix), stop it with Ctrl-C's signal.
+
+    ``before`` is a command that runs another, such as `strace`; ``arguments`` go to `serve`.
+    """
+    data_dir, log, port = folder / "data", folder / "service.log", free_port()
+    with (
+        _started(
+            [*before, *_COMMAND, "serve", *arguments], data_dir, log, cwd=cwd, port=str(port), **settings
+        ) as process,
+        httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=60, transport=Turns([port])) as client,
+    ):
+        _wait_until_ready([process], [port], log)
+        yield Service(client, process, data_dir, log, (port,), settings=settings)
+
+
+@contextmanager
+def running_scaled(
+    folder: Path, *, database_url: str, broker_url: str, s3: S3, workers: int = 2, previews: int = 1, **settings: str
+) -> Iterator[Service]:
+    """Start two APIs and so many workers that share only these three, all at once; stop them together."""
+    log, ports = folder / "service.log", (free_port(), free_port())
+    shared = {"worker_concurrency": "1", "link_secret": "shared-by-all-and-known-to-nobody"} | settings
+    shared |= {"database_url": database_url, "broker_url": broker_url, "storage_url": s3.storage_url}
+    roles = [("api", ["serve", "--no-worker"])] * len(ports)
+    roles += [("worker", ["worker"])] * workers + [("previews", ["worker", "--queues", PREVIEW])] * previews
+    with ExitStack() as stack:
+        processes, folders = [], []
+        for number, (role, arguments) in enumerate(roles):
+            folders.append(folder / f"{role}-{number}")
+            port = {"port": str(ports[number])} if role == "api" else {}
+            started = _started(
+                [*_COMMAND, *arguments], folders[-1], log, environment=s3.environment(), **port, **shared
+            )
+            processes.append(stack.enter_context(started))
+        client = stack.enter_context(
+            httpx.Client(base_url=f"http://127.0.0.1:{ports[0]}", timeout=60, transport=Turns(ports))
         )
+        _wait_until_ready(processes, ports, log)
+        yield Service(client, processes[0], folders[0], log, ports, tuple(folders[1:]), s3, shared)
+        for process in processes:  # all of them begin to stop before one is waited for
+            process.send_signal(signal.SIGINT if process.args[1] == "serve" else signal.SIGTERM)
+
+
+_COMMAND = (str(Path(sys.executable).with_name("pvg-service")),)
+
+
+@contextmanager
+def _started(
+    command: Sequence[str],
+    data_dir: Path,
+    log: Path,
+    *,
+    cwd: Path | None = None,
+    environment: Mapping[str, str] | None = None,
+    **settings: str,
+) -> Iterator[subprocess.Popen[bytes]]:
+    """One command with a data folder; stopped with Ctrl-C's signal, and with it whatever it began."""
+    if log not in _LOGS:
+        _LOGS.append(log)
+    own = {name: value for name, value in os.environ.items() if not name.startswith(("PVG_", "AWS_"))}
+    own |= {"PVG_DATA_DIR": str(data_dir), "OMP_NUM_THREADS": "1"} | dict(environment or {})
+    own |= {f"PVG_{name.upper()}": value for name, value in settings.items()}
+    with log.open("ab") as output:
+        process = subprocess.Popen(command, cwd=cwd, env=own, stdout=output, stderr=output, start_new_session=True)
     try:
-        with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=60) as client:
-            until = time.monotonic() + 60
-            while True:
-                assert process.poll() is None, log.read_text()
-                assert time.monotonic() < until, log.read_text()
-                try:
-                    if client.get("/readyz").is_success:
-                        break
-                except httpx.TransportError:
-                    time.sleep(0.1)
-            yield Service(client, process, data_dir, log)
+        yield process
     finally:
         if process.poll() is None:
             process.send_signal(signal.SIGINT)
@@ -113,3 +318,41 @@ def running_service(folder: Path, *, cwd: Path | None = None, **settings: str) -
                 process.wait()
         for pid in processes_of(data_dir):
             os.kill(pid, signal.SIGKILL)
+
+
+def _wait_until_ready(processes: Sequence[subprocess.Popen[bytes]], ports: Sequence[int], log: Path) -> None:
+    waiting, until = list(ports), time.monotonic() + _START_S
+    while waiting:
+        assert all(process.poll() is None for process in processes), log.read_text()
+        assert time.monotonic() < until, log.read_text()
+        try:
+            if httpx.get(f"http://127.0.0.1:{waiting[0]}/readyz", timeout=60).is_success:
+                waiting.pop(0)
+        except httpx.TransportError:
+            time.sleep(0.1)
+
+
+@contextmanager
+def service_as(setting: str, request: pytest.FixtureRequest, folder: Path, **settings: str) -> Iterator[Service]:
+    """The service "embedded" or "scaled"; see above."""
+    if setting == "embedded":
+        with running_service(folder, **settings) as running:
+            yield running
+        return
+    broker = request.getfixturevalue("redis_url")
+    with redis.Redis.from_url(broker) as former:
+        former.flushdb()
+    with (
+        fresh_database(request.getfixturevalue("postgres_url")) as database,
+        request.getfixturevalue("s3").fresh_bucket() as bucket,
+        running_scaled(folder, database_url=database, broker_url=broker, s3=bucket, **settings) as running,
+    ):
+        yield running
+
+
+def service_on(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, **settings: str
+) -> Iterator[Service]:
+    """The service on the setting that a fixture's parameter names."""
+    with service_as(request.param, request, tmp_path_factory.mktemp(request.param), **settings) as running:
+        yield running

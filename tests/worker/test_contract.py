@@ -16,21 +16,47 @@ import pytest
 from pydantic import ValidationError
 
 import pvg
+from pvg.asset import FaceSummary, MediaSummary
 from pvg.face.parts import PARTS
 from pvg.looks import MAKEUP
+from pvg.rendering import LAYERS, MATTES, PART_S, can_join, part_bounds
+from pvg.rendering import PARTS as EXPORTED
+from pvg.rendering.stills import Encoding
 from pvg.vectorization import STAGES
-from pvg.video import CLIP_SUFFIXES, IMAGE_SUFFIXES, VideoWriter, probe, read_frames
+from pvg.video import CLIP_SUFFIXES, IMAGE_SUFFIXES, VideoWriter, encoders, probe, read_frames
 from scripts.samples import Samples
+from service.api import stills
 from service.api.schemas import CLIP_CONTAINERS, IMAGE_CONTAINERS, LookOptions, MakeupParts, OutputRequest, VideoOptions
 from service.api.sniffing import HEAD_BYTES, sniff
+from service.api.stills import MEDIA_TYPES
 from service.catalog import LookParams, OutputOptions, Progress, VectorSettings, content_type_of
-from service.catalog.requests import Codec, Container, Extent, Mask, Match, Matching, Part, Preset
+from service.catalog.requests import (
+    HELD,
+    MAX_CRF,
+    Codec,
+    Container,
+    Extent,
+    Extra,
+    InputColor,
+    Layer,
+    Mask,
+    Match,
+    Matching,
+    MatteFormat,
+    Part,
+    Preset,
+    StillFormat,
+)
 from service.errors import PROBLEMS
 from service.settings import Settings
-from worker.failures import problem_of
+from worker.answers import FaceAnswer, MediaAnswer
+from worker.failures import EXPECTED, problem_of
+from worker.parts import bounds as bounds_of_parts
+from worker.previews.previewer import SUFFIXES
 from worker.progress import ProgressScale
 from worker.rendering import IMAGE_CONTAINERS as DRAWN_AS_IMAGES
 from worker.rendering import spans_of_video
+from worker.sandbox import MethodError, calls
 from worker.vectorizing import CLIP_SPANS, REFERENCE_SPANS, media_limits
 
 CODECS = get_args(Codec)
@@ -121,7 +147,8 @@ def test_the_settings_of_a_vectorisation_are_the_methods() -> None:
     defaults = asdict(VectorSettings())
     assert {name: default_of(pvg.vectorize, name) for name in defaults} == defaults == VideoOptions().model_dump()
     words = get_type_hints(pvg.vectorize)
-    assert (get_args(words["mask"]), get_args(words["matching"])) == (get_args(Mask), get_args(Matching))
+    for name, ours in (("mask", Mask), ("matching", Matching), ("input_color", InputColor)):
+        assert get_args(words[name]) == get_args(ours)
 
 
 def test_the_words_of_a_look_are_the_methods(portrait: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> None:
@@ -155,7 +182,7 @@ def test_as_many_looks_as_the_service_takes_are_rendered(
 
 @pytest.fixture(scope="module")
 def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Four frames of 128x128."""
+    """Four frames of 256x128, which every encoder takes."""
     path = tmp_path_factory.mktemp("tiny") / "tiny.mp4"
     write_clip(path, {})
     return path
@@ -164,10 +191,10 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def write_clip(path: Path, options: dict[str, str]) -> None:
     with av.open(str(path), "w", format="mp4", options=options) as output:
         stream = output.add_stream("libx264", rate=25)
-        stream.width = stream.height = 128
+        stream.width, stream.height = 256, 128
         stream.pix_fmt = "yuv420p"
         for level in range(4):
-            picture = np.full((128, 128, 3), 40 * level, np.uint8)
+            picture = np.full((128, 256, 3), 40 * level, np.uint8)
             output.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
         output.mux(stream.encode())
 
@@ -187,8 +214,20 @@ def written(tiny: Path, target: Path, **options: Any) -> bool:
 def test_the_defaults_of_the_output_are_the_methods() -> None:
     defaults = asdict(OutputOptions())
     assert defaults.pop("container") is None
+    assert defaults.pop("extras") == ()
+    assert defaults.pop("matte") == default_of(pvg.export, "matte")
     assert {name: default_of(pvg.render, name) for name in defaults} == defaults
-    assert OutputRequest().model_dump() == asdict(OutputOptions())
+    assert {
+        name: tuple(value) if isinstance(value, list) else value for name, value in OutputRequest().model_dump().items()
+    } == asdict(OutputOptions())
+
+
+def test_the_extras_are_the_parts_of_an_export() -> None:
+    assert get_args(Extra) == EXPORTED
+    # a folder of pictures is no download
+    assert {*get_args(MatteFormat), "png"} == set(MATTES)
+    for suffix, content_type in ((".cube", "text/plain"), (".mkv", "video/x-matroska"), (".mov", "video/quicktime")):
+        assert content_type_of(suffix) == content_type
 
 
 def test_every_container_is_one_that_the_method_writes() -> None:
@@ -201,7 +240,7 @@ def test_every_container_is_one_that_the_method_writes() -> None:
 
 
 @pytest.mark.parametrize("container", CLIP_CONTAINERS)
-@pytest.mark.parametrize("codec", [*CODECS, "mjpeg"])
+@pytest.mark.parametrize("codec", [*CODECS, "raw", "mjpeg"])
 def test_a_container_holds_the_codecs_that_the_method_puts_into_it(
     tiny: Path, tmp_path: Path, container: str, codec: str
 ) -> None:
@@ -230,7 +269,33 @@ def test_the_crf_reaches_as_far_as_the_encoder(
         assert not taken_by_the_api(OutputRequest, codec=codec, container=container, crf=crf)
 
 
-@pytest.mark.parametrize("codec", [codec for codec in CODECS if codec != "auto"])
+def test_the_codecs_are_the_methods_but_for_those_of_pipes() -> None:
+    assert {*CODECS, "raw"} == set(get_args(encoders.Codec))
+    assert set(HELD) == set(CLIP_CONTAINERS)
+    assert {name: one.crf_most for name, one in encoders.ENCODERS.items() if one.crf is not None} == MAX_CRF
+
+
+def test_parts_begin_where_the_method_says_and_all_that_clips_are_written_as_can_be_joined() -> None:
+    assert Settings().part_s == PART_S
+    for rate in (None, 1.0, 23.976, 24000 / 1001, 25.0, 59.94, 240.0):
+        for count in (1, 9, 239, 240, 479, 480, 481, 5000):
+            for part_s in (5.0, PART_S):
+                assert bounds_of_parts(count, rate, part_s) == part_bounds(count, rate, part_s=part_s)
+    assert all(can_join(container, codec) for container in HELD for codec in ("auto", *HELD[container]))
+
+
+@pytest.mark.parametrize("codec", [codec for codec in CODECS if codec not in {"auto", *MAX_CRF}])
+@pytest.mark.parametrize("option", [{"crf": 20}, {"preset": "fast"}])
+def test_a_scale_that_a_codec_has_not_is_refused_by_both(
+    tiny: Path, tmp_path: Path, codec: str, option: dict[str, Any]
+) -> None:
+    container = next(name for name, held in HELD.items() if codec in held)
+    assert taken_by_the_api(OutputRequest, container=container, codec=codec)
+    assert not taken_by_the_api(OutputRequest, container=container, codec=codec, **option)
+    assert not written(tiny, tmp_path / f"out.{container}", codec=codec, **option)
+
+
+@pytest.mark.parametrize("codec", list(MAX_CRF))
 def test_every_preset_is_known_to_every_encoder(tiny: Path, tmp_path: Path, codec: str) -> None:
     for preset in PRESETS:
         assert written(tiny, tmp_path / f"{preset}.mkv", codec=codec, preset=preset)
@@ -240,7 +305,7 @@ def test_every_preset_is_known_to_every_encoder(tiny: Path, tmp_path: Path, code
 
 
 def test_the_limits_of_the_service_are_the_methods() -> None:
-    assert media_limits(Settings()) == pvg.MediaLimits()
+    assert pvg.MediaLimits(**media_limits(Settings())) == pvg.MediaLimits()  # type: ignore[arg-type]
     assert {field.name for field in fields(pvg.MediaLimits)} <= Settings.model_fields.keys()
     assert Settings().min_face_px == default_of(pvg.vectorize, "min_face_px")
     assert Settings().warn_face_px == default_of(pvg.vectorize, "advised_face_px")
@@ -315,6 +380,9 @@ HEADS = [
     b"<svg xmlns='http://www.w3.org/2000/svg'/>",
     b"%PDF-1.7",
     b"II*\x00",
+    b"MM\x00*",
+    b"II+\x00\x08\x00\x00\x00",
+    b"MM\x00+\x00\x08\x00\x00",
     b"OggS",
     b"BM",
     b"\x47\x40\x00",
@@ -332,7 +400,7 @@ def test_the_same_first_bytes_are_taken(tmp_path: Path, head: bytes) -> None:
     found = sniff(head)
     assert (found is not None) is (kind is not None)
     if found is not None:
-        assert found.content_type.startswith("image/") is (kind in {"jpeg", "png", "webp"})
+        assert found.content_type.startswith("image/") is (kind in {"jpeg", "png", "webp", "tiff"})
 
 
 # stages and errors
@@ -342,7 +410,17 @@ def test_every_stage_of_the_vectoriser_has_its_part_of_a_job_in_its_order() -> N
     assert (*CLIP_SPANS, *REFERENCE_SPANS) == STAGES
 
 
-@pytest.mark.parametrize("spans", [CLIP_SPANS, REFERENCE_SPANS, spans_of_video(0, 1), spans_of_video(1, 2)])
+@pytest.mark.parametrize(
+    "spans",
+    [
+        CLIP_SPANS,
+        REFERENCE_SPANS,
+        spans_of_video(0, 1),
+        spans_of_video(1, 2),
+        spans_of_video(0, 1, ["cube"]),
+        spans_of_video(1, 2, ["cube", "matte"]),
+    ],
+)
 def test_progress_moves_in_every_stage_and_leaves_room_for_storing(spans: dict[str, tuple[float, float]]) -> None:
     seen: list[Progress] = []
     scale = ProgressScale(seen.append)
@@ -378,5 +456,21 @@ def test_every_error_of_the_method_is_a_problem_of_the_service() -> None:
     errors = [one for one in vars(pvg).values() if isinstance(one, type) and issubclass(one, pvg.PvgError)]
     assert len(errors) >= 7
     for error in errors:
-        problem = problem_of(error("x"))
+        problem = problem_of(MethodError(error.__name__, "x"))
         assert problem["title"] == PROBLEMS[problem["type"]].title
+    known = {error.__name__ for error in [*errors, calls.OptionError, calls.TooLargeError]}
+    assert known >= EXPECTED.keys()
+
+
+def test_the_answers_that_are_taken_are_those_of_the_method() -> None:
+    assert MediaAnswer.model_fields.keys() == {field.name for field in fields(MediaSummary)}
+    seen = {"frame", "box"}  # added by the call itself
+    assert FaceAnswer.model_fields.keys() - seen == {field.name for field in fields(FaceSummary)} - {"person"}
+    assert set(calls._SHOWN) == FaceAnswer.model_fields.keys() - seen
+
+
+def test_the_pictures_that_are_asked_for_are_those_of_the_method() -> None:
+    assert get_args(Layer) == LAYERS
+    assert get_args(StillFormat) == get_args(Encoding)
+    assert set(SUFFIXES) == set(MEDIA_TYPES) == set(get_args(StillFormat))
+    assert (stills.POSTER_PX, stills.THUMBNAIL_PX) == (calls.POSTER_PX, calls.THUMBNAIL_PX)

@@ -7,10 +7,11 @@ import json
 import os
 import signal
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -20,26 +21,16 @@ import pvg
 from pvg.video import probe, read_frames
 from scripts.samples import Samples
 from tests.conftest import cut_clip
-from tests.service.servers import free_port, fresh_database, redis_server
-from tests.worker.serving import Service, processes_of, running_service, wait_until_gone
+from tests.gallery.cubes import apply_cube, read_cube
+from tests.promises import Drill
+from tests.worker.serving import Service, running_service, service_on, wait_until_gone, worker_processes
 
 QUICK = {"lease_s": "8", "heartbeat_s": "1", "reap_interval_s": "1", "progress_interval_s": "0.2"}
 
 
 @pytest.fixture(scope="module", params=["embedded", "scaled"])
 def service(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
-    """Embedded: SQLite and a broker of files. Scaled: PostgreSQL and Redis."""
-    folder = tmp_path_factory.mktemp(request.param)
-    if request.param == "embedded":
-        with running_service(folder, **QUICK) as running:
-            yield running
-        return
-    broker = request.getfixturevalue("redis_url")
-    with (
-        fresh_database(request.getfixturevalue("postgres_url")) as database,
-        running_service(folder, broker_url=broker, database_url=database, **QUICK) as running,
-    ):
-        yield running
+    yield from service_on(request, tmp_path_factory, **QUICK)
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +68,8 @@ def test_a_clip_is_recoloured_from_two_portraits(
     done = service.finished(job["id"])
     assert done["state"] == "succeeded", done
     assert (done["progress"]["fraction"], done["attempt"], done["error"]) == (1.0, 1, None)
-    assert {"queued_s", "transfer_s", "render_s", "store_s"} <= done["timings"].keys()
+    assert {"waited_s", "queued_s", "transfer_s", "render_s", "store_s"} <= done["timings"].keys()
+    assert done["timings"]["waited_s"] > 0
 
     ready = service.client.get(f"/videos/{video['id']}").json()
     assert ready["state"] == "ready"
@@ -114,6 +106,90 @@ def test_a_clip_is_recoloured_from_two_portraits(
     assert jobs_begun(service, "transfer") == 2
 
 
+def test_what_of_a_file_is_not_kept_is_said(service: Service, clip: Path, samples: Samples, tmp_path: Path) -> None:
+    tagged = tmp_path / "tagged.mov"
+    with av.open(str(clip)) as source, av.open(str(tagged), "w") as output:
+        output.metadata["location"] = "+48.1000+011.5000/"
+        stream = output.add_stream_from_template(source.streams.video[0], opaque=True)
+        for packet in source.demux(source.streams.video[0]):
+            if packet.size:
+                packet.stream = stream
+                output.mux_one(packet)
+    video, reference = service.ready("/videos", tagged), service.ready("/references", samples.dark_portrait)
+    place = "tags that tell a place are left out on purpose (location)"
+    assert video["warnings"] == [f"in an mp4: {place}"]
+    wanted = {"video": video["id"], "looks": [{"reference": reference["id"]}]}
+    ways = {"container": "mov", "codec": "prores"}
+    done = service.finished(service.client.post("/transfer", json={**wanted, "output": ways}).json()["id"])
+    (look,) = done["looks"]
+    assert look["warnings"][-1] == f"output: {place}"
+    assert look["warnings"][-2].startswith("output: pictures become Y'CbCr 4:2:2, 10 bits")
+    assert probe(download(service, look["result"], tmp_path / "o.mov")).codec == "prores"
+
+
+def test_a_look_comes_as_cube_and_matte_too(service: Service, clip: Path, samples: Samples, tmp_path: Path) -> None:
+    video, reference = service.ready("/videos", clip), service.ready("/references", samples.dark_portrait)
+    wanted = {"video": video["id"], "looks": [{"reference": reference["id"], "light": 0}]}
+    job = service.client.post("/transfer", json=wanted | {"output": {"extras": ["cube", "matte"]}}).json()
+    fractions, done = [0.0], job
+    while not done["done"]:
+        done = service.client.get(f"/jobs/{job['id']}").raise_for_status().json()
+        fractions.append(done["progress"]["fraction"])
+        time.sleep(0.05)
+    assert done["state"] == "succeeded", done
+    assert (fractions == sorted(fractions), fractions[-1]) == (True, 1.0)
+    assert "extras_s" in done["timings"]
+    (look,) = done["looks"]
+    assert [(extra["part"], extra["person"]) for extra in look["extras"]] == [("look.cube", 1), ("matte", 1)]
+    for extra, name in zip(look["extras"], ("look.cube", "matte.mkv"), strict=True):
+        answer = service.client.get(extra["url"]).raise_for_status()
+        assert hashlib.sha256(answer.content).hexdigest() == extra["sha256"] == answer.headers["etag"].strip('"')
+        assert answer.headers["content-type"] == extra["content_type"]
+        assert answer.headers["content-disposition"].endswith(f"-{name}")
+        (tmp_path / name).write_bytes(answer.content)
+    table, source = read_cube(tmp_path / "look.cube"), frames(clip)
+    assert table.shape == (33, 33, 33, 3)
+    matte = np.stack([frame.planes[0] for frame in read_frames(tmp_path / "matte.mkv")])
+    assert matte.shape == (24, 360, 640)
+    # through the matte the cube gives the colours of the rendered clip, where the look lies wholly
+    drawn = frames(download(service, look["result"], tmp_path / "drawn.mp4"))
+    for index in (0, 12):
+        face = matte[index] > 0.9 * 255
+        assert face.mean() > 0.01
+        before, after = (of[index][face].astype(float) for of in (source, drawn))
+        assert np.abs(apply_cube(table, before) - after).mean() < 0.4 * np.abs(after - before).mean()
+    until = time.monotonic() + 60
+    while left := service.drafts():
+        assert time.monotonic() < until, left
+        time.sleep(0.05)
+    # and all of it goes with the reference
+    held = service.blobs()
+    assert service.client.delete(f"/references/{reference['id']}").status_code == 204
+    assert [service.client.get(extra["url"]).status_code for extra in look["extras"]] == [404, 404]
+    assert {Path(key).suffix for key in set(held) - set(service.blobs())} >= {".cube", ".mkv", ".mp4"}
+    assert {path.suffix for path in service.files()} & {".cube", ".mkv"} == set()
+
+
+def test_a_picture_of_several_has_extras_for_each_person(service: Service, samples: Samples, tmp_path: Path) -> None:
+    video, reference = service.ready("/videos", samples.several_faces), service.ready("/references", samples.portrait)
+    looks = [{"reference": reference["id"], "faces": [0, 2]}]
+    wanted = {"video": video["id"], "looks": looks, "output": {"extras": ["matte"]}}
+    done = service.finished(service.client.post("/transfer", json=wanted).json()["id"])
+    assert done["state"] == "succeeded", done
+    (look,) = done["looks"]
+    persons = [(extra["part"], extra["person"], extra["content_type"]) for extra in look["extras"]]
+    assert persons == [("matte", 1, "image/png"), ("matte", 2, "image/png")]
+    mattes = []
+    for extra in look["extras"]:
+        content = service.client.get(extra["url"]).raise_for_status().content
+        picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_GRAYSCALE)
+        assert picture is not None
+        mattes.append(picture.astype(int))
+    assert all((matte > 200).any() for matte in mattes)
+    assert (mattes[0] + mattes[1]).max() <= 256
+    assert service.client.get(f"{look['url']}/look.cube").status_code == 404
+
+
 def test_a_swap_recolours_both(service: Service, clip: Path, samples: Samples, tmp_path: Path) -> None:
     woman, man = service.ready("/videos", clip), service.ready("/videos", samples.dark_portrait)
     job = service.client.post("/swap", json={"a": woman["id"], "b": man["id"]}).json()
@@ -132,6 +208,11 @@ def test_a_swap_recolours_both(service: Service, clip: Path, samples: Samples, t
     assert np.abs(drawn.astype(int) - source).max() > 30
 
 
+def of_faces(look: dict[str, Any]) -> list[str]:
+    """A look's warnings but those of what its file does not keep."""
+    return [warning for warning in look["warnings"] if not warning.startswith("output: ")]
+
+
 def test_a_group_picture_is_a_reference_of_many_faces_and_a_clip_of_two_that_swap(
     service: Service, clip: Path, samples: Samples, tmp_path: Path
 ) -> None:
@@ -148,7 +229,7 @@ def test_a_group_picture_is_a_reference_of_many_faces_and_a_clip_of_two_that_swa
     late = service.client.post("/transfer", json=picture | {"looks": [{"reference": group["id"], "reference_face": 9}]})
     assert (late.status_code, late.json()["errors"][0]["pointer"]) == (422, "/looks/0/reference_face")
     failed = service.finished(early.json()["id"])
-    assert (failed["state"], failed["error"]["type"]) == ("failed", "validation-failed")
+    assert (failed["state"], failed["error"]["code"]) == ("failed", "validation-failed")
     assert failed["error"]["detail"] == "no face 9; this reference has faces 0 to 4"
 
     paper = {"match": "color", "contrast": 1.0, "beta": 0.3, "iterations": 10, "seed": 5}
@@ -157,9 +238,9 @@ def test_a_group_picture_is_a_reference_of_many_faces_and_a_clip_of_two_that_swa
     done = service.finished(looks["id"])
     assert done["state"] == "succeeded", done
     for i, look in enumerate(done["looks"]):
-        assert look["settings"] == {"mask": "landmarks", "matching": "table"}
+        assert look["settings"] == {"mask": "landmarks", "matching": "table", "input_color": "auto"}
         assert asked[i].items() <= (look["options"] | {"reference": group["id"]}).items()
-        assert look["warnings"][-1].startswith(f"reference, face {i}: the face is ")
+        assert of_faces(look)[-1].startswith(f"reference, face {i}: the face is ")
     first, second = (service.client.get(look["url"]).content for look in done["looks"])
     assert first != second
 
@@ -169,7 +250,7 @@ def test_a_group_picture_is_a_reference_of_many_faces_and_a_clip_of_two_that_swa
     assert swapped["state"] == "succeeded", swapped
     (look,) = swapped["looks"]
     drawn = frames(download(service, look["result"], tmp_path / "swapped.png"))
-    assert [warning[:13] for warning in look["warnings"]] == ["video, face 1", "video, face 4"]
+    assert [warning[:13] for warning in of_faces(look)] == ["video, face 1", "video, face 4"]
     with pvg.vectorize(samples.several_faces) as own:
         expected = pvg.render_frame(own, pvg.exchange(own, (1, 4), contrast=(0.8, 1.2)), 0)
     np.testing.assert_array_equal(drawn[0], expected)
@@ -188,7 +269,7 @@ def test_a_clip_is_vectorised_in_the_papers_way_beside_ours(service: Service, cl
     job = service.client.post("/transfer", json={"video": papers["id"], "looks": [look]}).json()
     done = service.finished(job["id"])
     assert done["state"] == "succeeded", done
-    assert done["looks"][0]["settings"] == {"mask": "ycbcr", "matching": "chain"}
+    assert done["looks"][0]["settings"] == {"mask": "ycbcr", "matching": "chain", "input_color": "auto"}
 
 
 def test_what_has_no_face_fails_with_that_problem_and_so_do_the_jobs_that_wait_for_it(
@@ -201,12 +282,12 @@ def test_what_has_no_face_fails_with_that_problem_and_so_do_the_jobs_that_wait_f
     answer = service.client.post("/transfer", json={"video": video["id"], "looks": [look]})
     if answer.status_code == 202:
         job = service.finished(answer.json()["id"])
-        assert (job["state"], job["error"]["type"]) == ("failed", "no-face")
+        assert (job["state"], job["error"]["code"]) == ("failed", "no-face")
     else:  # the vectorisation was faster than the request
-        assert (answer.status_code, answer.json()["type"]) == (422, "no-face")
+        assert (answer.status_code, answer.json()["code"]) == (422, "no-face")
     service.finished(reference["job"])
     failed = service.client.get(f"/references/{reference['id']}").json()
-    assert (failed["state"], failed["error"]["type"]) == ("failed", "no-face")
+    assert (failed["state"], failed["error"]["code"]) == ("failed", "no-face")
     assert "nobody.mp4" in failed["error"]["detail"]
     assert "source" not in failed["error"]["detail"]
 
@@ -216,13 +297,16 @@ def test_a_broken_file_fails_as_invalid_media(service: Service, clip: Path, tmp_
     broken.write_bytes(clip.read_bytes()[:2000])
     medium = service.upload("/videos", broken)
     job = service.finished(medium["job"])
-    assert (job["state"], job["error"]["type"]) == ("failed", "media-invalid")
+    assert (job["state"], job["error"]["code"]) == ("failed", "media-invalid")
     assert "broken.mp4" in job["error"]["detail"]
 
 
-def test_a_running_job_is_canceled_within_seconds(service: Service, samples: Samples) -> None:
+def test_a_running_job_is_canceled_within_seconds(
+    service: Service, samples: Samples, promise: Callable[..., Drill]
+) -> None:
+    drill = promise("R13", wanted="running stops within 2 s")
     medium = service.upload("/videos", samples.woman_full)
-    until = time.monotonic() + 30
+    until = time.monotonic() + 120
     while (job := service.client.get(f"/jobs/{medium['job']}").json())["progress"]["frames_done"] < 1:
         assert time.monotonic() < until, job
         time.sleep(0.1)
@@ -230,70 +314,10 @@ def test_a_running_job_is_canceled_within_seconds(service: Service, samples: Sam
     assert service.client.post(f"/jobs/{medium['job']}/cancel").status_code == 202
     began = time.monotonic()
     assert service.finished(medium["job"])["state"] == "canceled"
-    assert time.monotonic() - began < 5
+    taken = time.monotonic() - began
+    drill.measured = f"a clip at work: ended after {taken:.2f} s"
+    drill.keep_to(taken, 2)
     assert service.client.delete(f"/videos/{medium['id']}").status_code == 204
-
-
-def busiest(service: Service) -> int:
-    """The worker's process that uses the processor right now: the pool child at work."""
-    workers = worker_processes(service.data_dir)
-    before = {pid: processor_time(pid) for pid in workers}
-    time.sleep(0.4)
-    return max(workers, key=lambda pid: processor_time(pid) - before[pid])
-
-
-def processor_time(pid: int) -> int:
-    return sum(map(int, Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[11:13]))
-
-
-def worker_processes(data_dir: Path, at_least: int = 1) -> set[int]:
-    """The worker's main process and its pool children, once there are so many."""
-    until = time.monotonic() + 20
-    while True:
-        found = {pid for pid, command in processes_of(data_dir).items() if "worker.app" in command}
-        if len(found) >= at_least:
-            return found
-        assert time.monotonic() < until, found
-        time.sleep(0.05)
-
-
-def test_a_job_whose_process_is_killed_succeeds_on_its_second_attempt(service: Service, samples: Samples) -> None:
-    medium = service.upload("/videos", samples.woman_clip)
-    until = time.monotonic() + 30
-    while service.client.get(f"/jobs/{medium['job']}").json()["progress"]["frames_done"] < 1:
-        assert time.monotonic() < until
-        time.sleep(0.05)
-    os.kill(busiest(service), signal.SIGKILL)
-    job = service.finished(medium["job"], 180)
-    assert (job["state"], job["attempt"]) == ("succeeded", 2)
-    until = time.monotonic() + 15
-    while left := list((service.data_dir / "spool").iterdir()):
-        assert time.monotonic() < until, left
-        time.sleep(0.05)
-    assert service.client.delete(f"/videos/{medium['id']}").status_code == 204
-
-
-def test_a_busy_worker_outlives_its_broker(tmp_path: Path, samples: Samples) -> None:
-    """Its only slot is taken while Redis goes away, so that nothing but the acknowledgement can tell it."""
-    port = free_port()
-    with ExitStack() as stack:
-        broker = ExitStack()
-        url = broker.enter_context(redis_server(tmp_path, port))
-        settings = QUICK | {"broker_url": url, "worker_concurrency": "1", "republish_after_s": "1"}
-        service = stack.enter_context(running_service(tmp_path, **settings))
-        first = service.upload("/videos", samples.woman_clip)
-        until = time.monotonic() + 60
-        while service.client.get(f"/jobs/{first['job']}").json()["progress"]["frames_done"] < 1:
-            assert time.monotonic() < until
-            time.sleep(0.05)
-        broker.close()
-        second = service.upload("/references", samples.portrait)  # taken while the broker is away
-        job = service.finished(first["job"], 120)
-        assert (job["state"], job["attempt"]) == ("succeeded", 1)
-        assert service.client.get(f"/jobs/{second['job']}").json()["state"] == "queued"
-        time.sleep(3)  # the acknowledgement fails
-        stack.enter_context(redis_server(tmp_path, port))
-        assert service.finished(second["job"], 90)["state"] == "succeeded"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -314,14 +338,14 @@ def test_a_killed_api_takes_its_worker_along(tmp_path: Path) -> None:
         worker_processes(service.data_dir, 3)
         service.process.kill()
         service.process.wait()
-        assert wait_until_gone(service.data_dir, 5) == {}
+        assert wait_until_gone(service.data_dir, 30) == {}
 
 
 def test_a_killed_worker_is_started_again(tmp_path: Path) -> None:
     with running_service(tmp_path, worker_restart_delay_s="0.1") as service:
         before = worker_processes(service.data_dir, 3)
         os.kill(min(before), signal.SIGKILL)
-        until = time.monotonic() + 20
+        until = time.monotonic() + 60  # a busy machine warms its sandbox slowly
         while not (now := worker_processes(service.data_dir)) or now & before:
             assert time.monotonic() < until
             time.sleep(0.05)
@@ -337,3 +361,15 @@ def test_packages_in_the_folder_it_is_started_in_are_left_alone(tmp_path: Path, 
         assert service.ready("/references", samples.portrait)["state"] == "ready"
         assert workers <= worker_processes(service.data_dir, 3)
         assert "the worker ended by itself" not in service.log.read_text()
+
+
+def test_the_first_jobs_of_a_worker_and_of_a_replaced_child_wait_for_nothing(tmp_path: Path, samples: Samples) -> None:
+    with running_service(
+        tmp_path, worker_concurrency="1", worker_max_tasks_per_child="1", broker_polling_interval_s="0.1"
+    ) as service:
+        worker_processes(service.data_dir, 2)  # a pool child is there once the sandbox is warm
+        queued_s = []
+        for picture in (samples.portrait, samples.dark_portrait, samples.pale_portrait):
+            job = service.finished(service.upload("/references", picture)["job"])
+            queued_s.append(job["timings"]["queued_s"])
+        assert min(queued_s) <= 0.3, queued_s  # each was the first of its child; a busy machine may hold up one

@@ -1,20 +1,24 @@
 from __future__ import annotations
 
 import pytest
-from celery.exceptions import SoftTimeLimitExceeded
 
-from pvg.errors import AssetError, FaceTooSmallError, MediaError, ModelError, NoFaceError, SolverError
 from worker.failures import OptionError, is_expected, problem_of
+from worker.sandbox import CrashError, FileLimitError, MemoryLimitError, MethodError, TimeLimitError
 
 
 @pytest.mark.parametrize(
     ("error", "kind"),
     [
-        (NoFaceError("no face found in a.mp4"), "no-face"),
-        (FaceTooSmallError("the largest face is 40 px wide"), "face-too-small"),
-        (MediaError("a.mp4 is not a video"), "media-invalid"),
-        (AssetError("a.pvg is truncated"), "asset-invalid"),
-        (OptionError("there is no face 3"), "validation-failed"),
+        (MethodError("NoFaceError", "no face found in a.mp4"), "no-face"),
+        (MethodError("FaceTooSmallError", "the largest face is 40 px wide"), "face-too-small"),
+        (MethodError("MediaError", "a.mp4 is not a video"), "media-invalid"),
+        (MethodError("AssetError", "a.pvg is truncated"), "asset-invalid"),
+        (MethodError("OptionError", "there is no face 3"), "validation-failed"),
+        (MethodError("TooLargeError", "it needs 9.1 GB"), "too-large"),
+        (OptionError("mp4 does not fit an image"), "validation-failed"),
+        (TimeLimitError("it took longer"), "time-limit"),
+        (MemoryLimitError("it needs more than 4 GB"), "too-large"),
+        (FileLimitError("it is longer than 4 GB"), "too-large"),
     ],
 )
 def test_errors_of_the_input_are_shown_with_their_message(error: Exception, kind: str) -> None:
@@ -24,12 +28,22 @@ def test_errors_of_the_input_are_shown_with_their_message(error: Exception, kind
     assert is_expected(error)
 
 
-@pytest.mark.parametrize("error", [RuntimeError("/srv/secret"), ModelError("/srv/secret"), SolverError("/srv/secret")])
-def test_internals_are_not_shown(error: Exception) -> None:
+@pytest.mark.parametrize(
+    ("error", "kind"),
+    [
+        (RuntimeError("/srv/secret"), "internal-error"),
+        (MethodError("RuntimeError", "/srv/secret"), "internal-error"),
+        (MethodError("ModelError", "/srv/secret"), "internal-error"),
+        (CrashError("/srv/secret"), "worker-crashed"),
+    ],
+)
+def test_internals_are_not_shown(error: Exception, kind: str) -> None:
     problem = problem_of(error)
-    assert problem["type"] == "internal-error"
+    assert problem["type"] == kind
     assert "secret" not in str(problem)
+    assert not is_expected(error)
 
 
-def test_the_time_limit_is_its_own_problem() -> None:
-    assert problem_of(SoftTimeLimitExceeded())["type"] == "time-limit"
+def test_a_process_names_no_kind_of_its_own() -> None:
+    assert problem_of(MethodError("<b>", "x"))["type"] == "internal-error"
+    assert problem_of(MethodError("MediaError", "a\nb\x00" + "c" * 9999))["detail"] == "a b " + "c" * 496

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import mmap
 import time
 
 import pytest
@@ -7,12 +8,14 @@ import pytest
 from service.catalog import Database, Job, Lease, Progress, jobs, utc_now
 from service.settings import Settings
 from tests.service.fixtures import add_media, claim
+from worker import stopping
 from worker.lease import CanceledError, LeaseKeeper, LeaseLostError
+from worker.stopping import StoppedError
 
-QUICK = Settings(lease_s=0.6, heartbeat_s=0.1, progress_interval_s=0.05)
+QUICK = Settings(lease_s=0.6, heartbeat_s=0.1, progress_interval_s=0.05, max_outage_s=1)
 
 
-def stopped_by(keeper: LeaseKeeper, seconds: float = 5) -> type[Exception]:
+def stopped_by(keeper: LeaseKeeper, seconds: float = 30) -> type[Exception]:
     """What the keeper says once the work has to stop."""
     until = time.monotonic() + seconds
     while time.monotonic() < until:
@@ -38,8 +41,13 @@ def lease(database: Database) -> Lease:
 
 
 def test_the_lease_lives_as_long_as_the_work(database: Database, lease: Lease) -> None:
-    with LeaseKeeper(database, lease, QUICK) as keeper:
-        time.sleep(3 * QUICK.lease_s)
+    seen = set()
+    with LeaseKeeper(database, lease, QUICK.model_copy(update={"lease_s": 60})) as keeper:
+        until = time.monotonic() + 60
+        while len(seen) < 4:  # it is renewed again and again
+            seen.add(job_of(database, lease).lease_expires_at)
+            assert time.monotonic() < until
+            time.sleep(0.02)
         with database.write() as session:
             assert jobs.reap(session, now=utc_now(), max_attempts=3) == []
         keeper.check()
@@ -48,7 +56,7 @@ def test_the_lease_lives_as_long_as_the_work(database: Database, lease: Lease) -
 def test_progress_reaches_the_record(database: Database, lease: Lease) -> None:
     with LeaseKeeper(database, lease, QUICK) as keeper:
         keeper.report(Progress("skin", 0.5, 10, 20))
-        until = time.monotonic() + 5
+        until = time.monotonic() + 30
         while job_of(database, lease).stage is None and time.monotonic() < until:
             time.sleep(0.02)
     job = job_of(database, lease)
@@ -82,14 +90,52 @@ def test_a_job_taken_away_stops_the_work(database: Database, lease: Lease) -> No
         assert stopped_by(keeper) is LeaseLostError
 
 
-def test_a_database_that_is_away_longer_than_the_lease_stops_the_work(
+def test_a_database_that_is_away_for_too_long_stops_the_work(
     database: Database, lease: Lease, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def away() -> None:
         raise ConnectionError
 
     with LeaseKeeper(database, lease, QUICK) as keeper:
+        began = time.monotonic()
         monkeypatch.setattr(database, "read", away)
         monkeypatch.setattr(database, "write", away)
         keeper.report(Progress("skin", 0.1, 1, 20))  # a slow database alone stops nothing
         assert stopped_by(keeper) is LeaseLostError
+        assert time.monotonic() - began > QUICK.lease_s  # nobody can take the job over meanwhile
+
+
+def test_a_worker_that_has_to_stop_gives_back_all_but_what_is_about_to_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now = time.monotonic()
+    assert stopping.may_go_on(now - 60, 0.0, grace_s=0)
+    monkeypatch.setattr(stopping, "_page", mmap.mmap(-1, 8))
+    stopping.ask()
+    assert not stopping.may_go_on(now - 60, 0.5, grace_s=10)  # another minute
+    assert stopping.may_go_on(now - 60, 0.9, grace_s=10)
+    assert stopping.may_go_on(now - 0.1, 0.0, grace_s=10)  # a picture, perhaps
+    assert not stopping.may_go_on(now - 1, 0.0, grace_s=10)
+    monkeypatch.setattr(time, "monotonic", lambda: now + 11)
+    assert not stopping.may_go_on(now - 60, 0.99, grace_s=10)
+
+
+def test_a_job_is_given_back_before_its_work_has_noticed(
+    database: Database, lease: Lease, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def give_back() -> None:
+        with database.write() as session:
+            assert jobs.give_back(session, lease, now=utc_now())
+
+    settings = QUICK.model_copy(update={"worker_stop_grace_s": 0})
+    with LeaseKeeper(database, lease, settings, give_back) as keeper:
+        keeper.check()
+        monkeypatch.setattr(stopping, "_page", mmap.mmap(-1, 8))
+        stopping.ask()
+        until = time.monotonic() + 30
+        while job_of(database, lease).state != "queued":
+            assert time.monotonic() < until
+        with pytest.raises(StoppedError):
+            keeper.report(Progress("skin", 0.5, 10, 20))
+    job = job_of(database, lease)
+    assert (job.state, job.attempt, job.lease_token, job.published_at) == ("queued", 1, None, None)

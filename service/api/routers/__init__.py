@@ -2,8 +2,28 @@
 
 from __future__ import annotations
 
-from service.api.routers import health, jobs, references, results, transfer, videos
+from service.api.routers import (
+    events,
+    health,
+    jobs,
+    metrics,
+    pictures,
+    preview,
+    references,
+    results,
+    transfer,
+    uploads,
+    usage,
+    videos,
+    webhooks,
+)
 
-ROUTERS = tuple(module.router for module in (videos, references, transfer, jobs, results, health))
+#: those that ask for no key, for another, or for one unless there is a link
+OPEN_ROUTERS = (results.open_router, uploads.open_router, health.router, metrics.router)
+_MODULES = (videos, references, uploads, pictures, transfer, preview, jobs, events, webhooks, results, usage)
+ROUTERS = (*(module.router for module in _MODULES), *OPEN_ROUTERS)
 
-__all__ = ["ROUTERS"]
+#: those whose first address has no version; like all they are at both
+ROOT_ROUTERS = (health.router, metrics.router)
+
+__all__ = ["OPEN_ROUTERS", "ROOT_ROUTERS", "ROUTERS"]

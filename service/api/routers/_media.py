@@ -3,20 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import PurePath
 
 from fastapi import Request, Response
 from pydantic import ValidationError
-from starlette.concurrency import run_in_threadpool
 
-from service.api import commands
+from service.api import commands, quotas
+from service.api.authentication import Caller
+from service.api.commands import Asked
+from service.api.conditional import conditional
+from service.api.downloads import Asked as AskedBytes
+from service.api.downloads import File, send_file
+from service.api.fetches import while_connected
+from service.api.idempotency import Once
+from service.api.json_body import media_type, read_json
+from service.api.metadata import to_metadata
 from service.api.multipart import read_form
 from service.api.problems import invalid, invalid_values
-from service.api.schemas import MediaBody, MediaPage, ReferenceOptions
+from service.api.receivers import receiver, receiver_of_form
+from service.api.schemas import MediaBody, MediaPage, ReferenceByUrl, ReferenceOptions, VideoByUrl
 from service.api.services import Services
-from service.api.uploads import Intake
+from service.api.uploads import Intake, ReceivedFile
 from service.api.views import media_body
-from service.catalog import Role, VectorSettings, media
+from service.catalog import Media, Role, VectorSettings, media
 from service.errors import BadRequestError, NotFoundError, UnsupportedMediaError
 
 
@@ -25,7 +35,9 @@ class Given:
     """The settings of a vectorisation as the query has them: None where it says nothing."""
 
     options: type[ReferenceOptions]
+    by_url: type[ReferenceByUrl | VideoByUrl]
     query: dict[str, str | None]
+    metadata: Sequence[str] = ()
 
     def settings(self, fields: Sequence[tuple[str, str]] = ()) -> VectorSettings:
         """The settings of query and form together. Raises `ValidationFailedError` for one that is unknown or twice."""
@@ -40,40 +52,116 @@ class Given:
         return VectorSettings(**checked.model_dump())
 
 
-async def upload(services: Services, role: Role, request: Request, response: Response, given: Given) -> MediaBody:
-    """Receive a file, raw or as the form field `file`. 202 when it will be vectorised, 200 when it is known."""
-    declared = request.headers.get("content-type", "").partition(";")[0].strip().lower()
-    if declared == "application/json":
-        raise UnsupportedMediaError("send the file itself, as the body or as the form field `file`")
-    async with Intake(services.storage, request, limit_bytes=services.settings.max_upload_bytes) as intake:
-        if declared == "multipart/form-data":
-            form = await read_form(intake)
-            known = given.options.model_fields
-            if [name for name, _ in form.files] != ["file"] or any(name not in known for name, _ in form.fields):
-                allowed = " and ".join(f"`{name}`" for name in known)
-                raise BadRequestError(f"the form must hold one file, in the field `file`, and may hold {allowed}")
-            received, settings = form.files[0][1], given.settings(form.fields)
+@dataclass(frozen=True)
+class _Received:
+    """A file with what was said of it."""
+
+    file: ReceivedFile
+    settings: VectorSettings
+    metadata: dict[str, str]
+    #: who is told when it is vectorised
+    webhook: str | None = None
+
+
+async def upload(
+    services: Services,
+    caller: Caller,
+    once: Once,
+    role: Role,
+    request: Request,
+    response: Response,
+    given: Given,
+    *,
+    only: str | None = None,
+) -> MediaBody:
+    """Receive a file: raw, as the form field `file`, or by its URL.
+
+    202 when it will be vectorised, 200 when it is known. ``only`` is the one type of body that its address takes.
+    """
+    if only is not None and media_type(request) != only:
+        raise UnsupportedMediaError(f"send this as {only}")
+    # a setting that is misspelt would be left out without a word
+    if unknown := sorted({*request.query_params} - {*given.query, "metadata"}):
+        raise invalid_values({f"/query/{name}": "there is no such setting" for name in unknown})
+    limit_bytes = services.settings.max_upload_bytes
+    async with once, Intake(services.storage, services.room, request, limit_bytes=limit_bytes) as intake:
+        if not once.answered:
+            await services.calls.read(_check_room, services, caller, request)
+        if media_type(request) == "application/json":
+            found = await _fetch(services, caller, intake, once, given)
         else:
-            received, settings = await intake.raw(), given.settings()
-        found, pending = await run_in_threadpool(commands.register, services, role, received, settings)
-    response.status_code = 202 if pending else 200
-    response.headers["Location"] = f"{services.settings.root_path}/{role.value}s/{found.id}"
-    return media_body(found)
+            found = await _receive(services, intake, given)
+            file = found.file
+            once.compare([file.sha256, file.filename, asdict(found.settings), found.metadata, found.webhook])
+        asked = Asked(caller.owner, once, found.metadata, found.webhook)
+        registered = await commands.register(services, role, found.file, found.settings, asked=asked)
+    response.status_code = 202 if registered.pending else 200
+    response.headers["Location"] = registered.location
+    return registered.body
 
 
-def show(services: Services, role: Role, media_id: str) -> MediaBody:
-    """One medium. Raises `NotFoundError`."""
+async def _receive(services: Services, intake: Intake, given: Given) -> _Received:
+    if media_type(intake.request) != "multipart/form-data":
+        settings, metadata = given.settings(), to_metadata(given.metadata)
+        return _Received(await intake.raw(), settings, metadata, None)
+    form = await read_form(intake)
+    known = given.options.model_fields
+    fields = [(name, text) for name, text in form.fields if name not in {"metadata", "webhook"}]
+    if [name for name, _ in form.files] != ["file"] or any(name not in known for name, _ in fields):
+        allowed = " and ".join(f"`{name}`" for name in (*known, "metadata", "webhook"))
+        raise BadRequestError(f"the form must hold one file, in the field `file`, and may hold {allowed}")
+    metadata = to_metadata([*given.metadata, *(text for name, text in form.fields if name == "metadata")])
+    webhook = receiver_of_form(services, [text for name, text in form.fields if name == "webhook"])
+    return _Received(form.files[0][1], given.settings(fields), metadata, webhook)
+
+
+async def _fetch(services: Services, caller: Caller, intake: Intake, once: Once, given: Given) -> _Received:
+    wanted = await read_json(intake.request, given.by_url, limit_bytes=services.settings.max_json_bytes)
+    said = [name for name in given.options.model_fields if name in wanted.model_fields_set]
+    settings = given.settings([(name, getattr(wanted, name)) for name in said])
+    metadata = to_metadata([*given.metadata, *(f"{name}:{value}" for name, value in wanted.metadata.items())])
+    webhook = wanted.webhook.url if wanted.webhook is not None else None
+    once.compare([wanted.url, asdict(settings), metadata, webhook])
+    receiver(services, wanted.webhook)
+    with services.fetches.place(caller.owner):
+        file = await while_connected(intake.request, intake.fetch(services.egress, wanted.url))
+    return _Received(file, settings, metadata, webhook)
+
+
+def _check_room(services: Services, caller: Caller, request: Request) -> None:
+    """Refuse a file that says it is too large for the key's quota before it is received."""
+    declared = request.headers.get("content-length", "")
+    size_bytes = int(declared) if declared.isdecimal() and len(declared) < 20 else 0
     with services.database.read() as session:
-        found = media.get(session, media_id)
+        now = services.database.now()
+        quotas.check(session, caller.owner, now=now, jobs=0, size_bytes=size_bytes, lock=False)
+
+
+def show(services: Services, caller: Caller, role: Role, media_id: str, if_none_match: str | None) -> Response:
+    """One medium. Raises `NotFoundError`."""
+    return conditional(if_none_match, media_body(_get(services, caller, role, media_id), services.settings))
+
+
+async def send(services: Services, caller: Caller, role: Role, media_id: str, asked: AskedBytes) -> Response:
+    """The very file that was uploaded. Raises `NotFoundError`, and what `send_file` raises."""
+    found = await services.calls.read(_get, services, caller, role, media_id)
+    name = found.filename or f"{found.id}{PurePath(found.source_key).suffix}"
+    file = File(found.source_key, found.sha256, found.size_bytes, found.content_type, name, of=found.id)
+    return await send_file(services, asked, file)
+
+
+def _get(services: Services, caller: Caller, role: Role, media_id: str) -> Media:
+    with services.database.read() as session:
+        found = media.get(session, media_id, owner=caller.owner)
     if found is None or found.role != role:
         raise NotFoundError(f"there is no {role.value} {media_id}")
-    return media_body(found)
+    return found
 
 
-def page(services: Services, role: Role, cursor: str | None, limit: int) -> MediaPage:
+def page(services: Services, caller: Caller, role: Role, cursor: str | None, limit: int) -> MediaPage:
     """A page of media, newest first."""
     with services.database.read() as session:
-        found = media.page(session, role, before=cursor, limit=limit + 1)
+        found = media.page(session, role, owner=caller.owner, before=cursor, limit=limit + 1)
     shown = found[:limit]
     more = shown[-1].id if len(found) > limit else None
-    return MediaPage(data=[media_body(one) for one in shown], next_cursor=more)
+    return MediaPage(data=[media_body(one, services.settings) for one in shown], next_cursor=more)

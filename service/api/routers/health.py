@@ -2,46 +2,65 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Literal
+import asyncio
+from datetime import timedelta
+from typing import Final
 
-import structlog
 from fastapi import APIRouter, Response
+from sqlalchemy.exc import SQLAlchemyError
 
 from service.api.dependencies import ServicesDep
-from service.api.schemas import Readiness
-from service.queue import RENDER
+from service.api.schemas import Liveness, Readiness
+from service.api.services import Services
+from service.catalog import workers
+from service.errors import UnavailableError
 
 router = APIRouter(tags=["health"])
-log = structlog.get_logger(__name__)
+
+OK: Final = "ok"
+UNAVAILABLE: Final = "unavailable"
+NO_WORKER: Final = "none"
 
 
 @router.get("/livez")
-async def livez() -> dict[str, Literal["ok"]]:
+async def get_liveness() -> Liveness:
     """The process answers."""
-    return {"status": "ok"}
+    return Liveness(status="ok")
 
 
 @router.get(
-    "/readyz", responses={503: {"model": Readiness, "description": "the database or the storage does not answer"}}
+    "/readyz",
+    responses={
+        503: {"model": Readiness, "description": "database or storage do not answer, no worker can work, or it stops"}
+    },
 )
-def readyz(services: ServicesDep, response: Response) -> Readiness:
-    """The parts answer. Without its broker the service is `degraded`: jobs are accepted and run once it is back."""
-    checks: dict[str, Literal["ok", "unavailable"]] = {
-        "database": _check("database", services.database.ping),
-        "storage": _check("storage", services.storage.ping),
-        "broker": _check("broker", lambda: services.publisher.depth(RENDER)),
-    }
-    if "unavailable" in (checks["database"], checks["storage"]):
+async def get_readiness(services: ServicesDep, response: Response) -> Readiness:
+    """Whether requests should come here, and which parts answer.
+
+    `degraded`: jobs are accepted, and run once the broker, or a worker, is back.
+    """
+    if services.watch.is_closed:
+        response.status_code = 503
+        return Readiness(status="stopping", checks={})
+    found = await asyncio.gather(*(probe.answers() for probe in services.probes))
+    database, storage, broker = (OK if answers else UNAVAILABLE for answers in found)
+    checks = {"database": database, "storage": storage, "broker": broker, "workers": UNAVAILABLE}
+    if database == OK:
+        try:
+            checks["workers"] = await services.calls.read(_workers, services)
+        except (SQLAlchemyError, UnavailableError):  # since the check
+            checks["database"] = UNAVAILABLE
+    if UNAVAILABLE in (checks["database"], storage) or checks["workers"] not in {OK, NO_WORKER}:
         response.status_code = 503
         return Readiness(status="unavailable", checks=checks)
-    return Readiness(status="ok" if checks["broker"] == "ok" else "degraded", checks=checks)
+    return Readiness(status="ok" if set(checks.values()) == {OK} else "degraded", checks=checks)
 
 
-def _check(name: str, probe: Callable[[], object]) -> Literal["ok", "unavailable"]:
-    try:
-        probe()
-    except Exception as error:
-        log.warning("not ready", part=name, error=type(error).__name__)
-        return "unavailable"
-    return "ok"
+def _workers(services: Services) -> str:
+    """Whether a worker can do jobs; what all of them lack; or that there is none."""
+    silent_s = workers.SILENT_BEATS * services.settings.heartbeat_s
+    with services.database.read() as session:
+        lacking = workers.lacking(session, since=services.database.now() - timedelta(seconds=silent_s))
+    if None in lacking:
+        return OK
+    return f"no {min(filter(None, lacking))}" if lacking else NO_WORKER

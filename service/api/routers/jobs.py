@@ -1,63 +1,145 @@
-"""/jobs: the state and progress of a job, and its cancellation."""
+"""/jobs: the state and progress of jobs, and their cancellation."""
 
 from __future__ import annotations
 
-import asyncio
+from typing import Annotated
 
-from fastapi import APIRouter, Response
-from starlette.concurrency import run_in_threadpool
+from fastapi import APIRouter, Query, Request, Response
 
-from service.api.dependencies import JobId, ServicesDep, WaitSeconds, answer, problems
-from service.api.schemas import JobBody
+from service import addresses
+from service.api import lookups
+from service.api.authentication import Caller, CallerDep
+from service.api.conditional import conditional
+from service.api.dependencies import (
+    MAX_WAIT_S,
+    UNCHANGED,
+    IfNoneMatch,
+    JobCursor,
+    JobId,
+    MetadataOf,
+    PageSize,
+    ServicesDep,
+    WaitSeconds,
+    answer,
+    problems,
+)
+from service.api.idempotency import Once, OnceDep
+from service.api.metadata import to_metadata
+from service.api.openapi import fields
+from service.api.preferences import preferred_wait_s
+from service.api.problems import invalid_values
+from service.api.schemas import JobBody, JobPage
 from service.api.services import Services
-from service.api.views import job_body
-from service.catalog import JobState, jobs
+from service.catalog import Filter, JobKind, JobState, jobs, parts
 from service.errors import ConflictError, NotFoundError
 
 router = APIRouter(prefix="/jobs", tags=["jobs"])
 
-#: seconds between two checks of a job that a client waits for
-POLL_S = 0.25
+_MAX_IDS = 200
+
+JobIds = Annotated[str | None, Query(alias="id", description="ids with commas: these alone, in one page")]
+VideoOf = Annotated[str | None, Query(description="the clip that is recoloured, or the medium that is vectorised")]
 
 
-def load_job(services: Services, job_id: str) -> JobBody:
+def load_job(services: Services, caller: Caller, job_id: str) -> JobBody:
     """The answer for a job. Raises `NotFoundError`."""
     with services.database.read() as session:
-        job = jobs.get(session, job_id)
+        job = jobs.get(session, job_id, owner=caller.owner)
         if job is None:
             raise NotFoundError(f"there is no job {job_id}")
-        return job_body(job, jobs.looks(session, job_id), root_path=services.settings.root_path)
+        return lookups.of_job(services.settings, services.room, session, job, forecasts=services.forecasts)
 
 
-@router.get("/{job_id}", responses=problems(404))
-async def show_job(job_id: JobId, services: ServicesDep, wait: WaitSeconds = 0) -> JobBody:
-    """One job. With `wait` the answer comes when the job is done, or after so many seconds."""
-    loop = asyncio.get_running_loop()
-    until = loop.time() + wait
-    while True:
-        body = await run_in_threadpool(load_job, services, job_id)
-        left = until - loop.time()
-        if body.done or left <= 0:
-            return body
-        await asyncio.sleep(min(POLL_S, left))
+@router.get("", responses=problems())
+async def list_jobs(
+    services: ServicesDep,
+    caller: CallerDep,
+    ids: JobIds = None,
+    video: VideoOf = None,
+    state: Annotated[list[JobState], Query(description="any of these states")] = [],  # noqa: B006 - FastAPI copies it
+    kind: Annotated[list[JobKind], Query(description="any of these kinds")] = [],  # noqa: B006
+    metadata: MetadataOf = [],  # noqa: B006
+    cursor: JobCursor = None,
+    limit: PageSize = 50,
+) -> JobPage:
+    """Jobs, newest first: those that all of the given filters choose."""
+    named = None if ids is None else [one.strip().replace("\0", "") for one in ids.split(",") if one.strip()]
+    if named is not None and len(named) > _MAX_IDS:
+        raise invalid_values({"/id": f"at most {_MAX_IDS} ids"})
+    wanted = Filter(named, video and video.replace("\0", ""), state, kind, to_metadata(metadata))
+    return await services.calls.read(_page, services, caller, wanted, cursor, limit if named is None else _MAX_IDS)
+
+
+def _page(services: Services, caller: Caller, wanted: Filter, cursor: str | None, limit: int) -> JobPage:
+    with services.database.read() as session:
+        found = jobs.page(session, caller.owner, wanted, before=cursor, limit=limit + 1)
+        shown = lookups.of_jobs(services.settings, services.room, session, found[:limit], forecasts=services.forecasts)
+    return JobPage(data=shown, next_cursor=shown[-1].id if len(found) > limit else None)
+
+
+@router.get("/{job_id}", response_model=JobBody, responses=UNCHANGED | problems(404), openapi_extra=fields("Prefer"))
+async def get_job(
+    job_id: JobId,
+    request: Request,
+    services: ServicesDep,
+    caller: CallerDep,
+    wait: WaitSeconds = None,
+    if_none_match: IfNoneMatch = None,
+) -> Response:
+    """One job. With `wait`, or `Prefer: wait=`, the answer comes when it is done, or after so many seconds."""
+    headers: dict[str, str] = {}
+    if wait is None:
+        preferred = preferred_wait_s(request.headers.getlist("prefer"), most_s=MAX_WAIT_S)
+        if preferred is not None:
+            headers["Preference-Applied"] = f"wait={preferred}"
+        wait = preferred or 0
+    body = await services.calls.read(load_job, services, caller, job_id)
+    if body.done or not wait:
+        return conditional(if_none_match, body, headers)
+    # the job is the caller's: the watch asks nobody whose it is
+    ended = await services.watch.end_of(job_id, wait)
+    if ended is not None:
+        return conditional(if_none_match, ended, headers)
+    return conditional(if_none_match, await services.calls.read(load_job, services, caller, job_id), headers)
 
 
 @router.post(
     "/{job_id}/cancel",
     status_code=202,
-    responses=answer(200, JobBody, "it was canceled before") | problems(404, 409, 507),
+    responses=answer(200, JobBody, "it was canceled before") | problems(400, 404, 409, 507),
 )
-def cancel_job(job_id: JobId, response: Response, services: ServicesDep) -> JobBody:
+async def cancel_job(
+    job_id: JobId, response: Response, services: ServicesDep, caller: CallerDep, once: OnceDep
+) -> JobBody:
     """Stop a job. A queued one ends at once; a running one when its worker has stopped."""
+    async with once:
+        once.compare(None)
+        done_now, body = await services.calls.write(_cancel, services, caller, once, job_id)
+    response.status_code = 202 if done_now else 200
+    return body
+
+
+def _cancel(services: Services, caller: Caller, once: Once, job_id: str) -> tuple[bool, JobBody]:
+    """Cancel a job; False when it was canceled before. Raises `NotFoundError` and `ConflictError`."""
     now = services.database.now()
     with services.database.write() as session:
-        done_now = jobs.cancel(session, job_id, now=now)
-        job = jobs.get(session, job_id)
+        job = jobs.get(session, job_id, owner=caller.owner)
         if job is None:
             raise NotFoundError(f"there is no job {job_id}")
+        needless = [jobs.message_of(job), *parts.messages(session, [job_id])]
+        done_now = jobs.cancel(session, job_id, now=now)
+        session.refresh(job)
         if not done_now and job.state not in {JobState.CANCELING, JobState.CANCELED}:
             raise ConflictError(f"the job has already {job.state}")
         released = jobs.release(session, now=now)
+        body = lookups.of_job(services.settings, services.room, session, job)
+        once.keep(
+            session,
+            202 if done_now else 200,
+            body,
+            location=addresses.of_job(services.settings, job_id),
+            resource_id=job_id,
+        )
     services.publisher.publish(released)
-    response.status_code = 202 if done_now else 200
-    return load_job(services, job_id)
+    services.publisher.withdraw(needless)
+    return done_now, body

@@ -3,12 +3,29 @@
 from __future__ import annotations
 
 from fastapi import APIRouter, Request, Response
+from starlette.responses import StreamingResponse
 
 from service.api import commands
-from service.api.dependencies import CancelJobs, Cursor, MaskOf, PageSize, ReferenceId, ServicesDep, answer, problems
-from service.api.openapi import file_body
+from service.api.authentication import CallerDep
+from service.api.dependencies import (
+    UNCHANGED,
+    CancelJobs,
+    Cursor,
+    IfNoneMatch,
+    InputColorOf,
+    MaskOf,
+    MetadataOf,
+    PageSize,
+    ReferenceId,
+    ServicesDep,
+    answer,
+    problems,
+)
+from service.api.downloads import CLIPS, PICTURES, AskedDep, file_answers
+from service.api.idempotency import OnceDep
+from service.api.openapi import file_body, form_body, json_body
 from service.api.routers import _media
-from service.api.schemas import MediaBody, MediaPage, ReferenceOptions
+from service.api.schemas import MediaBody, MediaPage, ReferenceByUrl, ReferenceOptions
 from service.catalog import Role
 
 router = APIRouter(prefix="/references", tags=["references"])
@@ -17,30 +34,88 @@ router = APIRouter(prefix="/references", tags=["references"])
 @router.post(
     "",
     status_code=202,
-    responses=answer(200, MediaBody, "the same content is there already") | problems(400, 413, 415, 507),
-    openapi_extra=file_body("A picture or clip whose skin colours are to be used", ReferenceOptions),
+    responses=answer(200, MediaBody, "the same content is there already") | problems(400, 409, 413, 415, 507),
+    openapi_extra=file_body("A picture or clip whose skin colours are to be used"),
 )
-async def upload_reference(
-    request: Request, response: Response, services: ServicesDep, mask: MaskOf = None
+async def create_reference(
+    request: Request,
+    response: Response,
+    services: ServicesDep,
+    caller: CallerDep,
+    once: OnceDep,
+    mask: MaskOf = None,
+    input_color: InputColorOf = None,
+    metadata: MetadataOf = [],  # noqa: B006 - FastAPI copies it
 ) -> MediaBody:
-    """Upload a reference; it is vectorised once, and the same bytes with the same mask answer with the same id."""
-    given = _media.Given(ReferenceOptions, {"mask": mask})
-    return await _media.upload(services, Role.REFERENCE, request, response, given)
+    """Upload a reference; it is vectorised once, and the same bytes with the same settings answer with the same id."""
+    given = _media.Given(ReferenceOptions, ReferenceByUrl, {"mask": mask, "input_color": input_color}, metadata)
+    return await _media.upload(services, caller, once, Role.REFERENCE, request, response, given)
+
+
+@router.post(
+    "/form",
+    status_code=202,
+    responses=answer(200, MediaBody, "the same content is there already") | problems(400, 409, 413, 415, 507),
+    openapi_extra=form_body("The file and its settings as a form", ReferenceOptions),
+)
+async def create_reference_from_form(
+    request: Request, response: Response, services: ServicesDep, caller: CallerDep, once: OnceDep
+) -> MediaBody:
+    """The same by a form: the file is its field `file`."""
+    given = _media.Given(ReferenceOptions, ReferenceByUrl, {})
+    return await _media.upload(
+        services, caller, once, Role.REFERENCE, request, response, given, only="multipart/form-data"
+    )
+
+
+@router.post(
+    "/url",
+    status_code=202,
+    responses=answer(200, MediaBody, "the same content is there already") | problems(400, 409, 413, 415, 507),
+    openapi_extra=json_body(ReferenceByUrl),
+)
+async def create_reference_from_url(
+    request: Request, response: Response, services: ServicesDep, caller: CallerDep, once: OnceDep
+) -> MediaBody:
+    """The same of a file that is fetched from where it is."""
+    given = _media.Given(ReferenceOptions, ReferenceByUrl, {})
+    return await _media.upload(
+        services, caller, once, Role.REFERENCE, request, response, given, only="application/json"
+    )
 
 
 @router.get("", responses=problems())
-def list_references(services: ServicesDep, cursor: Cursor = None, limit: PageSize = 50) -> MediaPage:
+async def list_references(
+    services: ServicesDep, caller: CallerDep, cursor: Cursor = None, limit: PageSize = 50
+) -> MediaPage:
     """All references, newest first."""
-    return _media.page(services, Role.REFERENCE, cursor, limit)
+    return await services.calls.read(_media.page, services, caller, Role.REFERENCE, cursor, limit)
 
 
-@router.get("/{reference_id}", responses=problems(404))
-def show_reference(reference_id: ReferenceId, services: ServicesDep) -> MediaBody:
+@router.get("/{reference_id}", response_model=MediaBody, responses=UNCHANGED | problems(404))
+async def get_reference(
+    reference_id: ReferenceId, services: ServicesDep, caller: CallerDep, if_none_match: IfNoneMatch = None
+) -> Response:
     """One reference: its state, and what was found in it once it is ready."""
-    return _media.show(services, Role.REFERENCE, reference_id)
+    return await services.calls.read(_media.show, services, caller, Role.REFERENCE, reference_id, if_none_match)
+
+
+@router.get(
+    "/{reference_id}/file",
+    response_class=StreamingResponse,
+    responses={**file_answers(*CLIPS, "video/x-msvideo", *PICTURES), **problems(404, 410, 416)},
+)
+@router.head("/{reference_id}/file", include_in_schema=False)
+async def get_reference_file(
+    reference_id: ReferenceId, services: ServicesDep, caller: CallerDep, asked: AskedDep
+) -> Response:
+    """The file that was uploaded, byte for byte, whole or in ranges. Its ETag is the sha256 of the content."""
+    return await _media.send(services, caller, Role.REFERENCE, reference_id, asked)
 
 
 @router.delete("/{reference_id}", status_code=204, responses=problems(404, 409, 507))
-def delete_reference(reference_id: ReferenceId, services: ServicesDep, cancel_jobs: CancelJobs = False) -> None:
+async def delete_reference(
+    reference_id: ReferenceId, services: ServicesDep, caller: CallerDep, cancel_jobs: CancelJobs = False
+) -> None:
     """Delete the reference with everything derived from it: landmarks, asset and results."""
-    commands.remove(services, Role.REFERENCE, reference_id, cancel_jobs=cancel_jobs)
+    await commands.remove(services, caller.owner, Role.REFERENCE, reference_id, cancel_jobs=cancel_jobs)

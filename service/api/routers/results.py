@@ -2,72 +2,147 @@
 
 from __future__ import annotations
 
-import base64
-from typing import Annotated, Any
-from urllib.parse import quote
+from datetime import timedelta
+from urllib.parse import urlencode
 
-from fastapi import APIRouter, Header, Request, Response
-from starlette.concurrency import run_in_threadpool
+from fastapi import APIRouter, Request, Response
 from starlette.responses import StreamingResponse
 
-from service.api.dependencies import Responses, ResultId, ServicesDep, problems
-from service.api.ranges import matches, parse_range
+from service import addresses
+from service.api.authentication import Caller, CallerDep
+from service.api.dependencies import PersonNumber, ResultId, ServicesDep, problems
+from service.api.downloads import CLIPS, PICTURES, Asked, AskedDep, File, file_answers, send_file
+from service.api.idempotency import Once, OnceDep
+from service.api.json_body import media_type, read_json
+from service.api.links import Access, AccessDep
+from service.api.openapi import json_body
+from service.api.schemas import LinkBody, ResultLinkRequest
 from service.api.services import Services
-from service.catalog import Result, results
+from service.catalog import PartName, Result, results
 from service.errors import GoneError, NotFoundError
-from service.storage import BlobMissingError
 
 router = APIRouter(prefix="/results", tags=["results"])
-
-_FILE: dict[str, Any] = {"description": "the file", "content": {"video/mp4": {}, "image/png": {}}}
-_RANGE = {**_FILE, "description": "the requested range"}
-_RESPONSES: Responses = {200: _FILE, 206: _RANGE, 304: {"description": "unchanged"}}
+#: what a link opens as well as a key does
+open_router = APIRouter(prefix="/results", tags=["results"])
 
 
-@router.get("/{result_id}", response_class=StreamingResponse, responses={**_RESPONSES, **problems(404, 410, 416)})
-@router.head("/{result_id}", include_in_schema=False)
-async def download(
-    request: Request,
-    result_id: ResultId,
-    services: ServicesDep,
-    range_: Annotated[str | None, Header(alias="Range")] = None,
-    if_range: Annotated[str | None, Header()] = None,
-    if_none_match: Annotated[str | None, Header()] = None,
-) -> Response:
+@open_router.get(
+    "/{result_id}",
+    response_class=StreamingResponse,
+    responses={**file_answers(*CLIPS, *PICTURES), **problems(403, 404, 410, 416)},
+)
+@open_router.head("/{result_id}", include_in_schema=False)
+async def get_result(result_id: ResultId, services: ServicesDep, access: AccessDep, asked: AskedDep) -> Response:
     """The file. Its ETag is the sha256 of the content, so ranges and caches are safe."""
-    result, key = await run_in_threadpool(_find, services, result_id)
-    etag = f'"{result.sha256}"'
-    headers = {
-        "ETag": etag,
-        "Accept-Ranges": "bytes",
-        "Cache-Control": "private, no-cache",
-        "Repr-Digest": f"sha-256=:{base64.b64encode(bytes.fromhex(result.sha256)).decode()}:",
-    }
-    if matches(if_none_match, etag):
-        return Response(status_code=304, headers=headers)
-    wants_range = if_range is None or matches(if_range, etag, weak=False)
-    asked = parse_range(range_, result.size_bytes) if wants_range else None
-    start, end = asked or (0, result.size_bytes)
-    headers["Content-Type"] = result.content_type
-    headers["Content-Length"] = str(end - start)
-    headers["Content-Disposition"] = f"inline; filename*=UTF-8''{quote(result.filename)}"
-    if asked:
-        headers["Content-Range"] = f"bytes {start}-{end - 1}/{result.size_bytes}"
-    status = 206 if asked else 200
-    if request.method == "HEAD":
-        return Response(status_code=status, headers=headers)
-    try:
-        pieces = await services.storage.stream(key, start, end)
-    except BlobMissingError as error:
-        raise GoneError(f"the file of {result_id} has been removed") from error
-    return StreamingResponse(pieces, status_code=status, headers=headers)
+    return await _answer(services, asked, await services.calls.read(_find, services, access, result_id))
 
 
-def _find(services: Services, result_id: str) -> tuple[Result, str]:
+@open_router.get(
+    "/{result_id}/look.cube",
+    response_class=StreamingResponse,
+    responses={**file_answers("text/plain"), **problems(403, 404, 410, 416)},
+)
+@open_router.head("/{result_id}/look.cube", include_in_schema=False)
+async def get_result_cube(
+    result_id: ResultId, services: ServicesDep, access: AccessDep, asked: AskedDep, person: PersonNumber = 1
+) -> Response:
+    """The look's colours as a 3D LUT of 33 nodes a side, for the clip's own values, if `output.extras` asked for it."""
+    part = await services.calls.read(_find_part, services, access, result_id, "look.cube", person)
+    return await _answer(services, asked, part)
+
+
+@open_router.get(
+    "/{result_id}/matte",
+    response_class=StreamingResponse,
+    responses={**file_answers("video/x-matroska", "video/quicktime", "image/png"), **problems(403, 404, 410, 416)},
+)
+@open_router.head("/{result_id}/matte", include_in_schema=False)
+async def get_result_matte(
+    result_id: ResultId, services: ServicesDep, access: AccessDep, asked: AskedDep, person: PersonNumber = 1
+) -> Response:
+    """Where the look lies, white on black, frame by frame as the clip, if `output.extras` asked for it."""
+    part = await services.calls.read(_find_part, services, access, result_id, "matte", person)
+    return await _answer(services, asked, part)
+
+
+async def _answer(services: Services, asked: Asked, result: Result) -> Response:
+    whose = result.part_of or result.id
+    file = File(
+        _key(services, result), result.sha256, result.size_bytes, result.content_type, result.filename, of=whose
+    )
+    return await send_file(services, asked, file)
+
+
+def _find(services: Services, access: Access, result_id: str) -> Result:
+    access.to(services, "result", result_id)
+    return _result(services, access, result_id)
+
+
+def _result(services: Services, access: Access, result_id: str) -> Result:
     with services.database.read() as session:
-        result = results.get(session, result_id)
-    if result is None:
-        raise NotFoundError(f"there is no result {result_id}")
+        result = results.get(session, result_id, owner=access.owner)
+        if result is None:
+            raise NotFoundError(f"there is no result {result_id}")
+        access.check_owner(session, result.owner)
+    return result
+
+
+def _find_part(services: Services, access: Access, result_id: str, part: PartName, person: int) -> Result:
+    access.to(services, "result", result_id, part, str(person))
+    result = _result(services, access, result_id)
+    with services.database.read() as session:
+        there = [one for one in results.parts(session, [result.id]) if one.part == part]
+    for one in there:
+        if one.person == person:
+            return one
+    if not there:
+        name = {"look.cube": "cube", "matte": "matte"}[part]
+        raise NotFoundError(f'{result_id} has no {part}; run the transfer with "output": {{"extras": ["{name}"]}}')
+    persons = ", ".join(str(one.person) for one in there)
+    raise NotFoundError(f"{result_id} has no {part} of person {person}; there is that of: {persons}")
+
+
+@router.post(
+    "/{result_id}/link",
+    responses=problems(400, 404, 409, 410, 413, 415),
+    openapi_extra=json_body(ResultLinkRequest, required=False),
+)
+async def create_result_link(
+    request: Request, result_id: ResultId, services: ServicesDep, caller: CallerDep, once: OnceDep
+) -> LinkBody:
+    """A link to the file, or to a part of it, that a browser may use without a key until it expires."""
+    if media_type(request):
+        wanted = await read_json(request, ResultLinkRequest, limit_bytes=services.settings.max_json_bytes)
+    else:
+        wanted = ResultLinkRequest()
+    async with once:
+        once.compare(wanted.model_dump(mode="json"))
+        return await services.calls.write(_make_link, services, caller, once, result_id, wanted)
+
+
+def _make_link(services: Services, caller: Caller, once: Once, result_id: str, wanted: ResultLinkRequest) -> LinkBody:
+    access = Access(caller.owner)
+    if wanted.part is None:
+        found, what, place = _find(services, access, result_id), [result_id], result_id
+    else:
+        found = _find_part(services, access, result_id, wanted.part, wanted.person)
+        what, place = [result_id, wanted.part, str(wanted.person)], f"{result_id}/{wanted.part}"
+    key = _key(services, found)
+    wait = timedelta(seconds=wanted.expires_in_s)
+    expires_at = min(services.database.now() + wait, found.expires_at).replace(microsecond=0)
+    url = services.storage.link(key, expires_in=wait) if services.settings.links_to_store else None
+    if url is None:
+        query = services.signer.sign("result", *what, expires_at=expires_at)
+        query |= {"person": str(wanted.person)} if wanted.part is not None and wanted.person > 1 else {}
+        url = f"{addresses.of_result(services.settings, place)}?{urlencode(query)}"
+    body = LinkBody(url=url, expires_at=expires_at)
+    with services.database.write() as session:
+        once.keep(session, 200, body, location=None, resource_id=result_id)
+    return body
+
+
+def _key(services: Services, result: Result) -> str:
+    """The blob of a result or a part of one. Raises `GoneError` after its retention."""
     if result.blob_key is None or result.expires_at < services.database.now():
-        raise GoneError(f"{result_id} has expired; run the transfer again to make it once more")
-    return result, result.blob_key
+        raise GoneError(f"{result.part_of or result.id} has expired; run the transfer again to make it once more")
+    return result.blob_key

@@ -5,22 +5,24 @@ from __future__ import annotations
 from typing import TypeVar
 
 from fastapi import APIRouter, Request, Response
-from pydantic import ValidationError
-from starlette.concurrency import run_in_threadpool
 
+from service import addresses
 from service.api import commands
-from service.api.commands import Wanted
-from service.api.dependencies import ServicesDep, problems
+from service.api.authentication import Caller, CallerDep
+from service.api.commands import Asked, Wanted
+from service.api.dependencies import ServicesDep, answer, problems
+from service.api.idempotency import Once, OnceDep
+from service.api.json_body import media_type, read_json
 from service.api.multipart import read_form
-from service.api.openapi import TRANSFER_FORM, json_body
-from service.api.problems import invalid, invalid_values
-from service.api.routers.jobs import load_job
-from service.api.schemas import JobBody, SwapRequest, TransferRequest
+from service.api.openapi import TRANSFER_FORM, form, json_body
+from service.api.problems import invalid_values
+from service.api.receivers import receiver
+from service.api.schemas import JobBody, OutputRequest, SwapRequest, TransferRequest
 from service.api.services import Services
 from service.api.transfer_form import to_request
 from service.api.uploads import Intake
 from service.catalog import JobKind, Role
-from service.errors import TooLargeError, UnsupportedMediaError, ValidationFailedError
+from service.errors import Limit, UnsupportedMediaError, ValidationFailedError
 
 router = APIRouter(tags=["transfer"])
 
@@ -33,35 +35,75 @@ Model = TypeVar("Model", TransferRequest, SwapRequest)
 @router.post(
     "/transfer",
     status_code=202,
-    responses=problems(400, 404, 413, 415, 507),
-    openapi_extra=json_body(TransferRequest, TRANSFER_FORM),
+    responses=answer(200, JobBody, "the same was asked for before") | problems(400, 404, 409, 413, 415, 507),
+    openapi_extra=json_body(TransferRequest),
 )
-async def transfer(request: Request, response: Response, services: ServicesDep) -> JobBody:
+async def create_transfer(
+    request: Request, response: Response, services: ServicesDep, caller: CallerDep, once: OnceDep
+) -> JobBody:
     """Put the colours of one or more references on a video; media that still vectorise are waited for."""
-    is_form = _media_type(request) == "multipart/form-data"
-    wanted = await (_read_form(request, services) if is_form else _read(request, services, TransferRequest))
-    looks, pointers = _looks_of(wanted, services, is_form=is_form)
-    job = await run_in_threadpool(commands.request_looks, services, JobKind.TRANSFER, looks, wanted.output, pointers)
-    return await _accepted(services, job.id, response)
+    is_form = media_type(request) == "multipart/form-data"
+    async with once:
+        if is_form:
+            wanted = await _read_form(request, services, caller, once)
+        else:
+            wanted = await _read(request, services, TransferRequest, once)
+        looks, pointers = _looks_of(wanted, services, is_form=is_form)
+        webhook = receiver(services, wanted.webhook, "/webhook" if is_form else "/webhook/url")
+        asked = Asked(caller.owner, once, wanted.metadata, webhook, wanted.force)
+        return await _accept(services, response, JobKind.TRANSFER, looks, wanted.output, pointers, asked)
+
+
+@router.post(
+    "/transfer/form",
+    status_code=202,
+    responses=answer(200, JobBody, "the same was asked for before") | problems(400, 404, 409, 413, 415, 507),
+    openapi_extra=form(TRANSFER_FORM),
+)
+async def create_transfer_from_form(
+    request: Request, response: Response, services: ServicesDep, caller: CallerDep, once: OnceDep
+) -> JobBody:
+    """The same by a form, with references as files; its options are those of all of its looks."""
+    if media_type(request) != "multipart/form-data":
+        raise UnsupportedMediaError("send the request as multipart/form-data")
+    return await create_transfer(request, response, services, caller, once)
 
 
 @router.post(
     "/swap",
     status_code=202,
-    responses=problems(400, 404, 413, 415, 507),
+    responses=answer(200, JobBody, "the same was asked for before") | problems(400, 404, 409, 413, 415, 507),
     openapi_extra=json_body(SwapRequest),
 )
-async def swap(request: Request, response: Response, services: ServicesDep) -> JobBody:
+async def create_swap(
+    request: Request, response: Response, services: ServicesDep, caller: CallerDep, once: OnceDep
+) -> JobBody:
     """Exchange the colours of two videos, or of two faces in one.
 
     Two videos: the first result is `a` with the colours of `b`, the second the other. Without `b`, two `faces` of `a`
     exchange their colours in one result.
     """
-    wanted = await _read(request, services, SwapRequest)
-    looks = _sides_of(wanted)
-    pointers = {wanted.a: "/a"} if wanted.b in {None, wanted.a} else {wanted.a: "/a", str(wanted.b): "/b"}
-    job = await run_in_threadpool(commands.request_looks, services, JobKind.SWAP, looks, wanted.output, pointers)
-    return await _accepted(services, job.id, response)
+    async with once:
+        wanted = await _read(request, services, SwapRequest, once)
+        looks = _sides_of(wanted)
+        pointers = {wanted.a: "/a"} if wanted.b in {None, wanted.a} else {wanted.a: "/a", str(wanted.b): "/b"}
+        asked = Asked(caller.owner, once, wanted.metadata, receiver(services, wanted.webhook), wanted.force)
+        return await _accept(services, response, JobKind.SWAP, looks, wanted.output, pointers, asked)
+
+
+async def _accept(
+    services: Services,
+    response: Response,
+    kind: JobKind,
+    looks: list[Wanted],
+    output: OutputRequest,
+    pointers: dict[str, str],
+    asked: Asked,
+) -> JobBody:
+    body, new = await services.calls.write(commands.request_looks, services, kind, looks, output, pointers, asked)
+    response.status_code = 202 if new else 200
+    response.headers["Location"] = addresses.of_job(services.settings, body.id)
+    return body
 
 
 def _sides_of(wanted: SwapRequest) -> list[Wanted]:
@@ -81,54 +123,35 @@ def _looks_of(wanted: TransferRequest, services: Services, *, is_form: bool) -> 
     """The looks, if not too many, and where in the request each id stands: a form's options stand at its top."""
     if len(wanted.looks) > services.settings.max_looks:
         detail = f"a transfer has at most {services.settings.max_looks} looks"
-        raise ValidationFailedError(detail, errors=[{"pointer": "/looks", "detail": detail}])
+        limit = Limit(services.settings.max_looks, "looks")
+        raise ValidationFailedError(detail, errors=[{"pointer": "/looks", "detail": detail}], limit=limit)
     places = ["" if is_form else f"/looks/{i}" for i in range(len(wanted.looks))]
     pairs = list(zip(wanted.looks, places, strict=True))
     pointers = {look.reference: f"{place}/reference" for look, place in pairs} | {wanted.video: "/video"}
     return [Wanted(wanted.video, look.reference, look, place) for look, place in pairs], pointers
 
 
-async def _accepted(services: Services, job_id: str, response: Response) -> JobBody:
-    response.headers["Location"] = f"{services.settings.root_path}/jobs/{job_id}"
-    return await run_in_threadpool(load_job, services, job_id)
+async def _read(request: Request, services: Services, model: type[Model], once: Once) -> Model:
+    wanted = await read_json(request, model, limit_bytes=services.settings.max_json_bytes)
+    once.compare(wanted.model_dump(mode="json"))
+    return wanted
 
 
-def _media_type(request: Request) -> str:
-    return request.headers.get("content-type", "").partition(";")[0].strip().lower()
-
-
-async def _body(request: Request, *, limit_bytes: int) -> bytes:
-    body = bytearray()
-    async for chunk in request.stream():
-        body += chunk
-        if len(body) > limit_bytes:
-            raise TooLargeError(f"the body is larger than {limit_bytes} bytes")
-    return bytes(body)
-
-
-async def _read(request: Request, services: Services, model: type[Model]) -> Model:
-    if _media_type(request) != "application/json":
-        raise UnsupportedMediaError("send the request as application/json")
-    body = await _body(request, limit_bytes=services.settings.max_json_bytes)
-    try:
-        # JSON has numbers and booleans of its own: a text or a boolean is no number there
-        return model.model_validate_json(body, strict=True)
-    except ValidationError as error:
-        raise invalid(error) from error
-
-
-async def _read_form(request: Request, services: Services) -> TransferRequest:
+async def _read_form(request: Request, services: Services, caller: Caller, once: Once) -> TransferRequest:
     """The one-line client's form: `video`, one or more `reference` files or ids, and options for all of them."""
     settings = services.settings
-    async with Intake(services.storage, request, limit_bytes=settings.max_upload_bytes) as intake:
+    async with Intake(services.storage, services.room, request, limit_bytes=settings.max_upload_bytes) as intake:
         form = await read_form(intake, max_files=settings.max_looks)
+        once.compare([form.fields, [[name, file.filename, file.sha256] for name, file in form.files]])
         # everything is checked before the first reference is recorded
         draft = to_request(form, [_UPLOADED] * len(form.files))
         looks, pointers = _looks_of(draft, services, is_form=True)
         pointers = {one: place for one, place in pointers.items() if one != _UPLOADED or place == "/video"}
-        await run_in_threadpool(commands.check_looks, services, looks, draft.output, pointers)
+        receiver(services, draft.webhook, "/webhook")
+        await services.calls.read(commands.check_looks, services, caller.owner, looks, draft.output, pointers)
+        asked = Asked(caller.owner, once)
         ids = []
         for _, file in form.files:
-            found, _ = await run_in_threadpool(commands.register, services, Role.REFERENCE, file)
-            ids.append(found.id)
+            found = await commands.register(services, Role.REFERENCE, file, asked=asked, answers=False)
+            ids.append(found.body.id)
     return to_request(form, ids) if ids else draft

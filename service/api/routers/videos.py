@@ -3,22 +3,30 @@
 from __future__ import annotations
 
 from fastapi import APIRouter, Request, Response
+from starlette.responses import StreamingResponse
 
 from service.api import commands
+from service.api.authentication import CallerDep
 from service.api.dependencies import (
+    UNCHANGED,
     CancelJobs,
     Cursor,
+    IfNoneMatch,
+    InputColorOf,
     MaskOf,
     MatchingOf,
+    MetadataOf,
     PageSize,
     ServicesDep,
     VideoId,
     answer,
     problems,
 )
-from service.api.openapi import file_body
+from service.api.downloads import CLIPS, PICTURES, AskedDep, file_answers
+from service.api.idempotency import OnceDep
+from service.api.openapi import file_body, form_body, json_body
 from service.api.routers import _media
-from service.api.schemas import MediaBody, MediaPage, VideoOptions
+from service.api.schemas import MediaBody, MediaPage, VideoByUrl, VideoOptions
 from service.catalog import Role
 
 router = APIRouter(prefix="/videos", tags=["videos"])
@@ -27,30 +35,85 @@ router = APIRouter(prefix="/videos", tags=["videos"])
 @router.post(
     "",
     status_code=202,
-    responses=answer(200, MediaBody, "the same content is there already") | problems(400, 413, 415, 507),
-    openapi_extra=file_body("A clip, or a still picture, to be recoloured", VideoOptions),
+    responses=answer(200, MediaBody, "the same content is there already") | problems(400, 409, 413, 415, 507),
+    openapi_extra=file_body("A clip, or a still picture, to be recoloured"),
 )
-async def upload_video(
-    request: Request, response: Response, services: ServicesDep, mask: MaskOf = None, matching: MatchingOf = None
+async def create_video(
+    request: Request,
+    response: Response,
+    services: ServicesDep,
+    caller: CallerDep,
+    once: OnceDep,
+    mask: MaskOf = None,
+    matching: MatchingOf = None,
+    input_color: InputColorOf = None,
+    metadata: MetadataOf = [],  # noqa: B006 - FastAPI copies it
 ) -> MediaBody:
     """Upload a video; it is vectorised once, and the same bytes with the same settings answer with the same id."""
-    given = _media.Given(VideoOptions, {"mask": mask, "matching": matching})
-    return await _media.upload(services, Role.VIDEO, request, response, given)
+    given = _media.Given(
+        VideoOptions, VideoByUrl, {"mask": mask, "matching": matching, "input_color": input_color}, metadata
+    )
+    return await _media.upload(services, caller, once, Role.VIDEO, request, response, given)
+
+
+@router.post(
+    "/form",
+    status_code=202,
+    responses=answer(200, MediaBody, "the same content is there already") | problems(400, 409, 413, 415, 507),
+    openapi_extra=form_body("The file and its settings as a form", VideoOptions),
+)
+async def create_video_from_form(
+    request: Request, response: Response, services: ServicesDep, caller: CallerDep, once: OnceDep
+) -> MediaBody:
+    """The same by a form: the file is its field `file`."""
+    given = _media.Given(VideoOptions, VideoByUrl, {})
+    return await _media.upload(services, caller, once, Role.VIDEO, request, response, given, only="multipart/form-data")
+
+
+@router.post(
+    "/url",
+    status_code=202,
+    responses=answer(200, MediaBody, "the same content is there already") | problems(400, 409, 413, 415, 507),
+    openapi_extra=json_body(VideoByUrl),
+)
+async def create_video_from_url(
+    request: Request, response: Response, services: ServicesDep, caller: CallerDep, once: OnceDep
+) -> MediaBody:
+    """The same of a file that is fetched from where it is."""
+    given = _media.Given(VideoOptions, VideoByUrl, {})
+    return await _media.upload(services, caller, once, Role.VIDEO, request, response, given, only="application/json")
 
 
 @router.get("", responses=problems())
-def list_videos(services: ServicesDep, cursor: Cursor = None, limit: PageSize = 50) -> MediaPage:
+async def list_videos(
+    services: ServicesDep, caller: CallerDep, cursor: Cursor = None, limit: PageSize = 50
+) -> MediaPage:
     """All videos, newest first."""
-    return _media.page(services, Role.VIDEO, cursor, limit)
+    return await services.calls.read(_media.page, services, caller, Role.VIDEO, cursor, limit)
 
 
-@router.get("/{video_id}", responses=problems(404))
-def show_video(video_id: VideoId, services: ServicesDep) -> MediaBody:
+@router.get("/{video_id}", response_model=MediaBody, responses=UNCHANGED | problems(404))
+async def get_video(
+    video_id: VideoId, services: ServicesDep, caller: CallerDep, if_none_match: IfNoneMatch = None
+) -> Response:
     """One video: its state, and what was found in it once it is ready."""
-    return _media.show(services, Role.VIDEO, video_id)
+    return await services.calls.read(_media.show, services, caller, Role.VIDEO, video_id, if_none_match)
+
+
+@router.get(
+    "/{video_id}/file",
+    response_class=StreamingResponse,
+    responses={**file_answers(*CLIPS, "video/x-msvideo", *PICTURES), **problems(404, 410, 416)},
+)
+@router.head("/{video_id}/file", include_in_schema=False)
+async def get_video_file(video_id: VideoId, services: ServicesDep, caller: CallerDep, asked: AskedDep) -> Response:
+    """The file that was uploaded, byte for byte, whole or in ranges. Its ETag is the sha256 of the content."""
+    return await _media.send(services, caller, Role.VIDEO, video_id, asked)
 
 
 @router.delete("/{video_id}", status_code=204, responses=problems(404, 409, 507))
-def delete_video(video_id: VideoId, services: ServicesDep, cancel_jobs: CancelJobs = False) -> None:
+async def delete_video(
+    video_id: VideoId, services: ServicesDep, caller: CallerDep, cancel_jobs: CancelJobs = False
+) -> None:
     """Delete the video with everything derived from it: landmarks, asset and results."""
-    commands.remove(services, Role.VIDEO, video_id, cancel_jobs=cancel_jobs)
+    await commands.remove(services, caller.owner, Role.VIDEO, video_id, cancel_jobs=cancel_jobs)

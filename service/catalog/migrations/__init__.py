@@ -8,6 +8,7 @@ from alembic import command
 from alembic.config import Config
 from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
+from sqlalchemy import inspect
 
 from service.catalog.database import make_engine
 
@@ -24,12 +25,40 @@ def migrate(url: str) -> None:
     command.upgrade(_config(url), "head")
 
 
-def is_current(url: str) -> bool:
-    """True when the database is at the version of this code."""
+def migrate_to(url: str, version: str) -> None:
+    """Bring the tables to a version of this code's list, such as ``0011``, up or down.
+
+    What an older version has no place for is lost. Raises `ValueError` for a version that is not in the list.
+    """
+    config = _config(url)
+    versions = [script.revision for script in ScriptDirectory.from_config(config).walk_revisions()][::-1]
+    if version not in versions:
+        raise ValueError(f"there is no version {version}; they are {versions[0]} to {versions[-1]}")
+    here = _version(url)
+    if here is not None and here not in versions:
+        raise ValueError(f"the tables are of version {here}, which this code does not know")
+    is_down = here is not None and versions.index(version) < versions.index(here)
+    (command.downgrade if is_down else command.upgrade)(config, version)
+
+
+def _version(url: str) -> str | None:
     engine = make_engine(url)
     try:
         with engine.connect() as connection:
-            here = MigrationContext.configure(connection).get_current_revision()
+            return MigrationContext.configure(connection).get_current_revision()
     finally:
         engine.dispose()
-    return here == ScriptDirectory.from_config(_config(url)).get_current_head()
+
+
+def is_current(url: str) -> bool:
+    """True when the database is at the version of this code."""
+    return _version(url) == ScriptDirectory.from_config(_config(url)).get_current_head()
+
+
+def has_table(url: str, name: str) -> bool:
+    """True when the database has a table of this name, whatever its version."""
+    engine = make_engine(url)
+    try:
+        return inspect(engine).has_table(name)
+    finally:
+        engine.dispose()

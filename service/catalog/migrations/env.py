@@ -30,6 +30,8 @@ def run() -> None:
         with writer.begin() as connection:
             # several API processes may start at once; SQLite's write lock is taken by BEGIN IMMEDIATE
             if connection.dialect.name == "postgresql":
+                # one that is at it takes as long as its tables are large, and so may a reader of them
+                connection.execute(text("SET LOCAL lock_timeout = 0"))
                 connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": LOCK})
             context.configure(
                 connection=connection, target_metadata=Base.metadata, render_as_batch=True, compare_type=True

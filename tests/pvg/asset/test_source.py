@@ -22,7 +22,7 @@ def asset(tmp_path: Path, source: Path) -> Path:
         writer.finish(
             {
                 "vectorizer": "test",
-                "settings": {},
+                "settings": {"mask": "landmarks", "matching": "table", "reference": False},
                 **source_note(source, path),
                 "source_sha256": sha256_file(source),
                 "media": media,

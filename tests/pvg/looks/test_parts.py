@@ -7,7 +7,7 @@ import pytest
 
 from pvg.asset import KeyFrame
 from pvg.face.parts import PARTS
-from pvg.looks.parts import MAKEUP, PartChanges, strengths
+from pvg.looks.parts import _LIP_HUE, _LIP_TURN, MAKEUP, PartChanges, _hue, strengths
 from pvg.looks.tone import SkinMap, to_opponent, to_rgb
 from tests.gallery.assets import key_frame
 
@@ -30,7 +30,7 @@ def _face(color: tuple[float, float, float], beyond: dict[str, tuple[float, floa
 
 
 _OWN = _face((150, 110, 95), {"lips": (0.85, 0.0, 12.0), "brows": (0.5, 0.0, 0.0)})
-_MADE_UP = _face((210, 175, 160), {"lips": (0.7, 4.0, 40.0), "lids": (0.85, 8.0, 0.0), "cheeks": (1.0, 0.0, 12.0)})
+_MADE_UP = _face((210, 175, 160), {"lips": (0.75, -4.0, 22.0), "lids": (0.85, 5.0, 0.0), "cheeks": (1.0, 0.0, 12.0)})
 
 
 def _map(source: KeyFrame, target: KeyFrame) -> SkinMap:
@@ -78,6 +78,23 @@ def test_black_lips_are_bounded_by_what_lips_can_be() -> None:
     skin = _map(_OWN, painted)
     lips = to_opponent(skin(_OWN.parts))[0] + PartChanges.of(painted).on(skin, _OWN)[0]
     assert lips[0] > 0.55 * to_opponent(skin(np.median(_OWN.skin, axis=0)[None]))[0, 0]
+
+
+@pytest.mark.parametrize("painted", [(0.7, 30.0, 30.0), (0.7, 10.0, 60.0), (0.7, -30.0, 0.0), (0.7, -40.0, 90.0)])
+@pytest.mark.parametrize("tone", [(210, 175, 160), (120, 80, 60)])
+def test_lips_stay_in_the_hues_that_lips_have_beside_their_skin(
+    painted: tuple[float, float, float], tone: tuple[float, float, float]
+) -> None:
+    """Neither mauve nor yellow, whatever the reference wears; a clip that wears it keeps it."""
+    reference = _face(tone, {"lips": painted})
+    skin = _map(_OWN, reference)
+    lips = to_opponent(skin(_OWN.parts))[0] + PartChanges.of(reference).on(skin, _OWN)[0]
+    around = _hue(to_opponent(np.array([tone], float))[0, 1:])
+    own = _hue(to_opponent(_OWN.parts)[0, 1:])
+    assert around + min(_LIP_TURN[0], 0.0) - 3 <= _hue(lips[1:]) <= max(around + _LIP_TURN[1], _LIP_HUE, own) + 1
+    if PartChanges.of(reference).chroma[0].any():
+        same = PartChanges.of(reference).on(_map(reference, reference), reference)
+        assert np.abs(same[0]).max() < 1.0
 
 
 def test_strengths_are_for_all_parts_or_by_part() -> None:

@@ -29,15 +29,16 @@ def test_strength_is_the_way_to_the_reference(video: pvg.VectorVideo, dark_refer
 def test_makeup_takes_lips_towards_the_references_and_their_shades_stay(
     video: pvg.VectorVideo, pale_reference: pvg.VectorVideo
 ) -> None:
-    """Lips go with the skin, and their cover gains one change, of which `makeup` is the share."""
+    """Lips go as F takes them, and their cover gains one change, of which `makeup` is the share."""
+    lips = PARTS.index("lips")
     none, half, full = (pvg.transfer(video, pale_reference, makeup=share) for share in (0.0, 0.5, 1.0))
     np.testing.assert_array_equal(none.colors[0], full.colors[0])
-    assert not none.parts[0].any()
-    np.testing.assert_allclose(half.parts[0], full.parts[0] / 2, atol=1e-5)
-    assert np.abs(full.parts[0][0, PARTS.index("lips")]).max() > 2.0
+    assert not np.delete(none.parts[0], lips, axis=1).any()
+    np.testing.assert_allclose(half.parts[0], (none.parts[0] + full.parts[0]) / 2, atol=1e-5)
+    assert np.abs((full.parts[0] - none.parts[0])[0, lips]).max() > 2.0
     assert not pvg.transfer(video, pale_reference, match="color").parts
     only = pvg.transfer(video, pale_reference, makeup={"lips": 1.0, "lids": 0.0, "cheeks": 0.0, "brows": 0.0})
-    assert np.flatnonzero(only.parts[0].any(axis=(0, 2))).tolist() == [PARTS.index("lips")]
+    assert np.flatnonzero(only.parts[0].any(axis=(0, 2))).tolist() == [lips]
 
 
 def test_a_flat_face_is_not_blotched_by_a_shaded_reference(
@@ -119,7 +120,7 @@ def two_shots(samples: Samples, tmp_path_factory: pytest.TempPathFactory) -> Ite
             if 12 <= index < 16:
                 lit = [np.broadcast_to(np.linspace(60, 200, p.shape[1]), p.shape) for p in frame.planes]
             y, cb, cr = (p.astype(np.uint8) for p in lit)
-            writer.write(replace(frame, index=index, pts=1001 * index).with_planes((y, cb, cr)))
+            writer.write(replace(frame, index=index, pts=1001 * index, planes=(y, cb, cr)))
     with pvg.vectorize(path, asset=folder / "shots.pvg") as vectorized:
         yield vectorized
 
@@ -151,3 +152,19 @@ def test_colours_brighter_than_white_are_darkened_in_their_own_hue() -> None:
     np.testing.assert_allclose(into[0] / into[0, 0], [1.0, 321 / 352, 300 / 352])
     assert into[0, 0] == pytest.approx(255.0)
     np.testing.assert_array_equal(into[1:], [[255.0, 10.0, 0.0], [0.0, 20.0, 30.0]])
+
+
+def test_automatic_contrast_is_the_papers_one_without_a_map_of_the_skin(
+    video: pvg.VectorVideo, dark_reference: pvg.VectorVideo, samples: Samples, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """There is none when all colours move together, nor when too little open skin is seen on either side."""
+    assert pvg.transfer(video, dark_reference).contrast_of(0) == "map"
+    assert pvg.transfer(video, dark_reference, match="color").contrast_of(0) == 1.0
+    with pvg.vectorize(samples.dark_portrait, reference=True) as reference:
+        (record,) = reference.records
+        (key,) = record.key_frames
+        hidden = replace(record, key_frames=(replace(key, skin=key.skin[:0], skin_at=key.skin_at[:0]),))
+        monkeypatch.setattr(reference, "records", (hidden,))
+        auto, one = (pvg.transfer(video, reference, contrast=contrast) for contrast in ("auto", 1.0))
+        assert auto.contrast_of(0) == 1.0
+        np.testing.assert_array_equal(auto.colors[0], one.colors[0])

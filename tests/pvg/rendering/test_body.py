@@ -10,7 +10,8 @@ from pvg.asset import FaceInFrame
 from pvg.curves import table_labels
 from pvg.looks import BodyMap, SkinMap
 from pvg.rendering import Renderer, source_frame
-from pvg.rendering.body import BodyTables, apply_body, place_body
+from pvg.rendering.body import apply_body, place_body
+from pvg.rendering.map_tables import MapTables
 from pvg.rendering.placed_face import place_face
 from pvg.skin import Matte
 from pvg.video import RGB24, Frame, PixelFormat
@@ -53,7 +54,7 @@ def _matte(cell: int = 4) -> Matte:
 def _drawn(frame: Frame, look: BodyMap) -> Frame:
     body = place_body(frame, _matte(), [], [])
     assert body is not None
-    return frame.patched(apply_body(frame, body, BodyTables.of(look, frame.format)))
+    return frame.patched(apply_body(frame, body, MapTables.of(look, frame.format)))
 
 
 def _to(middle: tuple[int, int, int]) -> SkinMap:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,18 @@ import pytest
 
 import pvg
 from pvg.rendering import Renderer, source_frame
-from pvg.video import probe, read_frames
+from pvg.video import (
+    Frame,
+    PictureMetadata,
+    PixelFormat,
+    VideoWriter,
+    lost_in_picture,
+    probe,
+    read_frames,
+    read_image,
+    read_picture_metadata,
+    write_image,
+)
 from scripts.samples import Samples
 from tests.gallery.clips import cut_clip
 
@@ -92,7 +104,7 @@ def test_a_swap_within_one_clip_exchanges_two_faces_and_leaves_the_others(
 
 
 def test_one_look_of_two_faces_draws_what_two_looks_do(group: pvg.VectorVideo) -> None:
-    """Also where one λ is a number and the other a field."""
+    """Also where one λ is a number and the other the map."""
     one = pvg.transfer(group, group, faces=[1], reference_face=4, contrast=0.8)
     two = pvg.transfer(group, group, faces=[4], reference_face=1)
     plain, first, second, both = (
@@ -166,3 +178,90 @@ def test_more_looks_than_are_drawn_at_once_take_further_passes(
         (drawn,) = Renderer(video, [look]).draw(source_frame(video, 30))
         for one, other in zip(drawn.planes, written[30], strict=True):
             np.testing.assert_array_equal(one, other)
+
+
+def deep_portrait(samples: Samples, path: Path) -> Path:
+    """A portrait of 16 bits a sample whose low bits carry something, with alpha and a profile."""
+    rgb = read_image(samples.portrait).rgb().astype(np.int64) * 257
+    noise = np.random.default_rng(0).integers(-128, 129, rgb.shape)
+    deep = np.clip(rgb + noise, 0, 65535).astype(np.uint16)
+    alpha = np.broadcast_to(np.arange(deep.shape[1], dtype=np.uint16) * 17, deep.shape[:2])
+    icc = (200).to_bytes(4, "big") + bytes(12) + b"RGB " + bytes(16) + b"acsp" + bytes(160)
+    write_image(path, deep, alpha=np.ascontiguousarray(alpha), metadata=PictureMetadata(icc=icc))
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tiff"])
+def test_own_colours_give_a_16_bit_picture_back_bit_for_bit(suffix: str, samples: Samples, tmp_path: Path) -> None:
+    source = deep_portrait(samples, tmp_path / f"deep{suffix}")
+    with pvg.vectorize(source) as image:
+        out = tmp_path / f"own{suffix}"
+        pvg.render(image, [pvg.transfer(image, image)], [out])
+    before, after = read_image(source), read_image(out)
+    assert after.format.depth == 16
+    for was, now in zip((*before.planes, before.alpha), (*after.planes, after.alpha), strict=True):
+        np.testing.assert_array_equal(now, was)
+    assert read_picture_metadata(out).icc == read_picture_metadata(source).icc is not None
+    assert not lost_in_picture(source, out)
+
+
+def test_a_look_on_16_bits_has_finer_steps_and_the_same_colours(
+    samples: Samples, dark_reference: pvg.VectorVideo, tmp_path: Path
+) -> None:
+    source = deep_portrait(samples, tmp_path / "deep.png")
+    drawn = {}
+    with pvg.vectorize(source) as image:
+        look = pvg.transfer(image, dark_reference)
+        paths = [tmp_path / name for name in ("out.png", "out.tiff", "out.jpg")]
+        pvg.render(image, [look] * 3, paths)
+        drawn = {path.suffix: read_image(path) for path in paths}
+    flat_source = tmp_path / "flat.png"
+    write_image(flat_source, read_image(source).rgb())
+    with pvg.vectorize(flat_source) as image:
+        flat = pvg.render_frame(image, look, 0)
+    deep, before = drawn[".png"], read_image(source)
+    for a, b in zip((*deep.planes, deep.alpha), (*drawn[".tiff"].planes, drawn[".tiff"].alpha), strict=True):
+        np.testing.assert_array_equal(a, b)
+    changed = deep.planes[0] != before.planes[0]
+    assert changed.mean() > 0.02
+    assert len(np.unique(deep.planes[0][changed])) > 20 * len(np.unique(flat[..., 0][changed]))
+    assert len(np.unique(deep.planes[0][changed] % 257)) > 250  # the steps between two of 8 bits are used
+    error = np.abs(np.stack(deep.planes, axis=-1) / 257.0 - flat)
+    assert error[changed].mean() < 1.0
+    assert drawn[".jpg"].format.depth == 8
+    assert len(lost_in_picture(source, paths[2])) == 2  # depth and alpha
+
+
+def test_a_clips_alpha_goes_from_its_file_to_a_looks(samples: Samples, tmp_path: Path) -> None:
+    info = probe(samples.woman_clip)
+    target = PixelFormat("yuv444p10le", 10, (0, 0), (0.2126, 0.0722), False)
+    info = replace(info, format=target, has_alpha=True, has_audio=False, color_matrix=1, color_range=1)
+    alpha = np.broadcast_to(np.linspace(0, 1023, info.width).astype(np.uint16), (info.height, info.width))
+    source = tmp_path / "source.mkv"
+    with VideoWriter(source, info, target, codec="ffv1") as writer:
+        for frame in read_frames(samples.woman_clip, start=20, stop=24):
+            planes = target.from_rgb(frame.rgb())
+            writer.write(
+                Frame(frame.index, frame.pts, frame.time_s, target, planes, frame.duration, alpha=alpha.copy())
+            )
+    assert probe(source).has_alpha
+    with pvg.vectorize(source) as clip:
+        own = pvg.transfer(clip, clip)
+        outs = [tmp_path / name for name in ("exact.mkv", "editing.mov", "plain.mp4")]
+        warnings = [
+            pvg.render(clip, [own], [out], codec=codec)[0]
+            for out, codec in zip(outs, ("ffv1", "prores4444", "hevc"), strict=True)
+        ]
+    before = list(read_frames(source))
+    for frame, was in zip(read_frames(outs[0]), before, strict=True):
+        assert frame.alpha is not None
+        np.testing.assert_array_equal(frame.alpha, was.alpha)
+        for plane, same in zip(frame.planes, was.planes, strict=True):
+            np.testing.assert_array_equal(plane, same)
+    editing = next(read_frames(outs[1]))
+    assert editing.alpha is not None
+    top = 2**editing.format.depth - 1
+    assert np.abs(editing.alpha / top - alpha / 1023.0).max() < 0.02
+    assert next(read_frames(outs[2])).alpha is None
+    assert not any("alpha" in line for line in warnings[0] + warnings[1])
+    assert any(line.startswith("alpha is not kept") for line in warnings[2])

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -8,16 +10,17 @@ from hypothesis import strategies as st
 from pvg.membrane import Lattice
 from pvg.rendering._kernels import roll_off
 from pvg.rendering.correction import Correction
-from pvg.rendering.planes import _roll_off, apply_correction
+from pvg.rendering.guards import Guard
+from pvg.rendering.map_tables import MapTables
+from pvg.rendering.planes import apply_correction, fade_in_dark, luma_bend
 from pvg.video import RGB24, Patch, PixelFormat
 from tests.gallery.pictures import FORMATS, YUV444, frame_of, patchwork
 
 SIDE = 48
-FIELD_OF_ONE = (1.0, 1.0)  # λ of luma and of chroma
 
 
 def constant(
-    *shift: float, contrast: float | tuple[float, float] = 1.0, low: tuple[float, float, float] | None = None
+    *shift: float, contrast: float | MapTables = 1.0, low: tuple[float, float, float] | None = None
 ) -> Correction:
     """The same correction everywhere."""
     lattice = Lattice.over((0, 0, SIDE, SIDE), target_height=12)
@@ -25,18 +28,25 @@ def constant(
     def planes(values: tuple[float, ...]) -> np.ndarray:
         return np.array(values, np.float32)[:, None, None] * np.ones((1, lattice.height, lattice.width), np.float32)
 
-    field = contrast if isinstance(contrast, float) else planes(contrast)
-    return Correction(lattice, planes(shift), field, None if low is None else planes(low))
+    return Correction(lattice, planes(shift), contrast, None if low is None else planes(low))
+
+
+def tables(pixel_format: PixelFormat, slope: float = 1.0) -> MapTables:
+    """A map that multiplies what luma differs from 100 by a slope, and leaves chroma."""
+    offset = pixel_format.opponent.offset.astype(np.float32)
+    codes = np.arange(2**pixel_format.depth, dtype=np.float32)
+    gained = (slope - 1) * (codes - offset[0] - 100 * pixel_format.opponent.matrix[0].sum())
+    rise_and_fall = np.float32([[slope > 1], [slope <= 1]]) * gained.astype(np.float32)
+    return MapTables(rise_and_fall, np.zeros((2, len(codes)), np.float32), 0.0, offset)
 
 
 @pytest.mark.parametrize("pixel_format", FORMATS, ids=lambda f: f.name)
 def test_no_shift_and_a_contrast_of_one_change_no_bit(pixel_format: PixelFormat) -> None:
     frame = frame_of(patchwork(0), pixel_format)
     alpha = np.random.default_rng(1).random((32, 32), np.float32)
-    for contrast in (FIELD_OF_ONE, 1.0):
-        patches = apply_correction(frame, (8, 8), alpha, constant(0, 0, 0, contrast=contrast))
-        for before, after in zip(frame.planes, frame.patched(patches).planes, strict=True):
-            np.testing.assert_array_equal(before, after)
+    patches = apply_correction(frame, (8, 8), alpha, constant(0, 0, 0))
+    for before, after in zip(frame.planes, frame.patched(patches).planes, strict=True):
+        np.testing.assert_array_equal(before, after)
 
 
 @pytest.mark.parametrize("pixel_format", FORMATS, ids=lambda f: f.name)
@@ -58,10 +68,10 @@ def test_a_shift_moves_what_the_matte_covers_and_nothing_else(pixel_format: Pixe
         assert changed.max(axis=0)[1] < 32 >> sx
 
 
-@pytest.mark.parametrize("contrast", [1.0, (1.25, 0.6), 1.3], ids=["number 1", "field", "1.3"])
-def test_a_still_in_rgb_gets_what_a_clip_in_luma_and_chroma_gets(contrast: float | tuple[float, float]) -> None:
+@pytest.mark.parametrize("contrast", [1.0, 1.3])
+def test_a_still_in_rgb_gets_what_a_clip_in_luma_and_chroma_gets(contrast: float) -> None:
     rgb = np.rint(patchwork(2))
-    correction = constant(18, -9, 6, contrast=contrast, low=(110, -5, 8) if contrast == 1.3 else None)
+    correction = constant(18, -9, 6, contrast=contrast, low=None if contrast == 1.0 else (110, -5, 8))
     alpha = np.random.default_rng(3).random((32, 32), np.float32)
     outs = []
     for pixel_format in (RGB24, YUV444):
@@ -90,7 +100,7 @@ def test_a_patch_may_reach_over_a_planes_edge() -> None:
 
 @given(st.lists(st.floats(-400, 700), min_size=2, max_size=20))
 def test_the_roll_off_keeps_order_and_stays_between_black_and_white(values: list[float]) -> None:
-    bend = _roll_off(constant(0, 0, 0, contrast=FIELD_OF_ONE), YUV444, 0)
+    bend = luma_bend(YUV444)
     ordered = sorted(values)
     rolled = roll_off(np.array([ordered], np.float32), bend)[0].tolist()
     steps = np.diff(rolled)
@@ -101,7 +111,7 @@ def test_the_roll_off_keeps_order_and_stays_between_black_and_white(values: list
 
 
 @pytest.mark.parametrize("pixel_format", [YUV444, RGB24], ids=lambda f: f.name)
-def test_a_field_above_one_enlarges_shades_but_no_single_pixel_and_one_below_one_flattens_both(
+def test_a_slope_above_one_enlarges_shades_but_no_single_pixel_and_one_below_one_flattens_both(
     pixel_format: PixelFormat,
 ) -> None:
     rgb = np.full((SIDE, SIDE, 3), 100.0)
@@ -109,9 +119,44 @@ def test_a_field_above_one_enlarges_shades_but_no_single_pixel_and_one_below_one
     rgb[20, 16] = 140.0
     frame = frame_of(rgb, pixel_format)
     after = {}
-    for contrast in (1.6, 0.6):
-        correction = constant((1 - contrast) * 100, 0, 0, contrast=(contrast, 1.0))
+    for slope in (1.6, 0.6):
+        correction = constant(0, 0, 0, contrast=tables(pixel_format, slope))
         patches = apply_correction(frame, (0, 0), np.ones((SIDE, SIDE), np.float32), correction)
-        after[contrast] = frame.patched(patches).rgb()[20, [8, 16, 40], 1]
+        after[slope] = frame.patched(patches).rgb()[20, [8, 16, 40], 1]
     np.testing.assert_allclose(after[1.6], [100, 140, 164], atol=2)
     np.testing.assert_allclose(after[0.6], [100, 124, 124], atol=2)
+
+
+@pytest.mark.parametrize("pixel_format", FORMATS, ids=lambda f: f.name)
+def test_what_a_guard_holds_is_dimmed_in_its_own_hue(pixel_format: PixelFormat) -> None:
+    frame = frame_of(np.full((SIDE, SIDE, 3), (150, 110, 90), np.uint8), pixel_format)
+    alpha, guard = np.zeros((32, 32), np.float32), Guard(8, 8, np.ones((16, 16), np.float32), np.zeros(2, np.float32))
+    correction = constant(0, 0, 0, contrast=tables(pixel_format))
+    for gain in (1.0, 0.6):
+        drawn = frame.patched(apply_correction(frame, (8, 8), alpha, correction, guards=[(guard, gain)]))
+        assert np.abs(drawn.rgb()[18:22, 18:22] - np.array((150, 110, 90)) * gain).max() <= 3
+        np.testing.assert_array_equal(drawn.rgb()[:14], frame.rgb()[:14])
+        if gain == 1.0:
+            for before, after in zip(frame.planes, drawn.planes, strict=True):
+                np.testing.assert_array_equal(before, after)
+
+
+@pytest.mark.parametrize("pixel_format", FORMATS, ids=lambda f: f.name)
+def test_what_is_much_darker_than_skin_goes_through_black(pixel_format: PixelFormat) -> None:
+    """Skin at 160 gets 60 levels; a pupil beside it is multiplied as the skin is, and not lifted by the same 60."""
+    skin, pupil = 160.0, 30.0
+    rgb = np.full((SIDE, SIDE, 3), skin)
+    rgb[:, 24:] = pupil
+    frame, alpha = frame_of(rgb, pixel_format), np.ones((32, 32), np.float32)
+    grey = pixel_format.opponent.matrix[0].sum()
+    bright = constant(60.0 * grey, 0, 0, contrast=tables(pixel_format))
+    around = np.full(bright.shift.shape[1:], skin * grey, np.float32)
+    drawn = replace(bright, around=around)
+    fade = fade_in_dark(frame, (8, 8), alpha, [constant(0, 0, 0), drawn])
+    assert fade is not None
+    shown = frame.patched(apply_correction(frame, (8, 8), alpha, drawn, fade=fade)).rgb()[20].astype(float)
+    lifted = frame.patched(apply_correction(frame, (8, 8), alpha, bright)).rgb()[20].astype(float)
+    np.testing.assert_allclose(shown[12], lifted[12], atol=1.0)
+    np.testing.assert_allclose(shown[36], pupil * (skin + 60.0) / skin, atol=3.0)
+    assert lifted[36].min() > 80
+    assert fade_in_dark(frame, (8, 8), alpha, [constant(0, 0, 0)]) is None

@@ -11,6 +11,8 @@ import pytest
 
 from pvg.face import Landmarks, layout
 from pvg.skin import BodyTracker, Matte, Scene, SceneReader, SkinTracker, fit_skin_model, person_mask, scene_raster
+from pvg.skin.body import color_tables
+from pvg.skin.prior import head_shape
 from scripts.samples import Samples
 from tests.gallery.faces import fit_widest, read_rgb
 from tests.gallery.scenes import TONES, drawn_face, filled, shrunk
@@ -79,6 +81,24 @@ def test_a_hand_follows_and_cloth_and_wall_do_not(tone: str) -> None:
     assert alpha[shrunk(drawn.wall, 9)].mean() < 0.01
 
 
+@pytest.mark.parametrize(("around", "kept"), [(HAIR, False), (RED, True)])
+def test_a_part_beside_the_face_ends_where_its_colour_does_or_is_hair(around: tuple[int, int, int], kept: bool) -> None:
+    drawn = _drawn()
+    body, _ = _tracker(drawn)
+    scene = drawn.scene()
+    shape = scene.raster.shape
+    probability, known, hair = np.zeros((3, *shape), np.float32)
+    hair += 3.0
+    part = slice(20, 26), slice(20, 24)
+    probability[part] = 0.9
+    rgb = np.full((*shape, 3), around, np.uint8)
+    rgb[part] = HAIR
+    head = head_shape(drawn.landmarks.in_cells(scene.raster))
+    person = np.full(shape, 255, np.uint8)
+    body._leave_out_hair(probability, rgb, person, known, hair, head, np.ones(3, np.float32))
+    assert (probability[part] > 0.5).all() == kept
+
+
 def test_hair_of_nearly_the_skins_hue_is_none() -> None:
     drawn = _drawn()
     ys, xs = np.mgrid[: SIZE[0], : SIZE[1]]
@@ -135,6 +155,41 @@ def test_a_hand_belongs_to_the_nearer_face() -> None:
     trackers = _tracker(drawn)
     alpha = _step(*trackers, drawn, drawn.scene(at_hand))
     assert alpha[shrunk(drawn.hand, 9)].mean() < 0.05
+
+
+def test_a_hand_between_two_people_is_not_left_to_nobody() -> None:
+    drawn = _drawn()
+    across = 2 * (470 - float(drawn.landmarks.axes.center[0])) + 60  # the hand lies nearly as near to both
+    other = drawn.landmarks.moved(np.array([across, 0], np.float32))
+    alpha = _step(*_tracker(drawn), drawn, drawn.scene(other))
+    assert alpha[shrunk(drawn.hand, 9)].mean() > 0.8
+
+
+@pytest.mark.parametrize("tone", [tone for tone in TONES if tone != "grey"])
+@pytest.mark.parametrize(("share", "least", "most"), [(0.0, -np.inf, 0.0), (1.0, 2.0, np.inf)])
+def test_what_has_hardly_any_chroma_is_no_skin(tone: str, share: float, least: float, most: float) -> None:
+    drawn = _drawn(tone)
+    colors = fit_skin_model(drawn.rgb, drawn.landmarks).learned.colors
+    lab = colors.scale.center * np.array([1, share, share], np.float32)
+    assert least < _odds(color_tables(colors)[0], lab) < most
+
+
+def test_a_red_ear_is_skin_at_the_ears_only() -> None:
+    drawn = _drawn()
+    colors = fit_skin_model(drawn.rgb, drawn.landmarks).learned.colors
+    everywhere, ears = color_tables(colors)
+    red = colors.scale.center + np.array([-10, 14, 2], np.float32)
+    assert _odds(everywhere, red) < 0 < _odds(ears, red)
+    assert (ears >= everywhere - 1e-4).all()
+
+
+def _odds(table: np.ndarray, lab: np.ndarray) -> float:
+    """What a table of colours says of one, told as at the usual lightness."""
+    color = lab.copy()
+    color[1:] *= (max(color[0], 24.0) + 16) / 70
+    rgb = cv2.cvtColor(color[None, None].astype(np.float32), cv2.COLOR_Lab2RGB)[0, 0]
+    at = np.clip(np.rint(rgb * (table.shape[0] - 1)), 0, table.shape[0] - 1).astype(int)
+    return float(table[tuple(at)])
 
 
 def test_the_person_mask_covers_a_portrait_and_not_the_wall(samples: Samples) -> None:

@@ -34,7 +34,9 @@ def keys_of(scenes: Sequence[Scene], main_row: int = 0, yaw: Callable[[int], flo
 
 
 def lit(gains: Sequence[float] | np.ndarray) -> list[Scene]:
-    return [drawn_face(gain=gain, seed=seed) for seed, gain in enumerate(gains)]
+    """A small face, since what is proved does not hang on its size."""
+    small = {"center": (80, 65), "width": 60, "size": (160, 160)}
+    return [drawn_face(**small, gain=gain, seed=seed) for seed, gain in enumerate(gains)]  # type: ignore[arg-type]
 
 
 def test_steady_light_with_noise_and_a_sway_of_exposure_makes_no_key() -> None:
@@ -73,7 +75,7 @@ def test_a_main_key_behind_a_ramp_gets_keys_before_it() -> None:
 def test_what_covers_part_of_the_face_makes_no_key() -> None:
     scenes = lit([1.0] * 30)
     for scene in scenes[8:]:  # a hand of the skin's hue, but dimmer, over half of the face
-        scene.rgb[:, 150:] = (scene.rgb[:, 150:] * 0.55).astype(np.uint8)
+        scene.rgb[:, 75:] = (scene.rgb[:, 75:] * 0.55).astype(np.uint8)
     assert keys_of(scenes) == [(0, None)]
 
 
@@ -93,5 +95,5 @@ def test_a_turned_head_makes_no_key() -> None:
 
 
 def test_flicker_cannot_make_keys_without_end() -> None:
-    gains = [1.0 if k // 12 % 2 else 0.55 for k in range(240)]
-    assert len(keys_of(lit(gains))) <= 9
+    gains = [1.0 if k // 12 % 2 else 0.55 for k in range(144)]
+    assert len(keys_of(lit(gains))) <= 8  # of 12 levels

@@ -9,7 +9,7 @@ import av.codec
 import pytest
 
 from pvg.video import VideoWriter, probe, read_frames
-from pvg.video.writing import choose_codec
+from pvg.video.encoders import choose_codec
 from scripts.samples import Samples
 
 

@@ -17,7 +17,6 @@ from tests.gallery.clips import (
     SIZE,
     noise_planes,
     pixel_format,
-    smooth_frames,
 )
 from tests.gallery.pictures import colorful
 
@@ -100,15 +99,3 @@ def test_untagged_colours_follow_the_size_whatever_the_rotation() -> None:
 def test_a_matrix_that_is_not_linear_ycbcr_is_refused() -> None:
     with pytest.raises(MediaError, match="matrix 14"):
         resolve_format("yuv420p", 64, 64, 14, 1)
-
-
-def test_with_planes_keeps_the_instant_and_refuses_other_shapes() -> None:
-    frame = smooth_frames(3, pixel_format())[2]
-    before = frame.rgb().copy()
-    y, u, v = frame.planes
-    changed = frame.with_planes((255 - y, u, v))
-    assert (changed.index, changed.pts, changed.time_s) == (frame.index, frame.pts, frame.time_s)
-    assert not np.array_equal(changed.rgb(), before)
-    np.testing.assert_array_equal(frame.rgb(), before)
-    with pytest.raises(ValueError, match="plane is"):
-        frame.with_planes((y, y, y))

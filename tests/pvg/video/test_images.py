@@ -10,10 +10,13 @@ import pytest
 
 from pvg.errors import MediaError
 from pvg.video import (
+    color_space,
     probe,
     read_image,
     write_image,
 )
+from pvg.video.picture_metadata import PictureMetadata
+from tests.gallery.profiles import P3, profile, srgb_curve
 
 
 def png_of(width: int, height: int) -> bytes:
@@ -61,3 +64,41 @@ def test_pictures_are_written_and_read_back(suffix: str, tmp_path: Path) -> None
     back = read_image(tmp_path / f"out{suffix}").rgb().astype(int)
     assert np.abs(back - rgb).max() <= (0 if suffix == ".png" else 24)
     assert np.abs(back - rgb).mean() <= (0 if suffix == ".png" else 3.0)
+
+
+def with_profile(path: Path, rgb: np.ndarray, icc: bytes) -> Path:
+    write_image(path, rgb, metadata=PictureMetadata(icc=icc))
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".webp", ".tif"])
+def test_a_picture_with_a_profile_is_looked_at_through_it(suffix: str, tmp_path: Path) -> None:
+    skin = np.full((40, 60, 3), (200, 150, 130), np.uint8)
+    path = with_profile(tmp_path / f"p3{suffix}", skin, profile(P3, srgb_curve()))
+    frame, info = read_image(path), probe(path)
+    assert (info.color, info.warnings) == ("ICC profile", ())
+    space = color_space(12, 13)
+    assert space is not None
+    wanted = space.to_sdr(np.array([[200.0, 150.0, 130.0]]))[0]
+    np.testing.assert_allclose(frame.rgb()[20, 30], wanted, atol=3)
+    assert np.abs(np.stack(frame.planes, axis=-1)[20, 30].astype(float) - (200, 150, 130)).max() <= 2
+    assert probe(path, input_color="sdr").color == "SDR"
+
+
+def test_a_profile_that_is_not_read_is_said(tmp_path: Path) -> None:
+    skin = np.full((40, 60, 3), (200, 150, 130), np.uint8)
+    path = with_profile(tmp_path / "lab.png", skin, profile(P3, srgb_curve(), pcs=b"Lab "))
+    (warning,) = probe(path).warnings
+    assert warning.startswith("the colour profile is one of tables")
+    assert warning.endswith("the picture is read as sRGB")
+    np.testing.assert_array_equal(read_image(path).rgb(), skin)
+
+
+@pytest.mark.parametrize(("tags", "color"), [((9, 16), "PQ BT.2020"), ((12, 13), "sRGB P3"), ((1, 13), "SDR")])
+def test_the_code_points_of_a_png_come_before_its_profile(tags: tuple[int, int], color: str, tmp_path: Path) -> None:
+    chunks = ((b"cICP", bytes((*tags, 0, 1))),)
+    path = tmp_path / "coded.png"
+    write_image(
+        path, np.full((8, 8, 3), 120, np.uint8), metadata=PictureMetadata(png=chunks, icc=profile(P3, srgb_curve()))
+    )
+    assert probe(path).color == color

@@ -41,7 +41,8 @@ from tests.gallery.pictures import colorful
         ("gray10le", "yuv420p10le"),
         ("rgb24", "gbrp"),
         ("bgra", "gbrp"),
-        ("gbrp10le", "gbrp"),
+        ("gbrp10le", "gbrp10le"),
+        ("rgb48le", "gbrp16le"),
     ],
 )
 def test_other_layouts_become_the_nearest_one_with_the_same_colours(coded: str, delivered: str) -> None:
@@ -62,7 +63,7 @@ def _upright() -> Any:
     raw = av.VideoFrame(*SIZE, "yuv420p")
 
     class Context:
-        color_range, colorspace = 1, 1
+        color_range, colorspace, color_primaries, color_trc = 1, 1, 1, 1
 
     class Clip:
         name = "clip"
@@ -198,3 +199,24 @@ def test_a_sideways_clip_is_upright(media_dir: Path) -> None:
     assert (frame.width, frame.height) == (info.width, info.height)
     sky = cv2.resize(frame.rgb(), (8, 8), interpolation=cv2.INTER_AREA)
     assert sky.shape == (8, 8, 3)
+
+
+def test_frames_that_cannot_be_decoded_do_not_move_the_numbers_of_others(tmp_path: Path) -> None:
+    """A clip cut at an open group begins with pictures that need one before: decoders skip them, packets name them."""
+    raw = [libav_frame(np.roll(colorful(9, (160, 96)), 3 * k, 1)) for k in range(60)]
+    params = "keyint=12:min-keyint=12:open-gop=1:scenecut=0:bframes=3:b-adapt=0:log-level=none"
+    source = encode_raw(tmp_path / "source.mp4", raw, "libx265", **{"x265-params": params})
+    cut = tmp_path / "cut.mkv"
+    with av.open(str(source)) as opened, av.open(str(cut), "w") as output:
+        packets = [packet for packet in opened.demux(video=0) if packet.size]
+        begin = [k for k, packet in enumerate(packets) if packet.is_keyframe][1]
+        stream = output.add_stream_from_template(opened.streams.video[0])
+        for packet in packets[begin:]:
+            packet.stream = stream
+            output.mux_one(packet)
+    frames = list(read_frames(cut))
+    assert 40 < len(frames) < len(packets) - begin
+    for start in (1, 20, len(frames) - 1):
+        seen = list(read_frames(cut, start=start, frame_count=len(frames)))
+        assert [(frame.index, frame.pts) for frame in seen] == [(frame.index, frame.pts) for frame in frames[start:]]
+        np.testing.assert_array_equal(seen[0].planes[0], frames[start].planes[0])

@@ -57,6 +57,8 @@ def test_hostile_files_are_refused(media_dir: Path) -> None:
         if path.name == "bad_jpeg_named.mp4":  # a portrait with a wrong name: its bytes are fine
             assert probe(path).kind == "image"
             continue
+        if path.name == "bad_truncated_45pct.mp4":  # its beginning is read, see test_odd_media
+            continue
         if path.name == "bad_declares_16384x16384_header_only.mp4":
             with pytest.raises(MediaError):
                 probe(path)

@@ -2,11 +2,17 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from datetime import timedelta
 
 import pytest
 
+from service.api import probes
+from service.catalog import workers
 from service.settings import Settings
+from service.storage import Storage
 from tests.service.fixtures import MP4, Api, serve
+from tests.service.s3 import S3
 
 
 @pytest.fixture
@@ -16,11 +22,62 @@ def brokerless(settings: Settings) -> Iterator[Api]:
 
 
 def test_a_running_service_is_live_and_ready(api: Api) -> None:
+    beat(api)
     assert api.client.get("/livez").json() == {"status": "ok"}
     ready = api.client.get("/readyz")
     assert ready.status_code == 200
-    assert ready.json() == {"status": "ok", "checks": {"database": "ok", "storage": "ok", "broker": "ok"}}
+    checks = {"database": "ok", "storage": "ok", "broker": "ok", "workers": "ok"}
+    assert ready.json() == {"status": "ok", "checks": checks}
     assert api.blobs == []
+
+
+def beat(api: Api, lacks: str | None = None, *, late_s: float = 0) -> None:
+    """What a worker says of itself."""
+    now = api.services.database.now() - timedelta(seconds=late_s)
+    with api.services.background.write() as session:
+        workers.beat(session, "one", now=now, lacks=lacks)
+
+
+def test_a_hundred_who_ask_at_once_share_one_check(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It writes to the store, and whoever asks needs no key."""
+    monkeypatch.setattr(probes, "KEEP_S", 60.0)
+    ping, pings = Storage.ping, []
+
+    def counted(storage: Storage) -> None:
+        pings.append(storage)
+        ping(storage)
+
+    monkeypatch.setattr(Storage, "ping", counted)
+    for api in serve(settings):
+        with ThreadPoolExecutor(20) as clients:
+            answers = list(clients.map(api.client.get, ["/readyz"] * 100))
+        assert {answer.json()["checks"]["storage"] for answer in answers} == {"ok"}
+        assert len(pings) == 1
+        monkeypatch.setattr(probes, "KEEP_S", 0.0)
+        assert api.client.get("/readyz").json()["checks"]["storage"] == "ok"
+        assert len(pings) == 2
+
+
+def test_a_service_without_workers_takes_jobs_and_says_so(api: Api) -> None:
+    beat(api, late_s=16)  # it was killed: of three heartbeats none came
+    ready = api.client.get("/readyz")
+    assert (ready.status_code, ready.json()["status"], ready.json()["checks"]["workers"]) == (200, "degraded", "none")
+
+
+def test_a_service_whose_workers_can_do_nothing_is_not_ready(api: Api) -> None:
+    beat(api, "network weights")
+    ready = api.client.get("/readyz")
+    assert (ready.status_code, ready.json()["status"]) == (503, "unavailable")
+    assert ready.json()["checks"]["workers"] == "no network weights"
+    beat(api)
+    assert api.client.get("/readyz").status_code == 200
+
+
+def test_a_service_that_stops_is_not_ready_first(api: Api) -> None:
+    api.services.watch.close()
+    ready = api.client.get("/readyz")
+    assert (ready.status_code, ready.json()["status"]) == (503, "stopping")
+    assert api.client.get("/livez").status_code == 200
 
 
 def test_without_its_broker_the_service_takes_work(brokerless: Api) -> None:
@@ -33,6 +90,7 @@ def test_without_its_broker_the_service_takes_work(brokerless: Api) -> None:
     assert brokerless.client.post("/transfer", json={"video": video.json()["id"], "looks": [look]}).status_code == 202
 
 
+@pytest.mark.embedded
 def test_without_its_storage_the_service_is_not_ready(api: Api) -> None:
     folder = api.services.settings.local_storage_folder
     assert folder is not None
@@ -41,3 +99,34 @@ def test_without_its_storage_the_service_is_not_ready(api: Api) -> None:
     ready = api.client.get("/readyz")
     assert (ready.status_code, ready.json()["status"]) == (503, "unavailable")
     assert ready.json()["checks"]["storage"] == "unavailable"
+
+
+def test_without_its_bucket_the_service_is_not_ready_until_it_is_there(
+    s3: S3, bucket: S3, settings: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(probes, "KEEP_S", 0.0)
+    name = f"{bucket.bucket}-later"
+    for api in serve(settings.model_copy(update={"storage_url": f"s3://{name}"})):
+        assert api.client.get("/readyz").json()["checks"]["storage"] == "unavailable"
+        refused = api.client.post("/videos", content=MP4)
+        assert (refused.status_code, refused.headers["retry-after"]) == (503, "5")
+        assert api.drafts == []
+        s3.client().create_bucket(Bucket=name)
+        assert api.client.get("/readyz").json()["checks"]["storage"] == "ok"
+        medium = api.client.post("/videos", content=MP4)
+        assert medium.status_code == 202
+        assert api.client.delete(f"/videos/{medium.json()['id']}?cancel_jobs=true").status_code == 204
+        assert api.blobs == []
+    s3.client().delete_bucket(Bucket=name)
+
+
+def test_with_wrong_credentials_the_service_is_not_ready(
+    bucket: S3, settings: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(probes, "KEEP_S", 0.0)
+    for api in serve(settings.model_copy(update={"storage_url": bucket.storage_url})):
+        with bucket.checking_signatures():
+            ready = api.client.get("/readyz")
+            assert (ready.status_code, ready.json()["checks"]["storage"]) == (503, "unavailable")
+            assert api.client.post("/videos", content=MP4).status_code == 503
+        assert api.client.get("/readyz").json()["checks"]["storage"] == "ok"

@@ -2,12 +2,15 @@ from __future__ import annotations
 
 from typing import Any
 
+from service.api.examples import MEDIUM
 from service.catalog import jobs
 from service.settings import Settings
 from tests.service.fixtures import MP4, PNG, Api, claim, make_ready, make_results, serve
 from tests.service.servers import fresh_database
 
 PROBLEM = {"type": "no-face", "title": "No face was found", "detail": "no face found in any of 20 frames of a.mp4"}
+#: as it is shown
+SHOWN = PROBLEM | {"type": "/docs/problems#no-face", "code": "no-face"}
 
 
 def upload(api: Api, path: str, tail: bytes = b"") -> dict[str, Any]:
@@ -31,17 +34,17 @@ def test_a_ready_medium_shows_what_was_found(api: Api) -> None:
     body = api.client.get(f"/videos/{video['id']}").json()
     assert (body["state"], body["error"]) == ("ready", None)
     assert [face["index"] for face in body["faces"]] == [0, 1]
-    assert body["media"] == {"kind": "video"}
+    assert body["media"] == MEDIUM["media"]
     assert body["created_at"].endswith("Z")
 
 
 def test_a_failed_medium_says_why_and_is_tried_again_when_uploaded_again(api: Api) -> None:
     video = upload(api, "/videos")
     lease = claim(api.services.database, video["job"])
-    with api.services.database.write() as session:
+    with api.services.background.write() as session:
         assert jobs.fail(session, lease, PROBLEM, now=api.services.database.now(), timings={})
     body = api.client.get(f"/videos/{video['id']}").json()
-    assert (body["state"], body["error"]) == ("failed", PROBLEM)
+    assert (body["state"], body["error"]) == ("failed", SHOWN)
     again = api.client.post("/videos", content=MP4)
     assert again.status_code == 202
     assert again.json()["id"] == video["id"]
@@ -72,7 +75,7 @@ def test_ids_with_a_nul_are_not_found(postgres_url: str, settings: Settings) -> 
         for api in serve(settings.model_copy(update={"database_url": url})):
             for path in ("videos", "references", "jobs", "results"):
                 answer = api.client.get(f"/{path}/a%00b")
-                assert (answer.status_code, answer.json()["type"]) == (404, "not-found")
+                assert (answer.status_code, answer.json()["code"]) == (404, "not-found")
 
 
 def test_unknown_ids_and_ids_of_the_other_kind_are_not_found(api: Api) -> None:
@@ -85,7 +88,7 @@ def test_unknown_ids_and_ids_of_the_other_kind_are_not_found(api: Api) -> None:
     ):
         for answer in (api.client.get(path), api.client.delete(path)):
             assert answer.status_code == 404
-            assert answer.json()["type"] == "not-found"
+            assert answer.json()["code"] == "not-found"
 
 
 def test_delete_removes_every_derived_byte(api: Api) -> None:
@@ -123,7 +126,7 @@ def test_the_same_bytes_in_another_role_survive_a_delete(api: Api) -> None:
 def test_delete_is_refused_while_jobs_need_the_medium(api: Api) -> None:
     video, reference = upload(api, "/videos"), upload(api, "/references")
     vectorizing = api.client.delete(f"/videos/{video['id']}")
-    assert (vectorizing.status_code, vectorizing.json()["type"]) == (409, "conflict")
+    assert (vectorizing.status_code, vectorizing.json()["code"]) == (409, "conflict")
     make_ready(api.services, video["id"])
     make_ready(api.services, reference["id"])
     job = transfer(api, video["id"], reference["id"])
@@ -145,3 +148,24 @@ def test_delete_with_cancel_jobs_takes_the_lease_from_the_worker(api: Api) -> No
     with api.services.database.read() as session:
         assert jobs.held_state(session, lease) is None
     assert api.blobs == []
+
+
+def test_the_uploaded_file_is_had_whole_and_in_ranges(api: Api) -> None:
+    content = MP4 + bytes(range(256))
+    name = {"Content-Disposition": "attachment; filename*=UTF-8''my%20cl%C3%AFp.mp4"}
+    video = api.client.post("/videos", content=content, headers=name).json()
+    path = f"/videos/{video['id']}/file"
+    whole = api.client.get(path)
+    assert (whole.status_code, whole.content, whole.headers["content-type"]) == (200, content, "video/mp4")
+    assert whole.headers["etag"] == f'"{video["sha256"]}"'
+    assert whole.headers["content-disposition"] == "inline; filename*=UTF-8''my%20cl%C3%AFp.mp4"
+    part = api.client.get(path, headers={"Range": "bytes=10-19"})
+    assert (part.status_code, part.content) == (206, content[10:20])
+    assert api.client.get(path, headers={"If-None-Match": whole.headers["etag"]}).status_code == 304
+    assert api.client.get(path, headers={"Range": "bytes=9999-"}).status_code == 416
+    assert api.client.head(path).headers["content-length"] == str(len(content))
+    reference = api.client.post("/references", content=PNG).json()["id"]
+    assert api.client.get(f"/references/{reference}/file").content == PNG
+    assert api.client.get(f"/videos/{reference}/file").status_code in {404, 422}
+    assert api.client.delete(f"/videos/{video['id']}?cancel_jobs=true").status_code == 204
+    assert api.client.get(path).status_code == 404

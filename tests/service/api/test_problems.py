@@ -45,7 +45,7 @@ def test_internals_stay_in_the_log(api: Api, monkeypatch: pytest.MonkeyPatch, ca
 
     monkeypatch.setattr(Storage, "put", fail)
     body = check(api.client.post("/videos", content=PNG), 500)
-    assert body["type"] == "internal-error"
+    assert body["code"] == "internal-error"
     assert "secret" not in str(body)
     (record,) = [record for record in caplog.records if record.msg == "unhandled error"]
     assert "secret path" in str(vars(record))
@@ -58,13 +58,14 @@ def test_a_full_disk_is_507_and_leaves_nothing(api: Api, monkeypatch: pytest.Mon
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Storage, "put", full)
-    assert check(api.client.post("/videos", content=PNG), 507)["type"] == "insufficient-storage"
+    assert check(api.client.post("/videos", content=PNG), 507)["code"] == "insufficient-storage"
     assert api.client.get("/videos").json()["data"] == []
     assert api.drafts == []
     monkeypatch.undo()
     assert api.client.post("/videos", content=PNG).status_code == 202
 
 
+@pytest.mark.embedded
 def test_a_database_without_room_is_507(api: Api) -> None:
     def no_more_pages(connection: Connection) -> None:
         connection.exec_driver_sql("PRAGMA max_page_count = 1")  # SQLite takes the present size for it
@@ -72,7 +73,7 @@ def test_a_database_without_room_is_507(api: Api) -> None:
     engine = api.services.database._engine
     event.listen(engine, "begin", no_more_pages)
     answers = [api.client.post("/videos", content=PNG + bytes([k])) for k in range(40)]
-    assert check(answers[-1], 507)["type"] == "insufficient-storage"
+    assert check(answers[-1], 507)["code"] == "insufficient-storage"
     assert {answer.status_code for answer in answers} <= {202, 507}
     assert api.client.get("/videos").status_code == 200
     assert len(api.blobs) == sum(answer.status_code == 202 for answer in answers)
@@ -82,17 +83,47 @@ def test_a_database_without_room_is_507(api: Api) -> None:
 def test_the_schema_resolves_and_lists_every_endpoint(api: Api) -> None:
     schema = api.client.get("/openapi.json").json()
     assert {
-        "/videos",
-        "/videos/{video_id}",
-        "/references",
-        "/references/{reference_id}",
-        "/transfer",
-        "/swap",
-        "/jobs/{job_id}",
-        "/jobs/{job_id}/cancel",
-        "/results/{result_id}",
+        "/v1/videos",
+        "/v1/videos/form",
+        "/v1/videos/url",
+        "/v1/videos/{video_id}",
+        "/v1/videos/{video_id}/file",
+        "/v1/videos/{video_id}/poster",
+        "/v1/videos/{video_id}/frames/{number}",
+        "/v1/videos/{video_id}/faces/{face}/thumbnail",
+        "/v1/references",
+        "/v1/references/form",
+        "/v1/references/url",
+        "/v1/references/{reference_id}",
+        "/v1/references/{reference_id}/file",
+        "/v1/references/{reference_id}/poster",
+        "/v1/references/{reference_id}/frames/{number}",
+        "/v1/references/{reference_id}/faces/{face}/thumbnail",
+        "/v1/uploads",
+        "/v1/uploads/link",
+        "/v1/uploads/{upload_id}",
+        "/v1/transfer",
+        "/v1/transfer/form",
+        "/v1/swap",
+        "/v1/preview",
+        "/v1/jobs",
+        "/v1/jobs/{job_id}",
+        "/v1/jobs/{job_id}/cancel",
+        "/v1/jobs/{job_id}/events",
+        "/v1/webhooks",
+        "/v1/webhooks/secret",
+        "/v1/webhooks/secret/rotate",
+        "/v1/webhooks/{webhook_id}",
+        "/v1/webhooks/{webhook_id}/replay",
+        "/v1/results/{result_id}",
+        "/v1/results/{result_id}/look.cube",
+        "/v1/results/{result_id}/matte",
+        "/v1/results/{result_id}/link",
         "/livez",
         "/readyz",
+        "/metrics",
+        "/v1/limits",
+        "/v1/usage",
     } == schema["paths"].keys()
 
     def references(node: object) -> list[str]:
@@ -104,5 +135,6 @@ def test_the_schema_resolves_and_lists_every_endpoint(api: Api) -> None:
     found = references(schema)
     assert "#/components/schemas/TransferRequest" in found
     for ref in found:
-        assert ref.removeprefix("#/components/schemas/") in schema["components"]["schemas"]
+        _, _, kind, name = ref.split("/")
+        assert name in schema["components"][kind]
     assert api.client.get("/docs").status_code == 200

@@ -3,12 +3,15 @@ from __future__ import annotations
 import base64
 import hashlib
 import os
+from datetime import timedelta
+from typing import Any
 
 import pytest
+from sqlalchemy import delete
 
-from service.catalog import results
+from service.catalog import Media, Output, PartName, PartOf, Result, jobs, results, sweep
 from tests.service.api.test_media import transfer, upload
-from tests.service.fixtures import Api, make_ready, make_results
+from tests.service.fixtures import Api, claim, make_ready, make_results
 
 CONTENT = os.urandom(1_000_000)
 
@@ -48,7 +51,7 @@ def test_ranges_are_parts_of_the_file(api: Api, path: str) -> None:
     outside = api.client.get(path, headers={"range": "bytes=1000000-"})
     assert outside.status_code == 416
     assert outside.headers["content-range"] == "bytes */1000000"
-    assert outside.json()["type"] == "range-not-satisfiable"
+    assert outside.json()["code"] == "range-not-satisfiable"
 
 
 def test_a_download_goes_on_only_with_the_same_file(api: Api, path: str) -> None:
@@ -73,11 +76,137 @@ def test_head_has_the_headers_only(api: Api, path: str) -> None:
 
 def test_unknown_results_are_not_found_and_expired_ones_are_gone(api: Api, path: str) -> None:
     assert api.client.get(f"/results/res_{'0' * 32}").status_code == 404
-    with api.services.database.write() as session:
+    with api.services.background.write() as session:
         result = results.get(session, path.removeprefix("/results/"))
         assert result is not None
-        key = results.drop_bytes(session, result)
+        key = results.drop_bytes(session, result, now=api.services.database.now())
     assert key is not None
     api.services.storage.delete(key)
     answer = api.client.get(path)
-    assert (answer.status_code, answer.json()["type"]) == (410, "gone")
+    assert (answer.status_code, answer.json()["code"]) == (410, "gone")
+
+
+CUBE, SECOND, MATTE = b"LUT_3D_SIZE 2\n" * 100, b"LUT_3D_SIZE 3\n", os.urandom(5000)
+PARTS: list[tuple[PartName, int, bytes]] = [("look.cube", 1, CUBE), ("look.cube", 2, SECOND), ("matte", 1, MATTE)]
+
+
+@pytest.fixture
+def job(api: Api) -> dict[str, Any]:
+    """Two looks, each with a cube of two persons and a matte of one."""
+    video = upload(api, "/videos")
+    make_ready(api.services, video["id"])
+    asked = transfer(api, video["id"], video["id"], video["id"])
+    assert [look["extras"] for look in asked["looks"]] == [[], []]
+    make_results(api.services, asked["id"], [b"one", b"two"], parts=PARTS)
+    body: dict[str, Any] = api.client.get(f"/jobs/{asked['id']}").json()
+    return body
+
+
+def test_a_look_lists_what_was_made_beside_it(api: Api, job: dict[str, Any]) -> None:
+    assert len(job["looks"]) == 2
+    for look, content in zip(job["looks"], (b"one", b"two"), strict=True):
+        assert api.client.get(look["url"]).content == content
+        expected = [
+            ("look.cube", 1, f"{look['url']}/look.cube", CUBE, "text/plain"),
+            ("look.cube", 2, f"{look['url']}/look.cube?person=2", SECOND, "text/plain"),
+            ("matte", 1, f"{look['url']}/matte", MATTE, "video/x-matroska"),
+        ]
+        names = ("part", "person", "url", "sha256", "size_bytes", "content_type")
+        assert [tuple(extra[name] for name in names) for extra in look["extras"]] == [
+            (part, person, url, hashlib.sha256(data).hexdigest(), len(data), kind)
+            for part, person, url, data, kind in expected
+        ]
+        for extra, (_, _, _, data, _) in zip(look["extras"], expected, strict=True):
+            assert api.client.get(extra["url"]).content == data
+
+
+def test_a_part_answers_as_its_result_does(api: Api, job: dict[str, Any]) -> None:
+    url, etag = f"{job['looks'][0]['url']}/look.cube", f'"{hashlib.sha256(CUBE).hexdigest()}"'
+    whole = api.client.get(url)
+    assert (whole.status_code, whole.content) == (200, CUBE)
+    assert whole.headers["etag"] == etag
+    assert whole.headers["repr-digest"] == f"sha-256=:{base64.b64encode(hashlib.sha256(CUBE).digest()).decode()}:"
+    assert whole.headers["content-type"] == "text/plain"
+    assert whole.headers["content-disposition"].endswith("clip-look-1.cube")
+    head = api.client.head(url)
+    assert (head.status_code, head.content, head.headers["content-length"]) == (200, b"", str(len(CUBE)))
+    part = api.client.get(url, headers={"range": "bytes=10-19", "if-range": etag})
+    assert (part.status_code, part.content) == (206, CUBE[10:20])
+    assert api.client.get(url, headers={"range": "bytes=999999-"}).status_code == 416
+    assert api.client.get(url, headers={"if-none-match": etag}).status_code == 304
+    matte = api.client.get(f"{job['looks'][0]['url']}/matte")
+    assert (matte.content, matte.headers["content-type"]) == (MATTE, "video/x-matroska")
+
+
+def test_a_person_that_is_not_there_is_answered_with_those_that_are(api: Api, job: dict[str, Any]) -> None:
+    url = job["looks"][0]["url"]
+    assert api.client.get(f"{url}/look.cube?person=2").content == SECOND
+    answer = api.client.get(f"{url}/look.cube?person=3")
+    assert (answer.status_code, answer.json()["code"]) == (404, "not-found")
+    assert answer.json()["detail"].endswith("has no look.cube of person 3; there is that of: 1, 2")
+    assert api.client.get(f"{url}/matte?person=2").status_code == 404
+    assert api.client.get(f"{url}/matte?person=0").status_code == 422
+
+
+def test_a_part_that_was_not_asked_for_says_how_to_ask(api: Api, path: str) -> None:
+    for part, extra in (("look.cube", "cube"), ("matte", "matte")):
+        answer = api.client.get(f"{path}/{part}")
+        assert (answer.status_code, answer.headers["content-type"]) == (404, "application/problem+json")
+        assert f'"output": {{"extras": ["{extra}"]}}' in answer.json()["detail"]
+        assert api.client.get(f"/results/res_{'0' * 32}/{part}").status_code == 404
+
+
+def test_a_part_is_no_result_of_its_own(api: Api, job: dict[str, Any]) -> None:
+    with api.services.database.read() as session:
+        rows = session.query(Result).filter(Result.part_of.is_not(None)).all()
+    assert len(rows) == 6
+    for row in rows:
+        assert api.client.get(f"/results/{row.id}").status_code == 404
+        assert row.part_of in {look["result"] for look in job["looks"]}
+
+
+def test_parts_expire_with_their_result(api: Api, job: dict[str, Any]) -> None:
+    before = len(api.blobs)
+    late = api.services.database.now() + timedelta(seconds=1001)
+    with api.services.background.write() as session:
+        keys = sweep.expire_results(session, now=late)
+    for key in keys:
+        api.services.storage.delete(key)
+    assert len(keys) == 8
+    assert len(api.blobs) == before - 8
+    for look in job["looks"]:
+        for extra in look["extras"]:
+            answer = api.client.get(extra["url"])
+            assert (answer.status_code, answer.json()["code"]) == (410, "gone")
+            assert look["result"] in answer.json()["detail"]
+    after = api.client.get(f"/jobs/{job['id']}").json()
+    assert [(look["result"], look["extras"]) for look in after["looks"]] == [(None, [])] * 2
+    with api.services.background.write() as session:  # and their records with their job's
+        session.execute(delete(Media))
+        assert sweep.expire_jobs(session, before=late) == 2
+        assert session.query(Result).count() == 0
+
+
+def test_parts_are_deleted_with_the_video(api: Api, job: dict[str, Any]) -> None:
+    with api.services.database.read() as session:
+        assert len(sweep.known_keys(session, api.blobs)) == len(api.blobs) == 10
+    video = job["looks"][0]["video"]
+    assert api.client.delete(f"/videos/{video}").status_code == 204
+    assert api.blobs == []
+    assert api.client.get(job["looks"][0]["extras"][0]["url"]).status_code == 404
+    with api.services.database.read() as session:
+        assert session.query(Result).count() == 0
+
+
+def test_a_lost_lease_publishes_no_parts(api: Api) -> None:
+    video = upload(api, "/videos")
+    make_ready(api.services, video["id"])
+    lease = claim(api.services.database, transfer(api, video["id"], video["id"])["id"])
+    database = api.services.database
+    with database.write() as session:
+        jobs.revoke(session, lease.job_id, now=database.now())
+    main = Output("res_1", 0, "result/1", "0" * 64, 1, "video/mp4", "a.mp4")
+    part = Output("res_2", 0, "result/2", "0" * 64, 1, "text/plain", "a.cube", part_of=PartOf("res_1", "look.cube", 1))
+    with database.write() as session:
+        assert not results.publish(session, lease, [main, part], now=database.now(), timings={}, ttl_s=1)
+        assert session.query(Result).count() == 0

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from service.catalog import Report, jobs
-from tests.service.api.test_media import PROBLEM, upload
+from service.catalog import OutputOptions, Report, jobs, render_request
+from tests.service.api.test_media import PROBLEM, SHOWN, upload
 from tests.service.fixtures import MP4, PNG, Api, claim, make_ready, make_results
 
 
@@ -28,7 +28,7 @@ def test_a_transfer_of_ready_media_is_queued_at_once(api: Api) -> None:
     )
     assert answer.status_code == 202
     body = answer.json()
-    assert answer.headers["location"] == f"/jobs/{body['id']}"
+    assert answer.headers["location"] == f"/v1/jobs/{body['id']}"
     assert (body["kind"], body["state"], body["done"], body["attempt"]) == ("transfer", "queued", False, 1)
     assert [look["reference"] for look in body["looks"]] == [reference["id"], video["id"]]
     lease = claim(api.services.database, body["id"])
@@ -78,11 +78,11 @@ def test_a_transfer_fails_with_the_medium_it_waits_for(api: Api) -> None:
     with database.write() as session:
         jobs.release(session, now=database.now())
     body = api.client.get(f"/jobs/{job['id']}").json()
-    assert (body["state"], body["error"]) == ("failed", PROBLEM)
+    assert (body["state"], body["error"]) == ("failed", SHOWN)
     # and one that is asked for now is refused with the same problem
     refused = api.client.post("/transfer", json={"video": video["id"], "looks": looks(reference["id"])})
     assert refused.status_code == 422
-    assert refused.json()["type"] == "no-face"
+    assert refused.json()["code"] == "no-face"
     assert refused.json()["errors"] == [{"pointer": "/looks/0/reference", "detail": PROBLEM["detail"]}]
 
 
@@ -132,6 +132,8 @@ def test_a_form_may_name_references_by_id(api: Api) -> None:
         ({"makeup": "nose=1"}, "/makeup/nose"),
         ({"light": "2"}, "/light"),
         ({"extent": "arms"}, "/extent"),
+        ({"extras": "cube,mask"}, "/extras/1"),
+        ({"matte": "png", "extras": "matte"}, "/matte"),
         ({"iterations": "1e9"}, "/iterations"),
         ({"exchange": "true"}, "/exchange"),
         ({"faces": "first"}, "/faces/0"),
@@ -220,6 +222,10 @@ GOOD = "vid_" + "0" * 32
         ({"video": GOOD, "looks": looks(GOOD), "output": {"container": "webm", "codec": "h264"}}, "/output"),
         ({"video": GOOD, "looks": looks(GOOD), "output": {"container": "mov", "codec": "av1"}}, "/output"),
         ({"video": GOOD, "looks": looks(GOOD), "output": {"crf": 52}}, "/output"),
+        ({"video": GOOD, "looks": looks(GOOD), "output": {"extras": ["look"]}}, "/output/extras/0"),
+        ({"video": GOOD, "looks": looks(GOOD), "output": {"extras": "cube"}}, "/output/extras"),
+        ({"video": GOOD, "looks": looks(GOOD), "output": {"extras": ["matte"], "matte": "png"}}, "/output/matte"),
+        ({"video": GOOD, "looks": looks(GOOD), "output": {"extras": ["cube"], "matte": "prores"}}, "/output"),
         ({"video": GOOD, "looks": looks(GOOD), "output": {"crf": "18"}}, "/output/crf"),
         ({"video": GOOD, "looks": looks(GOOD, strength="0.5")}, "/looks/0/strength"),
         ({"video": GOOD, "looks": looks(GOOD, strength=True)}, "/looks/0/strength"),
@@ -231,7 +237,7 @@ def test_bad_parameters_are_named_by_pointer(api: Api, body: dict[str, Any], poi
     answer = api.client.post("/transfer", json=body)
     assert answer.status_code == 422
     problem = answer.json()
-    assert problem["type"] == "validation-failed"
+    assert problem["code"] == "validation-failed"
     assert [error["pointer"] for error in problem["errors"]] == [pointer]
 
 
@@ -263,7 +269,7 @@ def test_what_does_not_fit_the_video_is_refused(api: Api) -> None:
         {"video": video["id"], "looks": looks(*[reference["id"]] * 17)},
     ):
         answer = api.client.post("/transfer", json=body)
-        assert (answer.status_code, answer.json()["type"]) == (422, "validation-failed")
+        assert (answer.status_code, answer.json()["code"]) == (422, "validation-failed")
 
 
 def test_a_face_that_is_not_there_is_named_where_it_was_asked_for(api: Api) -> None:
@@ -301,6 +307,35 @@ def test_the_crf_reaches_as_far_as_the_codec(api: Api, output: dict[str, Any]) -
     video = upload(api, "/videos")
     body = {"video": video["id"], "looks": looks(video["id"], strength=1, contrast=1), "output": output}
     assert api.client.post("/transfer", json=body).status_code == 202
+
+
+PRORES_MATTE = {"matte": "prores", "extras": ["matte"]}
+
+
+@pytest.mark.parametrize(
+    "option", [{"codec": "h264"}, {"codec": "auto"}, {"crf": 20}, {"preset": "slow"}, {"audio": "none"}, PRORES_MATTE]
+)
+def test_a_still_picture_takes_no_options_of_clips(api: Api, option: dict[str, Any]) -> None:
+    still = api.client.post("/videos", content=PNG).json()["id"]
+    wanted = {"video": still, "looks": looks(still), "output": option | {"container": "png"}}
+    answer = api.client.post("/transfer", json=wanted)
+    name = next(iter(option))
+    assert (answer.status_code, [one["pointer"] for one in answer.json()["errors"]]) == (422, [f"/output/{name}"])
+    form = {name: ",".join(value) if isinstance(value, list) else str(value) for name, value in option.items()}
+    answer = api.client.post("/transfer", data={"video": still} | form, files={"reference": ("a.png", PNG + b"1")})
+    assert (answer.status_code, answer.json()["errors"][0]["pointer"]) == (422, f"/output/{name}")
+    assert len(api.blobs) == 1
+
+
+def test_a_still_picture_takes_the_options_it_has(api: Api) -> None:
+    still, clip = api.client.post("/videos", content=PNG).json()["id"], upload(api, "/videos")["id"]
+    for output in ({"container": "jpg"}, {"crf": None}, {"extras": ["cube", "matte"]}, {}):
+        wanted = {"video": still, "looks": looks(still), "output": output, "force": True}
+        assert api.client.post("/transfer", json=wanted).status_code == 202
+    # the clip of the two has a codec
+    assert api.client.post("/swap", json={"a": clip, "b": still, "output": {"crf": 20}}).status_code == 202
+    both = {"a": still, "b": api.client.post("/videos", content=PNG + b"2").json()["id"], "output": {"crf": 20}}
+    assert api.client.post("/swap", json=both).status_code == 422
 
 
 def test_a_swap_has_two_results(api: Api) -> None:
@@ -373,7 +408,7 @@ def test_a_clip_is_swapped_with_itself_by_two_faces_only(api: Api, options: dict
     video = upload(api, "/videos")
     for both in ({}, {"b": video["id"]}):
         answer = api.client.post("/swap", json={"a": video["id"]} | both | options)
-        assert (answer.status_code, answer.json()["type"]) == (422, "validation-failed")
+        assert (answer.status_code, answer.json()["code"]) == (422, "validation-failed")
         assert [error["pointer"] for error in answer.json()["errors"]] == [pointer]
 
 
@@ -392,9 +427,9 @@ def test_what_was_found_while_a_look_was_drawn_stands_beside_its_result(api: Api
     job = api.client.post("/transfer", json=wanted).json()
     (before,) = job["looks"]
     assert (before["settings"], before["warnings"]) == (None, [])
-    make_results(api.services, job["id"], [b"one"], Report("ycbcr", "chain", ("video, face 0: small",)))
+    make_results(api.services, job["id"], [b"one"], Report("ycbcr", "chain", warnings=("video, face 0: small",)))
     (look,) = api.client.get(f"/jobs/{job['id']}").json()["looks"]
-    assert look["settings"] == {"mask": "ycbcr", "matching": "chain"}
+    assert look["settings"] == {"mask": "ycbcr", "matching": "chain", "input_color": "auto"}
     assert look["warnings"] == ["video, face 0: small"]
 
 
@@ -422,3 +457,31 @@ def test_a_transfer_never_asks_for_a_vectorisation(api: Api) -> None:
     assert {k: v for k, v in after.items() if k != "expires_at"} == {
         k: v for k, v in before.items() if k != "expires_at"
     }
+
+
+def output_of(api: Api, job_id: str) -> OutputOptions:
+    with api.services.database.read() as session:
+        job = jobs.get(session, job_id)
+    assert job is not None
+    return render_request(job).output
+
+
+def test_extras_are_asked_for_with_the_output(api: Api) -> None:
+    video, reference = upload(api, "/videos"), upload(api, "/references")
+    wanted = {"video": video["id"], "looks": looks(reference["id"])}
+    output = {"extras": ["matte", "cube", "matte"], "matte": "prores"}
+    job = api.client.post("/transfer", json=wanted | {"output": output}).json()
+    assert output_of(api, job["id"]) == OutputOptions(extras=("cube", "matte"), matte="prores")
+    swap = api.client.post("/swap", json={"a": video["id"], "faces": [0, 1], "output": {"extras": ["cube"]}})
+    assert output_of(api, swap.json()["id"]).extras == ("cube",)
+    assert output_of(api, api.client.post("/transfer", json=wanted).json()["id"]) == OutputOptions()
+
+
+@pytest.mark.parametrize("given", [["cube,matte"], ["matte", "cube"], ["cube", "", "matte,"]])
+def test_a_form_has_extras_with_commas_or_again(api: Api, given: list[str]) -> None:
+    video, reference = upload(api, "/videos"), upload(api, "/references")
+    parts = [("video", (None, video["id"])), ("reference", (None, reference["id"])), ("matte", (None, "prores"))]
+    parts += [("extras", (None, one)) for one in given]
+    answer = api.client.post("/transfer", files=parts)
+    assert answer.status_code == 202, answer.text
+    assert output_of(api, answer.json()["id"]) == OutputOptions(extras=("cube", "matte"), matte="prores")

@@ -10,8 +10,22 @@ import pytest
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
-from service.catalog import Asset, Database, Job, JobState, Lease, Media, Progress, Role, jobs, media
-from tests.service.fixtures import FakeClock, add_media, add_transfer, claim
+from service.catalog import (
+    Asset,
+    Database,
+    Filter,
+    Job,
+    JobKind,
+    JobState,
+    Lease,
+    Media,
+    Progress,
+    Role,
+    VectorizeRequest,
+    jobs,
+    media,
+)
+from tests.service.fixtures import FakeClock, add_media, add_transfer, announce, claim
 
 PROBLEM = {"type": "no-face", "title": "No face was found", "detail": "no face found"}
 
@@ -44,6 +58,7 @@ def finish_media(database: Database, medium: Media) -> None:
     lease = claim(database, medium.job_id)
     with database.write() as session:
         asset = Asset("asset/x", 1, {}, [], [])
+        announce(session, "asset/x")
         assert media.finish(session, lease, asset, now=database.now(), timings={}) == []
 
 
@@ -208,11 +223,28 @@ def test_the_time_in_the_queue_counts_from_the_release(database: Database, clock
     clock.forward(500)
     with database.write() as session:
         asset = Asset("asset/x", 1, {}, [], [])
+        announce(session, "asset/x")
         assert media.finish(session, lease, asset, now=database.now(), timings={}) == []
     assert len(step(database, "release")) == 1
     clock.forward(60)
     assert step(database, "expire", before=clock() - timedelta(seconds=61)) == 0
     claim(database, job_id)
+    assert job_of(database, job_id).timings == {"waited_s": 500.0}
+
+
+def test_a_job_that_is_given_back_keeps_its_attempt_unless_it_was_spent(database: Database) -> None:
+    job_id = add_media(database).job_id
+    lease = claim(database, job_id)
+    assert step(database, "give_back", lease)
+    assert not step(database, "give_back", lease)
+    assert not step(database, "succeed", lease, timings={})
+    job = job_of(database, job_id)
+    assert (job.state, job.attempt, job.published_at) == ("queued", 1, None)
+    assert step(database, "give_back", claim(database, job_id), costs_attempt=True)
+    assert job_of(database, job_id).attempt == 2
+    lease = claim(database, job_id)
+    assert step(database, "cancel", job_id)
+    assert not step(database, "give_back", lease)
 
 
 def test_a_job_that_waits_too_long_for_its_media_expires(database: Database, clock: FakeClock) -> None:
@@ -277,3 +309,22 @@ def test_the_same_content_is_recorded_once_a_role(database: Database) -> None:
     add_media(database, Role.REFERENCE, content=b"same")
     with pytest.raises(IntegrityError):
         add_media(database, content=b"same")
+
+
+def test_an_owners_jobs_are_chosen_by_metadata(database: Database) -> None:
+    made = []
+    with database.write() as session:
+        for owner, metadata in (("key_a", {"a.b": "1", "c": "ü"}), ("key_a", {"a.b": "2"}), ("key_b", {"a.b": "1"})):
+            request = VectorizeRequest(Role.VIDEO)
+            now = database.now()
+            job = jobs.create(session, JobKind.VECTORIZE, request=request, now=now, owner=owner, metadata=metadata)
+            made.append(job.id)
+
+    def chosen(**metadata: str) -> list[str]:
+        with database.read() as session:
+            found = jobs.page(session, "key_a", Filter(metadata=metadata), before=None, limit=9)
+        return [job.id for job in found]
+
+    assert chosen() == [made[1], made[0]]
+    assert chosen(**{"a.b": "1"}) == chosen(**{"a.b": "1", "c": "ü"}) == [made[0]]
+    assert chosen(c="1") == chosen(d="1") == []

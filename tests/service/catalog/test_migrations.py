@@ -2,7 +2,10 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
+from functools import partial
 
 import pytest
 from alembic import command
@@ -11,11 +14,12 @@ from alembic.runtime.migration import MigrationContext
 from sqlalchemy import inspect, text
 from sqlalchemy.exc import IntegrityError
 
-from service.catalog import Database, Lease, Role, VectorSettings, jobs, media
+from service.catalog import Asset, Database, Lease, Media, Output, PartOf, Role, VectorSettings, jobs, media, results
 from service.catalog.database import make_engine
 from service.catalog.migrations import _config, is_current, migrate
 from service.catalog.models import Base
-from tests.service.fixtures import FakeClock, add_media, add_transfer
+from tests.service.fixtures import FakeClock, add_media, add_transfer, announce, claim
+from tests.worker.serving import until
 
 
 def test_the_migrations_make_the_tables_of_the_models(database: Database) -> None:
@@ -34,6 +38,26 @@ def test_migrating_again_changes_nothing_and_down_removes_everything(database: D
     engine = make_engine(database.url)
     assert inspect(engine).get_table_names() == ["alembic_version"]
     engine.dispose()
+
+
+def test_who_migrates_waits_for_another_as_long_as_it_takes(
+    database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Longer than anybody else waits for a lock: tables may be large."""
+    if database.url.startswith("sqlite"):
+        pytest.skip("SQLite's writers wait by themselves")
+    monkeypatch.setattr("service.catalog.database.make_engine", partial(make_engine, lock_wait_s=0.2))
+    first = make_engine(database.url)
+    waiting = text("SELECT count(*) FROM pg_locks WHERE locktype = 'advisory' AND NOT granted")
+    with ThreadPoolExecutor() as pool:
+        with first.begin() as connection:
+            connection.execute(text("SELECT pg_advisory_xact_lock(7301984)"))
+            second = pool.submit(migrate, database.url)
+            until(30, lambda: second.done() or connection.execute(waiting).scalar_one())
+            time.sleep(1)
+            assert not second.done(), "it waits for its turn"
+        second.result(30)
+    first.dispose()
 
 
 def test_several_processes_may_migrate_at_once(database: Database) -> None:
@@ -78,7 +102,15 @@ def test_jobs_of_the_former_version_know_when_they_were_queued(database: Databas
     engine = make_engine(database.url)
     names = {index["name"] for index in inspect(engine).get_indexes("jobs")}
     engine.dispose()
-    assert names == {"ix_jobs_media_id", "ix_jobs_queue_state_waiting", "ix_jobs_state_lease_expires_at"}
+    assert names == {
+        "ix_jobs_media_id",
+        "ix_jobs_owner_fingerprint",
+        "ix_jobs_owner_id",
+        "ix_jobs_parent_id",
+        "ix_jobs_queue_owner_started_at",
+        "ix_jobs_queue_state_waiting_owner",
+        "ix_jobs_state_lease_expires_at",
+    }
 
 
 def test_a_deleted_job_still_takes_its_looks_along_after_the_migrations(database: Database) -> None:
@@ -111,3 +143,61 @@ def test_media_of_the_former_version_have_its_settings_and_others_may_stand_besi
             found = media.find_content(session, Role.VIDEO, medium.sha256, settings)
             assert found is not None
             assert found.id == one.id
+
+
+def test_media_of_a_version_without_input_colors_have_that_of_their_tags(database: Database) -> None:
+    log = VectorSettings(input_color="slog3")
+    medium = add_media(database, content=b"clip")
+    add_media(database, content=b"clip", settings=log)
+    command.downgrade(_config(database.url), "0003")
+    assert rows(database, "SELECT id FROM media") == [(medium.id,)]
+    migrate(database.url)
+    assert rows(database, "SELECT id, input_color FROM media") == [(medium.id, "auto")]
+    again = add_media(database, content=b"clip", settings=log)
+    with database.read() as session:
+        found = media.find_content(session, Role.VIDEO, medium.sha256, log)
+        assert found is not None
+        assert found.id == again.id
+
+
+def test_parts_of_results_are_unknown_to_a_version_without_them(database: Database) -> None:
+    medium = add_media(database)
+    job_id = add_transfer(database, medium, medium)
+    vectorised = claim(database, medium.job_id)
+    with database.write() as session:
+        announce(session, "asset/x")
+        assert media.finish(session, vectorised, Asset("asset/x", 1, {}, [], []), now=database.now(), timings={}) == []
+    with database.write() as session:
+        jobs.release(session, now=database.now())
+    main = Output("res_1", 0, "result/1", "0" * 64, 1, "video/mp4", "a.mp4")
+    cube = PartOf("res_1", "look.cube", 2)
+    part = Output("res_2", 0, "result/2", "0" * 64, 1, "text/plain", "a.cube", part_of=cube)
+    lease = claim(database, job_id)
+    with database.write() as session:
+        announce(session, main.key, part.key)
+        assert results.publish(session, lease, [main, part], now=database.now(), timings={}, ttl_s=1)
+    query = "SELECT id, part_of, part, person FROM results ORDER BY id"
+    assert rows(database, query) == [("res_1", None, None, None), ("res_2", "res_1", "look.cube", 2)]
+    command.downgrade(_config(database.url), "0004")
+    assert rows(database, "SELECT id FROM results") == [("res_1",)]
+    migrate(database.url)
+    assert rows(database, query) == [("res_1", None, None, None)]
+    engine = make_engine(database.url)
+    assert "ix_results_part_of" in {index["name"] for index in inspect(engine).get_indexes("results")}
+    engine.dispose()
+
+
+def test_what_there_was_before_keys_belongs_to_nobody(database: Database) -> None:
+    medium = add_media(database, content=b"clip")
+    command.downgrade(_config(database.url), "0007")
+    migrate(database.url)
+    assert rows(database, "SELECT id, owner FROM media") == [(medium.id, "")]
+    assert rows(database, "SELECT id, owner FROM jobs") == [(medium.job_id, "")]
+    with database.read() as session:
+        assert session.get_one(Media, medium.id).metadata_ == {}
+    add_media(database, content=b"clip", owner="key_a")
+    command.downgrade(_config(database.url), "0007")
+    assert rows(database, "SELECT id FROM media") == [(medium.id,)]
+    migrate(database.url)
+    with pytest.raises(IntegrityError):
+        add_media(database, content=b"clip")

@@ -27,6 +27,7 @@ SWAPPED = LookParams(contrast=(0.8, "auto"), faces=(1, 0), beta=0.5, iterations=
 OF_A_GROUP = LookParams(reference_face=2, makeup={"lips": 1.0, "brows": 0.0}, light=0.5)
 PAPERS = VectorSettings(mask="ycbcr", matching="chain")
 OUTPUT = OutputOptions(container="webm", codec="vp9", crf=30, preset="fast", audio="none")
+WITH_EXTRAS = OutputOptions(extras=("cube", "matte"), matte="prores")
 
 
 def test_a_request_comes_back_from_the_record_as_it_was(database: Database) -> None:
@@ -41,6 +42,12 @@ def test_a_request_comes_back_from_the_record_as_it_was(database: Database) -> N
     assert vectorizing is not None
     assert render_request(job) == RenderRequest(OUTPUT)
     assert [look_params(look) for look in stored] == [LOOK, LookParams(), SWAPPED, OF_A_GROUP]
+    with database.write() as session:
+        other = jobs.create(session, JobKind.TRANSFER, request=RenderRequest(WITH_EXTRAS), now=database.now())
+    with database.read() as session:
+        stored_other = jobs.get(session, other.id)
+    assert stored_other is not None
+    assert render_request(stored_other) == RenderRequest(WITH_EXTRAS)
     assert vectorize_request(vectorizing) == VectorizeRequest(Role.VIDEO, PAPERS)
 
 

@@ -15,9 +15,8 @@ from hypothesis.stateful import Bundle, RuleBasedStateMachine, initialize, invar
 from sqlalchemy.orm import Session
 
 from service.catalog import ENDED, Asset, Database, Job, JobState, Lease, Media, MediaState, Progress, jobs, media
-from service.catalog.migrations import migrate
 from service.catalog.transitions import JOB_TRANSITIONS, LeaseCheck, LeaseEffect, Step
-from tests.service.fixtures import FakeClock, add_media, add_transfer
+from tests.service.fixtures import FakeClock, add_media, add_transfer, announce, make_tables
 
 LEASE_S = 30
 MAX_ATTEMPTS = 3
@@ -35,7 +34,7 @@ class JobMachine(RuleBasedStateMachine):
         self.folder = tempfile.TemporaryDirectory()
         self.clock = FakeClock()
         url = f"sqlite:///{Path(self.folder.name) / 'catalog.sqlite3'}"
-        migrate(url)
+        make_tables(url)
         self.database = Database(url, clock=self.clock)
         medium = add_media(self.database)
         self.media_id = medium.id
@@ -65,11 +64,12 @@ class JobMachine(RuleBasedStateMachine):
     def allows(self, step: Step, job: Job, lease: Lease | None) -> bool:
         """Whether the table lets the step be taken from where the job is."""
         row = JOB_TRANSITIONS[step]
+        free = row.check is not LeaseCheck.FREE or job.lease_token is None
         held = row.check is not LeaseCheck.HELD or (lease is not None and job.lease_token == lease.token)
         lapsed = row.check is not LeaseCheck.LAPSED or (
             job.lease_expires_at is not None and job.lease_expires_at < self.clock()
         )
-        return job.state in row.sources and row.waiting in (None, job.waiting) and held and lapsed
+        return job.state in row.sources and row.waiting in (None, job.waiting) and held and lapsed and free
 
     def take(
         self, steps: Sequence[Step], call: Callable[[Session], Any], *, lease: Lease | None = None, may: bool = True
@@ -123,11 +123,19 @@ class JobMachine(RuleBasedStateMachine):
         else:
             asset = Asset("asset/x", 1, {}, [], [])
             finish = partial(media.finish, lease=lease, asset=asset, now=self.clock(), timings={})
+            with self.database.write() as session:
+                announce(session, "asset/x")
             self.successes += bool(self.take([Step.SUCCEED], lambda s: finish(s) is not None, lease=lease))
 
     @rule(lease=leases)
     def confirm_cancel(self, lease: Lease) -> None:
         self.take([Step.CONFIRM_CANCEL], lambda s: jobs.confirm_cancel(s, lease, now=self.clock()), lease=lease)
+
+    @rule(lease=leases)
+    def give_back(self, lease: Lease) -> None:
+        before = self.job().attempt
+        self.take([Step.GIVE_BACK], lambda s: jobs.give_back(s, lease, now=self.clock()), lease=lease)
+        assert self.job().attempt == before
 
     @rule()
     def cancel(self) -> None:
@@ -156,6 +164,7 @@ class JobMachine(RuleBasedStateMachine):
             assert lease is not None
             if good:
                 asset = Asset("asset/x", 1, {}, [], [])
+                announce(session, "asset/x")
                 assert media.finish(session, lease, asset, now=self.clock(), timings={}) == []
             else:
                 assert jobs.fail(session, lease, PROBLEM, now=self.clock(), timings={})

@@ -8,6 +8,7 @@ import pytest
 
 from service.catalog import Message
 from service.queue import RENDER, TASK, VECTORIZE, celery_settings, make_folders, make_producer, send
+from service.queue.broker import sent_jobs, withdraw
 from service.settings import Settings
 
 
@@ -85,8 +86,20 @@ def test_the_settings_keep_the_promises_of_the_queue(tmp_path: Path) -> None:
     for conf in (files, redis):
         assert conf["accept_content"] == ["json"]
         assert conf["result_backend"] is None
-        assert {queue.name for queue in conf["task_queues"]} == {"vectorize", "render"}
+        assert {queue.name for queue in conf["task_queues"]} == {"vectorize", "render", "preview"}
     assert files["broker_transport_options"]["polling_interval"] == 0.2
     longest = Settings().job_hard_limit_s
     assert redis["broker_transport_options"]["visibility_timeout"] > 2 * longest
     assert redis["broker_transport_options"]["unacked_restore_throttle"] == 1
+
+
+def test_a_message_sent_twice_is_one_and_one_taken_back_is_none(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path)
+    make_folders(settings)
+    producer = make_producer(settings)
+    for number in (2, 0, 1, 1):
+        send(producer, Message(f"job_{number}", RENDER))
+    withdraw(settings, Message("job_0", RENDER))
+    withdraw(settings, Message("job_9", RENDER))
+    assert sent_jobs(settings, RENDER) == {"job_1", "job_2"}
+    assert take(settings, RENDER) == ["job_1", "job_2"]  # the oldest job first

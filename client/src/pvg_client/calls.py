@@ -1,0 +1,260 @@
+"""What a call of this client does, without doing it: a generator of steps, which a blocking or an asyncio loop takes.
+
+So the order of requests, what is asked again and when, and what the answers mean, is written once for both.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import random
+import uuid
+from collections.abc import AsyncIterator, Callable, Generator, Iterator, Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from email.utils import parsedate_to_datetime
+from pathlib import Path
+from typing import Any, Final, Protocol, TypeAlias, TypeVar
+
+import httpx
+
+from pvg_client._version import __version__
+from pvg_client.errors import ApiError, UnreachableError
+from pvg_client.models import Problem
+
+#: what the paths of the service begin with
+API_PATH = "/v1"
+#: seconds: a service that wants to be left alone for longer is not waited for
+LONGEST_PAUSE_S: Final = 60.0
+_FIRST_PAUSE_S: Final = 0.5
+_LONGEST_BACKOFF_S: Final = 10.0
+_TRY_AGAIN: Final = frozenset({429, 502, 503, 504})
+_CHUNK_BYTES: Final = 256 * 1024
+
+T = TypeVar("T")
+Params: TypeAlias = list[tuple[str, str]]
+
+
+class Sink(Protocol):
+    """Where the body of a good answer goes, piece by piece."""
+
+    def begin(self, response: httpx.Response) -> None:
+        """Make ready for this answer's body."""
+
+    def write(self, data: bytes) -> None:
+        """Take a piece of it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Send:
+    """A step: send a request. Its outcome is the answer.
+
+    It has been read, unless it is a good one and went into a sink, or is ``left_open`` to be read as it comes.
+    """
+
+    request: httpx.Request
+    into: Sink | None = None
+    left_open: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Pause:
+    """A step: wait."""
+
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Work:
+    """A step: do what takes long and needs no answer, such as to hash a file. Its outcome is what that gives."""
+
+    do: Callable[[], Any]
+
+
+Flow: TypeAlias = Generator[Send | Pause | Work, Any, T]
+
+
+def sent(send: Send) -> Flow[httpx.Response]:
+    """The answer of a request."""
+    response: httpx.Response = yield send
+    return response
+
+
+def worked(do: Callable[[], T]) -> Flow[T]:
+    """What some work gives."""
+    outcome: T = yield Work(do)
+    return outcome
+
+
+class FilePart(httpx.SyncByteStream, httpx.AsyncByteStream):
+    """A file as a body: read while it is sent, and from its beginning each time."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __iter__(self) -> Iterator[bytes]:
+        with self._path.open("rb") as file:
+            while data := file.read(_CHUNK_BYTES):
+                yield data
+
+    async def __aiter__(self) -> AsyncIterator[bytes]:
+        with self._path.open("rb") as file:
+            while data := await asyncio.to_thread(file.read, _CHUNK_BYTES):
+                yield data
+
+
+@dataclass(frozen=True, slots=True)
+class Api:
+    """Where the service is, and how it is spoken to: ``timeout_s`` for each read and write, and ``retries``."""
+
+    base_url: httpx.URL
+    key: str | None = field(repr=False)
+    timeout_s: float
+    retries: int
+
+    def at(self, path: str) -> httpx.URL:
+        """The address of a path of the interface."""
+        return self.base_url.copy_with(path=self.base_url.path.rstrip("/") + API_PATH + path)
+
+    def named(self, reference: str) -> httpx.URL:
+        """The address that an answer names: whole, or a path of the same host."""
+        return self.base_url.join(reference)
+
+    def request(
+        self,
+        method: str,
+        where: str | httpx.URL,
+        *,
+        params: Params | None = None,
+        headers: Mapping[str, str] | None = None,
+        body: object = None,
+        content: bytes | None = None,
+        stream: FilePart | None = None,
+        least_timeout_s: float = 0.0,
+    ) -> httpx.Request:
+        """A request with ``body`` as JSON, ``content`` or ``stream`` as they are, or none of them.
+
+        ``least_timeout_s`` is for answers that take their time. The key goes to the service alone, to no other host
+        that an answer may name.
+        """
+        url = self.at(where) if isinstance(where, str) else where
+        # httpx adds no Host to a request with a stream of one's own
+        sent = {"Host": url.netloc.decode("ascii"), "Accept": "*/*", "User-Agent": f"pvg-client/{__version__}"}
+        sent |= headers or {}
+        if self.key is not None and _origin(url) == _origin(self.base_url):
+            sent["Authorization"] = f"Bearer {self.key}"
+        if body is not None:
+            sent["Content-Type"] = "application/json"
+            content = json.dumps(body).encode()
+        limits = httpx.Timeout(self.timeout_s, read=max(self.timeout_s, least_timeout_s)).as_dict()
+        return httpx.Request(
+            method,
+            url.copy_merge_params(tuple(params)) if params else url,
+            headers=sent,
+            content=content,
+            stream=stream,
+            extensions={"timeout": limits},
+        )
+
+
+def _origin(url: httpx.URL) -> tuple[str, str, int | None]:
+    return url.scheme, url.host, url.port
+
+
+def once(key: str | None) -> dict[str, str]:
+    """The header that lets a POST be sent again: of the caller's own key, or of a new one."""
+    return {"Idempotency-Key": key or str(uuid.uuid4())}
+
+
+def attempt(request: httpx.Request, into: Sink | None = None, *, left_open: bool = False) -> Flow[httpx.Response]:
+    """The good answer of one request. Raises `ApiError` and `UnreachableError`."""
+    try:
+        response = yield from sent(Send(request, into, left_open))
+    except httpx.HTTPError as error:
+        raise unreachable(request, error) from error
+    if response.is_success:
+        return response
+    raise ApiError(response.status_code, _problem(response), _retry_after_s(response))
+
+
+def unreachable(request: httpx.Request, error: httpx.HTTPError) -> UnreachableError:
+    """What an error of httpx, on the way there or back, is to the caller."""
+    passing = isinstance(error, httpx.NetworkError | httpx.TimeoutException | httpx.RemoteProtocolError)
+    what = f"{request.method} {request.url.copy_with(query=None)}"
+    return UnreachableError(f"{what}: {error or type(error).__name__}", worth_another=passing)
+
+
+class Patience:
+    """How often something that failed is tried again, and after how long."""
+
+    def __init__(self, api: Api) -> None:
+        self._retries = api.retries
+        self._failed = 0
+
+    def renew(self) -> None:
+        """Something was achieved: count from anew."""
+        self._failed = 0
+
+    def after(self, error: ApiError | UnreachableError) -> Flow[None]:
+        """Wait before the next attempt. Raises the error itself when there is to be none."""
+        least_s = (error.retry_after_s or 0.0) if isinstance(error, ApiError) else 0.0
+        self._failed += 1
+        if self._failed > self._retries or not _passing(error) or least_s > LONGEST_PAUSE_S:
+            raise error
+        backoff_s = min(_FIRST_PAUSE_S * 2 ** (self._failed - 1), _LONGEST_BACKOFF_S)
+        # spread, so that many clients of a service that was away do not come back as one
+        yield Pause(max(least_s, backoff_s * random.uniform(0.5, 1)))  # noqa: S311 - no secret
+
+
+def _passing(error: ApiError | UnreachableError) -> bool:
+    if isinstance(error, UnreachableError):
+        return error.worth_another
+    return error.status in _TRY_AGAIN or error.code == "idempotency-key-in-use"
+
+
+def answered(api: Api, request: httpx.Request) -> Flow[httpx.Response]:
+    """The good answer of a request that may be sent again. Raises `ApiError` and `UnreachableError`."""
+    patience = Patience(api)
+    while True:
+        try:
+            return (yield from attempt(request))
+        except (ApiError, UnreachableError) as error:
+            yield from patience.after(error)
+
+
+def asked(api: Api, method: str, path: str, **given: Any) -> Flow[Any]:
+    """The JSON object that a request is answered with. Raises also `UnreachableError` when it is something else."""
+    response = yield from answered(api, api.request(method, path, **given))
+    return body_of(response)
+
+
+def body_of(response: httpx.Response) -> dict[str, Any]:
+    """The JSON object of a good answer. Raises `UnreachableError` when there is none: somebody else has answered."""
+    body = _object(response)
+    if body is None:
+        raise UnreachableError(f"{response.url.host} answers, but not as this service does", worth_another=False)
+    return body
+
+
+def _object(response: httpx.Response) -> dict[str, Any] | None:
+    try:
+        body = response.json()
+    except ValueError:
+        return None
+    return body if isinstance(body, dict) else None
+
+
+def _problem(response: httpx.Response) -> Problem:
+    body = _object(response) or {}  # of a proxy in between there is none
+    return Problem.of({"title": response.reason_phrase, "status": response.status_code} | body)
+
+
+def _retry_after_s(response: httpx.Response) -> float | None:
+    """Seconds that the service wants to be left alone (RFC 9110, 10.2.3): a number, or a date."""
+    text = response.headers.get("retry-after", "").strip()
+    if text.isascii() and text.isdigit():
+        return float(text)
+    try:
+        return max(0.0, (parsedate_to_datetime(text) - datetime.now(UTC)).total_seconds())
+    except (ValueError, TypeError):
+        return None

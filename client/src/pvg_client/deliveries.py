@@ -1,0 +1,42 @@
+"""Webhooks as the service sends them: what was told to whom, telling it again, and what it is signed with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+from pvg_client.calls import Api, Flow, Params, asked, once
+from pvg_client.models import Job, Webhook, WebhookSecret, id_of
+from pvg_client.pages import Listing
+
+
+def webhooks(
+    api: Api,
+    *,
+    job: Job | str | None = None,
+    state: Sequence[Literal["waiting", "pending", "delivered", "failed"]] = (),
+) -> Listing[Webhook]:
+    """Webhooks, newest first: all, those of a job, or those in any of some states."""
+    params: Params = [("job", id_of(job))] if job is not None else []
+    return Listing("/webhooks", params + [("state", one) for one in state], Webhook.of)
+
+
+def webhook(api: Api, webhook_id: str) -> Flow[Webhook]:
+    """A webhook by its id, as it is now."""
+    return Webhook.of((yield from asked(api, "GET", f"/webhooks/{webhook_id}")))
+
+
+def replay(api: Api, webhook: Webhook | str, *, idempotency_key: str | None = None) -> Flow[Webhook]:
+    """Have it told again, with the same id. Raises `ApiError` 409 while its job goes on."""
+    path = f"/webhooks/{id_of(webhook)}/replay"
+    return Webhook.of((yield from asked(api, "POST", path, headers=once(idempotency_key))))
+
+
+def webhook_secret(api: Api) -> Flow[WebhookSecret]:
+    """What webhooks are signed with; each key has its own."""
+    return WebhookSecret.of((yield from asked(api, "GET", "/webhooks/secret")))
+
+
+def rotate_webhook_secret(api: Api, *, idempotency_key: str | None = None) -> Flow[WebhookSecret]:
+    """Have another secret made; for 24 h messages are signed with the one before, too."""
+    return WebhookSecret.of((yield from asked(api, "POST", "/webhooks/secret/rotate", headers=once(idempotency_key))))

@@ -1,0 +1,114 @@
+"""Results and what was made beside them, into files that are whole or not there."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import httpx
+
+from pvg_client.calls import Api, Flow, Patience, answered, asked, attempt, once, worked
+from pvg_client.errors import ApiError, DamagedError, UnreachableError
+from pvg_client.files import PartFile, sha256_of
+from pvg_client.models import Extra, JobLook, Link, Result
+
+#: how often a file is fetched from its beginning because its bytes were not right
+_FETCHES: Final = 2
+
+
+@dataclass(frozen=True, slots=True)
+class _Remote:
+    """A file of the service."""
+
+    url: httpx.URL
+    sha256: str
+
+
+def download(api: Api, result: Result | Extra | JobLook | str, path: str | os.PathLike[str]) -> Flow[Path]:
+    """Fetch a result, or an extra of one, to ``path``; the path.
+
+    The file appears when it is whole and its sha256 is right, in place of what was there. Until then its bytes are
+    beside it under a hidden name, from which the next attempt, or the next run, goes on. Of two at a time to one path
+    the one that ends last stays.
+
+    Raises `ApiError` (410 after its retention), `DamagedError` when its bytes are wrong twice, `UnreachableError`,
+    `ValueError` for a look that has no result.
+    """
+    target = Path(path)
+    remote = yield from _located(api, result)
+    part = PartFile(target, remote.sha256)
+    try:
+        for _ in range(_FETCHES):
+            yield from _fill(api, remote, part)
+            if (yield from worked(lambda: sha256_of(part.path))) == remote.sha256:
+                part.put(target)
+                return target
+            part.clear()
+    finally:
+        part.close()
+    raise DamagedError(f"the bytes of {remote.url.path} are not those that the service has")
+
+
+def link(
+    api: Api,
+    result: Result | JobLook | str,
+    *,
+    expires_in_s: int | None = None,
+    part: Literal["look.cube", "matte"] | None = None,
+    person: int | None = None,
+    idempotency_key: str | None = None,
+) -> Flow[Link]:
+    """An address of a result, or of a part beside it, for a browser or somebody else: it needs no key.
+
+    It is good for an hour, or ``expires_in_s``, up to 7 days, and not longer than the file is kept.
+    """
+    given: dict[str, Any] = {"expires_in_s": expires_in_s, "part": part, "person": person}
+    body = {name: value for name, value in given.items() if value is not None}
+    result_id = result if isinstance(result, str) else _of_look(result).id
+    made = yield from asked(api, "POST", f"/results/{result_id}/link", body=body, headers=once(idempotency_key))
+    return Link(str(api.named(made["url"])), datetime.fromisoformat(made["expires_at"]))
+
+
+def _of_look(result: Result | JobLook) -> Result:
+    if isinstance(result, Result):
+        return result
+    if result.result is None:
+        raise ValueError(f"the look has no result: it is {result.state}")
+    return result.result
+
+
+def _located(api: Api, result: Result | Extra | JobLook | str) -> Flow[_Remote]:
+    if isinstance(result, JobLook):
+        result = _of_look(result)
+    if isinstance(result, str):
+        url = api.at(f"/results/{result}")
+    else:
+        url = api.named(result.url)
+        if result.sha256 is not None:
+            return _Remote(url, result.sha256)
+    # its ETag is the hash of its bytes
+    response = yield from answered(api, api.request("HEAD", url))
+    return _Remote(url, response.headers.get("etag", "").removeprefix("W/").strip('"'))
+
+
+def _fill(api: Api, remote: _Remote, part: PartFile) -> Flow[None]:
+    """Fetch what is missing of a part, until nothing is."""
+    patience = Patience(api)
+    while True:
+        before = part.size
+        goes_on = {"Range": f"bytes={before}-", "If-Range": f'"{remote.sha256}"'} if before else {}
+        try:
+            yield from attempt(api.request("GET", remote.url, headers=goes_on), part)
+        except ApiError as error:
+            if before and error.status == httpx.codes.REQUESTED_RANGE_NOT_SATISFIABLE:
+                return  # nothing is missing
+            yield from patience.after(error)
+        except UnreachableError as error:
+            if part.size > before:
+                patience.renew()
+            yield from patience.after(error)
+        else:
+            return

@@ -1,0 +1,131 @@
+"""Files on this side: their hashes, and downloads that grow until they are whole."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import os
+import re
+import secrets
+from pathlib import Path
+from typing import IO, Final
+from urllib.parse import quote
+
+import httpx
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+#: of a name that goes into another one
+_NAME_BYTES: Final = 200
+_RANGE_BEGIN: Final = re.compile(r"bytes (\d+)-")
+
+
+def sha256_of(path: Path) -> str:
+    """The hash of a file, as hex."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def in_base64(sha256: str) -> str:
+    """A hash as headers have it (RFC 9530; tus)."""
+    return base64.b64encode(bytes.fromhex(sha256)).decode()
+
+
+def about_file(path: Path, size_bytes: int, sha256: str) -> dict[str, str]:
+    """What is said of a file that is the body of a request: its size, its name (RFC 6266) and its hash (RFC 9530)."""
+    return {
+        "Content-Type": "application/octet-stream",
+        "Content-Length": str(size_bytes),
+        "Content-Disposition": f"attachment; filename*=UTF-8''{quote(path.name, safe='', errors='replace')}",
+        "Repr-Digest": f"sha-256=:{in_base64(sha256)}:",
+    }
+
+
+class PartFile:
+    """A download to ``target`` that is not whole yet, beside it under a hidden name. One at a time has the use of it.
+
+    What is there stays for the next attempt, and for the next run. A second download to the same place, in this process
+    or another, has a file of its own meanwhile, which it takes away when it ends; when its process is killed, that file
+    is left behind.
+    """
+
+    def __init__(self, target: Path, sha256: str) -> None:
+        # 255 bytes of a name is what file systems take
+        name = target.name.encode(errors="replace")[:_NAME_BYTES].decode(errors="ignore")
+        self.path = target.with_name(f".{name}.{sha256[:16]}.part")
+        self._file = _held(self.path)
+        self._is_shared = self._file is not None
+        if self._file is None:
+            self.path = target.with_name(f".{name}.{sha256[:16]}.{secrets.token_hex(4)}.part")
+            self._file = self.path.open("ab")
+
+    @property
+    def size(self) -> int:
+        """Bytes that are there."""
+        assert self._file is not None  # noqa: S101
+        # of the file, not of its name: that may have been removed
+        return os.fstat(self._file.fileno()).st_size
+
+    def begin(self, response: httpx.Response) -> None:
+        """Keep what is there when the answer goes on after it, else begin anew."""
+        found = _RANGE_BEGIN.match(response.headers.get("content-range", ""))
+        goes_on = response.status_code == httpx.codes.PARTIAL_CONTENT and found and int(found[1]) == self.size
+        if not goes_on:
+            self.clear()
+
+    def write(self, data: bytes) -> None:
+        """Append a piece."""
+        assert self._file is not None  # noqa: S101 - open until it is put in place or closed
+        self._file.write(data)
+        self._file.flush()
+
+    def clear(self) -> None:
+        """Forget what is there."""
+        assert self._file is not None  # noqa: S101
+        self._file.truncate(0)
+
+    def put(self, target: Path) -> None:
+        """Let it take its place, whole."""
+        if fcntl is None:
+            self._let_go()  # what is open cannot be renamed everywhere
+        self.path.replace(target)
+        self._let_go()
+
+    def close(self) -> None:
+        """Let others have it. What only this download has had goes, and what is empty."""
+        if self._file is None:
+            return
+        is_left = self._is_shared and self.size > 0
+        if fcntl is None:
+            self._let_go()
+        if not is_left:
+            self.path.unlink(missing_ok=True)
+        self._let_go()
+
+    def _let_go(self) -> None:
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+
+def _held(path: Path) -> IO[bytes] | None:
+    """The file at a path, for this download alone; None while another has it. Where there are no locks, it is had."""
+    while True:
+        file = path.open("ab")
+        if fcntl is None:
+            return file
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if os.path.samestat(os.fstat(file.fileno()), path.stat()):
+                return file
+        except BlockingIOError:
+            file.close()
+            return None
+        except FileNotFoundError:
+            pass  # the one who had it may have put it in its place meanwhile
+        except OSError:
+            return file  # a file system without locks
+        file.close()

@@ -1,0 +1,137 @@
+"""Jobs: asking for them, waiting for their end, stopping them."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, Literal
+
+from pvg_client.calls import Api, Flow, Params, Pause, asked, once
+from pvg_client.errors import JobFailed
+from pvg_client.models import Job, Look, Medium, id_of
+from pvg_client.pages import Listing
+from pvg_client.progress import Bar
+
+#: seconds that one question for a job's end may take
+_LONG_POLL_S: Final = 20.0
+#: the same where a bar is looked at
+_SHORT_POLL_S: Final = 1.0
+_LEAST_BETWEEN_S: Final = 0.5
+
+Output = Mapping[str, Any]
+
+
+def transfer(
+    api: Api,
+    video: Medium | str,
+    looks: Sequence[Look] = (),
+    *,
+    reference: Medium | str | None = None,
+    output: Output | None = None,
+    webhook: str | Mapping[str, Any] | None = None,
+    metadata: Mapping[str, str] | None = None,
+    force: bool = False,
+    idempotency_key: str | None = None,
+) -> Flow[Job]:
+    """Ask for looks of a video: those given, or that of one ``reference`` as it is by default.
+
+    Media that are still vectorised are waited for by the job. ``output`` is as docs/api.md has it, such as
+    `{"codec": "hevc"}`; ``webhook`` is the address that is told when the job is done. Without ``force`` the same
+    transfer asked for again is answered with the job that was made before.
+
+    Raises `ValueError` when it is given neither looks nor a reference, or both.
+    """
+    if bool(looks) == (reference is not None):
+        raise ValueError("give looks, or one reference")
+    asked_for = [Look(reference)] if reference is not None else looks
+    body = {"video": id_of(video), "looks": [look.body() for look in asked_for]}
+    body |= _rest(output=output, webhook=webhook, metadata=metadata, force=force)
+    return Job.of((yield from asked(api, "POST", "/transfer", body=body, headers=once(idempotency_key))))
+
+
+def swap(
+    api: Api,
+    a: Medium | str,
+    b: Medium | str | None = None,
+    *,
+    options: Mapping[str, Any] | None = None,
+    output: Output | None = None,
+    webhook: str | Mapping[str, Any] | None = None,
+    metadata: Mapping[str, str] | None = None,
+    force: bool = False,
+    idempotency_key: str | None = None,
+) -> Flow[Job]:
+    """Ask for ``a`` with the colours of ``b`` and ``b`` with those of ``a``, or for two faces of ``a`` exchanged.
+
+    ``options`` are those of a look, as docs/api.md has them: `{"faces": [0, 1], "contrast": [0.8, 1.2]}`.
+    """
+    body = {"a": id_of(a)} | ({} if b is None else {"b": id_of(b)}) | dict(options or {})
+    body |= _rest(output=output, webhook=webhook, metadata=metadata, force=force)
+    return Job.of((yield from asked(api, "POST", "/swap", body=body, headers=once(idempotency_key))))
+
+
+def _rest(
+    *,
+    output: Output | None,
+    webhook: str | Mapping[str, Any] | None,
+    metadata: Mapping[str, str] | None,
+    force: bool,
+) -> dict[str, Any]:
+    told = {"url": webhook} if isinstance(webhook, str) else webhook
+    given = {"output": output, "webhook": told, "metadata": metadata, "force": force or None}
+    return {name: value for name, value in given.items() if value is not None}
+
+
+def job(api: Api, job_id: str) -> Flow[Job]:
+    """A job by its id, as it is now."""
+    return Job.of((yield from asked(api, "GET", f"/jobs/{job_id}")))
+
+
+def jobs(
+    api: Api,
+    *,
+    ids: Sequence[str] | None = None,
+    video: Medium | str | None = None,
+    state: Sequence[str] = (),
+    kind: Sequence[Literal["vectorize", "transfer", "swap"]] = (),
+    metadata: Mapping[str, str] | None = None,
+) -> Listing[Job]:
+    """Jobs, newest first: all, or those that every given filter chooses."""
+    params: Params = [("id", ",".join(ids))] if ids is not None else []
+    params += [("video", id_of(video))] if video is not None else []
+    params += [("state", one) for one in state] + [("kind", one) for one in kind]
+    params += [("metadata", f"{name}:{value}") for name, value in (metadata or {}).items()]
+    return Listing("/jobs", params, Job.of)
+
+
+def wait(api: Api, job: Job | Medium | str, *, progress: bool = True, timeout: float | None = None) -> Flow[Job]:
+    """The job once it has succeeded. A medium is waited for until it is vectorised.
+
+    ``progress`` shows a bar, where tqdm is installed and the standard error is a terminal. Raises `JobFailed` when the
+    job ends in any other way, and `TimeoutError` when it has not ended within ``timeout`` seconds.
+    """
+    job_id = job.job if isinstance(job, Medium) else id_of(job)
+    until = math.inf if timeout is None else time.monotonic() + timeout
+    with Bar(wanted=progress) as bar:
+        poll_s = _SHORT_POLL_S if bar.shown else _LONG_POLL_S
+        while True:
+            began = time.monotonic()
+            wait_s = max(0.0, min(poll_s, api.timeout_s / 2, until - began))
+            seen = Job.of((yield from asked(api, "GET", f"/jobs/{job_id}", params=[("wait", f"{wait_s:.1f}")])))
+            bar.show(seen)
+            if seen.done:
+                break
+            if time.monotonic() >= until:
+                raise TimeoutError(f"{seen.kind} {seen.id} is {seen.state} after {timeout:g} s")
+            # a service that is about to stop answers at once
+            yield Pause(max(0.0, _LEAST_BETWEEN_S - (time.monotonic() - began)))
+    if seen.state != "succeeded":
+        raise JobFailed(seen)
+    return seen
+
+
+def cancel(api: Api, job: Job | str, *, idempotency_key: str | None = None) -> Flow[Job]:
+    """Stop a job; it is `canceling` while its worker stops. Raises `ApiError` 409 when it has ended in another way."""
+    path = f"/jobs/{id_of(job)}/cancel"
+    return Job.of((yield from asked(api, "POST", path, headers=once(idempotency_key))))

@@ -1,0 +1,82 @@
+"""Links by which somebody without a key uploads one file."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import httpx
+
+from pvg_client.calls import Api, FilePart, Flow, Patience, answered, asked, attempt, body_of, once, worked
+from pvg_client.errors import ApiError, UnreachableError
+from pvg_client.files import about_file, sha256_of
+from pvg_client.models import Role, Upload, UploadLink
+
+#: seconds in which the service hashes, reads and records the whole file
+_LONGEST_RECORD_S: Final = 600.0
+
+
+def upload_link(
+    api: Api,
+    *,
+    role: Role = "video",
+    max_bytes: int | None = None,
+    expires_in_s: int | None = None,
+    metadata: Mapping[str, str] | None = None,
+    mask: Literal["landmarks", "ycbcr"] | None = None,
+    matching: Literal["table", "chain"] | None = None,
+    input_color: str | None = None,
+    idempotency_key: str | None = None,
+) -> Flow[UploadLink]:
+    """An address by which somebody else may upload one file, for what is said here, without a key.
+
+    It is good for an hour, or ``expires_in_s``, up to 7 days. A browser sends the file with PUT, or as the field `file`
+    of a form, `send_upload` does the former; who made the link alone sees what becomes of it.
+    """
+    given: dict[str, Any] = {
+        "role": role,
+        "max_bytes": max_bytes,
+        "expires_in_s": expires_in_s,
+        "metadata": None if metadata is None else dict(metadata),
+        "mask": mask,
+        "matching": matching,
+        "input_color": input_color,
+    }
+    body = {name: value for name, value in given.items() if value is not None}
+    made = yield from asked(api, "POST", "/uploads/link", body=body, headers=once(idempotency_key))
+    return UploadLink(made["id"], str(api.named(made["url"])), datetime.fromisoformat(made["expires_at"]))
+
+
+def send_upload(api: Api, link: UploadLink | str, file: str | os.PathLike[str]) -> Flow[Upload]:
+    """Send the file that a link is for; what has become of it. No key is needed.
+
+    The same file may be sent again. Raises `ApiError` (403 and 410 when the link may not be used, or not any more; 409
+    when it was used with another file; 413; 415), `UnreachableError`, `OSError` when the file cannot be read.
+    """
+    path, url = Path(file), _address(api, link)
+    sha256 = yield from worked(lambda: sha256_of(path))
+    size_bytes = path.stat().st_size
+    headers = about_file(path, size_bytes, sha256)
+    patience = Patience(api)
+    while True:
+        request = api.request("PUT", url, headers=headers, stream=FilePart(path), least_timeout_s=_LONGEST_RECORD_S)
+        try:
+            return Upload.of(body_of((yield from attempt(request))))
+        except (UnreachableError, ApiError) as error:
+            yield from patience.after(error)  # of a file that has arrived before, the answer is the same
+
+
+def upload_state(api: Api, upload: UploadLink | Upload | httpx.URL | str) -> Flow[Upload]:
+    """How much of a file is there, by its link, or by its id for who has the key: `media` is what it has become."""
+    if isinstance(upload, Upload):
+        upload = upload.id
+    is_id = isinstance(upload, str) and "/" not in upload
+    url = api.at(f"/uploads/{upload}") if is_id else _address(api, upload)
+    return Upload.of(body_of((yield from answered(api, api.request("GET", url)))))
+
+
+def _address(api: Api, link: UploadLink | httpx.URL | str) -> httpx.URL:
+    return api.named(link.url) if isinstance(link, UploadLink) else api.named(str(link))

@@ -1,0 +1,49 @@
+"""Uploaded media: what is there, and its deletion; uploads themselves are in `uploads`."""
+
+from __future__ import annotations
+
+import httpx
+
+from pvg_client.calls import Api, Flow, Patience, asked, attempt
+from pvg_client.errors import ApiError, UnreachableError
+from pvg_client.models import Medium, id_of, role_of
+from pvg_client.pages import Listing
+
+
+def medium(api: Api, medium_id: str) -> Flow[Medium]:
+    """A video or a reference by its id."""
+    return Medium.of((yield from asked(api, "GET", path_of(medium_id))))
+
+
+def videos(api: Api) -> Listing[Medium]:
+    """All videos, newest first."""
+    return Listing("/videos", [], Medium.of)
+
+
+def references(api: Api) -> Listing[Medium]:
+    """All references, newest first."""
+    return Listing("/references", [], Medium.of)
+
+
+def delete(api: Api, medium: Medium | str, *, cancel_jobs: bool = False) -> Flow[None]:
+    """Delete a video or a reference with everything derived from it. Jobs that need it refuse, or are canceled."""
+    params = [("cancel_jobs", "true")] if cancel_jobs else []
+    request = api.request("DELETE", path_of(id_of(medium)), params=params)
+    patience, unsure = Patience(api), False
+    while True:
+        try:
+            yield from attempt(request)
+        except UnreachableError as error:
+            unsure = True
+            yield from patience.after(error)
+        except ApiError as error:
+            if unsure and error.status == httpx.codes.NOT_FOUND:
+                return  # it was deleted, and the answer was lost
+            yield from patience.after(error)
+        else:
+            return
+
+
+def path_of(medium_id: str) -> str:
+    """Where a medium is."""
+    return f"/{role_of(medium_id)}s/{medium_id}"

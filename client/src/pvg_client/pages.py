@@ -1,0 +1,26 @@
+"""Lists that come in pages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+from pvg_client.calls import Api, Flow, Params, asked
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Listing(Generic[T]):
+    """A list of the service: where it is, what of it is wanted, and how one of its things is read."""
+
+    path: str
+    params: Params
+    read: Callable[[Any], T]
+
+    def page(self, api: Api, cursor: str | None) -> Flow[tuple[list[T], str | None]]:
+        """The things of one page, and the cursor of the next."""
+        params = [*self.params, ("cursor", cursor)] if cursor is not None else self.params
+        body = yield from asked(api, "GET", self.path, params=params)
+        return [self.read(one) for one in body["data"]], body.get("next_cursor")

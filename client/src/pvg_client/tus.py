@@ -1,0 +1,137 @@
+"""An upload in pieces by tus 1.0 (tus.io/protocols/resumable-upload), which goes on where it was broken off."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+import httpx
+
+from pvg_client.calls import Api, Flow, Patience, answered, attempt, body_of, once, worked
+from pvg_client.errors import ApiError, DamagedError, UnreachableError
+from pvg_client.files import in_base64
+
+#: bytes of one piece: what a broken connection costs at most
+PIECE_BYTES: Final = 8 * 1024**2
+#: seconds in which the service joins, reads and records the whole file
+_LONGEST_JOIN_S: Final = 600.0
+_HEADERS: Final = {"Tus-Resumable": "1.0.0"}
+#: a piece whose checksum is wrong, by the checksum extension
+_CHECKSUM_MISMATCH: Final = 460
+_GONE: Final = frozenset({403, 404, 410})
+#: what no further piece changes: the upload is gone, too large, or no medium
+_HOPELESS: Final = _GONE | {413, 415, 422}
+
+
+class _Note:
+    """Where an upload that is under way is kept in mind between runs: its address, and nothing of the file."""
+
+    def __init__(self, api: Api, sha256: str, about: Mapping[str, str]) -> None:
+        cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        what = json.dumps([str(api.base_url), api.key, sha256, dict(about)], sort_keys=True)
+        self._path = cache / "pvg-client" / "uploads" / hashlib.sha256(what.encode()).hexdigest()
+
+    def read(self) -> str | None:
+        try:
+            return self._path.read_text(encoding="utf-8") or None
+        except OSError:
+            return None
+
+    def write(self, url: str) -> None:
+        try:
+            self._path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            self._path.touch(mode=0o600)
+            self._path.write_text(url, encoding="utf-8")
+        except OSError:
+            return  # no home to write in: this run alone can go on
+
+    def drop(self) -> None:
+        try:
+            self._path.unlink(missing_ok=True)
+        except OSError:
+            return
+
+
+def send(api: Api, path: Path, size_bytes: int, sha256: str, about: Mapping[str, str]) -> Flow[str]:
+    """Upload a file with what is said ``about`` it; the id of the medium that it became.
+
+    Raises `DamagedError` when a piece arrives damaged each time, `ApiError`, `UnreachableError`.
+    """
+    note = _Note(api, sha256, about)
+    url, offset = yield from _begun(api, note, size_bytes, about)
+    patience = Patience(api)
+    while offset < size_bytes:
+        piece = yield from worked(lambda at=offset: _read(path, at))  # type: ignore[misc]
+        if not piece:
+            raise DamagedError(f"{path} has become shorter while it was sent")
+        try:
+            offset = yield from _patch(api, url, offset, piece, is_last=offset + len(piece) == size_bytes)
+            patience.renew()
+        except (ApiError, UnreachableError) as error:
+            if isinstance(error, ApiError) and error.status in _HOPELESS:
+                note.drop()  # the next call begins anew
+            yield from _before_another(patience, error)
+            offset = yield from _offset(api, url)
+    response = yield from answered(api, api.request("GET", url, headers={"Accept": "application/json"}))
+    medium_id = body_of(response).get("media")
+    note.drop()
+    if medium_id is None:
+        raise UnreachableError(f"all of {path} has arrived, and the service made nothing of it", worth_another=False)
+    return str(medium_id)
+
+
+def _begun(api: Api, note: _Note, size_bytes: int, about: Mapping[str, str]) -> Flow[tuple[httpx.URL, int]]:
+    """The address of the upload, an old one or a new one, and how much of it is there."""
+    known = note.read()
+    if known is not None:
+        try:
+            url = api.named(known)
+            return url, (yield from _offset(api, url))
+        except ApiError as error:
+            if error.status not in _GONE:
+                raise
+            note.drop()
+    said = ",".join(
+        f"{name} {base64.b64encode(value.encode(errors='replace')).decode()}" for name, value in about.items()
+    )
+    headers = _HEADERS | {"Upload-Length": str(size_bytes), "Upload-Metadata": said} | once(None)
+    response = yield from answered(api, api.request("POST", "/uploads", headers=headers))
+    location = response.headers["location"]
+    note.write(location)
+    return api.named(location), 0
+
+
+def _offset(api: Api, url: httpx.URL) -> Flow[int]:
+    response = yield from answered(api, api.request("HEAD", url, headers=_HEADERS))
+    return int(response.headers["upload-offset"])
+
+
+def _patch(api: Api, url: httpx.URL, offset: int, piece: bytes, *, is_last: bool) -> Flow[int]:
+    headers = _HEADERS | {
+        "Content-Type": "application/offset+octet-stream",
+        "Upload-Offset": str(offset),
+        "Upload-Checksum": f"sha256 {in_base64(hashlib.sha256(piece).hexdigest())}",
+    }
+    # after the last one the service puts all of them together before it answers
+    least_s = _LONGEST_JOIN_S if is_last else 0.0
+    request = api.request("PATCH", url, headers=headers, content=piece, least_timeout_s=least_s)
+    response = yield from attempt(request)
+    return int(response.headers["upload-offset"])
+
+
+def _before_another(patience: Patience, error: ApiError | UnreachableError) -> Flow[None]:
+    """Wait; at another offset than the service's, and for a damaged piece, as after a broken connection."""
+    if isinstance(error, ApiError) and error.status in {httpx.codes.CONFLICT, _CHECKSUM_MISMATCH}:
+        error = UnreachableError(str(error))
+    yield from patience.after(error)
+
+
+def _read(path: Path, offset: int) -> bytes:
+    with path.open("rb") as file:
+        file.seek(offset)
+        return file.read(PIECE_BYTES)

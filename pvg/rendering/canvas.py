@@ -1,0 +1,187 @@
+"""What a clip's looks are drawn on and where they go: a file or a pipe on either side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import BinaryIO, Literal
+
+from pvg.asset import VectorVideo
+from pvg.errors import AssetError, MediaError
+from pvg.video import (
+    CLIP_SUFFIXES,
+    CONTAINERS,
+    Frame,
+    MediaInfo,
+    PipedClip,
+    PipeReader,
+    Plan,
+    Streams,
+    VideoWriter,
+    Y4mWriter,
+    check_scales,
+    color_space,
+    make_plan,
+    named_space,
+    probe,
+    read_frames,
+    read_streams,
+)
+
+
+@dataclass(frozen=True)
+class Asked:
+    """How outputs are asked for, as `render` takes it."""
+
+    container: str | None
+    codec: str
+    crf: int | None
+    preset: str | None
+    audio: Literal["copy", "none"]
+
+
+@dataclass(frozen=True)
+class Canvas:
+    """The pictures that are drawn on, and the file whose other streams go along; None without one.
+
+    frames: all of them, each time it is called. missing: what is not there to go along, in words.
+    """
+
+    info: MediaInfo
+    source: Path | None
+    streams: Streams
+    frames: Callable[[], Iterator[Frame]]
+    missing: tuple[str, ...] = ()
+
+
+def stored_canvas(video: VectorVideo) -> Canvas:
+    """A clip's or picture's own file. Raises `AssetError` where it is missing, another, or not vectorised in full."""
+    source = _drawable_source(video)
+    info = probe(source, input_color=video.settings["input_color"])
+    streams = read_streams(source) if info.kind == "video" else Streams()
+    return Canvas(info, source, streams, lambda: stored_frames(video))
+
+
+def stored_frames(video: VectorVideo, start: int = 0, stop: int | None = None) -> Iterator[Frame]:
+    """The frames [start, stop) of a clip's or picture's own file, read as when it was vectorised."""
+    source = _drawable_source(video)
+    return read_frames(
+        source, start=start, stop=stop, input_color=video.settings["input_color"], frame_count=video.frame_count
+    )
+
+
+def _drawable_source(video: VectorVideo) -> Path:
+    if video.settings["reference"] and video.media.kind == "video":
+        raise AssetError(
+            f"{video.path.name} keeps a reference's key frame only; vectorise the clip in full to render it"
+        )
+    return video.require_source()
+
+
+@contextmanager
+def piped_canvas(video: VectorVideo, pictures: BinaryIO) -> Iterator[Canvas]:
+    """Pictures that come by a pipe, once, in the place of those of `video`.
+
+    Colours that the pipe leaves unsaid are the clip's, whose matrix and range are known where its file is there.
+    Raises MediaError when size or number of the pictures differ.
+    """
+    source = None if video.source is None else video.require_source()
+    media, input_color = video.media, video.settings["input_color"]
+    known = None if source is None else probe(source, input_color=input_color)
+    color = (2, 0) if known is None else (known.color_matrix, known.color_range)
+    tags = media.color_primaries, media.color_transfer
+    space = color_space(*tags) if input_color == "auto" else named_space(input_color)
+    with PipeReader(pictures, color, space) as clip:
+        if (clip.width, clip.height) != (media.width, media.height):
+            raise MediaError(
+                f"{clip.name} is {clip.width}x{clip.height}; {video.path.name} is of a clip of "
+                f"{media.width}x{media.height}"
+            )
+        streams = Streams() if source is None else read_streams(source)
+        # what says how pictures were coded is the pipe's
+        streams = replace(streams, fields=clip.fields or streams.fields, alpha=False, embedded=())
+        missing = () if source is not None else ("sound and tags do not come by the pipe, and the clip is not there",)
+        yield Canvas(_info(clip, known, video), source, streams, lambda: _counted(clip, video), missing)
+
+
+def _info(clip: PipedClip, known: MediaInfo | None, video: VectorVideo) -> MediaInfo:
+    return MediaInfo(
+        kind="video",
+        width=clip.width,
+        height=clip.height,
+        frame_rate=clip.frame_rate,
+        time_base=clip.time_base,
+        frame_count=video.frame_count,
+        duration_s=float(video.frame_count / clip.frame_rate),
+        codec="",
+        pixel_format=clip.format.name,
+        color_matrix=2 if known is None else known.color_matrix,
+        color_range=(2 if clip.format.full_range else 1) if known is None else known.color_range,
+        color_primaries=video.media.color_primaries,
+        color_transfer=video.media.color_transfer,
+        rotation=0,
+        has_audio=known is not None and known.has_audio,
+        audio_codec=None,
+        format=clip.format,
+        sample_aspect_ratio=clip.sample_aspect_ratio if known is None else known.sample_aspect_ratio,
+    )
+
+
+def _counted(clip: PipedClip, video: VectorVideo) -> Iterator[Frame]:
+    count = 0
+    for frame in clip.frames:
+        count += 1
+        if count > video.frame_count:
+            raise MediaError(f"{clip.name} has more frames than the {video.frame_count} of {video.path.name}")
+        yield frame
+    if count < video.frame_count:
+        raise MediaError(f"{clip.name} ends after {count} frames; {video.path.name} has {video.frame_count}")
+
+
+def plans_of(targets: Sequence[Path | BinaryIO], canvas: Canvas, asked: Asked) -> list[Plan]:
+    """The plan of each output. Raises ValueError for what cannot be written so."""
+    made: dict[str, Plan] = {}
+    plans = []
+    for target in targets:
+        key = _container(target, asked.container)
+        if key not in made:
+            plan = make_plan(
+                canvas.info,
+                container=key,
+                codec=asked.codec,
+                source=canvas.source,
+                streams=canvas.streams,
+                audio=asked.audio,
+            )
+            made[key] = replace(plan, dropped=plan.dropped + canvas.missing)
+        plans.append(made[key])
+    return plans
+
+
+def _container(target: Path | BinaryIO, asked: str | None) -> str:
+    if not isinstance(target, Path):
+        if asked not in (None, "nut", "y4m"):
+            raise ValueError(f"{asked} cannot be written to a pipe; nut and y4m can")
+        return asked or "nut"
+    suffix = target.suffix.lower()
+    if asked is not None:
+        if suffix in CLIP_SUFFIXES and CONTAINERS.get(asked) != CONTAINERS[suffix]:
+            raise ValueError(f"{target.name} is not named as {asked} is")
+        return asked
+    if suffix not in CLIP_SUFFIXES:
+        raise ValueError(f"{target.name}: a clip is written as .mp4, .mov, .mkv or .webm")
+    return suffix
+
+
+def writer_of(
+    draft: Path | BinaryIO, info: MediaInfo, plan: Plan, asked: Asked, threads: int
+) -> VideoWriter | Y4mWriter:
+    """What carries out a plan; threads: of its encoder."""
+    if plan.container == "y4m":
+        check_scales(plan.codec, asked.crf, asked.preset)
+        if isinstance(draft, Path):
+            raise ValueError("YUV4MPEG2 is written to a pipe")
+        return Y4mWriter(draft, info, info.format, plan)
+    return VideoWriter(draft, info, info.format, crf=asked.crf, preset=asked.preset, threads=threads, plan=plan)

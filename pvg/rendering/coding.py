@@ -1,0 +1,40 @@
+"""Colours of a look in the code values of the clip it is drawn into.
+
+A look is made of SDR-referred colours, as faces were looked at. What is drawn are luma and chroma in the clip's own
+codes; where those are not SDR's (PQ, HLG, camera logarithms, pictures with a profile), boundary colours are mapped
+back to them one by one,
+
+    g_codes = M c⁻¹(g)
+
+The pixels I stay as they are, so u' = λI + H(g' − λg) costs no more, and own colours still return the clip.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pvg._arrays import Doubles, Floats
+from pvg.looks import to_rgb
+from pvg.video import PixelFormat
+
+
+@dataclass(frozen=True)
+class Coding:
+    """The code values of one format."""
+
+    format: PixelFormat
+
+    def colors(self, colors: Floats | Doubles) -> Floats:
+        """Luma and chroma (n, 3), black aside, of SDR-referred RGB colours (n, 3), 0-255."""
+        own = colors if self.format.color is None else self.format.color.from_sdr(colors)
+        return np.asarray(own, np.float32) @ self.format.opponent.matrix.astype(np.float32).T
+
+    def changes(self, changes: Floats, around: Floats) -> Doubles:
+        """Luma and chroma (P, 3) that parts gain by `Look.parts` (P, 3) on a skin of mean colour `around` (n, 3)."""
+        gained, matrix = to_rgb(changes.astype(np.float64)), self.format.opponent.matrix
+        if self.format.color is None:
+            return np.asarray(gained @ matrix.T)
+        base = around.mean(axis=0, dtype=np.float64)[None]
+        return np.asarray((self.format.color.from_sdr(base + gained) - self.format.color.from_sdr(base)) @ matrix.T)

@@ -1,0 +1,153 @@
+"""A clip drawn in parts, anywhere and in any order, and joined by packet copy.
+
+The source is never cut: every part reads it by frame number. Where parts begin follows from the clip alone, and each
+has an encoder of its own with one thread, so that one worker and many give the same bytes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from fractions import Fraction
+from pathlib import Path
+from typing import Final, Literal
+
+import av
+
+import pvg
+from pvg._threads import one_blas_thread
+from pvg.asset import VectorVideo
+from pvg.looks import Look
+from pvg.memory import looks_at_once
+from pvg.rendering.canvas import Asked, Canvas, plans_of, stored_canvas, stored_frames
+from pvg.rendering.passes import LOOKS_AT_ONCE, MEMORY_BYTES, Progress, draw, partial_name
+from pvg.video import ClipOfParts, PartWriter, PictureEncoder, can_join, join
+
+PART_S: Final = 7.5
+"""Seconds of a part. [measured: a minute is eight parts, which four workers do in two turns, as they do six of 10 s;
+key pictures cost about 2 % of the bytes with 5 s and with 10]"""
+_LEAST_FRAMES: Final = 8  # more than any encoder reorders
+_MOST_PARTS: Final = 480  # those of an hour: a rate that a header only claims makes no more
+
+
+def part_bounds(frame_count: int, frame_rate: Fraction | float | None, *, part_s: float = PART_S) -> tuple[int, ...]:
+    """Where the parts of a clip begin and end: (0, n, 2n, …, frame_count), the last part up to twice as long.
+
+    frame_rate: frames a second on average, as `probe` has it or rounded to thousandths. A clip shorter than two parts
+    is one. The same for everybody who knows these two numbers.
+    """
+    if not frame_rate:
+        return (0, frame_count)
+    length = max(_LEAST_FRAMES, round(part_s * round(float(frame_rate), 3)), -(-frame_count // _MOST_PARTS))
+    return (*range(0, max(1, frame_count - length + 1), length), frame_count)
+
+
+def render_part(
+    video: VectorVideo,
+    looks: Sequence[Look],
+    paths: Sequence[str | Path],
+    *,
+    start: int,
+    stop: int,
+    container: str,
+    codec: str = "auto",
+    crf: int | None = None,
+    preset: str | None = None,
+    memory_bytes: int = MEMORY_BYTES,
+    progress: Progress | None = None,
+) -> None:
+    """Draw frames [start, stop) of every look into the part file of the same place in `paths`.
+
+    container, codec, crf, preset: of the clip that the parts are for, see `render`; `can_join` tells which. A part has
+    pictures alone, the first of them a key picture, and the same frames give the same bytes on every machine of one
+    kind. memory_bytes, progress: see `render`; frames are counted within the part. Raises as `render`, and `ValueError`
+    for frames that the clip does not have.
+    """
+    drafts = _drafts(looks, paths)
+    if not 0 <= start < stop <= video.frame_count:
+        raise ValueError(f"[{start}, {stop}) are no frames of a clip of {video.frame_count}")
+    canvas = _clip(video, container, codec)
+    asked = Asked(container, codec, crf, preset, "none")
+    (plan,) = plans_of([Path("clip")], canvas, asked)
+    clip = _of_parts(video, crf, preset)
+
+    def writer(k: int) -> PartWriter:
+        name = targets[k].name
+        encoder = PictureEncoder(canvas.info, canvas.info.format, plan, crf=crf, preset=preset, part=True, name=name)
+        return PartWriter(drafts[k], encoder, clip, start=start, stop=stop)
+
+    targets = [Path(path) for path in paths]
+    at_once = looks_at_once(canvas.info, memory_bytes, most=LOOKS_AT_ONCE, codec=codec)
+    with one_blas_thread(), _published(drafts, targets):
+        draw(
+            video,
+            looks,
+            lambda: stored_frames(video, start, stop),
+            writer,
+            count=stop - start,
+            at_once=at_once,
+            progress=progress,
+        )
+
+
+def join_parts(
+    video: VectorVideo,
+    parts: Sequence[Sequence[str | Path]],
+    paths: Sequence[str | Path],
+    *,
+    container: str | None = None,
+    codec: str = "auto",
+    crf: int | None = None,
+    preset: str | None = None,
+    audio: Literal["copy", "none"] = "copy",
+) -> list[tuple[str, ...]]:
+    """Write the clip of each look from its parts, `parts[k]` in their order to `paths[k]`; no picture is decoded.
+
+    container, codec, crf, preset: those of the parts; container None follows from the suffix. Sound, other tracks and
+    tags of the clip go along as with `render`, whose lines are returned. Files appear under their names only when all
+    are complete. The same parts give the same bytes. Raises `AssetError` when the source clip is missing or another
+    one, `PartError` for a part that is missing, damaged or of another clip, place or manner, and where frames are not
+    as many as the clip's, `ValueError` on options that do not fit.
+    """
+    drafts, targets = _drafts(parts, paths), [Path(path) for path in paths]
+    canvas = _clip(video, container or (targets[0].suffix if targets else "mp4"), codec)
+    plans = plans_of(targets, canvas, Asked(container, codec, crf, preset, audio))
+    with _published(drafts, targets):
+        for files, draft, plan in zip(parts, drafts, plans, strict=True):
+            join([Path(file) for file in files], draft, canvas.info, plan, _of_parts(video, crf, preset))
+    return [canvas.info.warnings + plan.warnings for plan in plans]
+
+
+def _of_parts(video: VectorVideo, crf: int | None, preset: str | None) -> ClipOfParts:
+    made_by = f"pvg {pvg.__version__}, PyAV {av.__version__}"
+    return ClipOfParts(video.source_sha256, video.frame_count, crf, preset, made_by)
+
+
+def _drafts(items: Sequence[object], paths: Sequence[str | Path]) -> list[Path]:
+    if len(items) != len(paths):
+        raise ValueError(f"{len(items)} looks need {len(items)} paths, not {len(paths)}")
+    drafts = [partial_name(Path(path)) for path in paths]
+    if len(set(drafts)) != len(drafts):
+        raise ValueError("two looks would be written to the same path")
+    return drafts
+
+
+def _clip(video: VectorVideo, container: str, codec: str) -> Canvas:
+    if not can_join(container.lower(), codec):
+        raise ValueError(f"{codec} in {container} is not made of parts: render it whole")
+    canvas = stored_canvas(video)
+    if canvas.info.kind != "video":
+        raise ValueError("a picture has no parts: render it whole")
+    return canvas
+
+
+@contextmanager
+def _published(drafts: Sequence[Path], targets: Sequence[Path]) -> Iterator[None]:
+    """Give the drafts their names when the block is left well, and remove them otherwise."""
+    try:
+        yield
+        for draft, target in zip(drafts, targets, strict=True):
+            draft.replace(target)
+    finally:
+        for draft in drafts:
+            draft.unlink(missing_ok=True)

@@ -1,0 +1,63 @@
+"""Passes over a clip: its frames read once, drawn with several looks and handed to a writer each."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, closing
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+from pvg._threads import Sink, ahead
+from pvg.asset import VectorVideo
+from pvg.looks import Look
+from pvg.rendering.renderer import Renderer
+from pvg.video import Frame, Patch
+
+Progress = Callable[[str, int, int], None]
+
+LOOKS_AT_ONCE: Final = 3  # an encoder holds tens of frames: more looks are drawn in further passes over the clip
+MEMORY_BYTES: Final = 6 * 2**30
+
+
+class FrameWriter(AbstractContextManager[Any], Protocol):
+    """What takes frames, such as `VideoWriter`."""
+
+    def write(self, frame: Frame, patches: Sequence[Patch] = ()) -> None:
+        """Take one frame, with what is laid over it."""
+
+
+def partial_name(path: Path) -> Path:
+    """The name beside `path` under which it is written until it is complete."""
+    return path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+
+
+def draw(
+    video: VectorVideo,
+    looks: Sequence[Look],
+    frames: Callable[[], Iterator[Frame]],
+    writer: Callable[[int], FrameWriter],
+    *,
+    count: int,
+    at_once: int,
+    progress: Progress | None,
+) -> None:
+    """Draw each look into the writer of its number, `at_once` of them in one pass over the `count` frames."""
+    passes = [range(i, min(i + at_once, len(looks))) for i in range(0, len(looks), at_once)]
+    for number, numbers in enumerate(passes):
+        renderer = Renderer(video, [looks[k] for k in numbers])
+        with ExitStack() as stack:
+            writers = [writer(k) for k in numbers]
+            for one in writers:
+                stack.enter_context(one)
+            sinks = [stack.enter_context(Sink(_writing(one))) for one in writers]
+            drawn = stack.enter_context(closing(ahead(frames())))
+            for done, frame in enumerate(drawn, 1):
+                for sink, patches in zip(sinks, renderer.patches(frame), strict=True):
+                    sink.put((frame, patches))
+                if progress is not None:
+                    progress("render", number * count + done, len(passes) * count)
+
+
+def _writing(writer: FrameWriter) -> Callable[[tuple[Frame, list[Patch]]], None]:
+    return lambda item: writer.write(*item)

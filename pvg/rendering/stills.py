@@ -1,0 +1,229 @@
+"""Single pictures of a clip: previews of a look, a poster, the faces in it. What they share is kept."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import cv2
+import numpy as np
+
+from pvg._arrays import Bytes
+from pvg._threads import one_blas_thread
+from pvg.asset import FaceInFrame, VectorVideo
+from pvg.looks import Look
+from pvg.rendering.layers import layer
+from pvg.rendering.renderer import Renderer
+from pvg.video import Frame, frame_at, key_pictures, read_frames
+
+Box = tuple[int, int, int, int]
+"""x, y, width, height in pixels of the upright picture."""
+Encoding = Literal["jpeg", "png"]
+
+_KEPT_PIXELS: Final = 40_000_000  # of decoded frames: some at 1080p, one at the largest size
+_AROUND: Final = 1.6  # side of a square around a face, in lengths of its longer side [by eye]
+_JPEG: Final = (cv2.IMWRITE_JPEG_QUALITY, 90, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
+_PNG: Final = (cv2.IMWRITE_PNG_COMPRESSION, 2)
+_WHITE: Final = 255.0
+
+
+@dataclass(frozen=True)
+class SeenFace:
+    """Where a face is seen well: its frame, the box of its outline there, and a square picture of it, (S, S, 3) RGB."""
+
+    index: int
+    frame: int
+    box: Box
+    picture: Bytes
+
+
+class Stills:
+    """A clip or picture, or a reference, open for single frames of it.
+
+    Frames are counted in display order. Decoding one begins at the key picture before it, which may be hundreds of
+    frames away: `nearest` says which frame is quick to have. The last frames are kept.
+    """
+
+    def __init__(self, video: VectorVideo) -> None:
+        self.video = video
+        self._frames: OrderedDict[int, Frame] = OrderedDict()
+        # None where packets do not tell: then decoding begins at the first frame
+        self._keys = key_pictures(video.require_source())
+
+    def frame(self, index: int) -> Frame:
+        """Frame `index`. Raises `ValueError` when there is none, `MediaError` when it cannot be read."""
+        if index not in self._frames:
+            self._check(index)
+            for frame in self._read(index, index + 1):
+                self._keep(frame)
+        self._frames.move_to_end(index)
+        return self._frames[index]
+
+    def nearest(self, index: int) -> int:
+        """The frame nearest to `index` that is decoded from itself alone; `index` where none is known.
+
+        Raises `ValueError` when there is no frame `index`.
+        """
+        self._check(index)
+        if index in self._frames or not self._keys:
+            return index
+        return min(self._keys, key=lambda key: (abs(key - index), key))
+
+    def at_time(self, time_s: float) -> int:
+        """The frame that is shown so many seconds after the first one."""
+        known = frame_at(self.video.require_source(), time_s)
+        if known is None:
+            known = int(time_s * (self.video.media.frame_rate or 0.0) + 1e-3)
+        return min(max(known, 0), self.video.frame_count - 1)
+
+    def usual_frame(self, faces: Collection[int] | None = None) -> int:
+        """A frame in which the largest of these faces, or of all, is seen well, if possible one that is quick to have.
+
+        Raises `ValueError` on an unknown face.
+        """
+        known = {face.index: face for face in self.video.faces}
+        if unknown := set(faces or ()) - known.keys():
+            raise ValueError(f"no face {min(unknown)}; the clip has {len(known)}")
+        chosen = [known[index] for index in sorted(faces or known)]
+        best = max(chosen, key=lambda face: face.width_px)
+        at = self.video.records[best.index].key_frames[0].frame
+        quick = [key for key in self._keys or () if best.first_frame <= key <= best.last_frame]
+        nearest_first = sorted(quick, key=lambda key: (abs(key - at), key))
+        return next((key for key in nearest_first if self._face(best.index, key) is not None), at)
+
+    def drawn(self, look: Look | None, index: int) -> Bytes:
+        """Frame `index` with a look, or as it is: (H, W, 3) uint8 RGB as an SDR display shows it."""
+        frame = self.frame(index)
+        with one_blas_thread():
+            return on_white(frame if look is None else Renderer(self.video, [look]).draw(frame)[0])
+
+    def layer(self, index: int, name: str) -> Bytes:
+        """Layer `name` of frame `index`, see `pvg.rendering.layer`."""
+        return layer(self.video, index, name, frame=self.frame(index))
+
+    def face_box(self, face: int, index: int) -> Box:
+        """The box of a face's outline in frame `index`, within the picture.
+
+        Raises `ValueError` when there is no such face, or when it is not seen there.
+        """
+        if not 0 <= face < len(self.video.faces):
+            raise ValueError(f"no face {face}; there are {len(self.video.faces)}")
+        seen = self._face(face, index)
+        if seen is None:
+            known = self.video.faces[face]
+            raise ValueError(
+                f"face {face} is not in frame {index}; it is in frames {known.first_frame} to {known.last_frame}"
+            )
+        return self._box(seen)
+
+    def seen_faces(self, faces: Sequence[int], size_px: int) -> list[SeenFace]:
+        """These faces, each where it is seen well, in squares of `size_px`; the clip is read once at most."""
+        at: dict[int, list[int]] = {}
+        for face in faces:
+            at.setdefault(self.usual_frame([face]), []).append(face)
+        found = [
+            SeenFace(face, frame.index, box := self._box(seen), thumbnail(on_white(frame), around(box), size_px))
+            for frame in self._several(sorted(at))
+            for face in at[frame.index]
+            if (seen := self._face(face, frame.index)) is not None
+        ]
+        return sorted(found, key=lambda one: one.index)
+
+    def _several(self, indices: Sequence[int]) -> Iterator[Frame]:
+        """Frames in ascending order: key pictures each by itself, the others by one reading."""
+        keys = set(self._keys or ())
+        others = [index for index in indices if index not in keys and index not in self._frames]
+        for index in indices:
+            if index not in others:
+                yield self.frame(index)
+        if others:
+            for frame in self._read(others[0], others[-1] + 1):
+                if frame.index in others:
+                    yield frame
+
+    def _check(self, index: int) -> None:
+        if not 0 <= index < self.video.frame_count:
+            raise ValueError(f"no frame {index}; the clip has {self.video.frame_count}")
+
+    def _read(self, start: int, stop: int) -> Iterator[Frame]:
+        source, color = self.video.require_source(), self.video.settings["input_color"]
+        return read_frames(source, start=start, stop=stop, input_color=color)
+
+    def _keep(self, frame: Frame) -> None:
+        self._frames[frame.index] = frame
+        while len(self._frames) > max(1, _KEPT_PIXELS // (frame.width * frame.height)):
+            self._frames.popitem(last=False)
+
+    def _face(self, face: int, index: int) -> FaceInFrame | None:
+        """A face in a frame, None where it is not seen or lies beyond the picture."""
+        data = self.video.face_at(face, index)
+        return data if data is not None and data.score > 0 and min(self._box(data)[2:]) > 0 else None
+
+    def _box(self, data: FaceInFrame) -> Box:
+        size = (self.video.media.width, self.video.media.height)
+        outline = data.landmarks.oval
+        low = np.clip(np.floor(outline.min(axis=0)), 0, size).astype(int)
+        high = np.clip(np.ceil(outline.max(axis=0)), 0, size).astype(int)
+        return int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1])
+
+
+def on_white(frame: Frame) -> Bytes:
+    """(H, W, 3) uint8 RGB as an SDR display shows the frame, what is transparent over white."""
+    rgb = frame.rgb()
+    if frame.alpha is None:
+        return rgb
+    share = (frame.alpha / np.float32(2**frame.format.depth - 1))[..., None]
+    return np.rint(rgb * share + np.float32(_WHITE) * (1 - share)).astype(np.uint8)
+
+
+def around(box: Box) -> Box:
+    """The square around a face with its hair and chin; it may lie beyond the picture in part."""
+    x, y, width, height = box
+    side = round(_AROUND * max(width, height))
+    return x + (width - side) // 2, y + (height - side) // 2, side, side
+
+
+def cropped(rgb: Bytes, box: Box | None) -> Bytes:
+    """The part of a picture within a box, what lies beyond the picture left out.
+
+    Raises `ValueError` when nothing of it is in the picture.
+    """
+    if box is None:
+        return rgb
+    x, y, width, height = box
+    part = rgb[max(0, y) : max(0, y + height), max(0, x) : max(0, x + width)]
+    if not part.size:
+        raise ValueError(f"the crop {list(box)} lies outside of the picture of {rgb.shape[1]}x{rgb.shape[0]}")
+    return part
+
+
+def fitted(rgb: Bytes, max_width: int, max_height: int | None = None) -> Bytes:
+    """The picture scaled down to fit, never up."""
+    height, width = rgb.shape[:2]
+    scale = min(1.0, max_width / width, 1.0 if max_height is None else max_height / height)
+    if scale == 1.0:
+        return rgb
+    size = (max(1, round(width * scale)), max(1, round(height * scale)))
+    return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def thumbnail(rgb: Bytes, box: Box, size_px: int) -> Bytes:
+    """A square box of a picture as (size_px, size_px, 3); beyond the picture its edge is repeated."""
+    x, y, width, height = box
+    part = cropped(rgb, box)
+    rows, columns = rgb.shape[:2]
+    borders = (max(0, -y), max(0, y + height - rows), max(0, -x), max(0, x + width - columns))
+    square = cv2.copyMakeBorder(part, *borders, cv2.BORDER_REPLICATE) if any(borders) else part
+    how = cv2.INTER_AREA if width > size_px else cv2.INTER_CUBIC
+    return np.asarray(cv2.resize(square, (size_px, size_px), interpolation=how), np.uint8)
+
+
+def encoded(rgb: Bytes, encoding: Encoding) -> bytes:
+    """The picture as a file, sRGB without metadata: JPEG of quality 90 with all its colour, or PNG."""
+    suffix, options = (".jpg", _JPEG) if encoding == "jpeg" else (".png", _PNG)
+    done, data = cv2.imencode(suffix, np.ascontiguousarray(rgb[..., ::-1]), options)
+    if not done:
+        raise ValueError(f"a picture of {rgb.shape[1]}x{rgb.shape[0]} cannot be written as {encoding}")
+    return data.tobytes()

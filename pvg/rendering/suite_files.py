@@ -1,0 +1,189 @@
+"""A look as files for a grading suite: its one map of colour as a .cube, its matte as a grey clip.
+
+A render is more than a map of colour: light, parts and the membrane vary over the face. The map F of the skin is the
+best single one, and where the matte is 1 it gives nearly the same skin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from pvg._arrays import Floats
+from pvg._threads import ahead, one_blas_thread
+from pvg.asset import VectorVideo
+from pvg.looks import Look
+from pvg.looks.cube import CUBE_SIZE, look_cube, remainder_by_luma, write_cube
+from pvg.rendering.canvas import Canvas, stored_canvas, stored_frames
+from pvg.rendering.renderer import Renderer
+from pvg.video import ColorSpace, Frame, MediaInfo, PixelFormat, VideoWriter, write_image
+
+Progress = Callable[[str, int, int], None]
+
+Part = Literal["cube", "matte"]
+PARTS: tuple[Part, ...] = ("cube", "matte")
+MATTES = ("ffv1", "prores", "png")
+MatteFormat = Literal["ffv1", "prores", "png"]
+
+_GREY = PixelFormat("yuv420p", 8, (1, 1), (0.2126, 0.0722), True)
+_WITH_ALPHA = PixelFormat("yuv444p10le", 10, (0, 0), (0.2126, 0.0722), False)
+_WITHIN = 0.9  # of the matte: pixels whose change is all the look's
+_README_CUBE = "{}: the look's colours, a 3D LUT for the clip's own values ({}); put it on a copy of the clip.\n"
+_README_MATTE = (
+    "{}: where the look lies, white on black, frame by frame as the clip; lay that copy over the clip through it.\n"
+)
+_README_REST = (
+    "Light, make-up of parts, eyes and teeth are in the rendered clip only; "
+    "over the face the rest is nearly the same.\n"
+)
+
+
+def export(
+    video: VectorVideo,
+    look: Look,
+    folder: str | Path,
+    *,
+    parts: Collection[Part] = PARTS,
+    matte: MatteFormat = "ffv1",
+    size: int = CUBE_SIZE,
+    progress: Progress | None = None,
+) -> list[Path]:
+    """Write a look as files into a folder, made when it is not there; their paths: cubes, mattes, README.txt.
+
+    For each person whom the look changes: `look.cube`, a table of `size` nodes a side from the clip's own R'G'B' to new
+    ones; and its matte at the clip's size, frame by frame: `matte.mkv`, grey and lossless ("ffv1"), `matte.mov`,
+    ProRes 4444 with the matte as alpha too ("prores"), or `matte/000000.png` on ("png", and of a picture always
+    `matte.png`). With several persons names end in -1, -2, … And a README.txt of three lines. With key frames of
+    different exposure the table is that of the one the look was made from. parts: what is made of "cube" and "matte".
+    progress: see `render`; a cube alone has none. Raises `AssetError` and `MediaError` as `render`, `ValueError` for
+    an unknown part, matte or size.
+    """
+    if unknown := [part for part in parts if part not in PARTS]:
+        raise ValueError(f"part {unknown[0]!r} is not one of {', '.join(PARTS)}")
+    if matte not in MATTES:
+        raise ValueError(f"matte {matte!r} is not one of {', '.join(MATTES)}")
+    canvas = stored_canvas(video)
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    persons = [[face for face in person if face in look.maps] for person in video.persons]
+    persons = [faces for faces in persons if faces]
+    ends = [""] if len(persons) == 1 else [f"-{k + 1}" for k in range(len(persons))]
+    renderer = Renderer(video, [look])
+    cubes = [folder / f"look{end}.cube" for end in ends] if "cube" in parts else []
+    for faces, path in zip(persons, cubes, strict=False):
+        write_cube(path, _cube(video, look, renderer, faces[0], canvas.info.format.color, size), path.stem)
+    writers = [_writer(folder, end, matte, canvas.info) for end in ends] if "matte" in parts else []
+    if writers:
+        _write_mattes(canvas, renderer, persons, writers, progress)
+    mattes = [writer.path for writer in writers]
+    (folder / "README.txt").write_text(_readme(cubes, mattes, canvas.info.color), encoding="utf-8")
+    return [*cubes, *mattes, folder / "README.txt"]
+
+
+def _write_mattes(
+    canvas: Canvas,
+    renderer: Renderer,
+    persons: list[list[int]],
+    writers: Sequence[_PictureWriter | _ClipWriter],
+    progress: Progress | None,
+) -> None:
+    """The matte of each person, in one reading of the clip."""
+    with one_blas_thread(), ExitStack() as stack:
+        for writer in writers:
+            stack.enter_context(writer)
+        frames = stack.enter_context(closing(ahead(canvas.frames())))
+        for frame in frames:
+            for alpha, writer in zip(renderer.mattes(frame, 0, persons), writers, strict=True):
+                writer.write(frame, alpha)
+            if progress is not None:
+                progress("render", frame.index + 1, renderer.video.frame_count)
+
+
+def _readme(cubes: list[Path], mattes: list[Path], color: str) -> str:
+    """How to use the files: of each person a line for each, and one of what a cube is not."""
+    lines = []
+    for k in range(max(len(cubes), len(mattes))):
+        lines += [_README_CUBE.format(cubes[k].name, color)] if cubes else []
+        lines += [_README_MATTE.format(mattes[k].name)] if mattes else []
+        lines += [_README_REST] if cubes else []
+    return "".join(lines)
+
+
+def _cube(video: VectorVideo, look: Look, renderer: Renderer, face: int, space: ColorSpace | None, size: int) -> Floats:
+    """The best single map of one face: F, and by luma what the drawn key frame has besides."""
+    one = look.maps[face]
+    (frame,) = stored_frames(video, (key := video.records[face].key_frames[0].frame), key + 1)
+    (drawn,) = renderer.draw(frame)
+    (matte,) = renderer.mattes(frame, 0, [[face]])
+    skin = matte > _WITHIN
+    lacks = remainder_by_luma(one.skin, one.strength, frame.rgb()[skin], drawn.rgb()[skin]) if skin.any() else None
+    return look_cube(one.skin, one.strength, space, size, lacks)
+
+
+class _PictureWriter:
+    """Mattes as PNG pictures: one for a picture, a numbered sequence for a clip."""
+
+    def __init__(self, path: Path, *, numbered: bool) -> None:
+        self.path, self._numbered = path, numbered
+
+    def __enter__(self) -> _PictureWriter:
+        if self._numbered:
+            self.path.mkdir(exist_ok=True)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Nothing is held."""
+
+    def write(self, frame: Frame, alpha: Floats) -> None:
+        """Write the matte of one frame."""
+        grey = np.rint(alpha * 255.0).astype(np.uint8)
+        path = self.path / f"{frame.index:06d}.png" if self._numbered else self.path
+        write_image(path, np.repeat(grey[..., None], 3, axis=-1))
+
+
+class _ClipWriter:
+    """Mattes as a clip with the time stamps of the source."""
+
+    def __init__(self, path: Path, info: MediaInfo, pixel_format: PixelFormat, codec: str) -> None:
+        self.path, self._format = path, pixel_format
+        self._info = replace(
+            info,
+            format=pixel_format,
+            has_audio=False,
+            has_alpha=codec == "prores4444",
+            color_matrix=1,
+            color_primaries=1,
+            color_transfer=1,
+            color_range=2 if pixel_format.full_range else 1,
+        )
+        self._writer = VideoWriter(path, self._info, pixel_format, codec=codec)
+
+    def __enter__(self) -> _ClipWriter:
+        self._writer.__enter__()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._writer.__exit__(*error)  # type: ignore[arg-type]
+
+    def write(self, frame: Frame, alpha: Floats) -> None:
+        """Write the matte of one frame."""
+        planes = self._format.from_rgb(np.repeat(alpha[..., None] * 255.0, 3, axis=-1))
+        top = 2**self._format.depth - 1
+        full = np.rint(alpha * top).astype(planes[0].dtype) if self._info.has_alpha else None
+        drawn = Frame(frame.index, frame.pts, frame.time_s, self._format, planes, frame.duration, alpha=full)
+        self._writer.write(drawn)
+
+
+def _writer(folder: Path, end: str, matte: str, info: MediaInfo) -> _PictureWriter | _ClipWriter:
+    if info.kind == "image":
+        return _PictureWriter(folder / f"matte{end}.png", numbered=False)
+    if matte == "png":
+        return _PictureWriter(folder / f"matte{end}", numbered=True)
+    if matte == "prores":
+        return _ClipWriter(folder / f"matte{end}.mov", info, _WITH_ALPHA, "prores4444")
+    return _ClipWriter(folder / f"matte{end}.mkv", info, _GREY, "ffv1")

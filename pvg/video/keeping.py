@@ -1,0 +1,365 @@
+"""What of a clip's file goes into a new one: the plan that the writer carries out, and in words what is not kept."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+from pvg.video.encoders import (
+    CONTAINERS,
+    ENCODERS,
+    PIPED,
+    FieldOrder,
+    choose_codec,
+    encoded_size,
+    encoder_format,
+    holds_alpha,
+    said,
+)
+from pvg.video.formats import UNSPECIFIED, PixelFormat
+from pvg.video.info import MediaInfo
+from pvg.video.mastering import ContentLight, MasteringDisplay
+from pvg.video.streams import NOTHING, Chapter, Streams, Track
+
+_PCM = {f"pcm_s{bits}{end}" for bits in (16, 24, 32) for end in ("le", "be")} | {"pcm_f32le", "pcm_f64le", "pcm_u8"}
+_CARRIES = {
+    "mp4": {"aac", "mp3", "mp3float", "mp2", "ac3", "eac3", "alac", "flac", "opus"},
+    "mov": {"aac", "mp3", "mp3float", "ac3", "eac3", "alac", *_PCM, "pcm_f32be", "pcm_f64be", "pcm_alaw", "pcm_mulaw"},
+    "webm": {"opus", "vorbis"},
+    "matroska": {
+        *("aac", "mp3", "mp3float", "mp2", "ac3", "eac3", "alac", "flac", "opus", "vorbis", "dca", "truehd"),
+        *("wavpack", "tta", *_PCM),
+    },
+    "nut": {"aac", "mp3", "mp3float", "mp2", "ac3", "flac", "opus", "vorbis", *_PCM},
+    "y4m": set(),
+}
+"""Sound codecs (names of libav decoders) that a muxer takes and common players then play."""
+_EXACT = {"s16": "pcm_s16le", "s32": "pcm_s32le", "flt": "pcm_f32le", "dbl": "pcm_f64le", "u8": "pcm_u8"}
+_LOSSLESS = {"flac", "alac", "truehd", "mlp", "wavpack", "tta", "ape", "tak"}
+_WITH_PCM = ("mov", "matroska", "nut")
+
+_TEXT = ("mov_text", "srt", "ass", "webvtt", "text")
+_BITMAPS = ("dvdsub", "pgssub", "dvbsub")
+_SUBTITLES = {
+    "mp4": (("mov_text",), "mov_text"),
+    "mov": (("mov_text",), "mov_text"),
+    "matroska": (("srt", "ass", "webvtt", *_BITMAPS), "srt"),
+    "webm": (("webvtt",), "webvtt"),
+    "nut": ((), None),
+    "y4m": ((), None),
+}
+"""By container: subtitles that are copied, and what other text becomes."""
+_WITH_CHAPTERS = _WITH_TAGS = ("mp4", "mov", "matroska", "webm", "nut")
+_WITH_TIMECODE = ("mp4", "mov", "matroska")
+_MARKS = {"default", "dub", "comment", "forced", "hearing_impaired", "visual_impaired"}
+_DISPOSITIONS = {
+    "mp4": _MARKS | {"captions", "descriptions"},
+    "mov": {"default"},
+    "matroska": _MARKS | {"original"},
+    "webm": {"default", "forced"},
+    "nut": {"default"},
+}
+"""What tracks are marked as, by libav's names, that each muxer writes."""
+_PLAIN_TAGS = {"title", "artist", "album", "date", "comment", "genre", "copyright", "creation_time"}
+_PLAIN_IN_MP4 = {"album_artist", "composer", "description"}
+
+_TIMECODE = re.compile(r"-?\d\d:\d\d:\d\d([:;.])\d\d+$")
+_CHROMA = {(1, 1): "4:2:0", (1, 0): "4:2:2", (0, 0): "4:4:4"}
+_FIELDS_SAID = {"tff": "top field first", "bff": "bottom field first"}
+
+
+@dataclass(frozen=True)
+class Carried:
+    """A track that goes along: copied when `encoder` is None, else through that libav encoder."""
+
+    track: Track
+    encoder: str | None = None
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a new clip is made of, and in words what is kept, changed and dropped of the source's.
+
+    container: as libav names it. format: of the encoded pictures, width, height: their size. source: the file that
+    sounds, subtitles and attachments come from; None when there are none.
+    """
+
+    container: str
+    codec: str
+    format: PixelFormat
+    width: int
+    height: int
+    alpha: bool = False
+    fields: FieldOrder | None = None
+    mastering: MasteringDisplay | None = None
+    light: ContentLight | None = None
+    source: Path | None = None
+    sounds: tuple[Carried, ...] = ()
+    subtitles: tuple[Carried, ...] = ()
+    attachments: tuple[Track, ...] = ()
+    chapters: tuple[Chapter, ...] = ()
+    metadata: tuple[tuple[str, str], ...] = ()
+    picture: Track | None = None
+    timecode: str | None = None
+    kept: tuple[str, ...] = ()
+    changed: tuple[str, ...] = ()
+    dropped: tuple[str, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is not as in the source, one line each."""
+        return self.changed + self.dropped
+
+
+def needs_general_tags(plan: Plan) -> bool:
+    """Whether MP4 and MOV keep all tags only where any name goes, which fewer players look into."""
+    plain = _PLAIN_TAGS | _PLAIN_IN_MP4 if plan.container == "mp4" else _PLAIN_TAGS
+    return any(name not in plain for name, _ in plan.metadata)
+
+
+class _Lines:
+    """The words of a plan, as it is made."""
+
+    def __init__(self) -> None:
+        self.kept: list[str] = []
+        self.changed: list[str] = []
+        self.dropped: list[str] = []
+
+
+def make_plan(
+    info: MediaInfo,
+    *,
+    container: str,
+    codec: str = "auto",
+    source: str | Path | None = None,
+    streams: Streams = NOTHING,
+    audio: Literal["copy", "none"] = "copy",
+    pixel_format: PixelFormat | None = None,
+) -> Plan:
+    """Plan a clip that is made from another.
+
+    info: the source clip's. container, codec: of the new one, see `choose_codec`. source: its file; streams: what that
+    holds. audio: "none" leaves out all sound, which is not called a loss. pixel_format: of the frames to come, as
+    `info` has it when None. Raises ValueError, in one line, for what cannot be written so.
+    """
+    if container not in CONTAINERS:
+        raise ValueError(f"container {container!r} is not one of mp4, mov, mkv, webm, nut, y4m")
+    name = CONTAINERS[container]
+    frames = pixel_format or info.format
+    chosen = choose_codec(codec, name, frames.depth, interlaced=streams.fields is not None)
+    if streams.fields is not None and info.rotation:
+        raise ValueError("the clip is interlaced and turned: its fields cannot be kept upright; deinterlace it first")
+    target = encoder_format(frames, chosen)
+    size = encoded_size(info.width, info.height, target, chosen, interlaced=streams.fields is not None)
+    least = ENCODERS[chosen].least
+    if size[0] < least[0] or size[1] < least[1]:
+        needs = f"; it needs {least[0]}x{least[1]}" if least != (1, 1) else ""
+        raise ValueError(f"{info.width}x{info.height} is too small for {chosen} {target.name}{needs}")
+    if name == "y4m" and target.is_rgb:
+        raise ValueError("YUV4MPEG2 holds no R, G, B; write --container nut")
+    lines = _Lines()
+    _pictures(lines, info, frames, target, size, chosen)
+    plan = Plan(name, chosen, target, *size, source=None if source is None else Path(source))
+    plan = _with_picture_facts(plan, lines, info, streams)
+    plan = _with_tracks(plan, lines, streams, audio)
+    plan = _with_tags(plan, lines, info, streams)
+    return replace(plan, kept=tuple(lines.kept), changed=tuple(lines.changed), dropped=tuple(lines.dropped))
+
+
+def _pictures(
+    lines: _Lines, info: MediaInfo, frames: PixelFormat, target: PixelFormat, size: tuple[int, int], codec: str
+) -> None:
+    name = ENCODERS[codec].said
+    before, after = _layout_said(frames), _layout_said(target)
+    if before != after:
+        lines.changed.append(f"pictures become {after} (the clip's are {before}), as {name} has it")
+    else:
+        lines.kept.append(f"pictures: {after}")
+    if frames.full_range and not target.full_range and not frames.is_rgb:
+        lines.changed.append(f"full-range code values become studio range, {name}'s only one")
+    if size != (info.width, info.height):
+        lines.changed.append(
+            f"the size becomes {size[0]}x{size[1]} (the clip's is {info.width}x{info.height}): {name} has no odd ones"
+        )
+
+
+def _layout_said(pixel_format: PixelFormat) -> str:
+    chroma = "R'G'B'" if pixel_format.is_rgb else f"Y'CbCr {_CHROMA[pixel_format.chroma_log2]}"
+    return f"{chroma}, {pixel_format.depth} bits"
+
+
+def _with_picture_facts(plan: Plan, lines: _Lines, info: MediaInfo, streams: Streams) -> Plan:
+    """Alpha, fields, HDR metadata and what rides inside the pictures."""
+    name = ENCODERS[plan.codec].said
+    alpha = info.has_alpha and holds_alpha(plan.format, plan.codec, plan.container)
+    if alpha:
+        lines.kept.append("alpha")
+    elif info.has_alpha:
+        lines.dropped.append(f"alpha is not kept by {name}; prores4444 in .mov and ffv1 in .mkv keep it")
+    elif streams.alpha:
+        lines.dropped.append("alpha is not kept: that of this layout is not read")
+    if streams.fields is not None:
+        lines.kept.append(f"fields: {_FIELDS_SAID[streams.fields]}")
+    encoder = ENCODERS[plan.codec]
+    for there, what in (
+        (streams.mastering, "HDR10 mastering display metadata"),
+        (streams.light, "HDR10 content light level"),
+    ):
+        if there is not None and encoder.mastering:
+            lines.kept.append(what)
+        elif there is not None:
+            lines.dropped.append(f"{what} is not kept: {name} has no place for it here")
+    lines.dropped += [f"{what} cannot be written here" for what in streams.embedded]
+    if plan.container in PIPED:
+        _piped_facts(plan, lines, info)
+    return replace(
+        plan,
+        alpha=alpha,
+        fields=streams.fields,
+        mastering=streams.mastering if encoder.mastering else None,
+        light=streams.light if encoder.mastering else None,
+    )
+
+
+def _piped_facts(plan: Plan, lines: _Lines, info: MediaInfo) -> None:
+    name, tags = said(plan.container), (info.color_primaries, info.color_transfer, info.color_matrix)
+    full_range = plan.container == "nut" and plan.format.full_range and not plan.format.is_rgb
+    if any(tag not in (0, UNSPECIFIED) for tag in tags) or full_range:
+        further = ", full range" if full_range else ""
+        told = f"H.273 primaries {tags[0]}, transfer {tags[1]}, matrix {tags[2]}{further}"
+        lines.dropped.append(f"the colour tags are not kept: {name} has no place for them ({told})")
+    if plan.container == "y4m":
+        lines.changed.append("time stamps become those of an even frame rate, as YUV4MPEG2 has it")
+
+
+def _with_tracks(plan: Plan, lines: _Lines, streams: Streams, audio: str) -> Plan:
+    """Sounds, subtitles, attachments; data and further pictures are never kept."""
+    sounds: list[Carried] = []
+    subtitles: list[Carried] = []
+    attachments: list[Track] = []
+    for track in streams.tracks:
+        if track.kind == "sound":
+            if audio == "copy":
+                _note(lines, plan.container, sounds, track, *_sound(track, plan.container))
+        elif track.kind == "subtitle":
+            _note(lines, plan.container, subtitles, track, *_subtitle(track, plan.container))
+        elif track.kind == "attachment" and plan.container == "matroska" and track.name:
+            attachments.append(track)
+            lines.kept.append(track.said())
+        else:
+            lines.dropped.append(f"{track.said()} is not kept")
+    if subtitles and plan.container in ("mp4", "mov") and not any(_is_default(one.track) for one in subtitles):
+        lines.changed.append(f"{subtitles[0].track.said()} is marked as default, as {said(plan.container)} asks of one")
+    return replace(plan, sounds=tuple(sounds), subtitles=tuple(subtitles), attachments=tuple(attachments))
+
+
+def _is_default(track: Track) -> bool:
+    return "default" in track.dispositions
+
+
+def _note(
+    lines: _Lines, container: str, carried: list[Carried], track: Track, way: str | None, encoder: str | None
+) -> None:
+    if way is None:
+        lines.dropped.append(f"{track.said()} is not kept: {said(container)} holds no such track")
+        return
+    carried.append(Carried(track, encoder))
+    if encoder is None:
+        lines.kept.append(track.said())
+    else:
+        lines.changed.append(f"{track.said()} becomes {way}")
+    lost = _lost_of(track, container)
+    if lost:
+        lines.dropped.append(f"{track.said()} goes without its {' and '.join(lost)}")
+
+
+def _lost_of(track: Track, container: str) -> list[str]:
+    """Facts of a carried track that its new container has no place for."""
+    lost = []
+    iso = container in ("mp4", "mov")
+    if track.language and iso and not re.fullmatch(r"[a-z]{3}", track.language):
+        lost.append("language")
+    handler = track.handler if track.handler != track.title else None
+    if handler and not iso:
+        lost.append("handler name")
+    marks = [one for one in track.dispositions if one not in _DISPOSITIONS[container]]
+    if marks:
+        lost.append(f"mark ({', '.join(marks)})")
+    if track.tags and container not in ("matroska", "webm"):
+        lost.append(f"tags ({', '.join(name for name, _ in track.tags)})")
+    return lost
+
+
+def _sound(track: Track, container: str) -> tuple[str | None, str | None]:
+    """(what it becomes or "itself", the encoder or None); (None, None) when it cannot go along."""
+    if track.codec.removeprefix("lib") in _CARRIES[container]:
+        return "itself", None
+    if track.codec == "unknown" or container == "y4m":
+        return None, None
+    exact = _EXACT.get((track.sample or "").removesuffix("p"))
+    lossless = track.codec.startswith("pcm_") or track.codec in _LOSSLESS
+    if container in _WITH_PCM and exact is not None and (lossless or container == "nut"):
+        return f"PCM of the same samples, which {said(container)} holds", exact
+    encoder, name = ("libopus", "Opus") if container == "webm" else ("aac", "AAC")
+    return f"{name}: {said(container)} does not hold {track.codec}", encoder
+
+
+def _subtitle(track: Track, container: str) -> tuple[str | None, str | None]:
+    copied, text = _SUBTITLES[container]
+    if track.codec in copied:
+        return "itself", None
+    if text is None or track.codec not in _TEXT:
+        return None, None
+    simplified = ", its styles simplified" if track.codec in ("ass", "mov_text") else ""
+    return f"{text}{simplified}: {said(container)} does not hold {track.codec}", text
+
+
+def _with_tags(plan: Plan, lines: _Lines, info: MediaInfo, streams: Streams) -> Plan:
+    """Chapters, tags, timecode."""
+    name = said(plan.container)
+    chapters, metadata, picture, timecode = streams.chapters, streams.metadata, streams.picture, streams.timecode
+    if chapters and plan.container not in _WITH_CHAPTERS:
+        lines.dropped.append(f"{len(chapters)} chapters are not kept: they are not written to {name}")
+        chapters = ()
+    elif chapters:
+        lines.kept.append(f"{len(chapters)} chapters")
+    names = [key for key, _ in metadata]
+    if metadata and plan.container not in _WITH_TAGS:
+        lines.dropped.append(f"tags are not kept: they are not written to {name} ({', '.join(names)})")
+        metadata = ()
+    elif metadata:
+        lines.kept.append(f"tags: {', '.join(names)}")
+    if picture is not None and (lost := _lost_of_picture(picture, plan.container)):
+        lines.dropped.append(f"the picture track goes without its {' and '.join(lost)}")
+    if timecode is not None:
+        why = _timecode_fault(timecode, info, plan.container)
+        if why is None:
+            lines.kept.append(f"timecode {timecode}")
+        else:
+            lines.dropped.append(f"timecode {timecode} is not kept: {why}")
+            timecode = None
+    if streams.location:
+        lines.dropped.append(f"tags that tell a place are left out on purpose ({', '.join(streams.location)})")
+    return replace(plan, chapters=chapters, metadata=metadata, picture=picture, timecode=timecode)
+
+
+def _lost_of_picture(picture: Track, container: str) -> list[str]:
+    if container == "y4m":
+        return ["title"] * bool(picture.title) + ["language"] * bool(picture.language)
+    return _lost_of(replace(picture, dispositions=()), container)
+
+
+def _timecode_fault(timecode: str, info: MediaInfo, container: str) -> str | None:
+    if container not in _WITH_TIMECODE:
+        return f"{said(container)} has no place for it"
+    parsed = _TIMECODE.match(timecode)
+    if container == "matroska":
+        return None
+    rate = round(info.frame_rate or 0)
+    if parsed is None or rate < 1:
+        return "it cannot be read"
+    if parsed[1] != ":" and rate % 30:
+        return "drop frame goes with 30 and 60 frames a second"
+    return None

@@ -1,0 +1,147 @@
+"""A file of packets: a clip's container, what it says of itself, and the tracks that go along with its pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from fractions import Fraction
+from pathlib import Path
+from typing import BinaryIO
+
+import av
+import av.container
+import av.error
+import av.video.stream
+
+from pvg.video.audio import SoundTrack
+from pvg.video.carrying import CarriedTrack, attach
+from pvg.video.encoding import CodedPacket
+from pvg.video.keeping import Plan, needs_general_tags
+from pvg.video.subtitles import SubtitleTrack
+
+_CHAPTER_STEP = Fraction(1, 1_000_000)
+
+
+class ClipMuxer:
+    """Writes packets of pictures, in coding order, as a clip with all that its plan keeps.
+
+    target: a path, or a binary stream. time_base: of the packets, in seconds a tick. add_stream: makes the stream of
+    the pictures in the new file. repeatable: leaves out the random numbers that Matroska tells files and tracks by.
+
+    `open`, then `write` any number of packets, then `finish`; `abandon` instead closes what is there and removes the
+    file. Raises MediaError for tracks that are damaged; libav's own errors pass through.
+    """
+
+    def __init__(
+        self,
+        target: Path | BinaryIO,
+        plan: Plan,
+        time_base: Fraction,
+        add_stream: Callable[[av.container.OutputContainer], av.video.stream.VideoStream],
+        *,
+        repeatable: bool = False,
+    ) -> None:
+        self._path = target if isinstance(target, Path) else None
+        self._target: BinaryIO | str = f"file:{target.absolute()}" if isinstance(target, Path) else target
+        self._plan, self._time_base, self._add_stream = plan, time_base, add_stream
+        self._repeatable = repeatable and plan.container in ("matroska", "webm")
+        self._output: av.container.OutputContainer | None = None
+        self._tracks: list[CarriedTrack] = []
+        self._held: CodedPacket | None = None
+        self._first_dts: int | None = None
+
+    def open(self) -> None:
+        """Open the file and describe it. When that fails nothing of it is left."""
+        plan, options = self._plan, {}
+        if plan.container in ("mp4", "mov"):
+            # Edit lists count in the movie's time scale: the clip's own keeps a late first frame exact
+            scale = str(max(1000, self._time_base.denominator))
+            flags = "+faststart+use_metadata_tags" if needs_general_tags(plan) else "+faststart"
+            options = {"movflags": flags, "movie_timescale": scale}
+        if self._repeatable:
+            options["fflags"] = "+bitexact"
+        output = self._output = av.open(self._target, "w", format=plan.container, options=options)
+        try:
+            self._stream = self._add_stream(output)
+            self._describe(output)
+            if plan.source is not None:
+                for kind, wanted in ((SoundTrack, plan.sounds), (SubtitleTrack, plan.subtitles)):
+                    for one in wanted:
+                        self._tracks.append(kind(plan.source, output, plan.container, one))
+                if plan.attachments:
+                    attach(plan.source, output, plan.attachments)
+        except BaseException:
+            self.abandon()
+            raise
+
+    def _describe(self, output: av.container.OutputContainer) -> None:
+        """Tags, timecode and chapters."""
+        plan = self._plan
+        output.metadata.update(plan.metadata)
+        own: dict[str, str] = {}
+        if plan.picture is not None:
+            own = dict(plan.picture.tags) if plan.container in ("matroska", "webm") else {}
+            for key, text in (("language", plan.picture.language), ("title", plan.picture.title)):
+                own |= {key: text} if text is not None else {}
+        if plan.timecode is not None and plan.container == "matroska":
+            output.metadata["timecode"] = plan.timecode
+        elif plan.timecode is not None:
+            own["timecode"] = plan.timecode
+        if own:
+            self._stream.metadata.update(own)
+        if plan.chapters:
+            output.set_chapters(
+                [
+                    {
+                        "id": k,
+                        "start": round(chapter.start_s / _CHAPTER_STEP),
+                        "end": round(chapter.end_s / _CHAPTER_STEP),
+                        "time_base": _CHAPTER_STEP,
+                        "metadata": {} if chapter.title is None else {"title": chapter.title},
+                    }
+                    for k, chapter in enumerate(plan.chapters)
+                ]
+            )
+
+    def write(self, packets: Iterable[CodedPacket]) -> None:
+        """Write the next packets, and of the other tracks what is due before them."""
+        for packet in packets:
+            self._flush_held()
+            self._held = packet
+
+    def _flush_held(self) -> None:
+        packet, self._held = self._held, None
+        if packet is None:
+            return
+        if packet.dts is not None:
+            for track in self._tracks:
+                track.feed(packet.dts * packet.time_base)
+        if self._first_dts is None:
+            self._first_dts = packet.dts
+        assert self._output is not None  # noqa: S101 - `open` comes first
+        packet.stream = self._stream
+        self._output.mux_one(packet)
+
+    def finish(self, first_pts: int, end_pts: int) -> None:
+        """Write what is left, and the index. first_pts, end_pts: where the pictures start and end, in ticks."""
+        last = self._held
+        if last is not None and last.dts is not None and last.time_base == self._time_base:
+            # MP4 sums durations in coding order, so the last packet coded ends the clip, whichever it shows
+            first_dts = last.dts if self._first_dts is None else self._first_dts
+            last.duration = max(1, end_pts - first_pts - (last.dts - first_dts))
+        self._flush_held()
+        for track in self._tracks:
+            track.feed(None)
+            track.close()
+        if self._output is not None:
+            self._output.close()
+
+    def abandon(self) -> None:
+        """Throw away what was written."""
+        for track in self._tracks:
+            track.close()
+        with suppress(av.error.FFmpegError, OSError, ValueError):  # what was written is thrown away anyway
+            if self._output is not None:
+                self._output.close()
+        if self._path is not None:
+            self._path.unlink(missing_ok=True)

@@ -1,0 +1,275 @@
+"""What else a clip's file holds beside its pictures: sound, subtitles, chapters, tags, HDR metadata, fields, alpha."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, Literal, cast
+
+import av
+import av.container
+import av.filter
+import av.sidedata.sidedata
+import av.stream
+import av.video.frame
+import numpy as np
+
+from pvg.video.encoders import FieldOrder
+from pvg.video.mastering import ContentLight, MasteringDisplay
+from pvg.video.opening import MediaLimits, open_clip, open_container
+from pvg.video.reading import pictures
+
+Kind = Literal["picture", "sound", "subtitle", "data", "attachment"]
+
+_KINDS: dict[str, Kind] = {
+    "video": "picture",
+    "audio": "sound",
+    "subtitle": "subtitle",
+    "attachment": "attachment",
+}
+_SAME_CODEC = {"subrip": "srt", "ssa": "ass", "dvd_subtitle": "dvdsub", "hdmv_pgs_subtitle": "pgssub"}
+_SideData = av.sidedata.sidedata.Type
+_EMBEDDED = (  # what rides in the coded pictures and goes with them
+    (("DOVI_METADATA", "DOVI_RPU_BUFFER"), "Dolby Vision metadata"),
+    (("DYNAMIC_HDR_PLUS",), "HDR10+ metadata"),
+    (("DYNAMIC_HDR_VIVID",), "HDR Vivid metadata"),
+    (("AMBIENT_VIEWING_ENVIRONMENT",), "the ambient viewing environment"),
+    (("A53_CC",), "closed captions inside the pictures"),
+    (("STEREO3D",), "the mark of a stereo pair"),
+    (("SPHERICAL",), "the mark of a spherical picture"),
+    (("ICC_PROFILE",), "the pictures' ICC profile"),
+    (("AFD",), "the active format description"),
+)
+_TOP_FIRST, _BOTTOM_FIRST = (2, 4), (3, 5)  # AVFieldOrder: TT, TB; BB, BT, as decoders and libav's tools use them
+
+# made anew by every muxer, or said of the coded stream that is not kept
+_OF_THE_FILE = frozenset(
+    {"major_brand", "minor_version", "compatible_brands", "encoder", "vendor_id", "duration", "rotate", "bps"}
+    | {"number_of_frames", "number_of_bytes", "source_id", "creation_time_of_track", "alpha_mode", "encoding_params"}
+)
+_OF_A_PLACE = ("location", "xyz", "gps", "latitude", "longitude", "altitude", "geotag")
+_PLAIN_HANDLERS = ("handler", "core media", "iso media", "gpac", "mainconcept")
+
+
+@dataclass(frozen=True)
+class Track:
+    """One stream beside the pictures.
+
+    index: of the stream in the file. codec: libav's name of its decoder, "unknown" without one. language: as stored
+    (ISO 639-2, or BCP 47 in Matroska), title: None when not stated. handler: QuickTime's name of what it is, None for
+    one that only names the kind. dispositions: libav's names ("default", "forced", "comment", …). sample: libav's
+    name of a sound's sample format. tags: others that it carries. name: of an attachment's file.
+    """
+
+    index: int
+    kind: Kind
+    codec: str
+    language: str | None = None
+    title: str | None = None
+    handler: str | None = None
+    dispositions: tuple[str, ...] = ()
+    sample: str | None = None
+    channels: int = 0
+    tags: tuple[tuple[str, str], ...] = ()
+    name: str | None = None
+
+    def said(self) -> str:
+        """How messages name it."""
+        about = [self.codec]
+        about += [self.language] if self.language else []
+        about += [f'"{self.title or self.handler}"'] if self.title or self.handler else []
+        about += [self.name] if self.name else []
+        what = {"sound": "sound track", "subtitle": "subtitle track", "data": "data track", "picture": "picture track"}
+        return f"{what.get(self.kind, self.kind)} {self.index} ({', '.join(about)})"
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """A named stretch of the clip, in seconds of its own time."""
+
+    start_s: Fraction
+    end_s: Fraction
+    title: str | None
+
+
+@dataclass(frozen=True)
+class Streams:
+    """All that a clip's file holds beside its pictures.
+
+    tracks: every other stream but those that chapters and a timecode are stored in. metadata: tags of the file,
+    without those a muxer makes itself; location: names of the tags that tell a place. picture: the language, title and
+    other tags of the pictures' own track. timecode: of the first frame, "hh:mm:ss:ff" or with ";" for drop frame.
+    fields: None for progressive pictures. alpha: the pictures have a plane of it. embedded: what rides inside the
+    coded pictures, in words.
+    """
+
+    tracks: tuple[Track, ...] = ()
+    chapters: tuple[Chapter, ...] = ()
+    metadata: tuple[tuple[str, str], ...] = ()
+    location: tuple[str, ...] = ()
+    picture: Track | None = None
+    timecode: str | None = None
+    fields: FieldOrder | None = None
+    alpha: bool = False
+    mastering: MasteringDisplay | None = None
+    light: ContentLight | None = None
+    embedded: tuple[str, ...] = ()
+
+    def of_kind(self, kind: Kind) -> tuple[Track, ...]:
+        """The tracks of one kind, in the file's order."""
+        return tuple(track for track in self.tracks if track.kind == kind)
+
+
+NOTHING = Streams()
+
+
+def read_streams(path: str | Path, limits: MediaLimits | None = None) -> Streams:
+    """Take stock of a clip; one picture of it is decoded. Raises MediaError where it cannot be opened or decoded."""
+    path, limits = Path(path), limits or MediaLimits()
+    with open_clip(path, limits) as clip:
+        chosen = clip.stream.index
+        clip.stream.thread_type = "SLICE"  # one picture is wanted, not as many as there are cores
+        order = clip.stream.codec_context.field_order
+        first = next(pictures(clip), None)
+        order = clip.stream.codec_context.field_order or order
+        found = {} if first is None else dict(_side_data(first))
+        fields = None if first is None else fields_of(first, order)
+        alpha = first is not None and has_alpha(first.format.name)
+        return take_stock(clip.container, chosen, found, fields, alpha, clip.set_aside)
+
+
+def read_sounds(path: str | Path) -> Streams:
+    """The sound tracks alone, without decoding. Raises MediaError where the file cannot be opened."""
+    with open_container(Path(path), 2**30) as container:
+        return Streams(tracks=tuple(_track(stream) for stream in container.streams.audio))
+
+
+def take_stock(
+    container: av.container.InputContainer,
+    chosen: int,
+    found: Mapping[str, bytes],
+    fields: FieldOrder | None,
+    alpha: bool,
+    set_aside: frozenset[int] = frozenset(),
+) -> Streams:
+    """What an open file holds beside the pictures of stream `chosen`; the rest is known by one of these."""
+    streams = list(container.streams)
+    # such as the text of QuickTime's chapters, which are read as what they are
+    tracks = [_track(stream) for stream in streams if stream.index not in set_aside]
+    own, timecode, places = _normal(container.metadata), None, []
+    for tags in (own, *(_normal(stream.metadata) for stream in streams)):
+        timecode = timecode or tags.get("timecode")
+        places += [name for name in tags if _tells_a_place(name)]
+    timecoded = {stream.index for stream in streams if stream.type == "data" and "timecode" in _normal(stream.metadata)}
+    return Streams(
+        tracks=tuple(track for track in tracks if track.index != chosen and track.index not in timecoded),
+        chapters=tuple(_chapters(cast("Iterable[Mapping[str, Any]]", container.chapters()))),
+        metadata=tuple((name, value) for name, value in own.items() if _is_kept(name)),
+        location=tuple(dict.fromkeys(places)),
+        picture=next(track for track in tracks if track.index == chosen),
+        timecode=timecode,
+        fields=fields,
+        alpha=alpha,
+        mastering=MasteringDisplay.of_side_data(found.get("MASTERING_DISPLAY_METADATA", b"")),
+        light=ContentLight.of_side_data(found.get("CONTENT_LIGHT_LEVEL", b"")),
+        embedded=tuple(words for names, words in _EMBEDDED if any(name in found for name in names)),
+    )
+
+
+def _normal(tags: Mapping[str, str]) -> dict[str, str]:
+    """Tags by their names as MP4 has them; Matroska's are in capitals."""
+    return {name.lower() if name.isupper() or name.upper() == name else name: value for name, value in tags.items()}
+
+
+def _is_kept(name: str) -> bool:
+    made_anew = name in _OF_THE_FILE or name == "timecode" or name.startswith("_statistics")
+    return not made_anew and not _tells_a_place(name)
+
+
+def _tells_a_place(name: str) -> bool:
+    return any(word in name.lower() for word in _OF_A_PLACE)
+
+
+def _track(stream: av.stream.Stream) -> Track:
+    tags = _normal(stream.metadata)
+    context: Any = stream.codec_context
+    name = context.name.removeprefix("lib") if context is not None else str(getattr(stream, "name", None) or "unknown")
+    kind = _KINDS.get(stream.type, "data")
+    handler = tags.get("handler_name", "").strip("\0 \t")
+    language = tags.get("language")
+    listed = {"language", "title", "name", "handler_name", "timecode", "creation_time", "filename", "mimetype"}
+    others = {k: v for k, v in tags.items() if k not in listed | _OF_THE_FILE and not _tells_a_place(k)}
+    return Track(
+        index=stream.index,
+        kind=kind,
+        codec=_SAME_CODEC.get(name, name),
+        language=None if language in (None, "und") else language,
+        title=tags.get("title") or tags.get("name"),
+        handler=handler if handler and not any(word in handler.lower() for word in _PLAIN_HANDLERS) else None,
+        dispositions=tuple(one.name or "" for one in av.stream.Disposition if stream.disposition & one),
+        sample=context.format.name if kind == "sound" and context is not None and context.format else None,
+        channels=context.channels if kind == "sound" and context is not None else 0,
+        tags=tuple((k, v) for k, v in others.items() if not k.startswith("_statistics")),
+        name=tags.get("filename"),
+    )
+
+
+def _chapters(stored: Iterable[Mapping[str, Any]]) -> Iterator[Chapter]:
+    for chapter in stored:
+        step = chapter["time_base"] or Fraction(1, 1000)
+        yield Chapter(chapter["start"] * step, chapter["end"] * step, _normal(chapter["metadata"]).get("title"))
+
+
+def _side_data(picture: av.video.frame.VideoFrame) -> Iterator[tuple[str, bytes]]:
+    held: Any = picture.side_data
+    riding = (name for names, _ in _EMBEDDED for name in names)
+    for name in (*riding, "MASTERING_DISPLAY_METADATA", "CONTENT_LIGHT_LEVEL"):
+        kind: Any = _SideData.__members__.get(name)
+        data = None if kind is None else held.get(kind)
+        if data is not None:
+            yield name, bytes(data)
+
+
+def has_alpha(layout: str) -> bool:
+    """Whether a libav pixel format has a plane of alpha."""
+    return layout.startswith(("yuva", "gbrap", "rgba", "bgra", "argb", "abgr", "ya8", "ya16", "ayuv", "vuya"))
+
+
+def fields_of(picture: av.video.frame.VideoFrame, order: int = 0) -> FieldOrder | None:
+    """Which field is the earlier, None for a progressive picture; the picture is spent by it.
+
+    The decoder's word for its own pictures counts, else the container's: order, an AVFieldOrder.
+    """
+    if picture.interlaced_frame:
+        return _first_field(picture)
+    if order in _TOP_FIRST:
+        return "tff"
+    return "bff" if order in _BOTTOM_FIRST else None
+
+
+def _first_field(picture: av.video.frame.VideoFrame) -> FieldOrder:
+    """The field that libav takes apart first; PyAV does not show the decoder's mark of it."""
+    marked = _samples(picture)
+    marked[0], marked[1] = 0, 255  # of a picture that nobody needs afterwards
+    graph = av.filter.Graph()
+    source = graph.add_buffer(
+        width=picture.width,
+        height=picture.height,
+        format=picture.format,
+        time_base=picture.time_base or Fraction(1, 25),
+    )
+    apart, sink = graph.add("separatefields"), graph.add("buffersink")
+    source.link_to(apart)
+    apart.link_to(sink)
+    graph.configure()
+    source.push(picture)
+    first: Any = sink.pull()
+    return "tff" if not _samples(first)[0].any() else "bff"
+
+
+def _samples(picture: av.video.frame.VideoFrame) -> Any:
+    """The bytes of the first plane, a row each; what is written changes the picture."""
+    plane = picture.planes[0]
+    return np.frombuffer(memoryview(plane), np.uint8).reshape(-1, plane.line_size)[:, : picture.width]

@@ -1,0 +1,72 @@
+"""Who asks: `Authorization: Bearer` with a key (RFC 6750, 2.1), before anything of a body is read.
+
+Until the first key is made the service is open, and whoever asks is nobody; afterwards every call needs a key.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from fastapi import Depends, Request, Security
+from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
+
+from service.api.dependencies import ServicesDep
+from service.api.services import Services
+from service.catalog import Key, keys
+from service.errors import Limit, QuotaExceededError, UnauthorizedError
+
+BEARER = HTTPBearer(
+    scheme_name="key",
+    bearerFormat="pvg_…",
+    description="A key made by `pvg-service keys create`. A service without keys needs none.",
+    auto_error=False,
+)
+
+
+@dataclass(frozen=True)
+class Caller:
+    """Whose request it is; `service.catalog.keys.NOBODY` without keys."""
+
+    owner: str
+
+
+async def authenticate(
+    request: Request,
+    services: ServicesDep,
+    given: Annotated[HTTPAuthorizationCredentials | None, Security(BEARER)],
+) -> Caller:
+    """The caller, whose requests of this minute are counted.
+
+    Raises `UnauthorizedError`, and `QuotaExceededError` when there are too many of them.
+    """
+    key = await services.calls.read(_key_of, services, given)
+    if key is None:
+        return Caller(keys.NOBODY)
+    limit = key.requests_per_minute
+    standing = services.rates.take_held(key.id, limit)
+    if standing is None:
+        standing = await services.calls.write(services.rates.take, key.id, limit)
+    request.state.answer_headers = {**getattr(request.state, "answer_headers", {}), **standing.headers}
+    if not standing.granted:
+        raise QuotaExceededError(
+            f"this key may make {standing.limit} requests a minute",
+            headers={"Retry-After": str(standing.resets_s)},
+            limit=Limit(standing.limit, "requests per minute"),
+        )
+    return Caller(key.id)
+
+
+CallerDep = Annotated[Caller, Depends(authenticate)]
+
+
+def _key_of(services: Services, given: HTTPAuthorizationCredentials | None) -> Key | None:
+    with services.database.read() as session:
+        if given is None:
+            if keys.exist(session):
+                raise UnauthorizedError("send a key as `Authorization: Bearer pvg_…`", invalid=False)
+            return None
+        key = keys.find(session, given.credentials)
+    if key is None:
+        raise UnauthorizedError("this key is malformed, unknown, replaced or revoked", invalid=True)
+    return key

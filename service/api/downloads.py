@@ -1,0 +1,85 @@
+"""Files as answers, whole or in ranges. Their ETag is the hash of their content, so that ranges and caches are safe."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import dataclass
+from typing import Annotated, Any, Final
+from urllib.parse import quote
+
+from fastapi import Depends, Header, Request, Response
+from starlette.responses import StreamingResponse
+
+from service.api.dependencies import Responses
+from service.api.openapi import file_content
+from service.api.ranges import matches, parse_range
+from service.api.services import Services
+from service.errors import GoneError
+from service.storage import BlobMissingError
+
+CLIPS: Final = ("video/mp4", "video/quicktime", "video/x-matroska", "video/webm")
+PICTURES: Final = ("image/png", "image/jpeg", "image/webp", "image/tiff")
+
+
+def file_answers(*content_types: str) -> Responses:
+    """The documentation of a file, whole or in part."""
+    whole: dict[str, Any] = {"description": "the file", "content": file_content(*content_types)}
+    return {200: whole, 206: {**whole, "description": "the requested range"}, 304: {"description": "unchanged"}}
+
+
+class Asked:
+    """Which bytes of a file a request wants, and on what conditions."""
+
+    def __init__(
+        self,
+        request: Request,
+        range_: Annotated[str | None, Header(alias="Range")] = None,
+        if_range: Annotated[str | None, Header()] = None,
+        if_none_match: Annotated[str | None, Header()] = None,
+    ) -> None:
+        self.head_only = request.method == "HEAD"
+        self.range, self.if_range, self.if_none_match = range_, if_range, if_none_match
+
+
+AskedDep = Annotated[Asked, Depends()]
+
+
+@dataclass(frozen=True)
+class File:
+    """A file in the storage under ``key``; ``of`` is the id of what it belongs to."""
+
+    key: str
+    sha256: str
+    size_bytes: int
+    content_type: str
+    filename: str
+    of: str
+
+
+async def send_file(services: Services, asked: Asked, file: File) -> Response:
+    """The bytes that are asked for, or 304. Raises `RangeError`, and `GoneError` when the storage has none of it."""
+    etag = f'"{file.sha256}"'
+    headers = {
+        "ETag": etag,
+        "Accept-Ranges": "bytes",
+        "Cache-Control": "private, no-cache",
+        "Repr-Digest": f"sha-256=:{base64.b64encode(bytes.fromhex(file.sha256)).decode()}:",
+    }
+    if matches(asked.if_none_match, etag):
+        return Response(status_code=304, headers=headers)
+    wants_range = asked.if_range is None or matches(asked.if_range, etag, weak=False)
+    part = parse_range(asked.range, file.size_bytes) if wants_range else None
+    start, end = part or (0, file.size_bytes)
+    headers["Content-Type"] = file.content_type
+    headers["Content-Length"] = str(end - start)
+    headers["Content-Disposition"] = f"inline; filename*=UTF-8''{quote(file.filename)}"
+    if part:
+        headers["Content-Range"] = f"bytes {start}-{end - 1}/{file.size_bytes}"
+    status = 206 if part else 200
+    if asked.head_only:
+        return Response(status_code=status, headers=headers)
+    try:
+        pieces = await services.storage.stream(file.key, start, end)
+    except BlobMissingError as error:
+        raise GoneError(f"the file of {file.of} has been removed") from error
+    return StreamingResponse(pieces, status_code=status, headers=headers)

@@ -1,0 +1,47 @@
+"""Bodies of JSON, read whole: bounded, checked against their Repr-Digest, and validated."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import TypeVar
+
+from pydantic import BaseModel, ValidationError
+from starlette.requests import Request
+
+from service.api.problems import invalid
+from service.api.uploads import check_digest, expected_digest
+from service.errors import TooLargeError, UnsupportedMediaError
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def media_type(request: Request) -> str:
+    """The declared media type of the body, in lower case, without parameters; empty when there is none."""
+    return request.headers.get("content-type", "").partition(";")[0].strip().lower()
+
+
+async def read_json(request: Request, model: type[Model], *, limit_bytes: int) -> Model:
+    """The body of a request, validated.
+
+    Raises `UnsupportedMediaError` for another type, `TooLargeError`, `BadRequestError` for what is no JSON or not what
+    its digest says, and `ValidationFailedError`.
+    """
+    if media_type(request) != "application/json":
+        raise UnsupportedMediaError("send the request as application/json")
+    expected = expected_digest(request.headers.getlist("repr-digest"))
+    body = await _body(request, limit_bytes=limit_bytes)
+    check_digest(expected, hashlib.sha256(body).hexdigest())
+    try:
+        # JSON has numbers and booleans of its own: a text or a boolean is no number there
+        return model.model_validate_json(body, strict=True)
+    except ValidationError as error:
+        raise invalid(error) from error
+
+
+async def _body(request: Request, *, limit_bytes: int) -> bytes:
+    body = bytearray()
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > limit_bytes:
+            raise TooLargeError(f"the body is larger than {limit_bytes} bytes", limit_bytes=limit_bytes)
+    return bytes(body)

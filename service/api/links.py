@@ -1,0 +1,60 @@
+"""Who asks, by a key or by a signed link."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Annotated
+
+from fastapi import Depends, Query, Request, Security
+from fastapi.security import HTTPAuthorizationCredentials
+from sqlalchemy.orm import Session
+
+from service.api.authentication import BEARER, authenticate
+from service.api.dependencies import ServicesDep
+from service.api.services import Services
+from service.catalog import keys
+from service.errors import ForbiddenError
+
+
+@dataclass(frozen=True)
+class Access:
+    """A caller with a key, or the holder of a link, which says itself what it is for."""
+
+    owner: str | None
+    expires: str = ""
+    signature: str = ""
+
+    @property
+    def by_link(self) -> bool:
+        """True without a key."""
+        return self.owner is None
+
+    def to(self, services: Services, *what: str) -> datetime | None:
+        """When the access to this ends; None for a caller. Raises `ForbiddenError` and `GoneError`."""
+        if not self.by_link:
+            return None
+        return services.signer.check(*what, expires=self.expires, signature=self.signature)
+
+    def check_owner(self, session: Session, owner: str) -> None:
+        """Raise `ForbiddenError` for a link of a key that was revoked, or of nobody since there are keys."""
+        if not self.by_link:
+            return
+        key = keys.get(session, owner)
+        if keys.exist(session) if key is None else key.revoked_at is not None:
+            raise ForbiddenError("the key that this link was made with may no longer be used")
+
+
+async def _access(
+    request: Request,
+    services: ServicesDep,
+    given: Annotated[HTTPAuthorizationCredentials | None, Security(BEARER)],
+    expires: Annotated[str, Query(max_length=20, description="of a link")] = "",
+    signature: Annotated[str | None, Query(max_length=100, description="of a link; then no key is needed")] = None,
+) -> Access:
+    if signature is None:
+        return Access((await authenticate(request, services, given)).owner)
+    return Access(None, expires, signature)
+
+
+AccessDep = Annotated[Access, Depends(_access)]

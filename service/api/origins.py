@@ -1,0 +1,92 @@
+"""Whom a request is for and which page sent it: a web page of another site must neither read nor write here.
+
+A page can have its own name resolve to this machine and then read what it likes (DNS rebinding); the Host of its
+requests is still its own name. It can also post a form to any address (cross-site request forgery); its browser then
+says so in Origin and Sec-Fetch-Site, which no page can change (Fetch Standard, 3.2; W3C Fetch Metadata). Clients that
+are no browsers send neither and are not held up.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+from urllib.parse import urlsplit
+
+from starlette.datastructures import Headers
+from starlette.requests import Request
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from service.api.problems import problem_response
+from service.errors import ForbiddenError, MisdirectedError, ServiceError
+
+#: methods that ask for no change (RFC 9110, 9.2.1)
+_SAFE: Final = frozenset({"GET", "HEAD", "OPTIONS", "TRACE"})
+_DEFAULT_PORTS: Final = {"http": 80, "https": 443}
+
+
+class OwnHostAndOrigin:
+    """ASGI middleware: refuses requests for another host (421, RFC 9110, 15.5.20) and writes of other sites (403).
+
+    ``hosts`` are names without ports, None for any; ``origins`` are those of other sites whose pages may write.
+    """
+
+    def __init__(self, app: ASGIApp, *, hosts: frozenset[str] | None, origins: frozenset[str]) -> None:
+        self._app = app
+        self._hosts = hosts
+        self._origins = origins
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        refusal = self._refusal(scope["method"], Headers(scope=scope))
+        if refusal is None:
+            await self._app(scope, receive, send)
+        else:
+            await problem_response(Request(scope), refusal)(scope, receive, send)
+
+    def _refusal(self, method: str, headers: Headers) -> ServiceError | None:
+        host = headers.get("host", "")
+        if self._hosts is not None and host_name(host) not in self._hosts:
+            return MisdirectedError("this service does not answer to that Host; PVG_ALLOWED_HOSTS names more")
+        if method in _SAFE or self._may_write(headers, host):
+            return None
+        return ForbiddenError("a page of another site may not write here; PVG_ALLOWED_ORIGINS names those that may")
+
+    def _may_write(self, headers: Headers, host: str) -> bool:
+        origin = headers.get("origin")
+        if origin is not None and origin.lower() in self._origins:
+            return True
+        # what the browser itself says of the page; "none" is a user's own doing
+        site = headers.get("sec-fetch-site")
+        if site is not None:
+            return site in {"same-origin", "none"}
+        return origin is None or _is_own(origin, host)
+
+
+def host_name(host: str) -> str | None:
+    """The name in a Host header (RFC 9110, 7.2), in lower case, without port and brackets; None if it is malformed."""
+    try:
+        parts = urlsplit(f"//{host}")
+        parts.port  # noqa: B018 - raises for what is no port
+    except ValueError:
+        return None
+    if parts.path or parts.query or parts.fragment or "@" in host or any(one.isspace() for one in host):
+        return None
+    return (parts.hostname or "").removesuffix(".") or None
+
+
+def _is_own(origin: str, host: str) -> bool:
+    """True when a page's origin is the host it writes to. TLS may end at a proxy, so either scheme will do."""
+    try:
+        page = urlsplit(origin)
+        own = urlsplit(f"//{host}")
+        default = _DEFAULT_PORTS.get(page.scheme)
+        return (
+            default is not None
+            and page.hostname is not None
+            and page.hostname == own.hostname
+            and (page.port or default) == (own.port or default)
+        )
+    except ValueError:
+        return False

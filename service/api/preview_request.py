@@ -1,0 +1,48 @@
+"""The body of `POST /preview`."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from service.api.schemas import WHOLE, LookRequest, MediaId, Whole
+from service.catalog import StillFormat
+
+#: widest picture that is made, in pixels; posters and sliders need a tenth
+MAX_WIDTH = 8192
+_USUAL_WIDTH = 1280
+_Corner = Annotated[int, Field(ge=0, le=100_000), WHOLE]
+_Length = Annotated[int, Field(ge=1, le=100_000), WHOLE]
+_Frame = Annotated[int, Field(ge=0, le=2**31 - 1), WHOLE]
+
+
+class PreviewRequest(BaseModel):
+    """One frame of a video with one look."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    video: MediaId
+    look: LookRequest | None = Field(default=None, description="as in a transfer; without it the frame is as it is")
+    before: bool = Field(default=False, description="the frame without the look, to be compared with it")
+    frame: _Frame | None = Field(
+        default=None, description="from 0; without it and `time_s`, one that shows the faces well"
+    )
+    time_s: float | None = Field(default=None, ge=0, le=1e6, description="seconds after the first frame")
+    nearest: bool = Field(
+        default=False, description="the nearest frame that is quick to have, at a key picture, instead of the very one"
+    )
+    crop: tuple[_Corner, _Corner, _Length, _Length] | None = Field(
+        default=None, description="x, y, width and height of a part of the picture, in its pixels"
+    )
+    face: _Corner | None = Field(default=None, description="index of a face to show alone")
+    max_width: Whole = Field(default=_USUAL_WIDTH, ge=16, le=MAX_WIDTH, description="wider pictures are scaled down")
+    format: StillFormat = "jpeg"
+
+    @model_validator(mode="after")
+    def _fits(self) -> PreviewRequest:
+        if self.frame is not None and self.time_s is not None:
+            raise ValueError("frame and time_s both say which frame; give one of them")
+        if self.crop is not None and self.face is not None:
+            raise ValueError("crop and face both say which part; give one of them")
+        return self

@@ -1,0 +1,48 @@
+"""Checks of the parts that a service needs, made now and then however often they are asked for.
+
+Whoever asks whether the service is ready needs no key, and some checks write: all who ask within `KEEP_S` seconds share
+one check and what it found.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Callable
+
+import structlog
+
+from service.api.calls import Calls
+
+log = structlog.get_logger(__name__)
+
+#: seconds for which what a check found is told
+KEEP_S = 2.0
+
+
+class Probe:
+    """One shared check. ``check`` raises when the part of this ``name`` does not answer."""
+
+    def __init__(self, name: str, calls: Calls, check: Callable[[], object]) -> None:
+        self._name = name
+        self._calls = calls
+        self._check = check
+        self._running: asyncio.Task[bool] | None = None
+        self._ended = -math.inf
+
+    async def answers(self) -> bool:
+        """Whether the part answers, or did a moment ago."""
+        now = asyncio.get_running_loop().time()
+        if self._running is None or (self._running.done() and now - self._ended >= KEEP_S):
+            self._running = asyncio.create_task(self._ask())
+        return await asyncio.shield(self._running)  # one who goes away does not take it from the others
+
+    async def _ask(self) -> bool:
+        try:
+            await self._calls.read(self._check)
+        except Exception as error:
+            log.warning("not ready", part=self._name, error=type(error).__name__)
+            return False
+        finally:
+            self._ended = asyncio.get_running_loop().time()
+        return True

@@ -1,0 +1,66 @@
+"""What a key may keep and have under way: stored bytes, unfinished jobs and open uploads."""
+
+from __future__ import annotations
+
+import math
+from datetime import datetime
+from typing import Final
+
+from sqlalchemy.orm import Session
+
+from service.catalog import keys, resumable
+from service.errors import Limit, QuotaExceededError
+
+#: of files that are announced and have not arrived, the same for every owner: nobody sends so many at a time
+MAX_OPEN_UPLOADS: Final = 1000
+#: seconds after which a key with too many jobs may ask again: a guess, no job's end is known
+_JOBS_RETRY_S: Final = 10
+_LONGEST_RETRY_S: Final = 86_400
+_UNITS: Final = {"active-jobs": "jobs", "stored-bytes": "bytes", "open-uploads": "uploads"}
+
+
+def check(
+    session: Session,
+    owner: str,
+    *,
+    now: datetime,
+    jobs: int = 1,
+    size_bytes: int = 0,
+    uploads: int = 0,
+    lock: bool = True,
+) -> None:
+    """Raise `QuotaExceededError` when a key may not have so many more jobs, bytes or open uploads.
+
+    Without keys only the uploads are counted.
+
+    With ``lock`` the key is kept from others until the transaction ends, before any medium is, so that two requests
+    cannot both have the last of it; without, the answer is a first one, for what only reads.
+    """
+    key = keys.lock(session, owner) if lock else keys.get(session, owner)
+    if uploads and resumable.count_open(session, owner, now=now) + uploads > MAX_OPEN_UPLOADS:
+        detail = f"there may be {MAX_OPEN_UPLOADS} uploads that are not complete; complete some, or remove them"
+        raise _exceeded("open-uploads", MAX_OPEN_UPLOADS, detail, _JOBS_RETRY_S)
+    if key is None:
+        return
+    if jobs and keys.active_jobs(session, owner) + jobs > key.active_jobs:
+        detail = f"this key may have {key.active_jobs} unfinished jobs; wait for some, or cancel them"
+        raise _exceeded("active-jobs", key.active_jobs, detail, _JOBS_RETRY_S)
+    if keys.stored_bytes(session, owner) + size_bytes > key.stored_bytes:
+        end = keys.next_expiry(session, owner)
+        wait_s = math.ceil((end - now).total_seconds()) if end is not None else _LONGEST_RETRY_S
+        detail = f"this key may keep {key.stored_bytes} bytes of media, assets and results; delete some"
+        raise _exceeded("stored-bytes", key.stored_bytes, detail, min(max(1, wait_s), _LONGEST_RETRY_S))
+
+
+def _exceeded(policy: str, quota: int, detail: str, retry_s: int) -> QuotaExceededError:
+    counted = _UNITS[policy]
+    unit = ';qu="content-bytes"' if counted == "bytes" else ""
+    return QuotaExceededError(
+        detail,
+        headers={
+            "Retry-After": str(retry_s),
+            "RateLimit-Policy": f'"{policy}";q={quota}{unit}',
+            "RateLimit": f'"{policy}";r=0',
+        },
+        limit=Limit(quota, counted),
+    )

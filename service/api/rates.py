@@ -1,0 +1,91 @@
+"""How many requests a key may make in a minute, over all processes of the API, without a write for each of them.
+
+A process takes a share of the minute's requests from the database and counts it down by itself. What is handed out
+never exceeds the limit, however many processes there are; what a process does not use of its last share is lost until
+the next minute begins. A share is a twentieth of the limit, so that a key costs a process at most some twenty writes
+a minute, refusals none.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import defaultdict
+from dataclasses import dataclass, field
+from typing import Final
+
+from service.catalog import Database, keys
+from service.catalog.keys import WINDOW_S
+
+_SHARES: Final = 20
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Where a key stands after a request: requests that are left, and seconds until the window ends."""
+
+    granted: bool
+    limit: int
+    left: int
+    resets_s: int
+
+    @property
+    def headers(self) -> dict[str, str]:
+        """RateLimit header fields, as of draft-ietf-httpapi-ratelimit-headers-10."""
+        return {
+            "RateLimit-Policy": f'"requests";q={self.limit};w={WINDOW_S}',
+            "RateLimit": f'"requests";r={self.left};t={self.resets_s}',
+        }
+
+
+@dataclass
+class _Held:
+    """What one process holds of a key's window."""
+
+    lock: threading.Lock = field(default_factory=threading.Lock)
+    window: int = -1
+    mine: int = 0
+    #: not handed out to any process when this one last asked
+    others: int = 0
+
+
+class Rates:
+    """The requests of every key, as far as this process handles them. Safe to use from several threads."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        self._held: defaultdict[str, _Held] = defaultdict(_Held)
+
+    def take_held(self, key_id: str, limit: int) -> Standing | None:
+        """Count one request of what this process holds, without waiting; None when only `take` can tell."""
+        now_s = self._database.now().timestamp()
+        held = self._held[key_id]
+        if not held.lock.acquire(blocking=False):
+            return None
+        try:
+            if held.window < int(now_s // WINDOW_S) or (held.mine == 0 and held.others > 0):
+                return None
+            return _count(held, limit, now_s)
+        finally:
+            held.lock.release()
+
+    def take(self, key_id: str, limit: int) -> Standing:
+        """Count one request of a key that may make ``limit`` in a window, with a new share if there is need of one."""
+        now_s = self._database.now().timestamp()
+        window = int(now_s // WINDOW_S)
+        held = self._held[key_id]
+        with held.lock:
+            if held.window < window:
+                held.window, held.mine, held.others = window, 0, limit
+            if held.mine == 0 and held.others > 0:
+                with self._database.write() as session:
+                    share = keys.take_share(session, key_id, window=held.window, wanted=math.ceil(limit / _SHARES))
+                held.window, held.mine, held.others = share.window, share.granted, max(0, limit - share.taken)
+            return _count(held, limit, now_s)
+
+
+def _count(held: _Held, limit: int, now_s: float) -> Standing:
+    granted = held.mine > 0
+    held.mine -= granted
+    ends_s = (held.window + 1) * WINDOW_S
+    return Standing(granted, limit, held.mine + held.others, max(1, math.ceil(ends_s - now_s)))

@@ -1,0 +1,37 @@
+"""The receiver of webhooks that a request names."""
+
+from __future__ import annotations
+
+from pydantic import ValidationError
+
+from service.api.problems import invalid_values
+from service.api.schemas import WebhookRequest
+from service.api.services import Services
+from service.errors import UrlNotAllowedError
+
+
+def receiver(services: Services, webhook: WebhookRequest | None, place: str = "/webhook/url") -> str | None:
+    """The URL of a receiver, as far as it can be checked before anything is sent there.
+
+    ``place`` is where in the request it stands. Raises `UrlNotAllowedError`.
+    """
+    if webhook is None:
+        return None
+    try:
+        services.egress.check(webhook.url)
+    except UrlNotAllowedError as error:
+        raise UrlNotAllowedError(error.detail, errors=[{"pointer": place, "detail": error.detail}]) from error
+    return webhook.url
+
+
+def receiver_of_form(services: Services, fields: list[str]) -> str | None:
+    """The same of the field `webhook` of a form, which may be given once. Raises `ValidationFailedError` too."""
+    if not fields:
+        return None
+    if len(fields) > 1:
+        raise invalid_values({"/webhook": "the field is given more than once"})
+    try:
+        webhook = WebhookRequest(url=fields[0])
+    except ValidationError as error:
+        raise invalid_values({"/webhook": "this is not a URL of http or https"}) from error
+    return receiver(services, webhook, "/webhook")

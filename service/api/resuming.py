@@ -1,0 +1,306 @@
+"""Files that arrive in pieces: each piece becomes a blob, and the last one makes them a medium."""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import secrets
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+from pydantic import ValidationError
+from sqlalchemy.orm import Session
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import ClientDisconnect, Request
+
+from service import addresses
+from service.api import commands, quotas
+from service.api.commands import Asked
+from service.api.idempotency import Once
+from service.api.metadata import to_metadata
+from service.api.problems import invalid, invalid_values
+from service.api.schemas import ReferenceOptions, UploadBody, VideoOptions
+from service.api.services import Services
+from service.api.storing import store
+from service.api.tus import Checksum
+from service.api.uploads import FileSink, Intake, ReceivedFile, clean_name
+from service.catalog import ResumableUpload, Role, UploadPart, VectorSettings, resumable
+from service.errors import (
+    ChecksumError,
+    ConflictError,
+    GoneError,
+    NotFoundError,
+    TooLargeError,
+    UnsupportedMediaError,
+)
+from service.storage import CHUNK_BYTES, BlobMissingError
+
+#: a request's bytes are kept in blobs of this size as they come, so that no more of them is lost with its API
+PART_BYTES: Final = 64 * 1024**2
+#: of one file
+MAX_PARTS: Final = 10_000
+#: what clients say of a file that its bytes say better
+_PASSED_OVER: Final = frozenset({"filename", "name", "filetype", "type", "relativePath", "role"})
+_OWN: Final = "metadata."
+
+
+def body_of(upload: ResumableUpload) -> UploadBody:
+    """The answer that shows an upload."""
+    return UploadBody.model_validate(
+        {
+            "id": upload.id,
+            "role": upload.role,
+            "filename": upload.filename,
+            "size_bytes": upload.size_bytes,
+            "offset_bytes": upload.offset_bytes,
+            "media": upload.media_id,
+            "created_at": upload.created_at,
+            "expires_at": upload.expires_at,
+        }
+    )
+
+
+def name_of(said: Mapping[str, str]) -> str | None:
+    """The file's name, by what clients call it."""
+    return clean_name(said.get("filename") or said.get("name"))
+
+
+def check_size(size_bytes: int, limit_bytes: int) -> None:
+    """Raise `UnsupportedMediaError` for an empty file and `TooLargeError` for one over the limit."""
+    if size_bytes == 0:
+        raise UnsupportedMediaError("the file is empty")
+    if size_bytes > limit_bytes:
+        raise TooLargeError(f"the file is larger than {limit_bytes} bytes", limit_bytes=limit_bytes)
+
+
+def create(
+    services: Services, owner: str, once: Once, size_bytes: int, said: Mapping[str, str], raw: str
+) -> UploadBody:
+    """Record a file that is to arrive in pieces. Raises `QuotaExceededError` and what `options` raises."""
+    role, settings, metadata = options(said)
+    limit = services.settings.max_upload_bytes
+    with services.database.write() as session:
+        now = services.database.now()
+        quotas.check(session, owner, now=now, size_bytes=size_bytes, uploads=1)
+        made = resumable.create(
+            session,
+            role,
+            settings,
+            owner=owner,
+            limit_bytes=limit,
+            now=now,
+            ttl_s=services.settings.upload_ttl_s,
+            size_bytes=size_bytes,
+            filename=name_of(said),
+            said=raw,
+            metadata=metadata,
+        )
+        body = body_of(made)
+        once.keep(session, 201, body, location=addresses.of_upload(services.settings, made.id), resource_id=made.id)
+    return body
+
+
+def options(said: Mapping[str, str]) -> tuple[Role, VectorSettings, dict[str, str]]:
+    """What Upload-Metadata says of the file: what for, how it is vectorised, and names of its sender's own.
+
+    Raises `ValidationFailedError`.
+    """
+    role = said.get("role", Role.VIDEO.value)
+    if role not in {one.value for one in Role}:
+        raise invalid_values({"/role": "video or reference"})
+    own = {name: value for name, value in said.items() if name.startswith(_OWN)}
+    given = {name: value for name, value in said.items() if name not in {*_PASSED_OVER, *own}}
+    settings = settings_of(Role(role), given)
+    return Role(role), settings, to_metadata([f"{name[len(_OWN) :]}:{value}" for name, value in own.items()])
+
+
+def settings_of(role: Role, given: Mapping[str, str]) -> VectorSettings:
+    """How a medium of this role is vectorised. Raises `ValidationFailedError` for what it is not asked for."""
+    model = VideoOptions if role is Role.VIDEO else ReferenceOptions
+    try:
+        return VectorSettings(**model.model_validate(dict(given)).model_dump())
+    except ValidationError as error:
+        raise invalid(error) from error
+
+
+async def append(
+    services: Services, request: Request, upload: ResumableUpload, offset: int, checksum: Checksum | None
+) -> ResumableUpload:
+    """Take the bytes that begin at ``offset``. Returns the upload as it then is.
+
+    When the connection breaks, what has come is kept, unless it has a checksum. Raises `ConflictError` when others are
+    expected, `ChecksumError`, `TooLargeError`, and for the last bytes all that an upload raises: of a file that can
+    never become a medium nothing is kept.
+    """
+    if upload.size_bytes is None or offset != upload.offset_bytes:
+        raise ConflictError(f"the next byte is {upload.offset_bytes}, not {offset}")
+    left = upload.size_bytes - offset
+    async with Intake(services.storage, services.room, request, limit_bytes=left) as intake:
+        intake.check_declared(left)
+        piece = _Piece(services, intake, upload, checksum)
+        try:
+            async for chunk in request.stream():
+                await piece.feed(chunk)
+        except ClientDisconnect:
+            if checksum is None:
+                await piece.keep()
+            raise
+        await piece.keep()
+    return await services.calls.read(find, services, upload.id)
+
+
+class _Piece:
+    """The body of one request, as it comes."""
+
+    def __init__(self, services: Services, intake: Intake, upload: ResumableUpload, checksum: Checksum | None) -> None:
+        self._services = services
+        self._intake = intake
+        self._upload = upload
+        self._checksum = checksum
+        self._start = upload.offset_bytes
+        self._size = upload.size_bytes or 0
+        self._sink = self._open(None)
+
+    def _open(self, size_bytes: int | None) -> FileSink:
+        limit = self._size - self._start
+        return self._intake.open(self._upload.filename, size_bytes=size_bytes, limit_bytes=limit)
+
+    async def feed(self, chunk: bytes) -> None:
+        self._sink.feed(chunk)
+        await self._sink.drain()
+        if self._checksum is None and self._sink.size_bytes >= PART_BYTES:
+            await self.keep()
+            self._sink = self._open(0)
+
+    async def keep(self) -> None:
+        sink = self._sink
+        if not sink.size_bytes:
+            return
+        await sink.complete()
+        if self._checksum is not None:
+            await run_in_threadpool(_check, sink.path, self._checksum)
+        if self._start + sink.size_bytes == self._size:
+            await self._finish(sink)
+        else:
+            await _keep_part(self._services, self._upload.id, self._start, sink)
+            self._intake.drop(sink)
+        self._start += sink.size_bytes
+
+    async def _finish(self, last: FileSink) -> None:
+        try:
+            file = await last.finish() if self._start == 0 else await self._joined(last)
+        except UnsupportedMediaError:
+            await remove(self._services, self._upload.id)
+            raise
+        await record(self._services, self._upload, file)
+
+    async def _joined(self, last: FileSink) -> ReceivedFile:
+        whole = self._intake.open(self._upload.filename, size_bytes=self._size, limit_bytes=self._size)
+        try:
+            for part in await self._services.calls.read(_parts, self._services, self._upload.id):
+                async for chunk in await self._services.storage.stream(part.blob_key, 0, part.size_bytes):
+                    whole.feed(chunk)
+                    await whole.drain()
+        except BlobMissingError as error:
+            raise GoneError(f"what had arrived of {self._upload.id} is lost; begin again") from error
+        with last.path.open("rb") as file:
+            while chunk := await run_in_threadpool(file.read, CHUNK_BYTES):
+                whole.feed(chunk)
+                await whole.drain()
+        return await whole.finish()
+
+
+async def record(services: Services, upload: ResumableUpload, file: ReceivedFile) -> None:
+    """Make a medium of the file, which ends the upload."""
+    once = Once(services, upload.owner, None, "")
+    asked = Asked(upload.owner, once, dict(upload.metadata_), upload=upload.id)
+    settings = resumable.settings_of(upload)
+    await commands.register(services, Role(upload.role), file, settings, asked=asked)
+
+
+def find(services: Services, upload_id: str, owner: str | None = None) -> ResumableUpload:
+    """The upload. Raises `NotFoundError`, with an ``owner`` also for another's."""
+    with services.database.read() as session:
+        return find_in(session, services, upload_id, owner)
+
+
+def find_in(session: Session, services: Services, upload_id: str, owner: str | None = None) -> ResumableUpload:
+    """The same in an open transaction."""
+    found = resumable.get(session, upload_id, owner=owner, now=services.database.now())
+    if found is None:
+        raise NotFoundError(f"there is no upload {upload_id}, or its time is over")
+    return found
+
+
+def begin(services: Services, upload_id: str, size_bytes: int, said: Mapping[str, str], raw: str) -> None:
+    """Say the size and the name of the file that comes by a link. What it is for, the link says.
+
+    Raises `ConflictError` when that was said before, and `QuotaExceededError`.
+    """
+    with services.database.write() as session:
+        now = services.database.now()
+        upload = find_in(session, services, upload_id)
+        check_size(size_bytes, upload.limit_bytes)
+        quotas.check(session, upload.owner, now=now, size_bytes=size_bytes)
+        if not resumable.begin(session, upload, size_bytes=size_bytes, filename=name_of(said), said=raw):
+            raise ConflictError(f"{upload_id} has begun before; ask for its Upload-Offset")
+
+
+async def remove(services: Services, upload_id: str) -> None:
+    """Remove an upload with what has arrived of it; a medium that it has become stays. Raises `NotFoundError`."""
+    keys = await services.calls.write(_remove, services, upload_id)
+    await services.calls.store(services.blobs.delete, keys)
+
+
+def _remove(services: Services, upload_id: str) -> list[str]:
+    with services.database.write() as session:
+        now = services.database.now()
+        upload = resumable.get(session, upload_id, now=now, lock=True)
+        if upload is None:
+            raise NotFoundError(f"there is no upload {upload_id}, or its time is over")
+        return resumable.remove(session, upload, now=now)
+
+
+def _parts(services: Services, upload_id: str) -> list[UploadPart]:
+    with services.database.read() as session:
+        return resumable.parts(session, upload_id)
+
+
+async def _keep_part(services: Services, upload_id: str, start: int, sink: FileSink) -> None:
+    """Store the bytes of a sink and record them."""
+    await services.calls.read(_check_count, services, upload_id)
+    key = services.storage.key("part", sink.sha256, f"{upload_id}-{secrets.token_hex(8)}", "")
+    await store(services, sink.path, key, partial(_record_part, services, upload_id, start, sink.size_bytes, key))
+
+
+def _check_count(services: Services, upload_id: str) -> None:
+    with services.database.read() as session:
+        if resumable.count(session, upload_id) >= MAX_PARTS:
+            raise ConflictError(
+                f"{upload_id} has {MAX_PARTS} pieces, the most there may be; begin again with larger ones"
+            )
+
+
+def _record_part(services: Services, upload_id: str, start: int, size_bytes: int, key: str) -> tuple[None, bool]:
+    with services.database.write() as session:
+        kept = resumable.append(
+            session,
+            upload_id,
+            start=start,
+            size_bytes=size_bytes,
+            blob_key=key,
+            now=services.database.now(),
+            ttl_s=services.settings.upload_ttl_s,
+        )
+        if not kept:
+            raise ConflictError(f"other bytes of {upload_id} came first; ask for its Upload-Offset")
+    return None, True
+
+
+def _check(path: Path, expected: Checksum) -> None:
+    with path.open("rb") as file:
+        digest = hashlib.file_digest(file, expected.algorithm).digest()
+    if not hmac.compare_digest(digest, expected.digest):
+        raise ChecksumError("the bytes are not those of the Upload-Checksum; send them again")

@@ -1,0 +1,109 @@
+"""/preview: one frame or crop of one look, while somebody waits."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+from fastapi import APIRouter, Request, Response
+from pydantic import BaseModel
+
+from service.api import commands, stills
+from service.api.authentication import CallerDep
+from service.api.commands import Wanted
+from service.api.dependencies import UNCHANGED, IfNoneMatch, Responses, ServicesDep, problems
+from service.api.idempotency import OnceDep, Replay
+from service.api.json_body import read_json
+from service.api.openapi import file_content, json_body
+from service.api.preview_request import PreviewRequest
+from service.api.problems import invalid_values
+from service.api.services import Services
+from service.catalog import Media, Role, StillRequest
+
+router = APIRouter(tags=["preview"])
+
+_PICTURE: Responses = {
+    200: {
+        "description": "the picture",
+        "content": file_content("image/jpeg", "image/png"),
+    }
+}
+
+
+class _Shown(BaseModel):
+    """What is kept of an answer for an Idempotency-Key: it is made again, and the same."""
+
+
+@router.post(
+    "/preview",
+    response_class=Response,
+    responses={**_PICTURE, **UNCHANGED, **problems(400, 404, 409, 413, 415)},
+    openapi_extra=json_body(PreviewRequest),
+)
+async def create_preview(
+    request: Request, services: ServicesDep, caller: CallerDep, once: OnceDep, if_none_match: IfNoneMatch = None
+) -> Response:
+    """One frame of a video with one look, for sliders. It is kept for half a minute and is no result."""
+    async with once:
+        wanted = await read_json(request, PreviewRequest, limit_bytes=services.settings.max_json_bytes)
+        with suppress(Replay):  # it changes nothing, so it is done again
+            once.compare(wanted.model_dump(mode="json"))
+        asked = await services.calls.read(_check, services, caller.owner, wanted)
+        answer = await stills.picture(services, caller.owner, asked, if_none_match=if_none_match)
+        if not once.answered:
+            await services.calls.write(_keep, services, once, wanted.video)
+    return answer
+
+
+def _keep(services: Services, once: OnceDep, video_id: str) -> None:
+    if once.is_named:
+        with services.database.write() as session:
+            once.keep(session, 200, _Shown(), location=None, resource_id=video_id)
+
+
+def _check(services: Services, owner: str, wanted: PreviewRequest) -> stills.Wanted:
+    """What is to be drawn. Raises what `stills.usable` raises, and `ValidationFailedError` for what does not fit."""
+    look, pointers = wanted.look, {wanted.video: "/video"}
+    if look is not None:
+        pointers.setdefault(look.reference, "/look/reference")
+    with services.database.read() as session:
+        known = {media_id: stills.usable(session, owner, media_id, where) for media_id, where in pointers.items()}
+    video = known[wanted.video]
+    if errors := _misfits(video, wanted):
+        raise invalid_values(errors)
+    params = None
+    if look is not None:
+        one = Wanted(wanted.video, look.reference, look, "/look")
+        commands.check_look(video, known[look.reference], one, "/video")
+        params = commands.params_of(one)
+    request = StillRequest(
+        format=wanted.format,
+        max_width=wanted.max_width,
+        frame=wanted.frame,
+        time_s=wanted.time_s,
+        nearest=wanted.nearest,
+        params=params,
+        before=wanted.before,
+        crop=wanted.crop,
+        face=wanted.face,
+    )
+    return stills.Wanted(wanted.video, None if look is None else look.reference, request, pointers)
+
+
+def _misfits(video: Media, wanted: PreviewRequest) -> dict[str, str]:
+    """What of a request is not in the video, by JSON pointer."""
+    info, errors = video.info or {}, {}
+    count = stills.frame_count(video)
+    if video.role != Role.VIDEO:
+        errors["/video"] = f"{video.id} is a reference; upload the file to /videos to change its colours"
+    if wanted.frame is not None and wanted.frame >= count:
+        errors["/frame"] = f"{video.id} has {count} frame(s), counted from 0"
+    duration_s = float(info.get("duration_s", 0.0))
+    if wanted.time_s is not None and wanted.time_s > duration_s:
+        errors["/time_s"] = f"{video.id} ends after {duration_s:.3f} s"
+    if wanted.face is not None and wanted.face >= len(video.faces):
+        errors["/face"] = f"{video.id} has {len(video.faces)} face(s); their indices begin at 0"
+    if wanted.crop is not None and info:
+        x, y, _, _ = wanted.crop
+        if x >= info["width"] or y >= info["height"]:
+            errors["/crop"] = f"the picture is {info['width']}x{info['height']}"
+    return errors

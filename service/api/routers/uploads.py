@@ -1,0 +1,274 @@
+"""/uploads: files that arrive in pieces, by tus 1.0, and links by which one file may come without a key."""
+
+from __future__ import annotations
+
+from datetime import timedelta
+from email.utils import format_datetime
+from typing import Annotated, Final
+from urllib.parse import urlencode
+
+from fastapi import APIRouter, Depends, Request, Response
+
+from service import addresses
+from service.api import quotas, resuming, tus
+from service.api.authentication import Caller, CallerDep
+from service.api.dependencies import Responses, ServicesDep, UploadId, problems
+from service.api.idempotency import Once, OnceDep
+from service.api.json_body import media_type, read_json
+from service.api.links import Access, AccessDep
+from service.api.multipart import read_form
+from service.api.openapi import fields, file_body, file_form, json_body
+from service.api.schemas import UploadBody, UploadLinkBody, UploadLinkRequest, VideoOptions
+from service.api.services import Services
+from service.api.uploads import Intake
+from service.catalog import ResumableUpload, Role, media, resumable
+from service.errors import BadRequestError, ConflictError, UnsupportedMediaError
+
+router = APIRouter(prefix="/uploads", tags=["uploads"])
+#: what a link opens as well as a key does
+open_router = APIRouter(prefix="/uploads", tags=["uploads"])
+
+_ALSO: Responses = {201: {"description": "announced"}, 204: {"description": "taken, or removed"}}
+_ANNOUNCED: Final = fields("Tus-Resumable", "Upload-Length", "Upload-Metadata")
+_PIECE: Final = {
+    **fields("Tus-Resumable", "Upload-Offset", "Upload-Checksum"),
+    **file_body("the bytes from there on", tus.CONTENT_TYPE),
+}
+
+
+def _speak(request: Request) -> None:
+    """Every answer says its version, errors too."""
+    before = getattr(request.state, "answer_headers", {})
+    request.state.answer_headers = {**before, "Tus-Resumable": tus.VERSION}
+
+
+Speaks = Depends(_speak)
+
+
+@router.options("", status_code=204, dependencies=[Speaks], responses=problems())
+async def get_upload_protocol(response: Response, services: ServicesDep) -> None:
+    """What of tus is spoken."""
+    response.headers["Tus-Version"] = tus.VERSION
+    response.headers["Tus-Extension"] = tus.EXTENSIONS
+    response.headers["Tus-Max-Size"] = str(services.settings.max_upload_bytes)
+    response.headers["Tus-Checksum-Algorithm"] = ",".join(tus.ALGORITHMS)
+
+
+@router.post(
+    "",
+    status_code=201,
+    dependencies=[Speaks],
+    responses=problems(400, 409, 412, 413, 415, 507),
+    openapi_extra=_ANNOUNCED,
+)
+async def create_upload(
+    request: Request, response: Response, services: ServicesDep, caller: CallerDep, once: OnceDep
+) -> UploadBody:
+    """Begin a file that arrives in pieces (tus creation): Upload-Length, and Upload-Metadata of what it is for."""
+    tus.check_version(request.headers)
+    size_bytes, said, raw = _announced(request)
+    resuming.check_size(size_bytes, services.settings.max_upload_bytes)
+    async with once:
+        once.compare([size_bytes, said])
+        services.room.require(size_bytes)
+        body = await services.calls.write(resuming.create, services, caller.owner, once, size_bytes, said, raw)
+    response.headers["Location"] = addresses.of_upload(services.settings, body.id)
+    response.headers["Upload-Expires"] = format_datetime(body.expires_at, usegmt=True)
+    return body
+
+
+def _announced(request: Request) -> tuple[int, dict[str, str], str]:
+    raw = request.headers.get("upload-metadata", "")
+    return tus.number(request.headers, "upload-length"), tus.metadata(raw), raw
+
+
+@router.post(
+    "/link",
+    status_code=201,
+    responses=problems(400, 409, 413, 415),
+    openapi_extra=json_body(UploadLinkRequest),
+)
+async def create_upload_link(
+    request: Request, services: ServicesDep, caller: CallerDep, once: OnceDep
+) -> UploadLinkBody:
+    """A link by which one file may be uploaded without a key, for what it is made here and until it expires."""
+    wanted = await read_json(request, UploadLinkRequest, limit_bytes=services.settings.max_json_bytes)
+    async with once:
+        once.compare(wanted.model_dump(mode="json"))
+        return await services.calls.write(_make_link, services, caller, once, wanted)
+
+
+def _make_link(services: Services, caller: Caller, once: Once, wanted: UploadLinkRequest) -> UploadLinkBody:
+    role = Role(wanted.role)
+    given = {name: getattr(wanted, name) for name in VideoOptions.model_fields if name in wanted.model_fields_set}
+    settings = resuming.settings_of(role, given)
+    limit = services.settings.max_upload_bytes
+    with services.database.write() as session:
+        now = services.database.now()
+        quotas.check(session, caller.owner, now=now, uploads=1)
+        made = resumable.create(
+            session,
+            role,
+            settings,
+            owner=caller.owner,
+            limit_bytes=min(limit, wanted.max_bytes or limit),
+            now=now,
+            ttl_s=wanted.expires_in_s,
+            metadata=wanted.metadata,
+        )
+        expires_at = (now + timedelta(seconds=wanted.expires_in_s)).replace(microsecond=0)
+        query = urlencode(services.signer.sign("upload", made.id, expires_at=expires_at))
+        url = f"{addresses.of_upload(services.settings, made.id)}?{query}"
+        body = UploadLinkBody(id=made.id, url=url, expires_at=expires_at)
+        once.keep(session, 201, body, location=None, resource_id=made.id)
+    return body
+
+
+async def _opened(upload_id: UploadId, services: ServicesDep, access: AccessDep) -> ResumableUpload:
+    """The upload, for a caller whose it is or the holder of a link to it."""
+    return await services.calls.read(_open, services, upload_id, access)
+
+
+def _open(services: Services, upload_id: str, access: Access) -> ResumableUpload:
+    access.to(services, "upload", upload_id)
+    with services.database.read() as session:
+        found = resuming.find_in(session, services, upload_id, access.owner)
+        access.check_owner(session, found.owner)
+    return found
+
+
+UploadDep = Annotated[ResumableUpload, Depends(_opened)]
+
+
+@open_router.get("/{upload_id}", responses=problems(403, 404, 410))
+async def get_upload(upload: UploadDep) -> UploadBody:
+    """How much of a file is there, and which medium it has become."""
+    return resuming.body_of(upload)
+
+
+@open_router.head("/{upload_id}", dependencies=[Speaks], include_in_schema=False)
+async def get_upload_offset(request: Request, upload: UploadDep) -> Response:
+    """Where to go on (tus)."""
+    tus.check_version(request.headers)
+    headers = _progress(upload) | {"Cache-Control": "no-store"}
+    if upload.size_bytes is not None:
+        headers["Upload-Length"] = str(upload.size_bytes)
+    if upload.said:
+        headers["Upload-Metadata"] = upload.said
+    return Response(headers=headers)
+
+
+@open_router.patch(
+    "/{upload_id}",
+    status_code=204,
+    dependencies=[Speaks],
+    responses=problems(400, 403, 404, 409, 410, 412, 413, 415, 460, 507),
+    openapi_extra=_PIECE,
+)
+async def append_to_upload(request: Request, upload: UploadDep, services: ServicesDep) -> Response:
+    """The bytes from Upload-Offset on (tus). With the last ones the file is a medium, which `Pvg-Media` names."""
+    tus.check_version(request.headers)
+    tus.check_content_type(request.headers)
+    offset, checksum = tus.number(request.headers, "upload-offset"), tus.checksum(request.headers)
+    now = await resuming.append(services, request, upload, offset, checksum)
+    return Response(status_code=204, headers=_progress(now))
+
+
+def _progress(upload: ResumableUpload) -> dict[str, str]:
+    headers = {"Upload-Offset": str(upload.offset_bytes)}
+    if upload.media_id is not None:
+        headers["Pvg-Media"] = upload.media_id
+    else:
+        headers["Upload-Expires"] = format_datetime(upload.expires_at, usegmt=True)
+    return headers
+
+
+@open_router.delete("/{upload_id}", status_code=204, dependencies=[Speaks], responses=problems(403, 404, 410, 412))
+async def delete_upload(request: Request, upload: UploadDep, services: ServicesDep) -> Response:
+    """Remove what is there of a file (tus termination). A medium that it has become stays."""
+    if "tus-resumable" in request.headers:
+        tus.check_version(request.headers)
+    await resuming.remove(services, upload.id)
+    return Response(status_code=204)
+
+
+@open_router.put(
+    "/{upload_id}",
+    responses=problems(400, 403, 404, 409, 410, 413, 415, 507),
+    openapi_extra=file_body("The file"),
+)
+async def send_upload(request: Request, upload: UploadDep, services: ServicesDep) -> UploadBody:
+    """The whole file as the body, for an upload of which nothing is there; the same file may come again."""
+    return await _whole(services, request, upload)
+
+
+@open_router.post(
+    "/{upload_id}",
+    response_model=UploadBody,
+    responses=_ALSO | problems(400, 403, 404, 409, 410, 412, 413, 415, 460, 507),
+    openapi_extra=file_form("The file as a form"),
+)
+async def send_upload_as_form(request: Request, upload: UploadDep, services: ServicesDep) -> Response:
+    """By a link: the whole file, as the field `file` of a form, or the announcement of one in pieces (tus creation).
+
+    With X-HTTP-Method-Override: PATCH, DELETE or HEAD of tus, for clients that have only POST.
+    """
+    override = request.headers.get("x-http-method-override", "").upper()
+    if override in {"PATCH", "DELETE", "HEAD"}:
+        _speak(request)
+        if override == "PATCH":
+            return await append_to_upload(request, upload, services)
+        return await (
+            delete_upload(request, upload, services) if override == "DELETE" else get_upload_offset(request, upload)
+        )
+    if "tus-resumable" in request.headers:
+        return await _begin(request, upload, services)
+    if media_type(request) != "multipart/form-data":
+        raise UnsupportedMediaError("send the file as the field `file` of a form, by PUT as the body, or by tus")
+    return Response((await _whole(services, request, upload)).model_dump_json(), media_type="application/json")
+
+
+async def _begin(request: Request, upload: ResumableUpload, services: Services) -> Response:
+    _speak(request)
+    tus.check_version(request.headers)
+    size_bytes, said, raw = _announced(request)
+    resuming.check_size(size_bytes, upload.limit_bytes)
+    services.room.require(size_bytes)
+    await services.calls.write(resuming.begin, services, upload.id, size_bytes, said, raw)
+    query = f"?{request.url.query}" if request.url.query else ""
+    headers = _progress(upload) | {"Location": addresses.of_upload(services.settings, upload.id) + query}
+    return Response(status_code=201, headers=headers)
+
+
+async def _whole(services: Services, request: Request, upload: ResumableUpload) -> UploadBody:
+    # what was sent before may be sent again: the answer may have been lost
+    declared = request.headers.get("content-length", "")
+    is_other = media_type(request) != "multipart/form-data" and declared not in {"", str(upload.size_bytes)}
+    if upload.size_bytes is not None and (upload.media_id is None or is_other):
+        raise ConflictError(f"{upload.id} has begun in pieces, or is complete")
+    async with Intake(services.storage, services.room, request, limit_bytes=upload.limit_bytes) as intake:
+        if media_type(request) == "multipart/form-data":
+            form = await read_form(intake)
+            if [name for name, _ in form.files] != ["file"] or form.fields:
+                raise BadRequestError("the form must hold one file, in the field `file`, and nothing else")
+            received = form.files[0][1]
+        else:
+            received = await intake.raw()
+        media_id = upload.media_id
+        if media_id is None:
+            try:
+                await resuming.record(services, upload, received)
+            except ConflictError:
+                # the same file may have come by another request meanwhile
+                media_id = (await services.calls.read(resuming.find, services, upload.id)).media_id
+                if media_id is None:
+                    raise
+        if media_id is not None and not await services.calls.read(_is_of, services, media_id, received.sha256):
+            raise ConflictError(f"{upload.id} is complete, with another file")
+    return resuming.body_of(await services.calls.read(resuming.find, services, upload.id))
+
+
+def _is_of(services: Services, media_id: str, sha256: str) -> bool:
+    with services.database.read() as session:
+        found = media.get(session, media_id)
+    return found is not None and found.sha256 == sha256

@@ -1,0 +1,138 @@
+"""Jobs, their looks and what became of them."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Literal
+
+from pydantic import BaseModel, Field
+
+from service.api.schemas._values import Contrast, ContrastOfEach, Faces
+from service.api.schemas.media import VectorBody
+from service.api.schemas.problems import StoredProblem
+from service.api.schemas.transfer import MakeupParts
+from service.catalog import Extent, Match, Part, PartName
+
+State = Literal["queued", "running", "canceling", "succeeded", "failed", "canceled", "expired"]
+
+
+class ProgressBody(BaseModel):
+    """How far a job is; the fraction covers the whole job, the frames its present stage."""
+
+    stage: str | None
+    fraction: float
+    frames_done: int
+    frames_total: int
+
+
+class ExtraBody(BaseModel):
+    """What was made beside a result, see `output.extras`."""
+
+    part: PartName
+    person: int = Field(description="which of the persons that the look changes, from 1")
+    url: str
+    size_bytes: int
+    sha256: str
+    content_type: str
+    expires_at: datetime
+
+
+class OptionsBody(BaseModel):
+    """How a look was asked for, defaults included."""
+
+    strength: float
+    contrast: Contrast | ContrastOfEach = Field(description="two when two faces exchange their colours")
+    match: Match
+    protect: list[Part]
+    faces: Faces
+    makeup: float | MakeupParts
+    light: float
+    extent: Extent
+    reference_face: int | None
+    beta: float
+    iterations: int
+    seed: int
+    exchange: bool = Field(description="two faces of the video exchange their colours")
+
+
+class LookBody(BaseModel):
+    """One output of a job."""
+
+    state: State
+    video: str
+    reference: str
+    options: OptionsBody
+    settings: VectorBody | None = Field(description="how its video was vectorised, once it is drawn")
+    warnings: list[str] = Field(
+        description="what may spoil it, and what of the video its file does not keep, once it is drawn"
+    )
+    result: str | None
+    url: str | None
+    size_bytes: int | None = Field(description="of the result, as are the next three, once it is drawn")
+    content_type: str | None
+    sha256: str | None
+    expires_at: datetime | None
+    extras: list[ExtraBody] = Field(description="what was asked for beside the result, once it is drawn")
+
+
+class QueueBody(BaseModel):
+    """Where a job stands among those that wait for a worker."""
+
+    position: int = Field(ge=1, description="1 is next; others may still come before it, for keys take turns")
+
+
+class EtaBody(BaseModel):
+    """When a job will be done, in seconds from its last change; measured on jobs like it."""
+
+    seconds: float = Field(ge=0, description="the middle of what is likely")
+    low: float = Field(ge=0, description="one in ten of jobs like it is faster")
+    high: float = Field(ge=0, description="one in ten is slower")
+
+
+class Timings(BaseModel):
+    """Seconds of the parts of a job; null for those it did not have."""
+
+    waited_s: float | None = Field(default=None, description="for media that were not ready")
+    queued_s: float | None = Field(default=None, description="for a worker, since it was last queued")
+    vectorize_s: float | None = None
+    transfer_s: float | None = None
+    render_s: float | None = Field(default=None, description="of all parts together, when it was done in parts")
+    join_s: float | None = Field(default=None, description="of joining its parts")
+    extras_s: float | None = None
+    cpu_s: float | None = Field(default=None, description="processor time of drawing and joining its parts")
+    store_s: float | None = None
+
+
+class JobBody(BaseModel):
+    """A job."""
+
+    id: str
+    kind: Literal["vectorize", "transfer", "swap"]
+    state: State
+    done: bool
+    attempt: int
+    waiting_for: Literal["media", "room"] | None = Field(
+        description="why a queued job cannot begin yet: its media are being vectorised, or the disk is full"
+    )
+    progress: ProgressBody
+    queue: QueueBody | None = Field(description="of a queued job that waits for a worker alone")
+    eta: EtaBody | None = Field(description="until it is done; null as long as nothing like it has been measured")
+    media: str | None = Field(description="what a vectorize job makes ready")
+    looks: list[LookBody]
+    error: StoredProblem | None
+    timings: Timings | None = Field(description="seconds of each part of the work, as far as they are known")
+    metadata: dict[str, str]
+    traceparent: str | None = Field(description="W3C Trace Context of the request that made it")
+    created_at: datetime
+    started_at: datetime | None
+    finished_at: datetime | None
+    expires_at: datetime | None = Field(
+        description="when its record may go, once it is done: not before its results, or the medium it made"
+    )
+
+
+class JobPage(BaseModel):
+    """A page of jobs, newest first."""
+
+    data: list[JobBody]
+    next_cursor: str | None

@@ -1,0 +1,118 @@
+"""The service itself: whether it is ready, what it allows, and what a key has used of it."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import BaseModel, Field
+
+
+class Readiness(BaseModel):
+    """Which parts of the service answer."""
+
+    status: Literal["ok", "degraded", "unavailable", "stopping"]
+    checks: dict[str, str]
+
+
+class Liveness(BaseModel):
+    """The process answers."""
+
+    status: Literal["ok"]
+
+
+class KeyLimits(BaseModel):
+    """What a key may have; null without keys, where nothing is counted."""
+
+    requests_per_minute: int
+    active_jobs: int
+    stored_bytes: int
+
+
+class UploadLimits(BaseModel):
+    """What a file may be."""
+
+    bytes: int
+    pixels: int = Field(description="of one picture or frame")
+    frames: int
+    duration_s: float
+    frame_rate: float
+    streams: int
+    face_px: int = Field(description="width below which a face is refused")
+    advised_face_px: int = Field(description="width below which there is a warning")
+    formats: list[str] = Field(description="containers and picture formats, as they are recognised by their bytes")
+
+
+class RequestLimits(BaseModel):
+    """What a request may hold."""
+
+    json_bytes: int
+    looks: int
+    metadata: int = Field(description="names")
+    wait_s: int = Field(description="for which an answer may be held")
+    page: int = Field(description="entries of a list at once")
+    idempotency_s: float = Field(description="for which the answer to an Idempotency-Key is kept")
+
+
+class TransportLimits(BaseModel):
+    """How files may come and go other than whole by one request."""
+
+    fetch_s: float = Field(description="seconds in which a file that is named by its URL must have come")
+    redirects: int = Field(description="of such a URL")
+    url_characters: int
+    pieces: int = Field(description="of one file by tus, as they are kept")
+    link_s: int = Field(description="the longest that a link may be used")
+    streams: int = Field(description="of events at a time")
+    previews: int = Field(description="pictures that may be waited for at a time")
+    preview_s: float = Field(description="seconds after which a picture that is not made is given up")
+
+
+class OutputLimits(BaseModel):
+    """How results can be written."""
+
+    clips: dict[str, list[str]] = Field(description="the codecs that each container of clips holds")
+    pictures: list[str] = Field(description="containers of pictures")
+    crf: dict[str, int] = Field(description="the codecs that have a crf, and the largest")
+
+
+class RetentionLimits(BaseModel):
+    """How long things are kept, in seconds."""
+
+    media_s: float = Field(description="from their last use")
+    uploads_s: float = Field(description="what has arrived of a file in pieces, from its last piece")
+    results_s: float
+    jobs_s: float = Field(description="records of jobs that have ended")
+    queued_s: float = Field(description="the longest that a job waits for a worker")
+
+
+class LimitsBody(BaseModel):
+    """All limits that the caller is under."""
+
+    key: KeyLimits | None
+    upload: UploadLimits
+    request: RequestLimits
+    transport: TransportLimits
+    output: OutputLimits
+    retention: RetentionLimits
+
+
+class Used(BaseModel):
+    """What is used of a limit; without keys there is none."""
+
+    used: int
+    limit: int | None
+
+
+class RequestsUsed(Used):
+    """The requests of a window, as far as they are handed out to processes of the API."""
+
+    resets_s: int | None = Field(description="seconds until the next window")
+
+
+class UsageBody(BaseModel):
+    """What a key has used of what it may."""
+
+    requests: RequestsUsed
+    active_jobs: Used
+    stored_bytes: Used
+    looks_this_month: int = Field(description="made since the month began, in UTC, by jobs whose records are kept")
+    jobs_this_month: dict[str, int] = Field(description="that ended since the month began, by state")

@@ -1,0 +1,38 @@
+"""What went wrong."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, Field
+
+
+class Error(BaseModel):
+    """One offending value of a request."""
+
+    detail: str
+    pointer: str | None = None
+
+
+class Problem(BaseModel):
+    """An error (RFC 9457)."""
+
+    type: str = Field(
+        description="where this service tells of the kind: the path of the proxy, `/docs/problems#`, `code`"
+    )
+    code: str = Field(description="the kind, the same at every installation")
+    title: str
+    status: int
+    detail: str
+    instance: str = Field(description="the path of the request")
+    request_id: str
+    errors: list[Error] | None = Field(default=None, description="what is wrong, value by value")
+    limit: float | None = Field(default=None, description="the most that is allowed, of what was gone over")
+    unit: str | None = Field(default=None, description="of `limit`: bytes, jobs, looks, uploads, requests per minute")
+
+
+class StoredProblem(BaseModel):
+    """Why a job or a medium failed."""
+
+    type: str = Field(description="as of the problem of an answer")
+    code: str
+    title: str
+    detail: str

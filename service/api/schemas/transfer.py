@@ -1,0 +1,152 @@
+"""What transfers and swaps are asked for."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from service.api.schemas._values import (
+    WHOLE,
+    Contrast,
+    ContrastOfEach,
+    Faces,
+    Force,
+    Index,
+    MediaId,
+    Metadata,
+    Request,
+    Share,
+    WebhookRequest,
+    Whole,
+)
+from service.catalog import (
+    HELD,
+    MAX_CRF,
+    Audio,
+    Codec,
+    Container,
+    Extent,
+    Extra,
+    Match,
+    MatteFormat,
+    Part,
+    Preset,
+)
+
+CLIP_CONTAINERS = ("mp4", "mov", "mkv", "webm")
+IMAGE_CONTAINERS = ("png", "jpg", "webp", "tiff")
+#: the transport has settled long before, and a request must not ask for minutes of it
+MAX_ITERATIONS = 200
+MAKEUP = 0.75
+MAX_SEED = 2**32 - 1
+
+
+class MakeupParts(Request):
+    """How far each part takes the reference's make-up."""
+
+    lips: Share = MAKEUP
+    lids: Share = MAKEUP
+    cheeks: Share = MAKEUP
+    brows: Share = MAKEUP
+
+
+class _ColorOptions(Request):
+    strength: float = Field(default=1.0, ge=0, le=1, description="0 leaves the clip as it is, 1 is the whole transfer")
+    match: Match = Field(default="semantic", description="all colours together, or skin to skin and lips to lips")
+    protect: list[Part] = Field(default=["eyes", "teeth"], description="parts that keep their colour")
+    faces: Faces = Field(default="all", description="indices of the faces to change, or all")
+    makeup: Share | MakeupParts = Field(
+        default=MAKEUP, description="how far lips, lids, cheeks and brows take the reference's make-up: all, or by part"
+    )
+    light: Share = Field(default=0.25, description="how far light falls from where it does on the reference")
+    extent: Extent = Field(default="skin", description="all skin of the person, or the face with ears and neck alone")
+    reference_face: Index | None = Field(
+        default=None, description="index of the reference's face; its largest when not given"
+    )
+    beta: float = Field(default=0.2, gt=0, le=1, description="β of the paper's eq. (7)")
+    iterations: Whole = Field(default=20, ge=0, le=MAX_ITERATIONS, description="N of the paper's eq. (7)")
+    seed: Whole = Field(default=0, ge=0, le=MAX_SEED, description="of the transport's random rotations")
+
+
+class LookOptions(_ColorOptions):
+    """How a reference's colours are put on a face."""
+
+    contrast: Contrast = Field(default="auto", description="contrast of the skin: 0.7–1.5, or auto")
+
+
+class LookRequest(LookOptions):
+    """One output: a reference and its options."""
+
+    reference: MediaId = Field(description="id of a reference, or of a video")
+
+
+class OutputRequest(Request):
+    """How the results are encoded."""
+
+    container: Container | None = Field(default=None, description="mp4 for clips and png for images when not given")
+    codec: Codec = Field(default="auto", description="one that the container holds; auto: by the clip's depth")
+    crf: Annotated[int, Field(ge=0, le=63), WHOLE] | None = Field(
+        default=None, description="quality: lower is better and larger"
+    )
+    preset: Preset | None = None
+    audio: Audio = Field(default="copy", description="all sound tracks of the clip, or none")
+    extras: list[Extra] = Field(
+        default=[], description="made beside each result: cube, its colours as a 3D LUT, and matte, where they lie"
+    )
+    matte: MatteFormat = Field(
+        default="ffv1", description="grey in mkv, or ProRes 4444 with alpha in mov; that of a picture is a png"
+    )
+
+    @model_validator(mode="after")
+    def _fits(self) -> OutputRequest:
+        if self.matte != "ffv1" and "matte" not in self.extras:
+            raise ValueError(f'{self.matte} is of the matte; ask for it: "extras": ["matte"]')
+        if self.container in IMAGE_CONTAINERS:
+            return self
+        container = self.container or "mp4"
+        if self.codec not in {"auto", *HELD[container]}:
+            others = [name for name, held in HELD.items() if self.codec in held]
+            raise ValueError(f"{container} does not hold {self.codec}; {' and '.join(others)} do")
+        codec = self.codec if self.codec != "auto" else "vp9" if container == "webm" else "h264"
+        if codec not in MAX_CRF and (self.crf is not None or self.preset is not None):
+            raise ValueError(f"{codec} has neither crf nor preset")
+        if self.crf is not None and self.crf > MAX_CRF[codec]:
+            raise ValueError(f"the crf of h264 and hevc is at most {MAX_CRF[codec]}")
+        return self
+
+
+class TransferRequest(Request):
+    """Colours of one or more references on one video."""
+
+    video: MediaId
+    looks: list[LookRequest] = Field(min_length=1)
+    output: OutputRequest = OutputRequest()
+    webhook: WebhookRequest | None = None
+    metadata: Metadata = Field(default={})
+    force: Force = False
+
+
+class SwapRequest(_ColorOptions):
+    """The colours of ``a`` on ``b`` and of ``b`` on ``a``; without ``b``, two ``faces`` of ``a`` exchange theirs."""
+
+    a: MediaId
+    b: MediaId | None = Field(default=None, description="another video; without it, two faces of `a` are exchanged")
+    contrast: Contrast | ContrastOfEach = Field(
+        default="auto", description="contrast of the skin: 0.7–1.5, or auto; for both sides, or for each"
+    )
+    output: OutputRequest = OutputRequest()
+    webhook: WebhookRequest | None = None
+    metadata: Metadata = Field(default={})
+    force: Force = False
+
+    @property
+    def contrasts(self) -> tuple[Contrast, Contrast]:
+        """The contrast of either side."""
+        if isinstance(self.contrast, list):
+            return self.contrast[0], self.contrast[1]
+        return self.contrast, self.contrast
+
+    def side(self, contrast: Contrast) -> LookOptions:
+        """The options of one side."""
+        return LookOptions(**{name: getattr(self, name) for name in _ColorOptions.model_fields}, contrast=contrast)

@@ -1,0 +1,87 @@
+"""Files that come by an address, in pieces or by a link, and links to files."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated, Final, Literal
+
+from pydantic import BaseModel, Field
+
+from service.api.schemas._values import RECEIVER_URL, WHOLE, Metadata, Request, WebhookRequest, Whole
+from service.api.schemas.media import ReferenceOptions, VideoOptions
+from service.catalog import PartName
+
+Url = Annotated[
+    str,
+    Field(
+        description="of http or https, at a public address; it is fetched before the answer",
+        examples=["https://media.example/clip.mp4"],
+        # said here, checked where it is fetched from, which says better what is wrong with it
+        json_schema_extra={"pattern": RECEIVER_URL, "maxLength": 2048},
+    ),
+]
+#: a link lives for so long when nobody says otherwise, and at most
+LINK_S: Final = 3600
+MAX_LINK_S: Final = 7 * 86_400
+LinkSeconds = Annotated[int, Field(ge=1, le=MAX_LINK_S, description="for which the link may be used"), WHOLE]
+
+
+class ReferenceByUrl(ReferenceOptions):
+    """A reference that is fetched."""
+
+    url: Url
+    webhook: WebhookRequest | None = None
+    metadata: Metadata = Field(default={})
+
+
+class VideoByUrl(VideoOptions):
+    """A video that is fetched."""
+
+    url: Url
+    webhook: WebhookRequest | None = None
+    metadata: Metadata = Field(default={})
+
+
+class ResultLinkRequest(Request):
+    """A link to a result, or to a part of one."""
+
+    expires_in_s: LinkSeconds = LINK_S
+    part: PartName | None = Field(default=None, description="what was made beside it; the result itself when not given")
+    person: Whole = Field(default=1, ge=1, le=1000, description="of the part: which of the persons")
+
+
+class UploadLinkRequest(VideoOptions):
+    """A link by which one file may be uploaded."""
+
+    role: Literal["video", "reference"] = "video"
+    expires_in_s: LinkSeconds = LINK_S
+    max_bytes: Annotated[int, Field(ge=1), WHOLE] | None = Field(
+        default=None, description="of the file; that of any upload when not given"
+    )
+    metadata: Metadata = Field(default={})
+
+
+class LinkBody(BaseModel):
+    """A link that needs no key."""
+
+    url: str = Field(description="without scheme and host when it leads to this service")
+    expires_at: datetime
+
+
+class UploadLinkBody(LinkBody):
+    """A link by which one file may be uploaded."""
+
+    id: str = Field(description="of the upload")
+
+
+class UploadBody(BaseModel):
+    """A file that arrives in pieces, or by a link."""
+
+    id: str
+    role: Literal["video", "reference"]
+    filename: str | None
+    size_bytes: int | None = Field(description="null as long as its sender has not said it")
+    offset_bytes: int = Field(description="how much of it is there")
+    media: str | None = Field(description="the video or reference that it has become, once all of it is there")
+    created_at: datetime
+    expires_at: datetime = Field(description="when what is there of it goes")

@@ -1,0 +1,47 @@
+"""Received files stored between two transactions, so that a slow store holds up nobody who writes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+from service.api.services import Services
+from service.catalog import tombstones
+from service.errors import UnavailableError
+from service.outages import is_locked, is_outage
+
+T = TypeVar("T")
+
+
+async def store(services: Services, path: Path, key: str, record: Callable[[], tuple[T, bool]]) -> T:
+    """Store a received file under ``key`` and record it. Returns what ``record`` answers.
+
+    ``record`` writes one transaction and says beside its answer whether a record names the key from now on; if not, the
+    blob is deleted again. Raises what it raises, and `UnavailableError` when the store took too long.
+    """
+    calls = services.calls
+    await calls.write(services.blobs.expect, key)
+    try:
+        await calls.store(_put, services, path, key)
+        answer, is_used = await calls.write(record)
+    except Exception as error:
+        # of a commit whose answer is lost it is not known whether the file has a record: its tombstone knows
+        if not is_outage(error) or is_locked(error):
+            await calls.store(services.blobs.discard, [key])
+        if isinstance(error, tombstones.LateError):
+            raise UnavailableError("the file took too long to be stored; send it again") from error
+        raise
+    if not is_used:
+        await calls.store(services.blobs.discard, [key])
+    return answer
+
+
+def _put(services: Services, path: Path, key: str) -> None:
+    """The file keeps its name as well, in case another request wins and it is needed again."""
+    draft = path.with_suffix(".publish")
+    draft.hardlink_to(path)
+    try:
+        services.storage.put(draft, key)
+    finally:
+        draft.unlink(missing_ok=True)

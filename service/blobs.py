@@ -1,0 +1,99 @@
+"""Blobs and their records kept in step: none is written without being known, and none is forgotten before it is gone.
+
+See `service.catalog.tombstones` for how. The bytes are in `service.storage`.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Collection
+from pathlib import Path
+from typing import Final
+
+import structlog
+
+from service.catalog import Database, tombstones
+from service.outages import is_outage
+from service.storage import Storage
+
+log = structlog.get_logger(__name__)
+
+#: seconds in which a blob is written and recorded, when nobody says otherwise; longer than any store takes for one
+WRITE_S: Final = 900.0
+#: seconds for which a request waits for a store to delete; the reaper sees to the rest
+PATIENCE_S: Final = 5.0
+_BATCH: Final = 200
+
+
+class Blobs:
+    """Writes and deletes blobs, each step known to the catalog before it is taken."""
+
+    def __init__(self, database: Database, storage: Storage, *, within_s: float = WRITE_S) -> None:
+        self._database = database
+        self._storage = storage
+        self._within_s = within_s
+
+    def put(self, path: Path, key: str) -> None:
+        """Store a finished file under its key. The file at ``path`` goes away.
+
+        Whoever records the blob says so with `tombstones.recorded` in the same transaction; else it is deleted again.
+        """
+        self.expect(key)
+        self._storage.put(path, key)
+
+    def expect(self, key: str) -> None:
+        """The first half of `put`, for those who store the bytes by themselves: a blob of this key is about to come."""
+        with self._database.write() as session:
+            tombstones.expect(session, key, now=self._database.now(), within_s=self._within_s)
+
+    def discard(self, keys: Collection[str]) -> None:
+        """Delete blobs that were put and will not be recorded. Never fails: their tombstones are there already."""
+        try:
+            with self._database.write() as session:
+                tombstones.bury(session, keys, now=self._database.now())
+        except Exception as error:
+            log.warning("blobs are deleted later", count=len(keys), error=type(error).__name__)
+            return
+        self.delete(keys)
+
+    def delete(self, keys: Collection[str]) -> None:
+        """Delete blobs whose tombstones are written, now if the store answers in time, else later.
+
+        Never fails and waits `PATIENCE_S` at most: what is left is found by `sweep`.
+        """
+        if not keys:
+            return
+        thread = threading.Thread(target=self._delete, args=(keys,), name="delete-blobs", daemon=True)
+        thread.start()
+        thread.join(PATIENCE_S)
+        if thread.is_alive():
+            log.warning("the store takes its time to delete; going on without waiting", count=len(keys))
+
+    def sweep(self) -> int:
+        """Delete the blobs that are due. Returns the number of those that are gone now."""
+        with self._database.read() as session:
+            keys = tombstones.due(session, now=self._database.now(), limit=_BATCH)
+        return self._delete(keys)
+
+    def _delete(self, keys: Collection[str]) -> int:
+        if not keys:
+            return 0
+        try:
+            with self._database.write() as session:
+                taken = tombstones.take(session, keys, now=self._database.now())
+            done = [key for key in taken if self._is_gone(key)]
+            with self._database.write() as session:
+                tombstones.gone(session, done)
+        except Exception as error:  # the tombstones stay
+            say = log.warning if is_outage(error) else log.exception
+            say("blobs are deleted later", count=len(keys), error=type(error).__name__)
+            return 0
+        return len(done)
+
+    def _is_gone(self, key: str) -> bool:
+        try:
+            self._storage.delete(key)
+        except Exception as error:
+            log.warning("a blob could not be deleted, trying again later", error=type(error).__name__)
+            return False
+        return True

@@ -1,0 +1,39 @@
+"""The workers that are alive: each process says so now and then, what it does, and what keeps it from doing that."""
+
+from __future__ import annotations
+
+from datetime import datetime, timedelta
+from typing import Final, Literal
+
+from sqlalchemy import delete, select, update
+from sqlalchemy.orm import Session
+
+from service.catalog.database import changed
+from service.catalog.models import Worker
+
+#: a worker that has been silent for so many heartbeats is taken for dead
+SILENT_BEATS: Final = 3
+#: records of workers that have been silent for so long are removed by the next one that speaks
+_FORGOTTEN_S: Final = 3600.0
+
+
+#: jobs: vectorises and renders; previews: makes single pictures while somebody waits
+Kind = Literal["jobs", "previews"]
+
+
+def beat(session: Session, worker_id: str, *, now: datetime, lacks: str | None = None, kind: Kind = "jobs") -> None:
+    """A worker is alive. ``lacks`` says in a word or two why it can do no job."""
+    changed(session, delete(Worker).where(Worker.seen_at < now - timedelta(seconds=_FORGOTTEN_S)))
+    known = update(Worker).where(Worker.id == worker_id).values(seen_at=now, lacks=lacks)
+    if not changed(session, known):
+        session.add(Worker(id=worker_id, started_at=now, seen_at=now, lacks=lacks, kind=kind))
+
+
+def leave(session: Session, worker_id: str) -> None:
+    """A worker has stopped."""
+    changed(session, delete(Worker).where(Worker.id == worker_id))
+
+
+def lacking(session: Session, *, since: datetime, kind: Kind = "jobs") -> list[str | None]:
+    """What each of the workers of a kind lacks that were seen since then: None for one that can work."""
+    return list(session.scalars(select(Worker.lacks).where(Worker.seen_at >= since, Worker.kind == kind)))

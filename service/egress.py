@@ -1,0 +1,344 @@
+"""Requests to addresses that others name: files to fetch, receivers of webhooks.
+
+Whoever names an address must not reach through this service what only the service can reach (server-side request
+forgery). So a name is resolved here, once, every address that it has must be a public one, and the connection goes to
+the very address that was checked: the URL that is sent to has the address in place of the name, while the Host field
+and TLS, server name and certificate, keep the name. A second resolution, which might answer differently (DNS
+rebinding), does not take place. Redirects are checked in the same way. Nothing of the environment is used: no proxy, no
+password file; and no cookie is kept.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+import socket
+import ssl
+import threading
+from collections.abc import AsyncIterator, Mapping, Sequence
+from concurrent.futures import Future
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass
+from functools import cached_property
+from queue import Empty, SimpleQueue
+from typing import Any, Final
+from urllib.parse import urlsplit
+
+import httpx
+
+from service.errors import FetchFailedError, StoppingError, UrlNotAllowedError
+from service.settings import Settings
+
+Address = ipaddress.IPv4Address | ipaddress.IPv6Address
+#: what `socket.getaddrinfo` returns
+Found = Sequence[tuple[Any, ...]]
+
+MAX_URL_CHARACTERS: Final = 2048
+MAX_REDIRECTS: Final = 5
+#: of an answer that nobody needs
+_DROPPED_BYTES: Final = 64 * 1024
+#: seconds to a connection, for each address of a name; to the head of an answer
+_CONNECT_S: Final = 10.0
+_HEAD_S: Final = 30.0
+#: names that are looked up at a time: a resolver that hangs holds no other thread of the service
+_RESOLVERS: Final = 8
+_STOPS: Final = "the service stops"
+#: below 1024 only the web's own ports: mail and other servers take lines of HTTP for commands
+_WEB_PORTS: Final = frozenset({80, 443})
+_FIRST_FREE_PORT: Final = 1024
+_LAST_PORT: Final = 65_535
+#: what a host cannot hold, and readers of URLs disagree about
+_NO_HOST: Final = frozenset("[]%")
+_REDIRECTS: Final = frozenset({301, 302, 303, 307, 308})
+
+# IANA's registries of special-purpose addresses; Python's `is_global` covers most, which depends on its version
+_NOT_PUBLIC_V4: Final = tuple(
+    ipaddress.IPv4Network(network)
+    for network in (
+        "0.0.0.0/8",
+        "100.64.0.0/10",  # RFC 6598, of carriers; a cloud has its metadata there
+        "192.0.0.0/24",  # RFC 6890; another has them there
+        "192.88.99.0/24",  # RFC 7526, relays of 6to4
+        "168.63.129.16/32",  # a cloud's own service in each of its networks, though the address looks public
+    )
+)
+#: all that is public of IPv6 (RFC 4291, 2.4); mapped, compatible, translated and local addresses lie outside
+_UNICAST_V6: Final = ipaddress.IPv6Network("2000::/3")
+_NOT_PUBLIC_V6: Final = tuple(
+    ipaddress.IPv6Network(network)
+    for network in (
+        "2001::/23",  # RFC 2928, of protocols: Teredo (RFC 4380), which holds IPv4 addresses, benchmarks, ORCHID
+        "2001:db8::/32",  # RFC 3849, documentation
+        "2002::/16",  # RFC 3056, 6to4: holds IPv4 addresses
+        "3fff::/20",  # RFC 9637, documentation
+    )
+)
+#: RFC 6052: how a network without IPv4 names addresses of it. That of local use, 64:ff9b:1::/48, is no public one
+_NAT64: Final = ipaddress.IPv6Network("64:ff9b::/96")
+
+
+def is_public(address: Address) -> bool:
+    """True for an address of the public internet: no private, local, shared, special or multicast one.
+
+    One that holds an IPv4 address is public when it is of the well-known prefix of NAT64 and that address is public.
+    """
+    if isinstance(address, ipaddress.IPv6Address):
+        if address in _NAT64:
+            return is_public(ipaddress.IPv4Address(int(address) & 0xFFFF_FFFF))
+        if address.scope_id is not None or address not in _UNICAST_V6:
+            return False
+        return address.is_global and not any(address in network for network in _NOT_PUBLIC_V6)
+    if address.is_multicast or address.is_reserved or any(address in network for network in _NOT_PUBLIC_V4):
+        return False
+    return address.is_global
+
+
+@dataclass(frozen=True)
+class Fetched:
+    """A file that is about to arrive. ``size_bytes`` is what its server says, None when it says nothing."""
+
+    url: str
+    size_bytes: int | None
+    chunks: AsyncIterator[bytes]
+
+
+class Egress:
+    """Requests to addresses that others name. One is for one process; it may be used by several threads."""
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
+        self._resolver = _Resolver()
+
+    @cached_property
+    def _tls(self) -> ssl.SSLContext:
+        return httpx.create_ssl_context()
+
+    def close(self) -> None:
+        """Let the threads go, once their names are looked up; the process may end before.
+
+        Requests whose names are not being looked up yet, and later ones, raise `StoppingError`.
+        """
+        self._resolver.close()
+
+    def check(self, url: str) -> httpx.URL:
+        """The URL, if it may be asked for as far as that is known before its name is resolved.
+
+        Raises `UrlNotAllowedError` for what is no URL of http or https, has a name and password, a port that is none of
+        the web's, or an address that is not public, in whatever notation the resolver would take.
+        """
+        if len(url) > MAX_URL_CHARACTERS:
+            raise UrlNotAllowedError(f"the URL is longer than {MAX_URL_CHARACTERS} characters")
+        try:
+            parsed = httpx.URL(url)
+            host = parsed.raw_host.decode("ascii")
+            if _NO_HOST & set(host):  # the brackets of an address are gone by here
+                raise ValueError(host)
+            urlsplit(url)  # the library's own reader takes it too: others use that one
+        except (httpx.InvalidURL, UnicodeError, ValueError) as error:
+            raise UrlNotAllowedError("this is not a URL") from error
+        if parsed.scheme not in {"http", "https"} or not host:
+            raise UrlNotAllowedError("the URL must begin with https:// or http:// and name a host")
+        if parsed.userinfo:
+            raise UrlNotAllowedError("the URL must not hold a name or a password")
+        port = _port(parsed)
+        if port not in _WEB_PORTS and not _FIRST_FREE_PORT <= port <= _LAST_PORT:
+            raise UrlNotAllowedError(f"port {port} is not one of the web; allowed are 80, 443 and those from 1024")
+        try:
+            literal = socket.getaddrinfo(host.rstrip("."), port, type=socket.SOCK_STREAM, flags=socket.AI_NUMERICHOST)
+        except (OSError, UnicodeError):
+            return parsed  # a name
+        self._checked(literal)
+        return parsed
+
+    def post(self, url: str, *, headers: Mapping[str, str], content: bytes, timeout_s: float) -> int:
+        """Send ``content`` and return the status of the answer, whose body is dropped. Redirects are not followed.
+
+        For threads without an event loop. All of it takes ``timeout_s`` at most. Raises `UrlNotAllowedError`,
+        `FetchFailedError` when there is no answer, and `StoppingError`.
+        """
+        return asyncio.run(self._post(url, headers, content, timeout_s))
+
+    async def _post(self, url: str, headers: Mapping[str, str], content: bytes, timeout_s: float) -> int:
+        status: int | None = None
+        try:
+            async with (
+                asyncio.timeout(timeout_s),
+                self._sent("POST", self.check(url), headers=headers, content=content) as response,
+            ):
+                status = response.status_code
+                dropped = 0
+                async for chunk in response.aiter_raw():
+                    dropped += len(chunk)
+                    if dropped > _DROPPED_BYTES:
+                        break
+        except (TimeoutError, httpx.HTTPError) as error:
+            if status is None:
+                raise _failed(error) from error
+            return status  # it was received, whatever becomes of the rest
+        return status
+
+    @asynccontextmanager
+    async def stream(self, url: str) -> AsyncIterator[Fetched]:
+        """Fetch a file; inside the block its bytes arrive. At most `MAX_REDIRECTS` redirects are followed.
+
+        How much is taken is up to the reader. Raises `UrlNotAllowedError`, also for a redirect, and `FetchFailedError`
+        when there is no answer, one that is no file, one that comes too slowly (``min_body_bytes_per_s`` over
+        ``body_timeout_s``), or not within ``fetch_timeout_s``; and `StoppingError`.
+        """
+        try:
+            async with asyncio.timeout(self._settings.fetch_timeout_s):
+                target = self.check(url)
+                for _ in range(MAX_REDIRECTS + 1):
+                    async with self._sent("GET", target) as response:
+                        if response.status_code not in _REDIRECTS:
+                            yield self._file(target, response)
+                            return
+                        place = response.headers.get("location", "")
+                    # what it leads to is checked as the first was
+                    target = self.check(str(target.join(place)))
+        except (httpx.InvalidURL, UnicodeError) as error:
+            raise UrlNotAllowedError("the address leads to what is not a URL") from error
+        except (TimeoutError, httpx.HTTPError) as error:
+            raise _failed(error) from error
+        raise FetchFailedError(f"the address leads to more than {MAX_REDIRECTS} others")
+
+    def _file(self, target: httpx.URL, response: httpx.Response) -> Fetched:
+        if response.status_code != httpx.codes.OK:
+            raise FetchFailedError(f"the address answers with status {response.status_code}")
+        if response.headers.get("content-encoding", "identity").lower() != "identity":
+            raise FetchFailedError("the address answers with compressed content, which was not asked for")
+        declared = response.headers.get("content-length", "")
+        size_bytes = int(declared) if declared.isdecimal() and len(declared) < 20 else None
+        return Fetched(str(target), size_bytes, self._chunks(response))
+
+    async def _chunks(self, response: httpx.Response) -> AsyncIterator[bytes]:
+        """The bytes as they come. Silence ends in httpx's own time limit."""
+        window_s, least = self._settings.body_timeout_s, self._settings.min_body_bytes_per_s
+        now = asyncio.get_running_loop().time
+        began, received = now(), 0
+        async for chunk in response.aiter_raw():
+            received += len(chunk)
+            if (passed := now() - began) >= window_s:
+                if received < least * passed:
+                    raise FetchFailedError(f"the file comes at fewer than {least:g} bytes a second")
+                began, received = now(), 0
+            yield chunk
+
+    @asynccontextmanager
+    async def _sent(
+        self, method: str, target: httpx.URL, *, headers: Mapping[str, str] | None = None, content: bytes | None = None
+    ) -> AsyncIterator[httpx.Response]:
+        """One request, without redirects, to the addresses that its host has now, until one takes the connection."""
+        name = target.raw_host.decode("ascii")
+        sent = {"User-Agent": "pvg-service", "Accept": "*/*", "Accept-Encoding": "identity", "Connection": "close"}
+        sent |= {**(headers or {}), "Host": target.netloc.decode("ascii")}
+        limits = httpx.Timeout(self._settings.body_timeout_s, connect=_CONNECT_S).as_dict()
+        # the transport alone: what a client adds, redirects, cookies and proxies, is what is not wanted here
+        async with httpx.AsyncHTTPTransport(verify=self._tls, trust_env=False) as transport:
+            async with asyncio.timeout(_HEAD_S):
+                addresses = await self._addresses(target)
+                while True:
+                    request = httpx.Request(
+                        method,
+                        target.copy_with(host=addresses.pop(0), fragment=None),
+                        headers=sent,
+                        content=content,
+                        # what TLS asks for and what the certificate must be of
+                        extensions={"timeout": limits, "sni_hostname": name.rstrip(".")},
+                    )
+                    try:
+                        response = await transport.handle_async_request(request)
+                    except (httpx.ConnectError, httpx.ConnectTimeout):
+                        if not addresses:
+                            raise
+                    else:
+                        break
+            try:
+                yield response
+            finally:
+                await response.aclose()
+
+    async def _addresses(self, target: httpx.URL) -> list[str]:
+        """The addresses of the host, at least one, all of which may be connected to."""
+        name, port = target.raw_host.decode("ascii"), _port(target)
+        try:
+            found = await asyncio.wrap_future(self._resolver.look_up(name, port))
+        except (OSError, UnicodeError) as error:
+            raise FetchFailedError("the host of the URL has no address") from error
+        return self._checked(found)
+
+    def _checked(self, found: Found) -> list[str]:
+        addresses = [ipaddress.ip_address(one[4][0]) for one in found]
+        private = self._settings.allow_private_networks
+        if not all((private and not _has_zone(one)) or is_public(one) for one in addresses):
+            raise UrlNotAllowedError("the host of the URL is not at a public address")
+        return list(dict.fromkeys(map(str, addresses)))
+
+
+class _Resolver:
+    """Looks names up in threads of its own, for several event loops.
+
+    A pool of `concurrent.futures` will not do: a process waits for the threads of all pools before it ends, and a name
+    server that does not answer keeps a thread for minutes.
+    """
+
+    def __init__(self) -> None:
+        self._asked: SimpleQueue[tuple[Future[Found], str, int] | None] = SimpleQueue()
+        self._lock = threading.Lock()
+        self._threads = self._unanswered = 0
+        self._is_closed = False
+
+    def look_up(self, name: str, port: int) -> Future[Found]:
+        """The addresses of a name; those that are asked for while all threads are busy come when their turn comes.
+
+        Raises `StoppingError` after `close`; what waits then for its turn ends with it.
+        """
+        found: Future[Found] = Future()
+        with self._lock:
+            if self._is_closed:
+                raise StoppingError(_STOPS)
+            self._asked.put((found, name, port))
+            self._unanswered += 1
+            if self._threads < min(self._unanswered, _RESOLVERS):
+                threading.Thread(target=self._run, name=f"resolve-{self._threads}", daemon=True).start()
+                self._threads += 1
+        return found
+
+    def close(self) -> None:
+        """Look no more names up, also none of those that wait for their turn."""
+        with self._lock:
+            self._is_closed = True
+            with suppress(Empty):
+                while asked := self._asked.get_nowait():
+                    # not cancelled: whoever waits for it was not
+                    if asked[0].set_running_or_notify_cancel():
+                        asked[0].set_exception(StoppingError(_STOPS))
+            for _ in range(self._threads):
+                self._asked.put(None)
+
+    def _run(self) -> None:
+        while (asked := self._asked.get()) is not None:
+            found, name, port = asked
+            if found.set_running_or_notify_cancel():  # else nobody waits for it any more
+                try:
+                    found.set_result(socket.getaddrinfo(name, port, type=socket.SOCK_STREAM))
+                except Exception as error:
+                    found.set_exception(error)
+            with self._lock:
+                self._unanswered -= 1
+
+
+def _has_zone(address: Address) -> bool:
+    return isinstance(address, ipaddress.IPv6Address) and address.scope_id is not None
+
+
+def _port(url: httpx.URL) -> int:
+    return url.port if url.port is not None else 443 if url.scheme == "https" else 80
+
+
+def _failed(error: Exception) -> FetchFailedError:
+    if isinstance(error, TimeoutError | httpx.TimeoutException):
+        return FetchFailedError("the address does not answer in time")
+    if isinstance(error, httpx.ConnectError):
+        return FetchFailedError("there is no connection to the address, or its certificate is not good")
+    return FetchFailedError("the address breaks off, or does not answer as HTTP has it")

@@ -1,0 +1,74 @@
+"""Folders that hold faces: open to their owner alone, as is every file that is written later."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from pathlib import Path
+from typing import Final
+
+import structlog
+
+log = structlog.get_logger(__name__)
+
+#: the permission bits of group and others
+OTHERS: Final = stat.S_IRWXG | stat.S_IRWXO
+_OWN: Final = stat.S_IRWXU
+#: what the service keeps in its folders; whatever else lies there is not ours to change
+_CONTENTS: Final = (
+    "blobs",
+    "spool",
+    "broker",
+    "source",
+    "asset",
+    "pictures",
+    "result",
+    "preview",
+    "part",
+    "drawn",
+    "link-secret*",
+    "catalog.sqlite3*",
+    "reserve",
+)
+
+
+def keep_to_ourselves() -> None:
+    """Whatever this process and its children create from now on is for their user alone: folders 0700, files 0600."""
+    os.umask(OTHERS)
+
+
+def private_folder(folder: Path) -> None:
+    """Make a folder that only its owner can enter, or see to it that the one that is there is such.
+
+    What other users could enter is closed to them when it is ours, with what the service keeps in it. Raises
+    `PermissionError` when it is another user's or meant for all, and `OSError` when it cannot be made.
+    """
+    folder.mkdir(mode=_OWN, parents=True, exist_ok=True)
+    found = folder.stat()
+    if not found.st_mode & OTHERS:
+        return
+    if found.st_uid != os.geteuid() or found.st_mode & stat.S_ISVTX:
+        raise PermissionError(
+            errno.EACCES,
+            "will hold faces, but other users may enter it and it is not ours to close: let its owner run `chmod 700`, "
+            "or choose a folder inside it",
+            str(folder),
+        )
+    # from the top: once it is closed, nobody else reaches what is inside
+    _close(folder)
+    for name in _CONTENTS:
+        for path in folder.glob(name):
+            _close(path)
+            for inner in path.rglob("*") if path.is_dir() else ():
+                _close(inner)
+    log.warning("other users could enter this folder; it is closed now", folder=str(folder))
+
+
+def _close(path: Path) -> None:
+    try:
+        found = path.lstat()
+        if found.st_uid == os.geteuid() and found.st_mode & OTHERS and not stat.S_ISLNK(found.st_mode):
+            path.chmod(stat.S_IMODE(found.st_mode) & ~OTHERS)
+    except FileNotFoundError:
+        pass  # a draft that was just published

@@ -1,0 +1,66 @@
+"""Which errors mean that the database or the storage is away, or full, for a while, and not that we are wrong."""
+
+from __future__ import annotations
+
+import errno
+import sqlite3
+from typing import Final
+
+from obstore.exceptions import BaseError, GenericError, JoinError, PermissionDeniedError, UnauthenticatedError
+from sqlalchemy.exc import DBAPIError
+from sqlalchemy.exc import TimeoutError as PoolTimeoutError
+
+_SQLITE_LOCKED: Final = frozenset({sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED})
+_SQLITE_AWAY: Final = _SQLITE_LOCKED | {sqlite3.SQLITE_IOERR, sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_PROTOCOL}
+#: SQLSTATEs, by their beginning: connection lost, no resources, server stops or starts, serialisation and deadlocks,
+#: a lock that is not had in time, a server that only reads since another took over
+_SERVER_AWAY: Final = ("08", "53", "57", "40", "55P03", "25006")
+_SERVER_LOCKED: Final = "55P03"
+_SERVER_FULL: Final = "53100"
+_FULL: Final = frozenset({errno.ENOSPC, errno.EDQUOT})
+#: a store whose credentials are being changed refuses for a while
+_STORE_AWAY: Final = (GenericError, JoinError, PermissionDeniedError, UnauthenticatedError)
+
+
+def is_outage(error: BaseException) -> bool:
+    """True when the same call may succeed later, without anybody changing it."""
+    if isinstance(error, DBAPIError):
+        return error.connection_invalidated or _is_away(error.orig)
+    return isinstance(error, PoolTimeoutError) or (isinstance(error, BaseError) and isinstance(error, _STORE_AWAY))
+
+
+def is_locked(error: BaseException) -> bool:
+    """True when a writer has waited in vain for another one; nothing was changed."""
+    if not isinstance(error, DBAPIError):
+        return False
+    code = _sqlite_code(error.orig)
+    return code in _SQLITE_LOCKED if code is not None else getattr(error.orig, "sqlstate", None) == _SERVER_LOCKED
+
+
+def is_disk_full(error: BaseException) -> bool:
+    """True when there was no room to write: on this machine's disk, or on that of the database's server."""
+    if isinstance(error, DBAPIError):
+        code = _sqlite_code(error.orig)
+        return code == sqlite3.SQLITE_FULL or getattr(error.orig, "sqlstate", None) == _SERVER_FULL
+    return getattr(error, "errno", None) in _FULL
+
+
+def _is_away(error: BaseException | None) -> bool:
+    code = _sqlite_code(error)
+    if code is not None:
+        return code in _SQLITE_AWAY
+    state: str | None = getattr(error, "sqlstate", None)
+    if state is not None:
+        return state.startswith(_SERVER_AWAY)
+    # psycopg's errors without a state are of the connection itself
+    return type(error).__module__.startswith("psycopg") and type(error).__name__ in {
+        "OperationalError",
+        "InterfaceError",
+        "ConnectionTimeout",
+    }
+
+
+def _sqlite_code(error: BaseException | None) -> int | None:
+    """The primary result code of SQLite; None for another engine's error."""
+    code: int | None = getattr(error, "sqlite_errorcode", None) if isinstance(error, sqlite3.Error) else None
+    return None if code is None else code & 0xFF

@@ -1,0 +1,76 @@
+"""Room on the disk: what is refused while there is little, and the reserve that deletions have when there is none."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from pathlib import Path
+from typing import Final
+
+import structlog
+
+from service.errors import StorageFullError
+from service.settings import Settings
+
+log = structlog.get_logger(__name__)
+
+#: the reserve file, and the parts in which it is given back: more than SQLite's log of a few hundred deletions each,
+#: and several, as whoever fills the disk may take each of them
+_RESERVE_FILE_BYTES: Final = 16 * 1024**2
+_PARTS: Final = 4
+
+
+class Room:
+    """The free space of the disks that this machine's folders are on.
+
+    Below ``min_free_bytes`` of the settings nothing is begun that would need more: uploads, new jobs, work on jobs.
+    What others write may still fill the disk. SQLite then could not even delete, as that is written to its log first;
+    so a file of some size is kept, and given back when a record is to be written on a full disk.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        folders = (settings.folder, settings.spool_folder, settings.local_storage_folder)
+        self._folders = tuple(folder for folder in folders if folder is not None)
+        self._min_free_bytes = settings.min_free_bytes
+        self._reserve = settings.folder / "reserve"
+        self._reserve_bytes = min(_RESERVE_FILE_BYTES, settings.min_free_bytes // 2)
+
+    def free_bytes(self) -> int:
+        """What this process may still write, on the disk that has least."""
+        return min(_free(folder) for folder in self._folders)
+
+    def is_short(self, more_bytes: int = 0) -> bool:
+        """Too little is free, or would be after so many more bytes."""
+        return self.free_bytes() - more_bytes < self._min_free_bytes
+
+    def require(self, more_bytes: int = 0) -> None:
+        """Raise `StorageFullError` when there is too little room for something new of this size."""
+        if self.is_short(more_bytes):
+            raise StorageFullError("no room is left for this; try again later")
+
+    def keep_reserve(self) -> None:
+        """Make the reserve file where it is missing, or what is missing of it, and there is room for that."""
+        if self._reserve_left() == self._reserve_bytes or self.is_short(self._reserve_bytes):
+            return
+        with self._reserve.open("ab") as file:
+            os.posix_fallocate(file.fileno(), 0, self._reserve_bytes)
+
+    def give_back(self) -> None:
+        """Give a part of the reserve back when less than that is free: a record is to be written."""
+        part = self._reserve_bytes // _PARTS
+        if _free(self._reserve.parent) >= part or not (left := self._reserve_left()):
+            return
+        with suppress(FileNotFoundError):
+            os.truncate(self._reserve, max(0, left - part))
+        log.warning("the disk is full; a part of the reserve is given back for what deletes", left=max(0, left - part))
+
+    def _reserve_left(self) -> int:
+        try:
+            return self._reserve.stat().st_size
+        except FileNotFoundError:
+            return 0
+
+
+def _free(folder: Path) -> int:
+    found = os.statvfs(folder)
+    return found.f_bavail * found.f_frsize

@@ -1,0 +1,109 @@
+/** The clip on the stage: put there from a file or from what was uploaded before, and taken away. */
+
+import { ask } from "./api.js";
+import { forget } from "./frames.js";
+import { bring, isReady, ofFile, ofMedium, stop } from "./medium.js";
+import { announce, confirmed, failure, notice } from "./notices.js";
+import { changed, state } from "./store.js";
+import { listJobs } from "./transfers.js";
+
+/** what a file chooser offers */
+export const CLIP_TYPES = "video/*,image/*,.mkv,.mov,.mp4,.webm,.avi,.tif,.tiff";
+
+const PATH = "videos";
+const SHOWN = 12;
+
+/** The address names the clip, so that a reload finds it again. Ids open nothing without the key. */
+function remember(id) {
+  const hash = id ? `#${id}` : "";
+  if (location.hash !== hash) history.replaceState(null, "", hash || location.pathname + location.search);
+}
+
+/** The first of the files that were dropped or chosen takes the place of the clip that is there. */
+export async function openFiles([file, ...others]) {
+  if (others.length) notice("One clip at a time; portraits go into the tray below");
+  const item = ofFile(PATH, file);
+  put(item);
+  announce(`Uploading ${item.name}`);
+  await arrive(item);
+}
+
+export async function openMedium(medium) {
+  const item = ofMedium(PATH, medium);
+  put(item);
+  await arrive(item);
+}
+
+async function arrive(item) {
+  const ready = await bring(item);
+  if (state.clip !== item) return;
+  remember(item.medium?.id);
+  if (ready) announce(`${item.name} is ready`);
+  else if (item.error) announce(`${item.name} could not be used. ${item.error.text ?? ""}`, { urgent: true });
+  if (item.medium) await listJobs();
+}
+
+function put(item) {
+  close();
+  state.clip = item;
+  changed();
+}
+
+/** Try a failed clip once more. */
+export const retry = (item) => (item.file ? arrive(item) : openMedium(item.medium));
+
+/** Clear the stage; the clip stays with the service. */
+export function close() {
+  const { clip } = state;
+  if (clip?.url) URL.revokeObjectURL(clip.url);
+  if (clip?.sent !== null) clip?.canceling?.abort();
+  Object.assign(state, { clip: null, compared: null });
+  remember(null);
+  changed();
+}
+
+export async function cancel(item) {
+  try {
+    await stop(item);
+    if (state.clip === item) close();
+    notice(`${item.name} was stopped`);
+  } catch (error) {
+    failure(error, `${item.name} could not be stopped`);
+  }
+  await listClips();
+}
+
+/** Remove a clip and all that was made of it from the service. */
+export async function remove(medium) {
+  const name = medium.filename ?? medium.id;
+  const sure = await confirmed(`Delete ${name}?`, "The clip, what was found in it and every result made with it are removed from the service for good.");
+  if (!sure) return;
+  try {
+    await ask(`${PATH}/${medium.id}?cancel_jobs=true`, { method: "DELETE" });
+  } catch (error) {
+    failure(error, `${name} was not deleted`);
+    return;
+  }
+  forget(medium.id);
+  if (state.clip?.medium?.id === medium.id) close();
+  notice(`${name} was deleted`);
+  await Promise.all([listClips(), listJobs()]);
+}
+
+export async function listClips() {
+  state.clips = (await ask(`${PATH}?limit=${SHOWN}`)).data.filter((one) => one.state !== "failed");
+  changed();
+}
+
+/** The clip that the address names, if there is one and it is still there. */
+export async function reopen() {
+  const id = location.hash.slice(1);
+  if (!/^vid_\w+$/.test(id)) return;
+  try {
+    await openMedium(await ask(`${PATH}/${id}`));
+  } catch {
+    remember(null);
+  }
+}
+
+export const readyClip = () => (isReady(state.clip) ? state.clip : null);

@@ -1,0 +1,221 @@
+/**
+ * A finished look over the clip it was made of, both playing as one. What the browser cannot play (ProRes, HEVC in
+ * some) is compared in single frames, drawn by the service.
+ */
+
+import { choice, el, say, showPicture } from "./dom.js";
+import { frame as frameOf, widthOf } from "./frames.js";
+import { isAbort } from "./api.js";
+import { Latest } from "./latest.js";
+import { lookAgain } from "./references.js";
+import { Player } from "./player.js";
+import { changed, state } from "./store.js";
+import { middleOf, Split } from "./split.js";
+import { isGood, release, resultUrl, uploadedUrl } from "./transfers.js";
+import { transport } from "./transport.js";
+import { failure } from "./notices.js";
+
+export class Comparing {
+  #stills = new Latest();
+
+  constructor({ bar, choices }, { job, look }) {
+    // a clip that is on its way is not the one of an old result
+    const clip = state.clip?.medium?.id === look.video ? state.clip : null;
+    Object.assign(this, { clip, look, at: 0, playsBefore: null, playsAfter: null, renewing: false, closed: false });
+    const media = clip?.medium.media ?? {};
+    this.frames = Math.max(1, media.frame_count ?? 1);
+    this.rate = media.frame_rate || 25;
+    this.isClip = look.content_type.startsWith("video/");
+
+    const video = (label) => el("video", { playsinline: true, preload: "auto", tabindex: "-1", "aria-label": label });
+    this.videos = [video("The clip before"), video("The clip with the look")];
+    this.images = [el("img", { alt: "The clip before", hidden: true }), el("img", { alt: "The clip with the look", hidden: true })];
+    const sides = this.videos.map((one, index) => el("div", { class: "side-of" }, one, this.images[index]));
+    this.split = new Split({ before: sides[0], after: sides[1] });
+    this.split.shape(media.width, media.height);
+    this.split.at = middleOf(clip?.medium);
+    this.note = el("p", { class: "note", hidden: true, role: "status" });
+    this.split.element.append(el("span", { class: "spinner", "aria-hidden": "true" }), this.note);
+    this.element = el("div", { class: "holder" }, this.split.element);
+    this.#chooser(choices, job);
+    if (this.isClip) this.#makePlayer(bar);
+    this.#load();
+  }
+
+  #chooser(choices, job) {
+    // of a file that is not kept there is nothing to show
+    const kept = [...job.looks.entries()].filter(([, look]) => look.content_type);
+    if (kept.length < 2) return;
+    const name = (look) => state.references.find((one) => one.medium?.id === look.reference)?.name ?? "Look";
+    const group = choice("Finished looks", kept.map(([index, look]) => [String(index), name(look)]), (index) => {
+      state.compared = { job, look: job.looks[Number(index)] };
+      changed();
+    });
+    group.value = String(job.looks.indexOf(this.look));
+    choices.replaceChildren(group);
+    choices.hidden = false;
+  }
+
+  #makePlayer(bar) {
+    const [before, after] = this.videos;
+    before.muted = true;
+    const length = this.frames / this.rate;
+    this.player = new Player(before, after, { rate: this.rate, length });
+    this.player.addEventListener("time", () => this.#moved());
+    before.addEventListener("loadeddata", () => { this.playsBefore = true; this.#showSides(); });
+    before.addEventListener("error", () => { this.playsBefore = false; this.#showSides(); });
+    if (!this.clip) this.playsBefore = false;
+    after.addEventListener("loadeddata", () => {
+      this.playsAfter = true;
+      this.split.shape(after.videoWidth, after.videoHeight);
+      this.#moved();
+    });
+    after.addEventListener("error", async () => {
+      const source = after.getAttribute("src");
+      if (!source || (await this.#renewed(source))) return;
+      this.playsAfter = false;
+      this.#say("This browser cannot play this format; you see single frames. Download the file to see it whole.");
+      this.#showSides();
+    });
+    this.controls = transport(bar, {
+      on: {
+        toggle: () => this.toggle(),
+        seek: (n) => this.go(n),
+        step: (by) => this.step(by),
+        mute: this.clip?.medium.media?.has_audio ? () => { after.muted = !after.muted; this.#moved(); } : null,
+      },
+      full: () => this.element,
+    });
+    this.#moved();
+  }
+
+  /** Give the player another link when that of the result has expired; true when it has one, or is closed. */
+  async #renewed(source) {
+    const [, after] = this.videos;
+    const { playing, time } = this.player;
+    if (this.renewing || (await isGood(source))) return false;
+    try {
+      const url = await resultUrl(this.look.result);
+      if (this.#letGo() || after.getAttribute("src") !== source) return true;
+      this.renewing = true; // until it plays: one that is no good at once is not renewed again
+      after.addEventListener("loadeddata", () => {
+        this.renewing = false;
+        this.player.time = time;
+        if (playing) this.player.play();
+      }, { once: true });
+      after.src = url;
+      return true;
+    } catch (error) {
+      failure(error, "The result cannot be shown any more");
+      return true;
+    }
+  }
+
+  async #load() {
+    this.split.element.setAttribute("aria-busy", "true");
+    try {
+      const url = await resultUrl(this.look.result);
+      if (this.#letGo()) return;
+      if (this.isClip) {
+        this.videos[1].src = url;
+        if (this.clip && !this.clip.url) this.uploaded = await uploadedUrl(this.look.video);
+        if (this.#letGo()) return;
+        if (this.clip) this.videos[0].src = this.clip.url ?? this.uploaded;
+      } else {
+        await Promise.all([
+          showPicture(this.images[1], url),
+          frameOf(this.look.video, 0, null, widthOf(this.element)).then((before) => showPicture(this.images[0], before)),
+        ]);
+        this.split.shape(this.images[1].naturalWidth, this.images[1].naturalHeight);
+      }
+    } catch (error) {
+      if (this.closed) return;
+      failure(error, "The result could not be shown");
+    }
+    this.split.element.removeAttribute("aria-busy");
+    this.#showSides();
+  }
+
+  toggle() {
+    if (!this.playsAfter) return;
+    this.player.toggle();
+    if (this.playsBefore === false) this.#say("Only the result plays here: this browser cannot play the clip.");
+  }
+
+  step(by) {
+    this.go(this.at + by);
+  }
+
+  go(n) {
+    this.at = Math.max(0, Math.min(this.frames - 1, n));
+    if (this.player) {
+      this.player.pause();
+      this.player.frame = this.at;
+    }
+    this.#moved();
+  }
+
+  #moved() {
+    if (this.playsAfter) this.at = Math.min(this.frames - 1, this.player.frame);
+    const { playing } = this.player;
+    this.controls?.({ playing, frame: this.at, frames: this.frames, rate: this.rate, muted: this.videos[1].muted, canPlay: this.playsAfter });
+    this.#showSides();
+  }
+
+  /** Each side is a video if the browser plays it, else a still; while one plays alone there is nothing to part. */
+  #showSides() {
+    if (this.closed) return;
+    const plays = this.isClip ? [this.playsBefore, this.playsAfter] : [false, false];
+    plays.forEach((on, side) => {
+      this.videos[side].hidden = !on;
+      this.images[side].hidden = on;
+    });
+    const playing = Boolean(this.player?.playing);
+    this.split.active = !playing || Boolean(plays[0]);
+    // null: it has not been tried yet
+    if (!this.isClip || playing || plays.includes(null) || (plays[0] && plays[1])) return;
+    const { at } = this;
+    const name = `${at} ${plays}`;
+    if (name === this.still) return;
+    this.still = name;
+    this.#stills.begin(async (signal) => {
+      const { video } = this.look;
+      try {
+        const [before, after] = await Promise.all([
+          plays[0] ? null : frameOf(video, at, null, widthOf(this.element), signal),
+          plays[1] ? null : frameOf(video, at, lookAgain(this.look), widthOf(this.element), signal),
+        ]);
+        if (signal.aborted) return;
+        if (before) await showPicture(this.images[0], before);
+        if (after) await showPicture(this.images[1], after);
+      } catch (error) {
+        if (!isAbort(error)) this.#say(error.text ?? error.message);
+      }
+    }, 60);
+  }
+
+  #say(text) {
+    this.note.hidden = !text;
+    say(this.note, text);
+  }
+
+  /** Whether it was closed meanwhile; then nobody else lets go of what has come since. */
+  #letGo() {
+    if (!this.closed) return false;
+    if (this.uploaded) URL.revokeObjectURL(this.uploaded);
+    if (state.compared?.look.result !== this.look.result) release(this.look.result); // else it is shown again
+    return true;
+  }
+
+  close() {
+    this.closed = true;
+    this.#stills.cancel();
+    this.player?.pause();
+    for (const video of this.videos) {
+      video.removeAttribute("src");
+      video.load();
+    }
+    release(this.look.result);
+    if (this.uploaded) URL.revokeObjectURL(this.uploaded);
+  }
+}

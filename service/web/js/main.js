@@ -1,0 +1,43 @@
+/** Puts the page together and fetches what was there before. */
+
+import { askForKey, key } from "./key.js";
+import { failure } from "./notices.js";
+import { listClips, reopen } from "./clip.js";
+import { listJobs } from "./transfers.js";
+import { listReferences } from "./references.js";
+import { mountPanel } from "./panel.js";
+import { mountQueue } from "./queue.js";
+import { mountService } from "./service.js";
+import { mountStage } from "./stage.js";
+import { mountTray } from "./tray.js";
+
+mountService();
+mountStage();
+mountTray();
+mountPanel();
+mountQueue();
+
+// a file that misses its target must not replace the page
+for (const kind of ["dragover", "drop"]) window.addEventListener(kind, (event) => event.preventDefault());
+
+// what nobody else has told of: a list that could not be read again
+window.addEventListener("unhandledrejection", (event) => {
+  event.preventDefault();
+  failure(event.reason);
+});
+
+const change = document.getElementById("change-key");
+change.hidden = !key();
+change.addEventListener("click", async () => {
+  await askForKey();
+  location.reload();
+});
+
+try {
+  await listClips(); // asks for a key first, where one is wanted
+  await Promise.all([listReferences(), reopen()]);
+  await listJobs();
+} catch (error) {
+  failure(error);
+}
+document.documentElement.dataset.ready = "";

@@ -1,0 +1,82 @@
+/**
+ * A clip or a portrait on its way from a file to a vectorised medium. An item is
+ * {key, path, file, url, name, sent, medium, job, error}: `sent` is the share uploaded while that goes on, `medium`
+ * and `job` are what the service shows, `url` is the file's own address within this tab.
+ */
+
+import { ask, isAbort, Problem } from "./api.js";
+import { changed } from "./store.js";
+import { upload } from "./upload.js";
+import { watch } from "./watch.js";
+
+let number = 0;
+
+/** An item of a file that was dropped or chosen. */
+export function ofFile(path, file) {
+  number += 1;
+  return { key: `file-${number}`, path, file, url: URL.createObjectURL(file), name: file.name, sent: 0, medium: null, job: null, error: null };
+}
+
+/** An item of what was uploaded before. */
+export function ofMedium(path, medium) {
+  return { key: medium.id, path, file: null, url: null, name: medium.filename ?? medium.id, sent: null, medium, job: null, error: medium.error };
+}
+
+export const isReady = (item) => item?.medium?.state === "ready";
+export const isClip = (item) => item?.medium?.media?.kind ? item.medium.media.kind !== "image" : item?.file?.type.startsWith("video/") ?? true;
+
+/** Upload the file, if there is one, and wait until it is vectorised. Errors stay in the item; true when it is ready. */
+export async function bring(item) {
+  item.error = null;
+  try {
+    if (!item.medium || item.medium.state === "failed") {
+      item.canceling = new AbortController();
+      item.sent = 0;
+      changed();
+      item.medium = await upload(item.path, item.file, {
+        signal: item.canceling.signal,
+        onProgress: (share) => {
+          item.sent = share;
+          changed();
+        },
+      });
+    }
+    item.sent = null;
+    changed();
+    if (item.medium.state === "vectorizing") await vectorized(item);
+    if (item.medium.state === "failed") throw new Problem(item.medium.error ?? {});
+  } catch (error) {
+    item.sent = null;
+    item.error = error;
+    if (!(error instanceof Problem) && !isAbort(error)) console.error(error);
+  }
+  changed();
+  return !item.error;
+}
+
+async function vectorized(item) {
+  await watch(item.medium.job, (job) => {
+    item.job = job;
+    changed();
+  });
+  item.medium = await ask(`${item.path}/${item.medium.id}`);
+}
+
+/** Stop an upload or a vectorisation. */
+export async function stop(item) {
+  item.canceling?.abort();
+  if (item.medium?.state === "vectorizing") await ask(`jobs/${item.medium.job}/cancel`, { method: "POST" });
+}
+
+/** What an item is doing, for people: {label, share}; null when it does nothing. */
+export function doing(item) {
+  if (item.sent !== null && item.sent !== undefined) {
+    return item.sent < 1 ? { label: "Uploading", share: item.sent } : { label: "Checking the file", share: null };
+  }
+  if (item.medium?.state !== "vectorizing") return null;
+  const { job } = item;
+  if (!job || job.state === "queued") return { label: "Waiting for a worker", share: null };
+  const stages = { landmarks: "Looking for faces", "best frame": "Choosing the best frame", vectorize: "Vectorising", "second reading": "Reading once more" };
+  const { stage, fraction, frames_done: done, frames_total: total } = job.progress;
+  return { label: stages[stage] ?? "Preparing", share: fraction, frames: total > 1 ? `frame ${done} of ${total}` : "" };
+}

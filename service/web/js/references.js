@@ -1,0 +1,150 @@
+/**
+ * The portraits of the tray. An item of medium.js with `included`, whether it is rendered, and `settings`, how its
+ * colours are put on the clip; their names and ranges are those of `looks[]` of POST /transfer.
+ */
+
+import { ask } from "./api.js";
+import { forget } from "./frames.js";
+import { bring, isReady, ofFile, ofMedium, stop } from "./medium.js";
+import { announce, confirmed, failure, notice } from "./notices.js";
+import { changed, selectedReference, state } from "./store.js";
+import { listJobs } from "./transfers.js";
+
+const PATH = "references";
+const SHOWN = 24;
+
+export const DEFAULTS = Object.freeze({
+  strength: 1,
+  contrast: "auto",
+  makeup: 0.75,
+  light: 0.25,
+  extent: "skin",
+  match: "semantic",
+  protect: ["eyes", "teeth"],
+  faces: "all",
+  reference_face: null,
+});
+
+const fresh = () => structuredClone({ ...DEFAULTS });
+
+/** A look of POST /transfer and POST /preview. */
+export function lookOf(item) {
+  const { reference_face: face, ...settings } = item.settings;
+  return { reference: item.medium.id, ...settings, ...(face === null ? {} : { reference_face: face }) };
+}
+
+/** The request for a look that was rendered before; what a job says of it has more, such as what a swap adds. */
+export function lookAgain({ reference, options }) {
+  const asked = Object.keys(DEFAULTS).filter((name) => options[name] !== null && options[name] !== undefined);
+  return { reference, ...Object.fromEntries(asked.map((name) => [name, options[name]])) };
+}
+
+export async function addFiles(files) {
+  const items = files.map((file) => ({ ...ofFile(PATH, file), included: true, settings: fresh() }));
+  state.references.unshift(...items);
+  state.selected = items[0]?.key ?? state.selected;
+  changed();
+  announce(items.length === 1 ? `Uploading ${items[0].name}` : `Uploading ${items.length} portraits`);
+  await Promise.all(items.map(arrive));
+}
+
+async function arrive(item) {
+  const ready = await bring(item);
+  if (ready) {
+    dropTwin(item);
+    announce(`${item.name} is ready`);
+  } else {
+    item.included = false;
+    if (item.error) announce(`${item.name} could not be used. ${item.error.text ?? ""}`, { urgent: true });
+  }
+  changed();
+}
+
+/** The same picture uploaded again is the same reference: one card is enough. */
+function dropTwin(item) {
+  const twins = state.references.filter((one) => one !== item && one.medium?.id === item.medium.id);
+  state.references = state.references.filter((one) => !twins.includes(one));
+  for (const twin of twins) {
+    if (twin.url) URL.revokeObjectURL(twin.url);
+    if (state.selected === twin.key) state.selected = item.key;
+  }
+}
+
+export const retry = (item) => {
+  item.included = true;
+  return arrive(item);
+};
+
+export function select(key) {
+  state.selected = key;
+  changed();
+}
+
+export function include(item, on) {
+  item.included = on;
+  if (on) state.selected = item.key;
+  changed();
+}
+
+/** Change settings of the selected portrait. */
+export function set(values) {
+  const item = selectedReference();
+  if (!item) return;
+  Object.assign(item.settings, values);
+  changed();
+}
+
+export function reset() {
+  set(fresh());
+}
+
+/** Give all portraits the settings of the selected one, but for the face that is taken of each. */
+export function setAll() {
+  const from = selectedReference();
+  if (!from) return;
+  const { reference_face: _, ...shared } = from.settings;
+  for (const item of state.references) Object.assign(item.settings, structuredClone(shared));
+  notice("All portraits have these settings now");
+  changed();
+}
+
+export async function remove(item) {
+  if (item.medium) {
+    const sure = await confirmed(`Delete ${item.name}?`, "The portrait, what was found in it and every result made with it are removed from the service for good.");
+    if (!sure) return;
+    try {
+      await ask(`${PATH}/${item.medium.id}?cancel_jobs=true`, { method: "DELETE" });
+    } catch (error) {
+      if (error.status !== 404) {
+        failure(error, `${item.name} was not deleted`);
+        return;
+      }
+    }
+    forget(item.medium.id);
+  } else {
+    await stop(item);
+  }
+  if (item.url) URL.revokeObjectURL(item.url);
+  const at = state.references.indexOf(item);
+  state.references = state.references.filter((one) => one !== item);
+  if (state.selected === item.key) state.selected = state.references[Math.min(at, state.references.length - 1)]?.key ?? null;
+  changed();
+  if (item.medium) await listJobs();
+}
+
+/** The portraits that were uploaded before; they are not rendered until they are chosen. */
+export async function listReferences() {
+  const { data } = await ask(`${PATH}?limit=${SHOWN}`);
+  const known = new Set(state.references.map((one) => one.medium?.id));
+  for (const medium of data) {
+    if (known.has(medium.id) || medium.state === "failed") continue;
+    const item = { ...ofMedium(PATH, medium), included: false, settings: fresh() };
+    state.references.push(item);
+    if (medium.state === "vectorizing") bring(item);
+  }
+  state.selected ??= state.references[0]?.key ?? null;
+  changed();
+}
+
+export const chosen = () => state.references.filter((one) => one.included && isReady(one));
+export const onTheWay = () => state.references.filter((one) => one.included && !one.error && !isReady(one));

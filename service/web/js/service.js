@@ -1,0 +1,34 @@
+/** Whether the service and its workers are there, in the bar at the top. */
+
+import { address } from "./api.js";
+import { say } from "./dom.js";
+
+const PAUSE_MS = 15_000;
+
+const WORDS = {
+  ok: ["ready", "Ready"],
+  degraded: ["waits", "No worker: jobs will wait"],
+  unavailable: ["away", "Not available"],
+  stopping: ["away", "Stopping"],
+};
+
+async function look(element) {
+  let status = "unavailable";
+  let checks = {};
+  try {
+    const answer = await fetch(address("readyz"), { credentials: "omit" });
+    ({ status, checks = {} } = await answer.json());
+  } catch {
+    // the words for it are those of a part that is away
+  }
+  let [kind, words] = WORDS[status] ?? WORDS.unavailable;
+  if (status === "degraded" && checks.workers === "ok") words = "Queue away: jobs will wait";
+  element.dataset.kind = kind;
+  say(element, words);
+}
+
+export function mountService() {
+  const element = document.getElementById("service");
+  look(element);
+  setInterval(() => document.hidden || look(element), PAUSE_MS);
+}

@@ -1,0 +1,112 @@
+/** The stage shows one of four things: a place to drop a clip, the clip on its way, the clip with a look, a result. */
+
+import { el, fileButton, icon, iconButton, say, takesFiles } from "./dom.js";
+import { clock } from "./format.js";
+import { CLIP_TYPES, close, openFiles, remove } from "./clip.js";
+import { Comparing } from "./comparing.js";
+import { Editing } from "./editing.js";
+import { isReady } from "./medium.js";
+import { noFile } from "./notices.js";
+import { changed, onChange, state } from "./store.js";
+import { OnTheWay } from "./on-the-way.js";
+import { download } from "./transfers.js";
+import { Welcome } from "./welcome.js";
+
+const picture = document.getElementById("picture");
+const bar = document.getElementById("transport");
+const choices = document.getElementById("choices");
+
+let view = null;
+let shown = "";
+
+function wanted() {
+  const { clip, compared } = state;
+  if (compared) return [`compare ${compared.look.result}`, () => new Comparing({ bar, choices }, compared)];
+  if (!clip) return ["welcome", () => new Welcome()];
+  if (!isReady(clip)) return [`way ${clip.key}`, () => new OnTheWay(clip)];
+  return [`edit ${clip.medium.id}`, () => new Editing({ bar, choices }, clip)];
+}
+
+function show() {
+  const [name, make] = wanted();
+  if (name !== shown) {
+    view?.close?.();
+    for (const part of [bar, choices]) {
+      part.hidden = true;
+      part.replaceChildren();
+    }
+    shown = null; // what cannot be made is tried again
+    view = make();
+    shown = name;
+    picture.replaceChildren(view.element);
+  }
+  view.update?.();
+  head();
+}
+
+function facts(media) {
+  if (!media) return "";
+  const parts = [`${media.width}×${media.height}`];
+  if (media.frame_count > 1) parts.push(`${Number(media.frame_rate.toFixed(2))} fps`, clock(media.duration_s));
+  if (media.codec) parts.push(media.codec.toUpperCase());
+  if (media.color) parts.push(media.color);
+  return parts.join(" · ");
+}
+
+const tools = document.getElementById("stage-tools");
+
+function head() {
+  const { clip, compared } = state;
+  document.getElementById("stage").classList.toggle("bare", !clip && !compared);
+  say(document.getElementById("stage-name"), clip ? clip.name : compared ? "Finished look" : "Clip");
+  say(document.getElementById("stage-facts"), facts(clip?.medium?.media));
+  const kind = compared ? "compare" : clip ? "clip" : "none";
+  if (tools.dataset.kind === kind) return;
+  tools.dataset.kind = kind;
+  tools.replaceChildren();
+  if (compared) {
+    tools.append(
+      el("button", { type: "button", onclick: () => download(state.compared.look) }, icon("down"), "Download"),
+      el("button", { type: "button", onclick: () => leaveComparison() }, "Back to the look"),
+    );
+  }
+  if (!clip || compared) return;
+  tools.append(
+    ...fileButton("Another clip", { accept: CLIP_TYPES, take: openFiles }),
+    iconButton("cross", "Close the clip; it stays with the service", () => close()),
+    iconButton("bin", "Delete the clip from the service", () => state.clip?.medium && remove(state.clip.medium)),
+  );
+}
+
+/** Show a finished look beside the clip. */
+export function compare(job, look) {
+  state.compared = { job, look };
+  changed();
+  document.getElementById("stage").focus({ preventScroll: true });
+  window.scrollTo({ top: 0 });
+}
+
+function leaveComparison() {
+  state.compared = null;
+  changed();
+  document.getElementById("stage").focus();
+}
+
+/** Space plays, comma and full stop go by frames, unless a control has the key. */
+function keys(event) {
+  if (event.target.closest("input, button, select, a, summary") || event.ctrlKey || event.metaKey || event.altKey) return;
+  const act = { " ": () => view.toggle?.(), ",": () => view.step?.(-1), ".": () => view.step?.(1) }[event.key];
+  if (!act) return;
+  event.preventDefault();
+  act();
+}
+
+export function mountStage() {
+  const stage = document.getElementById("stage");
+  takesFiles(stage, openFiles, noFile);
+  stage.addEventListener("keydown", keys);
+  // on a phone the picture stays in sight while the rest goes by: what is above it may leave
+  const above = () => picture.getBoundingClientRect().top - stage.getBoundingClientRect().top;
+  new ResizeObserver(() => stage.style.setProperty("--above", `${above()}px`)).observe(stage);
+  onChange(show);
+}

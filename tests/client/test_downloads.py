@@ -1,0 +1,103 @@
+"""Files on their way to a path: names at the limit of a file system, and two downloads at a time."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import httpx
+import pytest
+
+from pvg_client import ApiError, Client
+from pvg_client.files import PartFile
+from pvg_client.models import Result
+
+CONTENT = os.urandom(200_000)
+RESULT = Result("res_1", "/v1/results/res_1", len(CONTENT), "video/mp4", hashlib.sha256(CONTENT).hexdigest())
+
+
+class Store(httpx.BaseTransport):
+    """Has one file, of which the second half comes once ``wanted`` downloads have the first; and knows ranges."""
+
+    def __init__(self, wanted: int = 1) -> None:
+        self._half = threading.Barrier(wanted)
+        self.gone = False
+
+    def handle_request(self, request: httpx.Request) -> httpx.Response:
+        if self.gone:
+            return httpx.Response(410, json={"code": "gone", "title": "Gone"})
+        begin = int(request.headers.get("range", "bytes=0-")[6:-1])
+        headers = {"Content-Range": f"bytes {begin}-{len(CONTENT) - 1}/{len(CONTENT)}"} if begin else {}
+        return httpx.Response(206 if begin else 200, headers=headers, stream=_Halves(self._half, CONTENT[begin:]))
+
+
+class _Halves(httpx.SyncByteStream):
+    def __init__(self, half: threading.Barrier, content: bytes) -> None:
+        self._half, self._content = half, content
+
+    def __iter__(self) -> Iterator[bytes]:
+        middle = len(self._content) // 2
+        yield self._content[:middle]
+        self._half.wait(30)
+        yield self._content[middle:]
+
+
+@pytest.mark.parametrize(
+    "name", ["ж" * 125 + ".mp4", "微" * 83 + ".mp4", "a" * 251 + ".mp4"], ids=("Cyrillic", "Chinese", "ASCII")
+)
+def test_a_name_may_be_as_long_as_the_file_system_takes(tmp_path: Path, name: str) -> None:
+    assert len(name.encode()) in range(252, 256)
+    with Client(transport=Store()) as client:
+        path = client.download(RESULT, tmp_path / name)
+    assert path.read_bytes() == CONTENT
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_two_downloads_to_one_path_do_not_mix(tmp_path: Path) -> None:
+    target = tmp_path / "look.mp4"
+    with Client(transport=Store(3)) as client, ThreadPoolExecutor() as threads:
+        paths = list(threads.map(lambda _: client.download(RESULT, target), range(3)))
+    assert paths == [target] * 3
+    assert target.read_bytes() == CONTENT
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_a_download_of_nothing_leaves_nothing(tmp_path: Path) -> None:
+    store = Store()
+    store.gone = True
+    with Client(transport=store) as client, pytest.raises(ApiError):
+        client.download(RESULT, tmp_path / "look.mp4")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_part_whose_name_was_removed_has_its_size_still(tmp_path: Path) -> None:
+    part = PartFile(tmp_path / "look.mp4", RESULT.sha256)
+    part.write(CONTENT)
+    part.path.unlink()
+    assert part.size == len(CONTENT)
+    part.close()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_part_that_is_put_in_its_place_while_it_is_looked_at_is_begun_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = tmp_path / "look.mp4"
+    real, puts = os.fstat, [lambda: next(tmp_path.iterdir()).replace(target)]
+
+    def fstat(descriptor: int) -> os.stat_result:
+        if puts:
+            puts.pop()()
+        return real(descriptor)
+
+    monkeypatch.setattr(os, "fstat", fstat)
+    part = PartFile(target, RESULT.sha256)
+    assert puts == []
+    part.write(CONTENT)
+    part.put(target)
+    assert target.read_bytes() == CONTENT
+    assert list(tmp_path.iterdir()) == [target]

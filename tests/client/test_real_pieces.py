@@ -1,0 +1,57 @@
+"""Uploads in pieces to the real service, over a line that breaks."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import pytest
+
+from pvg_client import ApiError, Client, UnreachableError
+from scripts.samples import Samples
+from tests.client.lines import Line
+
+PIECE = 50_000
+
+
+@pytest.fixture(autouse=True)
+def small_pieces(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("pvg_client.tus.PIECE_BYTES", PIECE)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+
+def test_a_file_arrives_whole_over_a_line_that_breaks(url: str, samples: Samples) -> None:
+    line = Line(cuts=3, cut_bytes=PIECE // 2)
+    with Client(url, transport=line) as client:
+        medium = client.upload(samples.portrait, role="reference", resume=True, mask="ycbcr", metadata={"shot": "a7"})
+        content = samples.portrait.read_bytes()
+        assert (medium.role, medium.filename, medium.size_bytes) == ("reference", samples.portrait.name, len(content))
+        assert medium.sha256 == hashlib.sha256(content).hexdigest()
+        assert (medium.settings["mask"], medium.metadata) == ("ycbcr", {"shot": "a7"})
+        assert client.upload(samples.portrait, role="reference", mask="ycbcr", resume=False).id == medium.id
+    assert line.methods().count("HEAD") == 3
+
+
+def test_another_run_sends_the_rest(url: str, samples: Samples) -> None:
+    size = samples.pale_portrait.stat().st_size
+    broken = Line(cuts=1, cut_bytes=PIECE // 2, spared=3)  # the creation and two pieces
+    with Client(url, transport=broken, retries=0) as client, pytest.raises(UnreachableError):
+        client.upload(samples.pale_portrait, role="reference", resume=True)
+    assert broken.methods() == ["POST", "PATCH", "PATCH", "PATCH"]
+    line = Line()
+    with Client(url, transport=line) as client:
+        client.upload(samples.pale_portrait, role="reference", resume=True)
+    assert line.methods()[0] == "HEAD"
+    assert "POST" not in line.methods()
+    assert line.sent_bytes == size - 2 * PIECE
+
+
+def test_what_is_no_medium_is_told_and_forgotten(url: str, tmp_path: Path) -> None:
+    text = tmp_path / "text.mp4"
+    text.write_bytes(b"no clip" * PIECE)
+    with Client(url) as client:
+        for _ in range(2):
+            with pytest.raises(ApiError) as caught:
+                client.upload(text, resume=True)
+            assert caught.value.status == 415
+    assert not [path for path in (tmp_path / "cache").rglob("*") if path.is_file()]

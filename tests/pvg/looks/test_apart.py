@@ -1,0 +1,59 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from pvg.asset import KeyFrame
+from pvg.curves import CURVES, GROUPS, table_labels
+from pvg.face.parts import PARTS
+from pvg.looks import SkinMap, to_rgb
+from pvg.looks.apart import parts_apart
+from pvg.looks.tone import to_opponent
+from tests.gallery.assets import key_frame
+
+_LIPS = table_labels().group == GROUPS.index("lips")
+_BESIDE = np.isin(table_labels().curve, [c for c, curve in enumerate(CURVES) if curve.name in ("upper_lip", "chin")])
+
+
+def _face() -> KeyFrame:
+    """Skin of one hue, in more and less light, with lips that are darker and redder."""
+    light = np.random.default_rng(0).uniform(0.8, 1.2, (len(table_labels()), 1))
+    colors = (np.array((150, 110, 95)) * light).astype(np.float32)
+    lips = np.float32((130, 75, 70))
+    colors[_LIPS] = lips
+    return replace(key_frame(), colors=colors, skin=colors[~_LIPS], parts=np.tile(lips, (len(PARTS), 1)))
+
+
+def test_lips_are_what_the_map_makes_of_them_and_the_skin_beside_them_is_not_changed_by_them() -> None:
+    key = _face()
+    skin = SkinMap.between(key.skin, 0.6 * key.skin.astype(np.float64) ** 1.05)
+    moved, slopes = skin(key.colors), skin.slopes(key.colors)
+    new, lacks = parts_apart(key, skin, moved)
+    np.testing.assert_array_equal(new[~_LIPS], moved[~_LIPS])
+
+    def shifts(colors: np.ndarray) -> np.ndarray:
+        return to_opponent(colors) - slopes[:, [0, 1, 1]] * to_opponent(key.colors)
+
+    beside = shifts(moved)[_BESIDE & key.visible].mean(axis=0)
+    np.testing.assert_allclose(shifts(new)[_LIPS], np.broadcast_to(beside, (int(_LIPS.sum()), 3)), atol=1e-3)
+    lips = to_rgb(to_opponent(new[_LIPS][:1]) + lacks[PARTS.index("lips")])
+    np.testing.assert_allclose(lips, skin(key.parts[:1]), atol=1e-3)
+    assert not np.delete(lacks, PARTS.index("lips"), axis=0).any()
+
+
+def test_lips_that_are_not_seen_stay_as_they_are() -> None:
+    hidden = replace(_face(), parts=np.full((len(PARTS), 3), np.nan, np.float32))
+    skin = SkinMap.between(hidden.skin, 0.6 * hidden.skin.astype(np.float64))
+    moved = skin(hidden.colors)
+    new, lacks = parts_apart(hidden, skin, moved)
+    np.testing.assert_array_equal(new, moved)
+    assert not lacks.any()
+
+
+def test_own_colours_lack_nothing() -> None:
+    key = _face()
+    skin = SkinMap.between(key.skin, key.skin.astype(np.float64))
+    new, lacks = parts_apart(key, skin, skin(key.colors))
+    np.testing.assert_allclose(new, key.colors, atol=1e-3)
+    np.testing.assert_allclose(lacks, 0, atol=1e-3)

@@ -1,0 +1,83 @@
+"""Ears and neck keep their light beside the face."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from pvg.asset import FaceInFrame
+from pvg.curves import table_labels
+from pvg.looks import BodyMap, SkinMap
+from pvg.raster import SUBPIXEL_BITS, fixed_point
+from pvg.rendering.beside import with_beside
+from pvg.rendering.correction import Correction
+from pvg.rendering.map_tables import MapTables
+from pvg.rendering.placed_face import PlacedFace, place_face
+from pvg.rendering.planes import apply_correction
+from pvg.video import RGB24, PixelFormat
+from tests.gallery.pictures import YUV444, frame_of
+
+FACE, SHADE = np.array([175.0, 130.0, 105.0]), 0.75
+ONCE = np.ones((1, 2), np.float32)
+
+
+@pytest.fixture(scope="module")
+def placed(face: FaceInFrame) -> PlacedFace:
+    """A face whose matte takes everything in its window."""
+    found = place_face(face, table_labels(), 640, 360)
+    assert found is not None
+    return replace(found, alpha=np.ones_like(found.alpha))
+
+
+def brighter(contrast: float) -> BodyMap:
+    """A look that makes a flatly lit face bright and contrasty."""
+    light = np.random.default_rng(0).normal(0, 1, (400, 1))
+    own, goal = (FACE * (1 + 0.06 * light)), np.array([215.0, 180.0, 160.0]) * (1 + 0.06 * contrast * light)
+    return BodyMap(SkinMap.between(own.astype(np.float32), goal), 1.0, ONCE)
+
+
+def inside(placed: PlacedFace, grown: float) -> np.ndarray:
+    """(360, 640) bool: the face's oval, or further inside or outside by a share of its width."""
+    oval = np.zeros((360, 640), np.uint8)
+    cv2.fillPoly(oval, [fixed_point(placed.data.landmarks.oval)], 1, shift=SUBPIXEL_BITS)
+    far = cv2.distanceTransform(1 - oval, cv2.DIST_L2, 5) - cv2.distanceTransform(oval, cv2.DIST_L2, 5)
+    return np.asarray(far <= grown * placed.data.landmarks.axes.width)
+
+
+def drawn(placed: PlacedFace, look: BodyMap, pixel_format: PixelFormat, *, beside: bool) -> tuple[float, float]:
+    """Mean luma of a face and of the shaded skin beside it, after a look."""
+    within = inside(placed, 0.0)
+    picture = np.where(within[..., None], FACE, SHADE * FACE)
+    frame = frame_of(picture, pixel_format)
+    tables = [MapTables.of(look, pixel_format, region=region) for region in ("face", "beside")]
+    nothing = np.zeros((3, placed.cuts.lattice.height, placed.cuts.lattice.width), np.float32)
+    (correction,) = with_beside(
+        frame, placed, [Correction(placed.cuts.lattice, nothing, tables[0])], [tables[1] if beside else None]
+    )
+    out = frame.patched(apply_correction(frame, (placed.x, placed.y), placed.alpha, correction))
+    luma = out.format.to_rgb(out.planes) @ np.array([0.299, 0.587, 0.114])
+    x0, y0, x1, y1 = placed.window
+    window = np.zeros_like(within)
+    window[y0:y1, x0:x1] = True
+    return float(luma[inside(placed, -0.1)].mean()), float(luma[window & ~inside(placed, 0.15)].mean())
+
+
+@pytest.mark.parametrize("pixel_format", [YUV444, RGB24], ids=["clip", "still"])
+def test_skin_in_the_faces_shade_stays_as_far_below_the_face(placed: PlacedFace, pixel_format: PixelFormat) -> None:
+    look = brighter(contrast=2.0)
+    below = float((1 - SHADE) * FACE @ np.array([0.299, 0.587, 0.114]))
+    face, shade = drawn(placed, look, pixel_format, beside=False)
+    assert face - shade > 1.4 * below  # the fault
+    same, kept = drawn(placed, look, pixel_format, beside=True)
+    assert same == pytest.approx(face, abs=0.5)
+    assert same - kept == pytest.approx(below, rel=0.15)
+
+
+def test_a_skins_own_map_changes_nothing_beside_it_either(placed: PlacedFace) -> None:
+    skin = (FACE * (1 + 0.06 * np.random.default_rng(0).normal(0, 1, (400, 1)))).astype(np.float32)
+    own = BodyMap(SkinMap.between(skin, skin.astype(float)), 1.0, ONCE)
+    face, shade = drawn(placed, own, YUV444, beside=True)
+    assert (face, shade) == pytest.approx(drawn(placed, own, YUV444, beside=False), abs=1e-3)

@@ -1,0 +1,75 @@
+"""Looks drawn on pictures that come by a pipe, and given to one."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pvg
+from pvg.errors import MediaError
+from pvg.video import PipeReader, read_frames
+from scripts.samples import Samples
+from tests.conftest import cut_clip
+
+_FRAMES = 5
+
+
+@pytest.fixture(scope="module")
+def clip(samples: Samples, tmp_path_factory: pytest.TempPathFactory) -> Iterator[pvg.VectorVideo]:
+    path = cut_clip(samples.woman_clip, tmp_path_factory.mktemp("canvas") / "clip.mp4", 0, _FRAMES)
+    with pvg.vectorize(path) as video:
+        yield video
+
+
+@pytest.fixture(scope="module")
+def look(clip: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> pvg.Look:
+    return pvg.transfer(clip, dark_reference)
+
+
+def test_a_pipe_gets_and_gives_the_same_pictures_as_files(
+    clip: pvg.VectorVideo, look: pvg.Look, tmp_path: Path
+) -> None:
+    assert pvg.render(clip, [look], [tmp_path / "out.mkv"], codec="ffv1") == [()]
+    expected = list(read_frames(tmp_path / "out.mkv"))
+    plain = pvg.transfer(clip, clip, strength=0.0)
+    for container in ("nut", "y4m"):
+        given, taken = io.BytesIO(), io.BytesIO()
+        pvg.render(clip, [plain], [given], container=container)
+        given.seek(0)
+        lines = pvg.render(clip, [look], [taken], container=container, pictures=given)
+        assert [line.split(" ")[:2] for line in lines[0]] == ([["time", "stamps"]] if container == "y4m" else [])
+        taken.seek(0)
+        with PipeReader(taken, (1, 1)) as read:
+            seen = list(read.frames)
+        for frame, other in zip(seen, expected, strict=True):
+            for plane, wanted in zip(frame.planes, other.planes, strict=True):
+                np.testing.assert_array_equal(plane, wanted)
+
+
+def test_pictures_of_another_number_or_size_are_refused(clip: pvg.VectorVideo, look: pvg.Look, tmp_path: Path) -> None:
+    whole = io.BytesIO()
+    pvg.render(clip, [look], [whole], container="y4m")
+    content = whole.getvalue()
+    head, frames = content.split(b"\n", 1)
+    size = len(frames) // _FRAMES
+    for changed, words in (
+        (content[: len(content) - size], f"ends after {_FRAMES - 1} frames"),
+        (content + frames[:size], f"more frames than the {_FRAMES}"),
+        (head.replace(b" H", b" H1") + b"\n" + frames, "is of a clip of"),
+    ):
+        with pytest.raises(MediaError, match=words):
+            pvg.render(clip, [look], [tmp_path / "out.mp4"], pictures=io.BytesIO(changed))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_pipe_holds_what_it_can(clip: pvg.VectorVideo, look: pvg.Look, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="cannot be written to a pipe"):
+        pvg.render(clip, [look], [io.BytesIO()], container="mp4")
+    with pytest.raises(ValueError, match="is not named as mov is"):
+        pvg.render(clip, [look], [tmp_path / "out.mp4"], container="mov")
+    with pytest.raises(ValueError, match="has no crf"):
+        pvg.render(clip, [look], [io.BytesIO()], crf=20)

@@ -1,0 +1,143 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import pvg
+from pvg.looks import color_map
+from pvg.rendering import LAYERS, Stills
+from pvg.rendering.stills import around, cropped, encoded, fitted, thumbnail
+from pvg.video import frame_at, key_pictures, read_frames
+from tests.gallery import odd_clips
+from tests.gallery.clips import short_clip as gallery_clip
+
+
+@pytest.fixture(scope="module")
+def stills(video: pvg.VectorVideo) -> Stills:
+    return Stills(video)
+
+
+def test_a_still_is_the_frame_of_the_rendered_clip(
+    stills: Stills, video: pvg.VectorVideo, dark_reference: pvg.VectorVideo
+) -> None:
+    look = pvg.transfer(video, dark_reference)
+    np.testing.assert_array_equal(stills.drawn(look, 20), pvg.render_frame(video, look, 20))
+    np.testing.assert_array_equal(stills.drawn(None, 20), pvg.render_frame(video, None, 20))
+    for name in LAYERS:
+        np.testing.assert_array_equal(stills.layer(20, name), pvg.layer(video, 20, name))
+
+
+def test_a_frame_is_decoded_once(stills: Stills) -> None:
+    assert stills.frame(7) is stills.frame(7)
+
+
+def test_frames_that_are_not_there_are_refused(stills: Stills) -> None:
+    for index in (-1, 40):
+        with pytest.raises(ValueError, match="the clip has 40"):
+            stills.frame(index)
+        with pytest.raises(ValueError, match="the clip has 40"):
+            stills.nearest(index)
+
+
+def test_the_nearest_frame_is_a_key_picture_or_one_that_is_there(video: pvg.VectorVideo) -> None:
+    fresh = Stills(video)
+    keys = key_pictures(video.require_source())
+    assert keys is not None
+    assert keys[0] == 0
+    assert fresh.nearest(17) in keys
+    assert abs(fresh.nearest(17) - 17) == min(abs(key - 17) for key in keys)
+    fresh.frame(17)
+    assert fresh.nearest(17) == 17
+
+
+def test_key_pictures_are_counted_in_display_order(tmp_path: Path) -> None:
+    clip = gallery_clip(tmp_path / "clip.mp4", 30)
+    keys = key_pictures(clip)
+    assert keys is not None
+    whole = [frame.planes[0].copy() for frame in read_frames(clip)]
+    for key in keys:
+        (frame,) = read_frames(clip, start=key, stop=key + 1)
+        np.testing.assert_array_equal(frame.planes[0], whole[key])
+
+
+@pytest.mark.parametrize("make", [odd_clips.variable_rate, odd_clips.late_start, odd_clips.negative_start])
+def test_a_time_names_the_frame_that_is_shown_then(tmp_path: Path, make: object) -> None:
+    clip = make(tmp_path)  # type: ignore[operator]
+    times = [frame.time_s for frame in read_frames(clip)]
+    for index, time_s in enumerate(times):
+        assert frame_at(clip, time_s - times[0]) == index
+    assert frame_at(clip, 1e6) == len(times) - 1
+
+
+def test_a_face_is_shown_where_it_is_seen(stills: Stills, video: pvg.VectorVideo) -> None:
+    (seen,) = stills.seen_faces([0], 160)
+    x, y, width, height = seen.box
+    assert seen.frame == stills.usual_frame()
+    assert seen.box == stills.face_box(0, seen.frame)
+    points = video.landmarks(0)[seen.frame]
+    inside = (points >= (x - 2, y - 2)).all(axis=1) & (points <= (x + width + 2, y + height + 2)).all(axis=1)
+    assert inside.mean() > 0.95
+    assert seen.picture.shape == (160, 160, 3)
+    expected = thumbnail(stills.drawn(None, seen.frame), around(seen.box), 160)
+    np.testing.assert_array_equal(seen.picture, expected)
+
+
+def test_all_faces_of_a_picture_are_shown(group: pvg.VectorVideo) -> None:
+    stills = Stills(group)
+    seen = stills.seen_faces([face.index for face in group.faces], 64)
+    assert [one.index for one in seen] == [face.index for face in group.faces]
+    assert len({one.box for one in seen}) == len(group.faces) == 5
+
+
+def test_an_unknown_face_is_refused(stills: Stills) -> None:
+    with pytest.raises(ValueError, match="no face 3"):
+        stills.face_box(3, 0)
+    with pytest.raises(ValueError, match="no face 3"):
+        stills.usual_frame([3])
+
+
+def test_a_thumbnail_at_the_edge_is_square_and_not_shifted() -> None:
+    picture = np.zeros((40, 60, 3), np.uint8)
+    picture[:, :10] = 200
+    small = thumbnail(picture, (-10, 0, 40, 40), 40)
+    assert small.shape == (40, 40, 3)
+    assert (small[:, :19] == 200).all()
+    assert (small[:, 21:] == 0).all()
+
+
+def test_crops_and_sizes() -> None:
+    picture = np.arange(40 * 60 * 3, dtype=np.uint8).reshape(40, 60, 3)
+    np.testing.assert_array_equal(cropped(picture, (50, 30, 100, 100)), picture[30:, 50:])
+    with pytest.raises(ValueError, match="outside"):
+        cropped(picture, (60, 0, 5, 5))
+    assert fitted(picture, 30).shape == (20, 30, 3)
+    assert fitted(picture, 600, 600) is picture
+    assert fitted(picture, 600, 10).shape == (10, 15, 3)
+
+
+@pytest.mark.parametrize("encoding", ["jpeg", "png"])
+def test_colours_survive_the_encoding(encoding: str) -> None:
+    picture = np.zeros((32, 32, 3), np.uint8)
+    picture[:] = (200, 120, 90)
+    data = encoded(picture, encoding)  # type: ignore[arg-type]
+    back = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+    assert np.abs(back.astype(int) - picture).max() <= (3 if encoding == "jpeg" else 0)
+
+
+def test_sliders_that_keep_the_colours_share_one_transport(
+    video: pvg.VectorVideo, dark_reference: pvg.VectorVideo
+) -> None:
+    color_map._moved.cache_clear()
+    first = pvg.transfer(video, dark_reference)
+    made = color_map._moved.cache_info().misses
+    pvg.transfer(video, dark_reference, strength=0.5, contrast=1.2, makeup=0.1)
+    assert color_map._moved.cache_info().misses == made > 0
+    pvg.transfer(video, dark_reference, seed=1)
+    assert color_map._moved.cache_info().misses > made
+    color_map._moved.cache_clear()
+    again = pvg.transfer(video, dark_reference)
+    for face, colors in first.colors.items():
+        np.testing.assert_array_equal(colors, again.colors[face])

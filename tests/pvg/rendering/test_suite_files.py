@@ -1,0 +1,105 @@
+"""A look as files: cube and matte, applied as a grading suite would, give nearly the render."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from skimage.color import deltaE_ciede2000, rgb2lab
+
+import pvg
+from pvg.rendering import source_frame
+from pvg.video import probe, read_frames, read_image
+from tests.gallery.cubes import apply_cube, read_cube
+
+
+def graded(rgb: np.ndarray, cube: Path, matte: np.ndarray) -> np.ndarray:
+    """What a grading suite makes of a frame (H, W, 3), 0-255, with a cube and a matte (H, W) in [0, 1]."""
+    drawn = apply_cube(read_cube(cube), rgb.reshape(-1, 3).astype(np.float64)).reshape(rgb.shape)
+    return np.asarray(rgb + matte[..., None] * (drawn - rgb))
+
+
+@pytest.mark.parametrize(
+    ("reference", "light", "most"),
+    # light falls from a side, which no map of colour knows: on this grey clip it costs the dark look 0.1
+    [("dark_reference", 0.0, 2.0), ("pale_reference", 0.0, 2.0), ("dark_reference", 0.25, 2.1)],
+)
+def test_cube_and_matte_give_nearly_the_render(
+    reference: str, light: float, most: float, video: pvg.VectorVideo, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    look = pvg.transfer(video, request.getfixturevalue(reference), light=light)
+    written = pvg.export(video, look, tmp_path)
+    assert [path.name for path in written] == ["look.cube", "matte.mkv", "README.txt"]
+    mattes = list(read_frames(tmp_path / "matte.mkv"))
+    assert len(mattes) == video.frame_count
+    for index in (0, 20):
+        source, wanted = source_frame(video, index).rgb(), pvg.render_frame(video, look, index)
+        matte = mattes[index].planes[0] / 255.0
+        ours = np.clip(graded(source, tmp_path / "look.cube", matte), 0, 255)
+        face = matte > 0.9
+        assert face.mean() > 0.03
+        error = deltaE_ciede2000(rgb2lab(ours[face] / 255.0), rgb2lab(wanted[face] / 255.0))
+        changed = deltaE_ciede2000(rgb2lab(source[face] / 255.0), rgb2lab(wanted[face] / 255.0))
+        assert np.median(error) < most
+        assert np.median(error) < 0.4 * np.median(changed)
+        # outside the matte nothing changes, in either
+        outside = matte == 0
+        assert np.abs(ours[outside] - source[outside]).max() == 0
+        assert np.abs(wanted[outside].astype(int) - source[outside]).max() <= 4  # chroma of the pixels beside it
+    lines = (tmp_path / "README.txt").read_text().splitlines()
+    assert len(lines) == 3
+
+
+def test_the_matte_keeps_the_clips_time_stamps_in_every_format(
+    video: pvg.VectorVideo, dark_reference: pvg.VectorVideo, tmp_path: Path
+) -> None:
+    look = pvg.transfer(video, dark_reference, extent="face")
+    assert video.source is not None
+    stamps = [frame.time_s for frame in read_frames(video.source)]
+    for matte, name in (("ffv1", "matte.mkv"), ("prores", "matte.mov")):
+        folder = tmp_path / matte
+        pvg.export(video, look, folder, matte=matte, size=5)
+        frames = list(read_frames(folder / name))
+        np.testing.assert_allclose([frame.time_s for frame in frames], stamps, atol=1e-3)
+    assert probe(tmp_path / "prores" / "matte.mov").has_alpha
+    pvg.export(video, look, tmp_path / "png", matte="png", size=5)
+    pictures = sorted((tmp_path / "png" / "matte").iterdir())
+    assert len(pictures) == video.frame_count
+    first = next(read_frames(tmp_path / "ffv1" / "matte.mkv")).planes[0]
+    np.testing.assert_array_equal(read_image(pictures[0]).planes[0], first)
+    alpha = next(read_frames(tmp_path / "prores" / "matte.mov")).alpha
+    assert alpha is not None
+    top = 2 ** probe(tmp_path / "prores" / "matte.mov").format.depth - 1
+    assert np.abs(alpha / top - first / 255.0).max() < 0.01
+
+
+def test_a_picture_with_several_persons_has_a_cube_and_a_matte_for_each(
+    group: pvg.VectorVideo, dark_reference: pvg.VectorVideo, tmp_path: Path
+) -> None:
+    look = pvg.transfer(group, dark_reference, faces=(0, 2))
+    names = {path.name for path in pvg.export(group, look, tmp_path)}
+    assert names == {"look-1.cube", "look-2.cube", "matte-1.png", "matte-2.png", "README.txt"}
+    one, other = (read_image(tmp_path / f"matte-{k}.png").planes[0].astype(int) for k in (1, 2))
+    assert (one > 200).any()
+    assert (other > 200).any()
+    assert (one + other).max() <= 256
+
+
+def test_an_unknown_matte_is_refused(video: pvg.VectorVideo, dark_reference: pvg.VectorVideo, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="not one of ffv1, prores, png"):
+        pvg.export(video, pvg.transfer(video, dark_reference), tmp_path, matte="gif")  # type: ignore[arg-type]
+
+
+def test_only_what_is_asked_for_is_made(
+    video: pvg.VectorVideo, dark_reference: pvg.VectorVideo, tmp_path: Path
+) -> None:
+    look = pvg.transfer(video, dark_reference)
+    for part, name, lines in (("cube", "look.cube", 2), ("matte", "matte.mkv", 1)):
+        written = pvg.export(video, look, tmp_path / part, parts=[part], size=5)  # type: ignore[list-item]
+        assert [path.name for path in written] == [name, "README.txt"]
+        assert {path.name for path in (tmp_path / part).iterdir()} == {name, "README.txt"}
+        assert len(written[-1].read_text().splitlines()) == lines
+        assert written[-1].read_text().startswith(name)
+    with pytest.raises(ValueError, match="not one of cube, matte"):
+        pvg.export(video, look, tmp_path, parts=["look"])  # type: ignore[list-item]

@@ -1,0 +1,386 @@
+"""Container × codec × depth × streams: what comes back equals what went in, is named in the plan, or is refused.
+
+Each clip is written with each way out, and the new file is taken stock of by the same code that took stock of the
+source: every difference must be named, and nothing named as kept may differ.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+from av.stream import Disposition
+
+from pvg.errors import MediaError
+from pvg.video import Frame, MediaInfo, Plan, Streams, VideoWriter, make_plan, probe, read_frames, read_streams
+from pvg.video.formats import PixelFormat, resolve_format
+from pvg.video.streams import fields_of, has_alpha, take_stock
+from tests.gallery.clips import media_info, smooth_frames
+from tests.gallery.rich_clips import FRAMES, Other, Rich
+
+_DEFAULT, _COMMENT = Disposition.default, Disposition.comment
+_TAGS = {
+    "title": "A walk",
+    "artist": "Somebody",
+    "creation_time": "2024-03-01T10:20:30.000000Z",
+    "com.apple.quicktime.make": "Maker",
+    "com.apple.quicktime.location.ISO6709": "+48.1000+011.5000/",
+    "location": "+48.1000+011.5000/",
+}
+_HDR = {
+    "x265-params": "log-level=none:master-display=G(13250,34500)B(7500,3000)R(34000,16000)WP(15635,16450)"
+    "L(10000000,50):max-cll=1000,400"
+}
+CLIPS = {
+    "phone": Rich(
+        ".mov",
+        sounds=[Other("aac", "ger", "Ton", _DEFAULT)],
+        tags=_TAGS,
+        timecode="01:00:00:00",
+    ),
+    "edited": Rich(
+        ".mov",
+        "prores_ks",
+        "yuv422p10le",
+        (256, 128),
+        {"profile": "hq"},
+        sounds=[
+            Other("pcm_f32le", "ger", "Ton", _DEFAULT),
+            Other("pcm_f64le", "eng", "Comments"),
+            Other("pcm_s24le", "fra"),
+        ],
+        subtitles=[Other("mov_text", "eng", "Words", _DEFAULT)],
+        chapters=2,
+        timecode="10:20:30:12",
+    ),
+    "shared": Rich(
+        ".mkv",
+        layout="yuv444p",
+        sounds=[Other("libopus", "ger", "Ton", _DEFAULT), Other("flac", "eng", "Comments", _COMMENT)],
+        subtitles=[Other("srt", "eng", "Words"), Other("ass", "ger", "Wörter"), Other("webvtt", "fra")],
+        chapters=2,
+        tags={"title": "A walk", "location": "+48.1000+011.5000/"},
+        attachment=b"not a font",
+    ),
+    "HDR10": Rich(".mp4", "libx265", "yuv420p10le", (128, 128), _HDR, color=(9, 9, 16, 1)),
+    "top first": Rich(".mov", "libx264", size=(256, 128), fields="tff", options={"x264-params": "tff=1"}),
+    "bottom first": Rich(".mov", "prores_ks", "yuv422p10le", (256, 128), {"profile": "hq"}, fields="bff"),
+    "alpha": Rich(".mov", "prores_ks", "yuva444p10le", options={"profile": "4444", "alpha_bits": "16"}),
+    "full range": Rich(".mkv", size=(256, 128), color=(1, 1, 1, 2)),
+}
+WAYS = [
+    *(("mp4", codec) for codec in ("h264", "hevc", "vp9", "av1")),
+    *(("mov", codec) for codec in ("h264", "hevc", "prores", "prores4444", "dnxhr")),
+    *(("mkv", codec) for codec in ("h264", "hevc", "ffv1", "prores4444")),
+    *(("webm", codec) for codec in ("vp9", "av1")),
+    *(("nut", codec) for codec in ("raw", "ffv1")),
+]
+
+
+@pytest.fixture(scope="module")
+def clips(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    folder = tmp_path_factory.mktemp("rich")
+    return {name: rich.write(folder, name.replace(" ", "_")) for name, rich in CLIPS.items()}
+
+
+def write(source: Path, target: Path, plan: Plan) -> Path:
+    info = probe(source)
+    with VideoWriter(target, info, info.format, plan=plan, threads=1) as writer:
+        for frame in read_frames(source):
+            writer.write(frame)
+    return target
+
+
+def planned(source: Path, container: str, codec: str) -> Plan:
+    return make_plan(probe(source), container=container, codec=codec, source=source, streams=read_streams(source))
+
+
+def stock_of(path: Path) -> tuple[Streams, tuple[object, ...]]:
+    """What a new file holds, and the code points, depth and chroma of its pictures."""
+    if path.suffix == ".nut":  # taken by pipe alone, so looked at here without the door for files
+        with av.open(str(path)) as opened:
+            picture = next(opened.decode(video=0))
+            seen = resolve_format(picture.format.name, picture.width, picture.height, 2, 0)
+            alpha = has_alpha(picture.format.name)
+            streams = take_stock(opened, opened.streams.video[0].index, {}, fields_of(picture), alpha)
+        return streams, ((2, 2, 2, 0), (seen.depth, seen.chroma_log2))
+    info = probe(path)
+    return read_streams(path), (
+        (info.color_primaries, info.color_transfer, info.color_matrix, info.color_range),
+        (info.format.depth, info.format.chroma_log2),
+    )
+
+
+def differences(before: Streams, after: Streams) -> list[str]:
+    """Words that must be among the lines: one for each thing that is not as it was."""
+    found = []
+    for kind in ("sound", "subtitle"):
+        ours, theirs = before.of_kind(kind), after.of_kind(kind)
+        found += [f"{kind} track {track.index}" for track in ours[len(theirs) :]]
+        for one, other in zip(ours, theirs, strict=False):
+            if one.codec != other.codec:
+                found.append(f"{kind} track {one.index}")
+            if (one.language, one.title) != (other.language, other.title):
+                found.append(f"{kind} track {one.index}")
+            if set(one.dispositions) - {"default"} != set(other.dispositions) - {"default"}:
+                found.append("its mark (")
+            if "default" in {*one.dispositions} ^ {*other.dispositions} and kind == "subtitle":
+                found.append("marked as default")
+    found += ["attachment"] * (before.of_kind("attachment") != after.of_kind("attachment"))
+    found += ["chapters"] * (before.chapters != after.chapters)
+    found += ["tags are not kept"] * (dict(before.metadata) != dict(after.metadata))
+    found += ["tags that tell a place"] * (before.location != after.location)
+    found += ["timecode"] * (before.timecode != after.timecode)
+    found += ["alpha"] * (before.alpha != after.alpha)
+    found += ["fields"] * (before.fields != after.fields)
+    found += ["mastering display"] * (not same_mastering(before, after))
+    found += ["content light"] * (before.light != after.light)
+    return found
+
+
+def same_mastering(before: Streams, after: Streams) -> bool:
+    """Within the coarser steps of AV1 (1/65536 and 1/16384, 1/256 cd/m²)."""
+    ours, theirs = before.mastering, after.mastering
+    if ours is None or theirs is None:
+        return ours is theirs
+    corners = zip(
+        [*ours.red, *ours.green, *ours.blue, *ours.white],
+        [*theirs.red, *theirs.green, *theirs.blue, *theirs.white],
+        strict=True,
+    )
+    return (
+        all(abs(a - b) < Fraction(1, 20000) for a, b in corners)
+        and abs(ours.least - theirs.least) < Fraction(1, 5000)
+        and abs(ours.most - theirs.most) < Fraction(1, 100)
+    )
+
+
+@pytest.mark.parametrize("name", list(CLIPS))
+def test_every_cell_is_equal_named_or_refused(name: str, clips: dict[str, Path], tmp_path: Path) -> None:
+    source = clips[name]
+    before, (tags, shape) = stock_of(source)
+    done, refused = [], []
+    for container, codec in WAYS:
+        try:
+            plan = planned(source, container, codec)
+        except ValueError as error:
+            refused.append(str(error))
+            continue
+        done.append((container, codec))
+        after, (new_tags, new_shape) = stock_of(write(source, tmp_path / f"{codec}.{container}", plan))
+        lines = "\n".join(plan.warnings)
+        needed = differences(before, after)
+        needed += ["pictures become"] * (shape != new_shape and not (name == "alpha" and "4444" in codec))
+        if tags != new_tags:
+            needed.append("colour tags" if container == "nut" else "studio range")
+        for words in needed:
+            assert words in lines, (container, codec, words, plan.warnings, after)
+        for line in plan.warnings:  # and nothing is called lost that is there
+            assert any(words in line for words in [*needed, "goes without"]) or "pictures become" in line, line
+        assert [len(after.of_kind("picture")), after.of_kind("data")] == [0, ()]
+    for line in refused:
+        assert "\n" not in line
+        assert ("interlaced" in line and before.fields) or ("too small" in line and CLIPS[name].size < (256, 120)), line
+    assert len(done) > 5
+
+
+def test_sound_is_copied_as_it_is(clips: dict[str, Path], tmp_path: Path) -> None:
+    """All tracks, float PCM too, byte for byte at the same times."""
+    for container in ("mov", "mkv"):
+        target = write(clips["edited"], tmp_path / f"o.{container}", planned(clips["edited"], container, "h264"))
+        assert [b"".join(data for data, _ in track) for track in packets(target)] == [
+            b"".join(data for data, _ in track) for track in packets(clips["edited"])
+        ]
+        assert [track[0][1] for track in packets(target)] == [0, 0, 0]
+        assert [track.codec for track in read_streams(target).of_kind("sound")] == [
+            "pcm_f32le",
+            "pcm_f64le",
+            "pcm_s24le",
+        ]
+
+
+def packets(path: Path) -> list[list[tuple[bytes, Fraction]]]:
+    """(bytes, time) of every packet of every sound track."""
+    found = []
+    for index in range(len(read_streams(path).of_kind("sound"))):
+        with av.open(str(path)) as opened:
+            coded = opened.demux(opened.streams.audio[index])
+            found.append([(bytes(one), (one.pts or 0) * one.time_base) for one in coded if one.size])
+    return found
+
+
+def test_lossless_sound_stays_lossless_where_pcm_goes(clips: dict[str, Path], tmp_path: Path) -> None:
+    target = write(clips["shared"], tmp_path / "o.mov", planned(clips["shared"], "mov", "h264"))
+    assert [track.codec for track in read_streams(target).of_kind("sound")] == ["aac", "pcm_s16le"]
+    np.testing.assert_array_equal(samples(target, 1), samples(clips["shared"], 1))
+
+
+def samples(path: Path, index: int) -> np.ndarray:
+    with av.open(str(path)) as opened:
+        stream = opened.streams.audio[index]
+        return np.concatenate([frame.to_ndarray().reshape(-1) for frame in opened.decode(stream)])
+
+
+@pytest.mark.parametrize(("container", "codec"), [("mp4", "h264"), ("mov", "h264"), ("mkv", "h264"), ("webm", "vp9")])
+def test_subtitles_say_the_same_at_the_same_times(
+    container: str, codec: str, clips: dict[str, Path], tmp_path: Path
+) -> None:
+    for name in ("edited", "shared"):
+        target = write(clips[name], tmp_path / f"{name}.{container}", planned(clips[name], container, codec))
+        assert texts(target) == texts(clips[name])
+        assert {line for track in texts(target) for line in track} == {
+            (b"Line 0", Fraction(0), Fraction(2, 25)),
+            (b"Line 1", Fraction(1, 10), Fraction(2, 25)),
+        }
+
+
+def texts(path: Path) -> list[list[tuple[bytes, Fraction, Fraction]]]:
+    """(text, start, length in seconds) of every line of every subtitle track."""
+    found = []
+    with av.open(str(path)) as opened:
+        for stream in opened.streams.subtitles:
+            opened.seek(0)
+            found.append(
+                [
+                    (shown.dialogue, packet.pts * packet.time_base, packet.duration * packet.time_base)
+                    for packet in opened.demux(stream)
+                    if packet.size
+                    for shown in packet.decode()
+                ]
+            )
+    return found
+
+
+def test_ffv1_gives_every_sample_back(clips: dict[str, Path], tmp_path: Path) -> None:
+    for name in ("phone", "edited", "shared", "HDR10", "top first", "bottom first", "full range"):
+        source = clips[name]
+        target = write(source, tmp_path / f"{name}.mkv", planned(source, "mkv", "ffv1"))
+        frames = list(zip(read_frames(source), read_frames(target), strict=True))
+        assert len(frames) == FRAMES
+        for before, after in frames:
+            assert before.format == after.format
+            for plane, other in zip(before.planes, after.planes, strict=True):
+                np.testing.assert_array_equal(plane, other)
+
+
+def test_interlaced_chroma_is_converted_field_by_field(clips: dict[str, Path], tmp_path: Path) -> None:
+    """From 4:2:0 to 4:2:2 each field's chroma comes from its own lines."""
+    info, fmt = probe(clips["top first"]), PixelFormat("yuv420p", 8, (1, 1), (0.2126, 0.0722), False)
+    chroma = np.full((64, 128), 90, np.uint8)
+    chroma[1::2] = 170  # the lower field's colour is another
+    frame = Frame(0, 0, 0.0, fmt, (np.full((128, 256), 100, np.uint8), chroma, chroma))
+    plan = make_plan(info, container="mov", codec="prores", streams=Streams(fields="tff"))
+    with VideoWriter(tmp_path / "o.mov", info, fmt, plan=plan) as writer:
+        writer.write(frame)
+    seen = next(read_frames(tmp_path / "o.mov")).planes[1].astype(int) / 4
+    assert abs(seen[0::2].mean() - 90) < 1
+    assert abs(seen[1::2].mean() - 170) < 1
+    assert seen[0::2].std() < 2
+
+
+@pytest.mark.parametrize(("container", "codec"), [("mov", "prores4444"), ("mkv", "ffv1"), ("nut", "raw")])
+@pytest.mark.parametrize("depth", [8, 10])
+def test_alpha_goes_where_the_codec_has_it(container: str, codec: str, depth: int, tmp_path: Path) -> None:
+    layout = "yuv444p" if depth == 8 else "yuv444p10le"
+    fmt = PixelFormat(layout, depth, (0, 0), (0.2126, 0.0722), False)
+    height, width = 64, 96
+    alpha = (np.arange(width, dtype=fmt.dtype) * 2 ** (depth - 8)).reshape(1, -1).repeat(height, 0)
+    info = media_info(fmt, has_alpha=True)
+    plan = make_plan(info, container=container, codec=codec, streams=Streams(alpha=True))
+    assert (plan.alpha, [line for line in plan.warnings if "alpha" in line]) == (True, [])
+    path = tmp_path / f"o.{container}"
+    with VideoWriter(path, info, fmt, plan=plan) as writer:
+        for frame in smooth_frames(2, fmt):
+            writer.write(replace(frame, alpha=alpha))
+    with av.open(str(path)) as opened:
+        picture = next(opened.decode(video=0))
+    component = picture.format.components[3]
+    plane = picture.planes[component.plane]
+    kind = np.uint8 if component.bits == 8 else np.uint16
+    stored = np.frombuffer(memoryview(plane), kind).reshape(-1, plane.line_size // kind().itemsize)[:height, :width]
+    assert np.abs(stored / (2**component.bits - 1) - alpha / (2**depth - 1)).max() < 2e-3
+
+
+def test_alpha_is_called_dropped_elsewhere() -> None:
+    fmt = PixelFormat("yuv444p10le", 10, (0, 0), (0.2126, 0.0722), False)
+    for container, codec in (("mp4", "hevc"), ("mov", "prores"), ("webm", "vp9"), ("y4m", "raw")):
+        plan = make_plan(media_info(fmt, has_alpha=True), container=container, codec=codec)
+        assert not plan.alpha
+        assert any("alpha is not kept" in line for line in plan.dropped)
+
+
+def test_rgb_stays_rgb_in_ffv1(tmp_path: Path) -> None:
+    for depth, name in ((8, "gbrp"), (10, "gbrp10le")):
+        fmt = PixelFormat(name, depth, (0, 0), None, True)
+        rng = np.random.default_rng(2)
+        planes = tuple(rng.integers(0, 2**depth, (64, 96), dtype=fmt.dtype) for _ in range(3))
+        path = tmp_path / f"{name}.mkv"
+        plan = make_plan(media_info(fmt), container="mkv", codec="ffv1")
+        assert plan.warnings == ()
+        with VideoWriter(path, media_info(fmt), fmt, plan=plan) as writer:
+            writer.write(Frame(0, 0, 0.0, fmt, planes))  # type: ignore[arg-type]
+        with av.open(str(path)) as opened:
+            seen = next(opened.decode(video=0)).reformat(format=name).to_ndarray()
+        np.testing.assert_array_equal(seen, np.stack(planes, axis=-1))
+
+
+def info_of(size: tuple[int, int], **changes: object) -> MediaInfo:
+    return media_info(PixelFormat("yuv420p", 8, (1, 1), (0.2126, 0.0722), False), size, **changes)
+
+
+def test_what_cannot_be_written_is_refused_in_words() -> None:
+    fields = Streams(fields="tff")
+    for container, codec, streams, info, words in (
+        ("mkv", "hevc", fields, info_of((64, 64)), "interlaced and HEVC has no fields here; write it as h264"),
+        ("mov", "dnxhr", fields, info_of((256, 128)), "interlaced and DNxHR has no fields"),
+        ("nut", "raw", fields, info_of((64, 64)), "uncompressed video has no fields here; write it as ffv1"),
+        ("webm", "auto", fields, info_of((64, 64)), "interlaced and WebM holds no codec with fields"),
+        ("mp4", "auto", fields, info_of((64, 64), rotation=90), "interlaced and turned"),
+        ("mov", "dnxhr", Streams(), info_of((64, 64)), "too small for dnxhr"),
+        ("mov", "ffv1", Streams(), info_of((64, 64)), "MOV holds .*, not ffv1; write .mkv"),
+        ("mkv", "dnxhr", Streams(), info_of((64, 64)), "Matroska holds .*, not dnxhr; write .mov"),
+        ("avi", "auto", Streams(), info_of((64, 64)), "is not one of"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            make_plan(info, container=container, codec=codec, streams=streams)
+
+
+def test_auto_keeps_fields() -> None:
+    fmt = PixelFormat("yuv420p10le", 10, (1, 1), (0.2126, 0.0722), False)
+    plan = make_plan(media_info(fmt), container="mp4", streams=Streams(fields="bff"))
+    assert (plan.codec, plan.format.depth, plan.fields) == ("h264", 10, "bff")
+
+
+def test_a_timecode_that_the_container_would_refuse_is_called_lost(tmp_path: Path) -> None:
+    for timecode, rate, kept in (
+        ("01:00:00;00", Fraction(30000, 1001), True),
+        ("01:00:00;00", Fraction(25), False),
+        ("one o'clock", Fraction(25), False),
+    ):
+        info = info_of((96, 64), frame_rate=rate)
+        plan = make_plan(info, container="mp4", streams=Streams(timecode=timecode))
+        assert (plan.timecode is not None) is kept
+        with VideoWriter(tmp_path / "o.mp4", info, info.format, plan=plan) as writer:
+            writer.write(smooth_frames(1, info.format)[0])
+        assert (read_streams(tmp_path / "o.mp4").timecode == timecode) is kept
+
+
+@pytest.mark.parametrize("container", ["mp4", "mov", "mkv", "webm"])
+def test_tags_come_back_whatever_their_names(container: str, tmp_path: Path) -> None:
+    """Each alone: some muxers know a name, and all names have a place."""
+    info = info_of((96, 64))
+    for name in ("title", "album_artist", "composer", "description", "com.example.take", "season_number"):
+        plan = make_plan(info, container=container, streams=Streams(metadata=((name, "7"),)))
+        with VideoWriter(tmp_path / f"o.{container}", info, info.format, plan=plan) as writer:
+            writer.write(smooth_frames(1, info.format)[0])
+        assert read_streams(tmp_path / f"o.{container}").metadata == ((name, "7"),)
+
+
+def test_streams_of_a_file_that_is_none_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "text.mp4").write_text("hello")
+    with pytest.raises(MediaError, match=r"text\.mp4"):
+        read_streams(tmp_path / "text.mp4")

@@ -1,0 +1,308 @@
+"""The limits of connections, on the service as its command starts it."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import json
+import os
+import resource
+import select
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import pytest
+from uvicorn.server import ServerState
+
+from service.api.connections import BoundedConfig, BoundedProtocol, Limits
+from service.settings import Settings
+from tests.promises import Drill
+from tests.service.fixtures import MP4
+from tests.worker.serving import Service, running_service
+
+#: the service's limits in seconds, short so that a test is
+IDLE, HEAD, BODY = 2, 3, 4
+SHORT = {"idle_timeout_s": str(IDLE), "head_timeout_s": str(HEAD), "body_timeout_s": str(BODY), "send_timeout_s": "3"}
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    with running_service(tmp_path_factory.mktemp("api"), arguments=("--no-worker",), **SHORT) as running:
+        yield running
+
+
+@pytest.fixture(scope="module", autouse=True)
+def many_descriptors() -> None:
+    """The tests' own side needs some, too."""
+    _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, 8192) if hard != resource.RLIM_INFINITY else 8192, hard))
+
+
+def connect(service: Service) -> socket.socket:
+    url = service.client.base_url
+    return socket.create_connection((url.host, url.port), timeout=20)
+
+
+def all_of(connection: socket.socket) -> bytes:
+    """What comes until the server closes."""
+    received = b""
+    try:
+        while data := connection.recv(65536):
+            received += data
+    except ConnectionResetError:
+        pass
+    return received
+
+
+def answer_to(service: Service, sent: bytes) -> tuple[int, dict[str, Any], bool]:
+    """Status, problem, and whether it said that the connection closes, which it then has done."""
+    with connect(service) as connection:
+        connection.sendall(sent)
+        head, _, body = all_of(connection).partition(b"\r\n\r\n")
+    lines = head.decode().lower().splitlines()
+    assert "content-type: application/problem+json" in lines, head
+    return int(head.split()[1]), json.loads(body), "connection: close" in lines
+
+
+@contextmanager
+def waits_of_others(service: Service, path: str = "/videos") -> Iterator[list[float]]:
+    """How long another client's requests take, one after the other, for the time of the block."""
+    taken: list[float] = []
+    done = threading.Event()
+
+    def ask() -> None:
+        while not done.is_set():
+            began = time.monotonic()
+            assert service.client.get(path).status_code == 200
+            taken.append(time.monotonic() - began)
+            time.sleep(0.02)
+
+    thread = threading.Thread(target=ask)
+    thread.start()
+    try:
+        yield taken
+    finally:
+        done.set()
+        thread.join()
+
+
+def p99(taken: list[float]) -> float:
+    return sorted(taken)[int(len(taken) * 0.99)]
+
+
+def allowed_wait(service: Service) -> float:
+    """The promise, 0.5 s, and what other work on this machine adds to it."""
+    with waits_of_others(service) as taken:
+        time.sleep(1)
+    return 0.5 + 3 * max(taken)
+
+
+def processor_s(pid: int) -> float:
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK")
+
+
+BODY_HEAD = b"POST /videos HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100000\r\n\r\n"
+
+
+def test_bodies_that_trickle_are_cut_off_and_hold_nobody_up(service: Service, promise: Callable[..., Drill]) -> None:
+    drill = promise("R10", wanted="others' p99 < 500 ms; each cut within 30 s")
+    allowed = allowed_wait(service)
+    with ExitStack() as stack, waits_of_others(service) as taken:
+        sockets = [stack.enter_context(connect(service)) for _ in range(200)]
+        for one in sockets:
+            one.sendall(BODY_HEAD + MP4)
+        began, ended = time.monotonic(), dict[socket.socket, float]()
+        answers = set()
+        while len(ended) < len(sockets) and time.monotonic() - began < 120:
+            for one in set(sockets) - ended.keys():
+                try:
+                    if select.select([one], [], [], 0)[0]:
+                        answers.add(one.recv(65536).split(b"\r\n")[0])
+                        ended[one] = time.monotonic() - began
+                    else:
+                        one.sendall(b"\0")
+                except (BrokenPipeError, ConnectionResetError):
+                    ended[one] = time.monotonic() - began
+            time.sleep(1)
+    last = max(ended.values(), default=0.0)
+    drill.measured = f"p99 {1000 * p99(taken):.0f} ms; {len(ended)} cut within {last:.0f} s (at a limit of {BODY} s)"
+    drill.keep_to(last, 30)
+    drill.keep_to(p99(taken), 0.5, busy=4 * allowed / 0.5)
+    assert len(ended) == 200
+    assert answers == {b"HTTP/1.1 408 Request Timeout"}
+    assert list((service.data_dir / "spool").iterdir()) == []
+
+
+def test_a_body_that_is_slow_but_not_too_slow_arrives(service: Service) -> None:
+    content = MP4 + os.urandom(12_000)
+    with connect(service) as connection:
+        head = (
+            f"POST /videos HTTP/1.1\r\nHost: localhost\r\nContent-Length: {len(content)}\r\nConnection: close\r\n\r\n"
+        )
+        connection.sendall(head.encode())
+        for start in range(0, len(content), 1000):  # 2,000 bytes a second, for longer than the limit
+            connection.sendall(content[start : start + 1000])
+            time.sleep(0.5)
+        assert all_of(connection).startswith(b"HTTP/1.1 202 ")
+
+
+def test_silent_connections_are_closed(service: Service) -> None:
+    with connect(service) as connection:
+        began = time.monotonic()
+        assert all_of(connection) == b""
+        assert IDLE - 1 < time.monotonic() - began < 10 * IDLE
+
+
+def test_a_head_that_trickles_is_refused(service: Service) -> None:
+    with connect(service) as connection:
+        connection.sendall(b"GET /livez HTTP/1.1\r\n")
+        began = time.monotonic()
+        while time.monotonic() - began < 10 * HEAD and not select.select([connection], [], [], 0.5)[0]:
+            connection.sendall(b"a")
+        answer = all_of(connection)
+        assert answer.startswith(b"HTTP/1.1 408 ")
+        assert b'"too-slow"' in answer
+
+
+def test_who_does_not_take_the_answer_is_cut_off(service: Service) -> None:
+    with connect(service) as connection:
+        # 40 MB: more than the kernel keeps on either side
+        connection.sendall(b"GET /docs/assets/redoc.standalone.js HTTP/1.1\r\nHost: localhost\r\n\r\n" * 40)
+        time.sleep(3 + 3)
+        assert 0 < all_of(connection).count(b"HTTP/1.1 200 ") < 40
+
+
+def test_a_client_that_waits_for_an_answer_is_left_alone(service: Service) -> None:
+    job = service.client.post("/references", content=b"\x89PNG\r\n\x1a\nx").json()["job"]
+    began = time.monotonic()
+    assert service.client.get(f"/jobs/{job}?wait=6").status_code == 200
+    assert time.monotonic() - began > 5
+
+
+def test_connections_are_kept_between_requests_and_requests_may_follow_each_other(service: Service) -> None:
+    request = b"GET /livez HTTP/1.1\r\nHost: localhost\r\n\r\n"
+    with connect(service) as connection:
+        for _ in range(4):
+            time.sleep(IDLE / 2)
+            connection.sendall(request * 2)
+            received = b""
+            while received.count(b'{"status":"ok"}') < 2:
+                received += connection.recv(65536)
+
+
+@pytest.mark.parametrize(
+    ("sent", "status"),
+    [
+        (b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03", 400),
+        (b"GET /livez\r\n\r\n", 400),
+        (b"GET /livez HTTP/1.1\r\n\r\n", 400),  # no Host
+        (b"GET /livez HTTP/1.1\r\nHost: localhost\r\nHost: localhost\r\n\r\n", 400),
+        (b"GET /livez HTTP/1.1\r\nHost: localhost\r\nno colon\r\n\r\n", 400),
+        (b"GET /livez HTTP/1.1\r\nHost: localhost\r\na: " + b"x" * 20_000, 431),
+        (b"GET /livez HTTP/1.1\r\nHost: localhost\r\na: " + b"x" * 20_000 + b"\r\n\r\n", 431),
+        (b"GET /livez HTTP/1.1\r\nHost: localhost\r\n" + b"a: b\r\n" * 10_000 + b"\r\n", 431),
+        (b"POST /videos HTTP/1.1\r\nHost: localhost\r\nContent-Length: 1\r\nContent-Length: 2\r\n\r\nx", 400),
+        (b"POST /videos HTTP/1.1\r\nHost: localhost\r\nContent-Length: -1\r\n\r\n", 400),
+        (b"POST /videos HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: gzip, chunked\r\n\r\n", 501),
+        (
+            b"POST /videos HTTP/1.1\r\nHost: localhost\r\nContent-Length: 5\r\nTransfer-Encoding: chunked\r\n\r\n"
+            b"0\r\n\r\nGET /videos HTTP/1.1\r\nHost: localhost\r\n\r\n",
+            400,
+        ),
+        (b"POST /videos HTTP/1.0\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n", 400),
+        (b"POST /videos HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\nzz\r\n", 400),
+        (b"HEAD /livez HTTP/1.1\r\nHost: localhost\r\nContent-Length: 5\r\nTransfer-Encoding: chunked\r\n\r\n", 400),
+    ],
+)
+def test_what_is_no_http_is_a_problem_and_the_connection_closes(service: Service, sent: bytes, status: int) -> None:
+    answered, problem, closes = answer_to(service, sent)
+    assert (answered, problem["status"], closes) == (status, status, True)
+    assert {"type", "title", "detail", "instance", "request_id"} <= problem.keys()
+
+
+def test_the_log_stays_small(service: Service) -> None:
+    before = service.log.stat().st_size
+    for _ in range(300):
+        answer_to(service, b"garbage\r\n\r\n")
+    assert service.log.stat().st_size - before < 2000
+
+
+def test_a_client_that_is_gone_when_it_is_refused_is_no_error() -> None:
+    """Its socket cannot be shut down any more."""
+
+    async def refuse() -> mock.Mock:
+        config = BoundedConfig(lambda: None, Limits.of(Settings()), log_config=None)
+        config.load()
+        protocol = BoundedProtocol(config, ServerState(), {}, asyncio.get_running_loop())
+        transport = mock.Mock(spec=asyncio.Transport)
+        transport.is_closing.return_value = False
+        transport.get_extra_info.return_value = None
+        transport.write_eof.side_effect = OSError(errno.ENOTCONN, "not connected")
+        protocol.connection_made(transport)
+        protocol.data_received(b"garbage\r\n\r\n")
+        protocol.connection_lost(None)
+        return transport
+
+    transport = asyncio.run(refuse())
+    assert transport.write.call_args.args[0].startswith(b"HTTP/1.1 400 ")
+    transport.abort.assert_called_once_with()
+
+
+def test_more_clients_than_there_are_places(tmp_path: Path, promise: Callable[..., Drill]) -> None:
+    """1,100 silent connections, and 1,024 descriptors: those that wait make room, others are served."""
+    drill = promise("R24", wanted="others' p99 < 500 ms; idle ones cut within 30 s; log bounded")
+    limited = ("sh", "-c", 'ulimit -n 1024; exec "$@"', "sh")
+    settings = SHORT | {"idle_timeout_s": "5"}
+    with (
+        running_service(tmp_path, arguments=("--no-worker",), before=limited, **settings) as service,
+        ExitStack() as stack,
+    ):
+        allowed, began = allowed_wait(service), time.monotonic()
+        used = processor_s(service.process.pid)
+        with waits_of_others(service) as taken:
+            sockets = [stack.enter_context(connect(service)) for _ in range(1100)]
+            time.sleep(3)
+            assert len(os.listdir(f"/proc/{service.process.pid}/fd")) < 1000
+            while len(closed(sockets)) < 1100:
+                assert time.monotonic() - began < 120
+                time.sleep(0.2)
+            gone, log = time.monotonic() - began, service.log.stat().st_size
+        drill.measured = f"p99 {1000 * p99(taken):.0f} ms; all cut after {gone:.0f} s; log of {log / 1000:.0f} kB"
+        drill.keep_to(gone, 30)
+        drill.keep_to(p99(taken), 0.5, busy=4 * allowed / 0.5)
+        assert len(taken) > 20
+        assert processor_s(service.process.pid) - used < 0.8 * (time.monotonic() - began)
+        assert service.log.stat().st_size < 100_000 + 200 * len(taken)
+
+
+def closed(sockets: list[socket.socket]) -> list[int]:
+    """Those that the server has closed. select() knows no descriptors above 1023."""
+    poller = select.poll()
+    for one in sockets:
+        poller.register(one, select.POLLIN)
+    return [number for number, _ in poller.poll(0)]
+
+
+def test_a_lack_of_descriptors_neither_spins_nor_fills_the_log(tmp_path: Path) -> None:
+    limited = ("sh", "-c", 'ulimit -n 26; exec "$@"', "sh")
+    with running_service(tmp_path, arguments=("--no-worker",), before=limited, idle_timeout_s="4") as service:
+        service.client.close()
+        with ExitStack() as stack:
+            used, logged = processor_s(service.process.pid), service.log.stat().st_size
+            began = time.monotonic()
+            for _ in range(120):
+                stack.enter_context(connect(service))
+            time.sleep(3)
+            assert processor_s(service.process.pid) - used < 0.5 * (time.monotonic() - began)
+            assert service.log.stat().st_size - logged < 5000
+            assert "no more connections can be accepted" in service.log.read_text()
+        with connect(service) as connection:
+            connection.sendall(b"GET /livez HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
+            assert all_of(connection).startswith(b"HTTP/1.1 200 ")

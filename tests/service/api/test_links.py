@@ -1,0 +1,311 @@
+from __future__ import annotations
+
+import hashlib
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from datetime import datetime, timedelta
+from pathlib import Path
+from urllib.parse import parse_qs, urlsplit
+
+import httpx
+import pytest
+from pydantic import ValidationError
+
+from service.catalog import keys
+from service.settings import Settings
+from tests.service.fixtures import MP4, PNG, Api, make_ready, make_results, serve
+from tests.service.receivers import until
+from tests.service.s3 import S3
+
+FILE = b"the file of a result"
+LIMITS = keys.Limits(requests_per_minute=600, active_jobs=10, stored_bytes=1_000_000)
+
+
+@pytest.fixture
+def stranger(api: Api) -> Iterator[httpx.Client]:
+    """A browser: no key."""
+    with httpx.Client(base_url=api.client.base_url) as client:
+        yield client
+
+
+def use_key(api: Api, name: str = "studio") -> str:
+    """From now on the client has a key; its id."""
+    with api.services.background.write() as session:
+        key, text = keys.create(session, name, LIMITS, now=api.services.database.now())
+    api.client.headers["Authorization"] = f"Bearer {text}"
+    return key.id
+
+
+def make_result(api: Api, content: bytes = FILE) -> str:
+    """A result of the client's own, with a cube of a second person."""
+    video = api.client.post("/videos", content=MP4 + content).json()
+    make_ready(api.services, video["id"])
+    job = api.client.post("/transfer", json={"video": video["id"], "looks": [{"reference": video["id"]}]}).json()
+    return make_results(api.services, job["id"], [content], parts=[("look.cube", 2, b"cube")])[0]
+
+
+def test_a_result_is_had_by_a_link_without_a_key(api: Api, stranger: httpx.Client) -> None:
+    use_key(api)
+    result = make_result(api)
+    assert stranger.get(f"/results/{result}").status_code == 401
+    assert stranger.post(f"/results/{result}/link").status_code == 401
+    made = api.client.post(f"/results/{result}/link")
+    assert made.status_code == 200, made.text
+    url = made.json()["url"]
+    assert url.startswith(f"/v1/results/{result}?")
+    left = datetime.fromisoformat(made.json()["expires_at"]) - api.services.database.now()
+    assert timedelta(seconds=900) < left <= timedelta(seconds=1000)  # the result is kept for 1000 s
+    whole = stranger.get(url)
+    assert (whole.status_code, whole.content) == (200, FILE)
+    part = stranger.get(url, headers={"Range": "bytes=4-7"})
+    assert (part.status_code, part.content) == (206, FILE[4:8])
+    assert stranger.get(url, headers={"If-None-Match": whole.headers["etag"]}).status_code == 304
+    assert stranger.head(url).headers["content-length"] == str(len(FILE))
+    cube = api.client.post(
+        f"/results/{result}/link", json={"part": "look.cube", "person": 2, "expires_in_s": 60}
+    ).json()
+    assert stranger.get(cube["url"]).content == b"cube"
+
+
+def test_a_link_is_for_what_it_was_made_for(api: Api, stranger: httpx.Client) -> None:
+    use_key(api)
+    first, second = (make_result(api, content) for content in (FILE, b"another"))
+    url = api.client.post(f"/results/{first}/link", json={"expires_in_s": 60}).json()["url"]
+    query = {name: values[0] for name, values in parse_qs(urlsplit(url).query).items()}
+    wrong = [
+        f"/results/{second}?{urlsplit(url).query}",
+        f"/results/{first}/look.cube?{urlsplit(url).query}&person=2",
+        url.replace(query["expires"], str(int(query["expires"]) + 1)),
+        url.replace(query["expires"], "x"),
+        url[:-1] + ("A" if url[-1] != "A" else "B"),
+        f"/results/{first}?signature={query['signature']}",
+        f"/results/{first}?signature=",
+        f"/uploads/{first}?{urlsplit(url).query}",
+        f"/results/res_0?{urlsplit(url).query}",
+    ]
+    assert {stranger.get(one).status_code for one in wrong} == {403}
+    # nor for anything else
+    assert stranger.get(f"/videos?{urlsplit(url).query}").status_code == 401
+    assert stranger.post(f"/results/{first}/link?{urlsplit(url).query}").status_code == 401
+
+
+def test_a_link_ends_with_its_time_its_result_and_its_key(api: Api, stranger: httpx.Client) -> None:
+    owner = use_key(api)
+    result = make_result(api)
+    url = api.client.post(f"/results/{result}/link").json()["url"]
+    now = api.services.database.now()
+    old = api.services.signer.sign("result", result, expires_at=now - timedelta(seconds=2))
+    gone = stranger.get(f"/results/{result}", params=old)
+    assert (gone.status_code, gone.json()["code"]) == (410, "gone")
+    with api.services.background.write() as session:
+        key = keys.by_name(session, owner)
+        assert key is not None
+        assert keys.revoke(session, key, now=now)
+    assert stranger.get(url).status_code == 403
+
+
+def test_a_link_of_before_there_were_keys_ends_with_the_first(api: Api, stranger: httpx.Client) -> None:
+    result = make_result(api)
+    url = api.client.post(f"/results/{result}/link").json()["url"]
+    assert stranger.get(url).status_code == 200
+    use_key(api)
+    assert stranger.get(url).status_code == 403
+
+
+def test_the_link_of_a_deleted_video_leads_nowhere(api: Api, stranger: httpx.Client) -> None:
+    result = make_result(api)
+    url = api.client.post(f"/results/{result}/link").json()["url"]
+    for video in api.client.get("/videos").json()["data"]:
+        assert api.client.delete(f"/videos/{video['id']}").status_code == 204
+    assert stranger.get(url).status_code == 404
+
+
+def test_links_of_one_api_open_at_another(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path / "data", reap_interval_s=3600)
+    for api in serve(settings):
+        result = make_result(api)
+        url = api.client.post(f"/results/{result}/link").json()["url"]
+    assert (tmp_path / "data" / "link-secret").stat().st_mode & 0o777 == 0o600
+    for api in serve(settings):
+        assert api.client.get(url).status_code == 200
+    for api in serve(settings.model_copy(update={"link_secret": Settings(link_secret="a" * 32).link_secret})):
+        assert api.client.get(url).status_code == 403
+
+
+def test_a_short_secret_is_refused_and_none_is_shown() -> None:
+    with pytest.raises(ValidationError, match="at least 32"):
+        Settings(link_secret="short")
+    assert "a" * 32 not in repr(Settings(link_secret="a" * 32))
+
+
+def test_what_a_link_may_not_be(api: Api) -> None:
+    result = make_result(api)
+    for wanted in ({"expires_in_s": 0}, {"expires_in_s": 10**9}, {"part": "all"}, {"speed": 1}):
+        assert api.client.post(f"/results/{result}/link", json=wanted).status_code == 422
+    assert api.client.post(f"/results/{result}/link", json={"part": "matte"}).status_code == 404
+    assert api.client.post("/results/res_0/link").status_code == 404
+    assert api.client.post("/uploads/link", json={"role": "reference", "matching": "chain"}).status_code == 422
+    key = {"Idempotency-Key": "a"}
+    first, second = (api.client.post(f"/results/{result}/link", headers=key) for _ in range(2))
+    assert first.json() == second.json()
+
+
+def test_links_may_lead_to_the_object_store(tmp_path: Path, bucket: S3) -> None:
+    settings = Settings(
+        data_dir=tmp_path / "data", reap_interval_s=3600, storage_url=bucket.storage_url, links_to_store=True
+    )
+    for api in serve(settings):
+        result = make_result(api)
+        url = api.client.post(f"/results/{result}/link", json={"expires_in_s": 60}).json()["url"]
+        assert url.startswith(bucket.url)
+        query = parse_qs(urlsplit(url).query)
+        assert query["X-Amz-Expires"] == ["60"]
+        assert query["X-Amz-Signature"]
+        assert "secret" not in url
+        assert httpx.get(url).content == FILE
+        part = httpx.get(url, headers={"Range": "bytes=4-7"})
+        assert (part.status_code, part.content) == (206, FILE[4:8])
+
+
+# uploads
+
+
+def upload_link(api: Api, **wanted: object) -> str:
+    made = api.client.post("/uploads/link", json=wanted)
+    assert made.status_code == 201, made.text
+    return str(made.json()["url"])
+
+
+def test_one_file_is_uploaded_by_a_link_without_a_key(api: Api, stranger: httpx.Client) -> None:
+    use_key(api)
+    data = PNG + b"a" * 1000
+    url = upload_link(api, role="reference", mask="ycbcr", metadata={"order": "42"})
+    assert stranger.post("/uploads/link", json={}).status_code == 401
+    put = stranger.put(url, content=data)
+    assert put.status_code == 200, put.text
+    reference = api.client.get(f"/references/{put.json()['media']}").json()
+    assert reference["sha256"] == hashlib.sha256(data).hexdigest()
+    assert (reference["settings"]["mask"], reference["metadata"]) == ("ycbcr", {"order": "42"})
+    assert stranger.get(url).json() == put.json()
+    # one file, once; who has lost the answer may send it again
+    for again in (stranger.put(url, content=data), stranger.put(url, content=iter([data]))):
+        assert (again.status_code, again.json()) == (200, put.json())
+    for other in (data + b"a", data[:-1] + b"b"):
+        assert stranger.put(url, content=other).status_code == 409
+    assert len(api.client.get("/references").json()["data"]) == 1
+    form = upload_link(api)
+    sent = stranger.post(form, files={"file": ("a.mp4", MP4)})
+    assert sent.status_code == 200, sent.text
+    assert stranger.post(form, files={"file": ("a.mp4", MP4)}).json() == sent.json()
+    assert stranger.post(form, files={"file": ("a.mp4", MP4 + b"b")}).status_code == 409
+    assert api.drafts == []
+    assert api.client.get(f"/videos/{sent.json()['media']}").json()["filename"] == "a.mp4"
+    # what came by a link is its maker's alone
+    assert stranger.get(f"/videos/{sent.json()['media']}").status_code == 401
+
+
+def test_a_file_that_is_sent_twice_at_a_time_by_a_link_gets_the_same_answer_twice(
+    api: Api, stranger: httpx.Client
+) -> None:
+    use_key(api)
+    first, other = PNG + b"a" * 1000, PNG + b"b" * 1000
+    for contents, statuses in (((first, first), [200, 200]), ((first, other), [200, 409])):
+        url, begun = upload_link(api, role="reference"), threading.Event()
+
+        def slowly(content: bytes, begun: threading.Event = begun) -> Iterator[bytes]:
+            yield content[:500]
+            begun.wait(30)
+            yield content[500:]
+
+        with ThreadPoolExecutor() as clients:
+            sent = [clients.submit(stranger.put, url, content=slowly(content)) for content in contents]
+            until(lambda: len(api.drafts) == 2)  # neither is there when the other begins
+            begun.set()
+            answers = [one.result() for one in sent]
+        assert sorted(one.status_code for one in answers) == statuses
+        assert all(one.json() == stranger.get(url).json() for one in answers if one.is_success)
+        assert api.drafts == []
+
+
+def test_a_link_keeps_an_upload_to_what_it_was_made_for(api: Api, stranger: httpx.Client) -> None:
+    use_key(api)
+    url = upload_link(api, max_bytes=1000)
+    assert stranger.put(url, content=MP4 + b"x" * 1000).status_code == 413
+    assert stranger.put(url, content=iter([MP4, b"x" * 1000])).status_code == 413
+    assert stranger.put(url, content=b"<html>").status_code == 415
+    announced = {"Tus-Resumable": "1.0.0", "Upload-Length": "1001"}
+    assert stranger.post(url, headers=announced).status_code == 413
+    assert stranger.put(url.replace("signature=", "signature=A"), content=MP4).status_code == 403
+    other = upload_link(api)
+    assert stranger.put(f"{urlsplit(other).path}?{urlsplit(url).query}", content=MP4).status_code == 403
+    # the link is good still
+    assert stranger.put(url, content=MP4).status_code == 200
+    assert api.drafts == []
+
+
+def test_a_file_in_pieces_by_a_link(api: Api, stranger: httpx.Client) -> None:
+    use_key(api)
+    url = upload_link(api)
+    tus = {"Tus-Resumable": "1.0.0"}
+    begun = stranger.post(url, headers=tus | {"Upload-Length": "1000"})
+    assert (begun.status_code, begun.headers["location"]) == (201, url)
+    assert stranger.post(url, headers=tus | {"Upload-Length": "1000"}).status_code == 409
+    piece = tus | {"Content-Type": "application/offset+octet-stream"}
+    assert stranger.patch(url, content=MP4, headers=piece | {"Upload-Offset": "0"}).status_code == 204
+    assert stranger.head(url, headers=tus).headers["upload-length"] == "1000"
+    rest = b"x" * (1000 - len(MP4))
+    last = stranger.patch(url, content=rest, headers=piece | {"Upload-Offset": str(len(MP4))})
+    assert api.client.get(f"/videos/{last.headers['pvg-media']}").status_code == 200
+
+
+def test_a_link_for_an_upload_expires(api: Api, stranger: httpx.Client) -> None:
+    made = api.client.post("/uploads/link", json={}).json()
+    old = api.services.signer.sign("upload", made["id"], expires_at=api.services.database.now() - timedelta(seconds=2))
+    assert stranger.put(f"/uploads/{made['id']}", params=old, content=MP4).status_code == 410
+
+
+# pages of other sites
+
+PAGE = "https://studio.example"
+
+
+@pytest.fixture
+def pages(tmp_path: Path) -> Iterator[Api]:
+    yield from serve(Settings(data_dir=tmp_path / "data", reap_interval_s=3600, allowed_origins=PAGE))
+
+
+def test_a_page_of_an_allowed_origin_may_upload_in_pieces(pages: Api) -> None:
+    for method, wanted in (
+        ("POST", "tus-resumable,upload-length,upload-metadata,authorization,idempotency-key"),
+        ("PATCH", "tus-resumable,upload-offset,upload-checksum,content-type"),
+        *((method, "tus-resumable,authorization") for method in ("HEAD", "DELETE", "GET", "PUT")),
+    ):
+        asked = {"Access-Control-Request-Method": method, "Access-Control-Request-Headers": wanted}
+        answer = pages.client.options("/uploads/upl_0", headers={"Origin": PAGE} | asked)
+        assert answer.status_code == 200, answer.text
+        assert answer.headers["access-control-allow-origin"] == PAGE
+        assert method in answer.headers["access-control-allow-methods"]
+        allowed = {name.strip() for name in answer.headers["access-control-allow-headers"].lower().split(",")}
+        assert set(wanted.split(",")) <= allowed
+    # what the page's script may read of the answers
+    headers = {"Origin": PAGE, "Tus-Resumable": "1.0.0"}
+    made = pages.client.post("/uploads", headers=headers | {"Upload-Length": "1000"})
+    exposed = {name.strip().lower() for name in made.headers["access-control-expose-headers"].split(",")}
+    assert exposed >= {"location", "tus-resumable", "upload-offset", "upload-length", "upload-expires", "pvg-media"}
+    assert exposed >= {"accept-ranges", "content-range", "content-disposition", "etag", "repr-digest"}
+    piece = headers | {"Content-Type": "application/offset+octet-stream", "Upload-Offset": "0"}
+    sent = pages.client.patch(made.headers["location"], content=MP4, headers=piece)
+    assert (sent.status_code, sent.headers["access-control-allow-origin"]) == (204, PAGE)
+    # errors too, or the script does not learn that it should ask for the offset
+    again = pages.client.patch(made.headers["location"], content=MP4, headers=piece)
+    assert (again.status_code, again.headers["access-control-allow-origin"]) == (409, PAGE)
+
+
+def test_a_page_of_another_origin_may_not(pages: Api) -> None:
+    other = {"Origin": "https://other.example"}
+    asked = {"Access-Control-Request-Method": "PATCH", "Access-Control-Request-Headers": "upload-offset"}
+    preflight = pages.client.options("/uploads/upl_0", headers=other | asked)
+    assert (preflight.status_code, "access-control-allow-origin" in preflight.headers) == (400, False)
+    sent = pages.client.post("/uploads", headers=other | {"Tus-Resumable": "1.0.0", "Upload-Length": "1000"})
+    assert sent.status_code == 403

@@ -1,0 +1,179 @@
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from service.api.middleware import relative
+from service.api.origins import host_name
+from service.settings import Settings
+from tests.promises import Drill
+from tests.service.fixtures import PNG, Api, serve
+
+#: what a request wants to change, and how pages of other sites can ask for it without a preflight
+FORM = {"files": {"file": ("a.png", PNG)}}
+TEXT = {"content": PNG, "headers": {"content-type": "text/plain"}}
+
+
+@pytest.fixture
+def named(settings: Settings) -> Iterator[Api]:
+    """An API of a name, whose neighbour may write."""
+    names = {"allowed_hosts": "faces.example, Other.Example", "allowed_origins": "https://studio.example/"}
+    yield from serve(settings.model_copy(update=names))
+
+
+@pytest.fixture
+def anywhere(settings: Settings) -> Iterator[Api]:
+    yield from serve(settings.model_copy(update={"allowed_hosts": "*"}))
+
+
+@pytest.mark.parametrize("host", ["localhost", "LOCALHOST:8000", "127.0.0.1", "127.0.0.1:1", "[::1]", "[::1]:8000"])
+def test_the_names_of_loopback_are_answered(api: Api, host: str) -> None:
+    assert api.client.get("/videos", headers={"host": host}).status_code == 200
+
+
+@pytest.mark.parametrize(
+    "host",
+    [
+        "evil.example",
+        "localhost.evil.example",
+        "evil.example:8000",
+        "127.0.0.1.evil.example",
+        "localhost@evil.example",
+        "evil.example@localhost",
+        "localhost/x",
+        "localhost#evil.example",
+        "localhost, evil.example",
+        "[::1",
+        "localhost:x",
+        "192.168.1.5",
+        "",
+    ],
+)
+def test_any_other_name_is_answered_nothing(api: Api, host: str) -> None:
+    for path in ("/videos", "/livez", "/readyz", "/docs", "/openapi.json", "/nowhere"):
+        answer = api.client.get(path, headers={"host": host})
+        assert (answer.status_code, answer.json()["code"]) == (421, "misdirected")
+        assert answer.headers["content-type"] == "application/problem+json"
+        assert answer.headers["x-request-id"] == answer.json()["request_id"]
+
+
+def test_another_name_writes_nothing(api: Api, promise: Callable[..., Drill]) -> None:
+    drill = promise("R23", wanted="421 or 403; nothing read, nothing written")
+    refused = api.client.post("/references", headers={"host": "evil.example"}, files={"file": ("a.png", PNG)})
+    page = {"origin": "https://evil.example"}
+    other = api.client.post("/references", headers=page, files={"file": ("a.png", PNG)})
+    drill.measured = f"{refused.status_code} and {other.status_code}, {len(api.blobs)} files"
+    assert (refused.status_code, other.status_code) == (421, 403)
+    assert api.blobs == api.drafts == []
+
+
+def test_more_names_are_a_setting(named: Api, anywhere: Api) -> None:
+    for host in ("faces.example", "other.example:8443", "localhost", "FACES.example."):
+        assert named.client.get("/videos", headers={"host": host}).status_code == 200
+    assert named.client.get("/videos", headers={"host": "evil.example"}).status_code == 421
+    assert anywhere.client.get("/videos", headers={"host": "evil.example"}).status_code == 200
+
+
+def test_the_address_listened_at_is_a_name_too() -> None:
+    assert Settings().host_names == {"localhost", "127.0.0.1", "::1"}
+    assert "192.168.1.5" in (Settings(host="192.168.1.5").host_names or ())
+    assert Settings(host="0.0.0.0").host_names == Settings().host_names
+
+
+def test_a_name_is_read_without_its_port() -> None:
+    assert host_name("A.example:80") == "a.example"
+    assert host_name("[::1]:80") == "::1"
+    assert host_name("[::1") is None
+    assert host_name("a b") is None
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"origin": "https://evil.example"},
+        {"origin": "null"},
+        {"origin": "http://localhost:3000"},
+        {"origin": "http://[broken"},
+        {"origin": "file://"},
+        {"sec-fetch-site": "cross-site"},
+        {"sec-fetch-site": "same-site"},
+        {"origin": "https://evil.example", "sec-fetch-site": "cross-site"},
+    ],
+)
+@pytest.mark.parametrize("body", [FORM, TEXT])
+def test_pages_of_other_sites_write_nothing(api: Api, headers: dict[str, str], body: dict[str, Any]) -> None:
+    sent = headers | body.get("headers", {})
+    answer = api.client.post("/references", **(body | {"headers": sent}))
+    assert (answer.status_code, answer.json()["code"]) == (403, "forbidden")
+    assert api.blobs == api.drafts == []
+    assert api.client.get("/references", headers=headers).status_code == 200  # reads are the browser's to guard
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "PATCH", "DELETE", "QUERY"])
+def test_every_write_is_looked_at(api: Api, method: str) -> None:
+    video = api.client.post("/videos", content=PNG).json()["id"]
+    for path in (f"/videos/{video}?cancel_jobs=true", "/transfer", "/swap", "/jobs/job_1/cancel", "/nowhere"):
+        answer = api.client.request(method, path, headers={"origin": "https://evil.example"})
+        assert answer.status_code == 403
+    assert api.client.get(f"/videos/{video}").status_code == 200
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {},
+        {"sec-fetch-site": "same-origin"},
+        {"sec-fetch-site": "none"},
+        {"origin": "{own}"},
+        {"origin": "HTTP://{host}"},
+    ],
+)
+def test_own_pages_and_other_clients_write(api: Api, headers: dict[str, str]) -> None:
+    host = f"127.0.0.1:{api.address[1]}"
+    sent = {name: value.format(own=f"http://{host}", host=host) for name, value in headers.items()}
+    assert api.client.post("/references", content=PNG, headers=sent).status_code == 202
+
+
+def test_the_default_port_need_not_be_named(named: Api) -> None:
+    for origin, host in (("https://faces.example", "faces.example"), ("http://faces.example", "faces.example:80")):
+        answer = named.client.post("/references", content=PNG, headers={"origin": origin, "host": host})
+        assert answer.status_code in {200, 202}
+
+
+def test_an_allowed_origin_writes_and_its_browser_is_told(named: Api) -> None:
+    page = {"origin": "https://studio.example", "sec-fetch-site": "cross-site"}
+    preflight = {"access-control-request-method": "POST", "access-control-request-headers": "content-type"}
+    asked = named.client.options("/transfer", headers=page | preflight)
+    assert (asked.status_code, asked.headers["access-control-allow-origin"]) == (200, "https://studio.example")
+    answer = named.client.post("/references", content=PNG, headers=page)
+    assert (answer.status_code, answer.headers["access-control-allow-origin"]) == (202, "https://studio.example")
+    other = page | {"origin": "https://evil.example"}
+    assert "access-control-allow-origin" not in named.client.options("/transfer", headers=other | preflight).headers
+    assert named.client.post("/references", content=PNG, headers=other).status_code == 403
+
+
+def test_nobody_else_is_told_anything(api: Api) -> None:
+    answer = api.client.get("/videos", headers={"origin": "https://evil.example"})
+    assert not [name for name in answer.headers if name.startswith("access-control")]
+
+
+@pytest.mark.parametrize(
+    ("location", "expected"),
+    [
+        ("http://evil.example/videos?limit=1", "/videos?limit=1"),
+        ("http://x//evil.example/y", "/evil.example/y"),
+        ("//evil.example", "/"),
+        ("/jobs/job_1", "/jobs/job_1"),
+    ],
+)
+def test_a_location_is_a_path(location: str, expected: str) -> None:
+    assert relative(location, "") == expected
+    assert relative(location, "/api") == f"/api{expected}"
+    assert relative(f"/api{expected}", "/api") == f"/api{expected}"
+
+
+def test_redirects_name_no_host(api: Api) -> None:
+    answer = api.client.get("/videos/?limit=1", headers={"host": "localhost:1234"}, follow_redirects=False)
+    assert (answer.status_code, answer.headers["location"]) == (307, "/videos?limit=1")

@@ -1,0 +1,180 @@
+"""A database or an object store that is away, or locked: who can be answered is, the others are told when to ask."""
+
+from __future__ import annotations
+
+import sqlite3
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import httpx
+import pytest
+from pydantic import SecretStr
+
+from service.api import calls
+from service.catalog import keys
+from service.settings import Settings
+from tests.service.api.test_media import upload
+from tests.service.fixtures import MP4, Api, make_ready, make_results, serve
+from tests.service.servers import Wire, fresh_database, wire_to
+
+
+@pytest.fixture
+def wired(settings: Settings, postgres_url: str) -> Iterator[tuple[Wire, Api]]:
+    """An API whose PostgreSQL is at the end of a wire."""
+    with fresh_database(postgres_url) as url, wire_to(url) as (wire, far):
+        for api in serve(settings.model_copy(update={"database_url": far})):
+            yield wire, api
+
+
+def is_unavailable(answer: httpx.Response) -> bool:
+    return (
+        answer.status_code == 503 and answer.json()["code"] == "unavailable" and int(answer.headers["retry-after"]) > 0
+    )
+
+
+def test_while_the_database_is_away_all_are_told_to_come_back(wired: tuple[Wire, Api]) -> None:
+    wire, api = wired
+    video = upload(api, "/videos")
+    wire.cut()
+    assert is_unavailable(api.client.get(f"/jobs/{video['job']}"))
+    assert is_unavailable(api.client.get("/videos"))
+    assert is_unavailable(api.client.post("/videos", content=MP4 + b"2"))
+    assert is_unavailable(api.client.post(f"/jobs/{video['job']}/cancel"))
+    assert api.client.get("/readyz").json()["checks"]["database"] == "unavailable"
+    wire.connect()
+    assert api.client.get(f"/jobs/{video['job']}").json()["state"] == "queued"
+    assert api.client.post("/videos", content=MP4 + b"2").status_code == 202
+
+
+def test_figures_are_shown_without_the_records_to_whom_they_were_shown_before(wired: tuple[Wire, Api]) -> None:
+    wire, api = wired
+    wire.cut()
+    assert api.client.get("/metrics").status_code == 401  # whether there are keys was never read
+    wire.connect()
+    assert "pvg_database_up 1.0" in api.client.get("/metrics").text
+    wire.cut()
+    assert "pvg_database_up 0.0" in api.client.get("/metrics").text
+    wire.connect()
+    with api.services.background.write() as session:
+        keys.create(session, "studio", keys.Limits(), now=api.services.database.now())
+    assert api.client.get("/metrics").status_code == 401
+    wire.cut()
+    answer = api.client.get("/metrics")
+    assert (answer.status_code, answer.json()["code"]) == (401, "unauthorized")
+    wire.connect()
+
+
+def test_the_token_of_figures_is_asked_for_without_the_records(settings: Settings, postgres_url: str) -> None:
+    with fresh_database(postgres_url) as url, wire_to(url) as (wire, far):
+        changed = {"database_url": far, "metrics_token": SecretStr("scrape-me")}
+        for api in serve(settings.model_copy(update=changed)):
+            wire.cut()
+            assert api.client.get("/metrics").status_code == 401
+            answer = api.client.get("/metrics", headers={"Authorization": "Bearer scrape-me"})
+            assert (answer.status_code, "pvg_database_up 0.0" in answer.text) == (200, True)
+            wire.connect()
+
+
+def test_a_database_that_hangs_holds_nobody_for_long(wired: tuple[Wire, Api]) -> None:
+    wire, api = wired
+    video = upload(api, "/videos")
+    wire.hang()
+    began = time.monotonic()
+    with ThreadPoolExecutor(60) as clients:
+        answers = list(clients.map(lambda _: api.client.get(f"/jobs/{video['job']}"), range(60)))
+    assert all(is_unavailable(answer) for answer in answers)
+    print(f"60 clients of a database that hangs are answered after {time.monotonic() - began:.1f} s")
+    assert time.monotonic() - began < 28  # of one that looks at them one after the other, after minutes
+    wire.connect()
+    assert api.client.get(f"/jobs/{video['job']}").status_code == 200
+
+
+@pytest.mark.embedded
+def test_sixty_writers_that_wait_for_a_lock_hold_up_no_reader(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not one reader waits until a writer gives up, however slow the machine is."""
+    monkeypatch.setattr(calls, "_PATIENCE_S", 60.0)
+    video = upload(api, "/videos")
+    path = api.services.settings.folder / "catalog.sqlite3"
+    other = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
+    other.execute("BEGIN IMMEDIATE")
+
+    def write(number: int) -> httpx.Response:
+        return api.client.post("/videos", content=MP4 + b"%d" % number)
+
+    with ThreadPoolExecutor(60) as clients:
+        writers = [clients.submit(write, number) for number in range(60)]
+        until = time.monotonic() + 60
+        while len(api.drafts) < 60:  # all of them have sent their files
+            assert time.monotonic() < until
+            time.sleep(0.05)
+        taken = []
+        for _ in range(10):
+            began = time.monotonic()
+            assert api.client.get(f"/jobs/{video['job']}").status_code == 200
+            taken.append(time.monotonic() - began)
+        ended = sum(writer.done() for writer in writers)
+        stored = len(api.blobs)
+        other.rollback()
+        statuses = {writer.result().status_code for writer in writers}
+    print(f"slowest GET beside 60 blocked writers: {max(taken):.3f} s")
+    other.close()
+    assert (ended, stored) == (0, 1)
+    assert statuses == {202}
+
+
+def test_twenty_files_that_are_stored_slowly_hold_up_no_writer(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    video = upload(api, "/videos")
+    put, goes_on, begun = api.services.storage.put, threading.Event(), threading.Semaphore(0)
+
+    def slowly(path: Path, key: str) -> None:
+        begun.release()
+        goes_on.wait()
+        put(path, key)
+
+    monkeypatch.setattr(api.services.storage, "put", slowly)
+    with ThreadPoolExecutor(20) as clients:
+        uploads = [clients.submit(api.client.post, "/videos", content=MP4 + b"%d" % number) for number in range(20)]
+        try:
+            assert all(begun.acquire(timeout=30) for _ in range(16))  # as many as there are threads for it
+            assert api.client.post(f"/jobs/{video['job']}/cancel").status_code == 202
+            assert api.client.get(f"/jobs/{video['job']}").json()["state"] == "canceled"
+            assert not any(one.done() for one in uploads)
+        finally:
+            goes_on.set()
+        assert {one.result().status_code for one in uploads} == {202}
+
+
+@pytest.mark.embedded
+def test_a_lock_that_is_never_given_back_is_503(api: Api) -> None:
+    path = api.services.settings.folder / "catalog.sqlite3"
+    other = sqlite3.connect(path, isolation_level=None)
+    other.execute("BEGIN IMMEDIATE")
+    began = time.monotonic()
+    assert is_unavailable(api.client.post("/videos", content=MP4))
+    assert 5 < time.monotonic() - began < 28
+    assert api.blobs == []
+    other.rollback()
+    other.close()
+
+
+def test_while_the_object_store_is_away_records_are_still_read(api: Api, settings: Settings) -> None:
+    video = upload(api, "/videos")
+    make_ready(api.services, video["id"])
+    job = api.client.post("/transfer", json={"video": video["id"], "looks": [{"reference": video["id"]}]}).json()
+    (result,) = make_results(api.services, job["id"], [b"result"])
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in (
+            ("AWS_ACCESS_KEY_ID", "x"),
+            ("AWS_SECRET_ACCESS_KEY", "x"),
+            ("AWS_ENDPOINT", "http://127.0.0.1:1"),
+            ("AWS_ALLOW_HTTP", "true"),
+        ):
+            patch.setenv(name, value)
+        for away in serve(settings.model_copy(update={"storage_url": "s3://bucket"})):
+            assert is_unavailable(away.client.get(f"/results/{result}"))  # within the client's 30 s
+            assert is_unavailable(away.client.post("/videos", content=MP4 + b"2"))
+            assert away.client.get(f"/jobs/{job['id']}").json()["state"] == "succeeded"
+            assert away.client.get("/videos").json()["data"][0]["id"] == video["id"]

@@ -1,0 +1,294 @@
+"""Single pictures over HTTP; a worker's steps are done by hand."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from itertools import count
+from typing import Any
+
+import pytest
+
+from service.api.examples import MEDIUM
+from service.blobs import Blobs
+from service.catalog import PreviewState, previews, workers
+from service.catalog.models import Preview
+from service.catalog.previews import KEPT_S, Still
+from service.errors import stored_problem
+from service.settings import Settings
+from tests.service.fixtures import MP4, PNG, Api, FakeClock, make_ready, serve
+
+#: of every clip here
+FRAMES = MEDIUM["media"]["frame_count"]
+PICTURE = b"\xff\xd8\xff the face of somebody"
+
+
+@dataclass
+class Made:
+    """What a worker that is alive has made."""
+
+    requests: list[dict[str, Any]] = field(default_factory=list)
+
+
+@contextmanager
+def preview_worker(api: Api, error: dict[str, str] | None = None) -> Iterator[Made]:
+    """A worker of previews, as the records see it."""
+    services, stop, made = api.services, threading.Event(), Made()
+    blobs = Blobs(services.background, services.storage, within_s=KEPT_S)
+
+    def beat() -> None:
+        with services.background.write() as session:
+            workers.beat(session, "previews", now=services.background.now(), kind="previews")
+
+    beat()
+
+    def work() -> None:
+        for turn in count(1):
+            if stop.wait(0.01):
+                break
+            if turn % 100 == 0:
+                beat()
+            with services.background.write() as session:
+                now = services.background.now()
+                for row in session.query(Preview).filter(Preview.state == PreviewState.ASKED):
+                    if previews.take(session, row.id, now=now, within_s=10) is None:
+                        continue
+                    made.requests.append(row.request)
+                    if error is not None:
+                        previews.fail(session, row.id, error)
+            with services.background.read() as session:
+                taken = session.query(Preview).filter(Preview.state == PreviewState.TAKEN).all()
+            for row in taken:
+                draft = services.storage.draft()
+                draft.write_bytes(PICTURE)
+                key = services.storage.key("preview", "ab" * 32, row.id, ".jpg")
+                blobs.put(draft, key)
+                with services.background.write() as session:
+                    previews.finish(session, row.id, Still(key, len(PICTURE), 5))
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    try:
+        yield made
+    finally:
+        stop.set()
+        thread.join()
+
+
+@pytest.fixture
+def video(api: Api) -> str:
+    video_id: str = api.client.post("/videos", content=MP4).json()["id"]
+    make_ready(api.services, video_id)
+    return video_id
+
+
+@pytest.fixture
+def reference(api: Api) -> str:
+    reference_id: str = api.client.post("/references", content=PNG).json()["id"]
+    make_ready(api.services, reference_id)
+    return reference_id
+
+
+def body(video: str, reference: str, **more: Any) -> dict[str, Any]:
+    return {"video": video, "look": {"reference": reference, **more.pop("look", {})}, **more}
+
+
+def test_a_picture_is_made_and_shown(api: Api, video: str, reference: str) -> None:
+    with preview_worker(api) as worker:
+        answer = api.client.post("/preview", json=body(video, reference, nearest=True, look={"strength": 0.5}))
+    assert (answer.status_code, answer.content) == (200, PICTURE)
+    assert answer.headers["content-type"] == "image/jpeg"
+    assert answer.headers["pvg-frame"] == "5"
+    assert answer.headers["cache-control"] == "private, no-cache"
+    (asked,) = worker.requests
+    assert (asked["params"]["strength"], asked["nearest"], asked["before"]) == (0.5, True, False)
+
+
+def test_the_same_is_made_once_and_is_304_for_who_has_it(api: Api, video: str, reference: str) -> None:
+    with preview_worker(api) as worker:
+        first = api.client.post("/preview", json=body(video, reference))
+        again = api.client.post("/preview", json=body(video, reference))
+        etag = {"If-None-Match": first.headers["etag"]}
+        unchanged = api.client.post("/preview", json=body(video, reference), headers=etag)
+        other = api.client.post("/preview", json=body(video, reference, look={"light": 0.1}), headers=etag)
+    assert (again.status_code, again.content, again.headers["etag"]) == (200, PICTURE, first.headers["etag"])
+    assert (unchanged.status_code, unchanged.content) == (304, b"")
+    assert other.status_code == 200
+    assert other.headers["etag"] != first.headers["etag"]
+    assert len(worker.requests) == 2
+
+
+def test_without_a_worker_it_is_said_at_once(api: Api, video: str, reference: str) -> None:
+    with api.services.background.write() as session:
+        workers.beat(session, "jobs", now=api.services.database.now())  # one of jobs makes no pictures
+    for answer in (
+        api.client.post("/preview", json=body(video, reference)),
+        api.client.get(f"/videos/{video}/frames/0"),
+    ):
+        assert (answer.status_code, answer.json()["code"]) == (503, "unavailable")
+        assert answer.headers["retry-after"] == "1"
+        assert answer.headers["content-type"] == "application/problem+json"
+
+
+def test_one_that_is_not_made_in_time_is_dropped(settings: Settings) -> None:
+    for api in serve(settings.model_copy(update={"preview_timeout_s": 0.3})):
+        video_id = api.client.post("/videos", content=MP4).json()["id"]
+        make_ready(api.services, video_id)
+        with api.services.background.write() as session:
+            workers.beat(session, "previews", now=api.services.database.now(), kind="previews")
+        answer = api.client.post("/preview", json={"video": video_id})
+        assert (answer.status_code, answer.headers["retry-after"]) == (503, "1")
+        with api.services.database.read() as session:
+            assert session.query(Preview).count() == 0
+        if api.services.settings.uses_broker_of_files:  # of Redis's, the worker passes over it
+            messages = api.services.settings.folder / "broker" / "messages"
+            assert [path for path in messages.iterdir() if "preview" in path.name] == []
+
+
+def test_why_there_is_none_is_told(api: Api, video: str, reference: str) -> None:
+    with preview_worker(api, stored_problem("validation-failed", "face 0 is not in frame 5")):
+        answer = api.client.post("/preview", json=body(video, reference, face=0))
+    assert (answer.status_code, answer.json()["code"]) == (422, "validation-failed")
+    assert answer.json()["detail"] == "face 0 is not in frame 5"
+
+
+def test_what_may_go_well_later_is_to_be_asked_again(api: Api, video: str, reference: str) -> None:
+    with preview_worker(api, stored_problem("unavailable", "the files could not be reached for too long")):
+        answer = api.client.post("/preview", json=body(video, reference))
+    assert (answer.status_code, answer.headers["retry-after"]) == (503, "1")
+
+
+def test_media_that_are_not_ready_are_409(api: Api, video: str) -> None:
+    late = api.client.post("/references", content=PNG).json()["id"]
+    answer = api.client.post("/preview", json=body(video, late))
+    assert (answer.status_code, answer.json()["code"]) == (409, "conflict")
+    assert api.client.get(f"/references/{late}/poster").status_code == 409
+    assert api.client.get(f"/references/{late}/frames/0").status_code == 409
+
+
+def test_what_is_unknown_is_404(api: Api, video: str, reference: str) -> None:
+    absent = "vid_" + "0" * 32
+    assert api.client.post("/preview", json=body(absent, reference)).status_code == 404
+    assert api.client.post("/preview", json=body(video, "ref_" + "0" * 32)).json()["errors"] == [
+        {"pointer": "/look/reference", "detail": f"there is no reference ref_{'0' * 32}"}
+    ]
+    for path in ("frames/0", "poster", "faces/0/thumbnail"):
+        assert api.client.get(f"/videos/{absent}/{path}").status_code == 404
+        assert api.client.get(f"/references/{video}/{path}").status_code == 404  # it is a video
+    assert api.client.get(f"/videos/{video}/frames/{FRAMES}").status_code == 404
+    assert api.client.get(f"/videos/{video}/faces/1/thumbnail").status_code == 404
+
+
+@pytest.mark.parametrize(
+    ("more", "pointer"),
+    [
+        ({"frame": FRAMES}, "/frame"),
+        ({"time_s": 9}, "/time_s"),
+        ({"face": 1}, "/face"),
+        ({"look": {"faces": [1]}}, "/look/faces"),
+        ({"look": {"reference_face": 1}}, "/look/reference_face"),
+        ({"look": {"strength": 2}}, "/look/strength"),
+        ({"crop": [0, 0, 0, 5]}, "/crop/2"),
+        ({"max_width": 0}, "/max_width"),
+        ({"format": "gif"}, "/format"),
+        ({"frame": 0, "time_s": 0}, ""),
+        ({"face": 0, "crop": [0, 0, 5, 5]}, ""),
+        ({"looks": []}, "/looks"),
+        ({"frame": "0"}, "/frame"),
+    ],
+)
+def test_what_does_not_fit_is_422(api: Api, video: str, reference: str, more: dict[str, Any], pointer: str) -> None:
+    answer = api.client.post("/preview", json=body(video, reference, **more))
+    assert (answer.status_code, answer.json()["errors"][0]["pointer"]) == (422, pointer), answer.text
+
+
+def test_a_reference_is_not_recoloured(api: Api, reference: str) -> None:
+    answer = api.client.post("/preview", json={"video": reference})
+    assert (answer.status_code, answer.json()["errors"][0]["pointer"]) == (422, "/video")
+
+
+def test_unknown_layers_are_422_and_known_ones_asked_for(api: Api, video: str, reference: str) -> None:
+    assert api.client.get(f"/videos/{video}/frames/0?layer=bones").status_code == 422
+    with preview_worker(api) as worker:
+        answer = api.client.get(f"/videos/{video}/frames/0?layer=matte")
+        also = api.client.get(f"/references/{reference}/frames/0")
+    assert (answer.status_code, answer.headers["content-type"], also.status_code) == (200, "image/png", 200)
+    assert [(one["layer"], one["frame"], one["format"]) for one in worker.requests] == [
+        ("matte", 0, "png"),
+        ("image", 0, "png"),
+    ]
+
+
+def test_a_medium_of_before_gets_its_small_pictures_on_request(api: Api, video: str) -> None:
+    shown = api.client.get(f"/videos/{video}").json()
+    assert shown["poster"] == f"/v1/videos/{video}/poster"
+    assert shown["faces"][0]["thumbnail"] == f"/v1/videos/{video}/faces/0/thumbnail"
+    with preview_worker(api) as worker:
+        poster, face = api.client.get(shown["poster"]), api.client.get(shown["faces"][0]["thumbnail"])
+    assert (poster.status_code, face.status_code) == (200, 200)
+    assert [(one["face"], one["max_width"]) for one in worker.requests] == [(None, 640), (0, 160)]
+
+
+def test_deleting_the_medium_removes_its_pictures_at_once(api: Api, video: str, reference: str) -> None:
+    with preview_worker(api):
+        for medium in (reference, video):
+            assert api.client.post("/preview", json=body(video, reference)).status_code == 200 or medium == video
+            assert medium == video or any(key.startswith("preview/") for key in api.blobs)
+            role = "videos" if medium == video else "references"
+            assert api.client.delete(f"/{role}/{medium}").status_code == 204
+            assert not any(key.startswith("preview/") for key in api.blobs)
+    with api.services.database.read() as session:
+        assert session.query(Preview).count() == 0
+    assert api.blobs == []
+
+
+def test_nothing_is_left_after_a_minute(api: Api, video: str, reference: str, clock: FakeClock) -> None:
+    with preview_worker(api):
+        assert api.client.post("/preview", json=body(video, reference)).status_code == 200
+    assert any(key.startswith("preview/") for key in api.blobs)
+    background, reaper = api.services.background, api.services.reaper
+    real = background.now
+    background.now = clock  # type: ignore[method-assign]
+    try:
+        clock.forward(KEPT_S + 1)
+        reaper.round()
+        assert not any(key.startswith("preview/") for key in api.blobs)
+        clock.forward(60)
+        reaper.round()
+    finally:
+        background.now = real  # type: ignore[method-assign]
+    with api.services.database.read() as session:
+        assert session.query(Preview).count() == 0
+    files = [path for path in api.services.settings.folder.rglob("*") if path.is_file()]
+    assert not any(PICTURE in path.read_bytes() for path in files)
+
+
+def test_one_key_cannot_fill_the_queue(settings: Settings) -> None:
+    for api in serve(settings.model_copy(update={"max_open_previews": 2, "preview_timeout_s": 2})):
+        video_id = api.client.post("/videos", content=MP4).json()["id"]
+        make_ready(api.services, video_id)
+        with api.services.background.write() as session:
+            workers.beat(session, "previews", now=api.services.database.now(), kind="previews")
+        statuses: list[int] = []
+
+        def ask(width: int, api: Api = api, video_id: str = video_id, statuses: list[int] = statuses) -> None:
+            statuses.append(api.client.post("/preview", json={"video": video_id, "max_width": width}).status_code)
+
+        threads = [threading.Thread(target=ask, args=(100 + i,)) for i in range(5)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert sorted(statuses) == [429, 429, 429, 503, 503]
+
+
+def test_an_idempotency_key_gets_the_same_and_not_another(api: Api, video: str, reference: str) -> None:
+    key = {"Idempotency-Key": "slider-1"}
+    with preview_worker(api):
+        first = api.client.post("/preview", json=body(video, reference), headers=key)
+        again = api.client.post("/preview", json=body(video, reference), headers=key)
+        other = api.client.post("/preview", json=body(video, reference, before=True), headers=key)
+    assert (first.status_code, again.status_code, again.content) == (200, 200, PICTURE)
+    assert (other.status_code, other.json()["code"]) == (422, "idempotency-key-reused")

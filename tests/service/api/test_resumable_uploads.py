@@ -1,0 +1,448 @@
+from __future__ import annotations
+
+import base64
+import hashlib
+import io
+import json
+import os
+import random
+import shutil
+import socket
+import subprocess
+import time
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from sqlalchemy import select
+
+from service.api import quotas, resuming
+from service.catalog import keys, resumable
+from service.catalog.models import IdempotentRequest
+from service.settings import Settings
+from tests.service.api.test_authentication import holder
+from tests.service.fixtures import MP4, PNG, Api, serve
+from tests.service.s3 import S3
+
+TUS = {"Tus-Resumable": "1.0.0"}
+PIECE = TUS | {"Content-Type": "application/offset+octet-stream"}
+
+
+def said(**values: str) -> str:
+    return ",".join(f"{name} {base64.b64encode(value.encode()).decode()}" for name, value in values.items())
+
+
+def content(size: int = 300_000) -> bytes:
+    return MP4 + random.Random(size).randbytes(size - len(MP4))
+
+
+def begin(client: httpx.Client, size: int, **more: str) -> str:
+    made = client.post("/uploads", headers=TUS | {"Upload-Length": str(size), "Upload-Metadata": said(**more)})
+    assert made.status_code == 201, made.text
+    assert made.headers["tus-resumable"] == "1.0.0"
+    return made.headers["location"]
+
+
+def send(client: httpx.Client, url: str, offset: int, data: bytes, **more: str) -> httpx.Response:
+    return client.patch(url, content=data, headers=PIECE | {"Upload-Offset": str(offset)} | more)
+
+
+def offset_of(client: httpx.Client, url: str) -> int:
+    found = client.head(url, headers=TUS)
+    assert found.status_code == 200
+    assert found.headers["cache-control"] == "no-store"
+    return int(found.headers["upload-offset"])
+
+
+def test_the_service_says_what_of_tus_it_speaks(api: Api) -> None:
+    answer = api.client.options("/uploads")
+    assert answer.status_code == 204
+    assert answer.headers["tus-version"] == "1.0.0"
+    assert set(answer.headers["tus-extension"].split(",")) == {"creation", "termination", "expiration", "checksum"}
+    assert answer.headers["tus-max-size"] == str(api.services.settings.max_upload_bytes)
+    assert answer.headers["tus-checksum-algorithm"] == "sha256,sha1"
+
+
+def test_a_file_in_pieces_is_the_medium_that_it_is_whole(api: Api) -> None:
+    data = content()
+    url = begin(api.client, len(data), filename="my clip.mp4", mask="ycbcr", **{"metadata.order": "42"})
+    assert (offset_of(api.client, url), api.blobs) == (0, [])
+    for start in (0, 100_000, 200_000):
+        answer = send(api.client, url, start, data[start : start + 100_000])
+        assert answer.status_code == 204, answer.text
+        assert answer.headers["upload-offset"] == str(start + 100_000)
+    video = api.client.get(f"/videos/{answer.headers['pvg-media']}").json()
+    assert video["sha256"] == hashlib.sha256(data).hexdigest()
+    assert (video["filename"], video["content_type"], video["size_bytes"]) == ("my clip.mp4", "video/mp4", len(data))
+    assert video["settings"]["mask"] == "ycbcr"
+    assert video["metadata"] == {"order": "42"}
+    shown = api.client.get(url).json()
+    assert (shown["media"], shown["offset_bytes"], shown["size_bytes"]) == (video["id"], len(data), len(data))
+    head = api.client.head(url, headers=TUS).headers
+    assert (head["upload-offset"], head["upload-length"], head["pvg-media"]) == (str(len(data)),) * 2 + (video["id"],)
+    # the pieces are gone, the file is there once
+    api.services.reaper.delete()
+    assert [key.partition("/")[0] for key in api.blobs] == ["source"]
+    assert api.drafts == []
+    whole = api.client.post("/videos?mask=ycbcr", content=data)
+    assert (whole.status_code, whole.json()["id"]) == (200, video["id"])
+
+
+def test_a_reference_in_one_piece(api: Api) -> None:
+    data = PNG + b"a" * 1000
+    url = begin(api.client, len(data), role="reference", name="face.png", type="image/png", relativePath="null")
+    answer = send(api.client, url, 0, data)
+    assert answer.headers["pvg-media"].startswith("ref_")
+    assert api.client.get(f"/references/{answer.headers['pvg-media']}").json()["filename"] == "face.png"
+    # the record of the upload goes with the medium
+    assert api.client.delete(f"/references/{answer.headers['pvg-media']}?cancel_jobs=true").status_code == 204
+    assert api.client.get(url).status_code == 404
+
+
+def test_the_next_piece_may_go_to_another_api(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path / "data", reap_interval_s=3600)
+    data = content()
+    first, second = serve(settings), serve(settings)
+    one, two = next(first), next(second)
+    url = begin(one.client, len(data))
+    for number, start in enumerate(range(0, len(data), 100_000)):
+        answer = send((two, one)[number % 2].client, url, start, data[start : start + 100_000])
+        assert answer.status_code == 204
+    assert two.client.get(f"/videos/{answer.headers['pvg-media']}").json()["sha256"] == hashlib.sha256(data).hexdigest()
+    for end in (first, second):
+        next(end, None)
+
+
+def test_pieces_in_an_object_store(tmp_path: Path, bucket: S3) -> None:
+    settings = Settings(data_dir=tmp_path / "data", reap_interval_s=3600, storage_url=bucket.storage_url)
+    data = content()
+    for api in serve(settings):
+        url = begin(api.client, len(data))
+        send(api.client, url, 0, data[:100_000])
+        assert [key.split("/")[1] for key in bucket.listed()] == ["part"]
+        answer = send(api.client, url, 100_000, data[100_000:])
+        video = api.client.get(f"/videos/{answer.headers['pvg-media']}").json()
+        assert video["sha256"] == hashlib.sha256(data).hexdigest()
+        api.services.reaper.delete()
+        assert [key.split("/")[1] for key in bucket.listed()] == ["source"]
+
+
+def test_bytes_that_are_not_the_next_ones_are_refused(api: Api) -> None:
+    url = begin(api.client, 300_000)
+    assert send(api.client, url, 5, b"x").status_code == 409
+    assert send(api.client, url, 0, MP4).status_code == 204
+    again = send(api.client, url, 0, MP4)
+    assert (again.status_code, again.headers["tus-resumable"]) == (409, "1.0.0")
+    assert offset_of(api.client, url) == len(MP4)
+    assert len(api.blobs) == 1
+
+
+def test_of_two_pieces_for_the_same_bytes_one_is_kept(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    url = begin(api.client, 300_000)
+    # the other one arrives while this one is about to be recorded
+    monkeypatch.setattr(resuming, "_record_part", _before(resuming._record_part, lambda: send(api.client, url, 0, MP4)))
+    assert send(api.client, url, 0, MP4 + b"second").status_code == 409
+    assert offset_of(api.client, url) == len(MP4)
+    api.services.reaper.delete()
+    assert len(api.blobs) == 1
+
+
+def _before(call: Any, other: Any) -> Any:
+    done: list[int] = []
+
+    def both(*args: Any) -> Any:
+        if not done:
+            done.append(1)
+            assert other().status_code == 204
+        return call(*args)
+
+    return both
+
+
+@pytest.mark.parametrize("algorithm", ["sha256", "sha1"])
+def test_a_piece_that_was_damaged_is_not_kept(api: Api, algorithm: str) -> None:
+    data = content()
+    url = begin(api.client, len(data))
+
+    def digest(of: bytes) -> str:
+        return f"{algorithm} {base64.b64encode(hashlib.new(algorithm, of).digest()).decode()}"
+
+    damaged = send(api.client, url, 0, data[:1000], **{"Upload-Checksum": digest(b"another")})
+    assert (damaged.status_code, damaged.json()["code"]) == (460, "checksum-mismatch")
+    assert (offset_of(api.client, url), api.blobs, api.drafts) == (0, [], [])
+    assert send(api.client, url, 0, data[:1000], **{"Upload-Checksum": digest(data[:1000])}).status_code == 204
+    damaged = send(api.client, url, 1000, data[1000:], **{"Upload-Checksum": digest(data)})
+    assert damaged.status_code == 460
+    last = send(api.client, url, 1000, data[1000:], **{"Upload-Checksum": digest(data[1000:])})
+    assert last.headers["pvg-media"]
+    for wrong in ("md5 abc=", "sha256 %%%", "sha256"):
+        other = begin(api.client, len(data))
+        assert send(api.client, other, 0, MP4, **{"Upload-Checksum": wrong}).status_code in {400, 460}
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [
+        ({}, 412),
+        (TUS, 400),
+        (TUS | {"Upload-Length": "-1"}, 400),
+        (TUS | {"Upload-Length": "9" * 30}, 400),
+        (TUS | {"Upload-Length": "0"}, 415),
+        (TUS | {"Upload-Length": "3000000000"}, 413),
+        (TUS | {"Upload-Length": "10", "Upload-Metadata": "filename %%%"}, 400),
+        (TUS | {"Upload-Length": "10", "Upload-Metadata": "a YQ==,a YQ=="}, 400),
+        (TUS | {"Upload-Length": "10", "Upload-Metadata": said(role="both")}, 422),
+        (TUS | {"Upload-Length": "10", "Upload-Metadata": said(speed="1")}, 422),
+        (TUS | {"Upload-Length": "10", "Upload-Metadata": said(role="reference", matching="chain")}, 422),
+        ({"Tus-Resumable": "0.2.2", "Upload-Length": "10"}, 412),
+    ],
+)
+def test_an_upload_that_cannot_be_is_refused_at_once(api: Api, headers: dict[str, str], status: int) -> None:
+    refused = api.client.post("/uploads", headers=headers)
+    assert refused.status_code == status, refused.text
+    assert refused.headers["tus-resumable"] == "1.0.0"
+
+
+def test_pieces_keep_to_the_protocol(api: Api) -> None:
+    url = begin(api.client, 1000)
+    at = {"Upload-Offset": "0"}
+    assert api.client.patch(url, content=b"x", headers=at).status_code == 412
+    assert api.client.patch(url, content=b"x", headers=TUS | at).status_code == 415
+    assert api.client.patch(url, content=b"x", headers=PIECE).status_code == 400
+    assert send(api.client, url, 0, b"x" * 1001).status_code == 413
+    lying = api.client.patch(url, content=iter([b"x" * 600, b"x" * 600]), headers=PIECE | at)
+    assert lying.status_code == 413
+    assert offset_of(api.client, url) == 0
+    assert send(api.client, url, 0, b"").status_code == 204
+    assert api.client.head("/uploads/upl_0", headers=TUS).status_code == 404
+    by_post = api.client.post(url, content=MP4, headers=PIECE | at | {"X-HTTP-Method-Override": "PATCH"})
+    assert (by_post.status_code, by_post.headers["upload-offset"]) == (204, str(len(MP4)))
+    assert api.drafts == []
+
+
+def test_what_is_no_film_is_refused_at_its_end_and_nothing_is_kept(api: Api) -> None:
+    url = begin(api.client, 2000)
+    assert send(api.client, url, 0, b"<html>" + b"x" * 994).status_code == 204
+    assert send(api.client, url, 1000, b"x" * 1000).status_code == 415
+    assert api.client.head(url, headers=TUS).status_code == 404
+    assert (api.blobs, api.drafts) == ([], [])
+
+
+def test_what_came_before_the_connection_broke_is_kept(api: Api) -> None:
+    data = content()
+    url = begin(api.client, len(data))
+    head = f"PATCH {url} HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: {len(data)}\r\nUpload-Offset: 0\r\n"
+    head += "".join(f"{name}: {value}\r\n" for name, value in PIECE.items())
+    with socket.create_connection(api.address) as connection:
+        connection.sendall(head.encode() + b"\r\n" + data[:200_000])
+    until = time.monotonic() + 20
+    while not offset_of(api.client, url) and time.monotonic() < until:
+        time.sleep(0.05)
+    there = offset_of(api.client, url)
+    assert 0 < there <= 200_000
+    answer = send(api.client, url, there, data[there:])
+    video = api.client.get(f"/videos/{answer.headers['pvg-media']}").json()
+    assert video["sha256"] == hashlib.sha256(data).hexdigest()
+
+
+def test_a_long_piece_is_stored_as_it_comes(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(resuming, "PART_BYTES", 100_000)
+    drafts: list[int] = []
+    real = resuming._keep_part
+
+    async def counted(*args: Any) -> None:
+        drafts.append(len(api.drafts))
+        await real(*args)
+
+    monkeypatch.setattr(resuming, "_keep_part", counted)
+    data = content(1_000_000)
+    url = begin(api.client, len(data) + 1)
+    assert send(api.client, url, 0, data).status_code == 204
+    assert len(api.blobs) >= 5
+    # a part that is stored takes no room in the spool any more
+    assert set(drafts) == {1}
+    answer = send(api.client, url, len(data), b"x")
+    video = api.client.get(f"/videos/{answer.headers['pvg-media']}").json()
+    assert video["sha256"] == hashlib.sha256(data + b"x").hexdigest()
+
+
+def test_when_the_last_piece_fails_it_may_be_sent_again(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    data = content()
+    url = begin(api.client, len(data))
+    send(api.client, url, 0, data[:100_000])
+    real = resumable.close
+
+    def broken(*args: Any, **more: Any) -> None:
+        raise RuntimeError("no power")
+
+    monkeypatch.setattr(resumable, "close", broken)
+    assert send(api.client, url, 100_000, data[100_000:]).status_code == 500
+    monkeypatch.setattr(resumable, "close", real)
+    assert offset_of(api.client, url) == 100_000
+    assert send(api.client, url, 100_000, data[100_000:]).headers["pvg-media"]
+    api.services.reaper.delete()
+    assert [key.partition("/")[0] for key in api.blobs] == ["source"]
+
+
+def test_a_terminated_upload_is_gone(api: Api) -> None:
+    url = begin(api.client, 300_000)
+    send(api.client, url, 0, MP4)
+    assert api.client.delete(url, headers=TUS).status_code == 204
+    assert api.blobs == []
+    assert api.client.head(url, headers=TUS).status_code == 404
+    assert api.client.delete(url, headers=TUS).status_code == 404
+
+
+def test_an_upload_that_is_not_gone_on_with_goes(tmp_path: Path) -> None:
+    for api in serve(Settings(data_dir=tmp_path / "data", reap_interval_s=3600, upload_ttl_s=2)):
+        url = begin(api.client, 300_000)
+        answer = send(api.client, url, 0, MP4)
+        assert answer.headers["upload-expires"].endswith("GMT")
+        # another round of the reaper keeps what a record names
+        api.services.reaper.collect()
+        assert len(api.blobs) == 1
+        time.sleep(2.1)
+        assert send(api.client, url, len(MP4), b"x").status_code == 404
+        api.services.reaper.expire()
+        api.services.reaper.delete()
+        assert api.blobs == []
+
+
+def test_an_upload_is_its_keys_own_and_counts_in_its_quota(api: Api) -> None:
+    made = {}
+    with api.services.background.write() as session:
+        now = api.services.database.now()
+        for name in ("studio", "other"):
+            limits = keys.Limits(requests_per_minute=600, active_jobs=10, stored_bytes=1_000_000)
+            made[name] = {"Authorization": f"Bearer {keys.create(session, name, limits, now=now)[1]}"}
+    studio, other = (httpx.Client(base_url=api.client.base_url, headers=one) for one in made.values())
+    with studio, other:
+        assert api.client.post("/uploads", headers=TUS | {"Upload-Length": "10"}).status_code == 401
+        removed = begin(studio, 10)
+        for answer in (
+            studio.head(removed, headers=TUS),
+            send(studio, removed, 0, b"x"),
+            studio.delete(removed, headers=TUS),
+        ):
+            assert (answer.is_success, answer.headers["tus-resumable"]) == (True, "1.0.0")
+            assert "requests" in answer.headers["ratelimit"]
+        url = begin(studio, 600_000)
+        assert other.head(url, headers=TUS).status_code == 404
+        assert send(other, url, 0, MP4).status_code == 404
+        assert other.delete(url, headers=TUS).status_code == 404
+        second = studio.post("/uploads", headers=TUS | {"Upload-Length": "600000"})
+        assert (second.status_code, second.json()["code"]) == (429, "quota-exceeded")
+        # what was reserved is what it takes, and not twice
+        data = content(600_000)
+        assert send(studio, url, 0, data[:300_000]).status_code == 204
+        assert send(studio, url, 300_000, data[300_000:]).headers["pvg-media"]
+        assert begin(studio, 399_000)
+
+
+def test_an_upload_is_begun_once_for_an_idempotency_key(api: Api) -> None:
+    headers = TUS | {"Upload-Length": "10", "Idempotency-Key": "a"}
+    first, second = (api.client.post("/uploads", headers=headers) for _ in range(2))
+    assert second.headers["location"] == first.headers["location"]
+    assert second.headers["idempotent-replayed"] == "true"
+
+
+@pytest.mark.parametrize("end", ["the medium is deleted", "the upload is removed"])
+def test_no_kept_answer_has_the_name_of_a_file_that_is_deleted(api: Api, end: str) -> None:
+    data = PNG + b"a" * 1000
+    about = said(role="reference", filename="someone.png")
+    headers = TUS | {"Upload-Length": str(len(data)), "Upload-Metadata": about, "Idempotency-Key": "a"}
+    url = api.client.post("/uploads", headers=headers).headers["location"]
+    if end == "the upload is removed":
+        assert api.client.delete(url, headers=TUS).status_code == 204
+    else:
+        medium = send(api.client, url, 0, data).headers["pvg-media"]
+        assert api.client.delete(f"/references/{medium}?cancel_jobs=true").status_code == 204
+    with api.services.database.read() as session:
+        assert session.scalars(select(IdempotentRequest)).all() == []
+    assert api.client.post("/uploads", headers=headers).headers["location"] != url
+
+
+def test_uploads_that_are_not_complete_are_so_many_at_most(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(quotas, "MAX_OPEN_UPLOADS", 2)
+    data = PNG + b"a" * 100
+    first = begin(api.client, len(data), role="reference")
+    api.client.post("/uploads/link", json={"role": "video"}).raise_for_status()
+    for refused in (
+        api.client.post("/uploads", headers=TUS | {"Upload-Length": "10"}),
+        api.client.post("/uploads/link", json={"role": "video"}),
+    ):
+        assert (refused.status_code, refused.json()["code"]) == (429, "quota-exceeded")
+        assert (refused.json()["limit"], refused.json()["unit"]) == (2, "uploads")
+        assert int(refused.headers["retry-after"]) > 0
+    assert send(api.client, first, 0, data).status_code == 204
+    second = begin(api.client, 10)
+    assert api.client.delete(second, headers=TUS).status_code == 204
+    begin(api.client, 10)
+
+
+# clients of others
+
+
+def test_tuspy_uploads_and_resumes(api: Api) -> None:
+    client = pytest.importorskip("tusclient.client").TusClient(f"{api.client.base_url}/uploads")
+    data = content(1_000_000)
+    first = client.uploader(file_stream=io.BytesIO(data), chunk_size=300_000, metadata={"filename": "a.mp4"})
+    first.upload(stop_at=300_000)
+    second = client.uploader(
+        file_stream=io.BytesIO(data), url=first.url, chunk_size=400_000, upload_checksum=True, metadata={}
+    )
+    second.upload()
+    shown = api.client.get(first.url).json()
+    assert api.client.get(f"/videos/{shown['media']}").json()["sha256"] == hashlib.sha256(data).hexdigest()
+
+
+@pytest.fixture
+def tus_js(monkeypatch: pytest.MonkeyPatch) -> str:
+    """node, where it finds tus-js-client: below the folder that TUS_JS_CLIENT names."""
+    node, folder = shutil.which("node"), os.environ.get("TUS_JS_CLIENT", "")
+    if node is None or not (Path(folder) / "node_modules" / "tus-js-client").is_dir():
+        pytest.skip("node is not installed, or TUS_JS_CLIENT names no folder where npm installed tus-js-client")
+    return node
+
+
+def _by_node(node: str, *arguments: str) -> dict[str, Any]:
+    script = Path(__file__).parent / "node" / "upload.mjs"
+    done = subprocess.run([node, str(script), *arguments], capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found
+
+
+@pytest.mark.parametrize(("chunk", "break_at"), [("Infinity", []), ("300000", []), ("300000", ["300000"])])
+def test_tus_js_client_uploads_and_resumes(
+    api: Api, tus_js: str, tmp_path: Path, chunk: str, break_at: list[str]
+) -> None:
+    data = content(1_000_000)
+    (tmp_path / "a.mp4").write_bytes(data)
+    said = json.dumps({"filename": "ä.mp4", "filetype": "video/mp4"})
+    found = _by_node(tus_js, f"{api.client.base_url}/uploads", str(tmp_path / "a.mp4"), said, chunk, *break_at)
+    video = api.client.get(f"/videos/{found['media']}").json()
+    assert (video["sha256"], video["filename"]) == (hashlib.sha256(data).hexdigest(), "ä.mp4")
+
+
+def test_tus_js_client_uploads_by_a_link(api: Api, tus_js: str, tmp_path: Path) -> None:
+    data = content(1_000_000)
+    (tmp_path / "a.mp4").write_bytes(data)
+    link = api.client.post("/uploads/link", json={"max_bytes": 2_000_000}).json()
+    at = f"{str(api.client.base_url).rstrip('/')}{link['url']}"
+    found = _by_node(tus_js, at, str(tmp_path / "a.mp4"), "{}", "300000", "300000")
+    assert api.client.get(f"/uploads/{link['id']}").json()["media"] == found["media"]
+
+
+def test_with_a_key_too_every_answer_of_tus_says_its_version(api: Api) -> None:
+    key = holder(api)
+    said = {"Tus-Resumable": "1.0.0"}
+    made = key.post("/v1/uploads", headers=said | {"Upload-Length": "20"})
+    place = made.headers["location"]
+    piece = said | {"Upload-Offset": "0", "Content-Type": "application/offset+octet-stream"}
+    answers = [made, *(key.send("PATCH", place, headers=piece, content=one) for one in (b"0123", b"4"))]
+    assert [answer.status_code for answer in answers] == [201, 204, 409]
+    for answer in answers:
+        assert answer.headers["tus-resumable"] == "1.0.0"
+        assert "ratelimit" in answer.headers

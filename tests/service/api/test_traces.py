@@ -1,0 +1,50 @@
+"""The `traceparent` of a request goes with the jobs it makes, and is named in the log."""
+
+from __future__ import annotations
+
+import time
+
+import structlog
+
+from service.catalog import jobs
+from tests.service.api.test_media import upload
+from tests.service.fixtures import MP4, PNG, Api, make_ready
+
+TRACE = "0af7651916cd43dd8448eb211c80319c"
+HEADER = {"traceparent": f"00-{TRACE}-b7ad6b7169203331-01"}
+
+
+def test_a_job_has_the_trace_of_its_request(api: Api) -> None:
+    sent = api.client.post("/v1/videos", content=MP4, headers=HEADER).json()
+    assert api.client.get(f"/v1/jobs/{sent['job']}").json()["traceparent"] == HEADER["traceparent"]
+    make_ready(api.services, sent["id"])
+    body = {"video": sent["id"], "looks": [{"reference": sent["id"]}]}
+    made = api.client.post("/v1/transfer", json=body, headers=HEADER).json()
+    with api.services.database.read() as session:
+        job = jobs.get(session, made["id"])
+    assert job is not None
+    assert job.traceparent == HEADER["traceparent"]
+
+
+def test_the_log_names_the_trace_of_a_request(api: Api) -> None:
+    with structlog.testing.capture_logs(processors=[structlog.contextvars.merge_contextvars]) as lines:
+        api.client.get("/v1/videos", headers=HEADER)
+        api.client.get("/v1/references")
+        until = time.monotonic() + 10
+        while sum(line["event"] == "request" for line in lines) < 2 and time.monotonic() < until:
+            time.sleep(0.01)  # a line is written after the answer
+    named = {line["path"]: line.get("trace_id") for line in lines if line["event"] == "request"}
+    assert named == {"/v1/videos": TRACE, "/v1/references": None}
+
+
+def test_a_request_without_one_gives_none_and_takes_none_over(api: Api) -> None:
+    upload(api, "/videos")
+    api.client.get("/v1/videos", headers=HEADER)
+    for headers in ({}, {"traceparent": "00-garbage"}):
+        sent = api.client.post("/v1/references", content=PNG + str(headers).encode(), headers=headers).json()
+        assert api.client.get(f"/v1/jobs/{sent['job']}").json()["traceparent"] is None
+
+
+def test_no_answer_carries_a_trace_on(api: Api) -> None:
+    answer = api.client.get("/v1/videos", headers=HEADER)
+    assert not [name for name in answer.headers if name.startswith("trace")]

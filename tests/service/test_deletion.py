@@ -1,0 +1,290 @@
+"""Deleting deletes: nothing of a face is left, and what cannot be deleted now is not forgotten."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from datetime import UTC, datetime
+from pathlib import Path
+
+import httpx
+import pytest
+from obstore.exceptions import GenericError
+
+from service.catalog import Asset, Role, jobs, media, parts, tombstones
+from service.catalog.models import Tombstone
+from service.catalog.parts import NewFile, NewPart
+from service.queue import RENDER
+from service.settings import Settings
+from service.storage import Storage
+from tests.gallery.assets import write_asset
+from tests.service.fixtures import PNG, Api, add_media, claim, make_ready, make_results, serve
+from tests.service.object_store import BUCKET, ObjectStore, object_store
+from tests.service.queue.test_broker import messages
+from tests.service.s3 import S3
+
+MARK = "a-name-that-nobody-else-has"
+
+
+@pytest.fixture
+def store(monkeypatch: pytest.MonkeyPatch) -> Iterator[ObjectStore]:
+    with object_store() as running:
+        for name, value in running.environment().items():
+            monkeypatch.setenv(name, value)
+        yield running
+
+
+@pytest.fixture(params=["folder", "s3"])
+def api(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Api]:
+    url = ""
+    if request.param == "s3":
+        url = request.getfixturevalue("bucket").storage_url
+    if request.param == "hanging store":
+        request.getfixturevalue("store")
+        url = f"s3://{BUCKET}"
+    yield from serve(Settings(data_dir=tmp_path / "data", reap_interval_s=3600, storage_url=url))
+
+
+def buried(api: Api) -> int:
+    with api.services.database.read() as session:
+        return session.query(Tombstone).count()
+
+
+def upload(api: Api, content: bytes, name: str = "me.png") -> httpx.Response:
+    return api.client.post("/videos", files={"file": (name, content)})
+
+
+def found(api: Api, bucket: S3 | None, needles: list[bytes]) -> set[bytes]:
+    """Those that are anywhere below the data folder or in the object store."""
+    kept = [path.read_bytes() for path in api.services.settings.folder.rglob("*") if path.is_file()]
+    kept += bucket.contents() if bucket else []
+    return {needle for needle in needles if any(needle in content for content in kept)}
+
+
+def test_no_byte_of_a_deleted_clip_is_left(api: Api, tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    """Neither of its source, nor of its landmarks, nor in a page of SQLite."""
+    bucket = request.getfixturevalue("bucket") if "s3" in request.node.name else None
+    source = PNG + os.urandom(200_000)
+    video = upload(api, source, f"{MARK}.png").json()
+    (tmp_path / "source").write_bytes(source)
+    asset = write_asset(tmp_path / "asset.pvg", tmp_path / "source")
+    vectorized = asset.read_bytes()
+    key = api.services.storage.key("asset", "0" * 64, video["id"], ".pvg")
+    api.services.blobs.put(asset, key)
+    database = api.services.database
+    lease = claim(database, video["job"])
+    faces = [{"index": 0, "width_px": 123.456789, "warnings": [MARK]}]
+    with database.write() as session:
+        media.finish(session, lease, Asset(key, 1, {}, faces, []), now=database.now(), timings={})
+    job = api.client.post("/transfer", json={"video": video["id"], "looks": [{"reference": video["id"]}]}).json()
+    drawn = os.urandom(100_000)
+    make_results(api.services, job["id"], [drawn])
+
+    pieces = [
+        content[start : start + 32]
+        for content in (source, vectorized, drawn)
+        for start in range(64, len(content), 4096)
+    ]
+    needles = [*pieces, MARK.encode(), b"123.456789"]
+    assert found(api, bucket, needles) == set(needles)
+    assert buried(api) == 0
+    assert api.client.delete(f"/videos/{video['id']}").status_code == 204
+    api.services.reaper.round()
+    assert found(api, bucket, needles) == set()
+    assert (api.blobs, buried(api)) == ([], 0)
+
+
+@pytest.mark.parametrize("api", ["hanging store"], indirect=True)
+def test_what_a_hanging_store_does_not_delete_is_deleted_later(
+    api: Api, store: ObjectStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("service.blobs.PATIENCE_S", 0.3)
+    reference = upload(api, PNG + b"x").json()
+    store.deletes.clear()
+    assert api.client.delete(f"/videos/{reference['id']}?cancel_jobs=true").status_code == 204  # while it hangs
+    assert api.client.get(f"/videos/{reference['id']}").status_code == 404
+    assert (len(store.blobs), buried(api)) == (1, 1)
+    store.deletes.set()
+    until = time.monotonic() + 60
+    while buried(api) and time.monotonic() < until:
+        time.sleep(0.02)
+    assert (store.blobs, buried(api)) == ({}, 0)
+
+
+@pytest.mark.parametrize("api", ["folder"], indirect=True)
+def test_failed_deletions_are_tried_again_ever_later(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    services, tries = api.services, []
+
+    def fails(key: str) -> None:
+        tries.append(key)
+        raise OSError("the disk does not answer")
+
+    clock = services.database.now()
+    monkeypatch.setattr(services.database, "now", lambda: clock)
+    reference = upload(api, PNG + b"x").json()
+    with monkeypatch.context() as broken:
+        broken.setattr(services.storage, "delete", fails)
+        api.client.delete(f"/videos/{reference['id']}?cancel_jobs=true")
+        assert [services.blobs.sweep() for _ in range(3)] == [0, 0, 0]
+        assert len(tries) == 1  # not due before some seconds
+        clock = clock.replace(year=clock.year + 1)
+        assert services.blobs.sweep() == 0
+        assert len(tries) == 2
+    clock = clock.replace(year=clock.year + 1)
+    assert services.blobs.sweep() == 1
+    assert (api.blobs, buried(api)) == ([], 0)
+
+
+@pytest.mark.parametrize("api", ["folder"], indirect=True)
+def test_a_blob_whose_writer_is_killed_before_it_is_recorded_goes(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    services = api.services
+    draft = services.storage.draft()
+    draft.write_bytes(b"a face")
+    services.blobs.put(draft, "asset/x")
+    services.reaper.round()
+    assert api.blobs == ["asset/x"]  # it may be recorded yet
+    medium, now = add_media(services.database, Role.REFERENCE), services.database.now()
+    for database in (services.database, services.background):
+        monkeypatch.setattr(database, "now", lambda: now.replace(year=now.year + 1))
+    lease = claim(services.database, medium.job_id)
+    services.reaper.delete()
+    assert api.blobs == []
+    with pytest.raises(tombstones.LateError), services.background.write() as session:  # its writer only slept
+        media.finish(session, lease, Asset("asset/x", 1, {}, [], []), now=services.database.now(), timings={})
+
+
+@pytest.mark.parametrize("api", ["folder"], indirect=True)
+def test_of_two_who_bring_a_lost_file_back_the_one_that_fails_takes_nothing_away(
+    api: Api, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    services, content = api.services, PNG + b"x"
+    upload(api, content)
+    (lost,) = api.blobs
+    services.storage.delete(lost)
+    exists, put = services.storage.exists, services.storage.put
+    others: list[httpx.Response] = []
+
+    def looked_at_before_another_brings_it(key: str) -> bool:
+        monkeypatch.setattr(services.storage, "exists", exists)
+        others.append(upload(api, content))
+        monkeypatch.setattr(services.storage, "put", fails)
+        return False
+
+    def fails(path: Path, key: str) -> None:
+        put(path, key)
+        raise GenericError("the answer of the store is lost")
+
+    monkeypatch.setattr(services.storage, "exists", looked_at_before_another_brings_it)
+    assert upload(api, content).status_code == 503
+    assert others[0].status_code == 200
+    now = services.database.now()
+    for database in (services.database, services.background):
+        monkeypatch.setattr(database, "now", lambda: now.replace(year=now.year + 1))
+    services.reaper.delete()
+    with services.database.read() as session:
+        medium = media.get(session, others[0].json()["id"])
+    assert medium is not None
+    assert (api.blobs, buried(api)) == ([medium.source_key], 0)
+
+
+@pytest.mark.parametrize("api", ["folder"], indirect=True)
+def test_two_who_bring_a_lost_file_back_leave_one_file(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    services, content = api.services, PNG + b"x"
+    upload(api, content)
+    services.storage.delete(api.blobs[0])
+    put, both = services.storage.put, threading.Barrier(2, timeout=60)
+
+    def together(path: Path, key: str) -> None:
+        both.wait()
+        put(path, key)
+
+    monkeypatch.setattr(services.storage, "put", together)
+    with ThreadPoolExecutor(2) as clients:
+        answers = list(clients.map(lambda _: upload(api, content), range(2)))
+    assert [answer.status_code for answer in answers] == [200, 200]
+    with services.database.read() as session:
+        medium = media.get(session, answers[0].json()["id"])
+    assert medium is not None
+    services.reaper.delete()
+    assert (api.blobs, buried(api)) == ([medium.source_key], 0)
+
+
+def test_half_an_upload_goes_when_its_writer_is_killed_and_not_before(tmp_path: Path) -> None:
+    storage = Storage(Settings(data_dir=tmp_path))
+    code = "import sys, time; from service.storage import *; from service.settings import Settings\n"
+    code += (
+        "path, file = Storage(Settings()).new_draft(); file.write(b'half'); file.flush(); path.with_suffix('.publish')"
+    )
+    code += ".hardlink_to(path); print(flush=True); time.sleep(60)"
+    environment = os.environ | {"PVG_DATA_DIR": str(tmp_path)}
+    with subprocess.Popen([sys.executable, "-c", code], env=environment, stdout=subprocess.PIPE) as writer:
+        assert writer.stdout is not None
+        writer.stdout.readline()
+        later = datetime.fromtimestamp(time.time() + 100, UTC)
+        assert storage.clear_drafts(held=set, before=later) == 0
+        writer.send_signal(signal.SIGKILL)
+        writer.wait()
+    assert storage.clear_drafts(held=set, before=datetime.fromtimestamp(time.time() - 100, UTC)) == 0  # too young
+    assert storage.clear_drafts(held=set, before=later) == 2
+    assert list((tmp_path / "spool").iterdir()) == []
+
+
+def test_a_copy_of_a_remote_blob_carries_its_job(tmp_path: Path) -> None:
+    storage = Storage(Settings(data_dir=tmp_path, storage_url="memory:///"))
+    draft = storage.draft()
+    draft.write_bytes(b"a face")
+    storage.put(draft, "asset/x")
+    job_id = f"job_{1:032x}"
+    with storage.local_path("asset/x", job_id=job_id) as copy:
+        assert copy.name.startswith(job_id)
+        assert storage.clear_drafts(held=lambda _: (), before=datetime.fromtimestamp(0, UTC)) == 1
+
+
+@pytest.mark.parametrize("how", ["deleted", "canceled"])
+def test_no_byte_of_a_part_is_left_and_no_message(api: Api, how: str, request: pytest.FixtureRequest) -> None:
+    """Of a job that is done in parts, one of which is drawn and one being drawn."""
+    store = request.getfixturevalue("bucket") if "s3" in request.node.name else None
+    video = upload(api, PNG + os.urandom(1000)).json()
+    make_ready(api.services, video["id"])
+    job = api.client.post("/transfer", json={"video": video["id"], "looks": [{"reference": video["id"]}]}).json()
+    database, blobs, storage = api.services.background, api.services.blobs, api.services.storage
+    lease = claim(database, job["id"])
+    with database.write() as session:
+        wanted = [NewPart(video["id"], start, start + 100) for start in (0, 100, 200)]
+        made = parts.split(session, lease, wanted, now=database.now(), timings={})
+    assert made is not None
+    api.services.publisher.publish(made)
+    drawn = os.urandom(100_000)
+    draft = storage.draft()
+    draft.write_bytes(drawn)
+    file = NewFile(0, storage.key("drawn", "0" * 64, made[0].job_id, ".part"), len(drawn))
+    blobs.put(draft, file.key)
+    done, running = claim(database, made[0].job_id), claim(database, made[1].job_id)
+    with database.write() as session:
+        assert parts.finish(session, done, [file], now=database.now(), timings={}) == []
+    until = time.monotonic() + 20
+    while len(messages(api.services.settings)) < 3 and time.monotonic() < until:
+        time.sleep(0.01)
+    assert found(api, store, [drawn[:64]])
+    assert api.client.get(f"/jobs/{job['id']}").json()["progress"]["frames_done"] == 100
+    assert [one["id"] for one in api.client.get("/jobs?kind=transfer").json()["data"]] == [job["id"]]
+    assert api.client.get(f"/jobs/{made[0].job_id}").status_code == 404
+    if how == "deleted":
+        assert api.client.delete(f"/videos/{video['id']}").status_code == 409
+        assert api.client.delete(f"/videos/{video['id']}?cancel_jobs=true").status_code == 204
+    else:
+        assert api.client.post(f"/jobs/{job['id']}/cancel").json()["state"] == "canceling"
+        with database.write() as session:  # its worker stops
+            assert jobs.confirm_cancel(session, running, now=database.now())
+        blobs.sweep()
+    assert api.client.get(f"/jobs/{job['id']}").json()["state"] == "canceled"
+    assert not found(api, store, [drawn[:64]])
+    assert f"{made[2].job_id}.{RENDER}.msg" not in {path.name for path in messages(api.services.settings)}
+    with database.write() as session:
+        assert jobs.held_state(session, running) is None

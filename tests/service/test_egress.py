@@ -1,0 +1,377 @@
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+import ssl
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from queue import SimpleQueue
+from socket import socket
+
+import pytest
+
+from service.egress import _RESOLVERS, MAX_REDIRECTS, Egress, _Resolver, is_public
+from service.errors import FetchFailedError, ServiceError, StoppingError, UrlNotAllowedError
+from service.settings import Settings
+from tests.promises import Drill
+from tests.service.remote import (
+    PRIVATE,
+    PUBLIC,
+    Names,
+    Remote,
+    answer,
+    connected,
+    names,
+    public_loopback,
+    remote,
+)
+
+__all__ = ["connected", "names", "public_loopback"]
+
+#: what this process may never connect to, in every notation that some resolver or parser takes
+PRIVATE_HOSTS = [
+    *("127.0.0.1", "127.1", "2130706433", "0x7f000001", "0x7f.1", "0177.0.0.1", "017700000001", "127.0.0.1."),
+    *("0", "0.0.0.0", "10.0.0.5", "172.16.3.4", "192.168.1.1", "169.254.169.254", "2852039166", "0xa9fea9fe"),
+    *("100.64.0.1", "100.100.100.200", "192.0.0.192", "168.63.129.16", "198.18.0.1", "192.88.99.1", "224.0.0.1"),
+    *("240.0.0.1", "255.255.255.255", "203.0.113.9"),
+    *("[::]", "[::1]", "[0:0:0:0:0:0:0:1]", "[::ffff:127.0.0.1]", "[::ffff:7f00:1]", "[::127.0.0.1]"),
+    *("[::ffff:0:127.0.0.1]", "[64:ff9b::7f00:1]", "[64:ff9b::169.254.169.254]", "[64:ff9b:1::a9fe:a9fe]"),
+    *("[2002:7f00:1::]", "[2002:a9fe:a9fe::1]", "[2001:0:7f00:1::]", "[2001:db8::1]", "[3fff::1]"),
+    *("[fe80::1]", "[fc00::1]", "[fd00:ec2::254]", "[ff02::1]", "[fec0::1]", "[100::1]", "[5f00::1]"),
+]
+
+
+@pytest.fixture
+def egress(tmp_path: Path) -> Iterator[Egress]:
+    made = Egress(Settings(data_dir=tmp_path, body_timeout_s=2))
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def here() -> Iterator[Remote]:
+    """What is at a public address."""
+    with remote(PUBLIC) as server:
+        yield server
+
+
+@pytest.fixture
+def inside(here: Remote) -> Iterator[Remote]:
+    """What must not be reached, at the same port."""
+    with remote(PRIVATE, here.port) as server:
+        server.answers["/"] = server.answers["/secret"] = answer(b"secret")
+        yield server
+
+
+def fetch(egress: Egress, url: str) -> bytes:
+    async def whole() -> bytes:
+        async with egress.stream(url) as file:
+            return b"".join([chunk async for chunk in file.chunks])
+
+    return asyncio.run(whole())
+
+
+@pytest.mark.parametrize("text", ["93.184.216.34", "1.1.1.1", "2606:4700::1111", "64:ff9b::5db8:d822", "2a00:1450::1"])
+def test_addresses_of_the_internet_are_public(text: str) -> None:
+    assert is_public(ipaddress.ip_address(text))
+
+
+@pytest.mark.parametrize("host", PRIVATE_HOSTS)
+def test_an_address_that_is_not_public_is_refused_in_any_notation(egress: Egress, names: Names, host: str) -> None:
+    with pytest.raises(UrlNotAllowedError):
+        egress.check(f"http://{host}/")
+    assert names.asked == []
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        *(
+            "",
+            "clip.mp4",
+            "//public.example/",
+            "file:///etc/passwd",
+            "ftp://public.example/",
+            "gopher://public.example/",
+        ),
+        *("http:///clip.mp4", "http://user@public.example/", "http://user:word@public.example/", "http://:0/"),
+        *("http://public.example:25/", "http://public.example:0/", "https://public.example:22/", "http://[::1/"),
+        *("http://a]b/", "http://a[b/", "http://a%2eb/", "http://ex\u2100mple.com/"),
+        *("http://public.example:99999/", "http://public.example/\n", "http://" + "a" * 3000, "data:video/mp4,abc"),
+    ],
+)
+def test_what_is_no_plain_address_of_the_web_is_refused(egress: Egress, names: Names, url: str) -> None:
+    with pytest.raises(UrlNotAllowedError):
+        egress.check(url)
+    assert names.asked == []
+
+
+def test_no_connection_to_an_address_that_is_not_public(
+    egress: Egress,
+    here: Remote,
+    inside: Remote,
+    names: Names,
+    public_loopback: None,
+    connected: list[str],
+    promise: Callable[..., Drill],
+) -> None:
+    drill = promise("R15", wanted="no connection to a non-global address")
+    port = here.port
+    urls = [f"http://{host}:{port}/secret" for host in PRIVATE_HOSTS]
+    # names that lead inside, alone or beside a public address, in every disguise of IPv6
+    for number, addresses in enumerate(
+        [
+            *([PRIVATE], [PUBLIC, PRIVATE], [PRIVATE, PUBLIC], ["10.0.0.5"], ["169.254.169.254"], ["::1"]),
+            *(["::ffff:127.0.0.1"], ["64:ff9b::7f00:1"], ["2002:7f00:1::"], [PUBLIC, "fd00:ec2::254"], ["fe80::1%lo"]),
+        ]
+    ):
+        names.tell(f"inside{number}.example", addresses)
+        urls.append(f"http://inside{number}.example:{port}/secret")
+    urls.append(f"http://localhost:{port}/secret")
+    # one that is public when it is first asked for, and in whose place something else stands afterwards
+    names.tell("public.example", PUBLIC)
+    leads = [
+        *urls,
+        f"//127.0.0.1:{port}/secret",
+        f"http://public.example@127.0.0.1:{port}/secret",
+        "file:///etc/passwd",
+    ]
+    for number, url in enumerate(leads):
+        here.answers[f"/lead{number}"] = answer(b"", "302 Found", Location=url)
+        here.answers[f"/far{number}"] = answer(b"", "307 Temporary Redirect", Location=f"/lead{number}")
+    urls += [f"http://public.example:{port}/{way}{number}" for way in ("lead", "far") for number in range(len(leads))]
+    for url in urls:
+        with pytest.raises(UrlNotAllowedError):
+            fetch(egress, url)
+    for url in urls[: len(leads) - 3]:
+        with pytest.raises(UrlNotAllowedError):
+            egress.post(url, headers={}, content=b"{}", timeout_s=20)
+    drill.measured = f"{len(urls)} addresses, {inside.connections} connections inside, {len(connected)} to public ones"
+    assert inside.connections == 0
+    assert set(connected) == {PUBLIC}
+
+
+def test_a_name_is_resolved_once_and_what_was_checked_is_connected_to(
+    egress: Egress,
+    here: Remote,
+    inside: Remote,
+    names: Names,
+    public_loopback: None,
+    connected: list[str],
+    promise: Callable[..., Drill],
+) -> None:
+    drill = promise("R15", wanted="a rebound name: no second resolution")
+    here.answers["/clip"] = answer(b"clip")
+    names.tell("rebinding.example", PUBLIC, PRIVATE)
+    assert fetch(egress, f"http://rebinding.example:{here.port}/clip") == b"clip"
+    assert names.asked == ["rebinding.example"]
+    assert set(connected) == {PUBLIC}
+    # the second request finds it moved
+    with pytest.raises(UrlNotAllowedError):
+        fetch(egress, f"http://rebinding.example:{here.port}/clip")
+    # and so does a redirect to itself
+    here.answers["/"] = answer(b"", "301 Moved Permanently", Location="/clip")
+    names.tell("rebinding.example", PUBLIC, PRIVATE)
+    with pytest.raises(UrlNotAllowedError):
+        fetch(egress, f"http://rebinding.example:{here.port}/")
+    drill.measured = f"{inside.connections} connections inside"
+    assert inside.connections == 0
+
+
+def test_a_public_address_is_asked_for_by_its_name_and_with_nothing_of_our_own(
+    egress: Egress, here: Remote, names: Names, public_loopback: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "netrc").write_text("machine public.example login me password secret\n")
+    monkeypatch.setenv("NETRC", str(tmp_path / "netrc"))
+    for name in ("HTTP_PROXY", "http_proxy", "ALL_PROXY"):
+        monkeypatch.setenv(name, "http://127.0.0.1:9")
+    names.tell("public.example", PUBLIC)
+    here.answers["/first"] = answer(b"", "302 Found", Location="/clip?a=b#c", Set_Cookie="a=b")
+    here.answers["/clip"] = answer(b"clip")
+    assert fetch(egress, f"http://public.example:{here.port}/first") == b"clip"
+    first, second = (request.lower() for request in here.requests)
+    assert first.startswith(b"get /first http/1.1\r\n")
+    assert second.startswith(b"get /clip?a=b http/1.1\r\n")
+    for request in (first, second):
+        assert f"\r\nhost: public.example:{here.port}\r\n".encode() in request
+        assert b"authorization" not in request
+        assert b"cookie" not in request
+
+
+def test_a_post_returns_the_status_and_follows_nothing(
+    egress: Egress, here: Remote, inside: Remote, names: Names, public_loopback: None
+) -> None:
+    names.tell("public.example", PUBLIC)
+    here.answers["/hook"] = answer(b"", "204 No Content")
+    here.answers["/moved"] = answer(b"", "307 Temporary Redirect", Location=f"http://127.0.0.1:{here.port}/")
+    here.answers["/long"] = answer(b"x" * 1_000_000, "500 Internal Server Error")
+    at = f"http://public.example:{here.port}"
+    sent = {"webhook-id": "msg_1", "content-type": "application/json"}
+    assert egress.post(f"{at}/hook", headers=sent, content=b'{"a": 1}', timeout_s=20) == 204
+    assert here.requests[0].endswith(b'\r\n\r\n{"a": 1}')
+    assert b"\r\nwebhook-id: msg_1\r\n" in here.requests[0]
+    assert egress.post(f"{at}/moved", headers={}, content=b"", timeout_s=20) == 307
+    assert egress.post(f"{at}/long", headers={}, content=b"", timeout_s=20) == 500
+    assert inside.connections == 0
+
+
+def test_a_post_takes_no_longer_than_it_may(egress: Egress, here: Remote, names: Names, public_loopback: None) -> None:
+    def trickle(connection: socket) -> None:
+        for letter in b"HTTP/1.1 200 OK\r\nContent-Length: 0\r\n" + b"X" * 600:
+            connection.sendall(bytes([letter]))
+            time.sleep(0.1)
+
+    names.tell("public.example", PUBLIC)
+    here.answers["/"] = trickle
+    began = time.monotonic()
+    with pytest.raises(FetchFailedError):
+        egress.post(f"http://public.example:{here.port}/", headers={}, content=b"", timeout_s=1)
+    assert time.monotonic() - began < 30  # it sends for 60
+
+
+def test_a_file_that_comes_too_slowly_is_given_up(
+    egress: Egress, here: Remote, names: Names, public_loopback: None
+) -> None:
+    def trickle(connection: socket) -> None:
+        connection.sendall(b"HTTP/1.1 200 OK\r\nContent-Length: 1000\r\n\r\n")
+        for _ in range(600):
+            connection.sendall(b"x")
+            time.sleep(0.1)
+
+    names.tell("public.example", PUBLIC)
+    here.answers["/"] = trickle
+    with pytest.raises(FetchFailedError, match="fewer than 500 bytes a second"):
+        fetch(egress, f"http://public.example:{here.port}/")
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (answer(b"", "404 Not Found"), "status 404"),
+        (answer(b"abc", Content_Encoding="gzip"), "compressed"),
+        (answer(b"", "302 Found", Location="/"), f"more than {MAX_REDIRECTS}"),
+        (lambda connection: connection.sendall(b"SSH-2.0-OpenSSH\r\n"), "as HTTP has it"),
+        (lambda connection: connection.sendall(b"HTTP/1.1 200 OK\r\nContent-Length: 9\r\n\r\nabc"), "breaks off"),
+    ],
+)
+def test_what_is_no_file_says_why(
+    egress: Egress, here: Remote, names: Names, public_loopback: None, given: Callable[[socket], None], said: str
+) -> None:
+    names.tell("public.example", PUBLIC)
+    here.answers["/"] = given
+    with pytest.raises(FetchFailedError, match=said):
+        fetch(egress, f"http://public.example:{here.port}/")
+
+
+def test_a_name_that_is_none_and_a_port_where_nobody_listens(
+    egress: Egress, here: Remote, names: Names, public_loopback: None
+) -> None:
+    names.tell("public.example", PUBLIC)
+    for url in ("http://nothing.example/", f"http://{'a' * 80}.example/", "http://public.example:1029/"):
+        with pytest.raises(FetchFailedError):
+            fetch(egress, url)
+
+
+def test_the_next_address_is_tried_when_one_takes_no_connection(
+    egress: Egress, here: Remote, names: Names, public_loopback: None, connected: list[str]
+) -> None:
+    names.tell("public.example", ["93.184.216.34", PUBLIC])
+    here.answers["/"] = answer(b"clip")
+    assert fetch(egress, f"http://public.example:{here.port}/") == b"clip"
+    assert connected == ["93.184.216.34", PUBLIC]
+
+
+def test_a_closed_network_may_be_opened(tmp_path: Path, inside: Remote) -> None:
+    egress = Egress(Settings(data_dir=tmp_path, allow_private_networks=True))
+    assert fetch(egress, f"http://127.0.0.1:{inside.port}/secret") == b"secret"
+    with pytest.raises(ServiceError):
+        fetch(egress, "file:///etc/passwd")
+
+
+def test_a_certificate_must_be_of_the_name(
+    egress: Egress, names: Names, public_loopback: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    key, certificate = tmp_path / "key.pem", tmp_path / "certificate.pem"
+    subprocess.run(
+        [
+            *("openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes"),
+            *("-keyout", str(key), "-out", str(certificate), "-days", "2", "-subj", "/CN=studio.example"),
+            *("-addext", "subjectAltName=DNS:studio.example"),
+        ],
+        check=True,
+        capture_output=True,
+    )
+    monkeypatch.setenv("SSL_CERT_FILE", str(certificate))
+    tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    tls.load_cert_chain(certificate, key)
+    asked_for: list[str | None] = []
+    tls.sni_callback = lambda _, name, __: asked_for.append(name)
+    names.tell("studio.example", PUBLIC)
+    names.tell("other.example", PUBLIC)
+    with remote(PUBLIC, tls=tls) as server:
+        server.answers["/"] = answer(b"clip")
+        assert fetch(egress, f"https://studio.example:{server.port}/") == b"clip"
+        assert fetch(egress, f"https://studio.example.:{server.port}/") == b"clip"
+        for host in ("other.example", PUBLIC):
+            with pytest.raises(FetchFailedError, match="certificate"):
+                fetch(egress, f"https://{host}:{server.port}/")
+    assert asked_for == ["studio.example", "studio.example", "other.example", None]
+
+
+class HangingNames:
+    """A name server that says nothing until it is told to; ``asked`` are the names that have come to it."""
+
+    def __init__(self) -> None:
+        self.asked: SimpleQueue[str] = SimpleQueue()
+        self.told = threading.Event()
+
+    def find(self, name: str, port: int, **_: object) -> list[tuple[str, int]]:
+        self.asked.put(name)
+        assert self.told.wait(60)
+        return [(name, port)]
+
+
+@pytest.fixture
+def hanging(monkeypatch: pytest.MonkeyPatch) -> Iterator[HangingNames]:
+    made = HangingNames()
+    monkeypatch.setattr("service.egress.socket.getaddrinfo", made.find)
+    yield made
+    made.told.set()
+
+
+def test_more_names_than_threads_are_looked_up_one_after_another(hanging: HangingNames) -> None:
+    resolver = _Resolver()
+    found = [resolver.look_up(f"{number}.example", 80) for number in range(_RESOLVERS * 2)]
+    first = {hanging.asked.get(timeout=60) for _ in range(_RESOLVERS)}
+    assert first == {f"{number}.example" for number in range(_RESOLVERS)}
+    assert sum(one.running() for one in found) == _RESOLVERS
+    assert hanging.asked.empty()
+    hanging.told.set()
+    assert [one.result(60) for one in found] == [[(f"{number}.example", 80)] for number in range(len(found))]
+    resolver.close()
+
+
+def test_a_resolver_that_is_closed_looks_no_more_names_up(hanging: HangingNames) -> None:
+    before = set(threading.enumerate())
+    resolver = _Resolver()
+    found = [resolver.look_up(f"{number}.example", 80) for number in range(_RESOLVERS + 3)]
+    threads = set(threading.enumerate()) - before
+    assert len(threads) == _RESOLVERS
+    for _ in threads:
+        hanging.asked.get(timeout=60)
+    found[-1].cancel()  # nobody waits for it any more
+    resolver.close()
+    for one in found[_RESOLVERS:-1]:
+        with pytest.raises(StoppingError):
+            one.result(60)
+    with pytest.raises(StoppingError):
+        resolver.look_up("late.example", 80)
+    hanging.told.set()
+    assert all(one.result(60) for one in found[:_RESOLVERS])
+    for thread in threads:
+        thread.join(60)
+        assert not thread.is_alive()
+    assert hanging.asked.empty()

@@ -1,0 +1,117 @@
+from __future__ import annotations
+
+import os
+import stat
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+from service.folders import private_folder
+from service.queue import make_folders
+from service.settings import Settings
+from service.storage import Kind
+from tests.service.fixtures import PNG, Api
+from tests.worker.serving import running_service
+
+
+@pytest.fixture(autouse=True)
+def usual_umask() -> Iterator[None]:
+    before = os.umask(0o022)
+    yield
+    os.umask(before)
+
+
+def mode(path: Path) -> int:
+    return stat.S_IMODE(path.stat().st_mode)
+
+
+def open_to_others(folder: Path) -> list[str]:
+    return [str(path) for path in (folder, *folder.rglob("*")) if mode(path) & 0o077]
+
+
+def test_a_new_folder_is_closed_and_so_is_what_is_written_later(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path / "a" / "data")
+    make_folders(settings)
+    assert mode(settings.folder) == 0o700
+    (settings.spool_folder / "draft").write_bytes(b"face")
+    assert mode(settings.spool_folder / "draft") == 0o600
+    assert open_to_others(settings.folder) == []
+
+
+def test_an_open_folder_of_ours_is_closed_with_what_we_keep_in_it(tmp_path: Path) -> None:
+    folder = tmp_path / "data"
+    (folder / "blobs" / "source").mkdir(parents=True)
+    (folder / "part").mkdir()
+    ours = ("blobs/source/face.mp4", "part/upload.0", "catalog.sqlite3", "link-secret", "link-secret.draft")
+    for name in (*ours, "somebody's.txt"):
+        (folder / name).write_bytes(b"x")
+    (folder / "blobs" / "link").symlink_to("/etc/hostname")
+    before = mode(Path("/etc/hostname"))
+    private_folder(folder)
+    assert mode(folder) == 0o700
+    assert {mode(folder / name) for name in ours} == {0o600}
+    assert mode(folder / "somebody's.txt") == 0o644
+    assert mode(Path("/etc/hostname")) == before
+
+
+def test_blobs_of_every_kind_are_closed(tmp_path: Path) -> None:
+    folder = tmp_path / "blobs"
+    for kind in get_args(Kind):
+        (folder / kind / "ab").mkdir(parents=True)
+        (folder / kind / "ab" / "face").write_bytes(b"x")
+    private_folder(folder)
+    assert open_to_others(folder) == []
+
+
+def test_a_folder_meant_for_all_is_refused(tmp_path: Path) -> None:
+    folder = tmp_path / "tmp"
+    folder.mkdir()
+    folder.chmod(0o1777)
+    with pytest.raises(PermissionError, match="choose a folder inside it"):
+        private_folder(folder)
+    assert mode(folder) == 0o1777
+    private_folder(folder / "data")
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder away")
+def test_the_open_folder_of_another_user_is_refused_in_one_line(tmp_path: Path) -> None:
+    folder = tmp_path / "data"
+    folder.mkdir(mode=0o755)
+    os.chown(folder, 4321, 4321)
+    for command in ("serve", "worker", "migrate", "gc"):
+        done = subprocess.run(
+            [str(Path(sys.executable).with_name("pvg-service")), command],
+            env=os.environ | {"PVG_DATA_DIR": str(folder)},
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+        assert done.returncode == 1
+        assert done.stderr.count("\n") == 1
+        assert "chmod 700" in done.stderr
+        assert str(folder) in done.stderr
+    assert list(folder.iterdir()) == []
+
+
+def test_uploads_are_for_us_alone(api: Api) -> None:
+    assert api.client.post("/references", content=PNG).status_code == 202
+    assert len(api.blobs) == 1
+    assert open_to_others(api.services.settings.folder) == []
+
+
+def test_every_process_of_the_service_keeps_to_itself(tmp_path: Path) -> None:
+    with running_service(tmp_path) as service:
+        medium = service.client.post("/references", content=PNG).json()
+        assert service.finished(medium["job"])["state"] == "failed"
+        umasks = {
+            Path(f"/proc/{pid}/status").read_text().partition("Umask:\t")[2].split("\n")[0]
+            for pid in service.processes()
+        }
+        assert len(service.processes()) >= 4  # the API, the worker, its pool
+        assert umasks == {"0077"}
+        assert open_to_others(service.data_dir) == []

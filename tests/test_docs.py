@@ -1,0 +1,37 @@
+"""What the documentation points to is there."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "client").glob("*.md")])
+FOLDERS = ("pvg", "service", "worker", "tests", "docs", "deploy", "scripts", "benchmarks")
+ENDINGS = {".py", ".md", ".yaml", ".yml", ".service", ".conf"}
+TEXTS = sorted(
+    [*ROOT.glob("*.yml"), *PAGES, *(p for name in FOLDERS for p in (ROOT / name).rglob("*") if p.suffix in ENDINGS)]
+)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_somewhere(page: Path) -> None:
+    links = re.findall(r"\]\(([^)\s#]+)", page.read_text())
+    missing = [link for link in links if "://" not in link and not (page.parent / link).exists()]
+    assert missing == []
+
+
+def test_pages_and_sections_that_are_named_exist() -> None:
+    missing = []
+    for path in TEXTS:
+        # a name may go on in the next line, with or without a comment's mark
+        text = re.sub(r"\n\s*(#|#:)?\s*", " ", path.read_text())
+        pages = re.findall(r"(?<![\w/])docs/[\w/-]+\.md", text)
+        missing += [(path.name, page) for page in pages if not (ROOT / page).exists()]
+        for page, section in re.findall(r'(?<![\w/])(docs/[\w/-]+\.md), "([^"]+)"', text):
+            heads = re.findall(r"^#+ (.*)$", (ROOT / page).read_text(), re.MULTILINE)
+            if section not in heads:
+                missing.append((path.name, f"{page}, {section}"))
+    assert missing == []

@@ -1,0 +1,177 @@
+"""What a job's process might do once a medium has taken it over: calls for a fork server of the tests."""
+
+from __future__ import annotations
+
+import ctypes
+import fcntl
+import json
+import os
+import signal
+import socket
+import stat
+import struct
+import threading
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+Progress = Callable[[str, int, int], None]
+
+
+def preload() -> None:
+    pass
+
+
+def begin() -> None:
+    pass
+
+
+def sockets() -> list[int]:
+    """The channel alone, if all is well."""
+    found = [int(name) for name in os.listdir("/proc/self/fd") if Path(f"/proc/self/fd/{name}").exists()]
+    return [one for one in found if stat.S_ISSOCK(os.fstat(one).st_mode)]
+
+
+def attempts(arguments: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
+    """Try everything; what of it was done, and what is seen."""
+    folder, outside = Path(arguments["folder"]), Path(arguments["outside"])
+    libc = ctypes.CDLL(None, use_errno=True)
+    (folder / "made").write_text("own")
+
+    def fork() -> None:
+        if os.fork() == 0:
+            os._exit(0)
+
+    def run() -> None:
+        os.execv("/bin/true", ["true"])
+
+    def clone() -> None:
+        if libc.fork() < 0:
+            raise OSError
+
+    def trace() -> None:
+        if libc.ptrace(0, 0, 0, 0):
+            raise OSError
+
+    def unshare() -> None:
+        if libc.unshare(0x1000_0000):
+            raise OSError
+
+    def set_of_pipe(what: int, value: int | bytes) -> None:
+        ends = os.pipe()
+        try:
+            fcntl.fcntl(ends[0], what, value)
+        finally:
+            for one in ends:
+                os.close(one)
+
+    def owner_by_ioctl(request: int) -> None:
+        for descriptor in sockets():
+            fcntl.ioctl(descriptor, request, struct.pack("i", arguments["supervisor"]))
+
+    def outlive() -> None:
+        if libc.prctl(1, 0, 0, 0, 0):
+            raise OSError
+
+    tries: dict[str, Callable[[], object]] = {
+        "read another file": outside.read_bytes,
+        "list another folder": lambda: list(outside.parent.iterdir()),
+        "write another file": lambda: outside.write_bytes(b"x"),
+        "change its input": lambda: Path(arguments["source"]).write_bytes(b"x"),
+        "remove its input": lambda: Path(arguments["source"]).unlink(),
+        "link out of its folder": lambda: (folder / "link").symlink_to(outside),
+        "read the list of users": lambda: Path("/etc/passwd").read_bytes(),
+        "read the server's environment": lambda: Path(f"/proc/{os.getppid()}/environ").read_bytes(),
+        "open a socket of the Internet": lambda: socket.socket(socket.AF_INET),
+        "open a socket of this machine": lambda: socket.socket(socket.AF_UNIX),
+        "make a pair of sockets": socket.socketpair,
+        "start a process": fork,
+        "start a process in C": clone,
+        "run a program": run,
+        "trace": trace,
+        "make a namespace": unshare,
+        "end its supervisor": lambda: os.kill(arguments["supervisor"], signal.SIGTERM),
+        "choose a signal": lambda: set_of_pipe(fcntl.F_SETSIG, signal.SIGTERM),
+        "have its supervisor told": lambda: set_of_pipe(fcntl.F_SETOWN, arguments["supervisor"]),
+        "have a thread told": lambda: set_of_pipe(15, struct.pack("ii", 1, arguments["supervisor"])),
+        "have its supervisor told by FIOSETOWN": lambda: owner_by_ioctl(0x8901),
+        "have its supervisor told by SIOCSPGRP": lambda: owner_by_ioctl(0x8902),
+        "outlive the fork server": outlive,
+        "end the fork server": lambda: os.kill(os.getppid(), 0),
+        "raise its limits": lambda: __import__("resource").setrlimit(9, (2**40, 2**40)),
+    }
+    done = []
+    for name, attempt in tries.items():
+        try:
+            attempt()
+        except (OSError, ValueError):
+            continue
+        done.append(name)
+    thread = threading.Thread(target=progress, args=("thread", 1, 1))
+    thread.start()
+    thread.join()
+    return {
+        "done": done,
+        "read": Path(arguments["source"]).read_text(),
+        "environment": dict(os.environ),
+        "descriptors": len(os.listdir("/proc/self/fd")),
+        "capabilities": [line for line in Path("/proc/self/status").read_text().splitlines() if "CapEff" in line],
+        "networks": [line.split(":")[0].strip() for line in Path("/proc/self/net/dev").read_text().splitlines()[2:]],
+    }
+
+
+def act(arguments: Mapping[str, Any], progress: Progress) -> dict[str, Any]:  # noqa: PLR0912
+    """Do what the medium says, with the arguments of a vectorisation."""
+    what, _, rest = Path(arguments["source"]).read_text().partition(" ")
+    if what == "crash":
+        os.kill(os.getpid(), signal.SIGSEGV)
+    elif what == "sleep":
+        time.sleep(600)
+    elif what == "spin":
+        while True:
+            pass
+    elif what == "eat":
+        held = []
+        while True:
+            held.append(bytearray(2**27))
+    elif what == "write":
+        with Path(arguments["asset"]).open("wb") as file:
+            while True:
+                file.write(bytes(2**20))
+    elif what == "babble":
+        for descriptor in range(3, 64):  # whichever is the channel
+            try:
+                os.write(descriptor, struct.pack(">I", 2**31) + b"{")
+            except OSError:
+                continue
+        time.sleep(60)
+    elif what == "raise":
+        raise RuntimeError("/srv/secret")
+    elif what == "answer":
+        if "no file" not in rest:
+            Path(arguments["asset"]).write_bytes(b"asset")
+            Path(arguments["pictures"]).write_bytes(b"poster")
+        answer: dict[str, Any] = json.loads(rest.removesuffix("no file"))
+        return answer
+    return {}
+
+
+def stay(arguments: Mapping[str, Any]) -> Callable[[Mapping[str, Any]], dict[str, Any]]:
+    """Answer what is asked, in one process; what it is asked to do may be bad."""
+    kept = Path(arguments["source"]).read_text()
+
+    def answer_to(question: Mapping[str, Any]) -> dict[str, Any]:
+        if "read" in question:
+            return {"read": Path(question["read"]).read_text()}
+        if question.get("what") == "crash":
+            os.kill(os.getpid(), signal.SIGSEGV)
+        if question.get("what") == "hang":
+            time.sleep(60)
+        return {"pid": os.getpid(), "kept": kept}
+
+    return answer_to
+
+
+CALLS = {"attempts": attempts, "vectorize": act}
+SESSIONS = {"stay": stay, "stills": stay}

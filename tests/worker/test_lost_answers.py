@@ -1,0 +1,114 @@
+"""A database that does what it is asked to, and whose answer is lost."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+from sqlalchemy.exc import OperationalError
+from sqlalchemy.orm import Session
+
+from service.catalog import Database, Job, JobKind, JobState, jobs, media
+from service.settings import Settings
+from tests.service.fixtures import add_media, add_transfer, make_tables
+from tests.service.fixtures import claim as claim_job
+from worker import runner as runner_module
+from worker.failures import LostAssetsError
+from worker.run import Run
+from worker.runner import Runner
+from worker.sandbox import Sandbox
+
+
+class NoBroker:
+    """What a runner publishes with; the tests look at the records."""
+
+    def send_task(self, *_: object, **__: object) -> None:
+        pass
+
+
+@pytest.fixture
+def runner(settings: Settings) -> Runner:
+    settings.folder.mkdir()
+    make_tables(settings.database)
+    return Runner(settings, NoBroker(), Sandbox(None))  # type: ignore[arg-type]
+
+
+def away() -> OperationalError:
+    error = sqlite3.OperationalError("disk I/O error")
+    error.sqlite_errorcode = sqlite3.SQLITE_IOERR
+    return OperationalError("COMMIT", None, error)
+
+
+def loses_an_answer(database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The next transaction is committed, and its writer told that the database is away."""
+    write = database.write
+
+    @contextmanager
+    def once() -> Iterator[Session]:
+        monkeypatch.setattr(database, "write", write)
+        with write() as session:
+            yield session
+        raise away()
+
+    monkeypatch.setattr(database, "write", once)
+
+
+def state_of(database: Database, job_id: str) -> tuple[str, int]:
+    with database.read() as session:
+        job = session.get(Job, job_id)
+    assert job is not None
+    return job.state, job.attempt
+
+
+def test_a_job_whose_claim_was_not_answered_is_done_all_the_same(
+    runner: Runner, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    database = runner._database
+    medium = add_media(database)
+
+    def work(run: Run) -> bool:
+        with database.write() as session:
+            return jobs.succeed(session, run.lease, now=database.now(), timings={})
+
+    monkeypatch.setattr(runner_module, "_WORK", {JobKind.VECTORIZE: work})
+    loses_an_answer(database, monkeypatch)
+    runner.run(medium.job_id)
+    assert state_of(database, medium.job_id) == (JobState.SUCCEEDED, 1)
+
+
+@pytest.mark.parametrize("is_done", [True, False])
+def test_an_asset_is_made_again_though_the_database_is_away_for_a_moment(
+    runner: Runner, monkeypatch: pytest.MonkeyPatch, is_done: bool
+) -> None:
+    database = runner._database
+    medium = add_media(database)
+    lease = claim_job(database, medium.job_id)
+    with database.write() as session:
+        assert jobs.succeed(session, lease, now=database.now(), timings={})
+        session.get_one(media.Media, medium.id).state = "ready"
+    job_id = add_transfer(database, medium, medium)
+    with database.write() as session:
+        jobs.release(session, now=database.now())
+    make_again, calls = media.make_again, list[str]()
+
+    def fails_first(session: Session, *given: Any, **named: Any) -> Any:
+        calls.append("made again")
+        if len(calls) == 1 and not is_done:
+            raise away()
+        return make_again(session, *given, **named)
+
+    def work(_: Run) -> bool:
+        if is_done:
+            loses_an_answer(database, monkeypatch)
+        raise LostAssetsError([medium.id])
+
+    monkeypatch.setattr(media, "make_again", fails_first)
+    monkeypatch.setattr(runner_module, "_WORK", {JobKind.TRANSFER: work})
+    runner.run(job_id)
+    assert len(calls) == 2
+    with database.read() as session:
+        found, job = session.get_one(media.Media, medium.id), session.get_one(Job, job_id)
+    assert (found.state, job.state, job.waiting, job.attempt) == ("vectorizing", "queued", True, 1)

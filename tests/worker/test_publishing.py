@@ -1,0 +1,178 @@
+"""What a rendering job stores and publishes, without any drawing."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path
+
+import pytest
+from sqlalchemy.exc import OperationalError
+from sqlalchemy.orm import Session
+
+from service.blobs import Blobs
+from service.catalog import Database, Job, Look, Media, Report, Result, jobs, media, results, utc_now
+from service.settings import Settings
+from service.storage import Storage
+from tests.service.fixtures import add_media, add_transfer, announce, claim, make_tables
+from tests.service.servers import free_port
+from worker.lease import LeaseKeeper, LeaseLostError
+from worker.patience import Patience
+from worker.progress import ProgressScale
+from worker.rendering import DrawnLook, _Extra, publish
+from worker.run import Run
+from worker.sandbox import Sandbox
+
+
+@pytest.fixture
+def run(settings: Settings) -> Iterator[Run]:
+    """A claimed transfer of one look."""
+    make_tables(settings.database)
+    database = Database(settings.database, clock=utc_now)
+    medium = add_media(database)
+    lease = claim(database, medium.job_id)
+    with database.write() as session:
+        announce(session, "asset/x")
+        media.finish(session, lease, media.Asset("asset/x", 1, {}, [], []), now=utc_now(), timings={})
+    job_id = add_transfer(database, medium, medium)
+    with database.write() as session:
+        jobs.release(session, now=utc_now())
+    lease = claim(database, job_id)
+    with database.read() as session:
+        job = session.get(Job, job_id)
+    assert job is not None
+    with LeaseKeeper(database, lease, settings) as keeper, socket.socket() as unused:
+        storage, progress = Storage(settings), ProgressScale(keeper.report)
+        patience = Patience(keeper.check, limit_s=5)
+        blobs = Blobs(database, storage)
+        run = Run(settings, database, storage, blobs, job, lease, keeper, progress, Sandbox(unused), patience)
+        with run.drafts:
+            yield run
+    database.close()
+
+
+def drawn(run: Run) -> tuple[list[DrawnLook], dict[str, Media]]:
+    """The look as a file, with a cube of two persons and a matte in a folder of drafts."""
+    with run.database.read() as session:
+        (look,) = jobs.looks(session, run.job.id)
+        medium = media.get(session, look.video_id)
+    assert medium is not None
+    folder = run.draft_folder()
+    extras = (
+        _Extra("look.cube", 1, write(folder / "look-1.cube")),
+        _Extra("look.cube", 2, write(folder / "look-2.cube")),
+        _Extra("matte", 1, write(folder / "matte-1.mkv")),
+    )
+    report = Report("landmarks", "table")
+    return [DrawnLook(look, write(folder / "look-0.mp4"), report, extras)], {medium.id: medium}
+
+
+def write(path: Path) -> Path:
+    path.write_bytes(path.name.encode())
+    return path
+
+
+def test_a_result_and_its_parts_are_published_at_once(run: Run) -> None:
+    assert publish(run, *drawn(run))
+    with run.database.read() as session:
+        (look,) = session.query(Look).all()
+        assert look.result_id is not None
+        parts = results.parts(session, [look.result_id])
+        assert [(part.part, part.person, part.filename) for part in parts] == [
+            ("look.cube", 1, "clip-clip-look-1.cube"),
+            ("look.cube", 2, "clip-clip-look-2.cube"),
+            ("matte", 1, "clip-clip-matte-1.mkv"),
+        ]
+        keys = {row.blob_key for row in session.query(Result).all()}
+    assert len(keys) == 4
+    assert {key for key, _ in run.storage.entries()} == keys
+
+
+@pytest.mark.parametrize("when", ["before", "while"])
+def test_nothing_stays_of_a_job_that_lost_its_lease(run: Run, when: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = drawn(run)
+
+    def revoke() -> None:
+        with run.database.write() as session:
+            assert jobs.revoke(session, run.job.id, now=utc_now())
+
+    stored = []
+    put = run.storage.put
+
+    def counted(path: Path, key: str) -> None:
+        put(path, key)
+        stored.append(key)
+        if len(stored) == 3:
+            if when == "while":
+                raise LeaseLostError
+            revoke()
+
+    monkeypatch.setattr(run.storage, "put", counted)
+    if when == "while":
+        with pytest.raises(LeaseLostError):
+            publish(run, *made)
+    else:
+        with suppress(LeaseLostError):  # from the lease's keeper, if it is faster
+            assert not publish(run, *made)
+    assert list(run.storage.entries()) == []
+    with run.database.read() as session:
+        assert session.query(Result).count() == 0
+    folder = made[0][0].extras[0].path.parent
+    run.drafts.close()
+    assert not folder.exists()
+
+
+def test_an_end_whose_answer_is_lost_is_recognised(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = drawn(run)
+    write, lost = run.database.write, []
+
+    @contextmanager
+    def interrupted() -> Iterator[Session]:
+        with write() as session:
+            yield session
+        if not lost:
+            lost.append(True)
+            raise OperationalError("COMMIT", {}, ConnectionError(), connection_invalidated=True)
+
+    monkeypatch.setattr(run.database, "write", interrupted)
+    assert publish(run, *made)
+    with run.database.read() as session:
+        keys = {row.blob_key for row in session.query(Result).all()}
+    assert lost
+    assert len(keys) == 4
+    assert {key for key, _ in run.storage.entries()} == keys
+
+
+def test_a_job_waits_for_an_object_store_that_is_away(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    port = free_port()
+    for name, value in (("ACCESS_KEY_ID", "x"), ("SECRET_ACCESS_KEY", "x"), ("ALLOW_HTTP", "true")):
+        monkeypatch.setenv(f"AWS_{name}", value)
+    monkeypatch.setenv("AWS_ENDPOINT", f"http://127.0.0.1:{port}")
+    away = Storage(run.settings.model_copy(update={"storage_url": "s3://bucket"}))
+    taken: list[bytes] = []
+
+    class Bucket(BaseHTTPRequestHandler):
+        def do_PUT(self) -> None:
+            taken.append(self.rfile.read(int(self.headers["Content-Length"])))
+            self.send_response(200)
+            self.send_header("ETag", '"1"')
+            self.send_header("Content-Length", "0")
+            self.end_headers()
+
+    def come_back() -> None:
+        server = HTTPServer(("127.0.0.1", port), Bucket)
+        server.handle_request()
+        server.server_close()
+
+    timer = threading.Timer(1, come_back)
+    timer.start()
+    file = write(tmp_path / "a.mp4")
+    run.patience(lambda: away.put(file, "result/a.mp4"))
+    timer.join()
+    assert taken == [b"a.mp4"]
+    assert not file.exists()

@@ -1,0 +1,229 @@
+"""Workers that are told to stop: what they were at goes on elsewhere, and they end soon."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from scripts.samples import Samples
+from service.api.services import make_services
+from service.catalog import Database, jobs
+from service.settings import Settings
+from tests.promises import Drill
+from tests.service.fixtures import MP4, make_ready, make_results
+from tests.worker.serving import Service, processes_of, running_service
+
+QUICK = {"heartbeat_s": "1", "progress_interval_s": "0.2", "worker_concurrency": "1"}
+
+
+@contextmanager
+def worker(service: Service, **settings: str) -> Iterator[subprocess.Popen[bytes]]:
+    """A worker alone, beside a service."""
+    (environ,) = (
+        (Path("/proc") / str(pid) / "environ").read_bytes()
+        for pid, command in processes_of(service.data_dir).items()
+        if pid == service.process.pid
+    )
+    environment = dict(line.split("=", 1) for line in os.fsdecode(environ).split("\0") if "=" in line)
+    environment |= {f"PVG_{name.upper()}": value for name, value in settings.items()}
+    command = [str(Path(sys.executable).with_name("pvg-service")), "worker"]
+    with service.log.with_name("worker.log").open("ab") as output:
+        process = subprocess.Popen(command, env=environment, stdout=output, stderr=output)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+def until(service: Service, job_id: str, reached: Any, seconds: float) -> dict[str, Any]:
+    """The job, once it is as wanted."""
+    end = time.monotonic() + seconds
+    while not reached(job := service.client.get(f"/jobs/{job_id}").json()):
+        assert time.monotonic() < end, (job, service.log.read_text()[-3000:])
+        time.sleep(0.05)
+    return dict(job)
+
+
+def until_ready(service: Service, process: subprocess.Popen[bytes]) -> None:
+    """Until a worker has its pool, and a moment more: it takes messages then."""
+    end = time.monotonic() + 60
+    while not any(path.read_text() for path in Path(f"/proc/{process.pid}/task").glob("*/children")):
+        assert time.monotonic() < end, service.log.read_text()[-3000:]
+        time.sleep(0.05)
+    time.sleep(1)
+
+
+def begun(service: Service, job_id: str) -> dict[str, Any]:
+    """The job, once it has been at work for long enough to be no short one."""
+    job = until(service, job_id, lambda job: job["state"] == "running", 60)
+    time.sleep(1.5)
+    return job
+
+
+@pytest.mark.parametrize("broker", [pytest.param("files", marks=pytest.mark.slow), "redis"])
+def test_a_long_job_goes_on_elsewhere_and_no_deploy_costs_an_attempt(
+    broker: str, tmp_path: Path, samples: Samples, request: pytest.FixtureRequest, promise: Callable[..., Drill]
+) -> None:
+    drill = promise("R7", wanted="another goes on within 5 s, no attempt; exit 0 within 30 s")
+    settings = QUICK | ({"broker_url": request.getfixturevalue("redis_url")} if broker == "redis" else {})
+    with running_service(tmp_path, arguments=["--no-worker"], **settings) as service, ExitStack() as stack:
+        job_id = service.upload("/videos", samples.woman_full)["job"]
+        old = stack.enter_context(worker(service))
+        before = begun(service, job_id)
+        new = stack.enter_context(worker(service))
+        until_ready(service, new)
+        told = time.monotonic()
+        old.send_signal(signal.SIGTERM)
+        after = until(service, job_id, lambda job: job["started_at"] != before["started_at"], 30)
+        taken_s = time.monotonic() - told
+        assert old.wait(60) == 0
+        ended_s = time.monotonic() - told
+        drill.measured = f"{broker}: taken over after {taken_s:.1f} s, exit 0 after {ended_s:.1f} s"
+        assert (after["attempt"], after["state"]) == (1, "running")
+        drill.keep_to(taken_s, 5)
+        drill.keep_to(ended_s, 30)
+        # and when every process is told at once, as a service manager does
+        begun(service, job_id)
+        for pid, command in service.processes().items():
+            if "worker.app" in command:
+                os.kill(pid, signal.SIGTERM)
+        assert new.wait(60) == 0
+        assert until(service, job_id, lambda job: job["state"] == "queued", 30)["attempt"] == 1
+
+
+def slowly(told: threading.Event, pieces: int, content: bytes) -> Iterator[bytes]:
+    """A body of which the first piece goes out at once, and the others when the service was told to stop."""
+    size = len(content) // pieces
+    for number in range(pieces):
+        if number == 1:
+            told.wait(60)
+        yield content[number * size : None if number == pieces - 1 else (number + 1) * size]
+        if number:
+            time.sleep(0.1)
+
+
+def test_an_upload_and_a_download_in_flight_are_finished_by_a_service_that_stops(
+    tmp_path: Path, promise: Callable[..., Drill]
+) -> None:
+    drill = promise("R8", wanted="not ready first; both finish within 20 s")
+    content, made = MP4 + os.urandom(2**20), os.urandom(48 * 2**20)
+    with running_service(tmp_path, arguments=["--no-worker"], stop_notice_s="1.5", **QUICK) as service:
+        video = service.client.post("/videos", content=MP4).json()
+        services = make_services(Settings(data_dir=service.data_dir))
+        make_ready(services, video["id"])
+        looks = [{"reference": video["id"]}]
+        job = service.client.post("/transfer", json={"video": video["id"], "looks": looks}).json()
+        (result,) = make_results(services, job["id"], [made])
+        services.close()
+        told = threading.Event()
+        with ThreadPoolExecutor() as clients, service.client.stream("GET", f"/results/{result}") as download:
+            pieces = download.iter_bytes(2**16)
+            received = bytearray(next(pieces))  # the rest is more than the kernel keeps on its way
+            upload = clients.submit(service.client.post, "/videos", content=slowly(told, 40, content))
+            until = time.monotonic() + 30
+            while not list((service.data_dir / "spool").iterdir()):
+                assert time.monotonic() < until
+                time.sleep(0.02)
+            at = time.monotonic()
+            service.process.send_signal(signal.SIGTERM)
+            while (ready := service.client.get("/readyz")).status_code == 200:
+                assert time.monotonic() < at + 20
+            assert ready.json()["status"] == "stopping"
+            unready_s = time.monotonic() - at
+            assert not upload.done()
+            told.set()
+            for piece in pieces:
+                received += piece
+                time.sleep(0.003)
+            downloaded_s = time.monotonic() - at
+            answer = upload.result(60)
+            uploaded_s = time.monotonic() - at
+        assert service.process.wait(40) in {0, -signal.SIGTERM}
+        drill.measured = (
+            f"not ready after {unready_s:.1f} s, {len(received) >> 20} MiB read after {downloaded_s:.1f} s, upload "
+            f"{answer.status_code} after {uploaded_s:.1f} s, gone after {time.monotonic() - at:.1f} s"
+        )
+        drill.keep_to(max(downloaded_s, uploaded_s), 20)
+        assert (answer.status_code, download.status_code) == (202, 200)
+        assert bytes(received) == made
+        assert answer.json()["state"] == "vectorizing"
+
+
+def test_a_service_that_stops_is_not_ready_first_and_gone_within_twenty_seconds(
+    tmp_path: Path, samples: Samples, promise: Callable[..., Drill]
+) -> None:
+    drill = promise("R8", wanted="not ready first, gone within 20 s")
+    with running_service(tmp_path, stop_notice_s="1.5", **QUICK) as service:
+        job_id = service.upload("/videos", samples.woman_full)["job"]
+        begun(service, job_id)
+        with ThreadPoolExecutor() as clients:
+            waiting = clients.submit(service.client.get, f"/jobs/{job_id}?wait=60")
+            time.sleep(0.5)
+            told = time.monotonic()
+            service.process.send_signal(signal.SIGTERM)
+            while (ready := service.client.get("/readyz")).status_code == 200:
+                assert time.monotonic() < told + 20
+            assert ready.json()["status"] == "stopping"
+            assert waiting.result(50).json()["state"] in {"running", "queued"}
+            answered_s = time.monotonic() - told
+        assert service.process.wait(60) in {0, -signal.SIGTERM}
+        gone_s = time.monotonic() - told
+        drill.measured = f"long poll ended after {answered_s:.1f} s, all gone after {gone_s:.1f} s"
+        drill.keep_to(answered_s, 3, busy=10)
+        drill.keep_to(gone_s, 20)
+        assert service.processes() == {}
+    database = Database(Settings(data_dir=service.data_dir).database)
+    with database.read() as session:
+        job = jobs.get(session, job_id)
+    database.close()
+    assert job is not None
+    assert (job.state, job.attempt) == ("queued", 1)
+
+
+#: a process whose names are looked up by a server that does not answer
+_HANGING_NAMES = """
+import pathlib, socket, time
+_known = socket.getaddrinfo
+def getaddrinfo(host, *args, flags=0, **kwargs):
+    if host == "hangs.example" and not flags & socket.AI_NUMERICHOST:
+        pathlib.Path(__file__).with_name("asked").touch()
+        time.sleep(300)
+    return _known(host, *args, flags=flags, **kwargs)
+socket.getaddrinfo = getaddrinfo
+"""
+
+
+def test_a_name_server_that_hangs_does_not_hold_up_a_stop(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, promise: Callable[..., Drill]
+) -> None:
+    drill = promise("R8", wanted="with a name server that hangs: gone within 20 s")
+    (tmp_path / "sitecustomize.py").write_text(_HANGING_NAMES)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, (str(tmp_path), os.environ.get("PYTHONPATH")))))
+    with running_service(tmp_path, arguments=["--no-worker"], **QUICK) as service:
+        asked = {"url": "http://hangs.example/clip.mp4"}
+        with ThreadPoolExecutor() as clients:
+            fetched = [clients.submit(service.client.post, "/videos", json=asked) for _ in range(10)]
+            until_asked = time.monotonic() + 60
+            while not (tmp_path / "asked").exists():
+                assert time.monotonic() < until_asked, service.log.read_text()[-3000:]
+                time.sleep(0.05)
+            told = time.monotonic()
+            service.process.send_signal(signal.SIGTERM)
+            assert service.process.wait(60) in {0, -signal.SIGTERM}
+            gone_s = time.monotonic() - told
+            # cut off, or answered that it stops
+            assert not any(one.exception() is None and one.result().is_success for one in fetched)
+        drill.measured = f"gone after {gone_s:.1f} s"
+        drill.keep_to(gone_s, 20)

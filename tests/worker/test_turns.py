@@ -1,0 +1,48 @@
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+
+import pytest
+
+from service.catalog import Database, Job
+from service.queue import VECTORIZE, make_folders, make_producer
+from service.settings import Settings
+from tests.service.fixtures import add_media, make_tables
+from tests.service.queue.test_broker import take
+from worker.runner import Runner
+from worker.sandbox import Sandbox
+
+
+@pytest.fixture
+def sandbox() -> Iterator[Sandbox]:
+    """One that is not asked."""
+    with socket.socket() as lobby:
+        yield Sandbox(lobby)
+
+
+def test_a_worker_takes_the_job_whose_turn_it_is_and_sends_the_message_of_the_other_again(
+    settings: Settings, sandbox: Sandbox
+) -> None:
+    make_folders(settings)
+    make_tables(settings.database)
+    database = Database(settings.database)
+    first, second = add_media(database, owner="key_a"), add_media(database, owner="key_a")
+    other = add_media(database, owner="key_b")
+    runner = Runner(settings, make_producer(settings), sandbox)
+
+    def states() -> list[str]:
+        with database.read() as session:
+            return [session.get_one(Job, one.job_id).state for one in (first, second, other)]
+
+    runner.run(first.job_id)  # there is no such file: a job that fails quickly
+    assert states() == ["failed", "queued", "queued"]
+    runner.run(second.job_id)
+    assert states() == ["failed", "queued", "failed"]
+    assert take(settings, VECTORIZE) == [second.job_id]
+    with database.read() as session:
+        assert session.get_one(Job, second.job_id).published_at is not None
+    runner.run(other.job_id)
+    runner.run(second.job_id)
+    assert states() == ["failed"] * 3
+    database.close()

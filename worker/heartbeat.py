@@ -1,0 +1,93 @@
+"""A worker says that it is alive, and waits until it has what every job needs."""
+
+from __future__ import annotations
+
+import os
+import socket
+import threading
+import time
+from typing import Final
+
+import structlog
+
+from pvg.models import ModelError, check
+from service.catalog import Database, workers
+from service.catalog.workers import Kind
+from service.settings import Settings
+
+log = structlog.get_logger(__name__)
+
+#: what a worker without its networks lacks, as /readyz shows it
+WEIGHTS: Final = "network weights"
+
+
+def worker_id() -> str:
+    """The name of this process among all workers."""
+    return f"{socket.gethostname()[:60]}-{os.getpid()}"
+
+
+def wait_for_weights(settings: Settings) -> None:
+    """Return once the networks are there. Until then no job is taken, and /readyz says why."""
+    if _has_weights():
+        return
+    database = Database(settings.database)
+    try:
+        while not _has_weights(quietly=True):
+            _beat(database, lacks=WEIGHTS)
+            time.sleep(settings.heartbeat_s)
+        _leave(database)
+    finally:
+        database.close()  # this process is forked from later
+
+
+def _has_weights(*, quietly: bool = False) -> bool:
+    try:
+        check()
+    except ModelError as error:
+        if not quietly:
+            log.error("no job is taken before the network weights are there", reason=str(error))
+        return False
+    return True
+
+
+class Heartbeat:
+    """A thread of a process that works; it speaks until the process ends."""
+
+    def __init__(self, settings: Settings, *, kind: Kind = "jobs") -> None:
+        self._settings = settings
+        self._kind = kind
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="heartbeat", daemon=True)
+
+    def start(self) -> None:
+        """Begin to speak."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """The process ends: say so, if that takes no time."""
+        self._stop.set()
+        self._thread.join(1)
+
+    def _run(self) -> None:
+        database = Database(self._settings.database)
+        while True:
+            _beat(database, kind=self._kind)
+            if self._stop.wait(self._settings.heartbeat_s):
+                _leave(database)
+                return
+
+
+def _beat(database: Database, lacks: str | None = None, kind: Kind = "jobs") -> None:
+    try:
+        with database.write() as session:
+            workers.beat(session, worker_id(), now=database.now(), lacks=lacks, kind=kind)
+    except Exception as error:  # the next one may arrive
+        log.warning("heartbeat not written", error=type(error).__name__)
+
+
+def _leave(database: Database) -> None:
+    try:
+        with database.write() as session:
+            workers.leave(session, worker_id())
+    except Exception as error:  # it is found silent a little later
+        log.warning("heartbeat not ended", error=type(error).__name__)

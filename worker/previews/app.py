@@ -1,0 +1,83 @@
+"""The Celery app of previews. Its pool is of threads: they share the clips that are open, and only wait themselves."""
+
+from __future__ import annotations
+
+import os
+from functools import cache
+from typing import Final
+
+from celery import Celery
+from celery.signals import setup_logging, worker_init, worker_shutdown, worker_shutting_down
+
+from service.logs import configure
+from service.queue import PREVIEW_TASK, celery_settings, make_folders
+from service.settings import Settings
+from worker import lifeline, stopping
+from worker.heartbeat import Heartbeat
+from worker.previews.previewer import Previewer
+from worker.sandbox import Sandbox, SandboxServer
+
+#: somebody waits for these: they go before renders, and after the API
+_NICE: Final = 3
+
+settings = Settings()
+
+os.environ.setdefault("OPENCV_FOR_THREADS_NUM", str(os.cpu_count() or 1))
+os.environ.setdefault("NUMBA_NUM_THREADS", str(os.cpu_count() or 1))
+
+make_folders(settings)
+
+sandbox = SandboxServer(str(settings.folder), nice=_NICE)
+_heartbeat = Heartbeat(settings, kind="previews")
+
+app = Celery("pvg-previews")
+app.conf.update(celery_settings(settings))
+app.conf.update(
+    worker_pool="threads",
+    worker_concurrency=settings.preview_concurrency,
+    worker_prefetch_multiplier=1,
+    # the embedded broker is looked at so often; others speak by themselves
+    broker_transport_options={
+        **app.conf.broker_transport_options,
+        **({"polling_interval": settings.preview_polling_interval_s} if settings.uses_broker_of_files else {}),
+    },
+    broker_connection_retry=True,
+    broker_connection_max_retries=None,
+    worker_send_task_events=False,
+    worker_disable_rate_limits=True,
+)
+
+
+@cache
+def _previewer() -> Previewer:
+    return Previewer(settings, Sandbox(sandbox.lobby))
+
+
+@setup_logging.connect  # type: ignore[untyped-decorator]
+def _set_up_logging(**_: object) -> None:
+    configure(settings.log_level)
+
+
+@worker_init.connect  # type: ignore[untyped-decorator]
+def _begin(**_: object) -> None:
+    lifeline.die_with_starter()
+    sandbox.start()
+    _previewer().start()
+    _heartbeat.start()
+
+
+@worker_shutting_down.connect  # type: ignore[untyped-decorator]
+def _stop(**_: object) -> None:
+    stopping.end_within(settings.worker_stop_limit_s)
+
+
+@worker_shutdown.connect  # type: ignore[untyped-decorator]
+def _leave(**_: object) -> None:
+    _heartbeat.stop()
+    _previewer().stop()
+
+
+@app.task(name=PREVIEW_TASK)  # type: ignore[untyped-decorator]
+def make_preview(_preview_id: str) -> None:
+    """Make a picture that somebody waits for: the one that is named, or another one whose turn it is."""
+    _previewer().take_turn()

@@ -1,0 +1,73 @@
+"""A worker that is told to stop: its pool children see it at once, and the time it takes is bounded.
+
+Celery's warm shutdown waits for the children without end and tells them nothing.
+"""
+
+from __future__ import annotations
+
+import mmap
+import signal
+import struct
+import time
+from typing import Final
+
+#: when the worker was told to stop, by the steady clock; a page that every process forked from here shares
+_page: Final = mmap.mmap(-1, 8)
+_TIME: Final = struct.Struct("d")
+
+
+#: seconds after which a worker that was told to stop takes no more messages: its loop looks that often
+_SETTLED_S: Final = 2.2
+
+
+class StoppedError(Exception):
+    """The worker has to stop: the job goes back to the queue."""
+
+
+def ask() -> None:
+    """Tell this process, and those forked from it, to stop."""
+    if asked_at() is None:
+        _TIME.pack_into(_page, 0, time.monotonic())
+
+
+def asked_at() -> float | None:
+    """When the worker was told to stop, by `time.monotonic`; None while it was not."""
+    at: float = _TIME.unpack_from(_page, 0)[0]
+    return at or None
+
+
+def check() -> None:
+    """Raise `StoppedError` when the worker was told to stop."""
+    if asked_at() is not None:
+        raise StoppedError
+
+
+def settle() -> None:
+    """Wait until a message that is sent goes to another worker: this one would keep it until it has stopped."""
+    asked = asked_at()
+    if asked is not None:
+        time.sleep(max(0.0, asked + _SETTLED_S - time.monotonic()))
+
+
+def end_within(seconds: float) -> None:
+    """Have the kernel end this process after so many seconds, and its children with it (`worker.lifeline`).
+
+    It does nothing for a process that ends by itself before.
+    """
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+
+
+def may_go_on(began: float, fraction: float, *, grace_s: float) -> bool:
+    """Whether a job is about to end: a worker that is told to stop gives the others back at once.
+
+    ``began`` is when it was begun, by `time.monotonic`, and ``fraction`` in [0, 1] how far it is. The rest of it takes
+    as long in proportion, and must fit into ``grace_s`` seconds from when the worker was told. One that has hardly
+    begun is taken to be at a twentieth, so that pictures are finished.
+    """
+    asked = asked_at()
+    if asked is None:
+        return True
+    now = time.monotonic()
+    done = max(fraction, 0.05)
+    return now + (now - began) * (1 - done) / done < asked + grace_s
