@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-PART_S = 7.5
+from pvg.rendering import part_bounds
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def steps_of(demand: Demand, costs: Costs) -> tuple[Step, list[Step], Step]:
 
     asset = costs.asset_bytes_frame * frames
     vectorize = step(costs.vectorize_once + costs.vectorize_frame * frames, 2 * clip + asset)  # sent, read, asset
-    parts = max(1, int(demand.length_s // PART_S))
+    parts = len(part_bounds(round(frames), demand.frame_rate)) - 1
     each = frames / parts
     drawn = costs.decode_frame + demand.looks * (costs.draw_frame + costs.encode_frame)
     part = step(costs.look_once * demand.looks + drawn * each, clip + asset + demand.looks * clip / parts)

@@ -19,8 +19,6 @@ Kind = Literal["jobs", "previews"]
 Part = Literal["api", "jobs", "previews"]
 
 _TIMEOUT_S: Final = 4.0
-#: a worker that was silent for so many heartbeats counts no more, as in `service.catalog.workers`
-SILENT_BEATS: Final = 3
 #: how much of the machine's name is part of a worker's id, as in `worker.heartbeat`
 _NAME_CHARACTERS: Final = 60
 _QUERY: Final = "SELECT id, {age}, lacks FROM workers WHERE kind = {mark} ORDER BY seen_at DESC"
@@ -71,7 +69,7 @@ def of_workers(settings: Settings, kind: Kind) -> tuple[bool, str]:
         return False, f"the database cannot be asked: {error}"
     except Exception as error:  # psycopg is loaded only where it is used
         return False, f"the database cannot be asked: {type(error).__name__}"
-    lately = [(age, lacks) for age, lacks in found if age <= SILENT_BEATS * settings.heartbeat_s]
+    lately = [(age, lacks) for age, lacks in found if age <= settings.silent_s]
     able = [age for age, lacks in lately if lacks is None]
     if able:
         return True, f"ok: {len(able)} alive, heard of {max(0.0, min(able)):.1f} s ago"

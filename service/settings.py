@@ -237,6 +237,11 @@ class Settings(BaseSettings):
         return self.worker_stop_grace_s + 7
 
     @property
+    def silent_s(self) -> float:
+        """Seconds of silence after which a worker is taken for dead: three heartbeats."""
+        return 3 * self.heartbeat_s
+
+    @property
     def folder(self) -> Path:
         """The data folder, absolute, so that processes started elsewhere agree on it."""
         return self.data_dir.expanduser().resolve()

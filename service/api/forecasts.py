@@ -12,7 +12,6 @@ from sqlalchemy.orm import Session
 
 from service.catalog import Database, Job, forecast
 from service.catalog.forecast import Forecast, History
-from service.catalog.workers import SILENT_BEATS
 from service.settings import Settings
 
 #: seconds for which what recent jobs took is not asked for again
@@ -24,7 +23,7 @@ class Forecasts:
 
     def __init__(self, settings: Settings, database: Database) -> None:
         self._database = database
-        self._alive = timedelta(seconds=SILENT_BEATS * settings.heartbeat_s)
+        self._alive = timedelta(seconds=settings.silent_s)
         self._lock = threading.Lock()
         self._history = History()
         self._asked = float("-inf")

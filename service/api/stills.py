@@ -33,8 +33,6 @@ FRAME_HEADER: Final = "Pvg-Frame"
 MEDIA_TYPES: Final = {"jpeg": "image/jpeg", "png": "image/png"}
 #: of how pictures are made: another one when the same request makes another picture
 _EDITION: Final = 1
-#: a worker that has been silent for so many heartbeats is taken for dead
-_SILENT_BEATS: Final = 3
 _RETRY_S: Final = "1"
 
 
@@ -101,10 +99,9 @@ async def picture(services: Services, owner: str, wanted: Wanted, *, if_none_mat
 
 def _check(services: Services, owner: str, wanted: Wanted) -> str:
     """What the picture depends on, as a hash. Raises what `usable` raises, and `UnavailableError` without a worker."""
-    silent_s = _SILENT_BEATS * services.settings.heartbeat_s
     with services.database.read() as session:
         found = [usable(session, owner, media_id, where) for media_id, where in wanted.pointers.items()]
-        since = services.database.now() - timedelta(seconds=silent_s)
+        since = services.database.now() - timedelta(seconds=services.settings.silent_s)
         alive = workers.lacking(session, since=since, kind="previews")
     if None not in alive:
         raise _unavailable("no worker makes pictures right now")

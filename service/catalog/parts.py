@@ -271,7 +271,8 @@ def expire(session: Session, *, before: datetime, now: datetime, error: dict[str
     """End the jobs done in parts on none of which anybody has worked since ``before``. Returns their number."""
     late = (Job.updated_at < before, ~_has_part_in(HELD))
     ended = 0
-    for whole_id in session.scalars(select(Job.id).where(Job.state == JobState.RUNNING, *_IN_PARTS, *late).order_by(Job.id)).all():
+    found = select(Job.id).where(Job.state == JobState.RUNNING, *_IN_PARTS, *late).order_by(Job.id)
+    for whole_id in session.scalars(found).all():
         lock = select(Job.id).where(Job.id == whole_id, *late).with_for_update()
         if session.scalar(lock) is not None:
             ended += end_whole(session, Step.PARTS_EXPIRED, whole_id, now=now, values={"error": error})

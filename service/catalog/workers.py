@@ -11,8 +11,6 @@ from sqlalchemy.orm import Session
 from service.catalog.database import changed
 from service.catalog.models import Worker
 
-#: a worker that has been silent for so many heartbeats is taken for dead
-SILENT_BEATS: Final = 3
 #: records of workers that have been silent for so long are removed by the next one that speaks
 _FORGOTTEN_S: Final = 3600.0
 

@@ -15,7 +15,7 @@ from pvg_client import ApiError, AsyncClient, Client, verify_webhook
 from tests.client.lines import Line
 from tests.service.fixtures import MP4, PNG, Api, api, settings
 from tests.service.remote import PUBLIC, Names, Remote, answer, names, public_loopback, remote
-from tests.worker.serving import until
+from tests.waiting import until
 
 __all__ = ["api", "names", "public_loopback", "settings"]
 
@@ -56,7 +56,7 @@ def test_what_was_told_is_listed_told_again_and_signed(client: Client, receiver:
         client.replay(waiting)
     assert caught.value.status == 409
     client.cancel(job)
-    told = until(20, lambda: next(client.webhooks(job=job, state=["delivered"]), None))
+    told = until(lambda: next(client.webhooks(job=job, state=["delivered"]), None), 20)
     assert told is not None
     assert (told.id, told.type, told.last_status, told.attempts) == (waiting.id, "job.canceled", 204, 1)
     assert told.delivered_at is not None
@@ -70,7 +70,7 @@ def test_what_was_told_is_listed_told_again_and_signed(client: Client, receiver:
     again = client.replay(told.id, idempotency_key="again-1")
     assert again.state == "pending"
     assert client.replay(told, idempotency_key="again-1") == again
-    assert until(20, lambda: client.webhook(told.id).state == "delivered")
+    assert until(lambda: client.webhook(told.id).state == "delivered", 20)
     assert len(receiver.requests) == 2
     other = client.rotate_webhook_secret()
     assert other.secret != secret.secret

@@ -20,7 +20,8 @@ from tests.promises import Drill
 from tests.service.receivers import Receiver
 from tests.service.s3 import S3
 from tests.service.servers import free_port, fresh_database, redis_server
-from tests.worker.serving import Service, pool_child, running_scaled, running_service, until
+from tests.waiting import until
+from tests.worker.serving import Service, pool_child, running_scaled, running_service
 
 #: shorter times than a service has by default (lease 30 s, rounds of the reaper 10 s), so that the drills are short
 QUICK = {
@@ -100,7 +101,7 @@ def test_a_job_whose_process_is_killed_succeeds_on_its_second_attempt(
     service.at_work(medium["job"])
     os.kill(pool_child(service, medium["job"]), signal.SIGKILL)
     began = time.monotonic()
-    until(240, lambda: service.client.get(f"/jobs/{medium['job']}").json()["attempt"] == 2)
+    until(lambda: service.client.get(f"/jobs/{medium['job']}").json()["attempt"] == 2, 240)
     again = time.monotonic() - began
     job = service.finished(medium["job"], 180)
     receiver.wait_for(1)
@@ -109,7 +110,7 @@ def test_a_job_whose_process_is_killed_succeeds_on_its_second_attempt(
     drill.keep_to(again, 60)
     assert (job["state"], job["attempt"]) == ("succeeded", 2)
     assert len(service.client.get("/videos").json()["data"]) == 1
-    until(60, lambda: not service.drafts())
+    until(lambda: not service.drafts())
     assert service.client.delete(f"/videos/{medium['id']}").status_code == 204
     assert [json.loads(one.body)["data"]["id"] for one in receiver.got] == [job["id"]]
 
@@ -153,9 +154,9 @@ def test_what_a_wiped_broker_forgot_is_sent_again(
     service = scaled.service
     running = two_at_work(service, samples.woman_full, samples.woman_full)  # longer than the rest takes
     waiting = [service.upload("/references", file) for file in (samples.dark_portrait, samples.pale_portrait)]
-    held = until(60, lambda: scaled.broker.wipe(len(waiting)))
+    held = until(lambda: scaled.broker.wipe(len(waiting)))
     began, before = time.monotonic(), sent_again(service)
-    until(120, lambda: sent_again(service) - before >= len(waiting))
+    until(lambda: sent_again(service) - before >= len(waiting), 120)
     taken = time.monotonic() - began
     attempts = {service.job(job)["attempt"] for job in running}
     for job in running:

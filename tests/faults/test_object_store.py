@@ -16,7 +16,8 @@ from tests.promises import Drill
 from tests.service.fixtures import MP4, PNG
 from tests.service.s3 import S3
 from tests.service.servers import Wire, fresh_database
-from tests.worker.serving import running_scaled, until
+from tests.waiting import until
+from tests.worker.serving import running_scaled
 
 AWAY_S = 30
 QUICK = {"lease_s": "8", "heartbeat_s": "1", "reap_interval_s": "1", "progress_interval_s": "0.2"}
@@ -59,7 +60,7 @@ def test_a_store_that_is_away_for_half_a_minute_costs_no_job(
         wire.connect()
         back = time.monotonic()
         job = service.finished(job_id, 240)
-        until(60, lambda: service.client.post("/references", content=PNG + os.urandom(10)).status_code == 202)
+        until(lambda: service.client.post("/references", content=PNG + os.urandom(10)).status_code == 202)
         mended = time.monotonic() - back
         assert service.client.get(f"/videos/{medium['id']}/file").content == kept
         states = [(one["state"], one["attempt"]) for one in (waited, job)]

@@ -15,8 +15,8 @@ from typer.testing import CliRunner
 
 from service.cli import _have_keys, cli
 from service.settings import Settings
-from tests.service.receivers import until
 from tests.service.servers import fresh_database, postgres_of_our_own
+from tests.waiting import until
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.1.5", "example.com", ""])

@@ -18,7 +18,7 @@ from service.catalog import Database, workers
 from service.settings import Settings
 from tests.service.fixtures import FakeClock
 from tests.service.servers import free_port
-from tests.worker.serving import until
+from tests.waiting import until
 
 COMMAND = str(Path(sys.executable).with_name("pvg-service"))
 
@@ -52,7 +52,7 @@ def api(tmp_path: Path) -> Iterator[tuple[Path, int]]:
             except httpx.TransportError:
                 return False
 
-        until(60, is_alive, said=(tmp_path / "log").read_text)
+        until(is_alive, said=(tmp_path / "log").read_text)
         yield data_dir, port
     finally:
         process.terminate()
@@ -68,7 +68,7 @@ def test_of_the_api(api: tuple[Path, int]) -> None:
     (data_dir / "blobs").rename(data_dir / "elsewhere")
     (data_dir / "blobs").write_text("no folder")  # the storage does not answer
     # what was found is told for KEEP_S more
-    line = until(30, lambda: (said := asked(data_dir, PVG_PORT=str(port)))[0] == 1 and said[1])
+    line = until(lambda: (said := asked(data_dir, PVG_PORT=str(port)))[0] == 1 and said[1], 30)
     assert str(line).startswith("unavailable: storage unavailable")
 
 

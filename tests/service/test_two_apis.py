@@ -23,9 +23,10 @@ from service.api import Services, make_services
 from service.settings import Settings
 from tests.service.api.test_resumable_uploads import begin, content, offset_of, send
 from tests.service.fixtures import MP4, PNG, make_ready, make_results
-from tests.service.receivers import Receiver, until
+from tests.service.receivers import Receiver
 from tests.service.s3 import S3
 from tests.service.servers import fresh_database
+from tests.waiting import until
 from tests.worker.serving import Service, running_scaled
 
 FILE = os.urandom(300_000)
@@ -223,7 +224,7 @@ def test_what_is_deleted_at_one_is_gone_at_the_other(service: Service) -> None:
     for _ in service.ports:
         assert service.client.get(f"/videos/{medium['id']}").status_code == 404
         assert service.client.get(f"/videos/{medium['id']}/file").status_code == 404
-    assert not any(medium["id"] in key for key in service.blobs())
+    until(lambda: not any(medium["id"] in key for key in service.blobs()))
 
 
 def test_when_one_api_is_killed_the_other_goes_on_with_all_of_it(

@@ -15,11 +15,11 @@ import subprocess
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import httpx
 import pytest
@@ -28,8 +28,6 @@ import redis
 from service.queue import PREVIEW
 from tests.service.s3 import S3
 from tests.service.servers import free_port, fresh_database
-
-T = TypeVar("T")
 
 #: of the services that were started last; a failing test shows the end of them
 _LOGS: deque[Path] = deque(maxlen=2)
@@ -48,15 +46,6 @@ def pytest_runtest_makereport(
             if log.exists() and log.stat().st_mtime >= call.start:
                 report.sections.append((f"end of {log.parent.name}/{log.name}", log.read_text()[-_SHOWN_CHARACTERS:]))
     return report
-
-
-def until(seconds: float, reached: Callable[[], T], *, said: Callable[[], object] = str) -> T:
-    """What ``reached`` answers as soon as that is true; after so many seconds the test fails with what is ``said``."""
-    end = time.monotonic() + seconds
-    while not (found := reached()):
-        assert time.monotonic() < end, said()
-        time.sleep(0.05)
-    return found
 
 
 class Turns(httpx.BaseTransport):

@@ -22,7 +22,8 @@ from pvg.video import probe, read_frames
 from scripts.samples import Samples
 from service.settings import Settings
 from tests.service.servers import fresh_database
-from tests.worker.serving import Service, parent_of, processes_of, running_service, until
+from tests.waiting import until
+from tests.worker.serving import Service, parent_of, processes_of, running_service
 from worker.parts import bounds
 
 QUICK = {
@@ -113,7 +114,7 @@ def drawn_files(service: Service) -> list[Path]:
 
 
 def until_gone(service: Service) -> None:
-    until(30, lambda: not drawn_files(service), said=lambda: str(drawn_files(service)))
+    until(lambda: not drawn_files(service), 30, said=lambda: str(drawn_files(service)))
 
 
 @pytest.fixture(scope="module")
@@ -152,7 +153,7 @@ def test_a_part_whose_process_is_killed_is_drawn_again_and_no_other(
 ) -> None:
     job_id = asked(service, wanted)
     service.at_work(job_id)
-    os.kill(until(60, lambda: sandboxed(service))[0], signal.SIGKILL)
+    os.kill(until(lambda: sandboxed(service))[0], signal.SIGKILL)
     done = service.finished(job_id, 300)
     assert digests(service, done) == digests(service, plain)
     assert done["attempt"] == 2
@@ -165,7 +166,7 @@ def test_a_part_that_is_lost_before_the_join_has_the_job_begin_anew(
 ) -> None:
     until_gone(service)
     job_id = asked(service, wanted)
-    until(120, lambda: drawn_files(service))[0].unlink()
+    until(lambda: drawn_files(service), 120)[0].unlink()
     done = service.finished(job_id, 300)
     assert digests(service, done) == digests(service, plain)
     assert done["attempt"] == 2
@@ -186,7 +187,7 @@ def test_a_job_in_parts_is_canceled_mid_way(service: Service, wanted: dict[str, 
     done = service.finished(job_id, 60)
     assert (done["state"], done["error"]["title"]) == ("canceled", "The job was canceled")
     until_gone(service)
-    until(30, lambda: not sandboxed(service))
+    until(lambda: not sandboxed(service), 30)
     assert not [name for name in begun(service, job_id) if name.startswith("join")]
 
 
@@ -216,7 +217,7 @@ def test_one_process_gives_the_same_bytes_as_two(
     expected = digests(service, plain)
     service.process.send_signal(signal.SIGINT)
     service.process.wait(40)
-    until(40, lambda: not processes_of(service.data_dir))
+    until(lambda: not processes_of(service.data_dir), 40)
     with ExitStack() as stack:
         alone = stack.enter_context(running_service(folder, worker_concurrency="1", **QUICK, **setting))
         done = alone.finished(asked(alone, wanted), 300)
@@ -226,7 +227,7 @@ def test_one_process_gives_the_same_bytes_as_two(
         # of a video that is deleted meanwhile, nothing is left
         job_id = asked(alone, wanted)
         alone.at_work(job_id)
-        until(60, lambda: drawn_files(alone))
+        until(lambda: drawn_files(alone))
         assert alone.client.delete(f"/videos/{wanted['video']}?cancel_jobs=true").status_code == 204
         assert alone.job(job_id)["state"] == "canceled"
         until_gone(alone)

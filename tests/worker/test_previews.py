@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from pvg.video import read_frames
 from scripts.samples import Samples
 from tests.conftest import cut_clip
-from tests.worker.serving import Service, service_on, until
+from tests.waiting import until
+from tests.worker.serving import Service, service_on
 
 QUICK = {"reap_interval_s": "1", "heartbeat_s": "1", "lease_s": "8"}
 
@@ -133,7 +134,7 @@ def test_a_clip_stays_open_until_its_medium_is_deleted(service: Service, clip: P
     assert pictures(service)
     assert service.client.delete(f"/videos/{video['id']}").status_code == 204
     assert [path for path in service.files() if ".jpg" in path.name and video["id"] in path.name] == []
-    until(30, lambda: pictures(service) == [])  # a busy database has them deleted a little later
+    until(lambda: pictures(service) == [], 30)  # a busy database has them deleted a little later
     end = time.monotonic() + 30
     while open_clips(service) >= opened and time.monotonic() < end:
         time.sleep(0.2)

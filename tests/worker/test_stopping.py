@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -22,6 +23,7 @@ from service.catalog import Database, jobs
 from service.settings import Settings
 from tests.promises import Drill
 from tests.service.fixtures import MP4, make_ready, make_results
+from tests.waiting import until
 from tests.worker.serving import Service, processes_of, running_service
 
 QUICK = {"heartbeat_s": "1", "progress_interval_s": "0.2", "worker_concurrency": "1"}
@@ -47,7 +49,7 @@ def worker(service: Service, **settings: str) -> Iterator[subprocess.Popen[bytes
         process.wait()
 
 
-def until(service: Service, job_id: str, reached: Any, seconds: float) -> dict[str, Any]:
+def until_it_is(service: Service, job_id: str, reached: Any, seconds: float) -> dict[str, Any]:
     """The job, once it is as wanted."""
     end = time.monotonic() + seconds
     while not reached(job := service.client.get(f"/jobs/{job_id}").json()):
@@ -57,17 +59,15 @@ def until(service: Service, job_id: str, reached: Any, seconds: float) -> dict[s
 
 
 def until_ready(service: Service, process: subprocess.Popen[bytes]) -> None:
-    """Until a worker has its pool, and a moment more: it takes messages then."""
-    end = time.monotonic() + 60
-    while not any(path.read_text() for path in Path(f"/proc/{process.pid}/task").glob("*/children")):
-        assert time.monotonic() < end, service.log.read_text()[-3000:]
-        time.sleep(0.05)
-    time.sleep(1)
+    """Until a worker says that it takes messages, which it does some time after its first children are there."""
+    log = service.log.with_name("worker.log")
+    takes = re.compile(rf"-{process.pid}@\S+ ready\.")
+    until(lambda: takes.search(log.read_text()), 180, said=log.read_text)
 
 
 def begun(service: Service, job_id: str) -> dict[str, Any]:
     """The job, once it has been at work for long enough to be no short one."""
-    job = until(service, job_id, lambda job: job["state"] == "running", 60)
+    job = until_it_is(service, job_id, lambda job: job["state"] == "running", 60)
     time.sleep(1.5)
     return job
 
@@ -86,7 +86,7 @@ def test_a_long_job_goes_on_elsewhere_and_no_deploy_costs_an_attempt(
         until_ready(service, new)
         told = time.monotonic()
         old.send_signal(signal.SIGTERM)
-        after = until(service, job_id, lambda job: job["started_at"] != before["started_at"], 30)
+        after = until_it_is(service, job_id, lambda job: job["started_at"] != before["started_at"], 30)
         taken_s = time.monotonic() - told
         assert old.wait(60) == 0
         ended_s = time.monotonic() - told
@@ -100,7 +100,7 @@ def test_a_long_job_goes_on_elsewhere_and_no_deploy_costs_an_attempt(
             if "worker.app" in command:
                 os.kill(pid, signal.SIGTERM)
         assert new.wait(60) == 0
-        assert until(service, job_id, lambda job: job["state"] == "queued", 30)["attempt"] == 1
+        assert until_it_is(service, job_id, lambda job: job["state"] == "queued", 30)["attempt"] == 1
 
 
 def slowly(told: threading.Event, pieces: int, content: bytes) -> Iterator[bytes]:

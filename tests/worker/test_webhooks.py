@@ -12,7 +12,8 @@ import pytest
 
 from scripts.samples import Samples
 from tests.promises import Drill
-from tests.service.receivers import Receiver, until
+from tests.service.receivers import Receiver
+from tests.waiting import until
 from tests.worker.serving import running_service
 
 TIMEOUT_S = 2

@@ -58,9 +58,9 @@ async def get_readiness(services: ServicesDep, response: Response) -> Readiness:
 
 def _workers(services: Services) -> str:
     """Whether a worker can do jobs; what all of them lack; or that there is none."""
-    silent_s = workers.SILENT_BEATS * services.settings.heartbeat_s
+    since = services.database.now() - timedelta(seconds=services.settings.silent_s)
     with services.database.read() as session:
-        lacking = workers.lacking(session, since=services.database.now() - timedelta(seconds=silent_s))
+        lacking = workers.lacking(session, since=since)
     if None in lacking:
         return OK
     return f"no {min(filter(None, lacking))}" if lacking else NO_WORKER

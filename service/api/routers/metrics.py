@@ -15,7 +15,6 @@ from service.api.dependencies import ServicesDep, problems
 from service.api.services import Services
 from service.catalog import keys, statistics
 from service.catalog.statistics import Statistics
-from service.catalog.workers import SILENT_BEATS
 from service.errors import ServiceError, UnauthorizedError
 from service.outages import is_outage
 
@@ -82,6 +81,6 @@ def _read_keys(services: Services) -> bool:
 
 def _collect(services: Services) -> Statistics:
     now = services.database.now()
-    alive_since = now - timedelta(seconds=SILENT_BEATS * services.settings.heartbeat_s)
+    alive_since = now - timedelta(seconds=services.settings.silent_s)
     with services.database.read() as session:
         return statistics.collect(session, now=now, alive_since=alive_since)

@@ -20,7 +20,7 @@ from service.catalog.jobs import Standing
 from tests.service.api.test_authentication import holder
 from tests.service.api.test_media import upload
 from tests.service.fixtures import MP4, Api, claim
-from tests.service.receivers import until
+from tests.waiting import until
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from tests.promises import Drill
 from tests.service.api.test_media import PROBLEM, upload
 from tests.service.fixtures import MP4, PNG, Api, claim, make_ready, make_results, serve
 from tests.service.servers import fresh_database
+from tests.waiting import until
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])
@@ -41,6 +42,12 @@ def wanted(api: Api, **more: object) -> dict[str, Any]:
 
 def post(api: Api, path: str, key: str, **options: Any) -> httpx.Response:
     return api.client.post(path, headers={"Idempotency-Key": key}, **options)
+
+
+def requests(api: Api) -> list[IdempotentRequest]:
+    """Those whose key is remembered, under way or answered."""
+    with api.services.database.read() as session:
+        return list(session.scalars(select(IdempotentRequest)))
 
 
 def kinds(api: Api) -> Counter[str]:
@@ -116,22 +123,18 @@ def test_uploads_and_forms_are_compared_by_what_they_hold(api: Api) -> None:
 
 
 def test_a_key_is_in_use_while_its_first_request_still_arrives(api: Api) -> None:
-    begun, go_on = threading.Event(), threading.Event()
+    go_on = threading.Event()
 
     def slowly() -> Iterator[bytes]:
         yield MP4
-        begun.set()
-        go_on.wait(10)
+        go_on.wait(60)
         yield b"end"
 
     with ThreadPoolExecutor(1) as pool:
         first = pool.submit(post, api, "/videos", "slow", content=slowly())
-        begun.wait(10)
-        for _ in range(100):  # until the server has the beginning
-            second = post(api, "/videos", "slow", content=MP4 + b"end")
-            if second.status_code == 409:
-                break
-            pytest.fail(f"{second.status_code} while the first was under way")
+        until(lambda: bool(requests(api)))  # the server has the beginning
+        second = post(api, "/videos", "slow", content=MP4 + b"end")
+        assert second.status_code == 409
         assert second.json()["code"] == "idempotency-key-in-use"
         assert second.headers["retry-after"] == "1"
         go_on.set()
@@ -201,8 +204,7 @@ def test_a_claim_ends_with_its_lock_and_an_answer_with_its_time(api: Api) -> Non
 def test_a_deleted_medium_takes_the_answers_about_it_along(api: Api) -> None:
     video = post(api, "/videos", "k", content=MP4).json()
     assert api.client.delete(f"/videos/{video['id']}", params={"cancel_jobs": True}).status_code == 204
-    with api.services.database.read() as session:
-        assert session.scalars(select(IdempotentRequest)).all() == []
+    assert requests(api) == []
     assert post(api, "/videos", "k", content=MP4).json()["id"] != video["id"]
 
 

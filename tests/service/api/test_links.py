@@ -15,8 +15,8 @@ from pydantic import ValidationError
 from service.catalog import keys
 from service.settings import Settings
 from tests.service.fixtures import MP4, PNG, Api, make_ready, make_results, serve
-from tests.service.receivers import until
 from tests.service.s3 import S3
+from tests.waiting import until
 
 FILE = b"the file of a result"
 LIMITS = keys.Limits(requests_per_minute=600, active_jobs=10, stored_bytes=1_000_000)

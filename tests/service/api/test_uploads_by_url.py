@@ -16,7 +16,7 @@ from service.settings import Settings
 from tests.promises import Drill
 from tests.service.fixtures import MP4, PNG, Api, serve
 from tests.service.remote import PRIVATE, PUBLIC, Names, Remote, answer, connected, names, public_loopback, remote
-from tests.worker.serving import until
+from tests.waiting import until
 
 __all__ = ["connected", "names", "public_loopback"]
 
@@ -198,7 +198,7 @@ def test_a_fetch_ends_with_its_client(api: Api, here: Remote) -> None:
         api.client.post("/videos", json={"url": at(here, "/held.mp4")}, timeout=2)
     assert here.connections == 1
     assert ended.wait(15)
-    until(15, lambda: api.drafts == [])
+    until(lambda: api.drafts == [], 15)
     assert api.services.fetches._of.total() == 0
     assert api.blobs == []
 
@@ -215,7 +215,7 @@ def test_so_many_files_are_fetched_at_a_time(api: Api, here: Remote, monkeypatch
     threads = [threading.Thread(target=fetch) for _ in range(2)]
     for thread in threads:
         thread.start()
-    until(15, lambda: here.connections == 2)
+    until(lambda: here.connections == 2, 15)
     more = api.client.post("/videos", json=body)
     assert (more.status_code, more.json()["code"], more.json()["limit"]) == (429, "quota-exceeded", 2)
     monkeypatch.setattr(fetches, "PER_OWNER", 3)

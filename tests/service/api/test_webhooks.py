@@ -12,9 +12,10 @@ from service.settings import Settings
 from tests.service.api.test_authentication import holder
 from tests.service.api.test_media import PROBLEM, upload
 from tests.service.fixtures import MP4, PNG, Api, claim, make_ready, make_results, serve
-from tests.service.receivers import Receiver, until
+from tests.service.receivers import Receiver
 from tests.service.remote import answer as file_answer
 from tests.service.remote import remote
+from tests.waiting import until
 
 URL = "https://studio.example/hooks?token=t"
 

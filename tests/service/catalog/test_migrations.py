@@ -19,7 +19,7 @@ from service.catalog.database import make_engine
 from service.catalog.migrations import _config, is_current, migrate
 from service.catalog.models import Base
 from tests.service.fixtures import FakeClock, add_media, add_transfer, announce, claim
-from tests.worker.serving import until
+from tests.waiting import until
 
 
 def test_the_migrations_make_the_tables_of_the_models(database: Database) -> None:
@@ -53,7 +53,7 @@ def test_who_migrates_waits_for_another_as_long_as_it_takes(
         with first.begin() as connection:
             connection.execute(text("SELECT pg_advisory_xact_lock(7301984)"))
             second = pool.submit(migrate, database.url)
-            until(30, lambda: second.done() or connection.execute(waiting).scalar_one())
+            until(lambda: second.done() or connection.execute(waiting).scalar_one(), 30)
             time.sleep(1)
             assert not second.done(), "it waits for its turn"
         second.result(30)

@@ -21,8 +21,9 @@ from service.settings import Settings
 from service.webhooks.deliverer import CONCURRENCY, PER_ORIGIN, RETRIES_S, Deliverer
 from tests.service.catalog.test_webhooks import announce, deliveries, ended_job, job_in
 from tests.service.fixtures import FakeClock
-from tests.service.receivers import Receiver, until
+from tests.service.receivers import Receiver
 from tests.service.servers import free_port
+from tests.waiting import until
 
 DAY_S = 86_400
 
