@@ -7,6 +7,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable
+from datetime import timedelta
 from types import FrameType
 from typing import Annotated, NoReturn, TypeVar
 
@@ -19,10 +20,11 @@ from sqlalchemy.orm import Session
 
 from service import health
 from service.api import create_app, make_services, server
-from service.catalog import Database, Key, keys, utc_now
+from service.catalog import Database, Key, keys, utc_now, workers
 from service.catalog.keys import Limits
-from service.catalog.migrations import has_table, is_current, migrate_to
+from service.catalog.migrations import VersionError, has_table, is_current, migrate_to
 from service.catalog.migrations import migrate as migrate_database
+from service.catalog.models import Worker
 from service.errors import message_of
 from service.logs import configure
 from service.outages import is_outage
@@ -59,6 +61,8 @@ def main() -> None:
         _refuse(f"{error.strerror or error}{where}", CANNOT_START)
     except ArgumentError as error:
         _refuse(f"setting PVG_DATABASE_URL: {error}")
+    except VersionError as error:
+        _refuse(str(error))
     except DBAPIError as error:
         _refuse(f"the database cannot be used: {error.orig}", CANNOT_START)
     except BaseError as error:
@@ -140,7 +144,7 @@ def _have_keys(settings: Settings) -> bool:
     """True when there are keys; a database that is not there yet has none, and is not made by asking."""
     if settings.database_file is not None and not settings.database_file.exists():
         return False
-    return has_table(settings.database, Key.__tablename__) and _on_keys(settings, keys.exist, write=False)
+    return has_table(settings.database, Key.__tablename__) and _with_records(settings, keys.exist, write=False)
 
 
 def _leave(number: int, frame: FrameType | None) -> None:
@@ -188,10 +192,12 @@ def migrate(
     if to is None:
         migrate_database(settings.database)
         return
-    try:
-        migrate_to(settings.database, to)
-    except ValueError as error:
-        _refuse(str(error))
+    if has_table(settings.database, Worker.__tablename__):
+        since = utc_now() - timedelta(seconds=settings.silent_s)
+        running = _with_records(settings, lambda session: workers.heard_of(session, since=since), write=False)
+        if running:
+            _refuse(f"{running} worker(s) are running: stop every process of the service first", CANNOT_START)
+    migrate_to(settings.database, to)
 
 
 @cli.command()
@@ -232,7 +238,7 @@ def create_key(
     migrate_database(settings.database)
     limits = Limits(rate, active_jobs, stored_bytes)
     try:
-        _, text = _on_keys(settings, lambda session: keys.create(session, name, limits, now=utc_now()))
+        _, text = _with_records(settings, lambda session: keys.create(session, name, limits, now=utc_now()))
     except IntegrityError:
         _refuse(f"there is a key called {name}; `pvg-service keys rotate` gives it another secret")
     typer.echo(text)
@@ -260,21 +266,21 @@ def list_keys() -> None:
             for key in keys.every(session)
         ]
 
-    for line in _on_keys(_current_settings(), lines, write=False):
+    for line in _with_records(_current_settings(), lines, write=False):
         typer.echo(line)
 
 
 @key_commands.command("revoke")
 def revoke_key(name: KeyName) -> None:
     """End a key for good. What it owns stays until it expires, or until `assign` gives it to another."""
-    if not _on_keys(_current_settings(), lambda session: keys.revoke(session, _key(session, name), now=utc_now())):
+    if not _with_records(_current_settings(), lambda session: keys.revoke(session, _key(session, name), now=utc_now())):
         typer.echo(f"{name} was revoked before", err=True)
 
 
 @key_commands.command("rotate")
 def rotate_key(name: KeyName) -> None:
     """Give a key another secret and print it; the former one stops working, what the key owns stays its own."""
-    typer.echo(_on_keys(_current_settings(), lambda session: keys.rotate(_key(session, name))))
+    typer.echo(_with_records(_current_settings(), lambda session: keys.rotate(_key(session, name))))
 
 
 @key_commands.command("limit")
@@ -294,7 +300,7 @@ def limit_key(
             Limits(rate or now.requests_per_minute, active_jobs or now.active_jobs, stored_bytes or now.stored_bytes),
         )
 
-    _on_keys(_current_settings(), change)
+    _with_records(_current_settings(), change)
 
 
 @key_commands.command("assign")
@@ -308,7 +314,7 @@ def assign_to_key(
         owner = keys.NOBODY if former is None else _key(session, former).id
         return keys.adopt(session, _key(session, name), owner=owner)
 
-    given, left = _on_keys(_current_settings(), give)
+    given, left = _with_records(_current_settings(), give)
     typer.echo(f"{given} video(s) and reference(s) given, with their jobs and results", err=True)
     if left:
         typer.echo(f"{left} left, because {name} has the same bytes already", err=True)
@@ -326,7 +332,7 @@ def _current_settings() -> Settings:
     return settings
 
 
-def _on_keys(settings: Settings, work: Callable[[Session], Answer], *, write: bool = True) -> Answer:
+def _with_records(settings: Settings, work: Callable[[Session], Answer], *, write: bool = True) -> Answer:
     database = Database(settings.database)
     try:
         with database.write() if write else database.read() as session:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime, timedelta
 from typing import Final, Literal
 
-from sqlalchemy import delete, select, update
+from sqlalchemy import delete, func, select, update
 from sqlalchemy.orm import Session
 
 from service.catalog.database import changed
@@ -30,6 +30,11 @@ def beat(session: Session, worker_id: str, *, now: datetime, lacks: str | None =
 def leave(session: Session, worker_id: str) -> None:
     """A worker has stopped."""
     changed(session, delete(Worker).where(Worker.id == worker_id))
+
+
+def heard_of(session: Session, *, since: datetime) -> int:
+    """How many workers were seen since then. Asks for no column that tables of former versions lack."""
+    return session.scalar(select(func.count()).where(Worker.seen_at >= since)) or 0
 
 
 def lacking(session: Session, *, since: datetime, kind: Kind = "jobs") -> list[str | None]:

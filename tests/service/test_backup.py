@@ -19,9 +19,10 @@ from pydantic import SecretStr
 from sqlalchemy import inspect, text
 from sqlalchemy.engine import make_url
 
-from service.catalog import Database, jobs
+from service.catalog import Database, Job, JobState, jobs, workers
 from service.catalog.database import make_engine
 from service.settings import Settings
+from tests.service.catalog.test_parts import finish, parted
 from tests.service.fixtures import MP4, PNG, Api, claim, make_ready, make_results, serve
 from tests.service.servers import fresh_database, missing
 
@@ -167,9 +168,9 @@ def test_the_tables_go_down_and_up_with_what_is_in_them(kept: Settings) -> None:
 _FIRST = ("media", "jobs", "looks", "results")
 
 
-def _migrate(settings: Settings, version: str, code: int = 0) -> str:
+def _migrate(settings: Settings, version: str | None, code: int = 0) -> str:
     environment = os.environ | {"PVG_DATA_DIR": str(settings.folder), "PVG_DATABASE_URL": settings.database_url}
-    command = [str(Path(sys.executable).with_name("pvg-service")), "migrate", "--to", version]
+    command = [str(Path(sys.executable).with_name("pvg-service")), "migrate", *(["--to", version] if version else [])]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == code, done.stderr
     return done.stdout + done.stderr
@@ -189,6 +190,54 @@ def _rows(database: Database) -> dict[str, int]:
     return found
 
 
-def test_a_version_that_there_is_not_is_refused(tmp_path: Path) -> None:
-    settings = Settings(data_dir=tmp_path / "data")
-    assert "there is no version 9999; they are 0001 to" in _migrate(settings, "9999", code=2)
+def test_versions_that_nobody_knows_are_refused_in_a_line(kept: Settings) -> None:
+    assert "there is no version 9999; they are 0001 to" in _migrate(kept, "9999", code=2)
+    _migrate(kept, "0013")
+    database = Database(kept.database)
+    with database.write() as session:
+        session.execute(text("UPDATE alembic_version SET version_num = '9998'"))
+    database.close()
+    for version in ("0012", None):  # None: to the newest, as `serve` goes
+        said = _migrate(kept, version, code=2)
+        assert said.splitlines()[-1] == (
+            "pvg-service: the database's tables are of version 9998, which this code does not know"
+        )
+        assert "Traceback" not in said
+
+
+def test_tables_are_not_changed_below_a_running_worker(kept: Settings) -> None:
+    _migrate(kept, "0013")
+    database = Database(kept.database)
+    with database.write() as session:
+        workers.beat(session, "worker-1", now=database.now())
+    assert "1 worker(s) are running: stop every process of the service first" in _migrate(kept, "0012", code=1)
+    assert _version(database) == "0013"
+    with database.write() as session:
+        workers.leave(session, "worker-1")
+    _migrate(kept, "0012")
+    assert _version(database) == "0012"
+    database.close()
+
+
+def test_what_is_done_in_parts_begins_anew_in_the_version_before_there_were_parts(kept: Settings) -> None:
+    _migrate(kept, "0013")
+    database = Database(kept.database)
+    job_id, part_ids = parted(database, 2)
+    finish(database, claim(database, part_ids[0]))
+    claim(database, part_ids[1])
+    stopped, others = parted(database, 2)
+    claim(database, others[0])
+    with database.write() as session:
+        assert jobs.cancel(session, stopped, now=database.now())
+    _migrate(kept, "0012")
+    with database.read() as session:
+        found = session.execute(text("SELECT id, state FROM jobs WHERE kind <> 'vectorize' ORDER BY id")).all()
+    assert [tuple(row) for row in found] == sorted([(job_id, "queued"), (stopped, "canceling")])
+    _migrate(kept, "0013")
+    lease = claim(database, job_id)
+    with database.write() as session:
+        assert jobs.held_state(session, lease) == JobState.RUNNING
+        # what was being canceled has a lease that is over: the reaper ends it
+        jobs.reap(session, now=database.now() + timedelta(seconds=1), max_attempts=3)
+        assert session.get_one(Job, stopped).state == JobState.CANCELED
+    database.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import configparser
+import os
 import re
 import shutil
 import subprocess
@@ -18,7 +19,7 @@ from sqlalchemy import text
 from deploy.make_secrets import make
 from service.catalog import Database, jobs
 from service.cli import DRAIN_S, cli
-from service.settings import GIB, Settings
+from service.settings import GIB, Settings, store_secrets
 from tests.service.catalog.test_parts import add_ready_transfer, split
 from tests.service.fixtures import FakeClock, add_media, add_transfer, claim
 
@@ -235,6 +236,40 @@ def scaled_object() -> dict[str, Any]:
     return found
 
 
+def test_workers_get_no_secret_that_they_do_not_need() -> None:
+    of_the_api = {"PVG_LINK_SECRET_FILE", "PVG_METRICS_TOKEN_FILE"}
+    for name, pod in WORKLOADS.items():
+        read = CONFIG | {one["name"]: one.get("value") for c in containers(pod) for one in c.get("env", ())}
+        paths = {Path(path).name for path in read.values() if path and path.startswith("/secrets/")}
+        (secret,) = [volume["secret"] for volume in pod["volumes"] if volume["name"] == "secrets"]
+        assert (of_the_api <= read.keys()) is (name == "pvg-api")
+        if name != "pvg-api":
+            assert {one["key"] for one in secret["items"]} == {one["path"] for one in secret["items"]} == paths
+    for name, one in OURS.items():
+        assert bool(of_the_api & one["environment"].keys()) is (name == "api")
+
+
+def test_the_compose_file_for_an_object_store_goes_over_the_main_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    over = yaml.safe_load((ROOT / "deploy" / "compose.s3.yml").read_text())
+    assert set(over["services"]) == {name for name, one in OURS.items() if "scaled" in one["profiles"]}
+    assert not COMPOSE["networks"]["front"], "it has a way out"
+    for name, one in over["services"].items():
+        assert one["networks"] == ["front"]
+        assert set(one["secrets"]) == set(over["secrets"])
+        given = OURS[name]["environment"] | one["environment"]
+        for secret in {*OURS[name]["secrets"], *one["secrets"]}:
+            (tmp_path / secret).write_text("postgresql://u:p@h/d" if secret == "database_url" else "a" * 40)
+        for variable, value in given.items():
+            path = str(value or "")
+            if path.startswith("/run/secrets/"):
+                monkeypatch.setenv(variable, str(tmp_path / Path(path).name))
+    monkeypatch.setenv("PVG_STORAGE_URL", "s3://faces/pvg")
+    Settings()
+    assert store_secrets(os.environ) == {"access_key_id": "a" * 40, "secret_access_key": "a" * 40}
+
+
 @pytest.mark.parametrize("overlay", ["base", "keda", "shared-folder"])
 def test_the_manifests_are_put_together(overlay: str) -> None:
     if not shutil.which("kubectl") and not shutil.which("kustomize"):
@@ -262,5 +297,7 @@ def test_the_manifests_are_put_together(overlay: str) -> None:
 
 def test_the_secrets_of_the_manifests_have_the_names_that_are_documented() -> None:
     text_of_page = (ROOT / "docs" / "operations" / "deployment.md").read_text()
-    keys = {Path(path).name for path in CONFIG.values() if path.startswith("/secrets/")}
+    given = [*CONFIG.values()]
+    given += [str(one.get("value")) for pod in WORKLOADS.values() for c in containers(pod) for one in c.get("env", ())]
+    keys = {Path(path).name for path in given if path.startswith("/secrets/")}
     assert all(f"--from-literal={key}=" in text_of_page for key in keys | {"queue-url"})

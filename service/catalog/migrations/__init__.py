@@ -20,25 +20,43 @@ def _config(url: str) -> Config:
     return config
 
 
+class VersionError(Exception):
+    """A version of the tables that this code does not know."""
+
+
 def migrate(url: str) -> None:
-    """Apply the migrations that are missing. Safe to run by several processes at once."""
-    command.upgrade(_config(url), "head")
+    """Apply the migrations that are missing. Safe to run by several processes at once. Raises `VersionError`."""
+    config = _config(url)
+    _here(url, _versions(config))
+    command.upgrade(config, "head")
 
 
 def migrate_to(url: str, version: str) -> None:
     """Bring the tables to a version of this code's list, such as ``0011``, up or down.
 
-    What an older version has no place for is lost. Raises `ValueError` for a version that is not in the list.
+    What an older version has no place for is lost. Raises `VersionError` for a version that is not in the list, and
+    for tables that are of none of them.
     """
     config = _config(url)
-    versions = [script.revision for script in ScriptDirectory.from_config(config).walk_revisions()][::-1]
+    versions = _versions(config)
     if version not in versions:
-        raise ValueError(f"there is no version {version}; they are {versions[0]} to {versions[-1]}")
-    here = _version(url)
-    if here is not None and here not in versions:
-        raise ValueError(f"the tables are of version {here}, which this code does not know")
+        raise VersionError(f"there is no version {version}; they are {versions[0]} to {versions[-1]}")
+    here = _here(url, versions)
     is_down = here is not None and versions.index(version) < versions.index(here)
     (command.downgrade if is_down else command.upgrade)(config, version)
+
+
+def _versions(config: Config) -> list[str]:
+    """All of this code, the oldest first."""
+    return [script.revision for script in ScriptDirectory.from_config(config).walk_revisions()][::-1]
+
+
+def _here(url: str, versions: list[str]) -> str | None:
+    """The version of the tables; None without any. Raises `VersionError`."""
+    here = _version(url)
+    if here is not None and here not in versions:
+        raise VersionError(f"the database's tables are of version {here}, which this code does not know")
+    return here
 
 
 def _version(url: str) -> str | None:
