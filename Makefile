@@ -50,7 +50,7 @@ soak: setup
 
 # built, installed into empty environments outside the repository, and used there; needs the package registry
 test-install: setup
-	$(BIN)/python -m pytest tests/install
+	$(BIN)/python -m pytest -n 2 --dist loadfile tests/install
 
 # whether a weakness is known of any locked dependency; exit status 2 when nobody can be asked
 audit: $(STAMP)

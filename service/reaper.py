@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from datetime import datetime, timedelta
 
 import structlog
 
 from service.blobs import Blobs
 from service.catalog import Database, Message, idempotency, jobs, previews, sweep, tombstones, webhooks
+from service.drafts import Drafts
 from service.outages import is_outage
 from service.queue import QUEUES, Publisher
 from service.room import Room
@@ -36,6 +37,7 @@ class Reaper:
         self._settings = settings
         self._database = database
         self._storage = storage
+        self._drafts = Drafts(database, storage, settings)
         self._room = room
         self._blobs = blobs
         self._publisher = publisher
@@ -144,11 +146,7 @@ class Reaper:
             sweep.expire_jobs(session, before=now - timedelta(seconds=self._settings.job_ttl_s))
             previews.expire(session, now=now)
             idempotency.expire(session, now=now, limit=sweep.BATCH)
-        self._storage.clear_drafts(held=self._held, before=now - timedelta(seconds=self._settings.draft_ttl_s))
-
-    def _held(self, job_ids: Collection[str]) -> set[str]:
-        with self._database.read() as session:
-            return sweep.held(session, job_ids)
+        self._drafts.clear()
 
     def delete(self) -> None:
         """Delete the blobs that no record names any more, and leave no trace of the records that did."""

@@ -13,7 +13,9 @@ import structlog
 from pvg.models import ModelError, check
 from service.catalog import Database, workers
 from service.catalog.workers import Kind
+from service.drafts import Drafts
 from service.settings import Settings
+from service.storage import Storage
 
 log = structlog.get_logger(__name__)
 
@@ -51,7 +53,7 @@ def _has_weights(*, quietly: bool = False) -> bool:
 
 
 class Heartbeat:
-    """A thread of a process that works; it speaks until the process ends."""
+    """A thread of a process that works; it speaks until the process ends, and clears drafts that others left."""
 
     def __init__(self, settings: Settings, *, kind: Kind = "jobs") -> None:
         self._settings = settings
@@ -70,11 +72,14 @@ class Heartbeat:
 
     def _run(self) -> None:
         database = Database(self._settings.database)
+        drafts = Drafts(database, Storage(self._settings), self._settings)
         while True:
             _beat(database, kind=self._kind)
+            _clear(drafts)
             if self._stop.wait(self._settings.heartbeat_s):
-                _leave(database)
-                return
+                break
+        _leave(database)
+        database.close()
 
 
 def _beat(database: Database, lacks: str | None = None, kind: Kind = "jobs") -> None:
@@ -83,6 +88,13 @@ def _beat(database: Database, lacks: str | None = None, kind: Kind = "jobs") -> 
             workers.beat(session, worker_id(), now=database.now(), lacks=lacks, kind=kind)
     except Exception as error:  # the next one may arrive
         log.warning("heartbeat not written", error=type(error).__name__)
+
+
+def _clear(drafts: Drafts) -> None:
+    try:
+        drafts.clear()
+    except Exception as error:  # after the next beat
+        log.warning("drafts not cleared", error=type(error).__name__)
 
 
 def _leave(database: Database) -> None:

@@ -119,15 +119,14 @@ class LeaseKeeper:
     def _tick(self, progress: Progress | None) -> None:
         now = self._database.now()
         due = time.monotonic() - self._renewed >= self._settings.heartbeat_s
-        if due or progress is not None:
-            with self._database.write() as session:
-                if progress is not None:
-                    jobs.report(session, self._lease, progress, now=now)
-                if due:
-                    jobs.renew(session, self._lease, now=now, lease_s=self._settings.lease_s)
-                    self._renewed = time.monotonic()
-        with self._database.read() as session:
+        with self._database.write() if due or progress is not None else self._database.read() as session:
+            if progress is not None:
+                jobs.report(session, self._lease, progress, now=now)
+            if due:
+                jobs.renew(session, self._lease, now=now, lease_s=self._settings.lease_s)
             state = jobs.held_state(session, self._lease)
+        if due:
+            self._renewed = time.monotonic()
         if self._verdict is not None:
             return  # it was told to stop meanwhile, and gives the job back, or ends it if it is canceled
         if state is None:

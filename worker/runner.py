@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Iterable, Mapping
-from datetime import timedelta
+from collections.abc import Callable, Iterable, Mapping
 from typing import Final, TypeVar
 
 import structlog
@@ -12,8 +11,9 @@ from celery import Celery
 
 from service import tracing
 from service.blobs import Blobs
-from service.catalog import Database, Job, JobKind, Lease, Message, PartKind, fairness, jobs, media, parts, sweep
+from service.catalog import Database, Job, JobKind, Lease, Message, PartKind, fairness, jobs, media, parts
 from service.catalog.fairness import Taken
+from service.drafts import Drafts
 from service.outages import is_outage
 from service.queue import send, withdraw
 from service.room import Room
@@ -49,6 +49,7 @@ class Runner:
         self._room = Room(settings)
         self._database = Database(settings.database, before_write=self._room.give_back)
         self._storage = Storage(settings)
+        self._drafts = Drafts(self._database, self._storage, settings)
         # recorded when all of a job's are written, and stores may be away in between
         self._blobs = Blobs(self._database, self._storage, within_s=settings.job_hard_limit_s)
 
@@ -114,16 +115,11 @@ class Runner:
         """What may be done after a job; the reaper does it too, only later."""
         try:
             self._release_waiting()
-            self._clear_drafts()
+            self._drafts.clear()
         except Exception as error:
             if not is_outage(error):
                 raise
             log.warning("left to the reaper", error=type(error).__name__)
-
-    def _clear_drafts(self) -> None:
-        # the reaper does it too, where it shares this machine's disk
-        before = self._database.now() - timedelta(seconds=self._settings.draft_ttl_s)
-        self._storage.clear_drafts(held=self._held, before=before)
 
     def _has_room(self, job_id: str) -> bool:
         """Wait a little for room on the disk. False when there is none: the job is left to be sent again later."""
@@ -141,10 +137,6 @@ class Runner:
             stopping.check()
             time.sleep(ROOM_POLL_S)
         return True
-
-    def _held(self, job_ids: Collection[str]) -> set[str]:
-        with self._database.read() as session:
-            return sweep.held(session, job_ids)
 
     def _work(self, run: Run) -> None:
         try:

@@ -22,7 +22,7 @@ from tests.worker.serving import Service, running_service
 __all__ = ["api", "plain_logs", "settings"]
 
 #: seconds that anything may take on a machine with much else to do
-PATIENCE_S = 120.0
+PATIENCE_S = 180.0
 
 
 @dataclass
@@ -50,6 +50,13 @@ class Guarded:
             assert time.monotonic() < began + seconds, f"not so after {seconds} s: {script}\n{self.wrongs}"
             time.sleep(0.02)
         return time.monotonic() - began
+
+    def heard(self, reached: Callable[[], object]) -> None:
+        """Wait until what the handlers of the page note is so; they run while Playwright waits."""
+        end = time.monotonic() + PATIENCE_S
+        while not reached():
+            assert time.monotonic() < end, f"not heard of after {PATIENCE_S} s\n{self.wrongs}"
+            self.page.wait_for_timeout(20)
 
     def check(self) -> None:
         """Fail when the page logged an error, asked another host or broke its policy."""
@@ -129,7 +136,9 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     """One service with a worker for all tests here."""
     if not (shutil.which("chromium") or shutil.which("chromium-browser")):
         missing("chromium is not installed")
-    with running_service(tmp_path_factory.mktemp("browser"), worker_concurrency="1") as running:
+    folder = tmp_path_factory.mktemp("browser")
+    # how soon pictures come is not tried here, and the page shows none that came too late
+    with running_service(folder, worker_concurrency="1", preview_timeout_s="60") as running:
         until = time.monotonic() + PATIENCE_S * 3
         while running.client.get("/readyz").json()["status"] != "ok":  # the worker loads and warms the method
             assert time.monotonic() < until, running.log.read_text()[-4000:]

@@ -76,6 +76,10 @@ _WIDER = """() => [...document.querySelectorAll('body *')]
     && !one.closest('.cards, .unseen, .symbols, .skip, .frame'))
   .map((one) => one.outerHTML.slice(0, 160))"""
 
+#: no colour is on its way to another one; spinners go on and on
+_STILL = """() => document.getAnimations().every((one) =>
+  one.playState !== 'running' || one.effect.getComputedTiming().endTime === Infinity)"""
+
 #: where the keyboard is, and whether that can be seen
 _FOCUS = """() => {
   const one = document.activeElement;
@@ -128,6 +132,7 @@ def states(guarded: Guarded, media: dict[str, Any]) -> Iterator[str]:
 
     for state in (empty, editing, everything, comparing):
         state()
+        guarded.until(_STILL)
         yield state.__name__
 
 
@@ -240,6 +245,7 @@ def test_one_of_several_faces_is_chosen(service: Service, pages: Pages, media: d
     guarded.until(READY)
     page.get_by_role("button", name=media["group"]["filename"], exact=True).click()
     faces = page.get_by_role("group", name="Face of the portrait").get_by_role("radio")
+    faces.last.wait_for(state="attached")
     assert faces.count() == len(media["group"]["faces"]) > 1
     guarded.until("() => [...document.querySelectorAll('.face img')].every((one) => one.naturalWidth > 0)")
     at_rest(guarded)

@@ -141,8 +141,8 @@ def test_a_link_that_has_expired_is_renewed_where_the_player_was(studio: Studio,
     guarded.until("() => !document.querySelectorAll('#picture video')[1].seeking")
     if plays:
         page.get_by_role("button", name="Play", exact=True).click()
-    page.wait_for_timeout(2500)
-    assert waiting
+    page.wait_for_timeout(2500)  # the link is good for 1 s
+    guarded.heard(lambda: waiting)
     for route in waiting:
         route.continue_()
     guarded.until("() => window.player.arrivedAt !== null")
@@ -193,6 +193,7 @@ def test_a_blob_that_comes_after_the_comparison_was_closed_goes(studio: Studio) 
     studio.guarded.expected.append("status of 404")
     studio.enter()
     page.get_by_role("button", name="Compare face.png before and after").click()
+    studio.guarded.heard(lambda: held)
     back = page.get_by_role("button", name="Back to the look")
     back.click()
     studio.guarded.until("() => document.querySelectorAll('#picture video').length === 0")
@@ -326,6 +327,7 @@ def test_looks_that_are_not_kept_are_listed_once_and_never_offered(studio: Studi
 
     card.get_by_role("button", name="Compare face.png before and after").click()
     chips = page.get_by_role("group", name="Finished looks").get_by_role("radio")
+    chips.first.wait_for(state="attached")
     assert chips.count() == 2
     page.get_by_role("radio", name="second.png").check()
     studio.guarded.until("() => document.querySelectorAll('#picture video')[1]?.readyState > 1")
@@ -335,4 +337,4 @@ def test_looks_that_are_not_kept_are_listed_once_and_never_offered(studio: Studi
     page.on("download", lambda one: downloads.append(one))  # noqa: PLW0108
     card.get_by_role("button", name="Download all").click()
     page.get_by_text("2 downloads started").wait_for(state="attached")
-    assert len(downloads) == 2
+    studio.guarded.heard(lambda: len(downloads) == 2)

@@ -56,7 +56,7 @@ def test_what_was_told_is_listed_told_again_and_signed(client: Client, receiver:
         client.replay(waiting)
     assert caught.value.status == 409
     client.cancel(job)
-    told = until(lambda: next(client.webhooks(job=job, state=["delivered"]), None), 20)
+    told = until(lambda: next(client.webhooks(job=job, state=["delivered"]), None))
     assert told is not None
     assert (told.id, told.type, told.last_status, told.attempts) == (waiting.id, "job.canceled", 204, 1)
     assert told.delivered_at is not None
@@ -70,7 +70,7 @@ def test_what_was_told_is_listed_told_again_and_signed(client: Client, receiver:
     again = client.replay(told.id, idempotency_key="again-1")
     assert again.state == "pending"
     assert client.replay(told, idempotency_key="again-1") == again
-    assert until(lambda: client.webhook(told.id).state == "delivered", 20)
+    assert until(lambda: client.webhook(told.id).state == "delivered")
     assert len(receiver.requests) == 2
     other = client.rotate_webhook_secret()
     assert other.secret != secret.secret

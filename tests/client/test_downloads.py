@@ -42,7 +42,7 @@ class _Halves(httpx.SyncByteStream):
     def __iter__(self) -> Iterator[bytes]:
         middle = len(self._content) // 2
         yield self._content[:middle]
-        self._half.wait(30)
+        self._half.wait(120)
         yield self._content[middle:]
 
 

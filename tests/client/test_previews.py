@@ -10,6 +10,14 @@ import pytest
 
 from pvg_client import ApiError, Client, Look
 from scripts.samples import Samples
+from tests.waiting import until
+from tests.worker.serving import Service
+
+
+@pytest.fixture(autouse=True)
+def worker_of_previews(service: Service) -> None:
+    """It is a process of its own, and starts in its own time."""
+    until(lambda: "pvg_preview_workers 0.0" not in service.client.get("/metrics").raise_for_status().text, 180)
 
 
 def picture(data: bytes) -> np.ndarray:

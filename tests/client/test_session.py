@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import os
+import socket
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -17,7 +18,6 @@ from pvg_client import ApiError, AsyncClient, Client, DamagedError, Job, JobFail
 from scripts.samples import Samples
 from tests.client.lines import Line
 from tests.conftest import cut_clip
-from tests.service.servers import free_port
 
 
 @pytest.fixture(scope="package")
@@ -196,12 +196,12 @@ def test_who_stops_listening_holds_no_stream(url: str, video: Medium, reference:
 
 def test_a_link_is_opened_without_the_client(client: Client, drawn: Job, tmp_path: Path) -> None:
     link = client.link(drawn.looks[0], expires_in_s=600)
-    answer = httpx.get(link.url)
+    answer = httpx.get(link.url, timeout=60)
     assert hashlib.sha256(answer.content).hexdigest() == drawn.results[0].sha256
     assert 500 < (link.expires_at - datetime.now(UTC)).total_seconds() <= 600
-    cube = httpx.get(client.link(drawn.results[0].id, part="look.cube").url)
+    cube = httpx.get(client.link(drawn.results[0].id, part="look.cube").url, timeout=60)
     assert b"LUT_3D_SIZE 33" in cube.content
-    assert httpx.get(link.url[:-2]).status_code == 403
+    assert httpx.get(link.url[:-2], timeout=60).status_code == 403
 
 
 def test_limits_and_usage_are_told(client: Client, drawn: Job) -> None:
@@ -281,8 +281,11 @@ def test_looks_and_a_reference_are_one_or_the_other(client: Client) -> None:
 
 
 def test_nobody_at_the_address_is_said_in_one_line() -> None:
-    with Client(f"http://127.0.0.1:{free_port()}", retries=0) as client, pytest.raises(UnreachableError, match="/jobs"):
-        client.job("job_1")
+    with socket.socket() as silent:  # has the port, and does not listen
+        silent.bind(("127.0.0.1", 0))
+        url = f"http://127.0.0.1:{silent.getsockname()[1]}"
+        with Client(url, retries=0) as client, pytest.raises(UnreachableError, match="/jobs"):
+            client.job("job_1")
 
 
 def test_an_address_is_checked() -> None:

@@ -11,7 +11,7 @@ from tests.contract.fuzzing import hunt
 from tests.promises import Drill
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(600)
 def test_no_request_is_answered_otherwise_than_the_schema_says(promise: Callable[..., Drill], tmp_path: Path) -> None:
     drill = promise("R19", wanted="no 5xx, every answer documented, in 40 s of cases")
     found = hunt(tmp_path, seed=1, examples=5, seconds=40)

@@ -208,7 +208,7 @@ def test_other_files_are_not_converted() -> None:
 def test_the_command_reports_the_installed_networks() -> None:
     for command in ("pvg.models", "pvg.cli models"):
         done = subprocess.run(
-            [sys.executable, "-m", *command.split()], capture_output=True, text=True, timeout=60, check=False
+            [sys.executable, "-m", *command.split()], capture_output=True, text=True, timeout=300, check=False
         )
         assert done.returncode == 0, done.stderr
         assert "3 networks already there" in done.stdout
@@ -230,5 +230,5 @@ if pid == 0:
     os._exit(0 if same else 1)
 raise SystemExit(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
 """
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, timeout=60, check=False)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr

@@ -42,7 +42,7 @@ def traced(log: Path, command: list[str], home: Path) -> list[str]:
         env=environment(home),
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=550,
         check=False,
     )
     assert done.returncode == 0, done.stderr

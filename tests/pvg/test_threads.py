@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import pytest
 
 from pvg._threads import DEPTH, Sink, ahead
+from tests.waiting import until
 
 
 def alive() -> list[str]:
@@ -96,14 +97,18 @@ def test_an_error_outside_drops_what_still_waits() -> None:
     go, done = threading.Event(), []
 
     def work(item: int) -> None:
-        go.wait(5)
+        go.wait(60)
         done.append(item)
+
+    def go_on_once_it_is_left(sink: Sink[int]) -> None:
+        until(lambda: sink._error is not None)
+        go.set()
 
     def feed() -> None:
         with Sink(work) as sink:
             for k in range(DEPTH):
                 sink.put(k)
-            threading.Timer(0.2, go.set).start()
+            threading.Thread(target=go_on_once_it_is_left, args=(sink,)).start()
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):

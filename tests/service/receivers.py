@@ -45,7 +45,7 @@ class Receiver:
     port: int = field(default_factory=free_port)
     answers: Sequence[int] = (204,)
     hangs: int = 0
-    hang_s: float = 30.0
+    hang_s: float = 120.0
     location: str = ""
     got: list[Arrived] = field(default_factory=list)
     #: how many requests were being answered at a time, at most
@@ -74,10 +74,10 @@ class Receiver:
 
     def _take(self, arrived: Arrived) -> int:
         with self._lock:
-            self.got.append(arrived)
-            number = len(self.got)
             self._now += 1
             self.most = max(self.most, self._now)
+            self.got.append(arrived)  # last: who waits for it reads the figures above next
+            number = len(self.got)
         if number <= self.hangs:
             self._over.wait(self.hang_s)
         with self._lock:

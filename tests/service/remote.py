@@ -52,7 +52,7 @@ class Remote:
             if self.tls is not None:
                 connection = self.tls.wrap_socket(connection, server_side=True)
             with connection:
-                connection.settimeout(20)
+                connection.settimeout(60)
                 request = _read(connection)
                 self.requests.append(request)
                 path = request.split(b" ")[1].decode().partition("?")[0]

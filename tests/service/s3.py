@@ -69,8 +69,11 @@ class S3:
 
     def contents(self) -> list[bytes]:
         """Everything in the bucket."""
-        client = self.client()
-        return [client.get_object(Bucket=self.bucket, Key=key)["Body"].read() for key in self.listed()]
+        client, found = self.client(), []
+        for key in self.listed():
+            with suppress(client.exceptions.NoSuchKey):  # deleted since it was listed
+                found.append(client.get_object(Bucket=self.bucket, Key=key)["Body"].read())
+        return found
 
     @contextmanager
     def fresh_bucket(self) -> Iterator[S3]:
@@ -117,7 +120,7 @@ def s3_server() -> Iterator[S3]:
     )
     server = S3(f"http://127.0.0.1:{port}")
     try:
-        until = time.monotonic() + 60
+        until = time.monotonic() + 180
         while True:
             assert process.poll() is None, "moto's server ended by itself"
             with suppress(httpx.TransportError):

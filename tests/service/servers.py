@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
+import secrets
 import shutil
 import signal
 import socket
 import subprocess
 import tempfile
 import threading
-import time
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -20,6 +20,8 @@ import psycopg
 import pytest
 import redis
 from sqlalchemy.engine import make_url
+
+from tests.waiting import until
 
 #: what tests start or use and no Python package brings: its name in a skipped test's reason, and Debian's package of it
 PACKAGES: Final = {
@@ -40,10 +42,24 @@ def missing(what: str) -> NoReturn:
     pytest.skip(what)
 
 
+_given: Final[set[int]] = set()
+
+
 def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    """A port where nobody listens, and that is given once.
+
+    It is none of those that outgoing connections get: one of them could have it before the server that it is for, or
+    while that one is away, and a client that asks there meanwhile could be connected to itself.
+    """
+    first = int(Path("/proc/sys/net/ipv4/ip_local_port_range").read_text().split()[0])
+    ports = range(10_000, first) if first > 20_000 else (0,)
+    while True:
+        with socket.socket() as probe, suppress(OSError):
+            probe.bind(("127.0.0.1", secrets.choice(ports)))
+            port = int(probe.getsockname()[1])
+            if port not in _given:
+                _given.add(port)
+                return port
 
 
 def stop(process: subprocess.Popen[bytes]) -> None:
@@ -69,12 +85,14 @@ def redis_server(folder: Path, port: int | None = None) -> Iterator[str]:
     )
     try:
         with redis.Redis(port=port) as client:
-            for _ in range(100):
-                try:
-                    client.ping()
-                    break
-                except redis.ConnectionError:
-                    time.sleep(0.05)
+
+            def answers() -> bool:
+                assert process.poll() is None, "Redis ended by itself"
+                with suppress(redis.ConnectionError, redis.TimeoutError):
+                    return bool(client.ping())
+                return False
+
+            until(answers, 120, said=lambda: "Redis does not answer")
         yield f"redis://127.0.0.1:{port}/0"
     finally:
         stop(process)
@@ -150,7 +168,8 @@ class Postgres:
         # the one that starts others first, so that none is missed
         os.kill(int(first), number)
         for child in Path(f"/proc/{first}/task/{first}/children").read_text().split():
-            os.kill(int(child), number)
+            with suppress(ProcessLookupError):  # it ended meanwhile
+                os.kill(int(child), number)
 
 
 def _run_postgres(binaries: Path, folder: Path) -> Iterator[Postgres]:
@@ -171,6 +190,7 @@ class Wire:
         self._pairs: list[socket.socket] = []
         self._flows = threading.Event()
         self._listener: socket.socket | None = None
+        self._lock = threading.Lock()
 
     def connect(self) -> None:
         """Let everything through."""
@@ -181,14 +201,15 @@ class Wire:
 
     def cut(self) -> None:
         """End all connections and refuse new ones."""
-        if self._listener is not None:
-            self._listener.shutdown(socket.SHUT_RDWR)
-            self._listener.close()
-            self._listener = None
-        for one in self._pairs:
-            with suppress(OSError):
-                one.shutdown(socket.SHUT_RDWR)
-        self._pairs.clear()
+        with self._lock:
+            if self._listener is not None:
+                self._listener.shutdown(socket.SHUT_RDWR)
+                self._listener.close()
+                self._listener = None
+            for one in self._pairs:
+                with suppress(OSError):
+                    one.shutdown(socket.SHUT_RDWR)
+            self._pairs.clear()
 
     def hang(self) -> None:
         """Let nothing through, and end nothing."""
@@ -199,7 +220,12 @@ class Wire:
             while True:
                 near = listener.accept()[0]
                 far = socket.create_connection(("127.0.0.1", self._target))
-                self._pairs += [near, far]
+                with self._lock:
+                    if self._listener is not listener:  # it was cut meanwhile
+                        near.close()
+                        far.close()
+                        return
+                    self._pairs += [near, far]
                 for source, sink in ((near, far), (far, near)):
                     threading.Thread(target=self._pump, args=(source, sink), daemon=True).start()
 

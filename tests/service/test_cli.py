@@ -79,7 +79,7 @@ def test_what_it_cannot_start_with_is_one_line(
 ) -> None:
     command = [str(Path(sys.executable).with_name("pvg-service")), *arguments]
     environment = os.environ | {"PVG_DATA_DIR": str(tmp_path / "data")} | setting
-    result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60, check=False)
+    result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300, check=False)
     assert result.returncode == code
     assert result.stderr.count("\n") == 1
     assert words in result.stderr
@@ -98,9 +98,9 @@ def test_a_service_waits_for_a_database_that_starts_with_it(tmp_path: Path) -> N
     with postgres_of_our_own() as postgres, fresh_database(postgres.url) as database:
         postgres.stop()
         with running(tmp_path, database) as log:
-            until(lambda: "does not answer yet" in log.read_text())
+            until(lambda: "does not answer yet" in log.read_text(), 180)
             postgres.start()
-            until(lambda: "Application startup complete" in log.read_text())
+            until(lambda: "Application startup complete" in log.read_text(), 180)
             assert "cannot be used" not in log.read_text()
 
 

@@ -28,6 +28,7 @@ from tests.service.remote import (
     public_loopback,
     remote,
 )
+from tests.service.servers import free_port
 
 __all__ = ["connected", "names", "public_loopback"]
 
@@ -46,7 +47,7 @@ PRIVATE_HOSTS = [
 
 @pytest.fixture
 def egress(tmp_path: Path) -> Iterator[Egress]:
-    made = Egress(Settings(data_dir=tmp_path, body_timeout_s=2))
+    made = Egress(Settings(data_dir=tmp_path))
     yield made
     made.close()
 
@@ -54,7 +55,7 @@ def egress(tmp_path: Path) -> Iterator[Egress]:
 @pytest.fixture
 def here() -> Iterator[Remote]:
     """What is at a public address."""
-    with remote(PUBLIC) as server:
+    with remote(PUBLIC, free_port()) as server:  # the same port is for others to listen at
         yield server
 
 
@@ -233,8 +234,10 @@ def test_a_post_takes_no_longer_than_it_may(egress: Egress, here: Remote, names:
 
 
 def test_a_file_that_comes_too_slowly_is_given_up(
-    egress: Egress, here: Remote, names: Names, public_loopback: None
+    here: Remote, names: Names, public_loopback: None, tmp_path: Path
 ) -> None:
+    egress = Egress(Settings(data_dir=tmp_path, body_timeout_s=5))
+
     def trickle(connection: socket) -> None:
         connection.sendall(b"HTTP/1.1 200 OK\r\nContent-Length: 1000\r\n\r\n")
         for _ in range(600):
@@ -245,6 +248,7 @@ def test_a_file_that_comes_too_slowly_is_given_up(
     here.answers["/"] = trickle
     with pytest.raises(FetchFailedError, match="fewer than 500 bytes a second"):
         fetch(egress, f"http://public.example:{here.port}/")
+    egress.close()
 
 
 @pytest.mark.parametrize(

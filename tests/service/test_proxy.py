@@ -5,9 +5,8 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
-import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import httpx
@@ -15,7 +14,8 @@ import pytest
 
 from service.settings import Settings
 from tests.service.fixtures import PNG, Api, make_ready, serve
-from tests.service.servers import free_port, missing
+from tests.service.servers import free_port, missing, stop
+from tests.waiting import until
 
 PROXY = Path(__file__).resolve().parents[2] / "deploy" / "proxy"
 NAME = "faces.example"
@@ -60,17 +60,17 @@ def nginx_before(service_port: int, tmp_path: Path) -> Iterator[httpx.Client]:
     process = subprocess.Popen(command)
     try:
         with httpx.Client(base_url=f"http://127.0.0.1:{port}", headers={"Host": NAME}, timeout=30) as client:
-            for _ in range(200):
-                try:
-                    client.get("/livez")
-                    break
-                except httpx.TransportError:
-                    assert process.poll() is None
-                    time.sleep(0.05)
+
+            def answers() -> bool:
+                assert process.poll() is None
+                with suppress(httpx.TransportError):
+                    return client.get("/livez").status_code > 0
+                return False
+
+            until(answers)
             yield client
     finally:
-        process.terminate()
-        process.wait(10)
+        stop(process)
 
 
 def test_a_file_given_by_its_url_may_take_its_time() -> None:

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -21,6 +20,7 @@ from tests.service.fixtures import (
     make_tables,
 )
 from tests.service.queue.test_broker import messages, take
+from tests.waiting import until
 
 HOUR = 3600.0
 
@@ -41,13 +41,12 @@ def services(tmp_path: Path, clock: FakeClock) -> Iterator[Services]:
 
 def published(services: Services, job_id: str) -> bool:
     """True once the job's message is out; the publisher works in a thread of its own."""
-    for _ in range(200):
+
+    def is_out() -> bool:
         with services.database.read() as session:
-            job = session.get(Job, job_id)
-            if job is None or job.published_at is not None:
-                return job is not None
-        time.sleep(0.01)
-    return False
+            return session.get_one(Job, job_id).published_at is not None
+
+    return until(is_out)
 
 
 def test_a_job_whose_message_was_never_sent_is_published(services: Services, clock: FakeClock) -> None:
@@ -76,6 +75,7 @@ def test_everything_queued_is_published_again_when_the_broker_lost_messages(
     services.reaper.round()
     assert len(messages(services.settings)) == 3  # it may have been on its way to a worker
     services.reaper.round()
+    until(lambda: len(messages(services.settings)) == 5)
     services.publisher.stop()
     assert set(take(services.settings, VECTORIZE)) == set(ids)
 

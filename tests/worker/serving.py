@@ -15,8 +15,8 @@ import subprocess
 import sys
 import time
 from collections import deque
-from collections.abc import Generator, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -112,7 +112,9 @@ class Service:
 
     def files(self) -> list[Path]:
         """Every file in its folders."""
-        return [path for folder in self.folders for path in folder.rglob("*") if path.is_file()]
+        # other than rglob, it bears folders that go away meanwhile
+        walked = (Path(root, name) for folder in self.folders for root, _, names in os.walk(folder) for name in names)
+        return [path for path in walked if path.is_file()]
 
     def upload(self, path: str, file: Path, **fields: str) -> dict[str, Any]:
         with file.open("rb") as data:
@@ -131,11 +133,11 @@ class Service:
                 return dict(answer.json())
             time.sleep(0.5)
 
-    def finished(self, job_id: str, seconds: float = 120) -> dict[str, Any]:
+    def finished(self, job_id: str, seconds: float = 300) -> dict[str, Any]:
         """The job once it is done."""
         until = time.monotonic() + seconds
         while time.monotonic() < until:
-            body: dict[str, Any] = self.client.get(f"/jobs/{job_id}?wait=10").raise_for_status().json()
+            body = self.job(f"{job_id}?wait=10")
             if body["done"]:
                 return body
         raise AssertionError(f"not done after {seconds} s: {body}\n{self.log.read_text()[-4000:]}")
@@ -164,7 +166,8 @@ class Service:
 
     def events(self, event: str, **values: object) -> list[dict[str, Any]]:
         """What the log says of an event."""
-        lines = [json.loads(line) for line in self.log.read_text().splitlines() if line.startswith("{")]
+        whole = self.log.read_text().rpartition("\n")[0]  # the last line may still be written
+        lines = [json.loads(line) for line in whole.splitlines() if line.startswith("{")]
         return [line for line in lines if line["event"] == event and values.items() <= line.items()]
 
     def ready(self, path: str, file: Path) -> dict[str, Any]:
@@ -210,8 +213,26 @@ def pool_child(service: Service, job_id: str) -> int:
     return child
 
 
+def sandboxed(service: Service) -> list[int]:
+    """The processes in which media are worked on: those that a fork server has forked."""
+    found = {pid for pid, command in service.processes().items() if "worker.sandbox" in command}
+    forked = []
+    for pid in found:
+        with suppress(OSError):  # it has ended since
+            if parent_of(pid) in found:
+                forked.append(pid)
+    return forked
+
+
 def parent_of(pid: int) -> int:
     return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
+
+
+def kill_all(pids: Iterable[int], number: signal.Signals = signal.SIGKILL) -> None:
+    """Send a signal to processes; some of them may end by themselves meanwhile."""
+    for pid in pids:
+        with suppress(ProcessLookupError):
+            os.kill(pid, number)
 
 
 def wait_until_gone(data_dir: Path, seconds: float) -> dict[int, str]:
@@ -305,8 +326,7 @@ def _started(
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
-        for pid in processes_of(data_dir):
-            os.kill(pid, signal.SIGKILL)
+        kill_all(processes_of(data_dir))
 
 
 def _wait_until_ready(processes: Sequence[subprocess.Popen[bytes]], ports: Sequence[int], log: Path) -> None:

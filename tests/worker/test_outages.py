@@ -9,9 +9,10 @@ from pathlib import Path
 from scripts.samples import Samples
 from tests.promises import Drill
 from tests.service.servers import fresh_database, wire_to
+from tests.waiting import until
 from tests.worker.serving import running_service
 
-QUICK = {"lease_s": "4", "heartbeat_s": "1", "reap_interval_s": "1", "progress_interval_s": "0.2"}
+QUICK = {"lease_s": "9", "heartbeat_s": "3", "reap_interval_s": "1", "progress_interval_s": "0.2"}
 
 
 def test_a_job_whose_database_is_away_for_longer_than_its_lease_goes_on(
@@ -24,22 +25,17 @@ def test_a_job_whose_database_is_away_for_longer_than_its_lease_goes_on(
         running_service(tmp_path, database_url=far, worker_concurrency="1", **QUICK) as service,
     ):
         job_id = service.upload("/videos", samples.woman_clip)["job"]
-        until = time.monotonic() + 90
-        while service.job(job_id)["progress"]["frames_done"] < 1:
-            assert time.monotonic() < until
-            time.sleep(0.05)
+        service.at_work(job_id)
         wire.cut()
         began = time.monotonic()
-        while time.monotonic() < began + 8:
+        while time.monotonic() < began + 12:
             answer = service.client.get(f"/jobs/{job_id}")
             assert (answer.status_code, answer.headers["retry-after"]) == (503, "5")
             time.sleep(0.5)
         wire.connect()
-        back = time.monotonic()
-        while not service.client.get(f"/jobs/{job_id}").is_success:
-            assert time.monotonic() < back + 60
-        job = service.finished(job_id, 300)
-        drill.measured = f"database away for 8 s (lease 4 s): 503, then {job['state']}, attempt {job['attempt']}"
+        until(lambda: service.client.get(f"/jobs/{job_id}").is_success)
+        job = service.finished(job_id)
+        drill.measured = f"database away for 12 s (lease 9 s): 503, then {job['state']}, attempt {job['attempt']}"
         assert (job["state"], job["attempt"]) == ("succeeded", 1)
         assert "what was away is back" in service.log.read_text() or "lease upkeep failed" in service.log.read_text()
 
@@ -47,9 +43,9 @@ def test_a_job_whose_database_is_away_for_longer_than_its_lease_goes_on(
 def test_a_worker_without_its_networks_takes_no_job_and_says_so(tmp_path: Path, samples: Samples) -> None:
     with running_service(tmp_path, cache_dir=str(tmp_path / "empty"), **QUICK) as service:
         job_id = service.upload("/references", samples.portrait)["job"]
-        until = time.monotonic() + 60
+        end = time.monotonic() + 180
         while (ready := service.client.get("/readyz")).json()["checks"]["workers"] == "none":
-            assert time.monotonic() < until
+            assert time.monotonic() < end
             time.sleep(0.1)
         assert (ready.status_code, ready.json()["checks"]["workers"]) == (503, "no network weights")
         assert "no job is taken before the network weights are there" in service.log.read_text()

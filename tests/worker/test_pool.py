@@ -13,12 +13,19 @@ KILL_IDLE = """
 import os, signal, time
 from worker.pool import Pool
 
+def is_idle(pid):  # it sleeps: in between it holds the lock of the answers for a moment
+    with open(f"/proc/{pid}/stat") as file:
+        return file.read().rpartition(")")[2].split()[0] == "S"
+
 pool = Pool(2)
 for victim in [process.pid for process in pool._pool]:
     for _ in range(4):
         pool.apply_async(os.getpid).get(60)
+    until = time.monotonic() + 120
+    while not is_idle(victim):
+        assert time.monotonic() < until
+        time.sleep(0.05)
     os.kill(victim, signal.SIGKILL)
-    until = time.monotonic() + 60
     while victim in {process.pid for process in pool._pool} or len(pool._pool) < 2:
         assert time.monotonic() < until
         time.sleep(0.05)
@@ -40,7 +47,7 @@ pool.join()
 
 def run(code: str) -> None:
     """In a process without threads: a pool forks."""
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=300)
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=500)
 
 
 def test_the_worker_uses_it() -> None:

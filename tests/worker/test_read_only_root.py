@@ -68,7 +68,7 @@ class Container:
             finally:
                 process.send_signal(signal.SIGTERM)
                 try:
-                    assert process.wait(40) == 0, log.read_text()
+                    assert process.wait(120) == 0, log.read_text()
                 except subprocess.TimeoutExpired:
                     os.killpg(process.pid, signal.SIGKILL)
                     process.wait()

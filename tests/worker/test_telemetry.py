@@ -29,7 +29,7 @@ def test_the_worker_leaves_no_device_id_and_no_events_of_onnxruntime(
         monkeypatch.delenv(name, raising=False)
     home = {"HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")}
     environment = worker_environment(Settings(data_dir=tmp_path / "data")) | home
-    subprocess.run([sys.executable, "-c", "import onnxruntime"], env=environment, check=True, timeout=60)
+    subprocess.run([sys.executable, "-c", "import onnxruntime"], env=environment, check=True, timeout=300)
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
 
 

@@ -16,7 +16,8 @@ from tests.service.receivers import Receiver
 from tests.waiting import until
 from tests.worker.serving import running_service
 
-TIMEOUT_S = 2
+#: less than the slow one takes, and more than the others need on a busy machine
+TIMEOUT_S = 10
 
 
 @pytest.mark.slow
@@ -56,7 +57,7 @@ def test_receivers_that_fail_are_told_later_and_jobs_do_not_notice(
         other = service.finished(transfer(fine, strength=0.5))
         fine.wait_for(1)
         # a receiver that fails again on a slow machine is told a minute later
-        until(lambda: {one["state"] for one in deliveries(job_id).values()} == {"delivered"}, 120)
+        until(lambda: {one["state"] for one in deliveries(job_id).values()} == {"delivered"}, 180)
         told_s = time.monotonic() - began
         last = deliveries(job_id)
         secret = service.client.get("/webhooks/secret").json()["secret"]

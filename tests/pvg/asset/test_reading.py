@@ -67,7 +67,9 @@ def everything(path: Path) -> bytes:
         return body + json.dumps(video.summary()).encode() + video.records[0].key_frames[0].colors.tobytes()
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+)
 @given(data=st.data())
 def test_an_altered_byte_is_refused_or_changes_nothing(asset: Path, tmp_path: Path, data: st.DataObject) -> None:
     body = bytearray(asset.read_bytes())
@@ -98,7 +100,9 @@ def test_every_altered_byte_of_the_directory_is_refused_or_changes_nothing(asset
             assert read == good, position
 
 
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+)
 @given(part=st.floats(0, 0.999))
 def test_a_truncated_asset_is_refused(asset: Path, tmp_path: Path, part: float) -> None:
     body = asset.read_bytes()

@@ -70,7 +70,7 @@ def probed(tmp_path_factory: pytest.TempPathFactory) -> dict[Callable[[Path], Pa
     makers = (*hostile.CLIPS, *hostile.PICTURES)
     paths = [str(make(folder)) for make in makers]
     done = subprocess.run(
-        [sys.executable, "-c", CHILD, *paths], capture_output=True, text=True, timeout=120, check=True
+        [sys.executable, "-c", CHILD, *paths], capture_output=True, text=True, timeout=500, check=True
     )
     return dict(zip(makers, map(json.loads, done.stdout.splitlines()), strict=True))
 

@@ -55,9 +55,8 @@ def listening(api: Api, job_id: str, last_id: str | None = None) -> Iterator[Ite
 
 
 def take(stream: Iterator[Event | str]) -> Event:
-    one = next(stream)
-    assert isinstance(one, Event)
-    return one
+    """The next event, after any comments: on a slow machine it is silent for long enough for them."""
+    return next(one for one in stream if isinstance(one, Event))
 
 
 def report(api: Api, lease: Any, frames: int) -> None:
@@ -80,9 +79,7 @@ def test_a_stream_tells_states_and_progress_and_ends_with_the_job(api: Api) -> N
         report(api, lease, 3)
         halfway = take(stream)
         end(api, lease)
-        rest = list(stream)
-    (last,) = rest
-    assert isinstance(last, Event)
+        (last,) = [one for one in stream if isinstance(one, Event)]
     assert [(one.name, one.job["state"]) for one in (running, halfway, last)] == [
         ("state", "running"),
         ("progress", "running"),
@@ -134,7 +131,7 @@ def test_a_queued_job_tells_where_it_stands_and_when_others_make_way(api: Api, m
         assert (now.name, now.job["queue"]) == ("state", {"position": 2})
         assert isinstance(next(stream), str)  # as long as nothing moves nothing is told
         assert api.client.post(f"/jobs/{first}/cancel").status_code == 202
-        moved = next(one for one in stream if isinstance(one, Event))
+        moved = take(stream)
     assert (moved.name, moved.job["queue"]) == ("progress", {"position": 1})
     assert moved.job == api.client.get(f"/jobs/{second}").json()
     with listening(api, second, moved.id) as stream:  # it was told
@@ -149,7 +146,7 @@ def test_a_silent_stream_has_heartbeats(api: Api, monkeypatch: pytest.MonkeyPatc
 
 def test_a_stream_ends_after_a_while_for_its_client_to_come_again(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(events, "HEARTBEAT_S", 0.1)
-    monkeypatch.setattr(events, "MAX_STREAM_S", 0.5)
+    monkeypatch.setattr(events, "MAX_STREAM_S", 2.0)
     with listening(api, upload(api, "/videos")["job"]) as stream:
         assert isinstance(list(stream)[-1], str)
 
@@ -215,11 +212,11 @@ def test_streams_that_are_opened_together_are_no_more_than_may_be(api: Api, monk
     request = f"GET /v1/jobs/{job_id}/events HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode()
 
     def status(_: int) -> str:
-        with socket.create_connection(api.address, timeout=30) as connection:
-            together.wait(30)
+        with socket.create_connection(api.address, timeout=120) as connection:
+            together.wait(120)
             connection.sendall(request)
             line = connection.recv(12).decode()
-            together.wait(30)  # those that were opened stay open until all are answered
+            together.wait(120)  # those that were opened stay open until all are answered
             return line
 
     with ThreadPoolExecutor(clients) as threads:

@@ -13,6 +13,7 @@ from service.settings import Settings
 from service.storage import Storage
 from tests.service.fixtures import MP4, Api, serve
 from tests.service.s3 import S3
+from tests.waiting import until
 
 
 @pytest.fixture
@@ -116,7 +117,7 @@ def test_without_its_bucket_the_service_is_not_ready_until_it_is_there(
         medium = api.client.post("/videos", content=MP4)
         assert medium.status_code == 202
         assert api.client.delete(f"/videos/{medium.json()['id']}?cancel_jobs=true").status_code == 204
-        assert api.blobs == []
+        until(lambda api=api: api.blobs == [])
     s3.client().delete_bucket(Bucket=name)
 
 

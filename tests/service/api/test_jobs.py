@@ -28,8 +28,8 @@ def test_progress_is_shown_as_reported(api: Api) -> None:
 def test_a_long_poll_returns_when_the_job_ends(api: Api) -> None:
     video = upload(api, "/videos")
     timer = threading.Timer(0.8, make_ready, (api.services, video["id"]))
-    timer.start()
     began = time.monotonic()
+    timer.start()
     body = api.client.get(f"/jobs/{video['job']}?wait=20").json()
     waited = time.monotonic() - began
     timer.join()

@@ -25,7 +25,7 @@ LIMITS = keys.Limits(requests_per_minute=600, active_jobs=10, stored_bytes=1_000
 @pytest.fixture
 def stranger(api: Api) -> Iterator[httpx.Client]:
     """A browser: no key."""
-    with httpx.Client(base_url=api.client.base_url) as client:
+    with httpx.Client(base_url=api.client.base_url, timeout=60) as client:
         yield client
 
 
@@ -163,8 +163,8 @@ def test_links_may_lead_to_the_object_store(tmp_path: Path, bucket: S3) -> None:
         assert query["X-Amz-Expires"] == ["60"]
         assert query["X-Amz-Signature"]
         assert "secret" not in url
-        assert httpx.get(url).content == FILE
-        part = httpx.get(url, headers={"Range": "bytes=4-7"})
+        assert httpx.get(url, timeout=60).content == FILE
+        part = httpx.get(url, headers={"Range": "bytes=4-7"}, timeout=60)
         assert (part.status_code, part.content) == (206, FILE[4:8])
 
 
@@ -215,7 +215,7 @@ def test_a_file_that_is_sent_twice_at_a_time_by_a_link_gets_the_same_answer_twic
 
         def slowly(content: bytes, begun: threading.Event = begun) -> Iterator[bytes]:
             yield content[:500]
-            begun.wait(30)
+            begun.wait(120)
             yield content[500:]
 
         with ThreadPoolExecutor() as clients:

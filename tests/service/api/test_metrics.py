@@ -16,6 +16,7 @@ from service.catalog import jobs, keys, sweep, workers
 from service.settings import Settings
 from tests.service.api.test_media import PROBLEM, transfer, upload
 from tests.service.fixtures import Api, claim, make_ready, make_results, serve
+from tests.waiting import until
 
 OPS = Path(__file__).parents[3] / "docs" / "operations"
 Figures = dict[tuple[str, frozenset[tuple[str, str]]], float]
@@ -42,6 +43,8 @@ def test_requests_are_counted_by_the_template_of_their_route(api: Api) -> None:
     api.client.get("/nowhere")
     api.client.request("BREW", "/nowhere")
     api.client.put("/v1/videos/vid_1")
+    # a request is counted after its answer
+    until(lambda: figure(figures(api), "pvg_http_requests_in_progress") == 1)
     found = figures(api)
     labels = {"route": "/v1/videos/{video_id}", "method": "GET"}
     assert figure(found, "pvg_http_requests_total", **labels, status="404") == 3

@@ -19,6 +19,7 @@ from service.settings import Settings
 from tests.service.api.test_media import upload
 from tests.service.fixtures import MP4, Api, make_ready, make_results, serve
 from tests.service.servers import Wire, fresh_database, wire_to
+from tests.waiting import until
 
 
 @pytest.fixture
@@ -102,14 +103,11 @@ def test_sixty_writers_that_wait_for_a_lock_hold_up_no_reader(api: Api, monkeypa
     other.execute("BEGIN IMMEDIATE")
 
     def write(number: int) -> httpx.Response:
-        return api.client.post("/videos", content=MP4 + b"%d" % number)
+        return api.client.post("/videos", content=MP4 + b"%d" % number, timeout=120)
 
     with ThreadPoolExecutor(60) as clients:
         writers = [clients.submit(write, number) for number in range(60)]
-        until = time.monotonic() + 60
-        while len(api.drafts) < 60:  # all of them have sent their files
-            assert time.monotonic() < until
-            time.sleep(0.05)
+        until(lambda: len(api.drafts) == 60)  # all of them have sent their files
         taken = []
         for _ in range(10):
             began = time.monotonic()
@@ -136,9 +134,10 @@ def test_twenty_files_that_are_stored_slowly_hold_up_no_writer(api: Api, monkeyp
 
     monkeypatch.setattr(api.services.storage, "put", slowly)
     with ThreadPoolExecutor(20) as clients:
-        uploads = [clients.submit(api.client.post, "/videos", content=MP4 + b"%d" % number) for number in range(20)]
+        contents = [MP4 + b"%d" % number for number in range(20)]
+        uploads = [clients.submit(api.client.post, "/videos", content=one, timeout=120) for one in contents]
         try:
-            assert all(begun.acquire(timeout=30) for _ in range(16))  # as many as there are threads for it
+            assert all(begun.acquire(timeout=60) for _ in range(16))  # as many as there are threads for it
             assert api.client.post(f"/jobs/{video['job']}/cancel").status_code == 202
             assert api.client.get(f"/jobs/{video['job']}").json()["state"] == "canceled"
             assert not any(one.done() for one in uploads)

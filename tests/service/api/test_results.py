@@ -12,6 +12,7 @@ from sqlalchemy import delete
 from service.catalog import Media, Output, PartName, PartOf, Result, jobs, results, sweep
 from tests.service.api.test_media import transfer, upload
 from tests.service.fixtures import Api, claim, make_ready, make_results
+from tests.waiting import until
 
 CONTENT = os.urandom(1_000_000)
 
@@ -192,7 +193,7 @@ def test_parts_are_deleted_with_the_video(api: Api, job: dict[str, Any]) -> None
         assert len(sweep.known_keys(session, api.blobs)) == len(api.blobs) == 10
     video = job["looks"][0]["video"]
     assert api.client.delete(f"/videos/{video}").status_code == 204
-    assert api.blobs == []
+    until(lambda: api.blobs == [])
     assert api.client.get(job["looks"][0]["extras"][0]["url"]).status_code == 404
     with api.services.database.read() as session:
         assert session.query(Result).count() == 0

@@ -9,7 +9,7 @@ import random
 import shutil
 import socket
 import subprocess
-import time
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +18,13 @@ import pytest
 from sqlalchemy import select
 
 from service.api import quotas, resuming
-from service.catalog import keys, resumable
+from service.catalog import keys, resumable, utc_now
 from service.catalog.models import IdempotentRequest
 from service.settings import Settings
 from tests.service.api.test_authentication import holder
 from tests.service.fixtures import MP4, PNG, Api, serve
 from tests.service.s3 import S3
+from tests.waiting import until
 
 TUS = {"Tus-Resumable": "1.0.0"}
 PIECE = TUS | {"Content-Type": "application/offset+octet-stream"}
@@ -236,10 +237,7 @@ def test_what_came_before_the_connection_broke_is_kept(api: Api) -> None:
     head += "".join(f"{name}: {value}\r\n" for name, value in PIECE.items())
     with socket.create_connection(api.address) as connection:
         connection.sendall(head.encode() + b"\r\n" + data[:200_000])
-    until = time.monotonic() + 20
-    while not offset_of(api.client, url) and time.monotonic() < until:
-        time.sleep(0.05)
-    there = offset_of(api.client, url)
+    there = until(lambda: offset_of(api.client, url))
     assert 0 < there <= 200_000
     answer = send(api.client, url, there, data[there:])
     video = api.client.get(f"/videos/{answer.headers['pvg-media']}").json()
@@ -256,7 +254,7 @@ def test_a_long_piece_is_stored_as_it_comes(api: Api, monkeypatch: pytest.Monkey
         await real(*args)
 
     monkeypatch.setattr(resuming, "_keep_part", counted)
-    data = content(1_000_000)
+    data = content(3_000_000)  # what is read at once is a part, however much of it has come
     url = begin(api.client, len(data) + 1)
     assert send(api.client, url, 0, data).status_code == 204
     assert len(api.blobs) >= 5
@@ -289,20 +287,21 @@ def test_a_terminated_upload_is_gone(api: Api) -> None:
     url = begin(api.client, 300_000)
     send(api.client, url, 0, MP4)
     assert api.client.delete(url, headers=TUS).status_code == 204
-    assert api.blobs == []
+    until(lambda: api.blobs == [])
     assert api.client.head(url, headers=TUS).status_code == 404
     assert api.client.delete(url, headers=TUS).status_code == 404
 
 
-def test_an_upload_that_is_not_gone_on_with_goes(tmp_path: Path) -> None:
-    for api in serve(Settings(data_dir=tmp_path / "data", reap_interval_s=3600, upload_ttl_s=2)):
+def test_an_upload_that_is_not_gone_on_with_goes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for api in serve(Settings(data_dir=tmp_path / "data", reap_interval_s=3600, upload_ttl_s=1000)):
         url = begin(api.client, 300_000)
         answer = send(api.client, url, 0, MP4)
         assert answer.headers["upload-expires"].endswith("GMT")
         # another round of the reaper keeps what a record names
         api.services.reaper.collect()
         assert len(api.blobs) == 1
-        time.sleep(2.1)
+        for database in (api.services.database, api.services.background):
+            monkeypatch.setattr(database, "now", lambda: utc_now() + timedelta(seconds=1001))
         assert send(api.client, url, len(MP4), b"x").status_code == 404
         api.services.reaper.expire()
         api.services.reaper.delete()

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import time
-
 import structlog
 
 from service.catalog import jobs
 from tests.service.api.test_media import upload
 from tests.service.fixtures import MP4, PNG, Api, make_ready
+from tests.waiting import until
 
 TRACE = "0af7651916cd43dd8448eb211c80319c"
 HEADER = {"traceparent": f"00-{TRACE}-b7ad6b7169203331-01"}
@@ -30,9 +29,8 @@ def test_the_log_names_the_trace_of_a_request(api: Api) -> None:
     with structlog.testing.capture_logs(processors=[structlog.contextvars.merge_contextvars]) as lines:
         api.client.get("/v1/videos", headers=HEADER)
         api.client.get("/v1/references")
-        until = time.monotonic() + 10
-        while sum(line["event"] == "request" for line in lines) < 2 and time.monotonic() < until:
-            time.sleep(0.01)  # a line is written after the answer
+        # a line is written after the answer
+        until(lambda: sum(line["event"] == "request" for line in lines) == 2)
     named = {line["path"]: line.get("trace_id") for line in lines if line["event"] == "request"}
     assert named == {"/v1/videos": TRACE, "/v1/references": None}
 

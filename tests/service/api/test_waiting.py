@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from service.api import waiting
+from service.api import calls, waiting
 from service.api.calls import Calls
 from service.api.waiting import PLACES_S, POLL_S, JobWatch, Snapshot
 from service.catalog.jobs import Standing
@@ -20,14 +20,15 @@ from tests.service.fixtures import Api, make_ready
 CLIENTS = 200
 
 
-async def wait_for(
-    api: Api, jobs: list[str], change: Callable[[], object], delay_s: float
-) -> list[tuple[dict[str, Any], float]]:
-    """The answers of clients that wait for these jobs, each with when it came, in seconds after the change."""
+async def wait_for(api: Api, jobs: list[str], change: Callable[[], object]) -> list[tuple[dict[str, Any], float]]:
+    """The answers of clients that wait for these jobs, each with when it came, in seconds after the change.
+
+    It is made once all of them wait.
+    """
 
     async def one(job_id: str) -> tuple[dict[str, Any], float]:
         reader, writer = await asyncio.open_connection(*api.address)
-        writer.write(f"GET /jobs/{job_id}?wait=30 HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n".encode())
+        writer.write(f"GET /jobs/{job_id}?wait=60 HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n".encode())
         answer = await reader.read()
         at = time.monotonic()
         writer.close()
@@ -35,7 +36,10 @@ async def wait_for(
         return body, at
 
     waiting = [asyncio.create_task(one(job_id)) for job_id in jobs]
-    await asyncio.sleep(delay_s)
+    watch = api.services.watch
+    async with asyncio.timeout(50):  # before the first has waited for too long
+        while sum(map(len, list(watch._waiting.values()))) < len(jobs):
+            await asyncio.sleep(0.05)
     assert not any(task.done() for task in waiting)
     await asyncio.to_thread(change)
     changed = time.monotonic()
@@ -43,6 +47,7 @@ async def wait_for(
 
 
 def test_two_hundred_clients_hear_of_an_end_by_one_look(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(calls, "_PATIENCE_S", 60.0)  # a busy machine reads the job for each of them slowly
     video, other = upload(api, "/videos"), upload(api, "/videos", b"other")
 
     def change() -> None:
@@ -57,7 +62,7 @@ def test_two_hundred_clients_hear_of_an_end_by_one_look(api: Api, monkeypatch: p
         return load(job_ids)
 
     monkeypatch.setattr(watch, "_load", counted)
-    answers = asyncio.run(wait_for(api, [video["job"], other["job"]] * (CLIENTS // 2), change, 2))
+    answers = asyncio.run(wait_for(api, [video["job"], other["job"]] * (CLIENTS // 2), change))
     assert {body["id"] for body, _ in answers[::2]} == {video["job"]}
     assert answers[0][0] == api.client.get(f"/jobs/{video['job']}").json()
     assert {body["state"] for body, _ in answers} == {"succeeded"}
@@ -69,9 +74,9 @@ def test_two_hundred_clients_hear_of_an_end_by_one_look(api: Api, monkeypatch: p
 
 def test_clients_that_wait_are_answered_when_the_service_stops(api: Api) -> None:
     video = upload(api, "/videos")
-    answers = asyncio.run(wait_for(api, [video["job"]] * 20, api.services.watch.close, 1))
+    answers = asyncio.run(wait_for(api, [video["job"]] * 20, api.services.watch.close))
     assert {body["state"] for body, _ in answers} == {"queued"}
-    assert max(at for _, at in answers) < 25  # they would wait for 30 s
+    assert max(at for _, at in answers) < 25  # they would wait for a minute
 
 
 def test_an_outage_is_two_lines_of_the_log_however_long_it_is(caplog: pytest.LogCaptureFixture) -> None:
@@ -132,4 +137,5 @@ def test_places_are_looked_at_now_and_then_and_only_those_of_queued_jobs(monkeyp
     assert moved.position == 7
     assert others == [None, None]
     assert [asked for _, asked in loads] == [{"job_1"}, {"job_1"}]  # the first found it where it was
-    assert loads[1][0] - loads[0][0] > 0.9 * PLACES_S
+    # when a look begins in its thread is a matter of the machine; looks at how jobs stand are a hundred times as many
+    assert loads[1][0] - loads[0][0] > 0.5 * PLACES_S

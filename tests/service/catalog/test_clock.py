@@ -25,7 +25,7 @@ def test_a_machine_whose_clock_is_off_burns_no_attempt_and_steals_no_job(
             wrong = utc_now() + timedelta(seconds=off_s)
             patch.setattr("service.catalog.clock.utc_now", lambda: wrong)
             patch.setattr("service.catalog.database.utc_now", lambda: wrong)
-            assert abs((database.now() - utc_now()).total_seconds()) < 5
+            assert abs((database.now() - utc_now()).total_seconds()) < 30
             off = Database(url)
             job_id = add_media(off).job_id
             lease = claim(off, job_id)

@@ -53,10 +53,10 @@ def test_who_migrates_waits_for_another_as_long_as_it_takes(
         with first.begin() as connection:
             connection.execute(text("SELECT pg_advisory_xact_lock(7301984)"))
             second = pool.submit(migrate, database.url)
-            until(lambda: second.done() or connection.execute(waiting).scalar_one(), 30)
+            until(lambda: second.done() or connection.execute(waiting).scalar_one(), 120)
             time.sleep(1)
             assert not second.done(), "it waits for its turn"
-        second.result(30)
+        second.result(120)
     first.dispose()
 
 
@@ -64,7 +64,7 @@ def test_several_processes_may_migrate_at_once(database: Database) -> None:
     command.downgrade(_config(database.url), "base")
     code = "import sys; from service.catalog.migrations import migrate; migrate(sys.argv[1])"
     started = [subprocess.Popen([sys.executable, "-c", code, database.url]) for _ in range(3)]
-    assert [process.wait(60) for process in started] == [0, 0, 0]
+    assert [process.wait(180) for process in started] == [0, 0, 0]
     assert is_current(database.url)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections import deque
 from datetime import timedelta
 
 import pytest
@@ -519,20 +520,24 @@ def test_workers_at_the_same_moment_take_each_part_once_while_jobs_are_canceled(
     """Claims, ends, progress and cancels from all sides: nobody waits for one who waits for him."""
     wholes = [parted(database, 6) for _ in range(3)]
     messages = [part_id for k in range(6) for _, part_ids in wholes for part_id in part_ids[k : k + 1]]
-    taken, errors, lock = list[str](), list[Exception](), threading.Lock()
+    taken, errors, lock, canceled = list[str](), list[Exception](), threading.Lock(), threading.Event()
 
     def work(mine: list[str]) -> None:
+        left_to_do = deque(mine * 3)
         try:
-            for message in mine * 3:
+            while left_to_do:
                 with database.write() as session:
-                    turn = fairness.claim(session, message, now=clock(), lease_s=1000)
+                    turn = fairness.claim(session, left_to_do.popleft(), now=clock(), lease_s=1000)
                 if turn is None:
                     continue
+                if turn.deferred is not None:
+                    left_to_do.append(turn.deferred.job_id)
                 with lock:
                     taken.append(turn.lease.job_id)
                 with database.write() as session:
                     jobs.report(session, turn.lease, Progress("render", 0.5, 1, 2), now=clock())
                 is_part = read(database, turn.lease.job_id).kind == PartKind.PART
+                assert is_part or canceled.wait(60)  # no whole ends before one of them is canceled
                 if not (finish(database, turn.lease) is not None if is_part else publish(database, turn.lease)):
                     with database.write() as session:
                         jobs.confirm_cancel(session, turn.lease, now=clock())
@@ -545,6 +550,7 @@ def test_workers_at_the_same_moment_take_each_part_once_while_jobs_are_canceled(
                 jobs.cancel(session, wholes[0][0], now=clock())
         except Exception as error:
             errors.append(error)
+        canceled.set()
 
     threads = [threading.Thread(target=work, args=(messages[k::3],)) for k in range(3)]
     threads.append(threading.Thread(target=stop))
@@ -586,7 +592,7 @@ def test_a_part_given_back_while_its_job_is_canceled_is_not_done(database: Datab
     began, given = threading.Event(), threading.Event()
 
     def give_back() -> None:
-        began.wait(10)
+        began.wait(60)
         with database.write() as session:
             jobs.give_back(session, lease, now=clock())
         given.set()

@@ -29,8 +29,12 @@ DAY_S = 86_400
 
 
 @pytest.fixture
-def deliverer(database: Database, tmp_path: Path) -> Iterator[Deliverer]:
-    settings = Settings(data_dir=tmp_path / "data", allow_private_networks=True, webhook_timeout_s=20)
+def deliverer(database: Database, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Deliverer]:
+    # a receiver that hangs does so until its test is over
+    monkeypatch.setattr("service.egress._HEAD_S", 120.0)
+    settings = Settings(
+        data_dir=tmp_path / "data", allow_private_networks=True, webhook_timeout_s=120, body_timeout_s=120
+    )
     egress = Egress(settings)
     made = Deliverer(settings, database, egress)
     yield made
@@ -176,6 +180,7 @@ def test_a_receiver_that_hangs_holds_up_no_other(database: Database, deliverer: 
         told = {ended_job(database, fine.url) for _ in range(10)}
         deliverer.start()
         fine.wait_for(len(told))
+        hanging.wait_for(PER_ORIGIN)
         # all of them, while the other has not answered a single one
         assert {json.loads(one.body)["data"]["id"] for one in fine.got} == told
         assert deliveries(database, states=["failed"]) == []
@@ -237,7 +242,7 @@ def test_when_there_is_no_thread_the_places_come_free_and_it_is_told_later(
             with pytest.raises(RuntimeError):
                 deliverer.round()
         assert deliverer.busy == 0
-        clock.forward(60)
+        clock.forward(150)
         assert attempt_all(deliverer) == 1
         assert len(receiver.got) == 1
 

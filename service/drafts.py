@@ -1,0 +1,27 @@
+"""What a process was writing when it was killed goes soon, from every disk that a living process of the service has."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from datetime import timedelta
+
+from service.catalog import Database, sweep
+from service.settings import Settings
+from service.storage import Storage
+
+
+class Drafts:
+    """The unfinished files of this machine. The reaper looks after them, and each worker, whose disk may be its own."""
+
+    def __init__(self, database: Database, storage: Storage, settings: Settings) -> None:
+        self._database = database
+        self._storage = storage
+        self._ttl = timedelta(seconds=settings.draft_ttl_s)
+
+    def clear(self) -> int:
+        """Remove those whose writer is gone; see `Storage.clear_drafts`. Returns their number."""
+        return self._storage.clear_drafts(held=self._held, before=self._database.now() - self._ttl)
+
+    def _held(self, job_ids: Collection[str]) -> set[str]:
+        with self._database.read() as session:
+            return sweep.held(session, job_ids)

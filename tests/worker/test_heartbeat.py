@@ -1,0 +1,34 @@
+"""A living worker says that it is there, and looks after the disk that may be nobody else's."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from service.catalog import Database, workers
+from service.ids import new_id
+from service.queue import make_folders
+from service.settings import Settings
+from tests.service.fixtures import add_media, claim
+from tests.waiting import until
+from worker.heartbeat import Heartbeat
+
+
+def test_an_idle_worker_removes_what_a_killed_process_was_writing(database: Database, tmp_path: Path) -> None:
+    """Of a worker on a machine of its own no API sees the disk, and the job may be done again elsewhere."""
+    settings = Settings(data_dir=tmp_path / "data", database_url=database.url, heartbeat_s=0.05)
+    make_folders(settings)
+    at_work = add_media(database).job_id
+    claim(database, at_work)
+    of_a_killed_process = settings.spool_folder / f"{new_id('job')}-drawn.mp4"
+    of_another = settings.spool_folder / f"{at_work}-drawn.mp4"
+    for draft in (of_a_killed_process, of_another):
+        draft.write_bytes(b"a face")
+    heartbeat = Heartbeat(settings)
+    heartbeat.start()
+    until(lambda: not of_a_killed_process.exists())
+    assert of_another.exists(), "its job is being done"
+    with database.read() as session:
+        assert workers.lacking(session, since=database.now().replace(year=2000)) == [None]
+    heartbeat.stop()
+    with database.read() as session:
+        assert workers.lacking(session, since=database.now().replace(year=2000)) == []
