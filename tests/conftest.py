@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -20,17 +21,28 @@ settings.load_profile("no clock")
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
-_OF_THE_METHOD = ("pvg", "properties", "benchmarks", "gallery")
+#: these start no processes of the service
+_BESIDE = ("pvg", "properties", "benchmarks", "gallery", "fuzz", "service/catalog")
 
 
+@pytest.hookimpl(tryfirst=True)  # xdist looks at the groups in a hook of its own
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """With two processes (`-n 2 --dist loadgroup`) one has the service's tests, in their order, and one the method's.
+    """With two processes (`-n 2 --dist loadgroup`) one has the service's tests, in their order, and one the others.
 
     What the first start, break and measure are processes, ports and seconds, which they would take from each other.
     """
     for item in items:
-        folder = item.path.relative_to(REPOSITORY / "tests").parts[0]
-        item.add_marker(pytest.mark.xdist_group("method" if folder in _OF_THE_METHOD else "service"))
+        place = item.path.relative_to(REPOSITORY / "tests").as_posix()
+        beside = place.startswith(tuple(f"{folder}/" for folder in _BESIDE))
+        item.add_marker(pytest.mark.xdist_group("beside" if beside else "service"))
+
+
+@pytest.fixture(autouse=True)
+def _time_is_shared() -> Iterator[None]:
+    """No test leaves its process, and with it all that later ones start, in another scheduling class."""
+    yield
+    if hasattr(os, "sched_getscheduler"):
+        assert os.sched_getscheduler(0) == os.SCHED_OTHER
 
 
 @pytest.fixture(scope="session")

@@ -30,6 +30,7 @@ from pvg.video.formats import RANGE_FULL, RANGE_LIMITED, Frame, Patch, PixelForm
 from pvg.video.info import MediaInfo
 from pvg.video.keeping import Plan
 from pvg.video.opening import reason
+from pvg.video.scheduling import kept_scheduling
 
 CodedPacket: TypeAlias = "av.packet.Packet[av.video.stream.VideoStream]"
 
@@ -145,8 +146,13 @@ class PictureEncoder:
 
     def head(self) -> bytes:
         """What decoders are told before the first packet (libav's extradata); empty where there is no such thing."""
-        self._context.open(strict=False)
+        self._open()
         return self._context.extradata or b""
+
+    def _open(self) -> None:
+        if not self._context.is_open:
+            with kept_scheduling():
+                self._context.open(strict=False)
 
     def encode(self, frame: Frame, patches: Sequence[Patch] = (), *, closing: bool = False) -> list[CodedPacket]:
         """The packets that one frame completes; see `VideoWriter.write`. closing: the last frame of a part."""
@@ -179,6 +185,7 @@ class PictureEncoder:
 
     def _encoded(self, picture: av.video.frame.VideoFrame | None) -> list[CodedPacket]:
         try:
+            self._open()
             packets = self._context.encode(picture)
         except av.error.FFmpegError as error:
             raise self.failure(error) from error

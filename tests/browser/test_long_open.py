@@ -257,7 +257,7 @@ def test_a_key_that_no_header_carries_is_refused_in_words(studio: Studio) -> Non
     for wrong in ("pvg_schlüssel", "pvg_a\u200bb", "two words"):
         studio.give(wrong)
         page.get_by_text("letters, digits, _ and - alone").wait_for()
-        assert page.get_by_role("dialog", name="This service needs a key").is_visible()
+        page.get_by_role("dialog", name="This service needs a key").wait_for()
         assert page.evaluate("() => sessionStorage.length") == 0
     studio.give(studio.key.text)
     studio.guarded.until("() => 'ready' in document.documentElement.dataset")

@@ -28,7 +28,7 @@ def test_a_dropped_clip_becomes_looks_that_are_compared_and_downloaded(
 ) -> None:
     guarded = pages()
     page = guarded.open()
-    assert page.get_by_role("heading", name="Face colour").is_visible()
+    page.get_by_role("heading", name="Face colour").wait_for()
     assert page.get_by_role("button", name="Render").is_disabled()
 
     show_what_was_found(guarded, tiny_clip)
@@ -49,7 +49,7 @@ def show_what_was_found(guarded: Guarded, clip: Path) -> None:
     at_rest(guarded)
     shown = page.locator(".frame img").first
     landmarks = shown.get_attribute("src")
-    assert page.get_by_text("640×360 · 23.98 fps").is_visible()
+    page.get_by_text("640×360 · 23.98 fps").wait_for()
     page.get_by_role("radio", name="Mask").check()
     guarded.until("() => !document.querySelector('.veil').hidden && document.querySelector('.veil').naturalWidth > 0")
     assert shown.get_attribute("src") != landmarks
@@ -231,7 +231,7 @@ def test_a_job_in_the_queue_is_canceled(service: Service, pages: Pages, samples:
     newest.get_by_text("Canceled at").wait_for()
     (job,) = [one for one in service.client.get("/jobs?kind=transfer").json()["data"] if one["state"] == "canceled"]
     assert job["looks"][0]["options"]["makeup"] == 0.31
-    assert newest.get_by_role("button", name="Try again").is_visible()
+    newest.get_by_role("button", name="Try again").wait_for()
     for one in earlier:
         service.client.post(f"/jobs/{one}/cancel")
     for one in earlier:
@@ -248,7 +248,7 @@ def test_what_cannot_be_used_says_why(pages: Pages, samples: Samples, tmp_path: 
     page.get_by_role("heading", name="notes.txt").wait_for()
     guarded.until("() => document.querySelector('.way.failed') !== null")
     assert "media type" in page.locator(".busy").inner_text()
-    assert page.locator("#picture").get_by_role("button", name="Try again").is_visible()
+    page.locator("#picture").get_by_role("button", name="Try again").wait_for()
     assert "could not be used" in page.locator("#assertive").inner_text()
     page.get_by_role("button", name="Choose another clip").click()
     page.get_by_role("button", name="Choose a clip").wait_for()

@@ -110,6 +110,7 @@ def hunt(folder: Path, *, seed: int, examples: int, seconds: int, phases: str = 
             *(f"{api.client.base_url}/openapi.json", "--checks", "all", "--phases", phases, "--no-color"),
             *("--seed", str(seed), "--max-examples", str(examples)),
             *("--max-time", str(seconds), "--continue-on-failure", "--workers", "1", "--generation-database", "none"),
+            *("--request-timeout", "90"),  # a job may be waited for
         ]
         environment = os.environ | {
             "SCHEMATHESIS_HOOKS": "tests.contract.hooks",
