@@ -42,7 +42,8 @@ def bounds(frame_count: int, frame_rate: float | None, part_s: float) -> tuple[i
     if not frame_rate:
         return (0, frame_count)
     length = max(_LEAST_FRAMES, round(part_s * round(frame_rate, 3)), -(-frame_count // _MOST_PARTS))
-    return (*range(0, max(1, frame_count - length + 1), length), frame_count)
+    count = max(1, frame_count // length)
+    return tuple(k * frame_count // count for k in range(count + 1))
 
 
 def render_or_split(run: Run) -> bool:

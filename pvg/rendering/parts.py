@@ -31,15 +31,17 @@ _MOST_PARTS: Final = 480  # those of an hour: a rate that a header only claims m
 
 
 def part_bounds(frame_count: int, frame_rate: Fraction | float | None, *, part_s: float = PART_S) -> tuple[int, ...]:
-    """Where the parts of a clip begin and end: (0, n, 2n, …, frame_count), the last part up to twice as long.
+    """Where the parts of a clip begin and end: (0, …, frame_count), as equal as whole frames are.
 
-    frame_rate: frames a second on average, as `probe` has it or rounded to thousandths. A clip shorter than two parts
-    is one. The same for everybody who knows these two numbers.
+    Each has at least ``part_s`` seconds, and less than twice that: were the last one longer than the others, everybody
+    would wait for it. frame_rate: frames a second on average, as `probe` has it or rounded to thousandths. A clip
+    shorter than two parts is one. The same for everybody who knows these two numbers.
     """
     if not frame_rate:
         return (0, frame_count)
     length = max(_LEAST_FRAMES, round(part_s * round(float(frame_rate), 3)), -(-frame_count // _MOST_PARTS))
-    return (*range(0, max(1, frame_count - length + 1), length), frame_count)
+    count = max(1, frame_count // length)
+    return tuple(k * frame_count // count for k in range(count + 1))
 
 
 def render_part(

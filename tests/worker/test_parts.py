@@ -228,7 +228,7 @@ def test_one_process_gives_the_same_bytes_as_two(
 
 
 def test_where_parts_begin_is_what_the_settings_and_the_clip_say() -> None:
-    assert BETWEEN == (0, 120, 240, FRAMES)
+    assert BETWEEN == (0, 126, 253, FRAMES)
     assert Settings().part_s == 7.5
     assert json.loads(json.dumps(bounds(599, 30.0, 10.0))) == [0, 599]
     assert bounds(600, 30.0, 10.0) == (0, 300, 600)
