@@ -13,6 +13,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
+from pvg._bounds import part_bounds
 from service.catalog import Look, Media, Message, parts, render_request
 from service.catalog.parts import Drawn, NewFile, NewPart
 from service.storage import BlobMissingError, file_sha256
@@ -26,24 +27,8 @@ from worker.sandbox import MethodError
 #: of a part: finding the new colours, drawing; storing takes the rest
 _SPANS: Final = {"transfer": (0.0, 0.05), "render": (0.05, 0.99)}
 _JOIN_SPANS: Final = {"join": (0.0, 0.97)}
-#: more than any encoder reorders
-_LEAST_FRAMES: Final = 8
-#: a rate that a header only claims makes no more
-_MOST_PARTS: Final = 480
 #: the timings of parts that are shown as those of the job, added up
 _SHOWN: Final = ("transfer_s", "render_s", "store_s", "cpu_s")
-
-
-def bounds(frame_count: int, frame_rate: float | None, part_s: float) -> tuple[int, ...]:
-    """Where the parts of a clip begin and end: the first and the last are 0 and ``frame_count``.
-
-    What `pvg.rendering.part_bounds` answers; supervisors of jobs load none of the method.
-    """
-    if not frame_rate:
-        return (0, frame_count)
-    length = max(_LEAST_FRAMES, round(part_s * round(frame_rate, 3)), -(-frame_count // _MOST_PARTS))
-    count = max(1, frame_count // length)
-    return tuple(k * frame_count // count for k in range(count + 1))
 
 
 def render_or_split(run: Run) -> bool:
@@ -67,7 +52,7 @@ def _planned(run: Run, looks: Sequence[Look], present: dict[str, Media]) -> list
     for video in videos:
         suffix_of(video, output)  # raises for a container that does not fit
         info = video.info or {}
-        between = bounds(info["frame_count"], info["frame_rate"], run.settings.part_s)
+        between = part_bounds(info["frame_count"], info["frame_rate"], part_s=run.settings.part_s)
         planned += [NewPart(video.id, start, stop) for start, stop in pairwise(between)]
     return planned if len(planned) > len(videos) else []
 

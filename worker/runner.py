@@ -13,7 +13,6 @@ from service import tracing
 from service.blobs import Blobs
 from service.catalog import Database, Job, JobKind, Lease, Message, PartKind, fairness, jobs, media, parts
 from service.catalog.fairness import Taken
-from service.drafts import Drafts
 from service.outages import is_outage
 from service.queue import send, withdraw
 from service.room import Room
@@ -49,7 +48,6 @@ class Runner:
         self._room = Room(settings)
         self._database = Database(settings.database, before_write=self._room.give_back)
         self._storage = Storage(settings)
-        self._drafts = Drafts(self._database, self._storage, settings)
         # recorded when all of a job's are written, and stores may be away in between
         self._blobs = Blobs(self._database, self._storage, within_s=settings.job_hard_limit_s)
 
@@ -115,7 +113,6 @@ class Runner:
         """What may be done after a job; the reaper does it too, only later."""
         try:
             self._release_waiting()
-            self._drafts.clear()
         except Exception as error:
             if not is_outage(error):
                 raise

@@ -3,7 +3,6 @@ from __future__ import annotations
 import ast
 import os
 import re
-import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -17,6 +16,7 @@ from service.cli import _have_keys, cli
 from service.settings import Settings
 from tests.service.servers import fresh_database, postgres_of_our_own
 from tests.waiting import until
+from tests.worker.serving import COMMAND, started
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.1.5", "example.com", ""])
@@ -107,12 +107,6 @@ def test_a_service_waits_for_a_database_that_starts_with_it(tmp_path: Path) -> N
 @contextmanager
 def running(folder: Path, database: str) -> Iterator[Path]:
     """`pvg-service serve` without a worker; what it says."""
-    log = folder / "log"
-    own = {name: value for name, value in os.environ.items() if not name.startswith("PVG_")}
-    own |= {"PVG_DATA_DIR": str(folder / "data"), "PVG_PORT": "0", "PVG_DATABASE_URL": database}
-    command = [str(Path(sys.executable).with_name("pvg-service")), "serve", "--no-worker"]
-    with log.open("wb") as output, subprocess.Popen(command, env=own, stdout=output, stderr=output) as process:
-        try:
-            yield log
-        finally:
-            process.send_signal(signal.SIGINT)
+    log, command = folder / "log", [*COMMAND, "serve", "--no-worker"]
+    with started(command, folder / "data", log, port="0", database_url=database):
+        yield log

@@ -19,6 +19,7 @@ from service.settings import Settings
 from tests.service.fixtures import FakeClock
 from tests.service.servers import free_port
 from tests.waiting import until
+from tests.worker.serving import started
 
 COMMAND = str(Path(sys.executable).with_name("pvg-service"))
 
@@ -38,25 +39,18 @@ def asked(data_dir: Path, *arguments: str, **settings: str) -> tuple[int, str]:
 @pytest.fixture
 def api(tmp_path: Path) -> Iterator[tuple[Path, int]]:
     """An API alone; its data folder and port."""
-    data_dir, port = tmp_path / "data", free_port()
-    environment = os.environ | {"PVG_DATA_DIR": str(data_dir), "PVG_PORT": str(port)}
-    command = [COMMAND, "serve", "--no-worker"]
-    with (tmp_path / "log").open("wb") as log:
-        process = subprocess.Popen(command, env=environment, stdout=log, stderr=log, start_new_session=True)
-    try:
+    data_dir, log, port = tmp_path / "data", tmp_path / "log", free_port()
+    with started([COMMAND, "serve", "--no-worker"], data_dir, log, port=str(port)) as process:
 
         def is_alive() -> bool:
-            assert process.poll() is None, (tmp_path / "log").read_text()
+            assert process.poll() is None, log.read_text()
             try:
                 return httpx.get(f"http://127.0.0.1:{port}/livez").is_success
             except httpx.TransportError:
                 return False
 
-        until(is_alive, 180, said=(tmp_path / "log").read_text)
+        until(is_alive, 180, said=log.read_text)
         yield data_dir, port
-    finally:
-        process.terminate()
-        process.wait(120)
 
 
 def test_of_the_api(api: tuple[Path, int]) -> None:

@@ -28,6 +28,7 @@ import redis
 from service.queue import PREVIEW
 from tests.service.s3 import S3
 from tests.service.servers import free_port, fresh_database
+from tests.waiting import until
 
 #: of the services that were started last; a failing test shows the end of them
 _LOGS: deque[Path] = deque(maxlen=2)
@@ -125,18 +126,18 @@ class Service:
 
     def job(self, job_id: str) -> dict[str, Any]:
         """A job as it is; of a service that has no time for an answer (503) it is asked for again."""
-        until = time.monotonic() + 30
+        end = time.monotonic() + 30
         while True:
             answer = self.client.get(f"/jobs/{job_id}")
-            if answer.status_code != 503 or time.monotonic() > until:
+            if answer.status_code != 503 or time.monotonic() > end:
                 assert answer.is_success, f"{answer.status_code} {answer.text}\n{self.log.read_text()[-4000:]}"
                 return dict(answer.json())
             time.sleep(0.5)
 
     def finished(self, job_id: str, seconds: float = 300) -> dict[str, Any]:
         """The job once it is done."""
-        until = time.monotonic() + seconds
-        while time.monotonic() < until:
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
             body = self.job(f"{job_id}?wait=10")
             if body["done"]:
                 return body
@@ -144,8 +145,8 @@ class Service:
 
     def finished_at_last(self, job_id: str, seconds: float) -> dict[str, Any]:
         """The job once it is done, by a service that may not answer for a while."""
-        until = time.monotonic() + seconds
-        while time.monotonic() < until:
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
             answer = self.client.get(f"/jobs/{job_id}")
             if answer.is_success and answer.json()["done"]:
                 return dict(answer.json())
@@ -154,10 +155,11 @@ class Service:
 
     def at_work(self, job_id: str, seconds: float = 240) -> None:
         """Wait until a job has done a frame."""
-        until = time.monotonic() + seconds
-        while self.job(job_id)["progress"]["frames_done"] < 1:
-            assert time.monotonic() < until, self.log.read_text()[-4000:]
-            time.sleep(0.05)
+        until(
+            lambda: self.job(job_id)["progress"]["frames_done"] >= 1,
+            seconds,
+            said=lambda: self.log.read_text()[-4000:],
+        )
 
     def folder_of(self, job_id: str) -> Path:
         """The data folder of the worker that is at work on a job: what it writes is there, under the job's id."""
@@ -197,13 +199,11 @@ def processes_of(data_dir: Path) -> dict[int, str]:
 
 def worker_processes(data_dir: Path, at_least: int = 1) -> set[int]:
     """The worker's main process and its pool children, once there are so many."""
-    until = time.monotonic() + _START_S
-    while True:
-        found = {pid for pid, command in processes_of(data_dir).items() if "worker.app" in command}
-        if len(found) >= at_least:
-            return found
-        assert time.monotonic() < until, found
-        time.sleep(0.05)
+
+    def found() -> set[int]:
+        return {pid for pid, command in processes_of(data_dir).items() if "worker.app" in command}
+
+    return until(lambda: now if len(now := found()) >= at_least else set(), _START_S, said=found)
 
 
 def pool_child(service: Service, job_id: str) -> int:
@@ -237,8 +237,8 @@ def kill_all(pids: Iterable[int], number: signal.Signals = signal.SIGKILL) -> No
 
 def wait_until_gone(data_dir: Path, seconds: float) -> dict[int, str]:
     """Processes that are still there after so many seconds."""
-    until = time.monotonic() + seconds
-    while (left := processes_of(data_dir)) and time.monotonic() < until:
+    end = time.monotonic() + seconds
+    while (left := processes_of(data_dir)) and time.monotonic() < end:
         time.sleep(0.1)
     return left
 
@@ -258,8 +258,8 @@ def running_service(
     """
     data_dir, log, port = folder / "data", folder / "service.log", free_port()
     with (
-        _started(
-            [*before, *_COMMAND, "serve", *arguments], data_dir, log, cwd=cwd, port=str(port), **settings
+        started(
+            [*before, *COMMAND, "serve", *arguments], data_dir, log, cwd=cwd, port=str(port), **settings
         ) as process,
         httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=60, transport=Turns([port])) as client,
     ):
@@ -282,10 +282,8 @@ def running_scaled(
         for number, (role, arguments) in enumerate(roles):
             folders.append(folder / f"{role}-{number}")
             port = {"port": str(ports[number])} if role == "api" else {}
-            started = _started(
-                [*_COMMAND, *arguments], folders[-1], log, environment=s3.environment(), **port, **shared
-            )
-            processes.append(stack.enter_context(started))
+            one = started([*COMMAND, *arguments], folders[-1], log, environment=s3.environment(), **port, **shared)
+            processes.append(stack.enter_context(one))
         client = stack.enter_context(
             httpx.Client(base_url=f"http://127.0.0.1:{ports[0]}", timeout=60, transport=Turns(ports))
         )
@@ -295,11 +293,11 @@ def running_scaled(
             process.send_signal(signal.SIGINT if process.args[1] == "serve" else signal.SIGTERM)
 
 
-_COMMAND = (str(Path(sys.executable).with_name("pvg-service")),)
+COMMAND = (str(Path(sys.executable).with_name("pvg-service")),)
 
 
 @contextmanager
-def _started(
+def started(
     command: Sequence[str],
     data_dir: Path,
     log: Path,
@@ -330,10 +328,10 @@ def _started(
 
 
 def _wait_until_ready(processes: Sequence[subprocess.Popen[bytes]], ports: Sequence[int], log: Path) -> None:
-    waiting, until = list(ports), time.monotonic() + _START_S
+    waiting, end = list(ports), time.monotonic() + _START_S
     while waiting:
         assert all(process.poll() is None for process in processes), log.read_text()
-        assert time.monotonic() < until, log.read_text()
+        assert time.monotonic() < end, log.read_text()
         try:
             if httpx.get(f"http://127.0.0.1:{waiting[0]}/readyz", timeout=60).is_success:
                 waiting.pop(0)

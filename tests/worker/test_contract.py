@@ -51,7 +51,7 @@ from service.errors import PROBLEMS
 from service.settings import Settings
 from worker.answers import FaceAnswer, MediaAnswer
 from worker.failures import EXPECTED, problem_of
-from worker.parts import bounds as bounds_of_parts
+from worker.parts import part_bounds as bounds_of_parts
 from worker.previews.previewer import SUFFIXES
 from worker.progress import ProgressScale
 from worker.rendering import IMAGE_CONTAINERS as DRAWN_AS_IMAGES
@@ -280,7 +280,7 @@ def test_parts_begin_where_the_method_says_and_all_that_clips_are_written_as_can
     for rate in (None, 1.0, 23.976, 24000 / 1001, 25.0, 59.94, 240.0):
         for count in (1, 9, 239, 240, 479, 480, 481, 5000):
             for part_s in (5.0, PART_S):
-                assert bounds_of_parts(count, rate, part_s) == part_bounds(count, rate, part_s=part_s)
+                assert bounds_of_parts(count, rate, part_s=part_s) == part_bounds(count, rate, part_s=part_s)
     assert all(can_join(container, codec) for container in HELD for codec in ("auto", *HELD[container]))
 
 

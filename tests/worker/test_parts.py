@@ -24,14 +24,14 @@ from service.settings import Settings
 from tests.service.servers import fresh_database
 from tests.waiting import until
 from tests.worker.serving import Service, kill_all, processes_of, running_service, sandboxed
-from worker.parts import bounds
+from worker.parts import part_bounds
 
 QUICK = {
     **{"heartbeat_s": "1", "reap_interval_s": "1", "progress_interval_s": "0.2"},
     **{"part_s": "5", "min_face_px": "32"},
 }
 FRAMES, SIZE, RATE = 380, (320, 180), Fraction(24)
-BETWEEN = bounds(FRAMES, 24.0, 5.0)
+BETWEEN = part_bounds(FRAMES, 24.0, part_s=5.0)
 
 
 @pytest.fixture(scope="module")
@@ -230,6 +230,6 @@ def test_one_process_gives_the_same_bytes_as_two(
 def test_where_parts_begin_is_what_the_settings_and_the_clip_say() -> None:
     assert BETWEEN == (0, 126, 253, FRAMES)
     assert Settings().part_s == 7.5
-    assert json.loads(json.dumps(bounds(599, 30.0, 10.0))) == [0, 599]
-    assert bounds(600, 30.0, 10.0) == (0, 300, 600)
-    assert bounds(1, None, 10.0) == (0, 1)
+    assert json.loads(json.dumps(part_bounds(599, 30.0, part_s=10.0))) == [0, 599]
+    assert part_bounds(600, 30.0, part_s=10.0) == (0, 300, 600)
+    assert part_bounds(1, None, part_s=10.0) == (0, 1)
