@@ -1,12 +1,14 @@
 """Guards: eyes and teeth go their own way, so they are taken out of the matte; their brightness follows the skin's.
 
 White is seen beside what surrounds it: eyes as bright as they were look milky in a face made dark, dull in one made
-bright. Within a guard the coded colours are multiplied by a power of the gain in luma of the skin around it,
+bright. Within a guard luma is multiplied by a power of the gain in luma of the skin around it, and so is chroma as the
+skin darkens,
 
-    u' = (Y' / Y)^s · I
+    Y' = (Y_skin' / Y_skin)^s · Y        c' = min(1, (Y_skin' / Y_skin)^s) · c
 
-which keeps hue and saturation, and is the clip itself where the skin stays. `planes` adds a part of the skin's change
-of chroma: in warm light white is a little warm.
+which is the clip itself where the skin stays. Chroma never grows: a dark eye in the warm shade of a face has little, and
+would turn red when it is made bright. `planes` adds a part of the skin's change of chroma: in warm light white is a
+little warm.
 """
 
 from __future__ import annotations

@@ -164,7 +164,9 @@ def _scale_all(
 def _scale(
     part: NDArray[Any], before: NDArray[Any], guard: Guard, gain: float, pixel_format: PixelFormat, plane: int
 ) -> None:
-    """Multiply what a guard holds of a plane by its gain, in place."""
+    """Multiply what a guard holds of a plane by its gain, in place; chroma never grows."""
+    if plane:
+        gain = min(gain, 1.0)
     log2x, log2y = pixel_format.chroma_log2 if plane else (0, 0)
     weight = over_chroma(guard.weight, pixel_format) if plane else guard.weight
     top, left = guard.y >> log2y, guard.x >> log2x
@@ -253,8 +255,11 @@ def _scaled_rgb(before: NDArray[Any], luma: Floats, guards: Sequence[tuple[Guard
         rows, columns = guard.weight.shape
         window = slice(guard.y, guard.y + rows), slice(guard.x, guard.x + columns)
         own = np.ascontiguousarray(luma[window])
-        change = kernels.roll_off(np.float32(gain) * own, bend) - kernels.roll_off(own, bend)
-        gained[window] += (guard.weight * change / np.maximum(own, np.float32(1.0)))[..., None] * before[window]
+        change = guard.weight * (kernels.roll_off(np.float32(gain) * own, bend) - kernels.roll_off(own, bend))
+        if gain > 1.0:  # what luma gains, R, G and B gain alike: chroma never grows
+            gained[window] += change[..., None]
+        else:
+            gained[window] += (change / np.maximum(own, np.float32(1.0)))[..., None] * before[window]
     return gained
 
 

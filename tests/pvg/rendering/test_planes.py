@@ -142,6 +142,18 @@ def test_what_a_guard_holds_is_dimmed_in_its_own_hue(pixel_format: PixelFormat) 
 
 
 @pytest.mark.parametrize("pixel_format", FORMATS, ids=lambda f: f.name)
+def test_what_a_guard_holds_is_brightened_without_more_chroma(pixel_format: PixelFormat) -> None:
+    """A dark eye in warm shade is a little red; as bright as the face becomes, with all of its saturation, it is red."""
+    eye = np.array((80, 60, 56))
+    frame = frame_of(np.full((SIDE, SIDE, 3), eye, np.uint8), pixel_format)
+    alpha, guard = np.zeros((32, 32), np.float32), Guard(8, 8, np.ones((16, 16), np.float32), np.zeros(2, np.float32))
+    correction = constant(0, 0, 0, contrast=tables(pixel_format))
+    drawn = frame.patched(apply_correction(frame, (8, 8), alpha, correction, guards=[(guard, 2.0)]))
+    gained = eye @ (0.299, 0.587, 0.114)  # luma of BT.601; that of BT.709 differs by half a level
+    assert np.abs(drawn.rgb()[18:22, 18:22] - (eye + gained)).max() <= 3
+
+
+@pytest.mark.parametrize("pixel_format", FORMATS, ids=lambda f: f.name)
 def test_what_is_much_darker_than_skin_goes_through_black(pixel_format: PixelFormat) -> None:
     """Skin at 160 gets 60 levels; a pupil beside it is multiplied as the skin is, and not lifted by the same 60."""
     skin, pupil = 160.0, 30.0
