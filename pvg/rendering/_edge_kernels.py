@@ -133,6 +133,27 @@ def spread_to_cells(lines: Floats, touched: Bytes, cells: Floats) -> None:
 
 
 @kernel(fastmath=True)
+def _chroma_row(plane: Samples, y: int, log2y: int, out: Floats) -> None:
+    """The samples of a chroma plane at the height of luma's row `y`, between whose rows they lie."""
+    near = y >> log2y
+    far = near
+    if log2y:
+        far = min(near + 1, plane.shape[0] - 1) if y & 1 else max(near - 1, 0)
+    most, least = np.float32(0.75), np.float32(0.25)
+    for k in range(len(out)):
+        out[k] = most * np.float32(plane[near, k]) + least * np.float32(plane[far, k])
+
+
+@kernel(inline=True)
+def _chroma_at(row: Floats, x: int, log2x: int) -> np.float32:
+    """What a row of chroma samples, on every second column when log2x is 1, has at luma's column `x`."""
+    k = x >> log2x
+    if log2x and x & 1:
+        return np.float32(0.5) * (row[k] + row[min(k + 1, len(row) - 1)])
+    return row[k]
+
+
+@kernel(fastmath=True)
 def follow_lines(
     first: Samples,
     second: Samples,
@@ -159,17 +180,18 @@ def follow_lines(
     for j in range(columns):
         starts[j] = int(np.ceil(corner[0] + (j + 0.5) * step - 0.5 - window[0]))
     left, right = np.empty(LINE + 1, np.float32), np.empty(LINE + 1, np.float32)
+    # chroma read sample by sample would give the edge steps of two pixels where it lies between two hues
+    one_row, other_row = np.empty(second.shape[1], np.float32), np.empty(second.shape[1], np.float32)
     for y in range(h):
         place = (window[1] + y - corner[1] + 0.5) / step - 0.5
         i = int(np.floor(place))
         if i < 0 or i > rows - 2:
             continue
-        f, out = np.float32(place - i), alpha[y]
-        luma, one_row, other_row = (
-            first[window[1] + y],
-            second[(window[1] + y) >> log2y],
-            third[(window[1] + y) >> log2y],
-        )
+        if not (unknown[i].any() or unknown[i + 1].any()):
+            continue
+        f, out, luma = np.float32(place - i), alpha[y], first[window[1] + y]
+        _chroma_row(second, window[1] + y, log2y, one_row)
+        _chroma_row(third, window[1] + y, log2y, other_row)
         for j in range(columns - 1):
             if unknown[i, j] + unknown[i, j + 1] + unknown[i + 1, j] + unknown[i + 1, j + 1] == 0:
                 continue
@@ -189,8 +211,8 @@ def follow_lines(
                 t = begin + pace * np.float32(x - x0)
                 at, known = window[0] + x, out[x] * full
                 share = (left[0] + t * right[0]) * np.float32(luma[at]) + left[3] + t * right[3]
-                share += (left[1] + t * right[1]) * np.float32(one_row[at >> log2x])
-                share += (left[2] + t * right[2]) * np.float32(other_row[at >> log2x])
+                share += (left[1] + t * right[1]) * _chroma_at(one_row, at, log2x)
+                share += (left[2] + t * right[2]) * _chroma_at(other_row, at, log2x)
                 share += (one - left[4] - t * right[4]) * known
                 share = min(max(share, none), one)
                 out[x] = opacity * (known + (left[5] + t * right[5]) * (share - known))

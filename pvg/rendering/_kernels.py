@@ -232,6 +232,46 @@ def scale(
 
 
 @kernel(fastmath=True)
+def sum_sure(part: Samples, alpha: Floats, sure: np.float32, cell: int, sums: Floats) -> None:
+    """sums (2, rows, columns) = the sum over each cell of cell × cell samples with α ≥ sure, and their number."""
+    for i in range(part.shape[0]):
+        first, last = _run(alpha[i])
+        to, count = sums[0, i // cell], sums[1, i // cell]
+        for k in range(first // cell, -(-last // cell)):
+            total, number = np.float32(0.0), np.float32(0.0)
+            for j in range(max(first, k * cell), min(last, (k + 1) * cell)):
+                if alpha[i, j] >= sure:
+                    total += np.float32(part[i, j])
+                    number += np.float32(1.0)
+            to[k] += total
+            count[k] += number
+
+
+@kernel(fastmath=True)
+def show_skin(part: Samples, alpha: Floats, columns: Doubles, rows: Doubles, mean: Floats, sure: np.float32) -> None:
+    """part = α² part + (1 − α²) mean where 0 < α < sure, in place, rounded; where the mean is not negative.
+
+    part, alpha: (r, c);  mean: a grid, see `apply_contrast`, negative where it is not known.
+    """
+    count, (h, w) = part.shape[1], mean.shape
+    (index, share), (upper, down) = split(columns, w), split(rows, h)
+    held = np.empty((2, count), np.float32)
+    at, half, none, one = -2, np.float32(0.5), np.float32(0.0), np.float32(1.0)
+    for i in range(part.shape[0]):
+        first, last = _run(alpha[i])
+        if first >= last:
+            continue
+        at, f = reach(mean, upper[i], at, index, share, held), down[i]
+        a, b = held[0], held[1]
+        for j in range(first, last):
+            v = alpha[i, j]
+            skin = a[j] + f * (b[j] - a[j])
+            if v > none and v < sure and skin >= none:
+                square = v * v
+                part[i, j] = np.int32(square * np.float32(part[i, j]) + (one - square) * skin + half)
+
+
+@kernel(fastmath=True)
 def mean_above(before: Samples, alpha: Floats, columns: Doubles, rows: Doubles, low: Floats) -> float:
     """The mean of before − low over the matte; low is a grid, see `apply_contrast`. 0 where the matte is empty."""
     field = np.empty(before.shape, np.float32)

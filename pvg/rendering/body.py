@@ -29,6 +29,7 @@ from pvg.rendering import _body_kernels as kernels
 from pvg.rendering import _kernels
 from pvg.rendering.edges import refine
 from pvg.rendering.map_tables import MapTables
+from pvg.rendering.foreground import foreground
 from pvg.rendering.placed_face import PlacedFace
 from pvg.rendering.planes import luma_bend, opponent_matrix, over_chroma, with_patches, without_fine_detail
 from pvg.skin import Matte
@@ -43,12 +44,14 @@ _LEAST = 1e-3  # of alpha: less is nothing
 class PlacedBody:
     """The matte of a person's other skin at pixel size.
 
-    x, y: the source pixel of its corner, multiples of the chroma step;  alpha: (h, w) float32 in [0, 1].
+    x, y: the source pixel of its corner, multiples of the chroma step;  alpha: (h, w) float32 in [0, 1];
+    step: pixels a cell of the matte that it was read from.
     """
 
     x: int
     y: int
     alpha: Floats
+    step: float
 
 
 def place_body(
@@ -65,7 +68,7 @@ def place_body(
     matte = _part(body, cells)
     alpha = matte.alpha_at(np.arange(x0, x1, dtype=np.float32), np.arange(y0, y1, dtype=np.float32))
     refine(alpha, (x0, y0), matte, frame)
-    placed = PlacedBody(x0, y0, alpha)
+    placed = PlacedBody(x0, y0, alpha, matte.raster.step)
     for face in faces:
         _take_out(placed, face)
     for other in others:
@@ -122,15 +125,16 @@ def _take_out(body: PlacedBody, other: PlacedFace | PlacedBody) -> None:
 
 def apply_body(frame: Frame, body: PlacedBody, tables: MapTables, under: Sequence[Patch] = ()) -> list[Patch]:
     """The new samples of a body in every plane;  under: patches that were laid before."""
+    skin = foreground(frame, (body.x, body.y), body.alpha, body.step)
     if frame.format.is_rgb:
-        return _apply_to_rgb(frame, body, tables, under)
+        return _apply_to_rgb(frame, body, skin, tables, under)
     pixel_format, (left, upper) = frame.format, (body.x, body.y)
     top = np.float32(2**pixel_format.depth - 1)
     h, w = body.alpha.shape
     luma = frame.planes[0][upper : upper + h, left : left + w]
-    broad = without_fine_detail(luma)
+    broad = without_fine_detail(skin[0])
     part = with_patches(luma, 0, (left, upper), under)
-    kernels.apply_tone(part, luma, broad, body.alpha, tables.tone, luma_bend(pixel_format), top)
+    kernels.apply_tone(part, skin[0], broad, body.alpha, tables.tone, luma_bend(pixel_format), top)
     patches = [Patch(0, upper, left, part)]
     log2x, log2y = pixel_format.chroma_log2
     weight = over_chroma(body.alpha, pixel_format)
@@ -138,7 +142,7 @@ def apply_body(frame: Frame, body: PlacedBody, tables: MapTables, under: Sequenc
     x, y = left >> log2x, upper >> log2y
     for p in (1, 2):
         before = frame.planes[p][y : y + rows, x : x + columns]
-        wide: NDArray[Any] = without_fine_detail(before, log2x) if tables.excess > 0 else np.ascontiguousarray(before)
+        wide = without_fine_detail(skin[p], log2x) if tables.excess > 0 else skin[p]
         part = with_patches(before, p, (x, y), under)
         shift, excess = tables.chroma[p - 1], np.float32(tables.excess)
         kernels.apply_chroma(part, wide, broad, log2x, log2y, weight, shift, excess, top)
@@ -146,14 +150,16 @@ def apply_body(frame: Frame, body: PlacedBody, tables: MapTables, under: Sequenc
     return patches
 
 
-def _apply_to_rgb(frame: Frame, body: PlacedBody, tables: MapTables, under: Sequence[Patch]) -> list[Patch]:
+def _apply_to_rgb(
+    frame: Frame, body: PlacedBody, skin: Sequence[NDArray[Any]], tables: MapTables, under: Sequence[Patch]
+) -> list[Patch]:
     """`apply_body` for R, G, B planes: what luma and chroma gain is added in RGB."""
     (left, upper), (h, w) = (body.x, body.y), body.alpha.shape
     opponent = frame.format.opponent
     window = slice(upper, upper + h), slice(left, left + w)
     before: NDArray[Any] = np.stack([plane[window] for plane in frame.planes], axis=-1)
     to_opponent_codes = opponent_matrix(frame.format)
-    source = (before @ to_opponent_codes.T + opponent.offset).astype(np.float32)
+    source = (np.stack(skin, axis=-1) @ to_opponent_codes.T + opponent.offset).astype(np.float32)
     bend = luma_bend(opponent)
     luma: Floats = np.ascontiguousarray(source[..., 0])
     gained = tables.gained_of(source, without_fine_detail(source))

@@ -1,8 +1,8 @@
 """A correction applied to the samples of one face, in any coded format.
 
-    P' = P + α ((λ − 1)(P − level) + H(g' − λg))            P' = P + α (R(F(P) + w H(g' − F(g))) − R(P))
+    P' = P + α ((λ − 1)(P − level) + H(g' − λg))            P' = P + α (R(F(S) + w H(g' − F(g))) − R(S))
 
-with the roll-off R towards black and white, and w = 1 but for what is much darker than skin: brows, lashes and pupils
+with S the skin in P (`pvg.rendering.foreground`), which P is but for the matte's edge, the roll-off R towards black and white, and w = 1 but for what is much darker than skin: brows, lashes and pupils
 go through black, P g'/g, and not along the skin's tangent, which would lay a veil over them. λ and F act on luma and
 chroma one by one, so on the planes a clip is coded in. Only the rectangle of the face is touched: the outcome are
 patches, which a writer lays over the frame it copies anyway.
@@ -61,15 +61,17 @@ def apply_correction(
     under: Sequence[Patch] = (),
     guards: Sequence[tuple[Guard, float]] = (),
     fade: Floats | None = None,
+    skin: Sequence[NDArray[Any]] | None = None,
 ) -> list[Patch]:
     """The new samples of one face in every plane.
 
     corner: x, y of the source pixel that alpha (h, w) starts at, multiples of the chroma step;  alpha: the face's
     matte, guards taken out;  under: patches of other faces that were laid before;  guards: what was taken out, each
-    with what its colours are multiplied by;  fade: (h, w) of `fade_in_dark`, 1 everywhere when None, for F alone.
+    with what its colours are multiplied by;  fade: (h, w) of `fade_in_dark`, 1 everywhere when None, for F alone;
+    skin: the planes of `foreground`, for F alone, those of the frame when None.
     """
     if frame.format.is_rgb:
-        return _apply_to_rgb(frame, corner, alpha, correction, under, guards, fade)
+        return _apply_to_rgb(frame, corner, alpha, correction, under, guards, fade, skin)
     left, upper = corner
     pixel_format, contrast = frame.format, correction.contrast
     top = np.float32(2**pixel_format.depth - 1)
@@ -77,7 +79,8 @@ def apply_correction(
     chroma_alpha = over_chroma(_alpha_of_chroma(alpha, guards), pixel_format)
     fades = [_NO_FADE] * 3 if fade is None else [fade, *[over_chroma(fade, pixel_format)] * 2]
     if isinstance(contrast, MapTables):
-        luma = without_fine_detail(frame.planes[0][upper : upper + alpha.shape[0], left : left + alpha.shape[1]])
+        source = skin[0] if skin else frame.planes[0][upper : upper + alpha.shape[0], left : left + alpha.shape[1]]
+        luma = without_fine_detail(source)
     for p, plane in enumerate(frame.planes):
         log2 = pixel_format.chroma_log2 if p else (0, 0)
         weight = chroma_alpha if p else alpha
@@ -87,10 +90,11 @@ def apply_correction(
         part = with_patches(before, p, (x, y), under)
         places = _places(correction.lattice, corner, (columns, rows), log2)
         if isinstance(contrast, MapTables):
-            wide = luma if p == 0 else without_fine_detail(before, log2[0]) if contrast.excess > 0 else before
+            own = skin[p] if skin else before
+            wide = luma if p == 0 else without_fine_detail(own, log2[0]) if contrast.excess > 0 else own
             kernels.apply_map(
                 part,
-                before,
+                own,
                 wide,
                 luma,
                 *log2,
@@ -128,20 +132,25 @@ def _alpha_of_chroma(alpha: Floats, guards: Sequence[tuple[Guard, float]]) -> Fl
 
 
 def fade_in_dark(
-    frame: Frame, corner: tuple[int, int], alpha: Floats, corrections: Sequence[Correction]
+    frame: Frame,
+    corner: tuple[int, int],
+    alpha: Floats,
+    corrections: Sequence[Correction],
+    skin: Sequence[NDArray[Any]] | None = None,
 ) -> Floats | None:
     """w over a face, (h, w), the same for all its corrections by F; None without any.
 
-    corner, alpha: see `apply_correction`.
+    corner, alpha, skin: see `apply_correction`.
     """
     one = next((each for each in corrections if each.around is not None), None)
     if one is None or one.around is None:
         return None
     (left, upper), (rows, columns) = corner, alpha.shape
     window = slice(upper, upper + rows), slice(left, left + columns)
-    luma: NDArray[Any] = frame.planes[0][window]
+    luma: NDArray[Any] = skin[0] if skin else frame.planes[0][window]
     if frame.format.is_rgb:
-        luma = _opponent_of(_stacked(frame, window), frame.format)[..., 0]
+        shown = np.stack(skin, axis=-1) if skin else _stacked(frame, window)
+        luma = _opponent_of(shown, frame.format)[..., 0]
     fade = np.ones(alpha.shape, np.float32)
     places = _places(one.lattice, corner, (columns, rows), (0, 0))
     black = np.float32(frame.format.offset[0])
@@ -195,6 +204,7 @@ def _apply_to_rgb(
     under: Sequence[Patch],
     guards: Sequence[tuple[Guard, float]],
     fade: Floats | None,
+    skin: Sequence[NDArray[Any]] | None,
 ) -> list[Patch]:
     """`apply_correction` for R, G, B planes, as stills have: what luma and chroma gain is added in RGB."""
     (left, upper), (rows, columns) = corner, alpha.shape
@@ -203,6 +213,8 @@ def _apply_to_rgb(
     before = _stacked(frame, window)
     source = _opponent_of(before, frame.format)
     guarded = _scaled_rgb(before, source[..., 0].copy(), guards, luma_bend(opponent))
+    if skin and isinstance(correction.contrast, MapTables):
+        source = _opponent_of(np.stack(skin, axis=-1), frame.format)
     wanted = source.copy()
 
     def over_pixels(nodes: Floats) -> Floats:

@@ -15,6 +15,7 @@ from pvg.rendering.body import PlacedBody, apply_body, place_body
 from pvg.rendering.coding import Coding
 from pvg.rendering.correction import at_curves, extend
 from pvg.rendering.edges import follow_edges
+from pvg.rendering.foreground import foreground
 from pvg.rendering.guards import Guard, guard_gain, guarded_alpha
 from pvg.rendering.makeup import with_parts
 from pvg.rendering.map_tables import MapTables
@@ -200,7 +201,10 @@ class Renderer:
         corrections = with_parts(corrections, parts, placed.data.landmarks)
         corrections = with_beside(frame, placed, corrections, beside)
         corner = placed.x, placed.y
-        fade = fade_in_dark(frame, corner, placed.alpha, corrections)
+        skin = None
+        if any(correction.mapped for correction in corrections):
+            skin = foreground(frame, corner, placed.alpha, placed.data.matte.raster.step)
+        fade = fade_in_dark(frame, corner, placed.alpha, corrections, skin)
         guarded: dict[tuple[str, ...], tuple[Floats, list[Guard]]] = {}
         alike = len({self.looks[i].protect for i in which}) == 1
         for i, correction, luma in zip(which, corrections, lumas, strict=True):
@@ -212,8 +216,9 @@ class Renderer:
             # λ as a number is the paper's: what changes in the clip survives exactly, in eyes and teeth too
             if correction.mapped:
                 gains = [(guard, guard_gain(guard, placed, codes[:, 0], luma, level)) for guard in guards]
+            faded, shown = (fade, skin) if correction.mapped else (None, None)
             out[i] += apply_correction(
-                frame, corner, alpha, correction, under=out[i], guards=gains, fade=fade if correction.mapped else None
+                frame, corner, alpha, correction, under=out[i], guards=gains, fade=faded, skin=shown
             )
 
 

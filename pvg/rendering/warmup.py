@@ -13,6 +13,7 @@ from pvg.rendering.body import apply_body, place_body
 from pvg.rendering.correction import Correction
 from pvg.rendering.edges import refine
 from pvg.rendering.guards import Guard
+from pvg.rendering.foreground import foreground
 from pvg.rendering.map_tables import MapTables
 from pvg.rendering.planes import apply_correction, fade_in_dark
 from pvg.rendering.visibility import Visibility
@@ -36,8 +37,9 @@ def warm_up(frames: Sequence[Frame], membrane: Membrane, colors: Floats) -> None
     for frame in frames:
         tables = MapTables.of(look, frame.format)
         for correction in (number, Correction(lattice, planes, tables, around=planes[0])):
-            fade = fade_in_dark(frame, (8, 8), alpha, [correction])
-            apply_correction(frame, (8, 8), alpha, correction, guards=[(guard, 0.8)], fade=fade)
+            skin = foreground(frame, (8, 8), alpha, 4.0) if correction.mapped else None
+            fade = fade_in_dark(frame, (8, 8), alpha, [correction], skin)
+            apply_correction(frame, (8, 8), alpha, correction, guards=[(guard, 0.8)], fade=fade, skin=skin)
         refine(alpha, (8, 8), matte, frame)
         body = Matte.over(np.array([0, 0, frame.width, frame.height], np.float32), _spot())
         placed = place_body(frame, body, (), ())

@@ -63,13 +63,26 @@ def test_an_edge_finer_than_the_cells_is_followed(pixel_format: PixelFormat) -> 
     assert followed < 0.22 * coarse
 
 
-def test_a_strand_over_the_edge_stays_dark() -> None:
+@pytest.mark.parametrize(("row", "most"), [(96, 0.25), (97, 0.52)], ids=["on one row of chroma", "on two"])
+def test_a_strand_over_the_edge_stays_dark(row: int, most: float) -> None:
     truth = (XS[None, :] < SIDE / 2).astype(float) * np.ones((SIDE, 1))
     rgb = mixed(truth)
-    rgb[96:98, 80:] = WALL
+    rgb[row : row + 2, 80:] = WALL
     alpha = refined(rgb, soft_matte())
-    assert alpha[96:98, 92:].max() < 0.13
-    assert alpha[90:94, 86:95].min() > 0.9
+    assert alpha[row : row + 2, 92:].max() < most
+    assert alpha[row - 6 : row - 3, 86:95].min() > 0.9
+
+
+def test_an_edge_between_two_hues_has_no_steps() -> None:
+    """Chroma has half as many samples as luma; an edge that it alone tells runs smoothly all the same."""
+    place = SIDE / 2 + (XS[:, None] - SIDE / 2) / 5
+    truth = np.clip((place - XS[None, :]) / 3 + 0.5, 0, 1)
+    green = np.array([110.0, 176.6, 120.0])  # of the skin's luma
+    rgb = truth[..., None] * SKIN + (1 - truth[..., None]) * green
+    alpha = refined(rgb, soft_matte())[60:132]
+    crossing = alpha.sum(axis=1)  # where each row ends, in pixels
+    steps = np.diff(crossing)
+    assert np.abs(steps - 0.2).max() < 0.25
 
 
 def test_where_both_sides_are_alike_the_matte_stays() -> None:

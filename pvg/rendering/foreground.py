@@ -1,0 +1,63 @@
+"""What the pixels at a matte's edge show of skin: their foreground, as matting calls it.
+
+A pixel at the edge is a mixture of skin and of hair, wall or collar, I = α S + (1 − α) B, and only the skin in it takes
+a look,
+
+    I' = I + α (u'(S) − S)
+
+A map that is no line, as a look's map of colour is, must therefore be read at S. Read at I, skin between the hairs of
+a fringe stays as it was beside a face made bright, and what is brighter than the skin in front of it shines.
+S is not known where α is small; there the mean of the sure skin nearby stands for it:
+
+    S ≈ α² I + (1 − α²) mean
+
+of which less than a sixth is B. S is I inside and outside of the matte, and where no sure skin is near.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pvg._arrays import Doubles, Floats
+from pvg.raster import sites
+from pvg.rendering import _kernels as kernels
+from pvg.rendering.planes import over_chroma
+from pvg.video import Frame
+
+_SURE = np.float32(0.97)  # of alpha, from which on a pixel is all skin [by eye]
+_CELLS = 2  # of the matte to a cell of means
+_SPREAD = 1.0  # such cells, sigma of the mean [by eye: an edge is some cells wide]
+_UNKNOWN = np.float32(-1e6)  # a mean that is read beside one is negative
+_LEAST = np.float32(3e-4)  # of a mean's weight where all around is sure: with less there is none
+
+
+def foreground(frame: Frame, corner: tuple[int, int], alpha: Floats, step: float) -> tuple[NDArray[Any], ...]:
+    """Copies of the frame's planes over a matte's window, those of its edge's pixels as the skin in them.
+
+    corner: x, y of the window's first pixel, multiples of the chroma step;  alpha: (h, w) of the matte;
+    step: pixels a cell of the matte.
+    """
+    left, upper = corner
+    out = []
+    for p, plane in enumerate(frame.planes[:3]):
+        log2x, log2y = (0, 0) if p == 0 or frame.format.is_rgb else frame.format.chroma_log2
+        weight = over_chroma(alpha, frame.format) if log2x or log2y else alpha
+        (rows, columns), x, y = weight.shape, left >> log2x, upper >> log2y
+        part = plane[y : y + rows, x : x + columns].copy()
+        cell = max(2, round(_CELLS * step) >> log2x)
+        sums = np.zeros((2, max(2, -(-rows // cell)), max(2, -(-columns // cell))), np.float32)
+        kernels.sum_sure(part, weight, _SURE, cell, sums)
+        held, mass = (cv2.GaussianBlur(each, (0, 0), _SPREAD) for each in sums)
+        mean = np.where(mass > _LEAST * cell * cell, held / np.maximum(mass, np.float32(1e-6)), _UNKNOWN)
+        kernels.show_skin(part, weight, _places(columns, cell), _places(rows, cell), mean, _SURE)
+        out.append(part)
+    return tuple(out)
+
+
+def _places(size: int, cell: int) -> Doubles:
+    """Where the `size` samples of a side lie among cells of `cell` samples."""
+    return sites(size, float(cell)).astype(np.float64)

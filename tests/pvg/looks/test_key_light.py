@@ -1,0 +1,40 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pvg.looks.key_light import in_key_light
+
+PEACH = np.array((210.0, 170.0, 145.0))
+
+
+def shaded(color: np.ndarray, count: int, shades: tuple[float, float], seed: int = 0) -> np.ndarray:
+    """Skin of one hue in light of many strengths, noisy as a picture is."""
+    rng = np.random.default_rng(seed)
+    return (rng.uniform(*shades, (count, 1)) * color + rng.normal(0, 2, (count, 3))).astype(np.float32)
+
+
+@pytest.mark.parametrize("share", [0.3, 0.5])
+def test_shade_lit_by_the_sky_is_left_out(share: float) -> None:
+    count = 500
+    lit = shaded(PEACH, round((1 - share) * count), (0.85, 1.0))
+    sky = shaded(np.array((150.0, 125.0, 135.0)), round(share * count), (0.7, 0.95), seed=1)
+    kept = in_key_light(np.concatenate([lit, sky]))
+    assert abs(len(kept) - len(lit)) < 0.03 * count
+    np.testing.assert_allclose(np.median(kept, axis=0), np.median(lit, axis=0), atol=2)
+
+
+@pytest.mark.parametrize("richer", [1.0, 1.15], ids=["of the same hue", "richer"])
+def test_shade_of_the_key_light_stays(richer: float) -> None:
+    gray = PEACH.mean()
+    skin = np.concatenate([shaded(PEACH, 300, (0.8, 1.0)), shaded(gray + richer * (PEACH - gray), 200, (0.3, 0.8))])
+    assert in_key_light(skin) is skin
+
+
+def test_a_little_cool_shade_stays_as_it_may_be_a_beard() -> None:
+    skin = np.concatenate([shaded(PEACH, 450, (0.6, 1.0)), shaded(np.array((130.0, 118.0, 122.0)), 60, (0.7, 1.0))])
+    assert in_key_light(skin) is skin
+
+
+def test_no_skin_is_no_skin() -> None:
+    assert in_key_light(np.zeros((0, 3), np.float32)).shape == (0, 3)
