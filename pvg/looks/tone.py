@@ -34,6 +34,7 @@ _FLATTEST = 0.4  # of what may be the most of k
 # what is redder or yellower than the rest of the skin looks like a stain on skin of another hue: k falls by that share
 # where the saturation, levels of chroma a level of luma, moves by so much [by eye]
 _OTHER_HUE, _OTHER = 0.4, 0.08
+_OTHER_HUE_BROAD = 0.65  # the same of k at the curves, where it tells of patches: a flushed nose or chin [by eye]
 # of a pixel darker than the middle of the skin: the power of T/Y beside that of T' in its slope, where that is more. A
 # face made bright by lifted shadows is flat, brows and stubble milky; T's slope alone keeps them so [by eye]
 _CRISP = 0.8
@@ -126,13 +127,15 @@ def _box(table: Doubles) -> Doubles:
 class SkinMap:
     """The map F of a skin's colours to another's.
 
-    tone: (256,) T;  own, goal: the usual chroma before and after;  spread: k.
+    tone: (256,) T;  own, goal: the usual chroma before and after;  spread: k;  broad: k of what is no finer than the
+    curves, at most that.
     """
 
     tone: Doubles
     own: UsualChroma
     goal: UsualChroma
     spread: float
+    broad: float
 
     @classmethod
     def between(cls, skin: Floats, moved: Doubles) -> SkinMap:
@@ -148,14 +151,19 @@ class SkinMap:
         most = min(1.0, brighter, chroma[0] / chroma[1])
         lumas = np.array([middle, middle * brighter])
         shift = (goal.at(lumas[1:])[0] - own.at(lumas[:1])[0] * brighter) / max(lumas[1], 1.0)
-        most *= 1.0 - _OTHER_HUE * min(1.0, float(np.hypot(*shift)) / _OTHER)
-        return cls(tone, own, goal, min(max(float(spread), _LEAST_SPREAD), max(most, _FLATTEST)))
+        other = min(1.0, float(np.hypot(*shift)) / _OTHER)
+        k = min(max(float(spread), _LEAST_SPREAD), max(most * (1.0 - _OTHER_HUE * other), _FLATTEST))
+        return cls(tone, own, goal, k, k * (1.0 - _OTHER_HUE_BROAD * other))
 
-    def __call__(self, colors: Floats) -> Doubles:
-        """Map (n, 3) colours, 0-255 RGB; the result may leave that range."""
+    def __call__(self, colors: Floats, spread: float | None = None) -> Doubles:
+        """Map (n, 3) colours, 0-255 RGB; the result may leave that range.
+
+        spread: k, that of single pixels when None.
+        """
         opponent = to_opponent(colors)
         luma = np.interp(opponent[:, 0], np.arange(256.0), self.tone)
-        chroma = self.goal.at(luma) + self.spread * (opponent[:, 1:] - self.own.at(opponent[:, 0]))
+        k = self.spread if spread is None else spread
+        chroma = self.goal.at(luma) + k * (opponent[:, 1:] - self.own.at(opponent[:, 0]))
         return to_rgb(np.column_stack([luma, chroma]))
 
     @property

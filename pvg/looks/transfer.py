@@ -15,6 +15,7 @@ import numpy as np
 
 from pvg._arrays import Doubles, Floats
 from pvg.asset import FaceSummary, KeyFrame, VectorVideo, faces_by_index
+from pvg.curves import GROUPS, table_labels
 from pvg.face.parts import PARTS
 from pvg.looks.apart import parts_apart
 from pvg.looks.color_map import SMALLEST_GROUP, ColorMap, TransportSteps, all_colors_map
@@ -140,7 +141,9 @@ def transfer(
 
 
 def _at_curves(skin: SkinMap) -> ColorMap:
-    return lambda key: skin(key.colors)
+    """F at the curves: on skin with its k for patches, which H(g' − F(g)) then evens."""
+    on_skin = (table_labels().group == GROUPS.index("skin"))[:, None]
+    return lambda key: np.where(on_skin, skin(key.colors, skin.broad), skin(key.colors))
 
 
 def _skin_map(key: KeyFrame, target: KeyFrame, steps: TransportSteps) -> SkinMap | None:

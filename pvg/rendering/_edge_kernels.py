@@ -148,9 +148,10 @@ def _chroma_row(plane: Samples, y: int, log2y: int, out: Floats) -> None:
 def _chroma_at(row: Floats, x: int, log2x: int) -> np.float32:
     """What a row of chroma samples, on every second column when log2x is 1, has at luma's column `x`."""
     k = x >> log2x
+    value: np.float32 = row[k]
     if log2x and x & 1:
-        return np.float32(0.5) * (row[k] + row[min(k + 1, len(row) - 1)])
-    return row[k]
+        value = np.float32(0.5) * (value + row[min(k + 1, len(row) - 1)])
+    return value
 
 
 @kernel(fastmath=True)

@@ -28,8 +28,8 @@ from pvg.raster import Raster
 from pvg.rendering import _body_kernels as kernels
 from pvg.rendering import _kernels
 from pvg.rendering.edges import refine
-from pvg.rendering.map_tables import MapTables
 from pvg.rendering.foreground import foreground
+from pvg.rendering.map_tables import MapTables
 from pvg.rendering.placed_face import PlacedFace
 from pvg.rendering.planes import luma_bend, opponent_matrix, over_chroma, with_patches, without_fine_detail
 from pvg.skin import Matte

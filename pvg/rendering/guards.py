@@ -6,8 +6,8 @@ skin darkens,
 
     Y' = (Y_skin' / Y_skin)^s · Y        c' = min(1, (Y_skin' / Y_skin)^s) · c
 
-which is the clip itself where the skin stays. Chroma never grows: a dark eye in the warm shade of a face has little, and
-would turn red when it is made bright. `planes` adds a part of the skin's change of chroma: in warm light white is a
+which is the clip itself where the skin stays. Chroma never grows: a dark eye in the warm shade of a face has little,
+and would turn red when it is made bright. `planes` adds a part of the skin's change of chroma: in warm light white is a
 little warm.
 """
 

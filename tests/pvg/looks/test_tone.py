@@ -110,3 +110,16 @@ def test_beside_its_own_face_skin_stays_as_it_is(seed: int) -> None:
     skin = skin_like(seed)
     same = SkinMap.between(skin, skin.astype(float))
     np.testing.assert_allclose(same.beside(same.tone), np.arange(256), atol=0.3)
+
+
+@given(seeds)
+def test_patches_differ_less_on_skin_of_another_hue_and_as_much_on_its_own(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    pink = rng.normal((190, 150, 140), 4, (300, 3)).astype(np.float32)
+    pink[:60] += np.float32((8, -4, 0))  # a flushed nose
+    for color, least, most in (((150, 110, 70), 0.3, 0.45), ((190, 150, 140), 0.8, 1.0)):
+        change = SkinMap.between(pink, rng.normal(color, 4, (300, 3)))
+        mapped = [change(pink, k) for k in (change.broad, None)]
+        flush = [to_opponent((each[:60].mean(axis=0) - each[60:].mean(axis=0))[None])[0, 1:] for each in mapped]
+        patch, texture = (float(np.hypot(*each)) for each in flush)
+        assert least * texture < patch < most * texture

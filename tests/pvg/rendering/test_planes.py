@@ -143,7 +143,7 @@ def test_what_a_guard_holds_is_dimmed_in_its_own_hue(pixel_format: PixelFormat) 
 
 @pytest.mark.parametrize("pixel_format", FORMATS, ids=lambda f: f.name)
 def test_what_a_guard_holds_is_brightened_without_more_chroma(pixel_format: PixelFormat) -> None:
-    """A dark eye in warm shade is a little red; as bright as the face becomes, with all of its saturation, it is red."""
+    """A dark eye in warm shade is a little red; with all of its saturation it is as red as the face gets bright."""
     eye = np.array((80, 60, 56))
     frame = frame_of(np.full((SIDE, SIDE, 3), eye, np.uint8), pixel_format)
     alpha, guard = np.zeros((32, 32), np.float32), Guard(8, 8, np.ones((16, 16), np.float32), np.zeros(2, np.float32))
