@@ -21,6 +21,9 @@ from pvg._arrays import Doubles, Floats
 _LUMA = np.array([0.299, 0.587, 0.114])
 _QUANTILES = (0.03, 0.10, 0.25, 0.50, 0.75, 0.90, 0.97)
 _SLOPES = (0.45, 2.0)  # of the tone curve between two quantiles [by eye: outside, blotches or a flat wash]
+# the same over T/Y, the slope of the same skin in more or less light: what contrast of the reference may add to the
+# shading that is there, and take of it [by eye: above, faint shading turns to soot where skin is made dark]
+_GAINS = (0.55, 1.5)
 _FEATURES = 0.45  # of the skin's median luma, below which what is seen in a face is no skin [by eye]
 _STEEPEST = 3.5  # slope from there to the darkest skin: features stay dark beside shadows that are lifted [by eye]
 _EVEN = 0.35  # power of the whole curve's slope in each, against blotches where one stretch alone is steep [by eye]
@@ -98,8 +101,10 @@ def tone_curve(source: Doubles, target: Doubles) -> Doubles:
     gaps = np.diff(s)
     each = (np.diff(t) + _LEAST_STEP) / (gaps + _LEAST_STEP)
     whole = (t[-1] - t[0] + _LEAST_STEP) / (s[-1] - s[0] + _LEAST_STEP)
-    rise = np.clip(each ** (1.0 - _EVEN) * whole**_EVEN, *_SLOPES) * gaps
-    t = t[middle] + np.concatenate([-np.cumsum(rise[:middle][::-1])[::-1], [0.0], np.cumsum(rise[middle:])])
+    slopes = np.clip(each ** (1.0 - _EVEN) * whole**_EVEN, *_SLOPES)
+    down, up = slice(middle, None, -1), slice(middle, None)
+    for way, steps in ((down, slopes[:middle][::-1]), (up, slopes[middle:])):
+        t[way] = _climb(s[way], float(t[middle]), steps)
     s_middle, t_middle = min(max(float(s[middle]), 1.0), 254.0), float(t[middle])
     dark, ratio = _FEATURES * s_middle, t_middle / s_middle
     if dark < s[0]:  # brows, lashes and pupils are darker than any skin: they keep their distance to it in light
@@ -114,6 +119,17 @@ def tone_curve(source: Doubles, target: Doubles) -> Doubles:
     # the corner at the median is rounded as well: the curve is led back through it, its ends stay
     led = np.minimum(levels / s_middle, (255.0 - levels) / (255.0 - s_middle))
     return smooth + (t_middle - float(np.interp(s_middle, levels, smooth))) * led
+
+
+def _climb(s: Doubles, start: float, slopes: Doubles) -> Doubles:
+    """T at lumas `s` (n,) from the first on, where it is `start`, by slopes (n - 1,) that are bounded by `_GAINS`."""
+    t = [start]
+    for here, there, slope in zip(s, s[1:], slopes, strict=False):
+        same_light = t[-1] / max(here, 1.0)
+        to_white = (255.0 - t[-1]) / max(255.0 - here, 1.0)
+        least = _GAINS[0] * same_light if there < here else min(_GAINS[0] * same_light, to_white)
+        t.append(t[-1] + (there - here) * float(np.clip(slope, least, max(_GAINS[1] * same_light, least))))
+    return np.array(t)
 
 
 def _box(table: Doubles) -> Doubles:

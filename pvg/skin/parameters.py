@@ -316,6 +316,7 @@ class BodyNumbers:
     person: float = 14.0  # nats from no person to a person [by eye]
     person_for: float = 1.0  # nats at most for being a person [by eye]
     no_person: float = 0.25  # of the person mask [by eye]: less is none
+    any_person: Range = (0.05, 0.3)  # of the person mask [by eye]: where ears and neck of the face's matte may be
     head: float = 8.0  # nats against skin around the head [by eye]: what is not the face's matte there is hair
     head_beside: float = 0.40  # face sizes beside the oval [by eye]
     head_above: float = 0.5  # face sizes above the oval [by eye]

@@ -80,6 +80,13 @@ class Scene:
             return None
         return _maps(self.flow, self.raster.shape)
 
+    def people(self, raster: Raster) -> Floats:
+        """Where people may be in the cells (h, w) of another raster: float32, 0 where none are, up to 1."""
+        xs, ys = (np.asarray(v, np.float32) for v in raster.centers())
+        person = self.raster.read(self.person.astype(np.float32) / np.float32(255), xs, ys)
+        low, high = _BODY.any_person
+        return np.asarray(np.clip((person - low) / np.float32(high - low), 0, 1), np.float32)
+
 
 def _maps(flow: Floats, shape: tuple[int, int]) -> tuple[Floats, Floats]:
     h, w = shape

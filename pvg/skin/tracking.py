@@ -20,6 +20,7 @@ from pvg.skin.matte import Matte
 from pvg.skin.occlusion import occluder_alpha, open_skin
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import SpatialPrior, face_area, face_box, head_shape, spatial_prior
+from pvg.skin.scene import Scene
 from pvg.skin.segmentation import MaskMethod, red_chroma_mask, segment
 from pvg.skin.tint import tint_slopes, without_tilt
 from pvg.skin.warp import rbf_warp
@@ -136,8 +137,11 @@ class SkinTracker:
         self.seen: MatteInTime | None = None
         self._flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
 
-    def step(self, frame: Picture | Bytes, landmarks: Landmarks) -> Matte:
-        """The matte of the next frame, a picture or (H, W, 3) uint8 RGB;  landmarks: source pixels."""
+    def step(self, frame: Picture | Bytes, landmarks: Landmarks, scene: Scene | None = None) -> Matte:
+        """The matte of the next frame, a picture or (H, W, 3) uint8 RGB.
+
+        landmarks: source pixels;  scene: the frame's, by which walls and shelves beside ears and neck are known.
+        """
         picture = as_picture(frame)
         raster = self._next_raster(landmarks)
         small, visible = picture.cells(raster), raster.inside(picture.size)
@@ -148,6 +152,8 @@ class SkinTracker:
         prior = spatial_prior(raster.shape, own)
         self.light = _face_color(small, prior.sample & visible)
         probability, occluder = _estimate(self._model.learned, small, prior, own.stacked, visible)
+        if scene is not None:
+            probability = _of_people(probability, scene.people(raster), prior)
         mask, alpha = self._smooth_in_time(small, probability, prior)
         # last, so that skin that comes back is still known
         mask, alpha = mask & (occluder < 0.5), alpha * prior.fade * (1 - occluder)
@@ -230,6 +236,17 @@ def _estimate(
     radius = max(2, round(_TRACKING.filter_radius * prior.size))
     filtered = cv2.ximgproc.guidedFilter(rgb, probability, radius, _TRACKING.filter_epsilon)
     return np.asarray(np.clip(filtered, 0, 1), np.float32), occluder
+
+
+def _of_people(probability: Floats, people: Floats, prior: SpatialPrior) -> Floats:
+    """The probability of skin (h, w), none outside of the face's contour where nobody is.
+
+    A network that does not see the face itself is not asked what is beside it.
+    """
+    seen = people[prior.sample]
+    if not len(seen) or float(np.median(seen)) < 1:
+        return probability
+    return np.asarray(np.where(prior.face, probability, probability * people), np.float32)
 
 
 _WEIGHTS = PosteriorWeights(

@@ -241,7 +241,7 @@ class _Work:
         faces = []
         for number, found in enumerate(t for t in result.tracks if t.width_px >= self.min_face_px):
             track = smooth(found)
-            faces.append(self.face(number, track, key_view(track, 0, picture)))
+            faces.append(self.face(number, track, key_view(track, 0, picture, *scenes)))
             faces[-1].add_key_frame_only(track, scenes, writer)
         return _Done(tuple(faces), (0,), result.frame_count)
 

@@ -25,11 +25,15 @@ HISTORY = 96  # frames before them that tell jitter from movement
 
 @dataclass(frozen=True, eq=False)
 class KeyView:
-    """The frame whose colours a track is known by.  row: counted from the track's first frame."""
+    """The frame whose colours a track is known by.
+
+    row: counted from the track's first frame;  scene: of that frame, if there is one.
+    """
 
     row: int
     picture: Picture
     landmarks: Landmarks
+    scene: Scene | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,12 +208,13 @@ class Following:
         row = 0 if self._from_first_row else first_good_row(window)
         if not (ended or self._from_first_row or good_rows(window)[row]):
             return None
-        return key_view(window, row, course.pictures[window.first + row])
+        frame = window.first + row
+        return key_view(window, row, course.pictures[frame], self._scenes.get(frame))
 
 
-def key_view(track: FaceTrack, row: int, picture: Picture) -> KeyView:
+def key_view(track: FaceTrack, row: int, picture: Picture, scene: Scene | None = None) -> KeyView:
     """A row of a track, seen in a picture, as its key view."""
-    return KeyView(row, picture, track.landmarks[row])
+    return KeyView(row, picture, track.landmarks[row], scene)
 
 
 def rows_between(track: FaceTrack, start: int, stop: int) -> FaceTrack:

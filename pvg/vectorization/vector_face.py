@@ -82,7 +82,7 @@ class VectorFace:
         self._key_row = key.row
         self._key: KeyView | None = key
         skin = SkinTracker(model)
-        self.key_matte, self._key_light = skin.step(key.picture, key.landmarks), skin.light
+        self.key_matte, self._key_light = skin.step(key.picture, key.landmarks, key.scene), skin.light
         self._no_body = np.zeros(scene_raster(key.picture.size).shape, np.uint8)
         self._watch: ExposureWatch | None = None
         if reset is None:
@@ -93,13 +93,14 @@ class VectorFace:
         self._fit_key()
         for k, picture in enumerate(stretch.pictures):
             rows, row = stretch.rows, stretch.start + k
-            matte = self._skin.step(picture, rows.landmarks[k])
+            scenes = stretch.scenes[k : k + 1]
+            matte = self._skin.step(picture, rows.landmarks[k], scenes[0] if scenes else None)
             if self._reset is not None and row % self._reset == 0 and row not in self._keys:
                 self._fit(row, picture, rows.landmarks[k], matte)
             if self._watch is not None:
                 score, pose = float(rows.score[k]), rows.pose[k]
                 self._fit_due(self._watch.see(row, picture, rows.landmarks[k], matte, score, pose))
-            body = self._body_alpha(stretch.scenes[k : k + 1], rows.landmarks[k], matte, self._skin.light)
+            body = self._body_alpha(scenes, rows.landmarks[k], matte, self._skin.light)
             self._unwritten.append((rows, k, float(stretch.visible[k]), body))
             steady = matte if self._skin.seen is None else self._consensus.add(self._skin.seen)
             if steady is not None:
