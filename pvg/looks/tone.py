@@ -37,7 +37,7 @@ _FLATTEST = 0.4  # of what may be the most of k
 # what is redder or yellower than the rest of the skin looks like a stain on skin of another hue: k falls by that share
 # where the saturation, levels of chroma a level of luma, moves by so much [by eye]
 _OTHER_HUE, _OTHER = 0.4, 0.08
-_OTHER_HUE_BROAD = 0.65  # the same of k at the curves, where it tells of patches: a flushed nose or chin [by eye]
+_OTHER_HUE_BROAD = 0.6  # the same of k at the curves, where it tells of patches: a flushed nose or chin [by eye]
 # of a pixel darker than the middle of the skin: the power of T/Y beside that of T' in its slope, where that is more. A
 # face made bright by lifted shadows is flat, brows and stubble milky; T's slope alone keeps them so [by eye]
 _CRISP = 0.8
@@ -126,9 +126,8 @@ def _climb(s: Doubles, start: float, slopes: Doubles) -> Doubles:
     t = [start]
     for here, there, slope in zip(s, s[1:], slopes, strict=False):
         same_light = t[-1] / max(here, 1.0)
-        to_white = (255.0 - t[-1]) / max(255.0 - here, 1.0)
-        least = _GAINS[0] * same_light if there < here else min(_GAINS[0] * same_light, to_white)
-        t.append(t[-1] + (there - here) * float(np.clip(slope, least, max(_GAINS[1] * same_light, least))))
+        least = _GAINS[0] * same_light if there < here else 0.0  # what gets near to white has no room for shading
+        t.append(t[-1] + (there - here) * float(np.clip(slope, least, _GAINS[1] * same_light)))
     return np.array(t)
 
 

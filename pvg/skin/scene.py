@@ -120,13 +120,15 @@ class SceneReader:
         if not cut and self._grey is not None and self._grey.shape == grey.shape:
             flow = np.asarray(self._flow.calc(grey, self._grey, np.zeros((*grey.shape, 2), np.float32)), np.float32)
         self._age += 1
-        if flow is None or self._person is None or self._age >= _BODY.person_every:
-            person: Bytes = np.asarray(np.rint(person_mask(rgb) * 255), np.uint8)
-            self._age = 0
-        else:
+        person: Bytes | None = None
+        if flow is not None and self._person is not None:
             maps = _maps(flow, raster.shape)
             moved = cv2.remap(self._person, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
             person = np.asarray(moved, np.uint8)
+        if person is None or self._age >= _BODY.person_every:
+            new: Bytes = np.asarray(np.rint(person_mask(rgb) * 255), np.uint8)
+            person = new if person is None else np.asarray(cv2.addWeighted(new, 0.5, person, 0.5, 0), np.uint8)
+            self._age = 0
         self._grey, self._person = grey, person
         return Scene(raster, rgb, person, flow, tuple(faces))
 
