@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -110,6 +111,21 @@ def test_beside_its_own_face_skin_stays_as_it_is(seed: int) -> None:
     skin = skin_like(seed)
     same = SkinMap.between(skin, skin.astype(float))
     np.testing.assert_allclose(same.beside(same.tone), np.arange(256), atol=0.3)
+
+
+@pytest.mark.parametrize(("start", "stop"), [(190, 110), (110, 190), (90, 225)])
+def test_shading_is_neither_enlarged_to_soot_nor_flattened_to_a_mask(start: int, stop: int) -> None:
+    """T' stays within bounds of T/Y, the slope of the same face in more or less light, where there is room."""
+    rng = np.random.default_rng(start)
+    for own, wanted in ((5, 40), (25, 3)):  # flat and shaded faces by shaded and flat references
+        source, target = rng.normal(start, own, 600), rng.normal(stop, wanted, 600)
+        table = tone_curve(np.clip(source, 1, 254), np.clip(target, 1, 254))
+        levels = np.arange(256.0)
+        seen = (levels > np.quantile(source, 0.05)) & (levels < np.quantile(source, 0.95))
+        gains = (np.gradient(table) * levels / np.maximum(table, 1))[seen]
+        assert gains.max() < 1.9  # 1.5 between quantiles, a little more where corners are rounded
+        if wanted < own:
+            assert gains[: len(gains) // 2].min() > 0.35
 
 
 @given(seeds)

@@ -10,7 +10,8 @@ import pytest
 
 from benchmarks.quality.measures import iou
 from pvg.face import layout
-from pvg.skin import Matte, SkinTracker, fit_skin_model, skin_mask
+from pvg.skin import Matte, SkinTracker, fit_skin_model, scene_raster, skin_mask
+from pvg.skin import Scene as WholePicture
 from tests.gallery.faces import real_landmarks
 from tests.gallery.scenes import Scene, alpha_of, drawn_face, mask_of
 
@@ -57,6 +58,36 @@ def test_the_matte_does_not_fade_along_the_pictures_edge() -> None:
     assert last[column - 20 : column + 20].min() > 0.95
     rows = matte.raster.centers()[1]
     assert not matte.mask[rows > scene.rgb.shape[0] - 0.5].any()
+
+
+def _seen(scene: Scene, people: np.ndarray) -> WholePicture:
+    """The whole picture with people (H, W) bool where they are said to be."""
+    raster = scene_raster(scene.rgb.shape[:2])
+    h, w = raster.shape
+    rgb, person = (
+        cv2.resize(each, (w, h), interpolation=cv2.INTER_AREA) for each in (scene.rgb, people.astype(np.uint8) * 255)
+    )
+    return WholePicture(raster, np.asarray(rgb, np.uint8), np.asarray(person, np.uint8), None, (scene.landmarks,))
+
+
+def test_a_wall_of_the_skins_colour_beside_the_neck_is_no_skin() -> None:
+    scene = drawn_face(width=150, center=(160, 120))
+    chin, side = scene.landmarks.points[layout.CHIN], scene.landmarks.axes.width * 0.5
+    shelf = np.zeros_like(scene.skin)
+    rows = slice(round(float(chin[1] + 12)), round(float(chin[1] + 40)))
+    shelf[rows, : round(float(chin[0] + side))] = True
+    shelf &= ~cv2.dilate(scene.skin.astype(np.uint8), np.ones((5, 5))).astype(bool)
+    scene.rgb[shelf] = np.median(scene.rgb[scene.skin], axis=0)
+    taken = {}
+    for name, people in (("nobody asked", None), ("people", ~shelf), ("nobody seen", np.zeros_like(shelf))):
+        tracker = SkinTracker(fit_skin_model(scene.rgb, scene.landmarks))
+        matte = tracker.step(scene.rgb, scene.landmarks, None if people is None else _seen(scene, people))
+        alpha = alpha_of(matte, scene.rgb.shape)
+        taken[name] = float(alpha[shelf].sum())
+        assert alpha[scene.skin].mean() > 0.9
+    assert taken["nobody asked"] > 200  # pixels
+    assert taken["people"] < 0.3 * taken["nobody asked"]
+    assert taken["nobody seen"] == taken["nobody asked"]  # a network that misses the face is not believed
 
 
 def test_a_jump_leaves_no_ghost() -> None:

@@ -33,6 +33,25 @@ def test_the_sample_is_the_faces_skin(image: pvg.VectorVideo) -> None:
     assert np.linalg.norm(sample - rgb[lips[1], lips[0]].astype(float), axis=1).min() > 3
 
 
+@pytest.mark.parametrize(
+    ("gain", "left_out"), [(0.3, True), (0.62, True), (0.8, False), (1.15, False)], ids=lambda value: str(value)
+)
+def test_a_beard_is_no_sample_and_shade_is_one(image: pvg.VectorVideo, gain: float, left_out: bool) -> None:
+    data = image.face_at(0, 0)
+    assert data is not None
+    rgb = source_frame(image, 0).rgb()
+    down = data.landmarks.axes.down
+    ys, xs = np.indices(rgb.shape[:2])
+    at = data.landmarks.points[layout.NOSE_TIP]
+    lower = (xs - at[0]) * down[0] + (ys - at[1]) * down[1] > 0
+    even = np.empty_like(rgb)
+    even[:] = (190, 140, 115)
+    even[lower] = np.clip(np.array((190, 140, 115)) * gain, 0, 255)
+    _, places = skin_sample(even, np.ones(rgb.shape[:2], np.float32), data.landmarks)
+    below = (places - at) @ down > 0
+    assert bool(below.any()) is not left_out
+
+
 def test_without_enough_skin_there_is_no_sample(image: pvg.VectorVideo) -> None:
     data = image.face_at(0, 0)
     assert data is not None
