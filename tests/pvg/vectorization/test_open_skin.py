@@ -33,9 +33,7 @@ def test_the_sample_is_the_faces_skin(image: pvg.VectorVideo) -> None:
     assert np.linalg.norm(sample - rgb[lips[1], lips[0]].astype(float), axis=1).min() > 3
 
 
-@pytest.mark.parametrize(
-    ("gain", "left_out"), [(0.3, True), (0.62, True), (0.8, False), (1.15, False)], ids=lambda value: str(value)
-)
+@pytest.mark.parametrize(("gain", "left_out"), [(0.3, True), (0.62, True), (0.8, False), (1.15, False)], ids=str)
 def test_a_beard_is_no_sample_and_shade_is_one(image: pvg.VectorVideo, gain: float, left_out: bool) -> None:
     data = image.face_at(0, 0)
     assert data is not None
