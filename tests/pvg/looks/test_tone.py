@@ -121,7 +121,7 @@ def test_shading_is_neither_enlarged_to_soot_nor_flattened_to_a_mask(start: int,
         source, target = rng.normal(start, own, 600), rng.normal(stop, wanted, 600)
         table = tone_curve(np.clip(source, 1, 254), np.clip(target, 1, 254))
         levels = np.arange(256.0)
-        seen = (levels > np.quantile(source, 0.05)) & (levels < np.quantile(source, 0.95))
+        seen = (levels > np.quantile(source, 0.05)) & (levels < np.quantile(source, 0.8))
         gains = (np.gradient(table) * levels / np.maximum(table, 1))[seen]
         assert gains.max() < 1.9  # 1.5 between quantiles, a little more where corners are rounded
         if wanted < own:
