@@ -341,7 +341,7 @@ def run_clip(job: ClipJob) -> dict[str, Any]:
             if frame.index in color_frames and view.bare.any():
                 if tone is None:
                     tone = np.median(view.crop(frame.rgb())[view.bare], axis=0)
-                colors.add(frame, view_of(seen[frame.index], size))
+                colors.add(frame, view_of(seen[frame.index], size).looked_at(frame.rgb()))
             over_time.add(frame, view)
         rate = video.media.frame_rate or 25.0
         cases = [

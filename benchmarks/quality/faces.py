@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -37,6 +37,7 @@ _MARGIN = 0.03  # of the face's width: features grow and the matte shrinks by it
 _LID, _LASHES = 0.055, 0.01  # of the face's width around the eye: lids, and what is eye or lashes
 _RING = (0.03, 0.10)  # of the face's width outside the lips
 _LEAST_SKIN = 200  # pixels
+_BEARD = 17.0  # CIELAB distance of upper and lower face [measured: bearded ones 19 to 43, others at most 16]
 _MOST_PIXELS = 20_000
 
 
@@ -59,12 +60,14 @@ def hulls(shape: tuple[int, int], polygons: list[Floats]) -> Bools:
 class View:
     """One face in one frame over a window of the picture.
 
-    window: rows and columns of the picture;  size: (width, height) of the picture.
+    window: rows and columns of the picture;  size: (width, height) of the picture;
+    bearded: whether the lower face shows a beard and no skin, see `looked_at`.
     """
 
     data: FaceInFrame
     window: tuple[slice, slice]
     size: tuple[int, int]
+    bearded: bool = False
 
     @cached_property
     def alpha(self) -> Floats:
@@ -98,9 +101,29 @@ class View:
         """(h, w) bool: `face`, grown, so that its edge counts."""
         return cv2.dilate(self.face.astype(np.uint8), odd_kernel(_MARGIN * self.width)).astype(np.bool_)
 
-    @cached_property
+    @property
     def skin(self) -> Bools:
-        """(h, w) bool: open skin of the face: `inner` within the oval, without brows, eyes, lips and nostrils."""
+        """(h, w) bool: open skin of the face: `shaven`, or `bare` where there is a beard."""
+        return self.bare if self.bearded else self.shaven
+
+    def looked_at(self, rgb: Image) -> View:
+        """This view of a picture (H, W, 3) with `bearded` by what it shows.
+
+        A lower face that is a beard is darker than the upper one and at least `_BEARD` from it in CIELAB, medians.
+        """
+        part = self.crop(rgb)
+        upper, lower = part[self.bare], part[self.shaven & ~self.bare]
+        if min(len(upper), len(lower)) < _LEAST_SKIN:
+            return self
+        above, below = (
+            cv2.cvtColor(np.median(pixels, axis=0)[None, None].astype(np.float32) / 255, cv2.COLOR_RGB2Lab)[0, 0]
+            for pixels in (upper, lower)
+        )
+        return replace(self, bearded=bool(below[0] < above[0] and np.linalg.norm(below - above) > _BEARD))
+
+    @cached_property
+    def shaven(self) -> Bools:
+        """(h, w) bool: `inner` within the oval, without brows, eyes, lips and nostrils."""
         face = self._in_window
         features = hulls(self.alpha.shape, [face.points[feature] for feature in _FEATURES])
         grown = cv2.dilate(features.astype(np.uint8), odd_kernel(_MARGIN * self.width)).astype(np.bool_)
@@ -109,12 +132,12 @@ class View:
 
     @cached_property
     def bare(self) -> Bools:
-        """(h, w) bool: `skin` above the nose's base, where no beard grows."""
+        """(h, w) bool: `shaven` above the nose's base, where no beard grows."""
         origin = np.array([self.window[1].start, self.window[0].start], np.float32)
         down = self.data.landmarks.axes.down
         base = float((self.data.landmarks.points[layout.NOSE_BASE].mean(axis=0) - origin) @ down)
-        ys, xs = np.indices(self.skin.shape, np.float32)
-        return np.asarray(self.skin & (xs * down[0] + ys * down[1] < base), np.bool_)
+        ys, xs = np.indices(self.shaven.shape, np.float32)
+        return np.asarray(self.shaven & (xs * down[0] + ys * down[1] < base), np.bool_)
 
     @cached_property
     def parts(self) -> dict[str, Bools]:
@@ -206,7 +229,7 @@ def read_reference(path: Path, asset: Path) -> Reference:
     if data is None:
         raise ValueError(f"{path.name} has no face in its key frame")
     rgb = source_frame(video, frame).rgb()
-    view = view_of(data, (rgb.shape[1], rgb.shape[0]))
+    view = view_of(data, (rgb.shape[1], rgb.shape[0])).looked_at(rgb)
     part = view.crop(rgb)
     skin, bare = part[view.skin], part[view.bare]
     if len(bare) < _LEAST_SKIN:

@@ -56,6 +56,8 @@ class Publisher:
         """Send what is pending, then stop; gives up after a few seconds, as the reaper sends the rest."""
         self._pending.put(None)
         self._thread.join(timeout=2)
+        if self._thread.is_alive():
+            log.warning("messages are left to the reaper", count=max(self._pending.qsize() - 1, 0))
 
     def publish(self, messages: Iterable[Message]) -> None:
         """Queue messages for sending. Returns at once and never fails."""
