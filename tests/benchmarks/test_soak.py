@@ -35,7 +35,8 @@ def test_a_soak_of_20_s() -> None:
         "memory of worker",
         "memory of children",
         "threads",
-        "disk",
+        "disk: records",
+        "disk: media",
     }
     assert all(one.first > 0 for one in slopes if one.unit not in ("jobs", "disk MB"))
     assert work.done["succeeded"] > 0
