@@ -27,6 +27,8 @@ _WRITERS: Final = 16
 _STORERS: Final = 16
 #: seconds after which a request gives up, and is answered 503
 _PATIENCE_S: Final = 6.0
+#: and after which one that reads tries no more for a lock
+_READ_AGAIN_S: Final = 2.0
 #: between two tries for a lock
 _PAUSES_S: Final = (0.02, 0.1)
 
@@ -39,10 +41,20 @@ class Calls:
         self._storers = CapacityLimiter(_STORERS)
 
     async def read(self, call: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
-        """Run a call that changes nothing. Raises `UnavailableError` when it takes too long."""
+        """Run a call that changes nothing, again where it met a lock: readers meet one only while SQLite tidies up.
+
+        Raises `UnavailableError` when it takes too long, and the error of a lock that stays.
+        """
+        until = asyncio.get_running_loop().time() + _READ_AGAIN_S
         try:
             async with asyncio.timeout(_PATIENCE_S):
-                return await to_thread.run_sync(lambda: call(*args, **kwargs), abandon_on_cancel=True)
+                while True:
+                    try:
+                        return await to_thread.run_sync(lambda: call(*args, **kwargs), abandon_on_cancel=True)
+                    except Exception as error:
+                        if not is_locked(error) or asyncio.get_running_loop().time() >= until:
+                            raise
+                    await asyncio.sleep(random.uniform(*_PAUSES_S))  # noqa: S311 - only to come apart
         except TimeoutError as error:
             raise UnavailableError("the records do not answer; try again") from error
 

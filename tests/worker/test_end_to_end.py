@@ -255,7 +255,10 @@ def test_a_group_picture_is_a_reference_of_many_faces_and_a_clip_of_two_that_swa
     assert [warning[:13] for warning in of_faces(look)] == ["video, face 1", "video, face 4"]
     with pvg.vectorize(samples.several_faces) as own:
         expected = pvg.render_frame(own, pvg.exchange(own, (1, 4), contrast=(0.8, 1.2)), 0)
-    np.testing.assert_array_equal(drawn[0], expected)
+    # vectorised twice: last bits of matrix products change with where memory lies, and a cell of a matte with them
+    apart = np.abs(drawn[0].astype(int) - expected)
+    assert apart.max() <= 1
+    assert (apart > 0).mean() < 1e-4
 
 
 def test_a_clip_is_vectorised_in_the_papers_way_beside_ours(service: Service, clip: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import sqlite3
 import threading
 import time
@@ -12,8 +13,10 @@ from pathlib import Path
 import httpx
 import pytest
 from pydantic import SecretStr
+from sqlalchemy.exc import OperationalError
 
 from service.api import calls
+from service.api.calls import Calls
 from service.catalog import keys
 from service.settings import Settings
 from tests.service.api.test_media import upload
@@ -177,3 +180,31 @@ def test_while_the_object_store_is_away_records_are_still_read(api: Api, setting
             assert is_unavailable(away.client.post("/videos", content=MP4 + b"2"))
             assert away.client.get(f"/jobs/{job['id']}").json()["state"] == "succeeded"
             assert away.client.get("/videos").json()["data"][0]["id"] == video["id"]
+
+
+def _locked() -> OperationalError:
+    error = sqlite3.OperationalError("database is locked")
+    error.sqlite_errorcode = sqlite3.SQLITE_BUSY
+    return OperationalError("SELECT", None, error)
+
+
+@pytest.mark.parametrize(("times", "patience_s", "read"), [(3, 5.0, True), (10_000, 0.3, False)])
+def test_what_reads_tries_again_for_a_lock_that_is_let_go_of(
+    monkeypatch: pytest.MonkeyPatch, times: int, patience_s: float, *, read: bool
+) -> None:
+    monkeypatch.setattr(calls, "_READ_AGAIN_S", patience_s)
+    tries = []
+
+    def look() -> str:
+        tries.append(1)
+        if len(tries) <= times:
+            raise _locked()
+        return "read"
+
+    if read:
+        assert asyncio.run(Calls().read(look)) == "read"
+        assert len(tries) == times + 1
+    else:
+        with pytest.raises(OperationalError):
+            asyncio.run(Calls().read(look))
+        assert len(tries) > 2
