@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pvg
-from benchmarks.quality.color import ita
+from benchmarks.quality.color import ita, lab
 from pvg.asset import FaceInFrame, KeyFrame
 from pvg.curves import table_labels
 from pvg.face import Landmarks, layout
@@ -115,10 +115,7 @@ class View:
         upper, lower = part[self.bare], part[self.shaven & ~self.bare]
         if min(len(upper), len(lower)) < _LEAST_SKIN:
             return self
-        above, below = (
-            cv2.cvtColor(np.median(pixels, axis=0)[None, None].astype(np.float32) / 255, cv2.COLOR_RGB2Lab)[0, 0]
-            for pixels in (upper, lower)
-        )
+        above, below = (lab(np.median(pixels, axis=0)) for pixels in (upper, lower))
         return replace(self, bearded=bool(below[0] < above[0] and np.linalg.norm(below - above) > _BEARD))
 
     @cached_property

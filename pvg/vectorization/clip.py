@@ -235,14 +235,14 @@ class _Work:
         ((index, picture),) = self.pictures()
         result = track_faces([(index, picture)], frame_rate=self.rate)
         self._check_width(result)
-        scenes: list[Scene] = []
+        scene = None
         if self.mask == "landmarks":  # an image can be drawn as well
-            scenes = [SceneReader().step(picture, [track.landmarks[0] for track in result.tracks])]
+            scene = SceneReader().step(picture, [track.landmarks[0] for track in result.tracks])
         faces = []
         for number, found in enumerate(t for t in result.tracks if t.width_px >= self.min_face_px):
             track = smooth(found)
-            faces.append(self.face(number, track, key_view(track, 0, picture, *scenes)))
-            faces[-1].add_key_frame_only(track, scenes, writer)
+            faces.append(self.face(number, track, key_view(track, 0, picture, scene)))
+            faces[-1].add_key_frame_only(track, writer)
         return _Done(tuple(faces), (0,), result.frame_count)
 
     def _best_frame(self, writer: AssetWriter) -> _Done:
@@ -262,7 +262,7 @@ class _Work:
         row = best_row(track, self.reported(_BEST_FRAME, track.first, stop), matte_of)
         if row not in views:
             matte_of(row, self._picture(track.first + row))
-        views[row].add_key_frame_only(track, (), writer)
+        views[row].add_key_frame_only(track, writer)
         return _Done((views[row],), (0, *result.cuts), result.frame_count)
 
     def _check_width(self, found: FaceTracks) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
@@ -93,14 +92,14 @@ class VectorFace:
         self._fit_key()
         for k, picture in enumerate(stretch.pictures):
             rows, row = stretch.rows, stretch.start + k
-            scenes = stretch.scenes[k : k + 1]
-            matte = self._skin.step(picture, rows.landmarks[k], scenes[0] if scenes else None)
+            scene = stretch.scenes[k] if stretch.scenes else None
+            matte = self._skin.step(picture, rows.landmarks[k], scene)
             if self._reset is not None and row % self._reset == 0 and row not in self._keys:
                 self._fit(row, picture, rows.landmarks[k], matte)
             if self._watch is not None:
                 score, pose = float(rows.score[k]), rows.pose[k]
                 self._fit_due(self._watch.see(row, picture, rows.landmarks[k], matte, score, pose))
-            body = self._body_alpha(scenes, rows.landmarks[k], matte, self._skin.light)
+            body = self._body_alpha(scene, rows.landmarks[k], matte, self._skin.light)
             self._unwritten.append((rows, k, float(stretch.visible[k]), body))
             steady = matte if self._skin.seen is None else self._consensus.add(self._skin.seen)
             if steady is not None:
@@ -112,14 +111,12 @@ class VectorFace:
         for steady in self._consensus.end():
             self._write(*self._unwritten.popleft(), steady, writer)
 
-    def add_key_frame_only(self, track: FaceTrack, scenes: Sequence[Scene], writer: AssetWriter) -> None:
-        """Write just the key frame of the track, which is all that a reference needs.
-
-        scenes: the one of that frame, or none.
-        """
+    def add_key_frame_only(self, track: FaceTrack, writer: AssetWriter) -> None:
+        """Write just the key frame of the track, which is all that a reference needs."""
+        scene = None if self._key is None else self._key.scene
         self._fit_key()
         self.first = track.first + self._key_row
-        body = self._body_alpha(scenes, track.landmarks[self._key_row], self.key_matte, self._key_light)
+        body = self._body_alpha(scene, track.landmarks[self._key_row], self.key_matte, self._key_light)
         self._write(track, self._key_row, 1.0, body, self.key_matte, writer)
         self._remember(rows_between(track, self.first, self.first + 1))
 
@@ -188,11 +185,11 @@ class VectorFace:
         self._keys[row] = fitting.submit(_key_frame, frame, picture, landmarks, matte, self._seed)
         fitting.shutdown(wait=False)
 
-    def _body_alpha(self, scenes: Sequence[Scene], landmarks: Landmarks, matte: Matte, light: Floats) -> Bytes:
+    def _body_alpha(self, scene: Scene | None, landmarks: Landmarks, matte: Matte, light: Floats) -> Bytes:
         """The matte of the person's other skin in the scene of a row, nothing where none was made."""
-        if not scenes or self._body is None:
+        if scene is None or self._body is None:
             return self._no_body
-        return self._body.step(scenes[0], landmarks, matte, light).alpha
+        return self._body.step(scene, landmarks, matte, light).alpha
 
     def _write(self, rows: FaceTrack, k: int, visible: float, body: Bytes, matte: Matte, writer: AssetWriter) -> None:
         """matte: of the face;  body: alpha of the person's other skin."""

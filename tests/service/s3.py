@@ -67,6 +67,11 @@ class S3:
         """The keys of everything in the bucket."""
         return list(self.sizes())
 
+    def read(self, key: str) -> bytes:
+        """What is stored under a key."""
+        body: bytes = self.client().get_object(Bucket=self.bucket, Key=key)["Body"].read()
+        return body
+
     def contents(self) -> list[bytes]:
         """Everything in the bucket."""
         client, found = self.client(), []

@@ -107,6 +107,10 @@ class Service:
             str(path.relative_to(self.data_dir)) for path in self.data_dir.glob("blobs/**/*") if path.is_file()
         )
 
+    def blob(self, key: str) -> bytes:
+        """The bytes of one of `blobs`."""
+        return (self.data_dir / key).read_bytes() if self.s3 is None else self.s3.read(key)
+
     def sizes(self) -> dict[str, int]:
         """The size of everything in S3, by its key; nothing where it keeps files."""
         return {} if self.s3 is None else self.s3.sizes()

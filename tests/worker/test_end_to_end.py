@@ -253,12 +253,13 @@ def test_a_group_picture_is_a_reference_of_many_faces_and_a_clip_of_two_that_swa
     (look,) = swapped["looks"]
     drawn = frames(download(service, look["result"], tmp_path / "swapped.png"))
     assert [warning[:13] for warning in of_faces(look)] == ["video, face 1", "video, face 4"]
-    with pvg.vectorize(samples.several_faces) as own:
+    # from the very asset: a second vectorising may differ in last bits, and by them in a cell of a matte
+    asset = tmp_path / "group.pvg"
+    (key,) = (key for key in service.blobs() if "asset/" in key and video["id"] in key)
+    asset.write_bytes(service.blob(key))
+    with pvg.open_asset(asset, samples.several_faces) as own:
         expected = pvg.render_frame(own, pvg.exchange(own, (1, 4), contrast=(0.8, 1.2)), 0)
-    # vectorised twice: last bits of matrix products change with where memory lies, and a cell of a matte with them
-    apart = np.abs(drawn[0].astype(int) - expected)
-    assert apart.max() <= 1
-    assert (apart > 0).mean() < 1e-4
+    np.testing.assert_array_equal(drawn[0], expected)
 
 
 def test_a_clip_is_vectorised_in_the_papers_way_beside_ours(service: Service, clip: Path) -> None:
