@@ -39,7 +39,12 @@ def run_alone(function: Callable[..., Any], *arguments: Any, one_thread: bool = 
     """
     with tempfile.TemporaryDirectory() as folder:
         answer = Path(folder) / "answer.json"
-        command = [sys.executable, "-m", "benchmarks.alone", function.__module__, function.__name__]
+        module = function.__module__
+        if module == "__main__":  # run as a module, which has a name of its own
+            spec = sys.modules[module].__spec__
+            assert spec is not None
+            module = spec.name
+        command = [sys.executable, "-m", "benchmarks.alone", module, function.__name__]
         command += [json.dumps(arguments, default=str), str(answer), "1" if one_thread else "0"]
         subprocess.run(command, check=True, env=one_thread_environment() if one_thread else None)
         return Alone(**json.loads(answer.read_text()))

@@ -6,7 +6,7 @@ import numpy as np
 
 from pvg._arrays import Floats
 from pvg._compiled import kernel
-from pvg.rendering._kernels import Samples, _roll_off, _run
+from pvg.rendering._kernels import Samples, _roll_off, next_run
 
 
 @kernel(fastmath=True)
@@ -21,18 +21,22 @@ def apply_tone(
     """
     half, none = np.float32(0.5), np.float32(0.0)
     rise, fall = tables[0], tables[1]
+    toe, below, knee, above = bend[0], bend[1], bend[2], bend[3]
+    changes = np.empty(part.shape[1], np.float32)
     for i in range(part.shape[0]):
-        first, last = _run(alpha[i])
-        for j in range(first, last):
-            weight = alpha[i, j]
-            if weight == none:
-                continue
-            source = np.float32(before[i, j])
-            wanted = source + rise[broad[i, j]] + fall[before[i, j]]
-            change = _roll_off(wanted, bend[0], bend[1], bend[2], bend[3]) - _roll_off(
-                source, bend[0], bend[1], bend[2], bend[3]
-            )
-            part[i, j] = np.int32(min(max(np.float32(part[i, j]) + weight * change + half, none), top))
+        first, last = next_run(alpha[i], 0)
+        while first < last:
+            weight, change = alpha[i, first:last], changes[first:last]
+            was, wide, to = before[i, first:last], broad[i, first:last], part[i, first:last]
+            for j in range(last - first):
+                change[j] = rise[wide[j]] + fall[was[j]]
+            for j in range(last - first):
+                source = np.float32(was[j])
+                wanted = source + change[j]
+                change[j] = _roll_off(wanted, toe, below, knee, above) - _roll_off(source, toe, below, knee, above)
+            for j in range(last - first):
+                to[j] = np.int32(min(max(np.float32(to[j]) + weight[j] * change[j] + half, none), top))
+            first, last = next_run(alpha[i], last)
 
 
 @kernel(fastmath=True)
@@ -54,11 +58,10 @@ def apply_chroma(
     """
     half, none = np.float32(0.5), np.float32(0.0)
     for i in range(part.shape[0]):
-        first, last = _run(alpha[i])
         y = min(i << log2y, luma.shape[0] - 1)
-        for j in range(first, last):
-            weight = alpha[i, j]
-            if weight == none:
-                continue
-            change = shift[luma[y, min(j << log2x, luma.shape[1] - 1)]] + excess * np.float32(broad[i, j])
-            part[i, j] = np.int32(min(max(np.float32(part[i, j]) + weight * change + half, none), top))
+        first, last = next_run(alpha[i], 0)
+        while first < last:
+            for j in range(first, last):
+                change = shift[luma[y, min(j << log2x, luma.shape[1] - 1)]] + excess * np.float32(broad[i, j])
+                part[i, j] = np.int32(min(max(np.float32(part[i, j]) + alpha[i, j] * change + half, none), top))
+            first, last = next_run(alpha[i], last)

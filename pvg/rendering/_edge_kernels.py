@@ -133,25 +133,54 @@ def spread_to_cells(lines: Floats, touched: Bytes, cells: Floats) -> None:
 
 
 @kernel(fastmath=True)
-def _chroma_row(plane: Samples, y: int, log2y: int, out: Floats) -> None:
-    """The samples of a chroma plane at the height of luma's row `y`, between whose rows they lie."""
+def _chroma_row(plane: Samples, y: int, log2y: int, first: int, last: int, log2x: int, out: Floats) -> None:
+    """A chroma plane's samples for luma's columns [first, last) at the height of its row `y`, from two rows."""
     near = y >> log2y
     far = near
     if log2y:
         far = min(near + 1, plane.shape[0] - 1) if y & 1 else max(near - 1, 0)
     most, least = np.float32(0.75), np.float32(0.25)
-    for k in range(len(out)):
+    for k in range(first >> log2x, min((last >> log2x) + 1, len(out))):
         out[k] = most * np.float32(plane[near, k]) + least * np.float32(plane[far, k])
 
 
-@kernel(inline=True)
-def _chroma_at(row: Floats, x: int, log2x: int) -> np.float32:
-    """What a row of chroma samples, on every second column when log2x is 1, has at luma's column `x`."""
-    k = x >> log2x
-    value: np.float32 = row[k]
-    if log2x and x & 1:
-        value = np.float32(0.5) * (value + row[min(k + 1, len(row) - 1)])
-    return value
+@kernel(fastmath=True)
+def _widen(row: Floats, first: int, last: int, log2x: int, out: Floats) -> None:
+    """out[first:last] = what a row of chroma samples, on every second column when log2x is 1, has at luma's columns."""
+    if log2x == 0:
+        out[first:last] = row[first:last]
+        return
+    for x in range(first, last):
+        k = x >> 1
+        after = row[min(k + (x & 1), len(row) - 1)]
+        out[x] = np.float32(0.5) * (row[k] + after)
+
+
+@kernel(fastmath=True)
+def _stretch(
+    cells: Floats,
+    unknown: Bytes,
+    undecided: Bools,
+    starts: NDArray[np.int64],
+    begin: Floats,
+    pace: np.float32,
+    out: Floats,
+) -> None:
+    """out (LINE + 1, w): a row of cells (columns, LINE) and of `unknown` (columns,) along it at each pixel.
+
+    undecided: (columns − 1,) between which cells it is wanted;  starts: (columns,) the first pixel from each cell's
+    middle on;  begin: (columns − 1,) how far that pixel is beyond the middle, cells;  pace: cells a pixel.
+    """
+    w = out.shape[1]
+    for j in range(len(undecided)):
+        if not undecided[j]:
+            continue
+        x0, x1 = max(starts[j], 0), min(starts[j + 1], w)
+        for k in range(LINE + 1):
+            left = np.float32(unknown[j]) if k == LINE else cells[j, k]
+            right = np.float32(unknown[j + 1]) if k == LINE else cells[j + 1, k]
+            for x in range(x0, x1):
+                out[k, x] = left + (begin[j] + pace * np.float32(x - x0)) * (right - left)
 
 
 @kernel(fastmath=True)
@@ -176,44 +205,53 @@ def follow_lines(
     """
     h, w = alpha.shape
     rows, columns = unknown.shape
-    one, none, full = np.float32(1.0), np.float32(0.0), np.float32(1.0) / opacity
-    starts = np.empty(columns, np.int64)
+    one, none, full, pace = np.float32(1.0), np.float32(0.0), np.float32(1.0) / opacity, np.float32(1.0 / step)
+    starts, begin = np.empty(columns, np.int64), np.empty(columns, np.float32)
     for j in range(columns):
         starts[j] = int(np.ceil(corner[0] + (j + 0.5) * step - 0.5 - window[0]))
-    left, right = np.empty(LINE + 1, np.float32), np.empty(LINE + 1, np.float32)
+        begin[j] = np.float32((window[0] + max(starts[j], 0) - corner[0] + 0.5) / step - 0.5 - j)
+    undecided = np.zeros(columns - 1, np.bool_)
+    upper, lower = np.empty((LINE + 1, w), np.float32), np.empty((LINE + 1, w), np.float32)
     # chroma read sample by sample would give the edge steps of two pixels where it lies between two hues
-    one_row, other_row = np.empty(second.shape[1], np.float32), np.empty(second.shape[1], np.float32)
+    row, at = np.empty(second.shape[1], np.float32), -1
+    one_wide, other_wide = np.empty(first.shape[1], np.float32), np.empty(first.shape[1], np.float32)
     for y in range(h):
         place = (window[1] + y - corner[1] + 0.5) / step - 0.5
         i = int(np.floor(place))
         if i < 0 or i > rows - 2:
             continue
-        if not (unknown[i].any() or unknown[i + 1].any()):
+        if i != at:
+            at = i
+            for j in range(columns - 1):
+                undecided[j] = (unknown[i, j] | unknown[i, j + 1] | unknown[i + 1, j] | unknown[i + 1, j + 1]) != 0
+            _stretch(cells[i], unknown[i], undecided, starts, begin, pace, upper)
+            _stretch(cells[i + 1], unknown[i + 1], undecided, starts, begin, pace, lower)
+        if not undecided.any():
             continue
         f, out, luma = np.float32(place - i), alpha[y], first[window[1] + y]
-        _chroma_row(second, window[1] + y, log2y, one_row)
-        _chroma_row(third, window[1] + y, log2y, other_row)
-        for j in range(columns - 1):
-            if unknown[i, j] + unknown[i, j + 1] + unknown[i + 1, j] + unknown[i + 1, j + 1] == 0:
+        j = 0
+        while j < columns - 1:
+            if not undecided[j]:
+                j += 1
                 continue
-            x0, x1 = max(starts[j], 0), min(starts[j + 1], w)
+            x0 = max(starts[j], 0)
+            while j < columns - 1 and undecided[j]:
+                j += 1
+            x1 = min(starts[j], w)
             if x0 >= x1:
                 continue
-            for k in range(LINE):
-                left[k] = cells[i, j, k] + f * (cells[i + 1, j, k] - cells[i, j, k])
-                right[k] = cells[i, j + 1, k] + f * (cells[i + 1, j + 1, k] - cells[i, j + 1, k])
-            left[LINE] = (one - f) * unknown[i, j] + f * unknown[i + 1, j]
-            right[LINE] = (one - f) * unknown[i, j + 1] + f * unknown[i + 1, j + 1]
-            for k in range(LINE + 1):
-                right[k] -= left[k]
-            begin = np.float32((window[0] + x0 - corner[0] + 0.5) / step - 0.5 - j)
-            pace = np.float32(1.0 / step)
-            for x in range(x0, x1):
-                t = begin + pace * np.float32(x - x0)
-                at, known = window[0] + x, out[x] * full
-                share = (left[0] + t * right[0]) * np.float32(luma[at]) + left[3] + t * right[3]
-                share += (left[1] + t * right[1]) * _chroma_at(one_row, at, log2x)
-                share += (left[2] + t * right[2]) * _chroma_at(other_row, at, log2x)
-                share += (one - left[4] - t * right[4]) * known
+            _chroma_row(second, window[1] + y, log2y, window[0] + x0, window[0] + x1, log2x, row)
+            _widen(row, window[0] + x0, window[0] + x1, log2x, one_wide)
+            _chroma_row(third, window[1] + y, log2y, window[0] + x0, window[0] + x1, log2x, row)
+            _widen(row, window[0] + x0, window[0] + x1, log2x, other_wide)
+            own = luma[window[0] + x0 : window[0] + x1]
+            b, c = one_wide[window[0] + x0 : window[0] + x1], other_wide[window[0] + x0 : window[0] + x1]
+            u, v, to = upper[:, x0:x1], lower[:, x0:x1], out[x0:x1]
+            for x in range(x1 - x0):
+                known = to[x] * full
+                share = (u[0, x] + f * (v[0, x] - u[0, x])) * np.float32(own[x]) + u[3, x] + f * (v[3, x] - u[3, x])
+                share += (u[1, x] + f * (v[1, x] - u[1, x])) * b[x]
+                share += (u[2, x] + f * (v[2, x] - u[2, x])) * c[x]
+                share += (one - u[4, x] - f * (v[4, x] - u[4, x])) * known
                 share = min(max(share, none), one)
-                out[x] = opacity * (known + (left[5] + t * right[5]) * (share - known))
+                to[x] = opacity * (known + (u[5, x] + f * (v[5, x] - u[5, x])) * (share - known))

@@ -10,6 +10,7 @@ from pvg._bilinear import reach, read_grid, split
 from pvg._compiled import kernel
 
 Samples = NDArray[np.uint8] | NDArray[np.uint16]
+_STRIDE = 32
 
 
 @kernel(fastmath=True)
@@ -34,14 +35,41 @@ def block_means(alpha: Floats, log2x: int, log2y: int, out: Floats) -> None:
             to[j] *= scale
 
 
+@kernel(inline=True)
+def _any(weight: Floats, first: int) -> bool:
+    """Whether any of _STRIDE weights from `first` on is not zero; in a loop without an exit, which vectorises."""
+    most = np.float32(0.0)
+    for j in range(first, first + _STRIDE):
+        most = max(most, weight[j])
+    return most > np.float32(0.0)
+
+
 @kernel(fastmath=True)
 def _run(weight: Floats) -> tuple[int, int]:
     """The run [first, last) outside which a row of weights is zero."""
     first, last = 0, len(weight)
+    while first + _STRIDE <= last and not _any(weight, first):
+        first += _STRIDE
     while first < last and weight[first] == np.float32(0.0):
         first += 1
+    while first + _STRIDE <= last and not _any(weight, last - _STRIDE):
+        last -= _STRIDE
     while first < last and weight[last - 1] == np.float32(0.0):
         last -= 1
+    return first, last
+
+
+@kernel(fastmath=True)
+def next_run(weight: Floats, start: int) -> tuple[int, int]:
+    """The next run [first, last) of weights that are not zero in a row, from `start` on; empty at the row's end."""
+    first, end = start, len(weight)
+    while first + _STRIDE <= end and not _any(weight, first):
+        first += _STRIDE
+    while first < end and weight[first] == np.float32(0.0):
+        first += 1
+    last = first
+    while last < end and weight[last] != np.float32(0.0):
+        last += 1
     return first, last
 
 
@@ -234,17 +262,20 @@ def scale(
 @kernel(fastmath=True)
 def sum_sure(part: Samples, alpha: Floats, sure: np.float32, cell: int, sums: Floats) -> None:
     """sums (2, rows, columns) = the sum over each cell of cell × cell samples with α ≥ sure, and their number."""
-    for i in range(part.shape[0]):
-        first, last = _run(alpha[i])
-        to, count = sums[0, i // cell], sums[1, i // cell]
-        for k in range(first // cell, -(-last // cell)):
-            total, number = np.float32(0.0), np.float32(0.0)
-            for j in range(max(first, k * cell), min(last, (k + 1) * cell)):
-                if alpha[i, j] >= sure:
-                    total += np.float32(part[i, j])
-                    number += np.float32(1.0)
-            to[k] += total
-            count[k] += number
+    rows, columns = part.shape
+    total, number = np.empty(columns, np.float32), np.empty(columns, np.float32)
+    for k in range(-(-rows // cell)):
+        total[:] = np.float32(0.0)
+        number[:] = np.float32(0.0)
+        for i in range(k * cell, min(rows, (k + 1) * cell)):
+            for j in range(columns):  # without a branch, so that it vectorises
+                counts = np.float32(alpha[i, j] >= sure)
+                total[j] += counts * np.float32(part[i, j])
+                number[j] += counts
+        for c in range(-(-columns // cell)):
+            for j in range(c * cell, min(columns, (c + 1) * cell)):
+                sums[0, k, c] += total[j]
+                sums[1, k, c] += number[j]
 
 
 @kernel(fastmath=True)
@@ -262,13 +293,12 @@ def show_skin(part: Samples, alpha: Floats, columns: Doubles, rows: Doubles, mea
         if first >= last:
             continue
         at, f = reach(mean, upper[i], at, index, share, held), down[i]
-        a, b = held[0], held[1]
-        for j in range(first, last):
-            v = alpha[i, j]
+        a, b, v, to = held[0, first:last], held[1, first:last], alpha[i, first:last], part[i, first:last]
+        for j in range(last - first):
             skin = a[j] + f * (b[j] - a[j])
-            if v > none and v < sure and skin >= none:
-                square = v * v
-                part[i, j] = np.int32(square * np.float32(part[i, j]) + (one - square) * skin + half)
+            mixed = np.float32((v[j] > none) & (v[j] < sure) & (skin >= none))
+            own = one - mixed * (one - v[j] * v[j])
+            to[j] = np.int32(own * np.float32(to[j]) + (one - own) * skin + half)
 
 
 @kernel(fastmath=True)

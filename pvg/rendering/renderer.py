@@ -142,9 +142,8 @@ class Renderer:
         out: list[tuple[int, PlacedBody]] = []
         for face, placed, _ in faces:
             if face in self._with_body:
-                body = place_body(frame, placed.data.body, placed_faces, [other for _, other in out])
-                if body is not None:
-                    out.append((face, body))
+                bodies = place_body(frame, placed.data.body, placed_faces, [other for _, other in out])
+                out += [(face, body) for body in bodies]
         return out
 
     def _tables_of(self, look: int, face: int, frame: Frame, region: Region) -> MapTables:

@@ -42,8 +42,7 @@ def warm_up(frames: Sequence[Frame], membrane: Membrane, colors: Floats) -> None
             apply_correction(frame, (8, 8), alpha, correction, guards=[(guard, 0.8)], fade=fade, skin=skin)
         refine(alpha, (8, 8), matte, frame)
         body = Matte.over(np.array([0, 0, frame.width, frame.height], np.float32), _spot())
-        placed = place_body(frame, body, (), ())
-        if placed is not None:
+        for placed in place_body(frame, body, (), ()):
             apply_body(frame, placed, tables)
 
 

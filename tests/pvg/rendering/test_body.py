@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
@@ -10,7 +11,7 @@ from pvg.asset import FaceInFrame
 from pvg.curves import table_labels
 from pvg.looks import BodyMap, SkinMap
 from pvg.rendering import Renderer, source_frame
-from pvg.rendering.body import apply_body, place_body
+from pvg.rendering.body import PlacedBody, apply_body, place_body
 from pvg.rendering.map_tables import MapTables
 from pvg.rendering.placed_face import place_face
 from pvg.skin import Matte
@@ -52,9 +53,17 @@ def _matte(cell: int = 4) -> Matte:
 
 
 def _drawn(frame: Frame, look: BodyMap) -> Frame:
-    body = place_body(frame, _matte(), [], [])
-    assert body is not None
+    (body,) = place_body(frame, _matte(), [], [])
     return frame.patched(apply_body(frame, body, MapTables.of(look, frame.format)))
+
+
+def _alpha(bodies: list[PlacedBody], shape: tuple[int, int]) -> np.ndarray:
+    """Over the whole frame."""
+    alpha = np.zeros(shape, np.float32)
+    for body in bodies:
+        h, w = body.alpha.shape
+        alpha[body.y : body.y + h, body.x : body.x + w] += body.alpha
+    return alpha
 
 
 def _to(middle: tuple[int, int, int]) -> SkinMap:
@@ -87,11 +96,7 @@ def test_skin_goes_where_the_map_says_and_the_rest_keeps_its_bits(
 
 def test_the_edge_lies_where_the_picture_has_it() -> None:
     """The matte's cells are 4 pixels, its edge is the luma's."""
-    body = place_body(_frame(FORMATS[0]), _matte(), [], [])
-    assert body is not None
-    alpha = np.zeros(SIZE, np.float32)
-    h, w = body.alpha.shape
-    alpha[body.y : body.y + h, body.x : body.x + w] = body.alpha
+    alpha = _alpha(place_body(_frame(FORMATS[0]), _matte(), [], []), SIZE)
     assert np.abs(alpha - _disc()).mean() < 0.02
     xs, ys = np.arange(SIZE[1], dtype=np.float32), np.arange(SIZE[0], dtype=np.float32)
     assert np.abs(alpha - _disc()).mean() < 0.7 * np.abs(_matte().alpha_at(xs, ys) - _disc()).mean()
@@ -103,22 +108,57 @@ def test_half_the_strength_goes_half_the_way() -> None:
     assert np.abs((whole - frame.planes[0]) / 2 - (half - frame.planes[0].astype(int))).max() <= 1
 
 
+def test_hands_far_apart_are_drawn_apart_and_as_they_would_be_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two discs at the ends of a wide frame: two windows, and the alpha of one window over both."""
+    disc = _disc()
+    wide = np.concatenate([disc, np.zeros((SIZE[0], 400), bool), disc[:, ::-1]], axis=1)
+    rgb = np.where(wide[..., None], np.array([190, 140, 110]), np.array([60, 80, 150]))
+    frame = Frame(0, 0, 0.0, FORMATS[0], FORMATS[0].from_rgb(rgb))
+    coarse = wide.reshape(SIZE[0] // 4, 4, -1, 4).mean(axis=(1, 3))
+    matte = Matte.over(np.array([0, 0, wide.shape[1], SIZE[0]], np.float32), np.rint(255 * coarse).astype(np.uint8))
+    monkeypatch.setattr("pvg.rendering.body._WORTH", 0.0)
+    apart = place_body(frame, matte, [], [])
+    monkeypatch.setattr("pvg.rendering.body._WORTH", 1e9)
+    together = place_body(frame, matte, [], [])
+    assert (len(apart), len(together)) == (2, 1)
+    assert sum(body.alpha.size for body in apart) < 0.5 * together[0].alpha.size
+    np.testing.assert_allclose(_alpha(apart, wide.shape), _alpha(together, wide.shape), atol=1e-6)
+
+
 def test_face_and_body_meet_without_a_gap(video: pvg.VectorVideo, face: FaceInFrame) -> None:
-    """Both together are the larger of both mattes everywhere, so neither an edge nor a gap lies between them."""
+    """Both together are the larger of both mattes within skin, so neither an edge nor a gap lies between them."""
     frame = source_frame(video, 20)
     placed = place_face(face, table_labels(), frame.width, frame.height)
     assert placed is not None
-    alone, beside = place_body(frame, face.body, [], []), place_body(frame, face.body, [placed], [])
-    assert alone is not None
-    total = np.zeros((2, frame.height, frame.width), np.float32)
+    shape = frame.height, frame.width
+    alone, beside = (_alpha(place_body(frame, face.body, faces, []), shape) for faces in ([], [placed]))
     x0, y0, x1, y1 = placed.window
-    for k, body in enumerate((alone, beside)):
-        if body is not None:
-            h, w = body.alpha.shape
-            total[k, body.y : body.y + h, body.x : body.x + w] = body.alpha
-    np.maximum(total[0, y0:y1, x0:x1], placed.alpha, out=total[0, y0:y1, x0:x1])
-    total[1, y0:y1, x0:x1] += placed.alpha
-    np.testing.assert_allclose(total[1], total[0], atol=1e-5)
+    np.maximum(alone[y0:y1, x0:x1], placed.alpha, out=alone[y0:y1, x0:x1])
+    beside[y0:y1, x0:x1] += placed.alpha
+    assert (beside <= alone + 1e-5).all()
+    within = shrunk(alone > 0.99, 2 * round(face.body.raster.step))
+    assert within.sum() > 20_000
+    assert np.abs(alone - beside)[within].max() < 0.05
+
+
+def test_along_the_face_the_body_adds_no_rim_thinner_than_its_cells(video: pvg.VectorVideo, face: FaceInFrame) -> None:
+    """A body's matte that is the face's own in coarse cells, a little wider: the finer edge stays."""
+    frame = source_frame(video, 20)
+    placed = place_face(face, table_labels(), frame.width, frame.height)
+    assert placed is not None
+    whole = np.zeros((frame.height, frame.width), np.float32)
+    x0, y0, x1, y1 = placed.window
+    whole[y0:y1, x0:x1] = placed.alpha
+    cell = 8
+    wider = cv2.dilate(whole, np.ones((7, 7), np.uint8)).reshape(frame.height // cell, cell, -1, cell).mean(axis=(1, 3))
+    box = np.array([0, 0, frame.width, frame.height], np.float32)
+    matte = Matte.over(box, np.rint(255 * wider).astype(np.uint8))
+    grey = np.full(whole.shape, 128, np.uint8)  # nothing to follow
+    plain = Frame(0, 0, 0.0, RGB24, (grey, grey, grey))
+    rim = _alpha(place_body(plain, matte, [placed], []), whole.shape)
+    bare = np.maximum(_alpha(place_body(plain, matte, [], []), whole.shape) - whole, 0)
+    assert bare.sum() > 1000
+    assert rim.sum() < 0.3 * bare.sum()
 
 
 def test_the_extent_face_leaves_the_body_alone(video: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> None:
