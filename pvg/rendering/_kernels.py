@@ -41,7 +41,7 @@ def _any(weight: Floats, first: int) -> bool:
     most = np.float32(0.0)
     for j in range(first, first + _STRIDE):
         most = max(most, weight[j])
-    return most > np.float32(0.0)
+    return bool(most > np.float32(0.0))
 
 
 @kernel(fastmath=True)

@@ -11,7 +11,7 @@ from pvg.asset import VectorVideo
 from pvg.curves import Chain, ColorTable, CurveLabels, labels_by_length, table_labels
 from pvg.looks import Look, Region
 from pvg.rendering.beside import with_beside
-from pvg.rendering.body import PlacedBody, apply_body, place_body
+from pvg.rendering.body import apply_body
 from pvg.rendering.coding import Coding
 from pvg.rendering.correction import at_curves, extend
 from pvg.rendering.edges import follow_edges
@@ -19,6 +19,7 @@ from pvg.rendering.foreground import foreground
 from pvg.rendering.guards import Guard, guard_gain, guarded_alpha
 from pvg.rendering.makeup import with_parts
 from pvg.rendering.map_tables import MapTables
+from pvg.rendering.placed_body import PlacedBody, place_body
 from pvg.rendering.placed_face import PlacedFace, divide_overlaps, place_face
 from pvg.rendering.planes import apply_correction, fade_in_dark
 from pvg.video import Frame, Patch

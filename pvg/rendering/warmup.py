@@ -9,12 +9,13 @@ import numpy as np
 from pvg._arrays import Bytes, Floats
 from pvg.looks import BodyMap, SkinMap
 from pvg.membrane import Membrane
-from pvg.rendering.body import apply_body, place_body
+from pvg.rendering.body import apply_body
 from pvg.rendering.correction import Correction
 from pvg.rendering.edges import refine
 from pvg.rendering.foreground import foreground
 from pvg.rendering.guards import Guard
 from pvg.rendering.map_tables import MapTables
+from pvg.rendering.placed_body import place_body
 from pvg.rendering.planes import apply_correction, fade_in_dark
 from pvg.rendering.visibility import Visibility
 from pvg.skin import Matte

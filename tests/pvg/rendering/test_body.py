@@ -11,8 +11,9 @@ from pvg.asset import FaceInFrame
 from pvg.curves import table_labels
 from pvg.looks import BodyMap, SkinMap
 from pvg.rendering import Renderer, source_frame
-from pvg.rendering.body import PlacedBody, apply_body, place_body
+from pvg.rendering.body import apply_body
 from pvg.rendering.map_tables import MapTables
+from pvg.rendering.placed_body import PlacedBody, place_body
 from pvg.rendering.placed_face import place_face
 from pvg.skin import Matte
 from pvg.video import RGB24, Frame, PixelFormat
@@ -116,9 +117,9 @@ def test_hands_far_apart_are_drawn_apart_and_as_they_would_be_together(monkeypat
     frame = Frame(0, 0, 0.0, FORMATS[0], FORMATS[0].from_rgb(rgb))
     coarse = wide.reshape(SIZE[0] // 4, 4, -1, 4).mean(axis=(1, 3))
     matte = Matte.over(np.array([0, 0, wide.shape[1], SIZE[0]], np.float32), np.rint(255 * coarse).astype(np.uint8))
-    monkeypatch.setattr("pvg.rendering.body._WORTH", 0.0)
+    monkeypatch.setattr("pvg.rendering.placed_body._WORTH", 0.0)
     apart = place_body(frame, matte, [], [])
-    monkeypatch.setattr("pvg.rendering.body._WORTH", 1e9)
+    monkeypatch.setattr("pvg.rendering.placed_body._WORTH", 1e9)
     together = place_body(frame, matte, [], [])
     assert (len(apart), len(together)) == (2, 1)
     assert sum(body.alpha.size for body in apart) < 0.5 * together[0].alpha.size

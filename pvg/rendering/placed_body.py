@@ -1,0 +1,192 @@
+"""The rest of a person's skin in one frame, ready to be drawn: its matte at pixel size.
+
+The matte's edge follows the picture as the face's does (`pvg.rendering.edges`). Where the face's matte is, the body's
+gives way,
+
+    α_total = α_face + max(0, α_body − α_face) = max(α_face, α_body),
+
+so that both may end softly within each other without a gap, and an edge that they share is not drawn twice. What is
+left along the face's edge in a rim thinner than the body's cells, which are coarser than the face's, is left out: there
+the face's edge is the finer one, and a rim would colour collars and walls.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pvg._arrays import Bytes, Floats
+from pvg.raster import Raster
+from pvg.rendering.edges import refine
+from pvg.rendering.placed_face import PlacedFace
+from pvg.skin import Matte
+from pvg.skin.parameters import SKIN_PRIOR
+from pvg.video import Frame
+
+_REACH = 2 * (SKIN_PRIOR.edges.reach + 1)  # cells around the matte whose colours its edge is told by, even
+_LEAST = 1e-3  # of alpha: less is nothing
+_THIN, _BESIDE = 1.7, 2.0  # of the body's cells: a rim along a face's matte is thinner, and as near to it [by eye]
+_WORTH = 40_000  # pixels whose work is about that of one window more [measured]
+_Labelled = tuple[tuple[int, ...], tuple[int, int, int, int]]  # components, and x0, y0, x1, y1 of the cells around
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedBody:
+    """The matte of a person's other skin at pixel size, or of a piece of it.
+
+    x, y: the source pixel of its corner, multiples of the chroma step;  alpha: (h, w) float32 in [0, 1];
+    step: pixels a cell of the matte that it was read from.
+    """
+
+    x: int
+    y: int
+    alpha: Floats
+    step: float
+
+
+def place_body(
+    frame: Frame, body: Matte, faces: Sequence[PlacedFace], others: Sequence[PlacedBody]
+) -> list[PlacedBody]:
+    """A body's matte in the pixels of a frame, neck and hands apart where much of the frame lies between them.
+
+    faces: all faces in the frame, which keep their own mattes;  others: bodies that were placed before.
+    """
+    return [placed for piece in _pieces(body) if (placed := _place_piece(frame, piece, faces, others)) is not None]
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """A part of a body's matte that touches no other: cells x0, y0, x1, y1, those around its edge included."""
+
+    matte: Matte
+    cells: tuple[int, int, int, int]
+
+
+def _pieces(body: Matte) -> list[_Piece]:
+    """A body's matte in pieces that are drawn for less than the whole; in their order from the top."""
+    side = 2 * _REACH + 1
+    reached = cv2.dilate((body.alpha > 0).view(np.uint8), np.ones((side, side), np.uint8))
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(reached, connectivity=8, ltype=cv2.CV_16U)
+    boxes: list[_Labelled] = [((k,), (x, y, x + w, y + h)) for k, (x, y, w, h, _) in enumerate(stats.tolist()) if k]
+    worth = _WORTH / body.raster.step**2
+    pieces = []
+    for which, box in _joined(boxes, worth):
+        matte = body
+        if len(which) + 1 < len(stats):
+            own = np.isin(labels, which)
+            matte = replace(body, alpha=np.where(own, body.alpha, np.uint8(0)), mask=body.mask & own)
+        pieces.append(_Piece(matte, _even(box, body.alpha.shape)))
+    return pieces
+
+
+def _joined(boxes: list[_Labelled], worth: float) -> list[_Labelled]:
+    """Boxes of components, joined as long as the box around two is at most `worth` larger than they."""
+    for k, (which, box) in enumerate(boxes):
+        for other, around in boxes[:k]:
+            both = min(box[0], around[0]), min(box[1], around[1]), max(box[2], around[2]), max(box[3], around[3])
+            if _area(both) <= _area(box) + _area(around) + worth:
+                left = [each for each in boxes if each[0] not in (which, other)]
+                return _joined([*left, (other + which, both)], worth)
+    return boxes
+
+
+def _area(box: tuple[int, int, int, int]) -> int:
+    return (box[2] - box[0]) * (box[3] - box[1])
+
+
+def _even(box: tuple[int, int, int, int], shape: tuple[int, ...]) -> tuple[int, int, int, int]:
+    """The box from even cells, so that an edge is told by the same blocks of cells wherever it begins; 2 cells wide."""
+    x0, y0 = box[0] // 2 * 2, box[1] // 2 * 2
+    return x0, y0, max(min(box[2], shape[1]), x0 + 2), max(min(box[3], shape[0]), y0 + 2)
+
+
+def _place_piece(
+    frame: Frame, piece: _Piece, faces: Sequence[PlacedFace], others: Sequence[PlacedBody]
+) -> PlacedBody | None:
+    """A piece in the pixels of a frame; None when nothing of it is left there."""
+    align, step = 2 ** max(frame.format.chroma_log2), piece.matte.raster.step
+    x0, y0 = (int(low * step) // align * align for low in piece.cells[:2])
+    x1, y1 = (
+        min(size, -(-int(np.ceil(high * step)) // align) * align)
+        for high, size in zip(piece.cells[2:], (frame.width, frame.height), strict=True)
+    )
+    if x1 <= x0 or y1 <= y0:
+        return None
+    matte = _part(piece.matte, piece.cells)
+    alpha = matte.alpha_at(np.arange(x0, x1, dtype=np.float32), np.arange(y0, y1, dtype=np.float32))
+    refine(alpha, (x0, y0), matte, frame)
+    placed = PlacedBody(x0, y0, alpha, step)
+    for face in faces:
+        _take_out(placed, face)
+    _take_rims_out(placed, faces)
+    for other in others:
+        _take_out(placed, other)
+    return _cropped(placed, align)
+
+
+def _cropped(body: PlacedBody, align: int) -> PlacedBody | None:
+    """The body without empty rows and columns around it, from multiples of `align` on; None when all are."""
+    rows, columns = (np.flatnonzero(body.alpha.max(axis=axis) > _LEAST) for axis in (1, 0))
+    if not len(rows):
+        return None
+    y, x = (int(held[0]) // align * align for held in (rows, columns))
+    alpha = body.alpha[y : -(-(int(rows[-1]) + 1) // align) * align, x : -(-(int(columns[-1]) + 1) // align) * align]
+    return replace(body, x=body.x + x, y=body.y + y, alpha=np.ascontiguousarray(alpha))
+
+
+def _take_rims_out(body: PlacedBody, faces: Sequence[PlacedFace]) -> None:
+    """Leave out what lies along a face's matte and is thinner than a body's cells, in place: the finer edge holds."""
+    beside, thin = (max(1, round(cells * body.step)) for cells in (_BESIDE, _THIN))
+    for face in faces:
+        left, top, right, bottom = face.window
+        window = left - beside, top - beside, right + beside, bottom + beside
+        x0, y0 = max(window[0], body.x), max(window[1], body.y)
+        x1, y1 = min(window[2], body.x + body.alpha.shape[1]), min(window[3], body.y + body.alpha.shape[0])
+        if x0 >= x1 or y0 >= y1:
+            continue
+        part = body.alpha[y0 - body.y : y1 - body.y, x0 - body.x : x1 - body.x]
+        own = cv2.copyMakeBorder(face.alpha, *(beside,) * 4, cv2.BORDER_CONSTANT, value=0.0)
+        close = _bytes(own[y0 - window[1] : y1 - window[1], x0 - window[0] : x1 - window[0]])
+        around = cv2.dilate(close, _square(2 * beside + 1))
+        held = _bytes(part)
+        farther = cv2.copyMakeBorder(held, *(thin,) * 4, cv2.BORDER_REPLICATE)  # skin does not end with the picture
+        opened = cv2.morphologyEx(farther, cv2.MORPH_OPEN, _square(thin))[thin:-thin, thin:-thin]
+        rims = cv2.subtract(held, opened)
+        part -= np.minimum(part, cv2.multiply(around, rims, scale=1 / 255.0**2, dtype=cv2.CV_32F))
+
+
+def _bytes(alpha: NDArray[Any]) -> Bytes:
+    return np.asarray(cv2.convertScaleAbs(alpha, alpha=255.0), np.uint8)
+
+
+def _square(side: int) -> Bytes:
+    return np.ones((side, side), np.uint8)
+
+
+def _part(body: Matte, cells: tuple[int, int, int, int]) -> Matte:
+    """The matte over the cells x0, y0, x1, y1 and one more around, the outermost repeated: skin does not end there."""
+    x0, y0, x1, y1 = cells
+    around = slice(y0, y1), slice(x0, x1)
+    alpha, mask = np.pad(body.alpha[around], 1, mode="edge"), np.pad(body.mask[around], 1, mode="edge")
+    step = body.raster.step
+    origin = body.raster.origin + np.array([x0 - 1, y0 - 1], np.float32) * np.float32(step)
+    return Matte(Raster(np.asarray(origin, np.float32), step, (alpha.shape[0], alpha.shape[1])), alpha, mask)
+
+
+def _take_out(body: PlacedBody, other: PlacedFace | PlacedBody) -> None:
+    """Leave to another matte what it takes, in place."""
+    x0, y0 = max(body.x, other.x), max(body.y, other.y)
+    x1 = min(body.x + body.alpha.shape[1], other.x + other.alpha.shape[1])
+    y1 = min(body.y + body.alpha.shape[0], other.y + other.alpha.shape[0])
+    if x0 < x1 and y0 < y1:
+        part = body.alpha[y0 - body.y : y1 - body.y, x0 - body.x : x1 - body.x]
+        taken = other.alpha[y0 - other.y : y1 - other.y, x0 - other.x : x1 - other.x]
+        if isinstance(other, PlacedFace):
+            np.maximum(part - taken, 0, out=part)
+        else:
+            np.minimum(part, 1 - taken, out=part)
