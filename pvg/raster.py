@@ -74,7 +74,8 @@ class Raster:
 
         What lies beyond the raster is 0, a cell around it fades to that.
         """
-        padded = np.pad(values, 1)
+        padded = np.zeros((values.shape[0] + 2, values.shape[1] + 2), values.dtype)
+        padded[1:-1, 1:-1] = values
         rows = (np.asarray(ys, np.float64) - self.origin[1] + 0.5) / self.step + 0.5
         columns = (np.asarray(xs, np.float64) - self.origin[0] + 0.5) / self.step + 0.5
         out = np.empty((len(rows), len(columns)), np.float32)

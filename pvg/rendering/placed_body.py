@@ -31,6 +31,7 @@ from pvg.video import Frame
 _REACH = 2 * (SKIN_PRIOR.edges.reach + 1)  # cells around the matte whose colours its edge is told by, even
 _LEAST = 1e-3  # of alpha: less is nothing
 _THIN, _BESIDE = 1.7, 2.0  # of the body's cells: a rim along a face's matte is thinner, and as near to it [by eye]
+_RIM = 25  # of a cell's alpha: where none of a piece has more beside a face and its own rim, it is no piece [by eye]
 _WORTH = 40_000  # pixels whose work is about that of one window more [measured]
 _Labelled = tuple[tuple[int, ...], tuple[int, int, int, int]]  # components, and x0, y0, x1, y1 of the cells around
 
@@ -56,7 +57,8 @@ def place_body(
 
     faces: all faces in the frame, which keep their own mattes;  others: bodies that were placed before.
     """
-    return [placed for piece in _pieces(body) if (placed := _place_piece(frame, piece, faces, others)) is not None]
+    placed = (_place_piece(frame, piece, faces, others) for piece in _pieces(body, faces))
+    return [piece for piece in placed if piece is not None]
 
 
 @dataclass(frozen=True)
@@ -67,12 +69,17 @@ class _Piece:
     cells: tuple[int, int, int, int]
 
 
-def _pieces(body: Matte) -> list[_Piece]:
-    """A body's matte in pieces that are drawn for less than the whole; in their order from the top."""
+def _pieces(body: Matte, faces: Sequence[PlacedFace]) -> list[_Piece]:
+    """A body's matte in pieces that are drawn for less than the whole, but for those that are rims of faces alone."""
     side = 2 * _REACH + 1
     reached = cv2.dilate((body.alpha > 0).view(np.uint8), np.ones((side, side), np.uint8))
     _, labels, stats, _ = cv2.connectedComponentsWithStats(reached, connectivity=8, ltype=cv2.CV_16U)
-    boxes: list[_Labelled] = [((k,), (x, y, x + w, y + h)) for k, (x, y, w, h, _) in enumerate(stats.tolist()) if k]
+    beyond = _beyond(body, faces)
+    boxes: list[_Labelled] = [
+        ((k,), (x, y, x + w, y + h))
+        for k, (x, y, w, h, _) in enumerate(stats.tolist())
+        if k and beyond[labels == k].max() > _RIM
+    ]
     worth = _WORTH / body.raster.step**2
     pieces = []
     for which, box in _joined(boxes, worth):
@@ -82,6 +89,15 @@ def _pieces(body: Matte) -> list[_Piece]:
             matte = replace(body, alpha=np.where(own, body.alpha, np.uint8(0)), mask=body.mask & own)
         pieces.append(_Piece(matte, _even(box, body.alpha.shape)))
     return pieces
+
+
+def _beyond(body: Matte, faces: Sequence[PlacedFace]) -> Bytes:
+    """(rows, columns) alpha of the body's cells beside the faces' mattes, without what is one cell wide."""
+    xs, ys = (np.asarray(centers, np.float32) for centers in body.raster.centers())
+    left = body.alpha
+    for face in faces:
+        left = np.asarray(cv2.subtract(left, _bytes(face.data.matte.alpha_at(xs, ys))), np.uint8)
+    return np.asarray(cv2.morphologyEx(left, cv2.MORPH_OPEN, _square(2)), np.uint8)
 
 
 def _joined(boxes: list[_Labelled], worth: float) -> list[_Labelled]:
@@ -172,10 +188,14 @@ def _part(body: Matte, cells: tuple[int, int, int, int]) -> Matte:
     """The matte over the cells x0, y0, x1, y1 and one more around, the outermost repeated: skin does not end there."""
     x0, y0, x1, y1 = cells
     around = slice(y0, y1), slice(x0, x1)
-    alpha, mask = np.pad(body.alpha[around], 1, mode="edge"), np.pad(body.mask[around], 1, mode="edge")
+    alpha, mask = (
+        cv2.copyMakeBorder(held.view(np.uint8), 1, 1, 1, 1, cv2.BORDER_REPLICATE)
+        for held in (body.alpha[around], body.mask[around])
+    )
     step = body.raster.step
     origin = body.raster.origin + np.array([x0 - 1, y0 - 1], np.float32) * np.float32(step)
-    return Matte(Raster(np.asarray(origin, np.float32), step, (alpha.shape[0], alpha.shape[1])), alpha, mask)
+    raster = Raster(np.asarray(origin, np.float32), step, (alpha.shape[0], alpha.shape[1]))
+    return Matte(raster, np.asarray(alpha, np.uint8), mask.view(np.bool_))
 
 
 def _take_out(body: PlacedBody, other: PlacedFace | PlacedBody) -> None:
