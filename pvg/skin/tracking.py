@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from pvg._arrays import Bools, Bytes, Doubles, Floats
+from pvg._arrays import Bools, Bytes, Doubles, Floats, smoothstep
 from pvg.face import Landmarks
 from pvg.picture import Picture, as_picture
 from pvg.raster import Raster
@@ -25,7 +25,7 @@ from pvg.skin.segmentation import MaskMethod, red_chroma_mask, segment
 from pvg.skin.tint import tint_slopes, without_tilt
 from pvg.skin.warp import rbf_warp
 
-_TRACKING = SKIN_PRIOR.tracking
+_TRACKING, _HAIR = SKIN_PRIOR.tracking, SKIN_PRIOR.hair
 _MID_GREY = 128  # 8-bit levels, where nothing of the face is seen
 
 
@@ -223,7 +223,8 @@ def _estimate(
     lab = to_skin_lab(lit)
     knots = slice(None, None, SKIN_PRIOR.warp.knot_step)
     map_x, map_y = rbf_warp(prior.face.shape, points[knots], learned.points[knots])
-    distance = cv2.remap(learned.distance, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    carried = cv2.remap(learned.distance, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    distance = np.asarray(carried, np.float32)
     was_open = cv2.remap(learned.open, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
     if gain.min() < _TRACKING.brighter:  # highlights that the light has driven into clipping show no hue
         was_open = np.where(rgb.max(axis=2) >= _TRACKING.clipped, 0, was_open)
@@ -231,8 +232,12 @@ def _estimate(
     hair = np.zeros(prior.face.shape, np.float32)
     if learned.hair is not None:
         hair = hair_cover(lit, distance > -_TRACKING.hair_margin, prior, learned.hair)
+        if not learned.hair.fair:  # a bowed forehead is taller than the key frame's: what dark hair leaves bare is skin
+            bare = (1 - hair) * prior.forehead * smoothstep(distance, *_HAIR.bare_within)
+            distance = np.maximum(distance, distance * (1 - np.float32(_HAIR.bare_release) * bare))
+            hair = hair - np.float32(_HAIR.bare_log_odds / _HAIR.log_odds) * bare
     # beyond the picture its edge is repeated, and so is the decision there: skin ends at the edge, it does not fade
-    probability = _posterior(learned.colors, lab, prior, np.asarray(distance, np.float32), hair)
+    probability = _posterior(learned.colors, lab, prior, distance, hair)
     radius = max(2, round(_TRACKING.filter_radius * prior.size))
     filtered = cv2.ximgproc.guidedFilter(rgb, probability, radius, _TRACKING.filter_epsilon)
     return np.asarray(np.clip(filtered, 0, 1), np.float32), occluder

@@ -13,7 +13,7 @@ from pvg.face import layout
 from pvg.skin import Matte, SkinTracker, fit_skin_model, scene_raster, skin_mask
 from pvg.skin import Scene as WholePicture
 from tests.gallery.faces import real_landmarks
-from tests.gallery.scenes import Scene, alpha_of, drawn_face, mask_of
+from tests.gallery.scenes import Scene, alpha_of, drawn_face, grown, mask_of
 
 
 def first_matte(scene: Scene, **options: Any) -> Matte:
@@ -46,6 +46,34 @@ def test_the_mask_follows_a_moving_face_without_jitter_or_ghost() -> None:
         shapes.add(matte.alpha.shape)
     assert np.std(areas) / np.mean(areas) < 0.01
     assert len(shapes) == 1
+
+
+def _bowed(scene: Scene, taller: float) -> tuple[np.ndarray, np.ndarray]:
+    """Picture and skin with the forehead so many times as high and shining, the landmarks where they were."""
+    brow = float(scene.landmarks.points[layout.LEFT_BROW, 1].min())
+    ys, xs = np.mgrid[: scene.rgb.shape[0], : scene.rgb.shape[1]].astype(np.float32)
+    to = np.where(ys < brow, brow - (brow - ys) / np.float32(taller), ys).astype(np.float32)
+    rgb = cv2.remap(scene.rgb, xs, to, cv2.INTER_LINEAR)
+    skin = cv2.remap(scene.skin.astype(np.uint8), xs, to, cv2.INTER_NEAREST) > 0
+    band = cv2.GaussianBlur((skin & ~scene.skin).astype(np.float32), (0, 0), 2)
+    shine = band[..., None] * np.array([0.3, 0.25, 0.2])  # yellower than what the key frame saw
+    return np.clip(rgb * (1 + shine), 0, 255).astype(np.uint8), skin
+
+
+@pytest.mark.parametrize(("taller", "least"), [(1.3, 0.85), (1.5, 0.55)])  # 0.65 and 0.31 by the key frame's shape
+def test_a_bowed_forehead_is_skin_up_to_dark_hair(taller: float, least: float) -> None:
+    """Landmarks end at the brows, so the key frame's shape stops short of a forehead that is seen from above."""
+    scene = drawn_face(width=150, center=(160, 140), tone=((190, 140, 110), (45, 35, 30)))
+    tracker = SkinTracker(fit_skin_model(scene.rgb, scene.landmarks))
+    rgb, skin = _bowed(scene, taller)
+    for _ in range(3):
+        matte = tracker.step(rgb, scene.landmarks)
+    alpha = alpha_of(matte, rgb.shape)
+    added = skin & ~scene.skin
+    assert added.sum() > 500
+    assert alpha[added].mean() > least
+    above = np.arange(len(alpha))[:, None] < 100
+    assert alpha[grown(skin, 13) & ~grown(skin, 9) & above].max() < 0.02
 
 
 def test_the_matte_does_not_fade_along_the_pictures_edge() -> None:
