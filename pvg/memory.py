@@ -1,38 +1,59 @@
 """How much memory a clip or picture will take, from its headers.
 
-Data of the process (VmData), which is what a limit counts, at its peak; what is resident is a third less. Measured on
-two cores with x264, x265 and SVT-AV1 at the default presets, 48 to 60 frames (7680×4320: 24). MB, and what is said:
+Data of the process (VmData), which is what a limit counts, at its peak; what is resident is a third less. Measured by
+`python -m benchmarks.memory` on two cores with x264 and, of more than 8 bits, x265 at the default presets, 60 frames;
+of 4:2:0 up to 1920×1080, 150 to 500 frames were vectorised, which takes its most by then. MB, and what is said:
 
-| 8 bits 4:2:0 | vectorising | one look | three looks | AV1 | HEVC |
-|---|---|---|---|---|---|
-| 640×360 | 882 (962) | 494 (588) | | | |
-| 1920×1080 | 1010 (1062) | 828 (892) | 1171 (1234) | 1132 (1188) | 946 (1017) |
-| 3840×2160 | 1320 (1398) | 1722 (1919) | 2864 (3287) | | |
-| 7680×4320 | 1919 (2742) | 5239 (6024) | | | |
-| picture of 8 MP | 903 (1022) | 699 (790) | | | |
-| picture of 32 MP | 991 (1238) | | | | |
+| | vectorising | one look | three looks |
+|---|---|---|---|
+| 640×360, 8 bits 4:2:0 | 1124 (1168) | 674 (777) | 707 (907) |
+| 640×360, 10 bits 4:2:0 | 1147 (1195) | 807 (1041) | 1145 (1717) |
+| 640×360, 8 bits 4:4:4 | 1082 (1195) | 746 (814) | 785 (975) |
+| 640×360, 10 bits 4:4:4 | 1125 (1251) | 825 (1093) | 1272 (1844) |
+| 1920×1080, 8 bits 4:2:0 | 1385 (1389) | 1027 (1073) | 1349 (1447) |
+| 1920×1080, 10 bits 4:2:0 | 1607 (1638) | 1526 (1613) | 3184 (3210) |
+| 1920×1080, 8 bits 4:4:4 | 1396 (1638) | 1244 (1406) | 1818 (2053) |
+| 1920×1080, 10 bits 4:4:4 | 1725 (2135) | 1957 (2079) | 4164 (4360) |
+| 3840×2160, 8 bits 4:2:0 | 1805 (2135) | 2024 (2071) | 3124 (3266) |
+| 3840×2160, 10 bits 4:2:0 | 2404 (3131) | 3485 (3541) | 8152 (8248) |
+| 3840×2160, 8 bits 4:4:4 | 2369 (3131) | 2965 (3403) | 4977 (5692) |
+| 3840×2160, 10 bits 4:4:4 | 3605 (5121) | 5031 (5408) | 12018 (12852) |
+| picture of 8 MP | 1170 (1212) | 861 (1002) | 874 (1098) |
+| picture of 32 MP | 1254 (1428) | 1838 (1938) | 1872 (2322) |
 
-Of 10 bits and 4:4:4 nothing is measured: frames count by their bytes. More cores decode and encode more frames at once,
-so that there it takes more.
+One look of 8 bits 4:2:0 by other encoders, at 1920×1080 and 3840×2160: HEVC 1172 (1380) and 2532 (2608), AV1 1337
+(1378) and 2877 (3291), VP9 978 (1073) and 2055 (2071); DNxHR, FFV1 and ProRes less. Before the body's matte and people
+were looked for, 7680×4320 took 5239 for one look. More cores decode and encode more frames at once, so that there it
+takes more.
 """
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from pvg.video import MediaInfo
 
 #: what does not depend on the frames: libraries, networks, threads
-_VECTORIZING_BYTES, _RENDERING_BYTES = 950_000_000, 550_000_000
-#: frames that are held: on their way through vectorising; from the decoder to the encoders; in an encoder, by its codec
-_VECTORIZED_FRAMES: Final = 36
-_READ_FRAMES: Final = 55
-_ENCODED_FRAMES: Final = {"av1": 150, "hevc": 95}
-_OTHERWISE: Final = 55
+_VECTORIZING_BYTES, _RENDERING_BYTES = 1_140_000_000, 690_000_000
+#: frames that are held on their way through vectorising
+_VECTORIZED_FRAMES: Final = 80
 #: pictures' worth of samples that a picture takes
-_VECTORIZED_PICTURES, _DRAWN_PICTURES = 3, 10
+_VECTORIZED_PICTURES, _DRAWN_PICTURES = 3, 13
+
+
+class _Held(NamedTuple):
+    """What a codec's encoders hold."""
+
+    read: int  # frames between the decoder and all of them
+    bytes: int  # of each, whatever the frame
+    frames: int  # of each
+    ahead: int  # bytes a pixel of each, whatever the samples: small luma pictures that HEVC looks ahead in
+
+
+_ENCODERS: Final = {"hevc": _Held(20, 280_000_000, 55, 85), "av1": _Held(20, 50_000_000, 185, 0)}
+_OTHERWISE: Final = _Held(63, 50_000_000, 44, 0)
 
 
 def vectorizing_bytes(media: MediaInfo) -> int:
@@ -47,7 +68,9 @@ def rendering_bytes(media: MediaInfo, looks: int, codec: str = "auto") -> int:
         return _RENDERING_BYTES + (_DRAWN_PICTURES + 2 * (looks - 1)) * frame_bytes(media)
     if codec == "auto":
         codec = "h264" if media.format.depth == 8 else "hevc"
-    return _RENDERING_BYTES + (_READ_FRAMES + looks * _ENCODED_FRAMES.get(codec, _OTHERWISE)) * frame_bytes(media)
+    held = _ENCODERS.get(codec, _OTHERWISE)
+    one = held.bytes + held.frames * frame_bytes(media) + held.ahead * media.width * media.height
+    return _RENDERING_BYTES + held.read * frame_bytes(media) + looks * one
 
 
 def looks_at_once(media: MediaInfo, memory_bytes: int, *, most: int, codec: str = "auto") -> int:

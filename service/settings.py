@@ -142,8 +142,8 @@ class Settings(BaseSettings):
     """A job that takes longer is killed and fails with `time-limit`, at once and for good."""
     job_hard_limit_s: float = Field(default=7800.0, gt=0)
     """A supervisor that hangs for longer is killed."""
-    job_memory_bytes: int = Field(default=6 * GIB, ge=GIB)
-    """Memory of one job's process; what needs more fails with `too-large` (docs/security.md)."""
+    job_memory_bytes: int = Field(default=6 * GIB, ge=3 * GIB // 2)
+    """Memory of one job's process, at least 1.5 GiB; what needs more fails with `too-large` (docs/security.md)."""
     job_file_bytes: int = Field(default=128 * GIB, gt=0)
     """Bytes of one file that a job writes."""
     part_s: float = Field(default=7.5, ge=5.0)

@@ -198,32 +198,36 @@ def two_videos(folder: Path) -> Path:
     return path
 
 
-def _cut(path: Path, name: str, share: float) -> Path:
-    data, target = path.read_bytes(), path.with_name(name)
-    target.write_bytes(data[: int(len(data) * share)])
+def _cut(path: Path, name: str, packet: int) -> Path:
+    """The file up to the middle of that packet of it, however many bytes the encoder wrote before."""
+    with av.open(str(path)) as given:
+        packets = [entry for entry in given.demux(given.streams.video[0]) if entry.size]
+        end = packets[packet].pos + packets[packet].size // 2
+    target = path.with_name(name)
+    target.write_bytes(path.read_bytes()[:end])
     return target
 
 
 def cut_mp4(folder: Path) -> Path:
     """Its index stands first, the last fifth of the file is missing."""
     whole = _encode(folder / "whole.mp4", range(0, FRAMES * _STEP, _STEP), movflags="faststart")
-    return _cut(whole, "cut.mp4", 0.8)
+    return _cut(whole, "cut.mp4", 16)
 
 
 def cut_fragments(folder: Path) -> Path:
     """A fragmented MP4, cut inside a fragment."""
     flags = "frag_keyframe+empty_moov+default_base_moof"
-    return _cut(_encode(folder / "whole_f.mp4", range(0, FRAMES * _STEP, _STEP), movflags=flags), "cut_f.mp4", 0.7)
+    return _cut(_encode(folder / "whole_f.mp4", range(0, FRAMES * _STEP, _STEP), movflags=flags), "cut_f.mp4", 11)
 
 
 def cut_mkv(folder: Path) -> Path:
     """A Matroska file without its last fifth."""
-    return _cut(_encode(folder / "whole.mkv", range(0, FRAMES * _STEP, _STEP)), "cut.mkv", 0.8)
+    return _cut(_encode(folder / "whole.mkv", range(0, FRAMES * _STEP, _STEP)), "cut.mkv", 16)
 
 
 def cut_avi(folder: Path) -> Path:
     """An AVI without its last tenth."""
-    return _cut(raw_stamps_missing(folder), "cut.avi", 0.9)
+    return _cut(raw_stamps_missing(folder), "cut.avi", 16)
 
 
 def damaged_middle(folder: Path) -> Path:

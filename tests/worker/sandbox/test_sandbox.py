@@ -116,7 +116,11 @@ class NoBroker:
 @pytest.fixture
 def settings(tmp_path: Path) -> Settings:
     return Settings(
-        data_dir=tmp_path / "data", job_memory_bytes=2**30, job_file_bytes=2**22, progress_interval_s=0.1, heartbeat_s=1
+        data_dir=tmp_path / "data",
+        job_memory_bytes=3 * 2**29,
+        job_file_bytes=2**22,
+        progress_interval_s=0.1,
+        heartbeat_s=1,
     )
 
 
@@ -168,7 +172,7 @@ GOOD = {
 @pytest.mark.parametrize(
     ("content", "problem", "detail"),
     [
-        ("eat", "too-large", "1.1 GB"),
+        ("eat", "too-large", "1.6 GB"),
         ("write", "too-large", "file"),
         ("raise", "internal-error", "on our side"),
     ],

@@ -85,7 +85,7 @@ def test_a_large_picture_that_is_decoded_is_canceled_within_two_seconds(
 def test_a_picture_over_the_memory_of_a_job_is_refused_with_figures(
     warm_server: SandboxServer, database: Database, settings: Settings
 ) -> None:
-    small = settings.model_copy(update={"job_memory_bytes": 2**30})
+    small = settings.model_copy(update={"job_memory_bytes": 1_200_000_000})
     runner = Runner(small, NoBroker(), Sandbox(warm_server.lobby))  # type: ignore[arg-type]
     job = done(runner, database, add(database, settings, jpeg_of_scans(1, blocks=700)).job_id)
     assert job.error is not None
