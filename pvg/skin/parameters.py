@@ -149,6 +149,8 @@ class LearningNumbers:
     around_decay: float = 2.0  # a face size [by eye]
     inside_weight: float = 0.2  # of the contour's inside as surroundings [by eye]: hair there is like hair above,
     # but shade is skin
+    unsure: float = 0.8  # of what is like the sample above the brows [measured: bald foreheads, IoU moves by < 0.003]:
+    # it does not count as surroundings
     prior_weight: float = 0.4  # of the prior's log-odds in learning [by eye]
     agree: float = 0.6  # probability at least of what a round's mask holds [by eye]
     disagree: float = 0.4  # probability at most of what it does not [by eye]

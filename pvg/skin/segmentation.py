@@ -84,12 +84,14 @@ def segment(rgb: Bytes, landmarks: Landmarks, visible: Bools | None = None) -> S
     probability = np.where(prior.foreground, 1.0, logistic(prior.log_odds) * unlike_first)
     around = np.exp(-_LEARNING.around_decay * np.maximum(prior.outside - _LEARNING.around_from, 0))
     around = around * np.where(prior.face, _LEARNING.inside_weight, 1)
+    # how high a forehead rises nobody knows: what is like the skin there does not teach that the skin's colour is none
+    unsure = _LEARNING.unsure * likeness**2 * prior.forehead
     beard = _beard(rgb, lab, prior, sample)
     hair, shade = np.zeros((2, *shape), np.float32)
     for turn in range(_LEARNING.rounds):
         # learn: without the anchor to the sample, a fringe once taken for skin would teach that hair is skin
         inner = np.where(outliers, 0, probability * likeness) * visible
-        outer = np.where(prior.foreground, 0, 1 - probability * likeness) * around * visible
+        outer = np.where(prior.foreground, 0, 1 - np.maximum(probability * likeness, unsure)) * around * visible
         colors = SkinColors.fit(scale, lab, inner.astype(np.float32), outer.astype(np.float32))
         # decide
         evidence = colors.evidence(lab)

@@ -188,3 +188,12 @@ def behind_bar(picture: np.ndarray, bar: np.ndarray, seed: int) -> np.ndarray:
     noise = np.random.default_rng(seed).normal(0, 1, picture.shape)
     drawn = np.where(bar[..., None], np.array(BAR_RGB), picture) + noise
     return np.clip(np.rint(drawn), 0, 255).astype(np.uint8)
+
+
+def with_forehead(scene: Scene, taller: float) -> tuple[np.ndarray, np.ndarray]:
+    """Picture and skin of a drawn face with the forehead so many times as high, its landmarks where they were."""
+    brow = float(scene.landmarks.points[layout.LEFT_BROW, 1].min())
+    ys, xs = np.mgrid[: scene.rgb.shape[0], : scene.rgb.shape[1]].astype(np.float32)
+    to = np.where(ys < brow, brow - (brow - ys) / np.float32(taller), ys).astype(np.float32)
+    rgb = cv2.remap(scene.rgb, xs, to, cv2.INTER_LINEAR)
+    return rgb, cv2.remap(scene.skin.astype(np.uint8), xs, to, cv2.INTER_NEAREST) > 0

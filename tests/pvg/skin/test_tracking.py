@@ -13,7 +13,7 @@ from pvg.face import layout
 from pvg.skin import Matte, SkinTracker, fit_skin_model, scene_raster, skin_mask
 from pvg.skin import Scene as WholePicture
 from tests.gallery.faces import real_landmarks
-from tests.gallery.scenes import Scene, alpha_of, drawn_face, grown, mask_of
+from tests.gallery.scenes import Scene, alpha_of, drawn_face, grown, mask_of, with_forehead
 
 
 def first_matte(scene: Scene, **options: Any) -> Matte:
@@ -50,11 +50,7 @@ def test_the_mask_follows_a_moving_face_without_jitter_or_ghost() -> None:
 
 def _bowed(scene: Scene, taller: float) -> tuple[np.ndarray, np.ndarray]:
     """Picture and skin with the forehead so many times as high and shining, the landmarks where they were."""
-    brow = float(scene.landmarks.points[layout.LEFT_BROW, 1].min())
-    ys, xs = np.mgrid[: scene.rgb.shape[0], : scene.rgb.shape[1]].astype(np.float32)
-    to = np.where(ys < brow, brow - (brow - ys) / np.float32(taller), ys).astype(np.float32)
-    rgb = cv2.remap(scene.rgb, xs, to, cv2.INTER_LINEAR)
-    skin = cv2.remap(scene.skin.astype(np.uint8), xs, to, cv2.INTER_NEAREST) > 0
+    rgb, skin = with_forehead(scene, taller)
     band = cv2.GaussianBlur((skin & ~scene.skin).astype(np.float32), (0, 0), 2)
     shine = band[..., None] * np.array([0.3, 0.25, 0.2])  # yellower than what the key frame saw
     return np.clip(rgb * (1 + shine), 0, 255).astype(np.uint8), skin
