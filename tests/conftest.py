@@ -21,8 +21,8 @@ settings.load_profile("no clock")
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
-#: these start no processes of the service
-_BESIDE = ("pvg", "properties", "benchmarks", "gallery", "fuzz", "service/catalog")
+#: these start no processes of the service, and no seconds count in them
+_BESIDE = ("pvg/", "properties/", "benchmarks/", "gallery/", "fuzz/", "service/catalog/", "service/test_backup.py")
 
 
 @pytest.hookimpl(tryfirst=True)  # xdist looks at the groups in a hook of its own
@@ -33,7 +33,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """
     for item in items:
         place = item.path.relative_to(REPOSITORY / "tests").as_posix()
-        beside = place.startswith(tuple(f"{folder}/" for folder in _BESIDE))
+        beside = place.startswith(_BESIDE)
         item.add_marker(pytest.mark.xdist_group("beside" if beside else "service"))
 
 

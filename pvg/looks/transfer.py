@@ -19,8 +19,8 @@ from pvg.curves import GROUPS, table_labels
 from pvg.face.parts import PARTS
 from pvg.looks.apart import parts_apart
 from pvg.looks.color_map import SMALLEST_GROUP, ColorMap, TransportSteps, all_colors_map
+from pvg.looks.complexion import complexion
 from pvg.looks.exposure import Exposure, at_exposure, leading_key
-from pvg.looks.key_light import in_key_light
 from pvg.looks.light import light_ratio, relit
 from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, BodyMap, Contrast, FaceContrast, Look
 from pvg.looks.parts import MAKEUP, Makeup, PartChanges, strengths
@@ -150,7 +150,7 @@ def _skin_map(key: KeyFrame, target: KeyFrame, steps: TransportSteps) -> SkinMap
     """The smooth map of the transport of the open skin; None without enough of it on either side."""
     if min(len(key.skin), len(target.skin)) == 0:
         return None
-    return SkinMap.between(key.skin, steps.transport(key.skin, in_key_light(target.skin)))
+    return SkinMap.between(key.skin, steps.transport(key.skin, complexion(target.skin, key.skin)))
 
 
 def _body_map(key: KeyFrame, target: KeyFrame, steps: TransportSteps) -> SkinMap:

@@ -1,0 +1,60 @@
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from pvg.looks.complexion import complexion
+
+TAN = (60.0, 15.0, 20.0)  # CIELAB: C*/L* 0.42
+ASHEN = (60.0, 10.0, 13.0)  # 0.27
+
+
+def skin(lab: tuple[float, float, float], chroma: float = 1.0, count: int = 400) -> np.ndarray:
+    """Open skin of one complexion in light of many strengths, (count, 3) RGB."""
+    rng = np.random.default_rng(0)
+    median = np.array((lab[0], chroma * lab[1], chroma * lab[2]), np.float32).reshape(1, 1, 3)
+    rgb = 255.0 * cv2.cvtColor(median, cv2.COLOR_LAB2RGB)[0, 0]
+    return (rng.uniform(0.8, 1.2, (count, 1)) * rgb + rng.normal(0, 2, (count, 3))).astype(np.float32)
+
+
+def lightness_and_saturation(colors: np.ndarray) -> tuple[float, float]:
+    median = (np.median(colors, axis=0) / 255).astype(np.float32).reshape(1, 1, 3)
+    lightness, a, b = cv2.cvtColor(median, cv2.COLOR_RGB2LAB)[0, 0]
+    return float(lightness), float(np.hypot(a, b) / lightness)
+
+
+def test_ashen_skin_gains_chroma_and_keeps_its_lightness() -> None:
+    reference = skin(ASHEN)
+    before, after = lightness_and_saturation(reference), lightness_and_saturation(complexion(reference, skin(TAN)))
+    assert after[1] == pytest.approx(0.36, abs=0.015)
+    assert after[0] == pytest.approx(before[0], abs=1.0)
+
+
+def test_the_clips_own_skin_bounds_it() -> None:
+    own = skin(ASHEN, chroma=1.15)
+    _, saturation = lightness_and_saturation(complexion(skin(ASHEN), own))
+    assert saturation == pytest.approx(lightness_and_saturation(own)[1], abs=0.01)
+
+
+@pytest.mark.parametrize("chroma", [0.0, 0.3, 1.0])
+def test_a_clips_own_colours_are_themselves(chroma: float) -> None:
+    own = skin(ASHEN, chroma)
+    assert complexion(own, own) is own
+
+
+@pytest.mark.parametrize("lab", [TAN, (78.0, 14.0, 19.0), (40.0, 12.0, 14.0)], ids=["tan", "pale", "dark"])
+def test_usual_skin_is_taken_as_it_is(lab: tuple[float, float, float]) -> None:
+    reference = skin(lab)
+    assert complexion(reference, skin(TAN)) is reference
+
+
+def test_black_and_white_stays() -> None:
+    taken = complexion(skin(ASHEN, chroma=0.02), skin(TAN))
+    assert lightness_and_saturation(taken)[1] < 0.02
+
+
+def test_without_skin_there_is_nothing_to_change() -> None:
+    nothing, reference = np.zeros((0, 3), np.float32), skin(ASHEN)
+    assert complexion(nothing, reference).shape == (0, 3)
+    assert complexion(reference, nothing) is reference
