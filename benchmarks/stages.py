@@ -99,7 +99,8 @@ class _Stages:
         self.time("draw in all", cpu_ms(lambda: self.renderer.patches(frame)))
         labels = labels_by_length(data.landmarks, data.boundary, spacing_px=_SPACING_PX)
         self.time("match", cpu_ms(lambda: match(wanted.shift, table_labels(), labels)))
-        self.untouched &= _outside_untouched(frame, self.renderer.draw(frame)[0], placed)
+        (matte,) = self.renderer.mattes(frame, 0, [[self.face]])
+        self.untouched &= _outside_untouched(frame, self.renderer.draw(frame)[0], matte)
         return placed
 
     def _wanted(self, frame: Frame) -> tuple[Floats, CurveCorrection]:
@@ -118,14 +119,14 @@ def _apply(frame: Frame, placed: PlacedFace, correction: Correction, look: pvg.L
     apply_correction(frame, corner, alpha, correction, guards=[(guard, 0.8) for guard in guards], fade=fade)
 
 
-def _outside_untouched(before: Frame, after: Frame, placed: PlacedFace) -> bool:
-    """Whether all samples outside the face's window kept their bits."""
-    x0, y0, x1, y1 = placed.window
+def _outside_untouched(before: Frame, after: Frame, matte: Floats) -> bool:
+    """Whether all samples whose pixels a matte (H, W) does not reach kept their bits."""
     for p, (old, new) in enumerate(zip(before.planes, after.planes, strict=True)):
         dx, dy = before.format.chroma_log2 if p else (0, 0)
-        changed = old != new
-        changed[y0 >> dy : -(-y1 >> dy), x0 >> dx : -(-x1 >> dx)] = False
-        if changed.any():
+        reached = np.zeros(old.shape, np.bool_)
+        ys, xs = np.nonzero(matte)
+        reached[ys >> dy, xs >> dx] = True
+        if ((old != new) & ~reached).any():
             return False
     return True
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from pvg.face import Landmarks, layout
-from pvg.skin import Matte, skin_mask
+from pvg.skin import Matte
 from scripts.samples import Samples
 from tests.gallery.faces import fit_surest, read_rgb, real_landmarks
 
@@ -112,13 +112,26 @@ def _pixels(shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
 # a real face
 
 SIDE, FACE_PX = 360, 150.0
+_FACE_AND_NECK = np.array(
+    [
+        *([106, 84], [111, 78], [118, 66], [124, 50], [127, 35], [131, 22], [137, 12], [146, 6], [160, 3], [175, 3]),
+        *([190, 6], [205, 10], [218, 14], [230, 19], [240, 25], [248, 32], [254, 42], [257, 55], [256, 70], [253, 85]),
+        *([251, 100], [252, 120], [254, 140], [251, 165], [246, 185], [239, 199], [230, 212], [221, 222], [216, 231]),
+        *([215, 239], [206, 250], [193, 257], [180, 257], [168, 256], [160, 253], [150, 246], [140, 238], [130, 229]),
+        *([120, 222], [112, 214], [107, 207], [103, 202], [102, 192], [103, 175], [104, 147], [100, 147], [94, 144]),
+        *([89, 136], [86, 125], [85, 110], [86, 95], [88, 82], [92, 77], [97, 77], [102, 82]),
+    ],
+    np.float32,
+)
+_FAR_EAR = np.array([[266, 132], [268, 140], [264, 152], [259, 166], [253, 176], [252, 168], [256, 154]], np.float32)
+"""The resting face's skin, read off an enlarged crop with a grid, drawn back and corrected: pixels of the square."""
 BAR_RGB, BAR_PX = (60, 140, 90), 34
 Affine = np.ndarray  # (2, 3): where a point of the resting face is in a frame
 
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A resting face: rgb (SIDE, SIDE, 3) uint8 and its skin (SIDE, SIDE) bool."""
+    """A resting face: rgb (SIDE, SIDE, 3) uint8 and its skin (SIDE, SIDE) bool, drawn by hand."""
 
     rgb: np.ndarray
     skin: np.ndarray
@@ -144,8 +157,7 @@ def resting_face(samples: Samples) -> Subject:
     place = np.array([[scale, 0, SIDE / 2 - scale * center[0]], [0, scale, 0.45 * SIDE - scale * center[1]]])
     blurred = cv2.GaussianBlur(rgb, (0, 0), max(0.5, 0.4 / scale))
     small = cv2.warpAffine(blurred, place, (SIDE, SIDE), borderMode=cv2.BORDER_REPLICATE)
-    there = Landmarks.unstack(face.stacked * np.float32(scale) + place[:, 2].astype(np.float32))
-    return Subject(np.asarray(small, np.uint8), skin_mask(small, there))
+    return Subject(np.asarray(small, np.uint8), filled((SIDE, SIDE), _FACE_AND_NECK, _FAR_EAR))
 
 
 def path(k: int) -> Affine:

@@ -35,16 +35,18 @@ from tests.gallery.scenes import (
     shrunk,
 )
 
+# Since high foreheads are learned as skin the face counts up to its hair; behind "before" stands what the looks that left
+# the forehead as it was had by the same, hand-drawn truth.
 PINNED = {
-    "mask": 0.0585,  # share of the union of found and true skin that only one holds; truth, a still's mask, lies inside
-    "steadiness": 0.0044,  # dB
-    "warping": 1.67,  # output / input, by the known path; 1.51 with a matte that does not follow the picture's edges
-    "flutter": 0.515,  # levels: how much a skin point's correction changes while the face moves
-    "leak": 0.0193,  # levels; 0.0172 before the tone curve was steeper and corrections larger; wanted are 0.2
-    "light": 0.61,  # levels: how much a change of light changes the correction
-    "occluder": 0.6,  # levels on the occluder, over the face
-    "beside the occluder": 2.30,  # levels between two frames, away from it; 2.18 before the steeper tone curve
-    "after the occluder": 0.4,  # levels, against before
+    "mask": 0.0663,  # share of the union of found and true skin that only one holds; before 0.0772
+    "steadiness": 0.0048,  # dB; before 0.0129
+    "warping": 2.09,  # output / input, by the known path; before 1.76: a forehead that does not change does not flicker
+    "flutter": 0.57,  # levels: how much a skin point's correction changes while the face moves; before 0.665
+    "leak": 0.0197,  # levels; before 0.0788; wanted are 0.2
+    "light": 0.617,  # levels: how much a change of light changes the correction; before 0.614
+    "occluder": 1.03,  # levels on the occluder, over the face; before 0.43: nothing changed on the forehead behind it
+    "beside the occluder": 2.44,  # levels between two frames, away from it; before 2.62
+    "after the occluder": 0.402,  # levels, against before; before 0.685
 }
 WORSE = 1.05  # how much a pinned error may grow
 
