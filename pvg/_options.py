@@ -35,9 +35,9 @@ PRESETS = ("ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "sl
 MATTES = ("ffv1", "prores", "png")
 AUDIOS = ("copy", "none")
 PARTS = ("lips", "lids", "cheeks", "brows")
-MAKEUP, LIGHT, BETA, ITERATIONS = 0.75, 0.25, 0.2, 20
+MAKEUP, LIGHT, SCENE, BETA, ITERATIONS = 0.75, 0.25, 1.0, 0.2, 20
 # that transfer and swap share
-LOOK_OPTIONS = ("strength", "match", "makeup", "light", "extent", "beta", "iterations", "seed")
+LOOK_OPTIONS = ("strength", "match", "makeup", "light", "scene", "extent", "beta", "iterations", "seed")
 OUTPUT_OPTIONS = ("container", "codec", "crf", "preset", "audio")
 LAYERS = ("image", "landmarks", "mask", "matte", "curves", "low", "high")
 
@@ -168,6 +168,14 @@ def _add_look(parser: argparse.ArgumentParser) -> None:
         default=LIGHT,
         metavar="X",
         help=f"how far light falls from where it does on the reference, from 0 to 1 ({LIGHT})",
+    )
+    parser.add_argument(
+        "--scene",
+        type=_share,
+        default=SCENE,
+        metavar="X",
+        help="how far brightness and hue far from the clip's give way to its scene, from 0, which takes the "
+        "reference's own, to 1 (default)",
     )
     parser.add_argument("--beta", type=_beta, default=BETA, metavar="X", help=f"of eq. (7), above 0, up to 1 ({BETA})")
     parser.add_argument(

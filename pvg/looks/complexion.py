@@ -1,4 +1,4 @@
-"""The complexion that a reference gives: its open skin in its key light, and no greyer than skin is.
+"""The complexion that a reference gives: its open skin in its key light, as the scene bears it, no greyer than skin is.
 
 A picture's colours are as much its camera's and its grade's as its people's. Among its own dark curtains and blue
 greys, skin of little chroma looks like skin; put into another picture it looks dead. So skin that is greyer than skin
@@ -13,6 +13,7 @@ import numpy as np
 
 from pvg._arrays import Floats
 from pvg.looks.key_light import in_key_light
+from pvg.looks.scene import in_scene
 from pvg.looks.tone import to_opponent, to_rgb
 
 # saturation, C*/L* of CIELAB, below which skin looks grey: at L* 60, its fall a level of L*, and the most of it
@@ -21,11 +22,15 @@ _USUAL, _FALL, _MOST = 0.36, 0.004, 0.40
 _GAIN = 1.3  # of chroma, at most [by blind choice]: a grade in black and white is meant
 
 
-def complexion(reference: Floats, own: Floats) -> Floats:
-    """The colours (m, 3) that open skin `own` (n, 3) is to take from a `reference`'s (k, 3), 0-255 RGB, m ≤ k."""
+def complexion(reference: Floats, own: Floats, scene: float = 0.0) -> Floats:
+    """The colours (m, 3) that open skin `own` (n, 3) is to take from a `reference`'s (k, 3), 0-255 RGB, m ≤ k.
+
+    scene: see `pvg.looks.scene`.
+    """
     skin = in_key_light(reference)
     if min(len(skin), len(own)) == 0:
         return skin
+    skin = in_scene(skin, own, scene)
     lightness, saturation = _saturation(skin)
     usual = min(_USUAL - _FALL * (lightness - 60.0), _MOST)
     gain = min(usual, _saturation(own)[1]) / max(saturation, 1e-6)

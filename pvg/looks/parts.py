@@ -10,11 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pvg._arrays import Doubles, Floats
 from pvg.asset import KeyFrame
+from pvg.curves import CURVES, table_labels
 from pvg.face.parts import PARTS
 from pvg.looks.tone import SkinMap, UsualChroma, to_opponent
 
@@ -52,6 +55,9 @@ _LIP_RICHER = 0.0018  # of saturation, a level of the skin's luma: lips of dark 
 _LIP_LEAST_RICHER = 0.05  # of saturation, levels a level of luma: lips are not as grey as the skin
 _LIP_MOST_RICHER = 0.12  # how much richer those of dark skin may be
 _LIKE_SKIN = 0.3  # of log luma between two skins, over which a clip's own lips say less of what they can be [by eye]
+# of the skin's luma: hair above the mouth is darker [measured: moustaches 0.27 to 0.56, skin 0.72 to 1.21], and lips in
+# its shade, under its hairs, are darker than this
+_MOUSTACHE, _BESIDE_MOUSTACHE = 0.62, 0.6
 _LEAST_CHROMA = 4.0  # levels: greyer skin has no hue
 _LEAST_RED = -3.0  # levels of R − Y beyond the skin's: lips with less are a beard or a shadow [by eye]
 
@@ -86,6 +92,8 @@ class PartChanges:
         chroma = parts[:, 1:] - UsualChroma.of(to_opponent(reference.skin)).at(parts[:, 0])
         for p, part in enumerate(PARTS):
             low, high = _BOUNDS[part].shown
+            if part == "lips" and _moustache(reference):
+                low = max(low, _BESIDE_MOUSTACHE)
             hidden = not low <= luma[p] <= high  # true for what was not seen, NaN
             if hidden or (part == "lips" and chroma[p, 1] < _LEAST_RED):
                 luma[p], chroma[p] = np.nan, 0.0
@@ -112,6 +120,19 @@ class PartChanges:
             if part == "lips":
                 out[p] = _as_lips(ours + out[p], own[p], skin, key, face) - ours
         return out
+
+
+def _moustache(reference: KeyFrame) -> bool:
+    """Whether what is above the mouth is much darker than the open skin."""
+    above = _above_the_mouth() & reference.visible
+    return bool(above.any() and _level(reference.colors[above]) < _MOUSTACHE * _level(reference.skin))
+
+
+@cache
+def _above_the_mouth() -> NDArray[np.bool_]:
+    """(S,) the samples of the table on the upper lip's skin."""
+    names = [curve.name for curve in CURVES]
+    return np.asarray(table_labels().curve == names.index("upper_lip"))
 
 
 def _as_lips(lips: Doubles, own: Doubles, skin: SkinMap, key: KeyFrame, face: float) -> Doubles:

@@ -8,7 +8,7 @@ map relative to its exposure (`looks/exposure.py`), so that light that changes s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
@@ -24,6 +24,7 @@ from pvg.looks.exposure import Exposure, at_exposure, leading_key
 from pvg.looks.light import light_ratio, relit
 from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, BodyMap, Contrast, FaceContrast, Look
 from pvg.looks.parts import MAKEUP, Makeup, PartChanges, strengths
+from pvg.looks.scene import SCENE
 from pvg.looks.tone import SkinMap
 
 BETA = 0.2  # β of eq. (7) [paper]
@@ -46,8 +47,8 @@ def _reference_key(reference: VectorVideo, face: int | None) -> KeyFrame:
     return leading_key([reference.records[reference_face_of(reference, face).index]])
 
 
-def _check(strength: float, light: float, contrast: Contrast, match: str, protect: Sequence[str], extent: str) -> None:
-    for name, share in (("strength", strength), ("light", light)):
+def _check(shares: Mapping[str, float], contrast: Contrast, match: str, protect: Sequence[str], extent: str) -> None:
+    for name, share in shares.items():
         if not 0.0 <= share <= 1.0:
             raise ValueError(f"{name} must be in [0, 1], not {share}")
     if contrast != "auto" and not (
@@ -72,6 +73,7 @@ def transfer(
     match: str = "semantic",
     makeup: Makeup = MAKEUP,
     light: float = LIGHT,
+    scene: float = SCENE,
     protect: Sequence[str] = PROTECTABLE,
     extent: str = "skin",
     faces: Literal["all"] | Sequence[int] = "all",
@@ -87,12 +89,14 @@ def transfer(
     match: "semantic" moves skin to skin, "color" transports all boundary colours together as the paper does;
     makeup: in [0, 1] for all parts or by part, how far lips, lids, cheeks and brows take the reference's difference to
     its skin; "color" has none;  light: in [0, 1], how far light falls on the face from where it does on the reference;
+    scene: in [0, 1], how far brightness and hue that lie far from the clip's give way to its scene: 0 takes the
+    reference's own; "color" takes them in any case;
     protect: features that go their own way;  extent: "skin", all skin of a person, or "face", which leaves chest,
     arms and hands as they are;  faces: "all", or the indices of those to change;
     beta, iterations: of eq. (7), the paper's 0.2 and 20;  seed: of the random rotations.
     Raises `ValueError` on a parameter out of range or an unknown face or part.
     """
-    _check(strength, light, contrast, match, protect, extent)
+    _check({"strength": strength, "light": light, "scene": scene}, contrast, match, protect, extent)
     target = _reference_key(reference, reference_face)
     steps = TransportSteps(beta, iterations, seed)
     wanted = strengths(makeup)[:, None]
@@ -108,12 +112,12 @@ def transfer(
             continue
         leading = leading_key([video.records[index] for index in person])
         plain, leading = leading, relit(leading, light_ratio(leading, target, light))
-        skin = _skin_map(leading, target, steps) if match == "semantic" else None
+        skin = _skin_map(leading, target, steps, scene) if match == "semantic" else None
         apply = all_colors_map(leading, target, steps) if skin is None else _at_curves(skin)
         # the paper's way moves every key frame by the same map
         exposures = Exposure.between(leading, apply) if video.settings["matching"] != "chain" else None
         # light falls on the face alone
-        whole = skin if skin is not None and plain is leading else _body_map(plain, target, steps)
+        whole = skin if skin is not None and plain is leading else _body_map(plain, target, steps, scene)
         for index in person:
             if index not in chosen:
                 continue
@@ -146,16 +150,16 @@ def _at_curves(skin: SkinMap) -> ColorMap:
     return lambda key: np.where(on_skin, skin(key.colors, skin.broad), skin(key.colors))
 
 
-def _skin_map(key: KeyFrame, target: KeyFrame, steps: TransportSteps) -> SkinMap | None:
+def _skin_map(key: KeyFrame, target: KeyFrame, steps: TransportSteps, scene: float) -> SkinMap | None:
     """The smooth map of the transport of the open skin; None without enough of it on either side."""
     if min(len(key.skin), len(target.skin)) == 0:
         return None
-    return SkinMap.between(key.skin, steps.transport(key.skin, complexion(target.skin, key.skin)))
+    return SkinMap.between(key.skin, steps.transport(key.skin, complexion(target.skin, key.skin, scene)))
 
 
-def _body_map(key: KeyFrame, target: KeyFrame, steps: TransportSteps) -> SkinMap:
+def _body_map(key: KeyFrame, target: KeyFrame, steps: TransportSteps, scene: float) -> SkinMap:
     """The same for the rest of a person's skin; curves stand in where there is too little open skin."""
-    skin = _skin_map(key, target, steps)
+    skin = _skin_map(key, target, steps, scene)
     if skin is not None:
         return skin
     own, wanted = key.colors[key.visible], target.colors[target.visible]

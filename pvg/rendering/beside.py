@@ -11,19 +11,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from pvg._arrays import Floats
 from pvg.membrane import Lattice
 from pvg.raster import SUBPIXEL_BITS, fixed_point
 from pvg.rendering.correction import Correction
 from pvg.rendering.map_tables import MapTables
+from pvg.rendering.node_means import averaged, mean_codes
 from pvg.rendering.placed_face import PlacedFace
-from pvg.rendering.planes import opponent_matrix
 from pvg.video import Frame
 
 _FEATHER = 0.05  # of the face's width: how softly the face goes over into what is beside it [by eye]
@@ -75,23 +73,9 @@ def _share_beside(placed: PlacedFace, lattice: Lattice, shape: tuple[int, int]) 
 
 def _means(frame: Frame, placed: PlacedFace, shape: tuple[int, int]) -> Floats:
     """(h, w, 3) mean codes of luma and chroma around each block of nodes, as the matte weighs them."""
-    x0, y0, x1, y1 = placed.window
-    planes = []
-    for p, plane in enumerate(frame.planes[:3]):
-        right, down = frame.format.chroma_log2 if p else (0, 0)
-        planes.append(_averaged(plane[y0 >> down : -(-y1 >> down), x0 >> right : -(-x1 >> right)], shape))
-    codes = np.stack(planes, axis=-1)
-    if frame.format.is_rgb:
-        codes = (codes @ opponent_matrix(frame.format).T + frame.format.opponent.offset).astype(np.float32)
+    codes = mean_codes(frame, placed.window, shape)
     sigma = max(0.5, _AROUND * placed.data.landmarks.axes.width / (_COARSE * placed.cuts.lattice.step))
-    alpha = _averaged(placed.alpha, shape)[..., None]
+    alpha = averaged(placed.alpha, shape)[..., None]
     weight = cv2.GaussianBlur(alpha, (0, 0), sigma)[..., None]
     held = cv2.GaussianBlur(alpha * codes, (0, 0), sigma)
     return np.asarray(np.where(weight > _LEAST, held / np.maximum(weight, _LEAST), codes), np.float32)
-
-
-def _averaged(plane: NDArray[Any], shape: tuple[int, int]) -> Floats:
-    """A plane of the face's window averaged over each block of nodes, (h, w) float32."""
-    apart = max(1, plane.shape[0] // (2 * shape[0]))  # two samples a block will do: means are taken over several
-    few = np.ascontiguousarray(plane[::apart, ::apart])
-    return np.asarray(cv2.resize(few, (shape[1], shape[0]), interpolation=cv2.INTER_AREA), np.float32)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from pvg.rendering.correction import at_curves, extend
 from pvg.rendering.edges import follow_edges
 from pvg.rendering.foreground import foreground
 from pvg.rendering.guards import Guard, guard_gain, guarded_alpha
+from pvg.rendering.lips import lips_shown
 from pvg.rendering.makeup import with_parts
 from pvg.rendering.map_tables import MapTables
 from pvg.rendering.placed_body import PlacedBody, place_body
@@ -198,7 +200,10 @@ class Renderer:
             parts.append(None if gained is None else coding.changes(gained, new))
         level, align = 2.0 ** (frame.format.depth - 8), 2 ** max(frame.format.chroma_log2)
         corrections = extend(placed, codes, wanted, level=level)
-        corrections = with_parts(corrections, parts, placed.data.landmarks)
+        landmarks = placed.data.landmarks
+        key = self.video.records[face].key_frame_of(frame.index)
+        lips = partial(lips_shown, frame, landmarks, key, placed.cuts.lattice)
+        corrections = with_parts(corrections, parts, landmarks, lips)
         corrections = with_beside(frame, placed, corrections, beside)
         corner = placed.x, placed.y
         skin = None

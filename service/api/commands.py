@@ -298,6 +298,7 @@ def params_of(look: Wanted) -> LookParams:
         faces=options.faces if options.faces == "all" else tuple(options.faces),
         makeup=options.makeup if isinstance(options.makeup, float) else options.makeup.model_dump(),
         light=options.light,
+        scene=options.scene,
         extent=options.extent,
         reference_face=options.reference_face,
         beta=options.beta,

@@ -83,6 +83,7 @@ JOB: Final[dict[str, Any]] = {
                 "faces": "all",
                 "makeup": 0.75,
                 "light": 0.25,
+                "scene": 1.0,
                 "extent": "skin",
                 "reference_face": None,
                 "beta": 0.2,

@@ -190,6 +190,7 @@ TRANSFER_FORM: dict[str, Any] = {
             "description": "a number, or comma-separated by part, each once: lips=1,lids=0.3",
         },
         "light": {"type": "number", "minimum": 0, "maximum": 1},
+        "scene": {"type": "number", "minimum": 0, "maximum": 1},
         "extent": {"type": "string", "enum": [*get_args(Extent)]},
         "reference_face": {"type": "integer", "minimum": 0, "maximum": 1000},
         "beta": {"type": "number", "exclusiveMinimum": 0, "maximum": 1},

@@ -68,8 +68,8 @@ class LookParams:
 
     ``strength`` is in [0, 1], ``contrast`` in [0.7, 1.5] or "auto"; ``protect`` names the parts that keep their colour,
     ``faces`` the indices of the faces to change, ``reference_face`` that of the reference's, None its largest;
-    ``makeup`` is in [0, 1] for all parts or by part, ``light`` in [0, 1]; ``extent`` is all skin of the person or the
-    face alone;
+    ``makeup`` is in [0, 1] for all parts or by part, ``light`` and ``scene`` in [0, 1]; ``extent`` is all skin of the
+    person or the face alone;
     ``beta``, ``iterations`` and ``seed`` are those of the transport. With ``exchange`` the two ``faces`` exchange their
     colours, and ``contrast`` has one value for each.
     """
@@ -81,6 +81,7 @@ class LookParams:
     faces: tuple[int, ...] | Literal["all"] = "all"
     makeup: float | dict[str, float] = 0.75
     light: float = 0.25
+    scene: float = 1.0
     extent: Extent = "skin"
     reference_face: int | None = None
     beta: float = 0.2

@@ -35,7 +35,7 @@ from tests.gallery.scenes import (
     shrunk,
 )
 
-# Since high foreheads are learned as skin the face counts up to its hair; behind "before" stands what the looks that left
+# Since high foreheads are learned as skin the face counts up to its hair; behind "before" stands what looks that left
 # the forehead as it was had by the same, hand-drawn truth.
 PINNED = {
     "mask": 0.0663,  # share of the union of found and true skin that only one holds; before 0.0772
@@ -77,7 +77,7 @@ def _run(frames: Iterable[np.ndarray], reference: pvg.VectorVideo, folder: Path)
     xs = np.arange(SIDE, dtype=np.float32)
     source, result, masks = [], [], []
     with pvg.vectorize(clip, asset=folder / "scene.pvg") as video:
-        renderer = Renderer(video, [pvg.transfer(video, reference, contrast=1.0, light=0.0, extent="face")])
+        renderer = Renderer(video, [pvg.transfer(video, reference, contrast=1.0, light=0.0, scene=0.0, extent="face")])
         for frame in read_frames(clip):
             data = video.face_at(0, frame.index)
             assert data is not None

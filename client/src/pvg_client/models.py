@@ -155,6 +155,7 @@ class Look:
     match: Literal["semantic", "color"] | None = None
     makeup: float | Mapping[str, float] | None = None
     light: float | None = None
+    scene: float | None = None
     extent: Literal["skin", "face"] | None = None
     reference_face: int | None = None
     protect: Sequence[str] | None = None

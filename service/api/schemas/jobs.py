@@ -47,6 +47,7 @@ class OptionsBody(BaseModel):
     faces: Faces
     makeup: float | MakeupParts
     light: float
+    scene: float
     extent: Extent
     reference_face: int | None
     beta: float

@@ -60,6 +60,10 @@ class _ColorOptions(Request):
         default=MAKEUP, description="how far lips, lids, cheeks and brows take the reference's make-up: all, or by part"
     )
     light: Share = Field(default=0.25, description="how far light falls from where it does on the reference")
+    scene: Share = Field(
+        default=1.0,
+        description="how far brightness and hue far from the clip's give way to its scene; 0 takes the reference's own",
+    )
     extent: Extent = Field(default="skin", description="all skin of the person, or the face with ears and neck alone")
     reference_face: Index | None = Field(
         default=None, description="index of the reference's face; its largest when not given"

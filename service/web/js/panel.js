@@ -136,6 +136,7 @@ export function mountPanel() {
     contrast(),
     makeup(),
     row("Light", { note: "How far light falls as it does on the portrait." }, ({ light }) => light, (light) => set({ light })),
+    row("Scene", { note: "How far the look gives way to the clip's own light where it is far from it." }, ({ scene }) => scene, (scene) => set({ scene })),
     extent(),
   ];
   const more = [keep(), match()];

@@ -18,6 +18,7 @@ export const DEFAULTS = Object.freeze({
   contrast: "auto",
   makeup: 0.75,
   light: 0.25,
+  scene: 1,
   extent: "skin",
   match: "semantic",
   protect: ["eyes", "teeth"],

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pvg.asset import KeyFrame
+from pvg.curves import CURVES, table_labels
 from pvg.face.parts import PARTS
 from pvg.looks.parts import _LIP_HUE, _LIP_TURN, MAKEUP, PartChanges, _hue, strengths
 from pvg.looks.tone import SkinMap, to_opponent, to_rgb
@@ -65,6 +66,17 @@ def test_a_beard_or_a_shadow_in_the_reference_is_left_out(part: str, color: tupl
     reference = _face((210, 175, 160), {part: color})
     change = PartChanges.of(reference).on(_map(_OWN, reference), _OWN)
     assert (change[PARTS.index(part)] == 0).all()
+
+
+@pytest.mark.parametrize(("above", "luma", "kept"), [(0.4, 0.55, False), (0.4, 0.75, True), (1.0, 0.55, True)])
+def test_lips_in_a_moustaches_shade_are_left_out(above: float, luma: float, *, kept: bool) -> None:
+    lips, labels = PARTS.index("lips"), table_labels()
+    reference = _face((210, 175, 160), {"lips": (luma, 0.0, 15.0)})
+    mouth = labels.curve == [curve.name for curve in CURVES].index("upper_lip")
+    skin = np.median(reference.skin, axis=0)
+    colors = np.where(mouth[:, None], above * skin, skin).astype(np.float32)
+    reference = replace(reference, colors=colors, visible=np.ones(len(colors), np.bool_))
+    assert (PartChanges.of(reference).on(_map(_OWN, reference), _OWN)[lips] != 0).any() == kept
 
 
 def test_what_is_not_seen_on_either_side_is_left_out() -> None:

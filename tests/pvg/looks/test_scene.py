@@ -1,0 +1,69 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pvg.looks.scene import in_scene
+from pvg.looks.tone import to_opponent, to_rgb
+
+TAN = (150.0, -0.25, 0.27)  # luma, B − Y and R − Y over it
+PALE = (200.0, -0.16, 0.17)
+DARK = (70.0, -0.34, 0.40)
+
+
+def skin(tone: tuple[float, float, float], count: int = 300) -> np.ndarray:
+    """Open skin of one tone in light of many strengths, (count, 3) RGB."""
+    luma = np.random.default_rng(0).uniform(0.8, 1.2, count) * tone[0]
+    rgb = to_rgb(np.column_stack([luma, tone[1] * luma, tone[2] * luma]))
+    return np.clip(rgb, 0, 255).astype(np.float32)
+
+
+def median(colors: np.ndarray) -> tuple[float, np.ndarray]:
+    """Luma, and chroma over it."""
+    luma, *chroma = to_opponent(np.median(colors, axis=0)[None])[0]
+    return float(luma), np.array(chroma) / luma
+
+
+def test_a_share_of_zero_takes_the_reference_as_it_is() -> None:
+    reference = skin(PALE)
+    assert in_scene(reference, skin(DARK), 0.0) is reference
+
+
+@pytest.mark.parametrize("tone", [TAN, PALE, DARK], ids=["tan", "pale", "dark"])
+def test_a_clips_own_colours_are_themselves(tone: tuple[float, float, float]) -> None:
+    np.testing.assert_allclose(in_scene(skin(tone), skin(tone), 1.0), skin(tone), atol=1e-3)
+
+
+@pytest.mark.parametrize(("goal", "own"), [(PALE, DARK), (DARK, PALE), (TAN, DARK)])
+def test_brightness_and_hue_go_part_of_the_way(
+    goal: tuple[float, float, float], own: tuple[float, float, float]
+) -> None:
+    luma, chroma = median(in_scene(skin(goal), skin(own), 1.0))
+    (wanted, wanted_chroma), (start, start_chroma) = median(skin(goal)), median(skin(own))
+    assert 0.4 < np.log(luma / start) / np.log(wanted / start) < 0.85
+    way = (chroma - start_chroma) @ (wanted_chroma - start_chroma) / np.sum((wanted_chroma - start_chroma) ** 2)
+    assert 0.4 < way < 0.95
+
+
+def test_the_farther_the_smaller_the_share() -> None:
+    def share(goal: tuple[float, float, float]) -> float:
+        start = median(skin(TAN))[0]
+        return float(
+            np.log(median(in_scene(skin(goal), skin(TAN), 1.0))[0] / start) / np.log(median(skin(goal))[0] / start)
+        )
+
+    assert share((140.0, -0.25, 0.27)) > 0.9
+    assert share((110.0, -0.25, 0.27)) > share((60.0, -0.25, 0.27))
+
+
+def test_shading_and_differences_of_the_reference_stay() -> None:
+    reference = skin(PALE)
+    taken = in_scene(reference, skin(DARK), 1.0)
+    before, after = to_opponent(reference)[:, 0], to_opponent(taken)[:, 0]
+    np.testing.assert_allclose(after / np.median(after), before / np.median(before), rtol=1e-3)
+
+
+def test_black_has_no_ratio() -> None:
+    reference, black = skin(PALE), np.zeros((50, 3), np.float32)
+    assert in_scene(reference, black, 1.0) is reference
+    assert in_scene(black, reference, 1.0) is black

@@ -1,0 +1,73 @@
+"""Where a mouth's outline shows lips."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from pvg.asset import FaceInFrame, KeyFrame
+from pvg.face import layout
+from pvg.face.parts import PARTS
+from pvg.membrane import Lattice
+from pvg.rendering.lips import lips_shown
+from pvg.video import RGB24, PixelFormat
+from tests.gallery.assets import key_frame
+from tests.gallery.pictures import YUV444, frame_of
+
+SKIN, LIPS, PALE_LIPS = (190.0, 150.0, 130.0), (160.0, 95.0, 95.0), (150.0, 118.0, 108.0)
+LATTICE = Lattice.over((0, 0, 640, 360))
+
+
+def key_of(lips: tuple[float, float, float]) -> KeyFrame:
+    parts = np.tile(np.array(SKIN, np.float32), (len(PARTS), 1))
+    parts[PARTS.index("lips")] = lips
+    return replace(key_frame(), skin=np.tile(np.array(SKIN, np.float32), (64, 1)), parts=parts)
+
+
+def mouth(face: FaceInFrame, lips: tuple[float, float, float], light: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """A face of skin with lips, its picture (360, 640, 3), and where the middle of the outline is on the nodes."""
+    picture = np.full((360, 640, 3), SKIN)
+    outline = face.landmarks.points[layout.LIPS_OUTER]
+    drawn = np.zeros((360, 640), np.uint8)
+    cv2.fillPoly(drawn, [np.rint(outline).astype(np.int32)], 1)
+    picture[drawn > 0] = lips
+    inner = cv2.erode(drawn, np.ones((5, 5), np.uint8))
+    at = np.arange(LATTICE.height) * LATTICE.step, np.arange(LATTICE.width) * LATTICE.step
+    ys, xs = (np.minimum(np.rint(side).astype(int), most - 1) for side, most in zip(at, (360, 640), strict=True))
+    return light * picture, inner[np.ix_(ys, xs)] > 0
+
+
+@pytest.mark.parametrize("pixel_format", [YUV444, RGB24], ids=["clip", "still"])
+@pytest.mark.parametrize("lips", [LIPS, PALE_LIPS])
+@pytest.mark.parametrize("light", [1.0, 0.8, 1.15])
+def test_lips_are_shown_in_any_light(
+    face: FaceInFrame, pixel_format: PixelFormat, lips: tuple[float, float, float], light: float
+) -> None:
+    picture, within = mouth(face, lips, light)
+    shown = lips_shown(frame_of(picture, pixel_format), face.landmarks, key_of(lips), LATTICE)
+    assert shown is not None
+    assert shown[within].min() > 0.9
+
+
+@pytest.mark.parametrize("pixel_format", [YUV444, RGB24], ids=["clip", "still"])
+@pytest.mark.parametrize("lips", [LIPS, PALE_LIPS])
+def test_a_finger_over_the_mouth_is_no_lip(
+    face: FaceInFrame, pixel_format: PixelFormat, lips: tuple[float, float, float]
+) -> None:
+    picture, within = mouth(face, SKIN)
+    shown = lips_shown(frame_of(picture, pixel_format), face.landmarks, key_of(lips), LATTICE)
+    assert shown is not None
+    assert shown[within].max() < 0.05
+
+
+def test_lips_like_the_skin_are_not_told(face: FaceInFrame) -> None:
+    picture, _ = mouth(face, SKIN)
+    assert lips_shown(frame_of(picture, YUV444), face.landmarks, key_of(SKIN), LATTICE) is None
+
+
+def test_lips_that_the_key_frame_did_not_see_are_not_told(face: FaceInFrame) -> None:
+    picture, _ = mouth(face, LIPS)
+    assert lips_shown(frame_of(picture, YUV444), face.landmarks, key_of((np.nan,) * 3), LATTICE) is None
