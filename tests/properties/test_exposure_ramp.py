@@ -49,7 +49,7 @@ def test_a_ramp_of_exposure_neither_burns_out_nor_steps(
     with pvg.vectorize(tmp_path / "ramp.mp4", asset=tmp_path / "ramp.pvg") as video:
         (record,) = video.records
         assert 4 <= len(record.key_frames) <= 8
-        renderer = Renderer(video, [pvg.transfer(video, reference) for reference in references])
+        renderer = Renderer(video, [pvg.transfer(video, reference, scene=0.0) for reference in references])
         before, after, burnt, lumas = [], [], [], []
         for frame in read_frames(video.require_source()):
             drawn = [frame.rgb()[subject.inner] for frame in renderer.draw(frame)]

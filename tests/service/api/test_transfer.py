@@ -43,6 +43,7 @@ def test_a_transfer_of_ready_media_is_queued_at_once(api: Api) -> None:
         "faces": [0],
         "makeup": 0.75,
         "light": 0.25,
+        "scene": 1.0,
         "extent": "skin",
         "reference_face": None,
         "beta": 0.2,
