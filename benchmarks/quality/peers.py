@@ -37,8 +37,8 @@ except ImportError:
     ColorMatcher = None
 
 DEEP = "ours, λ = 1, in 12 bits"
-OURS = ("ours", "ours, λ = 1")  # the defaults; then without contrast
-AT_LAMBDA_ONE = OURS[1:]
+OURS = ("ours", "ours, λ = 1", "ours, scene = 0")  # the defaults; then without contrast, and with nothing for the scene
+AT_LAMBDA_ONE = OURS[1:2]
 FULL = "ours, full light and parts"  # drawn where the measure asks for it, when the library has those options
 PAPER = "the paper's way"  # all colours transported, the chain with reset, λ = 1, our mask
 PAPER_MASK = "the paper's way, its Cr mask"
@@ -364,6 +364,7 @@ def open_methods(
     methods: list[Method] = [
         Looks.of(OURS[0], video, face, references),
         Looks.of(OURS[1], video, face, references, contrast=1.0),
+        Looks.of(OURS[2], video, face, references, scene=0.0),
     ]
     if full and full_options():
         methods.append(Looks.of(FULL, video, face, references, **full_options()))
