@@ -19,8 +19,9 @@ MAX_WAIT_S: Final = 60
 MAX_PAGE: Final = 200
 
 
-def get_services(request: Request) -> Services:
+async def get_services(request: Request) -> Services:
     """The parts of the running API."""
+    # not a plain function: FastAPI would call that in a thread of its own, for every request
     return cast("Services", request.app.state.services)
 
 

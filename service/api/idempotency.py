@@ -141,7 +141,7 @@ class Once:
             raise ConflictError("this request took too long, and its Idempotency-Key was used again")
 
 
-def _once(
+async def _once(
     request: Request,
     services: ServicesDep,
     caller: CallerDep,

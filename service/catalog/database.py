@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 import threading
-from collections import defaultdict
+from collections import defaultdict, deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from datetime import datetime
@@ -28,8 +28,47 @@ _CONNECT_S = 3
 _POOL_S = 5.0
 
 
+class _Line:
+    """A lock that is had in the order in which it was asked for.
+
+    A `threading.Lock` goes to whoever comes first once it is free: of several threads that want it all the time, one
+    is overtaken again and again.
+    """
+
+    def __init__(self) -> None:
+        self._guard = threading.Lock()
+        self._taken = False
+        #: of each that waits, a lock that is opened when it is its turn
+        self._waiting: deque[threading.Lock] = deque()
+
+    def acquire(self, timeout_s: float) -> bool:
+        """Take it; False when others have it for longer than that."""
+        with self._guard:
+            if not self._taken:
+                self._taken = True
+                return True
+            mine = threading.Lock()
+            mine.acquire()
+            self._waiting.append(mine)
+        if mine.acquire(timeout=timeout_s):
+            return True
+        with self._guard:
+            if mine in self._waiting:
+                self._waiting.remove(mine)
+                return False
+        return True  # handed over at the last moment
+
+    def release(self) -> None:
+        """Hand it to the next in line."""
+        with self._guard:
+            if self._waiting:
+                self._waiting.popleft().release()
+            else:
+                self._taken = False
+
+
 #: one for each SQLite database, by its URL
-_turns: defaultdict[str, threading.Lock] = defaultdict(threading.Lock)
+_turns: defaultdict[str, _Line] = defaultdict(_Line)
 
 
 class _WritersTurn:
@@ -42,16 +81,16 @@ class _WritersTurn:
 
     def __init__(self, url: str, wait_s: float) -> None:
         self._wait_s = wait_s
-        self._lock = _turns[url]
+        self._line = _turns[url]
 
     def __enter__(self) -> None:
-        if not self._lock.acquire(timeout=self._wait_s):
+        if not self._line.acquire(self._wait_s):
             locked = sqlite3.OperationalError("database is locked")
             locked.sqlite_errorcode, locked.sqlite_errorname = sqlite3.SQLITE_BUSY, "SQLITE_BUSY"
             raise OperationalError("BEGIN IMMEDIATE", None, locked)
 
     def __exit__(self, *_: object) -> None:
-        self._lock.release()
+        self._line.release()
 
 
 class Database:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Final
 
-from sqlalchemy import ColumnElement, and_, func, or_, select
+from sqlalchemy import ColumnElement, and_, bindparam, func, or_, select
 from sqlalchemy.orm import Session
 
 from service.catalog.models import HELD, Job, JobKind, JobState, Look, Media, Worker
@@ -134,7 +134,8 @@ def _works(session: Session, found: Sequence[Job]) -> dict[str, float]:
     """The units of work of jobs, by id, as far as they are known."""
     sizes = {job.media_id: job.id for job in found if job.kind == JobKind.VECTORIZE and job.media_id}
     works: defaultdict[str, float] = defaultdict(float)
-    for media_id, size_bytes in session.execute(select(Media.id, Media.size_bytes).where(Media.id.in_(sizes))):
+    files = select(Media.id, Media.size_bytes).where(Media.id.in_(sizes))
+    for media_id, size_bytes in session.execute(files) if sizes else ():
         works[sizes[media_id]] = float(size_bytes)
     drawn = [job.id for job in found if job.kind != JobKind.VECTORIZE]
     looks = select(Look.job_id, Media.info).join(Media, Media.id == Look.video_id).where(Look.job_id.in_(drawn))
@@ -145,18 +146,16 @@ def _works(session: Session, found: Sequence[Job]) -> dict[str, float]:
 
 
 def _load(session: Session, measured: History, *, alive_since: datetime) -> Load:
-    alive = (Worker.seen_at >= alive_since, Worker.lacks.is_(None), Worker.kind == "jobs")
-    slots = session.scalar(select(func.count()).where(*alive)) or 0
+    slots = session.scalar(_ALIVE, {"since": alive_since}) or 0
     remaining = 0.0
-    held = session.scalars(select(Job).where(Job.state.in_(HELD), Job.parent_id.is_(None))).all()
+    held = session.scalars(_AT_WORK).all()
     for job in held:
         whole = _mean(measured.durations.get(job.queue, ()))
         own = None if whole is None else Estimate(whole, whole, whole)
         left = _remaining(job, own)
         remaining += left.seconds if left is not None else 0.0
     queued: defaultdict[str, dict[str, tuple[int, datetime]]] = defaultdict(dict)
-    waiting = select(Job.queue, Job.owner, func.count(), func.min(Job.queued_at)).where(*_available())
-    for queue, owner, count, since in session.execute(waiting.group_by(Job.queue, Job.owner)):
+    for queue, owner, count, since in session.execute(_WAITING):
         queued[queue][owner] = (count, since)
     return Load(slots, len(held), remaining, queued)
 
@@ -164,6 +163,19 @@ def _load(session: Session, measured: History, *, alive_since: datetime) -> Load
 def _available() -> tuple[ColumnElement[bool], ...]:
     # a job that is done in parts counts as the one job it is
     return Job.state == JobState.QUEUED, Job.waiting.is_(False), Job.parent_id.is_(None)
+
+
+# of every answer that shows a queued job, inside the transaction that makes it: to build them takes as long as to run
+# them, so that they are built once
+_ALIVE: Final = select(func.count()).where(
+    Worker.seen_at >= bindparam("since", type_=Worker.seen_at.type), Worker.lacks.is_(None), Worker.kind == "jobs"
+)
+_AT_WORK: Final = select(Job).where(Job.state.in_(HELD), Job.parent_id.is_(None))
+_WAITING: Final = (
+    select(Job.queue, Job.owner, func.count(), func.min(Job.queued_at))
+    .where(*_available())
+    .group_by(Job.queue, Job.owner)
+)
 
 
 def _places(session: Session, queued: Sequence[Job]) -> dict[str, int]:

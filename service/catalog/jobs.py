@@ -224,27 +224,30 @@ def _needs(state: MediaState) -> ColumnElement[bool]:
     )
 
 
+#: the waiting jobs for which nothing is made any more: whether a medium of theirs has failed
+_DECIDED: Final = select(Job.id, Job.queue, Job.created_at, _needs(MediaState.FAILED).label("fails")).where(
+    Job.state == JobState.QUEUED,
+    Job.waiting.is_(True),
+    or_(_needs(MediaState.FAILED), ~_needs(MediaState.VECTORIZING)),
+)
+
+
 def release(session: Session, *, now: datetime, job_id: str | None = None) -> list[Message]:
     """Release the waiting jobs whose media are all ready, and fail those with a failed medium.
 
     Returns the released jobs, to be published. Run after a job is created, after a medium is done, and by the
     reaper: a job that was created while its medium became ready is seen by one of them.
     """
-    waits = [Job.state == JobState.QUEUED, Job.waiting.is_(True)]
-    if job_id is not None:
-        waits.append(Job.id == job_id)
-    for one in session.scalars(select(Job.id).where(*waits, _needs(MediaState.FAILED))).all():
-        _end(session, Step.FAIL_WAITING, one, now=now, error=_media_error(session, one))
-    free = session.execute(
-        select(Job.id, Job.queue, Job.created_at).where(
-            *waits, ~_needs(MediaState.VECTORIZING), ~_needs(MediaState.FAILED)
-        )
-    ).all()
+    query = _DECIDED if job_id is None else _DECIDED.where(Job.id == job_id)
+    found = session.execute(query).all()
+    for one in found:
+        if one.fails:
+            _end(session, Step.FAIL_WAITING, one.id, now=now, error=_media_error(session, one.id))
     released: list[Message] = []
-    for one, queue, created_at in free:
-        waited = {"timings": {"waited_s": round((now - created_at).total_seconds(), 3)}}
-        if take_step(session, Step.RELEASE, one, now=now, values=waited):
-            released.append(Message(one, queue))
+    for one in found:
+        waited = {"timings": {"waited_s": round((now - one.created_at).total_seconds(), 3)}}
+        if not one.fails and take_step(session, Step.RELEASE, one.id, now=now, values=waited):
+            released.append(Message(one.id, one.queue))
     return released
 
 
