@@ -22,10 +22,10 @@ _USUAL, _FALL, _MOST = 0.36, 0.004, 0.40
 _GAIN = 1.3  # of chroma, at most [by blind choice]: a grade in black and white is meant
 
 
-def complexion(reference: Floats, own: Floats, scene: float = 0.0) -> Floats:
+def complexion(reference: Floats, own: Floats, scene: float) -> Floats:
     """The colours (m, 3) that open skin `own` (n, 3) is to take from a `reference`'s (k, 3), 0-255 RGB, m ≤ k.
 
-    scene: see `pvg.looks.scene`.
+    scene: in [0, 1], see `pvg.looks.scene`.
     """
     skin = in_key_light(reference)
     if min(len(skin), len(own)) == 0:

@@ -27,8 +27,10 @@ def in_scene(reference: Floats, own: Floats, share: float) -> Floats:
     Both 0-255 RGB and not empty;  share: in [0, 1], of what the scene does not bear, how much is left away; 0 takes the
     reference as it is. All of its colours go the way of their median, so that shading, blush and freckles stay.
     """
+    if share == 0.0:
+        return reference
     goal, start = (to_opponent(np.median(colors, axis=0)[None].astype(np.float64))[0] for colors in (reference, own))
-    if share == 0.0 or min(goal[0], start[0]) < 1.0:
+    if min(goal[0], start[0]) < 1.0:
         return reference
     brighter = float(np.log(goal[0] / start[0]))
     richer = goal[1:] / goal[0] - start[1:] / start[0]

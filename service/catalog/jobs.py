@@ -240,13 +240,13 @@ def release(session: Session, *, now: datetime, job_id: str | None = None) -> li
     """
     query = _DECIDED if job_id is None else _DECIDED.where(Job.id == job_id)
     found = session.execute(query).all()
+    released: list[Message] = []
     for one in found:
         if one.fails:
             _end(session, Step.FAIL_WAITING, one.id, now=now, error=_media_error(session, one.id))
-    released: list[Message] = []
-    for one in found:
+            continue
         waited = {"timings": {"waited_s": round((now - one.created_at).total_seconds(), 3)}}
-        if not one.fails and take_step(session, Step.RELEASE, one.id, now=now, values=waited):
+        if take_step(session, Step.RELEASE, one.id, now=now, values=waited):
             released.append(Message(one.id, one.queue))
     return released
 

@@ -26,35 +26,35 @@ def lightness_and_saturation(colors: np.ndarray) -> tuple[float, float]:
 
 def test_ashen_skin_gains_chroma_and_keeps_its_lightness() -> None:
     reference = skin(ASHEN)
-    before, after = lightness_and_saturation(reference), lightness_and_saturation(complexion(reference, skin(TAN)))
+    before, after = lightness_and_saturation(reference), lightness_and_saturation(complexion(reference, skin(TAN), 0.0))
     assert after[1] == pytest.approx(0.36, abs=0.015)
     assert after[0] == pytest.approx(before[0], abs=1.0)
 
 
 def test_the_clips_own_skin_bounds_it() -> None:
     own = skin(ASHEN, chroma=1.15)
-    _, saturation = lightness_and_saturation(complexion(skin(ASHEN), own))
+    _, saturation = lightness_and_saturation(complexion(skin(ASHEN), own, 0.0))
     assert saturation == pytest.approx(lightness_and_saturation(own)[1], abs=0.01)
 
 
 @pytest.mark.parametrize("chroma", [0.0, 0.3, 1.0])
 def test_a_clips_own_colours_are_themselves(chroma: float) -> None:
     own = skin(ASHEN, chroma)
-    assert complexion(own, own) is own
+    assert complexion(own, own, 0.0) is own
 
 
 @pytest.mark.parametrize("lab", [TAN, (78.0, 14.0, 19.0), (40.0, 12.0, 14.0)], ids=["tan", "pale", "dark"])
 def test_usual_skin_is_taken_as_it_is(lab: tuple[float, float, float]) -> None:
     reference = skin(lab)
-    assert complexion(reference, skin(TAN)) is reference
+    assert complexion(reference, skin(TAN), 0.0) is reference
 
 
 def test_black_and_white_stays() -> None:
-    taken = complexion(skin(ASHEN, chroma=0.02), skin(TAN))
+    taken = complexion(skin(ASHEN, chroma=0.02), skin(TAN), 0.0)
     assert lightness_and_saturation(taken)[1] < 0.02
 
 
 def test_without_skin_there_is_nothing_to_change() -> None:
     nothing, reference = np.zeros((0, 3), np.float32), skin(ASHEN)
-    assert complexion(nothing, reference).shape == (0, 3)
-    assert complexion(reference, nothing) is reference
+    assert complexion(nothing, reference, 0.0).shape == (0, 3)
+    assert complexion(reference, nothing, 0.0) is reference
