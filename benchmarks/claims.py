@@ -12,7 +12,16 @@ import threading
 import time
 from dataclasses import dataclass, field
 
-from service.catalog import Database, JobKind, Progress, Role, VectorizeRequest, fairness, jobs
+from service.catalog import (
+    Database,
+    JobKind,
+    Progress,
+    Role,
+    VectorizeRequest,
+    fairness,
+    jobs,
+    leases,
+)
 from service.catalog.migrations import migrate
 
 _LEASE_S = 30.0
@@ -50,12 +59,12 @@ def work(database: Database, ids: list[str], taken: _Taken, left: threading.Sema
         if claimed is None:
             continue
         with database.write() as session:
-            jobs.report(session, claimed.lease, Progress("render", 0.5, 1, 2), now=database.now())
+            leases.report(session, claimed.lease, Progress("render", 0.5, 1, 2), now=database.now())
         with database.read() as session:
-            jobs.held_state(session, claimed.lease)
+            leases.held_state(session, claimed.lease)
         report = time.perf_counter()
         with database.write() as session:
-            jobs.succeed(session, claimed.lease, now=database.now(), timings={})
+            leases.succeed(session, claimed.lease, now=database.now(), timings={})
         taken.claims.append(claim - began)
         taken.reports.append(report - claim)
         taken.ends.append(time.perf_counter() - report)

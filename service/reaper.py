@@ -11,7 +11,17 @@ from datetime import datetime, timedelta
 import structlog
 
 from service.blobs import Blobs
-from service.catalog import Database, Message, idempotency, jobs, previews, sweep, tombstones, webhooks
+from service.catalog import (
+    Database,
+    Message,
+    idempotency,
+    jobs,
+    leases,
+    previews,
+    sweep,
+    tombstones,
+    webhooks,
+)
 from service.drafts import Drafts
 from service.outages import is_outage
 from service.queue import QUEUES, Publisher
@@ -93,7 +103,7 @@ class Reaper:
         now = self._database.now()
         spared = time.monotonic() < self._spared_until
         with self._database.write() as session:
-            again = [] if spared else jobs.reap(session, now=now, max_attempts=self._settings.max_attempts)
+            again = [] if spared else leases.reap(session, now=now, max_attempts=self._settings.max_attempts)
             queued_since = now - timedelta(seconds=self._settings.max_queued_s)
             jobs.expire(session, before=queued_since, now=now)
             again += jobs.release(session, now=now)

@@ -10,7 +10,13 @@ from typing import Self
 
 import structlog
 
-from service.catalog import Database, JobState, Lease, Progress, jobs
+from service.catalog import (
+    Database,
+    JobState,
+    Lease,
+    Progress,
+    leases,
+)
 from service.settings import Settings
 from worker import stopping
 from worker.stopping import StoppedError
@@ -75,7 +81,7 @@ class LeaseKeeper:
         if self._latest is not None:
             try:
                 with self._database.write() as session:
-                    jobs.report(session, self._lease, self._latest, now=self._database.now())
+                    leases.report(session, self._lease, self._latest, now=self._database.now())
             except Exception as error:  # progress never fails a job
                 log.warning("progress not written", job=self._lease.job_id, error=type(error).__name__)
 
@@ -121,10 +127,10 @@ class LeaseKeeper:
         due = time.monotonic() - self._renewed >= self._settings.heartbeat_s
         with self._database.write() if due or progress is not None else self._database.read() as session:
             if progress is not None:
-                jobs.report(session, self._lease, progress, now=now)
+                leases.report(session, self._lease, progress, now=now)
             if due:
-                jobs.renew(session, self._lease, now=now, lease_s=self._settings.lease_s)
-            state = jobs.held_state(session, self._lease)
+                leases.renew(session, self._lease, now=now, lease_s=self._settings.lease_s)
+            state = leases.held_state(session, self._lease)
         if due:
             self._renewed = time.monotonic()
         if self._verdict is not None:

@@ -11,7 +11,19 @@ from celery import Celery
 
 from service import tracing
 from service.blobs import Blobs
-from service.catalog import Database, Job, JobKind, Lease, Message, PartKind, fairness, jobs, media, parts
+from service.catalog import (
+    Database,
+    Job,
+    JobKind,
+    Lease,
+    Message,
+    PartKind,
+    fairness,
+    jobs,
+    leases,
+    media,
+    parts,
+)
 from service.catalog.fairness import Taken
 from service.outages import is_outage
 from service.queue import send, withdraw
@@ -62,7 +74,7 @@ class Runner:
         patience = Patience(stopping.check, limit_s=limit_s)
         if not patience(lambda: self._has_room(job_id)):
             return
-        token = jobs.new_token()
+        token = leases.new_token()
         claimed = patience(lambda: self._claim(job_id, token))
         if claimed is None:
             log.info("nothing to claim", job=job_id)
@@ -104,7 +116,7 @@ class Runner:
         with self._database.write() as session:
             now, lease_s = self._database.now(), self._settings.lease_s
             taken = fairness.claim(session, job_id, now=now, lease_s=lease_s, token=token)
-            if taken is None and (lease := jobs.claimed(session, token)):  # by a call before, whose answer was lost
+            if taken is None and (lease := leases.claimed(session, token)):  # by a call before, whose answer was lost
                 taken = Taken(lease)
             job = jobs.get(session, taken.lease.job_id) if taken is not None else None
         return None if taken is None or job is None else (taken, job)
@@ -127,7 +139,7 @@ class Runner:
                 waited = True
                 log.warning("no room for jobs on the disk", job=job_id)
                 with self._database.write() as session:
-                    if not jobs.put_off(session, job_id, now=self._database.now()):
+                    if not leases.put_off(session, job_id, now=self._database.now()):
                         return True  # nothing to wait for: the claim finds out
             if time.monotonic() >= until:
                 return False
@@ -192,7 +204,7 @@ class Runner:
     def _drawn_again(self, run: Run) -> Message | None:
         with self._database.write() as session:
             attempts = self._settings.max_attempts
-            return jobs.draw_again(session, run.lease, now=self._database.now(), max_attempts=attempts)
+            return leases.draw_again(session, run.lease, now=self._database.now(), max_attempts=attempts)
 
     def _made_again(self, run: Run, error: LostAssetsError) -> list[Message] | None:
         with self._database.write() as session:
@@ -211,7 +223,7 @@ class Runner:
         with self._database.write() as session:
             now, whole_id = self._database.now(), run.job.parent_id
             others = [] if whole_id is None else parts.messages(session, [whole_id])
-            failed = jobs.fail(session, run.lease, problem_of(error), now=now, timings=run.timings)
+            failed = leases.fail(session, run.lease, problem_of(error), now=now, timings=run.timings)
             return others if failed else None
 
     def _give_back(self, job: Job, lease: Lease, *, costs_attempt: bool = False) -> None:
@@ -224,7 +236,7 @@ class Runner:
 
     def _given_back(self, lease: Lease, *, costs_attempt: bool) -> bool:
         with self._database.write() as session:
-            return jobs.give_back(session, lease, now=self._database.now(), costs_attempt=costs_attempt)
+            return leases.give_back(session, lease, now=self._database.now(), costs_attempt=costs_attempt)
 
     def _confirm_cancel(self, lease: Lease) -> None:
         if self._at_last(lambda: self._canceled(lease)):
@@ -232,7 +244,7 @@ class Runner:
 
     def _canceled(self, lease: Lease) -> bool:
         with self._database.write() as session:
-            return jobs.confirm_cancel(session, lease, now=self._database.now())
+            return leases.confirm_cancel(session, lease, now=self._database.now())
 
     def _at_last(self, step: Callable[[], T]) -> T:
         """Take a last step of a job, when the database is there to take it: until then its lease is kept."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Sequence, Set
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import partial
@@ -235,7 +235,7 @@ def check_looks(
 ) -> None:
     """Raise what `request_looks` would raise for a transfer, and record nothing."""
     with services.database.read() as session:
-        _check(session, owner, looks, output, pointers)
+        _check(media.several(session, owner, pointers), looks, output, pointers)
         quotas.check(session, owner, now=services.database.now(), lock=False)
 
 
@@ -262,28 +262,35 @@ def request_looks(
         now = database.now()
         # until the end of the transaction: no other request of this key is counted, nor asks for the same of this video
         keys.lock(session, owner)
-        media.lock(session, owner, pointers)
-        _check(session, owner, looks, output, pointers)
+        known = media.several(session, owner, pointers, lock=True)
+        _check(known, looks, output, pointers)
         if kind is JobKind.SWAP:
-            _check_apart(session, looks[0])
+            _check_apart(known, looks[0])
         mark = jobs.fingerprint(kind, request, outputs, asked.metadata)
         job = None if asked.force else jobs.find_same(session, owner, mark, now=now)
         new = job is None
         if job is None:
             quotas.check(session, owner, now=now)
+            # they stay as they are until the job is recorded: one that is ready later lets it go then
+            ready = all(one.state == MediaState.READY for one in known.values())
             job = jobs.create(
-                session, kind, request=request, now=now, outputs=outputs, owner=owner, metadata=asked.metadata
+                session,
+                kind,
+                request=request,
+                now=now,
+                outputs=outputs,
+                owner=owner,
+                metadata=asked.metadata,
+                ready=ready,
             )
         if asked.webhook is not None:
             webhooks.announce(session, job, asked.webhook, now=now)
         media.keep(session, list(pointers), now=now, ttl_s=services.settings.media_ttl_s)
-        # the media are locked since `_check`: one that becomes ready later finds the job recorded
-        released = jobs.release(session, now=now, job_id=job.id)
-        session.refresh(job)
         body = lookups.of_job(services.settings, services.room, session, job, forecasts=services.forecasts)
         location = addresses.of_job(services.settings, job.id)
         asked.once.keep(session, 202 if new else 200, body, location=location, resource_id=job.id)
-    services.publisher.publish(released)
+    if new and not job.waiting:
+        services.publisher.publish([jobs.message_of(job)])
     return body, new
 
 
@@ -321,24 +328,22 @@ def _output_options(output: OutputRequest) -> OutputOptions:
 
 
 def _check(
-    session: Session, owner: str, looks: Sequence[Wanted], output: OutputRequest, pointers: dict[str, str]
+    known: Mapping[str, Media], looks: Sequence[Wanted], output: OutputRequest, pointers: Mapping[str, str]
 ) -> None:
-    known = {media_id: _usable(session, owner, media_id, pointers) for media_id in pointers}
+    for media_id, where in pointers.items():
+        _check_usable(known.get(media_id), media_id, where)
     _check_output({known[look.video_id] for look in looks}, output)
     for look in looks:
         _check_container(known[look.video_id], output)
         check_look(known[look.video_id], known.get(look.reference_id), look, pointers[look.video_id])
 
 
-def _usable(session: Session, owner: str, media_id: str, pointers: dict[str, str]) -> Media:
-    found = media.get(session, media_id, owner=owner)
+def _check_usable(found: Media | None, media_id: str, where: str) -> None:
     if found is None:
-        where = pointers[media_id]
         detail = f"there is no {'video' if media_id.startswith('vid') else 'reference'} {media_id}"
         raise NotFoundError(detail, errors=[{"pointer": where, "detail": detail}])
     if found.state == MediaState.FAILED and found.error is not None:
-        raise MediaFailedError(found.error, pointers[media_id])
-    return found
+        raise MediaFailedError(found.error, where)
 
 
 def check_look(video: Media, reference: Media | None, look: Wanted, where: str) -> None:
@@ -385,10 +390,9 @@ def _check_reference(reference: Media | None, look: Wanted) -> None:
     raise ValidationFailedError(detail, errors=[{"pointer": f"{look.place}/reference_face", "detail": detail}])
 
 
-def _check_apart(session: Session, look: Wanted) -> None:
+def _check_apart(known: Mapping[str, Media], look: Wanted) -> None:
     """Two videos that exchange their colours are not the same bytes, whatever their settings."""
-    both = [media.get(session, media_id) for media_id in (look.video_id, look.reference_id)]
-    if look.exchange is None and len({one.sha256 for one in both if one is not None}) == 1:
+    if look.exchange is None and known[look.video_id].sha256 == known[look.reference_id].sha256:
         detail = f"{look.reference_id} is the same clip; give `a` alone, with the two faces to exchange"
         raise ValidationFailedError(detail, errors=[{"pointer": "/b", "detail": detail}])
 

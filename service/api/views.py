@@ -9,7 +9,17 @@ from typing import Any, Final, cast
 
 from service import addresses
 from service.api.schemas import ExtraBody, JobBody, LookBody, MediaBody, OptionsBody, ProgressBody, State, VectorBody
-from service.catalog import ENDED, Job, JobState, Look, Media, MediaState, Result, jobs, look_params
+from service.catalog import (
+    ENDED,
+    Job,
+    JobState,
+    Look,
+    Media,
+    MediaState,
+    Result,
+    leases,
+    look_params,
+)
 from service.catalog.forecast import Forecast
 from service.errors import shown
 from service.settings import Settings
@@ -101,7 +111,7 @@ def _waiting_for(job: Job, no_room: bool) -> str | None:
         return None
     if job.waiting:
         return "media"
-    return "room" if no_room or job.stage == jobs.NO_ROOM else None
+    return "room" if no_room or job.stage == leases.NO_ROOM else None
 
 
 def _settings(report: dict[str, Any]) -> VectorBody:

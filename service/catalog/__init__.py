@@ -1,6 +1,6 @@
 """The records: media, jobs, looks and results in the database, and the state machines that keep them consistent.
 
-`jobs`, `parts`, `fairness`, `forecast`, `media`, `results`, `resumable`, `previews`, `keys`, `idempotency`,
+`jobs`, `parts`, `leases`, `fairness`, `forecast`, `media`, `results`, `resumable`, `previews`, `keys`, `idempotency`,
 `statistics`, `sweep`, `tombstones`, `webhooks` and `workers` hold the operations, each on an open transaction of
 `Database`.
 """
@@ -13,6 +13,7 @@ from service.catalog import (
     idempotency,
     jobs,
     keys,
+    leases,
     media,
     parts,
     previews,
@@ -26,7 +27,8 @@ from service.catalog import (
 )
 from service.catalog.clock import Clock, utc_now
 from service.catalog.database import Database
-from service.catalog.jobs import Filter, NewLook, Progress
+from service.catalog.jobs import Filter, NewLook
+from service.catalog.leases import Progress
 from service.catalog.media import Asset, Pictures, Upload
 from service.catalog.media_types import AVI, CUBE, JPEG, MKV, MOV, MP4, PNG, TIFF, WEBM, WEBP, FileType, content_type_of
 from service.catalog.messages import Message
@@ -153,6 +155,7 @@ __all__ = [
     "idempotency",
     "jobs",
     "keys",
+    "leases",
     "look_params",
     "media",
     "parts",

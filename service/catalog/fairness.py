@@ -19,7 +19,9 @@ from typing import Final
 from sqlalchemy import ColumnElement, case, func, or_, select
 from sqlalchemy.orm import Session, aliased
 
-from service.catalog import jobs
+from service.catalog import (
+    leases,
+)
 from service.catalog.messages import Message
 from service.catalog.models import HELD, Job, JobState, PartKind
 from service.catalog.transitions import Lease, Step, take_step
@@ -39,7 +41,7 @@ class Taken:
 def claim(session: Session, job_id: str, *, now: datetime, lease_s: float, token: str | None = None) -> Taken | None:
     """Take the job whose turn it is, on a message that names ``job_id``. None when that job is not to be had.
 
-    ``token``: of the lease; see `jobs.claimed`.
+    ``token``: of the lease; see `leases.claimed`.
     """
     for _ in range(_TRIES):
         columns = (Job.queue, Job.owner, Job.kind, Job.parent_id)
@@ -58,7 +60,7 @@ def claim(session: Session, job_id: str, *, now: datetime, lease_s: float, token
             # in the order in which others lock them
             both = select(Job.id).where(Job.id.in_((chosen, job_id))).order_by(Job.id).with_for_update()
             session.execute(both).all()
-        lease = jobs.claim(session, chosen, now=now, lease_s=lease_s, token=token) if chosen is not None else None
+        lease = leases.claim(session, chosen, now=now, lease_s=lease_s, token=token) if chosen is not None else None
         if lease is None:
             continue  # another worker took it in between
         due = chosen != job_id and take_step(session, Step.DEFER, job_id, now=now, values={"published_at": None})

@@ -138,8 +138,7 @@ def _works(session: Session, found: Sequence[Job]) -> dict[str, float]:
     for media_id, size_bytes in session.execute(files) if sizes else ():
         works[sizes[media_id]] = float(size_bytes)
     drawn = [job.id for job in found if job.kind != JobKind.VECTORIZE]
-    looks = select(Look.job_id, Media.info).join(Media, Media.id == Look.video_id).where(Look.job_id.in_(drawn))
-    for job_id, info in session.execute(looks) if drawn else ():
+    for job_id, info in session.execute(_DRAWN, {"ids": drawn}) if drawn else ():
         size = info or {}
         works[job_id] += max(1, size.get("frame_count", 0)) * size.get("width", 0) * size.get("height", 0)
     return works
@@ -176,15 +175,24 @@ _WAITING: Final = (
     .where(*_available())
     .group_by(Job.queue, Job.owner)
 )
+_SINCE: Final = bindparam("since", type_=Job.queued_at.type)
+_BEFORE: Final = select(func.count()).where(
+    *(Job.queue == bindparam("queue"), Job.owner == bindparam("owner"), *_available()),
+    or_(Job.queued_at < _SINCE, and_(Job.queued_at == _SINCE, Job.id < bindparam("id"))),
+)
+_DRAWN: Final = (
+    select(Look.job_id, Media.info)
+    .join(Media, Media.id == Look.video_id)
+    .where(Look.job_id.in_(bindparam("ids", expanding=True)))
+)
 
 
 def _places(session: Session, queued: Sequence[Job]) -> dict[str, int]:
     """How many of the same owner's jobs stand before each of these in their queues."""
     if len(queued) == 1:
         (job,) = queued
-        earlier = or_(Job.queued_at < job.queued_at, and_(Job.queued_at == job.queued_at, Job.id < job.id))
-        mine = (Job.queue == job.queue, Job.owner == job.owner, *_available())
-        return {job.id: session.scalar(select(func.count()).where(*mine, earlier)) or 0}
+        of_it = {"queue": job.queue, "owner": job.owner, "since": job.queued_at, "id": job.id}
+        return {job.id: session.scalar(_BEFORE, of_it) or 0}
     places: dict[str, int] = {}
     for queue, owner in {(job.queue, job.owner) for job in queued}:
         ids = select(Job.id).where(Job.queue == queue, Job.owner == owner, *_available())

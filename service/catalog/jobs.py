@@ -1,4 +1,4 @@
-"""Jobs: recorded, claimed and done by workers, and brought to an end.
+"""Jobs: recorded, listed, released when their media are ready, and brought to an end; `leases` has the worker's part.
 
 Every change of a job is a step of the table in `service.catalog.transitions`, so a worker that comes late changes
 nothing, and sees that it did not.
@@ -8,43 +8,28 @@ from __future__ import annotations
 
 import hashlib
 import json
-import secrets
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from datetime import datetime
 from types import MappingProxyType
 from typing import Any, Final
 
-from sqlalchemy import ColumnElement, and_, exists, func, or_, select
+from sqlalchemy import ColumnElement, and_, bindparam, exists, or_, select
 from sqlalchemy.orm import Session
 
 from service import tracing
 from service.catalog import parts
 from service.catalog.messages import QUEUE_OF, Message
-from service.catalog.models import ENDED, HELD, Job, JobKind, JobState, Look, Media, MediaState, Result
+from service.catalog.models import ENDED, Job, JobKind, JobState, Look, Media, MediaState, Result
 from service.catalog.requests import LookParams, Request, to_json
 from service.catalog.transitions import JOB_TRANSITIONS, Lease, MediaStep, Step, take_media_step, take_step
 from service.errors import stored_problem
 from service.ids import new_id
 
-#: the stage of a queued job that a worker has no room for
-NO_ROOM: Final = "waiting for room"
-
-_CRASHED = stored_problem("worker-crashed", "the worker stopped answering on every attempt")
 _EXPIRED = stored_problem("expired", "no worker took the job in time")
 
 #: what clients ask for and see, not the shares of a job that is done in parts
 OF_CLIENTS: Final = Job.parent_id.is_(None)
-
-
-@dataclass(frozen=True)
-class Progress:
-    """How far a job is. ``fraction`` in [0, 1] covers the whole job, the frames only its present stage."""
-
-    stage: str
-    fraction: float
-    frames_done: int
-    frames_total: int
 
 
 @dataclass(frozen=True)
@@ -116,11 +101,14 @@ def standings(session: Session, job_ids: Collection[str]) -> dict[str, Standing]
     }
 
 
+_LOOKS: Final = select(Look).where(Look.job_id.in_(bindparam("ids", expanding=True))).order_by(Look.position)
+
+
 def looks_of(session: Session, job_ids: Collection[str]) -> dict[str, list[Look]]:
     """The outputs of each of the jobs, in order."""
     found: dict[str, list[Look]] = {}
     if job_ids:
-        for look in session.scalars(select(Look).where(Look.job_id.in_(job_ids)).order_by(Look.position)):
+        for look in session.scalars(_LOOKS, {"ids": job_ids}):
             found.setdefault(look.job_id, []).append(look)
     return found
 
@@ -163,18 +151,33 @@ def fingerprint(kind: JobKind, request: Request, outputs: Sequence[NewLook], met
     return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
 
 
+_GONE: Final = (
+    select(Look.job_id)
+    .outerjoin(Result, Result.id == Look.result_id)
+    .where(
+        Look.job_id == Job.id,
+        or_(
+            Result.id.is_(None),
+            Result.blob_key.is_(None),
+            Result.expires_at <= bindparam("now", type_=Result.expires_at.type),
+        ),
+    )
+)
+_LIVES: Final = or_(
+    Job.state.in_((JobState.QUEUED, JobState.RUNNING)), and_(Job.state == JobState.SUCCEEDED, ~exists(_GONE))
+)
+#: built once, as it is asked inside the transaction of every request: to build it takes longer than to run it
+_SAME: Final = (
+    select(Job)
+    .where(Job.owner == bindparam("owner"), Job.fingerprint == bindparam("mark"), _LIVES)
+    .order_by(Job.id.desc())
+    .limit(1)
+)
+
+
 def find_same(session: Session, owner: str, fingerprint: str, *, now: datetime) -> Job | None:
     """The owner's newest job of this fingerprint that is going on, or whose results are all there still."""
-    gone = (
-        select(Look.job_id)
-        .outerjoin(Result, Result.id == Look.result_id)
-        .where(Look.job_id == Job.id, or_(Result.id.is_(None), Result.blob_key.is_(None), Result.expires_at <= now))
-    )
-    lives = or_(
-        Job.state.in_((JobState.QUEUED, JobState.RUNNING)), and_(Job.state == JobState.SUCCEEDED, ~exists(gone))
-    )
-    query = select(Job).where(Job.owner == owner, Job.fingerprint == fingerprint, lives)
-    return session.scalar(query.order_by(Job.id.desc()).limit(1))
+    return session.scalar(_SAME, {"owner": owner, "mark": fingerprint, "now": now})
 
 
 def create(
@@ -187,8 +190,13 @@ def create(
     outputs: Sequence[NewLook] = (),
     owner: str = "",
     metadata: Mapping[str, str] = MappingProxyType({}),
+    ready: bool = False,
 ) -> Job:
-    """Record a queued job. It waits until `release` finds all its media ready."""
+    """Record a queued job.
+
+    One that makes looks waits until `release` finds all its media ready, unless they are known to be: ``ready``.
+    """
+    waits = kind is not JobKind.VECTORIZE and not ready
     job = Job(
         id=new_id("job"),
         owner=owner,
@@ -197,7 +205,8 @@ def create(
         kind=kind,
         queue=QUEUE_OF[kind],
         state=JobState.QUEUED,
-        waiting=kind is not JobKind.VECTORIZE,
+        waiting=waits,
+        timings=_waited(now, now) if ready else None,
         media_id=media_id,
         request=to_json(request),
         traceparent=tracing.traceparent.get(),
@@ -232,21 +241,24 @@ _DECIDED: Final = select(Job.id, Job.queue, Job.created_at, _needs(MediaState.FA
 )
 
 
-def release(session: Session, *, now: datetime, job_id: str | None = None) -> list[Message]:
+def _waited(since: datetime, now: datetime) -> dict[str, float]:
+    """How long a job has waited for its media, as its timings tell it."""
+    return {"waited_s": round((now - since).total_seconds(), 3)}
+
+
+def release(session: Session, *, now: datetime) -> list[Message]:
     """Release the waiting jobs whose media are all ready, and fail those with a failed medium.
 
-    Returns the released jobs, to be published. Run after a job is created, after a medium is done, and by the
-    reaper: a job that was created while its medium became ready is seen by one of them.
+    Returns the released jobs, to be published. Run after a medium is done, and by the reaper.
     """
-    query = _DECIDED if job_id is None else _DECIDED.where(Job.id == job_id)
-    found = session.execute(query).all()
+    found = session.execute(_DECIDED).all()
     released: list[Message] = []
     for one in found:
         if one.fails:
-            _end(session, Step.FAIL_WAITING, one.id, now=now, error=_media_error(session, one.id))
+            end(session, Step.FAIL_WAITING, one.id, now=now, error=_media_error(session, one.id))
             continue
-        waited = {"timings": {"waited_s": round((now - one.created_at).total_seconds(), 3)}}
-        if take_step(session, Step.RELEASE, one.id, now=now, values=waited):
+        waited = _waited(one.created_at, now)
+        if take_step(session, Step.RELEASE, one.id, now=now, values={"timings": waited}):
             released.append(Message(one.id, one.queue))
     return released
 
@@ -268,131 +280,12 @@ def mark_published(session: Session, job_id: str, *, now: datetime) -> bool:
     return take_step(session, Step.PUBLISH, job_id, now=now, values={"published_at": now})
 
 
-# the worker's steps
-
-
-def new_token() -> str:
-    """A token for a lease that nobody has yet."""
-    return secrets.token_hex(16)
-
-
-def claim(session: Session, job_id: str, *, now: datetime, lease_s: float, token: str | None = None) -> Lease | None:
-    """Take a queued job for ``lease_s`` seconds. None when it is not available: taken, finished, waiting or unknown."""
-    lease = Lease(job_id, token or new_token())
-    return lease if take_step(session, Step.CLAIM, job_id, now=now, lease=lease, lease_s=lease_s) else None
-
-
-def claimed(session: Session, token: str) -> Lease | None:
-    """The lease of this token, if `claim` has granted it."""
-    job_id = session.scalar(select(Job.id).where(Job.lease_token == token, Job.state.in_(HELD)))
-    return Lease(job_id, token) if job_id is not None else None
-
-
-def renew(session: Session, lease: Lease, *, now: datetime, lease_s: float) -> bool:
-    """Prolong a lease to ``lease_s`` seconds from now. False when it is lost."""
-    return take_step(session, Step.RENEW, lease.job_id, now=now, lease=lease, lease_s=lease_s)
-
-
-def held_state(session: Session, lease: Lease) -> JobState | None:
-    """The state of a held job (running or canceling), or None when the lease is lost."""
-    held = (Job.id == lease.job_id, Job.lease_token == lease.token, Job.state.in_(HELD))
-    state = session.scalar(select(Job.state).where(*held))
-    return JobState(state) if state is not None else None
-
-
-def report(session: Session, lease: Lease, progress: Progress, *, now: datetime) -> bool:
-    """Write the progress. False when the lease is lost."""
-    whole_id = parts.lock_whole(session, lease.job_id)
-    values = {
-        "stage": progress.stage,
-        "fraction": progress.fraction,
-        "frames_done": progress.frames_done,
-        "frames_total": progress.frames_total,
-    }
-    told = take_step(session, Step.REPORT, lease.job_id, now=now, lease=lease, values=values)
-    if told and whole_id is not None:
-        parts.tell(session, whole_id, now=now)
-    return told
-
-
-def succeed(session: Session, lease: Lease, *, now: datetime, timings: dict[str, Any]) -> bool:
-    """End a running job well. False when the lease is lost or the job is being canceled: publish nothing then.
-
-    What ends with a join is the job whose parts it has joined; its ``timings`` are those of the whole.
-    """
-    whole_id = parts.lock_whole(session, lease.job_id)
-    if whole_id is not None and not parts.is_running(session, whole_id):
-        return False
-    # reports are throttled, so the last one stopped short of the last frame
-    values = {"fraction": 1.0, "frames_done": Job.frames_total, "timings": timings}
-    succeeded = take_step(session, Step.SUCCEED, lease.job_id, now=now, lease=lease, values=values)
-    if succeeded and whole_id is not None:
-        parts.end_whole(session, Step.PARTS_JOINED, whole_id, now=now, values=values)
-    return succeeded
-
-
-def fail(session: Session, lease: Lease, error: dict[str, Any], *, now: datetime, timings: dict[str, Any]) -> bool:
-    """End a running job badly. False when the lease is lost or the job is being canceled."""
-    return _end(session, Step.FAIL, lease.job_id, now=now, error=error, lease=lease, values={"timings": timings})
-
-
-def confirm_cancel(session: Session, lease: Lease, *, now: datetime) -> bool:
-    """The worker has stopped a job that was being canceled. False when the lease is lost."""
-    return _end(session, Step.CONFIRM_CANCEL, lease.job_id, now=now, error=parts.CANCELED, lease=lease)
-
-
-def put_off(session: Session, job_id: str, *, now: datetime) -> bool:
-    """Leave a queued job for later: there is no room for it. Its message is used up and is sent again."""
-    return take_step(session, Step.PUT_OFF, job_id, now=now, values={"stage": NO_ROOM, "published_at": None})
-
-
-def give_back(session: Session, lease: Lease, *, now: datetime, costs_attempt: bool = False) -> bool:
-    """Return a running job to the queue, for another worker. False when the lease is lost or the job is being canceled.
-
-    It is the worker that has to go, so the attempt does not count, unless ``costs_attempt``.
-    """
-    values = {"attempt": Job.attempt + 1} if costs_attempt else {}
-    return take_step(session, Step.GIVE_BACK, lease.job_id, now=now, lease=lease, values=values)
-
-
-def wait_again(session: Session, lease: Lease, *, now: datetime) -> bool:
-    """Return a running job to those that wait for their media. False when the lease is lost.
-
-    Of a part or a join, it is the whole job that waits, and begins anew.
-    """
-    whole_id = parts.lock_whole(session, lease.job_id)
-    if whole_id is not None:
-        held = held_state(session, lease) is JobState.RUNNING
-        values = {"waiting": True, "attempt": 1}  # it showed the most of its parts
-        return held and parts.end_whole(session, Step.PARTS_WAIT, whole_id, now=now, values=values)
-    return take_step(session, Step.WAIT_AGAIN, lease.job_id, now=now, lease=lease, values={"waiting": True})
-
-
-def draw_again(session: Session, lease: Lease, *, now: datetime, max_attempts: int) -> Message | None:
-    """Have a whole job begin anew whose join finds a part lost or damaged; its message, to be published.
-
-    None on its last attempt, when the lease is lost or the job is being canceled: nothing was changed.
-    """
-    whole_id = parts.lock_whole(session, lease.job_id)
-    if whole_id is None or held_state(session, lease) is not JobState.RUNNING:
-        return None
-    whole = session.execute(select(Job.attempt, Job.queue).where(Job.id == whole_id)).one()
-    if whole.attempt >= max_attempts:
-        return None
-    values = {"attempt": whole.attempt + 1}
-    taken = parts.end_whole(session, Step.PARTS_AGAIN, whole_id, now=now, values=values)
-    return Message(whole_id, whole.queue) if taken else None
-
-
-# the API's and the reaper's steps
-
-
 def cancel(session: Session, job_id: str, *, now: datetime) -> bool:
     """Ask for an end; False when the job is not queued or running, so that nothing was changed.
 
     A queued job ends at once; a running one is `canceling` until its worker or the reaper confirms.
     """
-    if _end(session, Step.CANCEL_QUEUED, job_id, now=now, error=parts.CANCELED):
+    if end(session, Step.CANCEL_QUEUED, job_id, now=now, error=parts.CANCELED):
         return True
     if not take_step(session, Step.REQUEST_CANCEL, job_id, now=now):
         return False
@@ -402,30 +295,7 @@ def cancel(session: Session, job_id: str, *, now: datetime) -> bool:
 
 def revoke(session: Session, job_id: str, *, now: datetime) -> bool:
     """End an active job at once and take the lease away: its worker notices at the next step."""
-    return _end(session, Step.REVOKE, job_id, now=now, error=parts.CANCELED)
-
-
-def reap(session: Session, *, now: datetime, max_attempts: int) -> list[Message]:
-    """Deal with jobs whose worker went silent. Returns those queued again, to be published."""
-    again: list[Message] = []
-    lapsed = (Job.lease_expires_at < now, Job.state.in_(HELD))
-    rows = session.execute(
-        select(Job.id, Job.queue, Job.lease_token, Job.state, Job.attempt)
-        .where(*lapsed)
-        .order_by(func.coalesce(Job.parent_id, Job.id), Job.id)  # two reapers wait for each other in one direction
-    )
-    for job_id, queue, token, state, attempt in rows.all():
-        parts.lock_whole(session, job_id)  # before the first of its parts
-        # each step checks the lease once more: a beat may have arrived in between
-        lease = Lease(job_id, token or "")
-        if state == JobState.CANCELING:
-            _end(session, Step.REAP_CANCELED, job_id, now=now, error=parts.CANCELED, lease=lease)
-        elif attempt >= max_attempts:
-            _end(session, Step.GIVE_UP, job_id, now=now, error=_CRASHED, lease=lease)
-        elif take_step(session, Step.REQUEUE, job_id, now=now, lease=lease, values={"attempt": Job.attempt + 1}):
-            again.append(Message(job_id, queue))
-    parts.end_abandoned(session, now=now)
-    return again
+    return end(session, Step.REVOKE, job_id, now=now, error=parts.CANCELED)
 
 
 def expire(session: Session, *, before: datetime, now: datetime) -> int:
@@ -435,11 +305,11 @@ def expire(session: Session, *, before: datetime, now: datetime) -> int:
     """
     late = Job.queued_at < before
     ids = session.scalars(select(Job.id).where(Job.state == JobState.QUEUED, late, OF_CLIENTS)).all()
-    ended = sum(_end(session, Step.EXPIRE, job_id, now=now, error=_EXPIRED, only_if=late) for job_id in ids)
+    ended = sum(end(session, Step.EXPIRE, job_id, now=now, error=_EXPIRED, only_if=late) for job_id in ids)
     return ended + parts.expire(session, before=before, now=now, error=_EXPIRED)
 
 
-def _end(
+def end(
     session: Session,
     step: Step,
     job_id: str,

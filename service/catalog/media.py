@@ -10,7 +10,14 @@ from typing import Any, Literal, cast
 from sqlalchemy import or_, select, update
 from sqlalchemy.orm import Session
 
-from service.catalog import idempotency, jobs, previews, resumable, tombstones
+from service.catalog import (
+    idempotency,
+    jobs,
+    leases,
+    previews,
+    resumable,
+    tombstones,
+)
 from service.catalog.database import changed
 from service.catalog.messages import Message
 from service.catalog.models import ACTIVE, Job, JobKind, Look, Media, MediaState, Result, Role
@@ -97,12 +104,14 @@ def assets(session: Session, media_ids: Collection[str]) -> dict[str, str | None
     return {row.id: row.asset_key for row in found}
 
 
-def lock(session: Session, owner: str, media_ids: Collection[str]) -> None:
-    """Keep others from using or deleting these media of an owner. All at once, in one order, so that none waits for
-    one who waits for it.
+def several(session: Session, owner: str, media_ids: Collection[str], *, lock: bool = False) -> dict[str, Media]:
+    """Those of these media of an owner that there are, by id.
+
+    With ``lock`` others are kept from using or deleting them: all at once, in one order, so that none waits for one
+    who waits for it.
     """
-    query = select(Media.id).where(Media.owner == owner, Media.id.in_(media_ids)).order_by(Media.id)
-    session.execute(query.with_for_update()).all()
+    query = select(Media).where(Media.owner == owner, Media.id.in_(media_ids)).order_by(Media.id)
+    return {one.id: one for one in session.scalars(query.with_for_update() if lock else query)}
 
 
 def find_content(
@@ -215,7 +224,7 @@ def make_again(session: Session, lease: Lease, media_ids: Collection[str], *, no
     ]
     if any(_made_since(session, one, asked_at) for one in lost):
         return None
-    if not jobs.wait_again(session, lease, now=now):
+    if not leases.wait_again(session, lease, now=now):
         return []
     messages = []
     for one in lost:
@@ -245,7 +254,7 @@ def finish(session: Session, lease: Lease, asset: Asset, *, now: datetime, timin
     Returns the keys of blobs that are no longer needed and have their tombstones, or None when the lease is lost and
     nothing was changed. Raises `LateError` when the asset took so long to be written that it is deleted.
     """
-    if not jobs.succeed(session, lease, now=now, timings=timings):
+    if not leases.succeed(session, lease, now=now, timings=timings):
         return None
     if not tombstones.recorded(session, asset.keys):
         raise tombstones.LateError(asset.key)

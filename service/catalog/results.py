@@ -10,7 +10,11 @@ from typing import Any, Literal
 from sqlalchemy import or_, select, update
 from sqlalchemy.orm import Session
 
-from service.catalog import jobs, tombstones
+from service.catalog import (
+    jobs,
+    leases,
+    tombstones,
+)
 from service.catalog.database import changed
 from service.catalog.models import Job, Look, Result
 from service.catalog.parts import whole_of
@@ -96,7 +100,7 @@ def publish(
     is deleted.
     """
     job_id = whole_of(session, lease.job_id) or lease.job_id
-    if not jobs.succeed(session, lease, now=now, timings=timings):
+    if not leases.succeed(session, lease, now=now, timings=timings):
         return False
     if not tombstones.recorded(session, [output.key for output in outputs]):
         raise tombstones.LateError(job_id)

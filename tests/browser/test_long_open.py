@@ -10,7 +10,11 @@ from typing import Any
 import pytest
 from playwright.sync_api import Page, Route
 
-from service.catalog import Progress, jobs, keys
+from service.catalog import (
+    Progress,
+    keys,
+    leases,
+)
 from tests.browser.conftest import Guarded, OpenPage
 from tests.service.api.test_authentication import Holder, holder
 from tests.service.fixtures import MP4, PNG, Api, claim, make_ready, make_results
@@ -223,7 +227,7 @@ def test_a_dead_connection_does_not_stop_the_progress(studio: Studio) -> None:
     card.get_by_text("Queued").wait_for()
     lease = claim(studio.api.services.background, job["id"])
     with studio.api.services.background.write() as session:
-        assert jobs.report(session, lease, Progress("render", 0.3, 3, 9), now=studio.api.services.database.now())
+        assert leases.report(session, lease, Progress("render", 0.3, 3, 9), now=studio.api.services.database.now())
     for _ in range(6):
         page.clock.fast_forward("00:45")
         page.wait_for_timeout(300)

@@ -40,6 +40,7 @@ from service.catalog import (
     VectorSettings,
     content_type_of,
     jobs,
+    leases,
     media,
     results,
     tombstones,
@@ -228,7 +229,7 @@ def add_transfer(database: Database, video: Media, reference: Media) -> str:
 
 def claim(database: Database, job_id: str, lease_s: float = 30) -> Lease:
     with database.write() as session:
-        lease = jobs.claim(session, job_id, now=database.now(), lease_s=lease_s)
+        lease = leases.claim(session, job_id, now=database.now(), lease_s=lease_s)
     assert lease is not None
     return lease
 

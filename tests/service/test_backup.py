@@ -19,7 +19,14 @@ from pydantic import SecretStr
 from sqlalchemy import inspect, text
 from sqlalchemy.engine import make_url
 
-from service.catalog import Database, Job, JobState, jobs, workers
+from service.catalog import (
+    Database,
+    Job,
+    JobState,
+    jobs,
+    leases,
+    workers,
+)
 from service.catalog.database import make_engine
 from service.settings import Settings
 from tests.service.catalog.test_parts import finish, parted
@@ -124,7 +131,7 @@ def test_what_was_backed_up_is_there_again(secret: str, kept: Settings, tmp_path
         database = api.services.background
         with database.write() as session:  # what the reaper does once the lease is over
             later_than_the_lease = database.now() + timedelta(seconds=kept.lease_s + 1)
-            assert len(jobs.reap(session, now=later_than_the_lease, max_attempts=3)) == 1
+            assert len(leases.reap(session, now=later_than_the_lease, max_attempts=3)) == 1
         states = [(job["state"], job["attempt"]) for job in api.client.get("/jobs").json()["data"]]
         assert states.count(("queued", 2)) == 1, "what was running begins anew"
         again = upload(api, "/videos", MP4 + b"after the backup")
@@ -236,8 +243,8 @@ def test_what_is_done_in_parts_begins_anew_in_the_version_before_there_were_part
     _migrate(kept, "0013")
     lease = claim(database, job_id)
     with database.write() as session:
-        assert jobs.held_state(session, lease) == JobState.RUNNING
+        assert leases.held_state(session, lease) == JobState.RUNNING
         # what was being canceled has a lease that is over: the reaper ends it
-        jobs.reap(session, now=database.now() + timedelta(seconds=1), max_attempts=3)
+        leases.reap(session, now=database.now() + timedelta(seconds=1), max_attempts=3)
         assert session.get_one(Job, stopped).state == JobState.CANCELED
     database.close()

@@ -18,7 +18,14 @@ import httpx
 import pytest
 from obstore.exceptions import GenericError
 
-from service.catalog import Asset, Role, jobs, media, parts, tombstones
+from service.catalog import (
+    Asset,
+    Role,
+    leases,
+    media,
+    parts,
+    tombstones,
+)
 from service.catalog.models import Tombstone
 from service.catalog.parts import NewFile, NewPart
 from service.queue import RENDER
@@ -290,10 +297,10 @@ def test_no_byte_of_a_part_is_left_and_no_message(api: Api, how: str, request: p
     else:
         assert api.client.post(f"/jobs/{job['id']}/cancel").json()["state"] == "canceling"
         with database.write() as session:  # its worker stops
-            assert jobs.confirm_cancel(session, running, now=database.now())
+            assert leases.confirm_cancel(session, running, now=database.now())
         blobs.sweep()
     assert api.client.get(f"/jobs/{job['id']}").json()["state"] == "canceled"
     until(lambda: not found(api, store, [drawn[:64]]))  # nobody waits for a slow store
     until(lambda: not is_sent())
     with database.write() as session:
-        assert jobs.held_state(session, running) is None
+        assert leases.held_state(session, running) is None

@@ -17,7 +17,11 @@ import yaml
 from sqlalchemy import text
 
 from deploy.make_secrets import make
-from service.catalog import Database, jobs
+from service.catalog import (
+    Database,
+    jobs,
+    leases,
+)
 from service.cli import DRAIN_S, cli
 from service.settings import GIB, Settings, store_secrets
 from tests.service.catalog.test_parts import add_ready_transfer, split
@@ -221,7 +225,7 @@ def test_the_queue_is_counted_as_the_scaler_asks(database: Database, clock: Fake
         assert jobs.cancel(session, medium.job_id, now=clock())
     assert queued() == 1
     with database.write() as session:
-        assert jobs.confirm_cancel(session, lease, now=clock())
+        assert leases.confirm_cancel(session, lease, now=clock())
     assert queued() == 0
     _, job_id = add_ready_transfer(database)
     assert queued() == 1

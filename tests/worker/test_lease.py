@@ -6,7 +6,15 @@ from types import SimpleNamespace
 
 import pytest
 
-from service.catalog import Database, Job, Lease, Progress, jobs, utc_now
+from service.catalog import (
+    Database,
+    Job,
+    Lease,
+    Progress,
+    jobs,
+    leases,
+    utc_now,
+)
 from service.settings import Settings
 from tests.service.fixtures import add_media, claim
 from tests.waiting import until
@@ -51,7 +59,7 @@ def test_the_lease_lives_as_long_as_the_work(database: Database, lease: Lease) -
             assert time.monotonic() < end
             time.sleep(0.02)
         with database.write() as session:
-            assert jobs.reap(session, now=utc_now(), max_attempts=3) == []
+            assert leases.reap(session, now=utc_now(), max_attempts=3) == []
         keeper.check()
 
 
@@ -68,7 +76,7 @@ def test_a_job_shorter_than_a_tick_shows_its_frames(database: Database, lease: L
         keeper.report(Progress("render", 0.9, 8, 9))
         keeper.flush()
         with database.write() as session:
-            assert jobs.succeed(session, lease, now=utc_now(), timings={})
+            assert leases.succeed(session, lease, now=utc_now(), timings={})
     job = job_of(database, lease)
     assert (job.stage, job.fraction, job.frames_done, job.frames_total) == ("render", 1.0, 9, 9)
 
@@ -127,7 +135,7 @@ def test_a_job_is_given_back_before_its_work_has_noticed(
 ) -> None:
     def give_back() -> None:
         with database.write() as session:
-            assert jobs.give_back(session, lease, now=utc_now())
+            assert leases.give_back(session, lease, now=utc_now())
 
     settings = QUICK.model_copy(update={"worker_stop_grace_s": 0})
     with LeaseKeeper(database, lease, settings, give_back) as keeper:

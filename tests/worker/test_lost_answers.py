@@ -11,7 +11,15 @@ import pytest
 from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
-from service.catalog import Database, Job, JobKind, JobState, jobs, media
+from service.catalog import (
+    Database,
+    Job,
+    JobKind,
+    JobState,
+    jobs,
+    leases,
+    media,
+)
 from service.settings import Settings
 from tests.service.fixtures import add_media, add_transfer, make_tables
 from tests.service.fixtures import claim as claim_job
@@ -71,7 +79,7 @@ def test_a_job_whose_claim_was_not_answered_is_done_all_the_same(
 
     def work(run: Run) -> bool:
         with database.write() as session:
-            return jobs.succeed(session, run.lease, now=database.now(), timings={})
+            return leases.succeed(session, run.lease, now=database.now(), timings={})
 
     monkeypatch.setattr(runner_module, "_WORK", {JobKind.VECTORIZE: work})
     loses_an_answer(database, monkeypatch)
@@ -87,7 +95,7 @@ def test_an_asset_is_made_again_though_the_database_is_away_for_a_moment(
     medium = add_media(database)
     lease = claim_job(database, medium.job_id)
     with database.write() as session:
-        assert jobs.succeed(session, lease, now=database.now(), timings={})
+        assert leases.succeed(session, lease, now=database.now(), timings={})
         session.get_one(media.Media, medium.id).state = "ready"
     job_id = add_transfer(database, medium, medium)
     with database.write() as session:

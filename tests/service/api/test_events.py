@@ -15,7 +15,10 @@ import pytest
 
 from service.api import streams, waiting
 from service.api.routers import events
-from service.catalog import Progress, jobs
+from service.catalog import (
+    Progress,
+    leases,
+)
 from service.catalog.jobs import Standing
 from tests.service.api.test_authentication import holder
 from tests.service.api.test_media import upload
@@ -61,12 +64,13 @@ def take(stream: Iterator[Event | str]) -> Event:
 
 def report(api: Api, lease: Any, frames: int) -> None:
     with api.services.background.write() as session:
-        assert jobs.report(session, lease, Progress("render", frames / 10, frames, 10), now=api.services.database.now())
+        now = api.services.database.now()
+        assert leases.report(session, lease, Progress("render", frames / 10, frames, 10), now=now)
 
 
 def end(api: Api, lease: Any) -> None:
     with api.services.background.write() as session:
-        assert jobs.succeed(session, lease, now=api.services.database.now(), timings={})
+        assert leases.succeed(session, lease, now=api.services.database.now(), timings={})
 
 
 def test_a_stream_tells_states_and_progress_and_ends_with_the_job(api: Api) -> None:

@@ -15,7 +15,12 @@ from sqlalchemy.exc import OperationalError
 
 from service.api import calls
 from service.api.idempotency import Once
-from service.catalog import Job, idempotency, jobs
+from service.catalog import (
+    Job,
+    idempotency,
+    jobs,
+    leases,
+)
 from service.catalog.idempotency import Claim
 from service.catalog.models import IdempotentRequest
 from service.settings import Settings
@@ -242,5 +247,5 @@ def test_the_same_transfer_points_at_the_same_job_while_its_results_live(api: Ap
     fresh = ask(202)
     lease = claim(api.services.database, fresh)
     with api.services.background.write() as session:
-        assert jobs.fail(session, lease, PROBLEM, now=api.services.database.now(), timings={})
+        assert leases.fail(session, lease, PROBLEM, now=api.services.database.now(), timings={})
     assert ask(202) != fresh

@@ -3,7 +3,10 @@ from __future__ import annotations
 import threading
 import time
 
-from service.catalog import Progress, jobs
+from service.catalog import (
+    Progress,
+    leases,
+)
 from tests.service.api.test_media import upload
 from tests.service.fixtures import MP4, Api, claim, make_ready
 
@@ -13,7 +16,7 @@ def test_progress_is_shown_as_reported(api: Api) -> None:
     database = api.services.database
     lease = claim(database, video["job"])
     with database.write() as session:
-        jobs.report(session, lease, Progress("landmarks", 0.25, 30, 120), now=database.now())
+        leases.report(session, lease, Progress("landmarks", 0.25, 30, 120), now=database.now())
     body = api.client.get(f"/jobs/{video['job']}").json()
     assert (body["state"], body["done"]) == ("running", False)
     assert body["progress"] == {

@@ -3,7 +3,9 @@ from __future__ import annotations
 from typing import Any
 
 from service.api.examples import MEDIUM
-from service.catalog import jobs
+from service.catalog import (
+    leases,
+)
 from service.settings import Settings
 from tests.service.fixtures import MP4, PNG, Api, claim, make_ready, make_results, serve
 from tests.service.servers import fresh_database
@@ -43,7 +45,7 @@ def test_a_failed_medium_says_why_and_is_tried_again_when_uploaded_again(api: Ap
     video = upload(api, "/videos")
     lease = claim(api.services.database, video["job"])
     with api.services.background.write() as session:
-        assert jobs.fail(session, lease, PROBLEM, now=api.services.database.now(), timings={})
+        assert leases.fail(session, lease, PROBLEM, now=api.services.database.now(), timings={})
     body = api.client.get(f"/videos/{video['id']}").json()
     assert (body["state"], body["error"]) == ("failed", SHOWN)
     again = api.client.post("/videos", content=MP4)
@@ -148,7 +150,7 @@ def test_delete_with_cancel_jobs_takes_the_lease_from_the_worker(api: Api) -> No
     assert api.client.delete(f"/videos/{video['id']}?cancel_jobs=true").status_code == 204
     assert api.client.get(f"/jobs/{job['id']}").json()["state"] == "canceled"
     with api.services.database.read() as session:
-        assert jobs.held_state(session, lease) is None
+        assert leases.held_state(session, lease) is None
     until(lambda: api.blobs == [])
 
 

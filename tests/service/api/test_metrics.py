@@ -12,7 +12,12 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 from pydantic import SecretStr
 
-from service.catalog import jobs, keys, sweep, workers
+from service.catalog import (
+    keys,
+    leases,
+    sweep,
+    workers,
+)
 from service.settings import Settings
 from tests.service.api.test_media import PROBLEM, transfer, upload
 from tests.service.fixtures import Api, claim, make_ready, make_results, serve
@@ -106,7 +111,7 @@ def test_the_number_of_ended_jobs_never_falls(api: Api) -> None:
     reference = upload(api, "/references")
     lease = claim(database, reference["job"])
     with database.write() as session:
-        assert jobs.fail(session, lease, PROBLEM, now=database.now(), timings={})
+        assert leases.fail(session, lease, PROBLEM, now=database.now(), timings={})
     ended = {key: value for key, value in figures(api).items() if key[0] == "pvg_jobs_ended_total"}
     assert sum(ended.values()) == 3
     api.client.delete(f"/v1/videos/{video['id']}")

@@ -5,7 +5,13 @@ from typing import Any
 
 import pytest
 
-from service.catalog import OutputOptions, Report, jobs, render_request
+from service.catalog import (
+    OutputOptions,
+    Report,
+    jobs,
+    leases,
+    render_request,
+)
 from tests.service.api.test_media import PROBLEM, SHOWN, upload
 from tests.service.fixtures import MP4, PNG, Api, claim, make_ready, make_results
 
@@ -63,7 +69,7 @@ def test_a_transfer_waits_for_media_that_still_vectorise(api: Api) -> None:
     database = api.services.database
     for medium in (video, reference):
         with database.write() as session:
-            assert jobs.claim(session, job["id"], now=database.now(), lease_s=30) is None
+            assert leases.claim(session, job["id"], now=database.now(), lease_s=30) is None
         make_ready(api.services, medium["id"])
     claim(database, job["id"])
 
@@ -75,7 +81,7 @@ def test_a_transfer_fails_with_the_medium_it_waits_for(api: Api) -> None:
     database = api.services.database
     lease = claim(database, reference["job"])
     with database.write() as session:
-        jobs.fail(session, lease, PROBLEM, now=database.now(), timings={})
+        leases.fail(session, lease, PROBLEM, now=database.now(), timings={})
     with database.write() as session:
         jobs.release(session, now=database.now())
     body = api.client.get(f"/jobs/{job['id']}").json()

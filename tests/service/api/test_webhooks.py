@@ -7,7 +7,9 @@ from typing import Any
 
 import pytest
 
-from service.catalog import jobs
+from service.catalog import (
+    leases,
+)
 from service.settings import Settings
 from tests.service.api.test_authentication import holder
 from tests.service.api.test_media import PROBLEM, upload
@@ -125,7 +127,7 @@ def test_an_upload_by_form_can_name_a_receiver_of_its_vectorisation(api: Api) ->
         medium = api.client.post("/videos", files={"file": ("a.mp4", MP4)}, data=form).json()
         lease = claim(api.services.database, medium["job"])
         with api.services.background.write() as session:
-            assert jobs.fail(session, lease, PROBLEM, now=api.services.database.now(), timings={})
+            assert leases.fail(session, lease, PROBLEM, now=api.services.database.now(), timings={})
         receiver.wait_for(1)
     said = receiver.got[0].verified(api.client.get("/webhooks/secret").json()["secret"])
     assert (said["type"], said["data"]["kind"], said["data"]["media"]) == ("job.failed", "vectorize", medium["id"])

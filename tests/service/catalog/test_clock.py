@@ -5,7 +5,12 @@ from datetime import timedelta
 
 import pytest
 
-from service.catalog import Database, jobs, utc_now
+from service.catalog import (
+    Database,
+    jobs,
+    leases,
+    utc_now,
+)
 from service.catalog.migrations import migrate
 from tests.promises import Drill
 from tests.service.fixtures import add_media, claim
@@ -30,12 +35,12 @@ def test_a_machine_whose_clock_is_off_burns_no_attempt_and_steals_no_job(
             job_id = add_media(off).job_id
             lease = claim(off, job_id)
         with database.write() as session:  # an API whose clock is right
-            assert jobs.reap(session, now=database.now(), max_attempts=3) == []
+            assert leases.reap(session, now=database.now(), max_attempts=3) == []
         theirs = claim(database, add_media(database).job_id)
         with off.write() as session:  # and one whose clock is not
-            assert jobs.reap(session, now=off.now(), max_attempts=3) == []
-            assert jobs.renew(session, lease, now=off.now(), lease_s=30)
-            assert jobs.held_state(session, theirs) is not None
+            assert leases.reap(session, now=off.now(), max_attempts=3) == []
+            assert leases.renew(session, lease, now=off.now(), lease_s=30)
+            assert leases.held_state(session, theirs) is not None
             held = jobs.get(session, lease.job_id)
         assert held is not None
         drill.measured = f"{off_s:+d} s: attempt {held.attempt}, leases of both kept"

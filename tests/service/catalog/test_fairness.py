@@ -6,7 +6,15 @@ from collections.abc import Callable
 
 import pytest
 
-from service.catalog import Database, Job, JobKind, VectorizeRequest, fairness, jobs
+from service.catalog import (
+    Database,
+    Job,
+    JobKind,
+    VectorizeRequest,
+    fairness,
+    jobs,
+    leases,
+)
 from service.catalog.fairness import Taken
 from service.catalog.models import Role
 from tests.promises import Drill
@@ -50,7 +58,7 @@ class Worker:
     def finish(self, turn: Taken) -> None:
         self.clock.forward(1)
         with self.database.write() as session:
-            assert jobs.succeed(session, turn.lease, now=self.clock(), timings={})
+            assert leases.succeed(session, turn.lease, now=self.clock(), timings={})
 
 
 def owner_of(database: Database, turn: Taken | None) -> str:
@@ -152,7 +160,7 @@ def test_workers_at_the_same_moment_take_each_job_once(database: Database, clock
             with lock:
                 taken.append(turn.lease.job_id)
             with database.write() as session:
-                jobs.succeed(session, turn.lease, now=clock(), timings={})
+                leases.succeed(session, turn.lease, now=clock(), timings={})
 
     threads = [threading.Thread(target=work) for _ in range(4)]
     for thread in threads:

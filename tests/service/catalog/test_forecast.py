@@ -10,7 +10,16 @@ from typing import Any
 import pytest
 from sqlalchemy import update
 
-from service.catalog import Database, Job, JobState, Media, forecast, jobs, workers
+from service.catalog import (
+    Database,
+    Job,
+    JobState,
+    Media,
+    forecast,
+    jobs,
+    leases,
+    workers,
+)
 from service.catalog.forecast import Forecast
 from tests.service.fixtures import FakeClock, add_media, add_transfer, claim
 
@@ -45,7 +54,7 @@ def work(database: Database, clock: FakeClock, job_id: str, seconds: float) -> N
     lease = claim(database, job_id, lease_s=1e6)
     clock.forward(seconds)
     with database.write() as session:
-        assert jobs.succeed(session, lease, now=clock(), timings={})
+        assert leases.succeed(session, lease, now=clock(), timings={})
 
 
 def seconds_of(rng: random.Random, frames: int) -> float:
@@ -135,8 +144,8 @@ def test_a_running_job_is_judged_by_its_own_pace_the_more_it_has_done(database: 
     left = []
     for fraction in (0.0, 0.25, 0.5, 0.75):  # it takes 40 s, four times as long as the others
         with database.write() as session:
-            step = jobs.Progress("render", fraction, int(100 * fraction), 100)
-            assert jobs.report(session, lease, step, now=clock())
+            step = leases.Progress("render", fraction, int(100 * fraction), 100)
+            assert leases.report(session, lease, step, now=clock())
         eta = told(database, slow)[slow].eta
         assert eta is not None
         left.append(eta.seconds)

@@ -23,6 +23,7 @@ from service.catalog import (
     Role,
     VectorizeRequest,
     jobs,
+    leases,
     media,
 )
 from tests.service.fixtures import FakeClock, add_media, add_transfer, announce, claim
@@ -46,12 +47,13 @@ def media_of(database: Database, media_id: str) -> Media:
 
 def step(database: Database, name: str, *args: Any, **options: Any) -> Any:
     with database.write() as session:
-        return getattr(jobs, name)(session, *args, now=database.now(), **options)
+        module = jobs if hasattr(jobs, name) else leases
+        return getattr(module, name)(session, *args, now=database.now(), **options)
 
 
 def state_held(database: Database, lease: Lease) -> JobState | None:
     with database.read() as session:
-        return jobs.held_state(session, lease)
+        return leases.held_state(session, lease)
 
 
 def finish_media(database: Database, medium: Media) -> None:
@@ -70,7 +72,7 @@ def test_of_many_claims_one_wins(database: Database) -> None:
     def try_it() -> None:
         barrier.wait()
         with database.write() as session:
-            won.append(jobs.claim(session, job_id, now=database.now(), lease_s=30))
+            won.append(leases.claim(session, job_id, now=database.now(), lease_s=30))
 
     threads = [threading.Thread(target=try_it) for _ in range(8)]
     for thread in threads:
@@ -124,7 +126,7 @@ def test_the_third_crash_is_the_last(database: Database, clock: FakeClock) -> No
     assert job.error["type"] == "worker-crashed"
     assert media_of(database, medium.id).state == "failed"
     with database.write() as session:
-        assert jobs.claim(session, medium.job_id, now=database.now(), lease_s=30) is None
+        assert leases.claim(session, medium.job_id, now=database.now(), lease_s=30) is None
 
 
 def test_a_queued_job_is_canceled_at_once_and_cannot_be_claimed(database: Database) -> None:
@@ -132,7 +134,7 @@ def test_a_queued_job_is_canceled_at_once_and_cannot_be_claimed(database: Databa
     assert step(database, "cancel", job_id)
     assert job_of(database, job_id).state == "canceled"
     with database.write() as session:
-        assert jobs.claim(session, job_id, now=database.now(), lease_s=30) is None
+        assert leases.claim(session, job_id, now=database.now(), lease_s=30) is None
     assert not step(database, "cancel", job_id)
 
 
@@ -170,7 +172,7 @@ def test_cancel_and_success_at_the_same_moment_have_one_end(database: Database) 
                 said[name] = call(session)
 
         cancel = partial(jobs.cancel, job_id=job_id, now=database.now())
-        succeed = partial(jobs.succeed, lease=lease, now=database.now(), timings={})
+        succeed = partial(leases.succeed, lease=lease, now=database.now(), timings={})
         threads = [
             threading.Thread(target=race, args=(name, call, barrier, said))
             for name, call in (("cancel", cancel), ("succeed", succeed))
@@ -190,7 +192,7 @@ def test_a_revoked_job_takes_the_lease_away(database: Database) -> None:
     lease = claim(database, job_id)
     assert step(database, "revoke", job_id)
     with database.read() as session:
-        assert jobs.held_state(session, lease) is None
+        assert leases.held_state(session, lease) is None
     assert not step(database, "succeed", lease, timings={})
     assert not step(database, "confirm_cancel", lease)
 
@@ -261,7 +263,7 @@ def test_a_transfer_waits_for_all_of_its_media(database: Database) -> None:
     job_id = add_transfer(database, video, reference)
     assert step(database, "release") == []
     with database.write() as session:
-        assert jobs.claim(session, job_id, now=database.now(), lease_s=30) is None
+        assert leases.claim(session, job_id, now=database.now(), lease_s=30) is None
     finish_media(database, video)
     assert step(database, "release") == []
     finish_media(database, reference)

@@ -14,7 +14,20 @@ from alembic.runtime.migration import MigrationContext
 from sqlalchemy import inspect, text
 from sqlalchemy.exc import IntegrityError
 
-from service.catalog import Asset, Database, Lease, Media, Output, PartOf, Role, VectorSettings, jobs, media, results
+from service.catalog import (
+    Asset,
+    Database,
+    Lease,
+    Media,
+    Output,
+    PartOf,
+    Role,
+    VectorSettings,
+    jobs,
+    leases,
+    media,
+    results,
+)
 from service.catalog.database import make_engine
 from service.catalog.migrations import _config, is_current, migrate
 from service.catalog.models import Base
@@ -78,13 +91,13 @@ def test_jobs_of_the_former_version_know_when_they_were_queued(database: Databas
     waiting = add_transfer(database, medium, medium)
     clock.forward(100)
     with database.write() as session:  # one of them is queued again after its worker was lost
-        lease = jobs.claim(session, medium.job_id, now=clock(), lease_s=1)
-        running = jobs.claim(session, other.job_id, now=clock(), lease_s=1000)
+        lease = leases.claim(session, medium.job_id, now=clock(), lease_s=1)
+        running = leases.claim(session, other.job_id, now=clock(), lease_s=1000)
     assert isinstance(lease, Lease)
     assert running is not None
     clock.forward(100)
     with database.write() as session:
-        assert len(jobs.reap(session, now=clock(), max_attempts=3)) == 1
+        assert len(leases.reap(session, now=clock(), max_attempts=3)) == 1
     before = rows(database, "SELECT id, state, attempt, lease_token FROM jobs ORDER BY id")
     looks = rows(database, "SELECT job_id, position, video_id FROM looks")
     assert len(looks) == 1

@@ -24,6 +24,7 @@ from service.catalog import (
     forecast,
     jobs,
     keys,
+    leases,
     media,
     parts,
     results,
@@ -50,7 +51,7 @@ def add_ready_transfer(database: Database, owner: str = "") -> tuple[str, str]:
         announce(session, f"asset/{medium.id}")
         asset = Asset(f"asset/{medium.id}", 1, {}, [], [])
         assert media.finish(session, lease, asset, now=database.now(), timings={}) == []
-        jobs.release(session, now=database.now(), job_id=job_id)
+        jobs.release(session, now=database.now())
     return medium.id, job_id
 
 
@@ -127,7 +128,7 @@ def test_a_job_in_parts_runs_without_a_lease_and_ends_with_its_join(database: Da
     assert (whole.state, whole.stage, whole.fraction, whole.frames_done) == ("running", "render", 0.97, 300)
     lease = claim(database, join_id)
     with database.write() as session:
-        assert jobs.report(session, lease, Progress("join", 0.5, 1, 2), now=clock())
+        assert leases.report(session, lease, Progress("join", 0.5, 1, 2), now=clock())
     assert (read(database, job_id).stage, read(database, job_id).fraction) == ("join", 0.985)
     clock.forward(1)
     assert publish(database, lease)
@@ -146,15 +147,15 @@ def test_a_job_in_parts_runs_without_a_lease_and_ends_with_its_join(database: Da
 def test_parts_that_end_at_the_same_moment_add_one_join(database: Database, clock: FakeClock) -> None:
     for _ in range(5):
         job_id, part_ids = parted(database, 4)
-        leases = [claim(database, part_id) for part_id in part_ids]
+        held = [claim(database, part_id) for part_id in part_ids]
         made: list[list[Message] | None] = []
-        ready = threading.Barrier(len(leases))
+        ready = threading.Barrier(len(held))
 
         def end(lease: Lease, made: list[list[Message] | None] = made, ready: threading.Barrier = ready) -> None:
             ready.wait()
             made.append(finish(database, lease))
 
-        threads = [threading.Thread(target=end, args=(lease,)) for lease in leases]
+        threads = [threading.Thread(target=end, args=(lease,)) for lease in held]
         for thread in threads:
             thread.start()
         for thread in threads:
@@ -193,7 +194,7 @@ def test_a_job_that_is_being_canceled_is_not_cut(database: Database, clock: Fake
     with database.write() as session:
         assert jobs.cancel(session, job_id, now=clock())
         assert parts.split(session, lease, [NewPart("vid_1", 0, 9)], now=clock(), timings={}) is None
-        assert jobs.confirm_cancel(session, lease, now=clock())
+        assert leases.confirm_cancel(session, lease, now=clock())
     assert left(database) == (0, 0, 0)
 
 
@@ -202,14 +203,14 @@ def test_a_part_that_fails_ends_the_job_with_its_error(database: Database, clock
     finish(database, claim(database, part_ids[0]))
     lease, other = claim(database, part_ids[1]), claim(database, part_ids[2])
     with database.write() as session:
-        assert jobs.fail(session, lease, PROBLEM, now=clock(), timings={})
+        assert leases.fail(session, lease, PROBLEM, now=clock(), timings={})
     whole = read(database, job_id)
     assert (whole.state, whole.error) == ("failed", PROBLEM)
     assert left(database) == (0, 0, 0)
     assert buried(database) == {f"drawn/{part_ids[0]}"}
     with database.write() as session:  # the worker of another part finds its lease lost
-        assert jobs.held_state(session, other) is None
-        assert not jobs.renew(session, other, now=clock(), lease_s=30)
+        assert leases.held_state(session, other) is None
+        assert not leases.renew(session, other, now=clock(), lease_s=30)
     assert finish(database, other) is None
 
 
@@ -220,16 +221,16 @@ def test_a_part_whose_worker_is_lost_is_done_again_and_no_other(database: Databa
         claim(database, part_ids[1])
         clock.forward(31)
         with database.write() as session:
-            assert jobs.reap(session, now=clock(), max_attempts=3) == [Message(part_ids[1], "render")]
+            assert leases.reap(session, now=clock(), max_attempts=3) == [Message(part_ids[1], "render")]
         assert read(database, part_ids[1]).attempt == attempt + 1
     assert read(database, part_ids[2]).attempt == 1
     lease = claim(database, part_ids[1])
     with database.write() as session:
-        jobs.report(session, lease, Progress("render", 0.5, 1, 2), now=clock())
+        leases.report(session, lease, Progress("render", 0.5, 1, 2), now=clock())
     assert read(database, job_id).attempt == 3
     clock.forward(31)
     with database.write() as session:
-        assert jobs.reap(session, now=clock(), max_attempts=3) == []
+        assert leases.reap(session, now=clock(), max_attempts=3) == []
     whole = read(database, job_id)
     assert (whole.state, (whole.error or {})["type"]) == ("failed", "worker-crashed")
     assert left(database) == (0, 0, 0)
@@ -245,11 +246,11 @@ def test_a_job_in_parts_is_canceled_when_the_last_worker_has_stopped(database: D
     assert [read(database, one).state for one in part_ids[1:]] == ["canceling", "canceling", "canceled"]
     assert finish(database, first) is None
     with database.write() as session:
-        assert jobs.confirm_cancel(session, first, now=clock())
+        assert leases.confirm_cancel(session, first, now=clock())
     assert read(database, job_id).state == "canceling"
     clock.forward(31)  # the other one is lost: the reaper ends its part, and with it the job
     with database.write() as session:
-        assert jobs.reap(session, now=clock(), max_attempts=3) == []
+        assert leases.reap(session, now=clock(), max_attempts=3) == []
     whole = read(database, job_id)
     assert (whole.state, (whole.error or {})["type"]) == ("canceled", "canceled")
     assert left(database) == (0, 0, 0)
@@ -286,7 +287,7 @@ def test_a_cancel_and_the_end_of_the_last_part_or_the_join_leave_one_end(
             ready.wait()
             if not (publish(database, last) if joining else finish(database, last) is not None):
                 with database.write() as session:
-                    jobs.confirm_cancel(session, last, now=clock())
+                    leases.confirm_cancel(session, last, now=clock())
 
         def stop(job_id: str = job_id, ready: threading.Barrier = ready) -> None:
             ready.wait()
@@ -320,7 +321,7 @@ def test_a_deleted_medium_takes_the_parts_and_their_files_along(database: Databa
     assert left(database) == (0, 0, 0)
     assert f"drawn/{part_ids[0]}" in buried(database)
     with database.read() as session:
-        assert jobs.held_state(session, running) is None
+        assert leases.held_state(session, running) is None
 
 
 def test_files_of_parts_are_named_while_their_job_lives(database: Database) -> None:
@@ -376,7 +377,7 @@ def test_the_progress_of_the_parts_is_that_of_the_job_and_never_falls(database: 
     def told(lease: Lease, fraction: float) -> tuple[float, int]:
         clock.forward(1)
         with database.write() as session:
-            assert jobs.report(session, lease, Progress("render", fraction, 0, 0), now=clock())
+            assert leases.report(session, lease, Progress("render", fraction, 0, 0), now=clock())
         whole = read(database, job_id)
         assert (whole.stage, whole.frames_total, whole.updated_at) == ("render", 200, clock())
         assert whole.fraction >= seen[-1]
@@ -388,7 +389,7 @@ def test_the_progress_of_the_parts_is_that_of_the_job_and_never_falls(database: 
     assert told(second, 0.25) == (0.3638, 75)
     clock.forward(31)
     with database.write() as session:
-        jobs.reap(session, now=clock(), max_attempts=3)
+        leases.reap(session, now=clock(), max_attempts=3)
     first = claim(database, part_ids[0])
     assert told(first, 0.1) == (0.3638, 75)
     assert told(first, 1.0) == (0.6062, 125)
@@ -535,12 +536,12 @@ def test_workers_at_the_same_moment_take_each_part_once_while_jobs_are_canceled(
                 with lock:
                     taken.append(turn.lease.job_id)
                 with database.write() as session:
-                    jobs.report(session, turn.lease, Progress("render", 0.5, 1, 2), now=clock())
+                    leases.report(session, turn.lease, Progress("render", 0.5, 1, 2), now=clock())
                 is_part = read(database, turn.lease.job_id).kind == PartKind.PART
                 assert is_part or canceled.wait(60)  # no whole ends before one of them is canceled
                 if not (finish(database, turn.lease) is not None if is_part else publish(database, turn.lease)):
                     with database.write() as session:
-                        jobs.confirm_cancel(session, turn.lease, now=clock())
+                        leases.confirm_cancel(session, turn.lease, now=clock())
         except Exception as error:
             errors.append(error)
 
@@ -571,7 +572,7 @@ def test_a_part_lost_before_the_join_has_the_whole_begin_anew_as_often_as_jobs_a
     for attempt in (1, 2):
         join = claim(database, draw_all(database, part_ids))
         with database.write() as session:
-            message = jobs.draw_again(session, join, now=clock(), max_attempts=3)
+            message = leases.draw_again(session, join, now=clock(), max_attempts=3)
         assert message == Message(job_id, "render")
         whole = read(database, job_id)
         assert (whole.state, whole.waiting, whole.attempt, whole.published_at) == ("queued", False, attempt + 1, None)
@@ -581,8 +582,8 @@ def test_a_part_lost_before_the_join_has_the_whole_begin_anew_as_often_as_jobs_a
         part_ids = split(database, job_id, 3)
     join = claim(database, draw_all(database, part_ids))
     with database.write() as session:
-        assert jobs.draw_again(session, join, now=clock(), max_attempts=3) is None
-        assert jobs.fail(session, join, PROBLEM, now=clock(), timings={})
+        assert leases.draw_again(session, join, now=clock(), max_attempts=3) is None
+        assert leases.fail(session, join, PROBLEM, now=clock(), timings={})
     assert read(database, job_id).state == JobState.FAILED
 
 
@@ -594,7 +595,7 @@ def test_a_part_given_back_while_its_job_is_canceled_is_not_done(database: Datab
     def give_back() -> None:
         began.wait(60)
         with database.write() as session:
-            jobs.give_back(session, lease, now=clock())
+            leases.give_back(session, lease, now=clock())
         given.set()
 
     other = threading.Thread(target=give_back)
@@ -605,7 +606,7 @@ def test_a_part_given_back_while_its_job_is_canceled_is_not_done(database: Datab
         given.wait(0.5)
     other.join()
     with database.write() as session:
-        jobs.confirm_cancel(session, lease, now=clock())
+        leases.confirm_cancel(session, lease, now=clock())
     assert read(database, job_id).state == JobState.CANCELED
     assert left(database) == (0, 0, 0)
 
@@ -615,17 +616,17 @@ def test_a_job_that_a_worker_which_knows_no_parts_leaves_behind_ends(
     database: Database, clock: FakeClock, canceling: bool
 ) -> None:
     job_id, part_ids = parted(database)
-    leases = [claim(database, part_id) for part_id in part_ids]
+    held = [claim(database, part_id) for part_id in part_ids]
     with database.write() as session:
         if canceling:
             assert jobs.cancel(session, job_id, now=clock())
-        for lease in leases:  # as it ends jobs: without a look at the whole
+        for lease in held:  # as it ends jobs: without a look at the whole
             ended = JobState.CANCELED if canceling else JobState.FAILED
             job = session.get_one(Job, lease.job_id)
             job.state, job.lease_token, job.lease_expires_at = ended, None, None
     assert read(database, job_id).state == ("canceling" if canceling else "running")
     with database.write() as session:
-        assert jobs.reap(session, now=clock(), max_attempts=3) == []
+        assert leases.reap(session, now=clock(), max_attempts=3) == []
     assert read(database, job_id).state == ("canceled" if canceling else "failed")
     assert left(database) == (0, 0, 0)
 

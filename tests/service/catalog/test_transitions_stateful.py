@@ -14,7 +14,20 @@ from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, initialize, invariant, multiple, rule
 from sqlalchemy.orm import Session
 
-from service.catalog import ENDED, Asset, Database, Job, JobState, Lease, Media, MediaState, Progress, jobs, media
+from service.catalog import (
+    ENDED,
+    Asset,
+    Database,
+    Job,
+    JobState,
+    Lease,
+    Media,
+    MediaState,
+    Progress,
+    jobs,
+    leases,
+    media,
+)
 from service.catalog.transitions import JOB_TRANSITIONS, LeaseCheck, LeaseEffect, Step
 from tests.service.fixtures import FakeClock, add_media, add_transfer, announce, make_tables
 
@@ -101,24 +114,24 @@ class JobMachine(RuleBasedStateMachine):
 
     @rule(target=leases)
     def claim(self) -> object:
-        lease = self.take([Step.CLAIM], lambda s: jobs.claim(s, self.job_id, now=self.clock(), lease_s=LEASE_S))
+        lease = self.take([Step.CLAIM], lambda s: leases.claim(s, self.job_id, now=self.clock(), lease_s=LEASE_S))
         return lease if lease is not None else multiple()
 
     @rule(lease=leases)
     def beat(self, lease: Lease) -> None:
-        self.take([Step.RENEW], lambda s: jobs.renew(s, lease, now=self.clock(), lease_s=LEASE_S), lease=lease)
+        self.take([Step.RENEW], lambda s: leases.renew(s, lease, now=self.clock(), lease_s=LEASE_S), lease=lease)
 
     @rule(lease=leases, fraction=st.floats(0, 1))
     def report(self, lease: Lease, fraction: float) -> None:
         progress = Progress("skin", fraction, 1, 2)
-        self.take([Step.REPORT], lambda s: jobs.report(s, lease, progress, now=self.clock()), lease=lease)
+        self.take([Step.REPORT], lambda s: leases.report(s, lease, progress, now=self.clock()), lease=lease)
 
     @rule(lease=leases, good=st.booleans())
     def end(self, lease: Lease, good: bool) -> None:
         if not good:
-            self.take([Step.FAIL], lambda s: jobs.fail(s, lease, PROBLEM, now=self.clock(), timings={}), lease=lease)
+            self.take([Step.FAIL], lambda s: leases.fail(s, lease, PROBLEM, now=self.clock(), timings={}), lease=lease)
         elif self.waits:
-            succeed = partial(jobs.succeed, lease=lease, now=self.clock(), timings={})
+            succeed = partial(leases.succeed, lease=lease, now=self.clock(), timings={})
             self.successes += bool(self.take([Step.SUCCEED], succeed, lease=lease))
         else:
             asset = Asset("asset/x", 1, {}, [], [])
@@ -129,12 +142,12 @@ class JobMachine(RuleBasedStateMachine):
 
     @rule(lease=leases)
     def confirm_cancel(self, lease: Lease) -> None:
-        self.take([Step.CONFIRM_CANCEL], lambda s: jobs.confirm_cancel(s, lease, now=self.clock()), lease=lease)
+        self.take([Step.CONFIRM_CANCEL], lambda s: leases.confirm_cancel(s, lease, now=self.clock()), lease=lease)
 
     @rule(lease=leases)
     def give_back(self, lease: Lease) -> None:
         before = self.job().attempt
-        self.take([Step.GIVE_BACK], lambda s: jobs.give_back(s, lease, now=self.clock()), lease=lease)
+        self.take([Step.GIVE_BACK], lambda s: leases.give_back(s, lease, now=self.clock()), lease=lease)
         assert self.job().attempt == before
 
     @rule()
@@ -160,14 +173,14 @@ class JobMachine(RuleBasedStateMachine):
         if not self.waits or self.medium().state != MediaState.VECTORIZING:
             return
         with self.database.write() as session:
-            lease = jobs.claim(session, self.medium().job_id, now=self.clock(), lease_s=LEASE_S)
+            lease = leases.claim(session, self.medium().job_id, now=self.clock(), lease_s=LEASE_S)
             assert lease is not None
             if good:
                 asset = Asset("asset/x", 1, {}, [], [])
                 announce(session, "asset/x")
                 assert media.finish(session, lease, asset, now=self.clock(), timings={}) == []
             else:
-                assert jobs.fail(session, lease, PROBLEM, now=self.clock(), timings={})
+                assert leases.fail(session, lease, PROBLEM, now=self.clock(), timings={})
 
     @rule()
     def release(self) -> None:
@@ -185,7 +198,7 @@ class JobMachine(RuleBasedStateMachine):
         steps = [Step.REAP_CANCELED, Step.GIVE_UP if last else Step.REQUEUE]
 
         def reap(session: Session) -> bool:
-            again = jobs.reap(session, now=self.clock(), max_attempts=MAX_ATTEMPTS)
+            again = leases.reap(session, now=self.clock(), max_attempts=MAX_ATTEMPTS)
             assert [message.job_id for message in again] == ([self.job_id] if again else [])
             job = session.get(Job, self.job_id)
             assert job is not None

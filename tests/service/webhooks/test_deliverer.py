@@ -13,7 +13,12 @@ from typing import Any
 import pytest
 from sqlalchemy import select
 
-from service.catalog import Database, Delivery, jobs, webhooks
+from service.catalog import (
+    Database,
+    Delivery,
+    leases,
+    webhooks,
+)
 from service.catalog.transitions import Step
 from service.egress import _RESOLVERS, Egress
 from service.errors import stored_problem
@@ -100,7 +105,7 @@ def test_a_failure_says_why_as_the_job_itself_does(database: Database, deliverer
         announce(database, job_id, receiver.url)
         with database.write() as session:
             error = stored_problem("no-face", "no face found")
-            assert jobs.fail(session, lease, error, now=database.now(), timings={})
+            assert leases.fail(session, lease, error, now=database.now(), timings={})
         assert attempt_all(deliverer) == 1
     (arrived,) = receiver.got
     said = arrived.verified(secret_of(database))
