@@ -189,7 +189,8 @@ class HairNumbers:
     least_sigma: float = 0.5  # cells of that average [by eye]
     rounds: int = 4  # of average and fractions [by eye]
     bare: float = 2.0  # [by eye]: skin counts in that average until 1/bare of it is hair
-    dark_trust: float = 1e-3  # weight of the cheeks' colour beside that of skin nearby, dark hair [by eye]
+    dark_trust: float = 0.05  # weight of the cheeks' colour beside that of skin nearby, dark hair [by eye]: with less,
+    # a fringe that was taken for skin is the skin nearby
     fair_trust: float = 0.3  # the same for fair hair [by eye]
     cover_rise: Range = (0.33, 0.63)  # fractions of hair [by eye]: from a shade that may be skin's to hair
     fallen_rise: Range = (0.6, 0.9)  # covered part of what is above a brow's cell [by eye]: a gap between locks bares
