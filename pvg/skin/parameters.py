@@ -169,6 +169,23 @@ class BeardNumbers:
 
 
 @dataclass(frozen=True)
+class ThroatNumbers:
+    """A bare neck in a light of its own: its colour is taken for skin's too, where it can be."""
+
+    along: Range = (0.12, 0.45)  # face sizes below the chin [by eye]: where it is seen
+    off: float = 0.2  # face sizes off the neck's axis [by eye]
+    shoulders: Range = (0.6, 1.0)  # face sizes below the chin [by eye]: where clothes are seen
+    beside: float = 0.45  # face sizes off the neck's axis [by eye]
+    darker: float = 15.0  # L darker than the face [by eye]: more is a beard, or a collar
+    lighter: float = 8.0  # L lighter than the face [by eye]
+    least_red: float = 2.5  # a, at one lightness [by eye]: less is a collar
+    least_chroma: float = 0.2  # of the face's [by eye]: less is cloth
+    hue: Range = (0.25, 1.45)  # radians, of a and b [by eye]: skin's
+    uneven: float = 2.0  # spreads, length of the median deviation [measured: bare necks 0.5 to 1.5, collars 2.8 to 4.1]
+    cloth: float = 5.0  # spreads from what the shoulders show [by eye]: less is cloth
+
+
+@dataclass(frozen=True)
 class HairNumbers:
     """Hair over the forehead: a mixture of two colours in every cell."""
 
@@ -425,6 +442,7 @@ class SkinPrior:
     colors: ColorNumbers = ColorNumbers()
     learning: LearningNumbers = LearningNumbers()
     beard: BeardNumbers = BeardNumbers()
+    throat: ThroatNumbers = ThroatNumbers()
     hair: HairNumbers = HairNumbers()
     shade: ShadeNumbers = ShadeNumbers()
     cut: CutNumbers = CutNumbers()

@@ -11,7 +11,7 @@ import numpy as np
 from pvg._arrays import Bools, Bytes, Floats
 from pvg.face import Landmarks
 from pvg.skin.cleanup import face_component, fill_holes, largest_component
-from pvg.skin.color_model import ColorScale, SkinColors, squared_distances, to_skin_lab
+from pvg.skin.color_model import ColorScale, SkinColors, median_deviation, squared_distances, to_skin_lab
 from pvg.skin.graph_cut import minimum_cut
 from pvg.skin.hair import deep_shade, find_hair, hair_cover
 from pvg.skin.parameters import SKIN_PRIOR
@@ -19,7 +19,8 @@ from pvg.skin.prior import SpatialPrior, face_area, face_box, head_shape, logist
 
 MaskMethod = Literal["landmarks", "ycbcr"]
 
-_LEARNING, _BEARD = SKIN_PRIOR.learning, SKIN_PRIOR.beard
+_LEARNING, _BEARD, _THROAT = SKIN_PRIOR.learning, SKIN_PRIOR.beard, SKIN_PRIOR.throat
+_NECK = 0.5  # weight of the neck, from which on a cell is the neck's
 
 
 def skin_mask(rgb: Bytes, landmarks: Landmarks, *, method: MaskMethod = "landmarks") -> Bools:
@@ -78,6 +79,13 @@ def segment(rgb: Bytes, landmarks: Landmarks, visible: Bools | None = None) -> S
     sample = _sample(lab, prior, visible)
     scale = ColorScale.fit(lab[sample])
     distance, tonal = squared_distances(lab, lab[sample], prior.face)
+    throat = _bare_throat(lab, prior, visible, scale)
+    if throat.any():
+        own = squared_distances(lab, lab[throat], prior.face)
+        distance, tonal = (
+            np.where(prior.neck > _NECK, np.minimum(of_face, of_neck), of_face)
+            for of_face, of_neck in zip((distance, tonal), own, strict=True)
+        )
     outliers = prior.foreground & (distance > _LEARNING.outlier)  # inside, but not to learn skin from
     likeness = np.exp(-_LEARNING.likeness_decay * np.maximum(tonal - _LEARNING.likeness_from, 0))
     unlike_first = np.exp(-_LEARNING.first_decay * np.maximum(distance - _LEARNING.first_from, 0))
@@ -122,6 +130,36 @@ def _beard(rgb: Bytes, lab: Floats, prior: SpatialPrior, sample: Bools) -> Bools
     color = rgb.astype(np.float32)
     alike: Bools = np.linalg.norm(color - np.median(color[prior.chin], axis=0), axis=2) < _BEARD.radius
     return alike & prior.jaw
+
+
+def _bare_throat(lab: Floats, prior: SpatialPrior, visible: Bools, scale: ColorScale) -> Bools:
+    """(h, w) bool: cells of the throat, if it is bare; none where it is covered, or cannot be told.
+
+    A neck is lit by other light than the face: its colour may lie further from the face's than cloth does. It is skin
+    if it has the hue of skin, is even, and is not what the shoulders wear.
+    """
+    throat = prior.throat & visible
+    nothing: Bools = np.zeros(visible.shape, np.bool_)
+    if int(throat.sum()) < _LEARNING.least_sample:
+        return nothing
+    center = np.median(lab[throat], axis=0)
+    chroma, own = (float(np.hypot(*one[1:])) for one in (center, scale.center))
+    hue = float(np.arctan2(center[2], center[1]))
+    is_skin = (
+        -_THROAT.darker < float(center[0] - scale.center[0]) < _THROAT.lighter
+        and center[1] > _THROAT.least_red
+        and chroma > _THROAT.least_chroma * own
+        and _THROAT.hue[0] < hue < _THROAT.hue[1]
+    )
+    uneven = float(np.linalg.norm(median_deviation(lab[throat], center) / scale.spread))
+    if not is_skin or uneven > _THROAT.uneven:
+        return nothing
+    shoulders = prior.shoulders & visible
+    if int(shoulders.sum()) >= _LEARNING.least_sample:
+        worn = np.median(lab[shoulders], axis=0)
+        if float(np.linalg.norm((worn - center) / scale.spread)) < _THROAT.cloth:
+            return nothing
+    return throat
 
 
 def _sample(lab: Floats, prior: SpatialPrior, visible: Bools) -> Bools:
