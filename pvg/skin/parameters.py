@@ -20,6 +20,8 @@ class BoxNumbers:
     size_height: float = 0.8  # of the height that counts in a face size [by eye]
     beside: float = 0.22  # face sizes beside the oval [by eye]: ears
     above: float = 0.26  # face sizes above and below the oval [by eye]: a high forehead
+    crown: float = 0.6  # face sizes above the oval [by eye]: a bald head's crown
+    cut: float = 0.3  # of the oval's width [by eye]: skin so wide at the box's top goes on above it
     neck_half_width: float = 0.72  # face sizes [by eye]: where a neck runs into shoulders
     neck_end: float = 1.12  # face sizes below the chin [by eye]: the box's end
     fade_begins: float = 0.75  # face sizes below the chin [by eye]: from here the matte fades to the box's end
@@ -42,6 +44,7 @@ class HeadNumbers:
     forehead_inside: float = 8.0  # nats a face size [by eye]
     forehead_most: float = 1.8  # nats [by eye]
     forehead_outside: float = 11.0  # nats a face size [by eye]
+    crown_outside: float = 4.0  # the same where a head is bald [by eye]: colour decides
     forehead_begins: float = 0.15  # face sizes below the brows [by eye]: the cheek's rule begins to give way
     forehead_full: float = 0.08  # face sizes above the brows [by eye]: the forehead's rule alone
 

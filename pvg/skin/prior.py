@@ -68,9 +68,10 @@ def ear_depth(head: HeadShape, landmarks: Landmarks) -> float:
     return (eyes + nose) / 2 + SKIN_PRIOR.ears.below
 
 
-def face_box(landmarks: Landmarks) -> Floats:
+def face_box(landmarks: Landmarks, *, bald: bool = False) -> Floats:
     """The region of a face: hair-line, ears and neck down to a collar, in an upright box.
 
+    bald: up to the crown.
     Returns (4,) float32 x0, y0, x1, y1, source pixels; it moves smoothly with the points and may reach over the
     picture's edge.
     """
@@ -81,6 +82,9 @@ def face_box(landmarks: Landmarks) -> Floats:
     side = np.array([head.neck[1], -head.neck[0]], np.float32) * (_BOX.neck_half_width * head.size)
     end = head.chin + _BOX.neck_end * head.size * head.neck
     corners = np.stack([head.middle - reach, head.middle + reach, end - side, end + side])
+    if bald:
+        crown = head.middle - (head.height / 2 + _BOX.crown * head.size) * head.axes.down
+        corners = np.concatenate([corners, crown[None]])
     return np.concatenate([corners.min(axis=0), corners.max(axis=0)]).astype(np.float32)
 
 
@@ -140,6 +144,17 @@ class SpatialPrior:
     size: float
 
 
+def goes_on_above(mask: Bools, visible: Bools, landmarks: Landmarks) -> bool:
+    """Whether the skin of a mask (h, w) over a face's box goes on above it: the head is bald.
+
+    visible: (h, w) bool, where the picture is real;  landmarks: in cells.
+    """
+    rows = np.flatnonzero(visible.any(axis=1))
+    if not len(rows) or rows[0] > 0:  # the picture ends there
+        return False
+    return int(mask[:2].any(axis=0).sum()) > _BOX.cut * head_shape(landmarks).width
+
+
 def _contour(landmarks: Landmarks) -> Floats:
     """Outline (n, 2) of the face as it is seen."""
     # beyond about 45° of yaw the contour's far side lies behind the visible cheek and nose: their hull is the face
@@ -151,8 +166,11 @@ def face_area(shape: tuple[int, int], landmarks: Landmarks) -> Bools:
     return _fill(shape, _contour(landmarks))
 
 
-def spatial_prior(shape: tuple[int, int], landmarks: Landmarks) -> SpatialPrior:
-    """The prior of a face over a raster (h, w), for landmarks in raster cells."""
+def spatial_prior(shape: tuple[int, int], landmarks: Landmarks, *, bald: bool = False) -> SpatialPrior:
+    """The prior of a face over a raster (h, w), for landmarks in raster cells.
+
+    bald: whether skin may go on up to the crown.
+    """
     head, points = head_shape(landmarks), landmarks.points
     contour = _contour(landmarks)
     face = _fill(shape, contour)
@@ -166,7 +184,9 @@ def spatial_prior(shape: tuple[int, int], landmarks: Landmarks) -> SpatialPrior:
     log_odds, neck, fade, down, along, off, ears = np.empty((7, *shape), np.float32)
     fade_ends = np.array([_BOX.fade_begins, _BOX.neck_end, _BOX.side_fade], np.float32)
     fields = log_odds, neck, fade, down, along, off, ears
-    spatial_fields(inner, outer, frame, np.float32(brow), np.float32(ear), fade_ends, _COEFFICIENTS, *fields)
+    spatial_fields(
+        inner, outer, frame, np.float32(brow), np.float32(ear), fade_ends, _BALD if bald else _HAIRY, *fields
+    )
     outside = outer / np.float32(head.size)
 
     core = _fill(shape, contour.mean(axis=0) + _REGIONS.core * (contour - contour.mean(axis=0)))
@@ -259,7 +279,8 @@ def _coefficients(prior: SkinPrior) -> SpatialCoefficients:
     )
 
 
-_COEFFICIENTS = _coefficients(SKIN_PRIOR)
+_HAIRY = _coefficients(SKIN_PRIOR)
+_BALD = _HAIRY._replace(forehead_outside=np.float32(SKIN_PRIOR.head.crown_outside))
 
 
 def _upward(step: Floats) -> Bytes:

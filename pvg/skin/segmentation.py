@@ -15,7 +15,7 @@ from pvg.skin.color_model import ColorScale, SkinColors, median_deviation, squar
 from pvg.skin.graph_cut import minimum_cut
 from pvg.skin.hair import deep_shade, find_hair, hair_cover
 from pvg.skin.parameters import SKIN_PRIOR
-from pvg.skin.prior import SpatialPrior, face_area, face_box, head_shape, logistic, spatial_prior
+from pvg.skin.prior import SpatialPrior, face_area, face_box, goes_on_above, head_shape, logistic, spatial_prior
 
 MaskMethod = Literal["landmarks", "ycbcr"]
 
@@ -34,7 +34,14 @@ def skin_mask(rgb: Bytes, landmarks: Landmarks, *, method: MaskMethod = "landmar
     height, width = rgb.shape[:2]
     if method == "ycbcr":
         return red_chroma_mask(rgb, face_area((height, width), landmarks))
-    box = face_box(landmarks)
+    mask, above = _of_box(rgb, landmarks, bald=False)
+    return _of_box(rgb, landmarks, bald=True)[0] if above else mask
+
+
+def _of_box(rgb: Bytes, landmarks: Landmarks, *, bald: bool) -> tuple[Bools, bool]:
+    """The mask (H, W), and whether the face's box cuts it off at its top."""
+    height, width = rgb.shape[:2]
+    box = face_box(landmarks, bald=bald)
     x0, y0 = np.clip(np.floor(box[:2]).astype(int), 0, [width - 1, height - 1])
     x1, y1 = np.clip(np.ceil(box[2:]).astype(int) + 1, [x0 + 1, y0 + 1], [width, height])
     crop = np.ascontiguousarray(rgb[y0:y1, x0:x1])
@@ -45,8 +52,9 @@ def skin_mask(rgb: Bytes, landmarks: Landmarks, *, method: MaskMethod = "landmar
     offset = np.array([x0, y0], np.float32)
     local = landmarks.moved(-offset).scaled(ratio)
     mask = np.zeros((height, width), np.bool_)
-    mask[y0:y1, x0:x1] = _refine(crop, segment(small, local).mask, 1 / scale)
-    return mask
+    found = segment(small, local, bald=bald).mask
+    mask[y0:y1, x0:x1] = _refine(crop, found, 1 / scale)
+    return mask, y0 > 0 and goes_on_above(found, np.ones(found.shape, np.bool_), local)
 
 
 def red_chroma_mask(rgb: Bytes, face: Bools, visible: Bools | None = None) -> Bools:
@@ -65,15 +73,15 @@ class Segmentation:
     colors: SkinColors
 
 
-def segment(rgb: Bytes, landmarks: Landmarks, visible: Bools | None = None) -> Segmentation:
+def segment(rgb: Bytes, landmarks: Landmarks, visible: Bools | None = None, *, bald: bool = False) -> Segmentation:
     """Cut the skin out of a small picture (h, w, 3): colours and mask learn from each other in a few rounds.
 
     Only the last round cuts along the picture's edges: the others learn the same from the sign of the log-odds.
 
-    landmarks: in the picture's pixels;  visible: (h, w) bool, where the picture is real.
+    landmarks: in the picture's pixels;  visible: (h, w) bool, where the picture is real;  bald: see `spatial_prior`.
     """
     shape = rgb.shape[:2]
-    prior = spatial_prior(shape, landmarks)
+    prior = spatial_prior(shape, landmarks, bald=bald)
     visible = np.ones(shape, np.bool_) if visible is None else visible
     lab = to_skin_lab(rgb)
     sample = _sample(lab, prior, visible)

@@ -19,7 +19,7 @@ from pvg.skin.hair import Hair, find_hair, hair_cover
 from pvg.skin.matte import Matte
 from pvg.skin.occlusion import occluder_alpha, open_skin
 from pvg.skin.parameters import SKIN_PRIOR
-from pvg.skin.prior import SpatialPrior, face_area, face_box, head_shape, spatial_prior
+from pvg.skin.prior import SpatialPrior, face_area, face_box, goes_on_above, head_shape, spatial_prior
 from pvg.skin.scene import Scene
 from pvg.skin.segmentation import MaskMethod, red_chroma_mask, segment
 from pvg.skin.tint import tint_slopes, without_tilt
@@ -29,9 +29,9 @@ _TRACKING, _HAIR = SKIN_PRIOR.tracking, SKIN_PRIOR.hair
 _MID_GREY = 128  # 8-bit levels, where nothing of the face is seen
 
 
-def first_raster(landmarks: Landmarks) -> Raster:
-    """The raster for a track that starts with these landmarks."""
-    box = face_box(landmarks)
+def first_raster(landmarks: Landmarks, *, bald: bool = False) -> Raster:
+    """The raster for a track that starts with these landmarks, of a head that is ``bald`` up to its crown."""
+    box = face_box(landmarks, bald=bald)
     width, height = (float(v) for v in box[2:] - box[:2])
     longer = max(width, height)
     cells = min(_TRACKING.most_cells, max(_TRACKING.least_cells, longer / _TRACKING.cell_px))
@@ -53,7 +53,8 @@ class LearnedSkin:
     distance: (h, w) float32 signed distance to the mask's edge in face sizes, positive on skin, over a raster in whose
     cells the stacked landmarks and skin points lie at `points` (194, 2);
     open: (h, w) float32 over the same raster, 1 on skin that shows its own hue;
-    tint: (2, 2) how the light's colour changes over the face, see `tint_slopes`.
+    tint: (2, 2) how the light's colour changes over the face, see `tint_slopes`;
+    bald: whether skin goes on above the forehead, up to the crown.
     """
 
     colors: SkinColors
@@ -63,6 +64,7 @@ class LearnedSkin:
     open: Floats
     points: Floats
     tint: Doubles
+    bald: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,13 +81,20 @@ def fit_skin_model(frame: Picture | Bytes, landmarks: Landmarks, *, method: Mask
     """
     if method == "ycbcr":
         return SkinModel(None)
-    # as fine as stills are cut, whatever the track's raster
-    raster = _raster_of(face_box(landmarks), max(1.0, head_shape(landmarks).size / SKIN_PRIOR.learning.face_px))
-    own = landmarks.in_cells(raster)
     picture = as_picture(frame)
+    learned, above = _learn(picture, landmarks, bald=False)
+    return SkinModel(_learn(picture, landmarks, bald=True)[0] if above else learned)
+
+
+def _learn(picture: Picture, landmarks: Landmarks, *, bald: bool) -> tuple[LearnedSkin, bool]:
+    """What a key frame teaches, and whether the face's box cuts its skin off at its top."""
+    # as fine as stills are cut, whatever the track's raster
+    step = max(1.0, head_shape(landmarks).size / SKIN_PRIOR.learning.face_px)
+    raster = _raster_of(face_box(landmarks, bald=bald), step)
+    own = landmarks.in_cells(raster)
     small, visible = picture.cells(raster), raster.inside(picture.size)
-    found = segment(small, own, visible)
-    prior = spatial_prior(raster.shape, own)
+    found = segment(small, own, visible, bald=bald)
+    prior = spatial_prior(raster.shape, own, bald=bald)
     learned = LearnedSkin(
         colors=found.colors,
         light=_face_color(small, prior.sample & visible),
@@ -94,8 +103,9 @@ def fit_skin_model(frame: Picture | Bytes, landmarks: Landmarks, *, method: Mask
         open=open_skin(to_skin_lab(small), found.colors.scale, found.mask),
         points=own.stacked,
         tint=tint_slopes(small, prior.sample & visible, prior.size),
+        bald=bald,
     )
-    return SkinModel(learned)
+    return learned, goes_on_above(found.mask, visible, own)
 
 
 def _signed_distance(mask: Bools) -> Floats:
@@ -143,15 +153,16 @@ class SkinTracker:
         landmarks: source pixels;  scene: the frame's, by which walls and shelves beside ears and neck are known.
         """
         picture = as_picture(frame)
-        raster = self._next_raster(landmarks)
+        learned = self._model.learned
+        raster = self._next_raster(landmarks, bald=learned is not None and learned.bald)
         small, visible = picture.cells(raster), raster.inside(picture.size)
         own = landmarks.in_cells(raster)
-        if self._model.learned is None:
+        if learned is None:
             mask = red_chroma_mask(small, face_area(raster.shape, own), visible)
             return Matte.over(raster.box, mask.astype(np.uint8) * np.uint8(255), mask)
-        prior = spatial_prior(raster.shape, own)
+        prior = spatial_prior(raster.shape, own, bald=learned.bald)
         self.light = _face_color(small, prior.sample & visible)
-        probability, occluder = _estimate(self._model.learned, small, prior, own.stacked, visible)
+        probability, occluder = _estimate(learned, small, prior, own.stacked, visible)
         if scene is not None:
             probability = _of_people(probability, scene.people(raster), prior)
         mask, alpha = self._smooth_in_time(small, probability, prior)
@@ -164,12 +175,12 @@ class SkinTracker:
         self.seen = MatteInTime(raster, levels, mask, small, occluder, seen, visible)
         return self.seen.matte(levels, mask)
 
-    def _next_raster(self, landmarks: Landmarks) -> Raster:
+    def _next_raster(self, landmarks: Landmarks, *, bald: bool) -> Raster:
         """A raster of the first one's shape, over the face's box."""
         if self._raster is None:
-            self._raster = first_raster(landmarks)
+            self._raster = first_raster(landmarks, bald=bald)
             return self._raster
-        box = face_box(landmarks)
+        box = face_box(landmarks, bald=bald)
         h, w = self._raster.shape
         step = max(1.0, float(box[2] - box[0]) / w, float(box[3] - box[1]) / h)
         self._raster = Raster.centered(box, step, (h, w))
