@@ -44,6 +44,28 @@ def test_a_fringe_is_left_out_of_the_still_and_of_the_matte(hair: tuple[float, f
     assert fringe.sum() > 400
 
 
+@pytest.mark.parametrize(("fringe", "above"), [((118, 82, 66), (90, 80, 74)), ((130, 96, 80), (101, 86, 77))])
+def test_a_fringe_that_goes_over_softly_into_the_forehead_is_not_its_own_proof(
+    fringe: tuple[int, ...], above: tuple[int, ...]
+) -> None:
+    """Once taken for skin it was the skin nearby by which hair is told, and stayed so."""
+    scene = drawn_face(width=150, center=(160, 170), tone=((216, 151, 130), (60, 110, 220)))
+    ys, xs = np.mgrid[: scene.rgb.shape[0], : scene.rgb.shape[1]]
+    oval, brow = scene.landmarks.oval, scene.landmarks.points[layout.UPPER_BROW_EDGES, 1].min()
+    middle = oval[:, 0].mean()
+    head = np.hypot((xs - middle) / 125, (ys - oval[:, 1].mean()) / 150) < 1
+    fallen = scene.skin & (ys < brow - 2) & (xs < middle - 5 + (brow - ys) * 0.8)
+    rgb = scene.rgb.astype(np.float32)
+    rgb[head & ~scene.skin & (ys < brow + 15)] = above
+    cover = cv2.GaussianBlur(fallen.astype(np.float32), (0, 0), 6) * scene.skin
+    strands = np.array(fringe) * (1 + 0.1 * np.sin(xs * 0.9))[..., None]
+    rgb = rgb * (1 - cover[..., None]) + strands * cover[..., None]
+    mask = skin_mask(np.clip(rgb, 0, 255).astype(np.uint8), scene.landmarks)
+    hair = fallen & (cover > 0.8)
+    assert hair.sum() > 500
+    assert mask[hair].mean() < 0.1
+
+
 def test_the_deep_shade_of_a_brim_is_skin() -> None:
     scene = drawn_face(width=150)
     ys, xs = np.mgrid[: scene.rgb.shape[0], : scene.rgb.shape[1]]

@@ -9,7 +9,8 @@ import pytest
 from benchmarks.quality.measures import iou
 from pvg.face import layout
 from pvg.skin import SkinTracker, fit_skin_model, skin_mask
-from tests.gallery.scenes import TONES, drawn_face, with_forehead
+from pvg.skin.prior import face_box
+from tests.gallery.scenes import TONES, Scene, drawn_face, mask_of, with_forehead
 
 
 @pytest.mark.parametrize("tone", TONES)
@@ -32,6 +33,48 @@ def test_a_receding_hair_line_leaves_a_high_forehead_skin(taller: float, paler: 
     mask = skin_mask(np.clip(rgb * (1 + above * np.array(paler)), 0, 255).astype(np.uint8), scene.landmarks)
     assert mask[skin & ~scene.skin].mean() > 0.9
     assert iou(mask, skin) > 0.99
+
+
+def test_a_bald_head_is_skin_up_to_its_crown() -> None:
+    scene = drawn_face(width=100, center=(160, 200))
+    rgb, skin = with_forehead(scene, 3.8)
+    above = skin & (np.arange(len(rgb))[:, None] < face_box(scene.landmarks)[1])
+    assert above.sum() > 800  # beyond the box of a face with hair
+    matte = SkinTracker(fit_skin_model(rgb, scene.landmarks)).step(rgb, scene.landmarks)
+    for mask in (skin_mask(rgb, scene.landmarks), mask_of(matte, rgb.shape)):
+        assert mask[above].mean() > 0.85
+        assert iou(mask, skin) > 0.96
+
+
+def _in_its_own_light(
+    scene: Scene, neck: tuple[int, ...], clothes: tuple[int, ...], ends: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """A drawn face with a neck of another colour, which goes over into it below the chin; and where clothes are."""
+    rgb, chin = scene.rgb.astype(np.float32), scene.landmarks.points[layout.CHIN]
+    below = np.arange(len(rgb), dtype=np.float32)[:, None, None] - chin[1]
+    share = np.clip((below - 4) / 20, 0, 1) * scene.skin[..., None]
+    rgb += share * (np.array(neck) - rgb + (rgb - np.array(TONES["tan"][0])) * 0.5)
+    covered = np.broadcast_to(below[..., 0] > ends, scene.skin.shape)
+    rgb[covered] = np.array(clothes) + np.random.default_rng(1).normal(0, 2, (int(covered.sum()), 3))
+    return np.clip(rgb, 0, 255).astype(np.uint8), covered
+
+
+def test_a_bare_neck_in_a_light_of_its_own_is_skin() -> None:
+    """A lamp before the face, a window beside the neck: the neck is five spreads from the face's colour."""
+    scene = drawn_face(width=130, center=(160, 110))
+    rgb, clothes = _in_its_own_light(scene, (152, 130, 125), (170, 180, 186), 62)
+    neck = scene.skin & ~clothes & (np.arange(len(rgb))[:, None] > scene.landmarks.points[layout.CHIN][1] + 8)
+    mask = skin_mask(rgb, scene.landmarks)
+    assert neck.sum() > 1500
+    assert mask[neck].mean() > 0.95
+    assert mask[clothes].mean() < 0.02
+
+
+@pytest.mark.parametrize("knitted", [(168, 140, 118), (200, 185, 170), (90, 60, 45)], ids=["camel", "beige", "brown"])
+def test_a_roll_neck_is_no_neck(knitted: tuple[int, ...]) -> None:
+    scene = drawn_face(width=130, center=(160, 110))
+    rgb, clothes = _in_its_own_light(scene, TONES["tan"][0], knitted, 6)
+    assert skin_mask(rgb, scene.landmarks)[clothes].mean() < 0.05
 
 
 def test_a_tie_of_the_skins_colour_is_left_out() -> None:
