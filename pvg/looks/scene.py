@@ -25,7 +25,7 @@ from pvg.looks.tone import to_opponent, to_rgb
 
 SCENE = 1.0  # default of the share [by blind choice]
 _BRIGHTNESS = 0.25  # k of the natural logarithm of luma [by blind choice]
-_EXPOSURE = 0.1  # k of that part of it that is light rather than pigment [by blind choice: 0.25, 0.1, 0.03]
+_EXPOSURE = 0.18  # k of that part of it that is light rather than pigment [by blind choice]
 _PIGMENT = 1.2  # of the logarithm of luma a unit of chroma over luma [measured: see above]
 _HUE = 0.12  # k of chroma over luma [by blind choice]
 

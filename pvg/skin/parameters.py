@@ -44,7 +44,8 @@ class HeadNumbers:
     forehead_inside: float = 8.0  # nats a face size [by eye]
     forehead_most: float = 1.8  # nats [by eye]
     forehead_outside: float = 11.0  # nats a face size [by eye]
-    crown_outside: float = 6.0  # the same where a head is bald [by eye]: colour decides
+    crown_outside: float = 4.0  # the same where a head is bald [by eye]: colour decides
+    crown_beside: Range = (0.3, 0.42)  # of the oval's width off its axis [by eye]: temples keep their hair
     forehead_begins: float = 0.15  # face sizes below the brows [by eye]: the cheek's rule begins to give way
     forehead_full: float = 0.08  # face sizes above the brows [by eye]: the forehead's rule alone
 

@@ -184,10 +184,10 @@ def spatial_prior(shape: tuple[int, int], landmarks: Landmarks, *, bald: bool = 
     log_odds, neck, fade, down, along, off, ears = np.empty((7, *shape), np.float32)
     fade_ends = np.array([_BOX.fade_begins, _BOX.neck_end, _BOX.side_fade], np.float32)
     fields = log_odds, neck, fade, down, along, off, ears
-    spatial_fields(
-        inner, outer, frame, np.float32(brow), np.float32(ear), fade_ends, _BALD if bald else _HAIRY, *fields
-    )
+    spatial_fields(inner, outer, frame, np.float32(brow), np.float32(ear), fade_ends, _COEFFICIENTS, *fields)
     outside = outer / np.float32(head.size)
+    if bald:
+        log_odds = log_odds + _released(head, outside, down < brow)
 
     core = _fill(shape, contour.mean(axis=0) + _REGIONS.core * (contour - contour.mean(axis=0)))
     foreground = core & (down > brow + _REGIONS.below_brows)
@@ -226,6 +226,20 @@ def spatial_prior(shape: tuple[int, int], landmarks: Landmarks, *, bald: bool = 
         ),
         size=head.size,
     )
+
+
+def _released(head: HeadShape, outside: Floats, forehead: Bools) -> Floats:
+    """(h, w) nats by which a bald head's crown is likelier skin than hair: above the forehead, not at the temples.
+
+    outside: (h, w) face sizes from the contour;  forehead: (h, w) bool, what is above the brows.
+    """
+    numbers = SKIN_PRIOR.head
+    ys, xs = np.mgrid[: outside.shape[0], : outside.shape[1]]
+    beside = np.abs((xs - head.middle[0]) * head.axes.across[0] + (ys - head.middle[1]) * head.axes.across[1])
+    narrow, wide = numbers.crown_beside
+    middle = np.clip((wide - beside / head.width) / (wide - narrow), 0, 1)
+    release = (numbers.forehead_outside - numbers.crown_outside) * outside * middle * forehead
+    return np.asarray(release, np.float32)
 
 
 def _ramp(ends: Range) -> tuple[np.float32, np.float32]:
@@ -279,8 +293,7 @@ def _coefficients(prior: SkinPrior) -> SpatialCoefficients:
     )
 
 
-_HAIRY = _coefficients(SKIN_PRIOR)
-_BALD = _HAIRY._replace(forehead_outside=np.float32(SKIN_PRIOR.head.crown_outside))
+_COEFFICIENTS = _coefficients(SKIN_PRIOR)
 
 
 def _upward(step: Floats) -> Bytes:
