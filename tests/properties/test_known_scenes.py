@@ -37,7 +37,7 @@ from tests.gallery.scenes import (
 
 # Behind "before" stands what there was by the same, hand-drawn truth until the box of this bald head rose to its crown.
 PINNED = {
-    "mask": 0.0748,  # share of the union of found and true skin that only one holds; before 0.0663: his temples' white hair
+    "mask": 0.0748,  # share of the union of found and true skin that only one holds; before 0.0663 (white hair)
     "steadiness": 0.0035,  # dB; before 0.0048
     "warping": 1.85,  # output / input, by the known path; before 2.09
     "flutter": 0.549,  # levels: how much a skin point's correction changes while the face moves; before 0.57
