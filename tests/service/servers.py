@@ -49,10 +49,11 @@ def free_port() -> int:
     """A port where nobody listens, and that is given once.
 
     It is none of those that outgoing connections get: one of them could have it before the server that it is for, or
-    while that one is away, and a client that asks there meanwhile could be connected to itself.
+    while that one is away, and a client that asks there meanwhile could be connected to itself. Nor is it 10080 or below,
+    where browsers refuse some (the Fetch standard's bad ports).
     """
     first = int(Path("/proc/sys/net/ipv4/ip_local_port_range").read_text().split()[0])
-    ports = range(10_000, first) if first > 20_000 else (0,)
+    ports = range(10_081, first) if first > 20_000 else (0,)
     while True:
         with socket.socket() as probe, suppress(OSError):
             probe.bind(("127.0.0.1", secrets.choice(ports)))
