@@ -49,7 +49,7 @@ def free_port() -> int:
     """A port where nobody listens, and that is given once.
 
     It is none of those that outgoing connections get: one of them could have it before the server that it is for, or
-    while that one is away, and a client that asks there meanwhile could be connected to itself. Nor is it 10080 or below,
+    while that one is away, and a client that asks there meanwhile could be connected to itself. Nor is it up to 10080,
     where browsers refuse some (the Fetch standard's bad ports).
     """
     first = int(Path("/proc/sys/net/ipv4/ip_local_port_range").read_text().split()[0])
