@@ -12,16 +12,7 @@ import threading
 import time
 from dataclasses import dataclass, field
 
-from service.catalog import (
-    Database,
-    JobKind,
-    Progress,
-    Role,
-    VectorizeRequest,
-    fairness,
-    jobs,
-    leases,
-)
+from service.catalog import Database, JobKind, Progress, Role, VectorizeRequest, fairness, jobs, leases
 from service.catalog.migrations import migrate
 
 _LEASE_S = 30.0

@@ -11,17 +11,7 @@ from datetime import datetime, timedelta
 import structlog
 
 from service.blobs import Blobs
-from service.catalog import (
-    Database,
-    Message,
-    idempotency,
-    jobs,
-    leases,
-    previews,
-    sweep,
-    tombstones,
-    webhooks,
-)
+from service.catalog import Database, Message, idempotency, jobs, leases, previews, sweep, tombstones, webhooks
 from service.drafts import Drafts
 from service.outages import is_outage
 from service.queue import QUEUES, Publisher

@@ -10,13 +10,7 @@ from typing import Self
 
 import structlog
 
-from service.catalog import (
-    Database,
-    JobState,
-    Lease,
-    Progress,
-    leases,
-)
+from service.catalog import Database, JobState, Lease, Progress, leases
 from service.settings import Settings
 from worker import stopping
 from worker.stopping import StoppedError

@@ -11,19 +11,7 @@ from celery import Celery
 
 from service import tracing
 from service.blobs import Blobs
-from service.catalog import (
-    Database,
-    Job,
-    JobKind,
-    Lease,
-    Message,
-    PartKind,
-    fairness,
-    jobs,
-    leases,
-    media,
-    parts,
-)
+from service.catalog import Database, Job, JobKind, Lease, Message, PartKind, fairness, jobs, leases, media, parts
 from service.catalog.fairness import Taken
 from service.outages import is_outage
 from service.queue import send, withdraw

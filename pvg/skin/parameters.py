@@ -186,6 +186,7 @@ class ThroatNumbers:
     least_chroma: float = 0.2  # of the face's [by eye]: less is cloth
     hue: Range = (0.25, 1.45)  # radians, of a and b [by eye]: skin's
     uneven: float = 2.0  # spreads, length of the median deviation [measured: bare necks 0.5 to 1.5, collars 2.8 to 4.1]
+    neck: float = 0.5  # weight of the neck [by eye]: cells of more take its colour
     cloth: float = 5.0  # spreads from what the shoulders show [by eye]: less is cloth
 
 

@@ -12,7 +12,7 @@ from pvg.face import FaceAxes, Landmarks, layout
 from pvg.skin._kernels import SpatialCoefficients, spatial_fields
 from pvg.skin.parameters import SKIN_PRIOR, ClosingNumbers, Range, SkinPrior
 
-_BOX, _REGIONS, _THROAT = SKIN_PRIOR.box, SKIN_PRIOR.regions, SKIN_PRIOR.throat
+_BOX, _REGIONS = SKIN_PRIOR.box, SKIN_PRIOR.regions
 _POLYGON_SHIFT = 4  # polygons are rasterised with 1/16 px
 
 
@@ -117,8 +117,8 @@ class SpatialPrior:
     sample: the part of `foreground` that shows the skin's colour;  cheeks: that of `sample` below glasses;
     chin: that of `foreground` below the lips;  jaw: around the face's lower end, where a beard can be;
     features: brows, eyes and lips, grown;  ears: where ears can be;  forehead: all above the brows' middle line;
-    brows: brows, grown;  throat: below the chin, where a neck is seen if it is bare;
-    shoulders: beside and below it;
+    brows: brows, grown;
+    along, off: float32, face sizes from the chin along the neck, and off its axis;
     to_forehead: (k, k) uint8, a structuring element from a brow's cell up to the forehead;
     closings: what to close in a mask;  size: the face size in cells.
     """
@@ -137,21 +137,18 @@ class SpatialPrior:
     ears: Bools
     forehead: Bools
     brows: Bools
-    throat: Bools
-    shoulders: Bools
+    along: Floats
+    off: Floats
     to_forehead: Bytes
     closings: tuple[Closing, ...]
     size: float
 
 
-def goes_on_above(mask: Bools, visible: Bools, landmarks: Landmarks) -> bool:
+def goes_on_above(mask: Bools, landmarks: Landmarks) -> bool:
     """Whether the skin of a mask (h, w) over a face's box goes on above it: the head is bald.
 
-    visible: (h, w) bool, where the picture is real;  landmarks: in cells.
+    landmarks: in cells.
     """
-    rows = np.flatnonzero(visible.any(axis=1))
-    if not len(rows) or rows[0] > 0:  # the picture ends there
-        return False
     return int(mask[:2].any(axis=0).sum()) > _BOX.cut * head_shape(landmarks).width
 
 
@@ -195,8 +192,6 @@ def spatial_prior(shape: tuple[int, int], landmarks: Landmarks, *, bald: bool = 
     sample = foreground & (down < mouth - _REGIONS.above_lips) & ~features
     brows = _grown_hulls(shape, points, (layout.LEFT_BROW, layout.RIGHT_BROW), _REGIONS.feature_margin * head.size)
 
-    (from_chin, to_collar), (from_collar, to_chest) = _THROAT.along, _THROAT.shoulders
-
     def closing(numbers: ClosingNumbers) -> Closing:
         low, high = numbers.along
         return Closing(numbers.length * head.size * head.neck, (along > low) & (along < high) & (off < numbers.off))
@@ -216,8 +211,8 @@ def spatial_prior(shape: tuple[int, int], landmarks: Landmarks, *, bald: bool = 
         ears=ears > SKIN_PRIOR.ears.least,
         forehead=down < brow,
         brows=brows,
-        throat=(along > from_chin) & (along < to_collar) & (off < _THROAT.off),
-        shoulders=(along > from_collar) & (along < to_chest) & (off > _THROAT.beside),
+        along=along,
+        off=off,
         to_forehead=_upward(_REGIONS.brow_to_forehead * head.size * head.axes.down),
         closings=(
             closing(_REGIONS.chin_shadow),

@@ -20,7 +20,6 @@ from pvg.skin.prior import SpatialPrior, face_area, face_box, goes_on_above, hea
 MaskMethod = Literal["landmarks", "ycbcr"]
 
 _LEARNING, _BEARD, _THROAT = SKIN_PRIOR.learning, SKIN_PRIOR.beard, SKIN_PRIOR.throat
-_NECK = 0.5  # weight of the neck, from which on a cell is the neck's
 
 
 def skin_mask(rgb: Bytes, landmarks: Landmarks, *, method: MaskMethod = "landmarks") -> Bools:
@@ -54,7 +53,7 @@ def _of_box(rgb: Bytes, landmarks: Landmarks, *, bald: bool) -> tuple[Bools, boo
     mask = np.zeros((height, width), np.bool_)
     found = segment(small, local, bald=bald).mask
     mask[y0:y1, x0:x1] = _refine(crop, found, 1 / scale)
-    return mask, y0 > 0 and goes_on_above(found, np.ones(found.shape, np.bool_), local)
+    return mask, y0 > 0 and goes_on_above(found, local)
 
 
 def red_chroma_mask(rgb: Bytes, face: Bools, visible: Bools | None = None) -> Bools:
@@ -91,7 +90,7 @@ def segment(rgb: Bytes, landmarks: Landmarks, visible: Bools | None = None, *, b
     if throat.any():
         own = squared_distances(lab, lab[throat], prior.face)
         distance, tonal = (
-            np.where(prior.neck > _NECK, np.minimum(of_face, of_neck), of_face)
+            np.where(prior.neck > _THROAT.neck, np.minimum(of_face, of_neck), of_face)
             for of_face, of_neck in zip((distance, tonal), own, strict=True)
         )
     outliers = prior.foreground & (distance > _LEARNING.outlier)  # inside, but not to learn skin from
@@ -146,7 +145,9 @@ def _bare_throat(lab: Floats, prior: SpatialPrior, visible: Bools, scale: ColorS
     A neck is lit by other light than the face: its colour may lie further from the face's than cloth does. It is skin
     if it has the hue of skin, is even, and is not what the shoulders wear.
     """
-    throat = prior.throat & visible
+    (from_chin, to_collar), (from_collar, to_chest) = _THROAT.along, _THROAT.shoulders
+    along, off = prior.along, prior.off
+    throat = (along > from_chin) & (along < to_collar) & (off < _THROAT.off) & visible
     nothing: Bools = np.zeros(visible.shape, np.bool_)
     if int(throat.sum()) < _LEARNING.least_sample:
         return nothing
@@ -162,7 +163,7 @@ def _bare_throat(lab: Floats, prior: SpatialPrior, visible: Bools, scale: ColorS
     uneven = float(np.linalg.norm(median_deviation(lab[throat], center) / scale.spread))
     if not is_skin or uneven > _THROAT.uneven:
         return nothing
-    shoulders = prior.shoulders & visible
+    shoulders = (along > from_collar) & (along < to_chest) & (off > _THROAT.beside) & visible
     if int(shoulders.sum()) >= _LEARNING.least_sample:
         worn = np.median(lab[shoulders], axis=0)
         if float(np.linalg.norm((worn - center) / scale.spread)) < _THROAT.cloth:

@@ -105,7 +105,7 @@ def _learn(picture: Picture, landmarks: Landmarks, *, bald: bool) -> tuple[Learn
         tint=tint_slopes(small, prior.sample & visible, prior.size),
         bald=bald,
     )
-    return learned, goes_on_above(found.mask, visible, own)
+    return learned, bool(visible[0].any()) and goes_on_above(found.mask, own)
 
 
 def _signed_distance(mask: Bools) -> Floats:

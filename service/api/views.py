@@ -9,17 +9,7 @@ from typing import Any, Final, cast
 
 from service import addresses
 from service.api.schemas import ExtraBody, JobBody, LookBody, MediaBody, OptionsBody, ProgressBody, State, VectorBody
-from service.catalog import (
-    ENDED,
-    Job,
-    JobState,
-    Look,
-    Media,
-    MediaState,
-    Result,
-    leases,
-    look_params,
-)
+from service.catalog import ENDED, Job, JobState, Look, Media, MediaState, Result, leases, look_params
 from service.catalog.forecast import Forecast
 from service.errors import shown
 from service.settings import Settings

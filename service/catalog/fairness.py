@@ -19,9 +19,7 @@ from typing import Final
 from sqlalchemy import ColumnElement, case, func, or_, select
 from sqlalchemy.orm import Session, aliased
 
-from service.catalog import (
-    leases,
-)
+from service.catalog import leases
 from service.catalog.messages import Message
 from service.catalog.models import HELD, Job, JobState, PartKind
 from service.catalog.transitions import Lease, Step, take_step

@@ -10,14 +10,7 @@ from typing import Any, Literal, cast
 from sqlalchemy import or_, select, update
 from sqlalchemy.orm import Session
 
-from service.catalog import (
-    idempotency,
-    jobs,
-    leases,
-    previews,
-    resumable,
-    tombstones,
-)
+from service.catalog import idempotency, jobs, leases, previews, resumable, tombstones
 from service.catalog.database import changed
 from service.catalog.messages import Message
 from service.catalog.models import ACTIVE, Job, JobKind, Look, Media, MediaState, Result, Role

@@ -10,11 +10,7 @@ from typing import Any, Literal
 from sqlalchemy import or_, select, update
 from sqlalchemy.orm import Session
 
-from service.catalog import (
-    jobs,
-    leases,
-    tombstones,
-)
+from service.catalog import jobs, leases, tombstones
 from service.catalog.database import changed
 from service.catalog.models import Job, Look, Result
 from service.catalog.parts import whole_of

@@ -19,14 +19,7 @@ from pydantic import SecretStr
 from sqlalchemy import inspect, text
 from sqlalchemy.engine import make_url
 
-from service.catalog import (
-    Database,
-    Job,
-    JobState,
-    jobs,
-    leases,
-    workers,
-)
+from service.catalog import Database, Job, JobState, jobs, leases, workers
 from service.catalog.database import make_engine
 from service.settings import Settings
 from tests.service.catalog.test_parts import finish, parted

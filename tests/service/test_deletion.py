@@ -18,14 +18,7 @@ import httpx
 import pytest
 from obstore.exceptions import GenericError
 
-from service.catalog import (
-    Asset,
-    Role,
-    leases,
-    media,
-    parts,
-    tombstones,
-)
+from service.catalog import Asset, Role, leases, media, parts, tombstones
 from service.catalog.models import Tombstone
 from service.catalog.parts import NewFile, NewPart
 from service.queue import RENDER

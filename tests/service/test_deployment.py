@@ -17,11 +17,7 @@ import yaml
 from sqlalchemy import text
 
 from deploy.make_secrets import make
-from service.catalog import (
-    Database,
-    jobs,
-    leases,
-)
+from service.catalog import Database, jobs, leases
 from service.cli import DRAIN_S, cli
 from service.settings import GIB, Settings, store_secrets
 from tests.service.catalog.test_parts import add_ready_transfer, split

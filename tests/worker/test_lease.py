@@ -6,15 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from service.catalog import (
-    Database,
-    Job,
-    Lease,
-    Progress,
-    jobs,
-    leases,
-    utc_now,
-)
+from service.catalog import Database, Job, Lease, Progress, jobs, leases, utc_now
 from service.settings import Settings
 from tests.service.fixtures import add_media, claim
 from tests.waiting import until

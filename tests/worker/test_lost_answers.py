@@ -11,15 +11,7 @@ import pytest
 from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
-from service.catalog import (
-    Database,
-    Job,
-    JobKind,
-    JobState,
-    jobs,
-    leases,
-    media,
-)
+from service.catalog import Database, Job, JobKind, JobState, jobs, leases, media
 from service.settings import Settings
 from tests.service.fixtures import add_media, add_transfer, make_tables
 from tests.service.fixtures import claim as claim_job

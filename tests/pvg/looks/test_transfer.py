@@ -69,6 +69,7 @@ def test_the_references_face_is_its_largest_or_the_one_asked_for(
     np.testing.assert_allclose(ours, theirs, atol=7)
     nearest = np.linalg.norm(ours[:, None] - theirs[None], axis=2).argmin(axis=1)
     np.testing.assert_array_equal(nearest, np.arange(len(looks)))
+    assert np.ptp(theirs, axis=0).min() > 20
 
 
 def test_new_colours_stay_colours(video: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> None:

@@ -15,10 +15,7 @@ import pytest
 
 from service.api import streams, waiting
 from service.api.routers import events
-from service.catalog import (
-    Progress,
-    leases,
-)
+from service.catalog import Progress, leases
 from service.catalog.jobs import Standing
 from tests.service.api.test_authentication import holder
 from tests.service.api.test_media import upload

@@ -15,12 +15,7 @@ from sqlalchemy.exc import OperationalError
 
 from service.api import calls
 from service.api.idempotency import Once
-from service.catalog import (
-    Job,
-    idempotency,
-    jobs,
-    leases,
-)
+from service.catalog import Job, idempotency, jobs, leases
 from service.catalog.idempotency import Claim
 from service.catalog.models import IdempotentRequest
 from service.settings import Settings

@@ -3,10 +3,7 @@ from __future__ import annotations
 import threading
 import time
 
-from service.catalog import (
-    Progress,
-    leases,
-)
+from service.catalog import Progress, leases
 from tests.service.api.test_media import upload
 from tests.service.fixtures import MP4, Api, claim, make_ready
 

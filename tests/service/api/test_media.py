@@ -3,9 +3,7 @@ from __future__ import annotations
 from typing import Any
 
 from service.api.examples import MEDIUM
-from service.catalog import (
-    leases,
-)
+from service.catalog import leases
 from service.settings import Settings
 from tests.service.fixtures import MP4, PNG, Api, claim, make_ready, make_results, serve
 from tests.service.servers import fresh_database

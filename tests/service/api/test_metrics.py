@@ -12,12 +12,7 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 from pydantic import SecretStr
 
-from service.catalog import (
-    keys,
-    leases,
-    sweep,
-    workers,
-)
+from service.catalog import keys, leases, sweep, workers
 from service.settings import Settings
 from tests.service.api.test_media import PROBLEM, transfer, upload
 from tests.service.fixtures import Api, claim, make_ready, make_results, serve

@@ -5,13 +5,7 @@ from typing import Any
 
 import pytest
 
-from service.catalog import (
-    OutputOptions,
-    Report,
-    jobs,
-    leases,
-    render_request,
-)
+from service.catalog import OutputOptions, Report, jobs, leases, render_request
 from tests.service.api.test_media import PROBLEM, SHOWN, upload
 from tests.service.fixtures import MP4, PNG, Api, claim, make_ready, make_results
 

@@ -7,9 +7,7 @@ from typing import Any
 
 import pytest
 
-from service.catalog import (
-    leases,
-)
+from service.catalog import leases
 from service.settings import Settings
 from tests.service.api.test_authentication import holder
 from tests.service.api.test_media import PROBLEM, upload

@@ -5,12 +5,7 @@ from datetime import timedelta
 
 import pytest
 
-from service.catalog import (
-    Database,
-    jobs,
-    leases,
-    utc_now,
-)
+from service.catalog import Database, jobs, leases, utc_now
 from service.catalog.migrations import migrate
 from tests.promises import Drill
 from tests.service.fixtures import add_media, claim

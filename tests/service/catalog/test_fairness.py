@@ -6,15 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from service.catalog import (
-    Database,
-    Job,
-    JobKind,
-    VectorizeRequest,
-    fairness,
-    jobs,
-    leases,
-)
+from service.catalog import Database, Job, JobKind, VectorizeRequest, fairness, jobs, leases
 from service.catalog.fairness import Taken
 from service.catalog.models import Role
 from tests.promises import Drill

@@ -10,16 +10,7 @@ from typing import Any
 import pytest
 from sqlalchemy import update
 
-from service.catalog import (
-    Database,
-    Job,
-    JobState,
-    Media,
-    forecast,
-    jobs,
-    leases,
-    workers,
-)
+from service.catalog import Database, Job, JobState, Media, forecast, jobs, leases, workers
 from service.catalog.forecast import Forecast
 from tests.service.fixtures import FakeClock, add_media, add_transfer, claim
 

@@ -13,12 +13,7 @@ from typing import Any
 import pytest
 from sqlalchemy import select
 
-from service.catalog import (
-    Database,
-    Delivery,
-    leases,
-    webhooks,
-)
+from service.catalog import Database, Delivery, leases, webhooks
 from service.catalog.transitions import Step
 from service.egress import _RESOLVERS, Egress
 from service.errors import stored_problem
