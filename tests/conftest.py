@@ -27,14 +27,15 @@ _BESIDE = ("pvg/", "properties/", "benchmarks/", "gallery/", "fuzz/", "service/c
 
 @pytest.hookimpl(tryfirst=True)  # xdist looks at the groups in a hook of its own
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """With two processes (`-n 2 --dist loadgroup`) one has the service's tests, in their order, and one the others.
+    """With three processes (`-n 3 --dist loadgroup`): the worker's tests, the service's and the others, each in order.
 
-    What the first start, break and measure are processes, ports and seconds, which they would take from each other.
+    What the first two start, break and measure are processes, ports and seconds, which they would take from each other;
+    most of their time is waiting, so the two of them bear each other.
     """
     for item in items:
         place = item.path.relative_to(REPOSITORY / "tests").as_posix()
-        beside = place.startswith(_BESIDE)
-        item.add_marker(pytest.mark.xdist_group("beside" if beside else "service"))
+        beside = "beside" if place.startswith(_BESIDE) else None
+        item.add_marker(pytest.mark.xdist_group(beside or ("worker" if place.startswith("worker/") else "service")))
 
 
 @pytest.fixture(autouse=True)

@@ -1,10 +1,10 @@
-"""The three networks: which file of which package each one is, pinned by sha256."""
+"""The networks: which file of which package each of three is, pinned by sha256, and the one of this project's own."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["MODELS", "PACKAGES", "ModelFile", "Package"]
+__all__ = ["MODELS", "OWN", "PACKAGES", "ModelFile", "OwnFile", "Package"]
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,14 @@ class ModelFile:
     member: str
     container_sha256: str
     tflite_sha256: str
+
+
+@dataclass(frozen=True)
+class OwnFile:
+    """A network that was trained here and lies in this package: its file and the file's sha256."""
+
+    file: str
+    sha256: str
 
 
 _FACE_DETECTION = Package(
@@ -76,3 +84,6 @@ MODELS = {
         ),
     )
 }
+
+OWN = {"face_skin": OwnFile("face_skin.onnx", "f30c92b65c11605b30119702cfb6e2d65187244cd2594420594db45d9539df51")}
+"""Trained by `python -m training` on labels of this project's own."""

@@ -6,8 +6,8 @@ import os
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from pvg.models.networks import MODELS
-from pvg.models.store import verified
+from pvg.models.networks import MODELS, OWN
+from pvg.models.store import own, verified
 
 if TYPE_CHECKING:
     import onnxruntime
@@ -19,16 +19,15 @@ _sessions: dict[tuple[int, str | None, str, int], onnxruntime.InferenceSession] 
 
 
 def load(name: str, threads: int = 1) -> onnxruntime.InferenceSession:
-    """Return the session of one network of MODELS, made once a process and thread count.
+    """Return the session of one network of MODELS or OWN, made once a process and thread count.
 
-    Inputs are float32 (1, 256, 256, 3) RGB; the file's sha256 is checked before it is used.
+    Inputs are float32, of MODELS (1, 256, 256, 3) RGB; the file's sha256 is checked before it is used.
     Raises ModelError when the weights are missing or altered, KeyError for an unknown name.
     """
-    model = MODELS[name]
     key = (os.getpid(), os.environ.get("PVG_CACHE_DIR"), name, threads)
     session = _sessions.get(key)
     if session is None:
-        data = verified(model)
+        data = own(OWN[name]) if name in OWN else verified(MODELS[name])
         ort = _silent_onnxruntime()
         options = ort.SessionOptions()
         options.intra_op_num_threads = threads

@@ -12,9 +12,9 @@ from typing import Any
 
 from pvg._folders import cache_root
 from pvg.errors import ModelError
-from pvg.models.networks import MODELS, ModelFile
+from pvg.models.networks import MODELS, ModelFile, OwnFile
 
-__all__ = ["CONVERTER_VERSION", "cache_folder", "check", "sha256", "store", "verified"]
+__all__ = ["CONVERTER_VERSION", "cache_folder", "check", "own", "sha256", "store", "verified"]
 
 CONVERTER_VERSION = 2
 """Raised whenever the converter's output changes, so that an old cache is left alone and a new one is made."""
@@ -53,6 +53,18 @@ def verified(model: ModelFile) -> bytes:
         raise ModelError(f"the weights {model.name} in {folder} are unreadable; {_REMEDY}") from error
     if source_sha256 != model.tflite_sha256 or onnx_sha256 != sha256(data):
         raise ModelError(f"the weights {path} are not the pinned ones (sha256 differs); {_REMEDY}")
+    return data
+
+
+def own(model: OwnFile) -> bytes:
+    """Bytes of a network that comes with this package. Raises ModelError when it is missing or altered."""
+    path = Path(__file__).with_name(model.file)
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise ModelError(f"{path} is missing or unreadable; install pvg-face-color again") from error
+    if sha256(data) != model.sha256:
+        raise ModelError(f"{path} is not the one that belongs here (sha256 differs); install pvg-face-color again")
     return data
 
 

@@ -317,7 +317,7 @@ class TrackingNumbers:
     change_window: int = 5  # cells over which change is averaged [by eye]
     hysteresis: float = 0.3  # of probability for what the mask before said [by eye]
     edge_blur: float = 2.0  # cells [measured: with 2.5 colours beside an occluder step by 2.4 levels instead of 2.1]
-    edge_rise: Range = (0.15, 0.65)  # probability [measured: from 0, the outer 3 % of faces gain 2 %, occluders tint]
+    edge_rise: Range = (0.2, 0.65)  # probability [measured: from 0.15 rims gain 2 %, hair 2 %; from 0.3 both lose]
     edge_core: Range = (0.03, 0.97)  # of the blurred mask [by eye]: the matte is 0 below and 1 above
     alpha_step: int = 5  # 8-bit levels of alpha are multiples of it [measured: as good as all 256]
 
@@ -429,6 +429,17 @@ class RingNumbers:
 
 
 @dataclass(frozen=True)
+class NetworkNumbers:
+    """What the network is shown, and how far it is believed."""
+
+    face_cells: float = 48.0  # cells a face size [by eye]: the network was trained so
+    dark: float = 10.0  # 8-bit levels added before a logarithm [by eye]: as trained
+    multiple: int = 16  # cells [by eye]: sides are multiples, for it halves four times
+    sure: float = 0.001  # of probability [by eye]: nothing that is said is surer
+    believed: float = 0.6  # of the log-odds, the rest what was thought [measured: 0.5 to 0.7 on pictures new to both]
+
+
+@dataclass(frozen=True)
 class PaperNumbers:
     """The paper's rule."""
 
@@ -460,6 +471,7 @@ class SkinPrior:
     consensus: ConsensusNumbers = ConsensusNumbers()
     edges: EdgeNumbers = EdgeNumbers()
     ring: RingNumbers = RingNumbers()
+    network: NetworkNumbers = NetworkNumbers()
     paper: PaperNumbers = PaperNumbers()
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from pvg._arrays import Bools, Bytes, Floats
 from pvg.face import Landmarks
+from pvg.skin import network
 from pvg.skin.cleanup import face_component, fill_holes, largest_component
 from pvg.skin.color_model import ColorScale, SkinColors, median_deviation, squared_distances, to_skin_lab
 from pvg.skin.graph_cut import minimum_cut
@@ -124,7 +125,8 @@ def segment(rgb: Bytes, landmarks: Landmarks, visible: Bools | None = None, *, b
         found = find_hair(rgb, skin | ~visible, prior)
         if found is not None:
             hair, shade = hair_cover(rgb, skin, prior, found), deep_shade(rgb, prior, found)
-    return Segmentation(face_component(minimum_cut(rgb, log_odds), prior) & visible, colors)
+    agreed = np.where(visible, network.refined(rgb, prior, logistic(log_odds)), 0)
+    return Segmentation(face_component(minimum_cut(rgb, network.log_odds(agreed)), prior) & visible, colors)
 
 
 def _beard(rgb: Bytes, lab: Floats, prior: SpatialPrior, sample: Bools) -> Bools:

@@ -11,6 +11,7 @@ from pvg._arrays import Bools, Bytes, Doubles, Floats, smoothstep
 from pvg.face import Landmarks
 from pvg.picture import Picture, as_picture
 from pvg.raster import Raster
+from pvg.skin import network
 from pvg.skin._kernels import PosteriorWeights, skin_probability
 from pvg.skin.cleanup import face_component
 from pvg.skin.color_model import SkinColors, to_skin_lab
@@ -36,6 +37,12 @@ def first_raster(landmarks: Landmarks, *, bald: bool = False) -> Raster:
     longer = max(width, height)
     cells = min(_TRACKING.most_cells, max(_TRACKING.least_cells, longer / _TRACKING.cell_px))
     return _raster_of(box, max(1.0, longer / cells))
+
+
+def learning_raster(landmarks: Landmarks, *, bald: bool) -> Raster:
+    """The raster a key frame is learned on: as fine as stills are cut, whatever the track's."""
+    step = max(1.0, head_shape(landmarks).size / SKIN_PRIOR.learning.face_px)
+    return _raster_of(face_box(landmarks, bald=bald), step)
 
 
 def _raster_of(box: Floats, step: float) -> Raster:
@@ -88,9 +95,7 @@ def fit_skin_model(frame: Picture | Bytes, landmarks: Landmarks, *, method: Mask
 
 def _learn(picture: Picture, landmarks: Landmarks, *, bald: bool) -> tuple[LearnedSkin, bool]:
     """What a key frame teaches, and whether the face's box cuts its skin off at its top."""
-    # as fine as stills are cut, whatever the track's raster
-    step = max(1.0, head_shape(landmarks).size / SKIN_PRIOR.learning.face_px)
-    raster = _raster_of(face_box(landmarks, bald=bald), step)
+    raster = learning_raster(landmarks, bald=bald)
     own = landmarks.in_cells(raster)
     small, visible = picture.cells(raster), raster.inside(picture.size)
     found = segment(small, own, visible, bald=bald)
@@ -248,7 +253,7 @@ def _estimate(
             distance = np.maximum(distance, distance * (1 - np.float32(_HAIR.bare_release) * bare))
             hair = hair - np.float32(_HAIR.bare_log_odds / _HAIR.log_odds) * bare
     # beyond the picture its edge is repeated, and so is the decision there: skin ends at the edge, it does not fade
-    probability = _posterior(learned.colors, lab, prior, distance, hair)
+    probability = network.refined(rgb, prior, _posterior(learned.colors, lab, prior, distance, hair))
     radius = max(2, round(_TRACKING.filter_radius * prior.size))
     filtered = cv2.ximgproc.guidedFilter(rgb, probability, radius, _TRACKING.filter_epsilon)
     return np.asarray(np.clip(filtered, 0, 1), np.float32), occluder

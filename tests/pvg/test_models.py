@@ -16,7 +16,8 @@ from pvg import models
 from pvg.errors import ModelError
 from pvg.models import fetching
 from pvg.models.fetching import fetch
-from pvg.models.store import store
+from pvg.models.networks import OWN
+from pvg.models.store import own, store
 from pvg.models.tflite_to_onnx import convert
 
 # outputs of the TFLite runtime (ai-edge-litert 2.3.0) for `_pattern()`: 6 evenly spaced values, mean magnitude
@@ -232,3 +233,17 @@ raise SystemExit(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
 """
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_the_network_of_our_own_is_the_pinned_one_and_a_broken_one_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (model,) = OWN.values()
+    assert len(own(model)) > 100_000
+    (tmp_path / model.file).write_bytes(own(model)[:-1] + b"x")
+    monkeypatch.setattr("pvg.models.store.__file__", str(tmp_path / "store.py"))
+    with pytest.raises(ModelError, match="sha256 differs"):
+        own(model)
+    (tmp_path / model.file).unlink()
+    with pytest.raises(ModelError, match="missing or unreadable"):
+        own(model)

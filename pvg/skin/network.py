@@ -1,0 +1,70 @@
+"""A network's opinion of a mask: what colours and place alone do not tell, hair of the skin's colour above all.
+
+It is this project's own, small, and trained on its own labels (training/). It looks at the face's box at 48 cells a
+face size: the colours, plain and beside the skin's own, what the landmarks say of each place, and the posterior so far;
+and says anew how probable skin is.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from pvg import models
+from pvg._arrays import Bytes, Floats
+from pvg.skin.parameters import SKIN_PRIOR
+from pvg.skin.prior import SpatialPrior, logistic
+
+_NETWORK, _NAME = SKIN_PRIOR.network, "face_skin"
+FIELDS = 12
+
+
+def network_fields(rgb: Bytes, prior: SpatialPrior, probability: Floats) -> Floats:
+    """What the network is shown: (FIELDS, h', w') float32, at 48 cells a face size.
+
+    rgb: (h, w, 3) uint8;  prior: of the same cells;  probability: (h, w) float32, of skin so far.
+    """
+    h, w = rgb.shape[:2]
+    ratio = _NETWORK.face_cells / prior.size
+    size = (max(1, round(w * ratio)), max(1, round(h * ratio)))
+    how = cv2.INTER_AREA if ratio < 1 else cv2.INTER_LINEAR
+
+    def small(values: Floats) -> Floats:
+        return np.asarray(cv2.resize(values, size, interpolation=how), np.float32)
+
+    sample = rgb[prior.sample]
+    own = np.median(sample, axis=0) if len(sample) else np.full(3, 128.0)
+    color = small(np.asarray(rgb, np.float32))
+    beside = np.log(color + _NETWORK.dark) - np.log(own.astype(np.float32) + _NETWORK.dark)
+    fields = [*np.moveaxis(color / 255 - 0.5, 2, 0), *np.moveaxis(beside, 2, 0)]
+    fields += [
+        small(prior.log_odds) / 4,
+        small(np.minimum(prior.outside, 1)),
+        small(prior.face.astype(np.float32)),
+        small(np.clip(prior.along, -2, 2)),
+        small(np.clip(prior.off, 0, 2)),
+        small(probability) - 0.5,
+    ]
+    return np.stack(fields).astype(np.float32)
+
+
+def refined(rgb: Bytes, prior: SpatialPrior, probability: Floats) -> Floats:
+    """The probability of skin (h, w) float32 anew; the arguments are those of `network_fields`.
+
+    Log-odds are the weighted mean of what was thought and what the network says: each errs where the other does not.
+    """
+    fields = network_fields(rgb, prior, probability)
+    h, w = fields.shape[1:]
+    most = _NETWORK.multiple
+    padded = np.pad(fields, ((0, 0), (0, -h % most), (0, -w % most)), mode="edge")
+    session = models.load(_NAME)
+    (out,) = session.run(None, {session.get_inputs()[0].name: padded[None]})
+    said = cv2.resize(np.ascontiguousarray(out[0, 0, :h, :w]), probability.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    share = np.float32(_NETWORK.believed)
+    return logistic((1 - share) * log_odds(probability) + share * log_odds(np.asarray(said, np.float32)))
+
+
+def log_odds(probability: Floats) -> Floats:
+    """Of probabilities, float32 nats; none is surer than `NetworkNumbers.sure`."""
+    bounded = np.clip(probability, _NETWORK.sure, 1 - _NETWORK.sure)
+    return np.asarray(np.log(bounded / (1 - bounded)), np.float32)

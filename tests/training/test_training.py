@@ -1,0 +1,82 @@
+"""What the skin network is trained on: the list, the labels, the examples and the pictures made of them."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from benchmarks.quality.labels import SKIN, read_labels
+from benchmarks.quality.media import MEDIA
+from benchmarks.quality.regions import labels_of_half
+from pvg.picture import as_picture
+from pvg.skin.network import FIELDS
+from tests.gallery.scenes import drawn_face
+from training.augmentation import as_it_is, augmented
+from training.examples import KINDS, Example, examples_of
+from training.pictures import HERE, training_pictures
+
+
+def test_every_picture_of_the_list_has_its_label_and_no_label_is_without() -> None:
+    pictures = training_pictures()
+    assert {one.name for one in pictures} == {path.stem for path in (HERE / "labels").glob("*.json")}
+    assert len({(one.sha256, one.frame, one.crop) for one in pictures}) == len(pictures)
+    for one in pictures:
+        label, (x0, y0, x1, y1) = one.label, one.crop
+        assert label.size == (x1 - x0, y1 - y0), one.name
+        assert label.mask(("face",), 0).any(), one.name
+        assert "==" in one.package or "@" in one.package or one.package in {"samples", "media"}
+
+
+def test_nothing_that_figures_are_reported_on_is_trained_on() -> None:
+    if not MEDIA.is_dir():
+        pytest.skip("the folder shared/media is not beside the repository")
+    unseen = {label.media.name for label in labels_of_half(read_labels(), "report")}
+    assert unseen
+    assert not unseen & {one.member.rsplit("/", 1)[-1] for one in training_pictures()}
+
+
+@pytest.fixture(scope="module")
+def example() -> Example:
+    """The key frame of a drawn face, whose skin is known."""
+    scene = drawn_face(width=120, center=(160, 150))
+    face = scene.skin
+    masks = [face, *[np.zeros_like(face) for _ in KINDS[1:]], face]
+    key, track = examples_of("drawn", as_picture(scene.rgb), scene.landmarks, masks, [])
+    assert (key.at, track.at) == ("key", "track")
+    return key
+
+
+def test_labels_lie_over_the_cells_that_the_network_sees(example: Example) -> None:
+    assert example.fields.shape == (*example.visible.shape, FIELDS)
+    assert example.labels.shape == (*example.visible.shape, len(KINDS) + 1)
+    sample = as_it_is(example)
+    guess = sample.fields[-1] > 0
+    both, either = guess & (sample.skin > 0.5), guess | (sample.skin > 0.5)
+    assert both.sum() > 0.85 * either.sum()
+
+
+def test_augmented_pictures_differ_are_repeatable_and_keep_their_labels(example: Example) -> None:
+    made = [augmented(example, [example], np.random.default_rng(seed)) for seed in range(24)]
+    again = augmented(example, [example], np.random.default_rng(3))
+    for field in fields(again):
+        assert np.array_equal(getattr(again, field.name), getattr(made[3], field.name))
+    assert len({one.fields[0].tobytes() for one in made}) == len(made)
+    for one in made:
+        assert np.isfinite(one.fields).all()
+        assert one.fields.dtype == np.float32
+        assert 0 <= one.skin.min() <= one.skin.max() <= 1
+        assert 0.2 < one.skin.sum() / as_it_is(example).skin.sum() < 2
+    # the guess is spoiled in some: it alone would not do
+    off = [float(np.abs(one.fields[-1] + 0.5 - one.skin).mean()) for one in made]
+    assert max(off) > 3 * min(off)
+
+
+def test_a_hand_is_neither_skin_of_the_face_nor_none() -> None:
+    labels = np.zeros((4, 4, len(KINDS) + 1), np.float32)
+    labels[1, 1, SKIN.index("hand")] = 1
+    blank = np.ones((4, 4), np.float32)
+    hand = Example("", "key", np.zeros((4, 4, FIELDS), np.float32), labels, blank, blank)
+    assert as_it_is(hand).weight[1, 1] == 0
+    assert as_it_is(hand).weight[0, 0] == 1

@@ -1,0 +1,151 @@
+"""Examples for the network: what it would be shown on a labelled picture, and the labels over the same cells."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from unittest import mock
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+import pvg
+from benchmarks.quality.clips import kept_asset
+from benchmarks.quality.labels import NOT_SKIN, SKIN, Label, read_labels
+from benchmarks.quality.media import MEDIA, Half
+from benchmarks.quality.regions import labels_of_half, tracked_face
+from pvg._arrays import Bools, Bytes, Floats
+from pvg.face import Landmarks
+from pvg.picture import Picture, as_picture
+from pvg.raster import Raster
+from pvg.rendering import source_frame
+from pvg.skin import network
+from pvg.skin.prior import SpatialPrior
+from pvg.skin.tracking import SkinTracker, fit_skin_model, learning_raster
+from training.pictures import FOLDER, training_pictures
+
+KINDS = (*SKIN, *NOT_SKIN)
+_KEYS = (-30, -90, 40)  # frames from a labelled one to others that a track may have learned on
+_MOST_KEYS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Example:
+    """What the network is shown of one face, and what is there.
+
+    person: who, for those who are many do not count more;  at: "key" for a still or key frame, "track" for a frame
+    that follows one;  fields: (h, w, network.FIELDS) float32;
+    labels: (h, w, 1 + len(KINDS)) float32 shares: of `KINDS`, of skin this person's, then of anybody's skin;
+    visible: (h, w) float32, what of a cell lies in the picture;  sample: (h, w) float32, where the skin's own colour
+    is taken.
+    """
+
+    person: str
+    at: str
+    fields: Floats
+    labels: Floats
+    visible: Floats
+    sample: Floats
+
+
+@dataclass
+class _Recorder:
+    """Stands for `network.refined`: keeps what it is asked, answers with what was thought before."""
+
+    asked: tuple[Bytes, SpatialPrior, Floats] | None = None
+
+    def __call__(self, rgb: Bytes, prior: SpatialPrior, probability: Floats) -> Floats:
+        self.asked = rgb, prior, probability
+        return probability
+
+
+def examples_of(
+    person: str,
+    picture: Picture,
+    landmarks: Landmarks,
+    masks: list[Bools],
+    keys: list[tuple[Picture, Landmarks]],
+) -> list[Example]:
+    """The examples of one labelled face: as a key frame, and following itself and other key frames.
+
+    masks: (H, W) bool each, as an example's labels.
+    """
+    recorder = _Recorder()
+    with mock.patch.object(network, "refined", recorder):
+        model = fit_skin_model(picture, landmarks)
+        if model.learned is None:
+            raise ValueError("the paper's rule asks no network")
+        raster = learning_raster(landmarks, bald=model.learned.bald)
+        out = [_example(person, "key", raster, picture, masks, recorder)]
+        for other in [model, *(fit_skin_model(*key) for key in keys)]:
+            tracker = SkinTracker(other)
+            tracker.step(picture, landmarks)
+            if tracker.seen is not None:
+                out.append(_example(person, "track", tracker.seen.raster, picture, masks, recorder))
+    return out
+
+
+def _example(
+    person: str, at: str, raster: Raster, picture: Picture, masks: list[Bools], recorder: _Recorder
+) -> Example:
+    if recorder.asked is None:
+        raise ValueError("the network was not asked")
+    prior = recorder.asked[1]
+    fields = network.network_fields(*recorder.asked)
+    size = fields.shape[2], fields.shape[1]
+
+    def shares(values: NDArray[np.uint8]) -> Floats:
+        return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA) / np.float32(255), np.float32)
+
+    # three masks at a time, averaged over the cells as a picture is
+    threes = [np.stack(masks[i : i + 3], axis=-1).astype(np.uint8) * np.uint8(255) for i in range(0, len(masks), 3)]
+    labels = np.concatenate([shares(as_picture(three).cells(raster)) for three in threes], axis=2)
+    visible = shares(raster.inside(picture.size).astype(np.uint8) * np.uint8(255))
+    sample = shares(prior.sample.astype(np.uint8) * np.uint8(255))
+    return Example(person, at, np.ascontiguousarray(fields.transpose(1, 2, 0)), labels, visible, sample)
+
+
+def _masks(label: Label, person: int) -> list[Bools]:
+    own = [label.mask((kind,), person if kind in SKIN else None) for kind in KINDS]
+    return [*own, label.mask(SKIN)]
+
+
+def of_benchmark(half: Half, assets: Path) -> list[Example]:
+    """The examples of the labels that the benchmark of quality has for one half of the clips and portraits."""
+    out = []
+    for label in labels_of_half(read_labels(), half):
+        path = MEDIA / label.media
+        with pvg.open_asset(kept_asset(path, assets), path) as video:
+            for person in label.persons:
+                found = tracked_face(video, label, person)
+                if found is None:
+                    continue
+                face, data = found
+                keys: list[tuple[Picture, Landmarks]] = []
+                for frame in (label.frame + step for step in _KEYS):
+                    other = video.face_at(face, frame) if 0 <= frame < video.frame_count else None
+                    if other is not None and other.score > 0 and len(keys) < _MOST_KEYS:
+                        keys.append((as_picture(source_frame(video, frame).rgb()), other.landmarks))
+                picture = as_picture(source_frame(video, label.frame).rgb())
+                name = f"{label.media.stem}, person {person}"
+                out += examples_of(name, picture, data.landmarks, _masks(label, person), keys)
+        print(f"{label.name}: {len(out)} examples", flush=True)
+    return out
+
+
+def of_packages(assets: Path) -> list[Example]:
+    """The examples of the pictures that were labelled for training alone."""
+    out = []
+    for one in training_pictures():
+        picture, label = one.pixels(), one.label
+        path = FOLDER / f"{one.name}.png"
+        cv2.imwrite(str(path), cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+        with pvg.open_asset(kept_asset(path, assets), path) as video:
+            found = tracked_face(video, label, 0)
+            if found is None:
+                print(f"{one.name}: no face")
+                continue
+        out += examples_of(one.name, as_picture(picture), found[1].landmarks, _masks(label, 0), [])
+        print(f"{one.name}: {len(out)} examples", flush=True)
+    return out
