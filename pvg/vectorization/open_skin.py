@@ -29,6 +29,7 @@ _SMOOTHING = 0.01
 # [measured: bearded lower faces are 19 to 43 from the upper ones, shaded ones at most 16]
 _VEIL, _BEARD = 20.0, 17.0
 _LEAST = 24  # fewer samples say nothing
+_GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 
 
 def skin_sample(rgb: Bytes, skin: Floats, landmarks: Landmarks) -> tuple[Floats, Floats]:
@@ -56,9 +57,20 @@ def skin_sample(rgb: Bytes, skin: Floats, landmarks: Landmarks) -> tuple[Floats,
     nose_tip = points[layout.NOSE_TIP]
     places = np.stack([columns, rows], axis=1).astype(np.float32)
     kept = _without_beard(colors, (places - nose_tip) @ axes.down > 0)
-    # pixels come row by row, so equal steps through them are spread evenly over the face
-    chosen = kept[np.linspace(0, len(kept) - 1, SAMPLES).round().astype(int)]
+    chosen = kept[_spread(rows[kept])]
     return np.ascontiguousarray(colors[chosen], np.float32), places[chosen]
+
+
+def _spread(rows: NDArray[np.intp]) -> NDArray[np.intp]:
+    """SAMPLES of the numbers of pixels that come row by row, evenly over their area; rows: (n,) ascending.
+
+    Equal steps through them choose the row, the golden ratio's multiples the place in it. Equal steps alone beat with
+    the rows' length: they could fall into a few columns, all on one side of a face, and others after a pixel more.
+    """
+    steps = np.arange(SAMPLES)
+    row = rows[np.linspace(0, len(rows) - 1, SAMPLES).round().astype(int)]
+    first, end = (np.searchsorted(rows, row, side) for side in ("left", "right"))
+    return np.asarray(first + (steps * _GOLDEN % 1.0 * (end - first)).astype(int), np.intp)
 
 
 def _without_beard(colors: Floats, lower: Bools) -> NDArray[np.intp]:

@@ -35,17 +35,18 @@ from tests.gallery.scenes import (
     shrunk,
 )
 
-# Behind "before" stands what there was until a network refined the masks.
+# Behind "before" stands what there was until a network refined the masks and the reference was sampled evenly, which
+# makes this look a stronger change, and with it all that is a share of it.
 PINNED = {
     "mask": 0.0587,  # share of the union of found and true skin that only one holds; before 0.0748
-    "steadiness": 0.0036,  # dB; before 0.0035
-    "warping": 1.80,  # output / input, by the known path; before 1.85
-    "flutter": 0.549,  # levels: how much a skin point's correction changes while the face moves; before the same
-    "leak": 0.0239,  # levels; before 0.0181; wanted are 0.2
-    "light": 0.625,  # levels: how much a change of light changes the correction; before 0.661
-    "occluder": 0.124,  # levels on the occluder, over the face; before 0.511
-    "beside the occluder": 1.96,  # levels between two frames, away from it; before 1.95
-    "after the occluder": 0.402,  # levels, against before; before 0.414
+    "steadiness": 0.0040,  # dB; before 0.0035
+    "warping": 1.82,  # output / input, by the known path; before 1.85
+    "flutter": 0.554,  # levels: how much a skin point's correction changes while the face moves; before 0.549
+    "leak": 0.0320,  # levels; before 0.0181; wanted are 0.2
+    "light": 0.667,  # levels: how much a change of light changes the correction; before 0.661
+    "occluder": 0.121,  # levels on the occluder, over the face; before 0.511
+    "beside the occluder": 2.05,  # levels between two frames, away from it; before 1.95
+    "after the occluder": 0.405,  # levels, against before; before 0.414
 }
 WORSE = 1.05  # how much a pinned error may grow
 

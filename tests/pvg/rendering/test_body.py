@@ -136,7 +136,9 @@ def test_face_and_body_meet_without_a_gap(video: pvg.VectorVideo, face: FaceInFr
     x0, y0, x1, y1 = placed.window
     np.maximum(alone[y0:y1, x0:x1], placed.alpha, out=alone[y0:y1, x0:x1])
     beside[y0:y1, x0:x1] += placed.alpha
-    assert (beside <= alone + 1e-5).all()
+    assert (
+        beside <= alone + 1 / 2550
+    ).all()  # a tenth of a level: with a face there are other pieces, cut by other boxes
     within = shrunk(alone > 0.99, 2 * round(face.body.raster.step))
     assert within.sum() > 20_000
     assert np.abs(alone - beside)[within].max() < 0.05

@@ -56,3 +56,24 @@ def test_without_enough_skin_there_is_no_sample(image: pvg.VectorVideo) -> None:
     rgb = source_frame(image, 0).rgb()
     nothing = np.zeros(rgb.shape[:2], np.float32)
     assert [part.shape for part in skin_sample(rgb, nothing, data.landmarks)] == [(0, 3), (0, 2)]
+
+
+@pytest.mark.parametrize("lit", ["left", "right"])
+def test_a_face_lit_from_one_side_is_sampled_on_both(image: pvg.VectorVideo, lit: str) -> None:
+    """Whatever the number of pixels: equal steps through them would fall on one side for some sizes of faces."""
+    data = image.face_at(0, 0)
+    assert data is not None
+    rgb = source_frame(image, 0).rgb()
+    ys, xs = np.indices(rgb.shape[:2])
+    axes = data.landmarks.axes
+    across = (xs - axes.center[0]) * axes.across[0] + (ys - axes.center[1]) * axes.across[1]
+    bright = across > 0 if lit == "right" else across < 0
+    shares = []
+    for cut in range(0, 60):  # the matte a row shorter each time
+        matte = np.ones(rgb.shape[:2], np.float32)
+        matte[int(axes.center[1] + 0.2 * axes.width) + cut :] = 0
+        _, places = skin_sample(rgb, matte, data.landmarks)
+        columns, rows = np.rint(places).astype(int).T
+        shares.append(float(bright[rows, columns].mean()))
+    assert np.ptp(shares) < 0.04
+    assert 0.4 < np.mean(shares) < 0.6
