@@ -17,6 +17,7 @@ from torch.utils.data import DataLoader, IterableDataset
 
 from benchmarks.quality.media import HALVES
 from pvg._arrays import Floats
+from pvg.skin.network import agreed
 from training.augmentation import as_it_is, augmented
 from training.examples import KINDS, Example, of_benchmark, of_packages
 from training.network import SkinNet, export
@@ -123,7 +124,7 @@ def _loss(net: SkinNet, batch: tuple[torch.Tensor, torch.Tensor, torch.Tensor]) 
 
 
 def measured(net: SkinNet, tests: list[Example]) -> str:
-    """Shares of each kind of label with a probability of at least ½, and IoU, by the models' guess and by the net."""
+    """Shares of each kind of label with a probability of at least ½, and IoU: guess, net and both."""
     net.eval()
     found: dict[tuple[str, str], dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
     for example in tests:
@@ -134,7 +135,9 @@ def measured(net: SkinNet, tests: list[Example]) -> str:
         face = example.labels[..., 0] > 0.5
         rim = face & (cv2.distanceTransform(face.astype(np.uint8), cv2.DIST_L2, 5) <= 2)
         regions = {kind: example.labels[..., i] > 0.5 for i, kind in enumerate(KINDS)} | {"rim": rim}
-        for who, mask in (("guess", sample.fields[11] > 0), ("network", said > 0.5)):
+        guess = sample.fields[11] + np.float32(0.5)
+        for who, p in (("guess", guess), ("network", said), ("both", agreed(guess, said))):
+            mask = p > 0.5
             row = found[example.at, who]
             for kind, region in regions.items():
                 inside = region & counts & (skin | (kind in KINDS[5:]))

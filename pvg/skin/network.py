@@ -55,13 +55,18 @@ def refined(rgb: Bytes, prior: SpatialPrior, probability: Floats) -> Floats:
     """
     fields = network_fields(rgb, prior, probability)
     h, w = fields.shape[1:]
-    most = _NETWORK.multiple
-    padded = np.pad(fields, ((0, 0), (0, -h % most), (0, -w % most)), mode="edge")
+    side = _NETWORK.multiple
+    padded = np.pad(fields, ((0, 0), (0, -h % side), (0, -w % side)), mode="edge")
     session = models.load(_NAME)
     (out,) = session.run(None, {session.get_inputs()[0].name: padded[None]})
     said = cv2.resize(np.ascontiguousarray(out[0, 0, :h, :w]), probability.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    return agreed(probability, np.asarray(said, np.float32))
+
+
+def agreed(thought: Floats, said: Floats) -> Floats:
+    """The probability whose log-odds are the weighted mean of those of two, the rules' and the network's."""
     share = np.float32(_NETWORK.believed)
-    return logistic((1 - share) * log_odds(probability) + share * log_odds(np.asarray(said, np.float32)))
+    return logistic((1 - share) * log_odds(thought) + share * log_odds(said))
 
 
 def log_odds(probability: Floats) -> Floats:
