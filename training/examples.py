@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import pvg
 from benchmarks.quality.clips import kept_asset
-from benchmarks.quality.labels import NOT_SKIN, SKIN, Label, read_labels
+from benchmarks.quality.labels import NOT_SKIN, SKIN, Label, read_labels, read_picture
 from benchmarks.quality.media import MEDIA, Half
 from benchmarks.quality.regions import labels_of_half, tracked_face
 from pvg._arrays import Bools, Bytes, Floats
@@ -23,7 +23,7 @@ from pvg.rendering import source_frame
 from pvg.skin import network
 from pvg.skin.prior import SpatialPrior
 from pvg.skin.tracking import SkinTracker, fit_skin_model, learning_raster
-from training.pictures import FOLDER, training_pictures
+from training.pictures import FOLDER, training_pictures, write_crop
 
 KINDS = (*SKIN, *NOT_SKIN)
 _KEYS = (-30, -90, 40)  # frames from a labelled one to others that a track may have learned on
@@ -138,14 +138,13 @@ def of_packages(assets: Path) -> list[Example]:
     """The examples of the pictures that were labelled for training alone."""
     out = []
     for one in training_pictures():
-        picture, label = one.pixels(), one.label
-        path = FOLDER / f"{one.name}.png"
-        cv2.imwrite(str(path), cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+        path, label = FOLDER / f"{one.name}.png", one.label
+        write_crop(one, path)
         with pvg.open_asset(kept_asset(path, assets), path) as video:
             found = tracked_face(video, label, 0)
             if found is None:
                 print(f"{one.name}: no face")
                 continue
-        out += examples_of(one.name, as_picture(picture), found[1].landmarks, _masks(label, 0), [])
+        out += examples_of(one.name, as_picture(read_picture(path, 0)), found[1].landmarks, _masks(label, 0), [])
         print(f"{one.name}: {len(out)} examples", flush=True)
     return out
