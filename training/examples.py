@@ -51,7 +51,7 @@ class Example:
 
 @dataclass
 class _Recorder:
-    """Stands for `network.refined`: keeps what it is asked, answers with what was thought before."""
+    """Stands for `network.told`: keeps what it is asked, answers with what was thought before."""
 
     asked: tuple[Bytes, SpatialPrior, Floats] | None = None
 
@@ -72,7 +72,7 @@ def examples_of(
     masks: (H, W) bool each, as an example's labels.
     """
     recorder = _Recorder()
-    with mock.patch.object(network, "refined", recorder):
+    with mock.patch.object(network, "told", recorder):
         model = fit_skin_model(picture, landmarks)
         if model.learned is None:
             raise ValueError("the paper's rule asks no network")

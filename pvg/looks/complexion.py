@@ -1,9 +1,13 @@
-"""The complexion that a reference gives: its open skin in its key light, as the scene bears it, no greyer than skin is.
+"""The complexion that a reference gives: its open skin in its key light, as the scene bears it, within what skin is.
 
 A picture's colours are as much its camera's and its grade's as its people's. Among its own dark curtains and blue
 greys, skin of little chroma looks like skin; put into another picture it looks dead. So skin that is greyer than skin
 of its lightness usually is gains chroma, up to that, and never beyond what the clip's own skin has: a grey film stays
 grey, and a clip's own colours are themselves.
+
+Skin that is richer or redder than skin is, flushed, burnt out or under an orange lamp, turns another face to salmon or
+orange. Its chroma is held to what skin has and its hue turned until it is no redder, though never beyond the clip's
+own.
 """
 
 from __future__ import annotations
@@ -11,7 +15,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from pvg._arrays import Floats
+from pvg._arrays import Doubles, Floats
 from pvg.looks.key_light import in_key_light
 from pvg.looks.scene import in_scene
 from pvg.looks.tone import to_opponent, to_rgb
@@ -20,6 +24,7 @@ from pvg.looks.tone import to_opponent, to_rgb
 # [by blind choice: less or more of it was chosen less often, at L* 60, 64, 71 and 77]
 _USUAL, _FALL, _MOST = 0.36, 0.004, 0.40
 _GAIN = 1.3  # of chroma, at most [by blind choice]: a grade in black and white is meant
+_RICHEST, _REDDEST = 32.0, 22.0  # C* and a* of CIELAB, at most [by blind choice: C* of 32 rather than 28 or any]
 
 
 def complexion(reference: Floats, own: Floats, scene: float) -> Floats:
@@ -31,9 +36,11 @@ def complexion(reference: Floats, own: Floats, scene: float) -> Floats:
     if min(len(skin), len(own)) == 0:
         return skin
     skin = in_scene(skin, own, scene)
-    lightness, saturation = _saturation(skin)
-    usual = min(_USUAL - _FALL * (lightness - 60.0), _MOST)
-    gain = min(usual, _saturation(own)[1]) / max(saturation, 1e-6)
+    lab, bound = _median_lab(skin), _median_lab(own)
+    if (held := _held(lab, bound)) is not None:
+        skin, lab = _moved(skin, lab, held), held
+    usual = min(_USUAL - _FALL * (lab[0] - 60.0), _MOST)
+    gain = min(usual, _saturation(bound)) / max(_saturation(lab), 1e-6)
     if gain <= 1.0:
         return skin
     opponent = to_opponent(skin)
@@ -41,8 +48,33 @@ def complexion(reference: Floats, own: Floats, scene: float) -> Floats:
     return np.asarray(np.clip(to_rgb(opponent), 0.0, 255.0), np.float32)
 
 
-def _saturation(skin: Floats) -> tuple[float, float]:
-    """L* and C*/L* of the median of colours (n, 3)."""
+def _held(lab: Doubles, own: Doubles) -> Doubles | None:
+    """A complexion (3,) CIELAB as rich and as red as skin is, or as `own` is if that is more; None when it is so."""
+    chroma = float(np.hypot(*lab[1:]))
+    held = min(chroma, max(_RICHEST, float(np.hypot(*own[1:]))))
+    red = min(float(lab[1]) * held / max(chroma, 1e-6), max(_REDDEST, float(own[1])))
+    if held == chroma and red >= lab[1]:
+        return None
+    return np.array([lab[0], red, np.copysign(np.sqrt(held**2 - red**2), lab[2])])
+
+
+def _moved(skin: Floats, lab: Doubles, goal: Doubles) -> Floats:
+    """Colours (n, 3) whose median is `lab` with chroma moved by what leads to `goal`, in proportion to luma."""
+    before, after = (
+        to_opponent(255.0 * cv2.cvtColor(one.astype(np.float32).reshape(1, 1, 3), cv2.COLOR_LAB2RGB)[0])[0]
+        for one in (lab, goal)
+    )
+    opponent = to_opponent(skin)
+    opponent[:, 1:] += (after[1:] / after[0] - before[1:] / before[0]) * opponent[:, :1]
+    return np.asarray(np.clip(to_rgb(opponent), 0.0, 255.0), np.float32)
+
+
+def _median_lab(skin: Floats) -> Doubles:
+    """(3,) CIELAB of the median of colours (n, 3)."""
     median = (np.median(skin, axis=0) / 255.0).astype(np.float32)
-    lightness, a, b = cv2.cvtColor(median.reshape(1, 1, 3), cv2.COLOR_RGB2LAB)[0, 0]
-    return float(lightness), float(np.hypot(a, b)) / max(float(lightness), 1.0)
+    return np.asarray(cv2.cvtColor(median.reshape(1, 1, 3), cv2.COLOR_RGB2LAB)[0, 0], np.float64)
+
+
+def _saturation(lab: Doubles) -> float:
+    """C*/L*."""
+    return float(np.hypot(*lab[1:])) / max(float(lab[0]), 1.0)

@@ -6,7 +6,10 @@ beige in neutral light is lilac beside yellow walls. Small differences are of pe
 ones are of scenes too and are taken in part: with x a difference, the logarithm of the ratio of the lumas or that of
 chroma over luma, and k what a scene bears,
 
-    x' = x   up to k        x' = k (1 + ln(x / k))   beyond
+    x' = x   up to k        x' = k + (m − k) (1 − exp(−(x − k) / (m − k)))   beyond, of brightness
+                            x' = k (1 + ln(x / k))                           beyond, of hue
+
+A face that is lit as its scene is has an end to how bright or dark it may be, m; a hue has none.
 """
 
 from __future__ import annotations
@@ -17,7 +20,7 @@ from pvg._arrays import Floats
 from pvg.looks.tone import to_opponent, to_rgb
 
 SCENE = 1.0  # default of the share [by blind choice]
-_BRIGHTNESS = 0.25  # k of the natural logarithm of luma [by blind choice]
+_BRIGHTNESS, _MOST = 0.25, 0.32  # k and m of the natural logarithm of luma [by blind choice]
 _HUE = 0.12  # k of chroma over luma [by blind choice]
 
 
@@ -34,13 +37,19 @@ def in_scene(reference: Floats, own: Floats, share: float) -> Floats:
         return reference
     brighter = float(np.log(goal[0] / start[0]))
     richer = goal[1:] / goal[0] - start[1:] / start[0]
-    gain = np.exp(-share * brighter * (1.0 - _borne(abs(brighter) / _BRIGHTNESS)))
-    kept = 1.0 - share * (1.0 - _borne(float(np.hypot(*richer)) / _HUE))
+    gain = np.exp(-share * np.sign(brighter) * (abs(brighter) - _bright(abs(brighter))))
+    kept = 1.0 - share * (1.0 - _hue(float(np.hypot(*richer)) / _HUE))
     luma, chroma = np.split(to_opponent(reference), [1], axis=1)
     chroma = chroma - (1.0 - kept) * richer * luma
     return np.asarray(np.clip(to_rgb(gain * np.hstack([luma, chroma])), 0.0, 255.0), np.float32)
 
 
-def _borne(far: float) -> float:
-    """x' / x of a difference that is so many k."""
+def _bright(far: float) -> float:
+    """x' of a difference of brightness."""
+    room = _MOST - _BRIGHTNESS
+    return far if far <= _BRIGHTNESS else _BRIGHTNESS + room * (1.0 - float(np.exp((_BRIGHTNESS - far) / room)))
+
+
+def _hue(far: float) -> float:
+    """x' / x of a difference of hue that is so many k."""
     return 1.0 if far <= 1.0 else (1.0 + float(np.log(far))) / far

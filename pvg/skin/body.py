@@ -11,11 +11,13 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from pvg._arrays import Bools, Bytes, Floats
+from pvg._arrays import Bools, Bytes, Floats, smoothstep
 from pvg.face import Landmarks
+from pvg.raster import Raster
 from pvg.skin._kernels import BodyWeights, body_log_odds
 from pvg.skin.color_model import SkinColors, to_skin_lab
 from pvg.skin.matte import Matte
+from pvg.skin.network import Told
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import HeadShape, ear_depth, head_shape, logistic
 from pvg.skin.ring import hair_odds
@@ -102,10 +104,11 @@ class BodyTracker:
         self._hair: Floats | None = None  # of the scene before
         self._scenes = 0
 
-    def step(self, scene: Scene, landmarks: Landmarks, face: Matte, light: Floats) -> Matte:
+    def step(self, scene: Scene, landmarks: Landmarks, face: Matte, light: Floats, told: Told | None = None) -> Matte:
         """The matte in the next scene, over the whole picture.
 
-        landmarks: of the face, source pixels;  face: its own matte;  light: (3,) RGB, its colour now.
+        landmarks: of the face, source pixels;  face: its own matte;  light: (3,) RGB, its colour now;
+        told: what the network said of the face's box.
         """
         own = landmarks.in_cells(scene.raster)
         head = head_shape(own)
@@ -120,7 +123,8 @@ class BodyTracker:
         else:
             hair = np.asarray(cv2.remap(self._hair, *maps, cv2.INTER_LINEAR), np.float32)
         self._hair, self._scenes = hair, self._scenes + 1
-        body_log_odds(scene.rgb, person, known, hair, *self._tables, gain, _frame(head, own), _WEIGHTS, log_odds)
+        against = hair if told is None else hair + _told_against(told, scene.raster, head)
+        body_log_odds(scene.rgb, person, known, against, *self._tables, gain, _frame(head, own), _WEIGHTS, log_odds)
         log_odds = np.asarray(cv2.GaussianBlur(log_odds, (0, 0), _BODY.blur), np.float32)
         share = _owned(scene, landmarks, head)
         probability = logistic(log_odds) if share is None else np.asarray(logistic(log_odds) * share, np.float32)
@@ -187,6 +191,19 @@ class BodyTracker:
         layers = cv2.merge([grey, probability, mask.astype(np.float32), alpha])
         self._before = np.asarray(layers, np.float32)
         return mask, alpha
+
+
+def _told_against(told: Told, raster: Raster, head: HeadShape) -> Floats:
+    """(h, w) nats that the network's opinion counts against skin in the cells of a scene: off the face's oval alone.
+
+    It was taught hair, collars and walls; of hands, which come before the face, it knows nothing.
+    """
+    y, x = (along.astype(np.float32) for along in np.ogrid[: raster.shape[0], : raster.shape[1]])
+    across, down = head.axes.across, head.axes.down
+    off_x, off_y = x - head.middle[0], y - head.middle[1]
+    side, depth = off_x * across[0] + off_y * across[1], off_x * down[0] + off_y * down[1]
+    share = smoothstep(np.hypot(side / (head.width / 2), depth / (head.height / 2)), *_BODY.told_rise)
+    return np.asarray(share * np.minimum(_BODY.told * told.against(raster), _BODY.told_most), np.float32)
 
 
 def _frame(head: HeadShape, landmarks: Landmarks) -> Floats:

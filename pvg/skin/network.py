@@ -7,16 +7,32 @@ and says anew how probable skin is.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 
 from pvg import models
 from pvg._arrays import Bytes, Floats
+from pvg.raster import Raster
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import SpatialPrior, logistic
 
 _NETWORK, _NAME = SKIN_PRIOR.network, "face_skin"
 FIELDS = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """What the network said of a frame: the probability of skin (h, w) float32 over a raster."""
+
+    raster: Raster
+    probability: Floats
+
+    def against(self, other: Raster) -> Floats:
+        """How much it speaks against skin in the cells (h, w) of another raster: nats ≥ 0, 0 where it was not asked."""
+        xs, ys = (np.asarray(v, np.float32) for v in other.centers())
+        return self.raster.read(np.maximum(-log_odds(self.probability), 0), xs, ys)
 
 
 def network_fields(rgb: Bytes, prior: SpatialPrior, probability: Floats) -> Floats:
@@ -53,6 +69,11 @@ def refined(rgb: Bytes, prior: SpatialPrior, probability: Floats) -> Floats:
 
     Log-odds are the weighted mean of what was thought and what the network says: each errs where the other does not.
     """
+    return agreed(probability, told(rgb, prior, probability))
+
+
+def told(rgb: Bytes, prior: SpatialPrior, probability: Floats) -> Floats:
+    """The probability of skin (h, w) float32 that the network says; the arguments are those of `network_fields`."""
     fields = network_fields(rgb, prior, probability)
     h, w = fields.shape[1:]
     side = _NETWORK.multiple
@@ -60,7 +81,7 @@ def refined(rgb: Bytes, prior: SpatialPrior, probability: Floats) -> Floats:
     session = models.load(_NAME)
     (out,) = session.run(None, {session.get_inputs()[0].name: padded[None]})
     said = cv2.resize(np.ascontiguousarray(out[0, 0, :h, :w]), probability.shape[::-1], interpolation=cv2.INTER_LINEAR)
-    return agreed(probability, np.asarray(said, np.float32))
+    return np.asarray(said, np.float32)
 
 
 def agreed(thought: Floats, said: Floats) -> Floats:

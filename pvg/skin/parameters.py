@@ -372,6 +372,9 @@ class BodyNumbers:
     texture_dark: float = 12.0  # 8-bit levels added to the brightness [by eye]
     known: float = 4.0  # nats for what the face's mask calls neck [by eye]
     known_rise: Range = (-0.15, 0.1)  # face sizes below the chin [by eye]: where it begins to
+    told: float = 0.5  # of what the network says against skin in the face's box [measured: hair and walls at 0 to 1]
+    told_most: float = 2.0  # nats of it at most [measured: of 2 to 6; hands and ears lose by more]
+    told_rise: Range = (1.1, 1.3)  # of the face's oval, off which it counts [by eye]: before the face hands are seen
     most: float = 7.0  # nats, the limit of the sum [by eye]
     blur: float = 0.7  # cells, of the log-odds [by eye]
     join: int = 5  # cells [by eye]: gaps narrower than this join parts

@@ -18,6 +18,7 @@ from pvg.skin.color_model import SkinColors, to_skin_lab
 from pvg.skin.consensus import MatteInTime
 from pvg.skin.hair import Hair, find_hair, hair_cover
 from pvg.skin.matte import Matte
+from pvg.skin.network import Told
 from pvg.skin.occlusion import occluder_alpha, open_skin
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import SpatialPrior, face_area, face_box, goes_on_above, head_shape, spatial_prior
@@ -141,7 +142,8 @@ class SkinTracker:
     """Makes the matte of each frame of a track, in order.
 
     light: (3,) RGB, the face's colour in the last frame;
-    seen: what the last one was told by, for `MatteConsensus`; None before the first and by the paper's rule.
+    seen: what the last one was told by, for `MatteConsensus`; None before the first and by the paper's rule;
+    told: what the network said of it, None likewise.
     """
 
     def __init__(self, model: SkinModel) -> None:
@@ -150,6 +152,7 @@ class SkinTracker:
         self._raster: Raster | None = None
         self._before: _TemporalState | None = None
         self.seen: MatteInTime | None = None
+        self.told: Told | None = None
         self._flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
 
     def step(self, frame: Picture | Bytes, landmarks: Landmarks, scene: Scene | None = None) -> Matte:
@@ -167,7 +170,8 @@ class SkinTracker:
             return Matte.over(raster.box, mask.astype(np.uint8) * np.uint8(255), mask)
         prior = spatial_prior(raster.shape, own, bald=learned.bald)
         self.light = _face_color(small, prior.sample & visible)
-        probability, occluder = _estimate(learned, small, prior, own.stacked, visible)
+        probability, occluder, told = _estimate(learned, small, prior, own.stacked, visible)
+        self.told = Told(raster, told)
         if scene is not None:
             probability = _of_people(probability, scene.people(raster), prior)
         mask, alpha = self._smooth_in_time(small, probability, prior)
@@ -225,10 +229,10 @@ class SkinTracker:
 
 def _estimate(
     learned: LearnedSkin, rgb: Bytes, prior: SpatialPrior, points: Floats, visible: Bools
-) -> tuple[Floats, Floats]:
+) -> tuple[Floats, Floats, Floats]:
     """Posterior probability of skin (h, w) from this frame alone: its colours, the prior and the key frame's shape.
 
-    And the alpha (h, w) in [0, 1] of what lies in front of the face.
+    And the alpha (h, w) in [0, 1] of what lies in front of the face, and the network's own probability (h, w).
     """
     # a lamp or a cloud that changes the face changes what surrounds it alike: undo it before colours are looked up
     sample = prior.sample & visible
@@ -253,10 +257,12 @@ def _estimate(
             distance = np.maximum(distance, distance * (1 - np.float32(_HAIR.bare_release) * bare))
             hair = hair - np.float32(_HAIR.bare_log_odds / _HAIR.log_odds) * bare
     # beyond the picture its edge is repeated, and so is the decision there: skin ends at the edge, it does not fade
-    probability = network.refined(rgb, prior, _posterior(learned.colors, lab, prior, distance, hair))
+    thought = _posterior(learned.colors, lab, prior, distance, hair)
+    told = network.told(rgb, prior, thought)
+    probability = network.agreed(thought, told)
     radius = max(2, round(_TRACKING.filter_radius * prior.size))
     filtered = cv2.ximgproc.guidedFilter(rgb, probability, radius, _TRACKING.filter_epsilon)
-    return np.asarray(np.clip(filtered, 0, 1), np.float32), occluder
+    return np.asarray(np.clip(filtered, 0, 1), np.float32), occluder, told
 
 
 def _of_people(probability: Floats, people: Floats, prior: SpatialPrior) -> Floats:

@@ -81,7 +81,7 @@ class VectorFace:
         self._key_row = key.row
         self._key: KeyView | None = key
         skin = SkinTracker(model)
-        self.key_matte, self._key_light = skin.step(key.picture, key.landmarks, key.scene), skin.light
+        self.key_matte, self._key_skin = skin.step(key.picture, key.landmarks, key.scene), skin
         self._no_body = np.zeros(scene_raster(key.picture.size).shape, np.uint8)
         self._watch: ExposureWatch | None = None
         if reset is None:
@@ -99,7 +99,7 @@ class VectorFace:
             if self._watch is not None:
                 score, pose = float(rows.score[k]), rows.pose[k]
                 self._fit_due(self._watch.see(row, picture, rows.landmarks[k], matte, score, pose))
-            body = self._body_alpha(scene, rows.landmarks[k], matte, self._skin.light)
+            body = self._body_alpha(scene, rows.landmarks[k], matte, self._skin)
             self._unwritten.append((rows, k, float(stretch.visible[k]), body))
             steady = matte if self._skin.seen is None else self._consensus.add(self._skin.seen)
             if steady is not None:
@@ -116,7 +116,7 @@ class VectorFace:
         scene = None if self._key is None else self._key.scene
         self._fit_key()
         self.first = track.first + self._key_row
-        body = self._body_alpha(scene, track.landmarks[self._key_row], self.key_matte, self._key_light)
+        body = self._body_alpha(scene, track.landmarks[self._key_row], self.key_matte, self._key_skin)
         self._write(track, self._key_row, 1.0, body, self.key_matte, writer)
         self._remember(rows_between(track, self.first, self.first + 1))
 
@@ -185,11 +185,14 @@ class VectorFace:
         self._keys[row] = fitting.submit(_key_frame, frame, picture, landmarks, matte, self._seed)
         fitting.shutdown(wait=False)
 
-    def _body_alpha(self, scene: Scene | None, landmarks: Landmarks, matte: Matte, light: Floats) -> Bytes:
-        """The matte of the person's other skin in the scene of a row, nothing where none was made."""
+    def _body_alpha(self, scene: Scene | None, landmarks: Landmarks, matte: Matte, skin: SkinTracker) -> Bytes:
+        """The matte of the person's other skin in the scene of a row, nothing where none was made.
+
+        matte: the face's in that row, the last that `skin` made.
+        """
         if scene is None or self._body is None:
             return self._no_body
-        return self._body.step(scene, landmarks, matte, light).alpha
+        return self._body.step(scene, landmarks, matte, skin.light, skin.told).alpha
 
     def _write(self, rows: FaceTrack, k: int, visible: float, body: Bytes, matte: Matte, writer: AssetWriter) -> None:
         """matte: of the face;  body: alpha of the person's other skin."""

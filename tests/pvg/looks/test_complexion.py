@@ -49,6 +49,32 @@ def test_usual_skin_is_taken_as_it_is(lab: tuple[float, float, float]) -> None:
     assert complexion(reference, skin(TAN), 0.0) is reference
 
 
+FLUSHED = (69.0, 31.0, 25.0)  # C* 40
+
+
+def median_lab(colors: np.ndarray) -> np.ndarray:
+    median = (np.median(colors, axis=0) / 255).astype(np.float32).reshape(1, 1, 3)
+    return np.asarray(cv2.cvtColor(median, cv2.COLOR_RGB2LAB)[0, 0])
+
+
+def test_flushed_skin_is_held_to_what_skin_is() -> None:
+    lightness, red, yellow = median_lab(complexion(skin(FLUSHED), skin(TAN), 0.0))
+    assert lightness == pytest.approx(FLUSHED[0], abs=1.5)  # luma is kept, which is nearly the same
+    assert red == pytest.approx(22.0, abs=0.8)
+    assert np.hypot(red, yellow) == pytest.approx(32.0, abs=1.0)
+
+
+def test_a_clip_as_flushed_takes_it_as_it_is() -> None:
+    reference = skin(FLUSHED)
+    assert complexion(reference, skin((60.0, 32.0, 27.0)), 0.0) is reference
+
+
+def test_an_orange_lamp_is_held_in_chroma_alone() -> None:
+    _, red, yellow = median_lab(complexion(skin((63.0, 23.0, 35.0)), skin(TAN), 0.0))
+    assert np.hypot(red, yellow) == pytest.approx(32.0, abs=1.0)
+    assert np.degrees(np.arctan2(yellow, red)) == pytest.approx(np.degrees(np.arctan2(35.0, 23.0)), abs=1.5)
+
+
 def test_black_and_white_stays() -> None:
     taken = complexion(skin(ASHEN, chroma=0.02), skin(TAN), 0.0)
     assert lightness_and_saturation(taken)[1] < 0.02
