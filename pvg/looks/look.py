@@ -46,10 +46,6 @@ class BodyMap:
         tone = texture if region == "face" else skin.beside(skin.tone if region == "body" else texture)
         return usual, to_rgb(np.column_stack([tone, skin.goal.at(tone)]))
 
-    def spread(self, region: Region = "face") -> float:
-        """What is left of a difference to the usual chroma: k in the face, k times that at curves beside it."""
-        return self.skin.spread * (1.0 if region == "face" else self.skin.broad)
-
 
 @dataclass(frozen=True, eq=False)
 class Look:

@@ -60,7 +60,7 @@ class MapTables:
         summed = np.cumsum(np.maximum(slopes, 0))
         rise = summed - summed[middle]
         fall = gained - rise
-        excess = look.strength * (look.spread(region) * kept / gain - 1.0)
+        excess = look.strength * (look.skin.spread * kept / gain - 1.0)
         chroma = [
             look.strength * _read(codes, source[:, 0], target[:, p] - source[:, p])
             - excess * _read(codes, source[:, 0], source[:, p])
