@@ -81,8 +81,14 @@ class Scene:
         return _maps(self.flow, self.raster.shape)
 
     def people(self, raster: Raster) -> Floats:
-        """Where people may be in the cells (h, w) of another raster: float32, 0 where none are, up to 1."""
-        xs, ys = (np.asarray(v, np.float32) for v in raster.centers())
+        """Where people may be in the cells (h, w) of another raster: float32, 0 where none are, up to 1.
+
+        Beyond the picture its edge is repeated: people do not end there.
+        """
+        xs, ys = (
+            np.asarray(np.clip(other, own[0], own[-1]), np.float32)
+            for other, own in zip(raster.centers(), self.raster.centers(), strict=True)
+        )
         person = self.raster.read(self.person.astype(np.float32) / np.float32(255), xs, ys)
         low, high = _BODY.any_person
         return np.asarray(np.clip((person - low) / np.float32(high - low), 0, 1), np.float32)

@@ -10,6 +10,7 @@ import pytest
 
 from benchmarks.quality.measures import iou
 from pvg.face import layout
+from pvg.raster import Raster
 from pvg.skin import Matte, SkinTracker, fit_skin_model, scene_raster, skin_mask
 from pvg.skin import Scene as WholePicture
 from tests.gallery.faces import real_landmarks
@@ -112,6 +113,15 @@ def test_a_wall_of_the_skins_colour_beside_the_neck_is_no_skin() -> None:
     assert taken["nobody asked"] > 200  # pixels
     assert taken["people"] < 0.3 * taken["nobody asked"]
     assert taken["nobody seen"] == taken["nobody asked"]  # a network that misses the face is not believed
+
+
+def test_beyond_the_picture_people_go_on() -> None:
+    """A neck that the picture cuts keeps its whole matte in the last row of pixels."""
+    scene = drawn_face(width=150, center=(160, 120))
+    raster = scene_raster(scene.rgb.shape[:2])
+    everywhere = _seen(scene, np.ones_like(scene.skin))
+    beyond = Raster(raster.origin - np.float32(9), raster.step, (raster.shape[0] + 8, raster.shape[1] + 8))
+    assert everywhere.people(beyond).min() == 1.0
 
 
 def test_a_jump_leaves_no_ghost() -> None:
