@@ -24,7 +24,7 @@ from pvg.looks.tone import to_opponent, to_rgb
 # [by blind choice: less or more of it was chosen less often, at L* 60, 64, 71 and 77]
 _USUAL, _FALL, _MOST = 0.36, 0.004, 0.40
 _GAIN = 1.3  # of chroma, at most [by blind choice]: a grade in black and white is meant
-_RICHEST, _REDDEST = 32.0, 22.0  # C* and a* of CIELAB, at most [by blind choice: C* of 32 rather than 28 or any]
+_RICHEST, _REDDEST = 32.0, 23.0  # C* and a* of CIELAB, at most [by blind choice: C* of 32 rather than 28 or any]
 
 
 def complexion(reference: Floats, own: Floats, scene: float) -> Floats:
