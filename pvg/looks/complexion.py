@@ -5,9 +5,9 @@ greys, skin of little chroma looks like skin; put into another picture it looks 
 of its lightness usually is gains chroma, up to that, and never beyond what the clip's own skin has: a grey film stays
 grey, and a clip's own colours are themselves.
 
-Skin that is richer or redder than skin is, flushed, burnt out or under an orange lamp, turns another face to salmon or
-orange. Its chroma is held to what skin has and its hue turned until it is no redder, though never beyond the clip's
-own.
+Skin that is richer, redder or yellower than skin is, flushed, burnt out or under an orange or a greenish lamp, turns
+another face to salmon, orange or olive. Its chroma is held to what skin has and its hue turned until it is no redder
+and no yellower, though never beyond the clip's own.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from pvg.looks.tone import to_opponent, to_rgb
 _USUAL, _FALL, _MOST = 0.36, 0.004, 0.40
 _GAIN = 1.3  # of chroma, at most [by blind choice]: a grade in black and white is meant
 _RICHEST, _REDDEST = 32.0, 23.0  # C* and a* of CIELAB, at most [by blind choice: C* of 32 rather than 28 or any]
+_YELLOWEST = np.radians(62.0)  # hue of CIELAB, at most [by eye]
 
 
 def complexion(reference: Floats, own: Floats, scene: float) -> Floats:
@@ -49,13 +50,25 @@ def complexion(reference: Floats, own: Floats, scene: float) -> Floats:
 
 
 def _held(lab: Doubles, own: Doubles) -> Doubles | None:
-    """A complexion (3,) CIELAB as rich and as red as skin is, or as `own` is if that is more; None when it is so."""
-    chroma = float(np.hypot(*lab[1:]))
-    held = min(chroma, max(_RICHEST, float(np.hypot(*own[1:]))))
-    red = min(float(lab[1]) * held / max(chroma, 1e-6), max(_REDDEST, float(own[1])))
-    if held == chroma and red >= lab[1]:
+    """A complexion (3,) CIELAB within what skin is, or as far off as `own` is if that is farther; None when it is so.
+
+    What is neither red nor yellow is skin in coloured light, which is meant.
+    """
+    chroma, hue = _chroma_and_hue(lab)
+    own_chroma, own_hue = _chroma_and_hue(own)
+    if not 0.0 < hue < np.pi / 2:
         return None
-    return np.array([lab[0], red, np.copysign(np.sqrt(held**2 - red**2), lab[2])])
+    held = min(chroma, max(_RICHEST, own_chroma))
+    least = float(np.arccos(min(1.0, max(_REDDEST, float(own[1])) / max(held, 1e-6))))
+    turned = max(min(hue, max(_YELLOWEST, own_hue)), least)
+    if held == chroma and turned == hue:
+        return None
+    return np.array([lab[0], held * np.cos(turned), held * np.sin(turned)])
+
+
+def _chroma_and_hue(lab: Doubles) -> tuple[float, float]:
+    """C* and the hue's angle from a* to b*, radians."""
+    return float(np.hypot(*lab[1:])), float(np.arctan2(lab[2], lab[1]))
 
 
 def _moved(skin: Floats, lab: Doubles, goal: Doubles) -> Floats:

@@ -19,7 +19,7 @@ from pvg.looks.tone import to_opponent, to_rgb
 SCENE = 1.0  # default of the share [by blind choice]
 # k and m of the natural logarithm of luma, where the reference is brighter and where it is darker [by blind choice]
 _BRIGHTER, _DARKER = (0.25, 0.40), (0.20, 0.26)
-_HUE = (0.12, 0.17)  # of chroma over luma [by blind choice]
+_HUE = (0.12, 0.22)  # of chroma over luma [by blind choice: more is rejected, less is no likeness]
 
 
 def in_scene(reference: Floats, own: Floats, share: float) -> Floats:

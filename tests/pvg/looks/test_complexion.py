@@ -75,6 +75,22 @@ def test_an_orange_lamp_is_held_in_chroma_alone() -> None:
     assert np.degrees(np.arctan2(yellow, red)) == pytest.approx(np.degrees(np.arctan2(35.0, 23.0)), abs=1.5)
 
 
+def hue(lab: np.ndarray | tuple[float, float, float]) -> float:
+    return float(np.degrees(np.arctan2(lab[2], lab[1])))
+
+
+def test_skin_in_greenish_light_is_no_yellower_than_skin_is() -> None:
+    olive = (58.0, 8.7, 31.0)
+    assert hue(olive) > 70
+    assert hue(median_lab(complexion(skin(olive), skin(TAN), 0.0))) == pytest.approx(62.0, abs=2.0)
+
+
+@pytest.mark.parametrize("lab", [(45.0, 30.0, -35.0), (60.0, -30.0, 30.0)], ids=["purple", "green"])
+def test_coloured_light_is_meant(lab: tuple[float, float, float]) -> None:
+    reference = skin(lab)
+    assert complexion(reference, skin(TAN), 0.0) is reference
+
+
 def test_black_and_white_stays() -> None:
     taken = complexion(skin(ASHEN, chroma=0.02), skin(TAN), 0.0)
     assert lightness_and_saturation(taken)[1] < 0.02
