@@ -4,9 +4,13 @@ Two pictures differ in exposure and in the colour of their light as much as thei
 a bright picture glows in a dark scene like a lamp, that of a dark one is a mask of mud in a bright room, and what is
 beige in neutral light is lilac beside yellow walls. Small differences are of people and are taken as they are, large
 ones are of scenes too and are taken in part: with x a difference, the logarithm of the ratio of the lumas or that of
-chroma over luma, k what a scene surely bears and m the most,
+chroma over luma, and k what a scene bears,
 
-    x' = x   up to k        x' = k + (m − k) (1 − exp(−(x − k) / (m − k)))   beyond
+    x' = x   up to k        x' = k + (m − k) (1 − exp(−(x − k) / (m − k)))   beyond, of brightness
+                            x' = k (1 + ln(x / k))                           beyond, of hue
+
+A face that is lit as its scene is has an end to how bright or dark it may be, m; what a person's hue may be has none
+that a scene knows, see `pvg.looks.complexion`.
 """
 
 from __future__ import annotations
@@ -19,7 +23,7 @@ from pvg.looks.tone import to_opponent, to_rgb
 SCENE = 1.0  # default of the share [by blind choice]
 # k and m of the natural logarithm of luma, where the reference is brighter and where it is darker [by blind choice]
 _BRIGHTER, _DARKER = (0.25, 0.40), (0.20, 0.26)
-_HUE = (0.12, 0.22)  # of chroma over luma [by blind choice: more is rejected, less is no likeness]
+_HUE = 0.12  # k of chroma over luma [by blind choice]
 
 
 def in_scene(reference: Floats, own: Floats, share: float) -> Floats:
@@ -36,14 +40,19 @@ def in_scene(reference: Floats, own: Floats, share: float) -> Floats:
     brighter = float(np.log(goal[0] / start[0]))
     richer = goal[1:] / goal[0] - start[1:] / start[0]
     far, off = abs(brighter), float(np.hypot(*richer))
-    gain = np.exp(-share * np.sign(brighter) * (far - _borne(far, *(_BRIGHTER if brighter > 0 else _DARKER))))
-    kept = 1.0 - share * (1.0 - _borne(off, *_HUE) / max(off, 1e-6))
+    gain = np.exp(-share * np.sign(brighter) * (far - _bright(far, *(_BRIGHTER if brighter > 0 else _DARKER))))
+    kept = 1.0 - share * (1.0 - _hue(off / _HUE))
     luma, chroma = np.split(to_opponent(reference), [1], axis=1)
     chroma = chroma - (1.0 - kept) * richer * luma
     return np.asarray(np.clip(to_rgb(gain * np.hstack([luma, chroma])), 0.0, 255.0), np.float32)
 
 
-def _borne(far: float, surely: float, most: float) -> float:
-    """x' of a difference `far`, of which a scene bears `surely` as it is and `most` at most."""
+def _bright(far: float, surely: float, most: float) -> float:
+    """x' of a difference of brightness, of which a scene bears `surely` as it is and `most` at most."""
     room = most - surely
     return far if far <= surely else surely + room * (1.0 - float(np.exp((surely - far) / room)))
+
+
+def _hue(far: float) -> float:
+    """x' / x of a difference of hue that is so many k."""
+    return 1.0 if far <= 1.0 else (1.0 + float(np.log(far))) / far

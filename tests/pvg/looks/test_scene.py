@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pvg.looks.scene import _borne, in_scene
+from pvg.looks.scene import _bright, _hue, in_scene
 from pvg.looks.tone import to_opponent, to_rgb
 
 TAN = (150.0, -0.25, 0.27)  # luma, B − Y and R − Y over it
@@ -61,10 +61,15 @@ def test_the_farther_the_smaller_the_share() -> None:
     assert 0.95 > share((100.0, -0.25, 0.27)) > share((50.0, -0.25, 0.27)) + 0.1
 
 
+@given(far=st.floats(0.01, 20.0), more=st.floats(1.001, 3.0))
+def test_a_hue_farther_off_is_farther_off_afterwards(far: float, more: float) -> None:
+    assert far * _hue(far) < far * more * _hue(far * more) <= far * more
+
+
 @given(far=st.floats(0.0, 2.0), more=st.floats(0.0, 2.0))
-def test_what_is_farther_off_is_no_nearer_afterwards_and_there_is_an_end(far: float, more: float) -> None:
-    before, after = _borne(far, 0.25, 0.32), _borne(far + more, 0.25, 0.32)
-    assert before <= after <= min(far + more, 0.32)
+def test_brightness_farther_off_is_no_nearer_afterwards_and_has_an_end(far: float, more: float) -> None:
+    before, after = _bright(far, 0.25, 0.4), _bright(far + more, 0.25, 0.4)
+    assert before <= after <= min(far + more, 0.4)
     assert after - before <= more + 1e-9
 
 
