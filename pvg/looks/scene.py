@@ -6,11 +6,12 @@ beige in neutral light is lilac beside yellow walls. Small differences are of pe
 ones are of scenes too and are taken in part: with x a difference, the logarithm of the ratio of the lumas or that of
 chroma over luma, and k what a scene bears,
 
-    x' = x   up to k        x' = k + (m − k) (1 − exp(−(x − k) / (m − k)))   beyond, of brightness
-                            x' = k (1 + ln(x / k))                           beyond, of hue
+    x' = x   up to k        x' = k (1 + ln(x / k))   beyond
 
-A face that is lit as its scene is has an end to how bright or dark it may be, m; what a person's hue may be has none
-that a scene knows, see `pvg.looks.complexion`.
+Where the reference is darker there is an end to it, m: a face that is lit as its bright scene is cannot be dark at
+will.
+
+    x' = x   up to k        x' = k + (m − k) (1 − exp(−(x − k) / (m − k)))   beyond
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ from pvg._arrays import Floats
 from pvg.looks.tone import to_opponent, to_rgb
 
 SCENE = 1.0  # default of the share [by blind choice]
-# k and m of the natural logarithm of luma, where the reference is brighter and where it is darker [by blind choice]
-_BRIGHTER, _DARKER = (0.25, 0.40), (0.20, 0.26)
+_BRIGHTER = 0.25  # k of the natural logarithm of luma, where the reference is brighter [by blind choice]
+_DARKER = (0.20, 0.26)  # k and m, where it is darker [by blind choice]
 _HUE = 0.12  # k of chroma over luma [by blind choice]
 
 
@@ -40,19 +41,20 @@ def in_scene(reference: Floats, own: Floats, share: float) -> Floats:
     brighter = float(np.log(goal[0] / start[0]))
     richer = goal[1:] / goal[0] - start[1:] / start[0]
     far, off = abs(brighter), float(np.hypot(*richer))
-    gain = np.exp(-share * np.sign(brighter) * (far - _bright(far, *(_BRIGHTER if brighter > 0 else _DARKER))))
-    kept = 1.0 - share * (1.0 - _hue(off / _HUE))
+    borne = far * _kept(far / _BRIGHTER) if brighter > 0.0 else _ending(far, *_DARKER)
+    gain = np.exp(-share * np.sign(brighter) * (far - borne))
+    kept = 1.0 - share * (1.0 - _kept(off / _HUE))
     luma, chroma = np.split(to_opponent(reference), [1], axis=1)
     chroma = chroma - (1.0 - kept) * richer * luma
     return np.asarray(np.clip(to_rgb(gain * np.hstack([luma, chroma])), 0.0, 255.0), np.float32)
 
 
-def _bright(far: float, surely: float, most: float) -> float:
-    """x' of a difference of brightness, of which a scene bears `surely` as it is and `most` at most."""
+def _kept(far: float) -> float:
+    """x' / x of a difference that is so many k."""
+    return 1.0 if far <= 1.0 else (1.0 + float(np.log(far))) / far
+
+
+def _ending(far: float, surely: float, most: float) -> float:
+    """x' of a difference of which a scene bears `surely` as it is and `most` at most."""
     room = most - surely
     return far if far <= surely else surely + room * (1.0 - float(np.exp((surely - far) / room)))
-
-
-def _hue(far: float) -> float:
-    """x' / x of a difference of hue that is so many k."""
-    return 1.0 if far <= 1.0 else (1.0 + float(np.log(far))) / far

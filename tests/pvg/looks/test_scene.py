@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pvg.looks.scene import _bright, _hue, in_scene
+from pvg.looks.scene import _ending, _kept, in_scene
 from pvg.looks.tone import to_opponent, to_rgb
 
 TAN = (150.0, -0.25, 0.27)  # luma, B − Y and R − Y over it
@@ -36,13 +36,13 @@ def test_a_clips_own_colours_are_themselves(tone: tuple[float, float, float]) ->
     np.testing.assert_allclose(in_scene(skin(tone), skin(tone), 1.0), skin(tone), atol=1e-3)
 
 
-@pytest.mark.parametrize(("goal", "own"), [(PALE, DARK), (DARK, PALE)])
+@pytest.mark.parametrize(("goal", "own", "least", "most"), [(PALE, DARK, 0.4, 0.85), (DARK, PALE, 0.2, 0.4)])
 def test_brightness_and_hue_go_part_of_the_way(
-    goal: tuple[float, float, float], own: tuple[float, float, float]
+    goal: tuple[float, float, float], own: tuple[float, float, float], least: float, most: float
 ) -> None:
     luma, chroma = median(in_scene(skin(goal), skin(own), 1.0))
     (wanted, wanted_chroma), (start, start_chroma) = median(skin(goal)), median(skin(own))
-    assert 0.2 < np.log(luma / start) / np.log(wanted / start) < 0.4
+    assert least < np.log(luma / start) / np.log(wanted / start) < most
     way = (chroma - start_chroma) @ (wanted_chroma - start_chroma) / np.sum((wanted_chroma - start_chroma) ** 2)
     assert 0.4 < way < 0.95
 
@@ -62,14 +62,14 @@ def test_the_farther_the_smaller_the_share() -> None:
 
 
 @given(far=st.floats(0.01, 20.0), more=st.floats(1.001, 3.0))
-def test_a_hue_farther_off_is_farther_off_afterwards(far: float, more: float) -> None:
-    assert far * _hue(far) < far * more * _hue(far * more) <= far * more
+def test_what_is_farther_off_is_farther_off_afterwards(far: float, more: float) -> None:
+    assert far * _kept(far) < far * more * _kept(far * more) <= far * more
 
 
 @given(far=st.floats(0.0, 2.0), more=st.floats(0.0, 2.0))
-def test_brightness_farther_off_is_no_nearer_afterwards_and_has_an_end(far: float, more: float) -> None:
-    before, after = _bright(far, 0.25, 0.4), _bright(far + more, 0.25, 0.4)
-    assert before <= after <= min(far + more, 0.4)
+def test_what_has_an_end_goes_no_farther(far: float, more: float) -> None:
+    before, after = _ending(far, 0.2, 0.26), _ending(far + more, 0.2, 0.26)
+    assert before <= after <= min(far + more, 0.26)
     assert after - before <= more + 1e-9
 
 
