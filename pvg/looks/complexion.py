@@ -31,15 +31,16 @@ _YELLOWEST = np.radians(62.0)  # hue of CIELAB, at most [by eye]
 def complexion(reference: Floats, own: Floats, scene: float) -> Floats:
     """The colours (m, 3) that open skin `own` (n, 3) is to take from a `reference`'s (k, 3), 0-255 RGB, m ≤ k.
 
-    scene: in [0, 1], see `pvg.looks.scene`.
+    scene: in [0, 1], see `pvg.looks.scene`; how far what is richer, redder or yellower than skin is held to that, too.
     """
     skin = in_key_light(reference)
     if min(len(skin), len(own)) == 0:
         return skin
     skin = in_scene(skin, own, scene)
     lab, bound = _median_lab(skin), _median_lab(own)
-    if (held := _held(lab, bound)) is not None:
-        skin, lab = _moved(skin, lab, held), held
+    if scene > 0.0 and (held := _held(lab, bound)) is not None:
+        goal = lab + scene * (held - lab)
+        skin, lab = _moved(skin, lab, goal), goal
     usual = min(_USUAL - _FALL * (lab[0] - 60.0), _MOST)
     gain = min(usual, _saturation(bound)) / max(_saturation(lab), 1e-6)
     if gain <= 1.0:
@@ -61,7 +62,7 @@ def _held(lab: Doubles, own: Doubles) -> Doubles | None:
     held = min(chroma, max(_RICHEST, own_chroma))
     least = float(np.arccos(min(1.0, max(_REDDEST, float(own[1])) / max(held, 1e-6))))
     turned = max(min(hue, max(_YELLOWEST, own_hue)), least)
-    if held == chroma and turned == hue:
+    if held == chroma and abs(turned - hue) < 1e-6:
         return None
     return np.array([lab[0], held * np.cos(turned), held * np.sin(turned)])
 

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pvg.looks.complexion import complexion
+from pvg.looks.complexion import _held, complexion
 
 TAN = (60.0, 15.0, 20.0)  # CIELAB: C*/L* 0.42
 ASHEN = (60.0, 10.0, 13.0)  # 0.27
@@ -57,38 +57,50 @@ def median_lab(colors: np.ndarray) -> np.ndarray:
     return np.asarray(cv2.cvtColor(median, cv2.COLOR_RGB2LAB)[0, 0])
 
 
+def hue(lab: np.ndarray | tuple[float, float, float]) -> float:
+    return float(np.degrees(np.arctan2(lab[2], lab[1])))
+
+
+NEAR = skin((69.0, 21.0, 24.0))  # a clip whose scene bears them: nothing else holds them back
+OLIVE = (60.0, 8.7, 31.0)
+
+
 def test_flushed_skin_is_held_to_what_skin_is() -> None:
-    lightness, red, yellow = median_lab(complexion(skin(FLUSHED), skin(TAN), 0.0))
+    lightness, red, yellow = median_lab(complexion(skin(FLUSHED), NEAR, 1.0))
     assert lightness == pytest.approx(FLUSHED[0], abs=1.5)  # luma is kept, which is nearly the same
     assert red == pytest.approx(23.0, abs=0.8)
     assert np.hypot(red, yellow) == pytest.approx(32.0, abs=1.0)
 
 
+def test_skin_in_greenish_light_is_no_yellower_than_skin_is() -> None:
+    assert hue(OLIVE) > 70
+    assert hue(median_lab(complexion(skin(OLIVE), NEAR, 1.0))) <= 63.0
+
+
+@pytest.mark.parametrize("lab", [FLUSHED, OLIVE], ids=["flushed", "greenish"])
+def test_a_scene_of_zero_takes_them_as_they_are(lab: tuple[float, float, float]) -> None:
+    reference = skin(lab)
+    assert complexion(reference, NEAR, 0.0) is reference
+    whole, half = (median_lab(complexion(reference, NEAR, scene)) for scene in (1.0, 0.5))
+    assert np.linalg.norm(half - median_lab(reference)) < np.linalg.norm(whole - median_lab(reference))
+
+
 def test_a_clip_as_flushed_takes_it_as_it_is() -> None:
-    reference = skin(FLUSHED)
-    assert complexion(reference, skin((60.0, 32.0, 27.0)), 0.0) is reference
+    reference = np.clip(skin(FLUSHED), 0, 255)
+    np.testing.assert_allclose(complexion(reference, reference, 1.0), reference, atol=1e-3)
 
 
 def test_an_orange_lamp_is_held_in_chroma_alone() -> None:
-    _, red, yellow = median_lab(complexion(skin((63.0, 23.0, 35.0)), skin(TAN), 0.0))
-    assert np.hypot(red, yellow) == pytest.approx(32.0, abs=1.0)
-    assert np.degrees(np.arctan2(yellow, red)) == pytest.approx(np.degrees(np.arctan2(35.0, 23.0)), abs=1.5)
-
-
-def hue(lab: np.ndarray | tuple[float, float, float]) -> float:
-    return float(np.degrees(np.arctan2(lab[2], lab[1])))
-
-
-def test_skin_in_greenish_light_is_no_yellower_than_skin_is() -> None:
-    olive = (58.0, 8.7, 31.0)
-    assert hue(olive) > 70
-    assert hue(median_lab(complexion(skin(olive), skin(TAN), 0.0))) == pytest.approx(62.0, abs=2.0)
+    orange = np.array((63.0, 22.5, 35.0))
+    held = _held(orange, np.array(TAN))
+    assert held is not None
+    assert np.hypot(*held[1:]) == pytest.approx(32.0)
+    assert hue(held) == pytest.approx(hue(orange))
 
 
 @pytest.mark.parametrize("lab", [(45.0, 30.0, -35.0), (60.0, -30.0, 30.0)], ids=["purple", "green"])
 def test_coloured_light_is_meant(lab: tuple[float, float, float]) -> None:
-    reference = skin(lab)
-    assert complexion(reference, skin(TAN), 0.0) is reference
+    assert _held(np.array(lab), np.array(TAN)) is None
 
 
 def test_black_and_white_stays() -> None:
