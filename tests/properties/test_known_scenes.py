@@ -39,7 +39,8 @@ from tests.gallery.scenes import (
 # makes this look a stronger change, and with it all that is a share of it.
 PINNED = {
     "mask": 0.0587,  # share of the union of found and true skin that only one holds; before 0.0748
-    "steadiness": 0.0040,  # dB; before 0.0035
+    # dB; before 0.0035, then 0.0040 until the last row of a neck that the picture cuts took the look; wanted are 0.02
+    "steadiness": 0.0047,
     "warping": 1.82,  # output / input, by the known path; before 1.85
     "flutter": 0.554,  # levels: how much a skin point's correction changes while the face moves; before 0.549
     "leak": 0.0320,  # levels; before 0.0181; wanted are 0.2
