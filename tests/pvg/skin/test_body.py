@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from pvg.face import Landmarks, layout
+from pvg.raster import Raster
 from pvg.skin import BodyTracker, Matte, Scene, SceneReader, SkinTracker, fit_skin_model, person_mask, scene_raster
-from pvg.skin.body import color_tables
+from pvg.skin.body import _told_against, color_tables
+from pvg.skin.network import Told
 from pvg.skin.prior import head_shape
 from scripts.samples import Samples
 from tests.gallery.faces import fit_widest, read_rgb
@@ -70,6 +72,43 @@ def _tracker(drawn: Drawn) -> tuple[BodyTracker, SkinTracker]:
 def _step(body: BodyTracker, skin: SkinTracker, drawn: Drawn, scene: Scene) -> np.ndarray:
     matte = skin.step(drawn.rgb, drawn.landmarks)
     return _alpha(drawn, body.step(scene, drawn.landmarks, matte, skin.light))
+
+
+def test_the_network_speaks_against_what_hangs_beside_the_face_and_not_before_it() -> None:
+    drawn = _drawn()
+    scene = drawn.scene()
+    head = head_shape(drawn.landmarks.in_cells(scene.raster))
+    box = Raster.over(np.array([200, 20, 400, 330], np.float32), (155, 100))
+    told = Told(box, np.full(box.shape, 0.001, np.float32))
+    against = scene.raster.read(
+        _told_against(told, scene.raster, head), *(np.arange(n, dtype=np.float32) for n in SIZE[::-1])
+    )
+    assert against[150, 300] == 0  # the middle of the face: a hand may come before it
+    assert against[300, 220] == pytest.approx(2.0, abs=0.01)  # below and beside the chin
+    assert against[400, 470] == 0  # the hand, where nobody was asked
+    likely = Told(box, np.full(box.shape, 0.9, np.float32))
+    assert not _told_against(likely, scene.raster, head).any()
+
+
+def test_hair_nearly_of_the_skins_colour_is_left_out_when_the_network_says_so() -> None:
+    drawn = _drawn()
+    lock = np.zeros(SIZE, np.uint8)
+    cv2.rectangle(lock, (385, 200), (400, 300), 1, -1)
+    lock = (lock > 0) & drawn.wall
+    drawn.rgb[lock] = 0.55 * np.median(drawn.rgb[drawn.hand], axis=0) + 0.45 * np.array(HAIR)
+    scene = drawn.scene()
+    scene.person[:] = 255
+    (body, skin), (other, _) = _tracker(drawn), _tracker(drawn)
+    matte = skin.step(drawn.rgb, drawn.landmarks)
+    box = Raster.over(np.array([200, 20, 410, 330], np.float32), (155, 105))
+    told = Told(box, np.full(box.shape, 0.001, np.float32))
+    before, after = (
+        _alpha(drawn, each.step(scene, drawn.landmarks, matte, skin.light, said))
+        for each, said in ((body, None), (other, told))
+    )
+    assert before[lock].mean() > 0.15
+    assert after[lock].mean() < 0.6 * before[lock].mean()
+    assert after[drawn.hand].mean() > 0.98 * before[drawn.hand].mean()
 
 
 @pytest.mark.parametrize("tone", ["pale", "tan", "dark"])
