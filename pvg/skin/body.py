@@ -198,11 +198,8 @@ def _told_against(told: Told, raster: Raster, head: HeadShape) -> Floats:
 
     It was taught hair, collars and walls; of hands, which come before the face, it knows nothing.
     """
-    y, x = (along.astype(np.float32) for along in np.ogrid[: raster.shape[0], : raster.shape[1]])
-    across, down = head.axes.across, head.axes.down
-    off_x, off_y = x - head.middle[0], y - head.middle[1]
-    side, depth = off_x * across[0] + off_y * across[1], off_x * down[0] + off_y * down[1]
-    share = smoothstep(np.hypot(side / (head.width / 2), depth / (head.height / 2)), *_BODY.told_rise)
+    side, depth = head.places(raster.shape)
+    share = smoothstep(2 * head.size * np.hypot(side / head.width, depth / head.height), *_BODY.told_rise)
     return np.asarray(share * np.minimum(_BODY.told * told.against(raster), _BODY.told_most), np.float32)
 
 

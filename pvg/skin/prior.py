@@ -37,6 +37,13 @@ class HeadShape:
         """A length that a turn of the head changes little: see `pvg.skin.parameters`."""
         return max(1.0, float(np.sqrt(self.width * _BOX.size_height * self.height)))
 
+    def places(self, shape: tuple[int, ...]) -> tuple[Floats, Floats]:
+        """Where cells (h, w) of the head's picture lie, in sizes from its middle: across it and towards the chin."""
+        y, x = (along.astype(np.float32) for along in np.ogrid[: shape[0], : shape[1]])
+        across, down = self.axes.across, self.axes.down
+        off_x, off_y = (x - self.middle[0]) / np.float32(self.size), (y - self.middle[1]) / np.float32(self.size)
+        return off_x * across[0] + off_y * across[1], off_x * down[0] + off_y * down[1]
+
     def depth(self, points: Floats) -> float:
         """Mean position of points (n, 2) towards the chin, in sizes from the middle."""
         return float((points.mean(axis=0) - self.middle) @ self.axes.down) / self.size

@@ -20,10 +20,8 @@ def hair_odds(rgb: Bytes, person: Bytes, known: Floats, head: HeadShape, scale: 
     scale: of the face's skin on the key frame;  gain: (3,) to its light.
     """
     out = np.zeros(known.shape, np.float32)
-    y, x = (along.astype(np.float32) for along in np.ogrid[: known.shape[0], : known.shape[1]])
-    across, down = head.axes.across, head.axes.down
-    off_x, off_y = (x - head.middle[0]) / np.float32(head.size), (y - head.middle[1]) / np.float32(head.size)
-    side, depth = np.abs(off_x * across[0] + off_y * across[1]), off_x * down[0] + off_y * down[1]
+    side, depth = head.places(known.shape)
+    side = np.abs(side)
     half_width, half_height = head.width / 2 / head.size, head.height / 2 / head.size
     # half an ellipse over the head, upright below its middle
     away = np.hypot(side / (half_width + _BODY.head_beside), np.minimum(depth, 0) / (half_height + _BODY.head_above))

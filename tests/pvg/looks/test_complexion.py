@@ -18,9 +18,13 @@ def skin(lab: tuple[float, float, float], chroma: float = 1.0, count: int = 400)
     return (rng.uniform(0.8, 1.2, (count, 1)) * rgb + rng.normal(0, 2, (count, 3))).astype(np.float32)
 
 
-def lightness_and_saturation(colors: np.ndarray) -> tuple[float, float]:
+def median_lab(colors: np.ndarray) -> np.ndarray:
     median = (np.median(colors, axis=0) / 255).astype(np.float32).reshape(1, 1, 3)
-    lightness, a, b = cv2.cvtColor(median, cv2.COLOR_RGB2LAB)[0, 0]
+    return np.asarray(cv2.cvtColor(median, cv2.COLOR_RGB2LAB)[0, 0])
+
+
+def lightness_and_saturation(colors: np.ndarray) -> tuple[float, float]:
+    lightness, a, b = median_lab(colors)
     return float(lightness), float(np.hypot(a, b) / lightness)
 
 
@@ -50,11 +54,6 @@ def test_usual_skin_is_taken_as_it_is(lab: tuple[float, float, float]) -> None:
 
 
 FLUSHED = (69.0, 31.0, 25.0)  # C* 40
-
-
-def median_lab(colors: np.ndarray) -> np.ndarray:
-    median = (np.median(colors, axis=0) / 255).astype(np.float32).reshape(1, 1, 3)
-    return np.asarray(cv2.cvtColor(median, cv2.COLOR_RGB2LAB)[0, 0])
 
 
 def hue(lab: np.ndarray | tuple[float, float, float]) -> float:
