@@ -166,8 +166,8 @@ def test_what_a_wiped_broker_forgot_is_sent_again(
     until(lambda: sent_again(service) - before >= len(waiting), 120)
     taken = time.monotonic() - began
     attempts = {service.job(job)["attempt"] for job in running}
-    for job in running:
-        assert service.client.post(f"/jobs/{job}/cancel").status_code == 202
+    for job in running:  # a fast machine has ended them
+        assert service.client.post(f"/jobs/{job}/cancel").status_code in (202, 409)
     done = [service.finished(medium["job"]) for medium in waiting]
     drill.measured = f"{held} of {held} sent again after {taken:.1f} s, all succeeded ({AT})"
     drill.keep_to(taken, 30)

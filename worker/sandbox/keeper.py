@@ -19,6 +19,8 @@ _PASSED: Final = (
     *("HOME", "TMPDIR", "LANG", "LC_ALL", "TZ", "LD_LIBRARY_PATH", "PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV"),
     *("PYTHONDONTWRITEBYTECODE", "PYTHONPYCACHEPREFIX", "PVG_CACHE_DIR", "XDG_CACHE_HOME"),
     *("NUMBA_CACHE_DIR", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "NUMBA_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"),
+    # which code of OpenBLAS runs: the last bits of a look depend on it, and are to be the library's own
+    *("OPENBLAS_CORETYPE", "OPENBLAS_L2_SIZE"),
 )
 #: OpenBLAS would start its threads as it is loaded, and the method uses one anyway (docs/decisions/0010)
 _SET: Final = {
