@@ -51,9 +51,14 @@ _OWN_HUE = 0.5
 _LEAST_LUMA_SPREAD = 4.0  # levels: skin of less spread says nothing of how chroma changes with luma
 
 
+def luma_of(colors: Floats | Doubles) -> Doubles:
+    """(n,) luma of RGB (n, 3)."""
+    return np.asarray(colors @ _LUMA)
+
+
 def to_opponent(colors: Floats | Doubles) -> Doubles:
     """RGB (n, 3) as luma, B − Y and R − Y, levels of 255."""
-    luma = colors @ _LUMA
+    luma = luma_of(colors)
     return np.stack([luma, colors[:, 2] - luma, colors[:, 0] - luma], axis=1)
 
 
@@ -94,8 +99,11 @@ class UsualChroma:
         return np.asarray((self.start + self.slope * inside[:, None]) * np.clip(fade, 0.0, 1.0)[:, None])
 
 
-def tone_curve(source: Doubles, target: Doubles) -> Doubles:
-    """T as a table (256,): luma of `source` (n,) to that of `target` (m,), quantile by quantile, slopes bounded."""
+def tone_curve(source: Doubles, target: Doubles, depth: float = 1.0) -> Doubles:
+    """T as a table (256,): luma of `source` (n,) to that of `target` (m,), quantile by quantile, slopes bounded.
+
+    depth: in (0, 1], what the luma of features, darker than any skin, is multiplied by besides.
+    """
     s, t = np.quantile(source, _QUANTILES), np.quantile(target, _QUANTILES)
     middle = len(s) // 2
     gaps = np.diff(s)
@@ -108,7 +116,7 @@ def tone_curve(source: Doubles, target: Doubles) -> Doubles:
     s_middle, t_middle = min(max(float(s[middle]), 1.0), 254.0), float(t[middle])
     dark, ratio = _FEATURES * s_middle, t_middle / s_middle
     if dark < s[0]:  # brows, lashes and pupils are darker than any skin: they keep their distance to it in light
-        s, t = np.insert(s, 0, dark), np.insert(t, 0, max(dark * ratio, t[0] - _STEEPEST * (s[0] - dark)))
+        s, t = np.insert(s, 0, dark), np.insert(t, 0, max(dark * ratio * depth, t[0] - _STEEPEST * (s[0] - dark)))
         t = np.maximum.accumulate(t)
     kept = (s > 0.0) & (s < 255.0) & (t > 0.0) & (t < 255.0)
     s, t = s[kept], t[kept]
@@ -153,14 +161,17 @@ class SkinMap:
     broad: float
 
     @classmethod
-    def between(cls, skin: Floats, moved: Doubles) -> SkinMap:
-        """F for open-skin colours `skin` (n, 3) that the transport moved to `moved` (n, 3), 0-255 RGB."""
+    def between(cls, skin: Floats, moved: Doubles, depth: float = 1.0) -> SkinMap:
+        """F for open-skin colours `skin` (n, 3) that the transport moved to `moved` (n, 3), 0-255 RGB.
+
+        depth: of features, see `tone_curve`.
+        """
         source, target = to_opponent(skin), to_opponent(moved)
         own, goal = UsualChroma.of(source), UsualChroma.of(target)
         around, wanted = source[:, 1:] - own.at(source[:, 0]), target[:, 1:] - goal.at(target[:, 0])
         spread = np.sqrt(((wanted**2).sum(axis=1).mean() + 1.0) / ((around**2).sum(axis=1).mean() + 1.0))
         chroma = [float(np.hypot(*one[:, 1:].mean(axis=0))) + _LEAST_CHROMA for one in (target, source)]
-        tone = tone_curve(source[:, 0], target[:, 0])
+        tone = tone_curve(source[:, 0], target[:, 0], depth)
         middle = max(float(np.median(source[:, 0])), 1.0)
         brighter = float(np.interp(middle, np.arange(256.0), tone)) / middle
         most = min(1.0, brighter, chroma[0] / chroma[1])

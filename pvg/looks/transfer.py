@@ -20,6 +20,7 @@ from pvg.face.parts import PARTS
 from pvg.looks.apart import parts_apart
 from pvg.looks.color_map import SMALLEST_GROUP, ColorMap, TransportSteps, all_colors_map
 from pvg.looks.complexion import complexion
+from pvg.looks.depth import depth_of_features
 from pvg.looks.exposure import Exposure, at_exposure, leading_key
 from pvg.looks.light import light_ratio, relit
 from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, BodyMap, Contrast, FaceContrast, Look
@@ -112,12 +113,12 @@ def transfer(
             continue
         leading = leading_key([video.records[index] for index in person])
         plain, leading = leading, relit(leading, light_ratio(leading, target, light))
-        skin = _skin_map(leading, target, steps, scene) if match == "semantic" else None
+        skin = _skin_map(leading, target, steps, scene, contrast) if match == "semantic" else None
         apply = all_colors_map(leading, target, steps) if skin is None else _at_curves(skin)
         # the paper's way moves every key frame by the same map
         exposures = Exposure.between(leading, apply) if video.settings["matching"] != "chain" else None
         # light falls on the face alone
-        whole = skin if skin is not None and plain is leading else _body_map(plain, target, steps, scene)
+        whole = skin if skin is not None and plain is leading else _body_map(plain, target, steps, scene, contrast)
         for index in person:
             if index not in chosen:
                 continue
@@ -150,16 +151,22 @@ def _at_curves(skin: SkinMap) -> ColorMap:
     return lambda key: np.where(on_skin, skin(key.colors, skin.broad), skin(key.colors))
 
 
-def _skin_map(key: KeyFrame, target: KeyFrame, steps: TransportSteps, scene: float) -> SkinMap | None:
-    """The smooth map of the transport of the open skin; None without enough of it on either side."""
+def _skin_map(
+    key: KeyFrame, target: KeyFrame, steps: TransportSteps, scene: float, contrast: Contrast
+) -> SkinMap | None:
+    """The smooth map of the transport of the open skin; None without enough of it on either side.
+
+    A number for λ is the contrast of all that lies between the curves: then features are no deeper at them either.
+    """
     if min(len(key.skin), len(target.skin)) == 0:
         return None
-    return SkinMap.between(key.skin, steps.transport(key.skin, complexion(target.skin, key.skin, scene)))
+    moved = steps.transport(key.skin, complexion(target.skin, key.skin, scene))
+    return SkinMap.between(key.skin, moved, depth_of_features(key, target) if contrast == "auto" else 1.0)
 
 
-def _body_map(key: KeyFrame, target: KeyFrame, steps: TransportSteps, scene: float) -> SkinMap:
+def _body_map(key: KeyFrame, target: KeyFrame, steps: TransportSteps, scene: float, contrast: Contrast) -> SkinMap:
     """The same for the rest of a person's skin; curves stand in where there is too little open skin."""
-    skin = _skin_map(key, target, steps, scene)
+    skin = _skin_map(key, target, steps, scene, contrast)
     if skin is not None:
         return skin
     own, wanted = key.colors[key.visible], target.colors[target.visible]

@@ -197,6 +197,37 @@ def apply_map(
 
 
 @kernel(fastmath=True)
+def tinge(
+    luma: Samples | Floats,
+    log2x: int,
+    log2y: int,
+    blue: Samples | Floats,
+    red: Samples | Floats,
+    of_blue: Floats,
+    of_red: Floats,
+    least: Floats,
+    grey_blue: np.float32,
+    grey_red: np.float32,
+    low: np.float32,
+    high: np.float32,
+    out: Floats,
+) -> None:
+    """out (r, c) float32 = a smooth step from `low` to `high` of blue · of_blue + red · of_red + least, by luma's code.
+
+    blue, red: (r, c) samples of chroma, grey at `grey_blue` and `grey_red`;  luma: see `apply_map`.
+    """
+    one, none, most = np.float32(1.0), np.float32(0.0), len(least) - 1
+    wide = one / (high - low)
+    for i in range(out.shape[0]):
+        by, b, r, to = luma[min(i << log2y, luma.shape[0] - 1)], blue[i], red[i], out[i]
+        for j in range(len(to)):
+            code = min(max(int(by[min(j << log2x, len(by) - 1)]), 0), most)
+            of = (np.float32(b[j]) - grey_blue) * of_blue[code] + (np.float32(r[j]) - grey_red) * of_red[code]
+            t = min(max((of + least[code] - low) * wide, none), one)
+            to[j] = t * t * (np.float32(3.0) - np.float32(2.0) * t)
+
+
+@kernel(fastmath=True)
 def fade_in_dark(
     luma: Samples | Floats,
     alpha: Floats,

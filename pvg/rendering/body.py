@@ -23,6 +23,7 @@ from pvg.rendering.foreground import foreground
 from pvg.rendering.map_tables import MapTables
 from pvg.rendering.placed_body import PlacedBody
 from pvg.rendering.planes import luma_bend, opponent_matrix, over_chroma, with_patches, without_fine_detail
+from pvg.rendering.tinge import tinge, tinge_of
 from pvg.video import Frame, Patch
 
 
@@ -43,9 +44,11 @@ def apply_body(frame: Frame, body: PlacedBody, tables: MapTables, under: Sequenc
     weight = over_chroma(body.alpha, pixel_format)
     rows, columns = weight.shape
     x, y = left >> log2x, upper >> log2y
+    smooth = without_fine_detail(skin[1], log2x), without_fine_detail(skin[2], log2x)
+    weight = weight * tinge(tables, broad, smooth, (log2x, log2y))
     for p in (1, 2):
         before = frame.planes[p][y : y + rows, x : x + columns]
-        wide = without_fine_detail(skin[p], log2x) if tables.excess > 0 else skin[p]
+        wide = smooth[p - 1] if tables.excess > 0 else skin[p]
         part = with_patches(before, p, (x, y), under)
         shift, excess = tables.chroma[p - 1], np.float32(tables.excess)
         kernels.apply_chroma(part, wide, broad, log2x, log2y, weight, shift, excess, top)
@@ -65,7 +68,9 @@ def _apply_to_rgb(
     source = (np.stack(skin, axis=-1) @ to_opponent_codes.T + opponent.offset).astype(np.float32)
     bend = luma_bend(opponent)
     luma: Floats = np.ascontiguousarray(source[..., 0])
-    gained = tables.gained_of(source, without_fine_detail(source))
+    smooth = without_fine_detail(source)
+    gained = tables.gained_of(source, smooth)
+    gained[..., 1:] *= tinge_of(tables, smooth)[..., None]
     gained[..., 0] = _kernels.roll_off(luma + gained[..., 0], bend) - _kernels.roll_off(luma, bend)
     change = body.alpha[..., None] * (gained @ np.linalg.inv(to_opponent_codes).T)
     patches = []

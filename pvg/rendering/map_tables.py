@@ -25,13 +25,14 @@ class MapTables:
 
     tone: (2, n) float32 what luma gains by its code, by slopes of T above 1 and below;
     chroma: (2, n) float32 what each chroma plane gains by luma's code, `excess` of its own code aside;
-    offset: (3,) the codes of black and of grey.
+    offset: (3,) the codes of black and of grey;  usual: (2, n) float32 the chroma, above grey, of skin by luma's code.
     """
 
     tone: Floats
     chroma: Floats
     excess: float
     offset: Floats
+    usual: Floats
 
     @classmethod
     def of(
@@ -68,7 +69,9 @@ class MapTables:
         ]
         tone = look.strength * np.stack([rise, fall])
         offset = opponent.offset.astype(np.float32)
-        return cls(tone.astype(np.float32), np.stack(chroma).astype(np.float32), float(excess), offset)
+        own = np.stack([_read(codes, source[:, 0], source[:, p]) - opponent.offset[p] for p in (1, 2)])
+        tables = [one.astype(np.float32) for one in (tone, np.stack(chroma), own)]
+        return cls(tables[0], tables[1], float(excess), offset, tables[2])
 
     def gained(self, colors: Floats) -> Floats:
         """What luma and chroma (n, 3), black aside, gain."""

@@ -25,6 +25,7 @@ from pvg.rendering import _kernels as kernels
 from pvg.rendering.correction import Correction
 from pvg.rendering.guards import Guard
 from pvg.rendering.map_tables import MapTables
+from pvg.rendering.tinge import tinge, tinge_of
 from pvg.video import Frame, Patch, PixelFormat
 
 _FINE_PX = 5  # side of the boxes that take fine detail out [by eye: white specks go, brows and lids stay]
@@ -75,24 +76,30 @@ def apply_correction(
         return _apply_to_rgb(frame, corner, alpha, correction, under, guards, fade, skin)
     left, upper = corner
     pixel_format, contrast = frame.format, correction.contrast
+    log2x, _ = pixel_format.chroma_log2
     top = np.float32(2**pixel_format.depth - 1)
     patches = []
-    chroma_alpha = over_chroma(_alpha_of_chroma(alpha, guards), pixel_format)
+    chroma_alpha = over_chroma(alpha, pixel_format)
     fades = [_NO_FADE] * 3 if fade is None else [fade, *[over_chroma(fade, pixel_format)] * 2]
     if isinstance(contrast, MapTables):
-        source = skin[0] if skin else frame.planes[0][upper : upper + alpha.shape[0], left : left + alpha.shape[1]]
-        luma = without_fine_detail(source)
-    for p, plane in enumerate(frame.planes):
+        luma = without_fine_detail(skin[0] if skin else _samples(frame, 0, corner, alpha.shape))
+        blue, red = (
+            without_fine_detail(skin[p] if skin else _samples(frame, p, corner, chroma_alpha.shape), log2x)
+            for p in (1, 2)
+        )
+        chroma_alpha = chroma_alpha * tinge(contrast, luma, (blue, red), pixel_format.chroma_log2)
+    chroma_alpha = _with_guards(chroma_alpha, guards, pixel_format)
+    for p in range(len(frame.planes)):
         log2 = pixel_format.chroma_log2 if p else (0, 0)
         weight = chroma_alpha if p else alpha
         rows, columns = weight.shape
         x, y = left >> log2[0], upper >> log2[1]
-        before = plane[y : y + rows, x : x + columns].copy()  # contiguous as what is smoothed is: compiled once
+        before = _samples(frame, p, corner, weight.shape).copy()  # contiguous as what is smoothed is: compiled once
         part = with_patches(before, p, (x, y), under)
         places = _places(correction.lattice, corner, (columns, rows), log2)
         if isinstance(contrast, MapTables):
             own = skin[p] if skin else before
-            wide = luma if p == 0 else without_fine_detail(own, log2[0]) if contrast.excess > 0 else own
+            wide = (luma, blue, red)[p] if p == 0 or contrast.excess > 0 else own
             kernels.apply_map(
                 part,
                 own,
@@ -121,14 +128,21 @@ def apply_correction(
     return patches
 
 
-def _alpha_of_chroma(alpha: Floats, guards: Sequence[tuple[Guard, float]]) -> Floats:
-    """The matte with a part of what guards took out: in warm light white is a little warm."""
-    if not guards:
-        return alpha
-    out = alpha.copy()
+def _samples(frame: Frame, p: int, corner: tuple[int, int], shape: tuple[int, ...]) -> NDArray[Any]:
+    """Those of plane p over a face whose first pixel is at `corner` (x, y), (r, c)."""
+    log2x, log2y = frame.format.chroma_log2 if p else (0, 0)
+    x, y = corner[0] >> log2x, corner[1] >> log2y
+    return frame.planes[p][y : y + shape[0], x : x + shape[1]]
+
+
+def _with_guards(weight: Floats, guards: Sequence[tuple[Guard, float]], pixel_format: PixelFormat) -> Floats:
+    """The weight of chroma with a part of what guards took out: in warm light white is a little warm."""
+    out = weight.copy() if guards else weight
+    log2x, log2y = pixel_format.chroma_log2
     for guard, _ in guards:
-        rows, columns = guard.weight.shape
-        out[guard.y : guard.y + rows, guard.x : guard.x + columns] += _TINTED * guard.weight
+        held = _TINTED * over_chroma(guard.weight, pixel_format)
+        top, left = guard.y >> log2y, guard.x >> log2x
+        out[top : top + held.shape[0], left : left + held.shape[1]] += held
     return out
 
 
@@ -221,10 +235,12 @@ def _apply_to_rgb(
     def over_pixels(nodes: Floats) -> Floats:
         return Membrane(correction.lattice, nodes[None]).crop(left, upper, columns, rows)[..., 0]
 
-    contrast = correction.contrast
+    contrast, weight = correction.contrast, alpha
     if isinstance(contrast, MapTables):
         own = source + np.asarray(opponent.offset, np.float32)
-        wanted += contrast.gained_of(own, without_fine_detail(own))
+        broad = without_fine_detail(own)
+        wanted += contrast.gained_of(own, broad)
+        weight = alpha * tinge_of(contrast, broad)
     for p in range(3):
         if isinstance(contrast, float) and contrast != 1.0 and correction.low is not None:
             plane = source[..., p]
@@ -236,7 +252,7 @@ def _apply_to_rgb(
         wanted[..., 0], source[..., 0] = (kernels.roll_off(v, bend) for v in (wanted[..., 0], source[..., 0]))
     gained = wanted - source
     gained[..., 0] *= alpha
-    gained[..., 1:] *= _alpha_of_chroma(alpha, guards)[..., None]
+    gained[..., 1:] *= _with_guards(weight, guards, frame.format)[..., None]
     gained = gained @ np.linalg.inv(opponent_matrix(frame.format)).T + guarded
     patches = []
     for p in range(3):

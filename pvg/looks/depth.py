@@ -1,0 +1,43 @@
+"""How deep a face's features are: brows, lash lines and pupils beside its skin.
+
+A hazy or softly lit clip has brows and eyes that are hardly darker than its skin. The transport of the open skin says
+nothing of them, so a contrasty reference would give it skin alone, flat and veiled. Both faces have curves there: how
+dark those are beside the skin is measured on both, and the tone curve goes that much deeper below the skin.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pvg._arrays import Doubles
+from pvg.asset import KeyFrame
+from pvg.curves import GROUPS, table_labels
+from pvg.looks.tone import luma_of
+
+_FEATURES = ("brows", "eyes")
+_DARKEST = 0.1  # quantile of luma along the curves of a feature: its hairs or lashes, not the skin between them
+_FEWEST = 4  # visible samples of a feature
+_CLEAR = 0.3  # of the skin's luma: what is as dark as that is clear, and darker would be ink [by eye]
+_DEEPEST = 0.65  # at most; deeper, brows get hard and patchy [by blind choice]
+
+
+def depth_of_features(key: KeyFrame, reference: KeyFrame) -> float:
+    """What the luma of a clip's features is multiplied by beside its skin, to be as deep as a reference's.
+
+    In [0.65, 1]; 1 where the reference's are no deeper, or are not seen. Both faces have open skin.
+    """
+    own, wanted = _depths(key), _depths(reference)
+    gaps = np.log(np.maximum(wanted, _CLEAR) / np.maximum(own, _CLEAR))
+    seen = gaps[np.isfinite(gaps)]
+    return float(np.clip(np.exp(seen.mean()), _DEEPEST, 1.0)) if len(seen) else 1.0
+
+
+def _depths(key: KeyFrame) -> Doubles:
+    """(2,) luma of `_FEATURES` over that of the skin, NaN where one is hidden."""
+    luma, skin = luma_of(key.colors), max(float(np.median(luma_of(key.skin))), 1.0)
+    out = np.full(len(_FEATURES), np.nan)
+    for i, name in enumerate(_FEATURES):
+        on = (table_labels().group == GROUPS.index(name)) & key.visible
+        if on.sum() >= _FEWEST:
+            out[i] = np.quantile(luma[on], _DARKEST) / skin
+    return out

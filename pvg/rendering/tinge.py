@@ -1,0 +1,51 @@
+"""What is grey stays grey: how much of the skin's chroma a pixel has, and how far its own chroma is moved for it.
+
+F adds to a pixel what the chroma of skin gains at its luma. That is right for skin in any shade, but black brows would
+turn plum beside reddened skin, grey beards pink, and a collar or hair that the matte takes in by mistake orange. With
+m(Y) the chroma that is usual for skin at a luma, and c that of a pixel,
+
+    r = (c · m / |m| + e) / (|m| + e)
+
+is 1 on skin and 0 on what is grey, whatever the clip's light; chroma moves by the share s(r), a smooth step. e makes it
+1 where skin itself has hardly any chroma: a grey film is coloured as a whole.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pvg._arrays import Floats
+from pvg.rendering import _kernels as kernels
+from pvg.rendering.map_tables import MapTables
+
+_LEAST = 3.0  # e, levels of 255 [by eye]
+_GREY, _SKIN = np.float32(0.2), np.float32(0.6)  # r from where to where s rises from 0 to 1 [by eye]
+
+
+def tinge(
+    tables: MapTables, luma: NDArray[Any], chroma: tuple[NDArray[Any], NDArray[Any]], log2: tuple[int, int]
+) -> Floats:
+    """s (r, c) float32 of smoothed chroma samples (r, c);  luma: codes, smoothed, 2^log2[0] × 2^log2[1] as many."""
+    out = np.empty(chroma[0].shape, np.float32)
+    of_blue, of_red, least = projection(tables)
+    (blue, red), (_, grey_blue, grey_red) = chroma, tables.offset
+    kernels.tinge(luma, *log2, blue, red, of_blue, of_red, least, grey_blue, grey_red, _GREY, _SKIN, out)
+    return out
+
+
+def tinge_of(tables: MapTables, codes: Floats) -> Floats:
+    """s (h, w) of smoothed codes (h, w, 3) of luma and chroma, at the same pixels."""
+    luma, blue, red = (np.ascontiguousarray(codes[..., p]) for p in range(3))
+    return tinge(tables, luma, (blue, red), (0, 0))
+
+
+def projection(tables: MapTables) -> tuple[Floats, Floats, Floats]:
+    """r as c₁ a[Y] + c₂ b[Y] + d[Y]: a, b and d, (n,) by luma's code."""
+    codes = tables.usual.shape[1]
+    least = np.float32(_LEAST * codes / 256.0)
+    size = np.hypot(*tables.usual)
+    a, b = tables.usual / np.maximum(size * (size + least), np.float32(1e-6))
+    return a, b, least / (size + least)

@@ -1,0 +1,60 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pvg.looks import BodyMap, SkinMap
+from pvg.rendering.coding import Coding
+from pvg.rendering.map_tables import MapTables
+from pvg.rendering.tinge import tinge, tinge_of
+from pvg.video import RGB24, PixelFormat
+from tests.gallery.pictures import FORMATS
+
+ONCE = np.ones((1, 2), np.float32)
+
+
+def _skin(color: tuple[float, float, float]) -> np.ndarray:
+    light = np.random.default_rng(0).uniform(0.7, 1.2, (300, 1))
+    return (np.array(color) * light).astype(np.float32)
+
+
+def _tables(pixel_format: PixelFormat, color: tuple[float, float, float] = (190, 140, 115)) -> MapTables:
+    own = _skin(color)
+    return MapTables.of(BodyMap(SkinMap.between(own, 0.8 * own.astype(float)), 1.0, ONCE), pixel_format)
+
+
+def _share(
+    pixel_format: PixelFormat, *colors: tuple[float, float, float], tables: MapTables | None = None
+) -> np.ndarray:
+    codes = Coding(pixel_format).colors(np.array(colors, np.float32)) + pixel_format.opponent.offset
+    return tinge_of(tables or _tables(pixel_format), codes.astype(np.float32)[None])[0]
+
+
+@pytest.mark.parametrize("pixel_format", FORMATS, ids=lambda f: f.name)
+def test_skin_in_any_shade_moves_wholly_and_grey_not_at_all(pixel_format: PixelFormat) -> None:
+    skin = _share(pixel_format, (190, 140, 115), (220, 162, 133), (95, 70, 58), (210, 120, 110))
+    grey = _share(pixel_format, (150, 150, 150), (90, 90, 92), (230, 230, 230), (120, 130, 150))
+    np.testing.assert_allclose(skin, 1.0, atol=1e-4)
+    np.testing.assert_allclose(grey, 0.0, atol=0.05)
+
+
+def test_between_grey_and_skin_the_share_rises_without_a_step() -> None:
+    grey, skin = np.full(3, 150.0), np.array([190.0, 140.0, 115.0])
+    mixed = _share(RGB24, *(tuple(grey + t * (skin - grey)) for t in np.linspace(0, 1, 60)))  # type: ignore[misc]
+    assert (np.diff(mixed) >= -1e-6).all()
+    assert np.diff(mixed).max() < 0.08
+    assert (mixed[0], mixed[-1]) == (pytest.approx(0.0, abs=0.01), 1.0)
+
+
+def test_a_film_in_grey_is_coloured_as_a_whole() -> None:
+    grey = _tables(RGB24, (150, 150, 150))
+    np.testing.assert_allclose(_share(RGB24, (150, 150, 150), (60, 60, 60), (152, 150, 149), tables=grey), 1.0)
+
+
+def test_chroma_at_half_size_is_told_by_the_luma_over_it() -> None:
+    """Of the codes of luma the sample itself counts; an odd side has no neighbour."""
+    tables = _tables(next(f for f in FORMATS if f.chroma_log2 == (1, 1) and f.depth == 8))
+    luma = np.full((5, 7), 20, np.uint8)
+    luma[::2, ::2] = 150
+    chroma = tuple(np.full((3, 4), tables.offset[p] + tables.usual[p - 1, 150], np.uint8) for p in (1, 2))
+    np.testing.assert_allclose(tinge(tables, luma, chroma, (1, 1)), 1.0)  # type: ignore[arg-type]
