@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from pvg._arrays import Doubles
 from pvg.asset import KeyFrame
 from pvg.curves import GROUPS, table_labels
 from pvg.looks.tone import luma_of
@@ -26,18 +25,18 @@ def depth_of_features(key: KeyFrame, reference: KeyFrame) -> float:
 
     In [0.65, 1]; 1 where the reference's are no deeper, or are not seen. Both faces have open skin.
     """
-    own, wanted = _depths(key), _depths(reference)
-    gaps = np.log(np.maximum(wanted, _CLEAR) / np.maximum(own, _CLEAR))
-    seen = gaps[np.isfinite(gaps)]
-    return float(np.clip(np.exp(seen.mean()), _DEEPEST, 1.0)) if len(seen) else 1.0
+    own, wanted = _darkest(key), _darkest(reference)
+    if own is None or wanted is None:
+        return 1.0
+    return float(np.clip(max(wanted, _CLEAR) / max(own, _CLEAR), _DEEPEST, 1.0))
 
 
-def _depths(key: KeyFrame) -> Doubles:
-    """(2,) luma of `_FEATURES` over that of the skin, NaN where one is hidden."""
+def _darkest(key: KeyFrame) -> float | None:
+    """Luma of the darkest of `_FEATURES` over that of the skin: fair brows are no haze. None where all are hidden."""
     luma, skin = luma_of(key.colors), max(float(np.median(luma_of(key.skin))), 1.0)
-    out = np.full(len(_FEATURES), np.nan)
-    for i, name in enumerate(_FEATURES):
+    found = []
+    for name in _FEATURES:
         on = (table_labels().group == GROUPS.index(name)) & key.visible
         if on.sum() >= _FEWEST:
-            out[i] = np.quantile(luma[on], _DARKEST) / skin
-    return out
+            found.append(float(np.quantile(luma[on], _DARKEST)) / skin)
+    return min(found, default=None)

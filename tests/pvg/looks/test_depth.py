@@ -43,9 +43,13 @@ def test_what_is_clear_already_and_what_is_far_off_is_bounded() -> None:
     assert depth_of_features(_face(0.9, 0.9), _face(0.05, 0.05)) == pytest.approx(_DEEPEST)
 
 
+def test_fair_brows_over_dark_eyes_are_no_haze() -> None:
+    assert depth_of_features(_face(0.9, _CLEAR), _face(0.1, 0.1)) == 1.0
+
+
 @pytest.mark.parametrize(("hidden", "wanted"), [(("eyes",), 0.8), (("brows", "eyes"), 1.0)])
 def test_a_feature_that_is_hidden_says_nothing(hidden: tuple[str, ...], wanted: float) -> None:
-    assert depth_of_features(_face(0.5, 0.9, hidden), _face(0.4, 0.3)) == pytest.approx(wanted, abs=0.01)
+    assert depth_of_features(_face(0.5, 0.1, hidden), _face(0.4, 0.4)) == pytest.approx(wanted, abs=0.01)
 
 
 def test_depth_reaches_features_and_leaves_skin() -> None:
