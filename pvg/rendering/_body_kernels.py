@@ -13,7 +13,8 @@ from pvg.rendering._kernels import Samples, _roll_off, next_run
 def apply_tone(
     part: Samples, before: Samples, broad: Samples, alpha: Floats, tables: Floats, bend: Floats, top: np.float32
 ) -> None:
-    """part += α (R(before + rise[broad] + fall[before]) − R(before)), in place, rounded and held to [0, top].
+    """part += α (R(before + rise[broad] + fall[before]) − R(before)), in place, rounded and held to [0, top];
+    see `planes.not_beyond`.
 
     part, before, broad: (h, w) samples of luma, broad the same or smoothed;  alpha: (h, w);
     tables: (2, top + 1), rise and fall: what a tone curve adds, by its slopes above 1 and by those below;
@@ -35,13 +36,16 @@ def apply_tone(
                 wanted = source + change[j]
                 change[j] = _roll_off(wanted, toe, below, knee, above) - _roll_off(source, toe, below, knee, above)
             for j in range(last - first):
-                to[j] = np.int32(min(max(np.float32(to[j]) + weight[j] * change[j] + half, none), top))
+                here = np.float32(to[j])
+                moved = min(here + weight[j] * change[j], max(here, np.float32(was[j]) + change[j]))
+                to[j] = np.int32(min(max(moved + half, none), top))
             first, last = next_run(alpha[i], last)
 
 
 @kernel(fastmath=True)
 def apply_chroma(
     part: Samples,
+    before: Samples,
     broad: Samples,
     luma: Samples,
     log2x: int,
@@ -51,9 +55,10 @@ def apply_chroma(
     excess: np.float32,
     top: np.float32,
 ) -> None:
-    """part += α (shift[luma] + excess · broad), in place, rounded and held to [0, top].
+    """part += α (shift[luma] + excess · broad), in place, rounded and held to [0, top]; see `planes.not_beyond`.
 
-    part, broad: (h, w) samples of chroma, broad as they came or smoothed;  luma: smoothed, 2^log2x × 2^log2y as many;
+    part, before, broad: (h, w) samples of chroma, before those of the skin, broad the same or smoothed;
+    luma: smoothed, 2^log2x × 2^log2y as many;
     alpha: (h, w);  shift: (top + 1,).
     """
     half, none = np.float32(0.5), np.float32(0.0)
@@ -63,5 +68,7 @@ def apply_chroma(
         while first < last:
             for j in range(first, last):
                 change = shift[luma[y, min(j << log2x, luma.shape[1] - 1)]] + excess * np.float32(broad[i, j])
-                part[i, j] = np.int32(min(max(np.float32(part[i, j]) + alpha[i, j] * change + half, none), top))
+                here, skin = np.float32(part[i, j]), np.float32(before[i, j]) + change
+                moved = min(max(here + alpha[i, j] * change, min(here, skin)), max(here, skin))
+                part[i, j] = np.int32(min(max(moved + half, none), top))
             first, last = next_run(alpha[i], last)

@@ -155,7 +155,8 @@ def apply_map(
 ) -> None:
     """part += α (R(F(before) + w shift) − R(before)), in place: u' = F(I) + H(g' − F(g)), rounded and held to [0, top].
 
-    F(before) = before + rise[by] + fall[before] + excess · broad.  R is `_roll_off`.
+    F(before) = before + rise[by] + fall[before] + excess · broad.  R is `_roll_off`.  What is here is bounded by
+    what the skin in it becomes, see `planes.not_beyond`.
     part, before, broad: (r, c) samples of a plane, as the frame came and smoothed;  by: smoothed luma, 2^log2x ×
     2^log2y as many;  shift: H(g' − F(g)), and alpha, columns, rows: see `apply_contrast`;  tables: (2, top + 1), rise
     and fall, or (1, top + 1), rise alone;  fade: (r, c) float32 w, see `fade_in_dark`, without rows it is 1;
@@ -193,7 +194,10 @@ def apply_map(
                 wanted = source + change[j]
                 change[j] = _roll_off(wanted, toe, below, knee, above) - _roll_off(source, toe, below, knee, above)
         for j in range(last - first):
-            to[j] = np.int32(min(max(np.float32(to[j]) + v[j] * change[j] + half, none), top))
+            here, skin = np.float32(to[j]), np.float32(was[j]) + change[j]
+            least = none if falls else min(here, skin)
+            moved = min(max(here + v[j] * change[j], least), max(here, skin))
+            to[j] = np.int32(min(max(moved + half, none), top))
 
 
 @kernel(fastmath=True)

@@ -22,7 +22,7 @@ from pvg.rendering import _kernels
 from pvg.rendering.foreground import foreground
 from pvg.rendering.map_tables import MapTables
 from pvg.rendering.placed_body import PlacedBody
-from pvg.rendering.planes import luma_bend, opponent_matrix, over_chroma, with_patches, without_fine_detail
+from pvg.rendering.planes import luma_bend, not_beyond, opponent_matrix, over_chroma, with_patches, without_fine_detail
 from pvg.rendering.tinge import tinge, tinge_of
 from pvg.video import Frame, Patch
 
@@ -51,7 +51,7 @@ def apply_body(frame: Frame, body: PlacedBody, tables: MapTables, under: Sequenc
         wide = smooth[p - 1] if tables.excess > 0 else skin[p]
         part = with_patches(before, p, (x, y), under)
         shift, excess = tables.chroma[p - 1], np.float32(tables.excess)
-        kernels.apply_chroma(part, wide, broad, log2x, log2y, weight, shift, excess, top)
+        kernels.apply_chroma(part, skin[p], wide, broad, log2x, log2y, weight, shift, excess, top)
         patches.append(Patch(p, y, x, part))
     return patches
 
@@ -70,9 +70,10 @@ def _apply_to_rgb(
     luma: Floats = np.ascontiguousarray(source[..., 0])
     smooth = without_fine_detail(source)
     gained = tables.gained_of(source, smooth)
-    gained[..., 1:] *= tinge_of(tables, smooth)[..., None]
+    weights = np.stack([body.alpha, *[body.alpha * tinge_of(tables, smooth)] * 2], axis=-1)
     gained[..., 0] = _kernels.roll_off(luma + gained[..., 0], bend) - _kernels.roll_off(luma, bend)
-    change = body.alpha[..., None] * (gained @ np.linalg.inv(to_opponent_codes).T)
+    here = np.asarray(before @ to_opponent_codes.T + opponent.offset, np.float32)
+    change = not_beyond(weights * gained, here, source + gained) @ np.linalg.inv(to_opponent_codes).T
     patches = []
     for p in range(3):
         part = with_patches(before[..., p], p, (left, upper), under)

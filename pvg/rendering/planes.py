@@ -226,11 +226,11 @@ def _apply_to_rgb(
     opponent = frame.format.opponent
     window = slice(upper, upper + rows), slice(left, left + columns)
     before = _stacked(frame, window)
-    source = _opponent_of(before, frame.format)
-    guarded = _scaled_rgb(before, source[..., 0].copy(), guards, luma_bend(opponent))
-    if skin and isinstance(correction.contrast, MapTables):
-        source = _opponent_of(np.stack(skin, axis=-1), frame.format)
-    wanted = source.copy()
+    here = _opponent_of(before, frame.format)
+    guarded = _scaled_rgb(before, here[..., 0].copy(), guards, luma_bend(opponent))
+    mapped = isinstance(correction.contrast, MapTables)
+    source = _opponent_of(np.stack(skin, axis=-1), frame.format) if skin and mapped else here.copy()
+    wanted, shown = source.copy(), source.copy()
 
     def over_pixels(nodes: Floats) -> Floats:
         return Membrane(correction.lattice, nodes[None]).crop(left, upper, columns, rows)[..., 0]
@@ -251,8 +251,8 @@ def _apply_to_rgb(
         bend = luma_bend(opponent)
         wanted[..., 0], source[..., 0] = (kernels.roll_off(v, bend) for v in (wanted[..., 0], source[..., 0]))
     gained = wanted - source
-    gained[..., 0] *= alpha
-    gained[..., 1:] *= _with_guards(weight, guards, frame.format)[..., None]
+    weights = np.stack([alpha, *[_with_guards(weight, guards, frame.format)] * 2], axis=-1)
+    gained = not_beyond(weights * gained, here, shown + gained) if mapped else weights * gained
     gained = gained @ np.linalg.inv(opponent_matrix(frame.format)).T + guarded
     patches = []
     for p in range(3):
@@ -260,6 +260,18 @@ def _apply_to_rgb(
         new = np.clip(np.rint(gained[..., p] + part), 0, 2**frame.format.depth - 1).astype(frame.format.dtype)
         patches.append(Patch(p, upper, left, new))
     return patches
+
+
+def not_beyond(gained: Floats, here: Floats, skin: Floats) -> Floats:
+    """What samples of luma and chroma (…, 3) that were `here` gain, bounded by `skin`, what the skin in them becomes.
+
+    Where a matte is too large at its edge, what lies behind would shine, or take the complement of the hue that skin
+    loses: neither does luma rise above both, nor does chroma leave what lies between. Luma may fall below both: hairs
+    over skin that is made dark keep their distance to it.
+    """
+    moved = np.minimum(here + gained, np.maximum(here, skin))
+    moved[..., 1:] = np.maximum(moved[..., 1:], np.minimum(here, skin)[..., 1:])
+    return np.asarray(moved - here, np.float32)
 
 
 def opponent_matrix(pixel_format: PixelFormat) -> Doubles:

@@ -69,3 +69,30 @@ def test_an_edge_changes_by_its_share_of_what_the_skin_changes(pixel_format: Pix
         drawn = frame.patched(apply_correction(frame, (0, 0), alpha, correction, skin=skin))
         off[skin is None] = np.abs((drawn.rgb()[48] - frame.rgb()[48].astype(float)) @ luma - wanted).max()
     assert off[False] < 0.5 * off[True]
+
+
+@pytest.mark.parametrize("pixel_format", FORMATS, ids=lambda f: f.name)
+def test_a_wall_under_a_matte_that_is_too_large_neither_shines_nor_takes_another_hue(pixel_format: PixelFormat) -> None:
+    """Skin is made as bright as the wall, and half as red: between them little is brighter, and nothing less red."""
+    alpha = edge()
+    true = (alpha >= 0.97).astype(np.float32)
+    wall, luma_of_skin = np.full(3, 170.0), float(SKIN @ np.array((0.299, 0.587, 0.114)))
+    frame = frame_of(mixed(true, wall), pixel_format)
+    skin = foreground(frame, (0, 0), alpha, STEP)
+    lattice = Lattice.over((0, 0, SIDE, SIDE), target_height=12)
+    gain = pixel_format.opponent.matrix @ (np.array((190.0, 160.0, 150.0)) - SKIN)
+    shift = np.float32(gain)[:, None, None] * np.ones((1, lattice.height, lattice.width), np.float32)
+    drawn = frame.patched(
+        apply_correction(frame, (0, 0), alpha, Correction(lattice, shift, tables(pixel_format)), skin=skin)
+    )
+    row = drawn.rgb()[48].astype(float)
+    luma = row @ np.array((0.299, 0.587, 0.114))
+    bright, red = luma[:8].mean(), row[:8, 0].mean() - luma[:8].mean()
+    gain_of_red = red - (SKIN[0] - luma_of_skin)  # less than 0
+    assert bright > 155
+    assert red > 12
+    # where the matte is nearly sure, skin cannot be told from the wall
+    thin = (alpha[48] > 0.2) & (alpha[48] < 0.7)
+    unbounded = 170 + alpha[48] * (bright - luma_of_skin)
+    assert (luma - 170)[thin].mean() < 0.6 * (unbounded - 170)[thin].mean()
+    assert (row[:, 0] - luma)[thin].mean() > 0.6 * (alpha[48] * gain_of_red)[thin].mean()
