@@ -6,8 +6,8 @@ of its lightness usually is gains chroma, up to that, and never beyond what the 
 grey, and a clip's own colours are themselves.
 
 Skin that is richer, redder or yellower than skin is, flushed, burnt out or under an orange or a greenish lamp, turns
-another face to salmon, orange or olive. Its chroma is held to what skin has, its saturation to a bit more than the
-clip's skin has, and its hue turned until it is no redder and no yellower, though never beyond the clip's own.
+another face to salmon, orange or olive. Its chroma is held to what skin has and its hue turned until it is no redder
+and no yellower, though never beyond the clip's own.
 """
 
 from __future__ import annotations
@@ -26,9 +26,6 @@ _USUAL, _FALL, _MOST = 0.36, 0.004, 0.40
 _GAIN = 1.3  # of chroma, at most [by blind choice]: a grade in black and white is meant
 _RICHEST, _REDDEST = 32.0, 23.0  # C* and a* of CIELAB, at most [by blind choice: C* of 32 rather than 28 or any]
 _YELLOWEST = np.radians(62.0)  # hue of CIELAB, at most [by eye]
-# saturation that any clip bears, and how much more than its own skin's: richer skin is orange in a cool or grey scene
-# [by blind choice: in a warm scene it is chosen]
-_BORNE, _BEYOND_OWN = 0.52, 0.2
 
 
 def complexion(reference: Floats, own: Floats, scene: float) -> Floats:
@@ -62,8 +59,7 @@ def _held(lab: Doubles, own: Doubles) -> Doubles | None:
     own_chroma, own_hue = _chroma_and_hue(own)
     if not 0.0 < hue < np.pi / 2:
         return None
-    borne = max(_BORNE, _saturation(own) + _BEYOND_OWN) * float(lab[0])
-    held = min(chroma, max(min(_RICHEST, borne), own_chroma))
+    held = min(chroma, max(_RICHEST, own_chroma))
     least = float(np.arccos(min(1.0, max(_REDDEST, float(own[1])) / max(held, 1e-6))))
     turned = max(min(hue, max(_YELLOWEST, own_hue)), least)
     if held == chroma and abs(turned - hue) < 1e-6:

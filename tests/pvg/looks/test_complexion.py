@@ -71,17 +71,6 @@ def test_flushed_skin_is_held_to_what_skin_is() -> None:
     assert np.hypot(red, yellow) == pytest.approx(32.0, abs=1.0)
 
 
-AMBER = (42.0, 16.0, 24.0)  # C*/L* 0.69
-
-
-@pytest.mark.parametrize(("own", "borne"), [(0.27, 0.52), (0.42, 0.62), (0.60, 0.69)])
-def test_a_cool_scene_bears_less_of_rich_skin_than_a_warm_one(own: float, borne: float) -> None:
-    clip = skin((43.0, 0.55 * own * 43, 0.835 * own * 43))
-    held = complexion(skin(AMBER), clip, 1.0)
-    assert lightness_and_saturation(held)[1] == pytest.approx(borne, abs=0.03)
-    assert hue(median_lab(held)) == pytest.approx(hue(AMBER), abs=2.0)
-
-
 def test_skin_in_greenish_light_is_no_yellower_than_skin_is() -> None:
     assert hue(OLIVE) > 70
     assert hue(median_lab(complexion(skin(OLIVE), NEAR, 1.0))) <= 63.0
