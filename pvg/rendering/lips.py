@@ -68,12 +68,22 @@ def lips_shown(frame: Frame, landmarks: Landmarks, key: KeyFrame, lattice: Latti
     return out
 
 
-def _beside(plane: Floats, margin: float) -> np.float32:
-    """Median of a plane (h, w) along its border, which lies on skin: what light falls there now."""
-    inner = np.ones(plane.shape, np.bool_)
+def _beside(plane: Floats, margin: float) -> Floats:
+    """What a plane (h, w) would be if all of it were the skin along its border: its median and slopes there.
+
+    Light from one side makes lips on that side as bright as skin on the other one.
+    """
+    h, w = plane.shape
+    border = np.ones((h, w), np.bool_)
     wide = max(1, int(0.5 * margin))
-    inner[wide:-wide, wide:-wide] = False
-    return np.float32(np.median(plane[inner]))
+    border[wide:-wide, wide:-wide] = False
+    y, x = np.mgrid[:h, :w].astype(np.float32)
+    y, x = y - (h - 1) / 2, x - (w - 1) / 2
+    values = plane[border]
+    middle = np.median(values)
+    at = np.stack([x[border], y[border]], axis=1)
+    slopes = np.linalg.lstsq(at, np.clip(values - middle, -_OTHER, _OTHER), rcond=None)[0]
+    return np.asarray(middle + slopes[0] * x + slopes[1] * y, np.float32)
 
 
 def _tints(codes: Floats, level: np.float32) -> Floats:

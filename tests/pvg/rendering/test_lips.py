@@ -52,6 +52,23 @@ def test_lips_are_shown_in_any_light(
     assert shown[within].min() > 0.9
 
 
+@pytest.mark.parametrize("lips", [LIPS, PALE_LIPS, None])
+def test_light_from_one_side_hides_no_half_of_the_lips(
+    face: FaceInFrame, lips: tuple[float, float, float] | None
+) -> None:
+    """Lips on the lit side are as bright as skin on the other one; skin over the mouth is still no lip."""
+    picture, within = mouth(face, lips or SKIN)
+    outline = face.landmarks.points[layout.LIPS_OUTER]
+    across = (np.arange(640) - outline[:, 0].mean()) / np.ptp(outline[:, 0])
+    picture *= np.exp(-0.5 * np.clip(across, -1, 1))[:, None]
+    shown = lips_shown(frame_of(picture, YUV444), face.landmarks, key_of(lips or PALE_LIPS), LATTICE)
+    assert shown is not None
+    if lips:
+        assert shown[within].min() > 0.85
+    else:
+        assert shown[within].max() < 0.1
+
+
 @pytest.mark.parametrize("pixel_format", [YUV444, RGB24], ids=["clip", "still"])
 @pytest.mark.parametrize("lips", [LIPS, PALE_LIPS])
 def test_a_finger_over_the_mouth_is_no_lip(
