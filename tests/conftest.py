@@ -22,7 +22,12 @@ settings.load_profile("no clock")
 REPOSITORY = Path(__file__).resolve().parents[1]
 
 #: these start no processes of the service, and no seconds count in them
-_BESIDE = ("pvg/", "properties/", "benchmarks/", "gallery/", "fuzz/", "service/catalog/", "service/test_backup.py")
+_BESIDE = (
+    *("pvg/", "properties/", "benchmarks/", "gallery/", "fuzz/", "contract/", "service/catalog/"),
+    "service/test_backup.py",
+)
+#: all of these start processes; the client's are here so that the three groups take equally long
+_WORKER = ("worker/", "client/")
 
 
 @pytest.hookimpl(tryfirst=True)  # xdist looks at the groups in a hook of its own
@@ -34,8 +39,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """
     for item in items:
         place = item.path.relative_to(REPOSITORY / "tests").as_posix()
-        beside = "beside" if place.startswith(_BESIDE) else None
-        item.add_marker(pytest.mark.xdist_group(beside or ("worker" if place.startswith("worker/") else "service")))
+        group = "beside" if place.startswith(_BESIDE) else "worker" if place.startswith(_WORKER) else "service"
+        item.add_marker(pytest.mark.xdist_group(group))
 
 
 @pytest.fixture(autouse=True)
