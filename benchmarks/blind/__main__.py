@@ -47,26 +47,29 @@ def _entry(drawn: DrawnPair, against: str) -> KeyEntry:
 
 
 def _save(drawn: DrawnPair, rival: list[Image], folder: Path) -> None:
+    """Two sheets of a pair, the second one with its sides swapped, for another viewer."""
     sides = (drawn.ours, rival) if drawn.pair.ours_is_a else (rival, drawn.ours)
-    sheet = draw_sheet(drawn.pair.number, drawn.reference, sides, drawn.crops)
-    write_image(folder / f"{drawn.pair.number:03d}.png", sheet)
+    for name, shown in (("sheets", sides), ("sheets-swapped", (sides[1], sides[0]))):
+        sheet = draw_sheet(drawn.pair.number, drawn.reference, shown, drawn.crops)
+        write_image(folder / name / f"{drawn.pair.number:03d}.png", sheet)
 
 
 def main() -> None:
     """Draw the sheets, the key and the table to fill in."""
     options = _options()
-    choices = options.out / "choices.csv"
-    if choices.exists() and read_choices(choices):
-        raise SystemExit(f"{choices} is filled in; move it away or take another folder with --out")
+    tables = [options.out / name for name in ("choices.csv", "choices-swapped.csv")]
+    for choices in tables:
+        if choices.exists() and read_choices(choices):
+            raise SystemExit(f"{choices} is filled in; move it away or take another folder with --out")
     commit = None if options.against in RIVALS else revision_of(options.against)
     material = find_material()
     clips = choose(half_of(sorted(material.clips), options.half), options.clips)
     portraits = half_of(usable_portraits(material.portraits), options.half)
     pairs = plan_pairs(clips, portraits, options.pairs, options.seed)
-    sheets = options.out / "sheets"
-    sheets.mkdir(parents=True, exist_ok=True)
-    for old in sheets.glob("*.png"):
-        old.unlink()
+    for name in ("sheets", "sheets-swapped"):
+        (options.out / name).mkdir(parents=True, exist_ok=True)
+        for old in (options.out / name).glob("*.png"):
+            old.unlink()
     entries = []
     with tempfile.TemporaryDirectory() as name:
         assets = options.assets or Path(name) / "assets"
@@ -78,14 +81,15 @@ def main() -> None:
             for i, one in enumerate(drawn):
                 rival = elsewhere[i] if elsewhere is not None else one.rival
                 assert rival is not None
-                _save(one, rival, sheets)
+                _save(one, rival, options.out)
                 entries.append(_entry(one, options.against))
             print(f"{len(entries):3d} of {len(pairs)} sheets", flush=True)
     entries.sort(key=lambda entry: entry.number)
     about = {"against": options.against, "commit": commit, "half": options.half, "seed": options.seed}
     write_key(options.out / "key" / "key.json", entries, about)
-    write_template(choices, [entry.number for entry in entries])
-    print(f"sheets in {sheets}; the key, not to be looked at, in {options.out / 'key'}")
+    for choices in tables:
+        write_template(choices, [entry.number for entry in entries])
+    print(f"sheets in {options.out}; the key, not to be looked at, in {options.out / 'key'}")
 
 
 if __name__ == "__main__":

@@ -1,11 +1,11 @@
-"""`python -m benchmarks.blind.score KEY CHOICES [CHOICES...]`: who was chosen how often, and why ours lost."""
+"""`python -m benchmarks.blind.score KEY [CHOICES...] [--swapped CHOICES...]`: who was chosen, and why ours lost."""
 
 from __future__ import annotations
 
 import argparse
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from scipy.stats import binomtest
@@ -29,6 +29,11 @@ class Judged:
     def for_ours(self) -> bool:
         """Whether ours was chosen."""
         return self.entry.whose(self.choice) == OURS
+
+
+def swapped(key: dict[int, KeyEntry]) -> dict[int, KeyEntry]:
+    """The key of the sheets whose sides are swapped."""
+    return {number: replace(entry, a=entry.b, b=entry.a) for number, entry in key.items()}
 
 
 def judge(key: dict[int, KeyEntry], choices: Iterable[tuple[int, str, str]], viewer: str) -> list[Judged]:
@@ -86,10 +91,14 @@ def main() -> None:
     """Score the choices."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.blind.score", description=__doc__)
     parser.add_argument("key", type=Path)
-    parser.add_argument("choices", type=Path, nargs="+")
+    parser.add_argument("choices", type=Path, nargs="*", help="of viewers who saw the sheets")
+    parser.add_argument(
+        "--swapped", type=Path, nargs="*", default=[], help="of viewers who saw those with swapped sides"
+    )
     options = parser.parse_args()
     key = read_key(options.key)
-    print(score([row for path in options.choices for row in judge(key, read_choices(path), path.stem)]))
+    read = [(key, path) for path in options.choices] + [(swapped(key), path) for path in options.swapped]
+    print(score([row for one, path in read for row in judge(one, read_choices(path), path.stem)]))
 
 
 if __name__ == "__main__":

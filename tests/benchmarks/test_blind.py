@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.blind.key import OURS, RIVAL, KeyEntry, read_choices, read_key, write_key, write_template
 from benchmarks.blind.plan import plan_pairs
-from benchmarks.blind.score import interval, judge, score
+from benchmarks.blind.score import interval, judge, score, swapped
 from benchmarks.blind.sheets import SIZE, draw_sheet
 from benchmarks.quality.media import half_of, usable_portraits
 
@@ -97,3 +97,10 @@ def test_the_interval_is_the_exact_binomial_one() -> None:
     low, high = interval(20, 40)
     assert low == pytest.approx(1 - high)
     assert 0.33 < low < 0.35
+
+
+def test_a_viewer_who_always_takes_the_left_one_says_nothing_with_sides_swapped() -> None:
+    key = {number: entry(number, OURS if number % 3 else RIVAL) for number in range(1, 13)}
+    left = [(number, "A", "") for number in key]
+    rows = judge(key, left, "one") + judge(swapped(key), left, "two")
+    assert sum(row.for_ours for row in rows) == len(key)
