@@ -228,9 +228,8 @@ def _apply_to_rgb(
     before = _stacked(frame, window)
     here = _opponent_of(before, frame.format)
     guarded = _scaled_rgb(before, here[..., 0].copy(), guards, luma_bend(opponent))
-    mapped = isinstance(correction.contrast, MapTables)
-    source = _opponent_of(np.stack(skin, axis=-1), frame.format) if skin and mapped else here.copy()
-    wanted, shown = source.copy(), source.copy()
+    source = _opponent_of(np.stack(skin, axis=-1), frame.format) if skin and correction.mapped else here
+    wanted = source.copy()
 
     def over_pixels(nodes: Floats) -> Floats:
         return Membrane(correction.lattice, nodes[None]).crop(left, upper, columns, rows)[..., 0]
@@ -247,12 +246,13 @@ def _apply_to_rgb(
             mean = np.average(plane - over_pixels(correction.low[p]), weights=alpha)
             wanted[..., p] += (contrast - 1.0) * (plane - np.float32(mean))
         wanted[..., p] += over_pixels(correction.shift[p]) * (1.0 if fade is None else fade)
-    if isinstance(contrast, MapTables):
-        bend = luma_bend(opponent)
-        wanted[..., 0], source[..., 0] = (kernels.roll_off(v, bend) for v in (wanted[..., 0], source[..., 0]))
     gained = wanted - source
+    if correction.mapped:
+        bend = luma_bend(opponent)
+        gained[..., 0] = kernels.roll_off(wanted[..., 0], bend) - kernels.roll_off(source[..., 0], bend)
     weights = np.stack([alpha, *[_with_guards(weight, guards, frame.format)] * 2], axis=-1)
-    gained = not_beyond(weights * gained, here, shown + gained) if mapped else weights * gained
+    weighted = weights * gained
+    gained = not_beyond(weighted, here, source + gained) if correction.mapped else weighted
     gained = gained @ np.linalg.inv(opponent_matrix(frame.format)).T + guarded
     patches = []
     for p in range(3):

@@ -30,7 +30,7 @@ def tinge(
 ) -> Floats:
     """s (r, c) float32 of smoothed chroma samples (r, c);  luma: codes, smoothed, 2^log2[0] × 2^log2[1] as many."""
     out = np.empty(chroma[0].shape, np.float32)
-    of_blue, of_red, least = projection(tables)
+    of_blue, of_red, least = _projection(tables)
     (blue, red), (_, grey_blue, grey_red) = chroma, tables.offset
     kernels.tinge(luma, *log2, blue, red, of_blue, of_red, least, grey_blue, grey_red, _GREY, _SKIN, out)
     return out
@@ -42,7 +42,7 @@ def tinge_of(tables: MapTables, codes: Floats) -> Floats:
     return tinge(tables, luma, (blue, red), (0, 0))
 
 
-def projection(tables: MapTables) -> tuple[Floats, Floats, Floats]:
+def _projection(tables: MapTables) -> tuple[Floats, Floats, Floats]:
     """r as c₁ a[Y] + c₂ b[Y] + d[Y]: a, b and d, (n,) by luma's code."""
     codes = tables.usual.shape[1]
     least = np.float32(_LEAST * codes / 256.0)
