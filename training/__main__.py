@@ -1,4 +1,7 @@
-"""`python -m training examples --half tune OUT.npz`, then `python -m training fit OUT.npz --onnx NET.onnx`."""
+"""`python -m training examples --half tune OUT.npz`, then `python -m training fit OUT.npz --onnx NET.onnx`.
+
+With `--net body` examples are of the network of the body.
+"""
 
 from __future__ import annotations
 
@@ -15,33 +18,36 @@ import torch
 from torch.nn import functional
 from torch.utils.data import DataLoader, IterableDataset
 
+from benchmarks.quality.labels import NOT_SKIN, SKIN
 from benchmarks.quality.media import HALVES
 from pvg._arrays import Floats
 from pvg.skin.network import agreed
 from training.augmentation import as_it_is, augmented
-from training.examples import KINDS, Example, of_benchmark, of_packages
+from training.examples import BODY_SIZE, KINDS, Example, Maker, body_examples_of, examples_of, of_benchmark, of_packages
 from training.network import SkinNet, export
 from training.network import load as load_network
 from training.pictures import FOLDER
 
 _BATCH, _RATE, _DECAY = 8, 3e-3, 2e-3
 _SIZE = 144, 96  # cells: most faces' boxes, in multiples of 16
+_MAKERS: dict[str, Maker] = {"face": examples_of, "body": body_examples_of}
 
 
 def save(examples: list[Example], path: Path) -> None:
     """Write examples, all of one size: narrower ones with edges repeated, where nothing counts, wider ones cut."""
     how: dict[str, Literal["edge", "constant"]] = {"fields": "edge", "labels": "edge"}
+    size = BODY_SIZE if examples[0].at == "body" else _SIZE
     arrays: dict[str, Any] = {
-        name: np.stack([_of_one_size(getattr(one, name), how.get(name, "constant")) for one in examples])
+        name: np.stack([_of_one_size(getattr(one, name), size, how.get(name, "constant")) for one in examples])
         for name in ("fields", "labels", "visible", "sample")
     }
     arrays = {name: values.astype(np.float16) for name, values in arrays.items()}
     np.savez_compressed(path, person=[one.person for one in examples], at=[one.at for one in examples], **arrays)
 
 
-def _of_one_size(values: Floats, how: Literal["edge", "constant"]) -> Floats:
-    """The middle of (h, w, …), padded or cut to `_SIZE`."""
-    for axis, side in enumerate(_SIZE):
+def _of_one_size(values: Floats, size: tuple[int, int], how: Literal["edge", "constant"]) -> Floats:
+    """The middle of (h, w, …), padded or cut to `size`."""
+    for axis, side in enumerate(size):
         missing = side - values.shape[axis]
         if missing > 0:
             edges = [(0, 0)] * values.ndim
@@ -134,13 +140,15 @@ def measured(net: SkinNet, tests: list[Example]) -> str:
         counts, skin = sample.weight > 0.9, sample.skin > 0.5
         face = example.labels[..., 0] > 0.5
         rim = face & (cv2.distanceTransform(face.astype(np.uint8), cv2.DIST_L2, 5) <= 2)
-        regions = {kind: example.labels[..., i] > 0.5 for i, kind in enumerate(KINDS)} | {"rim": rim}
+        regions = {kind: example.labels[..., i] > 0.5 for i, kind in enumerate(KINDS)}
+        named = example.labels[..., [-1, *range(len(SKIN), len(KINDS))]].sum(axis=2)
+        regions |= {"rim": rim, "wall": named < 0.5}
         guess = sample.fields[11] + np.float32(0.5)
         for who, p in (("guess", guess), ("network", said), ("both", agreed(guess, said))):
             mask = p > 0.5
             row = found[example.at, who]
             for kind, region in regions.items():
-                inside = region & counts & (skin | (kind in KINDS[5:]))
+                inside = region & counts & (skin | (kind in (*NOT_SKIN, "wall")))
                 if int(inside.sum()) > 20:
                     row[kind].append(float(mask[inside].mean()))
             row["IoU"].append(float((mask & skin & counts).sum() / ((mask | skin) & counts).sum()))
@@ -158,7 +166,8 @@ def main() -> None:
     make = what.add_parser("examples")
     make.add_argument("out", type=Path)
     make.add_argument("--half", choices=(*HALVES, "none"), default="none", help="of the benchmark's labels")
-    make.add_argument("--packages", action="store_true", help="the pictures labelled for training alone")
+    make.add_argument("--packages", choices=("fit", "test"), help="the pictures in packages, by what they are for")
+    make.add_argument("--net", choices=tuple(_MAKERS), default="face", help="of whose box or scene")
     make.add_argument("--assets", type=Path, default=FOLDER / "assets")
     train = what.add_parser("fit")
     train.add_argument("examples", type=Path, nargs="+")
@@ -171,8 +180,11 @@ def main() -> None:
     cv2.setNumThreads(1)
     if options.what == "examples":
         options.assets.mkdir(parents=True, exist_ok=True)
-        made = [] if options.half == "none" else of_benchmark(options.half, options.assets)
-        save(made + (of_packages(options.assets) if options.packages else []), options.out)
+        maker = _MAKERS[options.net]
+        made = [] if options.half == "none" else of_benchmark(options.half, options.assets, maker)
+        if options.packages:
+            made += of_packages(options.assets, options.packages, maker)
+        save(made, options.out)
         return
     torch.set_num_threads(1)
     net = fit(load(options.examples), load(options.test), options.steps, options.seed, options.start)

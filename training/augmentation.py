@@ -23,6 +23,7 @@ _COLORS, _PRIOR, _GUESS = slice(0, 3), 6, 11  # of the fields
 _SKINS = slice(0, 5)  # of the labels
 _EAR, _HAND, _HAIR, _CLOTH, _OTHER = (KINDS.index(kind) for kind in ("ear", "hand", "hair", "cloth", "other"))
 _ANYBODY = -1
+_SEPIA = 0.08  # how often a picture has one hue
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,14 +38,22 @@ class Sample:
 def as_it_is(example: Example) -> Sample:
     """The example itself."""
     labels = example.labels
-    skin = np.clip(labels[..., _SKINS].sum(axis=2), 0, 1)
-    weight = example.visible * (1 - labels[..., _HAND])
-    return Sample(np.ascontiguousarray(example.fields.transpose(2, 0, 1)), skin, weight)
+    weight = example.visible if example.at == "body" else example.visible * (1 - labels[..., _HAND])
+    return Sample(np.ascontiguousarray(example.fields.transpose(2, 0, 1)), _skin(labels, example.at), weight)
 
 
-def _weight(visible: Floats, labels: Floats) -> Floats:
-    """How much each cell counts: ears, which are small, for three, and hands, skin and none of the face's, for none."""
-    return np.asarray(visible * (1 + 2 * labels[..., _EAR]) * (1 - labels[..., _HAND]), np.float32)
+def _skin(labels: Floats, at: str) -> Floats:
+    """(h, w) shares of what is to be found: a person's own skin in the box of a face, anybody's in a scene."""
+    return labels[..., _ANYBODY] if at == "body" else np.clip(labels[..., _SKINS].sum(axis=2), 0, 1)
+
+
+def _weight(visible: Floats, labels: Floats, at: str) -> Floats:
+    """How much each cell counts: ears, which are small, for three, and hands for three too.
+
+    In the box of a face they count for none: they are skin, and none of the face's.
+    """
+    hands = 1 + 2 * labels[..., _HAND] if at == "body" else 1 - labels[..., _HAND]
+    return np.asarray(visible * (1 + 2 * labels[..., _EAR]) * hands, np.float32)
 
 
 def augmented(example: Example, others: list[Example], rng: np.random.Generator) -> Sample:
@@ -56,7 +65,9 @@ def augmented(example: Example, others: list[Example], rng: np.random.Generator)
         rgb, labels, guess = _with_fringe(rgb, labels, guess, rng)
     elif chance < 0.42:
         rgb, labels, guess = _with_cap(rgb, labels, guess, rng)
-    skin = np.clip(labels[..., _SKINS].sum(axis=2), 0, 1)
+    skin = _skin(labels, example.at)
+    if rng.random() < 0.2:
+        rgb = _other_skin(rgb, skin, rng)
     for region, often, alike in ((_HAIR, 0.45, 0.7), (_CLOTH, 0.5, 0.6)):
         chance = rng.random()
         if chance < often:
@@ -65,8 +76,11 @@ def augmented(example: Example, others: list[Example], rng: np.random.Generator)
             rgb = _color_of_skin(rgb, labels[..., region], skin, rng)
     if rng.random() < 0.35:
         behind = np.clip(1 - labels[..., [_ANYBODY, _HAIR, _CLOTH, _OTHER]].sum(axis=2), 0, 1)
-        if rng.random() < 0.5:
+        chance = rng.random()
+        if chance < 0.4:
             rgb = _other_color(rgb, behind, 1.5, rng)
+        elif chance < 0.6:
+            rgb = _color_of_skin(rgb, behind, skin, rng)
         else:
             wall = others[rng.integers(len(others))].fields[..., _COLORS] + 0.5
             wall = np.asarray(cv2.GaussianBlur(wall, (0, 0), rng.uniform(2, 12)), np.float32)
@@ -78,7 +92,9 @@ def augmented(example: Example, others: list[Example], rng: np.random.Generator)
     fields[..., _COLORS] = rgb - 0.5
     fields[..., 3:6] = np.log(rgb + _DARK) - np.log(own + _DARK)
     fields[..., _GUESS] = _spoiled(guess, fields[..., _PRIOR], rng) - 0.5
-    return Sample(np.ascontiguousarray(fields.transpose(2, 0, 1), np.float32), skin, _weight(moved.visible, labels))
+    return Sample(
+        np.ascontiguousarray(fields.transpose(2, 0, 1), np.float32), skin, _weight(moved.visible, labels, example.at)
+    )
 
 
 def _moved(example: Example, rng: np.random.Generator) -> Example:
@@ -188,6 +204,12 @@ def _other_color(rgb: Floats, where: Floats, amount: float, rng: np.random.Gener
     return np.asarray(rgb + where[..., None] * (new - rgb), np.float32)
 
 
+def _other_skin(rgb: Floats, skin: Floats, rng: np.random.Generator) -> Floats:
+    """The picture with skin of more or less pigment, above all of more: deep brown skin is rare among the labelled."""
+    gain = np.exp((rng.normal() * 0.4 - 0.4) * np.array([0.8, 1.0, 1.1]) + rng.normal(size=3) * 0.05)
+    return np.asarray(rgb + skin[..., None] * (np.clip(rgb * gain, 0, 1) - rgb), np.float32)
+
+
 def _color_of_skin(rgb: Floats, where: Floats, skin: Floats, rng: np.random.Generator) -> Floats:
     """The picture with what is `where` (h, w) brought to the skin's colour, half of the way or all."""
     own, there = skin > 0.9, where > 0.5
@@ -207,6 +229,9 @@ def _lit(rgb: Floats, rng: np.random.Generator) -> Floats:
     if rng.random() < 0.3:
         grey = rgb.mean(axis=2, keepdims=True)
         rgb = np.clip(grey + (rgb - grey) * rng.uniform(0.1, 1.4), 0, 1)
+    if rng.random() < _SEPIA:
+        hue = np.array([1.0, rng.uniform(0.75, 1.0), rng.uniform(0.45, 1.0)])
+        rgb = np.clip(rgb.mean(axis=2, keepdims=True) * hue / hue.mean(), 0, 1)
     if rng.random() < 0.4:
         y, x = np.mgrid[:h, :w] / w - 0.5
         turn = rng.uniform(0, 2 * np.pi)

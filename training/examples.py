@@ -1,7 +1,8 @@
-"""Examples for the network: what it would be shown on a labelled picture, and the labels over the same cells."""
+"""Examples for the networks: what they would be shown on a labelled picture, and the labels over the same cells."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from unittest import mock
@@ -20,14 +21,19 @@ from pvg.face import Landmarks
 from pvg.picture import Picture, as_picture
 from pvg.raster import Raster
 from pvg.rendering import source_frame
-from pvg.skin import network
-from pvg.skin.prior import SpatialPrior
-from pvg.skin.tracking import SkinTracker, fit_skin_model, learning_raster
-from training.pictures import FOLDER, training_pictures, write_crop
+from pvg.skin import body_network, network
+from pvg.skin.body import BodyTracker
+from pvg.skin.prior import HeadShape, SpatialPrior
+from pvg.skin.scene import SceneReader
+from pvg.skin.tracking import SkinModel, SkinTracker, fit_skin_model, learning_raster
+from training.pictures import FOLDER, Use, training_pictures, write_crop
 
 KINDS = (*SKIN, *NOT_SKIN)
 _KEYS = (-30, -90, 40)  # frames from a labelled one to others that a track may have learned on
 _MOST_KEYS = 2
+BODY_SIZE = 144, 112  # cells, what is kept of a scene around a head
+_HEAD_ROW = 48  # of them, where its middle is
+_CORE = 0.8  # of the face's oval, where its own colour is taken
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +41,7 @@ class Example:
     """What the network is shown of one face, and what is there.
 
     person: who, for those who are many do not count more;  at: "key" for a still or key frame, "track" for a frame
-    that follows one;  fields: (h, w, network.FIELDS) float32;
+    that follows one, "body" for the scene around one;  fields: (h, w, network.FIELDS) float32;
     labels: (h, w, 1 + len(KINDS)) float32 shares: of `KINDS`, of skin this person's, then of anybody's skin;
     visible: (h, w) float32, what of a cell lies in the picture;  sample: (h, w) float32, where the skin's own colour
     is taken.
@@ -57,6 +63,19 @@ class _Recorder:
 
     def __call__(self, rgb: Bytes, prior: SpatialPrior, probability: Floats) -> Floats:
         self.asked = rgb, prior, probability
+        return probability
+
+
+@dataclass
+class _BodyRecorder:
+    """Stands for `body_network.told_of_body`, likewise."""
+
+    asked: tuple[Bytes, Bytes, Floats, HeadShape, Floats, Floats] | None = None
+
+    def __call__(
+        self, rgb: Bytes, person: Bytes, known: Floats, head: HeadShape, light: Floats, probability: Floats
+    ) -> Floats:
+        self.asked = rgb, person, known, head, light, probability
         return probability
 
 
@@ -91,8 +110,14 @@ def _example(
 ) -> Example:
     if recorder.asked is None:
         raise ValueError("the network was not asked")
-    prior = recorder.asked[1]
-    fields = network.network_fields(*recorder.asked)
+    sample = recorder.asked[1].sample
+    return _over_cells(person, at, network.network_fields(*recorder.asked), raster, picture, masks, sample)
+
+
+def _over_cells(
+    person: str, at: str, fields: Floats, raster: Raster, picture: Picture, masks: list[Bools], sample: Bools
+) -> Example:
+    """fields: (FIELDS, h, w);  masks: (H, W) each, of the picture;  sample: (h', w') of the raster."""
     size = fields.shape[2], fields.shape[1]
 
     def shares(values: NDArray[np.uint8]) -> Floats:
@@ -102,8 +127,61 @@ def _example(
     threes = [np.stack(masks[i : i + 3], axis=-1).astype(np.uint8) * np.uint8(255) for i in range(0, len(masks), 3)]
     labels = np.concatenate([shares(as_picture(three).cells(raster)) for three in threes], axis=2)
     visible = shares(raster.inside(picture.size).astype(np.uint8) * np.uint8(255))
-    sample = shares(prior.sample.astype(np.uint8) * np.uint8(255))
-    return Example(person, at, np.ascontiguousarray(fields.transpose(1, 2, 0)), labels, visible, sample)
+    sampled = shares(sample.astype(np.uint8) * np.uint8(255))
+    return Example(person, at, np.ascontiguousarray(fields.transpose(1, 2, 0)), labels, visible, sampled)
+
+
+def body_examples_of(
+    person: str,
+    picture: Picture,
+    landmarks: Landmarks,
+    masks: list[Bools],
+    keys: list[tuple[Picture, Landmarks]],
+) -> list[Example]:
+    """The scene around a labelled face, once by what was learned on itself and once by each other key frame."""
+    models = [fit_skin_model(*key) for key in [(picture, landmarks), *keys]]
+    return [_body_example(person, picture, landmarks, masks, model) for model in models]
+
+
+def _body_example(person: str, picture: Picture, landmarks: Landmarks, masks: list[Bools], model: SkinModel) -> Example:
+    if model.learned is None:
+        raise ValueError("the paper's rule asks no network")
+    scene = SceneReader().step(picture, (landmarks,))
+    skin = SkinTracker(model)
+    face = skin.step(picture, landmarks, scene)
+    recorder = _BodyRecorder()
+    with mock.patch.object(body_network, "told_of_body", recorder):
+        BodyTracker(model.learned.colors, model.learned.light).step(scene, landmarks, face, skin.light, skin.told)
+    if recorder.asked is None:
+        raise ValueError("the network was not asked")
+    known, head = recorder.asked[2:4]
+    fields = body_network.body_fields(*recorder.asked)
+    side, depth = head.places(known.shape)
+    core = 2 * head.size * np.hypot(side / head.width, depth / head.height) < _CORE
+    whole = _over_cells(person, "body", fields, scene.raster, picture, masks, core & (known > 0.5))
+    ratio = fields.shape[2] / known.shape[1]
+    return _around(whole, (float(head.middle[0]) * ratio, float(head.middle[1]) * ratio))
+
+
+def _around(whole: Example, middle: tuple[float, float]) -> Example:
+    """The part of `BODY_SIZE` around a head's middle (x, y), cells; beyond the scene nothing counts."""
+    (height, width), (x, y) = BODY_SIZE, middle
+    top, left = round(y) - _HEAD_ROW, round(x) - width // 2
+    rows, columns = (np.arange(start, start + n) for start, n in ((top, height), (left, width)))
+    h, w = whole.visible.shape
+    inside = ((rows >= 0) & (rows < h))[:, None] & (columns >= 0) & (columns < w)
+    near = np.ix_(np.clip(rows, 0, h - 1), np.clip(columns, 0, w - 1))
+    return Example(
+        whole.person,
+        whole.at,
+        whole.fields[near],
+        whole.labels[near] * inside[..., None],
+        whole.visible[near] * inside,
+        whole.sample[near] * inside,
+    )
+
+
+Maker = Callable[[str, Picture, Landmarks, list[Bools], list[tuple[Picture, Landmarks]]], list[Example]]
 
 
 def _masks(label: Label, person: int) -> list[Bools]:
@@ -111,7 +189,7 @@ def _masks(label: Label, person: int) -> list[Bools]:
     return [*own, label.mask(SKIN)]
 
 
-def of_benchmark(half: Half, assets: Path) -> list[Example]:
+def of_benchmark(half: Half, assets: Path, make: Maker = examples_of) -> list[Example]:
     """The examples of the labels that the benchmark of quality has for one half of the clips and portraits."""
     out = []
     for label in labels_of_half(read_labels(), half):
@@ -129,15 +207,15 @@ def of_benchmark(half: Half, assets: Path) -> list[Example]:
                         keys.append((as_picture(source_frame(video, frame).rgb()), other.landmarks))
                 picture = as_picture(source_frame(video, label.frame).rgb())
                 name = f"{label.media.stem}, person {person}"
-                out += examples_of(name, picture, data.landmarks, _masks(label, person), keys)
+                out += make(name, picture, data.landmarks, _masks(label, person), keys)
         print(f"{label.name}: {len(out)} examples", flush=True)
     return out
 
 
-def of_packages(assets: Path) -> list[Example]:
-    """The examples of the pictures that were labelled for training alone."""
+def of_packages(assets: Path, use: Use = "fit", make: Maker = examples_of) -> list[Example]:
+    """The examples of the pictures in packages that networks are fitted to, or tested on."""
     out = []
-    for one in training_pictures():
+    for one in training_pictures(use):
         path, label = FOLDER / f"{one.name}.png", one.label
         write_crop(one, path)
         with pvg.open_asset(kept_asset(path, assets), path) as video:
@@ -145,6 +223,6 @@ def of_packages(assets: Path) -> list[Example]:
             if found is None:
                 print(f"{one.name}: no face")
                 continue
-        out += examples_of(one.name, as_picture(read_picture(path, 0)), found[1].landmarks, _masks(label, 0), [])
+        out += make(one.name, as_picture(read_picture(path, 0)), found[1].landmarks, _masks(label, 0), [])
         print(f"{one.name}: {len(out)} examples", flush=True)
     return out

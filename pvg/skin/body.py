@@ -2,8 +2,9 @@
 
 In every cell of a scene the log-odds add up: how alike its colour is to the face's own, its hue more than its light;
 what the key frame saw of that colour beside the face; the person mask; evenness; against what lies around the head,
-which is hair or the face's; and for what the face's own mask calls neck. What is likely skin then counts where it
-touches the face or makes a part that is surely skin, and is made steady in time as the face's matte is.
+which is hair or the face's; and for what the face's own mask calls neck. A network has its say off the face's oval, for
+hair, cloth and walls of the skin's colour. What is likely skin then counts where it touches the face or makes a part
+that is surely skin, and is made steady in time as the face's matte is.
 """
 
 from __future__ import annotations
@@ -14,16 +15,17 @@ import numpy as np
 from pvg._arrays import Bools, Bytes, Floats, smoothstep
 from pvg.face import Landmarks
 from pvg.raster import Raster
+from pvg.skin import body_network
 from pvg.skin._kernels import BodyWeights, body_log_odds
 from pvg.skin.color_model import SkinColors, to_skin_lab
 from pvg.skin.matte import Matte
-from pvg.skin.network import Told
-from pvg.skin.parameters import SKIN_PRIOR
+from pvg.skin.network import Told, agreed
+from pvg.skin.parameters import SKIN_PRIOR, Range
 from pvg.skin.prior import HeadShape, ear_depth, head_shape, logistic
 from pvg.skin.ring import hair_odds
 from pvg.skin.scene import Scene
 
-_BODY, _TRACKING = SKIN_PRIOR.body, SKIN_PRIOR.tracking
+_BODY, _TRACKING, _NETWORK = SKIN_PRIOR.body, SKIN_PRIOR.tracking, SKIN_PRIOR.body_network
 _WEIGHTS = BodyWeights(
     person=np.float32(_BODY.person),
     person_for=np.float32(_BODY.person_for),
@@ -102,6 +104,7 @@ class BodyTracker:
         # what one scene leaves to the next: (h, w, 4), its grey picture, probability, mask and alpha
         self._before: Floats | None = None
         self._hair: Floats | None = None  # of the scene before
+        self._said: Floats | None = None  # by the network, likewise
         self._scenes = 0
 
     def step(self, scene: Scene, landmarks: Landmarks, face: Matte, light: Floats, told: Told | None = None) -> Matte:
@@ -118,16 +121,24 @@ class BodyTracker:
         log_odds = np.empty(scene.raster.shape, np.float32)
         person = _own_people(scene.person, known, head.size)
         maps = scene.before
-        if self._hair is None or maps is None or self._scenes % _BODY.person_every == 0:
-            hair = hair_odds(scene.rgb, person, known, head, self._scale, gain)
-        else:
-            hair = np.asarray(cv2.remap(self._hair, *maps, cv2.INTER_LINEAR), np.float32)
+        asked = self._hair is None or maps is None or self._scenes % _BODY.person_every == 0
+        hair = hair_odds(scene.rgb, person, known, head, self._scale, gain) if asked else _moved(self._hair, maps)
         self._hair, self._scenes = hair, self._scenes + 1
-        against = hair if told is None else hair + _told_against(told, scene.raster, head)
+        off_face = _off_face(head, scene.raster.shape)
+        against = hair if told is None else hair + _told_against(told, scene.raster, off_face)
         body_log_odds(scene.rgb, person, known, against, *self._tables, gain, _frame(head, own), _WEIGHTS, log_odds)
-        log_odds = np.asarray(cv2.GaussianBlur(log_odds, (0, 0), _BODY.blur), np.float32)
+        thought = logistic(np.asarray(cv2.GaussianBlur(log_odds, (0, 0), _BODY.blur), np.float32))
+        if asked:
+            said = body_network.told_of_body(scene.rgb, person, known, head, light, thought)
+        else:
+            said = _moved(self._said, maps)
+        self._said = said
+        beside = _off_face(head, scene.raster.shape, _NETWORK.rise)
+        believed = np.where(person < 255 * _BODY.no_person, 0, _NETWORK.believed * beside)
+        probability = agreed(thought, said, np.asarray(believed, np.float32))
         share = _owned(scene, landmarks, head)
-        probability = logistic(log_odds) if share is None else np.asarray(logistic(log_odds) * share, np.float32)
+        if share is not None:
+            probability = np.asarray(probability * share, np.float32)
         self._leave_out_hair(probability, scene.rgb, person, known, hair, head, gain)
         mask, alpha = self._smooth_in_time(scene, probability, known, head)
         levels = np.rint(alpha * (255 / _TRACKING.alpha_step)) * _TRACKING.alpha_step
@@ -193,14 +204,28 @@ class BodyTracker:
         return mask, alpha
 
 
-def _told_against(told: Told, raster: Raster, head: HeadShape) -> Floats:
-    """(h, w) nats that the network's opinion counts against skin in the cells of a scene: off the face's oval alone.
+def _off_face(head: HeadShape, shape: tuple[int, int], rise: Range = _BODY.told_rise) -> Floats:
+    """(h, w) in [0, 1], 1 off the face's oval: of hands that come before a face a network knows nothing.
 
-    It was taught hair, collars and walls; of hands, which come before the face, it knows nothing.
+    rise: of the oval, where that begins and ends.
     """
-    side, depth = head.places(raster.shape)
-    share = smoothstep(2 * head.size * np.hypot(side / head.width, depth / head.height), *_BODY.told_rise)
-    return np.asarray(share * np.minimum(_BODY.told * told.against(raster), _BODY.told_most), np.float32)
+    side, depth = head.places(shape)
+    return smoothstep(2 * head.size * np.hypot(side / head.width, depth / head.height), *rise)
+
+
+def _told_against(told: Told, raster: Raster, off_face: Floats) -> Floats:
+    """(h, w) nats that the network's opinion of the face's box counts against skin in the cells of a scene.
+
+    It was taught hair, collars and walls.
+    """
+    return np.asarray(off_face * np.minimum(_BODY.told * told.against(raster), _BODY.told_most), np.float32)
+
+
+def _moved(values: Floats | None, maps: tuple[Floats, Floats] | None) -> Floats:
+    """What was known of the scene before (h, w), where the cells were then."""
+    if values is None or maps is None:
+        raise ValueError("there is no scene before")
+    return np.asarray(cv2.remap(values, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32)
 
 
 def _frame(head: HeadShape, landmarks: Landmarks) -> Floats:

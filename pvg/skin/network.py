@@ -74,20 +74,32 @@ def refined(rgb: Bytes, prior: SpatialPrior, probability: Floats) -> Floats:
 
 def told(rgb: Bytes, prior: SpatialPrior, probability: Floats) -> Floats:
     """The probability of skin (h, w) float32 that the network says; the arguments are those of `network_fields`."""
-    fields = network_fields(rgb, prior, probability)
+    return ask(_NAME, network_fields(rgb, prior, probability), probability.shape)
+
+
+def ask(name: str, fields: Floats, shape: tuple[int, ...], margin: int = 0) -> Floats:
+    """What a network of our own says of fields (FIELDS, h', w'): the probability of skin over (h, w) cells, float32.
+
+    margin: cells around, in which the edge is repeated: a network sees nothing beyond, and says other things beside it.
+    """
     h, w = fields.shape[1:]
     side = _NETWORK.multiple
-    padded = np.pad(fields, ((0, 0), (0, -h % side), (0, -w % side)), mode="edge")
-    session = models.load(_NAME)
+    edges = [(margin, margin + -(length + 2 * margin) % side) for length in (h, w)]
+    padded = np.pad(fields, ((0, 0), *edges), mode="edge")
+    session = models.load(name)
     (out,) = session.run(None, {session.get_inputs()[0].name: padded[None]})
-    said = cv2.resize(np.ascontiguousarray(out[0, 0, :h, :w]), probability.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    own = np.ascontiguousarray(out[0, 0, margin : margin + h, margin : margin + w])
+    said = cv2.resize(own, shape[1::-1], interpolation=cv2.INTER_LINEAR)
     return np.asarray(said, np.float32)
 
 
-def agreed(thought: Floats, said: Floats) -> Floats:
-    """The probability whose log-odds are the weighted mean of those of two, the rules' and the network's."""
-    share = np.float32(_NETWORK.believed)
-    return logistic((1 - share) * log_odds(thought) + share * log_odds(said))
+def agreed(thought: Floats, said: Floats, share: Floats | float = _NETWORK.believed) -> Floats:
+    """The probability whose log-odds are the weighted mean of those of two, the rules' and a network's.
+
+    share: of the network.
+    """
+    by = np.asarray(share, np.float32)
+    return logistic((1 - by) * log_odds(thought) + by * log_odds(said))
 
 
 def log_odds(probability: Floats) -> Floats:

@@ -7,14 +7,15 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from benchmarks.quality.labels import SKIN, read_labels
+from benchmarks.quality.labels import SKIN, Label, Region, read_labels
 from benchmarks.quality.media import MEDIA
 from benchmarks.quality.regions import labels_of_half
 from pvg.picture import as_picture
 from pvg.skin.network import FIELDS
 from tests.gallery.scenes import drawn_face
 from training.augmentation import as_it_is, augmented
-from training.examples import KINDS, Example, examples_of
+from training.examples import BODY_SIZE, KINDS, Example, body_examples_of, examples_of
+from training.masks import shares
 from training.pictures import HERE, training_pictures
 
 
@@ -80,3 +81,38 @@ def test_a_hand_is_neither_skin_of_the_face_nor_none() -> None:
     hand = Example("", "key", np.zeros((4, 4, FIELDS), np.float32), labels, blank, blank)
     assert as_it_is(hand).weight[1, 1] == 0
     assert as_it_is(hand).weight[0, 0] == 1
+
+
+def test_a_scene_is_kept_around_the_head_and_hands_count_there() -> None:
+    scene = drawn_face(width=120, center=(160, 150))
+    hand = np.zeros_like(scene.skin)
+    hand[230:240, 20:40] = True
+    masks = [np.zeros_like(hand) for _ in KINDS]
+    masks[SKIN.index("face")], masks[SKIN.index("hand")] = scene.skin, hand
+    (body,) = body_examples_of("drawn", as_picture(scene.rgb), scene.landmarks, [*masks, scene.skin | hand], [])
+    assert body.at == "body"
+    assert body.fields.shape == (*BODY_SIZE, FIELDS)
+    sample = as_it_is(body)
+    face, there = body.labels[..., SKIN.index("face")] > 0.5, body.labels[..., SKIN.index("hand")] > 0.5
+    assert there.any()
+    assert sample.skin[there].min() > 0.5
+    assert sample.weight[there].min() > 0.5
+    # the head's middle is where it always is, beyond the picture nothing counts, the sample is of the face
+    rows, columns = np.nonzero(face)
+    assert abs(columns.mean() - BODY_SIZE[1] / 2) < 4
+    assert 30 < rows.min() < 40  # half a face above row 48
+    assert body.visible[-1].max() == 0
+    assert face[body.sample > 0.5].mean() > 0.95
+
+
+def test_shares_of_regions_are_of_what_later_ones_leave() -> None:
+    square = np.array([[0, 0], [99, 0], [99, 99], [0, 99]], np.float32)
+    regions = (Region("face", 0, square), Region("hair", 0, square * np.float32([1, 0.5])))
+    label = Label("drawn", HERE, 0, (200, 100), regions)
+    alpha = np.zeros((100, 200), np.float32)
+    alpha[:, :50], alpha[:, 150:] = 1, 0.3
+    found = shares(label, alpha)
+    assert found["face"] == pytest.approx(0.5, abs=0.02)
+    assert found["hair"] == pytest.approx(0.5, abs=0.02)
+    assert found["background"] == pytest.approx(50 / 96, abs=0.02)
+    assert "hand" not in found

@@ -1,0 +1,62 @@
+"""A network's opinion of a person's skin off the face: what colour and place do not tell of a whole picture.
+
+Long fair hair on shoulders, cloth and walls of the skin's colour. It is made as the one of the face's box is
+(`pvg.skin.network`), and asked of the whole scene at 24 cells a face size, or the scene's own if those are larger: the
+colours, plain and beside the face's own, the person mask, the face's mask, where the head is, how uneven the scene is
+there, and what the rules think.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from pvg._arrays import Bytes, Floats
+from pvg.skin.network import ask
+from pvg.skin.parameters import SKIN_PRIOR
+from pvg.skin.prior import HeadShape
+
+_BODY, _NETWORK, _NAME = SKIN_PRIOR.body_network, SKIN_PRIOR.network, "body_skin"
+_NEAR = 3  # cells a side over which unevenness is measured
+
+
+def body_fields(
+    rgb: Bytes, person: Bytes, known: Floats, head: HeadShape, light: Floats, probability: Floats
+) -> Floats:
+    """What the network is shown: (FIELDS, h', w') float32.
+
+    rgb: (h, w, 3) uint8, the scene;  person: (h, w) uint8, 255 on people;
+    known: (h, w) in [0, 1], the face's own mask;  head: in the scene's cells;
+    light: (3,) RGB, the face's colour now;  probability: (h, w), of skin so far.
+    """
+    h, w = known.shape
+    ratio = min(1.0, _BODY.face_cells / head.size)
+    size = (max(1, round(w * ratio)), max(1, round(h * ratio)))
+
+    def small(values: Floats) -> Floats:
+        return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)
+
+    color = small(rgb.astype(np.float32))
+    beside = np.log(color + _NETWORK.dark) - np.log(light.astype(np.float32) + _NETWORK.dark)
+    green = rgb[..., 1].astype(np.float32)
+    mean = cv2.blur(green, (_NEAR, _NEAR))
+    spread = np.sqrt(np.maximum(cv2.blur(green * green, (_NEAR, _NEAR)) - mean * mean, 0))
+    side, depth = head.places(known.shape)
+    fields = [*np.moveaxis(color / 255 - 0.5, 2, 0), *np.moveaxis(beside, 2, 0)]
+    fields += [
+        small(person.astype(np.float32)) / 255 - 0.5,
+        small(known),
+        small(np.tanh(np.abs(side) / _BODY.far)),
+        small(np.tanh(depth / _BODY.far)),
+        small(spread / (mean + _NETWORK.dark)),
+        small(probability) - 0.5,
+    ]
+    return np.stack(fields).astype(np.float32)
+
+
+def told_of_body(
+    rgb: Bytes, person: Bytes, known: Floats, head: HeadShape, light: Floats, probability: Floats
+) -> Floats:
+    """The probability of anybody's skin (h, w) float32 that the network says; see `body_fields`."""
+    fields = body_fields(rgb, person, known, head, light, probability)
+    return ask(_NAME, fields, probability.shape, _BODY.margin)

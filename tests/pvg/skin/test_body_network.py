@@ -1,0 +1,84 @@
+"""The network that refines the body's mask: what it is shown, that it mends what is wrong and leaves what is right."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import pytest
+
+from pvg.face import Landmarks
+from pvg.skin import SceneReader, SkinTracker, body_network, fit_skin_model, network
+from pvg.skin.parameters import SKIN_PRIOR
+from pvg.skin.prior import HeadShape, head_shape
+from tests.conftest import Samples
+from tests.gallery.faces import fit_widest, read_rgb
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """A portrait's scene, as the network is asked of it; skin: (h, w) bool, the face's own mask."""
+
+    rgb: np.ndarray
+    person: np.ndarray
+    known: np.ndarray
+    head: HeadShape
+    light: np.ndarray
+
+    @property
+    def skin(self) -> np.ndarray:
+        return self.known > 0.5
+
+    def told(self, probability: np.ndarray) -> np.ndarray:
+        thought = probability.astype(np.float32)
+        return body_network.told_of_body(self.rgb, self.person, self.known, self.head, self.light, thought)
+
+
+def _shown(rgb: np.ndarray, landmarks: Landmarks) -> Shown:
+    scene = SceneReader().step(rgb, (landmarks,))
+    skin = SkinTracker(fit_skin_model(rgb, landmarks))
+    matte = skin.step(rgb, landmarks, scene)
+    xs, ys = (np.asarray(v, np.float32) for v in scene.raster.centers())
+    known = matte.raster.read(matte.mask.astype(np.float32), xs, ys)
+    return Shown(scene.rgb, scene.person, known, head_shape(landmarks.in_cells(scene.raster)), skin.light)
+
+
+@pytest.fixture(scope="module", params=["portrait", "dark_portrait", "pale_portrait"])
+def shown(request: pytest.FixtureRequest, samples: Samples) -> Shown:
+    rgb = read_rgb(getattr(samples, request.param))
+    return _shown(rgb, fit_widest(rgb))
+
+
+def test_a_scene_is_shown_no_finer_than_it_is_and_at_one_face_size(shown: Shown) -> None:
+    thought = shown.skin.astype(np.float32)
+    fields = body_network.body_fields(shown.rgb, shown.person, shown.known, shown.head, shown.light, thought)
+    assert len(fields) == network.FIELDS
+    assert np.isfinite(fields).all()
+    ratio = fields.shape[2] / shown.rgb.shape[1]
+    assert ratio <= 1
+    assert ratio * shown.head.size == pytest.approx(min(shown.head.size, SKIN_PRIOR.body_network.face_cells), rel=0.05)
+    # beside the face's own colour, the face is near 0
+    assert np.abs(np.median(fields[3:6][:, fields[7] > 0.9], axis=1)).max() < 0.2
+
+
+def test_a_patch_of_wall_that_the_rules_took_is_no_skin_and_a_hole_in_a_neck_is(shown: Shown) -> None:
+    size, nobody = shown.head.size, shown.person < 64
+    away = cv2.distanceTransform(nobody.astype(np.uint8), cv2.DIST_L2, 5)
+    row, column = np.unravel_index(np.argmax(away), away.shape)
+    ys, xs = np.mgrid[: away.shape[0], : away.shape[1]]
+    wall = np.hypot(xs - column, ys - row) < min(0.2 * size, away.max())
+    neck = shown.skin & (shown.head.places(shown.known.shape)[1] > 0.6)
+    assert wall.sum() > 20
+    assert neck.sum() > 20
+    thought = np.where(shown.skin, 0.95, 0.02)
+    thought[wall], thought[neck] = 0.9, 0.3
+    found = network.agreed(thought.astype(np.float32), shown.told(thought))
+    assert (found[wall] > 0.5).mean() < 0.1
+    assert (found[neck] > 0.5).mean() > 0.6
+
+
+def test_what_is_right_stays(shown: Shown) -> None:
+    thought = np.where(shown.skin, 0.95, 0.05).astype(np.float32)
+    found = network.agreed(thought, shown.told(thought)) > 0.5
+    assert (found & shown.skin).sum() / (found | shown.skin).sum() > 0.85
