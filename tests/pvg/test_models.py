@@ -235,10 +235,11 @@ raise SystemExit(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
     assert done.returncode == 0, done.stderr
 
 
-def test_the_network_of_our_own_is_the_pinned_one_and_a_broken_one_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("name", OWN)
+def test_a_network_of_our_own_is_the_pinned_one_and_a_broken_one_is_refused(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (model,) = OWN.values()
+    model = OWN[name]
     assert len(own(model)) > 100_000
     (tmp_path / model.file).write_bytes(own(model)[:-1] + b"x")
     monkeypatch.setattr("pvg.models.store.__file__", str(tmp_path / "store.py"))
