@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from unittest import mock
 
 import cv2
@@ -16,14 +17,13 @@ from benchmarks.quality.clips import kept_asset
 from benchmarks.quality.labels import NOT_SKIN, SKIN, Label, read_labels, read_picture
 from benchmarks.quality.media import MEDIA, Half
 from benchmarks.quality.regions import labels_of_half, tracked_face
-from pvg._arrays import Bools, Bytes, Floats
+from pvg._arrays import Bools, Floats
 from pvg.face import Landmarks
 from pvg.picture import Picture, as_picture
 from pvg.raster import Raster
 from pvg.rendering import source_frame
 from pvg.skin import body_network, network
 from pvg.skin.body import BodyTracker
-from pvg.skin.prior import HeadShape, SpatialPrior
 from pvg.skin.scene import SceneReader
 from pvg.skin.tracking import SkinModel, SkinTracker, fit_skin_model, learning_raster
 from training.pictures import FOLDER, Use, training_pictures, write_crop
@@ -57,26 +57,16 @@ class Example:
 
 @dataclass
 class _Recorder:
-    """Stands for `network.told`: keeps what it is asked, answers with what was thought before."""
+    """Stands for `network.told` or `body_network.told_of_body`: keeps what it is asked, answers with what was thought.
 
-    asked: tuple[Bytes, SpatialPrior, Floats] | None = None
+    asked: the arguments, of which the last is the probability so far.
+    """
 
-    def __call__(self, rgb: Bytes, prior: SpatialPrior, probability: Floats) -> Floats:
-        self.asked = rgb, prior, probability
-        return probability
+    asked: tuple[Any, ...] | None = None
 
-
-@dataclass
-class _BodyRecorder:
-    """Stands for `body_network.told_of_body`, likewise."""
-
-    asked: tuple[Bytes, Bytes, Floats, HeadShape, Floats, Floats] | None = None
-
-    def __call__(
-        self, rgb: Bytes, person: Bytes, known: Floats, head: HeadShape, light: Floats, probability: Floats
-    ) -> Floats:
-        self.asked = rgb, person, known, head, light, probability
-        return probability
+    def __call__(self, *asked: Any) -> Floats:
+        self.asked = asked
+        return np.asarray(asked[-1], np.float32)
 
 
 def examples_of(
@@ -149,15 +139,14 @@ def _body_example(person: str, picture: Picture, landmarks: Landmarks, masks: li
     scene = SceneReader().step(picture, (landmarks,))
     skin = SkinTracker(model)
     face = skin.step(picture, landmarks, scene)
-    recorder = _BodyRecorder()
+    recorder = _Recorder()
     with mock.patch.object(body_network, "told_of_body", recorder):
         BodyTracker(model.learned.colors, model.learned.light).step(scene, landmarks, face, skin.light, skin.told)
     if recorder.asked is None:
         raise ValueError("the network was not asked")
     known, head = recorder.asked[2:4]
     fields = body_network.body_fields(*recorder.asked)
-    side, depth = head.places(known.shape)
-    core = 2 * head.size * np.hypot(side / head.width, depth / head.height) < _CORE
+    core = head.of_oval(known.shape) < _CORE
     whole = _over_cells(person, "body", fields, scene.raster, picture, masks, core & (known > 0.5))
     ratio = fields.shape[2] / known.shape[1]
     return _around(whole, (float(head.middle[0]) * ratio, float(head.middle[1]) * ratio))

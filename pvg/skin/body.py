@@ -20,7 +20,7 @@ from pvg.skin._kernels import BodyWeights, body_log_odds
 from pvg.skin.color_model import SkinColors, to_skin_lab
 from pvg.skin.matte import Matte
 from pvg.skin.network import Told, agreed
-from pvg.skin.parameters import SKIN_PRIOR, Range
+from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import HeadShape, ear_depth, head_shape, logistic
 from pvg.skin.ring import hair_odds
 from pvg.skin.scene import Scene
@@ -124,8 +124,8 @@ class BodyTracker:
         asked = self._hair is None or maps is None or self._scenes % _BODY.person_every == 0
         hair = hair_odds(scene.rgb, person, known, head, self._scale, gain) if asked else _moved(self._hair, maps)
         self._hair, self._scenes = hair, self._scenes + 1
-        off_face = _off_face(head, scene.raster.shape)
-        against = hair if told is None else hair + _told_against(told, scene.raster, off_face)
+        oval = head.of_oval(scene.raster.shape)
+        against = hair if told is None else hair + _told_against(told, scene.raster, oval)
         body_log_odds(scene.rgb, person, known, against, *self._tables, gain, _frame(head, own), _WEIGHTS, log_odds)
         thought = logistic(np.asarray(cv2.GaussianBlur(log_odds, (0, 0), _BODY.blur), np.float32))
         if asked:
@@ -133,7 +133,7 @@ class BodyTracker:
         else:
             said = _moved(self._said, maps)
         self._said = said
-        beside = _off_face(head, scene.raster.shape, _NETWORK.rise)
+        beside = smoothstep(oval, *_NETWORK.rise)
         believed = np.where(person < 255 * _BODY.no_person, 0, _NETWORK.believed * beside)
         probability = agreed(thought, said, np.asarray(believed, np.float32))
         share = _owned(scene, landmarks, head)
@@ -204,20 +204,13 @@ class BodyTracker:
         return mask, alpha
 
 
-def _off_face(head: HeadShape, shape: tuple[int, int], rise: Range = _BODY.told_rise) -> Floats:
-    """(h, w) in [0, 1], 1 off the face's oval: of hands that come before a face a network knows nothing.
-
-    rise: of the oval, where that begins and ends.
-    """
-    side, depth = head.places(shape)
-    return smoothstep(2 * head.size * np.hypot(side / head.width, depth / head.height), *rise)
-
-
-def _told_against(told: Told, raster: Raster, off_face: Floats) -> Floats:
+def _told_against(told: Told, raster: Raster, oval: Floats) -> Floats:
     """(h, w) nats that the network's opinion of the face's box counts against skin in the cells of a scene.
 
-    It was taught hair, collars and walls.
+    It was taught hair, collars and walls; of hands, which come before the face, it knows nothing, so that it counts off
+    the face's oval alone.  oval: (h, w), see `HeadShape.of_oval`.
     """
+    off_face = smoothstep(oval, *_BODY.told_rise)
     return np.asarray(off_face * np.minimum(_BODY.told * told.against(raster), _BODY.told_most), np.float32)
 
 

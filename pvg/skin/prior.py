@@ -44,6 +44,11 @@ class HeadShape:
         off_x, off_y = (x - self.middle[0]) / np.float32(self.size), (y - self.middle[1]) / np.float32(self.size)
         return off_x * across[0] + off_y * across[1], off_x * down[0] + off_y * down[1]
 
+    def of_oval(self, shape: tuple[int, ...]) -> Floats:
+        """How far cells (h, w) of the head's picture are from its middle: 1 on the ellipse of the face's oval."""
+        side, depth = self.places(shape)
+        return np.asarray(2 * self.size * np.hypot(side / self.width, depth / self.height), np.float32)
+
     def depth(self, points: Floats) -> float:
         """Mean position of points (n, 2) towards the chin, in sizes from the middle."""
         return float((points.mean(axis=0) - self.middle) @ self.axes.down) / self.size

@@ -12,7 +12,7 @@ import pytest
 from pvg.face import Landmarks, layout
 from pvg.raster import Raster
 from pvg.skin import BodyTracker, Matte, Scene, SceneReader, SkinTracker, fit_skin_model, person_mask, scene_raster
-from pvg.skin.body import _off_face, _told_against, color_tables
+from pvg.skin.body import _told_against, color_tables
 from pvg.skin.network import Told
 from pvg.skin.prior import head_shape
 from scripts.samples import Samples
@@ -80,15 +80,15 @@ def test_the_network_speaks_against_what_hangs_beside_the_face_and_not_before_it
     head = head_shape(drawn.landmarks.in_cells(scene.raster))
     box = Raster.over(np.array([200, 20, 400, 330], np.float32), (155, 100))
     told = Told(box, np.full(box.shape, 0.001, np.float32))
-    off_face = _off_face(head, scene.raster.shape)
+    oval = head.of_oval(scene.raster.shape)
     against = scene.raster.read(
-        _told_against(told, scene.raster, off_face), *(np.arange(n, dtype=np.float32) for n in SIZE[::-1])
+        _told_against(told, scene.raster, oval), *(np.arange(n, dtype=np.float32) for n in SIZE[::-1])
     )
     assert against[150, 300] == 0  # the middle of the face: a hand may come before it
     assert against[300, 220] == pytest.approx(2.0, abs=0.01)  # below and beside the chin
     assert against[400, 470] == 0  # the hand, where nobody was asked
     likely = Told(box, np.full(box.shape, 0.9, np.float32))
-    assert not _told_against(likely, scene.raster, off_face).any()
+    assert not _told_against(likely, scene.raster, oval).any()
 
 
 def test_hair_nearly_of_the_skins_colour_is_left_out_when_the_network_says_so() -> None:
