@@ -35,7 +35,8 @@ def kernel(*, fastmath: bool = False, inline: bool = False) -> Callable[[Functio
     fastmath: the numbers are finite and sums may be reordered, which lets sums and maxima use vector registers;
     inline: merge the function into the kernels that call it. The decorated function keeps its declared types.
     """
-    options: dict[str, Any] = {"nogil": True}
+    # a division that might raise keeps its loop from vectorising; numpy's gives infinity
+    options: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
     if fastmath:
         options["fastmath"] = True
     if inline:

@@ -8,8 +8,17 @@ In the order of use:
 """
 
 from pvg.membrane.edge_cuts import EdgeCuts, cut_edges
-from pvg.membrane.lattice import Lattice
+from pvg.membrane.lattice import TARGET_HEIGHT, Lattice
 from pvg.membrane.membrane import Membrane
 from pvg.membrane.operator import TOLERANCE, MembraneOperator, build_membrane
 
-__all__ = ["TOLERANCE", "EdgeCuts", "Lattice", "Membrane", "MembraneOperator", "build_membrane", "cut_edges"]
+__all__ = [
+    "TARGET_HEIGHT",
+    "TOLERANCE",
+    "EdgeCuts",
+    "Lattice",
+    "Membrane",
+    "MembraneOperator",
+    "build_membrane",
+    "cut_edges",
+]

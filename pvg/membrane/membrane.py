@@ -64,6 +64,12 @@ class Membrane:
             read_grid(plane, columns, rows, to)
         return out
 
+    def on(self, lattice: Lattice) -> Membrane:
+        """The same, read at the nodes of another lattice."""
+        xs = lattice.x + lattice.step * np.arange(lattice.width)
+        ys = lattice.y + lattice.step * np.arange(lattice.height)
+        return Membrane(lattice, self.read(xs, ys))
+
     def crop(self, x: int, y: int, width: int, height: int) -> Floats:
         """The pixels [x, x + width) × [y, y + height) of the source: (height, width, C) float32."""
         read = self.read(np.arange(x, x + width), np.arange(y, y + height))

@@ -48,8 +48,6 @@ def apply_chroma(
     before: Samples,
     broad: Samples,
     luma: Samples,
-    log2x: int,
-    log2y: int,
     alpha: Floats,
     shift: Floats,
     excess: np.float32,
@@ -58,17 +56,20 @@ def apply_chroma(
     """part += α (shift[luma] + excess · broad), in place, rounded and held to [0, top]; see `planes.not_beyond`.
 
     part, before, broad: (h, w) samples of chroma, before those of the skin, broad the same or smoothed;
-    luma: smoothed, 2^log2x × 2^log2y as many;
-    alpha: (h, w);  shift: (top + 1,).
+    luma: smoothed, where they are;  alpha: (h, w);  shift: (top + 1,).
     """
     half, none = np.float32(0.5), np.float32(0.0)
+    changes = np.empty(part.shape[1], np.float32)
     for i in range(part.shape[0]):
-        y = min(i << log2y, luma.shape[0] - 1)
         first, last = next_run(alpha[i], 0)
         while first < last:
-            for j in range(first, last):
-                change = shift[luma[y, min(j << log2x, luma.shape[1] - 1)]] + excess * np.float32(broad[i, j])
-                here, skin = np.float32(part[i, j]), np.float32(before[i, j]) + change
-                moved = min(max(here + alpha[i, j] * change, min(here, skin)), max(here, skin))
-                part[i, j] = np.int32(min(max(moved + half, none), top))
+            weight, change = alpha[i, first:last], changes[first:last]
+            was, wide, to = before[i, first:last], broad[i, first:last], part[i, first:last]
+            by = luma[i, first:last]
+            for j in range(last - first):
+                change[j] = shift[by[j]] + excess * np.float32(wide[j])
+            for j in range(last - first):
+                here, skin = np.float32(to[j]), np.float32(was[j]) + change[j]
+                moved = min(max(here + weight[j] * change[j], min(here, skin)), max(here, skin))
+                to[j] = np.int32(min(max(moved + half, none), top))
             first, last = next_run(alpha[i], last)

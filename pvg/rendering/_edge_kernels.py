@@ -133,27 +133,30 @@ def spread_to_cells(lines: Floats, touched: Bytes, cells: Floats) -> None:
 
 
 @kernel(fastmath=True)
-def _chroma_row(plane: Samples, y: int, log2y: int, first: int, last: int, log2x: int, out: Floats) -> None:
-    """A chroma plane's samples for luma's columns [first, last) at the height of its row `y`, from two rows."""
+def _chroma_at(plane: Samples, y: int, log2y: int, first: int, last: int, log2x: int, row: Floats, wide: Floats) -> int:
+    """A chroma plane's samples at luma's columns [first, last) of its row `y`, each between two rows and columns.
+
+    They are in `wide` from the place that is returned on.  row: as wide as the plane, scratch.
+    """
     near = y >> log2y
     far = near
     if log2y:
         far = min(near + 1, plane.shape[0] - 1) if y & 1 else max(near - 1, 0)
-    most, least = np.float32(0.75), np.float32(0.25)
-    for k in range(first >> log2x, min((last >> log2x) + 1, len(out))):
-        out[k] = most * np.float32(plane[near, k]) + least * np.float32(plane[far, k])
-
-
-@kernel(fastmath=True)
-def _widen(row: Floats, first: int, last: int, log2x: int, out: Floats) -> None:
-    """out[first:last] = what a row of chroma samples, on every second column when log2x is 1, has at luma's columns."""
+    begin = first >> log2x
+    end = min(((last - 1) >> log2x) + 1 + log2x, plane.shape[1])
+    above, below, count = plane[near, begin:end], plane[far, begin:end], end - begin
+    most, least, half = np.float32(0.75), np.float32(0.25), np.float32(0.5)
+    to = row if log2x else wide
+    for k in range(count):
+        to[k] = most * np.float32(above[k]) + least * np.float32(below[k])
     if log2x == 0:
-        out[first:last] = row[first:last]
-        return
-    for x in range(first, last):
-        k = x >> 1
-        after = row[min(k + (x & 1), len(row) - 1)]
-        out[x] = np.float32(0.5) * (row[k] + after)
+        return 0
+    for k in range(count - 1):
+        wide[2 * k] = row[k]
+        wide[2 * k + 1] = half * (row[k] + row[k + 1])
+    wide[2 * count - 2] = row[count - 1]
+    wide[2 * count - 1] = row[count - 1]
+    return first & 1
 
 
 @kernel(fastmath=True)
@@ -214,7 +217,7 @@ def follow_lines(
     upper, lower = np.empty((LINE + 1, w), np.float32), np.empty((LINE + 1, w), np.float32)
     # chroma read sample by sample would give the edge steps of two pixels where it lies between two hues
     row, at = np.empty(second.shape[1], np.float32), -1
-    one_wide, other_wide = np.empty(first.shape[1], np.float32), np.empty(first.shape[1], np.float32)
+    one_wide, other_wide = np.empty(first.shape[1] + 2, np.float32), np.empty(first.shape[1] + 2, np.float32)
     for y in range(h):
         place = (window[1] + y - corner[1] + 0.5) / step - 0.5
         i = int(np.floor(place))
@@ -240,12 +243,10 @@ def follow_lines(
             x1 = min(starts[j], w)
             if x0 >= x1:
                 continue
-            _chroma_row(second, window[1] + y, log2y, window[0] + x0, window[0] + x1, log2x, row)
-            _widen(row, window[0] + x0, window[0] + x1, log2x, one_wide)
-            _chroma_row(third, window[1] + y, log2y, window[0] + x0, window[0] + x1, log2x, row)
-            _widen(row, window[0] + x0, window[0] + x1, log2x, other_wide)
-            own = luma[window[0] + x0 : window[0] + x1]
-            b, c = one_wide[window[0] + x0 : window[0] + x1], other_wide[window[0] + x0 : window[0] + x1]
+            top, begin_x, end_x = window[1] + y, window[0] + x0, window[0] + x1
+            k = _chroma_at(second, top, log2y, begin_x, end_x, log2x, row, one_wide)
+            _chroma_at(third, top, log2y, begin_x, end_x, log2x, row, other_wide)
+            own, b, c = luma[begin_x:end_x], one_wide[k : k + x1 - x0], other_wide[k : k + x1 - x0]
             u, v, to = upper[:, x0:x1], lower[:, x0:x1], out[x0:x1]
             for x in range(x1 - x0):
                 known = to[x] * full

@@ -141,8 +141,6 @@ def apply_map(
     before: Samples,
     broad: Samples,
     by: Samples,
-    log2x: int,
-    log2y: int,
     alpha: Floats,
     columns: Doubles,
     rows: Doubles,
@@ -157,9 +155,9 @@ def apply_map(
 
     F(before) = before + rise[by] + fall[before] + excess · broad.  R is `_roll_off`.  What is here is bounded by
     what the skin in it becomes, see `planes.not_beyond`.
-    part, before, broad: (r, c) samples of a plane, as the frame came and smoothed;  by: smoothed luma, 2^log2x ×
-    2^log2y as many;  shift: H(g' − F(g)), and alpha, columns, rows: see `apply_contrast`;  tables: (2, top + 1), rise
-    and fall, or (1, top + 1), rise alone;  fade: (r, c) float32 w, see `fade_in_dark`, without rows it is 1;
+    part, before, broad: (r, c) samples of a plane, as the frame came and smoothed;  by: smoothed luma where they are;
+    shift: H(g' − F(g)), and alpha, columns, rows: see `apply_contrast`;  tables: (2, top + 1), rise and fall, or
+    (1, top + 1), rise alone;  fade: (r, c) float32 w, see `fade_in_dark`, without rows it is 1;
     bend: (4,) float32, or empty for none.
     """
     count, (h, w) = part.shape[1], shift.shape
@@ -174,7 +172,7 @@ def apply_map(
         at, f = reach(shift, upper[i], at, index, share, added), down[i]
         a, b = added[0, first:last], added[1, first:last]
         v, was, wide, to = alpha[i, first:last], before[i, first:last], broad[i, first:last], part[i, first:last]
-        luma = by[min(i << log2y, by.shape[0] - 1)]
+        luma = by[i, first:last]
         for j in range(last - first):
             change[j] = a[j] + f * (b[j] - a[j])
         if len(fade):
@@ -186,7 +184,7 @@ def apply_map(
                 change[j] += rise[wide[j]] + fall[was[j]]
         else:
             for j in range(last - first):
-                change[j] += rise[luma[min((first + j) << log2x, len(luma) - 1)]] + excess * np.float32(wide[j])
+                change[j] += rise[luma[j]] + excess * np.float32(wide[j])
         if len(bend):
             toe, below, knee, above = bend[0], bend[1], bend[2], bend[3]
             for j in range(last - first):
@@ -203,8 +201,6 @@ def apply_map(
 @kernel(fastmath=True)
 def tinge(
     luma: Samples | Floats,
-    log2x: int,
-    log2y: int,
     blue: Samples | Floats,
     red: Samples | Floats,
     of_blue: Floats,
@@ -218,14 +214,14 @@ def tinge(
 ) -> None:
     """out (r, c) float32 = a smooth step from `low` to `high` of blue · of_blue + red · of_red + least, by luma's code.
 
-    blue, red: (r, c) samples of chroma, grey at `grey_blue` and `grey_red`;  luma: see `apply_map`.
+    blue, red: (r, c) samples of chroma, grey at `grey_blue` and `grey_red`;  luma: (r, c) where they are.
     """
     one, none, most = np.float32(1.0), np.float32(0.0), len(least) - 1
     wide = one / (high - low)
     for i in range(out.shape[0]):
-        by, b, r, to = luma[min(i << log2y, luma.shape[0] - 1)], blue[i], red[i], out[i]
+        by, b, r, to = luma[i], blue[i], red[i], out[i]
         for j in range(len(to)):
-            code = min(max(int(by[min(j << log2x, len(by) - 1)]), 0), most)
+            code = min(max(int(by[j]), 0), most)
             of = (np.float32(b[j]) - grey_blue) * of_blue[code] + (np.float32(r[j]) - grey_red) * of_red[code]
             t = min(max((of + least[code] - low) * wide, none), one)
             to[j] = t * t * (np.float32(3.0) - np.float32(2.0) * t)

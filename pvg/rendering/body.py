@@ -22,7 +22,15 @@ from pvg.rendering import _kernels
 from pvg.rendering.foreground import foreground
 from pvg.rendering.map_tables import MapTables
 from pvg.rendering.placed_body import PlacedBody
-from pvg.rendering.planes import luma_bend, not_beyond, opponent_matrix, over_chroma, with_patches, without_fine_detail
+from pvg.rendering.planes import (
+    at_chroma,
+    luma_bend,
+    not_beyond,
+    opponent_matrix,
+    over_chroma,
+    with_patches,
+    without_fine_detail,
+)
 from pvg.rendering.tinge import tinge, tinge_of
 from pvg.video import Frame, Patch
 
@@ -45,13 +53,14 @@ def apply_body(frame: Frame, body: PlacedBody, tables: MapTables, under: Sequenc
     rows, columns = weight.shape
     x, y = left >> log2x, upper >> log2y
     smooth = without_fine_detail(skin[1], log2x), without_fine_detail(skin[2], log2x)
-    weight = weight * tinge(tables, broad, smooth, (log2x, log2y))
+    by = at_chroma(broad, pixel_format)
+    weight = weight * tinge(tables, by, smooth)
     for p in (1, 2):
         before = frame.planes[p][y : y + rows, x : x + columns]
         wide = smooth[p - 1] if tables.excess > 0 else skin[p]
         part = with_patches(before, p, (x, y), under)
         shift, excess = tables.chroma[p - 1], np.float32(tables.excess)
-        kernels.apply_chroma(part, skin[p], wide, broad, log2x, log2y, weight, shift, excess, top)
+        kernels.apply_chroma(part, skin[p], wide, by, weight, shift, excess, top)
         patches.append(Patch(p, y, x, part))
     return patches
 

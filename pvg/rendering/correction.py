@@ -25,6 +25,10 @@ from pvg.membrane import TOLERANCE, Lattice
 from pvg.rendering.map_tables import MapTables
 from pvg.rendering.placed_face import PlacedFace
 
+MAPPED_HEIGHT = 128
+"""Nodes along a face's height where only maps are drawn. What H has to carry beside F is a third as large as g' − λg,
+and so is its error. [measured: six looks, mean error in luma 0.02 to 0.18 levels, with λ and 208 nodes 0.03 to 0.22]"""
+
 Contrast = float | MapTables
 """λ, or the tables of F, which stands for λ then."""
 
@@ -81,6 +85,8 @@ def extend(face: PlacedFace, g: Floats, wanted: Sequence[CurveCorrection], *, le
     extended = [g[:, : 3 if low_wanted else 1]] if low_wanted or around_wanted else []
     extended += [one.shift for one in wanted]
     membrane = face.membrane(np.concatenate(extended, axis=1), tolerance=TOLERANCE * level)
+    if membrane.lattice != face.lattice:
+        membrane = membrane.on(face.lattice)
     planes = iter(np.split(membrane.planes, np.cumsum([v.shape[1] for v in extended])[:-1]))
     low = next(planes) if low_wanted or around_wanted else None
     out = []

@@ -11,7 +11,7 @@ import numpy as np
 from pvg._arrays import Floats
 from pvg.asset import FaceInFrame
 from pvg.curves import BOUNDARY, CurveLabels, place
-from pvg.membrane import TOLERANCE, EdgeCuts, Lattice, Membrane, build_membrane, cut_edges
+from pvg.membrane import TARGET_HEIGHT, TOLERANCE, EdgeCuts, Lattice, Membrane, build_membrane, cut_edges
 from pvg.raster import SUBPIXEL_BITS, fixed_point
 from pvg.rendering.visibility import Visibility, see
 
@@ -41,6 +41,11 @@ class PlacedFace:
     visibility: Visibility
 
     @property
+    def lattice(self) -> Lattice:
+        """The nodes that what is added to a face is told on, which may be finer than those that are solved."""
+        return Lattice.over((self.x, self.y, self.alpha.shape[1], self.alpha.shape[0]))
+
+    @property
     def window(self) -> tuple[int, int, int, int]:
         """x0, y0, x1, y1 of its pixels in the picture."""
         return self.x, self.y, self.x + self.alpha.shape[1], self.y + self.alpha.shape[0]
@@ -53,8 +58,19 @@ class PlacedFace:
         return build_membrane(self.cuts).solve(self.visibility.settle(values), tolerance=tolerance)
 
 
-def place_face(data: FaceInFrame, labels: CurveLabels, width: int, height: int, align: int = 2) -> PlacedFace | None:
-    """Place a face's curves and matte in a picture of `width` x `height`; None when nothing of it is in the picture."""
+def place_face(
+    data: FaceInFrame,
+    labels: CurveLabels,
+    width: int,
+    height: int,
+    align: int = 2,
+    *,
+    nodes: int = TARGET_HEIGHT,
+) -> PlacedFace | None:
+    """Place a face's curves and matte in a picture of `width` x `height`; None when nothing of it is in the picture.
+
+    align: the chroma step;  nodes: of the solver's lattice along the window's height.
+    """
     if data.score <= 0 or not data.matte.alpha.any():
         return None
     box = _occupied(data)
@@ -69,7 +85,8 @@ def place_face(data: FaceInFrame, labels: CurveLabels, width: int, height: int, 
     on_boundary = labels.curve == BOUNDARY  # a ray that met no skin has its sample at the centre
     reach = positions[on_boundary] - data.landmarks.axes.center
     active[on_boundary] = np.hypot(reach[:, 0], reach[:, 1]) > 1.0
-    cuts = cut_edges(positions, labels.spans, Lattice.over((x0, y0, x1 - x0, y1 - y0)), active=active)
+    lattice = Lattice.over((x0, y0, x1 - x0, y1 - y0), target_height=nodes)
+    cuts = cut_edges(positions, labels.spans, lattice, active=active)
     return PlacedFace(data, labels, positions, x0, y0, alpha, cuts, see(data, labels, positions, width, height))
 
 

@@ -87,7 +87,8 @@ def apply_correction(
             without_fine_detail(skin[p] if skin else _samples(frame, p, corner, chroma_alpha.shape), log2x)
             for p in (1, 2)
         )
-        chroma_alpha = chroma_alpha * tinge(contrast, luma, (blue, red), pixel_format.chroma_log2)
+        by = at_chroma(luma, pixel_format)
+        chroma_alpha = chroma_alpha * tinge(contrast, by, (blue, red))
     chroma_alpha = _with_guards(chroma_alpha, guards, pixel_format)
     for p in range(len(frame.planes)):
         log2 = pixel_format.chroma_log2 if p else (0, 0)
@@ -104,8 +105,7 @@ def apply_correction(
                 part,
                 own,
                 wide,
-                luma,
-                *log2,
+                by if p else luma,
                 weight,
                 *places,
                 correction.shift[p],
@@ -126,6 +126,12 @@ def apply_correction(
         _scale_all(part, before, guards, pixel_format, p)
         patches.append(Patch(p, y, x, part))
     return patches
+
+
+def at_chroma(luma: NDArray[Any], pixel_format: PixelFormat) -> NDArray[Any]:
+    """Luma (h, w) at the first pixel of each chroma sample, (r, c)."""
+    log2x, log2y = pixel_format.chroma_log2
+    return np.ascontiguousarray(luma[:: 1 << log2y, :: 1 << log2x])
 
 
 def _samples(frame: Frame, p: int, corner: tuple[int, int], shape: tuple[int, ...]) -> NDArray[Any]:

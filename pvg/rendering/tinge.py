@@ -25,21 +25,19 @@ _LEAST = 3.0  # e, levels of 255 [by eye]
 _GREY, _SKIN = np.float32(0.2), np.float32(0.6)  # r from where to where s rises from 0 to 1 [by eye]
 
 
-def tinge(
-    tables: MapTables, luma: NDArray[Any], chroma: tuple[NDArray[Any], NDArray[Any]], log2: tuple[int, int]
-) -> Floats:
-    """s (r, c) float32 of smoothed chroma samples (r, c);  luma: codes, smoothed, 2^log2[0] × 2^log2[1] as many."""
+def tinge(tables: MapTables, luma: NDArray[Any], chroma: tuple[NDArray[Any], NDArray[Any]]) -> Floats:
+    """s (r, c) float32 of smoothed chroma samples (r, c);  luma: (r, c) codes where they are, smoothed."""
     out = np.empty(chroma[0].shape, np.float32)
     of_blue, of_red, least = _projection(tables)
     (blue, red), (_, grey_blue, grey_red) = chroma, tables.offset
-    kernels.tinge(luma, *log2, blue, red, of_blue, of_red, least, grey_blue, grey_red, _GREY, _SKIN, out)
+    kernels.tinge(luma, blue, red, of_blue, of_red, least, grey_blue, grey_red, _GREY, _SKIN, out)
     return out
 
 
 def tinge_of(tables: MapTables, codes: Floats) -> Floats:
     """s (h, w) of smoothed codes (h, w, 3) of luma and chroma, at the same pixels."""
     luma, blue, red = (np.ascontiguousarray(codes[..., p]) for p in range(3))
-    return tinge(tables, luma, (blue, red), (0, 0))
+    return tinge(tables, luma, (blue, red))
 
 
 def _projection(tables: MapTables) -> tuple[Floats, Floats, Floats]:

@@ -57,4 +57,4 @@ def test_chroma_at_half_size_is_told_by_the_luma_over_it() -> None:
     luma = np.full((5, 7), 20, np.uint8)
     luma[::2, ::2] = 150
     chroma = tuple(np.full((3, 4), tables.offset[p] + tables.usual[p - 1, 150], np.uint8) for p in (1, 2))
-    np.testing.assert_allclose(tinge(tables, luma, chroma, (1, 1)), 1.0)  # type: ignore[arg-type]
+    np.testing.assert_allclose(tinge(tables, luma, chroma), 1.0)  # type: ignore[arg-type]
