@@ -34,9 +34,10 @@ def _stretch(row: Floats, index: NDArray[np.int32], share: Floats, out: Floats) 
 
 @kernel(fastmath=True)
 def reach(plane: Floats, upper: int, at: int, index: NDArray[np.int32], share: Floats, wide: Floats) -> int:
-    """Have the stretched rows `upper` and `upper` + 1 in `wide` (2, n), where row `at` and the next were; in order."""
-    if upper == at:
-        return upper
+    """Have the stretched rows `upper` and `upper` + 1 in `wide` (2, n), where row `at` and the next were; in order.
+
+    Nothing is to be done, and it is not to be called, where `upper` is `at`: a call costs as much as a hundred samples.
+    """
     if upper == at + 1:
         wide[0] = wide[1]
     else:
@@ -52,7 +53,8 @@ def read_grid(plane: Floats, columns: Doubles, rows: Doubles, out: Floats) -> No
     (index, share), (upper, down) = split(columns, w), split(rows, h)
     wide, at = np.empty((2, len(columns)), np.float32), -2
     for i in range(len(rows)):
-        at = reach(plane, upper[i], at, index, share, wide)
+        if upper[i] != at:
+            at = reach(plane, upper[i], at, index, share, wide)
         f, a, b, to = down[i], wide[0], wide[1], out[i]
         for j in range(len(to)):
             to[j] = a[j] + f * (b[j] - a[j])

@@ -9,6 +9,7 @@ from pvg._arrays import Bytes, Floats
 from pvg.raster import SUBPIXEL_BITS, fixed_point, scaled
 
 _FINER = 4  # polygons are drawn this many times finer than their cells
+_WIDE = 3.0  # cells of blur from which on half of that will do
 _REACH = 3.0  # spreads of the blur after which next to nothing is left of a cover
 
 
@@ -22,15 +23,16 @@ def soft_cover(polygon: Floats, sigma: float, hole: Floats | None = None) -> tup
     reach = int(np.ceil(_REACH * sigma))
     low = np.floor(polygon.min(axis=0)).astype(int) - reach
     columns, rows = (int(n) for n in np.ceil(polygon.max(axis=0)).astype(int) + reach + 1 - low)
-    finer = np.zeros((rows * _FINER, columns * _FINER), np.uint8)
-    _fill(finer, polygon - low.astype(np.float32), 255)
+    times = _FINER // 2 if sigma >= _WIDE else _FINER
+    finer = np.zeros((rows * times, columns * times), np.uint8)
+    _fill(finer, polygon - low.astype(np.float32), 255, times)
     if hole is not None:
-        _fill(finer, hole - low.astype(np.float32), 0)
+        _fill(finer, hole - low.astype(np.float32), 0, times)
     covered = cv2.resize(finer, (columns, rows), interpolation=cv2.INTER_AREA).astype(np.float32) / np.float32(255.0)
     side = 2 * reach + 1
     soft = cv2.GaussianBlur(covered, (side, side), sigma, borderType=cv2.BORDER_CONSTANT)
     return np.asarray(soft, np.float32), (int(low[0]), int(low[1]))
 
 
-def _fill(finer: Bytes, polygon: Floats, level: int) -> None:
-    cv2.fillPoly(finer, [fixed_point(scaled(polygon, float(_FINER)))], (level,), shift=SUBPIXEL_BITS)
+def _fill(finer: Bytes, polygon: Floats, level: int, times: int) -> None:
+    cv2.fillPoly(finer, [fixed_point(scaled(polygon, float(times)))], (level,), shift=SUBPIXEL_BITS)

@@ -36,39 +36,51 @@ def block_means(alpha: Floats, log2x: int, log2y: int, out: Floats) -> None:
 
 
 @kernel(inline=True)
-def _any(weight: Floats, first: int) -> bool:
-    """Whether any of _STRIDE weights from `first` on is not zero; in a loop without an exit, which vectorises."""
-    most = np.float32(0.0)
-    for j in range(first, first + _STRIDE):
-        most = max(most, weight[j])
-    return bool(most > np.float32(0.0))
+def _any(bits: NDArray[np.int32], first: int) -> bool:
+    """Whether any of _STRIDE weights from `first` on is not zero, by their bits, whose loop vectorises."""
+    found, block = np.int32(0), bits[first : first + _STRIDE]
+    for j in range(_STRIDE):  # counted from 0: what may be negative does not vectorise
+        found |= block[j]
+    return bool(found != 0)
 
 
-@kernel(fastmath=True)
+@kernel(inline=True)
+def _all(bits: NDArray[np.int32], first: int) -> bool:
+    """Whether all of _STRIDE weights from `first` on are more than zero, likewise."""
+    block = bits[first : first + _STRIDE]
+    least = block[0]
+    for j in range(_STRIDE):
+        least = min(least, block[j])
+    return bool(least > 0)
+
+
+@kernel()
 def _run(weight: Floats) -> tuple[int, int]:
     """The run [first, last) outside which a row of weights is zero."""
-    first, last = 0, len(weight)
-    while first + _STRIDE <= last and not _any(weight, first):
+    first, last, bits = 0, len(weight), weight.view(np.int32)
+    while first + _STRIDE <= last and not _any(bits, first):
         first += _STRIDE
-    while first < last and weight[first] == np.float32(0.0):
+    while first < last and bits[first] == 0:
         first += 1
-    while first + _STRIDE <= last and not _any(weight, last - _STRIDE):
+    while first + _STRIDE <= last and not _any(bits, last - _STRIDE):
         last -= _STRIDE
-    while first < last and weight[last - 1] == np.float32(0.0):
+    while first < last and bits[last - 1] == 0:
         last -= 1
     return first, last
 
 
-@kernel(fastmath=True)
+@kernel()
 def next_run(weight: Floats, start: int) -> tuple[int, int]:
     """The next run [first, last) of weights that are not zero in a row, from `start` on; empty at the row's end."""
-    first, end = start, len(weight)
-    while first + _STRIDE <= end and not _any(weight, first):
+    first, end, bits = start, len(weight), weight.view(np.int32)
+    while first + _STRIDE <= end and not _any(bits, first):
         first += _STRIDE
-    while first < end and weight[first] == np.float32(0.0):
+    while first < end and bits[first] == 0:
         first += 1
     last = first
-    while last < end and weight[last] != np.float32(0.0):
+    while last + _STRIDE <= end and _all(bits, last):
+        last += _STRIDE
+    while last < end and bits[last] != 0:
         last += 1
     return first, last
 
@@ -123,7 +135,9 @@ def apply_contrast(
         first, last = _run(alpha[i])
         if first >= last:
             continue
-        at, f = reach(shift, upper[i], at, index, share, added), down[i]
+        f = down[i]
+        if upper[i] != at:
+            at = reach(shift, upper[i], at, index, share, added)
         a, b = added[0, first:last], added[1, first:last]
         v, was, to = alpha[i, first:last], before[i, first:last], part[i, first:last]
         for j in range(last - first):
@@ -169,7 +183,9 @@ def apply_map(
         first, last = _run(alpha[i])
         if first >= last:
             continue
-        at, f = reach(shift, upper[i], at, index, share, added), down[i]
+        f = down[i]
+        if upper[i] != at:
+            at = reach(shift, upper[i], at, index, share, added)
         a, b = added[0, first:last], added[1, first:last]
         v, was, wide, to = alpha[i, first:last], before[i, first:last], broad[i, first:last], part[i, first:last]
         luma = by[i, first:last]
@@ -254,7 +270,9 @@ def fade_in_dark(
         first, last = _run(alpha[i])
         if first >= last:
             continue
-        at, f = reach(around, upper[i], at, index, share, held), down[i]
+        f = down[i]
+        if upper[i] != at:
+            at = reach(around, upper[i], at, index, share, held)
         a, b, source, to = held[0, first:last], held[1, first:last], luma[i, first:last], out[i, first:last]
         for j in range(last - first):
             ratio = max(np.float32(source[j]) - black, none) / max(a[j] + f * (b[j] - a[j]), one)
@@ -323,7 +341,9 @@ def show_skin(part: Samples, alpha: Floats, columns: Doubles, rows: Doubles, mea
         first, last = _run(alpha[i])
         if first >= last:
             continue
-        at, f = reach(mean, upper[i], at, index, share, held), down[i]
+        f = down[i]
+        if upper[i] != at:
+            at = reach(mean, upper[i], at, index, share, held)
         a, b, v, to = held[0, first:last], held[1, first:last], alpha[i, first:last], part[i, first:last]
         for j in range(last - first):
             skin = a[j] + f * (b[j] - a[j])

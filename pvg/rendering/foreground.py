@@ -43,9 +43,11 @@ def foreground(frame: Frame, corner: tuple[int, int], alpha: Floats, step: float
     """
     left, upper = corner
     out = []
+    subsampled = any(frame.format.chroma_log2) and not frame.format.is_rgb
+    chroma_alpha = over_chroma(alpha, frame.format) if subsampled else alpha
     for p, plane in enumerate(frame.planes[:3]):
         log2x, log2y = (0, 0) if p == 0 or frame.format.is_rgb else frame.format.chroma_log2
-        weight = over_chroma(alpha, frame.format) if log2x or log2y else alpha
+        weight = chroma_alpha if p else alpha
         (rows, columns), x, y = weight.shape, left >> log2x, upper >> log2y
         part = plane[y : y + rows, x : x + columns].copy()
         cell = max(2, round(_CELLS * step) >> log2x)

@@ -10,6 +10,8 @@ A change meant for lips is given to what is at least some way from skin to lips.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import cv2
 import numpy as np
 
@@ -40,7 +42,7 @@ def lips_shown(frame: Frame, landmarks: Landmarks, key: KeyFrame, lattice: Latti
     if not len(key.skin) or np.isnan(lips).any():
         return None
     level = np.float32(2.0 ** (frame.format.depth - 8))
-    colors = np.stack([lips, np.median(key.skin, axis=0)]).astype(np.float32)
+    colors = np.stack([lips, _skin_of(key)]).astype(np.float32)
     own, skin = _tints(Coding(frame.format).colors(colors), level)
     apart = own - skin
     if float(np.linalg.norm(apart)) < _APART:
@@ -68,6 +70,12 @@ def lips_shown(frame: Frame, landmarks: Landmarks, key: KeyFrame, lattice: Latti
     return out
 
 
+@lru_cache(maxsize=8)
+def _skin_of(key: KeyFrame) -> Floats:
+    """(3,) the median of a key frame's open skin, which all of its frames ask for."""
+    return np.asarray(np.median(key.skin, axis=0), np.float32)
+
+
 def _beside(plane: Floats, margin: float) -> Floats:
     """What a plane (h, w) would be if all of it were the skin along its border: its median and slopes there.
 
@@ -81,8 +89,9 @@ def _beside(plane: Floats, margin: float) -> Floats:
     y, x = y - (h - 1) / 2, x - (w - 1) / 2
     values = plane[border]
     middle = np.median(values)
-    at = np.stack([x[border], y[border]], axis=1)
-    slopes = np.linalg.lstsq(at, np.clip(values - middle, -_OTHER, _OTHER), rcond=None)[0]
+    off = np.clip(values - middle, -_OTHER, _OTHER)
+    x_border, y_border = x[border], y[border]  # even about the middle, so that each slope is told alone
+    slopes = [float(off @ at) / float(at @ at) for at in (x_border, y_border)]
     return np.asarray(middle + slopes[0] * x + slopes[1] * y, np.float32)
 
 

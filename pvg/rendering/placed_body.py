@@ -29,6 +29,7 @@ from pvg.skin.parameters import SKIN_PRIOR
 from pvg.video import Frame
 
 _REACH = 2 * (SKIN_PRIOR.edges.reach + 1)  # cells around the matte whose colours its edge is told by, even
+_SOFT = 2  # cells beside the matte that its edge may lie in
 _LEAST = 1e-3  # of alpha: less is nothing
 _THIN, _BESIDE = 1.7, 2.0  # of the body's cells: a rim along a face's matte is thinner, and as near to it [by eye]
 _RIM = 25  # of a cell's alpha: where none of a piece has more beside a face and its own rim, it is no piece [by eye]
@@ -75,17 +76,16 @@ def _pieces(body: Matte, faces: Sequence[PlacedFace]) -> list[_Piece]:
     reached = cv2.dilate((body.alpha > 0).view(np.uint8), np.ones((side, side), np.uint8))
     _, labels, stats, _ = cv2.connectedComponentsWithStats(reached, connectivity=8, ltype=cv2.CV_16U)
     beyond = _beyond(body, faces)
+    counted = np.bincount(labels[beyond > _RIM], minlength=len(stats))
     boxes: list[_Labelled] = [
-        ((k,), (x, y, x + w, y + h))
-        for k, (x, y, w, h, _) in enumerate(stats.tolist())
-        if k and beyond[labels == k].max() > _RIM
+        ((k,), (x, y, x + w, y + h)) for k, (x, y, w, h, _) in enumerate(stats.tolist()) if k and counted[k]
     ]
     worth = _WORTH / body.raster.step**2
     pieces = []
     for which, box in _joined(boxes, worth):
         matte = body
         if len(which) + 1 < len(stats):
-            own = np.isin(labels, which)
+            own = np.isin(np.arange(len(stats)), which)[labels]
             matte = replace(body, alpha=np.where(own, body.alpha, np.uint8(0)), mask=body.mask & own)
         pieces.append(_Piece(matte, _even(box, body.alpha.shape)))
     return pieces
@@ -126,10 +126,11 @@ def _place_piece(
 ) -> PlacedBody | None:
     """A piece in the pixels of a frame; None when nothing of it is left there."""
     align, step = 2 ** max(frame.format.chroma_log2), piece.matte.raster.step
-    x0, y0 = (int(low * step) // align * align for low in piece.cells[:2])
+    left, top, columns, rows = cv2.boundingRect(piece.matte.alpha)
+    x0, y0 = (max(0, int((low - _SOFT) * step) // align * align) for low in (left, top))
     x1, y1 = (
-        min(size, -(-int(np.ceil(high * step)) // align) * align)
-        for high, size in zip(piece.cells[2:], (frame.width, frame.height), strict=True)
+        min(size, -(-int(np.ceil((high + _SOFT) * step)) // align) * align)
+        for high, size in ((left + columns, frame.width), (top + rows, frame.height))
     )
     if x1 <= x0 or y1 <= y0:
         return None
@@ -147,11 +148,11 @@ def _place_piece(
 
 def _cropped(body: PlacedBody, align: int) -> PlacedBody | None:
     """The body without empty rows and columns around it, from multiples of `align` on; None when all are."""
-    rows, columns = (np.flatnonzero(body.alpha.max(axis=axis) > _LEAST) for axis in (1, 0))
-    if not len(rows):
+    left, top, columns, rows = cv2.boundingRect(np.asarray(cv2.compare(body.alpha, _LEAST, cv2.CMP_GT), np.uint8))
+    if not rows:
         return None
-    y, x = (int(held[0]) // align * align for held in (rows, columns))
-    alpha = body.alpha[y : -(-(int(rows[-1]) + 1) // align) * align, x : -(-(int(columns[-1]) + 1) // align) * align]
+    x, y = left // align * align, top // align * align
+    alpha = body.alpha[y : -(-(top + rows) // align) * align, x : -(-(left + columns) // align) * align]
     return replace(body, x=body.x + x, y=body.y + y, alpha=np.ascontiguousarray(alpha))
 
 
@@ -166,14 +167,16 @@ def _take_rims_out(body: PlacedBody, faces: Sequence[PlacedFace]) -> None:
         if x0 >= x1 or y0 >= y1:
             continue
         part = body.alpha[y0 - body.y : y1 - body.y, x0 - body.x : x1 - body.x]
-        own = cv2.copyMakeBorder(face.alpha, *(beside,) * 4, cv2.BORDER_CONSTANT, value=0.0)
-        close = _bytes(own[y0 - window[1] : y1 - window[1], x0 - window[0] : x1 - window[0]])
+        own = cv2.copyMakeBorder(_bytes(face.alpha), *(beside,) * 4, cv2.BORDER_CONSTANT, value=0)
+        close = own[y0 - window[1] : y1 - window[1], x0 - window[0] : x1 - window[0]]
         around = cv2.dilate(close, _square(2 * beside + 1))
         held = _bytes(part)
         farther = cv2.copyMakeBorder(held, *(thin,) * 4, cv2.BORDER_REPLICATE)  # skin does not end with the picture
         opened = cv2.morphologyEx(farther, cv2.MORPH_OPEN, _square(thin))[thin:-thin, thin:-thin]
         rims = cv2.subtract(held, opened)
-        part -= np.minimum(part, cv2.multiply(around, rims, scale=1 / 255.0**2, dtype=cv2.CV_32F))
+        thin_ones = cv2.multiply(around, rims, scale=1 / 255.0)
+        part -= thin_ones * np.float32(1 / 255.0)
+        np.maximum(part, 0, out=part)
 
 
 def _bytes(alpha: NDArray[Any]) -> Bytes:
@@ -207,6 +210,7 @@ def _take_out(body: PlacedBody, other: PlacedFace | PlacedBody) -> None:
         part = body.alpha[y0 - body.y : y1 - body.y, x0 - body.x : x1 - body.x]
         taken = other.alpha[y0 - other.y : y1 - other.y, x0 - other.x : x1 - other.x]
         if isinstance(other, PlacedFace):
-            np.maximum(part - taken, 0, out=part)
+            part -= taken
+            np.maximum(part, 0, out=part)
         else:
             np.minimum(part, 1 - taken, out=part)
