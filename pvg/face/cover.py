@@ -9,7 +9,7 @@ from pvg._arrays import Bytes, Floats
 from pvg.raster import SUBPIXEL_BITS, fixed_point, scaled
 
 _FINER = 4  # polygons are drawn this many times finer than their cells
-_WIDE = 3.0  # cells of blur from which on half of that will do
+_WIDE = 5.0  # cells of blur from which on half of that will do; what closes, eyes and mouths, is blurred less
 _REACH = 3.0  # spreads of the blur after which next to nothing is left of a cover
 
 

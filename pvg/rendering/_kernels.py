@@ -136,8 +136,7 @@ def apply_contrast(
         if first >= last:
             continue
         f = down[i]
-        if upper[i] != at:
-            at = reach(shift, upper[i], at, index, share, added)
+        at = at if upper[i] == at else reach(shift, upper[i], at, index, share, added)
         a, b = added[0, first:last], added[1, first:last]
         v, was, to = alpha[i, first:last], before[i, first:last], part[i, first:last]
         for j in range(last - first):
@@ -184,8 +183,7 @@ def apply_map(
         if first >= last:
             continue
         f = down[i]
-        if upper[i] != at:
-            at = reach(shift, upper[i], at, index, share, added)
+        at = at if upper[i] == at else reach(shift, upper[i], at, index, share, added)
         a, b = added[0, first:last], added[1, first:last]
         v, was, wide, to = alpha[i, first:last], before[i, first:last], broad[i, first:last], part[i, first:last]
         luma = by[i, first:last]
@@ -271,8 +269,7 @@ def fade_in_dark(
         if first >= last:
             continue
         f = down[i]
-        if upper[i] != at:
-            at = reach(around, upper[i], at, index, share, held)
+        at = at if upper[i] == at else reach(around, upper[i], at, index, share, held)
         a, b, source, to = held[0, first:last], held[1, first:last], luma[i, first:last], out[i, first:last]
         for j in range(last - first):
             ratio = max(np.float32(source[j]) - black, none) / max(a[j] + f * (b[j] - a[j]), one)
@@ -342,8 +339,7 @@ def show_skin(part: Samples, alpha: Floats, columns: Doubles, rows: Doubles, mea
         if first >= last:
             continue
         f = down[i]
-        if upper[i] != at:
-            at = reach(mean, upper[i], at, index, share, held)
+        at = at if upper[i] == at else reach(mean, upper[i], at, index, share, held)
         a, b, v, to = held[0, first:last], held[1, first:last], alpha[i, first:last], part[i, first:last]
         for j in range(last - first):
             skin = a[j] + f * (b[j] - a[j])

@@ -148,7 +148,7 @@ def _place_piece(
 
 def _cropped(body: PlacedBody, align: int) -> PlacedBody | None:
     """The body without empty rows and columns around it, from multiples of `align` on; None when all are."""
-    left, top, columns, rows = cv2.boundingRect(np.asarray(cv2.compare(body.alpha, _LEAST, cv2.CMP_GT), np.uint8))
+    left, top, columns, rows = cv2.boundingRect((body.alpha > _LEAST).view(np.uint8))
     if not rows:
         return None
     x, y = left // align * align, top // align * align
