@@ -27,7 +27,7 @@ from pvg.skin.segmentation import MaskMethod, red_chroma_mask, segment
 from pvg.skin.tint import tint_slopes, without_tilt
 from pvg.skin.warp import rbf_warp
 
-_TRACKING, _HAIR = SKIN_PRIOR.tracking, SKIN_PRIOR.hair
+_TRACKING, _HAIR, _NETWORK = SKIN_PRIOR.tracking, SKIN_PRIOR.hair, SKIN_PRIOR.network
 _MID_GREY = 128  # 8-bit levels, where nothing of the face is seen
 
 
@@ -130,12 +130,32 @@ def _face_color(rgb: Bytes, sample: Bools) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class _TemporalState:
-    """What one frame leaves to the next: its grey picture, skin probability, mask and alpha, (h, w) each."""
+    """What one frame leaves to the next, over (h, w) cells.
 
-    grey: Bytes
+    rgb: (h, w, 3) uint8;  probability, mask, alpha: of skin;  told: the probability that the network says.
+    """
+
+    rgb: Bytes
     probability: Floats
     mask: Floats
     alpha: Floats
+    told: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class _Carried:
+    """The frame before where its cells are now.
+
+    keep: (h, w) in [0, 1), its weight, less where the picture changed.
+    """
+
+    state: _TemporalState
+    keep: Floats
+
+    @property
+    def changed(self) -> float:
+        """Share of the cells that changed, in [0, 1]."""
+        return 1 - float(self.keep.mean()) / _TRACKING.keep
 
 
 class SkinTracker:
@@ -151,6 +171,7 @@ class SkinTracker:
         self._model = model
         self._raster: Raster | None = None
         self._before: _TemporalState | None = None
+        self._age = 0  # frames since the network was asked
         self.seen: MatteInTime | None = None
         self.told: Told | None = None
         self._flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
@@ -170,11 +191,15 @@ class SkinTracker:
             return Matte.over(raster.box, mask.astype(np.uint8) * np.uint8(255), mask)
         prior = spatial_prior(raster.shape, own, bald=learned.bald)
         self.light = _face_color(small, prior.sample & visible)
-        probability, occluder, told = _estimate(learned, small, prior, own.stacked, visible)
+        thought, occluder = _thought(learned, small, prior, own.stacked, visible)
+        before = None if self._before is None else self._carry(self._before, small)
+        told = self._ask(small, prior, thought, before)
         self.told = Told(raster, told)
+        probability = _filtered(small, network.agreed(thought, told), prior)
         if scene is not None:
             probability = _of_people(probability, scene.people(raster), prior)
-        mask, alpha = self._smooth_in_time(small, probability, prior)
+        mask, alpha, smooth = _smooth_in_time(probability, prior, before)
+        self._before = _TemporalState(small, smooth, mask.astype(np.float32), alpha, told)
         # last, so that skin that comes back is still known
         mask, alpha = mask & (occluder < 0.5), alpha * prior.fade * (1 - occluder)
         levels = np.asarray(np.rint(alpha * (255 / _TRACKING.alpha_step)) * _TRACKING.alpha_step, np.uint8)
@@ -195,44 +220,49 @@ class SkinTracker:
         self._raster = Raster.centered(box, step, (h, w))
         return self._raster
 
-    def _smooth_in_time(self, rgb: Bytes, probability: Floats, prior: SpatialPrior) -> tuple[Bools, Floats]:
-        """Mask and alpha (h, w) of this frame's skin, held to those of the frame before where nothing changed."""
-        grey = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8)
-        if self._before is None:
-            mask = face_component(probability > 0.5, prior)
-            alpha = _soft_edge(probability, mask)
-        else:
-            before, keep = self._warp_to(self._before, grey)
-            probability = (probability + keep * (before.probability - probability)).astype(np.float32)
-            mask = face_component(probability + _TRACKING.hysteresis * keep * (before.mask - 0.5) > 0.5, prior)
-            alpha = _soft_edge(probability, mask)
-            alpha = (alpha + keep * (before.alpha - alpha)).astype(np.float32)
-        self._before = _TemporalState(grey, probability, mask.astype(np.float32), alpha)
-        return mask, alpha
+    def _ask(self, rgb: Bytes, prior: SpatialPrior, thought: Floats, before: _Carried | None) -> Floats:
+        """The network's probability of skin (h, w): asked in every few frames, between them moved with the picture."""
+        self._age += 1
+        if before is None or self._age >= _NETWORK.every or before.changed > _NETWORK.changed:
+            self._age = 0
+            return network.told(rgb, prior, thought)
+        return before.state.told
 
-    def _warp_to(self, before: _TemporalState, grey: Bytes) -> tuple[_TemporalState, Floats]:
-        """The frame before moved onto this one by optical flow, and its weight: (h, w) in [0, 1)."""
+    def _carry(self, before: _TemporalState, rgb: Bytes) -> _Carried:
+        """The frame before moved onto this one, (h, w, 3) uint8 RGB, by optical flow."""
+        grey, was = (np.asarray(cv2.cvtColor(one, cv2.COLOR_RGB2GRAY), np.uint8) for one in (rgb, before.rgb))
         h, w = grey.shape
-        flow = self._flow.calc(grey, before.grey, np.zeros((h, w, 2), np.float32))
+        flow = self._flow.calc(grey, was, np.zeros((h, w, 2), np.float32))
         map_x = np.asarray(flow[..., 0] + np.arange(w), np.float32)
         map_y = np.asarray(flow[..., 1] + np.arange(h)[:, None], np.float32)
-
-        def moved(values: Floats) -> Floats:
-            out = cv2.remap(values, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-            return np.asarray(out, np.float32)
-
+        layers = cv2.merge([before.probability, before.mask, before.alpha, before.told])
+        moved = cv2.remap(layers, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        moved_grey = cv2.remap(was.astype(np.float32), map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         window = (_TRACKING.change_window, _TRACKING.change_window)
-        change = cv2.blur(np.abs(moved(before.grey.astype(np.float32)) - grey), window)
+        change = cv2.blur(cv2.absdiff(moved_grey, grey.astype(np.float32)), window)
         keep = np.asarray(_TRACKING.keep * np.exp(-((change / _TRACKING.change) ** 2)), np.float32)
-        return _TemporalState(grey, moved(before.probability), moved(before.mask), moved(before.alpha)), keep
+        probability, mask, alpha, told = (np.asarray(layer, np.float32) for layer in cv2.split(moved))
+        return _Carried(_TemporalState(rgb, probability, mask, alpha, told), keep)
 
 
-def _estimate(
+def _smooth_in_time(probability: Floats, prior: SpatialPrior, before: _Carried | None) -> tuple[Bools, Floats, Floats]:
+    """Mask, alpha and probability (h, w) of a frame's skin, held to those of the frame before where nothing changed."""
+    if before is None:
+        mask = face_component(probability > 0.5, prior)
+        return mask, _soft_edge(probability, mask), probability
+    was, keep = before.state, before.keep
+    probability = (probability + keep * (was.probability - probability)).astype(np.float32)
+    mask = face_component(probability + _TRACKING.hysteresis * keep * (was.mask - 0.5) > 0.5, prior)
+    alpha = _soft_edge(probability, mask)
+    return mask, (alpha + keep * (was.alpha - alpha)).astype(np.float32), probability
+
+
+def _thought(
     learned: LearnedSkin, rgb: Bytes, prior: SpatialPrior, points: Floats, visible: Bools
-) -> tuple[Floats, Floats, Floats]:
-    """Posterior probability of skin (h, w) from this frame alone: its colours, the prior and the key frame's shape.
+) -> tuple[Floats, Floats]:
+    """The rules' probability of skin (h, w) by this frame alone: its colours, the prior and the key frame's shape.
 
-    And the alpha (h, w) in [0, 1] of what lies in front of the face, and the network's own probability (h, w).
+    And the alpha (h, w) in [0, 1] of what lies in front of the face.
     """
     # a lamp or a cloud that changes the face changes what surrounds it alike: undo it before colours are looked up
     sample = prior.sample & visible
@@ -257,12 +287,14 @@ def _estimate(
             distance = np.maximum(distance, distance * (1 - np.float32(_HAIR.bare_release) * bare))
             hair = hair - np.float32(_HAIR.bare_log_odds / _HAIR.log_odds) * bare
     # beyond the picture its edge is repeated, and so is the decision there: skin ends at the edge, it does not fade
-    thought = _posterior(learned.colors, lab, prior, distance, hair)
-    told = network.told(rgb, prior, thought)
-    probability = network.agreed(thought, told)
+    return _posterior(learned.colors, lab, prior, distance, hair), occluder
+
+
+def _filtered(rgb: Bytes, probability: Floats, prior: SpatialPrior) -> Floats:
+    """The probability (h, w) smoothed along the picture's edges."""
     radius = max(2, round(_TRACKING.filter_radius * prior.size))
     filtered = cv2.ximgproc.guidedFilter(rgb, probability, radius, _TRACKING.filter_epsilon)
-    return np.asarray(np.clip(filtered, 0, 1), np.float32), occluder, told
+    return np.asarray(np.clip(filtered, 0, 1), np.float32)
 
 
 def _of_people(probability: Floats, people: Floats, prior: SpatialPrior) -> Floats:

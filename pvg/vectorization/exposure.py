@@ -181,13 +181,13 @@ class ExposureWatch:
             return False
         if self._made >= _FREE_KEYS + self._passed / _ROWS_A_KEY and self._changed < _PATIENCE:
             return False
+        if abs(gain) <= (_CHANGE if self._made == 0 else _SETTLED):
+            return False
         gains = [ahead.patch.gain_over(key) for ahead in self._waiting if ahead.patch is not None]
         at_end = len(self._waiting) < LOOKAHEAD
         if abs(gain) > _CHANGE:
             lasting = [g for g in gains if g * np.sign(gain) > _CHANGE]
             return len(lasting) >= LOOKAHEAD - 2 or (at_end and not self._waiting and self._made > 0)
-        if self._made == 0 or abs(gain) <= _SETTLED:
-            return False
         # what is left of a change that has come to rest
         rest = [g for g in gains if abs(g - gain) <= _REST]
         return not self._waiting if at_end else len(rest) == LOOKAHEAD
