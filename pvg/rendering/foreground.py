@@ -30,6 +30,7 @@ from pvg.video import Frame
 
 _SURE = np.float32(0.97)  # of alpha, from which on a pixel is all skin [by eye]
 _CELLS = 2  # of the matte to a cell of means
+_SAMPLES = 4  # a side of such a cell that its mean is taken of, at least
 _SPREAD = 1.0  # such cells, sigma of the mean [by eye: an edge is some cells wide]
 _UNKNOWN = np.float32(-1e6)  # a mean that is read beside one is negative
 _LEAST = np.float32(3e-4)  # of a mean's weight where all around is sure: with less there is none
@@ -51,10 +52,14 @@ def foreground(frame: Frame, corner: tuple[int, int], alpha: Floats, step: float
         (rows, columns), x, y = weight.shape, left >> log2x, upper >> log2y
         part = plane[y : y + rows, x : x + columns].copy()
         cell = max(2, round(_CELLS * step) >> log2x)
+        apart = max(1, cell // _SAMPLES)
+        across = cell // apart
+        cell = across * apart
         sums = np.zeros((2, max(2, -(-rows // cell)), max(2, -(-columns // cell))), np.float32)
-        kernels.sum_sure(part, weight, _SURE, cell, sums)
+        few, their = part[::apart, ::apart], weight[::apart, ::apart]
+        kernels.sum_sure(np.ascontiguousarray(few), np.ascontiguousarray(their), _SURE, across, sums)
         held, mass = (cv2.GaussianBlur(each, (0, 0), _SPREAD) for each in sums)
-        mean = np.where(mass > _LEAST * cell * cell, held / np.maximum(mass, np.float32(1e-6)), _UNKNOWN)
+        mean = np.where(mass > _LEAST * across * across, held / np.maximum(mass, np.float32(1e-6)), _UNKNOWN)
         kernels.show_skin(part, weight, _places(columns, cell), _places(rows, cell), mean, _SURE)
         out.append(part)
     return tuple(out)

@@ -95,7 +95,9 @@ def apply_correction(
         weight = chroma_alpha if p else alpha
         rows, columns = weight.shape
         x, y = left >> log2[0], upper >> log2[1]
-        before = _samples(frame, p, corner, weight.shape).copy()  # contiguous as what is smoothed is: compiled once
+        before = _samples(frame, p, corner, weight.shape)
+        if skin is None:
+            before = before.copy()  # contiguous as what is smoothed is: compiled once
         part = with_patches(before, p, (x, y), under)
         places = _places(correction.lattice, corner, (columns, rows), log2)
         if isinstance(contrast, MapTables):
