@@ -56,8 +56,8 @@ def foreground(frame: Frame, corner: tuple[int, int], alpha: Floats, step: float
         across = cell // apart
         cell = across * apart
         sums = np.zeros((2, max(2, -(-rows // cell)), max(2, -(-columns // cell))), np.float32)
-        few, their = part[::apart, ::apart], weight[::apart, ::apart]
-        kernels.sum_sure(np.ascontiguousarray(few), np.ascontiguousarray(their), _SURE, across, sums)
+        few: NDArray[Any] = np.ascontiguousarray(part[::apart, ::apart])
+        kernels.sum_sure(few, np.ascontiguousarray(weight[::apart, ::apart]), _SURE, across, sums)
         held, mass = (cv2.GaussianBlur(each, (0, 0), _SPREAD) for each in sums)
         mean = np.where(mass > _LEAST * across * across, held / np.maximum(mass, np.float32(1e-6)), _UNKNOWN)
         kernels.show_skin(part, weight, _places(columns, cell), _places(rows, cell), mean, _SURE)
