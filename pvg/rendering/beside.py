@@ -74,7 +74,7 @@ def _share_beside(placed: PlacedFace, lattice: Lattice, shape: tuple[int, int]) 
 def _means(frame: Frame, placed: PlacedFace, shape: tuple[int, int]) -> Floats:
     """(h, w, 3) mean codes of luma and chroma around each block of nodes, as the matte weighs them."""
     codes = mean_codes(frame, placed.window, shape)
-    sigma = max(0.5, _AROUND * placed.data.landmarks.axes.width / (_COARSE * placed.lattice.step))
+    sigma = max(0.5, _AROUND * placed.data.landmarks.axes.width / (_COARSE * placed.lattice().step))
     alpha = averaged(placed.alpha, shape)[..., None]
     weight = cv2.GaussianBlur(alpha, (0, 0), sigma)[..., None]
     held = cv2.GaussianBlur(alpha * codes, (0, 0), sigma)

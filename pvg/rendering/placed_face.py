@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from pvg._arrays import Floats
+from pvg._arrays import Bools, Floats
 from pvg.asset import FaceInFrame
 from pvg.curves import BOUNDARY, CurveLabels, place
-from pvg.membrane import TARGET_HEIGHT, TOLERANCE, EdgeCuts, Lattice, Membrane, build_membrane, cut_edges
+from pvg.membrane import TARGET_HEIGHT, TOLERANCE, Lattice, Membrane, build_membrane, cut_edges
 from pvg.raster import SUBPIXEL_BITS, fixed_point
 from pvg.rendering.visibility import Visibility, see
 
@@ -25,51 +25,42 @@ _NEARER = 4  # of two faces the larger is likely the nearer: claims grow with th
 class PlacedFace:
     """One face in one frame, ready for any number of looks.
 
-    data: its geometry;  labels: of its S curve samples;  positions: (S, 2) of them, source pixels;  x, y: the source
-    pixel of the region's corner;  alpha: (h, w) float32 matte in [0, 1], h and w multiples of the chroma step unless
-    the picture ends there;  cuts: where its curves cut the solver's lattice;  visibility: which of its samples are
-    seen.
+    data: its geometry;  labels: of its S curve samples;  positions: (S, 2) of them, source pixels;  active: (S,) those
+    that lie anywhere;  x, y: the source pixel of the region's corner;  alpha: (h, w) float32 matte in [0, 1], h and w
+    multiples of the chroma step unless the picture ends there;  visibility: which of its samples are seen.
     """
 
     data: FaceInFrame
     labels: CurveLabels
     positions: Floats
+    active: Bools
     x: int
     y: int
     alpha: Floats
-    cuts: EdgeCuts
     visibility: Visibility
 
-    @property
-    def lattice(self) -> Lattice:
-        """The nodes that what is added to a face is told on, which may be finer than those that are solved."""
-        return Lattice.over((self.x, self.y, self.alpha.shape[1], self.alpha.shape[0]))
+    def lattice(self, nodes: int = TARGET_HEIGHT) -> Lattice:
+        """The lattice over the region, `nodes` along its height."""
+        return Lattice.over((self.x, self.y, self.alpha.shape[1], self.alpha.shape[0]), target_height=nodes)
 
     @property
     def window(self) -> tuple[int, int, int, int]:
         """x0, y0, x1, y1 of its pixels in the picture."""
         return self.x, self.y, self.x + self.alpha.shape[1], self.y + self.alpha.shape[0]
 
-    def membrane(self, values: Floats, *, tolerance: float = TOLERANCE) -> Membrane:
+    def membrane(self, values: Floats, *, tolerance: float = TOLERANCE, nodes: int = TARGET_HEIGHT) -> Membrane:
         """Harmonic extension of values (S, C) at the curves, hidden samples following those that are seen.
 
-        tolerance: estimated largest error, in the units of the values.
+        tolerance: estimated largest error, in the units of the values;  nodes: see `lattice`.
         """
-        return build_membrane(self.cuts).solve(self.visibility.settle(values), tolerance=tolerance)
+        cuts = cut_edges(self.positions, self.labels.spans, self.lattice(nodes), active=self.active)
+        return build_membrane(cuts).solve(self.visibility.settle(values), tolerance=tolerance)
 
 
-def place_face(
-    data: FaceInFrame,
-    labels: CurveLabels,
-    width: int,
-    height: int,
-    align: int = 2,
-    *,
-    nodes: int = TARGET_HEIGHT,
-) -> PlacedFace | None:
+def place_face(data: FaceInFrame, labels: CurveLabels, width: int, height: int, align: int = 2) -> PlacedFace | None:
     """Place a face's curves and matte in a picture of `width` x `height`; None when nothing of it is in the picture.
 
-    align: the chroma step;  nodes: of the solver's lattice along the window's height.
+    align: the chroma step.
     """
     if data.score <= 0 or not data.matte.alpha.any():
         return None
@@ -85,9 +76,8 @@ def place_face(
     on_boundary = labels.curve == BOUNDARY  # a ray that met no skin has its sample at the centre
     reach = positions[on_boundary] - data.landmarks.axes.center
     active[on_boundary] = np.hypot(reach[:, 0], reach[:, 1]) > 1.0
-    lattice = Lattice.over((x0, y0, x1 - x0, y1 - y0), target_height=nodes)
-    cuts = cut_edges(positions, labels.spans, lattice, active=active)
-    return PlacedFace(data, labels, positions, x0, y0, alpha, cuts, see(data, labels, positions, width, height))
+    seen = see(data, labels, positions, width, height)
+    return PlacedFace(data, labels, positions, active, x0, y0, alpha, seen)
 
 
 def _occupied(data: FaceInFrame) -> Floats:

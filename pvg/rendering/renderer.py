@@ -11,11 +11,10 @@ from pvg._arrays import Floats
 from pvg.asset import VectorVideo
 from pvg.curves import Chain, ColorTable, CurveLabels, labels_by_length, table_labels
 from pvg.looks import Look, Region
-from pvg.membrane import TARGET_HEIGHT
 from pvg.rendering.beside import with_beside
 from pvg.rendering.body import apply_body
 from pvg.rendering.coding import Coding
-from pvg.rendering.correction import MAPPED_HEIGHT, at_curves, extend
+from pvg.rendering.correction import at_curves, extend
 from pvg.rendering.edges import follow_edges
 from pvg.rendering.foreground import foreground
 from pvg.rendering.guards import Guard, guard_gain, guarded_alpha
@@ -88,12 +87,6 @@ class Renderer:
         self._follows = video.settings["mask"] == "landmarks"  # the paper's rule has hard edges
         # numbers, since one look may be asked for twice
         self._with_face = {face: [i for i, look in enumerate(looks) if face in look.colors] for face in faces}
-        self._nodes = [
-            MAPPED_HEIGHT
-            if all(looks[i].contrast_of(face) == "map" for i in self._with_face.get(face, ()))
-            else TARGET_HEIGHT
-            for face in range(len(video.faces))
-        ]
         self._with_body: dict[int, list[int]] = {}
         for i, look in enumerate(looks):
             for face in (face for face in sorted(look.body) if look.maps[face].strength > 0):
@@ -177,7 +170,7 @@ class Renderer:
             if data is None:
                 continue
             labels, colors = self._colors[face].at(frame.index) if face in self._colors else (table_labels(), None)
-            placed = place_face(data, labels, frame.width, frame.height, align, nodes=self._nodes[face])
+            placed = place_face(data, labels, frame.width, frame.height, align)
             if placed is not None:
                 found.append((face, follow_edges(placed, frame) if self._follows else placed, colors))
         divided = divide_overlaps([placed for _, placed, _ in found])
@@ -209,7 +202,7 @@ class Renderer:
         corrections = extend(placed, codes, wanted, level=level)
         landmarks = placed.data.landmarks
         key = self.video.records[face].key_frame_of(frame.index)
-        lips = partial(lips_shown, frame, landmarks, key, placed.lattice)
+        lips = partial(lips_shown, frame, landmarks, key, placed.lattice())
         corrections = with_parts(corrections, parts, landmarks, lips)
         corrections = with_beside(frame, placed, corrections, beside)
         corner = placed.x, placed.y

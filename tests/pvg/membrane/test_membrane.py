@@ -47,3 +47,12 @@ def test_reading_between_the_nodes_equals_reading_the_points() -> None:
     xs, ys = np.array([0.25, 7.5, 298.9, 310.0]), np.array([-4.0, 3.3, 199.0])
     points = np.stack(np.meshgrid(xs, ys), axis=-1).reshape(-1, 2)
     np.testing.assert_allclose(membrane.read(xs, ys).reshape(2, -1).T, membrane.at(points), atol=1e-3)
+
+
+def test_a_linear_field_is_the_same_on_other_nodes() -> None:
+    fine = Lattice.over((17, -9, 61, 123), target_height=101)
+    read = tilted((17, -9, 61, 123), 40).on(fine)
+    y, x = np.mgrid[: fine.height, : fine.width] * fine.step
+    assert read.lattice == fine
+    inside = (x <= 60) & (y <= 122)  # the outer nodes of both enclose the pixels, some by more than others
+    np.testing.assert_allclose(read.planes[0][inside], (x + 17 + 2 * (y - 9))[inside], atol=1e-3)

@@ -53,9 +53,10 @@ def drawn(placed: PlacedFace, look: BodyMap, pixel_format: PixelFormat, *, besid
     picture = np.where(within[..., None], FACE, SHADE * FACE)
     frame = frame_of(picture, pixel_format)
     tables = [MapTables.of(look, pixel_format, region=region) for region in ("face", "beside")]
-    nothing = np.zeros((3, placed.cuts.lattice.height, placed.cuts.lattice.width), np.float32)
+    lattice = placed.lattice()
+    nothing = np.zeros((3, lattice.height, lattice.width), np.float32)
     (correction,) = with_beside(
-        frame, placed, [Correction(placed.cuts.lattice, nothing, tables[0])], [tables[1] if beside else None]
+        frame, placed, [Correction(lattice, nothing, tables[0])], [tables[1] if beside else None]
     )
     out = frame.patched(apply_correction(frame, (placed.x, placed.y), placed.alpha, correction))
     luma = out.format.to_rgb(out.planes) @ np.array([0.299, 0.587, 0.114])

@@ -11,8 +11,9 @@ import pytest
 from benchmarks.quality.measures import iou
 from pvg.face import layout
 from pvg.raster import Raster
-from pvg.skin import Matte, SkinTracker, fit_skin_model, scene_raster, skin_mask
+from pvg.skin import Matte, SkinTracker, fit_skin_model, network, scene_raster, skin_mask
 from pvg.skin import Scene as WholePicture
+from pvg.skin.parameters import SKIN_PRIOR
 from tests.gallery.faces import real_landmarks
 from tests.gallery.scenes import Scene, alpha_of, drawn_face, grown, mask_of, with_forehead
 
@@ -83,6 +84,45 @@ def test_the_matte_does_not_fade_along_the_pictures_edge() -> None:
     assert last[column - 20 : column + 20].min() > 0.95
     rows = matte.raster.centers()[1]
     assert not matte.mask[rows > scene.rgb.shape[0] - 0.5].any()
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """The mean levels of the pictures that the network was asked about."""
+    means: list[int] = []
+    says = network.told
+
+    def told(rgb: np.ndarray, *of: Any) -> np.ndarray:
+        means.append(round(float(rgb.mean())))
+        return says(rgb, *of)
+
+    monkeypatch.setattr(network, "told", told)
+    return means
+
+
+def test_the_network_is_asked_in_every_fourth_frame_and_its_answer_moves_along(asked: list[int]) -> None:
+    first = drawn_face(center=(120, 130))
+    tracker = SkinTracker(fit_skin_model(first.rgb, first.landmarks))
+    asked.clear()  # the key frame's own question
+    every = SKIN_PRIOR.network.every
+    for k in range(2 * every + 1):
+        scene = drawn_face(center=(120 + 2 * k, 130))
+        tracker.step(scene.rgb, scene.landmarks)
+        assert len(asked) == 1 + k // every
+        told = tracker.told
+        assert told is not None
+        there = told.raster.to_cells(scene.landmarks.points[[layout.NOSE_TIP]])[0].astype(int)
+        assert told.probability[there[1], there[0]] > 0.9
+
+
+def test_the_network_is_asked_at_once_when_the_picture_changes(asked: list[int]) -> None:
+    scene = drawn_face(center=(160, 120))
+    tracker = SkinTracker(fit_skin_model(scene.rgb, scene.landmarks))
+    for _ in range(2):
+        tracker.step(scene.rgb, scene.landmarks)
+    before = len(asked)
+    tracker.step((scene.rgb * 0.6).astype(np.uint8), scene.landmarks)
+    assert len(asked) == before + 1
 
 
 def _seen(scene: Scene, people: np.ndarray) -> WholePicture:
