@@ -24,6 +24,7 @@ from pvg.skin import (
     MatteConsensus,
     Scene,
     SkinTracker,
+    Told,
     fit_skin_model,
     scene_raster,
 )
@@ -77,7 +78,8 @@ class VectorFace:
         self._body = None if learned is None else BodyTracker(learned.colors, learned.light)
         self._consensus = MatteConsensus()
         # rows that wait for the frames after them: one of some rows, its opacity, the body's alpha
-        self._unwritten: deque[tuple[FaceTrack, int, float, Bytes]] = deque()
+        self._unwritten: deque[tuple[FaceTrack, int, float, Future[Bytes]]] = deque()
+        self._bodies = ThreadPoolExecutor(1)  # a row's body is looked for while the next row's face is
         self._key_row = key.row
         self._key: KeyView | None = key
         skin = SkinTracker(model)
@@ -99,7 +101,8 @@ class VectorFace:
             if self._watch is not None:
                 score, pose = float(rows.score[k]), rows.pose[k]
                 self._fit_due(self._watch.see(row, picture, rows.landmarks[k], matte, score, pose))
-            body = self._body_alpha(scene, rows.landmarks[k], matte, self._skin)
+            seen = matte, self._skin.light, self._skin.told
+            body = self._bodies.submit(self._body_alpha, scene, rows.landmarks[k], *seen)
             self._unwritten.append((rows, k, float(stretch.visible[k]), body))
             steady = matte if self._skin.seen is None else self._consensus.add(self._skin.seen)
             if steady is not None:
@@ -110,14 +113,18 @@ class VectorFace:
         """Write the last rows, once all are added."""
         for steady in self._consensus.end():
             self._write(*self._unwritten.popleft(), steady, writer)
+        self._bodies.shutdown()
 
     def add_key_frame_only(self, track: FaceTrack, writer: AssetWriter) -> None:
         """Write just the key frame of the track, which is all that a reference needs."""
         scene = None if self._key is None else self._key.scene
         self._fit_key()
         self.first = track.first + self._key_row
-        body = self._body_alpha(scene, track.landmarks[self._key_row], self.key_matte, self._key_skin)
+        skin = self._key_skin
+        seen = self.key_matte, skin.light, skin.told
+        body = self._bodies.submit(self._body_alpha, scene, track.landmarks[self._key_row], *seen)
         self._write(track, self._key_row, 1.0, body, self.key_matte, writer)
+        self._bodies.shutdown()
         self._remember(rows_between(track, self.first, self.first + 1))
 
     def shape(self) -> FaceShape:
@@ -185,18 +192,23 @@ class VectorFace:
         self._keys[row] = fitting.submit(_key_frame, frame, picture, landmarks, matte, self._seed)
         fitting.shutdown(wait=False)
 
-    def _body_alpha(self, scene: Scene | None, landmarks: Landmarks, matte: Matte, skin: SkinTracker) -> Bytes:
+    def _body_alpha(
+        self, scene: Scene | None, landmarks: Landmarks, matte: Matte, light: Floats, told: Told | None
+    ) -> Bytes:
         """The matte of the person's other skin in the scene of a row, nothing where none was made.
 
-        matte: the face's in that row, the last that `skin` made.
+        matte: the face's in that row;  light, told: see `SkinTracker`.
         """
         if scene is None or self._body is None:
             return self._no_body
-        return self._body.step(scene, landmarks, matte, skin.light, skin.told).alpha
+        return self._body.step(scene, landmarks, matte, light, told).alpha
 
-    def _write(self, rows: FaceTrack, k: int, visible: float, body: Bytes, matte: Matte, writer: AssetWriter) -> None:
+    def _write(
+        self, rows: FaceTrack, k: int, visible: float, body: Future[Bytes], matte: Matte, writer: AssetWriter
+    ) -> None:
         """matte: of the face;  body: alpha of the person's other skin."""
-        face, body = (a if visible == 1 else np.rint(a * visible).astype(np.uint8) for a in (matte.alpha, body))
+        alphas = matte.alpha, body.result()
+        face, others = (a if visible == 1 else np.rint(a * visible).astype(np.uint8) for a in alphas)
         arrays: dict[str, NDArray[Any]] = {
             "points": rows.landmarks.points[k],
             "skin_points": rows.landmarks.skin_points[k],
@@ -205,7 +217,7 @@ class VectorFace:
             "pose": rows.pose[k].astype(np.float32),
             "box": matte.raster.box,
             "matte": face,
-            "body": body,
+            "body": others,
         }
         writer.add_frame(self.number, arrays)
 
