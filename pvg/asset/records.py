@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,6 +99,11 @@ class KeyFrame:
     skin_at: NDArray[np.int16]
     parts: Floats
     since: int | None = None
+
+    @cached_property
+    def skin_median(self) -> Floats:
+        """(3,) float32 the median of the open skin, of which there is some; all frames ask for it."""
+        return np.asarray(np.median(self.skin, axis=0), np.float32)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,8 +10,6 @@ A change meant for lips is given to what is at least some way from skin to lips.
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import cv2
 import numpy as np
 
@@ -42,7 +40,7 @@ def lips_shown(frame: Frame, landmarks: Landmarks, key: KeyFrame, lattice: Latti
     if not len(key.skin) or np.isnan(lips).any():
         return None
     level = np.float32(2.0 ** (frame.format.depth - 8))
-    colors = np.stack([lips, _skin_of(key)]).astype(np.float32)
+    colors = np.stack([lips, key.skin_median]).astype(np.float32)
     own, skin = _tints(Coding(frame.format).colors(colors), level)
     apart = own - skin
     if float(np.linalg.norm(apart)) < _APART:
@@ -68,12 +66,6 @@ def lips_shown(frame: Frame, landmarks: Landmarks, key: KeyFrame, lattice: Latti
     out = np.ones((lattice.height, lattice.width), np.float32)
     out[first[1] : last[1], first[0] : last[0]] = smoothstep(found, *_SHOWN)
     return out
-
-
-@lru_cache(maxsize=8)
-def _skin_of(key: KeyFrame) -> Floats:
-    """(3,) the median of a key frame's open skin, which all of its frames ask for."""
-    return np.asarray(np.median(key.skin, axis=0), np.float32)
 
 
 def _beside(plane: Floats, margin: float) -> Floats:

@@ -174,8 +174,8 @@ def _take_rims_out(body: PlacedBody, faces: Sequence[PlacedFace]) -> None:
         farther = cv2.copyMakeBorder(held, *(thin,) * 4, cv2.BORDER_REPLICATE)  # skin does not end with the picture
         opened = cv2.morphologyEx(farther, cv2.MORPH_OPEN, _square(thin))[thin:-thin, thin:-thin]
         rims = cv2.subtract(held, opened)
-        thin_ones = cv2.multiply(around, rims, scale=1 / 255.0)
-        part -= thin_ones * np.float32(1 / 255.0)
+        taken = cv2.multiply(around, rims, scale=1 / 255.0)
+        part -= taken * np.float32(1 / 255.0)
         np.maximum(part, 0, out=part)
 
 
