@@ -104,12 +104,15 @@ def extend(face: PlacedFace, g: Floats, wanted: Sequence[CurveCorrection], *, le
 def _extended(
     face: PlacedFace, low: Floats, wanted: Sequence[CurveCorrection], tolerance: float, nodes: int
 ) -> list[tuple[Floats, Floats]]:
-    """For each of some corrections H of `low` (S, C) and of its shift, on the nodes of the face's lattice."""
+    """For each of some corrections H of `low` (S, C) and of its shift, on the nodes of the face's lattice.
+
+    nodes: that are solved, see `PlacedFace.lattice`.
+    """
     if not wanted:
         return []
     membrane = face.membrane(
         np.concatenate([low, *(one.shift for one in wanted)], axis=1), tolerance=tolerance, nodes=nodes
     )
-    planes = (membrane if nodes == TARGET_HEIGHT else membrane.on(face.lattice())).planes
-    first = low.shape[1]
+    lattice, first = face.lattice(), low.shape[1]
+    planes = (membrane if membrane.lattice == lattice else membrane.on(lattice)).planes
     return [(planes[:first], planes[k : k + 3]) for k in range(first, len(planes), 3)]

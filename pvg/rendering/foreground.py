@@ -44,8 +44,7 @@ def foreground(frame: Frame, corner: tuple[int, int], alpha: Floats, step: float
     """
     left, upper = corner
     out = []
-    subsampled = any(frame.format.chroma_log2) and not frame.format.is_rgb
-    chroma_alpha = over_chroma(alpha, frame.format) if subsampled else alpha
+    chroma_alpha = over_chroma(alpha, frame.format)
     for p, plane in enumerate(frame.planes[:3]):
         log2x, log2y = (0, 0) if p == 0 or frame.format.is_rgb else frame.format.chroma_log2
         weight = chroma_alpha if p else alpha

@@ -132,10 +132,10 @@ def _face_color(rgb: Bytes, sample: Bools) -> Floats:
 class _TemporalState:
     """What one frame leaves to the next, over (h, w) cells.
 
-    rgb: (h, w, 3) uint8;  probability, mask, alpha: of skin;  told: the probability that the network says.
+    grey: the picture;  probability, mask, alpha: of skin;  told: the probability that the network says.
     """
 
-    rgb: Bytes
+    grey: Bytes
     probability: Floats
     mask: Floats
     alpha: Floats
@@ -192,14 +192,15 @@ class SkinTracker:
         prior = spatial_prior(raster.shape, own, bald=learned.bald)
         self.light = _face_color(small, prior.sample & visible)
         thought, occluder = _thought(learned, small, prior, own.stacked, visible)
-        before = None if self._before is None else self._carry(self._before, small)
+        grey = np.asarray(cv2.cvtColor(small, cv2.COLOR_RGB2GRAY), np.uint8)
+        before = None if self._before is None else self._carry(self._before, grey)
         told = self._ask(small, prior, thought, before)
         self.told = Told(raster, told)
         probability = _filtered(small, network.agreed(thought, told), prior)
         if scene is not None:
             probability = _of_people(probability, scene.people(raster), prior)
         mask, alpha, smooth = _smooth_in_time(probability, prior, before)
-        self._before = _TemporalState(small, smooth, mask.astype(np.float32), alpha, told)
+        self._before = _TemporalState(grey, smooth, mask.astype(np.float32), alpha, told)
         # last, so that skin that comes back is still known
         mask, alpha = mask & (occluder < 0.5), alpha * prior.fade * (1 - occluder)
         levels = np.asarray(np.rint(alpha * (255 / _TRACKING.alpha_step)) * _TRACKING.alpha_step, np.uint8)
@@ -228,21 +229,21 @@ class SkinTracker:
             return network.told(rgb, prior, thought)
         return before.state.told
 
-    def _carry(self, before: _TemporalState, rgb: Bytes) -> _Carried:
-        """The frame before moved onto this one, (h, w, 3) uint8 RGB, by optical flow."""
-        grey, was = (np.asarray(cv2.cvtColor(one, cv2.COLOR_RGB2GRAY), np.uint8) for one in (rgb, before.rgb))
+    def _carry(self, before: _TemporalState, grey: Bytes) -> _Carried:
+        """The frame before moved by optical flow onto this one, whose picture is `grey` (h, w)."""
         h, w = grey.shape
-        flow = self._flow.calc(grey, was, np.zeros((h, w, 2), np.float32))
+        flow = self._flow.calc(grey, before.grey, np.zeros((h, w, 2), np.float32))
         map_x = np.asarray(flow[..., 0] + np.arange(w), np.float32)
         map_y = np.asarray(flow[..., 1] + np.arange(h)[:, None], np.float32)
         layers = cv2.merge([before.probability, before.mask, before.alpha, before.told])
         moved = cv2.remap(layers, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        moved_grey = cv2.remap(was.astype(np.float32), map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        was = before.grey.astype(np.float32)
+        moved_grey = cv2.remap(was, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         window = (_TRACKING.change_window, _TRACKING.change_window)
         change = cv2.blur(cv2.absdiff(moved_grey, grey.astype(np.float32)), window)
         keep = np.asarray(_TRACKING.keep * np.exp(-((change / _TRACKING.change) ** 2)), np.float32)
         probability, mask, alpha, told = (np.asarray(layer, np.float32) for layer in cv2.split(moved))
-        return _Carried(_TemporalState(rgb, probability, mask, alpha, told), keep)
+        return _Carried(_TemporalState(grey, probability, mask, alpha, told), keep)
 
 
 def _smooth_in_time(probability: Floats, prior: SpatialPrior, before: _Carried | None) -> tuple[Bools, Floats, Floats]:

@@ -106,13 +106,13 @@ class VectorFace:
             self._unwritten.append((rows, k, float(stretch.visible[k]), body))
             steady = matte if self._skin.seen is None else self._consensus.add(self._skin.seen)
             if steady is not None:
-                self._write(*self._unwritten.popleft(), steady, writer)
+                self._write_first(steady, writer)
         self._remember(stretch.rows)
 
     def finish(self, writer: AssetWriter) -> None:
         """Write the last rows, once all are added."""
         for steady in self._consensus.end():
-            self._write(*self._unwritten.popleft(), steady, writer)
+            self._write_first(steady, writer)
         self._bodies.shutdown()
 
     def add_key_frame_only(self, track: FaceTrack, writer: AssetWriter) -> None:
@@ -122,9 +122,8 @@ class VectorFace:
         self.first = track.first + self._key_row
         skin = self._key_skin
         seen = self.key_matte, skin.light, skin.told
-        body = self._bodies.submit(self._body_alpha, scene, track.landmarks[self._key_row], *seen)
+        body = self._body_alpha(scene, track.landmarks[self._key_row], *seen)
         self._write(track, self._key_row, 1.0, body, self.key_matte, writer)
-        self._bodies.shutdown()
         self._remember(rows_between(track, self.first, self.first + 1))
 
     def shape(self) -> FaceShape:
@@ -203,12 +202,14 @@ class VectorFace:
             return self._no_body
         return self._body.step(scene, landmarks, matte, light, told).alpha
 
-    def _write(
-        self, rows: FaceTrack, k: int, visible: float, body: Future[Bytes], matte: Matte, writer: AssetWriter
-    ) -> None:
+    def _write_first(self, matte: Matte, writer: AssetWriter) -> None:
+        """Write the first of the rows that wait, with its face's matte."""
+        rows, k, visible, body = self._unwritten.popleft()
+        self._write(rows, k, visible, body.result(), matte, writer)
+
+    def _write(self, rows: FaceTrack, k: int, visible: float, body: Bytes, matte: Matte, writer: AssetWriter) -> None:
         """matte: of the face;  body: alpha of the person's other skin."""
-        alphas = matte.alpha, body.result()
-        face, others = (a if visible == 1 else np.rint(a * visible).astype(np.uint8) for a in alphas)
+        face, body = (a if visible == 1 else np.rint(a * visible).astype(np.uint8) for a in (matte.alpha, body))
         arrays: dict[str, NDArray[Any]] = {
             "points": rows.landmarks.points[k],
             "skin_points": rows.landmarks.skin_points[k],
@@ -217,7 +218,7 @@ class VectorFace:
             "pose": rows.pose[k].astype(np.float32),
             "box": matte.raster.box,
             "matte": face,
-            "body": others,
+            "body": body,
         }
         writer.add_frame(self.number, arrays)
 
