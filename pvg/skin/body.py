@@ -18,6 +18,7 @@ from pvg.raster import Raster
 from pvg.skin import body_network
 from pvg.skin._kernels import BodyWeights, body_log_odds
 from pvg.skin.color_model import SkinColors, to_skin_lab
+from pvg.skin.in_time import in_levels, soft_edge, weight_of_before
 from pvg.skin.matte import Matte
 from pvg.skin.network import Told, agreed
 from pvg.skin.parameters import SKIN_PRIOR
@@ -53,6 +54,7 @@ _WEIGHTS = BodyWeights(
 _TOUCHING = 2  # cells around the face's mask that a part touches it by
 _SIDE_BY_SIDE = 0.5  # of a face's width: faces nearer to each other are one
 _STOOD = 0.3  # of a part: so much of it was there before
+_EDGE_BLUR = 1.0  # cells around the mask's edge
 _LEAST_CHROMA = 1.0  # Lab: below it a hue has no direction
 
 
@@ -141,8 +143,7 @@ class BodyTracker:
             probability = np.asarray(probability * share, np.float32)
         self._leave_out_hair(probability, scene.rgb, person, known, hair, head, gain)
         mask, alpha = self._smooth_in_time(scene, probability, known, head)
-        levels = np.rint(alpha * (255 / _TRACKING.alpha_step)) * _TRACKING.alpha_step
-        return Matte.over(scene.raster.box, levels.astype(np.uint8), mask)
+        return Matte.over(scene.raster.box, in_levels(alpha), mask)
 
     def _leave_out_hair(
         self, probability: Floats, rgb: Bytes, person: Bytes, known: Floats, hair: Floats, head: HeadShape, gain: Floats
@@ -188,16 +189,15 @@ class BodyTracker:
         before, maps = self._before, scene.before
         if before is None or maps is None:
             mask = _parts(probability, probability > 0.5, known, None, head)
-            alpha = _soft_edge(probability, mask)
+            alpha = soft_edge(probability, mask, _EDGE_BLUR)
         else:
             moved = cv2.remap(before, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
             was_grey, was_probability, was, was_alpha = cv2.split(moved)
-            change = cv2.blur(cv2.absdiff(was_grey, grey), (_TRACKING.change_window, _TRACKING.change_window))
-            keep = np.asarray(_TRACKING.keep * np.exp(-((change / _TRACKING.change) ** 2)), np.float32)
+            keep = weight_of_before(np.asarray(was_grey, np.float32), grey)
             probability = (probability + keep * (was_probability - probability)).astype(np.float32)
             likely = probability + _TRACKING.hysteresis * keep * (was - 0.5) > 0.5
             mask = _parts(probability, likely, known, np.asarray(was, np.float32), head)
-            alpha = _soft_edge(probability, mask)
+            alpha = soft_edge(probability, mask, _EDGE_BLUR)
             alpha = (alpha + keep * (was_alpha - alpha)).astype(np.float32)
         layers = cv2.merge([grey, probability, mask.astype(np.float32), alpha])
         self._before = np.asarray(layers, np.float32)
@@ -297,15 +297,6 @@ def _parts(probability: Floats, likely: Bools, known: Floats, before: Floats | N
             least *= _BODY.raised_part
         kept[part] = area > least and float(probability[box][cells].mean()) > _BODY.sure
     return np.asarray(likely & kept[labels])
-
-
-def _soft_edge(probability: Floats, mask: Bools) -> Floats:
-    """The matte: the probability around the mask's edge, 1 inside and 0 away from it."""
-    near = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), 1.0)
-    low, high = _TRACKING.edge_rise
-    alpha = np.clip((probability - low) / (high - low), 0, 1)
-    outer, inner = _TRACKING.edge_core
-    return np.asarray(np.where(near > inner, 1.0, np.where(near < outer, 0.0, alpha)), np.float32)
 
 
 def _square(side: int) -> Bytes:

@@ -17,6 +17,7 @@ from pvg.skin.cleanup import face_component
 from pvg.skin.color_model import SkinColors, to_skin_lab
 from pvg.skin.consensus import MatteInTime
 from pvg.skin.hair import Hair, find_hair, hair_cover
+from pvg.skin.in_time import in_levels, soft_edge, weight_of_before
 from pvg.skin.matte import Matte
 from pvg.skin.network import Told
 from pvg.skin.occlusion import occluder_alpha, open_skin
@@ -203,7 +204,7 @@ class SkinTracker:
         self._before = _TemporalState(grey, smooth, mask.astype(np.float32), alpha, told)
         # last, so that skin that comes back is still known
         mask, alpha = mask & (occluder < 0.5), alpha * prior.fade * (1 - occluder)
-        levels = np.asarray(np.rint(alpha * (255 / _TRACKING.alpha_step)) * _TRACKING.alpha_step, np.uint8)
+        levels = in_levels(alpha)
         # a cell more than is seen, or sampling the matte would fade it along the picture's edge
         cells = visible.astype(np.uint8)
         seen = np.asarray(cv2.dilate(cells, np.ones((3, 3), np.uint8)), np.uint8) if visible.any() else cells
@@ -239,9 +240,7 @@ class SkinTracker:
         moved = cv2.remap(layers, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         was = before.grey.astype(np.float32)
         moved_grey = cv2.remap(was, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        window = (_TRACKING.change_window, _TRACKING.change_window)
-        change = cv2.blur(cv2.absdiff(moved_grey, grey.astype(np.float32)), window)
-        keep = np.asarray(_TRACKING.keep * np.exp(-((change / _TRACKING.change) ** 2)), np.float32)
+        keep = weight_of_before(np.asarray(moved_grey, np.float32), grey.astype(np.float32))
         probability, mask, alpha, told = (np.asarray(layer, np.float32) for layer in cv2.split(moved))
         return _Carried(_TemporalState(grey, probability, mask, alpha, told), keep)
 
@@ -250,11 +249,11 @@ def _smooth_in_time(probability: Floats, prior: SpatialPrior, before: _Carried |
     """Mask, alpha and probability (h, w) of a frame's skin, held to those of the frame before where nothing changed."""
     if before is None:
         mask = face_component(probability > 0.5, prior)
-        return mask, _soft_edge(probability, mask), probability
+        return mask, soft_edge(probability, mask, _TRACKING.edge_blur), probability
     was, keep = before.state, before.keep
     probability = (probability + keep * (was.probability - probability)).astype(np.float32)
     mask = face_component(probability + _TRACKING.hysteresis * keep * (was.mask - 0.5) > 0.5, prior)
-    alpha = _soft_edge(probability, mask)
+    alpha = soft_edge(probability, mask, _TRACKING.edge_blur)
     return mask, (alpha + keep * (was.alpha - alpha)).astype(np.float32), probability
 
 
@@ -329,12 +328,3 @@ def _posterior(colors: SkinColors, lab: Floats, prior: SpatialPrior, distance: F
     binning, fields = colors.scale.binning(), (prior.log_odds, prior.neck, distance, hair)
     skin_probability(lab, *binning, table, certain, *fields, _WEIGHTS, out)
     return out
-
-
-def _soft_edge(probability: Floats, mask: Bools) -> Floats:
-    """The matte: the skin's probability around the mask's edge, 1 inside and 0 away from it."""
-    near = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), _TRACKING.edge_blur)
-    low, high = _TRACKING.edge_rise
-    alpha = np.clip((probability - low) / (high - low), 0, 1)
-    outer, inner = _TRACKING.edge_core
-    return np.asarray(np.where(near > inner, 1.0, np.where(near < outer, 0.0, alpha)), np.float32)

@@ -1,0 +1,37 @@
+"""What the mattes of the face and of the body have in common in a clip: how they are held to the frame before."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from pvg._arrays import Bools, Bytes, Floats
+from pvg.skin.parameters import SKIN_PRIOR
+
+_TRACKING = SKIN_PRIOR.tracking
+
+
+def weight_of_before(was: Floats, grey: Floats) -> Floats:
+    """(h, w) in [0, 1) the weight of the frame before in each cell, less where its picture, moved, was another.
+
+    was, grey: (h, w) float32, the grey pictures of then, moved onto now, and of now.
+    """
+    change = cv2.blur(cv2.absdiff(was, grey), (_TRACKING.change_window, _TRACKING.change_window))
+    return np.asarray(_TRACKING.keep * np.exp(-((change / _TRACKING.change) ** 2)), np.float32)
+
+
+def soft_edge(probability: Floats, mask: Bools, blur: float) -> Floats:
+    """The matte (h, w): the skin's probability around the mask's edge, 1 inside and 0 away from it.
+
+    blur: cells, how far around.
+    """
+    near = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), blur)
+    low, high = _TRACKING.edge_rise
+    alpha = np.clip((probability - low) / (high - low), 0, 1)
+    outer, inner = _TRACKING.edge_core
+    return np.asarray(np.where(near > inner, 1.0, np.where(near < outer, 0.0, alpha)), np.float32)
+
+
+def in_levels(alpha: Floats) -> Bytes:
+    """A matte in [0, 1] as bytes, in the steps that an asset keeps."""
+    return np.asarray(np.rint(alpha * (255 / _TRACKING.alpha_step)) * _TRACKING.alpha_step, np.uint8)
