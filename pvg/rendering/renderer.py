@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -77,6 +78,21 @@ def _propagation(video: VectorVideo, face: int, looks: Sequence[Look]) -> _Table
     return (_ChainColors if video.settings["matching"] == "chain" else _TableColors)(video, face, stacks)
 
 
+_Faces = list[tuple[int, PlacedFace, Floats | None]]
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Where the people of one frame are.
+
+    faces: (face, where it is, its colours (S, 3 + 3n), g beside g' of n looks), None for one that no look draws;
+    bodies: (face, where that person's other skin is, or a piece of it).
+    """
+
+    faces: _Faces
+    bodies: list[tuple[int, PlacedBody]]
+
+
 class Renderer:
     """Draws the looks of one clip into its frames; frames may come in any order."""
 
@@ -101,15 +117,25 @@ class Renderer:
         """One frame for every look, in their order; untouched frames are `frame` itself."""
         return [frame.patched(patches) for patches in self.patches(frame)]
 
-    def patches(self, frame: Frame) -> list[list[Patch]]:
-        """What every look changes in the frame, in their order, each to be laid over it in its order."""
-        out: list[list[Patch]] = [[] for _ in self.looks]
+    def place(self, frame: Frame) -> Placement:
+        """Where the people of a frame are, for one call of `patches`, which may be made in another thread.
+
+        The first half of the work: threads that place one frame while another draws the frame before share it.
+        """
         faces = self._placed_faces(frame)
-        bodies = self._placed_bodies(frame, faces)  # before guards are taken out of the faces' mattes
-        for face, placed, colors in faces:
+        return Placement(faces, self._placed_bodies(frame, faces))
+
+    def patches(self, frame: Frame, placement: Placement | None = None) -> list[list[Patch]]:
+        """What every look changes in the frame, in their order, each to be laid over it in its order.
+
+        placement: of this frame, by `place`; it is used up, for guards are taken out of the faces' mattes in place.
+        """
+        out: list[list[Patch]] = [[] for _ in self.looks]
+        placement = self.place(frame) if placement is None else placement
+        for face, placed, colors in placement.faces:
             if colors is not None:
                 self._draw_face(frame, face, placed, colors, out)
-        for face, body in bodies:
+        for face, body in placement.bodies:
             for i in self._with_body[face]:
                 tables = self._tables_of(i, face, frame, "body")
                 out[i] += apply_body(frame, body, tables, under=out[i])
@@ -120,26 +146,23 @@ class Renderer:
 
         What guards keep follows the look in brightness above all: it takes a part of it.
         """
-        placed = self._placed_faces(frame)
-        bodies = self._placed_bodies(frame, placed)
+        placement = self.place(frame)
         out = []
         for faces in persons:
             total = np.zeros((frame.height, frame.width), np.float32)
-            for face, one, _ in placed:
+            for face, one, _ in placement.faces:
                 if face in faces:
                     alpha, guards = guarded_alpha(one, self.looks[look].protect)
                     _add(total, one.x, one.y, alpha)
                     for guard in guards:
                         _add(total, one.x + guard.x, one.y + guard.y, _GUARDED * guard.weight)
-            for face, body in bodies:
+            for face, body in placement.bodies:
                 if face in faces and face in self.looks[look].body:
                     _add(total, body.x, body.y, body.alpha)
             out.append(np.minimum(total, np.float32(1.0)))
         return out
 
-    def _placed_bodies(
-        self, frame: Frame, faces: Sequence[tuple[int, PlacedFace, Floats | None]]
-    ) -> list[tuple[int, PlacedBody]]:
+    def _placed_bodies(self, frame: Frame, faces: _Faces) -> list[tuple[int, PlacedBody]]:
         """(face, where the person's other skin is) of every face in the frame that a look draws with its body."""
         placed_faces = [placed for _, placed, _ in faces]
         out: list[tuple[int, PlacedBody]] = []
@@ -158,13 +181,13 @@ class Renderer:
             self._tables[look, face, region] = (gain, kept), tables
         return tables
 
-    def _placed_faces(self, frame: Frame) -> list[tuple[int, PlacedFace, Floats | None]]:
+    def _placed_faces(self, frame: Frame) -> _Faces:
         """(face, where it is, its colours) of every face in the frame; one that no look draws has no colours.
 
         They are needed too: a face in front of another is not painted with that one's look.
         """
         align = 2 ** max(frame.format.chroma_log2)
-        found: list[tuple[int, PlacedFace, Floats | None]] = []
+        found: _Faces = []
         for face in range(len(self.video.faces)) if self._with_face else ():
             data = self.video.face_at(face, frame.index)
             if data is None:
