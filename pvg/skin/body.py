@@ -142,7 +142,7 @@ class BodyTracker:
         if share is not None:
             probability = np.asarray(probability * share, np.float32)
         self._leave_out_hair(probability, scene.rgb, person, known, hair, head, gain)
-        mask, alpha = self._smooth_in_time(scene, probability, known, head)
+        mask, alpha = self._smooth_in_time(scene, probability, known, person, head)
         return Matte.over(scene.raster.box, in_levels(alpha), mask)
 
     def _leave_out_hair(
@@ -182,13 +182,13 @@ class BodyTracker:
                 probability[box][inside] = 0.0
 
     def _smooth_in_time(
-        self, scene: Scene, probability: Floats, known: Floats, head: HeadShape
+        self, scene: Scene, probability: Floats, known: Floats, person: Bytes, head: HeadShape
     ) -> tuple[Bools, Floats]:
         """Mask and alpha (h, w), held to those of the scene before where nothing changed."""
         grey = np.asarray(cv2.cvtColor(scene.rgb, cv2.COLOR_RGB2GRAY), np.float32)
         before, maps = self._before, scene.before
         if before is None or maps is None:
-            mask = _parts(probability, probability > 0.5, known, None, head)
+            mask = _parts(probability, probability > 0.5, known, person, None, head)
             alpha = soft_edge(probability, mask, _EDGE_BLUR)
         else:
             moved = cv2.remap(before, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
@@ -196,7 +196,7 @@ class BodyTracker:
             keep = weight_of_before(np.asarray(was_grey, np.float32), grey)
             probability = (probability + keep * (was_probability - probability)).astype(np.float32)
             likely = probability + _TRACKING.hysteresis * keep * (was - 0.5) > 0.5
-            mask = _parts(probability, likely, known, np.asarray(was, np.float32), head)
+            mask = _parts(probability, likely, known, person, np.asarray(was, np.float32), head)
             alpha = soft_edge(probability, mask, _EDGE_BLUR)
             alpha = (alpha + keep * (was_alpha - alpha)).astype(np.float32)
         layers = cv2.merge([grey, probability, mask.astype(np.float32), alpha])
@@ -271,11 +271,15 @@ def _distance(shape: tuple[int, int], head: HeadShape) -> Floats:
     return np.asarray(np.minimum(*ends), np.float32)
 
 
-def _parts(probability: Floats, likely: Bools, known: Floats, before: Floats | None, head: HeadShape) -> Bools:
+def _parts(
+    probability: Floats, likely: Bools, known: Floats, person: Bytes, before: Floats | None, head: HeadShape
+) -> Bools:
     """The parts of `likely` (h, w) that are a body's: what touches the face, and what is large and sure enough.
 
-    Above the chin only a hand is skin that touches nothing, and a raised hand is large.
-    known: (h, w) the face's own mask;  before: (h, w) the mask before;  head: in cells.
+    Above the chin only a hand is skin that touches nothing, and a raised hand is large. Where the person mask is not
+    sure, as on a floor of the skin's colour, what touches nothing must be surer by itself: a hand that comes in.
+    known: (h, w) the face's own mask;  person: (h, w), 255 on people;  before: (h, w) the mask before;
+    head: in cells.
     """
     size = head.size
     face = (known > 0.5).astype(np.uint8)
@@ -295,7 +299,11 @@ def _parts(probability: Floats, likely: Bools, known: Floats, before: Floats | N
         least = (_BODY.kept_part if stood else _BODY.least_part) * size**2
         if (middles[part] - head.chin) @ head.axes.down < 0:
             least *= _BODY.raised_part
-        kept[part] = area > least and float(probability[box][cells].mean()) > _BODY.sure
+        if area <= least:
+            continue
+        whose = float(person[box][cells].mean()) / 255
+        sure = _BODY.sure if whose > (_BODY.kept_person if stood else _BODY.part_person) else _BODY.sure_alone
+        kept[part] = float(probability[box][cells].mean()) > sure
     return np.asarray(likely & kept[labels])
 
 

@@ -381,6 +381,9 @@ class BodyNumbers:
     least_part: float = 0.015  # squared face sizes of a part that does not touch the face [by eye]: a hand
     kept_part: float = 0.006  # the same when it was there in the frame before [by eye]
     sure: float = 0.7  # mean probability of such a part [measured: at 0.85 an arm is lost that the network doubts]
+    part_person: float = 0.78  # mean of the person mask there [measured: hands 0.83 and more, floors 0.76 and less]
+    kept_person: float = 0.7  # the same when it was there in the frame before [by eye]
+    sure_alone: float = 0.88  # mean probability of a part with less of it [measured: hands 0.92, floors up to 0.82]
     raised_part: float = 4.0  # times as large above the chin [by eye]: what touches nothing there is a hand or no skin
     least_person: float = 0.25  # squared face sizes of the person mask away from the face [by eye]: an arm, no pot
     owner: float = 6.0  # power by which a nearer face owns a cell more [by eye]

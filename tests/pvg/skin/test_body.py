@@ -12,7 +12,7 @@ import pytest
 from pvg.face import Landmarks, layout
 from pvg.raster import Raster
 from pvg.skin import BodyTracker, Matte, Scene, SceneReader, SkinTracker, fit_skin_model, person_mask, scene_raster
-from pvg.skin.body import _told_against, color_tables
+from pvg.skin.body import _parts, _told_against, color_tables
 from pvg.skin.network import Told
 from pvg.skin.prior import head_shape
 from scripts.samples import Samples
@@ -163,6 +163,30 @@ def test_a_small_piece_of_wall_beside_the_head_is_none() -> None:
     person = Drawn(rgb, drawn.landmarks, drawn.hand, drawn.cloth, drawn.wall & ~spot)  # the person mask is wrong there
     alpha = _step(*_tracker(person), person, person.scene())
     assert alpha[spot].mean() < 0.02
+
+
+@pytest.mark.parametrize(
+    ("probability", "person", "kept"),
+    [(0.8, 0.9, True), (0.8, 0.6, False), (0.93, 0.6, True)],
+    ids=["a hand", "a floor that the person mask is not sure of", "a hand that comes in"],
+)
+def test_what_touches_nothing_is_a_persons_or_surely_skin(probability: float, person: float, kept: bool) -> None:
+    drawn = _drawn()
+    scene = drawn.scene()
+    head = head_shape(drawn.landmarks.in_cells(scene.raster))
+    part = np.zeros(scene.raster.shape, bool)
+    part[-30:, -30:] = True
+    known = np.zeros(part.shape, np.float32)
+    known[:10, :10] = 1
+    mask = _parts(
+        np.where(part, np.float32(probability), np.float32(0)),
+        part,
+        known,
+        np.where(part, np.uint8(255 * person), np.uint8(0)),
+        None,
+        head,
+    )
+    assert mask[part].all() == mask.any() == kept
 
 
 def test_light_that_changes_changes_no_matte() -> None:
