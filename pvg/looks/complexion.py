@@ -2,8 +2,9 @@
 
 A picture's colours are as much its camera's and its grade's as its people's. Among its own dark curtains and blue
 greys, skin of little chroma looks like skin; put into another picture it looks dead. So skin that is greyer than skin
-of its lightness usually is gains chroma, up to that, and never beyond what the clip's own skin has: a grey film stays
-grey, and a clip's own colours are themselves.
+of its lightness usually is gains chroma, up to that, and not where the clip's own skin is grey for its lightness: a
+grey film stays grey, and a clip's own colours are themselves. Pale skin is no grey film, though it has little chroma:
+when it is made darker it gets that of darker skin.
 
 Skin that is richer, redder or yellower than skin is, flushed, burnt out or under an orange or a greenish lamp, turns
 another face to salmon, orange or olive. Its chroma is held to what skin has and its hue turned until it is no redder
@@ -23,6 +24,8 @@ from pvg.looks.tone import to_opponent, to_rgb
 # saturation, C*/L* of CIELAB, below which skin looks grey: at L* 60, its fall a level of L*, and the most of it
 # [by blind choice: less or more of it was chosen less often, at L* 60, 64, 71 and 77]
 _USUAL, _FALL, _MOST = 0.36, 0.004, 0.40
+_GREY = (0.6, 0.85)  # of the usual saturation: skin with less is of a grey film, with more of none [by eye]
+_DARKENED = 8.0  # of L*: skin that gets darker by so much takes the chroma of darker skin [by eye]
 _GAIN = 1.3  # of chroma, at most [by blind choice]: a grade in black and white is meant
 _RICHEST, _REDDEST = 32.0, 23.0  # C* and a* of CIELAB, at most [by blind choice: C* of 32 rather than 28 or any]
 _YELLOWEST = np.radians(62.0)  # hue of CIELAB, at most [by eye]
@@ -41,13 +44,29 @@ def complexion(reference: Floats, own: Floats, scene: float) -> Floats:
     if scene > 0.0 and (held := _held(lab, bound)) is not None:
         goal = lab + scene * (held - lab)
         skin, lab = _moved(skin, lab, goal), goal
-    usual = min(_USUAL - _FALL * (lab[0] - 60.0), _MOST)
-    gain = min(usual, _saturation(bound)) / max(_saturation(lab), 1e-6)
+    gain = _usual(lab) * _borne(bound, lab) / max(_saturation(lab), 1e-6)
     if gain <= 1.0:
         return skin
     opponent = to_opponent(skin)
     opponent[:, 1:] *= min(gain, _GAIN)
     return np.asarray(np.clip(to_rgb(opponent), 0.0, 255.0), np.float32)
+
+
+def _usual(lab: Doubles) -> float:
+    """The saturation that skin of a colour's lightness has usually."""
+    return min(_USUAL - _FALL * (float(lab[0]) - 60.0), _MOST)
+
+
+def _borne(own: Doubles, goal: Doubles) -> float:
+    """How much of the usual saturation a clip's skin `own` bears in the lightness of `goal`.
+
+    What it has of it itself; but as much as skin has where it is not grey and gets darker.
+    """
+    has = min(_saturation(own) / _usual(own), 1.0)
+    grey, plain = _GREY
+    film = float(np.clip((plain - has) / (plain - grey), 0.0, 1.0))
+    darker = float(np.clip((own[0] - goal[0]) / _DARKENED, 0.0, 1.0))
+    return has + darker * (1.0 - film) * (1.0 - has)
 
 
 def _held(lab: Doubles, own: Doubles) -> Doubles | None:

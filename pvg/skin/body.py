@@ -123,7 +123,7 @@ class BodyTracker:
         log_odds = np.empty(scene.raster.shape, np.float32)
         person = _own_people(scene.person, known, head.size)
         maps = scene.before
-        asked = self._hair is None or maps is None or self._scenes % _BODY.person_every == 0
+        asked = self._hair is None or maps is None or scene.changed or self._scenes % _BODY.person_every == 0
         hair = hair_odds(scene.rgb, person, known, head, self._scale, gain) if asked else _moved(self._hair, maps)
         self._hair, self._scenes = hair, self._scenes + 1
         oval = head.of_oval(scene.raster.shape)

@@ -330,6 +330,8 @@ class BodyNumbers:
     least_cell_px: float = 3.0  # source pixels a cell at least [by eye]: finer cells show noise
     least_side: int = 8  # cells along a side at least [by eye]
     person_every: int = 4  # frames from one mask of the network to the next [by eye]
+    unexplained: float = 30.0  # levels of grey that cells are off those of the scene before, moved by the flow [by eye]
+    much: float = 0.007  # of the cells that are [measured: fast hands 0.01 to 0.08, people who talk 0.005 and less]
     cube: int = 33  # nodes along each side of the table of colours [by eye]
     base: float = 4.0  # nats for the face's own colour [by eye]
     along: Range = (2.1, 2.6)  # spreads of chroma, standard deviation towards grey and away from it [by eye]

@@ -1,7 +1,8 @@
 """The whole picture at a small size: what all skin of a person is found in, once a frame for all faces.
 
 A scene has the picture over square cells, the person mask of a network, how the cells moved since the scene before, and
-the faces. The network is asked in every fourth frame only; between, its mask moves with the picture.
+the faces. The network is asked in every fourth frame only, and at once where the flow does not explain the picture, as
+of fast hands; between, its mask moves with the picture.
 """
 
 from __future__ import annotations
@@ -64,7 +65,9 @@ class Scene:
 
     raster: its cells;  rgb: (h, w, 3) uint8;  person: (h, w) uint8, 255 on people;
     flow: (h', w', 2) float32, from blocks of cells to where they were in the scene before, None without one;
-    faces: all that are known to be there, source pixels.
+    faces: all that are known to be there, source pixels;
+    changed: whether more of the picture changed than the flow explains: what was known of the scene before is not where
+    the flow has it.
     """
 
     raster: Raster
@@ -72,6 +75,7 @@ class Scene:
     person: Bytes
     flow: Floats | None
     faces: tuple[Landmarks, ...]
+    changed: bool = False
 
     @cached_property
     def before(self) -> tuple[Floats, Floats] | None:
@@ -102,6 +106,15 @@ def _maps(flow: Floats, shape: tuple[int, int]) -> tuple[Floats, Floats]:
     )
 
 
+def _changed(before: Bytes, grey: Bytes, flow: Floats) -> bool:
+    """Whether a picture (h, w) is another than the one before, moved by the flow (h, w, 2), in much of it."""
+    h, w = grey.shape
+    xs, ys = flow[..., 0] + np.arange(w, dtype=np.float32), flow[..., 1] + np.arange(h, dtype=np.float32)[:, None]
+    moved = cv2.remap(before, xs, ys, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    off = cv2.blur(cv2.absdiff(moved, grey), (3, 3)) > _BODY.unexplained
+    return bool(off.mean() > _BODY.much)
+
+
 class SceneReader:
     """Makes the scene of each picture of a clip, in order."""
 
@@ -126,17 +139,19 @@ class SceneReader:
         if not cut and self._grey is not None and self._grey.shape == grey.shape:
             flow = np.asarray(self._flow.calc(grey, self._grey, np.zeros((*grey.shape, 2), np.float32)), np.float32)
         self._age += 1
+        changed = flow is not None and self._grey is not None and _changed(self._grey, grey, flow)
         person: Bytes | None = None
         if flow is not None and self._person is not None:
             maps = _maps(flow, raster.shape)
             moved = cv2.remap(self._person, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
             person = np.asarray(moved, np.uint8)
-        if person is None or self._age >= _BODY.person_every:
+        if person is None or changed or self._age >= _BODY.person_every:
             new: Bytes = np.asarray(np.rint(person_mask(rgb) * 255), np.uint8)
-            person = new if person is None else np.asarray(cv2.addWeighted(new, 0.5, person, 0.5, 0), np.uint8)
+            old = new if person is None or changed else person
+            person = np.asarray(cv2.addWeighted(new, 0.5, old, 0.5, 0), np.uint8)
             self._age = 0
         self._grey, self._person = grey, person
-        return Scene(raster, rgb, person, flow, tuple(faces))
+        return Scene(raster, rgb, person, flow, tuple(faces), changed)
 
 
 def _cells(picture: Picture, raster: Raster) -> Bytes:

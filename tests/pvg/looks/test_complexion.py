@@ -41,6 +41,19 @@ def test_the_clips_own_skin_bounds_it() -> None:
     assert saturation == pytest.approx(lightness_and_saturation(own)[1], abs=0.01)
 
 
+@pytest.mark.parametrize(
+    ("own", "saturation"),
+    [((70.0, 12.0, 14.0), 0.35), ((70.0, 7.0, 8.0), 0.27)],
+    ids=["pale skin", "a grey film"],
+)
+def test_pale_skin_that_gets_darker_gets_the_chroma_of_darker_skin(
+    own: tuple[float, float, float], saturation: float
+) -> None:
+    assert lightness_and_saturation(skin(own))[1] < 0.27
+    taken = complexion(skin(ASHEN), skin(own), 0.0)
+    assert lightness_and_saturation(taken)[1] == pytest.approx(saturation, abs=0.015)
+
+
 @pytest.mark.parametrize("chroma", [0.0, 0.3, 1.0])
 def test_a_clips_own_colours_are_themselves(chroma: float) -> None:
     own = skin(ASHEN, chroma)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import cv2
@@ -33,19 +33,19 @@ class Drawn:
     cloth: np.ndarray
     wall: np.ndarray
 
-    def scene(self, *others: Landmarks) -> Scene:
-        """The scene with a true person mask."""
-        seen = SceneReader().step(self.rgb)
+    def scene(self, *others: Landmarks, reader: SceneReader | None = None) -> Scene:
+        """The scene with a true person mask;  reader: that read the scene before."""
+        seen = (reader or SceneReader()).step(self.rgb)
         h, w = seen.raster.shape
         person = cv2.resize((~self.wall).astype(np.uint8) * 255, (w, h), interpolation=cv2.INTER_AREA)
-        return Scene(seen.raster, seen.rgb, np.asarray(person, np.uint8), None, (self.landmarks, *others))
+        return replace(seen, person=np.asarray(person, np.uint8), faces=(self.landmarks, *others))
 
 
-def _drawn(tone: str = "tan", seed: int = 0, gain: float = 1.0) -> Drawn:
+def _drawn(tone: str = "tan", seed: int = 0, gain: float = 1.0, hand_at: tuple[float, float] = (470, 380)) -> Drawn:
     """A face and neck, a hand of the same skin, a red shirt, planks behind."""
     face = drawn_face((300, 150), 130, tone, SIZE, seed=seed)
     ys, xs = np.mgrid[: SIZE[0], : SIZE[1]]
-    hand = np.hypot((xs - 470) / 40, (ys - 380) / 55) < 1
+    hand = np.hypot((xs - hand_at[0]) / 40, (ys - hand_at[1]) / 55) < 1
     shirt = filled(SIZE, np.array([[190, 300], [410, 300], [520, 479], [110, 479]])) & ~hand & ~face.skin
     wall = ~(face.skin | hand | shirt)
     rgb = face.rgb.astype(np.float32)
@@ -196,6 +196,24 @@ def test_light_that_changes_changes_no_matte() -> None:
     dark = _step(*trackers, dim, dim.scene())
     assert np.abs(bright - dark)[shrunk(drawn.hand, 9)].mean() < 0.02
     assert dark[shrunk(drawn.cloth, 9)].mean() < 0.01
+
+
+def test_a_hand_that_moves_farther_than_the_flow_sees_is_found_at_once() -> None:
+    drawn, after = _drawn(hand_at=(200, 420)), _drawn(hand_at=(420, 420))
+    trackers, reader = _tracker(drawn), SceneReader()
+    _step(*trackers, drawn, drawn.scene(reader=reader))
+    scene = after.scene(reader=reader)
+    assert scene.flow is not None
+    assert scene.changed
+    alpha = _step(*trackers, after, scene)
+    assert alpha[shrunk(after.hand, 9)].mean() > 0.95
+    assert alpha[drawn.hand & ~after.hand].mean() < 0.02
+
+
+def test_noise_and_a_little_movement_are_no_change() -> None:
+    reader = SceneReader()
+    for seed, at in enumerate([470, 473, 477, 480]):
+        assert not _drawn(seed=seed, hand_at=(at, 380)).scene(reader=reader).changed
 
 
 def test_noise_does_not_move_the_matte_of_a_still() -> None:
