@@ -24,7 +24,7 @@ from pvg.looks.tone import to_opponent, to_rgb
 # saturation, C*/L* of CIELAB, below which skin looks grey: at L* 60, its fall a level of L*, and the most of it
 # [by blind choice: less or more of it was chosen less often, at L* 60, 64, 71 and 77]
 _USUAL, _FALL, _MOST = 0.36, 0.004, 0.40
-_GREY = (0.6, 0.85)  # of the usual saturation: skin with less is of a grey film, with more of none [by eye]
+_GREY = (0.55, 0.72)  # of the usual saturation: skin with less is of a grey film, with more of none [by eye]
 _DARKENED = 8.0  # of L*: skin that gets darker by so much takes the chroma of darker skin [by eye]
 _GAIN = 1.3  # of chroma, at most [by blind choice]: a grade in black and white is meant
 _RICHEST, _REDDEST = 32.0, 23.0  # C* and a* of CIELAB, at most [by blind choice: C* of 32 rather than 28 or any]
