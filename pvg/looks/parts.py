@@ -58,6 +58,9 @@ _LIKE_SKIN = 0.3  # of log luma between two skins, over which a clip's own lips 
 # of the skin's luma: hair above the mouth is darker [measured: moustaches 0.27 to 0.56, skin 0.72 to 1.21], and lips in
 # its shade, under its hairs, are darker than this
 _MOUSTACHE, _BESIDE_MOUSTACHE = 0.62, 0.6
+# power of the strength where the reference's lips are less red than the clip's, beside their skins: half strength
+# gives a lipstick by half and takes it away by an eighth, for drained lips look ill; full strength does both [by eye]
+_KEPT = 3.0
 _LEAST_CHROMA = 4.0  # levels: greyer skin has no hue
 _LEAST_RED = -3.0  # levels of R − Y beyond the skin's: lips with less are a beard or a shadow [by eye]
 
@@ -99,8 +102,11 @@ class PartChanges:
                 luma[p], chroma[p] = np.nan, 0.0
         return cls(luma, chroma)
 
-    def on(self, skin: SkinMap, key: KeyFrame) -> Floats:
-        """(P, 3) luma, B − Y and R − Y, levels, to add to a clip's parts that the skin's map F has moved."""
+    def on(self, skin: SkinMap, key: KeyFrame, strength: Floats) -> Floats:
+        """(P, 3) luma, B − Y and R − Y, levels, to add to a clip's parts that the skin's map F has moved.
+
+        strength: (P,) in [0, 1], of each part.
+        """
         out = np.zeros((len(PARTS), 3), np.float32)
         if not len(key.skin):
             return out
@@ -117,9 +123,18 @@ class PartChanges:
             for channel, bound in enumerate((bounds.blue, bounds.red)):
                 beyond = _within(self.chroma[p, channel], bound, ours[1 + channel] - usual[channel])
                 out[p, 1 + channel] = then[channel] + beyond - ours[1 + channel]
+            share = float(strength[p])
             if part == "lips":
-                out[p] = _as_lips(ours + out[p], own[p], skin, key, face) - ours
+                goal = _as_lips(ours + out[p], own[p], skin, key, face)
+                share **= _KEPT if _redder(goal, skin) < _redder(ours, skin) else 1.0
+                out[p] = goal - ours
+            out[p] *= share
         return out
+
+
+def _redder(part: Doubles, skin: SkinMap) -> float:
+    """R − Y of a part's colour (3,) beyond what is usual on skin that is as bright, levels."""
+    return float(part[2] - skin.goal.at(part[:1])[0, 1])
 
 
 def _moustache(reference: KeyFrame) -> bool:

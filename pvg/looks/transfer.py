@@ -100,7 +100,7 @@ def transfer(
     _check({"strength": strength, "light": light, "scene": scene}, contrast, match, protect, extent)
     target = _reference_key(reference, reference_face)
     steps = TransportSteps(beta, iterations, seed)
-    wanted = strengths(makeup)[:, None]
+    wanted = strengths(makeup)
     changes = PartChanges.of(target) if match == "semantic" and len(target.skin) else None
     chosen = faces_by_index(video, faces)
     colors: dict[int, Floats] = {}
@@ -133,7 +133,7 @@ def transfer(
                 if skin is not None and contrast != "auto":  # F, where it draws pixels, takes parts along
                     moved, lacks = parts_apart(lit, skin, moved)
                 if skin is not None and changes is not None:
-                    gained.append(share * np.float32(kept) * (lacks + wanted * changes.on(skin, lit)))
+                    gained.append(share * np.float32(kept) * (lacks + changes.on(skin, lit, wanted)))
                 new.append(key.colors + share * (_into_gamut(kept * moved).astype(np.float32) - key.colors))
             colors[index] = np.stack(new).astype(np.float32)
             contrasts[index] = 1.0 if skin is None else "map"

@@ -49,29 +49,48 @@ class Guard:
 
 
 def guarded_alpha(
-    face: PlacedFace, protect: Sequence[str], *, in_place: bool = False, align: int = 2
+    face: PlacedFace, protect: Sequence[str], skin: Floats | None = None, *, in_place: bool = False, align: int = 2
 ) -> tuple[Floats, list[Guard]]:
     """The face's matte (h, w) without the features that go their own way ("eyes", "teeth"), and those.
 
+    skin: how far the nodes of the face's lattice show skin in the mouth, see `pvg.rendering.mouth`: it stays;
     in_place: whether the face's own matte may be changed, since nobody needs it again;  align: the chroma step.
     """
     landmarks = face.data.landmarks
-    polygons: list[Floats] = []
+    polygons: list[tuple[Floats, Floats | None]] = []
     if "eyes" in protect:
-        polygons += [landmarks.points[layout.LEFT_EYE], landmarks.points[layout.RIGHT_EYE]]
+        polygons += [(landmarks.points[eye], None) for eye in (layout.LEFT_EYE, layout.RIGHT_EYE)]
     if "teeth" in protect:
-        polygons.append(landmarks.points[layout.LIPS_INNER])
+        polygons.append((landmarks.points[layout.LIPS_INNER], skin))
     if not polygons:
         return face.alpha, []
     sigma = max(0.8, _FEATHER * landmarks.axes.width)
     origin = np.array([face.x, face.y], np.float32)
     alpha = face.alpha if in_place else face.alpha.copy()
     guards = []
-    for polygon in polygons:
+    for polygon, stays in polygons:
         taken = _take_out(alpha, polygon - origin, sigma, align)
-        if taken is not None:
-            guards.append(Guard(*taken, np.asarray(polygon.mean(axis=0), np.float32)))
+        if taken is None:
+            continue
+        x, y, weight = taken
+        if stays is not None:
+            kept = weight * _at_pixels(stays, face, (x, y), weight.shape)
+            alpha[y : y + weight.shape[0], x : x + weight.shape[1]] += kept
+            weight -= kept
+        guards.append(Guard(x, y, weight, np.asarray(polygon.mean(axis=0), np.float32)))
     return alpha, guards
+
+
+def _at_pixels(nodes: Floats, face: PlacedFace, corner: tuple[int, int], shape: tuple[int, ...]) -> Floats:
+    """What the nodes of a face's lattice say at pixels (h, w) of its window, from its pixel `corner` x, y on."""
+    lattice = face.lattice()
+    x, y = (
+        (float(at + of_face) - of_lattice) / lattice.step
+        for at, of_face, of_lattice in zip(corner, (face.x, face.y), (lattice.x, lattice.y), strict=True)
+    )
+    to_nodes = np.array([[1 / lattice.step, 0, x], [0, 1 / lattice.step, y]])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return np.asarray(cv2.warpAffine(nodes, to_nodes, shape[1::-1], flags=flags), np.float32)
 
 
 def _take_out(alpha: Floats, polygon: Floats, sigma: float, align: int) -> tuple[int, int, Floats] | None:

@@ -6,7 +6,7 @@ costs no more than without them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,12 +21,12 @@ def with_parts(
     corrections: Sequence[Correction],
     changes: Sequence[Doubles | None],
     landmarks: Landmarks,
-    lips: Callable[[], Floats | None] = lambda: None,
+    lips: Floats | None = None,
 ) -> list[Correction]:
     """The corrections of one face, all on one lattice, with the changes of its parts.
 
     changes: for each correction (P, 3) luma and chroma that each of PARTS gains, code values, or None;
-    lips: tells how far each node shows lips, see `pvg.rendering.lips`.
+    lips: (h, w) how far each node shows lips, see `pvg.rendering.mouth`; None: wholly.
     """
     if not any(change is not None and change.any() for change in changes):
         return list(corrections)
@@ -43,9 +43,8 @@ def with_parts(
                     soft = feather(PARTS[p], landmarks)
                     outlines = part_outlines(PARTS[p], landmarks)
                     add_cover(covers[p], outlines, (lattice.x, lattice.y), lattice.step, soft)
-                    shown = lips() if PARTS[p] == "lips" else None
-                    if shown is not None:
-                        covers[p] *= shown
+                    if PARTS[p] == "lips" and lips is not None:
+                        covers[p] *= lips
                 for plane in range(3):
                     shift[plane] += np.float32(change[p, plane]) * covers[p]
         out.append(replace(correction, shift=shift))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -19,9 +18,9 @@ from pvg.rendering.correction import at_curves, extend
 from pvg.rendering.edges import follow_edges
 from pvg.rendering.foreground import foreground
 from pvg.rendering.guards import Guard, guard_gain, guarded_alpha
-from pvg.rendering.lips import lips_shown
 from pvg.rendering.makeup import with_parts
 from pvg.rendering.map_tables import MapTables
+from pvg.rendering.mouth import see_mouth
 from pvg.rendering.placed_body import PlacedBody, place_body
 from pvg.rendering.placed_face import PlacedFace, divide_overlaps, place_face
 from pvg.rendering.planes import apply_correction, fade_in_dark
@@ -225,8 +224,8 @@ class Renderer:
         corrections = extend(placed, codes, wanted, level=level)
         landmarks = placed.data.landmarks
         key = self.video.records[face].key_frame_of(frame.index)
-        lips = partial(lips_shown, frame, landmarks, key, placed.lattice())
-        corrections = with_parts(corrections, parts, landmarks, lips)
+        mouth = see_mouth(frame, landmarks, key, placed.lattice())
+        corrections = with_parts(corrections, parts, landmarks, mouth.lips)
         corrections = with_beside(frame, placed, corrections, beside)
         corner = placed.x, placed.y
         skin = None
@@ -238,7 +237,7 @@ class Renderer:
         for i, correction, luma in zip(which, corrections, lumas, strict=True):
             protect = self.looks[i].protect
             if protect not in guarded:
-                guarded[protect] = guarded_alpha(placed, protect, in_place=alike, align=align)
+                guarded[protect] = guarded_alpha(placed, protect, mouth.skin, in_place=alike, align=align)
             alpha, guards = guarded[protect]
             gains: list[tuple[Guard, float]] = []
             # λ as a number is the paper's: what changes in the clip survives exactly, in eyes and teeth too

@@ -138,6 +138,7 @@ class BodyTracker:
         beside = smoothstep(oval, *_NETWORK.rise)
         believed = np.where(person < 255 * _BODY.no_person, 0, _NETWORK.believed * beside)
         probability = agreed(thought, said, np.asarray(believed, np.float32))
+        _fill_gaps(probability, face.alpha_at(xs, ys), said, hair, head.size)
         share = _owned(scene, landmarks, head)
         if share is not None:
             probability = np.asarray(probability * share, np.float32)
@@ -212,6 +213,24 @@ def _told_against(told: Told, raster: Raster, oval: Floats) -> Floats:
     """
     off_face = smoothstep(oval, *_BODY.told_rise)
     return np.asarray(off_face * np.minimum(_BODY.told * told.against(raster), _BODY.told_most), np.float32)
+
+
+def _fill_gaps(probability: Floats, face: Floats, said: Floats, hair: Floats, size: float) -> None:
+    """Raise the probability (h, w), in place, where a hand on the face is cut by the end of the face's matte.
+
+    Around the face nothing counts as the body's, and the face's matte ends with its box: what lies between both, is no
+    hair and skin to the network is their hand's or neck's. All (h, w);  face: its matte in [0, 1];
+    said: by the network;  hair: nats;  size: a face size in cells.
+    """
+    likely, of_face = (where.astype(np.uint8) for where in (probability > 0.5, face > _BODY.gap_face))
+    side = 2 * max(1, round(_BODY.gap * size)) + 1
+    closed = cv2.morphologyEx(likely | of_face, cv2.MORPH_CLOSE, _square(side))
+    gap = (closed > (likely | of_face)) & (said > _BODY.gap_said) & (hair < _BODY.gap_hair)
+    count, labels = cv2.connectedComponents(gap.astype(np.uint8), connectivity=8)
+    beside = [cv2.dilate(one, _square(3)) > 0 for one in (likely, of_face)]
+    between = np.all([np.bincount(labels[one], minlength=count) > 0 for one in beside], axis=0)
+    between[0] = False
+    np.copyto(probability, np.maximum(probability, said), where=between[labels])
 
 
 def _moved(values: Floats | None, maps: tuple[Floats, Floats] | None) -> Floats:

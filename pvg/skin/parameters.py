@@ -388,6 +388,10 @@ class BodyNumbers:
     sure_alone: float = 0.88  # mean probability of a part with less of it [measured: hands 0.92, floors up to 0.82]
     raised_part: float = 4.0  # times as large above the chin [by eye]: what touches nothing there is a hand or no skin
     least_person: float = 0.25  # squared face sizes of the person mask away from the face [by eye]: an arm, no pot
+    gap: float = 0.12  # face sizes [by eye]: half the widest gap between the mattes of face and body
+    gap_face: float = 0.9  # of the face's matte [by eye]: what has less may be of a gap
+    gap_said: float = 0.75  # probability at least that the network gives a gap [by eye]
+    gap_hair: float = 1.0  # nats for hair at most [by eye]
     owner: float = 6.0  # power by which a nearer face owns a cell more [by eye]
     neck_end: float = 0.5  # face sizes below the chin [by eye]: where a body begins
 

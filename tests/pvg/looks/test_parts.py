@@ -34,6 +34,9 @@ _OWN = _face((150, 110, 95), {"lips": (0.85, 0.0, 12.0), "brows": (0.5, 0.0, 0.0
 _MADE_UP = _face((210, 175, 160), {"lips": (0.75, -4.0, 22.0), "lids": (0.85, 5.0, 0.0), "cheeks": (1.0, 0.0, 12.0)})
 
 
+FULL = strengths(1.0)
+
+
 def _map(source: KeyFrame, target: KeyFrame) -> SkinMap:
     return SkinMap.between(source.skin, target.skin.astype(np.float64))
 
@@ -41,7 +44,7 @@ def _map(source: KeyFrame, target: KeyFrame) -> SkinMap:
 @pytest.mark.parametrize("part", ["lips", "lids", "cheeks"])
 def test_a_part_ends_as_far_from_the_skin_as_the_references(part: str) -> None:
     skin, p = _map(_OWN, _MADE_UP), PARTS.index(part)
-    change = PartChanges.of(_MADE_UP).on(skin, _OWN)
+    change = PartChanges.of(_MADE_UP).on(skin, _OWN, FULL)
     ends = to_opponent(skin(_OWN.parts))[p] + change[p] - to_opponent(skin(np.median(_OWN.skin, axis=0)[None]))[0]
     wanted = to_opponent(_MADE_UP.parts)[p] - to_opponent(np.median(_MADE_UP.skin, axis=0)[None])[0]
     alone = np.linalg.norm(ends - change[p] - wanted)
@@ -49,8 +52,22 @@ def test_a_part_ends_as_far_from_the_skin_as_the_references(part: str) -> None:
 
 
 def test_a_reference_like_the_clip_asks_for_nothing() -> None:
-    change = PartChanges.of(_OWN).on(_map(_OWN, _OWN), _OWN)
+    change = PartChanges.of(_OWN).on(_map(_OWN, _OWN), _OWN, FULL)
     assert np.abs(change).max() < 1.0
+
+
+def test_half_the_strength_takes_less_red_from_lips_than_it_gives() -> None:
+    lips, half = PARTS.index("lips"), strengths(0.5)
+    painted, plain = (_face((190, 150, 135), {"lips": (0.8, 0.0, red)}) for red in (40.0, 8.0))
+    changes = [
+        [PartChanges.of(reference).on(_map(own, reference), own, strength)[lips, 2] for strength in (half, FULL)]
+        for own, reference in ((plain, painted), (painted, plain))
+    ]
+    (given, all_given), (taken, all_taken) = changes
+    assert all_given > 4.0
+    assert all_taken < -4.0
+    assert given == pytest.approx(all_given / 2, rel=0.01)
+    assert taken == pytest.approx(all_taken / 8, rel=0.01)
 
 
 @pytest.mark.parametrize(
@@ -64,7 +81,7 @@ def test_a_reference_like_the_clip_asks_for_nothing() -> None:
 )
 def test_a_beard_or_a_shadow_in_the_reference_is_left_out(part: str, color: tuple[float, float, float]) -> None:
     reference = _face((210, 175, 160), {part: color})
-    change = PartChanges.of(reference).on(_map(_OWN, reference), _OWN)
+    change = PartChanges.of(reference).on(_map(_OWN, reference), _OWN, FULL)
     assert (change[PARTS.index(part)] == 0).all()
 
 
@@ -76,19 +93,19 @@ def test_lips_in_a_moustaches_shade_are_left_out(above: float, luma: float, *, k
     skin = np.median(reference.skin, axis=0)
     colors = np.where(mouth[:, None], above * skin, skin).astype(np.float32)
     reference = replace(reference, colors=colors, visible=np.ones(len(colors), np.bool_))
-    assert (PartChanges.of(reference).on(_map(_OWN, reference), _OWN)[lips] != 0).any() == kept
+    assert (PartChanges.of(reference).on(_map(_OWN, reference), _OWN, FULL)[lips] != 0).any() == kept
 
 
 def test_what_is_not_seen_on_either_side_is_left_out() -> None:
     hidden = np.full((len(PARTS), 3), np.nan, np.float32)
     for ours, theirs in ((_OWN, replace(_MADE_UP, parts=hidden)), (replace(_OWN, parts=hidden), _MADE_UP)):
-        assert (PartChanges.of(theirs).on(_map(ours, theirs), ours) == 0).all()
+        assert (PartChanges.of(theirs).on(_map(ours, theirs), ours, FULL) == 0).all()
 
 
 def test_black_lips_are_bounded_by_what_lips_can_be() -> None:
     painted = _face((210, 175, 160), {"lips": (0.5, 0.0, 30.0)})
     skin = _map(_OWN, painted)
-    lips = to_opponent(skin(_OWN.parts))[0] + PartChanges.of(painted).on(skin, _OWN)[0]
+    lips = to_opponent(skin(_OWN.parts))[0] + PartChanges.of(painted).on(skin, _OWN, FULL)[0]
     assert lips[0] > 0.55 * to_opponent(skin(np.median(_OWN.skin, axis=0)[None]))[0, 0]
 
 
@@ -100,12 +117,12 @@ def test_lips_stay_in_the_hues_that_lips_have_beside_their_skin(
     """Neither mauve nor yellow, whatever the reference wears; a clip that wears it keeps it."""
     reference = _face(tone, {"lips": painted})
     skin = _map(_OWN, reference)
-    lips = to_opponent(skin(_OWN.parts))[0] + PartChanges.of(reference).on(skin, _OWN)[0]
+    lips = to_opponent(skin(_OWN.parts))[0] + PartChanges.of(reference).on(skin, _OWN, FULL)[0]
     around = _hue(to_opponent(np.array([tone], float))[0, 1:])
     own = _hue(to_opponent(_OWN.parts)[0, 1:])
     assert around + min(_LIP_TURN[0], 0.0) - 3 <= _hue(lips[1:]) <= max(around + _LIP_TURN[1], _LIP_HUE, own) + 1
     if PartChanges.of(reference).chroma[0].any():
-        same = PartChanges.of(reference).on(_map(reference, reference), reference)
+        same = PartChanges.of(reference).on(_map(reference, reference), reference, FULL)
         assert np.abs(same[0]).max() < 1.0
 
 

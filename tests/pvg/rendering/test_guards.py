@@ -49,6 +49,22 @@ def test_eyes_are_taken_out_only_when_protected_and_the_faces_own_matte_stays(fa
     np.testing.assert_array_equal(changed, guarded)
 
 
+def test_skin_in_the_mouth_stays_in_the_matte(face: FaceInFrame) -> None:
+    placed = place_face(face, table_labels(), 640, 360)
+    assert placed is not None
+    lattice = placed.lattice()
+    middle = face.landmarks.points[layout.LIPS_INNER].mean(axis=0)
+    skin = np.zeros((lattice.height, lattice.width), np.float32)
+    skin[:, : round((middle[0] - lattice.x) / lattice.step)] = 1  # the left half
+    plain, [before] = guarded_alpha(placed, ("teeth",))
+    kept, [guard] = guarded_alpha(placed, ("teeth",), skin)
+    split = round(float(middle[0])) - placed.x
+    beside = 2 * int(np.ceil(lattice.step))
+    np.testing.assert_allclose(kept[:, : split - beside], placed.alpha[:, : split - beside], atol=1e-6)
+    np.testing.assert_allclose(kept[:, split + beside :], plain[:, split + beside :], atol=1e-6)
+    assert 0.2 * before.weight.sum() < guard.weight.sum() < 0.8 * before.weight.sum()
+
+
 @pytest.mark.parametrize(("gain", "power"), [(0.6, _FOLLOWS_DARK), (1.0, 0.0), (1.5, _FOLLOWS_BRIGHT)])
 def test_a_guard_follows_a_power_of_the_skins_gain(gain: float, power: float, face: FaceInFrame) -> None:
     placed = place_face(face, table_labels(), 640, 360)

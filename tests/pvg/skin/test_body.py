@@ -12,7 +12,7 @@ import pytest
 from pvg.face import Landmarks, layout
 from pvg.raster import Raster
 from pvg.skin import BodyTracker, Matte, Scene, SceneReader, SkinTracker, fit_skin_model, person_mask, scene_raster
-from pvg.skin.body import _parts, _told_against, color_tables
+from pvg.skin.body import _fill_gaps, _parts, _told_against, color_tables
 from pvg.skin.network import Told
 from pvg.skin.prior import head_shape
 from scripts.samples import Samples
@@ -163,6 +163,25 @@ def test_a_small_piece_of_wall_beside_the_head_is_none() -> None:
     person = Drawn(rgb, drawn.landmarks, drawn.hand, drawn.cloth, drawn.wall & ~spot)  # the person mask is wrong there
     alpha = _step(*_tracker(person), person, person.scene())
     assert alpha[spot].mean() < 0.02
+
+
+@pytest.mark.parametrize(
+    ("said", "hair", "below", "filled"),
+    [(0.9, 0.0, True, True), (0.6, 0.0, True, False), (0.9, 3.0, True, False), (0.9, 0.0, False, False)],
+    ids=["a hand on the face", "no skin to the network", "hair", "nothing beyond"],
+)
+def test_a_gap_between_the_mattes_of_face_and_body_is_their_skin(
+    said: float, hair: float, below: bool, filled: bool
+) -> None:
+    probability, face = np.full((100, 60), 0.2, np.float32), np.zeros((100, 60), np.float32)
+    face[:40] = 1
+    if below:
+        probability[52:, 20:40] = 0.95
+    gap = slice(40, 52), slice(20, 40)
+    _fill_gaps(probability, face, np.full(face.shape, said, np.float32), np.full(face.shape, hair, np.float32), 70.0)
+    assert (probability[gap] > 0.5).all() == (probability[gap] > 0.5).any() == filled
+    assert probability[:40].max() < 0.5
+    assert probability[40:, :10].max() < 0.5
 
 
 @pytest.mark.parametrize(

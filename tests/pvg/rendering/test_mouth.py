@@ -1,4 +1,4 @@
-"""Where a mouth's outline shows lips."""
+"""What a mouth's outline shows: lips, and skin before an open mouth."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pvg.asset import FaceInFrame, KeyFrame
 from pvg.face import layout
 from pvg.face.parts import PARTS
 from pvg.membrane import Lattice
-from pvg.rendering.lips import lips_shown
+from pvg.rendering.mouth import see_mouth
 from pvg.video import RGB24, PixelFormat
 from tests.gallery.assets import key_frame
 from tests.gallery.pictures import YUV444, frame_of
@@ -47,7 +47,7 @@ def test_lips_are_shown_in_any_light(
     face: FaceInFrame, pixel_format: PixelFormat, lips: tuple[float, float, float], light: float
 ) -> None:
     picture, within = mouth(face, lips, light)
-    shown = lips_shown(frame_of(picture, pixel_format), face.landmarks, key_of(lips), LATTICE)
+    shown = see_mouth(frame_of(picture, pixel_format), face.landmarks, key_of(lips), LATTICE).lips
     assert shown is not None
     assert shown[within].min() > 0.9
 
@@ -61,7 +61,7 @@ def test_light_from_one_side_hides_no_half_of_the_lips(
     outline = face.landmarks.points[layout.LIPS_OUTER]
     across = (np.arange(640) - outline[:, 0].mean()) / np.ptp(outline[:, 0])
     picture *= np.exp(-0.5 * np.clip(across, -1, 1))[:, None]
-    shown = lips_shown(frame_of(picture, YUV444), face.landmarks, key_of(lips or PALE_LIPS), LATTICE)
+    shown = see_mouth(frame_of(picture, YUV444), face.landmarks, key_of(lips or PALE_LIPS), LATTICE).lips
     assert shown is not None
     if lips:
         assert shown[within].min() > 0.85
@@ -75,16 +75,62 @@ def test_a_finger_over_the_mouth_is_no_lip(
     face: FaceInFrame, pixel_format: PixelFormat, lips: tuple[float, float, float]
 ) -> None:
     picture, within = mouth(face, SKIN)
-    shown = lips_shown(frame_of(picture, pixel_format), face.landmarks, key_of(lips), LATTICE)
+    shown = see_mouth(frame_of(picture, pixel_format), face.landmarks, key_of(lips), LATTICE).lips
     assert shown is not None
     assert shown[within].max() < 0.05
 
 
 def test_lips_like_the_skin_are_not_told(face: FaceInFrame) -> None:
     picture, _ = mouth(face, SKIN)
-    assert lips_shown(frame_of(picture, YUV444), face.landmarks, key_of(SKIN), LATTICE) is None
+    assert see_mouth(frame_of(picture, YUV444), face.landmarks, key_of(SKIN), LATTICE).lips is None
 
 
 def test_lips_that_the_key_frame_did_not_see_are_not_told(face: FaceInFrame) -> None:
     picture, _ = mouth(face, LIPS)
-    assert lips_shown(frame_of(picture, YUV444), face.landmarks, key_of((np.nan,) * 3), LATTICE) is None
+    assert see_mouth(frame_of(picture, YUV444), face.landmarks, key_of((np.nan,) * 3), LATTICE).lips is None
+
+
+TEETH = (205.0, 198.0, 190.0)
+
+
+def opened(face: FaceInFrame) -> FaceInFrame:
+    """The face with its mouth open by a fifth of its width."""
+    points = face.landmarks.points.copy()
+    down = 0.2 * face.landmarks.axes.width * face.landmarks.axes.down
+    points[[*range(91, 96), *range(101, 104)]] += down.astype(np.float32)  # the lower lip's outlines
+    return replace(face, landmarks=replace(face.landmarks, points=points))
+
+
+def open_mouth(face: FaceInFrame, finger: bool) -> np.ndarray:
+    """Its picture (360, 640, 3): lips, teeth between them, and a finger across both."""
+    picture, _ = mouth(face, LIPS)
+    for outline, color in ((layout.LIPS_OUTER, LIPS), (layout.LIPS_INNER, TEETH)):
+        drawn = np.zeros((360, 640), np.uint8)
+        cv2.fillPoly(drawn, [np.rint(face.landmarks.points[outline]).astype(np.int32)], 1)
+        picture[drawn > 0] = color
+    if finger:
+        middle, width = face.landmarks.points[layout.LIPS_INNER].mean(axis=0), face.landmarks.axes.width
+        picture[:, int(middle[0] - 0.06 * width) : int(middle[0] + 0.06 * width)] = SKIN
+    return picture
+
+
+@pytest.mark.parametrize("pixel_format", [YUV444, RGB24], ids=["clip", "still"])
+def test_a_finger_before_an_open_mouth_is_skin_and_teeth_are_none(face: FaceInFrame, pixel_format: PixelFormat) -> None:
+    wide = opened(face)
+    middle = wide.landmarks.points[layout.LIPS_INNER].mean(axis=0)
+    x, y = np.rint((middle - [LATTICE.x, LATTICE.y]) / LATTICE.step).astype(int)
+    aside = round(0.12 * wide.landmarks.axes.width / LATTICE.step)
+    seen = see_mouth(frame_of(open_mouth(wide, True), pixel_format), wide.landmarks, key_of(LIPS), LATTICE).skin
+    assert seen is not None
+    assert seen[y, x] > 0.9
+    assert seen[y, x - aside] < 0.1
+    assert (
+        see_mouth(frame_of(open_mouth(wide, False), pixel_format), wide.landmarks, key_of(LIPS), LATTICE).skin is None
+    )
+
+
+def test_a_shut_mouth_shows_no_fingers(face: FaceInFrame) -> None:
+    points = face.landmarks.points.copy()
+    points[layout.LIPS_INNER] = points[layout.LIPS_INNER].mean(axis=0)
+    shut, (picture, _) = replace(face.landmarks, points=points), mouth(face, SKIN)
+    assert see_mouth(frame_of(picture, YUV444), shut, key_of(LIPS), LATTICE).skin is None

@@ -1,0 +1,153 @@
+"""What a mouth's outline shows: lips, or fingers, a microphone, or what is beside an outline that is a little off.
+
+Lips are told from what else is there by what sets them apart from the skin on the key frame, the tint c: chroma over
+luma, which light changes little, and a little of how dark they are beside what lies around the mouth:
+
+    t = (c − c_skin) · (c_lips − c_skin) / |c_lips − c_skin|²        1 on lips, 0 on skin
+
+A change meant for lips is given to what is at least some way from skin to lips. What has the skin's tint and is as
+bright as the skin around the mouth is skin: a finger before an open mouth is no tooth. Teeth have half of its tint and
+less, tongues are redder, and both are darker or brighter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from pvg._arrays import Floats, smoothstep
+from pvg.asset import KeyFrame
+from pvg.face import Landmarks, layout
+from pvg.face.parts import PARTS
+from pvg.membrane import Lattice
+from pvg.rendering.coding import Coding
+from pvg.rendering.node_means import mean_codes
+from pvg.video import Frame
+
+_APART = 0.06  # of chroma over luma: lips that are nearer to the skin are not told from it [by eye]
+_SHOWN = (0.0, 0.4)  # t from which lips begin, and are all lips: highlights on them are pale [by eye]
+_AROUND = 0.02  # of the face's width: spread of the mean that t is taken of, against noise [by eye]
+_MARGIN = 0.06  # of the face's width around the outline
+_LUMA = np.float32(0.3)  # of the logarithm of luma beside chroma over luma: grey lips are told by it [by eye]
+_OTHER = np.float32(0.15)  # of that, at most: by how much the light of the frame may be another one
+_OFF_TINT, _OFF_LUMA = np.float32(0.45), np.float32(0.5)  # of the skin's tint, of log luma: no skin [by eye]
+_IS_SKIN = (0.5, 0.9)  # of both together: what is nearer is skin, what is farther none [by eye]
+_FINGER = 0.05  # of the face's width [by eye]
+_OPEN = 0.02  # of the face's width between the lips: narrower mouths show neither teeth nor fingers [by eye]
+_DARKEST = np.float32(8.0)  # levels of luma above black: below, a tint says nothing
+
+
+@dataclass(frozen=True, eq=False)
+class Mouth:
+    """What a mouth's outline shows, on the nodes (h, w) of a face's lattice, float32 in [0, 1].
+
+    lips: how far each shows lips, 1 away from the mouth; None: they are not told from what else is there.
+    skin: how far each shows skin in an open mouth, a finger, 0 away from it; None: the mouth is shut.
+    """
+
+    lips: Floats | None = None
+    skin: Floats | None = None
+
+
+def see_mouth(frame: Frame, landmarks: Landmarks, key: KeyFrame, lattice: Lattice) -> Mouth:
+    """What the outline of a mouth shows in a frame;  key: whose lips and skin are compared."""
+    lips = key.parts[PARTS.index("lips")]
+    if not len(key.skin) or np.isnan(lips).any():
+        return Mouth()
+    level = np.float32(2.0 ** (frame.format.depth - 8))
+    colors = np.stack([lips, key.skin_median]).astype(np.float32)
+    own, skin = _tints(Coding(frame.format).colors(colors), level)
+    apart = own - skin
+    width = max(landmarks.axes.width, 1.0)
+    told = float(np.linalg.norm(apart)) >= _APART
+    inner = landmarks.points[layout.LIPS_INNER]
+    is_open = float(np.linalg.norm(inner[2] - inner[6])) > _OPEN * width  # the middles of the upper and the lower lip
+    if not told:
+        return Mouth()
+    outline = landmarks.points[layout.LIPS_OUTER]
+    low, high = outline.min(axis=0) - _MARGIN * width, outline.max(axis=0) + _MARGIN * width
+    corner = np.array([lattice.x, lattice.y], np.float32)
+    first = np.maximum(np.floor((low - corner) / lattice.step), 0).astype(int)
+    last = np.minimum(np.ceil((high - corner) / lattice.step).astype(int) + 1, [lattice.width, lattice.height])
+    align = 2 ** max(frame.format.chroma_log2)
+    begin = (corner + first * np.float32(lattice.step)).astype(int) // align * align
+    end = np.minimum((corner + last * np.float32(lattice.step)).astype(int), [frame.width, frame.height])
+    if (last - first).min() < 2 or (end - begin).min() < 2:
+        return Mouth()
+    columns, rows = (last - first).tolist()
+    codes = mean_codes(frame, (*begin.tolist(), *end.tolist()), (rows, columns))
+    codes -= np.asarray(frame.format.opponent.offset, np.float32)
+    sigma = max(0.5, _AROUND * width / lattice.step)
+    tints = _tints(np.asarray(cv2.GaussianBlur(codes, (0, 0), sigma), np.float32), level)
+    beside = _beside(tints[..., 2], _MARGIN * width / lattice.step)
+    here = slice(first[1], last[1]), slice(first[0], last[0])
+    of_skin = None
+    near = smoothstep(_off_skin(tints, skin, beside), *_IS_SKIN) if is_open else None
+    tints[..., 2] += np.clip(skin[2] - beside, -_OTHER, _OTHER)
+    lips_here = smoothstep((tints - skin) @ apart / float(apart @ apart), *_SHOWN)
+    if near is not None:
+        places = [
+            (landmarks.points[part] - corner) / lattice.step - first for part in (layout.LIPS_OUTER, layout.LIPS_INNER)
+        ]
+        crossing = _crossing(1.0 - near, lips_here, places, _FINGER * width / lattice.step)
+        if crossing is not None:
+            of_skin = np.zeros((lattice.height, lattice.width), np.float32)
+            of_skin[here] = crossing
+    shown = np.ones((lattice.height, lattice.width), np.float32)
+    shown[here] = lips_here
+    return Mouth(shown, of_skin)
+
+
+def _crossing(skin: Floats, lips: Floats, outlines: Sequence[Floats], finger: float) -> Floats | None:
+    """(h, w) of `skin` (h, w), how far nodes look like skin, that comes into a mouth across its lips; None without any.
+
+    lips: (h, w) how far nodes show lips;  outlines: (n, 2) of the lips, outer and inner, x, y of nodes;
+    finger: nodes, the width of the thinnest.
+    """
+    outer, inner = (np.zeros(skin.shape, np.uint8) for _ in range(2))
+    for drawn, outline in zip((outer, inner), outlines, strict=True):
+        cv2.fillPoly(drawn, [np.rint(outline).astype(np.int32)], 1)
+    likely = (skin > 0.5).astype(np.uint8)
+    bare = likely & (outer & ~inner) & (lips < 0.2)
+    side = max(1, round(finger))
+    seeds = cv2.morphologyEx(bare, cv2.MORPH_OPEN, np.ones((side, side), np.uint8))
+    if not seeds.any():
+        return None
+    _, labels = cv2.connectedComponents(likely & outer)
+    kept = np.isin(labels, np.unique(labels[seeds > 0]))
+    return np.asarray(skin * cv2.GaussianBlur(kept.astype(np.float32), (0, 0), 1.0), np.float32)
+
+
+def _off_skin(tints: Floats, skin: Floats, beside: Floats) -> Floats:
+    """(h, w) how far tints (h, w, 3) are off that of the skin (3,) and off the luma of the skin `beside` (h, w)."""
+    tint = np.linalg.norm(tints[..., :2] - skin[:2], axis=-1) / max(float(np.linalg.norm(skin[:2])), 1e-3)
+    luma = (tints[..., 2] - beside) / _LUMA
+    return np.asarray(np.hypot(tint / _OFF_TINT, luma / _OFF_LUMA), np.float32)
+
+
+def _beside(plane: Floats, margin: float) -> Floats:
+    """What a plane (h, w) would be if all of it were the skin along its border: its median and slopes there.
+
+    Light from one side makes lips on that side as bright as skin on the other one.
+    """
+    h, w = plane.shape
+    border = np.ones((h, w), np.bool_)
+    wide = max(1, int(0.5 * margin))
+    border[wide:-wide, wide:-wide] = False
+    y, x = np.mgrid[:h, :w].astype(np.float32)
+    y, x = y - (h - 1) / 2, x - (w - 1) / 2
+    values = plane[border]
+    middle = np.median(values)
+    off = np.clip(values - middle, -_OTHER, _OTHER)
+    x_border, y_border = x[border], y[border]  # even about the middle, so that each slope is told alone
+    slopes = [float(off @ at) / float(at @ at) for at in (x_border, y_border)]
+    return np.asarray(middle + slopes[0] * x + slopes[1] * y, np.float32)
+
+
+def _tints(codes: Floats, level: np.float32) -> Floats:
+    """(…, 3) chroma over luma, and the logarithm of luma, of codes (…, 3);  level: codes a level of 255."""
+    luma = np.maximum(codes[..., :1], _DARKEST * level)
+    return np.asarray(np.concatenate([codes[..., 1:] / luma, _LUMA * np.log(luma)], axis=-1), np.float32)
