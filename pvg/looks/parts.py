@@ -125,9 +125,9 @@ class PartChanges:
                 out[p, 1 + channel] = then[channel] + beyond - ours[1 + channel]
             share = float(strength[p])
             if part == "lips":
-                goal = _as_lips(ours + out[p], own[p], skin, key, face)
-                share **= _KEPT if _redder(goal, skin) < _redder(ours, skin) else 1.0
-                out[p] = goal - ours
+                lips = _as_lips(ours + out[p], own[p], skin, key, face)
+                share **= _KEPT if _redder(lips, skin) < _redder(ours, skin) else 1.0
+                out[p] = lips - ours
             out[p] *= share
         return out
 

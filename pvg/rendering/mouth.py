@@ -36,6 +36,7 @@ _OTHER = np.float32(0.15)  # of that, at most: by how much the light of the fram
 _OFF_TINT, _OFF_LUMA = np.float32(0.45), np.float32(0.5)  # of the skin's tint, of log luma: no skin [by eye]
 _IS_SKIN = (0.5, 0.9)  # of both together: what is nearer is skin, what is farther none [by eye]
 _FINGER = 0.05  # of the face's width [by eye]
+_NO_LIPS = 0.2  # of how far lips are shown, below which a finger crosses them [by eye]
 _OPEN = 0.02  # of the face's width between the lips: narrower mouths show neither teeth nor fingers [by eye]
 _DARKEST = np.float32(8.0)  # levels of luma above black: below, a tint says nothing
 
@@ -107,16 +108,17 @@ def _crossing(skin: Floats, lips: Floats, outlines: Sequence[Floats], finger: fl
     lips: (h, w) how far nodes show lips;  outlines: (n, 2) of the lips, outer and inner, x, y of nodes;
     finger: nodes, the width of the thinnest.
     """
-    outer, inner = (np.zeros(skin.shape, np.uint8) for _ in range(2))
-    for drawn, outline in zip((outer, inner), outlines, strict=True):
-        cv2.fillPoly(drawn, [np.rint(outline).astype(np.int32)], 1)
-    likely = (skin > 0.5).astype(np.uint8)
-    bare = likely & (outer & ~inner) & (lips < 0.2)
+    drawn = np.zeros((2, *skin.shape), np.uint8)
+    for one, outline in zip(drawn, outlines, strict=True):
+        cv2.fillPoly(one, [np.rint(outline).astype(np.int32)], 1)
+    outer, inner = drawn > 0
+    likely = skin > 0.5
+    bare = likely & outer & ~inner & (lips < _NO_LIPS)
     side = max(1, round(finger))
-    seeds = cv2.morphologyEx(bare, cv2.MORPH_OPEN, np.ones((side, side), np.uint8))
+    seeds = cv2.morphologyEx(bare.astype(np.uint8), cv2.MORPH_OPEN, np.ones((side, side), np.uint8))
     if not seeds.any():
         return None
-    _, labels = cv2.connectedComponents(likely & outer)
+    _, labels = cv2.connectedComponents((likely & outer).astype(np.uint8))
     kept = np.isin(labels, np.unique(labels[seeds > 0]))
     return np.asarray(skin * cv2.GaussianBlur(kept.astype(np.float32), (0, 0), 1.0), np.float32)
 
