@@ -32,8 +32,9 @@ def person_mask(rgb: Bytes) -> Floats:
     """Where people are: (h, w) float32 in [0, 1] of a picture (h, w, 3) uint8 RGB.
 
     The network takes squares; a picture that is squeezed into one makes it see people in tables and plants, so that it
-    stays in the middle and its last rows or columns are repeated: people go on below a picture. Above it they do not,
-    and its first row, repeated, would draw what is behind a head out into a tall hat: there it is smoothed to a wall.
+    stays in the middle and its last row is repeated: people go on below a picture. Above it they do not, and its first
+    row, repeated, would draw what is behind a head out into a tall hat: there it is smoothed to a wall. Beside it is
+    the middle colour of its first and last column: an arm that is cut there would become a bar, which is no person.
     Raises ModelError when the weights are not installed.
     """
     height, width = rgb.shape[:2]
@@ -44,6 +45,7 @@ def person_mask(rgb: Bytes) -> Floats:
     edges = top, _NETWORK_PX - h - top, left, _NETWORK_PX - w - left
     square = cv2.copyMakeBorder(small, *edges, cv2.BORDER_REPLICATE)
     square[:top] = cv2.blur(square[top : top + 1], (_WALL_PX, 1))
+    square[:, :left], square[:, left + w :] = np.median(small[:, [0, -1]], axis=0)
     session = models.load(_NETWORK)
     (out,) = session.run(None, {session.get_inputs()[0].name: square[None] * np.float32(1 / 255)})
     mask = np.ascontiguousarray(out[0, top : top + h, left : left + w, 0], np.float32)
@@ -147,7 +149,7 @@ class SceneReader:
             person = np.asarray(moved, np.uint8)
         if person is None or changed or self._age >= _BODY.person_every:
             new: Bytes = np.asarray(np.rint(person_mask(rgb) * 255), np.uint8)
-            old = new if person is None or changed else person
+            old = new if person is None else person
             person = np.asarray(cv2.addWeighted(new, 0.5, old, 0.5, 0), np.uint8)
             self._age = 0
         self._grey, self._person = grey, person
