@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -15,6 +16,7 @@ from pvg.skin import BodyTracker, Matte, Scene, SceneReader, SkinTracker, fit_sk
 from pvg.skin.body import _fill_gaps, _parts, _told_against, color_tables
 from pvg.skin.network import Told
 from pvg.skin.prior import head_shape
+from pvg.video import read_frames
 from scripts.samples import Samples
 from tests.gallery.faces import fit_widest, read_rgb
 from tests.gallery.scenes import TONES, drawn_face, filled, shrunk
@@ -304,6 +306,14 @@ def test_the_person_mask_covers_a_portrait_and_not_the_wall(samples: Samples) ->
     beside = person_mask(wide)
     assert beside[:, : rgb.shape[1] * 3 // 4].mean() < 0.03
     assert beside[:, rgb.shape[1] :][inside].mean() > 0.9
+
+
+def test_arms_that_the_sides_of_a_picture_cut_are_a_persons(media_dir: Path) -> None:
+    clip = media_dir / "clips" / "man_stubble_warm_kitchen_audio_1080x1920.mp4"
+    (frame,) = read_frames(clip, start=75, stop=76)
+    mask = person_mask(cv2.resize(frame.rgb(), (270, 480), interpolation=cv2.INTER_AREA))
+    for arm in (mask[380:430, :15], mask[380:430, -15:]):
+        assert arm.mean() > 0.9
 
 
 def test_a_scene_covers_the_picture_with_square_cells() -> None:
