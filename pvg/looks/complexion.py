@@ -25,7 +25,9 @@ from pvg.looks.tone import to_opponent, to_rgb
 # [by blind choice: less or more of it was chosen less often, at L* 60, 64, 71 and 77]
 _USUAL, _FALL, _MOST = 0.36, 0.004, 0.40
 _GREY = (0.55, 0.72)  # of the usual saturation: skin with less is of a grey film, with more of none [by eye]
-_DARKENED = 8.0  # of L*: skin that gets darker by so much takes the chroma of darker skin [by eye]
+# of L*: skin that gets darker by so much takes the chroma of darker skin, where it ends below the first of two, wholly
+# from the second down [by eye: pale skin is not to be tanned]
+_DARKENED, _DARK = 8.0, (66.0, 60.0)
 _GAIN = 1.3  # of chroma, at most [by blind choice]: a grade in black and white is meant
 _RICHEST, _REDDEST = 32.0, 23.0  # C* and a* of CIELAB, at most [by blind choice: C* of 32 rather than 28 or any]
 _YELLOWEST = np.radians(62.0)  # hue of CIELAB, at most [by eye]
@@ -60,13 +62,14 @@ def _usual(lab: Doubles) -> float:
 def _borne(own: Doubles, goal: Doubles) -> float:
     """How much of the usual saturation a clip's skin `own` bears in the lightness of `goal`.
 
-    What it has of it itself; but as much as skin has where it is not grey and gets darker.
+    What it has of it itself; but as much as skin has where it is not grey and gets dark.
     """
     has = min(_saturation(own) / _usual(own), 1.0)
     grey, plain = _GREY
     film = float(np.clip((plain - has) / (plain - grey), 0.0, 1.0))
     darker = float(np.clip((own[0] - goal[0]) / _DARKENED, 0.0, 1.0))
-    return has + darker * (1.0 - film) * (1.0 - has)
+    dark = float(np.clip((_DARK[0] - goal[0]) / (_DARK[0] - _DARK[1]), 0.0, 1.0))
+    return has + dark * darker * (1.0 - film) * (1.0 - has)
 
 
 def _held(lab: Doubles, own: Doubles) -> Doubles | None:
