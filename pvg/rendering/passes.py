@@ -51,10 +51,9 @@ def draw(
             for one in writers:
                 stack.enter_context(one)
             sinks = [stack.enter_context(Sink(_writing(one))) for one in writers]
-            # a thread reads and places frames while another draws those before
-            placed = stack.enter_context(closing(ahead((frame, renderer.place(frame)) for frame in frames())))
-            for done, (frame, placement) in enumerate(placed, 1):
-                for sink, patches in zip(sinks, renderer.patches(frame, placement), strict=True):
+            drawn = stack.enter_context(closing(ahead(frames())))
+            for done, frame in enumerate(drawn, 1):
+                for sink, patches in zip(sinks, renderer.patches(frame), strict=True):
                     sink.put((frame, patches))
                 if progress is not None:
                     progress("render", number * count + done, len(passes) * count)

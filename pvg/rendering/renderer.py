@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -77,19 +76,7 @@ def _propagation(video: VectorVideo, face: int, looks: Sequence[Look]) -> _Table
     return (_ChainColors if video.settings["matching"] == "chain" else _TableColors)(video, face, stacks)
 
 
-_Faces = list[tuple[int, PlacedFace, Floats | None]]
-
-
-@dataclass(frozen=True, eq=False)
-class Placement:
-    """Where the people of one frame are.
-
-    faces: (face, where it is, its colours (S, 3 + 3n), g beside g' of n looks), None for one that no look draws;
-    bodies: (face, where that person's other skin is, or a piece of it).
-    """
-
-    faces: _Faces
-    bodies: list[tuple[int, PlacedBody]]
+_Faces = list[tuple[int, PlacedFace, Floats | None]]  # each face, where it is, and its colours, if a look draws it
 
 
 class Renderer:
@@ -116,25 +103,15 @@ class Renderer:
         """One frame for every look, in their order; untouched frames are `frame` itself."""
         return [frame.patched(patches) for patches in self.patches(frame)]
 
-    def place(self, frame: Frame) -> Placement:
-        """Where the people of a frame are, for one call of `patches`, which may be made in another thread.
-
-        The first half of the work: threads that place one frame while another draws the frame before share it.
-        """
-        faces = self._placed_faces(frame)
-        return Placement(faces, self._placed_bodies(frame, faces))
-
-    def patches(self, frame: Frame, placement: Placement | None = None) -> list[list[Patch]]:
-        """What every look changes in the frame, in their order, each to be laid over it in its order.
-
-        placement: of this frame, by `place`; it is used up, for guards are taken out of the faces' mattes in place.
-        """
+    def patches(self, frame: Frame) -> list[list[Patch]]:
+        """What every look changes in the frame, in their order, each to be laid over it in its order."""
         out: list[list[Patch]] = [[] for _ in self.looks]
-        placement = self.place(frame) if placement is None else placement
-        for face, placed, colors in placement.faces:
+        faces = self._placed_faces(frame)
+        bodies = self._placed_bodies(frame, faces)  # before guards are taken out of the faces' mattes
+        for face, placed, colors in faces:
             if colors is not None:
                 self._draw_face(frame, face, placed, colors, out)
-        for face, body in placement.bodies:
+        for face, body in bodies:
             for i in self._with_body[face]:
                 tables = self._tables_of(i, face, frame, "body")
                 out[i] += apply_body(frame, body, tables, under=out[i])
@@ -145,17 +122,18 @@ class Renderer:
 
         What guards keep follows the look in brightness above all: it takes a part of it.
         """
-        placement = self.place(frame)
+        placed = self._placed_faces(frame)
+        bodies = self._placed_bodies(frame, placed)
         out = []
         for faces in persons:
             total = np.zeros((frame.height, frame.width), np.float32)
-            for face, one, _ in placement.faces:
+            for face, one, _ in placed:
                 if face in faces:
                     alpha, guards = guarded_alpha(one, self.looks[look].protect)
                     _add(total, one.x, one.y, alpha)
                     for guard in guards:
                         _add(total, one.x + guard.x, one.y + guard.y, _GUARDED * guard.weight)
-            for face, body in placement.bodies:
+            for face, body in bodies:
                 if face in faces and face in self.looks[look].body:
                     _add(total, body.x, body.y, body.alpha)
             out.append(np.minimum(total, np.float32(1.0)))
