@@ -9,6 +9,9 @@ when it is made darker it gets that of darker skin.
 Skin that is richer, redder or yellower than skin is, flushed, burnt out or under an orange or a greenish lamp, turns
 another face to salmon, orange or olive. Its chroma is held to what skin has and its hue turned until it is no redder
 and no yellower, though never beyond the clip's own.
+
+In a grey film skin as rich as a reference's is the only colour, and looks painted: of what the reference is richer than
+the clip's own skin, the film bears a part.
 """
 
 from __future__ import annotations
@@ -28,6 +31,8 @@ _GREY = (0.55, 0.72)  # of the usual saturation: skin with less is of a grey fil
 # of L*: skin that gets darker by so much takes the chroma of darker skin, where it ends below the first of two, wholly
 # from the second down [by eye: pale skin is not to be tanned]
 _DARKENED, _DARK = 8.0, (66.0, 60.0)
+_PALE, _PALER, _PALEST = 68.0, 0.005, 0.05  # L* from which on skin has less chroma, saturation a level and at most
+_IN_FILM = 0.5  # of what is richer than the clip's own skin, in a grey film
 _GAIN = 1.3  # of chroma, at most [by blind choice]: a grade in black and white is meant
 _RICHEST, _REDDEST = 32.0, 23.0  # C* and a* of CIELAB, at most [by blind choice: C* of 32 rather than 28 or any]
 _YELLOWEST = np.radians(62.0)  # hue of CIELAB, at most [by eye]
@@ -46,11 +51,13 @@ def complexion(reference: Floats, own: Floats, scene: float) -> Floats:
     if scene > 0.0 and (held := _held(lab, bound)) is not None:
         goal = lab + scene * (held - lab)
         skin, lab = _moved(skin, lab, goal), goal
-    gain = _usual(lab) * _borne(bound, lab) / max(_saturation(lab), 1e-6)
-    if gain <= 1.0:
+    has, least = _saturation(lab), _usual(lab) * _borne(bound, lab)
+    more = scene * _film(bound) * max(has - max(_saturation(bound), least), 0.0)
+    gain = (has - (1.0 - _IN_FILM) * more) / max(has, 1e-6) if has > least else min(least / max(has, 1e-6), _GAIN)
+    if gain == 1.0:
         return skin
     opponent = to_opponent(skin)
-    opponent[:, 1:] *= min(gain, _GAIN)
+    opponent[:, 1:] *= gain
     return np.asarray(np.clip(to_rgb(opponent), 0.0, 255.0), np.float32)
 
 
@@ -65,11 +72,16 @@ def _borne(own: Doubles, goal: Doubles) -> float:
     What it has of it itself; but as much as skin has where it is not grey and gets dark.
     """
     has = min(_saturation(own) / _usual(own), 1.0)
-    grey, plain = _GREY
-    film = float(np.clip((plain - has) / (plain - grey), 0.0, 1.0))
     darker = float(np.clip((own[0] - goal[0]) / _DARKENED, 0.0, 1.0))
     dark = float(np.clip((_DARK[0] - goal[0]) / (_DARK[0] - _DARK[1]), 0.0, 1.0))
-    return has + dark * darker * (1.0 - film) * (1.0 - has)
+    return has + dark * darker * (1.0 - _film(own)) * (1.0 - has)
+
+
+def _film(own: Doubles) -> float:
+    """How surely a clip's skin is that of a grey film: 1 where it has little of the saturation that such skin has."""
+    pale = min(_PALER * max(float(own[0]) - _PALE, 0.0), _PALEST)
+    grey, plain = _GREY
+    return float(np.clip((plain - _saturation(own) / (_usual(own) - pale)) / (plain - grey), 0.0, 1.0))
 
 
 def _held(lab: Doubles, own: Doubles) -> Doubles | None:

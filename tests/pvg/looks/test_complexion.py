@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from pvg.looks.complexion import _held, complexion
+from pvg.looks.scene import in_scene
 
 TAN = (60.0, 15.0, 20.0)  # CIELAB: C*/L* 0.42
 ASHEN = (60.0, 10.0, 13.0)  # 0.27
@@ -52,6 +53,14 @@ def test_pale_skin_that_gets_darker_gets_the_chroma_of_darker_skin(
     assert lightness_and_saturation(skin(own))[1] < 0.27
     taken = complexion(skin(ASHEN), skin(own), 0.0)
     assert lightness_and_saturation(taken)[1] == pytest.approx(saturation, abs=0.015)
+
+
+def test_a_grey_film_takes_half_of_what_is_richer() -> None:
+    film, plain, rich = skin((60.0, 7.0, 8.0)), skin(TAN), skin((60.0, 15.0, 23.0))
+    (_, grey), (_, wanted) = lightness_and_saturation(film), lightness_and_saturation(in_scene(rich, film, 1.0))
+    assert lightness_and_saturation(complexion(rich, film, 1.0))[1] == pytest.approx((grey + wanted) / 2, abs=0.015)
+    assert complexion(rich, film, 0.0) is rich
+    np.testing.assert_allclose(complexion(rich, plain, 1.0), rich, atol=1e-3)
 
 
 @pytest.mark.parametrize("chroma", [0.0, 0.3, 1.0])
