@@ -32,7 +32,7 @@ _GREY = (0.55, 0.72)  # of the usual saturation: skin with less is of a grey fil
 # from the second down [by eye: pale skin is not to be tanned]
 _DARKENED, _DARK = 8.0, (66.0, 60.0)
 _PALE, _PALER, _PALEST = 68.0, 0.005, 0.05  # L* from which on skin has less chroma, saturation a level and at most
-_IN_FILM = 0.5  # of what is richer than the clip's own skin, in a grey film
+_IN_FILM = 0.6  # of what is richer than the clip's own skin, in a grey film
 _GAIN = 1.3  # of chroma, at most [by blind choice]: a grade in black and white is meant
 _RICHEST, _REDDEST = 32.0, 23.0  # C* and a* of CIELAB, at most [by blind choice: C* of 32 rather than 28 or any]
 _YELLOWEST = np.radians(62.0)  # hue of CIELAB, at most [by eye]
