@@ -52,8 +52,9 @@ def complexion(reference: Floats, own: Floats, scene: float) -> Floats:
         goal = lab + scene * (held - lab)
         skin, lab = _moved(skin, lab, goal), goal
     has, least = _saturation(lab), _usual(lab) * _borne(bound, lab)
-    more = scene * _film(bound) * max(has - max(_saturation(bound), least), 0.0)
-    gain = (has - (1.0 - _IN_FILM) * more) / max(has, 1e-6) if has > least else min(least / max(has, 1e-6), _GAIN)
+    richer = max(has - max(_saturation(bound), least), 0.0)
+    borne = has - scene * _film(bound) * (1.0 - _IN_FILM) * richer
+    gain = min(max(borne, least) / max(has, 1e-6), _GAIN)
     if gain == 1.0:
         return skin
     opponent = to_opponent(skin)

@@ -5,9 +5,9 @@ luma, which light changes little, and a little of how dark they are beside what 
 
     t = (c − c_skin) · (c_lips − c_skin) / |c_lips − c_skin|²        1 on lips, 0 on skin
 
-A change meant for lips is given to what is at least some way from skin to lips. What has the skin's tint and is as
-bright as the skin around the mouth is skin: a finger before an open mouth is no tooth. Teeth have half of its tint and
-less, tongues are redder, and both are darker or brighter.
+A change meant for lips is given to what is at least some way from skin to lips. A finger before an open mouth is no
+tooth: what has the skin's tint, is as bright as the skin around the mouth and comes into it across a stretch of lips
+that shows none is skin. Its colour alone does not tell: yellow and blurred teeth have it too.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Mouth:
     """What a mouth's outline shows, on the nodes (h, w) of a face's lattice, float32 in [0, 1].
 
     lips: how far each shows lips, 1 away from the mouth; None: they are not told from what else is there.
-    skin: how far each shows skin in an open mouth, a finger, 0 away from it; None: the mouth is shut.
+    skin: how far each shows skin that comes into an open mouth, a finger, 0 away from it; None: there is none.
     """
 
     lips: Floats | None = None
@@ -63,12 +63,9 @@ def see_mouth(frame: Frame, landmarks: Landmarks, key: KeyFrame, lattice: Lattic
     own, skin = _tints(Coding(frame.format).colors(colors), level)
     apart = own - skin
     width = max(landmarks.axes.width, 1.0)
-    told = float(np.linalg.norm(apart)) >= _APART
-    inner = landmarks.points[layout.LIPS_INNER]
-    is_open = float(np.linalg.norm(inner[2] - inner[6])) > _OPEN * width  # the middles of the upper and the lower lip
-    if not told:
+    if float(np.linalg.norm(apart)) < _APART:
         return Mouth()
-    outline = landmarks.points[layout.LIPS_OUTER]
+    outline, inner = (landmarks.points[part] for part in (layout.LIPS_OUTER, layout.LIPS_INNER))
     low, high = outline.min(axis=0) - _MARGIN * width, outline.max(axis=0) + _MARGIN * width
     corner = np.array([lattice.x, lattice.y], np.float32)
     first = np.maximum(np.floor((low - corner) / lattice.step), 0).astype(int)
@@ -84,22 +81,25 @@ def see_mouth(frame: Frame, landmarks: Landmarks, key: KeyFrame, lattice: Lattic
     sigma = max(0.5, _AROUND * width / lattice.step)
     tints = _tints(np.asarray(cv2.GaussianBlur(codes, (0, 0), sigma), np.float32), level)
     beside = _beside(tints[..., 2], _MARGIN * width / lattice.step)
-    here = slice(first[1], last[1]), slice(first[0], last[0])
-    of_skin = None
-    near = smoothstep(_off_skin(tints, skin, beside), *_IS_SKIN) if is_open else None
+    off_skin = _off_skin(tints, skin, beside)
     tints[..., 2] += np.clip(skin[2] - beside, -_OTHER, _OTHER)
-    lips_here = smoothstep((tints - skin) @ apart / float(apart @ apart), *_SHOWN)
-    if near is not None:
-        places = [
-            (landmarks.points[part] - corner) / lattice.step - first for part in (layout.LIPS_OUTER, layout.LIPS_INNER)
-        ]
-        crossing = _crossing(1.0 - near, lips_here, places, _FINGER * width / lattice.step)
-        if crossing is not None:
-            of_skin = np.zeros((lattice.height, lattice.width), np.float32)
-            of_skin[here] = crossing
-    shown = np.ones((lattice.height, lattice.width), np.float32)
-    shown[here] = lips_here
-    return Mouth(shown, of_skin)
+    lips_shown = smoothstep((tints - skin) @ apart / float(apart @ apart), *_SHOWN)
+    crossing = None
+    if float(np.linalg.norm(inner[2] - inner[6])) > _OPEN * width:  # the middles of the upper and the lower lip
+        outlines = [(one - corner) / lattice.step - first for one in (outline, inner)]
+        likely = 1.0 - smoothstep(off_skin, *_IS_SKIN)
+        crossing = _crossing(likely, lips_shown, outlines, _FINGER * width / lattice.step)
+    here = slice(first[1], last[1]), slice(first[0], last[0])
+    return Mouth(*(_on_lattice(part, here, lattice, away) for part, away in ((lips_shown, 1.0), (crossing, 0.0))))
+
+
+def _on_lattice(part: Floats | None, here: tuple[slice, slice], lattice: Lattice, away: float) -> Floats | None:
+    """What is known of a part of the lattice's nodes, on all (h, w) of them; `away` from it."""
+    if part is None:
+        return None
+    whole = np.full((lattice.height, lattice.width), away, np.float32)
+    whole[here] = part
+    return whole
 
 
 def _crossing(skin: Floats, lips: Floats, outlines: Sequence[Floats], finger: float) -> Floats | None:
