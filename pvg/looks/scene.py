@@ -9,7 +9,7 @@ chroma over luma, and k what a scene bears,
     x' = x   up to k        x' = k (1 + ln(x / k))   beyond
 
 Where the reference is darker there is an end to it, m: a face that is lit as its bright scene is cannot be dark at
-will.
+will. So there is where its skin has less chroma: rich skin in a warm room, made pale, is grey there.
 
     x' = x   up to k        x' = k + (m − k) (1 − exp(−(x − k) / (m − k)))   beyond
 """
@@ -25,6 +25,7 @@ SCENE = 1.0  # default of the share [by blind choice]
 _BRIGHTER = 0.25  # k of the natural logarithm of luma, where the reference is brighter [by blind choice]
 _DARKER = (0.20, 0.26)  # k and m, where it is darker [by blind choice]
 _HUE = 0.12  # k of chroma over luma [by blind choice]
+_POORER = (0.12, 0.22)  # k and m, where the reference's skin has less of it [by blind choice]
 
 
 def in_scene(reference: Floats, own: Floats, share: float) -> Floats:
@@ -43,7 +44,10 @@ def in_scene(reference: Floats, own: Floats, share: float) -> Floats:
     far, off = abs(brighter), float(np.hypot(*richer))
     borne = far * _kept(far / _BRIGHTER) if brighter > 0.0 else _ending(far, *_DARKER)
     gain = np.exp(-share * np.sign(brighter) * (far - borne))
-    kept = 1.0 - share * (1.0 - _kept(off / _HUE))
+    hue = off * _kept(off / _HUE)
+    if np.hypot(*goal[1:]) / goal[0] < np.hypot(*start[1:]) / start[0]:
+        hue = min(hue, _ending(off, *_POORER))
+    kept = 1.0 - share * (1.0 - hue / max(off, 1e-6))
     luma, chroma = np.split(to_opponent(reference), [1], axis=1)
     chroma = chroma - (1.0 - kept) * richer * luma
     return np.asarray(np.clip(to_rgb(gain * np.hstack([luma, chroma])), 0.0, 255.0), np.float32)

@@ -47,6 +47,17 @@ def test_brightness_and_hue_go_part_of_the_way(
     assert 0.4 < way < 0.95
 
 
+def test_rich_skin_does_not_become_grey_at_will() -> None:
+    def way(goal: tuple[float, float, float], own: tuple[float, float, float]) -> float:
+        taken, start = (median(colors)[1] for colors in (in_scene(skin(goal), skin(own), 1.0), skin(own)))
+        return float(np.linalg.norm(taken - start))
+
+    warm, rich, grey = (120.0, -0.45, 0.45), (120.0, -0.30, 0.30), (120.0, -0.05, 0.05)
+    assert way(rich, warm) == pytest.approx(0.2, abs=0.03)
+    assert way(grey, warm) < 0.22
+    assert way(warm, grey) > 0.25  # the other way there is no end
+
+
 def test_what_lies_near_is_taken_as_it_is() -> None:
     near = skin((165.0, -0.28, 0.3))
     np.testing.assert_allclose(in_scene(near, skin(TAN), 1.0), near, atol=1e-3)
