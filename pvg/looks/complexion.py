@@ -27,7 +27,7 @@ from pvg.looks.tone import to_opponent, to_rgb
 # saturation, C*/L* of CIELAB, below which skin looks grey: at L* 60, its fall a level of L*, and the most of it
 # [by blind choice: less or more of it was chosen less often, at L* 60, 64, 71 and 77]
 _USUAL, _FALL, _MOST = 0.36, 0.004, 0.40
-_GREY = (0.55, 0.72)  # of the usual saturation: skin with less is of a grey film, with more of none [by eye]
+_GREY = (0.72, 0.55)  # of the usual saturation: skin with more is of no grey film, with less of one [by eye]
 # of L*: skin that gets darker by so much takes the chroma of darker skin, where it ends below the first of two, wholly
 # from the second down [by eye: pale skin is not to be tanned]
 _DARKENED, _DARK = 8.0, (66.0, 60.0)
@@ -73,16 +73,19 @@ def _borne(own: Doubles, goal: Doubles) -> float:
     What it has of it itself; but as much as skin has where it is not grey and gets dark.
     """
     has = min(_saturation(own) / _usual(own), 1.0)
-    darker = float(np.clip((own[0] - goal[0]) / _DARKENED, 0.0, 1.0))
-    dark = float(np.clip((_DARK[0] - goal[0]) / (_DARK[0] - _DARK[1]), 0.0, 1.0))
-    return has + dark * darker * (1.0 - _film(own)) * (1.0 - has)
+    darker = _ramp(float(own[0] - goal[0]), 0.0, _DARKENED) * _ramp(float(goal[0]), *_DARK)
+    return has + darker * (1.0 - _film(own)) * (1.0 - has)
 
 
 def _film(own: Doubles) -> float:
     """How surely a clip's skin is that of a grey film: 1 where it has little of the saturation that such skin has."""
     pale = min(_PALER * max(float(own[0]) - _PALE, 0.0), _PALEST)
-    grey, plain = _GREY
-    return float(np.clip((plain - _saturation(own) / (_usual(own) - pale)) / (plain - grey), 0.0, 1.0))
+    return _ramp(_saturation(own) / (_usual(own) - pale), *_GREY)
+
+
+def _ramp(value: float, none: float, all_of_it: float) -> float:
+    """0 at `none`, 1 at `all_of_it`, a line between and level beyond them."""
+    return min(max((value - none) / (all_of_it - none), 0.0), 1.0)
 
 
 def _held(lab: Doubles, own: Doubles) -> Doubles | None:

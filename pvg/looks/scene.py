@@ -44,9 +44,8 @@ def in_scene(reference: Floats, own: Floats, share: float) -> Floats:
     far, off = abs(brighter), float(np.hypot(*richer))
     borne = far * _kept(far / _BRIGHTER) if brighter > 0.0 else _ending(far, *_DARKER)
     gain = np.exp(-share * np.sign(brighter) * (far - borne))
-    hue = off * _kept(off / _HUE)
-    if np.hypot(*goal[1:]) / goal[0] < np.hypot(*start[1:]) / start[0]:
-        hue = min(hue, _ending(off, *_POORER))
+    poorer = np.hypot(*goal[1:]) / goal[0] < np.hypot(*start[1:]) / start[0]
+    hue = _ending(off, *_POORER) if poorer else off * _kept(off / _HUE)
     kept = 1.0 - share * (1.0 - hue / max(off, 1e-6))
     luma, chroma = np.split(to_opponent(reference), [1], axis=1)
     chroma = chroma - (1.0 - kept) * richer * luma

@@ -23,6 +23,7 @@ from pvg._arrays import Floats
 from pvg.curves import BOUNDARY, GROUPS
 from pvg.face import layout
 from pvg.face.cover import soft_cover
+from pvg.membrane import Membrane
 from pvg.raster import scaled
 from pvg.rendering.placed_face import PlacedFace
 
@@ -83,14 +84,9 @@ def guarded_alpha(
 
 def _at_pixels(nodes: Floats, face: PlacedFace, corner: tuple[int, int], shape: tuple[int, ...]) -> Floats:
     """What the nodes of a face's lattice say at pixels (h, w) of its window, from its pixel `corner` x, y on."""
-    lattice = face.lattice()
-    x, y = (
-        (float(at + of_face) - of_lattice) / lattice.step
-        for at, of_face, of_lattice in zip(corner, (face.x, face.y), (lattice.x, lattice.y), strict=True)
-    )
-    to_nodes = np.array([[1 / lattice.step, 0, x], [0, 1 / lattice.step, y]])
-    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    return np.asarray(cv2.warpAffine(nodes, to_nodes, shape[1::-1], flags=flags), np.float32)
+    (x, y), (rows, columns) = corner, shape
+    xs, ys = face.x + x + np.arange(columns), face.y + y + np.arange(rows)
+    return np.asarray(Membrane(face.lattice(), nodes[None]).read(xs, ys)[0], np.float32)
 
 
 def _take_out(alpha: Floats, polygon: Floats, sigma: float, align: int) -> tuple[int, int, Floats] | None:

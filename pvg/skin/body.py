@@ -224,8 +224,9 @@ def _fill_gaps(probability: Floats, face: Floats, said: Floats, hair: Floats, si
     """
     likely, of_face = (where.astype(np.uint8) for where in (probability > 0.5, face > _BODY.gap_face))
     side = 2 * max(1, round(_BODY.gap * size)) + 1
-    closed = cv2.morphologyEx(likely | of_face, cv2.MORPH_CLOSE, _square(side))
-    gap = (closed > (likely | of_face)) & (said > _BODY.gap_said) & (hair < _BODY.gap_hair)
+    either = likely | of_face
+    closed = cv2.morphologyEx(either, cv2.MORPH_CLOSE, _square(side))
+    gap = (closed > either) & (said > _BODY.gap_said) & (hair < _BODY.gap_hair)
     count, labels = cv2.connectedComponents(gap.astype(np.uint8), connectivity=8)
     beside = [cv2.dilate(one, _square(3)) > 0 for one in (likely, of_face)]
     between = np.all([np.bincount(labels[one], minlength=count) > 0 for one in beside], axis=0)

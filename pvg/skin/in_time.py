@@ -11,6 +11,13 @@ from pvg.skin.parameters import SKIN_PRIOR
 _TRACKING = SKIN_PRIOR.tracking
 
 
+def places_before(flow: Floats) -> tuple[Floats, Floats]:
+    """Maps x, y (h, w) float32 of where each cell was, by the flow (h, w, 2) in cells from now to then."""
+    h, w = flow.shape[:2]
+    x, y = flow[..., 0] + np.arange(w, dtype=np.float32), flow[..., 1] + np.arange(h, dtype=np.float32)[:, None]
+    return np.asarray(x, np.float32), np.asarray(y, np.float32)
+
+
 def weight_of_before(was: Floats, grey: Floats) -> Floats:
     """(h, w) in [0, 1) the weight of the frame before in each cell, less where its picture, moved, was another.
 

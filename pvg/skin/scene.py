@@ -19,6 +19,7 @@ from pvg._arrays import Bytes, Floats
 from pvg.face import Landmarks
 from pvg.picture import Picture, as_picture
 from pvg.raster import Raster, first_reading
+from pvg.skin.in_time import places_before
 from pvg.skin.parameters import SKIN_PRIOR
 
 _BODY = SKIN_PRIOR.body
@@ -102,17 +103,12 @@ class Scene:
 
 def _maps(flow: Floats, shape: tuple[int, int]) -> tuple[Floats, Floats]:
     h, w = shape
-    fine = cv2.resize(flow, (w, h), interpolation=cv2.INTER_LINEAR) * np.float32(_FLOW_CELLS)
-    return np.asarray(fine[..., 0] + np.arange(w, dtype=np.float32)), np.asarray(
-        fine[..., 1] + np.arange(h, dtype=np.float32)[:, None]
-    )
+    return places_before(cv2.resize(flow, (w, h), interpolation=cv2.INTER_LINEAR) * np.float32(_FLOW_CELLS))
 
 
 def _changed(before: Bytes, grey: Bytes, flow: Floats) -> bool:
     """Whether a picture (h, w) is another than the one before, moved by the flow (h, w, 2), in much of it."""
-    h, w = grey.shape
-    xs, ys = flow[..., 0] + np.arange(w, dtype=np.float32), flow[..., 1] + np.arange(h, dtype=np.float32)[:, None]
-    moved = cv2.remap(before, xs, ys, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    moved = cv2.remap(before, *places_before(flow), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     off = cv2.blur(cv2.absdiff(moved, grey), (3, 3)) > _BODY.unexplained
     return bool(off.mean() > _BODY.much)
 
@@ -137,11 +133,11 @@ class SceneReader:
         small = (max(1, raster.shape[1] // _FLOW_CELLS), max(1, raster.shape[0] // _FLOW_CELLS))
         averaged = cv2.resize(rgb, small, interpolation=cv2.INTER_AREA)
         grey = np.asarray(cv2.cvtColor(averaged, cv2.COLOR_RGB2GRAY), np.uint8)
-        flow = None
+        flow, changed = None, False
         if not cut and self._grey is not None and self._grey.shape == grey.shape:
             flow = np.asarray(self._flow.calc(grey, self._grey, np.zeros((*grey.shape, 2), np.float32)), np.float32)
+            changed = _changed(self._grey, grey, flow)
         self._age += 1
-        changed = flow is not None and self._grey is not None and _changed(self._grey, grey, flow)
         person: Bytes | None = None
         if flow is not None and self._person is not None:
             maps = _maps(flow, raster.shape)
@@ -149,8 +145,7 @@ class SceneReader:
             person = np.asarray(moved, np.uint8)
         if person is None or changed or self._age >= _BODY.person_every:
             new: Bytes = np.asarray(np.rint(person_mask(rgb) * 255), np.uint8)
-            old = new if person is None else person
-            person = np.asarray(cv2.addWeighted(new, 0.5, old, 0.5, 0), np.uint8)
+            person = new if person is None else np.asarray(cv2.addWeighted(new, 0.5, person, 0.5, 0), np.uint8)
             self._age = 0
         self._grey, self._person = grey, person
         return Scene(raster, rgb, person, flow, tuple(faces), changed)

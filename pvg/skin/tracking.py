@@ -17,7 +17,7 @@ from pvg.skin.cleanup import face_component
 from pvg.skin.color_model import SkinColors, to_skin_lab
 from pvg.skin.consensus import MatteInTime
 from pvg.skin.hair import Hair, find_hair, hair_cover
-from pvg.skin.in_time import in_levels, soft_edge, weight_of_before
+from pvg.skin.in_time import in_levels, places_before, soft_edge, weight_of_before
 from pvg.skin.matte import Matte
 from pvg.skin.network import Told
 from pvg.skin.occlusion import occluder_alpha, open_skin
@@ -232,14 +232,12 @@ class SkinTracker:
 
     def _carry(self, before: _TemporalState, grey: Bytes) -> _Carried:
         """The frame before moved by optical flow onto this one, whose picture is `grey` (h, w)."""
-        h, w = grey.shape
-        flow = self._flow.calc(grey, before.grey, np.zeros((h, w, 2), np.float32))
-        map_x = np.asarray(flow[..., 0] + np.arange(w), np.float32)
-        map_y = np.asarray(flow[..., 1] + np.arange(h)[:, None], np.float32)
+        flow = self._flow.calc(grey, before.grey, np.zeros((*grey.shape, 2), np.float32))
+        maps = places_before(np.asarray(flow, np.float32))
         layers = cv2.merge([before.probability, before.mask, before.alpha, before.told])
-        moved = cv2.remap(layers, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        moved = cv2.remap(layers, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         was = before.grey.astype(np.float32)
-        moved_grey = cv2.remap(was, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        moved_grey = cv2.remap(was, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         keep = weight_of_before(np.asarray(moved_grey, np.float32), grey.astype(np.float32))
         probability, mask, alpha, told = (np.asarray(layer, np.float32) for layer in cv2.split(moved))
         return _Carried(_TemporalState(grey, probability, mask, alpha, told), keep)

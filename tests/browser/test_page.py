@@ -21,8 +21,6 @@ pytestmark = pytest.mark.timeout(900)
 
 #: seconds that two videos which play as one are apart at most, once the player has seen to it
 TOGETHER_S = 0.15
-#: levels of the whole picture that a look changes at least, and one of no strength at most: the face is a tenth of it
-SEEN, UNSEEN = 1.5, 1
 
 
 def test_a_dropped_clip_becomes_looks_that_are_compared_and_downloaded(
@@ -61,12 +59,12 @@ def show_what_was_found(guarded: Guarded, clip: Path) -> None:
 def try_looks(guarded: Guarded, samples: Samples, capsys: pytest.CaptureFixture[str]) -> None:
     """Drop several portraits: the look of the first is shown as soon as it is ready, and follows a slider."""
     page = guarded.page
-    drop(page, "#tray", samples.dark_portrait, samples.pale_portrait)
+    drop(page, "#tray", samples.pale_portrait, samples.dark_portrait)
     guarded.until("() => document.querySelectorAll('.card:has(.include:checked) .thumb.loaded').length === 2")
     guarded.until("() => !document.querySelector('#look button.primary').disabled")
     guarded.until("() => document.querySelector('.frame img.after').naturalWidth > 0")
     at_rest(guarded)
-    assert difference(page) > SEEN
+    assert difference(page) > 3
 
     strength = page.get_by_role("slider", name="Strength")
     before = page.locator(".frame img.after").get_attribute("src")
@@ -74,7 +72,7 @@ def try_looks(guarded: Guarded, samples: Samples, capsys: pytest.CaptureFixture[
     took = guarded.until("(was) => document.querySelector('.frame img.after').src !== was", before)
     at_rest(guarded)
     # nothing of the look leaves the clip as it is
-    assert difference(page) < UNSEEN
+    assert difference(page) < 1
     assert strength.get_attribute("aria-valuetext") == "0 %"
     with capsys.disabled():
         print(f" [a look drawn anew for a slider: {took:.2f} s]", end="")
@@ -159,7 +157,7 @@ def test_the_first_preview_comes_soon_after_the_clip_is_ready(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    reference = service.ready("/references", samples.dark_portrait)
+    reference = service.ready("/references", samples.pale_portrait)
     another = tmp_path / "another.mp4"
     another.write_bytes(tiny_clip.read_bytes() + b"\0\0\0\x08free")
     guarded = pages()
@@ -181,7 +179,7 @@ def test_the_first_preview_comes_soon_after_the_clip_is_ready(
     waited = page.evaluate("() => window.seenAt - window.readyAt") / 1000
     with capsys.disabled():
         print(f" [first preview {waited:.2f} s after the clip is ready]", end="")
-    assert difference(page) > SEEN
+    assert difference(page) > 3
     assert waited < PREVIEW_S, "1 s is wanted on a machine with nothing else to do"
 
 

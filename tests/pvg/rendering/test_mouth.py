@@ -16,6 +16,7 @@ from pvg.rendering.mouth import see_mouth
 from pvg.video import RGB24, PixelFormat
 from tests.gallery.assets import key_frame
 from tests.gallery.pictures import YUV444, frame_of
+from tests.gallery.scenes import filled
 
 SKIN, LIPS, PALE_LIPS = (190.0, 150.0, 130.0), (160.0, 95.0, 95.0), (150.0, 118.0, 108.0)
 LATTICE = Lattice.over((0, 0, 640, 360))
@@ -105,9 +106,7 @@ def open_mouth(face: FaceInFrame, finger: bool) -> np.ndarray:
     """Its picture (360, 640, 3): lips, teeth between them, and a finger across both."""
     picture, _ = mouth(face, LIPS)
     for outline, color in ((layout.LIPS_OUTER, LIPS), (layout.LIPS_INNER, TEETH)):
-        drawn = np.zeros((360, 640), np.uint8)
-        cv2.fillPoly(drawn, [np.rint(face.landmarks.points[outline]).astype(np.int32)], 1)
-        picture[drawn > 0] = color
+        picture[filled(picture.shape, face.landmarks.points[outline])] = color
     if finger:
         middle, width = face.landmarks.points[layout.LIPS_INNER].mean(axis=0), face.landmarks.axes.width
         picture[:, int(middle[0] - 0.06 * width) : int(middle[0] + 0.06 * width)] = SKIN
