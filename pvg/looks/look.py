@@ -17,8 +17,8 @@ PROTECTABLE = ("eyes", "teeth")
 EXTENTS = ("skin", "face")  # all skin of a person, or the face with ears and neck
 
 Contrast = float | Literal["auto"]
-Region = Literal["face", "beside", "body"]
-"""Of a person's skin: the face, ears and neck in its matte, the rest."""
+Region = Literal["face", "beside"]
+"""Of a person's skin: the face, and all that is beside it."""
 FaceContrast = float | Literal["map"]
 
 
@@ -37,13 +37,11 @@ class BodyMap:
     def usual_colors(self, region: Region = "face") -> tuple[Doubles, Doubles]:
         """The colours (256, 3) that are usual at the lumas 0 to 255, 0-255 RGB, and what F makes of them.
 
-        The tone curve is that of single pixels in the face, `SkinMap.texture`, or `SkinMap.beside`: of ears and neck,
-        whose shade goes over into the jaw's, and of the body.
+        The tone curve is T or `SkinMap.beside`.
         """
         skin, levels = self.skin, np.arange(256.0)
         usual = to_rgb(np.column_stack([levels, skin.own.at(levels)]))
-        texture = skin.texture
-        tone = texture if region == "face" else skin.beside(skin.tone if region == "body" else texture)
+        tone = skin.tone if region == "face" else skin.beside
         return usual, to_rgb(np.column_stack([tone, skin.goal.at(tone)]))
 
 

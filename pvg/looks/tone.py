@@ -18,6 +18,10 @@ import numpy as np
 
 from pvg._arrays import Doubles, Floats
 
+CRISP = 0.8
+"""p of `steeper` where T takes the place of λ. A face made bright by lifted shadows is flat, its brows and beard milky,
+its neck bright [by blind choice: 0.8 rather than 0.4 or 0]."""
+
 _LUMA = np.array([0.299, 0.587, 0.114])
 _QUANTILES = (0.03, 0.10, 0.25, 0.50, 0.75, 0.90, 0.97)
 _SLOPES = (0.45, 2.0)  # of the tone curve between two quantiles [by eye: outside, blotches or a flat wash]
@@ -38,10 +42,7 @@ _FLATTEST = 0.4  # of what may be the most of k
 # where the saturation, levels of chroma a level of luma, moves by so much [by eye]
 _OTHER_HUE, _OTHER = 0.4, 0.08
 _OTHER_HUE_BROAD = 0.6  # the same of k at the curves, where it tells of patches: a flushed nose or chin [by eye]
-# of a pixel darker than the middle of the skin: the power of T/Y beside that of T' in its slope, where that is more. A
-# face made bright by lifted shadows is flat, brows and stubble milky; T's slope alone keeps them so [by eye]
-_CRISP = 0.8
-_MIDDLE = 0.1  # of the middle luma: over which that begins
+_MIDDLE = 0.1  # of the middle luma: over which a curve gets steeper below it
 _SLOPE_RANGE = (0.6, 2.0)  # of F in luma as a whole [by eye]
 _SHADE = 0.8  # of the middle luma: skin beside the face that is darker than this goes through black [by eye]
 _LEAST_CHROMA = 4.0  # levels added to both sides of the ratio of chroma, so that grey skin does not explode
@@ -129,6 +130,23 @@ def tone_curve(source: Doubles, target: Doubles, depth: float = 1.0) -> Doubles:
     return smooth + (t_middle - float(np.interp(s_middle, levels, smooth))) * led
 
 
+def steeper(tone: Doubles, middle: float, crisp: float) -> Doubles:
+    """T (256,) made steeper below the skin's middle luma, where it lifts shadows.
+
+    There its slope is less than T/Y, by which shade, brows and stubble would darken in their own light: it becomes
+    T'^(1 − p) (T/Y)^p, though nothing gets darker than by the gain at the middle.  crisp: p, in [0, 1].
+    """
+    levels = np.arange(256.0)
+    rise = np.gradient(tone)
+    ratio = np.maximum(tone, 1.0) / np.maximum(levels, 1.0)
+    steep = np.maximum(rise, 0.0) ** (1.0 - crisp) * ratio**crisp
+    share = np.clip((middle - levels) / (_MIDDLE * middle), 0.0, 1.0)
+    more = share * np.maximum(steep - rise, 0.0)
+    darker = (np.cumsum(more) - 0.5 * more) - more.sum()
+    by_middle = levels * float(np.interp(middle, levels, tone)) / middle
+    return np.asarray(np.maximum(tone + darker, np.minimum(tone, by_middle)))
+
+
 def _climb(s: Doubles, start: float, slopes: Doubles) -> Doubles:
     """T at lumas `s` (n,) from the first on, where it is `start`, by slopes (n - 1,) that are bounded by `_GAINS`."""
     t = [start]
@@ -161,18 +179,18 @@ class SkinMap:
     broad: float
 
     @classmethod
-    def between(cls, skin: Floats, moved: Doubles, depth: float = 1.0) -> SkinMap:
+    def between(cls, skin: Floats, moved: Doubles, depth: float = 1.0, crisp: float = 0.0) -> SkinMap:
         """F for open-skin colours `skin` (n, 3) that the transport moved to `moved` (n, 3), 0-255 RGB.
 
-        depth: of features, see `tone_curve`.
+        depth: of features, see `tone_curve`;  crisp: of shade, see `steeper`.
         """
         source, target = to_opponent(skin), to_opponent(moved)
         own, goal = UsualChroma.of(source), UsualChroma.of(target)
         around, wanted = source[:, 1:] - own.at(source[:, 0]), target[:, 1:] - goal.at(target[:, 0])
         spread = np.sqrt(((wanted**2).sum(axis=1).mean() + 1.0) / ((around**2).sum(axis=1).mean() + 1.0))
         chroma = [float(np.hypot(*one[:, 1:].mean(axis=0))) + _LEAST_CHROMA for one in (target, source)]
-        tone = tone_curve(source[:, 0], target[:, 0], depth)
         middle = max(float(np.median(source[:, 0])), 1.0)
+        tone = steeper(tone_curve(source[:, 0], target[:, 0], depth), middle, crisp)
         brighter = float(np.interp(middle, np.arange(256.0), tone)) / middle
         most = min(1.0, brighter, chroma[0] / chroma[1])
         lumas = np.array([middle, middle * brighter])
@@ -193,38 +211,19 @@ class SkinMap:
         return to_rgb(np.column_stack([luma, chroma]))
 
     @property
-    def texture(self) -> Doubles:
-        """(256,) the tone curve of single pixels between curves: T, but steeper below the skin's middle.
-
-        Where T lifts shadows, its slope is less than T/Y, by which brows, stubble and folds would darken in their own
-        light: they take the slope T'^(1 − p) (T/Y)^p, though nothing gets darker than by the gain at the middle. The
-        colours at the curves are T's all the same.
-        """
-        levels = np.arange(256.0)
-        middle = self._middle
-        rise = np.gradient(self.tone)
-        ratio = np.maximum(self.tone, 1.0) / np.maximum(levels, 1.0)
-        crisp = np.maximum(rise, 0.0) ** (1.0 - _CRISP) * ratio**_CRISP
-        share = np.clip((middle - levels) / (_MIDDLE * middle), 0.0, 1.0)
-        slope = rise + share * np.maximum(crisp - rise, 0.0)
-        curve = np.cumsum(slope) - 0.5 * slope
-        bright = float(np.interp(middle, levels, self.tone))
-        curve += bright - np.interp(middle, levels, curve)
-        return np.asarray(np.maximum(curve, np.minimum(self.tone, levels * bright / middle)))
-
-    def beside(self, shade: Doubles) -> Doubles:
+    def beside(self) -> Doubles:
         """(256,) the tone curve of skin beside the face: as much brighter or darker as the middle of the face's skin.
 
         An ear or a neck is lit otherwise than the face, and differs from it as before, though nothing brighter gets
-        nearer to white than by its share of the way. Deep shade goes through black, or as the curve `shade` (256,)
-        makes it if that is brighter.
+        nearer to white than by its share of the way. Deep shade goes through black, or as the face's own curve makes it
+        if that is brighter.
         """
         levels, middle = np.arange(256.0), self._middle
         bright = float(np.interp(middle, levels, self.tone))
         shifted = levels + (bright - middle) * np.minimum(1.0, levels / (_SHADE * middle))
         to_white = bright + (levels - middle) * (255.0 - bright) / (255.0 - middle)
         shifted = np.where(levels > middle, np.minimum(shifted, to_white), shifted)
-        return np.asarray(np.where(levels < middle, np.maximum(shifted, shade), shifted))
+        return np.asarray(np.where(levels < middle, np.maximum(shifted, self.tone), shifted))
 
     @property
     def _middle(self) -> float:

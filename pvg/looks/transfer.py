@@ -26,7 +26,7 @@ from pvg.looks.light import light_ratio, relit
 from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, BodyMap, Contrast, FaceContrast, Look
 from pvg.looks.parts import MAKEUP, Makeup, PartChanges, strengths
 from pvg.looks.scene import SCENE
-from pvg.looks.tone import SkinMap
+from pvg.looks.tone import CRISP, SkinMap
 
 BETA = 0.2  # β of eq. (7) [paper]
 ITERATIONS = 20  # N of eq. (7) [paper]
@@ -156,12 +156,14 @@ def _skin_map(
 ) -> SkinMap | None:
     """The smooth map of the transport of the open skin; None without enough of it on either side.
 
-    A number for λ is the contrast of all that lies between the curves: then features are no deeper at them either.
+    A number for λ is the contrast of all that lies between the curves: then features are no deeper at them, nor shade.
     """
     if min(len(key.skin), len(target.skin)) == 0:
         return None
     moved = steps.transport(key.skin, complexion(target.skin, key.skin, scene))
-    return SkinMap.between(key.skin, moved, depth_of_features(key, target) if contrast == "auto" else 1.0)
+    if contrast != "auto":
+        return SkinMap.between(key.skin, moved)
+    return SkinMap.between(key.skin, moved, depth_of_features(key, target), CRISP)
 
 
 def _body_map(key: KeyFrame, target: KeyFrame, steps: TransportSteps, scene: float, contrast: Contrast) -> SkinMap:

@@ -45,6 +45,8 @@ def with_beside(
     nodes = share > 0
     if not nodes.any():
         return list(corrections)
+    size = (lattice.width, lattice.height)
+    kept = 1.0 - cv2.resize(share, size, interpolation=cv2.INTER_LINEAR)
     around, share = _means(frame, placed, shape)[nodes], share[nodes]
     out = []
     for correction, tables in zip(corrections, beside, strict=True):
@@ -54,8 +56,8 @@ def with_beside(
             continue
         more = np.zeros((*shape, 3), np.float32)
         more[nodes] = (share * own.gained_more_by(tables, around)).T
-        fine = cv2.resize(more, (lattice.width, lattice.height), interpolation=cv2.INTER_LINEAR)
-        out.append(replace(correction, shift=correction.shift + np.moveaxis(fine, -1, 0)))
+        fine = cv2.resize(more, size, interpolation=cv2.INTER_LINEAR)
+        out.append(replace(correction, shift=kept * correction.shift + np.moveaxis(fine, -1, 0)))
     return out
 
 

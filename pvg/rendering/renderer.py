@@ -113,7 +113,7 @@ class Renderer:
                 self._draw_face(frame, face, placed, colors, out)
         for face, body in bodies:
             for i in self._with_body[face]:
-                tables = self._tables_of(i, face, frame, "body")
+                tables = self._tables_of(i, face, frame, "beside")
                 out[i] += apply_body(frame, body, tables, under=out[i])
         return out
 

@@ -6,7 +6,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pvg.looks import SkinMap
-from pvg.looks.tone import _FLATTEST, _SLOPE_RANGE, _SLOPES, _SMOOTH_LEVELS, to_opponent, to_rgb, tone_curve
+from pvg.looks.tone import (
+    _FLATTEST,
+    _SLOPE_RANGE,
+    _SLOPES,
+    _SMOOTH_LEVELS,
+    CRISP,
+    steeper,
+    to_opponent,
+    to_rgb,
+    tone_curve,
+)
 
 seeds = st.integers(0, 1000)
 
@@ -71,20 +81,30 @@ def test_black_stays_black(one: int, two: int) -> None:
 
 
 @given(seeds)
-def test_single_pixels_of_a_face_with_its_own_colours_stay(seed: int) -> None:
-    skin = skin_like(seed)
-    np.testing.assert_allclose(SkinMap.between(skin, skin.astype(float)).texture, np.arange(256), atol=1e-6)
+def test_a_curve_that_changes_nothing_is_not_made_steeper(seed: int) -> None:
+    same = steeper(np.arange(256.0), np.random.default_rng(seed).uniform(20, 220), CRISP)
+    np.testing.assert_allclose(same, np.arange(256), atol=1e-9)
 
 
 @given(seeds, seeds)
-def test_single_pixels_are_darker_than_the_tone_curve_below_the_skins_middle_alone(one: int, two: int) -> None:
-    change = SkinMap.between(skin_like(one), skin_like(two).astype(float))
-    levels, middle = np.arange(256), 0.5 * (change.own.low + max(change.own.high, change.own.low + 4))
-    more, gain = change.texture - change.tone, np.interp(middle, levels, change.tone) / middle
+def test_a_curve_is_made_steeper_below_the_skins_middle_alone(one: int, two: int) -> None:
+    source, target = (to_opponent(skin_like(seed))[:, 0] for seed in (one, two))
+    plain, levels, middle = tone_curve(source, target), np.arange(256), float(np.median(source))
+    steep = steeper(plain, middle, CRISP)
+    more, gain = steep - plain, np.interp(middle, levels, plain) / middle
     np.testing.assert_allclose(more[levels > 1.1 * middle + 2], 0, atol=0.5)
     assert (more[levels < 0.9 * middle - 2] <= 0.5).all()
     # nor darker than by the gain of the skin's middle: black stays black
-    assert (change.texture >= np.minimum(change.tone, gain * levels) - 1e-9).all()
+    assert (steep >= np.minimum(plain, gain * levels) - 1e-9).all()
+    assert np.diff(steep).min() >= -1e-9
+
+
+@given(seeds, seeds)
+def test_the_median_of_the_skin_ends_where_the_transport_has_it(one: int, two: int) -> None:
+    skin, moved = skin_like(one), skin_like(two).astype(float)
+    tone = SkinMap.between(skin, moved, crisp=CRISP).tone
+    before, after = (float(np.median(to_opponent(colors)[:, 0])) for colors in (skin, moved))
+    assert np.interp(before, np.arange(256), tone) == pytest.approx(after, abs=1.0)
 
 
 @given(seeds, seeds)
@@ -97,7 +117,7 @@ def test_the_slope_is_one_for_all_of_a_face_and_stays_in_its_range(one: int, two
 @given(seeds, seeds)
 def test_skin_beside_a_face_keeps_its_order_and_its_distance(one: int, two: int) -> None:
     skin = SkinMap.between(skin_like(one), skin_like(two).astype(float))
-    curve, middle = skin.beside(skin.tone), skin._middle
+    curve, middle = skin.beside, skin._middle
     assert abs(curve[0]) < 1e-9
     assert curve.max() <= 255.001
     assert np.diff(curve).min() > -1e-9
@@ -110,7 +130,7 @@ def test_skin_beside_a_face_keeps_its_order_and_its_distance(one: int, two: int)
 def test_beside_its_own_face_skin_stays_as_it_is(seed: int) -> None:
     skin = skin_like(seed)
     same = SkinMap.between(skin, skin.astype(float))
-    np.testing.assert_allclose(same.beside(same.tone), np.arange(256), atol=0.3)
+    np.testing.assert_allclose(same.beside, np.arange(256), atol=0.3)
 
 
 @pytest.mark.parametrize(("start", "stop"), [(190, 110), (110, 190), (90, 225)])

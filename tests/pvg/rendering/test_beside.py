@@ -47,17 +47,21 @@ def inside(placed: PlacedFace, grown: float) -> np.ndarray:
     return np.asarray(far <= grown * placed.data.landmarks.axes.width)
 
 
-def drawn(placed: PlacedFace, look: BodyMap, pixel_format: PixelFormat, *, beside: bool) -> tuple[float, float]:
-    """Mean luma of a face and of the shaded skin beside it, after a look."""
+def drawn(
+    placed: PlacedFace, look: BodyMap, pixel_format: PixelFormat, *, beside: bool, asked: float = 0.0
+) -> tuple[float, float]:
+    """Mean luma of a face and of the shaded skin beside it, after a look.
+
+    asked: levels of luma that the membrane adds everywhere.
+    """
     within = inside(placed, 0.0)
     picture = np.where(within[..., None], FACE, SHADE * FACE)
     frame = frame_of(picture, pixel_format)
     tables = [MapTables.of(look, pixel_format, region=region) for region in ("face", "beside")]
     lattice = placed.lattice()
-    nothing = np.zeros((3, lattice.height, lattice.width), np.float32)
-    (correction,) = with_beside(
-        frame, placed, [Correction(lattice, nothing, tables[0])], [tables[1] if beside else None]
-    )
+    shift = np.zeros((3, lattice.height, lattice.width), np.float32)
+    shift[0] = asked
+    (correction,) = with_beside(frame, placed, [Correction(lattice, shift, tables[0])], [tables[1] if beside else None])
     out = frame.patched(apply_correction(frame, (placed.x, placed.y), placed.alpha, correction))
     luma = out.format.to_rgb(out.planes) @ np.array([0.299, 0.587, 0.114])
     x0, y0, x1, y1 = placed.window
@@ -82,3 +86,12 @@ def test_a_skins_own_map_changes_nothing_beside_it_either(placed: PlacedFace) ->
     own = BodyMap(SkinMap.between(skin, skin.astype(float)), 1.0, ONCE)
     face, shade = drawn(placed, own, YUV444, beside=True)
     assert (face, shade) == pytest.approx(drawn(placed, own, YUV444, beside=False), abs=1e-3)
+
+
+@pytest.mark.parametrize("asked", [-20.0, 20.0])
+def test_what_the_curves_ask_for_ends_with_the_face(placed: PlacedFace, asked: float) -> None:
+    """Light that falls on a chin would make a neck brighter than the chest below it."""
+    face, shade = drawn(placed, brighter(contrast=1.0), YUV444, beside=True)
+    lit, same = drawn(placed, brighter(contrast=1.0), YUV444, beside=True, asked=asked)
+    assert lit - face == pytest.approx(asked, rel=0.25)
+    assert same == pytest.approx(shade, abs=0.3)

@@ -60,7 +60,7 @@ def test_where_the_membrane_asks_for_nothing_the_map_itself_is_drawn(pixel_forma
         np.testing.assert_allclose(drawn, DARK.skin(color[None])[0], atol=2.5)  # codes of 8 bits in and out
 
 
-@pytest.mark.parametrize("region", ["face", "beside", "body"])
+@pytest.mark.parametrize("region", ["face", "beside"])
 def test_at_a_curve_the_new_colour_is_drawn_whatever_the_map(region: Region) -> None:
     """g' − F(g) is what the shift adds to F(g), so that pixels of the colour g become g'."""
     coding, tables = Coding(YUV444), MapTables.of(DARK, YUV444, region=region)
