@@ -190,7 +190,7 @@ class SkinMap:
         spread = np.sqrt(((wanted**2).sum(axis=1).mean() + 1.0) / ((around**2).sum(axis=1).mean() + 1.0))
         chroma = [float(np.hypot(*one[:, 1:].mean(axis=0))) + _LEAST_CHROMA for one in (target, source)]
         middle = max(float(np.median(source[:, 0])), 1.0)
-        tone = steeper(tone_curve(source[:, 0], target[:, 0], depth), middle, crisp)
+        tone = steeper(tone_curve(source[:, 0], target[:, 0], depth), min(middle, _half_way(own)), crisp)
         brighter = float(np.interp(middle, np.arange(256.0), tone)) / middle
         most = min(1.0, brighter, chroma[0] / chroma[1])
         lumas = np.array([middle, middle * brighter])
@@ -227,8 +227,7 @@ class SkinMap:
 
     @property
     def _middle(self) -> float:
-        """Luma half way through the skin's."""
-        return 0.5 * (self.own.low + max(self.own.high, self.own.low + _LEAST_LUMA_SPREAD))
+        return _half_way(self.own)
 
     def slopes(self, colors: Floats) -> Floats:
         """F's slope in luma and in chroma (n, 2) at colours (n, 3), one for all of the face.
@@ -242,3 +241,8 @@ class SkinMap:
         rise = (ends[2] - ends[0] + _LEAST_STEP) / (high - low + _LEAST_STEP)
         slope = np.clip(np.sqrt(rise * ends[1] / middle), *_SLOPE_RANGE)
         return np.tile(np.array([slope, self.spread], np.float32), (len(colors), 1))
+
+
+def _half_way(own: UsualChroma) -> float:
+    """Luma half way through a skin's."""
+    return 0.5 * (own.low + max(own.high, own.low + _LEAST_LUMA_SPREAD))

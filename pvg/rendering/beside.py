@@ -46,7 +46,8 @@ def with_beside(
     if not nodes.any():
         return list(corrections)
     size = (lattice.width, lattice.height)
-    kept = 1.0 - cv2.resize(share, size, interpolation=cv2.INTER_LINEAR)
+    kept = np.ones((3, *size[::-1]), np.float32)
+    kept[0] -= cv2.resize(share, size, interpolation=cv2.INTER_LINEAR)
     around, share = _means(frame, placed, shape)[nodes], share[nodes]
     out = []
     for correction, tables in zip(corrections, beside, strict=True):
