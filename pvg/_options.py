@@ -35,7 +35,7 @@ PRESETS = ("ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "sl
 MATTES = ("ffv1", "prores", "png")
 AUDIOS = ("copy", "none")
 PARTS = ("lips", "lids", "cheeks", "brows")
-MAKEUP, LIGHT, SCENE, BETA, ITERATIONS = 0.75, 0.25, 1.0, 0.2, 20
+MAKEUP, LIGHT, SCENE, BETA, ITERATIONS = 0.75, 0.0, 1.0, 0.2, 20
 # that transfer and swap share
 LOOK_OPTIONS = ("strength", "match", "makeup", "light", "scene", "extent", "beta", "iterations", "seed")
 OUTPUT_OPTIONS = ("container", "codec", "crf", "preset", "audio")

@@ -30,7 +30,7 @@ from pvg.looks.tone import CRISP, SkinMap
 
 BETA = 0.2  # β of eq. (7) [paper]
 ITERATIONS = 20  # N of eq. (7) [paper]
-LIGHT = 0.25  # default strength of the light [by blind choice]
+LIGHT = 0.0  # default strength of the light [by blind choice]
 
 
 def reference_face_of(reference: VectorVideo, face: int | None = None) -> FaceSummary:

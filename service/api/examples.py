@@ -82,7 +82,7 @@ JOB: Final[dict[str, Any]] = {
                 "protect": ["eyes", "teeth"],
                 "faces": "all",
                 "makeup": 0.75,
-                "light": 0.25,
+                "light": 0.0,
                 "scene": 1.0,
                 "extent": "skin",
                 "reference_face": None,

@@ -80,7 +80,7 @@ class LookParams:
     protect: tuple[Part, ...] = ("eyes", "teeth")
     faces: tuple[int, ...] | Literal["all"] = "all"
     makeup: float | dict[str, float] = 0.75
-    light: float = 0.25
+    light: float = 0.0
     scene: float = 1.0
     extent: Extent = "skin"
     reference_face: int | None = None

@@ -127,7 +127,7 @@ def test_colours_reach_the_reference(
         assert after < 0.1 * before
 
 
-@pytest.mark.parametrize(("light", "left"), [(0.0, 0.2), (LIGHT, 0.25)])
+@pytest.mark.parametrize(("light", "left"), [(LIGHT, 0.2), (0.25, 0.25)])
 def test_open_skin_gets_the_colour_of_the_references_open_skin(
     light: float, left: float, video: pvg.VectorVideo, dark_reference: pvg.VectorVideo, pale_reference: pvg.VectorVideo
 ) -> None:

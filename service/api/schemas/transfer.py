@@ -59,7 +59,7 @@ class _ColorOptions(Request):
     makeup: Share | MakeupParts = Field(
         default=MAKEUP, description="how far lips, lids, cheeks and brows take the reference's make-up: all, or by part"
     )
-    light: Share = Field(default=0.25, description="how far light falls from where it does on the reference")
+    light: Share = Field(default=0.0, description="how far light falls from where it does on the reference")
     scene: Share = Field(
         default=1.0,
         description="how far brightness and hue far from the clip's give way to its scene; 0 takes the reference's own",

@@ -17,7 +17,7 @@ export const DEFAULTS = Object.freeze({
   strength: 1,
   contrast: "auto",
   makeup: 0.75,
-  light: 0.25,
+  light: 0,
   scene: 1,
   extent: "skin",
   match: "semantic",

@@ -42,7 +42,7 @@ def test_a_transfer_of_ready_media_is_queued_at_once(api: Api) -> None:
         "protect": [],
         "faces": [0],
         "makeup": 0.75,
-        "light": 0.25,
+        "light": 0.0,
         "scene": 1.0,
         "extent": "skin",
         "reference_face": None,
