@@ -113,9 +113,15 @@ class PartChanges:
         face = _level(skin(key.skin))
         moved, own = to_opponent(skin(key.parts)), to_opponent(key.parts)
         for p, part in enumerate(PARTS):
-            if np.isnan(self.luma[p]) or np.isnan(moved[p, 0]):
+            if np.isnan(moved[p, 0]):
                 continue
-            bounds, ours = _BOUNDS[part], moved[p]
+            ours = moved[p]
+            if part == "lips":
+                ours = _as_lips(ours + _lost(own[p], skin, key, face), own[p], skin, key, face)
+            if np.isnan(self.luma[p]):
+                out[p] = ours - moved[p]
+                continue
+            bounds = _BOUNDS[part]
             if bounds.luma:
                 goal = face * _within(self.luma[p], bounds.luma, ours[0] / face)
                 out[p, 0] = np.clip(goal - ours[0], -bounds.step[0] * face, bounds.step[1] * face)
@@ -128,8 +134,17 @@ class PartChanges:
                 lips = _as_lips(ours + out[p], own[p], skin, key, face)
                 share **= _KEPT if _redder(lips, skin) < _redder(ours, skin) else 1.0
                 out[p] = lips - ours
-            out[p] *= share
+            out[p] = ours - moved[p] + share * out[p]
         return out
+
+
+def _lost(lips: Doubles, skin: SkinMap, key: KeyFrame, face: float) -> Doubles:
+    """(3,) what F takes away of a clip's lips beside its skin, as if they were a stain on it.
+
+    lips: (3,) their own colour;  face: luma of the skin that F makes: in less light there is less of it.
+    """
+    beyond = lips[1:] - skin.own.at(lips[:1])[0]
+    return np.concatenate([[0.0], (min(1.0, face / _level(key.skin)) - skin.spread) * beyond])
 
 
 def _redder(part: Doubles, skin: SkinMap) -> float:

@@ -37,6 +37,12 @@ _MADE_UP = _face((210, 175, 160), {"lips": (0.75, -4.0, 22.0), "lids": (0.85, 5.
 FULL = strengths(1.0)
 
 
+def _asked_nothing(skin: SkinMap, own: KeyFrame) -> np.ndarray:
+    """What a clip's parts gain beside a reference that shows none: the lips what F takes away of them."""
+    count = len(PARTS)
+    return PartChanges(np.full(count, np.nan), np.zeros((count, 2))).on(skin, own, FULL)
+
+
 def _map(source: KeyFrame, target: KeyFrame) -> SkinMap:
     return SkinMap.between(source.skin, target.skin.astype(np.float64))
 
@@ -81,8 +87,8 @@ def test_half_the_strength_takes_less_red_from_lips_than_it_gives() -> None:
 )
 def test_a_beard_or_a_shadow_in_the_reference_is_left_out(part: str, color: tuple[float, float, float]) -> None:
     reference = _face((210, 175, 160), {part: color})
-    change = PartChanges.of(reference).on(_map(_OWN, reference), _OWN, FULL)
-    assert (change[PARTS.index(part)] == 0).all()
+    skin, p = _map(_OWN, reference), PARTS.index(part)
+    np.testing.assert_array_equal(PartChanges.of(reference).on(skin, _OWN, FULL)[p], _asked_nothing(skin, _OWN)[p])
 
 
 @pytest.mark.parametrize(("above", "luma", "kept"), [(0.4, 0.55, False), (0.4, 0.75, True), (1.0, 0.55, True)])
@@ -93,13 +99,34 @@ def test_lips_in_a_moustaches_shade_are_left_out(above: float, luma: float, *, k
     skin = np.median(reference.skin, axis=0)
     colors = np.where(mouth[:, None], above * skin, skin).astype(np.float32)
     reference = replace(reference, colors=colors, visible=np.ones(len(colors), np.bool_))
-    assert (PartChanges.of(reference).on(_map(_OWN, reference), _OWN, FULL)[lips] != 0).any() == kept
+    skin = _map(_OWN, reference)
+    change = PartChanges.of(reference).on(skin, _OWN, FULL)[lips]
+    assert (change != _asked_nothing(skin, _OWN)[lips]).any() == kept
 
 
 def test_what_is_not_seen_on_either_side_is_left_out() -> None:
     hidden = np.full((len(PARTS), 3), np.nan, np.float32)
-    for ours, theirs in ((_OWN, replace(_MADE_UP, parts=hidden)), (replace(_OWN, parts=hidden), _MADE_UP)):
-        assert (PartChanges.of(theirs).on(_map(ours, theirs), ours, FULL) == 0).all()
+    unseen = replace(_MADE_UP, parts=hidden)
+    skin = _map(_OWN, unseen)
+    np.testing.assert_array_equal(PartChanges.of(unseen).on(skin, _OWN, FULL), _asked_nothing(skin, _OWN))
+    ours = replace(_OWN, parts=hidden)
+    assert (PartChanges.of(_MADE_UP).on(_map(ours, _MADE_UP), ours, FULL) == 0).all()
+
+
+@pytest.mark.parametrize("strength", [0.0, 1.0])
+@pytest.mark.parametrize("tone", [(210, 175, 160), (100, 75, 62)])
+def test_lips_that_are_asked_for_nothing_keep_what_sets_them_apart(
+    tone: tuple[float, float, float], strength: float
+) -> None:
+    """F takes what differs from the skin for a stain and lessens it; on skin in less light there is less of it."""
+    reference = _face(tone, {"lips": (0.3, 0.0, 3.0)})
+    skin = replace(_map(_OWN, reference), spread=0.5)
+    change = PartChanges.of(reference).on(skin, _OWN, strengths({"lips": strength}))
+    lips, before = to_opponent(skin(_OWN.parts))[0], to_opponent(_OWN.parts)[0]
+    gain = min(1.0, tone[0] / 150)
+    for add, share in ((np.zeros(3), 0.5), (change[0], gain)):
+        red = (lips + add)[2] - skin.goal.at(lips[:1])[0, 1]
+        assert red == pytest.approx(share * (before[2] - skin.own.at(before[:1])[0, 1]), rel=0.05)
 
 
 def test_black_lips_are_bounded_by_what_lips_can_be() -> None:
