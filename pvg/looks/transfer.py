@@ -156,7 +156,7 @@ def _skin_map(
 ) -> SkinMap | None:
     """The smooth map of the transport of the open skin; None without enough of it on either side.
 
-    A number for λ is the contrast of all that lies between the curves: then features are no deeper at them, nor shade.
+    A number for λ is the contrast of all that lies between the curves: neither features nor shade get deeper then.
     """
     if min(len(key.skin), len(target.skin)) == 0:
         return None
