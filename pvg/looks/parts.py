@@ -116,13 +116,13 @@ class PartChanges:
         for p, part in enumerate(PARTS):
             if np.isnan(moved[p, 0]):
                 continue
-            ours = moved[p]
+            bounds, ours = _BOUNDS[part], moved[p]
             if part == "lips":
                 ours = _as_lips(ours + _lost(own[p], skin, key, face), own[p], skin, key, face)
+            kept = ours - moved[p]
             if np.isnan(self.luma[p]):
-                out[p] = ours - moved[p]
+                out[p] = kept
                 continue
-            bounds = _BOUNDS[part]
             if bounds.luma:
                 goal = face * _within(self.luma[p], bounds.luma, ours[0] / face)
                 out[p, 0] = np.clip(goal - ours[0], -bounds.step[0] * face, bounds.step[1] * face)
@@ -135,7 +135,7 @@ class PartChanges:
                 lips = _as_lips(ours + out[p], own[p], skin, key, face)
                 share **= _KEPT if _redder(lips, skin) < _redder(ours, skin) else 1.0
                 out[p] = lips - ours
-            out[p] = ours - moved[p] + share * out[p]
+            out[p] = kept + share * out[p]
         return out
 
 

@@ -93,6 +93,16 @@ class UsualChroma:
         low, high = np.quantile(luma, (_QUANTILES[0], _QUANTILES[-1]))
         return cls(mean - slope * middle, slope, max(float(low), 1.0), min(float(high), 254.0))
 
+    @property
+    def brightest(self) -> float:
+        """`high`, some levels above `low` at least."""
+        return max(self.high, self.low + _LEAST_LUMA_SPREAD)
+
+    @property
+    def middle(self) -> float:
+        """Luma half way through the skin's."""
+        return 0.5 * (self.low + self.brightest)
+
     def at(self, luma: Doubles) -> Doubles:
         """(n, 2) at lumas (n,)."""
         inside = np.clip(luma, self.low, self.high)
@@ -190,7 +200,7 @@ class SkinMap:
         spread = np.sqrt(((wanted**2).sum(axis=1).mean() + 1.0) / ((around**2).sum(axis=1).mean() + 1.0))
         chroma = [float(np.hypot(*one[:, 1:].mean(axis=0))) + _LEAST_CHROMA for one in (target, source)]
         middle = max(float(np.median(source[:, 0])), 1.0)
-        tone = steeper(tone_curve(source[:, 0], target[:, 0], depth), min(middle, _half_way(own)), crisp)
+        tone = steeper(tone_curve(source[:, 0], target[:, 0], depth), min(middle, own.middle), crisp)
         brighter = float(np.interp(middle, np.arange(256.0), tone)) / middle
         most = min(1.0, brighter, chroma[0] / chroma[1])
         lumas = np.array([middle, middle * brighter])
@@ -218,16 +228,12 @@ class SkinMap:
         nearer to white than by its share of the way. Deep shade goes through black, or as the face's own curve makes it
         if that is brighter.
         """
-        levels, middle = np.arange(256.0), self._middle
+        levels, middle = np.arange(256.0), self.own.middle
         bright = float(np.interp(middle, levels, self.tone))
         shifted = levels + (bright - middle) * np.minimum(1.0, levels / (_SHADE * middle))
         to_white = bright + (levels - middle) * (255.0 - bright) / (255.0 - middle)
         shifted = np.where(levels > middle, np.minimum(shifted, to_white), shifted)
         return np.asarray(np.where(levels < middle, np.maximum(shifted, self.tone), shifted))
-
-    @property
-    def _middle(self) -> float:
-        return _half_way(self.own)
 
     def slopes(self, colors: Floats) -> Floats:
         """F's slope in luma and in chroma (n, 2) at colours (n, 3), one for all of the face.
@@ -235,14 +241,8 @@ class SkinMap:
         T' alone is flat where a dim face is made bright, T/Y alone flat where a pale face is made dark: their geometric
         mean, T' over the whole range of the skin. Chroma's is k.
         """
-        low, high = self.own.low, max(self.own.high, self.own.low + _LEAST_LUMA_SPREAD)
-        middle = 0.5 * (low + high)
+        low, middle, high = self.own.low, self.own.middle, self.own.brightest
         ends = np.interp([low, middle, high], np.arange(256.0), self.tone)
         rise = (ends[2] - ends[0] + _LEAST_STEP) / (high - low + _LEAST_STEP)
         slope = np.clip(np.sqrt(rise * ends[1] / middle), *_SLOPE_RANGE)
         return np.tile(np.array([slope, self.spread], np.float32), (len(colors), 1))
-
-
-def _half_way(own: UsualChroma) -> float:
-    """Luma half way through a skin's."""
-    return 0.5 * (own.low + max(own.high, own.low + _LEAST_LUMA_SPREAD))

@@ -47,8 +47,7 @@ def with_beside(
     if not nodes.any():
         return list(corrections)
     size = (lattice.width, lattice.height)
-    kept = np.ones((3, *size[::-1]), np.float32)
-    kept[0] -= cv2.resize(share, size, interpolation=cv2.INTER_LINEAR)
+    kept = 1.0 - cv2.resize(share, size, interpolation=cv2.INTER_LINEAR)  # of luma's shift
     around, share = _means(frame, placed, shape)[nodes], share[nodes]
     out = []
     for correction, tables in zip(corrections, beside, strict=True):
@@ -59,7 +58,10 @@ def with_beside(
         more = np.zeros((*shape, 3), np.float32)
         more[nodes] = (share * own.gained_more_by(tables, around)).T
         fine = cv2.resize(more, size, interpolation=cv2.INTER_LINEAR)
-        out.append(replace(correction, shift=kept * correction.shift + np.moveaxis(fine, -1, 0)))
+        shift = correction.shift.copy()
+        shift[0] *= kept
+        shift += np.moveaxis(fine, -1, 0)
+        out.append(replace(correction, shift=shift))
     return out
 
 

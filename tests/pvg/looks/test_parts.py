@@ -38,9 +38,11 @@ FULL = strengths(1.0)
 
 
 def _asked_nothing(skin: SkinMap, own: KeyFrame) -> np.ndarray:
-    """What a clip's parts gain beside a reference that shows none: the lips what F takes away of them."""
+    """What a clip's parts gain beside a reference that shows none: lips what F takes away of them, others nothing."""
     count = len(PARTS)
-    return PartChanges(np.full(count, np.nan), np.zeros((count, 2))).on(skin, own, FULL)
+    change = PartChanges(np.full(count, np.nan), np.zeros((count, 2))).on(skin, own, FULL)
+    assert (np.delete(change, PARTS.index("lips"), axis=0) == 0).all()
+    return change
 
 
 def _map(source: KeyFrame, target: KeyFrame) -> SkinMap:

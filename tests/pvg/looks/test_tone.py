@@ -73,17 +73,18 @@ def test_what_differs_from_the_usual_chroma_never_grows(one: int, two: int) -> N
     assert change.spread <= max(1.02 * darker + 0.02, _FLATTEST)
 
 
+@pytest.mark.parametrize("crisp", [0.0, CRISP])
 @given(seeds, seeds)
-def test_black_stays_black(one: int, two: int) -> None:
+def test_black_stays_black(crisp: float, one: int, two: int) -> None:
     """A brow or a lash takes no chroma from the reference's skin."""
-    change = SkinMap.between(skin_like(one), skin_like(two).astype(float))
+    change = SkinMap.between(skin_like(one), skin_like(two).astype(float), crisp=crisp)
     np.testing.assert_allclose(change(np.zeros((1, 3), np.float32)), 0, atol=1e-6)
 
 
 @given(seeds)
-def test_a_curve_that_changes_nothing_is_not_made_steeper(seed: int) -> None:
-    same = steeper(np.arange(256.0), np.random.default_rng(seed).uniform(20, 220), CRISP)
-    np.testing.assert_allclose(same, np.arange(256), atol=1e-9)
+def test_pixels_of_a_face_with_its_own_colours_stay(seed: int) -> None:
+    skin = skin_like(seed)
+    np.testing.assert_allclose(SkinMap.between(skin, skin.astype(float), crisp=CRISP).tone, np.arange(256), atol=1e-6)
 
 
 @given(seeds, seeds)
@@ -114,10 +115,11 @@ def test_the_slope_is_one_for_all_of_a_face_and_stays_in_its_range(one: int, two
     assert _SLOPE_RANGE[0] <= slopes[0, 0] <= _SLOPE_RANGE[1]
 
 
+@pytest.mark.parametrize("crisp", [0.0, CRISP])
 @given(seeds, seeds)
-def test_skin_beside_a_face_keeps_its_order_and_its_distance(one: int, two: int) -> None:
-    skin = SkinMap.between(skin_like(one), skin_like(two).astype(float))
-    curve, middle = skin.beside, skin._middle
+def test_skin_beside_a_face_keeps_its_order_and_its_distance(crisp: float, one: int, two: int) -> None:
+    skin = SkinMap.between(skin_like(one), skin_like(two).astype(float), crisp=crisp)
+    curve, middle = skin.beside, skin.own.middle
     assert abs(curve[0]) < 1e-9
     assert curve.max() <= 255.001
     assert np.diff(curve).min() > -1e-9
