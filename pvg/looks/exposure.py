@@ -15,10 +15,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pvg._arrays import Bools
+from pvg._arrays import Bools, Doubles
 from pvg.asset import FaceRecord, KeyFrame
 from pvg.curves import BOUNDARY, GROUPS, table_labels
-from pvg.looks.color_map import ColorMap
 from pvg.looks.tone import to_opponent
 
 _LEADS_AT = 0.75  # of a person's frames, by rising exposure: brief light does not lead, brief dark neither [by eye]
@@ -67,9 +66,9 @@ class Exposure:
     room: float
 
     @classmethod
-    def between(cls, leading: KeyFrame, apply: ColorMap) -> Exposure:
-        """Of the leading key frame and the map that was made from it."""
-        high = float(np.quantile(apply(leading)[_on_skin(leading)].max(axis=1), _HIGHLIGHTS))
+    def between(cls, leading: KeyFrame, new: Doubles) -> Exposure:
+        """Of the leading key frame and the new colours (n, 3) of its skin, 0-255 RGB."""
+        high = float(np.quantile(new.max(axis=1), _HIGHLIGHTS))
         return cls(leading, max(1.0, _BRIGHTEST / max(high, 1.0)))
 
     def of(self, key: KeyFrame) -> tuple[float, float]:
@@ -88,7 +87,7 @@ class Exposure:
         return 1.0 + room * (1.0 - float(np.exp(-(gain - 1.0) / room))) if room > 0.0 else 1.0
 
 
-def _on_skin(key: KeyFrame) -> Bools:
+def on_skin(key: KeyFrame) -> Bools:
     """(S,) bool: samples on curves of open skin that are seen, all when none is."""
     labels = table_labels()
     skin = (labels.group == GROUPS.index("skin")) & (labels.curve != BOUNDARY)
@@ -97,5 +96,5 @@ def _on_skin(key: KeyFrame) -> Bools:
 
 
 def _brightness(key: KeyFrame, by: str) -> float:
-    colors = key.skin if by == "skin" else key.colors[_on_skin(key)]
+    colors = key.skin if by == "skin" else key.colors[on_skin(key)]
     return max(float(np.median(to_opponent(colors)[:, 0])), _DARKEST)

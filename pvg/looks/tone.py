@@ -42,6 +42,10 @@ _FLATTEST = 0.4  # of what may be the most of k
 # where the saturation, levels of chroma a level of luma, moves by so much [by eye]
 _OTHER_HUE, _OTHER = 0.4, 0.08
 _OTHER_HUE_BROAD = 0.6  # the same of k at the curves, where it tells of patches: a flushed nose or chin [by eye]
+_HIGHLIGHT, _ROUNDS = (
+    243.0,
+    4,
+)  # level of the brightest channel in the brightest of the skin; rounds to find it
 _MIDDLE = 0.1  # of the middle luma: over which a curve gets steeper below it
 _SLOPE_RANGE = (0.6, 2.0)  # of F in luma as a whole [by eye]
 _SHADE = 0.8  # of the middle luma: skin beside the face that is darker than this goes through black [by eye]
@@ -157,6 +161,19 @@ def steeper(tone: Doubles, middle: float, crisp: float) -> Doubles:
     return np.asarray(np.maximum(tone + darker, np.minimum(tone, by_middle)))
 
 
+def below_white(tone: Doubles, own: UsualChroma, goal: UsualChroma) -> Doubles:
+    """T (256,) darkened where a channel of the brightest skin that it makes gets near to white.
+
+    Red is cut there while luma still rises: highlights would turn yellow, then flat. Bent they would be flat as well,
+    so all of the skin takes a little less light. What is as bright already stays.  own, goal: see `SkinMap`.
+    """
+    levels = np.arange(256.0)
+    high = luma = np.interp([own.brightest], levels, tone)
+    for _ in range(_ROUNDS):  # chroma changes with luma
+        luma = luma * min(1.0, _HIGHLIGHT / float((luma + goal.at(luma).max(axis=1).clip(0.0))[0]))
+    return np.asarray(np.maximum(tone * (luma / high), np.minimum(tone, levels)))
+
+
 def _climb(s: Doubles, start: float, slopes: Doubles) -> Doubles:
     """T at lumas `s` (n,) from the first on, where it is `start`, by slopes (n - 1,) that are bounded by `_GAINS`."""
     t = [start]
@@ -201,6 +218,7 @@ class SkinMap:
         chroma = [float(np.hypot(*one[:, 1:].mean(axis=0))) + _LEAST_CHROMA for one in (target, source)]
         middle = max(float(np.median(source[:, 0])), 1.0)
         tone = steeper(tone_curve(source[:, 0], target[:, 0], depth), min(middle, own.middle), crisp)
+        tone = below_white(tone, own, goal)
         brighter = float(np.interp(middle, np.arange(256.0), tone)) / middle
         most = min(1.0, brighter, chroma[0] / chroma[1])
         lumas = np.array([middle, middle * brighter])

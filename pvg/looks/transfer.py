@@ -21,7 +21,7 @@ from pvg.looks.apart import parts_apart
 from pvg.looks.color_map import SMALLEST_GROUP, ColorMap, TransportSteps, all_colors_map
 from pvg.looks.complexion import complexion
 from pvg.looks.depth import depth_of_features
-from pvg.looks.exposure import Exposure, at_exposure, leading_key
+from pvg.looks.exposure import Exposure, at_exposure, leading_key, on_skin
 from pvg.looks.light import light_ratio, relit
 from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, BodyMap, Contrast, FaceContrast, Look
 from pvg.looks.parts import MAKEUP, Makeup, PartChanges, strengths
@@ -116,7 +116,8 @@ def transfer(
         skin = _skin_map(leading, target, steps, scene, contrast) if match == "semantic" else None
         apply = all_colors_map(leading, target, steps) if skin is None else _at_curves(skin)
         # the paper's way moves every key frame by the same map
-        exposures = Exposure.between(leading, apply) if video.settings["matching"] != "chain" else None
+        new_skin = apply(leading)[on_skin(leading)] if skin is None else skin(leading.skin)
+        exposures = Exposure.between(leading, new_skin) if video.settings["matching"] != "chain" else None
         # light falls on the face alone
         whole = skin if skin is not None and plain is leading else _body_map(plain, target, steps, scene, contrast)
         for index in person:
@@ -147,8 +148,8 @@ def transfer(
 
 def _at_curves(skin: SkinMap) -> ColorMap:
     """F at the curves: on skin with its k for patches, which H(g' − F(g)) then evens."""
-    on_skin = (table_labels().group == GROUPS.index("skin"))[:, None]
-    return lambda key: np.where(on_skin, skin(key.colors, skin.broad), skin(key.colors))
+    of_skin = (table_labels().group == GROUPS.index("skin"))[:, None]
+    return lambda key: np.where(of_skin, skin(key.colors, skin.broad), skin(key.colors))
 
 
 def _skin_map(

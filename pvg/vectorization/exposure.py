@@ -27,6 +27,7 @@ _CHANGE = 0.182  # of log luma against the key's, ±20 %: a new key frame is due
 _SAME = 0.047  # of log luma: still the key's own light
 _SETTLED = 0.068  # of log luma: what a change that has come to rest may be off its last key
 _REST = 0.01  # of log luma over the rows looked ahead: the light is at rest
+_NO_REST = 2  # rows after a key that count as light which leaves it at once
 LOOKAHEAD = 8  # rows that a change must last; a flash is light and no key
 _LEAST_GAP = 6  # rows between two keys: between them colours go over linearly, as a ramp does
 _FREE_KEYS, _ROWS_A_KEY = (
@@ -128,7 +129,8 @@ class ExposureWatch:
     _waiting: deque[Sight] = field(default_factory=deque)
     _key: Patch | None = None
     _key_row: int | None = None  # None while the main key, still ahead, serves
-    _same: int | None = None  # the last row in the light of the key
+    _same: int | None = None  # the last row in the light of the key …
+    _moved: float = 0.0  # … and how far it had moved there, log luma
     _passed: int = 0
     _made: int = 0
     _changed: int = 0  # rows since the light left the key's
@@ -154,7 +156,7 @@ class ExposureWatch:
         sight = self._waiting.popleft()
         self._passed += 1
         if sight.row == self.main_row:
-            self.main_since = self._same if self._same is not None else self._key_row
+            self.main_since = self._began(sight)
             self._serve(self.main, sight.row)
             return []
         key = self._key or self.main
@@ -162,19 +164,34 @@ class ExposureWatch:
         if np.isnan(gain):
             return []
         if abs(gain) <= _SAME:
-            self._same = sight.row
+            self._same, self._moved = sight.row, gain
         self._changed = self._changed + 1 if abs(gain) > _CHANGE else 0
         if not self._is_due(sight.row, gain, key):
             return []
+        since = self._began(sight)
         # a main key that lies ahead and was true until here serves from there
-        main_from = self._same if self._key_row is None else None
-        since = self._same if self._same is not None else self._key_row
+        main_from = since if self._key_row is None else None
         self._made += 1
         self._serve(sight.patch, sight.row)
         return [DueKey(sight, since, main_from)]
 
     def _serve(self, key: Patch | None, row: int) -> None:
-        self._key, self._key_row, self._same, self._changed = key, row, row, 0
+        self._key, self._key_row, self._same, self._moved, self._changed = key, row, row, 0.0, 0
+
+    def _began(self, sight: Sight) -> int | None:
+        """The row where the light began to leave the key's on its way to what it is in a row.
+
+        Light that runs steadily had moved a little in the last row that counts as the key's: from there back on the
+        same line, for colours that set off late would have to hurry.
+        """
+        if self._same is None:
+            return self._key_row
+        key, rows = self._key or self.main, sight.row - self._same
+        gain = float("nan") if sight.patch is None else sight.patch.gain_over(key)
+        if np.isnan(gain) or gain * self._moved <= 0.0 or abs(gain) <= abs(self._moved):
+            return self._same
+        began, key_row = self._same - round(rows * self._moved / (gain - self._moved)), self._key_row or 0
+        return began if began > key_row + _NO_REST else key_row
 
     def _is_due(self, row: int, gain: float, key: Patch) -> bool:
         if self._key_row is not None and row - self._key_row < _LEAST_GAP:

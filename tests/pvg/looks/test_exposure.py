@@ -55,7 +55,7 @@ def test_a_ramp_is_led_alike_whichever_way_it_runs() -> None:
 def test_exposure_survives_the_map_and_never_reaches_white() -> None:
     lead = key_at(0, 50)
     skin_map = SkinMap.between(lead.skin, lead.skin.astype(np.float64) * 1.6)
-    exposure = Exposure.between(lead, lambda key: skin_map(key.colors))
+    exposure = Exposure.between(lead, skin_map(lead.skin))
     assert exposure.of(lead) == (1.0, 1.0)
     new = {level: exposure.of(key_at(9, level)) for level in (10, 25, 40, 60, 80, 125)}
     for level, (gain, kept) in new.items():

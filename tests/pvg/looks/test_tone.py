@@ -161,3 +161,15 @@ def test_patches_differ_less_on_skin_of_another_hue_and_as_much_on_its_own(seed:
         flush = [to_opponent((each[:60].mean(axis=0) - each[60:].mean(axis=0))[None])[0, 1:] for each in mapped]
         patch, texture = (float(np.hypot(*each)) for each in flush)
         assert least * texture < patch < most * texture
+
+
+@given(seeds)
+def test_skin_made_bright_ends_below_white_in_every_channel(seed: int) -> None:
+    """The usual skin at its brightest; by the reference alone its red would be cut."""
+    rng = np.random.default_rng(seed)
+    brown = rng.normal((150, 105, 85), (22, 20, 18), (400, 3)).clip(5, 250).astype(np.float32)
+    pale = rng.normal((250, 208, 190), (8, 9, 9), (400, 3))
+    change = SkinMap.between(brown, pale, crisp=CRISP)
+    usual = np.array([[change.own.high, *change.own.at(np.array([change.own.high]))[0]]])
+    assert change(to_rgb(usual).astype(np.float32)).max() == pytest.approx(243, abs=2)
+    assert np.diff(change.tone).min() > -1e-9

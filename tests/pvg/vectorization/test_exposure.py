@@ -64,7 +64,8 @@ def test_a_ramp_makes_keys_a_fifth_apart_and_one_at_its_end(gains: np.ndarray) -
     assert 4 <= len(keys) <= 7
     for (row, since), before in zip(keys[1:], rows, strict=False):
         assert since is not None
-        assert before <= since < row
+        assert before <= since <= before + 1  # light that runs on has colours that do: none wait, then hurry
+        assert since < row
 
 
 def test_a_main_key_behind_a_ramp_gets_keys_before_it() -> None:
