@@ -22,10 +22,12 @@ from pvg._arrays import Floats
 from pvg.looks.tone import to_opponent, to_rgb
 
 SCENE = 1.0  # default of the share [by blind choice]
-_BRIGHTER = 0.25  # k of the natural logarithm of luma, where the reference is brighter [by blind choice]
-_DARKER = (0.20, 0.26)  # k and m, where it is darker [by blind choice]
-_HUE = 0.12  # k of chroma over luma [by blind choice]
-_POORER = (0.12, 0.22)  # k and m, where the reference's skin has less of it [by blind choice]
+# k of the natural logarithm of luma where the reference is brighter, at chroma over luma of its skin: what is rich is
+# brown skin in much light, and its lightness is its light's [by blind choice]
+_BRIGHTER = ((0.25, 0.37), (0.155, 0.115))
+_DARKER = (0.12, 0.16)  # k and m, where it is darker [by blind choice]
+_HUE = 0.10  # k of chroma over luma [by blind choice]
+_POORER = (0.07, 0.14)  # k and m, where the reference's skin has less of it [by blind choice]
 
 
 def in_scene(reference: Floats, own: Floats, share: float) -> Floats:
@@ -42,7 +44,8 @@ def in_scene(reference: Floats, own: Floats, share: float) -> Floats:
     brighter = float(np.log(goal[0] / start[0]))
     richer = goal[1:] / goal[0] - start[1:] / start[0]
     far, off = abs(brighter), float(np.hypot(*richer))
-    borne = far * _kept(far / _BRIGHTER) if brighter > 0.0 else _ending(far, *_DARKER)
+    bears = float(np.interp(np.hypot(*goal[1:]) / goal[0], *_BRIGHTER))
+    borne = far * _kept(far / bears) if brighter > 0.0 else _ending(far, *_DARKER)
     gain = np.exp(-share * np.sign(brighter) * (far - borne))
     poorer = np.hypot(*goal[1:]) / goal[0] < np.hypot(*start[1:]) / start[0]
     hue = _ending(off, *_POORER) if poorer else off * _kept(off / _HUE)
