@@ -36,7 +36,7 @@ def test_a_clips_own_colours_are_themselves(tone: tuple[float, float, float]) ->
     np.testing.assert_allclose(in_scene(skin(tone), skin(tone), 1.0), skin(tone), atol=1e-3)
 
 
-@pytest.mark.parametrize(("goal", "own", "least", "most"), [(PALE, DARK, 0.4, 0.85), (DARK, PALE, 0.2, 0.4)])
+@pytest.mark.parametrize(("goal", "own", "least", "most"), [(PALE, DARK, 0.4, 0.85), (DARK, PALE, 0.1, 0.3)])
 def test_brightness_and_hue_go_part_of_the_way(
     goal: tuple[float, float, float], own: tuple[float, float, float], least: float, most: float
 ) -> None:
@@ -53,8 +53,8 @@ def test_rich_skin_does_not_become_grey_at_will() -> None:
         return float(np.linalg.norm(taken - start))
 
     warm, rich, grey = (120.0, -0.45, 0.45), (120.0, -0.30, 0.30), (120.0, -0.05, 0.05)
-    assert way(rich, warm) == pytest.approx(0.2, abs=0.03)
-    assert way(grey, warm) < 0.22
+    assert way(rich, warm) == pytest.approx(0.13, abs=0.01)
+    assert way(grey, warm) < 0.14
     assert way(warm, grey) > 0.25  # the other way there is no end
 
 
