@@ -206,10 +206,13 @@ class SkinMap:
     broad: float
 
     @classmethod
-    def between(cls, skin: Floats, moved: Doubles, depth: float = 1.0, crisp: float = 0.0) -> SkinMap:
+    def between(
+        cls, skin: Floats, moved: Doubles, depth: float = 1.0, crisp: float = 0.0, bounded: float = 0.0
+    ) -> SkinMap:
         """F for open-skin colours `skin` (n, 3) that the transport moved to `moved` (n, 3), 0-255 RGB.
 
-        depth: of features, see `tone_curve`;  crisp: of shade, see `steeper`.
+        depth: of features, see `tone_curve`;  crisp: of shade, see `steeper`;  bounded: in [0, 1], how far highlights
+        are held below white, see `below_white`.
         """
         source, target = to_opponent(skin), to_opponent(moved)
         own, goal = UsualChroma.of(source), UsualChroma.of(target)
@@ -218,7 +221,7 @@ class SkinMap:
         chroma = [float(np.hypot(*one[:, 1:].mean(axis=0))) + _LEAST_CHROMA for one in (target, source)]
         middle = max(float(np.median(source[:, 0])), 1.0)
         tone = steeper(tone_curve(source[:, 0], target[:, 0], depth), min(middle, own.middle), crisp)
-        tone = below_white(tone, own, goal)
+        tone = tone + bounded * (below_white(tone, own, goal) - tone)
         brighter = float(np.interp(middle, np.arange(256.0), tone)) / middle
         most = min(1.0, brighter, chroma[0] / chroma[1])
         lumas = np.array([middle, middle * brighter])

@@ -90,8 +90,8 @@ def transfer(
     match: "semantic" moves skin to skin, "color" transports all boundary colours together as the paper does;
     makeup: in [0, 1] for all parts or by part, how far lips, lids, cheeks and brows take the reference's difference to
     its skin; "color" has none;  light: in [0, 1], how far light falls on the face from where it does on the reference;
-    scene: in [0, 1], how far brightness and hue that lie far from the clip's give way to its scene: 0 takes the
-    reference's own; "color" takes them in any case;
+    scene: in [0, 1], how far brightness and hue that lie far from the clip's give way to its scene, and highlights end
+    below white: 0 takes the reference's own; "color" takes them in any case;
     protect: features that go their own way;  extent: "skin", all skin of a person, or "face", which leaves chest,
     arms and hands as they are;  faces: "all", or the indices of those to change;
     beta, iterations: of eq. (7), the paper's 0.2 and 20;  seed: of the random rotations.
@@ -163,8 +163,8 @@ def _skin_map(
         return None
     moved = steps.transport(key.skin, complexion(target.skin, key.skin, scene))
     if contrast != "auto":
-        return SkinMap.between(key.skin, moved)
-    return SkinMap.between(key.skin, moved, depth_of_features(key, target), CRISP)
+        return SkinMap.between(key.skin, moved, bounded=scene)
+    return SkinMap.between(key.skin, moved, depth_of_features(key, target), CRISP, bounded=scene)
 
 
 def _body_map(key: KeyFrame, target: KeyFrame, steps: TransportSteps, scene: float, contrast: Contrast) -> SkinMap:

@@ -169,7 +169,7 @@ def test_skin_made_bright_ends_below_white_in_every_channel(seed: int) -> None:
     rng = np.random.default_rng(seed)
     brown = rng.normal((150, 105, 85), (22, 20, 18), (400, 3)).clip(5, 250).astype(np.float32)
     pale = rng.normal((250, 208, 190), (8, 9, 9), (400, 3))
-    change = SkinMap.between(brown, pale, crisp=CRISP)
+    change = SkinMap.between(brown, pale, crisp=CRISP, bounded=1.0)
     usual = np.array([[change.own.high, *change.own.at(np.array([change.own.high]))[0]]])
     assert change(to_rgb(usual).astype(np.float32)).max() == pytest.approx(243, abs=2)
     assert np.diff(change.tone).min() > -1e-9
