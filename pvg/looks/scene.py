@@ -24,10 +24,10 @@ from pvg.looks.tone import to_opponent, to_rgb
 SCENE = 1.0  # default of the share [by blind choice]
 # k of the natural logarithm of luma where the reference is brighter, at chroma over luma of its skin: what is rich is
 # brown skin in much light, and its lightness is its light's [by blind choice]
-_BRIGHTER = ((0.25, 0.37), (0.18, 0.14))
+_BRIGHTER = ((0.25, 0.37), (0.25, 0.20))
 _DARKER = (0.12, 0.16)  # k and m, where it is darker [by blind choice]
-_HUE = 0.11  # k of chroma over luma [by blind choice]
-_POORER = (0.08, 0.155)  # k and m, where the reference's skin has less of it [by blind choice]
+_HUE = 0.12  # k of chroma over luma [by blind choice]
+_POORER = (0.10, 0.19)  # k and m, where the reference's skin has less of it [by blind choice]
 
 
 def in_scene(reference: Floats, own: Floats, share: float) -> Floats:
