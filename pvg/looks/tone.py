@@ -42,10 +42,8 @@ _FLATTEST = 0.4  # of what may be the most of k
 # where the saturation, levels of chroma a level of luma, moves by so much [by eye]
 _OTHER_HUE, _OTHER = 0.4, 0.08
 _OTHER_HUE_BROAD = 0.6  # the same of k at the curves, where it tells of patches: a flushed nose or chin [by eye]
-_HIGHLIGHT, _ROUNDS = (
-    243.0,
-    4,
-)  # level of the brightest channel in the brightest of the skin; rounds to find it
+_HIGHLIGHT = 243.0  # level of the brightest channel in the brightest of the skin, at most
+_ROUNDS = 4  # in which it is found: chroma changes with luma
 _MIDDLE = 0.1  # of the middle luma: over which a curve gets steeper below it
 _SLOPE_RANGE = (0.6, 2.0)  # of F in luma as a whole [by eye]
 _SHADE = 0.8  # of the middle luma: skin beside the face that is darker than this goes through black [by eye]
@@ -168,8 +166,8 @@ def below_white(tone: Doubles, own: UsualChroma, goal: UsualChroma) -> Doubles:
     so all of the skin takes a little less light. What is as bright already stays.  own, goal: see `SkinMap`.
     """
     levels = np.arange(256.0)
-    high = luma = np.interp([own.brightest], levels, tone)
-    for _ in range(_ROUNDS):  # chroma changes with luma
+    high = luma = np.maximum(np.interp([own.brightest], levels, tone), 1.0)
+    for _ in range(_ROUNDS):
         luma = luma * min(1.0, _HIGHLIGHT / float((luma + goal.at(luma).max(axis=1).clip(0.0))[0]))
     return np.asarray(np.maximum(tone * (luma / high), np.minimum(tone, levels)))
 

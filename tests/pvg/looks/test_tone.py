@@ -173,3 +173,8 @@ def test_skin_made_bright_ends_below_white_in_every_channel(seed: int) -> None:
     usual = np.array([[change.own.high, *change.own.at(np.array([change.own.high]))[0]]])
     assert change(to_rgb(usual).astype(np.float32)).max() == pytest.approx(243, abs=2)
     assert np.diff(change.tone).min() > -1e-9
+
+
+def test_black_is_held_below_white_as_it_is() -> None:
+    change = SkinMap.between(skin_like(1), np.zeros((300, 3)), bounded=1.0)
+    np.testing.assert_array_equal(change.tone, SkinMap.between(skin_like(1), np.zeros((300, 3))).tone)
