@@ -175,6 +175,7 @@ def test_skin_made_bright_ends_below_white_in_every_channel(seed: int) -> None:
     assert np.diff(change.tone).min() > -1e-9
 
 
-def test_black_is_held_below_white_as_it_is() -> None:
-    change = SkinMap.between(skin_like(1), np.zeros((300, 3)), bounded=1.0)
-    np.testing.assert_array_equal(change.tone, SkinMap.between(skin_like(1), np.zeros((300, 3))).tone)
+def test_skin_made_nearly_black_is_held_below_white_as_it_is() -> None:
+    skin, black = skin_like(1), np.full((300, 3), 1.0)
+    free, held = (SkinMap.between(skin, black, bounded=bounded).tone for bounded in (0.0, 1.0))
+    np.testing.assert_array_equal(free, held)
