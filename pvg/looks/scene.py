@@ -44,11 +44,11 @@ def in_scene(reference: Floats, own: Floats, share: float) -> Floats:
     brighter = float(np.log(goal[0] / start[0]))
     richer = goal[1:] / goal[0] - start[1:] / start[0]
     far, off = abs(brighter), float(np.hypot(*richer))
-    bears = float(np.interp(np.hypot(*goal[1:]) / goal[0], *_BRIGHTER))
+    rich, own_rich = (float(np.hypot(*one[1:]) / one[0]) for one in (goal, start))
+    bears = float(np.interp(rich, *_BRIGHTER))
     borne = far * _kept(far / bears) if brighter > 0.0 else _ending(far, *_DARKER)
     gain = np.exp(-share * np.sign(brighter) * (far - borne))
-    poorer = np.hypot(*goal[1:]) / goal[0] < np.hypot(*start[1:]) / start[0]
-    hue = _ending(off, *_POORER) if poorer else off * _kept(off / _HUE)
+    hue = _ending(off, *_POORER) if rich < own_rich else off * _kept(off / _HUE)
     kept = 1.0 - share * (1.0 - hue / max(off, 1e-6))
     luma, chroma = np.split(to_opponent(reference), [1], axis=1)
     chroma = chroma - (1.0 - kept) * richer * luma

@@ -115,9 +115,10 @@ def transfer(
         plain, leading = leading, relit(leading, light_ratio(leading, target, light))
         skin = _skin_map(leading, target, steps, scene, contrast) if match == "semantic" else None
         apply = all_colors_map(leading, target, steps) if skin is None else _at_curves(skin)
-        # the paper's way moves every key frame by the same map
-        new_skin = apply(leading)[on_skin(leading)] if skin is None else skin(leading.skin)
-        exposures = Exposure.between(leading, new_skin) if video.settings["matching"] != "chain" else None
+        exposures = None
+        if video.settings["matching"] != "chain":  # the paper's way moves every key frame by the same map
+            new_skin = apply(leading)[on_skin(leading)] if skin is None else skin(leading.skin)
+            exposures = Exposure.between(leading, new_skin)
         # light falls on the face alone
         whole = skin if skin is not None and plain is leading else _body_map(plain, target, steps, scene, contrast)
         for index in person:

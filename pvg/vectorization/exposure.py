@@ -155,12 +155,12 @@ class ExposureWatch:
         """Judge the first row that waits, by those behind it."""
         sight = self._waiting.popleft()
         self._passed += 1
-        if sight.row == self.main_row:
-            self.main_since = self._began(sight)
-            self._serve(self.main, sight.row)
-            return []
         key = self._key or self.main
         gain = float("nan") if sight.patch is None else sight.patch.gain_over(key)
+        if sight.row == self.main_row:
+            self.main_since = self._began(sight.row, gain)
+            self._serve(self.main, sight.row)
+            return []
         if np.isnan(gain):
             return []
         if abs(gain) <= _SAME:
@@ -168,7 +168,7 @@ class ExposureWatch:
         self._changed = self._changed + 1 if abs(gain) > _CHANGE else 0
         if not self._is_due(sight.row, gain, key):
             return []
-        since = self._began(sight)
+        since = self._began(sight.row, gain)
         # a main key that lies ahead and was true until here serves from there
         main_from = since if self._key_row is None else None
         self._made += 1
@@ -178,19 +178,18 @@ class ExposureWatch:
     def _serve(self, key: Patch | None, row: int) -> None:
         self._key, self._key_row, self._same, self._moved, self._changed = key, row, row, 0.0, 0
 
-    def _began(self, sight: Sight) -> int | None:
-        """The row where the light began to leave the key's on its way to what it is in a row.
+    def _began(self, row: int, gain: float) -> int | None:
+        """The row where the light began to leave the key's on its way to the gain over it in a row.
 
         Light that runs steadily had moved a little in the last row that counts as the key's: from there back on the
         same line, for colours that set off late would have to hurry.
         """
         if self._same is None:
             return self._key_row
-        key, rows = self._key or self.main, sight.row - self._same
-        gain = float("nan") if sight.patch is None else sight.patch.gain_over(key)
-        if np.isnan(gain) or gain * self._moved <= 0.0 or abs(gain) <= abs(self._moved):
+        if not (gain * self._moved > 0.0 and abs(gain) > abs(self._moved)):  # a NaN neither
             return self._same
-        began, key_row = self._same - round(rows * self._moved / (gain - self._moved)), self._key_row or 0
+        key_row = self._key_row or 0
+        began = self._same - round((row - self._same) * self._moved / (gain - self._moved))
         return began if began > key_row + _NO_REST else key_row
 
     def _is_due(self, row: int, gain: float, key: Patch) -> bool:
