@@ -23,8 +23,8 @@ from pvg.looks.tone import to_opponent
 _LEADS_AT = 0.75  # of a person's frames, by rising exposure: brief light does not lead, brief dark neither [by eye]
 _AS_BRIGHT = 1.1  # times: of key frames that are lit alike the one that serves longest leads
 _GAINS = (0.05, 20.0)
-_HIGHLIGHTS = 0.95  # of the skin's colours, whose brightest channel is to stay …
-_BRIGHTEST = 242.0  # … below this level
+_HIGHLIGHTS = 0.98  # of the skin, whose brightest channel is to stay …
+_BRIGHTEST = 243.0  # … below this level
 _DARKEST = 1.0  # level of a median that a ratio is taken of
 
 

@@ -66,3 +66,16 @@ def test_exposure_survives_the_map_and_never_reaches_white() -> None:
         assert np.quantile((kept * moved).max(axis=1), 0.95) < 250
     shares = [share for _, share in new.values()]
     assert shares == sorted(shares)
+
+
+def test_few_highlights_reach_white_in_more_light() -> None:
+    light = np.exp(np.random.default_rng(3).exponential(0.12, (2000, 1)))  # most of the skin is matt, a little shines
+    skin = (np.array((150.0, 112.0, 94.0)) * light).astype(np.float32)
+    lead = replace(key_at(0, 50), skin=skin)
+    brightest = float(np.quantile(skin.max(axis=1), 0.98))
+    moved = skin.astype(np.float64) * 240.0 / brightest
+    exposure = Exposure.between(lead, moved)
+    for gain in (1.1, 1.25, 2.0):
+        kept = exposure.kept(gain)
+        assert kept > 1.0
+        assert ((kept * moved).max(axis=1) >= 250).mean() <= 0.02
