@@ -6,6 +6,7 @@ the clip and one operator.
 
 from __future__ import annotations
 
+import inspect
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
@@ -159,6 +160,10 @@ def render_frame(video: VectorVideo, look: Look | None, index: int) -> Bytes:
         return (frame if look is None else Renderer(video, [look]).draw(frame)[0]).rgb()
 
 
+_HOW_TO_RENDER = {name for name, one in inspect.signature(render).parameters.items() if one.kind is one.KEYWORD_ONLY}
+_HOW_TO_RENDER -= {"pictures"}
+
+
 def swap(
     a: VectorVideo,
     b: VectorVideo | None = None,
@@ -173,15 +178,15 @@ def swap(
     Two clips: `paths[0]` is `a` with the colours of `b`, `paths[1]` is `b` with those of `a`; faces: to be changed in
     each. One clip, without `b`: two `faces` of `a` exchange their colours in one clip, written to the one path.
     contrast: λ of both sides, or one for each: "auto" or a number, first that of `a` or of `faces[0]`.
-    options: the others of `transfer` and of `render`. Returns as `render`. Raises `ValueError` for a clip and itself,
-    and as those do.
+    options: the others of `transfer` and of `render` but for `pictures`. Returns as `render`. Raises `ValueError` for
+    a clip and itself, and as those do.
 
         pvg.swap(video, paths="swapped.mp4", faces=(0, 1), contrast=(0.8, 1.2))
     """
     targets = [paths] if isinstance(paths, (str, Path)) else list(paths)
     if len(targets) != (1 if b is None else 2):
         raise ValueError(f"a swap within one clip has one path, one of two clips has two, not {len(targets)}")
-    drawing = {k: options.pop(k) for k in ("container", "codec", "crf", "preset", "audio", "progress") if k in options}
+    drawing = {k: options.pop(k) for k in _HOW_TO_RENDER if k in options}
     if b is None:
         if faces == "all":
             raise ValueError("a swap within one clip is of two faces, such as faces=(0, 1)")

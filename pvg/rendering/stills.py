@@ -13,6 +13,7 @@ import numpy as np
 from pvg._arrays import Bytes
 from pvg._threads import one_blas_thread
 from pvg.asset import FaceInFrame, VectorVideo
+from pvg.errors import MediaError
 from pvg.looks import Look
 from pvg.rendering.layers import layer
 from pvg.rendering.renderer import Renderer
@@ -49,8 +50,10 @@ class Stills:
     def __init__(self, video: VectorVideo) -> None:
         self.video = video
         self._frames: OrderedDict[int, Frame] = OrderedDict()
+        # of a reference only the beginning was read
+        self._frame_count = None if video.settings["reference"] else video.frame_count
         # None where packets do not tell: then decoding begins at the first frame
-        self._keys = key_pictures(video.require_source())
+        self._keys = key_pictures(video.require_source(), frame_count=self._frame_count)
 
     def frame(self, index: int) -> Frame:
         """Frame `index`. Raises `ValueError` when there is none, `MediaError` when it cannot be read."""
@@ -58,6 +61,8 @@ class Stills:
             self._check(index)
             for frame in self._read(index, index + 1):
                 self._keep(frame)
+            if index not in self._frames:
+                raise MediaError(f"{self.video.path.name}: frame {index} of its clip cannot be read")
         self._frames.move_to_end(index)
         return self._frames[index]
 
@@ -73,7 +78,7 @@ class Stills:
 
     def at_time(self, time_s: float) -> int:
         """The frame that is shown so many seconds after the first one."""
-        known = frame_at(self.video.require_source(), time_s)
+        known = frame_at(self.video.require_source(), time_s, frame_count=self._frame_count)
         if known is None:
             known = int(time_s * (self.video.media.frame_rate or 0.0) + 1e-3)
         return min(max(known, 0), self.video.frame_count - 1)
@@ -149,7 +154,7 @@ class Stills:
 
     def _read(self, start: int, stop: int) -> Iterator[Frame]:
         source, color = self.video.require_source(), self.video.settings["input_color"]
-        return read_frames(source, start=start, stop=stop, input_color=color)
+        return read_frames(source, start=start, stop=stop, input_color=color, frame_count=self._frame_count)
 
     def _keep(self, frame: Frame) -> None:
         self._frames[frame.index] = frame

@@ -6,6 +6,7 @@ best single one, and where the matte is 1 it gives nearly the same skin.
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable, Collection, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import replace
@@ -53,15 +54,15 @@ def export(
     size: int = CUBE_SIZE,
     progress: Progress | None = None,
 ) -> list[Path]:
-    """Write a look as files into a folder, made when it is not there; their paths: cubes, mattes, README.txt.
+    """Write a look as files into a folder, made when it is not there; their paths: cubes, mattes, look-README.txt.
 
     For each person whom the look changes: `look.cube`, a table of `size` nodes a side from the clip's own R'G'B' to new
     ones; and its matte at the clip's size, frame by frame: `matte.mkv`, grey and lossless ("ffv1"), `matte.mov`,
     ProRes 4444 with the matte as alpha too ("prores"), or `matte/000000.png` on ("png", and of a picture always
-    `matte.png`). With several persons names end in -1, -2, … And a README.txt of three lines. With key frames of
+    `matte.png`). With several persons names end in -1, -2, … And a look-README.txt of some lines. With key frames of
     different exposure the table is that of the one the look was made from. parts: what is made of "cube" and "matte".
-    progress: see `render`; a cube alone has none. Raises `AssetError` and `MediaError` as `render`, `ValueError` for
-    an unknown part, matte or size.
+    progress: see `render`; a cube alone has none. Files appear under their names only when all are complete. Raises
+    `AssetError` and `MediaError` as `render`, `ValueError` for an unknown part, matte or size.
     """
     if unknown := [part for part in parts if part not in PARTS]:
         raise ValueError(f"part {unknown[0]!r} is not one of {', '.join(PARTS)}")
@@ -74,15 +75,29 @@ def export(
     persons = [faces for faces in persons if faces]
     ends = [""] if len(persons) == 1 else [f"-{k + 1}" for k in range(len(persons))]
     renderer = Renderer(video, [look])
-    cubes = [folder / f"look{end}.cube" for end in ends] if "cube" in parts else []
-    for faces, path in zip(persons, cubes, strict=False):
-        write_cube(path, _cube(video, look, renderer, faces[0], canvas.info.format.color, size), path.stem)
-    writers = [_writer(folder, end, matte, canvas.info) for end in ends] if "matte" in parts else []
-    if writers:
-        _write_mattes(canvas, renderer, persons, writers, progress)
-    mattes = [writer.path for writer in writers]
-    (folder / "README.txt").write_text(_readme(cubes, mattes, canvas.info.color), encoding="utf-8")
-    return [*cubes, *mattes, folder / "README.txt"]
+    with tempfile.TemporaryDirectory(prefix=".look-", dir=folder) as name:
+        drafts = Path(name)
+        cubes = [drafts / f"look{end}.cube" for end in ends] if "cube" in parts else []
+        for faces, path in zip(persons, cubes, strict=False):
+            write_cube(path, _cube(video, look, renderer, faces, canvas.info.format.color, size), path.stem)
+        writers = [_writer(drafts, end, matte, canvas.info) for end in ends] if "matte" in parts else []
+        if writers:
+            _write_mattes(canvas, renderer, persons, writers, progress)
+        mattes = [writer.path for writer in writers]
+        readme = drafts / "look-README.txt"
+        readme.write_text(_readme(cubes, mattes, canvas.info.color), encoding="utf-8")
+        return [_published(path, folder) for path in (*cubes, *mattes, readme)]
+
+
+def _published(draft: Path, folder: Path) -> Path:
+    """The file or folder of files under its name in a folder."""
+    target = folder / draft.name
+    if not draft.is_dir():
+        return draft.replace(target)
+    target.mkdir(exist_ok=True)
+    for path in draft.iterdir():
+        path.replace(target / path.name)
+    return target
 
 
 def _write_mattes(
@@ -105,19 +120,24 @@ def _write_mattes(
 
 
 def _readme(cubes: list[Path], mattes: list[Path], color: str) -> str:
-    """How to use the files: of each person a line for each, and one of what a cube is not."""
+    """How to use the files: of each person a line for each, and at the end one of what a cube is not."""
     lines = []
     for k in range(max(len(cubes), len(mattes))):
         lines += [_README_CUBE.format(cubes[k].name, color)] if cubes else []
         lines += [_README_MATTE.format(mattes[k].name)] if mattes else []
-        lines += [_README_REST] if cubes else []
-    return "".join(lines)
+    return "".join([*lines, *([_README_REST] if cubes else [])])
 
 
-def _cube(video: VectorVideo, look: Look, renderer: Renderer, face: int, space: ColorSpace | None, size: int) -> Floats:
-    """The best single map of one face: F, and by luma what the drawn key frame has besides."""
-    one = look.maps[face]
-    (frame,) = stored_frames(video, (key := video.records[face].key_frames[0].frame), key + 1)
+def _cube(
+    video: VectorVideo, look: Look, renderer: Renderer, faces: Sequence[int], space: ColorSpace | None, size: int
+) -> Floats:
+    """The best single map of a person's faces: F, and by luma what the drawn key frame has besides."""
+    # the key frame whose exposure is nearest to that of the one F was made from
+    _, face, k = min(
+        (abs(np.log(gain)), face, k) for face in faces for k, (gain, _) in enumerate(look.maps[face].exposures)
+    )
+    one, key = look.maps[face], video.records[face].key_frames[k].frame
+    (frame,) = stored_frames(video, key, key + 1)
     (drawn,) = renderer.draw(frame)
     (matte,) = renderer.mattes(frame, 0, [[face]])
     skin = matte > _WITHIN

@@ -55,7 +55,8 @@ def vectorize(
     """Vectorise a clip or an image, once for all looks.
 
     asset: where the asset file is written; a temporary file that goes with the object when None.
-    reference: keep only what a reference needs: all faces of an image, the best frame of a clip's largest face.
+    reference: keep only what a reference needs: all faces of an image; of a clip the best frame of the largest face in
+    its first 300 frames, or in all of it where none of those is wide enough.
     mask: "landmarks" (default) or "ycbcr", the paper's rule.  matching: "table" maps every frame straight to the key
     frame's colours; "chain" is the paper's frame-to-frame way with new key frames every 120 frames.
     input_color: how the clip is coded: "auto" believes its tags, of HDR too; camera logarithms, which files do not
@@ -104,6 +105,11 @@ def vectorize(
     return VectorVideo(target, path, temporary=asset is None)
 
 
+def _widest(found: FaceTracks) -> float:
+    """Width in px of the widest face, 0 without one."""
+    return max((track.width_px for track in found.tracks), default=0.0)
+
+
 def _temporary_name() -> Path:
     handle, name = tempfile.mkstemp(suffix=".pvg")
     os.close(handle)
@@ -140,23 +146,28 @@ class _Work:
         """Frames a second, some usual number for images."""
         return float(self.media.frame_rate or 25)
 
-    def _read(self, start: int, stop: int | None) -> Iterator[Frame]:
-        limits, color = self.limits, self.input_color
-        return read_frames(self.path, start=start, stop=stop, limits=limits, input_color=color, strict=self.strict)
+    def _read(self, start: int, stop: int | None, frame_count: int | None) -> Iterator[Frame]:
+        """frame_count: of the clip, where it has been read to its end."""
+        limits, color, strict = self.limits, self.input_color, self.strict
+        return read_frames(
+            self.path, start=start, stop=stop, limits=limits, input_color=color, strict=strict, frame_count=frame_count
+        )
 
-    def pictures(self, start: int = 0, stop: int | None = None) -> Generator[tuple[int, Picture], None, None]:
+    def pictures(
+        self, start: int = 0, stop: int | None = None, frame_count: int | None = None
+    ) -> Generator[tuple[int, Picture], None, None]:
         """(index, picture) of the frames [start, stop), decoded ahead in a thread."""
-        reading = self._read(start, stop)
+        reading = self._read(start, stop, frame_count)
         with contextlib.closing(ahead(reading)) as frames:
             for frame in frames:
                 yield frame.index, picture_of(frame)
 
     def reported(
-        self, stage: str, start: int = 0, stop: int | None = None
+        self, stage: str, start: int = 0, stop: int | None = None, frame_count: int | None = None
     ) -> Generator[tuple[int, Picture], None, None]:
         """`pictures`, with progress."""
         expected = (self.media.frame_count if stop is None else min(stop, self.media.frame_count)) - start
-        with contextlib.closing(self.pictures(start, stop)) as pictures:
+        with contextlib.closing(self.pictures(start, stop, frame_count)) as pictures:
             for index, picture in pictures:
                 yield index, picture
                 done = index + 1 - start
@@ -206,10 +217,11 @@ class _Work:
         faces = {}
         for number, track in tracks.items():
             row = 0 if self.matching == "chain" else first_good_row(track)
-            faces[number] = self.face(number, track, key_view(track, row, self._picture(track.first + row)))
+            picture = self._picture(track.first + row, frame_count)
+            faces[number] = self.face(number, track, key_view(track, row, picture))
         start, stop = min(t.first for t in tracks.values()), max(t.last for t in tracks.values()) + 1
         reader = SceneReader()
-        for index, picture in self.reported(_SECOND_READING, start, stop):
+        for index, picture in self.reported(_SECOND_READING, start, stop, frame_count):
             there = [t.landmarks[index - t.first] for t in tracks.values() if t.first <= index <= t.last]
             scenes: tuple[Scene, ...] = ()
             if self.mask == "landmarks":
@@ -222,8 +234,8 @@ class _Work:
                     faces[number].add(Stretch(number, row, rows, (picture,), seen, scenes, None), writer)
         return faces
 
-    def _picture(self, index: int) -> Picture:
-        (frame,) = self._read(index, index + 1)
+    def _picture(self, index: int, frame_count: int | None) -> Picture:
+        (frame,) = self._read(index, index + 1, frame_count)
         return picture_of(frame)
 
     def key_views(self, writer: AssetWriter) -> _Done:
@@ -248,9 +260,11 @@ class _Work:
     def _best_frame(self, writer: AssetWriter) -> _Done:
         """Find the best frame of a clip's largest face and write it alone."""
         result = track_faces(self.reported(_LANDMARKS, 0, _REFERENCE_FRAMES), frame_rate=self.rate)
-        if not result.tracks and result.frame_count == _REFERENCE_FRAMES:  # no face so early: look further
-            result = track_faces(self.reported(_LANDMARKS), frame_rate=self.rate)
+        whole = result.frame_count < _REFERENCE_FRAMES
+        if not whole and _widest(result) < self.min_face_px:  # no usable face so early: look further
+            result, whole = track_faces(self.reported(_LANDMARKS), frame_rate=self.rate), True
         self._check_width(result)
+        frame_count = result.frame_count if whole else None
         track = smooth(max(result.tracks, key=lambda track: track.width_px))
         views: dict[int, VectorFace] = {}
 
@@ -259,15 +273,15 @@ class _Work:
             return views[row].key_matte
 
         stop = min(track.last + 1, track.first + _REFERENCE_FRAMES)
-        row = best_row(track, self.reported(_BEST_FRAME, track.first, stop), matte_of)
+        row = best_row(track, self.reported(_BEST_FRAME, track.first, stop, frame_count), matte_of)
         if row not in views:
-            matte_of(row, self._picture(track.first + row))
+            matte_of(row, self._picture(track.first + row, frame_count))
         views[row].add_key_frame_only(track, writer)
         return _Done((views[row],), (0, *result.cuts), result.frame_count)
 
     def _check_width(self, found: FaceTracks) -> None:
         """Raise `NoFaceError` or `FaceTooSmallError` unless one face is wide enough."""
-        widest = max((track.width_px for track in found.tracks), default=0.0)
+        widest = _widest(found)
         if widest < self.min_face_px:
             raise self._refusal(widest, found.frame_count)
 

@@ -158,8 +158,8 @@ def read_frames(
         return
     wanted = range(start, _NO_END if stop is None else stop)
     if start > 0:
-        stamps = _display_index(path, how.limits)
-        if stamps is not None and frame_count in (None, len(stamps.display)):
+        stamps = _display_index(path, how.limits, frame_count)
+        if stamps is not None:
             yield from _read_from(path, wanted, how, stamps)
             return
     with open_clip(path, how.limits) as clip:
@@ -349,33 +349,42 @@ def packet_stamps(path: Path, limits: MediaLimits) -> tuple[list[tuple[int | Non
         return packets, clip.time_base
 
 
-def _display_index(path: Path, limits: MediaLimits) -> _Stamps | None:
-    """The clip's display order by its packets, or None where packets do not tell it."""
+def _display_index(path: Path, limits: MediaLimits, frame_count: int | None) -> _Stamps | None:
+    """The clip's display order by its packets, or None where packets do not tell it.
+
+    frame_count: how many frames the clip gives, where that is known.
+    """
     status = path.stat()
-    return _cached_index(path.absolute(), status.st_size, status.st_mtime_ns, limits)
+    stamps = _cached_index(path.absolute(), status.st_size, status.st_mtime_ns, limits)
+    return stamps if stamps is not None and frame_count in (None, len(stamps.display)) else None
 
 
-def key_pictures(path: str | Path, limits: MediaLimits | None = None) -> tuple[int, ...] | None:
+def key_pictures(
+    path: str | Path, limits: MediaLimits | None = None, *, frame_count: int | None = None
+) -> tuple[int, ...] | None:
     """The numbers of the frames of a clip that decoding may begin at, ascending; (0,) for a picture.
 
-    None where packets do not tell: every frame is then reached by decoding all before it. Raises MediaError.
+    None where packets do not tell: every frame is then reached by decoding all before it.  frame_count: see
+    `read_frames`. Raises MediaError.
     """
     path = Path(path)
     if sniff(path) in IMAGE_KINDS:
         return (0,)
-    stamps = _display_index(path, limits or MediaLimits())
+    stamps = _display_index(path, limits or MediaLimits(), frame_count)
     return None if stamps is None else tuple(bisect_left(stamps.display, key) for key in stamps.keys)
 
 
-def frame_at(path: str | Path, time_s: float, limits: MediaLimits | None = None) -> int | None:
+def frame_at(
+    path: str | Path, time_s: float, limits: MediaLimits | None = None, *, frame_count: int | None = None
+) -> int | None:
     """The number of the frame that a clip shows so many seconds after its first one; the last one at and past its end.
 
-    None where packets do not tell. Raises MediaError.
+    None where packets do not tell.  frame_count: see `read_frames`. Raises MediaError.
     """
     path = Path(path)
     if sniff(path) in IMAGE_KINDS:
         return 0
-    stamps = _display_index(path, limits or MediaLimits())
+    stamps = _display_index(path, limits or MediaLimits(), frame_count)
     if stamps is None or not stamps.display:
         return None
     # a time that was worked out from a frame's number or stamp is that frame's in spite of its rounding
@@ -388,6 +397,9 @@ def _cached_index(path: Path, size: int, modified_ns: int, limits: MediaLimits) 
     packets, time_base = packet_stamps(path, limits)
     stamps = [pts for pts, _ in packets if pts is not None]
     if len(stamps) != len(packets) or len(set(stamps)) != len(stamps):
+        return None
+    # pictures shown before the first key picture lean on others that are cut away, and decoders may skip them
+    if stamps and min(stamps) < next((pts for pts, key in packets if key and pts is not None), min(stamps)):
         return None
     keys = tuple(sorted(pts for pts, key in packets if key and pts is not None))
     return _Stamps(tuple(sorted(stamps)), keys, time_base)

@@ -134,7 +134,7 @@ def test_an_export_is_a_folder_for_a_grading_suite(
     folder = tmp_path / "suite"
     result = run("export", asset, "--reference", reference_asset, "-o", folder, "--matte", "png", "--light", "0")
     assert (result.returncode, result.stderr) == (0, "")
-    assert result.stdout.splitlines() == [str(folder / name) for name in ("look.cube", "matte", "README.txt")]
+    assert result.stdout.splitlines() == [str(folder / name) for name in ("look.cube", "matte", "look-README.txt")]
     assert len(list((folder / "matte").iterdir())) == 8
     (tmp_path / "file").write_text("")
     refused = run("export", asset, "--reference", reference_asset, "-o", tmp_path / "file")

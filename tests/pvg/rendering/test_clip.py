@@ -135,7 +135,7 @@ def test_a_clip_is_not_swapped_with_itself(video: pvg.VectorVideo, group: pvg.Ve
 
 def test_swap_gives_each_the_others_colours(video: pvg.VectorVideo, samples: Samples, tmp_path: Path) -> None:
     with pvg.vectorize(samples.dark_portrait) as image:
-        pvg.swap(video, image, [tmp_path / "a.mp4", tmp_path / "b.png"], crf=10)
+        pvg.swap(video, image, [tmp_path / "a.mp4", tmp_path / "b.png"], crf=10, memory_bytes=10**9)
         key, other = video.records[0].key_frames[0], image.records[0].key_frames[0]
         expected = pvg.render_frame(image, pvg.transfer(image, video), 0)
         (swapped,) = read_frames(tmp_path / "b.png")

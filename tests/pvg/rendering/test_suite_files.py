@@ -9,9 +9,12 @@ import pytest
 from skimage.color import deltaE_ciede2000, rgb2lab
 
 import pvg
+from benchmarks.quality.probes import write_lossless
 from pvg.rendering import source_frame
 from pvg.video import probe, read_frames, read_image
+from scripts.samples import Samples
 from tests.gallery.cubes import apply_cube, read_cube
+from tests.gallery.scenes import resting_face
 
 
 def graded(rgb: np.ndarray, cube: Path, matte: np.ndarray) -> np.ndarray:
@@ -30,7 +33,7 @@ def test_cube_and_matte_give_nearly_the_render(
 ) -> None:
     look = pvg.transfer(video, request.getfixturevalue(reference), light=light)
     written = pvg.export(video, look, tmp_path)
-    assert [path.name for path in written] == ["look.cube", "matte.mkv", "README.txt"]
+    assert [path.name for path in written] == ["look.cube", "matte.mkv", "look-README.txt"]
     mattes = list(read_frames(tmp_path / "matte.mkv"))
     assert len(mattes) == video.frame_count
     for index in (0, 20):
@@ -47,7 +50,7 @@ def test_cube_and_matte_give_nearly_the_render(
         outside = matte == 0
         assert np.abs(ours[outside] - source[outside]).max() == 0
         assert np.abs(wanted[outside].astype(int) - source[outside]).max() <= 4  # chroma of the pixels beside it
-    lines = (tmp_path / "README.txt").read_text().splitlines()
+    lines = (tmp_path / "look-README.txt").read_text().splitlines()
     assert len(lines) == 3
 
 
@@ -79,11 +82,47 @@ def test_a_picture_with_several_persons_has_a_cube_and_a_matte_for_each(
 ) -> None:
     look = pvg.transfer(group, dark_reference, faces=(0, 2))
     names = {path.name for path in pvg.export(group, look, tmp_path)}
-    assert names == {"look-1.cube", "look-2.cube", "matte-1.png", "matte-2.png", "README.txt"}
+    assert names == {"look-1.cube", "look-2.cube", "matte-1.png", "matte-2.png", "look-README.txt"}
     one, other = (read_image(tmp_path / f"matte-{k}.png").planes[0].astype(int) for k in (1, 2))
     assert (one > 200).any()
     assert (other > 200).any()
     assert (one + other).max() <= 256
+
+
+def test_the_cube_of_a_clip_that_brightens_is_that_of_the_light_its_look_was_made_in(
+    dark_reference: pvg.VectorVideo, samples: Samples, tmp_path: Path
+) -> None:
+    subject = resting_face(samples)
+    gains = np.concatenate([np.full(10, 0.5), np.linspace(0.5, 1.0, 30), np.full(40, 1.0)])
+    write_lossless(tmp_path / "clip.mp4", (np.rint(subject.rgb * gain).astype(np.uint8) for gain in gains))
+    with pvg.vectorize(tmp_path / "clip.mp4") as video:
+        look = pvg.transfer(video, dark_reference)
+        exposures = look.maps[0].exposures
+        assert exposures[0, 0] < 0.7
+        pvg.export(video, look, tmp_path / "look", parts=["cube"])
+        leading = video.records[0].key_frames[int(np.argmin(np.abs(exposures[:, 0] - 1.0)))].frame
+        source, wanted = source_frame(video, leading).rgb(), pvg.render_frame(video, look, leading)
+        ours = graded(source, tmp_path / "look" / "look.cube", np.ones(source.shape[:2]))
+    luma = [one[subject.inner].astype(float) @ (0.299, 0.587, 0.114) for one in (ours, wanted)]
+    assert abs(float(np.mean(luma[0] - luma[1]))) < 1.0
+
+
+def test_an_export_that_fails_leaves_the_files_of_before(
+    video: pvg.VectorVideo, dark_reference: pvg.VectorVideo, tmp_path: Path
+) -> None:
+    look = pvg.transfer(video, dark_reference)
+    (tmp_path / "README.txt").write_text("of another project")
+    pvg.export(video, look, tmp_path, size=5)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert before["README.txt"] == b"of another project"
+
+    def cancel(stage: str, done: int, total: int) -> None:
+        if done == 5:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        pvg.export(video, pvg.transfer(video, dark_reference, strength=0.5), tmp_path, progress=cancel)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 def test_an_unknown_matte_is_refused(video: pvg.VectorVideo, dark_reference: pvg.VectorVideo, tmp_path: Path) -> None:
@@ -97,8 +136,8 @@ def test_only_what_is_asked_for_is_made(
     look = pvg.transfer(video, dark_reference)
     for part, name, lines in (("cube", "look.cube", 2), ("matte", "matte.mkv", 1)):
         written = pvg.export(video, look, tmp_path / part, parts=[part], size=5)  # type: ignore[list-item]
-        assert [path.name for path in written] == [name, "README.txt"]
-        assert {path.name for path in (tmp_path / part).iterdir()} == {name, "README.txt"}
+        assert [path.name for path in written] == [name, "look-README.txt"]
+        assert {path.name for path in (tmp_path / part).iterdir()} == {name, "look-README.txt"}
         assert len(written[-1].read_text().splitlines()) == lines
         assert written[-1].read_text().startswith(name)
     with pytest.raises(ValueError, match="not one of cube, matte"):

@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 import pvg
+from benchmarks.quality.probes import write_lossless
 from pvg.face import layout
 from pvg.video import read_image, write_image
 from scripts.samples import Samples
 from tests.gallery.clips import cut_clip
 from tests.gallery.faces import fit_widest
+from tests.gallery.scenes import resting_face
 
 
 @pytest.fixture(scope="module")
@@ -102,6 +104,17 @@ def test_a_reference_keeps_only_its_key_frame(brief_clip: Path) -> None:
         (face,) = reference.faces
         assert face.first_frame == face.last_frame == reference.records[0].key_frames[0].frame
         assert reference.path.stat().st_size < 60_000
+
+
+def test_a_reference_whose_face_comes_near_late_is_taken(samples: Samples, tmp_path: Path) -> None:
+    near = resting_face(samples).rgb
+    far = cv2.copyMakeBorder(cv2.resize(near, None, fx=0.2, fy=0.2), *[(4 * len(near)) // 10] * 4, cv2.BORDER_REPLICATE)
+    far = cv2.resize(far, near.shape[1::-1], interpolation=cv2.INTER_AREA)
+    write_lossless(tmp_path / "clip.mp4", (near if k >= 300 else far for k in range(308)))
+    with pvg.vectorize(tmp_path / "clip.mp4", reference=True) as reference:
+        (face,) = reference.faces
+        assert face.first_frame >= 300
+        assert face.width_px > 100
 
 
 def test_a_reference_picture_keeps_all_its_faces(samples: Samples, group: pvg.VectorVideo) -> None:

@@ -10,10 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pvg.video import (
-    probe,
-    read_frames,
-)
+from pvg.video import frame_at, key_pictures, probe, read_frames
 from pvg.video.formats import resolve_format
 from pvg.video.reading import Reading, reading_of, to_frame
 from tests.gallery.clips import (
@@ -217,6 +214,17 @@ def test_frames_that_cannot_be_decoded_do_not_move_the_numbers_of_others(tmp_pat
     frames = list(read_frames(cut))
     assert 40 < len(frames) < len(packets) - begin
     for start in (1, 20, len(frames) - 1):
-        seen = list(read_frames(cut, start=start, frame_count=len(frames)))
-        assert [(frame.index, frame.pts) for frame in seen] == [(frame.index, frame.pts) for frame in frames[start:]]
-        np.testing.assert_array_equal(seen[0].planes[0], frames[start].planes[0])
+        for count in (len(frames), None):
+            seen = list(read_frames(cut, start=start, frame_count=count))
+            assert [(one.index, one.pts) for one in seen] == [(one.index, one.pts) for one in frames[start:]]
+            np.testing.assert_array_equal(seen[0].planes[0], frames[start].planes[0])
+    assert key_pictures(cut) is None
+    assert frame_at(cut, 1.0) is None
+
+
+def test_packets_that_do_not_fit_the_frames_known_tell_nothing(tmp_path: Path) -> None:
+    clip = encode_raw(tmp_path / "clip.mp4", [libav_frame(colorful(9, (160, 96)))] * 30, "libx264", g="10")
+    assert key_pictures(clip) == key_pictures(clip, frame_count=30) == (0, 10, 20)
+    assert frame_at(clip, 0.5, frame_count=30) == frame_at(clip, 0.5) is not None
+    assert key_pictures(clip, frame_count=29) is None
+    assert frame_at(clip, 0.5, frame_count=29) is None
