@@ -21,10 +21,11 @@ ByteArray = npt.NDArray[np.uint8]
 
 FACE_GATE = 0.5
 DETECT_EVERY = 15
-MIN_SEEN = 5
+MIN_SEEN, MIN_SEEN_IN_SHOT = 5, 2
 CONFIRMED_SCORE = 0.95
-"""A track counts as a face when its median score and MIN_SEEN frames reach this. Faces of the test clips have medians
-above 0.97 however small or dark; lettering and cartoons that pass the frame gate stay below 0.93 or are brief."""
+"""A track counts as a face when its median score and MIN_SEEN frames reach this, or all of a shorter shot. Faces of the
+test clips have medians above 0.97 however small or dark; lettering and cartoons that pass the frame gate stay below
+0.93 or are brief."""
 SAME_FACE_IOU = 0.4
 REJOIN_DISTANCE = 1.0
 REJOIN_SIZE_RATIO = 1.6
@@ -117,7 +118,7 @@ class OpenTrack:
         """(4,) x0, y0, x1, y1 of the mesh where it was last seen."""
         return _box(self.last_points)
 
-    def is_face(self, enough: int) -> bool:
+    def is_confident(self, enough: int) -> bool:
         """Whether at least `enough` of its frames, and most of them, were seen with confidence."""
         scores = np.array(self.scores)
         confident = scores >= CONFIRMED_SCORE
@@ -282,10 +283,16 @@ class FaceTracker:
                 best, best_distance = track, distance
         return best
 
+    def is_face(self, track: OpenTrack, *, finished: bool) -> bool:
+        """Whether a track is neither too short nor too doubtful to be a face; finished: whether the clip has ended."""
+        begin = max((cut for cut in self.cuts if cut <= track.first), default=0)
+        end = next((cut for cut in self.cuts if cut > track.first), self.frame_count if finished else None)
+        enough = MIN_SEEN if end is None else min(MIN_SEEN, max(MIN_SEEN_IN_SHOT, end - begin))
+        return track.is_confident(min(enough, self.frame_count) if finished else enough)
+
     def result(self) -> FaceTracks:
         """All tracks without those too short or too doubtful to be a face."""
-        enough = min(MIN_SEEN, self.frame_count)
-        done = [track.raw() for track in self.closed + self.open if track.is_face(enough)]
+        done = [track.raw() for track in self.closed + self.open if self.is_face(track, finished=True)]
         done.sort(key=lambda track: (track.first, float(track.landmarks.points[0, :, 0].mean())))
         return FaceTracks(tuple(done), tuple(self.cuts), self.frame_count)
 

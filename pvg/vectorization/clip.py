@@ -29,7 +29,7 @@ from pvg.video import Frame, InputColor, MediaInfo, MediaLimits, picture_of, pro
 
 Progress = Callable[[str, int, int], None]
 
-VECTORIZER_VERSION = 11  # raised when the same clip would give another asset
+VECTORIZER_VERSION = 12  # raised when the same clip would give another asset
 MIN_FACE_PX = 64
 STAGES = ("vectorize", "second reading", "landmarks", "best frame")  # of the progress callback, in their order
 _VECTORIZE, _SECOND_READING, _LANDMARKS, _BEST_FRAME = STAGES

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 from pvg._arrays import Floats
 from pvg.face import Landmarks
-from pvg.landmarks import MIN_SEEN, FaceTrack, FaceTracker, OpenTrack, smooth
+from pvg.landmarks import FaceTrack, FaceTracker, OpenTrack, smooth
 from pvg.picture import Picture
 from pvg.skin import Scene, SceneReader
 from pvg.vectorization.key_frames import FADE_REACH, faded, first_good_row, good_rows, surroundings
@@ -109,8 +109,7 @@ class Following:
 
     def left(self) -> tuple[tuple[FaceTrack, ...], float]:
         """After all frames: the wide enough tracks for a second reading, and the width of the widest of the others."""
-        enough = min(MIN_SEEN, self.frame_count)
-        tracks = [track.raw() for track in self._later if track.is_face(enough)]
+        tracks = [track.raw() for track in self._later if self._tracker.is_face(track, finished=True)]
         narrow = [track.width_px for track in tracks if track.width_px < self._min_face_px]
         return tuple(t for t in tracks if t.width_px >= self._min_face_px), max(narrow, default=0.0)
 
@@ -201,9 +200,7 @@ class Following:
 
     def _key_view(self, course: _Course, window: FaceTrack, *, ended: bool) -> KeyView | None:
         """The view that a track starts from; None when it is no face yet, too small, or shows none that is good."""
-        # one or two frames can be a face only when the clip has no more
-        enough = MIN_SEEN if not (ended and self._finished) else min(MIN_SEEN, self.frame_count)
-        if not course.track.is_face(enough) or window.width_px < self._min_face_px:
+        if not self._tracker.is_face(course.track, finished=self._finished) or window.width_px < self._min_face_px:
             return None
         row = 0 if self._from_first_row else first_good_row(window)
         if not (ended or self._from_first_row or good_rows(window)[row]):

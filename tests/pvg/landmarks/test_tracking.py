@@ -46,6 +46,20 @@ def test_a_cut_ends_the_track_and_starts_another(head: np.ndarray) -> None:
     assert [(track.first, track.last) for track in result.tracks] == [(5, 10), (11, 16)]
 
 
+def test_a_face_that_fills_a_short_shot_is_followed(head: np.ndarray) -> None:
+    shots = [(3, 40), (4, 200), (5, 120), (6, 260), (7, 60)]  # a scene and where its face lies
+    pictures = [pasted(background(seed), head, x, 60) for seed, x in shots for _ in range(3)]
+    result = track_faces(enumerate(pictures))
+    assert result.cuts == (3, 6, 9, 12)
+    assert [(track.first, track.last) for track in result.tracks] == [(k, k + 2) for k in (0, 3, 6, 9, 12)]
+
+
+def test_a_face_of_a_part_of_a_short_shot_is_none(head: np.ndarray) -> None:
+    pictures = [pasted(background(3), head, 40, 60)] * 8 + [background(4)] * 2 + [pasted(background(4), head, 90, 60)]
+    pictures += [background(4), *[background(5)] * 8]
+    assert [(track.first, track.last) for track in track_faces(enumerate(pictures)).tracks] == [(0, 7)]
+
+
 def hidden_in(head: np.ndarray, count: int, hidden: range) -> Iterator[tuple[int, np.ndarray]]:
     scene = background(3)
     for index in range(count):
