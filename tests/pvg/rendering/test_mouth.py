@@ -133,3 +133,11 @@ def test_a_shut_mouth_shows_no_fingers(face: FaceInFrame) -> None:
     points[layout.LIPS_INNER] = points[layout.LIPS_INNER].mean(axis=0)
     shut, (picture, _) = replace(face.landmarks, points=points), mouth(face, SKIN)
     assert see_mouth(frame_of(picture, YUV444), shut, key_of(LIPS), LATTICE).skin is None
+
+
+def test_no_finger_is_told_from_lips_that_are_the_skin_but_darker(face: FaceInFrame) -> None:
+    wide, dark = opened(face), tuple(0.75 * channel for channel in SKIN)
+    picture = open_mouth(wide, True)
+    seen = see_mouth(frame_of(picture, YUV444), wide.landmarks, key_of((dark[0], dark[1], dark[2])), LATTICE)
+    assert seen.lips is not None
+    assert seen.skin is None
