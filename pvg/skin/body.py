@@ -103,8 +103,8 @@ class BodyTracker:
         self._tables = color_tables(colors)
         self._scale = colors.scale
         self._light = light
-        # what one scene leaves to the next: (h, w, 4), its grey picture, probability, mask and alpha
-        self._before: Floats | None = None
+        # what one scene leaves to the next: its picture (h, w, 3), and (h, w, 3) probability, mask and alpha
+        self._before: tuple[Bytes, Floats] | None = None
         self._hair: Floats | None = None  # of the scene before
         self._said: Floats | None = None  # by the network, likewise
         self._scenes = 0
@@ -186,22 +186,22 @@ class BodyTracker:
         self, scene: Scene, probability: Floats, known: Floats, person: Bytes, head: HeadShape
     ) -> tuple[Bools, Floats]:
         """Mask and alpha (h, w), held to those of the scene before where nothing changed."""
-        grey = np.asarray(cv2.cvtColor(scene.rgb, cv2.COLOR_RGB2GRAY), np.float32)
         before, maps = self._before, scene.before
         if before is None or maps is None:
             mask = _parts(probability, probability > 0.5, known, person, None, head)
             alpha = soft_edge(probability, mask, _EDGE_BLUR)
         else:
-            moved = cv2.remap(before, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-            was_grey, was_probability, was, was_alpha = cv2.split(moved)
-            keep = weight_of_before(np.asarray(was_grey, np.float32), grey)
+            was_rgb, moved = (cv2.remap(one, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for one in before)
+            was_probability, was, was_alpha = cv2.split(moved)
+            # where a hand leaves a wall of the skin's brightness only the hue changes
+            keep = weight_of_before(np.asarray(was_rgb, np.uint8), scene.rgb)
             probability = (probability + keep * (was_probability - probability)).astype(np.float32)
             likely = probability + _TRACKING.hysteresis * keep * (was - 0.5) > 0.5
             mask = _parts(probability, likely, known, person, np.asarray(was, np.float32), head)
             alpha = soft_edge(probability, mask, _EDGE_BLUR)
             alpha = (alpha + keep * (was_alpha - alpha)).astype(np.float32)
-        layers = cv2.merge([grey, probability, mask.astype(np.float32), alpha])
-        self._before = np.asarray(layers, np.float32)
+        layers = cv2.merge([probability, mask.astype(np.float32), alpha])
+        self._before = scene.rgb, np.asarray(layers, np.float32)
         return mask, alpha
 
 

@@ -18,12 +18,14 @@ def places_before(flow: Floats) -> tuple[Floats, Floats]:
     return np.asarray(x, np.float32), np.asarray(y, np.float32)
 
 
-def weight_of_before(was: Floats, grey: Floats) -> Floats:
+def weight_of_before(was: Bytes | Floats, now: Bytes | Floats) -> Floats:
     """(h, w) in [0, 1) the weight of the frame before in each cell, less where its picture, moved, was another.
 
-    was, grey: (h, w) float32, the grey pictures of then, moved onto now, and of now.
+    was, now: (h, w) or (h, w, 3), the pictures of then, moved onto now, and of now, 0-255; channels are averaged.
     """
-    change = cv2.blur(cv2.absdiff(was, grey), (_TRACKING.change_window, _TRACKING.change_window))
+    change = cv2.blur(cv2.absdiff(was, now).astype(np.float32), (_TRACKING.change_window, _TRACKING.change_window))
+    if change.ndim == 3:
+        change = change.mean(axis=2)
     return np.asarray(_TRACKING.keep * np.exp(-((change / _TRACKING.change) ** 2)), np.float32)
 
 
