@@ -7,8 +7,8 @@ luma, which light changes little, and a little of how dark they are beside what 
 
 A change meant for lips is given to what is at least some way from skin to lips. A finger before an open mouth is no
 tooth: what has the skin's tint, is as bright as the skin around the mouth and comes into it across a stretch of lips
-that shows none is skin. Its colour alone does not tell: yellow and blurred teeth have it too. Where lips have the skin's
-own tint no finger is told from them.
+that shows none is skin. Its colour alone does not tell: yellow and blurred teeth have it too. Where lips have the tint
+of the skin, no finger is told from them.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _OTHER = np.float32(0.15)  # of that, at most: by how much the light of the fram
 _OFF_TINT, _OFF_LUMA = np.float32(0.45), np.float32(0.5)  # of the skin's tint, of log luma: no skin [by eye]
 _IS_SKIN = (0.5, 0.9)  # of both together: what is nearer is skin, what is farther none [by eye]
 _FINGER = 0.05  # of the face's width [by eye]
-_OTHER_TINT = 0.2  # of the skin's tint: lips nearer to it differ in shade alone, as a lip's own light side does [by eye]
+_OTHER_TINT = 0.2  # of the skin's tint: lips nearer to it differ in shade alone, as skin does [by eye]
 _NO_LIPS = 0.2  # of how far lips are shown, below which a finger crosses them [by eye]
 _OPEN = 0.02  # of the face's width between the lips: narrower mouths show neither teeth nor fingers [by eye]
 _DARKEST = np.float32(8.0)  # levels of luma above black: below, a tint says nothing
@@ -88,7 +88,8 @@ def see_mouth(frame: Frame, landmarks: Landmarks, key: KeyFrame, lattice: Lattic
     lips_shown = smoothstep((tints - skin) @ apart / float(apart @ apart), *_SHOWN)
     crossing = None
     told = float(np.linalg.norm(apart[:2])) > _OTHER_TINT * float(np.linalg.norm(skin[:2]))
-    if told and float(np.linalg.norm(inner[2] - inner[6])) > _OPEN * width:  # the middles of the upper and the lower lip
+    gap = float(np.linalg.norm(inner[2] - inner[6]))  # from the middle of the upper lip to that of the lower one
+    if told and gap > _OPEN * width:
         outlines = [(one - corner) / lattice.step - first for one in (outline, inner)]
         likely = 1.0 - smoothstep(off_skin, *_IS_SKIN)
         crossing = _crossing(likely, lips_shown, outlines, _FINGER * width / lattice.step)

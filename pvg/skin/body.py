@@ -191,17 +191,19 @@ class BodyTracker:
             mask = _parts(probability, probability > 0.5, known, person, None, head)
             alpha = soft_edge(probability, mask, _EDGE_BLUR)
         else:
-            was_rgb, moved = (cv2.remap(one, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for one in before)
+            was_rgb, layers = before
+            moved_rgb = cv2.remap(was_rgb, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            moved = cv2.remap(layers, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
             was_probability, was, was_alpha = cv2.split(moved)
             # where a hand leaves a wall of the skin's brightness only the hue changes
-            keep = weight_of_before(np.asarray(was_rgb, np.uint8), scene.rgb)
+            keep = weight_of_before(np.asarray(moved_rgb, np.uint8), scene.rgb)
             probability = (probability + keep * (was_probability - probability)).astype(np.float32)
             likely = probability + _TRACKING.hysteresis * keep * (was - 0.5) > 0.5
             mask = _parts(probability, likely, known, person, np.asarray(was, np.float32), head)
             alpha = soft_edge(probability, mask, _EDGE_BLUR)
             alpha = (alpha + keep * (was_alpha - alpha)).astype(np.float32)
-        layers = cv2.merge([probability, mask.astype(np.float32), alpha])
-        self._before = scene.rgb, np.asarray(layers, np.float32)
+        left = cv2.merge([probability, mask.astype(np.float32), alpha])
+        self._before = scene.rgb, np.asarray(left, np.float32)
         return mask, alpha
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import os
 import tempfile
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -203,15 +203,21 @@ class _Work:
         left, widest = following.left()
         if left:
             first = max(faces, default=-1) + 1
-            faces |= self._second_reading(dict(enumerate(left, first)), shots, frame_count, writer)
+            others = tuple(faces.values())
+            faces |= self._second_reading(dict(enumerate(left, first)), others, shots, frame_count, writer)
         if not faces:
             raise self._refusal(widest, frame_count)
         return _Done(tuple(faces.values()), shots, frame_count)
 
     def _second_reading(
-        self, left: dict[int, FaceTrack], shots: tuple[int, ...], frame_count: int, writer: AssetWriter
+        self,
+        left: dict[int, FaceTrack],
+        others: Sequence[VectorFace],
+        shots: tuple[int, ...],
+        frame_count: int,
+        writer: AssetWriter,
     ) -> dict[int, VectorFace]:
-        """Follow tracks that are known from end to end, by number."""
+        """Follow tracks that are known from end to end, by number;  others: the faces of the first reading."""
         tracks = {number: smooth(track) for number, track in left.items()}
         visible = {number: opacity(track, shots, frame_count) for number, track in tracks.items()}
         faces = {}
@@ -223,6 +229,7 @@ class _Work:
         reader = SceneReader()
         for index, picture in self.reported(_SECOND_READING, start, stop, frame_count):
             there = [t.landmarks[index - t.first] for t in tracks.values() if t.first <= index <= t.last]
+            there += [place for other in others if (place := other.place(index)) is not None]
             scenes: tuple[Scene, ...] = ()
             if self.mask == "landmarks":
                 scenes = (reader.step(picture, there, cut=index in shots),)

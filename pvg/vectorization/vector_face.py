@@ -36,6 +36,7 @@ from pvg.vectorization.part_colors import part_colors
 
 ADVISED_FACE_PX = 200  # the paper's least face size
 _SAMPLE_MARGIN = 0.06  # of the face's width: reach of what smooths the sampled skin
+_PLACE_EVERY = 4  # frames from one place of a face that is kept to the next: others' bodies end where theirs begins
 INSET = 0.02  # boundary samples lie this part of the face's width inside the mask
 
 
@@ -69,6 +70,7 @@ class VectorFace:
         self._advised_px = advised_px
         self._extents: list[Floats] = []
         self._ratios: list[Floats] = []
+        self._places: dict[int, Landmarks] = {}  # by the frame, some of them
         self._keys: dict[int, Future[KeyFrame]] = {}
         self._since: dict[int, int | None] = {}  # by a key's row, see `KeyFrame.since`
         self._main_from: int | None = None
@@ -168,6 +170,15 @@ class VectorFace:
         self._last = rows.last
         self._extents.append(rows.extents[rows.score > 0])
         self._ratios.append(frontal_ratios(rows))
+        for k in range(-rows.first % _PLACE_EVERY, len(rows.score), _PLACE_EVERY):
+            self._places[rows.first + k] = rows.landmarks[k]
+
+    def place(self, frame: int) -> Landmarks | None:
+        """About where the face is in a frame, source pixels; None where it is not."""
+        if not self.first <= frame <= self._last:
+            return None
+        before = frame - frame % _PLACE_EVERY
+        return self._places.get(before, self._places.get(before + _PLACE_EVERY))
 
     def _fit_key(self) -> None:
         """Fit the key view's colours and let go of its picture, once."""

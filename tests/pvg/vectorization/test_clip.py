@@ -9,10 +9,11 @@ import pytest
 import pvg
 from benchmarks.quality.probes import write_lossless
 from pvg.face import layout
+from pvg.landmarks import FaceTrack
 from pvg.video import read_image, write_image
 from scripts.samples import Samples
 from tests.gallery.clips import cut_clip
-from tests.gallery.faces import fit_widest
+from tests.gallery.faces import fit_widest, read_rgb
 from tests.gallery.scenes import resting_face
 
 
@@ -68,6 +69,39 @@ def test_a_second_reading_gives_what_one_does(
             assert two is not None
             np.testing.assert_allclose(one.landmarks.points, two.landmarks.points, atol=1 / 16)
             assert np.abs(one.matte.alpha.astype(int) - two.matte.alpha).mean() < 1
+
+
+def test_a_second_reading_knows_the_people_of_the_first(
+    samples: Samples, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A person who is followed later takes no more of the others' skin than one who is followed with them."""
+    import pvg.vectorization.following
+
+    rgb = read_rgb(samples.several_faces)
+    write_lossless(tmp_path / "clip.mp4", (rgb[: len(rgb) // 2 * 2, : rgb.shape[1] // 2 * 2] for _ in range(10)))
+    good = pvg.vectorization.following.good_rows
+    for name in ("CHUNK", "LOOKAHEAD"):
+        monkeypatch.setattr(pvg.vectorization.following, name, 4)
+    with pvg.vectorize(tmp_path / "clip.mp4") as together:
+        late = max(together.faces, key=lambda face: face.width_px).index
+        one = together.face_at(late, 5)
+        assert one is not None
+        x = float(one.landmarks.points[:, 0].mean())
+
+        def all_but_one(track: FaceTrack) -> np.ndarray:
+            here = abs(float(track.landmarks.points[0, :, 0].mean()) - x) < 20
+            return np.zeros(len(track.score), np.bool_) if here else good(track)
+
+        monkeypatch.setattr(pvg.vectorization.following, "good_rows", all_but_one)
+        stages: list[str] = []
+        with pvg.vectorize(tmp_path / "clip.mp4", progress=lambda stage, *_: stages.append(stage)) as apart:
+            assert "second reading" in stages
+            assert [face.width_px for face in apart.faces] == [face.width_px for face in together.faces]
+            two = apart.face_at(late, 5)
+            assert two is not None
+            ours, theirs = (face.body.alpha.astype(float).sum() / 255 for face in (one, two))
+            assert ours > 10
+            assert theirs == pytest.approx(ours, rel=0.1)
 
 
 def test_an_error_in_mid_clip_ends_all_threads(short_clip: Path, tmp_path: Path) -> None:
