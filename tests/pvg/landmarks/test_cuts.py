@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pvg.landmarks.cuts import CutDetector
+from pvg.landmarks.cuts import DISSOLVE_REACH, CutDetector
 from tests.gallery.pictures import background
 
 
@@ -26,3 +26,23 @@ def test_a_fade_to_black_ends_in_a_cut_as_a_flat_picture_is_found_everywhere() -
     detector = CutDetector()
     assert not detector.is_cut(background(7))
     assert detector.is_cut(np.zeros_like(background(7)))
+
+
+@pytest.mark.parametrize("length", [6, 12, 20])
+def test_a_dissolve_is_one_cut_after_its_middle(length: int) -> None:
+    before, after = background(7).astype(float), background(8).astype(float)
+    shares = np.clip((np.arange(80) - 40 + length / 2) / length, 0, 1)
+    detector = CutDetector()
+    cuts = [
+        k for k, share in enumerate(shares) if detector.is_cut((before + share * (after - before)).astype(np.uint8))
+    ]
+    (cut,) = cuts
+    assert 40 < cut <= 40 + DISSOLVE_REACH + 2
+    assert shares[cut] >= 0.75
+
+
+def test_a_moving_picture_and_a_fade_are_no_dissolves() -> None:
+    scene, detector = background(7), CutDetector()
+    assert not any(detector.is_cut(np.roll(scene, 6 * k, axis=1)) for k in range(60))
+    detector = CutDetector()
+    assert not any(detector.is_cut((scene * gain).astype(np.uint8)) for gain in np.linspace(1, 0.1, 30))
