@@ -22,6 +22,7 @@ from pvg.face import Landmarks, layout
 from pvg.picture import Picture
 from pvg.raster import centers_in_unit, scaled
 from pvg.skin import Matte
+from pvg.vectorization.veil import Veil, contrast
 
 _CHANGE = 0.182  # of log luma against the key's, ±20 %: a new key frame is due
 _SAME = 0.047  # of log luma: still the key's own light
@@ -120,11 +121,14 @@ class DueKey:
 class ExposureWatch:
     """Watches a track's light, rows in order, and tells when a key frame is due.
 
-    main_row, main: the track's main key frame, which may lie ahead.
+    main_row, main: the track's main key frame, which may lie ahead;  main_picture: the contrast of its whole picture,
+    None where that is not known;  shows: how far the face shows through in the row that was seen last, see `veil`.
     """
 
     main_row: int
     main: Patch
+    main_picture: float | None = None
+    shows: float = 1.0
     main_since: int | None = None  # of the main key, once its row has passed
     _waiting: deque[Sight] = field(default_factory=deque)
     _key: Patch | None = None
@@ -134,15 +138,37 @@ class ExposureWatch:
     _passed: int = 0
     _made: int = 0
     _changed: int = 0  # rows since the light left the key's
+    _face: float = 1.0  # contrast of the face when it was last seen well
 
     def see(
-        self, row: int, picture: Picture, landmarks: Landmarks, matte: Matte, score: float, pose: Floats
+        self,
+        row: int,
+        picture: Picture,
+        landmarks: Landmarks,
+        matte: Matte,
+        score: float,
+        pose: Floats,
+        whole: float | None = None,
     ) -> list[DueKey]:
-        """The key frames that are due now that the next row is seen."""
+        """The key frames that are due now that the next row is seen.
+
+        whole: the contrast of its whole picture, None where that is not known.
+        """
         sure = score >= _GOOD_SCORE and float(np.abs(pose[:2]).max()) <= _FRONTAL_DEG
         patch = Patch.of(picture, landmarks, matte) if sure else None
+        self.shows = self._shows(patch, whole)
+        if self.shows < 1.0:  # a veil is no light
+            patch = None
         self._waiting.append(Sight(row, picture, landmarks, matte, patch))
         return self._pass() if len(self._waiting) > LOOKAHEAD else []
+
+    def _shows(self, patch: Patch | None, whole: float | None) -> float:
+        if whole is None or self.main_picture is None:
+            return 1.0
+        if patch is not None:
+            self._face = contrast(patch.luma[_FACE])
+        luma = self.main.luma[_FACE]
+        return Veil(contrast(luma), self.main_picture, float(luma.mean())).shows(self._face, whole)
 
     def end(self) -> list[DueKey]:
         """The key frames that are due when the track has ended."""

@@ -11,16 +11,21 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from pvg._arrays import Floats
 from pvg.face import Landmarks
 from pvg.landmarks import FaceTrack, FaceTracker, OpenTrack, smooth
 from pvg.picture import Picture
 from pvg.skin import Scene, SceneReader
 from pvg.vectorization.key_frames import FADE_REACH, faded, first_good_row, good_rows, surroundings
+from pvg.vectorization.veil import picture_contrast
 
 CHUNK = 32  # frames a face is followed by at a time
 LOOKAHEAD = 32  # frames that must be known after the last of them; the smoothing's filters reach 22
 HISTORY = 96  # frames before them that tell jitter from movement
+# of the contrast of a shot's pictures: less is a fade, more is none [measured: 0.8 and more in clips without one]
+_FADED, _CLEAR = 0.75, 0.95
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,11 +207,21 @@ class Following:
         """The view that a track starts from; None when it is no face yet, too small, or shows none that is good."""
         if not self._tracker.is_face(course.track, finished=self._finished) or window.width_px < self._min_face_px:
             return None
-        row = 0 if self._from_first_row else first_good_row(window)
+        row = 0 if self._from_first_row else self._key_row(window)
         if not (ended or self._from_first_row or good_rows(window)[row]):
             return None
         frame = window.first + row
         return key_view(window, row, course.pictures[frame], self._scenes.get(frame))
+
+    def _key_row(self, window: FaceTrack) -> int:
+        """The first row that shows the face well and lies in no fade from or to white, if those are known."""
+        row, frames = first_good_row(window), range(window.first, window.last + 1)
+        if not all(frame in self._scenes for frame in frames):
+            return row
+        contrasts = np.array([picture_contrast(self._scenes[frame].rgb) for frame in frames])
+        if contrasts[row] >= _FADED * contrasts.max():
+            return row
+        return first_good_row(window, np.asarray(contrasts >= _CLEAR * contrasts.max()))
 
 
 def key_view(track: FaceTrack, row: int, picture: Picture, scene: Scene | None = None) -> KeyView:

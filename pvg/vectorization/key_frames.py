@@ -40,9 +40,14 @@ def good_rows(track: FaceTrack) -> NDArray[np.bool_]:
     return good
 
 
-def first_good_row(track: FaceTrack) -> int:
-    """The first row that shows the face well, else the best one."""
+def first_good_row(track: FaceTrack, clear: NDArray[np.bool_] | None = None) -> int:
+    """The first row that shows the face well, else the best one.
+
+    clear: (n,) which rows are to be taken if one of them shows it well.
+    """
     good = good_rows(track)
+    if clear is not None and (good & clear).any():
+        good &= clear
     turned = np.abs(track.pose[:, :2]).max(axis=1)
     return int(np.argmax(good)) if good.any() else int(np.argmax(track.score - turned / 90.0))
 

@@ -33,6 +33,7 @@ from pvg.vectorization.following import KeyView, Stretch, rows_between
 from pvg.vectorization.key_colors import fit_key_frame
 from pvg.vectorization.open_skin import skin_sample
 from pvg.vectorization.part_colors import part_colors
+from pvg.vectorization.veil import picture_contrast
 
 ADVISED_FACE_PX = 200  # the paper's least face size
 _SAMPLE_MARGIN = 0.06  # of the face's width: reach of what smooths the sampled skin
@@ -89,7 +90,8 @@ class VectorFace:
         self._no_body = np.zeros(scene_raster(key.picture.size).shape, np.uint8)
         self._watch: ExposureWatch | None = None
         if reset is None:
-            self._watch = ExposureWatch(key.row, Patch.of(key.picture, key.landmarks, self.key_matte))
+            whole = None if key.scene is None else picture_contrast(key.scene.rgb)
+            self._watch = ExposureWatch(key.row, Patch.of(key.picture, key.landmarks, self.key_matte), whole)
 
     def add(self, stretch: Stretch, writer: AssetWriter) -> None:
         """Follow the skin through the next rows and write them."""
@@ -100,12 +102,15 @@ class VectorFace:
             matte = self._skin.step(picture, rows.landmarks[k], scene)
             if self._reset is not None and row % self._reset == 0 and row not in self._keys:
                 self._fit(row, picture, rows.landmarks[k], matte)
+            visible = float(stretch.visible[k])
             if self._watch is not None:
                 score, pose = float(rows.score[k]), rows.pose[k]
-                self._fit_due(self._watch.see(row, picture, rows.landmarks[k], matte, score, pose))
+                whole = None if scene is None else picture_contrast(scene.rgb)
+                self._fit_due(self._watch.see(row, picture, rows.landmarks[k], matte, score, pose, whole))
+                visible *= self._watch.shows
             seen = matte, self._skin.light, self._skin.told
             body = self._bodies.submit(self._body_alpha, scene, rows.landmarks[k], *seen)
-            self._unwritten.append((rows, k, float(stretch.visible[k]), body))
+            self._unwritten.append((rows, k, visible, body))
             steady = matte if self._skin.seen is None else self._consensus.add(self._skin.seen)
             if steady is not None:
                 self._write_first(steady, writer)

@@ -1,0 +1,51 @@
+"""Fades from and to white: how far a face shows through what lies over the whole picture.
+
+Light that changes scales a picture, a fade to white takes its contrast away as well: of a picture I, v of the way to
+white, there is (1 − v) I + v W. What a look changes must fade alike, or its face is left on a white picture. Told by
+the contrast c, deviation over mean, of the face and of the whole picture, beside that of the track's key frame: a face
+that is lit more softly leaves the picture's contrast, and a picture that shows another place leaves the face's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from pvg._arrays import Bytes, Floats
+
+_WHITE = 255.0
+_CLEAR = 0.9  # of the face: from what shows through so far on, nothing lies over it [measured: clips without fades]
+_DARK = 1.0  # level of a mean that a deviation is divided by, at least
+
+
+def contrast(luma: Floats | Bytes) -> float:
+    """The deviation of a picture's luma over its mean."""
+    return float(np.std(luma)) / max(float(np.mean(luma)), _DARK)
+
+
+def picture_contrast(rgb: Bytes) -> float:
+    """The same of a picture (h, w, 3) uint8 RGB."""
+    return contrast(np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8))
+
+
+@dataclass(frozen=True)
+class Veil:
+    """What a face and the picture around it are like on the key frame.
+
+    face, picture: their contrasts;  luma: the face's mean, levels.
+    """
+
+    face: float
+    picture: float
+    luma: float
+
+    def shows(self, face: float, picture: float) -> float:
+        """How far a face shows through, in [0, 1], where these are the contrasts of it and of its picture."""
+        left = max(face / max(self.face, 1e-6), picture / max(self.picture, 1e-6))
+        if left >= 1.0:
+            return 1.0
+        # c = (1 − v) m / ((1 − v) m + v W), solved for 1 − v
+        through = left * _WHITE / (left * _WHITE + max(self.luma, _DARK) * (1.0 - left))
+        return min(1.0, through / _CLEAR)
