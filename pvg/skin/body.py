@@ -99,10 +99,14 @@ class BodyTracker:
     """Makes the matte of a person's skin off the face in each scene of a track, in order."""
 
     def __init__(self, colors: SkinColors, light: Floats) -> None:
-        """colors: learned on the key frame;  light: (3,) RGB, the face's colour there."""
+        """colors: learned on the key frame;  light: (3,) RGB, the face's colour there.
+
+        Then  told_apart: in [0, 1], how far the face's skin has a colour that its person's other skin is told by.
+        """
         self._tables = color_tables(colors)
         self._scale = colors.scale
         self._light = light
+        self.told_apart = float(smoothstep(np.hypot(*colors.scale.center[1:]), *_BODY.told_apart))
         # what one scene leaves to the next: its picture (h, w, 3), and (h, w, 3) probability, mask and alpha
         self._before: tuple[Bytes, Floats] | None = None
         self._hair: Floats | None = None  # of the scene before
@@ -142,6 +146,8 @@ class BodyTracker:
         share = _owned(scene, landmarks, head)
         if share is not None:
             probability = np.asarray(probability * share, np.float32)
+        if self.told_apart < 1:
+            probability *= np.float32(self.told_apart)
         self._leave_out_hair(probability, scene.rgb, person, known, hair, head, gain)
         mask, alpha = self._smooth_in_time(scene, probability, known, person, head)
         return Matte.over(scene.raster.box, in_levels(alpha), mask)

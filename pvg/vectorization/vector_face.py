@@ -149,9 +149,11 @@ class VectorFace:
         skin = main.visible & (table_labels().group == 0) & (table_labels().curve != BOUNDARY)
         colors = main.colors[skin] if skin.any() else main.colors
         width = float(np.median(np.concatenate(self._extents)))
-        warnings: tuple[str, ...] = ()
+        warnings = []
         if width < self._advised_px:
-            warnings = (f"the face is {width:.0f} px wide; {self._advised_px} px or more is advised",)
+            warnings.append(f"the face is {width:.0f} px wide; {self._advised_px} px or more is advised")
+        if self._body is not None and self._body.told_apart < 0.5:
+            warnings.append("its skin has next to no colour; skin beside the face is left as it is")
         summary = FaceSummary(
             index=index,
             first_frame=self.first,
@@ -159,7 +161,7 @@ class VectorFace:
             width_px=round(width, 1),
             skin_rgb=tuple(int(v) for v in np.rint(np.median(colors, axis=0))),  # type: ignore[arg-type]
             person=index,
-            warnings=warnings,
+            warnings=tuple(warnings),
         )
         return FaceRecord(summary, keys)
 

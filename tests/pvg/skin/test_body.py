@@ -322,3 +322,13 @@ def test_a_scene_covers_the_picture_with_square_cells() -> None:
         assert raster.box[2] == pytest.approx(size[1])
         assert size[0] <= raster.box[3] + 1e-3 < size[0] + raster.step + 1e-3
         assert max(raster.shape) <= 257
+
+
+def test_skin_without_colour_tells_of_no_other_skin() -> None:
+    drawn = _drawn("grey")
+    grey = replace(drawn, rgb=np.repeat(drawn.rgb.mean(axis=2, keepdims=True), 3, axis=2).astype(np.uint8))
+    body, skin = _tracker(grey)
+    assert body.told_apart == 0.0
+    assert not _step(body, skin, grey, grey.scene()).any()
+    colored, _ = _tracker(_drawn())
+    assert colored.told_apart == 1.0
