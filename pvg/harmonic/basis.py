@@ -154,7 +154,7 @@ class HarmonicBasis:
     bin_members: Ints
 
     @property
-    def n_leaves(self) -> int:
+    def n_basis(self) -> int:
         """Number of basis functions."""
         return len(self.radii)
 
@@ -165,7 +165,7 @@ class HarmonicBasis:
             points: (n_points, 2) float, (x, y) in pixels.
 
         Returns:
-            (n_points, n_leaves), sparse.
+            (n_points, n_basis), sparse.
 
         Raises:
             ValueError: points of another shape, or not finite.
@@ -201,10 +201,10 @@ class HarmonicBasis:
             _fill_rows(*arguments, 0, len(where))
         else:
             side_by_side(lambda: _fill_rows(*arguments, 0, half), lambda: _fill_rows(*arguments, half, len(where)))
-        return sparse.csr_array((data, indices, starts.astype(np.int32)), shape=(len(where), self.n_leaves))
+        return sparse.csr_array((data, indices, starts.astype(np.int32)), shape=(len(where), self.n_basis))
 
     def design_matrix(self, points: NDArray[Any]) -> sparse.csr_array:
-        """B of eq. (3): (n_points, n_leaves), row = ψ_i(x) / Σ_j ψ_j(x), so that constants are exact.
+        """B of eq. (3): (n_points, n_basis), row = ψ_i(x) / Σ_j ψ_j(x), so that constants are exact.
 
         Args:
             points: (n_points, 2) float, (x, y) in pixels, on the domain or within one ring of it.

@@ -29,7 +29,7 @@ class BoundaryFit:
 
     Attributes:
         colors: (S, 3) float32, 0–255 RGB: g = u|γ, one colour a curve point.
-        coefficients: (n_leaves, 3) float64, λ of u = Σ λ_i ψ_i.
+        coefficients: (n_basis, 3) float64, λ of u = Σ λ_i ψ_i.
         residual: root mean square of image − u over the sampled pixels and channels, in levels of 255.
         basis: the functions ψ_i, for `evaluate`.
     """

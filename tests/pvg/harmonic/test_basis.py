@@ -71,7 +71,7 @@ def test_scaling_a_source_adds_a_constant() -> None:
 
 def test_uniform_function_has_the_known_values(uniform: HarmonicBasis) -> None:
     tree = uniform.tree
-    middle = int(np.argmin(np.linalg.norm(tree.centers[: uniform.n_leaves] - 100, axis=1)))
+    middle = int(np.argmin(np.linalg.norm(tree.centers[: uniform.n_basis] - 100, axis=1)))
     steps = np.array([0.0, 1.0, 2.0, 2.9999999])
     points = tree.centers[middle] + np.stack([steps, 0 * steps], axis=1) * 5.0
     column = uniform.values(points).toarray()[:, middle]
@@ -112,7 +112,7 @@ def test_linear_values_as_coefficients_are_reproduced(
     uniform: HarmonicBasis, graded: Quadtree, pixels: np.ndarray
 ) -> None:
     for basis, worst in ((uniform, 0.05), (harmonic_basis(graded), 0.45)):
-        centers = basis.tree.centers[: basis.n_leaves]
+        centers = basis.tree.centers[: basis.n_basis]
         error = np.abs(basis.design_matrix(pixels) @ centers - pixels)
         side = basis.tree.sizes[basis.tree.locate(pixels)]
         assert (error / side[:, None]).max() < worst
