@@ -30,13 +30,11 @@ class BoundaryFit:
     Attributes:
         colors: (S, 3) float32, 0–255 RGB: g = u|γ, one colour a curve point.
         coefficients: (n_basis, 3) float64, λ of u = Σ λ_i ψ_i.
-        residual: root mean square of image − u over the sampled pixels and channels, in levels of 255.
         basis: the functions ψ_i, for `evaluate`.
     """
 
     colors: Floats
     coefficients: Doubles
-    residual: float
     basis: HarmonicBasis
 
 
@@ -82,11 +80,9 @@ def fit_boundary_colors(
     shifts = solve_least_squares(
         B, laplacian_matrix(tree), sample.colors - base, trust, smoothness, reweight=robust
     )  # eq. (3)
-    error = sample.colors - base - B @ shifts
-    residual = float(np.sqrt((error**2).mean(axis=1).mean()))
     places = _move_inside(curve_points, domain)
     colors = np.clip(base + basis.design_matrix(places) @ shifts, 0.0, 255.0).astype(np.float32)  # eq. (2): g = u|γ
-    return BoundaryFit(colors, base + shifts, residual, basis)
+    return BoundaryFit(colors, base + shifts, basis)
 
 
 def evaluate(fit: BoundaryFit, points: NDArray[Any]) -> Floats:

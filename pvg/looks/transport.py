@@ -8,9 +8,9 @@ colour depends only on its value and on the two distributions.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Float = NDArray[np.float64]
+from pvg._arrays import Doubles
 
 
 def sliced_transport(
@@ -21,12 +21,11 @@ def sliced_transport(
     beta: float = 0.2,
     iterations: int = 20,
     weights: ArrayLike | None = None,
-    reference_weights: ArrayLike | None = None,
-) -> Float:
+) -> Doubles:
     """Move `colors` to the distribution of `reference`: T ← T + β (M uᵀ − T), once a random rotation u.
 
     colors, reference: (n, 3) and (m, 3), finite, 0–255 RGB (any linear colour space works).
-    weights, reference_weights: (n,) and (m,) positive mass of each colour; equal masses when None.
+    weights: (n,) positive mass of each of `colors`; equal masses when None.
     Returns (n, 3) float64 in the order of `colors`; it is not clipped to the colour range.
 
     The result does not depend on the order of either set, equal colours stay equal bit for bit, and equal sets
@@ -36,8 +35,7 @@ def sliced_transport(
     """
     moved = _checked_colors(colors, "colors").copy()
     target = _checked_colors(reference, "reference")
-    mass = _checked_weights(weights, len(moved), "weights")
-    target_mass = _checked_weights(reference_weights, len(target), "reference_weights")
+    mass = _checked_weights(weights, len(moved))
     if not 0.0 < beta <= 1.0:
         raise ValueError(f"beta must lie in (0, 1], got {beta}")
     if iterations < 0:
@@ -47,40 +45,29 @@ def sliced_transport(
         matched = np.empty_like(moved)
         for axis in range(3):
             direction = u[:, axis]
-            matched[:, axis] = _match(_project(moved, direction), mass, _project(target, direction), target_mass)
+            matched[:, axis] = _match(_project(moved, direction), mass, _project(target, direction))
         for channel in range(3):
             back = _project(matched, u[channel])
             moved[:, channel] += beta * (back - moved[:, channel])  # eq. (7)
     return moved
 
 
-def sliced_wasserstein(
-    a: ArrayLike,
-    b: ArrayLike,
-    *,
-    rng: np.random.Generator,
-    projections: int = 64,
-    weights_a: ArrayLike | None = None,
-    weights_b: ArrayLike | None = None,
-) -> float:
+def sliced_wasserstein(a: ArrayLike, b: ArrayLike, *, rng: np.random.Generator, projections: int = 64) -> float:
     """Sliced 2-Wasserstein distance of two colour sets, in levels.
 
     The root of the mean, over `projections` random directions, of the squared exact one-dimensional distance.
-    a, b: (n, 3) and (m, 3); weights_a, weights_b: (n,) and (m,) positive or None. Raises ValueError like
-    `sliced_transport`.
+    a, b: (n, 3) and (m, 3). Raises ValueError like `sliced_transport`.
     """
     first, second = _checked_colors(a, "a"), _checked_colors(b, "b")
-    mass_a = _checked_weights(weights_a, len(first), "weights_a")
-    mass_b = _checked_weights(weights_b, len(second), "weights_b")
     if projections < 1:
         raise ValueError(f"projections must be at least 1, got {projections}")
     directions = rng.standard_normal((projections, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    squares = [_squared_wasserstein(_project(first, d), mass_a, _project(second, d), mass_b) for d in directions]
+    squares = [_squared_wasserstein(_project(first, d), _project(second, d)) for d in directions]
     return float(np.sqrt(np.mean(squares)))
 
 
-def _checked_colors(colors: ArrayLike, name: str) -> Float:
+def _checked_colors(colors: ArrayLike, name: str) -> Doubles:
     checked = np.asarray(colors, dtype=np.float64)
     if checked.ndim != 2 or checked.shape[1] != 3 or len(checked) == 0:
         raise ValueError(f"{name} must have the shape (n, 3) with n >= 1, got {checked.shape}")
@@ -89,32 +76,32 @@ def _checked_colors(colors: ArrayLike, name: str) -> Float:
     return checked
 
 
-def _checked_weights(weights: ArrayLike | None, count: int, name: str) -> Float | None:
+def _checked_weights(weights: ArrayLike | None, count: int) -> Doubles | None:
     """The masses, or None for equal ones."""
     if weights is None:
         return None
     checked = np.asarray(weights, dtype=np.float64)
     if checked.shape != (count,):
-        raise ValueError(f"{name} must have the shape ({count},), got {checked.shape}")
+        raise ValueError(f"weights must have the shape ({count},), got {checked.shape}")
     if not (np.isfinite(checked).all() and (checked > 0).all()):
-        raise ValueError(f"{name} must be finite and positive")
+        raise ValueError("weights must be finite and positive")
     return checked
 
 
-def _random_rotation(rng: np.random.Generator) -> Float:
+def _random_rotation(rng: np.random.Generator) -> Doubles:
     """A uniformly random orthonormal 3×3 matrix; the signs of diag R make the QR factor unique."""
     q, r = np.linalg.qr(rng.standard_normal((3, 3)))
-    signs: Float = np.where(np.diag(r) < 0.0, -1.0, 1.0)
+    signs: Doubles = np.where(np.diag(r) < 0.0, -1.0, 1.0)
     return q * signs
 
 
-def _project(rows: Float, direction: Float) -> Float:
+def _project(rows: Doubles, direction: Doubles) -> Doubles:
     """rows @ direction, written out: a BLAS product may round equal rows differently by their position."""
-    projected: Float = rows[:, 0] * direction[0] + rows[:, 1] * direction[1] + rows[:, 2] * direction[2]
+    projected: Doubles = rows[:, 0] * direction[0] + rows[:, 1] * direction[1] + rows[:, 2] * direction[2]
     return projected
 
 
-def _match(values: Float, mass: Float | None, target: Float, target_mass: Float | None) -> Float:
+def _match(values: Doubles, mass: Doubles | None, target: Doubles) -> Doubles:
     """Each value's partner in `target` at the same quantile, in the order of `values`.
 
     The quantile of a value is (midrank − ½)/n, or with masses the middle of the mass that its ties hold together,
@@ -123,10 +110,11 @@ def _match(values: Float, mass: Float | None, target: Float, target_mass: Float 
     order = np.argsort(values)
     ordered = values[order]
     ends = np.append(np.flatnonzero(ordered[1:] != ordered[:-1]), len(ordered) - 1)
-    upper = _cumulated(mass, order)[ends]
+    cumulated = np.arange(1.0, len(order) + 1.0) if mass is None else np.cumsum(mass[order])
+    upper = cumulated[ends]
     lower = np.concatenate(([0.0], upper[:-1]))
     quantiles = (lower + upper) / (2.0 * upper[-1])
-    partners = np.interp(quantiles, *_quantile_curve(target, target_mass))  # eq. (8)
+    partners = np.interp(quantiles, (np.arange(len(target)) + 0.5) / len(target), np.sort(target))  # eq. (8)
     if len(ends) < len(order):
         partners = np.repeat(partners, np.diff(ends, prepend=-1))
     matched = np.empty_like(values)
@@ -134,28 +122,13 @@ def _match(values: Float, mass: Float | None, target: Float, target_mass: Float 
     return matched
 
 
-def _quantile_curve(values: Float, mass: Float | None) -> tuple[Float, Float]:
-    """Abscissae (l − ½)/m, or the middles of the masses, and the sorted values there."""
-    if mass is None:
-        return (np.arange(len(values)) + 0.5) / len(values), np.sort(values)
-    order = np.argsort(values)
-    cumulated = np.cumsum(mass[order])
-    return (cumulated - 0.5 * mass[order]) / cumulated[-1], values[order]
-
-
-def _cumulated(mass: Float | None, order: NDArray[np.intp]) -> Float:
-    return np.arange(1.0, len(order) + 1.0) if mass is None else np.cumsum(mass[order])
-
-
-def _squared_wasserstein(values_a: Float, mass_a: Float | None, values_b: Float, mass_b: Float | None) -> float:
+def _squared_wasserstein(values_a: Doubles, values_b: Doubles) -> float:
     """∫ (Q_a − Q_b)² over [0, 1] of the two stepwise quantile functions, exactly."""
-    order_a, order_b = np.argsort(values_a), np.argsort(values_b)
-    steps_a, steps_b = _cumulated(mass_a, order_a), _cumulated(mass_b, order_b)
-    steps_a, steps_b = steps_a / steps_a[-1], steps_b / steps_b[-1]
+    steps_a, steps_b = (np.arange(1.0, len(values) + 1.0) / len(values) for values in (values_a, values_b))
     steps = np.sort(np.concatenate((steps_a, steps_b)))
     widths = np.diff(steps, prepend=0.0)
     middles = steps - 0.5 * widths
     index_a = np.minimum(np.searchsorted(steps_a, middles), len(values_a) - 1)
     index_b = np.minimum(np.searchsorted(steps_b, middles), len(values_b) - 1)
-    gaps = values_a[order_a][index_a] - values_b[order_b][index_b]
+    gaps = np.sort(values_a)[index_a] - np.sort(values_b)[index_b]
     return float(np.sum(widths * gaps**2))

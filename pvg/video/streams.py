@@ -117,10 +117,6 @@ class Streams:
     light: ContentLight | None = None
     embedded: tuple[str, ...] = ()
 
-    def of_kind(self, kind: Kind) -> tuple[Track, ...]:
-        """The tracks of one kind, in the file's order."""
-        return tuple(track for track in self.tracks if track.kind == kind)
-
 
 NOTHING = Streams()
 

@@ -53,7 +53,6 @@ def test_a_constant_image_gives_that_constant(robust: bool) -> None:
     assert result.colors.shape == (len(CURVES), 3)
     assert result.colors.dtype == np.float32
     assert np.abs(result.colors - color).max() < 1e-4
-    assert result.residual < 1e-6
 
 
 def test_linear_shading_is_recovered() -> None:
@@ -68,7 +67,6 @@ def test_smooth_shading_is_recovered() -> None:
     result = fit(CLEAN)
     assert rms(result.colors - TRUTH) < 0.1
     assert np.abs(result.colors - TRUTH).max() < 0.6
-    assert result.residual < 0.1
 
 
 def test_fitting_averages_noise_that_point_sampling_keeps() -> None:
@@ -153,7 +151,7 @@ def test_colours_stay_in_range_and_the_field_can_be_shown() -> None:
     y, x = np.nonzero(DOMAIN)
     field = evaluate(result, np.stack([x, y], axis=1))
     assert field.shape == (len(x), 3)
-    assert result.residual < rms(field - steep[y, x]) < 0.6
+    assert rms(field - steep[y, x]) < 0.6
 
 
 @pytest.mark.parametrize(

@@ -101,15 +101,11 @@ def test_a_single_color_goes_to_the_medians_and_a_single_reference_pulls_all() -
 def test_integer_weights_equal_repeated_colors() -> None:
     rng = np.random.default_rng(8)
     a, b = SKIN[:60], LOOK[:45]
-    times_a, times_b = rng.integers(1, 4, len(a)), rng.integers(1, 4, len(b))
-    # a repeated reference colour is a flat step and a weighted one a single knot: close, not equal
-    weighted = transport(a, b, weights=times_a, reference_weights=times_b)
-    repeated = transport(np.repeat(a, times_a, axis=0), np.repeat(b, times_b, axis=0))
-    assert np.abs(weighted - repeated[np.cumsum(times_a) - 1]).mean() < 2.0
-    own = transport(a, b, weights=times_a)
-    np.testing.assert_allclose(own, transport(np.repeat(a, times_a, axis=0), b)[np.cumsum(times_a) - 1], atol=1e-9)
-    scaled = transport(a, b, weights=7.0 * times_a, reference_weights=0.125 * times_b)
-    np.testing.assert_allclose(scaled, weighted, atol=1e-9)
+    times_a = rng.integers(1, 4, len(a))
+    weighted = transport(a, b, weights=times_a)
+    repeated = transport(np.repeat(a, times_a, axis=0), b)
+    np.testing.assert_allclose(weighted, repeated[np.cumsum(times_a) - 1], atol=1e-9)
+    np.testing.assert_allclose(transport(a, b, weights=7.0 * times_a), weighted, atol=1e-9)
 
 
 def test_the_distance_of_shifted_copies_is_the_shift_over_root_three() -> None:
