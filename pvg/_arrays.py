@@ -1,6 +1,8 @@
-"""Names for the arrays that everything here is made of, and the one smooth step."""
+"""Names for the arrays that everything here is made of, and steps from 0 to 1, straight and smooth."""
 
 from __future__ import annotations
+
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +13,17 @@ Ints = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
 Bools = NDArray[np.bool_]
 
+Reals = TypeVar("Reals", Floats, Doubles)
+Values = TypeVar("Values", Floats, Doubles, float)
+
+
+def ramp(values: Values, low: float, high: float) -> Values:
+    """0 at `low`, 1 at `high`, a line between and level beyond them; `low` may be the greater."""
+    clipped: Values = np.clip((values - low) / (high - low), 0.0, 1.0)
+    return clipped
+
 
 def smoothstep(values: Floats, low: float, high: float) -> Floats:
     """0 up to `low`, 1 from `high` on, smooth between (the cubic t² (3 − 2 t))."""
-    t = np.clip((values - low) / (high - low), 0.0, 1.0)
+    t = ramp(values, low, high)
     return np.asarray(t * t * (3.0 - 2.0 * t), np.float32)

@@ -20,6 +20,8 @@ Affine = Doubles
 Box = tuple[int, int, int, int]
 
 SUPERSAMPLE = 6
+LUMA = np.array([0.299, 0.587, 0.114])
+"""Weights of R, G and B in luma [Rec. 601]."""
 
 
 class Picture(Protocol):

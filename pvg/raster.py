@@ -8,17 +8,14 @@ adds or takes away a half.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pvg._arrays import Bools, Doubles, Floats
+from pvg._arrays import Bools, Doubles, Floats, Reals
 from pvg._bilinear import read_grid
 
 SUBPIXEL_BITS = 4
-
-Reals = TypeVar("Reals", Floats, Doubles)
 
 
 @dataclass(frozen=True, eq=False)

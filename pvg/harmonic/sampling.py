@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pvg._arrays import Bools, Doubles
+from pvg._arrays import Bools, Doubles, ramp
 from pvg.harmonic.quadtree import Quadtree
-
-_LUMA = np.array([0.299, 0.587, 0.114])  # of R, G, B: Rec. 601
+from pvg.picture import LUMA
 
 # A highlight, compared with the median of its cell:
 _BRIGHTER = (2.0, 3.5)  # by so many spreads of luma: suspicion begins, is complete [by eye]
@@ -77,7 +76,7 @@ def highlight_trust(sample: Sample, side: float) -> Doubles:
         (n,) float64 in [0.001, 1].
     """
     top, low = sample.colors.max(axis=1), sample.colors.min(axis=1)
-    luma = sample.colors @ _LUMA
+    luma = sample.colors @ LUMA
     saturation = (top - low) / np.maximum(top, 1.0)
     cells = np.floor(sample.points / side).astype(np.int64)
     _, cell = np.unique(cells @ (1 << 20, 1), return_inverse=True)
@@ -94,6 +93,5 @@ def highlight_trust(sample: Sample, side: float) -> Doubles:
     typical = quantile(saturation, np.lexsort((saturation, cell)), 0.5)
     excess = (luma - middle[cell]) / np.maximum(spread, _LEAST_SPREAD)[cell]
     pale = (saturation < _PALER * typical[cell]) | (low >= _CLIPPED)
-    least, surely = _BRIGHTER
-    suspicion = np.where(pale, np.clip((excess - least) / (surely - least), 0.0, 1.0), 0.0)
+    suspicion = np.where(pale, ramp(excess, *_BRIGHTER), 0.0)
     return np.maximum(1.0 - suspicion, _LEAST_TRUST)

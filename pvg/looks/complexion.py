@@ -19,7 +19,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from pvg._arrays import Doubles, Floats
+from pvg._arrays import Doubles, Floats, ramp
 from pvg.looks.key_light import in_key_light
 from pvg.looks.scene import in_scene
 from pvg.looks.tone import to_opponent, to_rgb
@@ -73,19 +73,14 @@ def _borne(own: Doubles, goal: Doubles) -> float:
     What it has of it itself; but as much as skin has where it is not grey and gets dark.
     """
     has = min(_saturation(own) / _usual(own), 1.0)
-    darker = _ramp(float(own[0] - goal[0]), 0.0, _DARKENED) * _ramp(float(goal[0]), *_DARK)
+    darker = ramp(float(own[0] - goal[0]), 0.0, _DARKENED) * ramp(float(goal[0]), *_DARK)
     return has + darker * (1.0 - _film(own)) * (1.0 - has)
 
 
 def _film(own: Doubles) -> float:
     """How surely a clip's skin is that of a grey film: 1 where it has little of the saturation that such skin has."""
     pale = min(_PALER * max(float(own[0]) - _PALE, 0.0), _PALEST)
-    return _ramp(_saturation(own) / (_usual(own) - pale), *_GREY)
-
-
-def _ramp(value: float, none: float, all_of_it: float) -> float:
-    """0 at `none`, 1 at `all_of_it`, a line between and level beyond them."""
-    return min(max((value - none) / (all_of_it - none), 0.0), 1.0)
+    return ramp(_saturation(own) / (_usual(own) - pale), *_GREY)
 
 
 def _held(lab: Doubles, own: Doubles) -> Doubles | None:

@@ -17,12 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from pvg._arrays import Doubles, Floats
+from pvg.picture import LUMA
 
 CRISP = 0.8
 """p of `steeper` where T takes the place of λ. A face made bright by lifted shadows is flat, its brows and beard milky,
 its neck bright [by blind choice: 0.8 rather than 0.4 or 0]."""
 
-_LUMA = np.array([0.299, 0.587, 0.114])
 _QUANTILES = (0.03, 0.10, 0.25, 0.50, 0.75, 0.90, 0.97)
 _SLOPES = (0.45, 2.0)  # of the tone curve between two quantiles [by eye: outside, blotches or a flat wash]
 # the same over T/Y, the slope of the same skin in more or less light: what contrast of the reference may add to the
@@ -56,7 +56,7 @@ _LEAST_LUMA_SPREAD = 4.0  # levels: skin of less spread says nothing of how chro
 
 def luma_of(colors: Floats | Doubles) -> Doubles:
     """(n,) luma of RGB (n, 3)."""
-    return np.asarray(colors @ _LUMA)
+    return np.asarray(colors @ LUMA)
 
 
 def to_opponent(colors: Floats | Doubles) -> Doubles:
@@ -69,7 +69,7 @@ def to_rgb(opponent: Doubles) -> Doubles:
     """The inverse of `to_opponent`."""
     luma, blue, red = opponent.T
     r, b = luma + red, luma + blue
-    return np.stack([r, (luma - _LUMA[0] * r - _LUMA[2] * b) / _LUMA[1], b], axis=1)
+    return np.stack([r, (luma - LUMA[0] * r - LUMA[2] * b) / LUMA[1], b], axis=1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pvg._arrays import Bools, Bytes, Floats
+from pvg._arrays import Bools, Bytes, Floats, ramp
 from pvg.skin._kernels import normalize_chroma
 from pvg.skin.parameters import SKIN_PRIOR
 
@@ -122,8 +122,7 @@ def squared_distances(lab: Floats, sample: Floats, shaded: Bools) -> tuple[Float
     chroma = max(float(np.hypot(*tone)), _LEAST_CHROMA)
     saturation = (lab[..., 1:] @ tone) / chroma**2  # 1 for the sample's own, 0 for greys
     grey = _COLORS.grey * np.maximum(0, _COLORS.least_saturation - saturation) ** 2
-    dark, light = _COLORS.shade_rise
-    in_light = np.clip((lab[..., 0] - dark) / (light - dark), 0, 1)
+    in_light = ramp(lab[..., 0], *_COLORS.shade_rise)
     grey *= min(1.0, chroma / _COLORS.full_chroma) * np.where(shaded, in_light, 1)
     distance = squares.sum(axis=2) + grey
     tonal = distance - _COLORS.lightness_discount * squares[..., 0]

@@ -17,10 +17,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from pvg._arrays import Bools, Bytes, Floats
+from pvg._arrays import Bools, Bytes, Floats, ramp
 from pvg.raster import Raster
 from pvg.skin.matte import Matte
-from pvg.skin.parameters import SKIN_PRIOR, Range
+from pvg.skin.parameters import SKIN_PRIOR
 
 REACH = 2  # frames to either side
 
@@ -91,16 +91,12 @@ def _agreed(window: deque[MatteInTime]) -> Matte:
     strange = np.asarray(cv2.absdiff(own.rgb, _median(*(frame.rgb for frame in window))), np.uint8).max(axis=2)
     kernel = np.ones((_CONSENSUS.part, _CONSENSUS.part), np.uint8)
     broad = np.asarray(cv2.morphologyEx(strange, cv2.MORPH_OPEN, kernel), np.uint8)
-    of_other_hue = np.asarray(own.occluder * _rise(strange, _CONSENSUS.colored), np.float32)
-    weight = np.maximum(_rise(np.asarray(cv2.dilate(broad, kernel), np.uint8), _CONSENSUS.passing), of_other_hue)
+    of_other_hue = np.asarray(own.occluder * ramp(strange.astype(np.float32), *_CONSENSUS.colored), np.float32)
+    passing = ramp(np.asarray(cv2.dilate(broad, kernel), np.float32), *_CONSENSUS.passing)
+    weight = np.maximum(passing, of_other_hue)
     mixed = alpha + weight * (own.alpha.astype(np.float32) - alpha)
     changed = np.rint(mixed).astype(np.uint8)
     return own.matte(changed, np.where(changed == own.alpha, own.mask, changed >= 128))
-
-
-def _rise(levels: Bytes, ends: Range) -> Floats:
-    low, high = ends
-    return np.asarray(np.clip((levels - np.float32(low)) / np.float32(high - low), 0, 1), np.float32)
 
 
 def _median(a: Bytes, b: Bytes, c: Bytes, d: Bytes, e: Bytes) -> Bytes:

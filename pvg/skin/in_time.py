@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from pvg._arrays import Bools, Bytes, Floats
+from pvg._arrays import Bools, Bytes, Floats, ramp
 from pvg.skin.parameters import SKIN_PRIOR
 
 _TRACKING = SKIN_PRIOR.tracking
@@ -35,8 +35,7 @@ def soft_edge(probability: Floats, mask: Bools, blur: float) -> Floats:
     blur: cells, how far around.
     """
     near = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), blur)
-    low, high = _TRACKING.edge_rise
-    alpha = np.clip((probability - low) / (high - low), 0, 1)
+    alpha = ramp(probability, *_TRACKING.edge_rise)
     outer, inner = _TRACKING.edge_core
     return np.asarray(np.where(near > inner, 1.0, np.where(near < outer, 0.0, alpha)), np.float32)
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from pvg._arrays import Bools, Bytes, Floats
+from pvg._arrays import Bools, Bytes, Floats, ramp
 from pvg.face import FaceAxes, Landmarks, layout
+from pvg.raster import SUBPIXEL_BITS, fixed_point
 from pvg.skin._kernels import SpatialCoefficients, spatial_fields
 from pvg.skin.parameters import SKIN_PRIOR, ClosingNumbers, Range, SkinPrior
 
 _BOX, _REGIONS = SKIN_PRIOR.box, SKIN_PRIOR.regions
-_POLYGON_SHIFT = 4  # polygons are rasterised with 1/16 px
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,12 +244,12 @@ def _released(head: HeadShape, outside: Floats, forehead: Bools) -> Floats:
     ys, xs = np.mgrid[: outside.shape[0], : outside.shape[1]]
     beside = np.abs((xs - head.middle[0]) * head.axes.across[0] + (ys - head.middle[1]) * head.axes.across[1])
     narrow, wide = numbers.crown_beside
-    middle = np.clip((wide - beside / head.width) / (wide - narrow), 0, 1)
+    middle = ramp(beside / head.width, wide, narrow)
     release = (numbers.forehead_outside - numbers.crown_outside) * outside * middle * forehead
     return np.asarray(release, np.float32)
 
 
-def _ramp(ends: Range) -> tuple[np.float32, np.float32]:
+def _line(ends: Range) -> tuple[np.float32, np.float32]:
     """Slope of the line that is 0 at the first end and 1 at the second, and its value at 0."""
     low, high = np.float32(ends[0]), np.float32(ends[1])
     slope = np.float32(1) / (high - low)
@@ -259,8 +259,8 @@ def _ramp(ends: Range) -> tuple[np.float32, np.float32]:
 def _coefficients(prior: SkinPrior) -> SpatialCoefficients:
     """The numbers of the spatial prior in the form computed with."""
     head, ears, neck, regions, one = prior.head, prior.ears, prior.neck, prior.regions, np.float32(1)
-    head_slope, head_at_chin = _ramp(neck.head_rise)
-    weight_slope, weight_at_chin = _ramp(neck.weight_rise)
+    head_slope, head_at_chin = _line(neck.head_rise)
+    weight_slope, weight_at_chin = _line(neck.weight_rise)
     across = one / np.float32(ears.width)
     return SpatialCoefficients(
         cheek_inside=np.float32(head.cheek_inside),
@@ -330,8 +330,8 @@ def _distance(mask: Bools) -> Floats:
 def _fill(shape: tuple[int, int], polygon: Floats) -> Bools:
     """(h, w) bool, true inside a polygon (n, 2)."""
     out = np.zeros(shape, np.uint8)
-    fixed = np.rint(np.clip(polygon, -8192, 8192) * (1 << _POLYGON_SHIFT)).astype(np.int32)
-    cv2.fillPoly(out, [fixed], (1,), lineType=cv2.LINE_8, shift=_POLYGON_SHIFT)
+    fixed = fixed_point(np.clip(polygon, -8192, 8192))
+    cv2.fillPoly(out, [fixed], (1,), lineType=cv2.LINE_8, shift=SUBPIXEL_BITS)
     return out.astype(np.bool_)
 
 

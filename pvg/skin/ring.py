@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from pvg._arrays import Bytes, Floats
+from pvg._arrays import Bytes, Floats, ramp
 from pvg.skin.color_model import MAD_TO_SIGMA, ColorScale, median_deviation, to_skin_lab
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import HeadShape
@@ -35,8 +35,7 @@ def hair_odds(rgb: Bytes, person: Bytes, known: Floats, head: HeadShape, scale: 
     samples = [sample[:: 1 + len(sample) // _RING.most_sample] for sample in samples]
     start, end = _RING.reach
     share = np.clip((end - np.hypot(side, depth)) / (end - start), _RING.far, 1)
-    low, high = _RING.neck_rise
-    share = np.where(depth > 0, share * np.clip((side / half_width - low) / (high - low), 0, 1), share)
+    share = np.where(depth > 0, share * ramp(side / half_width, *_RING.neck_rise), share)
     asked = (person > 255 * _BODY.no_person) & ~face & (share > 0)
     levels = np.clip(np.arange(256)[:, None] * gain, 0, 255).astype(np.uint8)
     colors = rgb.reshape(-1, 1, 3)[np.concatenate([*samples, np.flatnonzero(asked)])]

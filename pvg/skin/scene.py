@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from pvg import models
-from pvg._arrays import Bytes, Floats
+from pvg._arrays import Bytes, Floats, ramp
 from pvg.face import Landmarks
 from pvg.picture import Picture, as_picture
 from pvg.raster import Raster, first_reading
@@ -97,8 +97,7 @@ class Scene:
             for other, own in zip(raster.centers(), self.raster.centers(), strict=True)
         )
         person = self.raster.read(self.person.astype(np.float32) / np.float32(255), xs, ys)
-        low, high = _BODY.any_person
-        return np.asarray(np.clip((person - low) / np.float32(high - low), 0, 1), np.float32)
+        return ramp(person, *_BODY.any_person)
 
 
 def _maps(flow: Floats, shape: tuple[int, int]) -> tuple[Floats, Floats]:

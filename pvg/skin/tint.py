@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pvg._arrays import Bools, Bytes, Doubles, Floats
+from pvg._arrays import Bools, Bytes, Doubles, Floats, ramp
 from pvg.skin.parameters import SKIN_PRIOR
 
 _TINT = SKIN_PRIOR.tint
@@ -46,8 +46,7 @@ def tint_slopes(rgb: Bytes, sample: Bools, size: float) -> Doubles:
 def without_tilt(rgb: Bytes, slopes: Doubles, size: float) -> Bytes:
     """The picture (h, w, 3) with a tilt (2, 2) of the light's colour beyond the usual taken back, itself if none."""
     steep = np.hypot(*slopes.T)
-    low, high = _TINT.tilt_rise
-    share = np.clip((steep - low) / (high - low), 0.0, 1.0)
+    share = ramp(steep, *_TINT.tilt_rise)
     if not share.any():
         return rgb
     slopes = slopes * (share * np.minimum(1.0, _TINT.steepest / np.maximum(steep, 1e-9)))[:, None]
