@@ -9,7 +9,7 @@ are alike, or one is not seen nearby, the cells' own alpha stays.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -21,13 +21,27 @@ from pvg.raster import Raster
 from pvg.rendering import _edge_kernels as kernels
 from pvg.rendering.placed_face import PlacedFace
 from pvg.skin import Matte
-from pvg.skin.parameters import SKIN_PRIOR
 from pvg.video import Frame, PixelFormat
 
 Planes = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
 
-_EDGES = SKIN_PRIOR.edges
-_RISE = np.array(_EDGES.rise, np.float32)
+
+@dataclass(frozen=True)
+class EdgeNumbers:
+    """The matte's edge at picture resolution: the line of colours between skin and its surroundings."""
+
+    certain: tuple[float, float] = (0.1, 0.9)  # of a cell's alpha [measured: as rise]: between both the picture decides
+    reach: int = 2  # blocks of 2×2 cells to either side [measured: as rise]: whose colours count
+    noise: float = 1000.0  # squared levels [measured: less flickers more]: colours that differ by less tell nothing
+    few: float = 6.0  # cells of either side [by eye]: fewer are trusted in proportion
+    chroma: float = 2.0  # weight of chroma beside luma [by eye]
+    # of the way to skin's colour [measured: narrower meets labels better, flickers more]
+    rise: tuple[float, float] = (0.0, 0.9)
+
+
+EDGES = EdgeNumbers()
+
+_RISE = np.array(EDGES.rise, np.float32)
 _CROSS = np.asarray(cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3)), np.uint8)
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 _SKIN, _AROUND = 1, 2  # kinds of cells, see `kernels.gather`
@@ -52,13 +66,13 @@ def refine(alpha: Floats, window: tuple[int, int], matte: Matte, frame: Frame) -
     log2x, log2y = frame.format.chroma_log2
     weights = _weights(frame.format)
     near = _near(touched)
-    side = 2 * _EDGES.reach + 1
+    side = 2 * EDGES.reach + 1
     wanted = np.asarray(cv2.dilate(near, np.ones((side, side), np.uint8)), np.bool_)
     corner, step = (matte.raster.origin - np.array([x, y])).astype(np.float32), float(matte.raster.step)
     sums = np.zeros((*near.shape, 2 * kernels.SUMS), np.float32)
     kernels.gather(first, second, third, log2x, log2y, weights, corner, step, kind, wanted, sums)
     lines = np.empty((*near.shape, kernels.LINE), np.float32)
-    kernels.color_lines(sums, weights, near, _EDGES.reach, _EDGES.noise, _EDGES.few, _RISE, lines)
+    kernels.color_lines(sums, weights, near, EDGES.reach, EDGES.noise, EDGES.few, _RISE, lines)
     cells = np.empty((*kind.shape, kernels.LINE), np.float32)
     kernels.spread_to_cells(lines, touched, cells)
     opacity = np.float32(full / 255.0)
@@ -91,7 +105,7 @@ def _kinds(alpha: Bytes, full: int) -> Bytes:
 
     alpha: (h, w) of a matte whose skin is `full`.
     """
-    low, high = (np.uint8(round(share * full)) for share in _EDGES.certain)
+    low, high = (np.uint8(round(share * full)) for share in EDGES.certain)
     around = cv2.erode((alpha <= low).view(np.uint8), _CROSS)
     return np.asarray((alpha > high) * np.uint8(_SKIN) + around * np.uint8(_AROUND), np.uint8)
 
@@ -107,4 +121,4 @@ def _weights(pixel_format: PixelFormat) -> Floats:
     levels = 2.0 ** (8 - pixel_format.depth) / pixel_format.levels_a_grey
     if pixel_format.is_rgb:
         return np.full(3, levels / np.sqrt(3.0), np.float32)  # as long as luma for greys
-    return np.array([levels, levels * _EDGES.chroma, levels * _EDGES.chroma], np.float32)
+    return np.array([levels, levels * EDGES.chroma, levels * EDGES.chroma], np.float32)

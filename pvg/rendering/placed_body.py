@@ -22,13 +22,12 @@ from numpy.typing import NDArray
 
 from pvg._arrays import Bytes, Floats
 from pvg.raster import Raster
-from pvg.rendering.edges import refine
+from pvg.rendering.edges import EDGES, refine
 from pvg.rendering.placed_face import PlacedFace
 from pvg.skin import Matte
-from pvg.skin.parameters import SKIN_PRIOR
 from pvg.video import Frame
 
-_REACH = 2 * (SKIN_PRIOR.edges.reach + 1)  # cells around the matte whose colours its edge is told by, even
+_REACH = 2 * (EDGES.reach + 1)  # cells around the matte whose colours its edge is told by, even
 _SOFT = 2  # cells beside the matte that its edge may lie in
 _LEAST = 1e-3  # of alpha: less is nothing
 _THIN, _BESIDE = 1.7, 2.0  # of the body's cells: a rim along a face's matte is thinner, and as near to it [by eye]

@@ -411,18 +411,6 @@ class ConsensusNumbers:
 
 
 @dataclass(frozen=True)
-class EdgeNumbers:
-    """The matte's edge at picture resolution: the line of colours between skin and its surroundings."""
-
-    certain: Range = (0.1, 0.9)  # of a cell's alpha [measured: as rise]: between both the picture decides
-    reach: int = 2  # blocks of 2×2 cells to either side [measured: as rise]: whose colours count
-    noise: float = 1000.0  # squared levels [measured: less flickers more]: colours that differ by less tell nothing
-    few: float = 6.0  # cells of either side [by eye]: fewer are trusted in proportion
-    chroma: float = 2.0  # weight of chroma beside luma [by eye]
-    rise: Range = (0.0, 0.9)  # of the way to skin's colour [measured: narrower meets labels better, flickers more]
-
-
-@dataclass(frozen=True)
 class RingNumbers:
     """Hair beside the face and on the shoulders, by the colours of the ring around the head."""
 
@@ -498,7 +486,6 @@ class SkinPrior:
     tracking: TrackingNumbers = TrackingNumbers()
     body: BodyNumbers = BodyNumbers()
     consensus: ConsensusNumbers = ConsensusNumbers()
-    edges: EdgeNumbers = EdgeNumbers()
     ring: RingNumbers = RingNumbers()
     network: NetworkNumbers = NetworkNumbers()
     body_network: BodyNetworkNumbers = BodyNetworkNumbers()
