@@ -12,6 +12,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING
 
+from pvg._version import __version__ as __version__
 from pvg.errors import (
     AssetError,
     FaceTooSmallError,
@@ -53,8 +54,6 @@ __all__ = [
     "transfer",
     "vectorize",
 ]
-
-__version__ = "0.1.0"
 
 # what takes long to load is loaded when it is first asked for: the command's help needs none of it, a transfer half
 _HOMES = {

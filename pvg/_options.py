@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-import pvg
+from pvg._version import __version__
 
 if TYPE_CHECKING:
     from pvg.looks import Contrast
@@ -47,7 +47,7 @@ def parser_of(runs: Mapping[str, Run]) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="pvg", description="Face colour transfer for portrait video: vectorise once, many looks."
     )
-    parser.add_argument("--version", action="version", version=f"pvg {pvg.__version__}")
+    parser.add_argument("--version", action="version", version=f"pvg {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
     def command(name: str, text: str) -> argparse.ArgumentParser:

@@ -13,8 +13,8 @@ from typing import Literal
 
 import av
 
-import pvg
 from pvg._threads import one_blas_thread
+from pvg._version import __version__
 from pvg.asset import VectorVideo
 from pvg.looks import Look
 from pvg.memory import looks_at_once
@@ -100,7 +100,7 @@ def join_parts(
 
 
 def _of_parts(video: VectorVideo, crf: int | None, preset: str | None) -> ClipOfParts:
-    made_by = f"pvg {pvg.__version__}, PyAV {av.__version__}"
+    made_by = f"pvg {__version__}, PyAV {av.__version__}"
     return ClipOfParts(video.source_sha256, video.frame_count, crf, preset, made_by)
 
 
