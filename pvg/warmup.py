@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pvg._arrays import Bytes
 from pvg.curves import boundary_radius
 from pvg.face import FaceAxes, Landmarks, layout
 from pvg.harmonic import fit_boundary_colors
@@ -37,7 +37,7 @@ def warm_up() -> None:
     _show([*frames, still])
 
 
-def _frame(rgb: NDArray[np.uint8], depth: int) -> Frame:
+def _frame(rgb: Bytes, depth: int) -> Frame:
     """A frame of so many bits."""
     pixel_format = PixelFormat("yuv420p", depth, (1, 1), (0.299, 0.114), False)
     first, second, third = pixel_format.from_rgb(rgb)

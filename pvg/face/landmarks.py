@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pvg._arrays import Floats
+from pvg._arrays import Floats, Ints
 from pvg.face import layout
 from pvg.face.axes import FaceAxes
 from pvg.raster import Raster, scaled
@@ -84,7 +84,7 @@ def _contour_side(vertices: tuple[int, ...]) -> list[tuple[int, int, float]]:
     return cuts
 
 
-def _landmark_cuts() -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:
+def _landmark_cuts() -> tuple[Ints, Ints, Floats]:
     """Of each landmark the vertices around it (106,) and how far it lies on the way between them (106, 1)."""
     cuts = _contour_side(layout.MESH_LEFT_CONTOUR) + _contour_side(layout.MESH_RIGHT_CONTOUR)[-2::-1]
     cuts += [(vertex, vertex, 0.0) for vertex in layout.MESH_AFTER_CONTOUR]

@@ -20,7 +20,7 @@ from pvg._compiled import kernel
 from pvg.membrane.lattice import Lattice, flat_size, grid_levels
 
 Layout = Sequence[tuple[int, int, bool]]
-Samples = NDArray[np.int32]
+SampleIndices = NDArray[np.int32]
 
 MIN_THETA = np.float32(0.001)
 """A node on a curve is tied by 1/θ = 1000 at most. [derived: what leaks through it to the other side of the curve is
@@ -51,8 +51,8 @@ class EdgeCuts:
     theta: Floats
     node: NDArray[np.intp]
     weight: Floats
-    start: Samples
-    stop: Samples
+    start: SampleIndices
+    stop: SampleIndices
     place: Floats
 
     def values(self, samples: ArrayLike) -> Floats:
@@ -111,7 +111,7 @@ def cut_edges(points: ArrayLike, layout: Layout, lattice: Lattice, *, active: Ar
 
 
 @lru_cache(maxsize=4)
-def _segments(layout: tuple[tuple[int, int, bool], ...], samples: int) -> tuple[Samples, Samples]:
+def _segments(layout: tuple[tuple[int, int, bool], ...], samples: int) -> tuple[SampleIndices, SampleIndices]:
     """First and last sample of every segment of γ."""
     start, stop = [np.empty(0, np.int32)], [np.empty(0, np.int32)]
     for first, last, closed in layout:
@@ -125,8 +125,8 @@ def _segments(layout: tuple[tuple[int, int, bool], ...], samples: int) -> tuple[
 
 @kernel()
 def _nearest_crossings(
-    points: Doubles, start: Samples, stop: Samples, levels: Ints, size: int
-) -> tuple[Floats, Samples, Floats]:
+    points: Doubles, start: SampleIndices, stop: SampleIndices, levels: Ints, size: int
+) -> tuple[Floats, SampleIndices, Floats]:
     """Nearest crossing of γ on each of a node's four edges (right, left, below, above), on every level.
 
     points: (S, 2) in steps of the finest level;  start, stop: first and last sample of each segment.
@@ -171,7 +171,7 @@ def _nearest_crossings(
 
 
 @kernel()
-def _tie_values(samples: Floats, start: Samples, stop: Samples, place: Floats) -> Floats:
+def _tie_values(samples: Floats, start: SampleIndices, stop: SampleIndices, place: Floats) -> Floats:
     """(C, E) values at the ties, linear between the samples (S, C) float32 they lie between."""
     out = np.empty((samples.shape[1], len(start)), np.float32)
     for e in range(len(start)):

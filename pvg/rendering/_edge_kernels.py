@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pvg._arrays import Bools, Bytes, Floats
+from pvg._arrays import Bools, Bytes, Floats, Ints
 from pvg._compiled import kernel
+from pvg.rendering._kernels import Samples
 
-Samples = NDArray[np.uint8] | NDArray[np.uint16]
 SUMS = 5  # of one side: cells, their three colours, and the squared lengths of those
 LINE = 5  # three slopes, an offset, the trust
 
@@ -164,7 +163,7 @@ def _stretch(
     cells: Floats,
     unknown: Bytes,
     undecided: Bools,
-    starts: NDArray[np.int64],
+    starts: Ints,
     begin: Floats,
     pace: np.float32,
     out: Floats,

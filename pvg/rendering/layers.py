@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from pvg._arrays import Bytes
 from pvg.asset import VectorVideo
 from pvg.curves import table_labels
 from pvg.landmarks import draw_landmarks
@@ -18,10 +18,8 @@ LAYERS = ("image", "landmarks", "mask", "matte", "curves", "low", "high")
 _GROUP_COLORS = ((255, 200, 0), (0, 220, 255), (80, 255, 80), (255, 60, 120))  # skin, brows, eyes, lips
 _MID_GREY = 128
 
-Image = NDArray[np.uint8]
 
-
-def layer(video: VectorVideo, index: int, name: str, *, frame: Frame | None = None) -> Image:
+def layer(video: VectorVideo, index: int, name: str, *, frame: Frame | None = None) -> Bytes:
     """Draw layer `name` of frame `index`: (H, W, 3) uint8 RGB.
 
     image: the source;  landmarks: the 106 points on it;  mask, matte: skin in white;  curves: the diffusion curves in
@@ -32,7 +30,7 @@ def layer(video: VectorVideo, index: int, name: str, *, frame: Frame | None = No
         raise ValueError(f"no layer {name!r}; known are {', '.join(LAYERS)}")
     image = (source_frame(video, index) if frame is None else frame).rgb()
     if name in ("mask", "matte"):
-        out: Image = np.zeros_like(image)
+        out: Bytes = np.zeros_like(image)
     elif name == "high":
         out = np.full_like(image, _MID_GREY)
     else:
@@ -47,7 +45,7 @@ def layer(video: VectorVideo, index: int, name: str, *, frame: Frame | None = No
     return out
 
 
-def _draw_curves(out: Image, placed: PlacedFace) -> None:
+def _draw_curves(out: Bytes, placed: PlacedFace) -> None:
     labels = table_labels()
     for start, stop, closed in labels.spans:
         color = _GROUP_COLORS[int(labels.group[start])]
@@ -56,7 +54,7 @@ def _draw_curves(out: Image, placed: PlacedFace) -> None:
 
 
 def _draw_face(
-    out: Image, image: Image, video: VectorVideo, face: int, placed: PlacedFace, index: int, name: str
+    out: Bytes, image: Bytes, video: VectorVideo, face: int, placed: PlacedFace, index: int, name: str
 ) -> None:
     h, w = placed.alpha.shape
     window = (slice(placed.y, placed.y + h), slice(placed.x, placed.x + w))

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from pvg._arrays import Bools, Bytes, Floats
+from pvg._arrays import Bools, Bytes, Doubles, Floats
 from pvg.skin.parameters import SKIN_PRIOR
 
 _CUT = SKIN_PRIOR.cut
@@ -37,7 +36,7 @@ def minimum_cut(rgb: Bytes, log_odds: Floats) -> Bools:
     return cut
 
 
-def _frozen_mixture(mean: float, variance: float) -> NDArray[np.float64]:
+def _frozen_mixture(mean: float, variance: float) -> Doubles:
     """A mixture (1, 65) of one Gaussian that looks at the first channel only: weights, means, covariances."""
     model = np.zeros((1, 65))
     model[0, 0] = 1

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pvg._arrays import Bytes, Doubles, Floats
 from pvg.errors import MediaError
 from pvg.video._kernels import codes_to_rgb, codes_to_sdr
 from pvg.video.color import ColorSpace
@@ -73,7 +74,7 @@ class PixelFormat:
         return replace(self, luma_weights=(0.299, 0.114), full_range=True) if self.is_rgb else self
 
     @cached_property
-    def matrix(self) -> NDArray[np.float64]:
+    def matrix(self) -> Doubles:
         """(3, 3): change in plane code values per unit of R, G, B on the 0–255 scale; rows are planes."""
         if self.luma_weights is None:
             return np.asarray(np.eye(3) * ((2**self.depth - 1) / 255.0))
@@ -83,11 +84,11 @@ class PixelFormat:
         red = (np.array([1.0, 0.0, 0.0]) - luma) / (2.0 * (1.0 - k_r))
         step = 2 ** (self.depth - 8)
         y_span, c_span = (2**self.depth - 1, 2**self.depth - 1) if self.full_range else (219 * step, 224 * step)
-        rows: NDArray[np.float64] = np.stack([y_span * luma, c_span * blue, c_span * red]) / 255.0
+        rows: Doubles = np.stack([y_span * luma, c_span * blue, c_span * red]) / 255.0
         return rows
 
     @cached_property
-    def offset(self) -> NDArray[np.float64]:
+    def offset(self) -> Doubles:
         """(3,): the code values of black."""
         if self.luma_weights is None:
             return np.zeros(3)
@@ -106,7 +107,7 @@ class PixelFormat:
         chroma = (-(-height >> y), -(-width >> x))
         return (height, width), chroma, chroma
 
-    def to_rgb(self, planes: Planes) -> NDArray[np.float64]:
+    def to_rgb(self, planes: Planes) -> Doubles:
         """(H, W, 3) float64, the clip's own R'G'B', 0–255, neither rounded nor clipped; chroma is raised bilinearly."""
         height, width = planes[0].shape
         full = [planes[0].astype(np.float64)]
@@ -120,11 +121,11 @@ class PixelFormat:
         lowered = [_lower_chroma(plane, self) for plane in chroma]
         return (self._quantise(luma), self._quantise(lowered[0]), self._quantise(lowered[1]))
 
-    def _quantise(self, codes: NDArray[np.float64]) -> Plane:
+    def _quantise(self, codes: Doubles) -> Plane:
         quantised: Plane = np.clip(np.rint(codes), 0, 2**self.depth - 1).astype(self.dtype)  # type: ignore[assignment]
         return quantised
 
-    def fast_rgb(self, planes: Planes) -> NDArray[np.uint8]:
+    def fast_rgb(self, planes: Planes) -> Bytes:
         """(H, W, 3) uint8 RGB as an SDR display shows it.
 
         For SDR within 2 levels of the rounded `to_rgb` (chroma is raised in code values).
@@ -143,7 +144,7 @@ class PixelFormat:
         # transform() answers in the depth it was given: 16-bit steps of 1/256 level keep the precision
         return _as_uint8(cv2.convertScaleAbs(cv2.transform(codes, affine * 256.0), alpha=1.0 / 256.0))
 
-    def shown(self, first: NDArray[Any], second: NDArray[Any], third: NDArray[Any]) -> NDArray[np.uint8]:
+    def shown(self, first: NDArray[Any], second: NDArray[Any], third: NDArray[Any]) -> Bytes:
         """(h, w, 3) uint8 RGB as an SDR display shows codes of three planes of one size (h, w), perhaps fractions."""
         out = np.empty((*first.shape, 3), np.uint8)
         if self.color is None:
@@ -153,13 +154,13 @@ class PixelFormat:
         return out
 
     @cached_property
-    def _affine(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def _affine(self) -> tuple[Floats, Floats]:
         """The (3, 3) matrix and (3,) offset from codes to the clip's own R'G'B', 0–255."""
         inverse = np.linalg.inv(self.matrix)
         return inverse.astype(np.float32), (-inverse @ self.offset).astype(np.float32)
 
 
-def _as_uint8(array: Any) -> NDArray[np.uint8]:
+def _as_uint8(array: Any) -> Bytes:
     return np.asarray(array, dtype=np.uint8)
 
 
@@ -175,7 +176,7 @@ def raise_chroma(plane: NDArray[Any], pixel_format: PixelFormat, width: int, hei
     return np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_LINEAR))[:height, :width]
 
 
-def _lower_chroma(plane: NDArray[np.float64], pixel_format: PixelFormat) -> NDArray[np.float64]:
+def _lower_chroma(plane: Doubles, pixel_format: PixelFormat) -> Doubles:
     x, y = pixel_format.chroma_log2
     height, width = plane.shape
     padded = np.pad(plane, ((0, -height % (1 << y)), (0, -width % (1 << x))), mode="edge")
@@ -223,7 +224,7 @@ class Frame:
     planes: Planes
     duration: int = 0
     alpha: Plane | None = None
-    _cache: dict[str, NDArray[np.uint8]] = field(default_factory=dict, init=False, repr=False)
+    _cache: dict[str, Bytes] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def width(self) -> int:
@@ -235,7 +236,7 @@ class Frame:
         """Rows."""
         return int(self.planes[0].shape[0])
 
-    def rgb(self) -> NDArray[np.uint8]:
+    def rgb(self) -> Bytes:
         """(H, W, 3) uint8 RGB as an SDR display shows the frame, computed once; do not write into it."""
         if "rgb" not in self._cache:
             self._cache["rgb"] = self.format.fast_rgb(self.planes)
