@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from pvg.asset.arrays import CHUNK_FRAMES, FRAME_ARRAYS, MATTES
 from pvg.curves import BOUNDARY_SAMPLES, table_labels
-from pvg.face import layout
-from pvg.face.parts import PARTS
+from pvg.face import PARTS, layout
 from pvg.video import INPUT_COLORS
 
 _MAX_SIDE: Final = 65_535

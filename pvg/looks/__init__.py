@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pvg.looks.cube import CUBE_SIZE, look_cube, remainder_by_luma, write_cube
 from pvg.looks.exchange import contrast_of_both, exchange
 from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, BodyMap, Contrast, Look, Region
 from pvg.looks.parts import MAKEUP, Makeup
@@ -12,6 +13,7 @@ from pvg.looks.transport import sliced_transport, sliced_wasserstein
 __all__ = [
     "BETA",
     "CONTRAST_RANGE",
+    "CUBE_SIZE",
     "EXTENTS",
     "ITERATIONS",
     "LIGHT",
@@ -25,9 +27,12 @@ __all__ = [
     "SkinMap",
     "contrast_of_both",
     "exchange",
+    "look_cube",
     "reference_face_of",
+    "remainder_by_luma",
     "sliced_transport",
     "sliced_wasserstein",
     "to_rgb",
     "transfer",
+    "write_cube",
 ]

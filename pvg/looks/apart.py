@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pvg._arrays import Doubles, Floats
 from pvg.asset import KeyFrame
 from pvg.curves import CURVES, GROUPS, table_labels
-from pvg.face.parts import PARTS
+from pvg.face import PARTS
 from pvg.looks.tone import SkinMap, to_opponent, to_rgb
 
 _AROUND: Mapping[str, tuple[str, ...]] = {"lips": ("upper_lip", "chin")}  # curves of the skin beside each part

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from pvg._arrays import Doubles, Floats
 from pvg.asset import KeyFrame
 from pvg.curves import BOUNDARY, CURVES, table_labels
-from pvg.face import layout
-from pvg.face.parts import PARTS
+from pvg.face import PARTS, layout
 from pvg.looks.tone import to_opponent
 
 _SAMPLES_ENOUGH = 60

@@ -14,12 +14,11 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pvg._arrays import Doubles, Floats
+from pvg._arrays import Bools, Doubles, Floats
 from pvg.asset import KeyFrame
 from pvg.curves import CURVES, table_labels
-from pvg.face.parts import PARTS
+from pvg.face import PARTS
 from pvg.looks.tone import SkinMap, UsualChroma, to_opponent
 
 MAKEUP = 0.75  # default strength of every part [by eye]
@@ -160,7 +159,7 @@ def _moustache(reference: KeyFrame) -> bool:
 
 
 @cache
-def _above_the_mouth() -> NDArray[np.bool_]:
+def _above_the_mouth() -> Bools:
     """(S,) the samples of the table on the upper lip's skin."""
     names = [curve.name for curve in CURVES]
     return np.asarray(table_labels().curve == names.index("upper_lip"))

@@ -16,7 +16,7 @@ import numpy as np
 from pvg._arrays import Doubles, Floats
 from pvg.asset import FaceSummary, KeyFrame, VectorVideo, faces_by_index
 from pvg.curves import GROUPS, table_labels
-from pvg.face.parts import PARTS
+from pvg.face import PARTS
 from pvg.looks.apart import parts_apart
 from pvg.looks.color_map import SMALLEST_GROUP, ColorMap, TransportSteps, all_colors_map
 from pvg.looks.complexion import complexion

@@ -21,8 +21,7 @@ import numpy as np
 
 from pvg._arrays import Floats
 from pvg.curves import BOUNDARY, GROUPS
-from pvg.face import layout
-from pvg.face.cover import soft_cover
+from pvg.face import layout, soft_cover
 from pvg.membrane import Membrane
 from pvg.raster import scaled
 from pvg.rendering.placed_face import PlacedFace

@@ -12,8 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from pvg._arrays import Doubles, Floats
-from pvg.face import Landmarks
-from pvg.face.parts import PARTS, add_cover, feather, part_outlines
+from pvg.face import PARTS, Landmarks, add_cover, feather, part_outlines
 from pvg.rendering.correction import Correction
 
 

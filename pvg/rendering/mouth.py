@@ -21,8 +21,7 @@ import numpy as np
 
 from pvg._arrays import Floats, smoothstep
 from pvg.asset import KeyFrame
-from pvg.face import Landmarks, layout
-from pvg.face.parts import PARTS
+from pvg.face import PARTS, Landmarks, layout
 from pvg.membrane import Lattice
 from pvg.rendering.coding import Coding
 from pvg.rendering.node_means import mean_codes

@@ -16,7 +16,7 @@ import pytest
 import pvg
 from pvg import _options as cli
 from pvg.cli import main
-from pvg.face.parts import PARTS
+from pvg.face import PARTS
 from pvg.looks import BETA, ITERATIONS, LIGHT, MAKEUP
 from pvg.rendering import LAYERS, MATTES
 from pvg.video import CONTAINERS, IMAGE_SUFFIXES, INPUT_COLORS, probe, read_image

@@ -17,7 +17,7 @@ from pydantic import ValidationError
 
 import pvg
 from pvg.asset import FaceSummary, MediaSummary
-from pvg.face.parts import PARTS
+from pvg.face import PARTS
 from pvg.looks import MAKEUP
 from pvg.rendering import LAYERS, MATTES, PART_S, can_join, part_bounds
 from pvg.rendering import PARTS as EXPORTED

@@ -3,8 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pvg.face import layout
-from pvg.face.parts import PARTS, Outline, add_cover, feather, part_outlines
+from pvg.face import PARTS, Outline, add_cover, feather, layout, part_outlines
 from tests.gallery.faces import made_up_landmarks
 
 _SQUARE = np.array([(20, 20), (44, 20), (44, 40), (20, 40)], np.float32)

@@ -6,7 +6,7 @@ import numpy as np
 
 from pvg.asset import KeyFrame
 from pvg.curves import CURVES, GROUPS, table_labels
-from pvg.face.parts import PARTS
+from pvg.face import PARTS
 from pvg.looks import SkinMap, to_rgb
 from pvg.looks.apart import parts_apart
 from pvg.looks.tone import to_opponent

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pvg.looks import SkinMap
-from pvg.looks.cube import look_cube, write_cube
+from pvg.looks import SkinMap, look_cube, write_cube
 from pvg.video import color_space
 from tests.gallery.cubes import apply_cube, read_cube
 

@@ -7,7 +7,7 @@ import pytest
 
 from pvg.asset import KeyFrame
 from pvg.curves import CURVES, table_labels
-from pvg.face.parts import PARTS
+from pvg.face import PARTS
 from pvg.looks.parts import _LIP_HUE, _LIP_TURN, MAKEUP, PartChanges, _hue, strengths
 from pvg.looks.tone import SkinMap, to_opponent, to_rgb
 from tests.gallery.assets import key_frame

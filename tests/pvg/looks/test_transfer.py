@@ -8,7 +8,7 @@ import pytest
 
 import pvg
 from pvg.curves import BOUNDARY, GROUPS, table_labels
-from pvg.face.parts import PARTS
+from pvg.face import PARTS
 from pvg.looks.complexion import complexion
 from pvg.looks.transfer import _into_gamut
 from pvg.video import VideoWriter, probe, read_frames

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from pvg.asset import FaceInFrame, KeyFrame
-from pvg.face import layout
-from pvg.face.parts import PARTS
+from pvg.face import PARTS, layout
 from pvg.membrane import Lattice
 from pvg.rendering.mouth import see_mouth
 from pvg.video import RGB24, PixelFormat
