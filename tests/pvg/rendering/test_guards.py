@@ -70,7 +70,9 @@ def test_a_guard_follows_a_power_of_the_skins_gain(gain: float, power: float, fa
     placed = place_face(face, table_labels(), 640, 360)
     assert placed is not None
     luma = np.random.default_rng(0).uniform(80, 120, len(table_labels())).astype(np.float32)
-    for guard in guarded_alpha(placed, ("eyes", "teeth"))[1]:
+    _, guards = guarded_alpha(placed, ("eyes", "teeth"))
+    assert len(guards) == 3
+    for guard in guards:
         found = guard_gain(guard, placed, luma, np.float32(gain) * luma)
         assert found == pytest.approx(gain**power, rel=0.01)
         assert gain != 1.0 or found == 1.0
