@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, settings
 import pvg
 from scripts.samples import Samples, fetch_samples
 from tests.gallery.clips import cut_clip
+from tests.service.servers import missing
 
 pytest_plugins = ["tests.promises", "tests.parts", "tests.worker.serving"]
 
@@ -59,7 +60,7 @@ def media_dir() -> Path:
     """The labelled media beside the repository."""
     folder = REPOSITORY.parent / "shared" / "media"
     if not folder.is_dir():
-        pytest.skip("the folder shared/media is not beside the repository")
+        missing("the folder shared/media is not beside the repository", required_by="REQUIRE_MEDIA")
     return folder
 
 

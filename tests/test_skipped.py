@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.service.servers import PACKAGES
+from tests.service.servers import PACKAGES, missing
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
@@ -47,6 +47,15 @@ def test_where_servers_are_required_a_missing_one_is_a_failure(tmp_path: Path) -
     code, lines = run(tmp_path, 0, PVG_REQUIRE_SERVERS="1")
     assert code == 1
     assert "2 failed, 1 passed, 1 error" in lines[-1]
+
+
+def test_where_media_are_required_a_missing_folder_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("REQUIRE_MEDIA", raising=False)
+    with pytest.raises(pytest.skip.Exception):
+        missing("there are none", required_by="REQUIRE_MEDIA")
+    monkeypatch.setenv("REQUIRE_MEDIA", "1")
+    with pytest.raises(pytest.fail.Exception, match="REQUIRE_MEDIA=1, but there are none"):
+        missing("there are none", required_by="REQUIRE_MEDIA")
 
 
 def run(folder: Path, processes: int, **more: str) -> tuple[int, list[str]]:

@@ -35,10 +35,10 @@ PACKAGES: Final = {
 }
 
 
-def missing(what: str) -> NoReturn:
-    """Skip the test, or fail it where the servers are required."""
-    if os.environ.get("PVG_REQUIRE_SERVERS") == "1":
-        pytest.fail(f"PVG_REQUIRE_SERVERS=1, but {what}")
+def missing(what: str, *, required_by: str = "PVG_REQUIRE_SERVERS") -> NoReturn:
+    """Skip the test, or fail it where a variable says that what it needs is required, as all of it is in CI."""
+    if os.environ.get(required_by) == "1":
+        pytest.fail(f"{required_by}=1, but {what}")
     pytest.skip(what)
 
 

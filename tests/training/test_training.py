@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from benchmarks.quality.labels import SKIN, Label, Region, read_labels
-from benchmarks.quality.media import MEDIA
 from benchmarks.quality.regions import labels_of_half
 from pvg.picture import as_picture
 from pvg.skin.network import FIELDS
@@ -30,9 +29,8 @@ def test_every_picture_of_the_list_has_its_label_and_no_label_is_without() -> No
         assert "==" in one.package or "@" in one.package or one.package in {"samples", "media"}
 
 
+@pytest.mark.usefixtures("media_dir")
 def test_nothing_that_figures_are_reported_on_is_trained_on() -> None:
-    if not MEDIA.is_dir():
-        pytest.skip("the folder shared/media is not beside the repository")
     unseen = {label.media.name for label in labels_of_half(read_labels(), "report")}
     assert unseen
     assert not unseen & {one.member.rsplit("/", 1)[-1] for one in training_pictures()}
