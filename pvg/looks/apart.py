@@ -1,8 +1,8 @@
-"""Lips apart from their surroundings: the membrane carries the skin's change across them, and they their own.
+"""Lips apart from their surroundings: the membrane carries the skin's change across them, their own is added to it.
 
 A curve's colours reach as far as the next curve. What F does to lips differs from what it does to skin, so a value of
 their own at their curves would leak into the skin beside them, a cloud around the mouth. Their curves take the change
-of the skin around them instead, and what they lack of F is added where the part is, see `pvg.rendering.makeup`.
+of the skin around them instead, and what is then missing of F's is added within the lips, see `pvg.rendering.makeup`.
 """
 
 from __future__ import annotations

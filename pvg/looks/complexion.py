@@ -1,17 +1,17 @@
 """The complexion that a reference gives: its open skin in its key light, as the scene bears it, within what skin is.
 
 A picture's colours are as much its camera's and its grade's as its people's. Among its own dark curtains and blue
-greys, skin of little chroma looks like skin; put into another picture it looks dead. So skin that is greyer than skin
-of its lightness usually is gains chroma, up to that, and not where the clip's own skin is grey for its lightness: a
-grey film stays grey, and a clip's own colours are themselves. Pale skin is no grey film, though it has little chroma:
-when it is made darker it gets that of darker skin.
+greys, skin of little chroma looks like skin; put into another picture it looks dead. So skin that is greyer than is
+usual at its lightness gains chroma, up to what is usual; but not where the clip's own skin is just as grey: a grey film
+stays grey, and a clip that is given its own colours stays as it is. Pale skin has little chroma too, yet is no grey
+film: made darker, it gets the chroma of darker skin.
 
 Skin that is richer, redder or yellower than skin is, flushed, burnt out or under an orange or a greenish lamp, turns
 another face to salmon, orange or olive. Its chroma is held to what skin has and its hue turned until it is no redder
 and no yellower, though never beyond the clip's own.
 
-In a grey film skin as rich as a reference's is the only colour, and looks painted: of what the reference is richer than
-the clip's own skin, the film bears a part.
+In a grey film, skin as rich as a reference's would be the only colour and look painted: it takes only a part of the
+chroma that the reference's skin has beyond the clip's own.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from pvg.looks.tone import to_opponent, to_rgb
 # [by blind choice: less or more of it was chosen less often, at L* 60, 64, 71 and 77]
 _USUAL, _FALL, _MOST = 0.36, 0.004, 0.40
 _GREY = (0.72, 0.55)  # of the usual saturation: skin with more is of no grey film, with less of one [by eye]
-# of L*: skin that gets darker by so much takes the chroma of darker skin, where it ends below the first of two, wholly
-# from the second down [by eye: pale skin is not to be tanned]
+# of L*: skin that gets darker by _DARKENED takes the chroma of darker skin: all of it where it ends below the second of
+# _DARK, nothing where it stays above the first [by eye: pale skin is not to be tanned]
 _DARKENED, _DARK = 8.0, (66.0, 60.0)
 _PALE, _PALER, _PALEST = 68.0, 0.005, 0.05  # L* from which on skin has less chroma, saturation a level and at most
 _IN_FILM = 0.6  # of what is richer than the clip's own skin, in a grey film
@@ -41,7 +41,8 @@ _YELLOWEST = np.radians(62.0)  # hue of CIELAB, at most [by eye]
 def complexion(reference: Floats, own: Floats, scene: float) -> Floats:
     """The colours (m, 3) that open skin `own` (n, 3) is to take from a `reference`'s (k, 3), 0-255 RGB, m ≤ k.
 
-    scene: in [0, 1], see `pvg.looks.scene`; how far what is richer, redder or yellower than skin is held to that, too.
+    scene: in [0, 1], how far the limits of `pvg.looks.scene` hold, and those on what is richer, redder or yellower than
+    skin is.
     """
     skin = in_key_light(reference)
     if min(len(skin), len(own)) == 0:
@@ -70,7 +71,7 @@ def _usual(lab: Doubles) -> float:
 def _borne(own: Doubles, goal: Doubles) -> float:
     """How much of the usual saturation a clip's skin `own` bears in the lightness of `goal`.
 
-    What it has of it itself; but as much as skin has where it is not grey and gets dark.
+    Its own share of the usual saturation; skin that is not grey and becomes darker is allowed all of it.
     """
     has = min(_saturation(own) / _usual(own), 1.0)
     darker = ramp(float(own[0] - goal[0]), 0.0, _DARKENED) * ramp(float(goal[0]), *_DARK)
@@ -84,9 +85,9 @@ def _film(own: Doubles) -> float:
 
 
 def _held(lab: Doubles, own: Doubles) -> Doubles | None:
-    """A complexion (3,) CIELAB within what skin is, or as far off as `own` is if that is farther; None when it is so.
+    """The complexion `lab` (3,) CIELAB held to what skin can be, or to `own` where that lies farther out.
 
-    What is neither red nor yellow is skin in coloured light, which is meant.
+    None when nothing is to be held. A hue that is neither red nor yellow is that of coloured light: it is meant so.
     """
     chroma, hue = _chroma_and_hue(lab)
     own_chroma, own_hue = _chroma_and_hue(own)

@@ -1,4 +1,4 @@
-"""How much of a reference's complexion a clip's scene bears.
+"""Limits how far the reference's skin colour may differ from what looks plausible in the clip.
 
 Two pictures differ in exposure and in the colour of their light as much as their people do. Taken wholly, the skin of
 a bright picture glows in a dark scene like a lamp, that of a dark one is a mask of mud in a bright room, and what is
@@ -33,8 +33,8 @@ _POORER = (0.10, 0.19)  # k and m, where the reference's skin has less of it [by
 def in_scene(reference: Floats, own: Floats, share: float) -> Floats:
     """The colours (m, 3) of a reference's open skin as the scene of the clip's skin `own` (n, 3) bears them.
 
-    Both 0-255 RGB and not empty;  share: in [0, 1], of what the scene does not bear, how much is left away; 0 takes the
-    reference as it is. All of its colours go the way of their median, so that shading, blush and freckles stay.
+    Both 0-255 RGB and not empty;  share: in [0, 1], how much of what the scene does not bear is left out; 0 takes the
+    reference as it is. All of its colours are moved as their median is, so that shading, blush and freckles stay.
     """
     if share == 0.0:
         return reference

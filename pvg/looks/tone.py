@@ -162,8 +162,9 @@ def steeper(tone: Doubles, middle: float, crisp: float) -> Doubles:
 def below_white(tone: Doubles, own: UsualChroma, goal: UsualChroma) -> Doubles:
     """T (256,) darkened where a channel of the brightest skin that it makes gets near to white.
 
-    Red is cut there while luma still rises: highlights would turn yellow, then flat. Bent they would be flat as well,
-    so all of the skin takes a little less light. What is as bright already stays.  own, goal: see `SkinMap`.
+    There red would be cut off while luma still rises: highlights would turn yellow, then flat. Bending the curve would
+    flatten them as well, so all of the skin is made a little darker instead, but no darker than it is in the clip.
+    own, goal: see `SkinMap`.
     """
     levels = np.arange(256.0)
     high = luma = np.maximum(np.interp([own.brightest], levels, tone), 1.0)
@@ -193,8 +194,8 @@ def _box(table: Doubles) -> Doubles:
 class SkinMap:
     """The map F of a skin's colours to another's.
 
-    tone: (256,) T;  own, goal: the usual chroma before and after;  spread: k;  broad: k of what is no finer than the
-    curves, at most that.
+    tone: (256,) T;  own, goal: the usual chroma before and after;  spread: k for single pixels;  broad: k for patches
+    that are no finer than the curves, at most `spread`.
     """
 
     tone: Doubles
@@ -231,7 +232,7 @@ class SkinMap:
     def __call__(self, colors: Floats, spread: float | None = None) -> Doubles:
         """Map (n, 3) colours, 0-255 RGB; the result may leave that range.
 
-        spread: k, that of single pixels when None.
+        spread: k; None means `self.spread`, the gain for single pixels.
         """
         opponent = to_opponent(colors)
         luma = np.interp(opponent[:, 0], np.arange(256.0), self.tone)
@@ -243,9 +244,9 @@ class SkinMap:
     def beside(self) -> Doubles:
         """(256,) the tone curve of skin beside the face: as much brighter or darker as the middle of the face's skin.
 
-        An ear or a neck is lit otherwise than the face, and differs from it as before, though nothing brighter gets
-        nearer to white than by its share of the way. Deep shade goes through black, or as the face's own curve makes it
-        if that is brighter.
+        An ear or a neck is lit otherwise than the face, and keeps its difference to it. What is brighter than the
+        middle comes no nearer to white than in proportion to how near it was. Deep shade goes through black, or along
+        the face's own curve where that is brighter.
         """
         levels, middle = np.arange(256.0), self.own.middle
         bright = float(np.interp(middle, levels, self.tone))

@@ -2,10 +2,11 @@
 
 The tone curve of a look stretches the tones of the open skin. An ear or a neck in the face's own shade lies below them,
 and the curve, which is steep there for the sake of brows and folds, would make it much darker against the face than it
-was. Outside the face's oval the membrane therefore takes up the difference to the map that moves skin as the middle of
-the face is moved (`SkinMap.beside`), told by the matte's mean colour around each node, so that texture and shape keep
-the face's contrast and nothing has an edge. What the face's curves ask for of luma ends there: it would make the neck
-brighter than the chest, which has no curves. What they ask for of chroma goes on, and evens the neck's own.
+was. Outside the face's oval the membrane therefore also carries the difference between that curve and the one that
+moves skin as the middle of the face is moved (`SkinMap.beside`). It is read at the matte's mean colour around each
+node, so that texture and shape keep the face's contrast and nothing has an edge. The change of luma that the face's
+curves ask for ends there: it would make the neck brighter than the chest, which has no curves. Their change of chroma
+goes on, and evens the neck's own.
 """
 
 from __future__ import annotations

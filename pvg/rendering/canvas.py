@@ -46,7 +46,7 @@ class Asked:
 class Canvas:
     """The pictures that are drawn on, and the file whose other streams go along; None without one.
 
-    frames: all of them, each time it is called. missing: what is not there to go along, in words.
+    frames: all of them, each time it is called. missing: what cannot go along, in words.
     """
 
     info: MediaInfo

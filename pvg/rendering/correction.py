@@ -5,7 +5,7 @@ with Δu' = λf inside and u' = g' on γ is λI + H(g' − λg): the clip with i
 added. It is affine in every pixel, so it is taken in luma and chroma, the planes that clips are coded in.
 
 λ is called *contrast* everywhere, from the request down to the kernels, and is a number. Where the look has one smooth
-map F of colour and no number is asked for, F takes the place of λ times,
+map F of colour and no number is asked for, F takes the place of the product with λ,
 
     u' = F(I) + H(g' − F(g)),
 
@@ -55,7 +55,7 @@ class Correction:
 
     shift: (3, h, w) float32 H(g' − λg) of luma and chroma, code values;
     low: (3, h, w) float32 H(g), there when λ is a number other than 1;
-    around: (h, w) float32 H(g) of luma above black, there with F: what is much darker is no skin, see `planes`.
+    around: (h, w) float32 H(g) of luma above black, there with F: what is much darker than it is no skin, see `planes`.
     """
 
     lattice: Lattice

@@ -5,8 +5,8 @@ a look,
 
     I' = I + α (u'(S) − S)
 
-A map that is no line, as a look's map of colour is, must therefore be read at S. Read at I, skin between the hairs of
-a fringe stays as it was beside a face made bright, and what is brighter than the skin in front of it shines.
+A look's map of colour is not linear, so it must be read at S. Read at I, skin between the hairs of a fringe would stay
+as it was beside a face made bright, and what is brighter than the skin in front of it would shine.
 S is not known where α is small; there the mean of the sure skin nearby stands for it:
 
     S ≈ α² I + (1 − α²) mean
@@ -37,7 +37,7 @@ _LEAST = np.float32(3e-4)  # of a mean's weight where all around is sure: with l
 
 
 def foreground(frame: Frame, corner: tuple[int, int], alpha: Floats, step: float) -> tuple[NDArray[Any], ...]:
-    """Copies of the frame's planes over a matte's window, those of its edge's pixels as the skin in them.
+    """Copies of the frame's planes over a matte's window, in which the pixels of its edge show the skin in them.
 
     corner: x, y of the window's first pixel, multiples of the chroma step;  alpha: (h, w) of the matte;
     step: pixels a cell of the matte.

@@ -6,9 +6,9 @@ luma, which light changes little, and a little of how dark they are beside what 
     t = (c − c_skin) · (c_lips − c_skin) / |c_lips − c_skin|²        1 on lips, 0 on skin
 
 A change meant for lips is given to what is at least some way from skin to lips. A finger before an open mouth is no
-tooth: what has the skin's tint, is as bright as the skin around the mouth and comes into it across a stretch of lips
-that shows none is skin. Its colour alone does not tell: yellow and blurred teeth have it too. Where lips have the tint
-of the skin, no finger is told from them.
+tooth: it is skin if it has the skin's tint, is as bright as the skin around the mouth, and enters the mouth where its
+outline shows no lips. Its colour alone does not tell: yellow and blurred teeth have it too. Where lips have the tint of
+the skin, no finger is told from them.
 """
 
 from __future__ import annotations

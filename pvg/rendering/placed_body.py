@@ -5,9 +5,9 @@ gives way,
 
     α_total = α_face + max(0, α_body − α_face) = max(α_face, α_body),
 
-so that both may end softly within each other without a gap, and an edge that they share is not drawn twice. What is
-left along the face's edge in a rim thinner than the body's cells, which are coarser than the face's, is left out: there
-the face's edge is the finer one, and a rim would colour collars and walls.
+so that both may end softly within each other without a gap, and an edge that they share is not drawn twice. A rim that
+is left along the face's edge and is thinner than the body's cells is dropped: the face's cells are smaller, so that its
+edge is the finer one, and the rim would colour collars and walls.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from pvg.video import Frame
 _REACH = 2 * (EDGES.reach + 1)  # cells around the matte whose colours its edge is told by, even
 _SOFT = 2  # cells beside the matte that its edge may lie in
 _LEAST = 1e-3  # of alpha: less is nothing
-_THIN, _BESIDE = 1.7, 2.0  # of the body's cells: a rim along a face's matte is thinner, and as near to it [by eye]
-_RIM = 25  # of a cell's alpha: where none of a piece has more beside a face and its own rim, it is no piece [by eye]
+_THIN, _BESIDE = 1.7, 2.0  # of the body's cells: a rim is thinner and lies as near to a face's matte [by eye]
+_RIM = 25  # of a cell's alpha: a piece of which no cell has more, faces and rims aside, is dropped [by eye]
 _WORTH = 40_000  # pixels whose work is about that of one window more [measured]
 _Labelled = tuple[tuple[int, ...], tuple[int, int, int, int]]  # components, and x0, y0, x1, y1 of the cells around
 
@@ -70,7 +70,7 @@ class _Piece:
 
 
 def _pieces(body: Matte, faces: Sequence[PlacedFace]) -> list[_Piece]:
-    """A body's matte in pieces that are drawn for less than the whole, but for those that are rims of faces alone."""
+    """A body's matte in pieces that are less work than the whole, without those that are rims of faces alone."""
     side = 2 * _REACH + 1
     reached = cv2.dilate((body.alpha > 0).view(np.uint8), np.ones((side, side), np.uint8))
     _, labels, stats, _ = cv2.connectedComponentsWithStats(reached, connectivity=8, ltype=cv2.CV_16U)

@@ -122,7 +122,8 @@ def apply_correction(
             if correction.low is not None and contrast != 1.0:
                 # open skin is brighter than the curves around it, so I − H(g) has a mean; λ leaves it where it is
                 level = kernels.mean_above(before, weight, *places, correction.low[p])
-            # in this order as ever: rounded otherwise, a sample in a million would move by a code
+            # this is λ − 1, written so that it is rounded in float32 as it always was: else a sample in a million
+            # would move by a code
             excess = np.float32(1.0) + (np.float32(contrast - 1.0) - np.float32(1.0))
             kernels.apply_contrast(part, before, weight, *places, correction.shift[p], excess, np.float32(level), top)
         _scale_all(part, before, guards, pixel_format, p)
@@ -273,9 +274,9 @@ def _apply_to_rgb(
 def not_beyond(gained: Floats, here: Floats, skin: Floats) -> Floats:
     """What samples of luma and chroma (…, 3) that were `here` gain, bounded by `skin`, what the skin in them becomes.
 
-    Where a matte is too large at its edge, what lies behind would shine, or take the complement of the hue that skin
-    loses: neither does luma rise above both, nor does chroma leave what lies between. Luma may fall below both: hairs
-    over skin that is made dark keep their distance to it.
+    Where a matte reaches too far at its edge, the background would shine, or take the complement of the hue that the
+    skin loses. So luma never rises above the brighter of the two, and chroma stays between them. Luma may fall below
+    both: hairs over skin that is made dark keep their distance to it.
     """
     moved = np.minimum(here + gained, np.maximum(here, skin))
     moved[..., 1:] = np.maximum(moved[..., 1:], np.minimum(here, skin)[..., 1:])

@@ -1,4 +1,4 @@
-"""What is grey stays grey: how much of the skin's chroma a pixel has, and how far its own chroma is moved for it.
+"""What is grey stays grey: a pixel's chroma is moved as far as the pixel has the skin's chroma.
 
 F adds to a pixel what the chroma of skin gains at its luma. That is right for skin in any shade, but black brows would
 turn plum beside reddened skin, grey beards pink, and a collar or hair that the matte takes in by mistake orange. With
