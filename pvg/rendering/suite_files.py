@@ -18,8 +18,7 @@ import numpy as np
 from pvg._arrays import Floats
 from pvg._threads import ahead, one_blas_thread
 from pvg.asset import VectorVideo
-from pvg.looks import Look
-from pvg.looks.cube import CUBE_SIZE, look_cube, remainder_by_luma, write_cube
+from pvg.looks import CUBE_SIZE, Look, look_cube, remainder_by_luma, write_cube
 from pvg.rendering.canvas import Canvas, stored_canvas, stored_frames
 from pvg.rendering.renderer import Renderer
 from pvg.video import ColorSpace, Frame, MediaInfo, PixelFormat, VideoWriter, write_image

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pvg._arrays import Bools, Bytes, Floats
-from pvg.face import Landmarks
-from pvg.face.parts import PARTS, add_cover, feather, part_outlines
+from pvg.face import PARTS, Landmarks, add_cover, feather, part_outlines
 from pvg.picture import Picture
 from pvg.raster import Raster
 from pvg.skin import Matte

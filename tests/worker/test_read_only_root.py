@@ -17,7 +17,7 @@ import httpx
 import pytest
 
 from scripts.samples import Samples
-from tests.service.servers import free_port, missing
+from tests.service.servers import free_port
 from tests.worker.read_only_root import CANNOT
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -85,10 +85,10 @@ def compiled_kernels() -> None:
 def container(tmp_path: Path) -> Container:
     made = Container(tmp_path, PVG_PORT=str(free_port()), PVG_WORKER_CONCURRENCY="1")
     if shutil.which("unshare") is None:
-        missing("unshare is not installed")
+        pytest.skip("unshare is not installed")
     if (done := made.run("/bin/true")).returncode != 0:
         assert done.returncode in {CANNOT, 1}, done.stderr
-        missing(f"namespaces are not to be had here: {done.stderr.strip()}")
+        pytest.skip(f"namespaces are not to be had here: {done.stderr.strip()}")
     return made
 
 
