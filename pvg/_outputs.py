@@ -5,43 +5,16 @@ A name that does not fit is a ValueError, a place that cannot be written an OSEr
 
 from __future__ import annotations
 
-import errno
-import os
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from pvg._targets import check_file, check_folder
 
 if TYPE_CHECKING:
     from pvg.asset import VectorVideo
 
 _IMAGES = ("png", "tiff", "jpg", "webp")
-
-
-def check_file(path: Path, inputs: Iterable[Path | None]) -> None:
-    """Refuse, before the long work, a file that cannot be written or would replace what is being read."""
-    if path.is_dir():
-        raise _os_error(errno.EISDIR, path)
-    if path.exists():
-        if not path.is_file():
-            raise ValueError(f"-o {path} is not a regular file")
-        if any(other is not None and other.exists() and path.samefile(other) for other in inputs):
-            raise ValueError(f"-o {path} is read by this command; write to another name")
-    if not path.parent.exists():
-        raise _os_error(errno.ENOENT, path.parent)
-    check_folder(path.parent)
-
-
-def check_folder(path: Path) -> None:
-    """Refuse a folder that cannot be made or written to."""
-    found = next(one for one in (path, *path.absolute().parents) if one.exists())
-    if not found.is_dir():
-        raise _os_error(errno.ENOTDIR, found)
-    if not os.access(found, os.W_OK | os.X_OK):
-        raise _os_error(errno.EACCES, found)
-
-
-def _os_error(number: int, path: Path) -> OSError:
-    return OSError(number, os.strerror(number), str(path))
 
 
 def check_suffix(path: Path, kinds: Iterable[str]) -> None:

@@ -8,7 +8,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, fields
 from functools import cached_property
 from pathlib import Path
@@ -18,6 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvg._arrays import Floats
+from pvg._checks import whole_number
+from pvg._targets import check_file
 from pvg.asset.arrays import CHUNK_FRAMES, FORMAT_VERSION, FRAME_ARRAYS, decode, from_bytes
 from pvg.asset.checking import check_chunk, check_decoded, check_keys, check_manifest, entry_limit
 from pvg.asset.entries import DAMAGE, Entries
@@ -105,8 +107,12 @@ class VectorVideo:
             self.path.unlink(missing_ok=True)
 
     def save(self, path: str | Path) -> None:
-        """Copy the asset file to `path`, appearing there only when complete; the copy notes where its clip lies."""
+        """Copy the asset file to `path`, appearing there only when complete; the copy notes where its clip lies.
+
+        Raises `ValueError` where that would replace the clip, `OSError` where it cannot be written.
+        """
         target = Path(path)
+        check_file(target, [self.source])
         handle, name = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
         draft = Path(name)
         try:
@@ -288,9 +294,11 @@ def faces_by_index(video: VectorVideo, faces: str | Sequence[int], *, what: str 
     what: the video is called in the message.
     """
     known = tuple(face.index for face in video.faces)
-    if faces == "all":
+    if isinstance(faces, str) and faces == "all":
         return known
-    chosen = tuple(int(face) for face in faces)
+    if isinstance(faces, str) or not isinstance(faces, Iterable):
+        raise ValueError(f'faces must be "all" or a sequence of face numbers, not {faces!r}')
+    chosen = tuple(whole_number("each of faces", face, low=None) for face in faces)
     unknown = [face for face in chosen if face not in known]
     if unknown:
         has = "face 0 only" if len(known) == 1 else f"faces 0 to {len(known) - 1}"

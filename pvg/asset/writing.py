@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvg.asset.arrays import CHUNK_FRAMES, FORMAT_VERSION, FRAME_ARRAYS, MATTES, encode, to_bytes
+from pvg.asset.checking import check_chunk, check_keys, check_manifest
 from pvg.asset.records import FaceRecord
 
 MANIFEST = "manifest.json"
@@ -22,7 +23,10 @@ _LEVEL = 6  # of either method
 
 
 class AssetWriter:
-    """Write an asset chunk by chunk; `finish` publishes it under its name, leaving without it removes it."""
+    """Write an asset chunk by chunk; `finish` publishes it under its name, leaving without it removes it.
+
+    What no reader would take is refused as it is written: `ValueError`, of a manifest `TypeError` and `KeyError` too.
+    """
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
@@ -58,12 +62,12 @@ class AssetWriter:
         track = record.summary.index if track is None else track
         if self._pending.get(track, {}).get("score"):
             self._flush(track)
-        self._array(f"track{track}/colors", np.stack([key.colors for key in record.key_frames]))
-        self._array(f"track{track}/visible", np.stack([key.visible for key in record.key_frames]))
-        self._array(f"track{track}/parts", np.stack([key.parts for key in record.key_frames]))
-        for k, key in enumerate(record.key_frames):
-            self._array(f"track{track}/skin/{k:06d}", key.skin)
-            self._array(f"track{track}/skin_at/{k:06d}", key.skin_at)
+        keys = record.key_frames
+        for name in ("colors", "visible", "parts"):
+            self._of_keys(f"track{track}/{name}", name, np.stack([getattr(key, name) for key in keys]), len(keys))
+        for k, key in enumerate(keys):
+            self._of_keys(f"track{track}/skin/{k:06d}", "skin", key.skin, len(key.skin))
+            self._of_keys(f"track{track}/skin_at/{k:06d}", "skin_at", key.skin_at, len(key.skin))
         key_frames = [key.frame for key in record.key_frames]
         since = [key.since for key in record.key_frames]
         entry = {"track": track, "key_frames": key_frames, "key_frames_since": since}
@@ -72,6 +76,7 @@ class AssetWriter:
     def finish(self, manifest: Mapping[str, Any]) -> None:
         """Write the manifest and move the file to its name."""
         body = {"format": FORMAT_VERSION, **manifest, "faces": self._faces, "entries": self._entries}
+        check_manifest(json.loads(json.dumps(body)))  # as it will be read
         _write_manifest(self._zip, body)
         self._zip.close()
         self._temporary.replace(self.path)
@@ -80,9 +85,14 @@ class AssetWriter:
         chunk = self._chunks.get(track, 0)
         for name, rows in self._pending[track].items():
             values = encode(name, np.stack(rows))
+            check_chunk(name, values, len(rows))
             self._array(f"track{track}/{name}/{chunk:06d}", values)
             rows.clear()
         self._chunks[track] = chunk + 1
+
+    def _of_keys(self, entry: str, name: str, array: NDArray[Any], count: int) -> None:
+        check_keys(name, array, count)
+        self._array(entry, array)
 
     def _array(self, name: str, array: NDArray[Any]) -> None:
         data = to_bytes(array)

@@ -13,8 +13,10 @@ import tempfile
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
+from pvg._checks import check_switch, check_word, real_number, whole_number
+from pvg._targets import check_file
 from pvg._threads import ahead, one_blas_thread
 from pvg.asset import AssetWriter, MediaSummary, VectorVideo, source_note
 from pvg.curves import CHAIN_RESET_FRAMES
@@ -25,12 +27,24 @@ from pvg.skin import MaskMethod, Matte, Scene, SceneReader
 from pvg.vectorization.following import CHUNK, Following, KeyView, Stretch, key_view, rows_between
 from pvg.vectorization.key_frames import best_row, first_good_row, opacity
 from pvg.vectorization.vector_face import ADVISED_FACE_PX, VectorFace
-from pvg.video import Frame, InputColor, MediaInfo, MediaLimits, picture_of, probe, read_frames, sha256_file
+from pvg.video import (
+    INPUT_COLORS,
+    Frame,
+    InputColor,
+    MediaInfo,
+    MediaLimits,
+    picture_of,
+    probe,
+    read_frames,
+    sha256_file,
+)
 
 Progress = Callable[[str, int, int], None]
+Matching = Literal["table", "chain"]
 
 VECTORIZER_VERSION = 12  # raised when the same clip would give another asset
 MIN_FACE_PX = 64
+_WIDEST_PX = 65_535  # no picture has more
 STAGES = ("vectorize", "second reading", "landmarks", "best frame")  # of the progress callback, in their order
 _VECTORIZE, _SECOND_READING, _LANDMARKS, _BEST_FRAME = STAGES
 _AHEAD = CHUNK + 4  # frames: a face's frames come a chunk at a time, and landmarks go on while their skin is found
@@ -43,12 +57,12 @@ def vectorize(
     asset: str | Path | None = None,
     reference: bool = False,
     mask: MaskMethod = "landmarks",
-    matching: Literal["table", "chain"] = "table",
+    matching: Matching = "table",
     input_color: InputColor = "auto",
     limits: MediaLimits | None = None,
     progress: Progress | None = None,
-    min_face_px: int = MIN_FACE_PX,
-    advised_face_px: int = ADVISED_FACE_PX,
+    min_face_px: float = MIN_FACE_PX,
+    advised_face_px: float = ADVISED_FACE_PX,
     seed: int = 0,
     strict: bool = False,
 ) -> VectorVideo:
@@ -67,9 +81,17 @@ def vectorize(
     min_face_px: of faces that are followed;  advised_face_px: narrower ones get a warning;  seed: of the pixels that
     the least-squares fit draws.  strict: a clip whose end is cut off is refused; else its frames up to there are used.
     Raises `MediaError` (not a video or image, damaged, over a limit), `NoFaceError`, and `FaceTooSmallError` when
-    every face is narrower than `min_face_px`.
+    every face is narrower than `min_face_px`. Before any frame is read: `ValueError` for an option that is none of
+    these and for an asset in the place of the source, `OSError` where the asset cannot be written. A file that is there
+    is replaced by a whole asset only.
     """
     path = Path(source)
+    _check_options(mask, matching, input_color, reference=reference, strict=strict)
+    min_face_px = real_number("min_face_px", min_face_px, 0, _WIDEST_PX)
+    advised_face_px = real_number("advised_face_px", advised_face_px, 0, _WIDEST_PX)
+    seed = whole_number("seed", seed)
+    if asset is not None:
+        check_file(Path(asset), [path])
     report: Progress = progress or (lambda stage, done, total: None)
     media = probe(path, limits, input_color=input_color, strict=strict)
     work = _Work(
@@ -105,6 +127,17 @@ def vectorize(
     return VectorVideo(target, path, temporary=asset is None)
 
 
+def _check_options(mask: str, matching: str, input_color: str, **switches: bool) -> None:
+    for name, value, known in (
+        ("mask", mask, get_args(MaskMethod)),
+        ("matching", matching, get_args(Matching)),
+        ("input_color", input_color, INPUT_COLORS),
+    ):
+        check_word(name, value, known)
+    for name, switch in switches.items():
+        check_switch(name, switch)
+
+
 def _widest(found: FaceTracks) -> float:
     """Width in px of the widest face, 0 without one."""
     return max((track.width_px for track in found.tracks), default=0.0)
@@ -138,8 +171,8 @@ class _Work:
     mask: MaskMethod
     matching: str
     seed: int
-    min_face_px: int
-    advised_face_px: int
+    min_face_px: float
+    advised_face_px: float
 
     @property
     def rate(self) -> float:
@@ -297,9 +330,9 @@ class _Work:
         if not widest:
             what = "in the picture" if self.media.kind == "image" else f"in any of {frame_count} frames"
             return NoFaceError(
-                f"no face found {what} of {self.path.name}; a face at least {self.min_face_px} px wide is needed"
+                f"no face found {what} of {self.path.name}; a face at least {self.min_face_px:g} px wide is needed"
             )
         return FaceTooSmallError(
-            f"the largest face in {self.path.name} is {widest:.0f} px wide; it must be at least {self.min_face_px} px, "
-            f"and {self.advised_face_px} px is advised"
+            f"the largest face in {self.path.name} is {widest:.0f} px wide; it must be at least {self.min_face_px:g} "
+            f"px, and {self.advised_face_px:g} px is advised"
         )

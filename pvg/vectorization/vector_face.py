@@ -56,7 +56,7 @@ class VectorFace:
         method: MaskMethod,
         seed: int,
         reset: int | None,
-        advised_px: int = ADVISED_FACE_PX,
+        advised_px: float = ADVISED_FACE_PX,
     ) -> None:
         """begin: the track's first rows or all;  reset: a new key frame after so many frames, None for never.
 
@@ -151,7 +151,7 @@ class VectorFace:
         width = float(np.median(np.concatenate(self._extents)))
         warnings = []
         if width < self._advised_px:
-            warnings.append(f"the face is {width:.0f} px wide; {self._advised_px} px or more is advised")
+            warnings.append(f"the face is {width:.0f} px wide; {self._advised_px:g} px or more is advised")
         if self._body is not None and self._body.told_apart < 0.5:
             warnings.append("its skin has next to no colour; skin beside the face is left as it is")
         summary = FaceSummary(

@@ -87,6 +87,18 @@ def test_a_saved_copy_notes_where_the_clip_lies_from_there(asset: Path, source: 
         assert video.require_source().samefile(source)
 
 
+def test_a_copy_never_takes_the_place_of_the_clip(asset: Path, source: Path, tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    with VectorVideo(asset, source) as video:
+        with pytest.raises(ValueError, match="would be replaced"):
+            video.save(tmp_path / "folder" / ".." / source.name)
+        with pytest.raises(IsADirectoryError, match="folder"):
+            video.save(tmp_path / "folder")
+        with pytest.raises(FileNotFoundError, match="none"):
+            video.save(tmp_path / "none" / "saved.pvg")
+    assert source.read_bytes() == b"the clip"
+
+
 def test_a_temporary_asset_notes_no_path(tmp_path: Path) -> None:
     assert source_note(tmp_path / "clip.mp4", None) == {"source_name": "clip.mp4"}
 

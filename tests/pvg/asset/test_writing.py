@@ -1,11 +1,12 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pvg.asset import AssetWriter, FaceRecord, FaceSummary, open_asset
+from pvg.asset import AssetWriter, FaceRecord, FaceSummary, KeyFrame, open_asset
 from tests.gallery.assets import frame_arrays, key_frame, manifest_of
 
 
@@ -36,3 +37,31 @@ def test_faces_keep_their_frames_whatever_number_their_tracks_were_written_under
             assert data is not None
             assert np.abs(data.landmarks.points - frame_arrays(100 * track + 3)["points"]).max() <= 1 / 64
             assert np.abs(video.landmarks(face)[3] - data.landmarks.points).max() == 0
+
+
+def test_what_no_reader_would_take_replaces_no_asset(tmp_path: Path, source: Path) -> None:
+    path = tmp_path / "clip.pvg"
+    path.write_bytes(b"of before")
+    manifest = manifest_of(source, 5)
+    settings = {"mask": "landmark", "matching": "table", "reference": False}
+
+    def write(arrays: dict[str, np.ndarray], key: KeyFrame, manifest: dict[str, object]) -> None:
+        with AssetWriter(path) as writer:
+            writer.add_frame(0, arrays)
+            writer.add_face(FaceRecord(FaceSummary(0, 0, 0, 150.0, (200, 150, 120), 0), (key,)))
+            writer.finish(manifest)
+
+    good, key = frame_arrays(0), key_frame()
+    for arrays, colors, said, words in (
+        (good, key, manifest | {"settings": settings}, "mask"),
+        (good, key, manifest | {"shots": [9]}, "shots"),
+        (good | {"score": np.array([np.nan], np.float32)}, key, manifest, "no numbers"),
+        (good, replace(key, colors=key.colors[:-1]), manifest, "not <f4"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            write(arrays, colors, said)
+        assert path.read_bytes() == b"of before"
+    write(good, replace(key, frame=0), manifest)
+    with open_asset(path) as video:
+        video.verify()
+    assert [one.name for one in tmp_path.iterdir() if one.name.startswith(".")] == []

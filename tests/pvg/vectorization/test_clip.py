@@ -133,6 +133,54 @@ def test_an_abort_leaves_no_asset(brief_clip: Path, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"mask": "landmark"},
+        {"mask": None},
+        {"matching": "x"},
+        {"reference": "yes"},
+        {"strict": 1},
+        {"input_color": "slog2"},
+        {"seed": -1},
+        {"seed": "0"},
+        {"min_face_px": float("nan")},
+        {"min_face_px": "64"},
+        {"advised_face_px": -1},
+    ],
+)
+def test_an_option_that_does_not_fit_is_refused_before_the_first_frame(
+    options: dict[str, object], brief_clip: Path, tmp_path: Path
+) -> None:
+    asset = tmp_path / "good.pvg"
+    asset.write_bytes(b"of before")
+    seen: list[object] = []
+    with pytest.raises(ValueError, match=f"^{next(iter(options))} must be"):
+        pvg.vectorize(brief_clip, asset=asset, progress=lambda *report: seen.append(report), **options)  # type: ignore[arg-type]
+    assert seen == []
+    assert asset.read_bytes() == b"of before"
+
+
+def test_an_asset_that_cannot_be_written_is_told_before_the_first_frame(brief_clip: Path, tmp_path: Path) -> None:
+    own = tmp_path / "own.mp4"
+    own.write_bytes(brief_clip.read_bytes())
+    (tmp_path / "folder").mkdir()
+
+    def never(*_: object) -> None:
+        raise AssertionError
+
+    for asset, error, words in (
+        (own, ValueError, "own.mp4 would be replaced while it is read"),
+        (tmp_path / "folder" / ".." / "own.mp4", ValueError, "would be replaced"),
+        (tmp_path / "folder", IsADirectoryError, "folder"),
+        (tmp_path / "none" / "o.pvg", FileNotFoundError, "none"),
+    ):
+        with pytest.raises(error, match=words):
+            pvg.vectorize(own, asset=asset, progress=never)
+    assert own.read_bytes() == brief_clip.read_bytes()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["folder", "own.mp4"]
+
+
 def test_a_reference_keeps_only_its_key_frame(brief_clip: Path) -> None:
     with pvg.vectorize(brief_clip, reference=True) as reference:
         (face,) = reference.faces

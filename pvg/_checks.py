@@ -1,0 +1,34 @@
+"""Options of the library, looked at where they come in: numbers of any kind, NumPy's too, and words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from numbers import Integral, Real
+
+
+def real_number(name: str, value: object, low: float, high: float) -> float:
+    """The option as a number in [low, high]. Raises ValueError."""
+    if isinstance(value, bool) or not isinstance(value, Real) or not low <= float(value) <= high:
+        raise ValueError(f"{name} must be a number from {low:g} to {high:g}, not {value!r}")
+    return float(value)
+
+
+def whole_number(name: str, value: object, low: int | None = 0) -> int:
+    """The option as a whole number, from `low` on or any. Raises ValueError."""
+    if isinstance(value, bool) or not isinstance(value, Integral) or (low is not None and int(value) < low):
+        least = "" if low is None else f" from {low}"
+        raise ValueError(f"{name} must be a whole number{least}, not {value!r}")
+    return int(value)
+
+
+def check_word(name: str, value: object, known: Iterable[str]) -> None:
+    """Raise ValueError unless the option is one of the words that are `known`."""
+    known = tuple(known)
+    if not isinstance(value, str) or value not in known:
+        raise ValueError(f"{name} must be one of {', '.join(known)}, not {value!r}")
+
+
+def check_switch(name: str, value: object) -> None:
+    """Raise ValueError unless the option is True or False."""
+    if not isinstance(value, bool):
+        raise ValueError(f"{name} must be True or False, not {value!r}")
