@@ -160,7 +160,7 @@ def _add_look(parser: argparse.ArgumentParser) -> None:
         default=MAKEUP,
         metavar="X",
         help=f"how far {', '.join(PARTS)} take the reference's make-up, from 0 to 1 ({MAKEUP}), "
-        "or by part, e.g. lips=1,lids=0.3",
+        f"or by part, e.g. lips=1,lids=0.3; parts left out get {MAKEUP}",
     )
     parser.add_argument(
         "--light",

@@ -5,6 +5,7 @@ The format is Adobe's "Cube LUT Specification", version 1.0: text, R'G'B' in [0,
 
 from __future__ import annotations
 
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,12 @@ def _mapped(skin: SkinMap, strength: float, colors: Doubles) -> Doubles:
     return np.asarray(colors + strength * (skin(colors.astype(np.float32)) - colors))
 
 
+def check_size(size: int) -> None:
+    """Raise ValueError for a number of nodes a side that no cube has."""
+    if isinstance(size, bool) or not isinstance(size, Integral) or not _SIZES[0] <= size <= _SIZES[1]:
+        raise ValueError(f"a cube has {_SIZES[0]} to {_SIZES[1]} nodes a side, not {size!r}")
+
+
 def look_cube(
     skin: SkinMap,
     strength: float,
@@ -52,8 +59,7 @@ def look_cube(
     space: what R'G'B' of the clip stands for, None for SDR; the table takes and gives the clip's own values.
     remainder: see `remainder_by_luma`, added.
     """
-    if not _SIZES[0] <= size <= _SIZES[1]:
-        raise ValueError(f"a cube has {_SIZES[0]} to {_SIZES[1]} nodes a side, not {size}")
+    check_size(size)
     steps = np.linspace(0.0, 255.0, size)
     blue, green, red = np.meshgrid(steps, steps, steps, indexing="ij")
     own = np.stack([red, green, blue], axis=-1).reshape(-1, 3)

@@ -16,12 +16,15 @@ def exchange(
     """One look of `video` in which two of its faces exchange their colours; all others stay as they are.
 
     faces: the indices of the two;  contrast: λ of both, or one for each in the order of `faces`: "auto" or a number;
-    options: the others of `transfer`, for both. Raises `ValueError` unless there are two different faces, and on a
-    parameter out of range.
+    options: the others of `transfer` but for `reference_face`, for both. Raises `ValueError` unless there are two
+    different faces, and on a parameter out of range.
     """
-    if len(faces) != 2 or faces[0] == faces[1]:
-        raise ValueError(f"two different faces exchange their colours, not {list(faces)}")
-    first, second = faces_by_index(video, faces)
+    if options.pop("reference_face", None) is not None:
+        raise ValueError("two faces exchange their colours: each is the other's reference, and reference_face is none")
+    chosen = faces_by_index(video, faces)
+    if len(chosen) != 2 or chosen[0] == chosen[1]:
+        raise ValueError(f"two different faces exchange their colours, not {list(chosen)}")
+    first, second = chosen
     ours, theirs = contrast_of_both(contrast)
     return transfer(video, video, faces=[first], reference_face=second, contrast=ours, **options).merged(
         transfer(video, video, faces=[second], reference_face=first, contrast=theirs, **options)
@@ -30,8 +33,8 @@ def exchange(
 
 def contrast_of_both(contrast: Contrast | Sequence[Contrast]) -> tuple[Contrast, Contrast]:
     """λ of the first and of the second of two. Raises `ValueError` when it is neither one nor two."""
-    if isinstance(contrast, (str, float, int)):
-        return contrast, contrast  # a word other than "auto" is refused by `transfer`
-    if len(contrast) != 2:
-        raise ValueError(f"contrast is one for both or one for each of the two, not {len(contrast)}")
-    return contrast[0], contrast[1]
+    if isinstance(contrast, Sequence) and not isinstance(contrast, str):
+        if len(contrast) != 2:
+            raise ValueError(f"contrast is one for both or one for each of the two, not {len(contrast)}")
+        return contrast[0], contrast[1]
+    return contrast, contrast  # what is neither "auto" nor a number is refused by `transfer`

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from pvg._arrays import Doubles, Floats
+from pvg.asset import VectorVideo
 from pvg.looks.tone import SkinMap, to_rgb
 
 CONTRAST_RANGE = (0.7, 1.5)  # of λ [paper]
@@ -56,7 +57,8 @@ class Look:
     parts: for each face index (K, P, 3) float32, luma, B − Y and R − Y in levels that each of `pvg.face.parts.PARTS`
     gains besides, strength applied; a face without them has no part of its own;
     maps: for each face index its one map of colour, light and parts aside;
-    body: the face indices whose person's other skin goes along, by that map.
+    body: the face indices whose person's other skin goes along, by that map;
+    source_sha256: of the clip that it is for, None where that is not said.
     """
 
     colors: dict[int, Floats]
@@ -65,6 +67,18 @@ class Look:
     parts: dict[int, Floats] = field(default_factory=dict)
     maps: dict[int, BodyMap] = field(default_factory=dict)
     body: frozenset[int] = frozenset()
+    source_sha256: str | None = None
+
+    def check_fits(self, video: VectorVideo) -> None:
+        """Raise `ValueError` unless this is a look of the clip: made for it, as it is vectorised now."""
+        if self.source_sha256 is not None and self.source_sha256 != video.source_sha256:
+            raise ValueError(f"the look is of another clip than {video.path.name}: transfer the colours to this one")
+        for face, colors in self.colors.items():
+            keys = video.records[face].key_frames if 0 <= face < len(video.faces) else ()
+            if len(colors) != len(keys) or colors.shape[1:] != keys[0].colors.shape:
+                raise ValueError(
+                    f"the look does not fit face {face} as {video.path.name} has it: transfer the colours to this one"
+                )
 
     def contrast_of(self, face: int) -> FaceContrast:
         """λ of one face of the look."""
@@ -73,8 +87,10 @@ class Look:
     def merged(self, other: Look) -> Look:
         """This look and another one of other faces, drawn as one.
 
-        Raises `ValueError` when both change a face, or when they protect different features.
+        Raises `ValueError` when both change a face, are of different clips or protect different features.
         """
+        if self.source_sha256 != other.source_sha256:
+            raise ValueError("looks of different clips cannot be merged")
         if both := sorted(set(self.colors) & set(other.colors)):
             raise ValueError(f"both looks change face {both[0]}; looks of different faces can be merged")
         if set(self.protect) != set(other.protect):

@@ -16,6 +16,7 @@ from functools import cache
 import numpy as np
 
 from pvg._arrays import Bools, Doubles, Floats
+from pvg._checks import real_number
 from pvg.asset import KeyFrame
 from pvg.curves import CURVES, table_labels
 from pvg.face import PARTS
@@ -67,14 +68,11 @@ _LEAST_RED = -3.0  # levels of R − Y beyond the skin's: lips with less are a b
 
 def strengths(makeup: Makeup) -> Floats:
     """(P,) the strength of every part of PARTS. Raises `ValueError` on an unknown part or one not in [0, 1]."""
-    given = dict.fromkeys(PARTS, makeup) if isinstance(makeup, (int, float)) else dict(makeup)
+    given = dict(makeup) if isinstance(makeup, Mapping) else dict.fromkeys(PARTS, makeup)
     if unknown := [part for part in given if part not in PARTS]:
         raise ValueError(f"no part {unknown[0]!r} to make up; known are {', '.join(PARTS)}")
-    for part, strength in given.items():
-        if isinstance(strength, bool) or not isinstance(strength, (int, float)) or not 0.0 <= strength <= 1.0:
-            raise ValueError(f"makeup of {part} must be in [0, 1], not {strength!r}")
-    default = MAKEUP
-    return np.array([given.get(part, default) for part in PARTS], np.float32)
+    shares = {part: real_number(f"makeup of {part}", share, 0.0, 1.0) for part, share in given.items()}
+    return np.array([shares.get(part, MAKEUP) for part in PARTS], np.float32)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,12 +8,14 @@ map relative to its exposure (`looks/exposure.py`), so that light that changes s
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from numbers import Real
 from typing import Literal
 
 import numpy as np
 
 from pvg._arrays import Doubles, Floats
+from pvg._checks import check_word, real_number, whole_number
 from pvg.asset import FaceSummary, KeyFrame, VectorVideo, faces_by_index
 from pvg.curves import GROUPS, table_labels
 from pvg.face import PARTS
@@ -40,6 +42,7 @@ def reference_face_of(reference: VectorVideo, face: int | None = None) -> FaceSu
     """
     if face is None:
         return max(reference.faces, key=lambda one: one.width_px)
+    face = whole_number("reference_face", face, low=None)
     (index,) = faces_by_index(reference, (face,), what="reference")
     return reference.faces[index]
 
@@ -48,20 +51,18 @@ def _reference_key(reference: VectorVideo, face: int | None) -> KeyFrame:
     return leading_key([reference.records[reference_face_of(reference, face).index]])
 
 
-def _check(shares: Mapping[str, float], contrast: Contrast, match: str, protect: Sequence[str], extent: str) -> None:
-    for name, share in shares.items():
-        if not 0.0 <= share <= 1.0:
-            raise ValueError(f"{name} must be in [0, 1], not {share}")
-    if contrast != "auto" and not (
-        isinstance(contrast, (int, float)) and CONTRAST_RANGE[0] <= contrast <= CONTRAST_RANGE[1]
-    ):
-        raise ValueError(f'contrast must be "auto" or in [0.7, 1.5], not {contrast!r}')
-    if match not in ("color", "semantic"):
-        raise ValueError(f'match must be "color" or "semantic", not {match!r}')
-    if extent not in EXTENTS:
-        raise ValueError(f'extent must be "skin" or "face", not {extent!r}')
+def _check(contrast: Contrast, match: str, protect: Sequence[str], extent: str) -> Contrast:
+    """The contrast. Raises `ValueError` for words that are none of these and a contrast out of range."""
+    check_word("match", match, ("color", "semantic"))
+    check_word("extent", extent, EXTENTS)
     if unknown := [part for part in protect if part not in PROTECTABLE]:
         raise ValueError(f"cannot protect {unknown[0]!r}; known are {', '.join(PROTECTABLE)}")
+    if isinstance(contrast, str) and contrast == "auto":
+        return contrast
+    low, high = CONTRAST_RANGE
+    if isinstance(contrast, bool) or not isinstance(contrast, Real) or not low <= contrast <= high:
+        raise ValueError(f'contrast must be "auto" or in [{low}, {high}], not {contrast!r}')
+    return float(contrast)
 
 
 def transfer(
@@ -89,7 +90,8 @@ def transfer(
     where there is no such map, with "color" or too little open skin on either side, that is the paper's 1;
     match: "semantic" moves skin to skin, "color" transports all boundary colours together as the paper does;
     makeup: in [0, 1] for all parts or by part, how far lips, lids, cheeks and brows take the reference's difference to
-    its skin; "color" has none;  light: in [0, 1], how far light falls on the face from where it does on the reference;
+    its skin, and parts left out of a mapping the default, 0.75; "color" has none;
+    light: in [0, 1], how far light falls on the face from where it does on the reference;
     scene: in [0, 1], how far brightness and hue that lie far from the clip's give way to its scene, and highlights end
     below white: 0 takes the reference's own; "color" takes them in any case;
     protect: features that go their own way;  extent: "skin", all skin of a person, or "face", which leaves chest,
@@ -97,9 +99,15 @@ def transfer(
     beta, iterations: of eq. (7), the paper's 0.2 and 20;  seed: of the random rotations.
     Raises `ValueError` on a parameter out of range or an unknown face or part.
     """
-    _check({"strength": strength, "light": light, "scene": scene}, contrast, match, protect, extent)
+    contrast = _check(contrast, match, protect, extent)
+    strength, light, scene = (
+        real_number(name, share, 0.0, 1.0)
+        for name, share in (("strength", strength), ("light", light), ("scene", scene))
+    )
     target = _reference_key(reference, reference_face)
-    steps = TransportSteps(beta, iterations, seed)
+    steps = TransportSteps(
+        real_number("beta", beta, 0.0, 1.0), whole_number("iterations", iterations), whole_number("seed", seed)
+    )
     wanted = strengths(makeup)
     changes = PartChanges.of(target) if match == "semantic" and len(target.skin) else None
     chosen = faces_by_index(video, faces)
@@ -142,9 +150,11 @@ def transfer(
             if gained:
                 parts[index] = np.stack(gained)
             maps[index] = BodyMap(whole, strength, np.array(exposed, np.float32))
-    number = 1.0 if contrast == "auto" else 1.0 + strength * (contrast - 1.0)
+    factor = 1.0 if contrast == "auto" else 1.0 + strength * (contrast - 1.0)
     body = frozenset(maps if extent == "skin" else ())
-    return Look(colors, contrasts if contrast == "auto" else number, tuple(protect), parts, maps, body)
+    return Look(
+        colors, contrasts if contrast == "auto" else factor, tuple(protect), parts, maps, body, video.source_sha256
+    )
 
 
 def _at_curves(skin: SkinMap) -> ColorMap:

@@ -25,3 +25,5 @@ def test_what_cannot_be_drawn_together_is_refused() -> None:
         Look({0: colors(0), 1: colors(1)}).merged(Look({1: colors(1)}))
     with pytest.raises(ValueError, match="protect"):
         Look({0: colors(0)}).merged(Look({1: colors(1)}, protect=()))
+    with pytest.raises(ValueError, match="different clips"):
+        Look({0: colors(0)}, source_sha256="a").merged(Look({1: colors(1)}, source_sha256="b"))

@@ -97,6 +97,21 @@ def test_a_face_left_out_of_the_look_is_not_in_it(video: pvg.VectorVideo, dark_r
         ({"reference_face": -1}, "no face -1"),
         ({"beta": 1.5}, "beta"),
         ({"iterations": -1}, "iterations"),
+        ({"strength": "0.5"}, "strength must be a number"),
+        ({"light": None}, "light must be a number"),
+        ({"scene": True}, "scene must be a number"),
+        ({"contrast": None}, "contrast must be"),
+        ({"contrast": True}, "contrast must be"),
+        ({"makeup": "much"}, "makeup of lips must be a number"),
+        ({"makeup": {"lips": None}}, "makeup of lips must be a number"),
+        ({"beta": "0.2"}, "beta must be a number"),
+        ({"iterations": 2.5}, "iterations must be a whole number"),
+        ({"seed": "x"}, "seed must be a whole number"),
+        ({"faces": 0}, "faces must be"),
+        ({"faces": "0"}, "faces must be"),
+        ({"faces": [0.9]}, "each of faces must be a whole number, not 0.9"),
+        ({"reference_face": 0.5}, "reference_face must be a whole number, not 0.5"),
+        ({"extent": None}, "extent must be one of"),
     ],
 )
 def test_parameters_out_of_range_are_named(
@@ -104,6 +119,37 @@ def test_parameters_out_of_range_are_named(
 ) -> None:
     with pytest.raises(ValueError, match=message):
         pvg.transfer(video, dark_reference, **options)  # type: ignore[arg-type]
+
+
+def test_numbers_may_be_numpys(video: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> None:
+    plain = pvg.transfer(video, dark_reference, contrast=1.25, makeup={"lips": 0.5}, strength=0.5, seed=3, faces=[0])
+    of_numpy = pvg.transfer(
+        video,
+        dark_reference,
+        contrast=np.float32(1.25),  # type: ignore[arg-type]
+        makeup={"lips": np.float32(0.5)},  # type: ignore[dict-item]
+        strength=np.float64(0.5),
+        seed=np.int64(3),  # type: ignore[arg-type]
+        faces=np.arange(1),  # type: ignore[arg-type]
+    )
+    np.testing.assert_array_equal(of_numpy.colors[0], plain.colors[0])
+    np.testing.assert_array_equal(of_numpy.parts[0], plain.parts[0])
+    assert of_numpy.contrast_of(0) == plain.contrast_of(0) == 1.125
+
+
+def test_parts_left_out_of_make_up_have_its_default(video: pvg.VectorVideo, pale_reference: pvg.VectorVideo) -> None:
+    by_part = pvg.transfer(video, pale_reference, makeup={"lids": 0.75})
+    np.testing.assert_array_equal(by_part.parts[0], pvg.transfer(video, pale_reference).parts[0])
+
+
+def test_two_faces_that_exchange_their_colours_have_no_other_reference(group: pvg.VectorVideo) -> None:
+    with pytest.raises(ValueError, match="reference_face is none"):
+        pvg.exchange(group, (0, 1), reference_face=0)
+    with pytest.raises(ValueError, match="reference_face is none"):
+        pvg.swap(group, paths="never.png", faces=(0, 1), reference_face=2)
+    with pytest.raises(ValueError, match="faces must be"):
+        pvg.exchange(group, 0)  # type: ignore[arg-type]
+    assert set(pvg.exchange(group, (0, 1), reference_face=None).colors) == {0, 1}
 
 
 _BLACK = (16, 128, 128)
