@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Integral
 from typing import Literal
 
 import av.codec
@@ -25,6 +26,7 @@ CONTAINERS = {
 CLIP_SUFFIXES = tuple(key for key in CONTAINERS if key.startswith("."))
 PIPED = ("nut", "y4m")
 
+_VP9, _AV1 = tuple(map(str, range(9))), tuple(map(str, range(14)))  # cpu-used, SVT-AV1's presets
 _NAMES = ("veryslow", "slower", "slow", "medium", "fast", "faster", "veryfast", "superfast", "ultrafast")
 
 
@@ -34,9 +36,9 @@ class Encoder:
 
     library: libav's name of the encoder. said: the codec's, in messages. formats: those taken of the encoder's, all
     when empty. crf, crf_most: its quality scale, default and end; None without one. preset: its default effort; None
-    without such a scale. fields: codes the two fields of interlaced pictures. alpha: has a plane of it that common
-    tools read. mastering: writes HDR10's mastering display and content light level. limited: studio range only.
-    whole: keeps odd sizes. least: (width, height) below which it refuses.
+    without such a scale; efforts: those beside x264's names. fields: codes the two fields of interlaced pictures.
+    alpha: has a plane of it that common tools read. mastering: writes HDR10's mastering display and content light
+    level. limited: studio range only. whole: keeps odd sizes. least: (width, height) below which it refuses.
     """
 
     library: str
@@ -45,6 +47,7 @@ class Encoder:
     crf: int | None = None
     crf_most: int = 51
     preset: str | None = None
+    efforts: tuple[str, ...] = ()
     fields: bool = False
     alpha: bool = False
     mastering: bool = False
@@ -54,10 +57,10 @@ class Encoder:
 
 
 ENCODERS = {
-    "h264": Encoder("libx264", "H.264", crf=18, preset="veryfast", fields=True, mastering=True),
-    "hevc": Encoder("libx265", "HEVC", crf=20, preset="veryfast", mastering=True),
-    "vp9": Encoder("libvpx-vp9", "VP9", crf=28, crf_most=63, preset="6", whole=True),
-    "av1": Encoder("libsvtav1", "AV1", crf=26, crf_most=63, preset="8", mastering=True, whole=True),
+    "h264": Encoder("libx264", "H.264", crf=18, preset="veryfast", efforts=("placebo",), fields=True, mastering=True),
+    "hevc": Encoder("libx265", "HEVC", crf=20, preset="veryfast", efforts=("placebo",), mastering=True),
+    "vp9": Encoder("libvpx-vp9", "VP9", crf=28, crf_most=63, preset="6", efforts=_VP9, whole=True),
+    "av1": Encoder("libsvtav1", "AV1", crf=26, crf_most=63, preset="8", efforts=_AV1, mastering=True, whole=True),
     "prores": Encoder("prores_ks", "ProRes 422 HQ", ("yuv422p10le",), fields=True, limited=True),
     "prores4444": Encoder(
         "prores_ks", "ProRes 4444", ("yuv444p10le", "yuva444p10le"), fields=True, alpha=True, limited=True
@@ -228,11 +231,24 @@ def encoded_size(width: int, height: int, target: PixelFormat, codec: str, *, in
 
 
 def check_scales(codec: str, crf: int | None, preset: str | None) -> None:
-    """Raise ValueError where a quality or an effort is asked of an encoder that has no such scale."""
-    encoder = ENCODERS[codec]
-    for name, given, default in (("crf", crf, encoder.crf), ("preset", preset, encoder.preset)):
-        if given is not None and default is None:
-            raise ValueError(f"{encoder.said} has no {name}: leave it out")
+    """Raise ValueError for a quality or an effort that the encoder of `codec` does not have; "auto": that none has."""
+    if codec not in ("auto", *ENCODERS):
+        raise ValueError(f"codec {codec!r} is not one of auto, {', '.join(ENCODERS)}")
+    named = [ENCODERS[codec]] if codec in ENCODERS else list(ENCODERS.values())
+    encoders = [encoder for encoder in named if encoder.crf is not None and encoder.preset is not None]
+    for name, given in (("crf", crf), ("preset", preset)):
+        if given is not None and not encoders:
+            raise ValueError(f"{named[0].said} has no {name}: leave it out")
+    of = f" of {named[0].said}" if len(named) == 1 else ""
+    if crf is not None:
+        most = max((encoder.crf_most for encoder in encoders), default=0)
+        if isinstance(crf, bool) or not isinstance(crf, Integral) or not 0 <= crf <= most:
+            raise ValueError(f"crf{of} is a whole number from 0 to {most}, not {crf!r}")
+    if preset is not None:
+        others = [word for encoder in encoders for word in encoder.efforts]
+        if not isinstance(preset, str) or preset not in (*_NAMES, *others):
+            numbers = f" or {others[0]} to {others[-1]}" if of and others[0].isdecimal() else ""
+            raise ValueError(f"preset{of} is one of {', '.join(_NAMES)}{numbers}, not {preset!r}")
 
 
 def encoder_options(codec: str, crf: int | None, preset: str | None) -> dict[str, str]:
@@ -242,7 +258,7 @@ def encoder_options(codec: str, crf: int | None, preset: str | None) -> dict[str
     quality = encoder.crf if crf is None else crf
     effort = encoder.preset if preset is None else _NAMED_EFFORT.get(codec, {}).get(preset, preset)
     if quality is None or effort is None:
-        return {"level": "3", "g": "1", "slices": "4", "slicecrc": "1"} if codec == "ffv1" else {}
+        return {"level": "3", "g": "1", "slicecrc": "1"} if codec == "ffv1" else {}
     if codec == "h264":
         return {"crf": str(quality), "preset": effort}
     if codec == "hevc":
@@ -258,13 +274,21 @@ def encoder_options(codec: str, crf: int | None, preset: str | None) -> dict[str
 def format_options(
     codec: str,
     target: PixelFormat,
+    size: tuple[int, int],
     *,
     alpha: bool = False,
     fields: FieldOrder | None = None,
     mastering: MasteringDisplay | None = None,
     light: ContentLight | None = None,
 ) -> dict[str, str]:
-    """Further options, by what the pictures are; a key of `encoder_options` is to be joined to it by a colon."""
+    """Further options, by what the pictures are; a key of `encoder_options` is to be joined to it by a colon.
+
+    size: (width, height) of the pictures.
+    """
+    if codec == "ffv1":
+        # slices begin between samples of chroma: of odd sizes libav finds a number that does, and refuses others
+        odd = any(side % (1 << shift) for side, shift in zip(size, target.chroma_log2, strict=True))
+        return {} if odd else {"slices": "4"}
     if codec == "prores":
         return {"profile": "hq", "vendor": "apl0"}
     if codec == "prores4444":

@@ -100,6 +100,7 @@ class PictureEncoder:
         further = format_options(
             plan.codec,
             plan.format,
+            (plan.width, plan.height),
             alpha=plan.alpha,
             fields=plan.fields,
             mastering=plan.mastering,

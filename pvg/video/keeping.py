@@ -146,6 +146,8 @@ def make_plan(
     """
     if container not in CONTAINERS:
         raise ValueError(f"container {container!r} is not one of mp4, mov, mkv, webm, nut, y4m")
+    if audio not in ("copy", "none"):
+        raise ValueError(f"audio is copy or none, not {audio!r}")
     name = CONTAINERS[container]
     frames = pixel_format or info.format
     chosen = choose_codec(codec, name, frames.depth, interlaced=streams.fields is not None)

@@ -26,7 +26,7 @@ class ClipMuxer:
     """Writes packets of pictures, in coding order, as a clip with all that its plan keeps.
 
     target: a path, or a binary stream. time_base: of the packets, in seconds a tick. add_stream: makes the stream of
-    the pictures in the new file. repeatable: leaves out the random numbers that Matroska tells files and tracks by.
+    the pictures in the new file.
 
     `open`, then `write` any number of packets, then `finish`; `abandon` instead closes what is there and removes the
     file. Raises MediaError for tracks that are damaged; libav's own errors pass through.
@@ -38,13 +38,10 @@ class ClipMuxer:
         plan: Plan,
         time_base: Fraction,
         add_stream: Callable[[av.container.OutputContainer], av.video.stream.VideoStream],
-        *,
-        repeatable: bool = False,
     ) -> None:
         self._path = target if isinstance(target, Path) else None
         self._target: BinaryIO | str = f"file:{target.absolute()}" if isinstance(target, Path) else target
         self._plan, self._time_base, self._add_stream = plan, time_base, add_stream
-        self._repeatable = repeatable and plan.container in ("matroska", "webm")
         self._output: av.container.OutputContainer | None = None
         self._tracks: list[CarriedTrack] = []
         self._held: CodedPacket | None = None
@@ -58,8 +55,8 @@ class ClipMuxer:
             scale = str(max(1000, self._time_base.denominator))
             flags = "+faststart+use_metadata_tags" if needs_general_tags(plan) else "+faststart"
             options = {"movflags": flags, "movie_timescale": scale}
-        if self._repeatable:
-            options["fflags"] = "+bitexact"
+        if plan.container in ("matroska", "webm"):
+            options["fflags"] = "+bitexact"  # else files and tracks are told apart by random numbers
         output = self._output = av.open(self._target, "w", format=plan.container, options=options)
         try:
             self._stream = self._add_stream(output)

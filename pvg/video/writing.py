@@ -24,10 +24,10 @@ class VideoWriter:
     path: .mp4, .mov, .mkv or .webm, or any name with `container` given, or a binary stream for the container "nut".
     info: the source clip's; its time base, frame rate, colour tags and pixel aspect are kept. format: that of the
     frames to come.
-    codec: see `choose_codec`. crf, preset: the encoder's own scales
-    (for vp9 the preset is cpu-used, 0–8), or for all of them x264's names, "ultrafast" to "veryslow". threads: of the
-    encoder, as many as suit the machine when 0; the same number gives the same bytes. audio_from: the clip whose sound
-    is copied, or transcoded where the container cannot hold it; None, or a clip without sound, gives a silent clip.
+    codec: see `choose_codec`. crf, preset: the encoder's own scales (for vp9 the preset is cpu-used, 0–8, for av1 it is
+    0–13), or for all of them x264's names, "ultrafast" to "veryslow". threads: of the encoder, as many as suit the
+    machine when 0; the same number gives the same bytes. audio_from: the clip whose sound is copied, or transcoded
+    where the container cannot hold it; None, or a clip without sound, gives a silent clip.
     plan: all that is to be kept, see `make_plan`; then container, codec and audio_from are its own.
 
     Time stamps are exact in MP4 and MOV. Matroska and WebM count milliseconds and have no negative ones: sound

@@ -248,3 +248,43 @@ def test_ten_bits_stay_ten_bits(media_dir: Path, tmp_path: Path) -> None:
         assert seen.format == info.format
         first = next(read_frames(source))
         assert np.abs(seen.planes[0].astype(int) - first.planes[0]).mean() < 8  # of 1023
+
+
+@pytest.mark.parametrize("size", [(641, 479), (640, 479), (641, 480), (131, 97), (97, 131), (1081, 719), (96, 64)])
+@pytest.mark.parametrize("name", ["yuv420p", "yuv422p", "yuv444p", "yuv420p10le"])
+def test_ffv1_is_lossless_in_every_size(name: str, size: tuple[int, int], tmp_path: Path) -> None:
+    """Its slices begin between samples of chroma, which four of them do not in every odd size."""
+    fmt = resolve_format(name, *size, 1, 1)
+    frames = [Frame(k, 512 * k, 0.0, fmt, noise_planes(fmt, k, size)) for k in range(2)]
+    path = write_clip(tmp_path / "clip.mkv", frames, media_info(fmt, size), codec="ffv1")
+    read = list(read_frames(path))
+    assert len(read) == 2
+    for one, other in zip(frames, read, strict=True):
+        for plane, back in zip(one.planes, other.planes, strict=True):
+            np.testing.assert_array_equal(plane, back)
+
+
+@pytest.mark.parametrize(("suffix", "codec"), [(".mkv", "h264"), (".webm", "vp9"), (".mp4", "h264"), (".mov", "h264")])
+def test_the_same_frames_give_the_same_bytes(suffix: str, codec: str, tmp_path: Path) -> None:
+    frames = smooth_frames(12, pixel_format())
+    paths = [write_clip(tmp_path / f"{k}{suffix}", frames, codec=codec, threads=1) for k in range(2)]
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("codec", "options", "words"),
+    [
+        ("h264", {"crf": 52}, "crf of H.264 is a whole number from 0 to 51, not 52"),
+        ("av1", {"crf": -1}, "crf of AV1 is a whole number from 0 to 63, not -1"),
+        ("hevc", {"crf": 20.0}, "crf of HEVC is a whole number"),
+        ("hevc", {"preset": "7"}, "preset of HEVC is one of"),
+        ("av1", {"preset": "14"}, "preset of AV1 is one of .* or 0 to 13, not '14'"),
+        ("ffv1", {"preset": "fast"}, "FFV1 has no preset"),
+    ],
+)
+def test_a_scale_that_the_encoder_does_not_have_is_refused(
+    codec: str, options: dict[str, object], words: str, tmp_path: Path
+) -> None:
+    with pytest.raises(ValueError, match=words):
+        write_clip(tmp_path / "clip.mkv", smooth_frames(2, pixel_format()), codec=codec, **options)
+    assert list(tmp_path.iterdir()) == []
