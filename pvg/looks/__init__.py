@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pvg.looks.cube import CUBE_SIZE, look_cube, remainder_by_luma, write_cube
+from pvg.looks.cube import CUBE_SIZE, check_size, look_cube, remainder_by_luma, write_cube
 from pvg.looks.exchange import contrast_of_both, exchange
 from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, BodyMap, Contrast, Look, Region
 from pvg.looks.parts import MAKEUP, Makeup
@@ -27,6 +27,7 @@ __all__ = [
     "SkinMap",
     "contrast_of_both",
     "exchange",
+    "check_size",
     "look_cube",
     "reference_face_of",
     "remainder_by_luma",

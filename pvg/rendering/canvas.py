@@ -8,11 +8,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO, Literal
 
+from pvg._checks import check_word
 from pvg.asset import VectorVideo
 from pvg.errors import AssetError, MediaError
 from pvg.video import (
     CLIP_SUFFIXES,
     CONTAINERS,
+    IMAGE_SUFFIXES,
     Frame,
     MediaInfo,
     PipedClip,
@@ -35,11 +37,16 @@ from pvg.video import (
 class Asked:
     """How outputs are asked for, as `render` takes it."""
 
-    container: str | None
-    codec: str
-    crf: int | None
-    preset: str | None
-    audio: Literal["copy", "none"]
+    container: str | None = None
+    codec: str = "auto"
+    crf: int | None = None
+    preset: str | None = None
+    audio: Literal["copy", "none"] = "copy"
+
+    def __post_init__(self) -> None:
+        """Raise ValueError for what is asked of no output at all, of pictures either."""
+        check_word("audio", self.audio, ("copy", "none"))
+        check_scales(self.codec, self.crf, self.preset)
 
 
 @dataclass(frozen=True)
@@ -155,9 +162,22 @@ def plans_of(targets: Sequence[Path | BinaryIO], canvas: Canvas, asked: Asked) -
                 streams=canvas.streams,
                 audio=asked.audio,
             )
+            check_scales(plan.codec, asked.crf, asked.preset)
             made[key] = replace(plan, dropped=plan.dropped + canvas.missing)
         plans.append(made[key])
     return plans
+
+
+def check_picture(target: Path | BinaryIO, asked: Asked) -> None:
+    """Raise ValueError for a picture that cannot be written so. It has no codec and no sound: these are of clips."""
+    if not isinstance(target, Path):
+        raise ValueError("a picture is written to a file")
+    suffix = target.suffix.lower()
+    if suffix not in IMAGE_SUFFIXES:
+        raise ValueError(f"{target.name}: a picture is written as {', '.join(sorted(IMAGE_SUFFIXES))}")
+    named = {".tif": "tiff", ".jpeg": "jpg"}.get(suffix, suffix[1:])
+    if asked.container not in (None, named):
+        raise ValueError(f"{target.name} is not named as {asked.container} is")
 
 
 def _container(target: Path | BinaryIO, asked: str | None) -> str:
@@ -180,7 +200,6 @@ def writer_of(
 ) -> VideoWriter | Y4mWriter:
     """What carries out a plan; threads: of its encoder."""
     if plan.container == "y4m":
-        check_scales(plan.codec, asked.crf, asked.preset)
         if isinstance(draft, Path):
             raise ValueError("YUV4MPEG2 is written to a pipe")
         return Y4mWriter(draft, info, info.format, plan)

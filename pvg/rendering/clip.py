@@ -10,20 +10,31 @@ import inspect
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Literal
 
 import numpy as np
 
 from pvg._arrays import Bytes
+from pvg._targets import check_files
 from pvg._threads import one_blas_thread
 from pvg.asset import VectorVideo
 from pvg.curves import table_labels
 from pvg.errors import AssetError
 from pvg.looks import Contrast, Look, contrast_of_both, exchange, transfer
 from pvg.memory import looks_at_once
-from pvg.rendering.canvas import Asked, Canvas, piped_canvas, plans_of, stored_canvas, stored_frames, writer_of
-from pvg.rendering.passes import LOOKS_AT_ONCE, MEMORY_BYTES, Progress, draw, partial_name
+from pvg.rendering.canvas import (
+    Asked,
+    Canvas,
+    check_picture,
+    piped_canvas,
+    plans_of,
+    stored_canvas,
+    stored_frames,
+    writer_of,
+)
+from pvg.rendering.passes import LOOKS_AT_ONCE, MEMORY_BYTES, Progress, drafts_of, draw
 from pvg.rendering.placed_face import PlacedFace, place_face
 from pvg.rendering.renderer import Renderer
 from pvg.video import (
@@ -57,7 +68,8 @@ def render(
     .webp for an image, which keeps its profile, EXIF, alpha and, in PNG and TIFF, its 16 bits. A binary stream in the
     place of a path is written to as "nut" (None) or "y4m". codec: "auto",
     "h264", "hevc", "vp9" or "av1", or for editing "prores" (422 HQ), "prores4444", "dnxhr", "ffv1";
-    crf, preset: the encoder's own scales;  audio: "copy" or "none", all sound tracks or no sound.
+    crf, preset: the encoder's own scales;  audio: "copy" or "none", all sound tracks or no sound. A picture has none of
+    these four, which are then those of clips that the same options are for.
     pictures: NUT or YUV4MPEG2, whose frames are drawn on instead of the clip's, of the same size and number; tracks
     and tags are then those of the clip, where it is there.
     Tracks, chapters, tags, timecode, HDR10 metadata and fields of the clip go along as far as the container and the
@@ -66,39 +78,76 @@ def render(
     pass has two or one.
     progress: called as ("render", frames done, frames), counted over all passes; what it raises ends the work and
     passes through. Files appear under their names only when all are complete. Raises `AssetError` when the source clip
-    is missing or another one, `MediaError` when it cannot be read, `ValueError` on options that do not fit.
+    is missing or another one, `MediaError` when it cannot be read, and before anything is drawn `ValueError` on options
+    that do not fit, looks of another clip and paths that are one or in the place of the source, `OSError` where a path
+    cannot be written.
     """
     if len(looks) != len(paths):
         raise ValueError(f"{len(looks)} looks need {len(looks)} paths, not {len(paths)}")
     if not looks:
         return []
-    targets = [Path(path) if isinstance(path, (str, Path)) else path for path in paths]
-    drafts = [partial_name(target) if isinstance(target, Path) else target for target in targets]
-    if len({id(draft) if not isinstance(draft, Path) else draft for draft in drafts}) != len(drafts):
-        raise ValueError("two looks would be written to the same path")
     if pictures is not None and len(looks) > LOOKS_AT_ONCE:
         raise ValueError(f"pictures that come by a pipe are drawn once, for at most {LOOKS_AT_ONCE} looks")
-    asked = Asked(container, codec, crf, preset, audio)
-    partials = [draft for draft in drafts if isinstance(draft, Path)]
-    try:
-        with one_blas_thread(), ExitStack() as stack:
-            canvas = stack.enter_context(_canvas(video, pictures))
+    asked, job = Asked(container, codec, crf, preset, audio), _Job(video, looks, _targets(paths, [video]))
+    return _drawn([job], asked, pictures, memory_bytes, progress)
+
+
+@dataclass(frozen=True)
+class _Job:
+    """Looks of one clip or picture, and where each goes."""
+
+    video: VectorVideo
+    looks: Sequence[Look]
+    targets: Sequence[Path | BinaryIO]
+
+
+def _targets(paths: Sequence[str | Path | BinaryIO], videos: Sequence[VectorVideo]) -> list[Path | BinaryIO]:
+    """Where results go. Raises ValueError or OSError where they cannot, or would replace what is drawn on."""
+    targets = [Path(path) if isinstance(path, (str, Path)) else path for path in paths]
+    streams = [id(target) for target in targets if not isinstance(target, Path)]
+    if len(set(streams)) != len(streams):
+        raise ValueError("two looks would be written to the same stream")
+    read = [path for video in videos for path in (video.source, video.path)]
+    check_files([target for target in targets if isinstance(target, Path)], read)
+    return targets
+
+
+def _drawn(
+    jobs: Sequence[_Job],
+    asked: Asked,
+    pictures: BinaryIO | None,
+    memory_bytes: int,
+    progress: Progress | None,
+) -> list[tuple[str, ...]]:
+    """Draw all jobs, each planned before the first is drawn, and publish them together; the lines of their targets."""
+    lost = []
+    for job in jobs:
+        for look in job.looks:
+            look.check_fits(job.video)
+    with one_blas_thread(), ExitStack() as stack:
+        drafts = stack.enter_context(drafts_of([target for job in jobs for target in job.targets]))
+        canvases = [stack.enter_context(_canvas(job.video, pictures)) for job in jobs]
+        plans = [_plans(job, canvas, asked) for job, canvas in zip(jobs, canvases, strict=True)]
+        for job, canvas, planned in zip(jobs, canvases, plans, strict=True):
+            own, drafts = drafts[: len(job.looks)], drafts[len(job.looks) :]
             if canvas.info.kind == "image":
-                lost = _render_image(video, looks, canvas, partials, targets)
-            else:
-                plans = plans_of(targets, canvas, asked)
-                at_once = LOOKS_AT_ONCE
-                if pictures is None:
-                    at_once = looks_at_once(canvas.info, memory_bytes, most=LOOKS_AT_ONCE, codec=codec)
-                _render_clip(video, looks, drafts, canvas, plans, asked, at_once, progress)
-                lost = [canvas.info.warnings + plan.warnings for plan in plans]
-        for draft, target in zip(drafts, targets, strict=True):
-            if isinstance(draft, Path) and isinstance(target, Path):
-                draft.replace(target)
-    finally:
-        for partial in partials:
-            partial.unlink(missing_ok=True)
+                lost += _render_image(job.video, job.looks, canvas, own)
+                continue
+            at_once = LOOKS_AT_ONCE
+            if pictures is None:
+                at_once = looks_at_once(canvas.info, memory_bytes, most=LOOKS_AT_ONCE, codec=asked.codec)
+            _render_clip(job.video, job.looks, own, canvas, planned, asked, at_once, progress)
+            lost += [canvas.info.warnings + plan.warnings for plan in planned]
     return lost
+
+
+def _plans(job: _Job, canvas: Canvas, asked: Asked) -> list[Plan]:
+    """The plan of each target of a clip; a picture's are only looked at."""
+    if canvas.info.kind != "image":
+        return plans_of(job.targets, canvas, asked)
+    for target in job.targets:
+        check_picture(target, asked)
+    return []
 
 
 def _canvas(video: VectorVideo, pictures: BinaryIO | None) -> AbstractContextManager[Canvas]:
@@ -113,13 +162,10 @@ def _render_image(
     video: VectorVideo,
     looks: Sequence[Look],
     canvas: Canvas,
-    partials: Sequence[Path],
-    targets: Sequence[Path | BinaryIO],
+    drafts: Sequence[Path | BinaryIO],
 ) -> list[tuple[str, ...]]:
     """Write a picture's looks; what is not kept of it, a line each."""
-    source = video.require_source()
-    if len(partials) != len(targets):
-        raise ValueError("a picture is written to a file")
+    source, partials = video.require_source(), [draft for draft in drafts if isinstance(draft, Path)]
     (frame,), metadata = canvas.frames(), read_picture_metadata(source)
     for drawn, path in zip(Renderer(video, looks).draw(frame), partials, strict=True):
         write_image(path, np.stack(drawn.planes, axis=-1), alpha=drawn.alpha, metadata=metadata)
@@ -178,28 +224,30 @@ def swap(
     Two clips: `paths[0]` is `a` with the colours of `b`, `paths[1]` is `b` with those of `a`; faces: to be changed in
     each. One clip, without `b`: two `faces` of `a` exchange their colours in one clip, written to the one path.
     contrast: λ of both sides, or one for each: "auto" or a number, first that of `a` or of `faces[0]`.
-    options: the others of `transfer` and of `render` but for `pictures`. Returns as `render`. Raises `ValueError` for
-    a clip and itself, and as those do.
+    options: the others of `transfer` and of `render` but for `pictures`; within one clip there is no `reference_face`.
+    Returns as `render`; both files appear when both are complete. Raises `ValueError` for a clip and itself, and as
+    those do.
 
         pvg.swap(video, paths="swapped.mp4", faces=(0, 1), contrast=(0.8, 1.2))
     """
-    targets = [paths] if isinstance(paths, (str, Path)) else list(paths)
-    if len(targets) != (1 if b is None else 2):
-        raise ValueError(f"a swap within one clip has one path, one of two clips has two, not {len(targets)}")
+    given = [paths] if isinstance(paths, (str, Path)) else list(paths)
+    if len(given) != (1 if b is None else 2):
+        raise ValueError(f"a swap within one clip has one path, one of two clips has two, not {len(given)}")
     drawing = {k: options.pop(k) for k in _HOW_TO_RENDER if k in options}
     if b is None:
-        if faces == "all":
+        if isinstance(faces, str):
             raise ValueError("a swap within one clip is of two faces, such as faces=(0, 1)")
-        return render(a, [exchange(a, faces, contrast=contrast, **options)], targets, **drawing)
+        return render(a, [exchange(a, faces, contrast=contrast, **options)], given, **drawing)
     if a.source_sha256 == b.source_sha256:
         raise ValueError("a clip cannot be swapped with itself; give it alone, with two faces, such as faces=(0, 1)")
-    ours, theirs = targets
+    ours, theirs = _targets(given, [a, b])
     first, second = contrast_of_both(contrast)
-    looks = (
-        transfer(a, b, faces=faces, contrast=first, **options),
-        transfer(b, a, faces=faces, contrast=second, **options),
-    )
-    return render(a, [looks[0]], [ours], **drawing) + render(b, [looks[1]], [theirs], **drawing)
+    jobs = [
+        _Job(a, [transfer(a, b, faces=faces, contrast=first, **options)], [ours]),
+        _Job(b, [transfer(b, a, faces=faces, contrast=second, **options)], [theirs]),
+    ]
+    memory_bytes, progress = drawing.pop("memory_bytes", MEMORY_BYTES), drawing.pop("progress", None)
+    return _drawn(jobs, Asked(**drawing), None, memory_bytes, progress)
 
 
 def placed_faces(video: VectorVideo, index: int) -> Iterator[tuple[int, PlacedFace]]:

@@ -6,20 +6,20 @@ has an encoder of its own with one thread, so that one worker and many give the 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
 import av
 
+from pvg._targets import check_files
 from pvg._threads import one_blas_thread
 from pvg._version import __version__
 from pvg.asset import VectorVideo
 from pvg.looks import Look
 from pvg.memory import looks_at_once
 from pvg.rendering.canvas import Asked, Canvas, plans_of, stored_canvas, stored_frames
-from pvg.rendering.passes import LOOKS_AT_ONCE, MEMORY_BYTES, Progress, draw, partial_name
+from pvg.rendering.passes import LOOKS_AT_ONCE, MEMORY_BYTES, Progress, drafts_of, draw, partial_name
 from pvg.video import ClipOfParts, PartWriter, PictureEncoder, can_join, join
 
 
@@ -44,7 +44,9 @@ def render_part(
     kind. memory_bytes, progress: see `render`; frames are counted within the part. Raises as `render`, and `ValueError`
     for frames that the clip does not have.
     """
-    drafts = _drafts(looks, paths)
+    targets = _targets(video, looks, paths)
+    for look in looks:
+        look.check_fits(video)
     if not 0 <= start < stop <= video.frame_count:
         raise ValueError(f"[{start}, {stop}) are no frames of a clip of {video.frame_count}")
     canvas = _clip(video, container, codec)
@@ -55,11 +57,10 @@ def render_part(
     def writer(k: int) -> PartWriter:
         name = targets[k].name
         encoder = PictureEncoder(canvas.info, canvas.info.format, plan, crf=crf, preset=preset, part=True, name=name)
-        return PartWriter(drafts[k], encoder, clip, start=start, stop=stop)
+        return PartWriter(partial_name(targets[k]), encoder, clip, start=start, stop=stop)
 
-    targets = [Path(path) for path in paths]
     at_once = looks_at_once(canvas.info, memory_bytes, most=LOOKS_AT_ONCE, codec=codec)
-    with one_blas_thread(), _published(drafts, targets):
+    with one_blas_thread(), drafts_of(targets):
         draw(
             video,
             looks,
@@ -90,27 +91,28 @@ def join_parts(
     one, `PartError` for a part that is missing, damaged or of another clip, place or manner, and where frames are not
     as many as the clip's, `ValueError` on options that do not fit.
     """
-    drafts, targets = _drafts(parts, paths), [Path(path) for path in paths]
+    targets = _targets(video, parts, paths, [Path(file) for files in parts for file in files])
     canvas = _clip(video, container or (targets[0].suffix if targets else "mp4"), codec)
     plans = plans_of(targets, canvas, Asked(container, codec, crf, preset, audio))
-    with _published(drafts, targets):
-        for files, draft, plan in zip(parts, drafts, plans, strict=True):
-            join([Path(file) for file in files], draft, canvas.info, plan, _of_parts(video, crf, preset))
+    with drafts_of(targets):
+        for files, target, plan in zip(parts, targets, plans, strict=True):
+            join([Path(file) for file in files], partial_name(target), canvas.info, plan, _of_parts(video, crf, preset))
     return [canvas.info.warnings + plan.warnings for plan in plans]
 
 
 def _of_parts(video: VectorVideo, crf: int | None, preset: str | None) -> ClipOfParts:
     made_by = f"pvg {__version__}, PyAV {av.__version__}"
-    return ClipOfParts(video.source_sha256, video.frame_count, crf, preset, made_by)
+    return ClipOfParts(video.source_sha256, video.frame_count, None if crf is None else int(crf), preset, made_by)
 
 
-def _drafts(items: Sequence[object], paths: Sequence[str | Path]) -> list[Path]:
+def _targets(
+    video: VectorVideo, items: Sequence[object], paths: Sequence[str | Path], inputs: Sequence[Path] = ()
+) -> list[Path]:
     if len(items) != len(paths):
         raise ValueError(f"{len(items)} looks need {len(items)} paths, not {len(paths)}")
-    drafts = [partial_name(Path(path)) for path in paths]
-    if len(set(drafts)) != len(drafts):
-        raise ValueError("two looks would be written to the same path")
-    return drafts
+    targets = [Path(path) for path in paths]
+    check_files(targets, [video.source, video.path, *inputs])
+    return targets
 
 
 def _clip(video: VectorVideo, container: str, codec: str) -> Canvas:
@@ -120,15 +122,3 @@ def _clip(video: VectorVideo, container: str, codec: str) -> Canvas:
     if canvas.info.kind != "video":
         raise ValueError("a picture has no parts: render it whole")
     return canvas
-
-
-@contextmanager
-def _published(drafts: Sequence[Path], targets: Sequence[Path]) -> Iterator[None]:
-    """Give the drafts their names when the block is left well, and remove them otherwise."""
-    try:
-        yield
-        for draft, target in zip(drafts, targets, strict=True):
-            draft.replace(target)
-    finally:
-        for draft in drafts:
-            draft.unlink(missing_ok=True)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, closing
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, BinaryIO, Final, Protocol
 
 from pvg._threads import Sink, ahead
 from pvg.asset import VectorVideo
@@ -30,6 +30,24 @@ class FrameWriter(AbstractContextManager[Any], Protocol):
 def partial_name(path: Path) -> Path:
     """The name beside `path` under which it is written until it is complete."""
     return path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+
+
+@contextmanager
+def drafts_of(targets: Sequence[Path | BinaryIO]) -> Iterator[list[Path | BinaryIO]]:
+    """What is written to in the place of each target: a draft beside a file, a stream itself.
+
+    Drafts get their names when the block is left well, and are removed otherwise.
+    """
+    drafts = [partial_name(target) if isinstance(target, Path) else target for target in targets]
+    try:
+        yield drafts
+        for draft, target in zip(drafts, targets, strict=True):
+            if isinstance(draft, Path) and isinstance(target, Path):
+                draft.replace(target)
+    finally:
+        for draft in drafts:
+            if isinstance(draft, Path):
+                draft.unlink(missing_ok=True)
 
 
 def draw(

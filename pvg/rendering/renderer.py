@@ -80,9 +80,14 @@ _Faces = list[tuple[int, PlacedFace, Floats | None]]  # each face, where it is, 
 
 
 class Renderer:
-    """Draws the looks of one clip into its frames; frames may come in any order."""
+    """Draws the looks of one clip into its frames; frames may come in any order.
+
+    Raises `ValueError` for a look of another clip.
+    """
 
     def __init__(self, video: VectorVideo, looks: Sequence[Look]) -> None:
+        for look in looks:
+            look.check_fits(video)
         self.video = video
         self.looks = tuple(looks)
         faces = sorted({face for look in looks for face in look.colors})

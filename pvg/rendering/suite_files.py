@@ -6,8 +6,9 @@ best single one, and where the matte is 1 it gives nearly the same skin.
 
 from __future__ import annotations
 
+import re
 import tempfile
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
@@ -16,9 +17,10 @@ from typing import Literal
 import numpy as np
 
 from pvg._arrays import Floats
+from pvg._targets import check_files, check_folder, check_folder_of_files
 from pvg._threads import ahead, one_blas_thread
 from pvg.asset import VectorVideo
-from pvg.looks import CUBE_SIZE, Look, look_cube, remainder_by_luma, write_cube
+from pvg.looks import CUBE_SIZE, Look, check_size, look_cube, remainder_by_luma, write_cube
 from pvg.rendering.canvas import Canvas, stored_canvas, stored_frames
 from pvg.rendering.renderer import Renderer
 from pvg.video import ColorSpace, Frame, MediaInfo, PixelFormat, VideoWriter, write_image
@@ -32,7 +34,9 @@ MatteFormat = Literal["ffv1", "prores", "png"]
 
 _GREY = PixelFormat("yuv420p", 8, (1, 1), (0.2126, 0.0722), True)
 _WITH_ALPHA = PixelFormat("yuv444p10le", 10, (0, 0), (0.2126, 0.0722), False)
+_NUMBERED = re.compile(r"\d{6,}\.png")
 _WITHIN = 0.9  # of the matte: pixels whose change is all the look's
+_README = "look-README.txt"
 _README_CUBE = "{}: the look's colours, a 3D LUT for the clip's own values ({}); put it on a copy of the clip.\n"
 _README_MATTE = (
     "{}: where the look lies, white on black, frame by frame as the clip; lay that copy over the clip through it.\n"
@@ -51,6 +55,7 @@ def export(
     parts: Collection[Part] = PARTS,
     matte: MatteFormat = "ffv1",
     size: int = CUBE_SIZE,
+    keep: Iterable[str | Path] = (),
     progress: Progress | None = None,
 ) -> list[Path]:
     """Write a look as files into a folder, made when it is not there; their paths: cubes, mattes, look-README.txt.
@@ -61,19 +66,25 @@ def export(
     `matte.png`). With several persons names end in -1, -2, … And a look-README.txt of some lines. With key frames of
     different exposure the table is that of the one the look was made from. parts: what is made of "cube" and "matte".
     progress: see `render`; a cube alone has none. Files appear under their names only when all are complete. Raises
-    `AssetError` and `MediaError` as `render`, `ValueError` for an unknown part, matte or size.
+    `AssetError` and `MediaError` as `render`; before anything is drawn `ValueError` for an unknown part, matte or size,
+    a look of another clip and files in the place of the clip or asset or of `keep`, further files that are not to be
+    replaced; `OSError` where the files cannot be written. Numbered pictures of an export before are removed.
     """
     if unknown := [part for part in parts if part not in PARTS]:
         raise ValueError(f"part {unknown[0]!r} is not one of {', '.join(PARTS)}")
     if matte not in MATTES:
         raise ValueError(f"matte {matte!r} is not one of {', '.join(MATTES)}")
+    check_size(size)
+    renderer = Renderer(video, [look])
     canvas = stored_canvas(video)
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
     persons = [[face for face in person if face in look.maps] for person in video.persons]
     persons = [faces for faces in persons if faces]
     ends = [""] if len(persons) == 1 else [f"-{k + 1}" for k in range(len(persons))]
-    renderer = Renderer(video, [look])
+    names = [f"look{end}.cube" for end in ends if "cube" in parts]
+    names += [_matte_name(end, matte, canvas.info) for end in ends if "matte" in parts]
+    _check_targets(folder, [*names, _README], [video.source, video.path, *map(Path, keep)])
+    folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".look-", dir=folder) as name:
         drafts = Path(name)
         cubes = [drafts / f"look{end}.cube" for end in ends] if "cube" in parts else []
@@ -83,7 +94,7 @@ def export(
         if writers:
             _write_mattes(canvas, renderer, persons, writers, progress)
         mattes = [writer.path for writer in writers]
-        readme = drafts / "look-README.txt"
+        readme = drafts / _README
         readme.write_text(_readme(cubes, mattes, canvas.info.color), encoding="utf-8")
         return [_published(path, folder) for path in (*cubes, *mattes, readme)]
 
@@ -94,9 +105,24 @@ def _published(draft: Path, folder: Path) -> Path:
     if not draft.is_dir():
         return draft.replace(target)
     target.mkdir(exist_ok=True)
-    for path in draft.iterdir():
-        path.replace(target / path.name)
+    names = {path.name for path in draft.iterdir()}
+    for name in names:
+        (draft / name).replace(target / name)
+    for path in list(target.iterdir()):  # of a longer clip before
+        if path.name not in names and _NUMBERED.fullmatch(path.name):
+            path.unlink()
     return target
+
+
+def _check_targets(folder: Path, names: Sequence[str], inputs: Sequence[Path | None]) -> None:
+    """Refuse files that cannot be written or would replace one of the inputs; a name without a suffix is a folder's."""
+    check_folder(folder)
+    if not folder.exists():
+        return
+    check_files([folder / name for name in names if "." in name], inputs)
+    for name in names:
+        if "." not in name:
+            check_folder_of_files(folder / name, inputs)
 
 
 def _write_mattes(
@@ -198,11 +224,16 @@ class _ClipWriter:
         self._writer.write(drawn)
 
 
-def _writer(folder: Path, end: str, matte: str, info: MediaInfo) -> _PictureWriter | _ClipWriter:
+def _matte_name(end: str, matte: str, info: MediaInfo) -> str:
     if info.kind == "image":
-        return _PictureWriter(folder / f"matte{end}.png", numbered=False)
-    if matte == "png":
-        return _PictureWriter(folder / f"matte{end}", numbered=True)
+        return f"matte{end}.png"
+    return f"matte{end}" + {"png": "", "prores": ".mov", "ffv1": ".mkv"}[matte]
+
+
+def _writer(folder: Path, end: str, matte: str, info: MediaInfo) -> _PictureWriter | _ClipWriter:
+    path = folder / _matte_name(end, matte, info)
+    if info.kind == "image" or matte == "png":
+        return _PictureWriter(path, numbered=info.kind != "image")
     if matte == "prores":
-        return _ClipWriter(folder / f"matte{end}.mov", info, _WITH_ALPHA, "prores4444")
-    return _ClipWriter(folder / f"matte{end}.mkv", info, _GREY, "ffv1")
+        return _ClipWriter(path, info, _WITH_ALPHA, "prores4444")
+    return _ClipWriter(path, info, _GREY, "ffv1")

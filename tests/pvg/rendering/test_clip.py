@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -66,6 +68,137 @@ def test_two_looks_cannot_share_a_path(video: pvg.VectorVideo, dark_reference: p
         pvg.render(video, [look, look], [tmp_path / "a.mp4", tmp_path / "a.mp4"])
     with pytest.raises(ValueError, match="paths"):
         pvg.render(video, [look, look], [tmp_path / "a.mp4"])
+
+
+def never(*_: object) -> None:
+    raise AssertionError("something was drawn")
+
+
+@pytest.fixture
+def own_clip(video: pvg.VectorVideo, tmp_path: Path) -> Iterator[pvg.VectorVideo]:
+    """The short clip in a folder of its own, with its asset."""
+    source, asset = tmp_path / "own.mp4", tmp_path / "own.pvg"
+    source.write_bytes(video.require_source().read_bytes())
+    asset.write_bytes(video.path.read_bytes())
+    with pvg.open_asset(asset, source) as opened:
+        yield opened
+
+
+def test_paths_are_looked_at_before_anything_is_drawn(
+    own_clip: pvg.VectorVideo, dark_reference: pvg.VectorVideo, tmp_path: Path
+) -> None:
+    (tmp_path / "dir.mp4").mkdir()
+    before = own_clip.require_source().read_bytes()
+    look = pvg.transfer(own_clip, dark_reference)
+    first, again = tmp_path / "q.mp4", tmp_path / "dir.mp4" / ".." / "q.mp4"
+    (tmp_path / "link.mp4").symlink_to(own_clip.require_source())
+    cases: list[tuple[list[Path], type[Exception], str]] = [
+        ([first, tmp_path / "own.mp4"], ValueError, "own.mp4 would be replaced while it is read"),
+        ([first, tmp_path / "link.mp4"], ValueError, "link.mp4 would be replaced while it is read"),
+        ([first, again], ValueError, "same path"),
+        ([first, tmp_path / "dir.mp4"], IsADirectoryError, "dir.mp4"),
+        ([first, tmp_path / "none" / "x.mp4"], FileNotFoundError, "none"),
+        ([first, tmp_path / "x.avi"], ValueError, "x.avi"),
+    ]
+    for paths, error, words in cases:
+        with pytest.raises(error, match=words):
+            pvg.render(own_clip, [look, look], paths, progress=never)
+    if os.geteuid():
+        (tmp_path / "sealed").mkdir(0o500)
+        with pytest.raises(PermissionError, match="sealed"):
+            pvg.render(own_clip, [look], [tmp_path / "sealed" / "x.mp4"], progress=never)
+    assert own_clip.require_source().read_bytes() == before
+    assert not first.exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"crf": 52}, "crf of H.264 is a whole number from 0 to 51, not 52"),
+        ({"crf": -1}, "crf is a whole number from 0 to 63, not -1"),
+        ({"crf": 18.5}, "crf is a whole number"),
+        ({"crf": True, "codec": "vp9"}, "crf of VP9 is a whole number from 0 to 63"),
+        ({"crf": "18"}, "crf is a whole number"),
+        ({"preset": "quick"}, "preset is one of veryslow, slower"),
+        ({"preset": 5}, "preset is one of"),
+        ({"preset": "9", "codec": "vp9"}, "preset of VP9 is one of .* or 0 to 8"),
+        ({"preset": "5", "codec": "h264"}, "preset of H.264 is one of"),
+        ({"crf": 20, "codec": "prores"}, "ProRes 422 HQ has no crf"),
+        ({"audio": "mp3"}, "audio must be one of copy, none"),
+        ({"audio": None}, "audio must be one of"),
+        ({"codec": "mpeg2"}, "codec 'mpeg2' is not one of"),
+    ],
+)
+def test_how_to_encode_is_looked_at_before_anything_is_drawn(
+    options: dict[str, object],
+    words: str,
+    video: pvg.VectorVideo,
+    group: pvg.VectorVideo,
+    dark_reference: pvg.VectorVideo,
+    tmp_path: Path,
+) -> None:
+    suffix = ".mov" if options.get("codec") == "prores" else ".mp4"
+    with pytest.raises(ValueError, match=words):
+        pvg.render(video, [pvg.transfer(video, dark_reference)], [tmp_path / f"o{suffix}"], progress=never, **options)  # type: ignore[arg-type]
+    if "H.264" not in words or "codec" in options:  # a picture has none of these, and they are wrong all the same
+        with pytest.raises(ValueError, match=words):
+            pvg.render(group, [pvg.transfer(group, dark_reference, faces=[0])], [tmp_path / "o.png"], **options)  # type: ignore[arg-type]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_picture_is_named_as_one(group: pvg.VectorVideo, dark_reference: pvg.VectorVideo, tmp_path: Path) -> None:
+    look = pvg.transfer(group, dark_reference, faces=[0])
+    with pytest.raises(ValueError, match=r"o\.gif: a picture is written as"):
+        pvg.render(group, [look], [tmp_path / "o.gif"])
+    with pytest.raises(ValueError, match="not named as jpg is"):
+        pvg.render(group, [look], [tmp_path / "o.png"], container="jpg")
+    pvg.render(group, [look], [tmp_path / "o.jpeg"], container="jpg")
+    assert [path.name for path in tmp_path.iterdir()] == ["o.jpeg"]
+
+
+def test_a_look_is_drawn_on_its_own_clip_alone(
+    video: pvg.VectorVideo, group: pvg.VectorVideo, dark_reference: pvg.VectorVideo, tmp_path: Path
+) -> None:
+    of_group = pvg.transfer(group, dark_reference)
+    with pytest.raises(ValueError, match="of another clip than"):
+        pvg.render(video, [of_group], [tmp_path / "o.mp4"], progress=never)
+    with pytest.raises(ValueError, match="of another clip than"):
+        pvg.render_frame(video, of_group, 0)
+    with pytest.raises(ValueError, match="of another clip than"):
+        pvg.export(video, of_group, tmp_path / "suite", progress=never)
+    unsaid = replace(of_group, source_sha256=None)
+    with pytest.raises(ValueError, match="does not fit face 1"):
+        pvg.render(video, [unsaid], [tmp_path / "o.mp4"], progress=never)
+    own = pvg.transfer(video, dark_reference)
+    other = replace(own, colors={0: np.concatenate([own.colors[0]] * 2)})  # of more key frames
+    with pytest.raises(ValueError, match="does not fit face 0"):
+        pvg.render(video, [own, other], [tmp_path / "o.mp4", tmp_path / "p.mp4"], progress=never)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_swap_writes_both_or_none(
+    own_clip: pvg.VectorVideo, video: pvg.VectorVideo, group: pvg.VectorVideo, tmp_path: Path
+) -> None:
+    before, first = own_clip.require_source().read_bytes(), tmp_path / "w1.mp4"
+    first.write_bytes(b"of before")
+    for second, words in (
+        (tmp_path / "w2.avi", "w2.avi"),
+        (first, "same path"),
+        (tmp_path / "own.mp4", "would be replaced"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            pvg.swap(own_clip, group, [first, second], progress=never)
+    with pytest.raises(ValueError, match="would be replaced"):
+        pvg.swap(group, own_clip, [tmp_path / "own.mp4", first], progress=never)
+
+    def fail(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):  # the picture is drawn by then
+        pvg.swap(group, own_clip, [tmp_path / "w.png", first], progress=fail)
+    assert {path.name for path in tmp_path.iterdir()} == {"own.mp4", "own.pvg", "w1.mp4"}
+    assert first.read_bytes() == b"of before"
+    assert own_clip.require_source().read_bytes() == before
 
 
 def test_an_image_is_rendered_as_an_image(samples: Samples, dark_reference: pvg.VectorVideo, tmp_path: Path) -> None:
@@ -218,7 +351,7 @@ def test_a_look_on_16_bits_has_finer_steps_and_the_same_colours(
     flat_source = tmp_path / "flat.png"
     write_image(flat_source, read_image(source).rgb())
     with pvg.vectorize(flat_source) as image:
-        flat = pvg.render_frame(image, look, 0)
+        flat = pvg.render_frame(image, replace(look, source_sha256=None), 0)  # of the same faces in another file
     deep, before = drawn[".png"], read_image(source)
     for a, b in zip((*deep.planes, deep.alpha), (*drawn[".tiff"].planes, drawn[".tiff"].alpha), strict=True):
         np.testing.assert_array_equal(a, b)

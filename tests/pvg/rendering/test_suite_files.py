@@ -125,6 +125,47 @@ def test_an_export_that_fails_leaves_the_files_of_before(
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
+def test_an_export_replaces_nothing_that_it_reads(
+    video: pvg.VectorVideo, dark_reference: pvg.VectorVideo, tmp_path: Path
+) -> None:
+    source, reference = tmp_path / "matte.mkv", tmp_path / "matte" / "000003.png"
+    source.write_bytes(video.require_source().read_bytes())
+    reference.parent.mkdir()
+    reference.write_bytes(b"a portrait")
+
+    def never(*_: object) -> None:
+        raise AssertionError
+
+    with pvg.open_asset(video.path, source) as own:
+        look = pvg.transfer(own, dark_reference)
+        with pytest.raises(ValueError, match=r"matte\.mkv would be replaced"):
+            pvg.export(own, look, tmp_path, progress=never)
+        with pytest.raises(ValueError, match=r"files in .*matte would be replaced"):
+            pvg.export(own, look, tmp_path, matte="png", keep=[reference], progress=never)
+        (tmp_path / "look.cube").mkdir()
+        with pytest.raises(IsADirectoryError, match=r"look\.cube"):
+            pvg.export(own, look, tmp_path, matte="prores", progress=never)
+        with pytest.raises(NotADirectoryError, match=r"matte\.mkv"):
+            pvg.export(own, look, source, progress=never)
+        with pytest.raises(ValueError, match="nodes a side"):
+            pvg.export(own, look, tmp_path, matte="prores", size=1, progress=never)
+    assert source.read_bytes() == video.require_source().read_bytes()
+    assert {path.name for path in tmp_path.iterdir()} == {"matte.mkv", "matte", "look.cube"}
+
+
+def test_pictures_of_a_longer_export_do_not_stay_among_the_new(
+    video: pvg.VectorVideo, dark_reference: pvg.VectorVideo, tmp_path: Path
+) -> None:
+    folder = tmp_path / "matte"
+    folder.mkdir()
+    for name in ("000000.png", "000040.png", "123456.png", "notes.png", "000041.txt"):
+        (folder / name).write_bytes(b"of before")
+    pvg.export(video, pvg.transfer(video, dark_reference), tmp_path, parts=["matte"], matte="png")
+    names = {f"{k:06d}.png" for k in range(video.frame_count)}
+    assert {path.name for path in folder.iterdir()} == names | {"notes.png", "000041.txt"}
+    assert read_image(folder / "000000.png").width == video.media.width
+
+
 def test_an_unknown_matte_is_refused(video: pvg.VectorVideo, dark_reference: pvg.VectorVideo, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="not one of ffv1, prores, png"):
         pvg.export(video, pvg.transfer(video, dark_reference), tmp_path, matte="gif")  # type: ignore[arg-type]
