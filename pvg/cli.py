@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -13,7 +15,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import pvg
 from pvg._options import CLIP_CONTAINERS, LOOK_OPTIONS, OUTPUT_OPTIONS, STANDARD, parser_of
-from pvg._outputs import check_file, check_folder, check_outputs, check_pipe, check_suffix, outputs, suffix
+from pvg._outputs import check_outputs, check_pipe, check_suffix, outputs, suffix
+from pvg._targets import check_file, check_folder
 from pvg.errors import AssetError, PvgError
 
 if TYPE_CHECKING:
@@ -24,6 +27,7 @@ if TYPE_CHECKING:
 
 BAD_ARGUMENTS = 2
 BAD_INPUT = 3
+PIPE_CLOSED = 128 + 13  # as of SIGPIPE, which some systems have no name for
 _ASSET_MAGIC = b"PK\x03\x04"
 
 
@@ -108,7 +112,6 @@ def _chosen(video: VectorVideo, faces: Literal["all"] | Sequence[int]) -> list[F
 
 
 def _vectorize(given: argparse.Namespace) -> None:
-    check_file(given.output, [given.input])
     with _progress() as progress:
         video = pvg.vectorize(
             given.input,
@@ -130,10 +133,15 @@ def _warn_of_outputs(paths: Iterable[Path], warnings: Iterable[Sequence[str]]) -
         _warn_of(path, lines)
 
 
+def _check_source(given: argparse.Namespace) -> None:
+    if given.source is not None and given.input.exists() and not _is_asset(given.input):
+        what = "is for pictures that an asset is drawn on" if given.source == STANDARD else "is an asset's clip"
+        raise ValueError(f"--source {given.source} {what}, and {given.input.name} is no asset; give the asset first")
+
+
 def _transfer(given: argparse.Namespace) -> None:
     piped = given.output == STANDARD
-    if given.source == STANDARD and not _is_asset(given.input):
-        raise ValueError("--source - is for pictures that an asset is drawn on; give the asset first")
+    _check_source(given)
     source = None if given.source == STANDARD else given.source
     if piped:
         check_pipe(given.container, given.reference)
@@ -144,6 +152,7 @@ def _transfer(given: argparse.Namespace) -> None:
         clip = _open_input(
             given.input, stack, reading=_reading_options(given), source=source, drawn=given.source != STANDARD
         )
+        _check_clip_options(given, clip)
         references = [_open_input(path, stack) for path in given.reference]
         looks = [_look(given, clip, reference) for reference in references]
         paths = [STANDARD] if piped else outputs(given.output, given.reference, clip, given.container)
@@ -176,6 +185,7 @@ def _look(given: argparse.Namespace, clip: VectorVideo, reference: VectorVideo) 
 def _export(given: argparse.Namespace) -> None:
     if given.output.exists() and not given.output.is_dir():
         raise ValueError(f"-o {given.output} is a file; an export is a folder")
+    _check_source(given)
     check_folder(given.output)
     with ExitStack() as stack:
         clip = _open_input(given.input, stack, reading=_reading_options(given), source=given.source)
@@ -184,7 +194,12 @@ def _export(given: argparse.Namespace) -> None:
         _warn(given.reference, [_reference_face(reference, given.reference_face)])
         with _progress() as progress:
             written = pvg.export(
-                clip, _look(given, clip, reference), given.output, matte=given.matte, progress=progress
+                clip,
+                _look(given, clip, reference),
+                given.output,
+                matte=given.matte,
+                keep=[given.input, given.reference],
+                progress=progress,
             )
     print(*written, sep="\n")
 
@@ -193,12 +208,20 @@ def _check_plan(given: argparse.Namespace, path: Path) -> None:
     """Refuse, before the long work, an output that a clip cannot be written as."""
     if _is_asset(path):
         return
-    from pvg.video import CLIP_SUFFIXES, IMAGE_KINDS, planned, sniff  # noqa: PLC0415 - the work needs it anyway
+    from pvg.video import CLIP_SUFFIXES, IMAGE_KINDS, check_scales, planned, sniff  # noqa: PLC0415 - the work needs it
 
     suffix = given.output.suffix.lower()
     container = given.container or (suffix if suffix in CLIP_SUFFIXES else "nut" if given.output == STANDARD else "mp4")
     if sniff(path) not in IMAGE_KINDS and (container in CLIP_CONTAINERS or container in CLIP_SUFFIXES):
-        planned(path, container=container, codec=given.codec, **_reading_options(given))
+        plan = planned(path, container=container, codec=given.codec, **_reading_options(given))
+        check_scales(plan.codec, given.crf, given.preset)
+
+
+def _check_clip_options(given: argparse.Namespace, *videos: VectorVideo) -> None:
+    """Refuse what is asked in vain: pictures have no codec and no sound."""
+    asked = [name for name in ("codec", "crf", "preset", "audio") if getattr(given, name) not in (None, "auto", "copy")]
+    if asked and all(video.media.kind == "image" for video in videos):
+        raise ValueError(f"--{asked[0]} is of clips, and here are pictures only")
 
 
 def _output_options(given: argparse.Namespace) -> dict[str, Any]:
@@ -237,9 +260,9 @@ def _swap_within(given: argparse.Namespace) -> None:
     check_outputs(given.output, [given.a], [given.a], given.container)
     with ExitStack() as stack:
         clip = _open_input(given.a, stack, reading=_reading_options(given))
+        _check_clip_options(given, clip)
         (path,) = outputs(given.output, [given.a], clip, given.container)
         check_suffix(path, [clip.media.kind])
-        check_file(path, [clip.source, given.a])
         look = pvg.exchange(clip, given.faces, contrast=given.contrast, **_look_options(given))
         _warn(given.a, _chosen(clip, given.faces))
         with _progress() as progress:
@@ -252,6 +275,7 @@ def _swap_clips(given: argparse.Namespace, a: Path, b: Path, folder: Path) -> No
     """Two clips."""
     with ExitStack() as stack:
         first, second = (_open_input(path, stack, reading=_reading_options(given)) for path in (a, b))
+        _check_clip_options(given, first, second)
         if first.source_sha256 == second.source_sha256:
             raise ValueError(f"{a.name} and {b.name} are the same clip; give one alone, with two faces: --faces 0,1")
         same = a.stem == b.stem
@@ -260,8 +284,6 @@ def _swap_clips(given: argparse.Namespace, a: Path, b: Path, folder: Path) -> No
             folder / f"{b.stem}{'-b' if same else ''}{suffix(second, given.container)}",
         ]
         folder.mkdir(parents=True, exist_ok=True)
-        for path in paths:
-            check_file(path, [a, b, first.source, second.source])
         _warn(a, first.faces)
         _warn(b, second.faces)
         with _progress() as progress:
@@ -284,6 +306,7 @@ def _inspect(given: argparse.Namespace) -> None:
     if given.output is not None:
         check_suffix(given.output, ["image"])
         check_file(given.output, [given.input, given.source])
+    _check_source(given)
     if not _is_asset(given.input):
         if given.layer is not None:
             raise ValueError(f"a layer is drawn of an asset, which {given.input.name} is not; vectorise it first")
@@ -329,6 +352,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = parser.parse_args(arguments)
     try:
         given.run(given)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        _end_quietly()
     except PvgError as error:
         _fail(BAD_INPUT, str(error))
     except OSError as error:
@@ -338,6 +364,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         _fail(BAD_ARGUMENTS, str(error))
     except KeyboardInterrupt:
         sys.exit(128 + signal.SIGINT)
+
+
+def _end_quietly() -> None:
+    """Whoever read the output has had enough: no more is written, by the interpreter's last flush either."""
+    with contextlib.suppress(OSError), Path(os.devnull).open("wb") as nothing:
+        os.dup2(nothing.fileno(), sys.stdout.fileno())
+    sys.exit(PIPE_CLOSED)
 
 
 def _fail(code: int, message: str) -> None:

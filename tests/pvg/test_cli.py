@@ -255,6 +255,13 @@ def test_bad_arguments_exit_with_2(
         ["transfer", asset, *look, "-o", "-", "--container", "mp4"],
         ["transfer", asset, *look, *look, "-o", "-"],
         ["transfer", clip, *look, "--source", "-", "-o", tmp_path / "o.mp4"],
+        ["transfer", clip, *look, "--source", clip, "-o", tmp_path / "o.mp4"],
+        ["export", clip, *look, "--source", clip, "-o", tmp_path / "o"],
+        ["inspect", clip, "--source", clip],
+        ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--crf", "52"],
+        ["transfer", clip, *look, "-o", tmp_path / "o.mp4", "--crf", "52"],
+        ["transfer", samples.portrait, *look, "-o", tmp_path / "o.png", "--crf", "20"],
+        ["swap", samples.portrait, samples.dark_portrait, "-o", tmp_path / "o", "--audio", "none"],
         ["swap", asset, asset, "-o", tmp_path / "o"],
         ["swap", asset, clip, "-o", tmp_path / "o"],
         ["swap", asset, "-o", tmp_path / "o.mp4"],
@@ -269,6 +276,43 @@ def test_bad_arguments_exit_with_2(
         assert result.returncode == 2, (arguments, result.stderr)
     assert run_process("paint", asset).returncode == 2
     assert list(tmp_path.iterdir()) == []
+
+
+def test_an_export_replaces_neither_its_clip_nor_its_reference(
+    run: Run, clip: Path, reference_asset: Path, tmp_path: Path
+) -> None:
+    own, reference = tmp_path / "matte.mkv", tmp_path / "look.cube"
+    shutil.copy(clip, own)
+    shutil.copy(reference_asset, reference)
+    for given, colors, kept in ((own, reference_asset, own), (clip, reference, reference)):
+        result = run("export", given, "--reference", colors, "-o", tmp_path)
+        assert result.returncode == 2
+        assert f"{kept} would be replaced" in result.stderr
+    assert own.read_bytes() == clip.read_bytes()
+    assert reference.read_bytes() == reference_asset.read_bytes()
+
+
+def test_a_swap_replaces_neither_clip(run: Run, asset: Path, clip: Path, samples: Samples, tmp_path: Path) -> None:
+    own = tmp_path / "clip.mp4"
+    shutil.copy(clip, own)
+    result = run("swap", own, samples.dark_portrait, "-o", tmp_path)
+    assert result.returncode == 2
+    assert "clip.mp4 would be replaced" in result.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["clip.mp4"]
+
+
+def test_a_closed_pipe_ends_quietly(asset: Path, reference_asset: Path) -> None:
+    """Whoever reads has had enough, as `head` has."""
+    command = [str(Path(sys.executable).with_name("pvg"))]
+    for arguments in (["transfer", asset, "--reference", reference_asset, "-o", "-"], ["inspect", asset]):
+        with subprocess.Popen(
+            [*command, *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        ) as started:
+            assert started.stdout is not None
+            assert started.stderr is not None
+            started.stdout.close()
+            assert started.stderr.read() == b""
+        assert started.returncode == 141
 
 
 def test_bad_input_exits_with_3_and_one_line(run: Run, samples: Samples, tmp_path: Path) -> None:
@@ -373,15 +417,15 @@ def test_outputs_are_refused_before_the_work_begins(
         (["vectorize", text, "-o", tmp_path / "none" / "o.pvg"], 3, f"No such file or directory: {tmp_path}/none\n"),
         (["vectorize", text, "-o", text / "o.pvg"], 3, f"Not a directory: {text}\n"),
         (["vectorize", text, "-o", "/dev/null"], 2, "not a regular file"),
-        (["vectorize", text, "-o", text], 2, "is read by this"),
+        (["vectorize", text, "-o", text], 2, "while it is read"),
         (["transfer", text, *look, "-o", tmp_path / "o.gif"], 2, "must end in"),
         (["transfer", text, *look, "-o", tmp_path / "o"], 2, "must end in"),
-        (["transfer", text, *look, "-o", text], 2, "is read by this"),
+        (["transfer", text, *look, "-o", text], 2, "while it is read"),
         (["transfer", text, *look, "-o", tmp_path / "none" / "o.mp4"], 3, "No such file"),
         (["transfer", text, *look, "-o", tmp_path / "o.mp4", "--contrast", "3"], 2, "--contrast"),
         (["transfer", text, *look, "-o", tmp_path / "o.mp4", "--face", "x"], 2, "--face"),
         (["transfer", text, *look, *look, "-o", text / "looks"], 3, "Not a directory"),
-        (["transfer", asset, *look, "-o", clip], 2, "is read by this"),
+        (["transfer", asset, *look, "-o", clip], 2, "while it is read"),
         (["transfer", asset, *look, "-o", tmp_path / "o.png"], 2, "must end in"),
         (["swap", text, text, "-o", text], 3, "Not a directory"),
         (["inspect", asset, "--layer", "mask", "-o", tmp_path / "o.mp4"], 2, "must end in"),
