@@ -346,6 +346,11 @@ def test_the_help_loads_no_library() -> None:
         assert done.stdout == "[]\n"
 
 
+def test_the_help_says_what_parts_left_out_of_make_up_get(run: Run) -> None:
+    for command in ("transfer", "swap", "export"):
+        assert f"parts left out get {MAKEUP}" in " ".join(run(command, "--help").stdout.split())
+
+
 def test_a_transfer_between_assets_loads_no_network(asset: Path, reference_asset: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.mp4"
     script = (

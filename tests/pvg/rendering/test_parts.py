@@ -200,3 +200,24 @@ def test_what_has_no_parts_is_said(video: pvg.VectorVideo, group: pvg.VectorVide
     with pytest.raises(ValueError, match="paths"):
         join_parts(video, [[path]], [])
     assert list(tmp_path.iterdir()) == []
+
+
+def test_parts_replace_nothing_that_they_are_made_from(
+    video: pvg.VectorVideo, group: pvg.VectorVideo, dark_reference: pvg.VectorVideo, tmp_path: Path
+) -> None:
+    source = video.require_source()
+    before = source.read_bytes()
+    where: dict[str, Any] = {"container": "mp4", "start": 0, "stop": 20}
+    look = pvg.transfer(video, dark_reference)
+    with pytest.raises(ValueError, match="would be replaced"):
+        render_part(video, [look], [source], **where)
+    with pytest.raises(ValueError, match="of another clip"):
+        render_part(video, [pvg.transfer(group, dark_reference)], [tmp_path / "0.part"], **where)
+    with pytest.raises(ValueError, match=r"crf of H\.264 is a whole number from 0 to 51"):
+        render_part(video, [look], [tmp_path / "0.part"], crf=60, **where)
+    part = tmp_path / "part.mp4"
+    part.write_bytes(b"a part")
+    with pytest.raises(ValueError, match=r"part\.mp4 would be replaced"):
+        join_parts(video, [[part]], [part])
+    assert source.read_bytes() == before
+    assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"a part"]
