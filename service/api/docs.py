@@ -33,14 +33,14 @@ _HEADERS: Final = {
 def install(app: FastAPI) -> None:
     """Add the schema, both pages and their files."""
 
-    @app.get("/openapi.json", include_in_schema=False)
-    @app.get(f"{PREFIX}/openapi.json", include_in_schema=False)
+    @app.api_route("/openapi.json", methods=["GET", "HEAD"], include_in_schema=False)
+    @app.api_route(f"{PREFIX}/openapi.json", methods=["GET", "HEAD"], include_in_schema=False)
     def schema(request: Request) -> JSONResponse:
         root, described = _root(request), app.openapi()
         return JSONResponse(described | {"servers": [{"url": root}]} if root else described)
 
-    @app.get("/docs", include_in_schema=False)
-    @app.get(f"{PREFIX}/docs", include_in_schema=False)
+    @app.api_route("/docs", methods=["GET", "HEAD"], include_in_schema=False)
+    @app.api_route(f"{PREFIX}/docs", methods=["GET", "HEAD"], include_in_schema=False)
     def swagger(request: Request) -> HTMLResponse:
         root = _root(request)
         page = get_swagger_ui_html(
@@ -54,8 +54,8 @@ def install(app: FastAPI) -> None:
         )
         return HTMLResponse(page.body, headers=_HEADERS)
 
-    @app.get("/redoc", include_in_schema=False)
-    @app.get(f"{PREFIX}/redoc", include_in_schema=False)
+    @app.api_route("/redoc", methods=["GET", "HEAD"], include_in_schema=False)
+    @app.api_route(f"{PREFIX}/redoc", methods=["GET", "HEAD"], include_in_schema=False)
     def redoc(request: Request) -> HTMLResponse:
         root = _root(request)
         page = get_redoc_html(
@@ -67,12 +67,12 @@ def install(app: FastAPI) -> None:
         )
         return HTMLResponse(page.body, headers=_HEADERS)
 
-    @app.get(PROBLEMS_PAGE, include_in_schema=False)
-    @app.get(f"{PREFIX}{PROBLEMS_PAGE}", include_in_schema=False)
+    @app.api_route(PROBLEMS_PAGE, methods=["GET", "HEAD"], include_in_schema=False)
+    @app.api_route(f"{PREFIX}{PROBLEMS_PAGE}", methods=["GET", "HEAD"], include_in_schema=False)
     def problems() -> HTMLResponse:
         return HTMLResponse(_problems_page(app.title), headers=_HEADERS)
 
-    @app.get("/docs/assets/{name}", include_in_schema=False)
+    @app.api_route("/docs/assets/{name}", methods=["GET", "HEAD"], include_in_schema=False)
     def asset(name: str) -> FileResponse:
         if name not in ASSETS:
             raise NotFoundError(f"there is no file {name}")

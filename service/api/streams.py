@@ -59,6 +59,10 @@ class EventStream(StreamingResponse):
         self._owner = owner
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer."""
+        """Answer; a HEAD with what a stream begins with, for it has no end to wait for."""
+        if scope["method"] == "HEAD":
+            await send({"type": "http.response.start", "status": self.status_code, "headers": self.raw_headers})
+            await send({"type": "http.response.body"})
+            return
         with self._streams.place(self._owner):
             await super().__call__(scope, receive, send)

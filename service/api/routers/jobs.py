@@ -88,7 +88,9 @@ async def get_job(
 ) -> Response:
     """One job. With `wait`, or `Prefer: wait=`, the answer comes when it is done, or after so many seconds."""
     headers: dict[str, str] = {}
-    if wait is None:
+    if request.method == "HEAD":
+        wait = 0  # what would be waited for is not sent
+    elif wait is None:
         preferred = preferred_wait_s(request.headers.getlist("prefer"), most_s=MAX_WAIT_S)
         if preferred is not None:
             headers["Preference-Applied"] = f"wait={preferred}"

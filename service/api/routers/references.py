@@ -105,7 +105,6 @@ async def get_reference(
     response_class=StreamingResponse,
     responses={**file_answers(*CLIPS, "video/x-msvideo", *PICTURES), **problems(404, 410, 416)},
 )
-@router.head("/{reference_id}/file", include_in_schema=False)
 async def get_reference_file(
     reference_id: ReferenceId, services: ServicesDep, caller: CallerDep, asked: AskedDep
 ) -> Response:

@@ -31,7 +31,6 @@ open_router = APIRouter(prefix="/results", tags=["results"])
     response_class=StreamingResponse,
     responses={**file_answers(*CLIPS, *PICTURES), **problems(403, 404, 410, 416)},
 )
-@open_router.head("/{result_id}", include_in_schema=False)
 async def get_result(result_id: ResultId, services: ServicesDep, access: AccessDep, asked: AskedDep) -> Response:
     """The file. Its ETag is the sha256 of the content, so ranges and caches are safe."""
     return await _answer(services, asked, await services.calls.read(_find, services, access, result_id))
@@ -42,7 +41,6 @@ async def get_result(result_id: ResultId, services: ServicesDep, access: AccessD
     response_class=StreamingResponse,
     responses={**file_answers("text/plain"), **problems(403, 404, 410, 416)},
 )
-@open_router.head("/{result_id}/look.cube", include_in_schema=False)
 async def get_result_cube(
     result_id: ResultId, services: ServicesDep, access: AccessDep, asked: AskedDep, person: PersonNumber = 1
 ) -> Response:
@@ -56,7 +54,6 @@ async def get_result_cube(
     response_class=StreamingResponse,
     responses={**file_answers("video/x-matroska", "video/quicktime", "image/png"), **problems(403, 404, 410, 416)},
 )
-@open_router.head("/{result_id}/matte", include_in_schema=False)
 async def get_result_matte(
     result_id: ResultId, services: ServicesDep, access: AccessDep, asked: AskedDep, person: PersonNumber = 1
 ) -> Response:

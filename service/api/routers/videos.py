@@ -105,7 +105,6 @@ async def get_video(
     response_class=StreamingResponse,
     responses={**file_answers(*CLIPS, "video/x-msvideo", *PICTURES), **problems(404, 410, 416)},
 )
-@router.head("/{video_id}/file", include_in_schema=False)
 async def get_video_file(video_id: VideoId, services: ServicesDep, caller: CallerDep, asked: AskedDep) -> Response:
     """The file that was uploaded, byte for byte, whole or in ranges. Its ETag is the sha256 of the content."""
     return await _media.send(services, caller, Role.VIDEO, video_id, asked)

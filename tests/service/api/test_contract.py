@@ -135,12 +135,12 @@ def test_behind_a_proxy_a_problem_has_its_path(settings: Settings) -> None:
 @pytest.mark.parametrize(
     ("path", "allowed"),
     [
-        ("/v1/videos", "GET, POST"),
-        ("/v1/videos/vid_1", "GET, DELETE"),
+        ("/v1/videos", "GET, HEAD, POST"),
+        ("/v1/videos/vid_1", "GET, HEAD, DELETE"),
         ("/v1/results/res_1", "GET, HEAD"),
         ("/v1/videos/form", "POST"),
         ("/transfer", "POST"),
-        ("/livez", "GET"),
+        ("/livez", "GET, HEAD"),
     ],
 )
 def test_a_method_that_an_address_does_not_take_is_answered_with_those_it_does(
