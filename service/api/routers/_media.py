@@ -80,9 +80,6 @@ async def upload(
     """
     if only is not None and media_type(request) != only:
         raise UnsupportedMediaError(f"send this as {only}")
-    # a setting that is misspelt would be left out without a word
-    if unknown := sorted({*request.query_params} - {*given.query, "metadata"}):
-        raise invalid_values({f"/query/{name}": "there is no such setting" for name in unknown})
     limit_bytes = services.settings.max_upload_bytes
     async with once, Intake(services.storage, services.room, request, limit_bytes=limit_bytes) as intake:
         if not once.answered:

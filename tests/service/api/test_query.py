@@ -1,0 +1,63 @@
+"""A parameter of a query that an operation does not know is refused and named."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.service.api.test_media import transfer, upload
+from tests.service.api.test_problems import check
+from tests.service.fixtures import MP4, Api, make_ready, make_results
+
+NO_ID = "0" * 32
+
+
+@pytest.mark.parametrize(
+    ("path", "name", "known"),
+    [
+        ("/v1/jobs?stat=queued", "stat", "known are: cursor, id, kind, limit, metadata, state, video"),
+        ("/jobs?limit=2&stat=queued", "stat", "known are: cursor, id, kind, limit, metadata, state, video"),
+        ("/videos?sort=name", "sort", "cursor"),
+        (f"/videos/vid_{NO_ID}/frames/3?layre=matte", "layre", "layer"),
+        (f"/references/ref_{NO_ID}/poster?size=2", "size", "known are: none"),
+        ("/limits?of=me", "of", "known are: none"),
+        (f"/results/res_{NO_ID}?person=2", "person", "expires, signature"),
+        (f"/uploads/upl_{NO_ID}?sig=x", "sig", "expires, signature"),
+    ],
+)
+def test_an_unknown_parameter_is_named(api: Api, path: str, name: str, known: str) -> None:
+    for method in ("GET", "HEAD") if "uploads" not in path else ("GET", "PUT", "DELETE"):
+        answer = api.client.request(method, path)
+        assert answer.status_code == 422
+        if method != "HEAD":
+            body = check(answer, 422)
+            assert body["code"] == "validation-failed"
+            assert body["errors"][0]["pointer"] == f"/query/{name}"
+            assert known in body["detail"]
+
+
+def test_those_of_calls_that_change_something_too(api: Api) -> None:
+    video = upload(api, "/videos")["id"]
+    assert api.client.delete(f"/videos/{video}?cancel=true").status_code == 422
+    assert api.client.get(f"/videos/{video}").status_code == 200
+    assert api.client.post("/transfer?force=true", json={}).json()["errors"][0]["pointer"] == "/query/force"
+    form = api.client.post("/videos/form?metadata=a:b", files={"file": ("clip.mp4", MP4)})
+    assert form.json()["errors"][0]["pointer"] == "/query/metadata"
+
+
+def test_links_and_parts_open_as_they_were_made(api: Api) -> None:
+    video, reference = upload(api, "/videos")["id"], upload(api, "/references")["id"]
+    for one in (video, reference):
+        make_ready(api.services, one)
+    job = transfer(api, video, reference)
+    parts = [("matte", 1, b"one"), ("matte", 2, b"two")]
+    (result,) = make_results(api.services, job["id"], [b"clip"], parts=parts)  # type: ignore[arg-type]
+    link = api.client.post(f"/results/{result}/link", json={"part": "matte", "person": 2}).json()["url"]
+    assert api.client.get(link).content == b"two"
+    assert api.client.get(f"{link}&utm_source=mail").json()["errors"][0]["pointer"] == "/query/utm_source"
+    upload_link = api.client.post("/uploads/link", json={}).json()["url"]
+    assert api.client.put(upload_link, content=MP4 + b"by link").status_code == 200
+
+
+def test_what_watches_the_service_may_ask_as_it_likes(api: Api) -> None:
+    for path in ("/livez?probe=7", "/v1/readyz?probe=7", "/metrics?collect[]=jobs", "/?from=mail", "/docs?x=1"):
+        assert api.client.get(path).status_code == 200, path
