@@ -17,6 +17,7 @@ from service.api.idempotency import Once
 from service.api.schemas import (
     CLIP_CONTAINERS,
     IMAGE_CONTAINERS,
+    USUAL_CONTAINERS,
     Contrast,
     JobBody,
     LookOptions,
@@ -317,12 +318,13 @@ def params_of(look: Wanted) -> LookParams:
 
 def _output_options(output: OutputRequest) -> OutputOptions:
     return OutputOptions(
-        container=output.container,
+        # a container that is not of the video's kind is refused, so this says the same as none
+        container=None if output.container in USUAL_CONTAINERS else output.container,
         codec=output.codec,
         crf=output.crf,
         preset=output.preset,
         audio=output.audio,
-        extras=tuple(sorted(set(output.extras))),
+        extras=tuple(output.extras),
         matte=output.matte,
     )
 

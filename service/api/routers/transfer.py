@@ -17,7 +17,7 @@ from service.api.multipart import read_form
 from service.api.openapi import TRANSFER_FORM, form, json_body
 from service.api.problems import invalid_values
 from service.api.receivers import receiver
-from service.api.schemas import JobBody, OutputRequest, SwapRequest, TransferRequest
+from service.api.schemas import USUAL_CONTAINERS, JobBody, OutputRequest, SwapRequest, TransferRequest
 from service.api.services import Services
 from service.api.transfer_form import to_request
 from service.api.uploads import Intake
@@ -133,7 +133,10 @@ def _looks_of(wanted: TransferRequest, services: Services, *, is_form: bool) -> 
 
 async def _read(request: Request, services: Services, model: type[Model], once: Once) -> Model:
     wanted = await read_json(request, model, limit_bytes=services.settings.max_json_bytes)
-    once.compare(wanted.model_dump(mode="json"))
+    asked = wanted.model_dump(mode="json")
+    if asked["output"]["container"] in USUAL_CONTAINERS:
+        asked["output"]["container"] = None  # of the video's kind it is the default, of the other it is refused
+    once.compare(asked)
     return wanted
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Final, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints
 
 from service.ids import MEDIA_ID
 
@@ -16,6 +16,12 @@ def _whole(value: object) -> object:
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
+def _as_set(values: list[str]) -> list[str]:
+    """Of a list whose order says nothing, each once and in one order: however it is written, it asks for the same."""
+    return sorted(set(values))
+
+
+AS_SET: Final = AfterValidator(_as_set)
 #: stands after the bounds of a number: before them, the schema would not have them
 WHOLE: Final = BeforeValidator(_whole)
 Whole = Annotated[int, WHOLE]

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from service.api.schemas._values import (
+    AS_SET,
     WHOLE,
     Contrast,
     ContrastOfEach,
@@ -36,6 +37,8 @@ from service.catalog import (
 
 CLIP_CONTAINERS = ("mp4", "mov", "mkv", "webm")
 IMAGE_CONTAINERS = ("png", "jpg", "webp", "tiff")
+#: what each kind of video becomes unless it is asked for another
+USUAL_CONTAINERS = frozenset({"mp4", "png"})
 #: the transport has settled long before, and a request must not ask for minutes of it
 MAX_ITERATIONS = 200
 MAKEUP = 0.75
@@ -54,7 +57,9 @@ class MakeupParts(Request):
 class _ColorOptions(Request):
     strength: float = Field(default=1.0, ge=0, le=1, description="0 leaves the clip as it is, 1 is the whole transfer")
     match: Match = Field(default="semantic", description="all colours together, or skin to skin and lips to lips")
-    protect: list[Part] = Field(default=["eyes", "teeth"], description="parts that keep their colour")
+    protect: Annotated[list[Part], AS_SET] = Field(
+        default=["eyes", "teeth"], description="parts that keep their colour"
+    )
     faces: Faces = Field(default="all", description="indices of the faces to change, or all")
     makeup: Share | MakeupParts = Field(
         default=MAKEUP, description="how far lips, lids, cheeks and brows take the reference's make-up: all, or by part"
@@ -84,6 +89,12 @@ class LookRequest(LookOptions):
 
     reference: MediaId = Field(description="id of a reference, or of a video")
 
+    @field_validator("faces")
+    @classmethod
+    def _in_one_order(cls, faces: Faces) -> Faces:
+        # those of a swap say whose colours go where
+        return faces if faces == "all" else sorted(set(faces))
+
 
 class OutputRequest(Request):
     """How the results are encoded."""
@@ -95,7 +106,7 @@ class OutputRequest(Request):
     )
     preset: Preset | None = None
     audio: Audio = Field(default="copy", description="all sound tracks of the clip, or none")
-    extras: list[Extra] = Field(
+    extras: Annotated[list[Extra], AS_SET] = Field(
         default=[], description="made beside each result: cube, its colours as a 3D LUT, and matte, where they lie"
     )
     matte: MatteFormat = Field(

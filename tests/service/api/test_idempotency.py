@@ -244,3 +244,42 @@ def test_the_same_transfer_points_at_the_same_job_while_its_results_live(api: Ap
     with api.services.background.write() as session:
         assert leases.fail(session, lease, PROBLEM, now=api.services.database.now(), timings={})
     assert ask(202) != fresh
+
+
+def test_a_default_that_is_said_and_another_order_ask_for_the_same(api: Api) -> None:
+    video = upload(api, "/videos")["id"]
+    make_ready(api.services, video, faces=2)
+    picture = api.client.post("/videos", content=PNG).json()["id"]
+
+    def body(of: str, output: dict[str, Any], **look: object) -> dict[str, Any]:
+        return {"video": of, "looks": [{"reference": video, **look}], "output": output}
+
+    same = [
+        body(video, {}),
+        body(video, {"container": "mp4", "codec": "auto", "audio": "copy"}),
+        body(video, {"container": None}, protect=["teeth", "eyes", "teeth"]),
+    ]
+    first = post(api, "/transfer", "same", json=same[0])
+    assert [post(api, "/transfer", "same", json=one).json() for one in same] == [first.json()] * 3
+    assert [api.client.post("/transfer", json=one).json()["id"] for one in same] == [first.json()["id"]] * 3
+    swap = {"a": video, "faces": [0, 1]}
+    assert (
+        post(api, "/swap", "swap", json=swap).json()
+        == post(api, "/swap", "swap", json={**swap, "output": {"container": "mp4"}}).json()
+    )
+
+    def job(sent: dict[str, Any], path: str = "/transfer") -> str:
+        answer = api.client.post(path, json=sent)
+        assert answer.status_code in {200, 202}, answer.text
+        return str(answer.json()["id"])
+
+    assert (
+        job(body(picture, {})) == job(body(picture, {"container": "png"})) != job(body(picture, {"container": "jpg"}))
+    )
+    extras = [job(body(video, {"extras": order})) for order in (["cube", "matte"], ["matte", "cube"])]
+    faces = [job(body(video, {}, faces=order)) for order in ([0, 1], [1, 0])]
+    others = [job(body(video, {"container": "mov"})), job(body(video, {}, protect=["eyes"])), job(swap, "/swap")]
+    assert (len({*extras}), len({*faces})) == (1, 1)
+    assert len({first.json()["id"], *extras, *faces, *others}) == 6
+    assert job(swap, "/swap") != job({**swap, "faces": [1, 0]}, "/swap")
+    assert api.client.post("/transfer", json=body(video, {"container": "png"})).status_code == 422
