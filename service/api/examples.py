@@ -94,6 +94,7 @@ JOB: Final[dict[str, Any]] = {
             "settings": _SETTINGS,
             "warnings": [],
             "result": _RESULT,
+            "result_gone": None,
             "url": f"/v1/results/{_RESULT}",
             "size_bytes": 1913004,
             "content_type": "video/mp4",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import timedelta
-from typing import Any, Final, cast
+from typing import Any, Final, Literal, cast
 
 from service import addresses
 from service.api.schemas import ExtraBody, JobBody, LookBody, MediaBody, OptionsBody, ProgressBody, State, VectorBody
@@ -122,6 +122,7 @@ def _look_body(job: Job, look: Look, files: Sequence[Result], settings: Settings
         settings=None if report is None else _settings(report),
         warnings=[] if report is None else report["warnings"],
         result=look.result_id,
+        result_gone=cast("Literal['expired', 'deleted'] | None", look.result_gone),
         url=url,
         size_bytes=None if result is None else result.size_bytes,
         content_type=None if result is None else result.content_type,

@@ -278,7 +278,9 @@ def active_jobs(session: Session, media_id: str) -> list[str]:
     return list(session.scalars(query))
 
 
-def delete(session: Session, media: Media, *, now: datetime) -> list[str]:
+def delete(
+    session: Session, media: Media, *, now: datetime, why: Literal["expired", "deleted"] = "deleted"
+) -> list[str]:
     """Remove a medium and every result made with it. Returns the keys of the blobs to delete after the commit.
 
     Their tombstones are written by the same transaction.
@@ -290,7 +292,7 @@ def delete(session: Session, media: Media, *, now: datetime) -> list[str]:
     keys += [key for key in (media.asset_key, media.pictures_key, media.source_key) if key]
     keys += previews.delete_of(session, media.id)
     gone = [result.id for result in results]
-    changed(session, update(Look).where(Look.result_id.in_(gone)).values(result_id=None))
+    changed(session, update(Look).where(Look.result_id.in_(gone)).values(result_id=None, result_gone=why))
     idempotency.forget(session, media.id)
     resumable.forget(session, media.id)
     for result in results:

@@ -267,6 +267,8 @@ class Look(Base):
     #: what was found while it was drawn, see `service.catalog.results.Report`
     report: Mapped[dict[str, Any] | None]
     result_id: Mapped[str | None] = mapped_column(String(40))
+    #: why it has a result no longer: it has `expired`, or was `deleted` with one of its media
+    result_gone: Mapped[str | None] = mapped_column(String(16))
 
 
 class Result(Base):

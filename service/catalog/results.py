@@ -144,7 +144,7 @@ def drop_bytes(session: Session, result: Result, *, now: datetime) -> str | None
     dropped = changed(
         session, update(Result).where(Result.id == result.id, Result.blob_key == key).values(blob_key=None)
     )
-    changed(session, update(Look).where(Look.result_id == result.id).values(result_id=None))
+    changed(session, update(Look).where(Look.result_id == result.id).values(result_id=None, result_gone="expired"))
     if not dropped:
         return None
     tombstones.bury(session, [key], now=now)

@@ -46,7 +46,7 @@ def expire_media(session: Session, *, now: datetime) -> list[str]:
     keys: list[str] = []
     for medium in session.scalars(late).all():
         if not media.active_jobs(session, medium.id):
-            keys += media.delete(session, medium, now=now)
+            keys += media.delete(session, medium, now=now, why="expired")
     return keys
 
 

@@ -220,7 +220,7 @@ def test_tables_are_not_changed_below_a_running_worker(kept: Settings) -> None:
 
 
 def test_what_is_done_in_parts_begins_anew_in_the_version_before_there_were_parts(kept: Settings) -> None:
-    _migrate(kept, "0013")
+    _migrate(kept, None)
     database = Database(kept.database)
     job_id, part_ids = parted(database, 2)
     finish(database, claim(database, part_ids[0]))
@@ -233,7 +233,7 @@ def test_what_is_done_in_parts_begins_anew_in_the_version_before_there_were_part
     with database.read() as session:
         found = session.execute(text("SELECT id, state FROM jobs WHERE kind <> 'vectorize' ORDER BY id")).all()
     assert [tuple(row) for row in found] == sorted([(job_id, "queued"), (stopped, "canceling")])
-    _migrate(kept, "0013")
+    _migrate(kept, None)
     lease = claim(database, job_id)
     with database.write() as session:
         assert leases.held_state(session, lease) == JobState.RUNNING

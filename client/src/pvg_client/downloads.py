@@ -76,7 +76,7 @@ def _of_look(result: Result | JobLook) -> Result:
     if isinstance(result, Result):
         return result
     if result.result is None:
-        raise ValueError(f"the look has no result: it is {result.state}")
+        raise ValueError(f"the look has no result: it is {result.result_gone or result.state}")
     return result.result
 
 

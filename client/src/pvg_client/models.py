@@ -206,7 +206,7 @@ class Result:
 
 @dataclass(frozen=True, slots=True)
 class JobLook:
-    """One look of a job; its `result` is there once the job has succeeded."""
+    """One look of a job; its `result` is there once the job has succeeded, until it is gone: `expired` or `deleted`."""
 
     state: str
     video: str
@@ -215,6 +215,7 @@ class JobLook:
     settings: Body | None = None
     warnings: tuple[str, ...] = ()
     result: Result | None = None
+    result_gone: str | None = None
     raw: Body = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod

@@ -68,6 +68,9 @@ class LookBody(BaseModel):
         description="what may spoil it, and what of the video its file does not keep, once it is drawn"
     )
     result: str | None
+    result_gone: Literal["expired", "deleted"] | None = Field(
+        description="why there is a result no longer: it or one of its media has expired, or one of those was deleted"
+    )
     url: str | None
     size_bytes: int | None = Field(description="of the result, as are the next three, once it is drawn")
     content_type: str | None

@@ -87,6 +87,27 @@ def test_unknown_results_are_not_found_and_expired_ones_are_gone(api: Api, path:
     assert (answer.status_code, answer.json()["code"]) == (410, "gone")
 
 
+def test_a_look_says_why_its_result_is_gone(api: Api) -> None:
+    services, now = api.services, api.services.background.now()
+    made = []
+    for tail in (b"kept", b"late", b"deleted", b"of late media"):
+        video = upload(api, "/videos", tail)["id"]
+        make_ready(services, video)
+        job = transfer(api, video, video)
+        assert job["looks"][0]["result_gone"] is None
+        made.append((video, job["id"], *make_results(services, job["id"], [tail])))
+    with services.background.write() as session:
+        session.get_one(Result, made[1][2]).expires_at = now - timedelta(seconds=1)
+        assert len(sweep.expire_results(session, now=now)) == 1
+        session.get_one(Media, made[3][0]).expires_at = now - timedelta(seconds=1)
+        sweep.expire_media(session, now=now)
+    assert api.client.delete(f"/videos/{made[2][0]}").status_code == 204
+    assert api.client.delete(f"/videos/{made[1][0]}").status_code == 204  # what had expired has expired
+    looks = [api.client.get(f"/jobs/{job_id}").json()["looks"][0] for _, job_id, _ in made]
+    assert [look["result_gone"] for look in looks] == [None, "expired", "deleted", "expired"]
+    assert [look["result"] for look in looks] == [made[0][2], None, None, None]
+
+
 CUBE, SECOND, MATTE = b"LUT_3D_SIZE 2\n" * 100, b"LUT_3D_SIZE 3\n", os.urandom(5000)
 PARTS: list[tuple[PartName, int, bytes]] = [("look.cube", 1, CUBE), ("look.cube", 2, SECOND), ("matte", 1, MATTE)]
 

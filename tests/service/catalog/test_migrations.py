@@ -214,3 +214,32 @@ def test_what_there_was_before_keys_belongs_to_nobody(database: Database) -> Non
     migrate(database.url)
     with pytest.raises(IntegrityError):
         add_media(database, content=b"clip")
+
+
+def test_looks_of_a_version_that_did_not_say_why_results_are_gone_say_it(database: Database) -> None:
+    kept, late, deleted, failed = (add_media(database) for _ in range(4))
+    made = []
+    for medium in (kept, late, deleted):
+        with database.write() as session:
+            session.execute(text("UPDATE media SET state = 'ready' WHERE id = :id"), {"id": medium.id})
+        job_id = add_transfer(database, medium, medium)
+        with database.write() as session:
+            jobs.release(session, now=database.now())
+        made.append(job_id)
+        output = Output(f"res_{medium.id}", 0, f"result/{medium.id}", "0" * 64, 1, "video/mp4", "a.mp4")
+        lease = claim(database, job_id)
+        with database.write() as session:
+            announce(session, output.key)
+            assert results.publish(session, lease, [output], now=database.now(), timings={}, ttl_s=1)
+    made.append(add_transfer(database, failed, failed))
+    with database.write() as session:
+        result = results.get(session, f"res_{late.id}")
+        assert result is not None
+        results.drop_bytes(session, result, now=database.now())
+        media.delete(session, session.get_one(Media, deleted.id), now=database.now())
+    why = "SELECT job_id, result_gone FROM looks ORDER BY job_id"
+    expected = list(zip(made, (None, "expired", "deleted", None), strict=True))
+    assert rows(database, why) == expected
+    command.downgrade(_config(database.url), "0013")
+    migrate(database.url)
+    assert rows(database, why) == expected
