@@ -67,6 +67,9 @@ def _key_of(services: Services, given: HTTPAuthorizationCredentials | None) -> K
                 raise UnauthorizedError("send a key as `Authorization: Bearer pvg_…`", invalid=False)
             return None
         key = keys.find(session, given.credentials)
+        # refused all the same: who sends a key means its own things, and would share them with everybody here
+        if key is None and not keys.exist(session):
+            raise UnauthorizedError("this service has no keys and wants none: send no Authorization", invalid=True)
     if key is None:
         raise UnauthorizedError("this key is malformed, unknown, replaced or revoked", invalid=True)
     return key

@@ -80,8 +80,11 @@ def test_without_keys_everybody_is_nobody_and_with_the_first_one_a_key_is_needed
     video = api.client.post("/videos", content=MP4).json()
     assert "ratelimit" not in api.client.get("/videos").headers
     # a key that is sent must be a good one, so that nothing is kept for nobody by mistake
-    assert api.client.get("/videos", headers={"Authorization": "Bearer pvg_x"}).status_code == 401
+    wrong = {"Authorization": "Bearer pvg_x"}
+    refused = api.client.get("/videos", headers=wrong)
+    assert (refused.status_code, "has no keys" in refused.json()["detail"]) == (401, True)
     first = holder(api)
+    assert "malformed" in api.client.get("/videos", headers=wrong).json()["detail"]
     assert api.client.get("/videos").status_code == 401
     assert first.get("/videos").json()["data"] == []
     with api.services.background.write() as session:
