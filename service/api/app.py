@@ -9,14 +9,13 @@ from contextlib import asynccontextmanager
 from fastapi import Depends, FastAPI
 from fastapi.routing import APIRoute
 from starlette.concurrency import run_in_threadpool
-from starlette.middleware.cors import CORSMiddleware
 
 from service.addresses import PREFIX
 from service.api import docs, idempotency, openapi, page, problems
 from service.api.authentication import authenticate
 from service.api.draining import DrainBeforeRefusal
 from service.api.middleware import RequestContext
-from service.api.origins import OwnHostAndOrigin
+from service.api.origins import Cors, OwnHostAndOrigin
 from service.api.query import refuse_unknown
 from service.api.routers import OPEN_ROUTERS, ROOT_ROUTERS, ROUTERS
 from service.api.services import make_services
@@ -59,7 +58,7 @@ def create_app(settings: Settings | None = None, *, clock: Clock | None = None) 
     # each surrounds those before it
     if settings.origins:
         app.add_middleware(
-            CORSMiddleware,
+            Cors,
             allow_origins=sorted(settings.origins),
             allow_methods=["GET", "HEAD", "POST", "PUT", "PATCH", "DELETE"],
             allow_headers=["*"],

@@ -12,7 +12,9 @@ from typing import Final
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers
+from starlette.middleware.cors import CORSMiddleware
 from starlette.requests import Request
+from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from service.api.problems import problem_response
@@ -20,7 +22,29 @@ from service.errors import ForbiddenError, MisdirectedError, ServiceError
 
 #: methods that ask for no change (RFC 9110, 9.2.1)
 _SAFE: Final = frozenset({"GET", "HEAD", "OPTIONS", "TRACE"})
+_FIRST_ERROR: Final = 400
 _DEFAULT_PORTS: Final = {"http": 80, "https": 443}
+
+
+class Cors(CORSMiddleware):
+    """Starlette's, with a problem for an answer where a preflight is refused."""
+
+    def preflight_response(self, request_headers: Headers) -> Response:
+        """The answer to a preflight."""
+        answer = super().preflight_response(request_headers)
+        return answer if answer.status_code < _FIRST_ERROR else _RefusedPreflight(answer)
+
+
+class _RefusedPreflight(Response):
+    def __init__(self, refused: Response) -> None:
+        super().__init__()
+        self._reason = bytes(refused.body).decode()
+        self._kept = {name: value for name, value in refused.headers.items() if not name.startswith("content-")}
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        hint = "; PVG_ALLOWED_ORIGINS names those whose pages may call this service" if "origin" in self._reason else ""
+        error = ForbiddenError(f"{self._reason}{hint}", headers=self._kept)
+        await problem_response(Request(scope), error)(scope, receive, send)
 
 
 class OwnHostAndOrigin:

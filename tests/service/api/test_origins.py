@@ -9,6 +9,7 @@ from service.api.middleware import relative
 from service.api.origins import host_name
 from service.settings import Settings
 from tests.promises import Drill
+from tests.service.api.test_problems import check
 from tests.service.fixtures import PNG, Api, serve
 
 #: what a request wants to change, and how pages of other sites can ask for it without a preflight
@@ -150,7 +151,13 @@ def test_an_allowed_origin_writes_and_its_browser_is_told(named: Api) -> None:
     answer = named.client.post("/references", content=PNG, headers=page)
     assert (answer.status_code, answer.headers["access-control-allow-origin"]) == (202, "https://studio.example")
     other = page | {"origin": "https://evil.example"}
-    assert "access-control-allow-origin" not in named.client.options("/transfer", headers=other | preflight).headers
+    refused = named.client.options("/transfer", headers=other | preflight)
+    assert check(refused, 403)["code"] == "forbidden"
+    assert "Disallowed CORS origin" in refused.json()["detail"]
+    assert "access-control-allow-origin" not in refused.headers
+    assert "Origin" in refused.headers["vary"]
+    tracing = page | {"access-control-request-method": "TRACE"}
+    assert "CORS method" in check(named.client.options("/transfer", headers=tracing), 403)["detail"]
     assert named.client.post("/references", content=PNG, headers=other).status_code == 403
 
 
