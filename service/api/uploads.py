@@ -174,10 +174,10 @@ class Intake:
         return await sink.finish()
 
     def check_declared(self, limit: int) -> None:
-        """Raise `TooLargeError` when the request declares a body of more than ``limit`` bytes."""
+        """Raise `TooLargeError`, with the limit of a file, when more than ``limit`` bytes are declared."""
         declared = self.request.headers.get("content-length", "")
         if declared.isdecimal() and int(declared) > limit:
-            raise TooLargeError(f"the body is larger than {limit} bytes", limit_bytes=limit)
+            raise TooLargeError(f"the file is larger than {self.limit_bytes} bytes", limit_bytes=self.limit_bytes)
 
 
 def declared_name(disposition: str | None) -> str | None:

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from service.api import calls
+from service.api.multipart import MAX_FRAMING_BYTES
 from service.api.uploads import clean_name
 from service.catalog import VectorSettings, jobs, vectorize_request
 from service.settings import Settings
@@ -274,8 +275,11 @@ def test_a_file_at_the_limit_is_taken_and_one_byte_more_is_not(small: Api) -> No
     for answer in (
         small.client.post("/videos", content=content + b"1"),
         small.client.post("/videos", files={"file": ("a.mp4", content + b"1")}),
+        small.client.post("/videos", files={"file": ("a.mp4", content + bytes(MAX_FRAMING_BYTES + 1))}),
     ):
         assert answer.status_code == 413
+        assert answer.json()["limit"] == LIMIT
+        assert str(LIMIT) in answer.json()["detail"]
         assert answer.json()["code"] == "too-large"
     assert len(small.blobs) == 1
     assert small.drafts == []
