@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import datetime, timedelta
+from types import MappingProxyType
 from typing import Any, Literal, cast
 
 from sqlalchemy import or_, select, update
@@ -125,11 +126,27 @@ def settings_of(media: Media) -> VectorSettings:
     return VectorSettings(*said)
 
 
-def page(session: Session, role: Role, *, owner: str, before: str | None, limit: int) -> list[Media]:
-    """An owner's media of a role, newest first, older than the id ``before``; ids sort by creation."""
+def page(
+    session: Session,
+    role: Role,
+    *,
+    owner: str,
+    states: Collection[str] = (),
+    metadata: Mapping[str, str] = MappingProxyType({}),
+    before: str | None,
+    limit: int,
+) -> list[Media]:
+    """An owner's media of a role, newest first, older than the id ``before``; ids sort by creation.
+
+    In one of these states, if any are named, and with all of this metadata.
+    """
     query = select(Media).where(Media.owner == owner, Media.role == role).order_by(Media.id.desc()).limit(limit)
     if before is not None:
         query = query.where(Media.id < before)
+    if states:
+        query = query.where(Media.state.in_(states))
+    for name, value in metadata.items():
+        query = query.where(Media.metadata_[name].as_string() == value)
     return list(session.scalars(query))
 
 

@@ -148,6 +148,8 @@ def test_lists_are_gone_through_page_by_page(client: Client, url: str, drawn: Jo
     assert [job.id for job in client.jobs(ids=[drawn.id, "job_unknown"])] == [drawn.id]
     assert list(client.jobs(state=["queued", "running"], video=video)) == []
     assert video.id in {one.id for one in client.videos()}
+    assert video.id in {one.id for one in client.videos(state=["ready"])}
+    assert list(client.videos(state=["ready"], metadata={"nobody": "has"})) == []
 
 
 def test_the_same_for_asyncio(

@@ -35,7 +35,7 @@ BETWEEN_FIELDS = (
     *("create_transfer", "create_transfer_from_form", "create_swap", "create_preview", "create_upload_link"),
     *("create_video", "create_video_from_form", "create_video_from_url", "create_upload"),
     *("create_reference", "create_reference_from_form", "create_reference_from_url"),
-    *("append_to_upload", "list_jobs"),
+    *("append_to_upload", "list_jobs", "list_videos", "list_references"),
 )
 ACCEPTED = ["2xx", "3xx", "401", "403", "404", "409", "410", "416", "422"]
 #: tus has answers of its own to a version that is not its own, and to damaged bytes; sizes are a setting

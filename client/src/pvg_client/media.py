@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import httpx
 
-from pvg_client.calls import Api, Flow, Patience, asked, attempt
+from pvg_client.calls import Api, Flow, Params, Patience, asked, attempt
 from pvg_client.errors import ApiError, UnreachableError
 from pvg_client.models import Medium, id_of, role_of
 from pvg_client.pages import Listing
@@ -15,14 +17,19 @@ def medium(api: Api, medium_id: str) -> Flow[Medium]:
     return Medium.of((yield from asked(api, "GET", path_of(medium_id))))
 
 
-def videos(api: Api) -> Listing[Medium]:
-    """All videos, newest first."""
-    return Listing("/videos", [], Medium.of)
+def videos(api: Api, *, state: Sequence[str] = (), metadata: Mapping[str, str] | None = None) -> Listing[Medium]:
+    """Videos, newest first: all, or those that every given filter chooses."""
+    return Listing("/videos", _filter(state, metadata), Medium.of)
 
 
-def references(api: Api) -> Listing[Medium]:
-    """All references, newest first."""
-    return Listing("/references", [], Medium.of)
+def references(api: Api, *, state: Sequence[str] = (), metadata: Mapping[str, str] | None = None) -> Listing[Medium]:
+    """References, newest first: all, or those that every given filter chooses."""
+    return Listing("/references", _filter(state, metadata), Medium.of)
+
+
+def _filter(state: Sequence[str], metadata: Mapping[str, str] | None) -> Params:
+    params: Params = [("state", one) for one in state]
+    return [*params, *(("metadata", f"{name}:{value}") for name, value in (metadata or {}).items())]
 
 
 def delete(api: Api, medium: Medium | str, *, cancel_jobs: bool = False) -> Flow[None]:

@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import PurePath
+from typing import Annotated
 
-from fastapi import Request, Response
+from fastapi import Depends, Query, Request, Response
 from pydantic import ValidationError
 
 from service.api import commands, quotas
 from service.api.authentication import Caller
 from service.api.commands import Asked
 from service.api.conditional import conditional
+from service.api.dependencies import Cursor, MetadataOf, PageSize
 from service.api.downloads import Asked as AskedBytes
 from service.api.downloads import File, send_file
 from service.api.fetches import while_connected
@@ -26,7 +28,7 @@ from service.api.schemas import MediaBody, MediaPage, ReferenceByUrl, ReferenceO
 from service.api.services import Services
 from service.api.uploads import Intake, ReceivedFile
 from service.api.views import media_body
-from service.catalog import Media, Role, VectorSettings, media
+from service.catalog import Media, MediaState, Role, VectorSettings, media
 from service.errors import BadRequestError, NotFoundError, UnsupportedMediaError
 
 
@@ -155,10 +157,42 @@ def _get(services: Services, caller: Caller, role: Role, media_id: str) -> Media
     return found
 
 
-def page(services: Services, caller: Caller, role: Role, cursor: str | None, limit: int) -> MediaPage:
+@dataclass(frozen=True)
+class PageOf:
+    """Which media to list: in any of these states, with all of this metadata."""
+
+    states: Sequence[MediaState]
+    metadata: dict[str, str]
+    cursor: str | None
+    limit: int
+
+
+async def page_asked(
+    state: Annotated[list[MediaState], Query(description="any of these states")] = [],  # noqa: B006 - FastAPI copies it
+    metadata: MetadataOf = [],  # noqa: B006
+    cursor: Cursor = None,
+    limit: PageSize = 50,
+) -> PageOf:
+    """The parameters of a list of media."""
+    return PageOf(state, to_metadata(metadata), cursor, limit)
+
+
+PageDep = Annotated[PageOf, Depends(page_asked)]
+
+
+def page(services: Services, caller: Caller, role: Role, asked: PageOf) -> MediaPage:
     """A page of media, newest first."""
+    limit = asked.limit
     with services.database.read() as session:
-        found = media.page(session, role, owner=caller.owner, before=cursor, limit=limit + 1)
+        found = media.page(
+            session,
+            role,
+            owner=caller.owner,
+            states=asked.states,
+            metadata=asked.metadata,
+            before=asked.cursor,
+            limit=limit + 1,
+        )
     shown = found[:limit]
     more = shown[-1].id if len(found) > limit else None
     return MediaPage(data=[media_body(one, services.settings) for one in shown], next_cursor=more)

@@ -10,12 +10,10 @@ from service.api.authentication import CallerDep
 from service.api.dependencies import (
     UNCHANGED,
     CancelJobs,
-    Cursor,
     IfNoneMatch,
     InputColorOf,
     MaskOf,
     MetadataOf,
-    PageSize,
     ReferenceId,
     ServicesDep,
     answer,
@@ -85,11 +83,9 @@ async def create_reference_from_url(
 
 
 @router.get("", responses=problems())
-async def list_references(
-    services: ServicesDep, caller: CallerDep, cursor: Cursor = None, limit: PageSize = 50
-) -> MediaPage:
-    """All references, newest first."""
-    return await services.calls.read(_media.page, services, caller, Role.REFERENCE, cursor, limit)
+async def list_references(services: ServicesDep, caller: CallerDep, asked: _media.PageDep) -> MediaPage:
+    """References, newest first: those that all of the given filters choose."""
+    return await services.calls.read(_media.page, services, caller, Role.REFERENCE, asked)
 
 
 @router.get("/{reference_id}", response_model=MediaBody, responses=UNCHANGED | problems(404))

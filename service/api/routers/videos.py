@@ -10,13 +10,11 @@ from service.api.authentication import CallerDep
 from service.api.dependencies import (
     UNCHANGED,
     CancelJobs,
-    Cursor,
     IfNoneMatch,
     InputColorOf,
     MaskOf,
     MatchingOf,
     MetadataOf,
-    PageSize,
     ServicesDep,
     VideoId,
     answer,
@@ -85,11 +83,9 @@ async def create_video_from_url(
 
 
 @router.get("", responses=problems())
-async def list_videos(
-    services: ServicesDep, caller: CallerDep, cursor: Cursor = None, limit: PageSize = 50
-) -> MediaPage:
-    """All videos, newest first."""
-    return await services.calls.read(_media.page, services, caller, Role.VIDEO, cursor, limit)
+async def list_videos(services: ServicesDep, caller: CallerDep, asked: _media.PageDep) -> MediaPage:
+    """Videos, newest first: those that all of the given filters choose."""
+    return await services.calls.read(_media.page, services, caller, Role.VIDEO, asked)
 
 
 @router.get("/{video_id}", response_model=MediaBody, responses=UNCHANGED | problems(404))

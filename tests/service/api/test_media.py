@@ -70,6 +70,27 @@ def test_lists_page_through_everything_newest_first(api: Api) -> None:
     assert api.client.get("/videos", params={"cursor": "yesterday"}).status_code == 422
 
 
+def test_lists_are_filtered_by_state_and_metadata(api: Api) -> None:
+    for path in ("/videos", "/references"):
+        made = [
+            api.client.post(f"{path}?metadata={pair}&metadata=who:me", content=MP4 + pair.encode()).json()["id"]
+            for pair in ("order:42", "order:43", "order:42 ")
+        ]
+        make_ready(api.services, made[0])
+
+        def listed(where: str = path, **query: object) -> list[str]:
+            return [one["id"] for one in api.client.get(where, params=query).raise_for_status().json()["data"]]
+
+        assert listed() == made[::-1]
+        assert listed(state="ready") == listed(metadata="order:42") == made[:1]
+        assert listed(state=["ready", "vectorizing"], metadata="who:me") == made[::-1]
+        assert listed(state="vectorizing", metadata=["order:43", "who:me"]) == made[1:2]
+        assert listed(state="failed") == listed(metadata="who:you") == []
+        assert listed(metadata="who:me", cursor=made[1]) == made[:1]
+        for wrong in ("state=done", "metadata=order", "metadata=a:1&metadata=a:2"):
+            assert api.client.get(f"{path}?{wrong}").status_code == 422
+
+
 def test_ids_with_a_nul_are_not_found(postgres_url: str, settings: Settings) -> None:
     """PostgreSQL takes no such text at all."""
     with fresh_database(postgres_url) as url:

@@ -16,7 +16,7 @@ NO_ID = "0" * 32
     [
         ("/v1/jobs?stat=queued", "stat", "known are: cursor, id, kind, limit, metadata, state, video"),
         ("/jobs?limit=2&stat=queued", "stat", "known are: cursor, id, kind, limit, metadata, state, video"),
-        ("/videos?sort=name", "sort", "cursor"),
+        ("/videos?sort=name", "sort", "cursor, limit, metadata, state"),
         (f"/videos/vid_{NO_ID}/frames/3?layre=matte", "layre", "layer"),
         (f"/references/ref_{NO_ID}/poster?size=2", "size", "known are: none"),
         ("/limits?of=me", "of", "known are: none"),
