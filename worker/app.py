@@ -62,6 +62,7 @@ def _set_up_logging(**_: object) -> None:
 
 @worker_init.connect  # type: ignore[untyped-decorator]
 def _tie_worker(**_: object) -> None:
+    configure(settings.log_level)  # Celery asks for it later
     lifeline.die_with_starter()
     wait_for_weights(settings)
     sandbox.start()  # the pool takes no job before it can do one

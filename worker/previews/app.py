@@ -60,6 +60,7 @@ def _set_up_logging(**_: object) -> None:
 
 @worker_init.connect  # type: ignore[untyped-decorator]
 def _begin(**_: object) -> None:
+    configure(settings.log_level)  # Celery asks for it later
     lifeline.die_with_starter()
     sandbox.start()
     _previewer().start()

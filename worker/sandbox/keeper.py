@@ -49,6 +49,7 @@ class SandboxServer:
 
     def start(self) -> None:
         """Start it and wait until it can serve. Raises `RuntimeError` when it ends before."""
+        log.info("loading what jobs need; where kernels are not compiled yet, that takes up to two minutes")
         self.lobby, self._entrance = socket.socketpair()
         self._thread.start()
         self._ready.wait()

@@ -1,0 +1,41 @@
+"""What a worker says at its start, before Celery has its logs set up."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+STARTED = """
+from unittest import mock
+from celery.signals import worker_init
+from worker import lifeline
+from worker.sandbox import SandboxServer
+import {module} as app
+
+class Told(Exception):
+    pass
+
+with mock.patch.object(lifeline, "die_with_starter"), mock.patch.object(SandboxServer, "_run", side_effect=Told):
+    with mock.patch.object(app, "wait_for_weights", create=True), mock.patch("threading.excepthook"):
+        with mock.patch("threading.Event.wait"):
+            worker_init.send(sender=None)
+"""
+
+
+@pytest.mark.parametrize("module", ["worker.app", "worker.previews.app"])
+def test_a_worker_says_as_json_that_it_loads_before_it_does(module: str, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", STARTED.format(module=module)],
+        env=os.environ | {"PVG_DATA_DIR": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    lines = [json.loads(line) for line in done.stderr.splitlines() if "loading what jobs need" in line]
+    assert [(line["level"], line["logger"]) for line in lines] == [("info", "worker.sandbox.keeper")], done.stderr
