@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 
 from celery import Celery
@@ -53,6 +54,9 @@ app.conf.update(
     worker_send_task_events=False,
     worker_disable_rate_limits=True,
 )
+
+
+logging.getLogger("celery.worker.request").addFilter(stopping.is_no_loss)
 
 
 @setup_logging.connect  # type: ignore[untyped-decorator]

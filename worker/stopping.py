@@ -5,11 +5,14 @@ Celery's warm shutdown waits for the children without end and tells them nothing
 
 from __future__ import annotations
 
+import logging
 import mmap
 import signal
 import struct
 import time
 from typing import Final
+
+from billiard.exceptions import WorkerLostError
 
 #: when the worker was told to stop, by the steady clock; a page that every process forked from here shares
 _page: Final = mmap.mmap(-1, 8)
@@ -56,6 +59,19 @@ def end_within(seconds: float) -> None:
     """
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.setitimer(signal.ITIMER_REAL, seconds)
+
+
+def is_no_loss(record: logging.LogRecord) -> bool:
+    """A filter of Celery's log: a child that the stop has ended is told in a plain line, for its job is given back.
+
+    A service manager sends its signal to all processes of a worker, and Celery takes the end of a child for an error.
+    """
+    lost = isinstance(record.args, tuple) and any(isinstance(one, WorkerLostError) for one in record.args)
+    if lost and asked_at() is not None:
+        record.levelno, record.levelname = logging.INFO, logging.getLevelName(logging.INFO)
+        record.msg, record.args = "a process of the pool has ended with its worker", ()
+        record.exc_info = record.exc_text = None
+    return True
 
 
 def may_go_on(began: float, fraction: float, *, grace_s: float) -> bool:

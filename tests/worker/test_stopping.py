@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 import signal
@@ -16,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from billiard.exceptions import WorkerLostError
 
 from scripts.samples import Samples
 from service.api.services import make_services
@@ -25,6 +27,7 @@ from tests.promises import Drill
 from tests.service.fixtures import MP4, make_ready, make_results
 from tests.waiting import until
 from tests.worker.serving import Service, kill_all, processes_of, running_service, wait_until_gone
+from worker import stopping
 
 QUICK = {"heartbeat_s": "1", "progress_interval_s": "0.2", "worker_concurrency": "1"}
 
@@ -99,6 +102,22 @@ def test_a_long_job_goes_on_elsewhere_and_no_deploy_costs_an_attempt(
         kill_all([pid for pid, command in service.processes().items() if "worker.app" in command], signal.SIGTERM)
         assert new.wait(150) == 0
         assert until_it_is(service, job_id, lambda job: job["state"] == "queued", 60)["attempt"] == 1
+        assert "WorkerLostError" not in service.log.with_name("worker.log").read_text()
+
+
+@pytest.mark.parametrize("asked_at", [None, 1.0])
+def test_a_child_that_ends_is_an_error_unless_its_worker_was_told_to_stop(
+    asked_at: float | None, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(stopping, "asked_at", lambda: asked_at)
+    log = logging.getLogger("celery.worker.request")
+    monkeypatch.setattr(log, "filters", [stopping.is_no_loss])
+    with caplog.at_level(logging.INFO, "celery.worker.request"):
+        for error in (WorkerLostError("signal 15"), ValueError("of a task")):
+            log.error("Task handler raised error: %r", error, exc_info=(type(error), error, None))
+    stopped = "INFO" if asked_at is not None else "ERROR"
+    assert [record.levelname for record in caplog.records] == [stopped, "ERROR"]
+    assert ("WorkerLostError" in caplog.text) == (asked_at is None)
 
 
 def being_answered(service: Service) -> int:
