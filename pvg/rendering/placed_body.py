@@ -208,8 +208,4 @@ def _take_out(body: PlacedBody, other: PlacedFace | PlacedBody) -> None:
     if x0 < x1 and y0 < y1:
         part = body.alpha[y0 - body.y : y1 - body.y, x0 - body.x : x1 - body.x]
         taken = other.alpha[y0 - other.y : y1 - other.y, x0 - other.x : x1 - other.x]
-        if isinstance(other, PlacedFace):
-            part -= taken
-            np.maximum(part, 0, out=part)
-        else:
-            np.minimum(part, 1 - taken, out=part)
+        np.minimum(part, 1 - taken, out=part)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -127,21 +129,40 @@ def test_hands_far_apart_are_drawn_apart_and_as_they_would_be_together(monkeypat
 
 
 def test_face_and_body_meet_without_a_gap(video: pvg.VectorVideo, face: FaceInFrame) -> None:
-    """Both together are the larger of both mattes within skin, so neither an edge nor a gap lies between them."""
+    """Both together are at most their sum, and the larger of both within skin: no edge and no gap lies between them."""
     frame = source_frame(video, 20)
     placed = place_face(face, table_labels(), frame.width, frame.height)
     assert placed is not None
     shape = frame.height, frame.width
     alone, beside = (_alpha(place_body(frame, face.body, faces, []), shape) for faces in ([], [placed]))
     x0, y0, x1, y1 = placed.window
-    np.maximum(alone[y0:y1, x0:x1], placed.alpha, out=alone[y0:y1, x0:x1])
-    beside[y0:y1, x0:x1] += placed.alpha
-    assert (
-        beside <= alone + 1 / 2550
-    ).all()  # a tenth of a level: with a face there are other pieces, cut by other boxes
-    within = shrunk(alone > 0.99, 2 * round(face.body.raster.step))
+    own = np.zeros(shape, np.float32)
+    own[y0:y1, x0:x1] = placed.alpha
+    both = beside + own
+    # a tenth of a level: with a face there are other pieces, cut by other boxes
+    assert (both <= np.minimum(alone + own, 1.0) + 1 / 2550).all()
+    larger = np.maximum(alone, own)
+    within = shrunk(larger > 0.99, 2 * round(face.body.raster.step))
     assert within.sum() > 20_000
-    assert np.abs(alone - beside)[within].max() < 0.05
+    assert np.abs(larger - both)[within].max() < 0.05
+
+
+def test_where_soft_mattes_of_face_and_hand_meet_nothing_is_lost(video: pvg.VectorVideo, face: FaceInFrame) -> None:
+    """A hand before a face: the one matte begins as the other ends."""
+    frame = source_frame(video, 20)
+    placed = place_face(face, table_labels(), frame.width, frame.height)
+    assert placed is not None
+    whole = np.zeros((frame.height, frame.width), np.float32)
+    x0, y0, x1, y1 = placed.window
+    whole[y0:y1, x0:x1] = cv2.GaussianBlur(placed.alpha, (0, 0), 12)
+    cell = 4
+    rest = 1 - whole.reshape(frame.height // cell, cell, -1, cell).mean(axis=(1, 3))
+    matte = Matte.over(np.array([0, 0, frame.width, frame.height], np.float32), np.rint(255 * rest).astype(np.uint8))
+    grey = np.full(whole.shape, 128, np.uint8)  # nothing to follow
+    soft = replace(placed, alpha=whole[y0:y1, x0:x1])
+    both = whole + _alpha(place_body(Frame(0, 0, 0.0, RGB24, (grey, grey, grey)), matte, [soft], []), whole.shape)
+    assert both[y0 + 40 : y1 - 40, x0 + 40 : x1 - 40].min() > 0.9
+    assert both.max() < 1.001
 
 
 def test_along_the_face_the_body_adds_no_rim_thinner_than_its_cells(video: pvg.VectorVideo, face: FaceInFrame) -> None:
