@@ -36,6 +36,7 @@ _IN_FILM = 0.6  # of what is richer than the clip's own skin, in a grey film
 _GAIN = 1.3  # of chroma, at most [by blind choice]: a grade in black and white is meant
 _RICHEST, _REDDEST = 32.0, 23.0  # C* and a* of CIELAB, at most [by blind choice: C* of 32 rather than 28 or any]
 _YELLOWEST = np.radians(62.0)  # hue of CIELAB, at most [by eye]
+_COLOURED = np.radians(25.0)  # beyond red and yellow, over which a hue becomes that of coloured light [by eye]
 
 
 def complexion(reference: Floats, own: Floats, scene: float) -> Floats:
@@ -87,18 +88,20 @@ def _film(own: Doubles) -> float:
 def _held(lab: Doubles, own: Doubles) -> Doubles | None:
     """The complexion `lab` (3,) CIELAB held to what skin can be, or to `own` where that lies farther out.
 
-    None when nothing is to be held. A hue that is neither red nor yellow is that of coloured light: it is meant so.
+    None when nothing is to be held. A hue that is neither red nor yellow is that of coloured light: it is meant so, and
+    the farther out it lies the less is held.
     """
     chroma, hue = _chroma_and_hue(lab)
     own_chroma, own_hue = _chroma_and_hue(own)
-    if not 0.0 < hue < np.pi / 2:
+    share = min(ramp(hue, -_COLOURED, 0.0), ramp(hue, np.pi / 2 + _COLOURED, np.pi / 2))
+    if share == 0.0:
         return None
     held = min(chroma, max(_RICHEST, own_chroma))
     least = float(np.arccos(min(1.0, max(_REDDEST, float(own[1])) / max(held, 1e-6))))
     turned = max(min(hue, max(_YELLOWEST, own_hue)), least)
     if held == chroma and abs(turned - hue) < 1e-6:
         return None
-    return np.array([lab[0], held * np.cos(turned), held * np.sin(turned)])
+    return lab + share * (np.array([lab[0], held * np.cos(turned), held * np.sin(turned)]) - lab)
 
 
 def _chroma_and_hue(lab: Doubles) -> tuple[float, float]:

@@ -15,7 +15,7 @@ from functools import cache
 
 import numpy as np
 
-from pvg._arrays import Bools, Doubles, Floats
+from pvg._arrays import Bools, Doubles, Floats, ramp
 from pvg._checks import real_number
 from pvg.asset import KeyFrame
 from pvg.curves import CURVES, table_labels
@@ -59,6 +59,8 @@ _LIKE_SKIN = 0.3  # of log luma between two skins, over which a clip's own lips 
 # of the skin's luma: hair above the mouth is darker [measured: moustaches 0.27 to 0.56, skin 0.72 to 1.21], and lips in
 # its shade, under its hairs, are darker than this
 _MOUSTACHE, _BESIDE_MOUSTACHE = 0.62, 0.6
+# of the skin's luma, that lips may be darker by where they are that much redder than the skin, levels of R − Y [by eye]
+_DEEPER, _DEEP_RED = 0.2, (15.0, 40.0)
 # power of the strength where the reference's lips are less red than the clip's, beside their skins: half strength
 # gives a lipstick by half and takes it away by an eighth, for drained lips look ill; full strength does both [by eye]
 _KEPT = 3.0
@@ -93,8 +95,10 @@ class PartChanges:
         chroma = parts[:, 1:] - UsualChroma.of(to_opponent(reference.skin)).at(parts[:, 0])
         for p, part in enumerate(PARTS):
             low, high = _BOUNDS[part].shown
-            if part == "lips" and _moustache(reference):
-                low = max(low, _BESIDE_MOUSTACHE)
+            if part == "lips":
+                low = max(low, _BESIDE_MOUSTACHE) if _moustache(reference) else low
+                # deep red is a lipstick, and no shadow
+                low -= _DEEPER * float(ramp(chroma[p, 1], *_DEEP_RED)) if chroma[p, 1] == chroma[p, 1] else 0.0
             hidden = not low <= luma[p] <= high  # true for what was not seen, NaN
             if hidden or (part == "lips" and chroma[p, 1] < _LEAST_RED):
                 luma[p], chroma[p] = np.nan, 0.0

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pvg._arrays import Floats
+from pvg._arrays import Floats, ramp
 from pvg.looks.tone import to_opponent, to_rgb
 
 SCENE = 1.0  # default of the share [by blind choice]
@@ -27,6 +27,7 @@ SCENE = 1.0  # default of the share [by blind choice]
 _BRIGHTER = ((0.25, 0.37), (0.25, 0.20))
 _DARKER = (0.12, 0.16)  # k and m, where it is darker [by blind choice]
 _HUE = 0.12  # k of chroma over luma [by blind choice]
+_AS_RICH = (1.15, 0.85)  # of its own chroma over luma, from which to which a reference's counts as less, a line between
 _POORER = (0.10, 0.19)  # k and m, where the reference's skin has less of it [by blind choice]
 
 
@@ -48,7 +49,8 @@ def in_scene(reference: Floats, own: Floats, share: float) -> Floats:
     bears = float(np.interp(rich, *_BRIGHTER))
     borne = far * _kept(far / bears) if brighter > 0.0 else _ending(far, *_DARKER)
     gain = np.exp(-share * np.sign(brighter) * (far - borne))
-    hue = _ending(off, *_POORER) if rich < own_rich else off * _kept(off / _HUE)
+    poorer = ramp(rich / max(own_rich, 1e-6), *_AS_RICH)
+    hue = poorer * _ending(off, *_POORER) + (1.0 - poorer) * off * _kept(off / _HUE)
     kept = 1.0 - share * (1.0 - hue / max(off, 1e-6))
     luma, chroma = np.split(to_opponent(reference), [1], axis=1)
     chroma = chroma - (1.0 - kept) * richer * luma

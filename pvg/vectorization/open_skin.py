@@ -1,8 +1,9 @@
 """The colours of a face's open skin, evenly over the face: what a complexion is moved from and to.
 
 Curve samples crowd at features and edges, so their distribution is not that of the skin between them; a beard is in
-the skin's place but not of its colour. These samples lie on a grid over the face without features, and leave the
-lower face out when it is much unlike the upper one.
+the skin's place but not of its colour, and so is a mask. These samples lie on a grid over the face without features,
+and leave the lower face out when it is much unlike the upper one, and what is below the eyes where its hue is much
+unlike the forehead's.
 """
 
 from __future__ import annotations
@@ -28,6 +29,10 @@ _SMOOTHING = 0.01
 # CIE76 difference of the medians of upper and lower face that stands for a veil, and for a beard, which is darker
 # [measured: bearded lower faces are 19 to 43 from the upper ones, shaded ones at most 16]
 _VEIL, _BEARD = 20.0, 17.0
+_MASK = 16.0  # CIELAB difference in hue and chroma alone, for a shadow of a hat is none [by eye]
+# what is farther from the forehead than that in hue and chroma is the rest of what covers the face, if it is no half of
+# it: light of two colours is light [by eye: red cheeks are 20 away]
+_NO_SKIN, _FEW = 28.0, 0.5
 _LEAST = 24  # fewer samples say nothing
 _GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 
@@ -54,9 +59,10 @@ def skin_sample(rgb: Bytes, skin: Floats, landmarks: Landmarks) -> tuple[Floats,
         return np.empty((0, 3), np.float32), np.empty((0, 2), np.float32)
     smooth = cv2.GaussianBlur(rgb, (0, 0), max(0.6, _SMOOTHING * axes.width)).astype(np.float32)
     colors = smooth[rows, columns]
-    nose_tip = points[layout.NOSE_TIP]
     places = np.stack([columns, rows], axis=1).astype(np.float32)
-    kept = _without_beard(colors, (places - nose_tip) @ axes.down > 0)
+    eyes = points[[*layout.LEFT_EYE_CONTOUR, *layout.RIGHT_EYE_CONTOUR]].mean(axis=0)
+    lower, under = ((places - level) @ axes.down > 0 for level in (points[layout.NOSE_TIP], eyes))
+    kept = _uncovered(colors, lower, under)
     chosen = kept[_spread(rows[kept])]
     return np.ascontiguousarray(colors[chosen], np.float32), places[chosen]
 
@@ -73,11 +79,29 @@ def _spread(rows: NDArray[np.intp]) -> NDArray[np.intp]:
     return np.asarray(first + (steps * _GOLDEN % 1.0 * (end - first)).astype(int), np.intp)
 
 
-def _without_beard(colors: Floats, lower: Bools) -> NDArray[np.intp]:
-    """The numbers of the colours that are kept."""
-    if min(int(lower.sum()), int((~lower).sum())) < _LEAST:
-        return np.arange(len(colors))
+def _uncovered(colors: Floats, lower: Bools, under: Bools) -> NDArray[np.intp]:
+    """The numbers of the colours (n, 3) that no beard, veil or mask seems to cover.
+
+    lower, under: (n,) what lies below the nose's tip, and below the eyes.
+    """
     lab = cv2.cvtColor(colors[None] / np.float32(255.0), cv2.COLOR_RGB2Lab)[0]
-    step = np.median(lab[lower], axis=0) - np.median(lab[~lower], axis=0)
-    unlike = float(np.linalg.norm(step)) > (_BEARD if step[0] < 0 else _VEIL)
-    return np.flatnonzero(~lower) if unlike else np.arange(len(colors))
+    kept = np.ones(len(colors), np.bool_)
+    step = _step(lab, lower)
+    if step is not None and float(np.linalg.norm(step)) > (_BEARD if step[0] < 0 else _VEIL):
+        kept = ~lower
+    step = _step(lab[kept], under[kept])
+    if step is not None and float(np.hypot(*step[1:])) > _MASK:
+        kept &= ~under
+    forehead = kept & ~under
+    if int(forehead.sum()) >= _LEAST:
+        off = np.linalg.norm(lab[:, 1:] - np.median(lab[forehead, 1:], axis=0), axis=1) > _NO_SKIN
+        if float(off[kept].mean()) < _FEW:
+            kept &= ~off
+    return np.flatnonzero(kept)
+
+
+def _step(lab: Floats, below: Bools) -> Floats | None:
+    """(3,) CIELAB from the median above to the one below; None where there is too little of either."""
+    if min(int(below.sum()), int((~below).sum())) < _LEAST:
+        return None
+    return np.asarray(np.median(lab[below], axis=0) - np.median(lab[~below], axis=0), np.float32)

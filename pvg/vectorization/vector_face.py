@@ -33,6 +33,7 @@ from pvg.vectorization.following import KeyView, Stretch, rows_between
 from pvg.vectorization.key_colors import fit_key_frame
 from pvg.vectorization.open_skin import skin_sample
 from pvg.vectorization.part_colors import part_colors
+from pvg.vectorization.plausible import doubts
 from pvg.vectorization.veil import picture_contrast
 
 ADVISED_FACE_PX = 200  # the paper's least face size
@@ -154,6 +155,7 @@ class VectorFace:
             warnings.append(f"the face is {width:.0f} px wide; {self._advised_px:g} px or more is advised")
         if self._body is not None and self._body.told_apart < 0.5:
             warnings.append("its skin has next to no colour; skin beside the face is left as it is")
+        warnings += doubts(main.skin)
         summary = FaceSummary(
             index=index,
             first_frame=self.first,

@@ -1,4 +1,7 @@
-"""The query of a request: a name that its operation does not know is refused: it would be left out unsaid."""
+"""The query of a request: a name that its operation does not know is refused: it would be left out unsaid.
+
+But not of a link that carries a signature: it is handed on, and mailers and pages add what they like to it.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from service.api.problems import invalid_values
 async def refuse_unknown(request: Request) -> None:
     """Raise `ValidationFailedError` that names the parameters of the query that its route does not declare."""
     # not a plain function: FastAPI would call that in a thread of its own
-    if not request.query_params:
+    if not request.query_params or "signature" in request.query_params:
         return
     route: APIRoute = request.scope["route"]
     known = sorted({*_names(route.dependant)})

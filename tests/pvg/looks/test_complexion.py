@@ -126,6 +126,17 @@ def test_coloured_light_is_meant(lab: tuple[float, float, float]) -> None:
     assert _held(np.array(lab), np.array(TAN)) is None
 
 
+@pytest.mark.parametrize("edge", [0.0, 90.0, -25.0, 115.0])
+def test_hues_that_hardly_differ_are_held_alike(edge: float) -> None:
+    ends = []
+    for degrees in (edge - 0.2, edge + 0.2):
+        angle = np.radians(degrees)
+        lab = np.array([65.0, 40.0 * np.cos(angle), 40.0 * np.sin(angle)])
+        held = _held(lab, np.array(TAN))
+        ends.append(lab if held is None else held)
+    assert np.linalg.norm(ends[0] - ends[1]) < 1.0
+
+
 def test_black_and_white_stays() -> None:
     taken = complexion(skin(ASHEN, chroma=0.02), skin(TAN), 0.0)
     assert lightness_and_saturation(taken)[1] < 0.02

@@ -93,6 +93,15 @@ def test_a_beard_or_a_shadow_in_the_reference_is_left_out(part: str, color: tupl
     np.testing.assert_array_equal(PartChanges.of(reference).on(skin, _OWN, FULL)[p], _asked_nothing(skin, _OWN)[p])
 
 
+def test_deep_red_lips_are_a_lipstick_and_no_shadow() -> None:
+    skin, lips = _map(_OWN, _MADE_UP), PARTS.index("lips")
+    reds = []
+    for luma in (0.5, 0.44, 0.4):
+        reference = _face((210, 175, 160), {"lips": (luma, -4.0, 70.0)})
+        reds.append(PartChanges.of(reference).on(skin, _OWN, FULL)[lips, 2])
+    assert min(reds) > 0.8 * max(reds) > 0
+
+
 @pytest.mark.parametrize(("above", "luma", "kept"), [(0.4, 0.55, False), (0.4, 0.75, True), (1.0, 0.55, True)])
 def test_lips_in_a_moustaches_shade_are_left_out(above: float, luma: float, *, kept: bool) -> None:
     lips, labels = PARTS.index("lips"), table_labels()

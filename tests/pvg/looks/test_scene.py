@@ -95,3 +95,12 @@ def test_black_has_no_ratio() -> None:
     reference, black = skin(PALE), np.zeros((50, 3), np.float32)
     assert in_scene(reference, black, 1.0) is reference
     assert in_scene(black, reference, 1.0) is black
+
+
+def test_references_of_nearly_the_clips_richness_go_nearly_as_far() -> None:
+    """Less chroma has an end and more has none; between both nothing jumps."""
+    own = skin(TAN)
+    rich = float(np.hypot(TAN[1], TAN[2]))
+    tones = [(150.0, 0.25 * rich * more, 0.968 * rich * more) for more in (0.995, 1.005)]
+    ends = [median(in_scene(skin(tone), own, 1.0))[1] for tone in tones]
+    assert np.linalg.norm(ends[0] - ends[1]) < 0.01

@@ -50,6 +50,36 @@ def test_a_beard_is_no_sample_and_shade_is_one(image: pvg.VectorVideo, gain: flo
     assert bool(below.any()) is not left_out
 
 
+@pytest.mark.parametrize("color", [(200, 20, 30), (120, 190, 220), (20, 20, 22), (240, 240, 245)], ids=str)
+@pytest.mark.parametrize("above", [0.0, 0.2], ids=["over the nose", "up to the eyes"])
+def test_a_mask_is_no_skin(image: pvg.VectorVideo, color: tuple[int, int, int], above: float) -> None:
+    data = image.face_at(0, 0)
+    assert data is not None
+    rgb = source_frame(image, 0).rgb().copy()
+    axes, tip = data.landmarks.axes, data.landmarks.points[layout.NOSE_TIP]
+    ys, xs = np.indices(rgb.shape[:2])
+    places = np.stack([xs, ys], axis=-1) - tip
+    covered = (places @ axes.down > -above * axes.width) & (np.abs(places @ axes.across) < 0.45 * axes.width)
+    plain, _ = skin_sample(rgb, np.ones(rgb.shape[:2], np.float32), data.landmarks)
+    rgb[covered] = color
+    sample, _ = skin_sample(rgb, np.ones(rgb.shape[:2], np.float32), data.landmarks)
+    assert np.linalg.norm(sample - np.array(color), axis=1).min() > 20
+    ours, theirs = (np.median(colors, axis=0) / colors.sum(axis=1).mean() for colors in (sample, plain))
+    assert np.abs(ours - theirs).max() < 0.05
+
+
+def test_red_cheeks_are_skin(image: pvg.VectorVideo) -> None:
+    data = image.face_at(0, 0)
+    assert data is not None
+    rgb = np.full((*source_frame(image, 0).rgb().shape[:2], 3), (190, 140, 115), np.uint8)
+    for cheek in (layout.LEFT_CHEEK, layout.RIGHT_CHEEK):
+        middle = data.landmarks.skin_points[cheek].mean(axis=0)
+        near = np.hypot(*(np.indices(rgb.shape[:2])[::-1] - middle[:, None, None])) < 0.12 * data.landmarks.axes.width
+        rgb[near] = (200, 120, 105)
+    sample, _ = skin_sample(rgb, np.ones(rgb.shape[:2], np.float32), data.landmarks)
+    assert (np.linalg.norm(sample - np.array((200, 120, 105)), axis=1) < 10).any()
+
+
 def test_without_enough_skin_there_is_no_sample(image: pvg.VectorVideo) -> None:
     data = image.face_at(0, 0)
     assert data is not None
