@@ -57,6 +57,7 @@ class Runner:
         The job done is another one when it is another key's turn. Raises `StoppedError` when the worker is told to stop
         before a job is claimed.
         """
+        structlog.contextvars.clear_contextvars()  # of the job before
         stopping.check()
         limit_s = self._settings.max_outage_s
         patience = Patience(stopping.check, limit_s=limit_s)
@@ -71,7 +72,6 @@ class Runner:
         lease = taken.lease
         if taken.deferred is not None:
             self._publish([taken.deferred])
-        structlog.contextvars.clear_contextvars()
         structlog.contextvars.bind_contextvars(job=job.id, kind=job.kind, attempt=job.attempt)
         if job.parent_id is not None:
             structlog.contextvars.bind_contextvars(part_of=job.parent_id)

@@ -1,4 +1,4 @@
-"""What a worker says at its start, before Celery has its logs set up."""
+"""What a worker says at its start, before Celery has its logs set up, and of which job."""
 
 from __future__ import annotations
 
@@ -9,6 +9,10 @@ import sys
 from pathlib import Path
 
 import pytest
+import structlog
+
+from worker import stopping
+from worker.runner import Runner
 
 STARTED = """
 from unittest import mock
@@ -39,3 +43,14 @@ def test_a_worker_says_as_json_that_it_loads_before_it_does(module: str, tmp_pat
     )
     lines = [json.loads(line) for line in done.stderr.splitlines() if "loading what jobs need" in line]
     assert [(line["level"], line["logger"]) for line in lines] == [("info", "worker.sandbox.keeper")], done.stderr
+
+
+def test_what_is_logged_before_a_job_is_claimed_names_no_job_of_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    def told_to_stop() -> None:
+        raise stopping.StoppedError
+
+    monkeypatch.setattr(stopping, "check", told_to_stop)
+    structlog.contextvars.bind_contextvars(job="job_before", kind="transfer")
+    with pytest.raises(stopping.StoppedError):
+        Runner.run(object.__new__(Runner), "job_next")
+    assert structlog.contextvars.get_contextvars() == {}
