@@ -74,7 +74,9 @@ def preview_worker(api: Api, error: dict[str, str] | None = None) -> Iterator[Ma
 
 @pytest.fixture
 def video(api: Api) -> str:
-    video_id: str = api.client.post("/videos", content=MP4).json()["id"]
+    answer = api.client.post("/videos", content=MP4)
+    assert answer.status_code == 202, answer.text
+    video_id: str = answer.json()["id"]
     make_ready(api.services, video_id)
     return video_id
 
