@@ -21,11 +21,12 @@ def places_before(flow: Floats) -> tuple[Floats, Floats]:
 def weight_of_before(was: Bytes | Floats, now: Bytes | Floats) -> Floats:
     """(h, w) in [0, 1) the weight of the frame before in each cell, less where its picture, moved, was another.
 
-    was, now: (h, w) or (h, w, 3), the pictures of then, moved onto now, and of now, 0-255; channels are averaged.
+    was, now: the pictures of then, moved onto now, and of now, 0-255: (h, w) float32, or (h, w, 3) uint8 RGB.
     """
-    change = cv2.blur(cv2.absdiff(was, now).astype(np.float32), (_TRACKING.change_window, _TRACKING.change_window))
-    if change.ndim == 3:
-        change = change.mean(axis=2)
+    off = cv2.absdiff(was, now)
+    if off.ndim == 3:
+        off = cv2.cvtColor(off, cv2.COLOR_RGB2GRAY).astype(np.float32)
+    change = cv2.blur(off, (_TRACKING.change_window, _TRACKING.change_window))
     return np.asarray(_TRACKING.keep * np.exp(-((change / _TRACKING.change) ** 2)), np.float32)
 
 

@@ -22,7 +22,8 @@ _DARK = 1.0  # level of a mean that a deviation is divided by, at least
 
 def contrast(luma: Floats | Bytes) -> float:
     """The deviation of a picture's luma over its mean."""
-    return float(np.std(luma)) / max(float(np.mean(luma)), _DARK)
+    mean, deviation = cv2.meanStdDev(luma)
+    return float(deviation[0, 0]) / max(float(mean[0, 0]), _DARK)
 
 
 def picture_contrast(rgb: Bytes) -> float:
