@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pvg._arrays import Bytes, Doubles
+from pvg._arrays import Bytes, Doubles, Floats
 from pvg.raster import Raster, first_reading
 
 Affine = Doubles
@@ -22,6 +22,19 @@ Box = tuple[int, int, int, int]
 SUPERSAMPLE = 6
 LUMA = np.array([0.299, 0.587, 0.114])
 """Weights of R, G and B in luma [Rec. 601]."""
+_DARK = 1.0  # level of a mean that a deviation is divided by, at least
+
+
+def contrast(luma: Floats | Bytes) -> float:
+    """The deviation of a picture's luma (h, w), 0-255, over its mean."""
+    mean, deviation = cv2.meanStdDev(luma)
+    return float(deviation[0, 0]) / max(float(mean[0, 0]), _DARK)
+
+
+def median_lab(colors: Floats) -> Doubles:
+    """(3,) CIELAB of the median of colours (n, 3), 0-255 RGB."""
+    median = (np.median(colors, axis=0) / 255.0).astype(np.float32)
+    return np.asarray(cv2.cvtColor(median.reshape(1, 1, 3), cv2.COLOR_RGB2LAB)[0, 0], np.float64)
 
 
 class Picture(Protocol):

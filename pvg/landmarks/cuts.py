@@ -24,8 +24,6 @@ least]"""
 RECOLORED, RECOLORED_CHANGE, RECOLORED_UNLIKENESS = 0.5, 20.0, 0.15
 """Share of the pixels that change their colour bin, with the least change and unlikeness that must come with it: two
 shots framed alike, which a change of exposure is not."""
-
-
 DISSOLVE_REACH = 8
 """Frames on either side of the middle of a dissolve, which is seen when the last of them is."""
 DISSOLVE_SHARE, DISSOLVE_LEFT = (0.45, 0.7), 0.25
@@ -44,9 +42,9 @@ class CutDetector:
     """
 
     def __init__(self) -> None:
-        self._luma: npt.NDArray[np.float32] | None = None
-        self._histogram: npt.NDArray[np.float32] | None = None
-        self._recent: deque[npt.NDArray[np.float32]] = deque(maxlen=2 * DISSOLVE_REACH + 1)  # of this shot
+        self._histogram: npt.NDArray[np.float32] | None = None  # of the frame before
+        # luma of the frames before, of this shot
+        self._recent: deque[npt.NDArray[np.float32]] = deque(maxlen=2 * DISSOLVE_REACH + 1)
 
     def is_cut(self, frame: Picture | Bytes) -> bool:
         """Take the next frame, a picture or (H, W, 3) uint8; the first frame ever is not a cut."""
@@ -67,10 +65,10 @@ class CutDetector:
         histogram = cv2.calcHist(
             [small], [0, 1, 2], None, [HISTOGRAM_BINS] * 3, [0, 256, 0, 256, 0, 256]
         ).ravel() / float(luma.size)
-        before, histogram_before = self._luma, self._histogram
-        self._luma, self._histogram = luma, np.asarray(histogram, np.float32)
-        if before is None or histogram_before is None:
+        histogram_before, self._histogram = self._histogram, np.asarray(histogram, np.float32)
+        if histogram_before is None:
             return False
+        before = self._recent[-1]
         change = float(np.abs(luma - before).mean())
         if change < MIN_CHANGE:
             return False

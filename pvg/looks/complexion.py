@@ -23,6 +23,7 @@ from pvg._arrays import Doubles, Floats, ramp
 from pvg.looks.key_light import in_key_light
 from pvg.looks.scene import in_scene
 from pvg.looks.tone import to_opponent, to_rgb
+from pvg.picture import median_lab
 
 # saturation, C*/L* of CIELAB, below which skin looks grey: at L* 60, its fall a level of L*, and the most of it
 # [by blind choice: less or more of it was chosen less often, at L* 60, 64, 71 and 77]
@@ -49,7 +50,7 @@ def complexion(reference: Floats, own: Floats, scene: float) -> Floats:
     if min(len(skin), len(own)) == 0:
         return skin
     skin = in_scene(skin, own, scene)
-    lab, bound = _median_lab(skin), _median_lab(own)
+    lab, bound = median_lab(skin), median_lab(own)
     if scene > 0.0 and (held := _held(lab, bound)) is not None:
         goal = lab + scene * (held - lab)
         skin, lab = _moved(skin, lab, goal), goal
@@ -118,12 +119,6 @@ def _moved(skin: Floats, lab: Doubles, goal: Doubles) -> Floats:
     opponent = to_opponent(skin)
     opponent[:, 1:] += (after[1:] / after[0] - before[1:] / before[0]) * opponent[:, :1]
     return np.asarray(np.clip(to_rgb(opponent), 0.0, 255.0), np.float32)
-
-
-def _median_lab(skin: Floats) -> Doubles:
-    """(3,) CIELAB of the median of colours (n, 3)."""
-    median = (np.median(skin, axis=0) / 255.0).astype(np.float32)
-    return np.asarray(cv2.cvtColor(median.reshape(1, 1, 3), cv2.COLOR_RGB2LAB)[0, 0], np.float64)
 
 
 def _saturation(lab: Doubles) -> float:

@@ -17,7 +17,7 @@ import numpy as np
 from pvg import models
 from pvg._arrays import Bytes, Floats, ramp
 from pvg.face import Landmarks
-from pvg.picture import Picture, as_picture
+from pvg.picture import Picture, as_picture, contrast
 from pvg.raster import Raster, first_reading
 from pvg.skin.in_time import places_before
 from pvg.skin.parameters import SKIN_PRIOR
@@ -79,6 +79,11 @@ class Scene:
     flow: Floats | None
     faces: tuple[Landmarks, ...]
     changed: bool = False
+
+    @cached_property
+    def contrast(self) -> float:
+        """Of the whole picture, see `pvg.picture.contrast`."""
+        return contrast(np.asarray(cv2.cvtColor(self.rgb, cv2.COLOR_RGB2GRAY), np.uint8))
 
     @cached_property
     def before(self) -> tuple[Floats, Floats] | None:

@@ -19,10 +19,10 @@ import numpy as np
 
 from pvg._arrays import Bools, Floats
 from pvg.face import Landmarks, layout
-from pvg.picture import Picture
+from pvg.picture import Picture, contrast
 from pvg.raster import centers_in_unit, scaled
 from pvg.skin import Matte
-from pvg.vectorization.veil import Veil, contrast
+from pvg.vectorization.veil import Veil
 
 _CHANGE = 0.182  # of log luma against the key's, ±20 %: a new key frame is due
 _SAME = 0.047  # of log luma: still the key's own light
@@ -139,6 +139,12 @@ class ExposureWatch:
     _made: int = 0
     _changed: int = 0  # rows since the light left the key's
     _face: float = 1.0  # contrast of the face when it was last seen well
+    _veil: Veil | None = None
+
+    def __post_init__(self) -> None:
+        if self.main_picture is not None:
+            luma = self.main.luma[_FACE]
+            self._veil = Veil(contrast(luma), self.main_picture, float(luma.mean()))
 
     def see(
         self,
@@ -163,12 +169,11 @@ class ExposureWatch:
         return self._pass() if len(self._waiting) > LOOKAHEAD else []
 
     def _shows(self, patch: Patch | None, whole: float | None) -> float:
-        if whole is None or self.main_picture is None:
+        if whole is None or self._veil is None:
             return 1.0
         if patch is not None:
             self._face = contrast(patch.luma[_FACE])
-        luma = self.main.luma[_FACE]
-        return Veil(contrast(luma), self.main_picture, float(luma.mean())).shows(self._face, whole)
+        return self._veil.shows(self._face, whole)
 
     def end(self) -> list[DueKey]:
         """The key frames that are due when the track has ended."""

@@ -19,7 +19,6 @@ from pvg.landmarks import FaceTrack, FaceTracker, OpenTrack, smooth
 from pvg.picture import Picture
 from pvg.skin import Scene, SceneReader
 from pvg.vectorization.key_frames import FADE_REACH, faded, first_good_row, good_rows, surroundings
-from pvg.vectorization.veil import picture_contrast
 
 CHUNK = 32  # frames a face is followed by at a time
 LOOKAHEAD = 32  # frames that must be known after the last of them; the smoothing's filters reach 22
@@ -218,7 +217,7 @@ class Following:
         row, frames = first_good_row(window), range(window.first, window.last + 1)
         if not all(frame in self._scenes for frame in frames):
             return row
-        contrasts = np.array([picture_contrast(self._scenes[frame].rgb) for frame in frames])
+        contrasts = np.array([self._scenes[frame].contrast for frame in frames])
         if contrasts[row] >= _FADED * contrasts.max():
             return row
         return first_good_row(window, np.asarray(contrasts >= _CLEAR * contrasts.max()))

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
 from pvg._arrays import Floats
+from pvg.picture import median_lab
 
 # of CIELAB: hues from red to yellow in degrees, and the most chroma, that skin has in light without a colour of its own
 # [measured: 15 clips and 16 portraits have 13 to 62 degrees and C* up to 39]
@@ -19,8 +19,7 @@ def doubts(skin: Floats) -> tuple[str, ...]:
     """What speaks against the colours (n, 3) of a face's open skin, 0-255 RGB, in words; nothing without any."""
     if not len(skin):
         return ()
-    median = (np.median(skin, axis=0) / 255.0).astype(np.float32)
-    lightness, a, b = (float(v) for v in cv2.cvtColor(median.reshape(1, 1, 3), cv2.COLOR_RGB2LAB)[0, 0])
+    lightness, a, b = (float(v) for v in median_lab(skin))
     chroma, hue = float(np.hypot(a, b)), float(np.degrees(np.arctan2(b, a)))
     found = []
     if chroma > _RICHEST or (chroma > _GREY and not _HUES[0] <= hue <= _HUES[1]):

@@ -34,7 +34,6 @@ from pvg.vectorization.key_colors import fit_key_frame
 from pvg.vectorization.open_skin import skin_sample
 from pvg.vectorization.part_colors import part_colors
 from pvg.vectorization.plausible import doubts
-from pvg.vectorization.veil import picture_contrast
 
 ADVISED_FACE_PX = 200  # the paper's least face size
 _SAMPLE_MARGIN = 0.06  # of the face's width: reach of what smooths the sampled skin
@@ -91,7 +90,7 @@ class VectorFace:
         self._no_body = np.zeros(scene_raster(key.picture.size).shape, np.uint8)
         self._watch: ExposureWatch | None = None
         if reset is None:
-            whole = None if key.scene is None else picture_contrast(key.scene.rgb)
+            whole = None if key.scene is None else key.scene.contrast
             self._watch = ExposureWatch(key.row, Patch.of(key.picture, key.landmarks, self.key_matte), whole)
 
     def add(self, stretch: Stretch, writer: AssetWriter) -> None:
@@ -106,7 +105,7 @@ class VectorFace:
             visible = float(stretch.visible[k])
             if self._watch is not None:
                 score, pose = float(rows.score[k]), rows.pose[k]
-                whole = None if scene is None else picture_contrast(scene.rgb)
+                whole = None if scene is None else scene.contrast
                 self._fit_due(self._watch.see(row, picture, rows.landmarks[k], matte, score, pose, whole))
                 visible *= self._watch.shows
             seen = matte, self._skin.light, self._skin.told

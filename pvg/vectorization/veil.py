@@ -2,33 +2,17 @@
 
 Light that changes scales a picture, a fade to white takes its contrast away as well: of a picture I, v of the way to
 white, there is (1 − v) I + v W. What a look changes must fade alike, or its face is left on a white picture. Told by
-the contrast c, deviation over mean, of the face and of the whole picture, beside that of the track's key frame: a face
-that is lit more softly leaves the picture's contrast, and a picture that shows another place leaves the face's.
+the contrast c (`pvg.picture.contrast`) of the face and of the whole picture, beside that of the track's key frame: a
+face that is lit more softly leaves the picture's contrast, and a picture that shows another place leaves the face's.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
-import numpy as np
-
-from pvg._arrays import Bytes, Floats
-
 _WHITE = 255.0
 _CLEAR = 0.9  # of the face: from what shows through so far on, nothing lies over it [measured: clips without fades]
-_DARK = 1.0  # level of a mean that a deviation is divided by, at least
-
-
-def contrast(luma: Floats | Bytes) -> float:
-    """The deviation of a picture's luma over its mean."""
-    mean, deviation = cv2.meanStdDev(luma)
-    return float(deviation[0, 0]) / max(float(mean[0, 0]), _DARK)
-
-
-def picture_contrast(rgb: Bytes) -> float:
-    """The same of a picture (h, w, 3) uint8 RGB."""
-    return contrast(np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8))
+_DARK = 1.0  # level of the face's mean, at least
 
 
 @dataclass(frozen=True)

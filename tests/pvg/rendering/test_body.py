@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import cv2
@@ -16,7 +17,7 @@ from pvg.rendering import Renderer, source_frame
 from pvg.rendering.body import apply_body
 from pvg.rendering.map_tables import MapTables
 from pvg.rendering.placed_body import PlacedBody, place_body
-from pvg.rendering.placed_face import place_face
+from pvg.rendering.placed_face import PlacedFace, place_face
 from pvg.skin import Matte
 from pvg.video import RGB24, Frame, PixelFormat
 from tests.gallery.scenes import shrunk
@@ -128,16 +129,30 @@ def test_hands_far_apart_are_drawn_apart_and_as_they_would_be_together(monkeypat
     np.testing.assert_allclose(_alpha(apart, wide.shape), _alpha(together, wide.shape), atol=1e-6)
 
 
-def test_face_and_body_meet_without_a_gap(video: pvg.VectorVideo, face: FaceInFrame) -> None:
-    """Both together are at most their sum, and the larger of both within skin: no edge and no gap lies between them."""
+def _placed(video: pvg.VectorVideo, face: FaceInFrame) -> tuple[Frame, PlacedFace, np.ndarray]:
+    """A frame, the face where it is there, and its alpha over the whole frame."""
     frame = source_frame(video, 20)
     placed = place_face(face, table_labels(), frame.width, frame.height)
     assert placed is not None
-    shape = frame.height, frame.width
-    alone, beside = (_alpha(place_body(frame, face.body, faces, []), shape) for faces in ([], [placed]))
+    own = np.zeros((frame.height, frame.width), np.float32)
     x0, y0, x1, y1 = placed.window
-    own = np.zeros(shape, np.float32)
     own[y0:y1, x0:x1] = placed.alpha
+    return frame, placed, own
+
+
+def _on_grey(matte: np.ndarray, cell: int, faces: Sequence[PlacedFace]) -> np.ndarray:
+    """A body's matte (H, W), known in cells of so many pixels, beside faces in a picture with nothing to follow."""
+    h, w = matte.shape
+    coarse = matte.reshape(h // cell, cell, -1, cell).mean(axis=(1, 3))
+    body = Matte.over(np.array([0, 0, w, h], np.float32), np.rint(255 * coarse).astype(np.uint8))
+    grey = np.full(matte.shape, 128, np.uint8)
+    return _alpha(place_body(Frame(0, 0, 0.0, RGB24, (grey, grey, grey)), body, faces, []), matte.shape)
+
+
+def test_face_and_body_meet_without_a_gap(video: pvg.VectorVideo, face: FaceInFrame) -> None:
+    """Both together are at most their sum, and the larger of both within skin: no edge and no gap lies between them."""
+    frame, placed, own = _placed(video, face)
+    alone, beside = (_alpha(place_body(frame, face.body, faces, []), own.shape) for faces in ([], [placed]))
     both = beside + own
     # a tenth of a level: with a face there are other pieces, cut by other boxes
     assert (both <= np.minimum(alone + own, 1.0) + 1 / 2550).all()
@@ -149,38 +164,20 @@ def test_face_and_body_meet_without_a_gap(video: pvg.VectorVideo, face: FaceInFr
 
 def test_where_soft_mattes_of_face_and_hand_meet_nothing_is_lost(video: pvg.VectorVideo, face: FaceInFrame) -> None:
     """A hand before a face: the one matte begins as the other ends."""
-    frame = source_frame(video, 20)
-    placed = place_face(face, table_labels(), frame.width, frame.height)
-    assert placed is not None
-    whole = np.zeros((frame.height, frame.width), np.float32)
+    _, placed, whole = _placed(video, face)
     x0, y0, x1, y1 = placed.window
     whole[y0:y1, x0:x1] = cv2.GaussianBlur(placed.alpha, (0, 0), 12)
-    cell = 4
-    rest = 1 - whole.reshape(frame.height // cell, cell, -1, cell).mean(axis=(1, 3))
-    matte = Matte.over(np.array([0, 0, frame.width, frame.height], np.float32), np.rint(255 * rest).astype(np.uint8))
-    grey = np.full(whole.shape, 128, np.uint8)  # nothing to follow
-    soft = replace(placed, alpha=whole[y0:y1, x0:x1])
-    both = whole + _alpha(place_body(Frame(0, 0, 0.0, RGB24, (grey, grey, grey)), matte, [soft], []), whole.shape)
+    both = whole + _on_grey(1 - whole, 4, [replace(placed, alpha=whole[y0:y1, x0:x1])])
     assert both[y0 + 40 : y1 - 40, x0 + 40 : x1 - 40].min() > 0.9
     assert both.max() < 1.001
 
 
 def test_along_the_face_the_body_adds_no_rim_thinner_than_its_cells(video: pvg.VectorVideo, face: FaceInFrame) -> None:
     """A body's matte that is the face's own in coarse cells, a little wider: the finer edge stays."""
-    frame = source_frame(video, 20)
-    placed = place_face(face, table_labels(), frame.width, frame.height)
-    assert placed is not None
-    whole = np.zeros((frame.height, frame.width), np.float32)
-    x0, y0, x1, y1 = placed.window
-    whole[y0:y1, x0:x1] = placed.alpha
-    cell = 8
-    wider = cv2.dilate(whole, np.ones((7, 7), np.uint8)).reshape(frame.height // cell, cell, -1, cell).mean(axis=(1, 3))
-    box = np.array([0, 0, frame.width, frame.height], np.float32)
-    matte = Matte.over(box, np.rint(255 * wider).astype(np.uint8))
-    grey = np.full(whole.shape, 128, np.uint8)  # nothing to follow
-    plain = Frame(0, 0, 0.0, RGB24, (grey, grey, grey))
-    rim = _alpha(place_body(plain, matte, [placed], []), whole.shape)
-    bare = np.maximum(_alpha(place_body(plain, matte, [], []), whole.shape) - whole, 0)
+    _, placed, whole = _placed(video, face)
+    wider = cv2.dilate(whole, np.ones((7, 7), np.uint8))
+    rim = _on_grey(wider, 8, [placed])
+    bare = np.maximum(_on_grey(wider, 8, []) - whole, 0)
     assert bare.sum() > 1000
     assert rim.sum() < 0.3 * bare.sum()
 

@@ -9,8 +9,9 @@ import pytest
 
 import pvg
 from benchmarks.quality.probes import write_lossless
+from pvg.picture import contrast
 from pvg.rendering import source_frame
-from pvg.vectorization.veil import Veil, contrast
+from pvg.vectorization.veil import Veil
 from scripts.samples import Samples
 from tests.gallery.scenes import Subject, resting_face
 
