@@ -71,7 +71,7 @@ def region_of_points(points: FloatArray) -> Region:
     )
 
 
-def _crop_to_source(region: Region) -> npt.NDArray[np.float64]:
+def crop_to_source(region: Region) -> npt.NDArray[np.float64]:
     """(2, 3) affine map of crop pixel centres to source pixel centres."""
     scale = region.size / INPUT_PX
     cos, sin = scale * np.cos(region.angle), scale * np.sin(region.angle)
@@ -84,8 +84,11 @@ def _crop_to_source(region: Region) -> npt.NDArray[np.float64]:
     )
 
 
-def _crop(picture: Picture, to_source: npt.NDArray[np.float64], size: float) -> ByteArray:
-    """Sample the region at the network's size; a large one is averaged down first so that it does not alias."""
+def crop(picture: Picture, to_source: npt.NDArray[np.float64], size: float) -> ByteArray:
+    """Sample a region of `size` source pixels, (INPUT_PX, INPUT_PX, 3) uint8 RGB.
+
+    A large one is averaged down first so that it does not alias.
+    """
     if size < 2 * INPUT_PX:
         return picture.warp(to_source, (INPUT_PX, INPUT_PX))
     corners = to_source @ np.array([[0, INPUT_PX, 0, INPUT_PX], [0, 0, INPUT_PX, INPUT_PX], [1, 1, 1, 1]], np.float64)
@@ -108,10 +111,10 @@ def fit_landmarks(picture: Picture | ByteArray, region: Region | Detection) -> M
     if isinstance(region, Detection):
         first = fit_landmarks(picture, region_of_detection(region))
         return fit_landmarks(picture, region_of_points(first.points))
-    to_source = _crop_to_source(region)
-    crop = _crop(picture, to_source, region.size)
+    to_source = crop_to_source(region)
+    pixels = crop(picture, to_source, region.size)
     session = models.load("face_landmarks_detector")
-    values = np.multiply(crop[None], np.float32(1 / 255), dtype=np.float32)
+    values = np.multiply(pixels[None], np.float32(1 / 255), dtype=np.float32)
     flat, flag = session.run(["Identity", "Identity_1"], {session.get_inputs()[0].name: values})
     found = flat.reshape(-1, 3)
     points = from_edge(found[:, :2]) @ to_source[:, :2].T + to_source[:, 2]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,7 @@ from pvg.face import Landmarks, layout
 from pvg.landmarks.cuts import CutDetector
 from pvg.landmarks.detector import Detection, box_iou, detect_faces
 from pvg.landmarks.mesh import Mesh, Region, fit_landmarks, region_of_points
+from pvg.landmarks.motion import carried, share_inside
 from pvg.landmarks.pose import head_pose
 from pvg.picture import Picture, as_picture
 
@@ -28,9 +29,12 @@ CONFIRMED_SCORE = 0.95
 """A track counts as a face when its median score and MIN_SEEN frames reach this, or all of a shorter shot. Faces of the
 test clips have medians above 0.97 however small or dark; lettering and cartoons that pass the frame gate stay below
 0.93 or are brief."""
-SAME_FACE_IOU = 0.4
+SAME_FACE_IOU, SAME_FACE_WITHIN = 0.4, 0.8
 REJOIN_DISTANCE = 1.0
 REJOIN_SIZE_RATIO = 1.6
+ON_EDGE, LEAST_FITTED, LEAST_SEEN = 0.95, 0.75, 0.1
+"""Shares of the mesh's points inside the picture: with fewer than the first a face is on the edge, with fewer than the
+second the mesh fits worse than its points go with the picture, with fewer than the last it has left."""
 BLIND_FITS = 5
 """How many frames a lost face is still looked for where it was last; after that only the detector looks."""
 
@@ -94,21 +98,31 @@ class Seen:
 class OpenTrack:
     """A face being followed. `frames` and `seen` run parallel and skip the frames where it was not seen.
 
-    first: its first frame, also once the beginning is forgotten; scores: of all frames that showed it.
+    first: its first frame, also once the beginning is forgotten; last_mesh: where it was last seen; scores: of all
+    frames that showed it whole; has_left: whether it left the picture after them.
     """
 
     first: int
+    last_mesh: Mesh
     frames: list[int] = field(default_factory=list)
     seen: list[Seen] = field(default_factory=list)
     scores: list[float] = field(default_factory=list)
-    last_points: FloatArray = field(default_factory=lambda: np.zeros((0, 2), np.float32))
+    has_left: bool = False
 
     def add(self, index: int, mesh: Mesh) -> None:
         """The face was seen in frame `index`."""
+        self.scores.append(mesh.score)
+        self._append(index, mesh)
+
+    def carry(self, index: int, mesh: Mesh) -> None:
+        """Part of the face is in frame `index`, its points moved with the picture: this says nothing of what it is."""
+        self._append(index, replace(mesh, score=FACE_GATE))
+
+    def _append(self, index: int, mesh: Mesh) -> None:
+        self.has_left = False
         self.frames.append(index)
         self.seen.append(Seen(Landmarks.from_mesh(mesh.points), mesh.score, head_pose(mesh)))
-        self.scores.append(mesh.score)
-        self.last_points = mesh.points
+        self.last_mesh = mesh
 
     @property
     def last(self) -> int:
@@ -116,9 +130,14 @@ class OpenTrack:
         return self.frames[-1]
 
     @property
+    def is_carried(self) -> bool:
+        """Whether where it was last seen its points went with the picture."""
+        return self.seen[-1].score <= FACE_GATE
+
+    @property
     def box(self) -> FloatArray:
         """(4,) x0, y0, x1, y1 of the mesh where it was last seen."""
-        return _box(self.last_points)
+        return _box(self.last_mesh.points)
 
     def is_confident(self, enough: int) -> bool:
         """Whether at least `enough` of its frames, and most of them, were seen with confidence."""
@@ -205,6 +224,7 @@ class FaceTracker:
         self.frame_count = 0
         self._last_detection: int | None = None
         self._expected: int | None = None
+        self._before: Picture | None = None
 
     def step(self, index: int, picture: Picture) -> None:
         """Take the next frame. Raises ValueError when an index is skipped."""
@@ -217,6 +237,7 @@ class FaceTracker:
             self.closed += self.open
             self.open = []
             self._last_detection = None
+            self._before = None
         self._follow(index, picture)
         lost = any(track.last != index for track in self.open)
         due = self._last_detection is None or index - self._last_detection >= DETECT_EVERY
@@ -228,15 +249,31 @@ class FaceTracker:
         kept = [track for track in self.open if index - track.last <= self._max_lost]
         self.closed += [track for track in self.open if index - track.last > self._max_lost]
         self.open = kept
+        self._before = picture if kept else None
 
     def _follow(self, index: int, picture: Picture) -> None:
         """Fit every open track where its face was last seen."""
         for track in self.open:
             if index - track.last > BLIND_FITS:
                 continue
-            mesh = self._fit(picture, region_of_points(track.last_points))
+            mesh = self._fit(picture, region_of_points(track.last_mesh.points))
+            if mesh is None or share_inside(mesh.points, picture.size) < LEAST_FITTED:
+                moved = self._carried(track, index, picture)
+                if moved is not None:
+                    track.has_left = share_inside(moved.points, picture.size) < LEAST_SEEN
+                    if not track.has_left:
+                        track.carry(index, moved)
+                    continue
             if mesh is not None and not self._taken(index, _box(mesh.points)):
                 track.add(index, mesh)
+
+    def _carried(self, track: OpenTrack, index: int, picture: Picture) -> Mesh | None:
+        """A face that was on the picture's edge in the frame before, where the picture's motion took it."""
+        if self._before is None or track.last != index - 1:
+            return None
+        if share_inside(track.last_mesh.points, picture.size) > ON_EDGE:
+            return None
+        return carried(track.last_mesh, self._before, picture)
 
     def _acquire(self, index: int, detections: tuple[Detection, ...], picture: Picture) -> None:
         """Give detections nobody follows to lost tracks nearby, or to new ones."""
@@ -250,7 +287,7 @@ class FaceTracker:
             if track is None:
                 if len(self.open) >= self._max_faces:
                     continue
-                track = OpenTrack(index)
+                track = OpenTrack(index, mesh)
                 self.open.append(track)
             track.add(index, mesh)
 
@@ -265,9 +302,15 @@ class FaceTracker:
         return mesh
 
     def _taken(self, index: int, box: FloatArray) -> bool:
-        """Whether a face already followed in this frame sits in this box."""
-        boxes = [track.box for track in self.open if track.last == index]
-        return bool(boxes) and bool((box_iou(box, np.stack(boxes)) > SAME_FACE_IOU).any())
+        """Whether a face already followed in this frame sits in this box.
+
+        Of a face on the picture's edge the detector may take a part for a small face.
+        """
+        here = [track for track in self.open if track.last == index]
+        if not here:
+            return False
+        part = [track.is_carried and _share_within(box, track.box) > SAME_FACE_WITHIN for track in here]
+        return any(part) or bool((box_iou(box, np.stack([track.box for track in here])) > SAME_FACE_IOU).any())
 
     def _lost_near(self, index: int, box: FloatArray) -> OpenTrack | None:
         """The lost track this face most likely continues, by place and size."""
@@ -297,6 +340,12 @@ class FaceTracker:
         done = [track.raw() for track in self.closed + self.open if self.is_face(track, finished=True)]
         done.sort(key=lambda track: (track.first, float(track.landmarks.points[0, :, 0].mean())))
         return FaceTracks(tuple(done), tuple(self.cuts), self.frame_count)
+
+
+def _share_within(box: FloatArray, other: FloatArray) -> float:
+    """Share of a box (4,) x0, y0, x1, y1 that lies in another."""
+    both = np.minimum(box[2:], other[2:]) - np.maximum(box[:2], other[:2])
+    return float(np.prod(np.maximum(both, 0)) / max(np.prod(box[2:] - box[:2]), 1e-6))
 
 
 def _box(points: FloatArray) -> FloatArray:

@@ -189,7 +189,7 @@ class Following:
         visible = faded(
             track.shows(before, beyond),
             before=before > track.first or track.first == 0 or track.first in self._tracker.cuts,
-            after=beyond <= track.last or self._whole_to(track.last + 1),
+            after=beyond <= track.last or track.has_left or self._whole_to(track.last + 1),
         )[start - before : stop - before]
         pictures = tuple(course.pictures.pop(frame) for frame in range(start, stop))
         scenes = tuple(self._scenes[frame] for frame in range(start, stop)) if self._scene_reader else ()

@@ -2,11 +2,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import cv2
 import numpy as np
 import pytest
 
-from pvg.landmarks import smooth, track_faces
+from pvg.landmarks import FaceTracker, Mesh, smooth, track_faces
 from pvg.landmarks.detector import box_iou
+from pvg.landmarks.motion import share_inside
+from pvg.landmarks.tracking import FACE_GATE
+from pvg.picture import as_picture
 from tests.gallery.pictures import background, pasted
 
 
@@ -120,3 +124,46 @@ def test_frames_without_a_face_are_fine() -> None:
 def test_skipped_frames_are_refused() -> None:
     with pytest.raises(ValueError, match="frame 3 follows frame 1"):
         track_faces(iter([(1, background(1)), (3, background(1))]))
+
+
+def window(portrait: np.ndarray, center: np.ndarray, growth: float = 1.0) -> np.ndarray:
+    """A portrait seen through a window of 400 x 400 px around a place in it."""
+    to_window = np.array([[growth, 0, 200 - growth * center[0]], [0, growth, 200 - growth * center[1]]])
+    return cv2.warpAffine(portrait, to_window, (400, 400), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+
+
+@pytest.mark.parametrize("step", [(10, 0), (-10, 0), (0, 10)])
+def test_a_face_that_leaves_is_followed_until_it_is_gone(
+    portrait: np.ndarray, mesh: Mesh, step: tuple[int, int]
+) -> None:
+    tracker = FaceTracker()
+    center = mesh.points.mean(axis=0)
+    for index in range(40):
+        tracker.step(index, as_picture(window(portrait, center + index * np.array(step))))
+    (track,) = tracker.open + tracker.closed
+    assert track.has_left
+    rows = track.raw()
+    points = rows.landmarks.points
+    assert share_inside(points[-1], (400, 400)) < 0.25
+    # its points went on with the picture and kept their places in the face
+    moved = points[-1] + (len(points) - 1) * np.array(step) - points[0]
+    assert np.linalg.norm(moved, axis=1).mean() < 0.05 * rows.extents[0]
+
+
+def test_a_face_that_overfills_the_picture_is_followed(portrait: np.ndarray, mesh: Mesh) -> None:
+    center = mesh.points.mean(axis=0)
+    growth = np.linspace(1, 5, 40)
+    (track,) = track_faces(enumerate(window(portrait, center, by) for by in growth)).tracks
+    assert (track.first, track.last) == (0, 39)
+    assert (track.score > 0).all()
+    carried = np.flatnonzero(track.score <= FACE_GATE)
+    assert len(carried) > 20
+    widths = track.extents[carried] / growth[carried]
+    np.testing.assert_allclose(widths, widths[0], rtol=0.06)
+
+
+def test_a_face_covered_within_the_picture_does_not_go_with_what_covers_it(head: np.ndarray) -> None:
+    scene = background(3)
+    frames = [pasted(scene, head, 120, 60)] * 8 + [scene] * 8
+    (track,) = track_faces(enumerate(frames)).tracks
+    assert track.last == 7
