@@ -17,6 +17,9 @@ MIN_CHANGE = 3.0
 """Levels of 255: below this mean change of the thumbnail's luma nothing was cut, whatever its structure says."""
 MIN_UNLIKENESS = 0.45
 """1 − correlation of two thumbnails' luma. Clips of heads, hands and hand-held cameras stay below 0.28."""
+REPLACED_UNLIKENESS, REPLACED_CHANGE = 0.4, 25.0
+"""The same two, for a picture that has become another one in a second, which is told beside other signs. [measured:
+wipes and their like change it by 27 levels at least when they are over, a singer on a dark stage by 16 and 22]"""
 MOVED_LIKENESS, MIDDLE = 0.78, 0.7
 """Correlation of a thumbnail's middle, that share of its sides, with its best place in the one before, from which on
 the camera was moved. [measured: other pictures 0.71 at most, nearer ones of the same person 0.75, shaken ones 0.81 at
@@ -41,10 +44,11 @@ class CutDetector:
     cut some frames after its middle: there the picture is a mean of two that have nothing in common.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, remembered: int = 0) -> None:
+        """remembered: how many frames back `is_another_since` is to look."""
         self._histogram: npt.NDArray[np.float32] | None = None  # of the frame before
         # luma of the frames before, of this shot
-        self._recent: deque[npt.NDArray[np.float32]] = deque(maxlen=2 * DISSOLVE_REACH + 1)
+        self._recent: deque[npt.NDArray[np.float32]] = deque(maxlen=max(2 * DISSOLVE_REACH, remembered) + 1)
 
     def is_cut(self, frame: Picture | Bytes) -> bool:
         """Take the next frame, a picture or (H, W, 3) uint8; the first frame ever is not a cut."""
@@ -53,13 +57,27 @@ class CutDetector:
         cut = self._is_hard_cut(small, luma)
         if not cut:
             self._recent.append(luma)
-            cut = len(self._recent) == self._recent.maxlen and _dissolved(
-                self._recent[0], self._recent[DISSOLVE_REACH], luma
+            cut = len(self._recent) > 2 * DISSOLVE_REACH and _dissolved(
+                self._recent[-1 - 2 * DISSOLVE_REACH], self._recent[-1 - DISSOLVE_REACH], luma
             )
         if cut:
-            self._recent.clear()
             self._recent.append(luma)
+            self.forget()
         return cut
+
+    def is_another_since(self, frames: int) -> bool:
+        """Whether the last picture has nothing in common with the one so many frames before it, of the same shot."""
+        if len(self._recent) <= frames:
+            return False
+        before, now = self._recent[-1 - frames], self._recent[-1]
+        changed = float(np.abs(now - before).mean()) > REPLACED_CHANGE
+        return changed and _unlikeness(now, before) > REPLACED_UNLIKENESS and not _moved(now, before)
+
+    def forget(self) -> None:
+        """Start a new shot with the last picture."""
+        last = self._recent[-1]
+        self._recent.clear()
+        self._recent.append(last)
 
     def _is_hard_cut(self, small: Bytes, luma: npt.NDArray[np.float32]) -> bool:
         histogram = cv2.calcHist(

@@ -15,6 +15,7 @@ from pvg.landmarks.detector import Detection, box_iou, detect_faces
 from pvg.landmarks.mesh import Mesh, Region, fit_landmarks, region_of_points
 from pvg.landmarks.motion import carried, share_inside
 from pvg.landmarks.pose import head_pose
+from pvg.landmarks.replacing import EVERY, LAG, FaceViews
 from pvg.picture import Picture, as_picture
 
 FloatArray = npt.NDArray[np.float32]
@@ -217,7 +218,9 @@ class FaceTracker:
         self._max_faces = max_faces
         self._min_face_px = min_face_px
         self._max_lost = round(frame_rate)
-        self._cut_detector = CutDetector()
+        self._cut_detector = CutDetector(remembered=LAG)
+        self._views: dict[int, FaceViews] = {}  # by the identity of the open track
+        self._replaced = False  # whether another person took a face's place in the frame before
         self.cuts: list[int] = []
         self.open: list[OpenTrack] = []
         self.closed: list[OpenTrack] = []
@@ -232,7 +235,10 @@ class FaceTracker:
             raise ValueError(f"frame {index} follows frame {self._expected - 1}; frames must be consecutive")
         self._expected = index + 1
         self.frame_count += 1
-        if self._cut_detector.is_cut(picture):
+        if self._cut_detector.is_cut(picture) or self._replaced:
+            self._cut_detector.forget()
+            self._views.clear()
+            self._replaced = False
             self.cuts.append(index)
             self.closed += self.open
             self.open = []
@@ -250,6 +256,19 @@ class FaceTracker:
         self.closed += [track for track in self.open if index - track.last > self._max_lost]
         self.open = kept
         self._before = picture if kept else None
+        if index % EVERY == 0:
+            self._look(index, picture)
+
+    def _look(self, index: int, picture: Picture) -> None:
+        """See whether another person has taken a face's place."""
+        views = {}
+        for track in self.open:
+            if track.last == index and not track.is_carried:
+                views[id(track)] = self._views.get(id(track), FaceViews())
+                views[id(track)].add(index, picture, track.seen[-1].landmarks, track.seen[-1].pose)
+        self._views = views
+        replaced = any(view.show_another() for view in views.values())
+        self._replaced = replaced and self._cut_detector.is_another_since(LAG)
 
     def _follow(self, index: int, picture: Picture) -> None:
         """Fit every open track where its face was last seen."""

@@ -11,6 +11,8 @@ from pvg.landmarks.detector import box_iou
 from pvg.landmarks.motion import share_inside
 from pvg.landmarks.tracking import FACE_GATE
 from pvg.picture import as_picture
+from scripts.samples import Samples
+from tests.gallery.faces import fit_surest, read_rgb
 from tests.gallery.pictures import background, pasted
 
 
@@ -167,3 +169,26 @@ def test_a_face_covered_within_the_picture_does_not_go_with_what_covers_it(head:
     frames = [pasted(scene, head, 120, 60)] * 8 + [scene] * 8
     (track,) = track_faces(enumerate(frames)).tracks
     assert track.last == 7
+
+
+def wiped(before: np.ndarray, after: np.ndarray, length: int = 24, hold: int = 30) -> Iterator[tuple[int, np.ndarray]]:
+    """A wipe from the left, between two pictures that are held."""
+    for index in range(2 * hold + length):
+        edge = round(before.shape[1] * np.clip((index - hold + 1) / (length + 1), 0, 1))
+        yield index, np.concatenate([after[:, :edge], before[:, edge:]], axis=1)
+
+
+def test_who_comes_with_a_wipe_is_another_person(portrait: np.ndarray, samples: Samples) -> None:
+    pale = read_rgb(samples.pale_portrait)
+    before, after = (window(one, fit_surest(one).points.mean(axis=0)) for one in (portrait, pale))
+    result = track_faces(wiped(before, after))
+    (cut,) = result.cuts
+    assert 30 + 12 < cut <= 30 + 24 + 3
+    assert [(track.first, track.last) for track in result.tracks] == [(0, cut - 1), (cut, 83)]
+
+
+def test_the_same_person_before_another_wall_is_the_same(portrait: np.ndarray, head: np.ndarray) -> None:
+    before, after = (pasted(background(seed), head, 180, 60) for seed in (3, 8))
+    result = track_faces(wiped(before, after))
+    assert result.cuts == ()
+    assert [(track.first, track.last) for track in result.tracks] == [(0, 83)]
