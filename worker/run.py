@@ -21,6 +21,17 @@ from worker.progress import ProgressScale
 from worker.sandbox import Limits, Sandbox, View, Watch
 
 
+def media_limits(settings: Settings) -> dict[str, float]:
+    """The limits of the settings, by the names of the method's `MediaLimits`."""
+    return {
+        "max_pixels": settings.max_pixels,
+        "max_frames": settings.max_frames,
+        "max_duration_s": settings.max_duration_s,
+        "max_frame_rate": settings.max_frame_rate,
+        "max_streams": settings.max_streams,
+    }
+
+
 @dataclass
 class Run:
     """One job being done by this process."""
@@ -71,7 +82,8 @@ class Run:
     def call(self, name: str, arguments: Mapping[str, Any], *, read: Sequence[Path], folder: Path) -> Any:
         """Make a call of `worker.sandbox.calls` in a process that sees these files and writes into this folder alone.
 
-        Its answer is not checked. Raises what `Sandbox.call` raises, and what ends this run: its time limit too.
+        It is told besides what memory it may take and what clips must keep. Its answer is not checked. Raises what
+        `Sandbox.call` raises, and what ends this run: its time limit too.
         """
         settings = self.settings
         limits = Limits(
@@ -81,5 +93,5 @@ class Run:
         )
         watch = Watch(self.keeper.check, self.progress, self.began + settings.job_soft_limit_s)
         view = View(tuple(path.resolve() for path in read), folder.resolve())
-        shared = {"memory_bytes": limits.memory_bytes}
+        shared = {"memory_bytes": limits.memory_bytes, "limits": media_limits(settings)}
         return self.sandbox.call(name, {**arguments, **shared}, limits=limits, view=view, watch=watch)

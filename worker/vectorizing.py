@@ -6,7 +6,6 @@ from dataclasses import asdict
 from pathlib import Path
 
 from service.catalog import Asset, Media, Pictures, Role, media, vectorize_request
-from service.settings import Settings
 from service.storage import BlobMissingError, Kind, file_sha256
 from worker.answers import FaceAnswer, OutputAnswer, PictureAnswer, VectorizeAnswer, checked, made
 from worker.failures import SourceLostError
@@ -91,7 +90,6 @@ def _vectorize(run: Run, medium: Media, source: Path, folder: Path) -> Vectorize
         "source": str(source),
         "asset": str(folder / _ASSET),
         "pictures": str(folder / _PICTURES),
-        "limits": media_limits(run.settings),
         "options": {
             "reference": is_reference,
             **asdict(request.settings),
@@ -105,17 +103,6 @@ def _vectorize(run: Run, medium: Media, source: Path, folder: Path) -> Vectorize
         # the blob's name means nothing to the client
         shown = medium.filename or "the file"
         raise MethodError(error.kind, str(error).replace(source.name, shown), error.trace) from error
-
-
-def media_limits(settings: Settings) -> dict[str, float]:
-    """The limits of the settings, by the names of the method's `MediaLimits`."""
-    return {
-        "max_pixels": settings.max_pixels,
-        "max_frames": settings.max_frames,
-        "max_duration_s": settings.max_duration_s,
-        "max_frame_rate": settings.max_frame_rate,
-        "max_streams": settings.max_streams,
-    }
 
 
 def _of_the_file(output: OutputAnswer | None) -> list[str]:

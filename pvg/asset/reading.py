@@ -31,7 +31,7 @@ from pvg.curves import boundary_points
 from pvg.errors import AssetError
 from pvg.face import Landmarks
 from pvg.skin import Matte
-from pvg.video import sha256_file
+from pvg.video import MediaLimits, sha256_file
 
 _CACHED_CHUNKS = 4
 
@@ -46,11 +46,20 @@ class VectorVideo:
     """A vectorised clip or image: its geometry, boundary colours and mattes, open for reading by frame.
 
     Made by `pvg.vectorize` and `pvg.open_asset`. A context manager; closing it removes a temporary asset.
+    limits: what the source clip must keep whenever it is read, as when it was vectorised; None for the usual ones.
     """
 
-    def __init__(self, path: str | Path, source: str | Path | None = None, *, temporary: bool = False) -> None:
+    def __init__(
+        self,
+        path: str | Path,
+        source: str | Path | None = None,
+        *,
+        limits: MediaLimits | None = None,
+        temporary: bool = False,
+    ) -> None:
         self.path = Path(path)
         self.source = None if source is None else Path(source)
+        self.limits = limits or MediaLimits()
         self._temporary = temporary
         self._cache: dict[str, NDArray[Any]] = {}
         try:
@@ -275,14 +284,21 @@ class VectorVideo:
         return data
 
 
-def open_asset(path: str | Path, source: str | Path | None = None, *, find_source: bool = True) -> VectorVideo:
+def open_asset(
+    path: str | Path,
+    source: str | Path | None = None,
+    *,
+    find_source: bool = True,
+    limits: MediaLimits | None = None,
+) -> VectorVideo:
     """Open an asset file; `source` is the clip it was made from, needed to render it.
 
     Without a source it is looked for where the asset notes it, relative to itself, and beside it; find_source=False
     leaves that out, as it should be for assets from others in a service. Either way the clip must have the noted
-    sha256 before a frame of it is read. Raises `AssetError` when the file is truncated, altered or of another version.
+    sha256 before a frame of it is read.  limits: what the clip must keep when it is read, those that it was vectorised
+    with if they were not the usual ones. Raises `AssetError` when the file is truncated, altered or of another version.
     """
-    video = VectorVideo(path, source)
+    video = VectorVideo(path, source, limits=limits)
     if source is None and find_source:
         video.source = found_source(video.path, video.manifest)
     return video

@@ -66,17 +66,16 @@ class Canvas:
 def stored_canvas(video: VectorVideo) -> Canvas:
     """A clip's or picture's own file. Raises `AssetError` where it is missing, another, or not vectorised in full."""
     source = _drawable_source(video)
-    info = probe(source, input_color=video.settings["input_color"])
-    streams = read_streams(source) if info.kind == "video" else Streams()
+    info = probe(source, video.limits, input_color=video.settings["input_color"])
+    streams = read_streams(source, video.limits) if info.kind == "video" else Streams()
     return Canvas(info, source, streams, lambda: stored_frames(video))
 
 
 def stored_frames(video: VectorVideo, start: int = 0, stop: int | None = None) -> Iterator[Frame]:
     """The frames [start, stop) of a clip's or picture's own file, read as when it was vectorised."""
     source = _drawable_source(video)
-    return read_frames(
-        source, start=start, stop=stop, input_color=video.settings["input_color"], frame_count=video.frame_count
-    )
+    color, count = video.settings["input_color"], video.frame_count
+    return read_frames(source, start=start, stop=stop, limits=video.limits, input_color=color, frame_count=count)
 
 
 def _drawable_source(video: VectorVideo) -> Path:
@@ -96,17 +95,17 @@ def piped_canvas(video: VectorVideo, pictures: BinaryIO) -> Iterator[Canvas]:
     """
     source = None if video.source is None else video.require_source()
     media, input_color = video.media, video.settings["input_color"]
-    known = None if source is None else probe(source, input_color=input_color)
+    known = None if source is None else probe(source, video.limits, input_color=input_color)
     color = (2, 0) if known is None else (known.color_matrix, known.color_range)
     tags = media.color_primaries, media.color_transfer
     space = color_space(*tags) if input_color == "auto" else named_space(input_color)
-    with PipeReader(pictures, color, space) as clip:
+    with PipeReader(pictures, color, space, video.limits) as clip:
         if (clip.width, clip.height) != (media.width, media.height):
             raise MediaError(
                 f"{clip.name} is {clip.width}x{clip.height}; {video.path.name} is of a clip of "
                 f"{media.width}x{media.height}"
             )
-        streams = Streams() if source is None else read_streams(source)
+        streams = Streams() if source is None else read_streams(source, video.limits)
         # what says how pictures were coded is the pipe's
         streams = replace(streams, fields=clip.fields or streams.fields, alpha=False, embedded=())
         missing = () if source is not None else ("sound and tags do not come by the pipe, and the clip is not there",)

@@ -53,7 +53,7 @@ class Stills:
         # of a reference only the beginning was read
         self._frame_count = None if video.settings["reference"] else video.frame_count
         # None where packets do not tell: then decoding begins at the first frame
-        self._keys = key_pictures(video.require_source(), frame_count=self._frame_count)
+        self._keys = key_pictures(video.require_source(), video.limits, frame_count=self._frame_count)
 
     def frame(self, index: int) -> Frame:
         """Frame `index`. Raises `ValueError` when there is none, `MediaError` when it cannot be read."""
@@ -78,7 +78,7 @@ class Stills:
 
     def at_time(self, time_s: float) -> int:
         """The frame that is shown so many seconds after the first one."""
-        known = frame_at(self.video.require_source(), time_s, frame_count=self._frame_count)
+        known = frame_at(self.video.require_source(), time_s, self.video.limits, frame_count=self._frame_count)
         if known is None:
             known = int(time_s * (self.video.media.frame_rate or 0.0) + 1e-3)
         return min(max(known, 0), self.video.frame_count - 1)
@@ -153,8 +153,9 @@ class Stills:
             raise ValueError(f"no frame {index}; the clip has {self.video.frame_count}")
 
     def _read(self, start: int, stop: int) -> Iterator[Frame]:
-        source, color = self.video.require_source(), self.video.settings["input_color"]
-        return read_frames(source, start=start, stop=stop, input_color=color, frame_count=self._frame_count)
+        source, color, limits = self.video.require_source(), self.video.settings["input_color"], self.video.limits
+        count = self._frame_count
+        return read_frames(source, start=start, stop=stop, limits=limits, input_color=color, frame_count=count)
 
     def _keep(self, frame: Frame) -> None:
         self._frames[frame.index] = frame

@@ -78,6 +78,7 @@ def vectorize(
     progress: called as (stage, frames done, frames expected) with one of STAGES; what it raises ends the work and
     passes through. A clip has the stage "vectorize", and "second reading" if a track needs one; a reference
     "landmarks" and "best frame".
+    limits: what is accepted, whenever the clip is read; to `open_asset` they are said again.
     min_face_px: of faces that are followed;  advised_face_px: narrower ones get a warning;  seed: of the pixels that
     the least-squares fit draws.  strict: a clip whose end is cut off is refused; else its frames up to there are used.
     Raises `MediaError` (not a video or image, damaged, over a limit), `NoFaceError`, and `FaceTooSmallError` when
@@ -124,7 +125,7 @@ def vectorize(
             }
         )
         undo.pop_all()
-    return VectorVideo(target, path, temporary=asset is None)
+    return VectorVideo(target, path, limits=limits, temporary=asset is None)
 
 
 def _check_options(mask: str, matching: str, input_color: str, **switches: bool) -> None:

@@ -81,16 +81,23 @@ def libav_frame(rgb: np.ndarray, layout: str = "yuv420p") -> av.VideoFrame:
 
 
 def encode_raw(
-    path: Path, pictures: Sequence[av.VideoFrame], codec: str, *, degrees: int = 0, hflip: bool = False, **options: str
+    path: Path,
+    pictures: Sequence[av.VideoFrame],
+    codec: str,
+    *,
+    rate: int = 25,
+    degrees: int = 0,
+    hflip: bool = False,
+    **options: str,
 ) -> Path:
     """A clip straight from libav, in whatever layout the codec takes."""
     with av.open(str(path), "w") as output:
-        stream: Any = output.add_stream(codec, rate=25, options=options)
+        stream: Any = output.add_stream(codec, rate=rate, options=options)
         stream.width, stream.height, stream.pix_fmt = pictures[0].width, pictures[0].height, pictures[0].format.name
         if degrees or hflip:
             stream.set_display_rotation(degrees, hflip=hflip)
         for k, item in enumerate(pictures):
-            item.pts, item.time_base = k, Fraction(1, 25)
+            item.pts, item.time_base = k, Fraction(1, rate)
             output.mux(stream.encode(item))
         output.mux(stream.encode(None))
     return path

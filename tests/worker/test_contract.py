@@ -56,8 +56,9 @@ from worker.previews.previewer import SUFFIXES
 from worker.progress import ProgressScale
 from worker.rendering import IMAGE_CONTAINERS as DRAWN_AS_IMAGES
 from worker.rendering import spans_of_video
+from worker.run import media_limits
 from worker.sandbox import MethodError, calls
-from worker.vectorizing import CLIP_SPANS, REFERENCE_SPANS, media_limits
+from worker.vectorizing import CLIP_SPANS, REFERENCE_SPANS
 
 CODECS = get_args(Codec)
 PRESETS = get_args(Preset)

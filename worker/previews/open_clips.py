@@ -17,6 +17,7 @@ import structlog
 from service.catalog import Media
 from service.settings import Settings
 from service.storage import Storage
+from worker.run import media_limits
 from worker.sandbox import CrashError, LimitError, Limits, MethodError, Sandbox, Session, View
 
 log = structlog.get_logger(__name__)
@@ -144,6 +145,7 @@ class OpenClips:
                 "source": str(source),
                 "asset": str(asset),
                 "reference": str(reference[0]) if reference else None,
+                "limits": media_limits(self._settings),
             }
             view = View(tuple(paths), folder.resolve())
             entry.session = self._sandbox.open("stills", arguments, limits=limits, view=view, until=until)

@@ -56,7 +56,7 @@ def begin() -> None:
 
 def _vectorize(arguments: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
     """Vectorise ``source`` into ``asset`` with ``options``; its summary, and what a result will not keep of it."""
-    source, limits = Path(arguments["source"]), MediaLimits(**arguments["limits"])
+    source, limits = Path(arguments["source"]), _limits(arguments)
     options = arguments["options"]
     media = probe(source, limits, input_color=options["input_color"])
     needed = memory.vectorizing_bytes(media)
@@ -75,6 +75,11 @@ def _vectorize(arguments: Mapping[str, Any], progress: Progress) -> dict[str, An
         "pictures": pictures,
         "output": None if options["reference"] else _output_of(source, limits),
     }
+
+
+def _limits(arguments: Mapping[str, Any]) -> MediaLimits:
+    """What a clip must keep whenever it is read, by the settings."""
+    return MediaLimits(**arguments["limits"])
 
 
 def _show(stills: Stills, path: Path) -> tuple[dict[int, dict[str, Any]], list[dict[str, Any]]]:
@@ -133,7 +138,7 @@ def _open(
     stack: ExitStack, arguments: Mapping[str, Any], progress: Progress, timings: dict[str, float]
 ) -> tuple[VectorVideo, list[pvg.Look], list[dict[str, Any]]]:
     """The clip or picture, its looks, and what is to be known of each."""
-    canvas = stack.enter_context(VectorVideo(arguments["asset"], arguments["source"]))
+    canvas = stack.enter_context(VectorVideo(arguments["asset"], arguments["source"], limits=_limits(arguments)))
     looks, reports = [], []
     with _timed(timings, "transfer_s"):
         for done, wanted in enumerate(arguments["looks"]):
@@ -177,7 +182,7 @@ def _join(arguments: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
 def _coding(canvas: VectorVideo, arguments: Mapping[str, Any]) -> dict[str, Any]:
     """How parts of a clip are coded. Raises `TooLargeError` for a clip that a job cannot take."""
     output = arguments["output"]
-    media = probe(canvas.require_source(), input_color=canvas.settings["input_color"])
+    media = probe(canvas.require_source(), canvas.limits, input_color=canvas.settings["input_color"])
     _check_memory(media, memory.rendering_bytes(media, 1, output["codec"]), arguments["memory_bytes"])
     return {"container": arguments["container"], **{name: output[name] for name in ("codec", "crf", "preset")}}
 
@@ -196,7 +201,7 @@ def _draw(
     canvas: VectorVideo, looks: list[pvg.Look], arguments: Mapping[str, Any], progress: Progress
 ) -> list[tuple[str, ...]]:
     output, budget = arguments["output"], arguments["memory_bytes"]
-    media = probe(canvas.require_source(), input_color=canvas.settings["input_color"])
+    media = probe(canvas.require_source(), canvas.limits, input_color=canvas.settings["input_color"])
     at_once = len(looks) if media.kind == "image" else 1  # of a clip, more passes are made
     _check_memory(media, memory.rendering_bytes(media, at_once, output["codec"]), budget)
     options = {name: output[name] for name in ("codec", "crf", "preset", "audio")}
@@ -282,7 +287,7 @@ def _verify(arguments: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
 
 def _open_stills(arguments: Mapping[str, Any]) -> Callable[[Mapping[str, Any]], dict[str, Any]]:
     """Open a clip, and a reference for it if there is one, and answer with pictures of single frames."""
-    video = VectorVideo(arguments["asset"], arguments["source"])
+    video = VectorVideo(arguments["asset"], arguments["source"], limits=_limits(arguments))
     reference = None if arguments["reference"] is None else VectorVideo(arguments["reference"])
     stills = Stills(video)
 
