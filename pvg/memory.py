@@ -64,7 +64,10 @@ def vectorizing_bytes(media: MediaInfo) -> int:
 
 
 def rendering_bytes(media: MediaInfo, looks: int, codec: str = "auto") -> int:
-    """Bytes that `render` takes at most with so many looks in one pass over the clip; a picture has them in one."""
+    """Bytes that `render` takes at most with so many looks in one pass over the clip; a picture has them in one.
+
+    codec: of the clips that are written, see `pvg.video.planned`; "auto" is for those in MP4.
+    """
     if media.kind == "image":
         return _RENDERING_BYTES + (_DRAWN_PICTURES + 2 * (looks - 1)) * frame_bytes(media)
     if codec == "auto":

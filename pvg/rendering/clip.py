@@ -135,7 +135,9 @@ def _drawn(
                 continue
             at_once = LOOKS_AT_ONCE
             if pictures is None:
-                at_once = looks_at_once(canvas.info, memory_bytes, most=LOOKS_AT_ONCE, codec=asked.codec)
+                at_once = min(
+                    looks_at_once(canvas.info, memory_bytes, most=LOOKS_AT_ONCE, codec=plan.codec) for plan in planned
+                )
             _render_clip(job.video, job.looks, own, canvas, planned, asked, at_once, progress)
             lost += [canvas.info.warnings + plan.warnings for plan in planned]
     return lost

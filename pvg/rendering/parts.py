@@ -59,7 +59,7 @@ def render_part(
         encoder = PictureEncoder(canvas.info, canvas.info.format, plan, crf=crf, preset=preset, part=True, name=name)
         return PartWriter(partial_name(targets[k]), encoder, clip, start=start, stop=stop)
 
-    at_once = looks_at_once(canvas.info, memory_bytes, most=LOOKS_AT_ONCE, codec=codec)
+    at_once = looks_at_once(canvas.info, memory_bytes, most=LOOKS_AT_ONCE, codec=plan.codec)
     with one_blas_thread(), drafts_of(targets):
         draw(
             video,

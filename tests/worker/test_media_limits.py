@@ -1,4 +1,4 @@
-"""Limits of media that the settings raise hold for every job on a clip, not for its first one alone."""
+"""What a clip is held to when it is drawn: the limits of the settings, and the memory that its codec takes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 import pvg
-from pvg.video import read_frames
+from pvg.memory import rendering_bytes
+from pvg.video import probe, read_frames
 from scripts.samples import Samples
 from service.catalog import media
 from service.settings import Settings
@@ -66,14 +67,35 @@ def test_a_clip_within_raised_limits_is_vectorised_drawn_and_previewed(
     assert answer == {"frame": 1, "width": 320, "height": 180}
 
 
-def test_a_clip_drawn_in_parts_is_held_to_the_same_limits(settings: Settings, fast: Path, tmp_path: Path) -> None:
-    limits = media_limits(settings)
-    asset = tmp_path / "fast.pvg"
-    pvg.vectorize(fast, asset=asset, limits=pvg.MediaLimits(**limits)).close()  # type: ignore[arg-type]
+def inputs(settings: Settings, clip: Path, asset: Path) -> dict[str, Any]:
+    """What every call about looks of a clip is told; there are no looks."""
     output = {"codec": "auto", "crf": None, "preset": None, "audio": "copy", "extras": []}
-    shared: dict[str, Any] = {"asset": str(asset), "source": str(fast), "looks": [], "output": output}
-    shared |= {"container": "mp4", "memory_bytes": 2**40, "limits": limits}
-    drawn = {"paths": [], "start": 0, "stop": 4}
-    assert calls.CALLS["render_part"](shared | drawn, lambda *_: None).keys() == {"timings"}
+    shared = {"source": str(clip), "asset": str(asset), "looks": [], "output": output, "container": "mp4"}
+    return shared | {"memory_bytes": settings.job_memory_bytes, "limits": media_limits(settings)}
+
+
+def draw_part(arguments: dict[str, Any], **changes: Any) -> None:
+    calls.CALLS["render_part"](arguments | {"paths": [], "start": 0, "stop": 4} | changes, lambda *_: None)
+
+
+def test_a_clip_drawn_in_parts_is_held_to_the_same_limits(settings: Settings, fast: Path, tmp_path: Path) -> None:
+    arguments = inputs(settings, fast, tmp_path / "fast.pvg")
+    limits = pvg.MediaLimits(**arguments["limits"])
+    pvg.vectorize(fast, asset=arguments["asset"], limits=limits).close()
+    draw_part(arguments)
     with pytest.raises(pvg.MediaError, match="at most 240"):
-        calls.CALLS["render_part"](shared | drawn | {"limits": {}}, lambda *_: None)
+        draw_part(arguments, limits={})
+
+
+def test_memory_is_asked_for_by_the_codec_that_is_written(settings: Settings, samples: Samples, tmp_path: Path) -> None:
+    frames = read_frames(samples.woman_clip, start=20, stop=24)
+    deep = [libav_frame(frame.rgb(), "yuv420p10le") for frame in frames]
+    clip = encode_raw(tmp_path / "deep.mkv", deep, "ffv1")
+    arguments = inputs(settings, clip, tmp_path / "deep.pvg")
+    pvg.vectorize(clip, asset=arguments["asset"]).close()
+    media = probe(clip)
+    needed = [rendering_bytes(media, 1, codec) for codec in ("av1", "hevc")]  # "auto" in WebM and in MP4
+    assert needed[0] < needed[1]
+    draw_part(arguments, container="webm", memory_bytes=needed[0])
+    with pytest.raises(calls.TooLargeError):
+        draw_part(arguments, container="mp4", memory_bytes=needed[1] - 1)

@@ -23,7 +23,7 @@ from pvg.looks import reference_face_of
 from pvg.rendering import Stills, join_parts, render, render_part
 from pvg.rendering.stills import around, cropped, encoded, fitted
 from pvg.vectorization import vectorize
-from pvg.video import MediaLimits, inspect, probe
+from pvg.video import MediaLimits, inspect, planned, probe
 from pvg.warmup import warm_up
 
 Progress = Callable[[str, int, int], None]
@@ -182,9 +182,21 @@ def _join(arguments: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
 def _coding(canvas: VectorVideo, arguments: Mapping[str, Any]) -> dict[str, Any]:
     """How parts of a clip are coded. Raises `TooLargeError` for a clip that a job cannot take."""
     output = arguments["output"]
-    media = probe(canvas.require_source(), canvas.limits, input_color=canvas.settings["input_color"])
-    _check_memory(media, memory.rendering_bytes(media, 1, output["codec"]), arguments["memory_bytes"])
+    _check_drawing(canvas, arguments["container"], arguments)
     return {"container": arguments["container"], **{name: output[name] for name in ("codec", "crf", "preset")}}
+
+
+def _check_drawing(canvas: VectorVideo, container: str, arguments: Mapping[str, Any]) -> None:
+    """Raise `TooLargeError` where drawing would need more memory than a job may take, `OptionError` for no codec."""
+    source, color, codec = canvas.require_source(), canvas.settings["input_color"], arguments["output"]["codec"]
+    media = probe(source, canvas.limits, input_color=color)
+    at_once = len(arguments["looks"])
+    if media.kind != "image":
+        at_once = 1  # more passes are made
+        with _options_that_fit():
+            plan = planned(source, container=container, codec=codec, input_color=color, limits=canvas.limits)
+        codec = plan.codec
+    _check_memory(media, memory.rendering_bytes(media, at_once, codec), arguments["memory_bytes"])
 
 
 def _answers(
@@ -201,9 +213,7 @@ def _draw(
     canvas: VectorVideo, looks: list[pvg.Look], arguments: Mapping[str, Any], progress: Progress
 ) -> list[tuple[str, ...]]:
     output, budget = arguments["output"], arguments["memory_bytes"]
-    media = probe(canvas.require_source(), canvas.limits, input_color=canvas.settings["input_color"])
-    at_once = len(looks) if media.kind == "image" else 1  # of a clip, more passes are made
-    _check_memory(media, memory.rendering_bytes(media, at_once, output["codec"]), budget)
+    _check_drawing(canvas, Path(arguments["paths"][0]).suffix, arguments)
     options = {name: output[name] for name in ("codec", "crf", "preset", "audio")}
     with _options_that_fit():
         return render(canvas, looks, arguments["paths"], **options, memory_bytes=budget, progress=progress)
