@@ -27,7 +27,7 @@ from pvg.video.formats import RANGE_FULL, UNSPECIFIED, Frame, Patch, PixelFormat
 from pvg.video.info import MediaInfo
 from pvg.video.keeping import Plan
 from pvg.video.opening import MediaLimits, OpenClip, reason
-from pvg.video.reading import pictures, reading_of, to_frame
+from pvg.video.reading import pictures, reading_of, to_frame, within_depth
 from pvg.video.sniffing import check_pixels
 
 _Y4M_START = b"YUV4MPEG2"
@@ -158,7 +158,8 @@ class PipeReader:
             if not mark.startswith(b"FRAME") or not mark.endswith(b"\n"):
                 raise MediaError(f"standard input is damaged after frame {index}")
             first, second, third = (self._plane(shape, target, index) for shape in shapes)
-            yield Frame(index, index, float(index * step), target, (first, second, third), duration=1)
+            frame = Frame(index, index, float(index * step), target, (first, second, third), duration=1)
+            yield within_depth("standard input", frame)
             index += 1
 
     def _plane(self, shape: tuple[int, int], target: PixelFormat, index: int) -> Plane:
@@ -206,7 +207,7 @@ class PipeReader:
             pts = picture.pts if picture.pts is not None else index
             pts = pts if last is None or pts > last else last + 1
             last = pts
-            yield to_frame(picture, reading, index, pts, clip.time_base)
+            yield within_depth(clip.name, to_frame(picture, reading, index, pts, clip.time_base))
 
 
 class _Joined:

@@ -178,7 +178,7 @@ def _decode(clip: OpenClip, wanted: range, how: _Manner) -> Iterator[Frame]:
         if (pts - first) * clip.time_base > how.limits.max_duration_s:
             raise MediaError(f"{clip.name} runs past {how.limits.max_duration_s} s at frame {index}; cut it shorter")
         if index in wanted:
-            yield to_frame(picture, reading, index, pts, clip.time_base)
+            yield within_depth(clip.name, to_frame(picture, reading, index, pts, clip.time_base))
         last, index = pts, index + 1
         if index >= wanted.stop:
             return
@@ -271,6 +271,17 @@ def to_frame(picture: av.video.frame.VideoFrame, reading: Reading, index: int, p
     return Frame(
         index, pts, float(pts * time_base), reading.target, planes, duration=picture.duration or 0, alpha=alpha
     )
+
+
+def within_depth(name: str, frame: Frame) -> Frame:
+    """The frame of a clip, as it is. MediaError names it when a sample is beyond its depth, which tables end at.
+
+    Decoders give none such; what is not coded, in pipes and in Matroska, holds any 16 bits.
+    """
+    depth, samples = frame.format.depth, [*frame.planes, *([] if frame.alpha is None else [frame.alpha])]
+    if depth not in (8, 16) and any(int(plane.max(initial=0)) >> depth for plane in samples):
+        raise MediaError(f"{name} has values beyond {depth} bits in frame {frame.index}; it is damaged")
+    return frame
 
 
 def has_alpha(picture: av.video.frame.VideoFrame) -> bool:
@@ -438,7 +449,7 @@ def _decode_after_seek(clip: OpenClip, wanted: range, how: _Manner, stamps: _Sta
         _check_picture(clip.name, picture, reading, index, how.limits)
         if index >= len(stamps.display) or picture.pts != stamps.display[index]:
             raise MediaError(f"{clip.name} is damaged after frame {index - 1}; upload it again")
-        yield to_frame(picture, reading, index, picture.pts, clip.time_base)
+        yield within_depth(clip.name, to_frame(picture, reading, index, picture.pts, clip.time_base))
         index += 1
         if index >= wanted.stop:
             return

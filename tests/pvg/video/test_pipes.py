@@ -101,3 +101,26 @@ def test_a_pipe_that_ends_early_is_named() -> None:
     ):
         with PipeReader(io.BytesIO(content[:cut])) as clip, pytest.raises(MediaError, match=words):
             list(clip.frames)
+
+
+@pytest.mark.parametrize("name", ["yuv420p10le", "yuv444p12le"])
+@pytest.mark.parametrize("container", ["y4m", "nut"])
+def test_samples_beyond_the_depth_are_refused_with_their_frame(name: str, container: str) -> None:
+    fmt = pixel_format(name)
+    info = media_info(fmt, time_base=Fraction(1, 25))
+    plan = make_plan(info, container=container)
+    for plane in range(3):
+        target = io.BytesIO()
+        frames = [replace(frame, pts=frame.index, duration=1) for frame in smooth_frames(3, fmt)]
+        beyond = [plane.copy() for plane in frames[2].planes]
+        beyond[plane][-1, -1] = 2**fmt.depth
+        frames[2] = replace(frames[2], planes=(beyond[0], beyond[1], beyond[2]))
+        made = Y4mWriter(target, info, fmt, plan) if container == "y4m" else VideoWriter(target, info, fmt, plan=plan)
+        with made as writer:
+            for frame in frames:
+                writer.write(frame)
+        with PipeReader(io.BytesIO(target.getvalue()), (1, 1)) as clip:
+            assert next(clip.frames).index == 0
+            assert next(clip.frames).index == 1
+            with pytest.raises(MediaError, match=f"beyond {fmt.depth} bits in frame 2"):
+                next(clip.frames)

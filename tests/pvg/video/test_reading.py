@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+from pvg.errors import MediaError
 from pvg.video import frame_at, key_pictures, probe, read_frames
 from pvg.video.formats import resolve_format
 from pvg.video.reading import Reading, reading_of, to_frame
@@ -54,6 +55,26 @@ def test_other_layouts_become_the_nearest_one_with_the_same_colours(coded: str, 
     assert [plane.shape for plane in frame.planes] == list(target.plane_shapes(*SIZE))
     # what chroma at a half or a quarter of the size costs this picture: 2.2 and 4.4 levels
     assert np.abs(frame.rgb().astype(int) - rgb).mean() < (5.0 if coded == "yuv411p" else 2.5)
+
+
+def test_uncoded_samples_beyond_the_depth_are_refused_with_their_frame(tmp_path: Path) -> None:
+    path = tmp_path / "raw.mkv"
+    with av.open(str(path), "w", options={"strict": "unofficial", "allow_raw_vfw": "1"}) as output:
+        stream: Any = output.add_stream("rawvideo", rate=25)
+        stream.width, stream.height, stream.pix_fmt = *SIZE, "yuv420p10le"
+        stream.codec_context.codec_tag = "Y3\x0b\x0a"  # libav's own name of these planes
+        for k in range(3):
+            picture = libav_frame(colorful(5), "yuv420p10le")
+            if k == 2:
+                np.frombuffer(memoryview(picture.planes[1]), np.uint16)[-SIZE[0] // 2] = 1024  # type: ignore[arg-type]
+            picture.pts, picture.time_base = k, Fraction(1, 25)
+            output.mux(stream.encode(picture))
+        output.mux(stream.encode(None))
+    for start in (0, 1):
+        frames = read_frames(path, start=start)
+        assert [next(frames).index for _ in range(start, 2)] == list(range(start, 2))
+        with pytest.raises(MediaError, match=r"raw.mkv has values beyond 10 bits in frame 2"):
+            next(frames)
 
 
 def _upright() -> Any:
