@@ -144,7 +144,10 @@ def iso_boxes(file: BinaryIO, start: int, end: int) -> Iterator[tuple[bytes, int
     """(type, body start, box end) of the boxes in file[start:end]; an end may lie outside."""
     while start + 8 <= end:
         file.seek(start)
-        size, kind = struct.unpack(">I4s", file.read(8))
+        head = file.read(8)
+        if len(head) < 8:  # the end that was said lies behind the file's
+            return
+        size, kind = struct.unpack(">I4s", head)
         body = start + 8
         if size == 1:
             size = struct.unpack(">Q", file.read(8).ljust(8, b"\0"))[0]
@@ -188,9 +191,9 @@ def _check_moov(name: str, file: BinaryIO, start: int, end: int, max_pixels: int
             found = file.read(4)
             handler = found if found in (b"vide", b"soun") or len(stack) > 3 else handler
         elif kind == b"dref":
-            _check_references(name, file, body, stop)
+            _check_references(name, file, body, min(stop, end))
         elif kind == b"stsd" and handler == b"vide":
-            _check_declared_size(name, file, body, stop, max_pixels)
+            _check_declared_size(name, file, body, min(stop, end), max_pixels)
 
 
 def _check_references(name: str, file: BinaryIO, body: int, end: int) -> None:
