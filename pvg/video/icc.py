@@ -20,7 +20,7 @@ _ALIKE = 0.75  # levels: profiles nearer to sRGB than this are sRGB, whose value
 _PARAMETERS = {0: 1, 1: 3, 2: 4, 3: 5, 4: 7}  # of parametric curves, by function type [ICC.1:2022, 10.18]
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=2)  # of a picture and a reference; a profile may have 16 MiB
 def profile_space(profile: bytes) -> ColorSpace | None:
     """The space of an ICC profile; None when it is sRGB or as good as that.
 

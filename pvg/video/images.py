@@ -23,7 +23,15 @@ from pvg.video.color import ColorSpace, color_space, named_space
 from pvg.video.formats import RGB24, RGB48, Frame
 from pvg.video.icc import profile_space
 from pvg.video.opening import MediaLimits
-from pvg.video.picture_metadata import PictureMetadata, embedded, grey_key, metadata_of, rgb_profile
+from pvg.video.picture_metadata import (
+    MOST_PARTS,
+    PictureMetadata,
+    TooManyPartsError,
+    embedded,
+    grey_key,
+    metadata_of,
+    rgb_profile,
+)
 from pvg.video.sniffing import check_pixels, sniff
 from pvg.video.tiff import tiff_file, tiff_header, upright_bytes
 
@@ -43,7 +51,6 @@ _STANDALONE_MARKERS = {0x01, *range(0xD0, 0xD9)}
 _SIZE_MARKERS = set(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _MARKER = re.compile(rb"\xff+[^\x00\xd0-\xd7\xff]")  # in a scan's data: neither a stuffed byte nor a restart
 _MOST_SCANS = 100  # encoders make 10 of a progressive picture; each is gone through in full size
-_MOST_CHUNKS = 100_000
 
 
 def read_image(path: str | Path, limits: MediaLimits | None = None, input_color: str = "auto") -> Frame:
@@ -194,10 +201,6 @@ def _encoded(path: Path, samples: NDArray[Any], metadata: PictureMetadata) -> by
     return embedded(suffix, encoded.tobytes(), metadata, (width, height))
 
 
-class _TooManyPartsError(Exception):
-    """A picture is made of more parts than any encoder makes; says how many."""
-
-
 def image_size(name: str, kind: str, data: bytes) -> tuple[int, int]:
     """(width, height) as stored, from the headers; MediaError when the file is cut short or has no size."""
     readers: dict[str, Any] = {"jpeg": _jpeg_size, "png": _png_size, "webp": _webp_size}
@@ -208,7 +211,7 @@ def image_size(name: str, kind: str, data: bytes) -> tuple[int, int]:
         raise MediaError(f"{name} is a clip, not a picture")
     try:
         size = readers[kind](data)
-    except _TooManyPartsError as error:
+    except TooManyPartsError as error:
         raise MediaError(f"{name} has more than {error}; save it again") from None
     except (struct.error, IndexError):
         size = None
@@ -222,19 +225,19 @@ def _png_size(data: bytes) -> tuple[int, int] | None:
         return None
     width, height = struct.unpack(">II", data[16:24])
     at = 8
-    for _ in range(_MOST_CHUNKS):
+    for _ in range(MOST_PARTS):
         if at + 12 > len(data):
             return None
         length, kind = struct.unpack(">I4s", data[at : at + 8])
         at += 12 + length
         if kind == b"IEND":
             return width, height
-    raise _TooManyPartsError(f"{_MOST_CHUNKS} chunks")
+    raise TooManyPartsError(f"{MOST_PARTS} chunks")
 
 
 def _jpeg_size(data: bytes) -> tuple[int, int] | None:
     at, size = 2, None
-    while True:
+    for _ in range(MOST_PARTS):
         while data[at] == 0xFF and data[at + 1] == 0xFF:  # fill bytes
             at += 1
         marker = data[at + 1]
@@ -251,6 +254,7 @@ def _jpeg_size(data: bytes) -> tuple[int, int] | None:
         if marker == 0xDA:  # the samples follow; a whole file ends them with the EOI marker
             _check_scans(data, at)
             return size if data.find(b"\xff\xd9", at) >= 0 else None
+    raise TooManyPartsError(f"{MOST_PARTS} segments")
 
 
 def _check_scans(data: bytes, at: int) -> None:
@@ -260,7 +264,7 @@ def _check_scans(data: bytes, at: int) -> None:
         at = found.end()
         scans += data[at - 1] == 0xDA
         if scans > _MOST_SCANS:
-            raise _TooManyPartsError(f"{_MOST_SCANS} scans")
+            raise TooManyPartsError(f"{_MOST_SCANS} scans")
         at += int.from_bytes(data[at : at + 2], "big")
 
 

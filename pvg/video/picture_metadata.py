@@ -18,6 +18,8 @@ from pvg.video.ifd import Block
 from pvg.video.sniffing import IMAGE_KINDS, sniff
 from pvg.video.tiff import ICC_TAG, tiff_header
 
+MOST_PARTS = 100_000
+"""Chunks or segments of a picture; an encoder makes some hundreds at most."""
 _MOST_ICC_BYTES = 16 * 2**20
 _MOST_JPEG_EXIF_BYTES = 65535 - 2 - 6
 _ICC_SEGMENT = b"ICC_PROFILE\0"
@@ -30,6 +32,10 @@ _PNG_TEXT = {b"tEXt", b"zTXt", b"iTXt"}
 _PNG_NEEDED = {b"IHDR", b"PLTE", b"IDAT", b"IEND", b"tRNS", b"iCCP", b"eXIf", b"bKGD", b"hIST", b"sBIT", b"tIME"}
 _ALPHA_SUFFIXES = (".png", ".webp", ".tif", ".tiff")
 _DEEP_SUFFIXES = (".png", ".tif", ".tiff")
+
+
+class TooManyPartsError(ValueError):
+    """A picture is made of more parts than any encoder makes; says how many."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +84,8 @@ def metadata_of(name: str, kind: str, data: bytes) -> PictureMetadata:
     }
     try:
         found = readers[kind](name, data)
+    except TooManyPartsError as error:
+        raise MediaError(f"{name} has more than {error}; save it again") from None
     except (struct.error, IndexError) as error:
         raise MediaError(f"{name} is damaged or cut short: the {kind} picture is not complete") from error
     if found.icc is not None and not _is_profile(found.icc):
@@ -104,11 +112,19 @@ def _with_exif(found: PictureMetadata, block: bytes | None, *, is_file: bool = F
 
 
 def _png_chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
-    at = _PNG_SIGNATURE
+    at, count = _PNG_SIGNATURE, 0
     while at + 12 <= len(data):
+        count = _counted(count, "chunks")
         length, kind = struct.unpack_from(">I4s", data, at)
         yield kind, data[at + 8 : at + 8 + length] if kind != b"IDAT" else b""
         at += 12 + length
+
+
+def _counted(parts: int, what: str) -> int:
+    """One part more. Raises TooManyPartsError."""
+    if parts == MOST_PARTS:
+        raise TooManyPartsError(f"{MOST_PARTS} {what}")
+    return parts + 1
 
 
 def _png_chunk(kind: bytes, body: bytes) -> bytes:
@@ -177,12 +193,13 @@ def _into_png(data: bytes, metadata: PictureMetadata) -> bytes:
 
 def _jpeg_segments(data: bytes) -> Iterator[tuple[int, bytes]]:
     """(marker, body) of the segments before the samples."""
-    at = 2
+    at, count = 2, 0
     while at + 4 <= len(data) and data[at] == 0xFF:
         marker = data[at + 1]
         if marker == 0xFF:
             at += 1
             continue
+        count = _counted(count, "segments")
         if marker in _STANDALONE:
             at += 2
             continue
@@ -240,8 +257,9 @@ _WEBP_ICC, _WEBP_ALPHA, _WEBP_EXIF = 0x20, 0x10, 0x08
 
 
 def _webp_chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
-    at = 12
+    at, count = 12, 0
     while at + 8 <= len(data):
+        count = _counted(count, "chunks")
         kind, length = struct.unpack_from("<4sI", data, at)
         yield kind, data[at + 8 : at + 8 + length]
         at += 8 + length + length % 2

@@ -250,6 +250,23 @@ def many_chunks(folder: Path) -> Path:
     return _png(folder / "chunks.png", _chunk(b"teSt", b"") * 200_000)
 
 
+def many_chunks_of_webp(folder: Path) -> Path:
+    path = folder / "chunks.webp"
+    done, data = cv2.imencode(".webp", colorful(3))
+    assert done
+    body = data.tobytes()[8:] + struct.pack("<4sI", b"teSt", 0) * 200_000
+    path.write_bytes(b"RIFF" + struct.pack("<I", len(body)) + body)
+    return path
+
+
+def many_segments(folder: Path) -> Path:
+    path = folder / "segments.jpg"
+    done, data = cv2.imencode(".jpg", colorful(3))
+    assert done
+    path.write_bytes(data.tobytes()[:2] + b"\xff\xe5\0\2" * 200_000 + data.tobytes()[2:])
+    return path
+
+
 def inflated_profile(folder: Path) -> Path:
     """A profile of 30 kB that grows to 30 MB."""
     return _png(folder / "profile.png", _chunk(b"iCCP", b"x\0\0" + zlib.compress(bytes(30_000_000), 9)))
@@ -300,6 +317,8 @@ def huge_tile(folder: Path) -> Path:
 PICTURES: tuple[Callable[[Path], Path], ...] = (
     many_scans,
     many_chunks,
+    many_chunks_of_webp,
+    many_segments,
     inflated_profile,
     inflated_text,
     second_header,

@@ -65,3 +65,9 @@ def test_damage_is_never_worse_than_a_refusal(noise: bytes, at: int, value: int)
         except ValueError:
             continue
         assert space is None or np.isfinite(space.to_sdr(np.full((1, 3), 128.0))).all()
+
+
+def test_few_profiles_are_kept() -> None:
+    kept = profile_space.cache_info().maxsize
+    assert kept is not None
+    assert kept * 16 * 2**20 <= 2**25  # of the largest that are read

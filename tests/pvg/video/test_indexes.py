@@ -36,6 +36,8 @@ REFUSED = {
     hostile.many_attachments: "attachments",
     hostile.many_scans: "scans",
     hostile.many_chunks: "chunks",
+    hostile.many_chunks_of_webp: "chunks",
+    hostile.many_segments: "segments",
     hostile.second_header: "damaged",
     hostile.many_strips: "2000000 values",
     hostile.huge_tile: "tile",

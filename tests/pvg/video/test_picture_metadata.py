@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from pvg.video import (
 )
 from pvg.video.exif import ORIENTATION, read_exif
 from pvg.video.ifd import HEADER, Block, Directory, Entry, longs, opaque, shorts, written
+from tests.gallery import hostile
 
 ALL = [".png", ".tiff", ".jpg", ".webp"]
 
@@ -387,3 +389,9 @@ def test_damaged_metadata_gives_a_picture_or_one_line(suffix: str, seed: int, tm
             read(path)
         except MediaError as error:
             assert "\n" not in str(error)  # noqa: PT017 - either outcome is right
+
+
+@pytest.mark.parametrize("make", [hostile.many_chunks, hostile.many_chunks_of_webp, hostile.many_segments])
+def test_pictures_of_many_parts_are_refused_before_their_samples(make: Callable[[Path], Path], tmp_path: Path) -> None:
+    with pytest.raises(MediaError, match="more than 100000"):
+        read_picture_metadata(make(tmp_path))
