@@ -249,8 +249,9 @@ def _apply_to_rgb(
         broad = without_fine_detail(own)
         wanted += contrast.gained_of(own, broad)
         weight = alpha * tinge_of(contrast, broad)
+    steeper = isinstance(contrast, float) and contrast != 1.0 and alpha.any()  # an empty matte weighs nothing
     for p in range(3):
-        if isinstance(contrast, float) and contrast != 1.0 and correction.low is not None:
+        if steeper and isinstance(contrast, float) and correction.low is not None:
             plane = source[..., p]
             mean = np.average(plane - over_pixels(correction.low[p]), weights=alpha)
             wanted[..., p] += (contrast - 1.0) * (plane - np.float32(mean))

@@ -84,6 +84,15 @@ def test_a_still_in_rgb_gets_what_a_clip_in_luma_and_chroma_gets(contrast: float
     assert np.abs(outs[0] - outs[1]).max() < 4.0  # three roundings in the one, one in the other
 
 
+@pytest.mark.parametrize("pixel_format", [RGB24, YUV444])
+def test_an_empty_matte_changes_no_bit(pixel_format: PixelFormat) -> None:
+    frame = frame_of(np.rint(patchwork(2)), pixel_format)
+    correction = constant(18, -9, 6, contrast=1.3, low=(110, -5, 8))
+    out = frame.patched(apply_correction(frame, (8, 8), np.zeros((32, 32), np.float32), correction))
+    for plane, before in zip(out.planes, frame.planes, strict=True):
+        np.testing.assert_array_equal(plane, before)
+
+
 def test_a_second_face_adds_to_what_the_first_has_laid() -> None:
     frame = frame_of(np.full((SIDE, SIDE, 3), 100.0), YUV444)
     half = np.full((32, 32), 0.5, np.float32)
