@@ -41,6 +41,10 @@ class Landmarks:
         """One picture's or some pictures' points of several."""
         return Landmarks(self.points[rows], self.skin_points[rows])
 
+    def copy(self) -> Landmarks:
+        """The same points in memory of their own: part of a track holds all of the track's."""
+        return Landmarks(self.points.copy(), self.skin_points.copy())
+
     def __len__(self) -> int:
         return len(self.points)
 

@@ -97,7 +97,7 @@ class Following:
         self._min_face_px = min_face_px
         self._from_first_row = from_first_row
         self._courses: list[_Course] = []
-        self._later: list[OpenTrack] = []
+        self._later: list[tuple[OpenTrack, float]] = []  # with its width, px
         self._found = 0
         self._finished = False
 
@@ -113,9 +113,9 @@ class Following:
 
     def left(self) -> tuple[tuple[FaceTrack, ...], float]:
         """After all frames: the wide enough tracks for a second reading, and the width of the widest of the others."""
-        tracks = [track.raw() for track in self._later if self._tracker.is_face(track, finished=True)]
-        narrow = [track.width_px for track in tracks if track.width_px < self._min_face_px]
-        return tuple(t for t in tracks if t.width_px >= self._min_face_px), max(narrow, default=0.0)
+        faces = [(track, width) for track, width in self._later if self._tracker.is_face(track, finished=True)]
+        narrow = [width for _, width in faces if width < self._min_face_px]
+        return tuple(t.raw() for t, width in faces if width >= self._min_face_px), max(narrow, default=0.0)
 
     def advances(self, frames: Iterable[tuple[int, Picture]]) -> Iterator[Advance]:
         """What becomes final with each frame; frames: (index, picture) of the whole clip in order."""
@@ -170,7 +170,10 @@ class Following:
             if not course.left:
                 out += self._settle(course, course.track.last + 1)
             if course.left:
-                self._later.append(course.track)
+                width = course.track.raw().width_px
+                if width < self._min_face_px:  # nobody follows it: a crowd's faces would fill the memory
+                    course.track.seen.clear()
+                self._later.append((course.track, width))
         return out
 
     def _settle(self, course: _Course, stop: int) -> list[Stretch]:

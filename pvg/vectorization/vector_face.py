@@ -179,7 +179,7 @@ class VectorFace:
         self._extents.append(rows.extents[rows.score > 0])
         self._ratios.append(frontal_ratios(rows))
         for k in range(-rows.first % _PLACE_EVERY, len(rows.score), _PLACE_EVERY):
-            self._places[rows.first + k] = rows.landmarks[k]
+            self._places[rows.first + k] = rows.landmarks[k].copy()
 
     def place(self, frame: int) -> Landmarks | None:
         """About where the face is in a frame, source pixels; None where it is not."""

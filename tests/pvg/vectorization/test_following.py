@@ -111,6 +111,7 @@ def test_a_narrow_face_is_named_and_not_followed(clip: Frames) -> None:
     tracks, widest = following.left()
     assert tracks == ()
     assert widest > 100
+    assert [len(track.seen) for track, _ in following._later] == [0]  # its width is all that is asked of it
 
 
 def test_a_face_without_a_good_view_in_time_is_left_for_a_second_reading(
