@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
-from functools import cache
+from contextlib import ExitStack, contextmanager
 from queue import Empty, Queue
-from threading import Event, Thread
+from threading import Event, Lock, Thread
 from types import TracebackType
 from typing import Generic, Self, TypeVar
 
@@ -29,15 +28,40 @@ def one_blas_thread() -> Generator[None, None, None]:
     """Keep NumPy's matrix products on the thread that asks for them, in the whole process while the block lasts.
 
     The pipeline's stages already take the cores; the products here are small, and the library's own threads spin
-    between two of them.
+    between two of them. Blocks may overlap in any order: the first limits the libraries that are loaded then, the last
+    one to be left gives them back what they had.
     """
-    with _libraries().limit(limits=1, user_api="blas"):
+    _one_thread.enter()
+    try:
         yield
+    finally:
+        _one_thread.leave()
 
 
-@cache
-def _libraries() -> ThreadpoolController:
-    return ThreadpoolController()  # looks through all loaded libraries, so once
+class _OneThread:
+    """The limit of the whole process, counted."""
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._inside = 0
+        self._limits = ExitStack()
+
+    def enter(self) -> None:
+        """One more block; the first one limits."""
+        with self._lock:
+            if self._inside == 0:
+                self._limits.enter_context(ThreadpoolController().limit(limits=1, user_api="blas"))
+            self._inside += 1
+
+    def leave(self) -> None:
+        """One block less; after the last one all is as it was."""
+        with self._lock:
+            self._inside -= 1
+            if self._inside == 0:
+                self._limits.close()
+
+
+_one_thread = _OneThread()
 
 
 def side_by_side(first: Callable[[], First], second: Callable[[], Second]) -> tuple[First, Second]:

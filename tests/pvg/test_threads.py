@@ -4,13 +4,44 @@ import threading
 from collections.abc import Iterator
 
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
-from pvg._threads import DEPTH, Sink, ahead
+from pvg import _threads
+from pvg._threads import DEPTH, Sink, ahead, one_blas_thread
 from tests.waiting import until
 
 
 def alive() -> list[str]:
     return [thread.name for thread in threading.enumerate() if thread.name.startswith("pvg-")]
+
+
+def blas_threads() -> set[int]:
+    return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+
+
+def test_blas_has_one_thread_from_the_first_block_to_the_last_and_its_own_after_it() -> None:
+    with threadpool_limits(limits=2, user_api="blas"):
+        one, other = one_blas_thread(), one_blas_thread()
+        one.__enter__()
+        other.__enter__()
+        one.__exit__(None, None, None)
+        assert blas_threads() == {1}
+        other.__exit__(None, None, None)
+        assert blas_threads() == {2}
+
+
+def test_blas_that_was_loaded_since_is_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = []
+
+    class Controller(_threads.ThreadpoolController):
+        def __init__(self) -> None:
+            super().__init__()
+            found.append(self)
+
+    monkeypatch.setattr(_threads, "ThreadpoolController", Controller)
+    for blocks in (1, 2):
+        with one_blas_thread(), one_blas_thread():
+            assert len(found) == blocks
 
 
 def test_items_made_ahead_come_whole_and_in_order() -> None:
