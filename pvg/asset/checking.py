@@ -19,8 +19,9 @@ _MAX_SIDE: Final = 65_535
 _MAX_FRAMES: Final = 10**8
 #: cells of a matte, which is of reduced size; its longer side has some hundreds
 _MAX_CELLS: Final = 1024**2
-#: source pixels from the picture's corner: what is stored of a face that leaves the picture stays near it
-_FARTHEST_PX: Final = 2.0**20
+#: of the picture's longer side, over its edge: what is stored of a face that leaves or overfills the picture stays near
+_FARTHEST: Final = 8.0
+_PLACES: Final = frozenset({"points", "skin_points", "radius", "box"})
 _SKIN_COLORS: Final = 65_536
 #: key frames of one face: one in 20 frames of the longest clip
 _MAX_KEYS: Final = 10_000
@@ -78,10 +79,14 @@ def check_chunk(name: str, stored: NDArray[Any], rows: int) -> None:
     _check_finite(name, stored)
 
 
-def check_decoded(values: NDArray[Any]) -> None:
-    """Raise `ValueError` when places are not near the picture."""
-    if values.size and values.dtype == np.float32 and not np.abs(values).max() <= _FARTHEST_PX:
-        raise ValueError("its values are far from any picture")
+def check_decoded(name: str, values: NDArray[Any], side: int) -> None:
+    """Raise `ValueError` when places or lengths are far from a picture whose longer side has `side` pixels."""
+    if (
+        name in _PLACES
+        and values.size
+        and not -_FARTHEST * side <= values.min() <= values.max() <= (1 + _FARTHEST) * side
+    ):
+        raise ValueError("its values are far from the picture")
 
 
 def check_keys(name: str, array: NDArray[Any], count: int) -> None:

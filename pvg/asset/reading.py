@@ -254,7 +254,7 @@ class VectorVideo:
     def _decoded(self, entry: str, name: str, rows: int) -> NDArray[Any]:
         values = decode(name, self._array(entry, lambda stored: check_chunk(name, stored, rows)))
         try:
-            check_decoded(values)
+            check_decoded(name, values, max(self.media.width, self.media.height))
         except ValueError as error:
             raise AssetError(f"entry {entry} of {self.path.name} cannot be used ({error})") from None
         return values

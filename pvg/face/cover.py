@@ -13,16 +13,25 @@ _WIDE = 5.0  # cells of blur from which on half of that will do; what closes, ey
 _REACH = 3.0  # spreads of the blur after which next to nothing is left of a cover
 
 
-def soft_cover(polygon: Floats, sigma: float, hole: Floats | None = None) -> tuple[Floats, tuple[int, int]]:
+def soft_cover(
+    polygon: Floats, sigma: float, within: tuple[int, int], hole: Floats | None = None
+) -> tuple[Floats, tuple[int, int]]:
     """The share of each cell that a polygon covers, blurred: (h, w) float32 in [0, 1], and its first cell's x and y.
 
-    polygon: (n, 2) in cells;  sigma: of the blur, cells;  hole: (m, 2) what is not of it. Beyond the cells returned the
-    cover is 0. It goes as lips and lids close: OpenCV draws every polygon a pixel too wide, so that closed ones would
-    keep a cover, and trembles; drawn finer, both are too small to see.
+    polygon: (n, 2) in cells;  sigma: of the blur, cells;  within: rows and columns of the cells that are asked for,
+    from the origin on;  hole: (m, 2) what is not of it. Of cells asked for that are not returned the cover is 0. Of
+    others some are made: OpenCV draws an edge that it cuts off a little elsewhere, so those of features are left whole,
+    and only what is farther from the cells than they are wide is cut off. The cover goes as lips and lids close: OpenCV
+    draws every polygon a pixel too wide, so that closed ones would keep a cover, and trembles; drawn finer, both are
+    too small to see.
     """
     reach = int(np.ceil(_REACH * sigma))
-    low = np.floor(polygon.min(axis=0)).astype(int) - reach
-    columns, rows = (int(n) for n in np.ceil(polygon.max(axis=0)).astype(int) + reach + 1 - low)
+    asked = np.array(within[::-1])
+    low = np.maximum(np.floor(polygon.min(axis=0)).astype(int), -asked) - reach
+    high = np.minimum(np.ceil(polygon.max(axis=0)).astype(int), 2 * asked) + reach + 1
+    columns, rows = (int(n) for n in high - low)
+    if columns <= 0 or rows <= 0:
+        return np.zeros((0, 0), np.float32), (int(low[0]), int(low[1]))
     times = _FINER // 2 if sigma >= _WIDE else _FINER
     finer = np.zeros((rows * times, columns * times), np.uint8)
     _fill(finer, polygon - low.astype(np.float32), 255, times)

@@ -71,7 +71,7 @@ def add_cover(out: Floats, outlines: Sequence[Outline], origin: tuple[float, flo
     corner, cell = np.asarray(origin, np.float32), np.float32(step)
     for outline in outlines:
         hole = None if outline.hole is None else (outline.hole - corner) / cell
-        cover, (x, y) = soft_cover((outline.polygon - corner) / cell, sigma, hole)
+        cover, (x, y) = soft_cover((outline.polygon - corner) / cell, sigma, out.shape, hole)
         x0, y0 = max(x, 0), max(y, 0)
         x1, y1 = min(x + cover.shape[1], out.shape[1]), min(y + cover.shape[0], out.shape[0])
         if x0 < x1 and y0 < y1:

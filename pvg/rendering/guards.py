@@ -94,8 +94,9 @@ def _take_out(alpha: Floats, polygon: Floats, sigma: float, align: int) -> tuple
     Returns where it was changed, x and y, and what was taken there, (h, w); None outside of the window.
     """
     cell = max(1, int(sigma / _CELLS_A_SPREAD))
-    guard, (column, row) = soft_cover(scaled(polygon, 1.0 / cell), sigma / cell)
-    if cell > 1:
+    within = (-(-alpha.shape[0] // cell) + 1, -(-alpha.shape[1] // cell) + 1)  # and one that the last are read between
+    guard, (column, row) = soft_cover(scaled(polygon, 1.0 / cell), sigma / cell, within)
+    if cell > 1 and guard.size:
         size = guard.shape[1] * cell, guard.shape[0] * cell
         guard = np.asarray(cv2.resize(guard, size, interpolation=cv2.INTER_LINEAR), np.float32)
     x0, y0 = column * cell, row * cell

@@ -17,8 +17,9 @@ import numpy as np
 import pytest
 
 from pvg.asset import open_asset
-from pvg.asset.arrays import to_bytes
+from pvg.asset.arrays import CHUNK_FRAMES, encode, to_bytes
 from pvg.errors import AssetError
+from pvg.face import layout
 from tests.gallery.assets import FIRST, FRAMES
 
 #: what reading the whole made-up asset takes at most, and so what an altered one may
@@ -120,7 +121,14 @@ def forged(dtype: str, shape: list[int], planes: tuple[int, ...], data: bytes) -
     return start + b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + data
 
 
-HUGE = 10**12
+HUGE, SIDE = 10**12, 320
+
+
+def places(at: float, count: int = layout.LANDMARK_COUNT) -> np.ndarray:
+    """A chunk as it is stored, of faces whose points all lie `at` the same x and y, pixels."""
+    return encode("points", np.full((CHUNK_FRAMES, count, 2), at, np.float32))
+
+
 ENTRIES: dict[str, tuple[str, Callable[[bytes], bytes]]] = {
     "an array of a terabyte": ("score/000000", lambda _: forged("<f4", [32, HUGE], (4, 32 * HUGE), b"")),
     "a shape of a terabyte": ("score/000000", lambda _: forged("<f4", [HUGE], (4, 32), bytes(128))),
@@ -133,6 +141,8 @@ ENTRIES: dict[str, tuple[str, Callable[[bytes], bytes]]] = {
     "too few rows": ("score/000000", lambda _: to_bytes(np.zeros((31, 1), np.float32))),
     "another type": ("score/000000", lambda _: to_bytes(np.zeros((32, 1), np.int32))),
     "places beyond the moon": ("box/000000", lambda _: to_bytes(np.full((32, 4), 2**31 - 1, np.int32))),
+    "a face of ten pictures": ("points/000000", lambda _: to_bytes(places(10 * SIDE))),
+    "a face far to the left": ("skin_points/000000", lambda _: to_bytes(places(-9 * SIDE, layout.SKIN_COUNT))),
     "a matte without cells": ("matte/000000", lambda _: to_bytes(np.zeros((32, 0, 5), np.uint8))),
     "samples that there are not": ("skin_at/000000", lambda _: to_bytes(np.full(64, 30_000, np.int16))),
     "key frames that there are not": ("colors", lambda _: to_bytes(np.zeros((9, 694, 3), np.float32))),
@@ -147,6 +157,12 @@ def test_an_entry_is_what_it_must_be(asset: Path, tmp_path: Path, what: str) -> 
     said = bounded(write(tmp_path / "asset.pvg", manifest, entries))
     assert said is not None
     assert f"track0/{name}" in said
+
+
+def test_a_face_that_overfills_the_picture_is_read(asset: Path, tmp_path: Path) -> None:
+    manifest, entries = parts_of(asset)
+    entries["track0/points/000000"] = to_bytes(places(6 * SIDE))
+    assert bounded(write(tmp_path / "asset.pvg", manifest, entries)) is None
 
 
 @pytest.mark.parametrize("method", [zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2])

@@ -1,7 +1,11 @@
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from pvg.face import PARTS, Outline, add_cover, feather, layout, part_outlines
 from tests.gallery.faces import made_up_landmarks
@@ -27,6 +31,30 @@ def test_a_hole_and_what_lies_outside_the_cells_are_left_out() -> None:
     add_cover(out, [Outline(_SQUARE, hole), Outline(_SQUARE + 500)], (0.0, 0.0), 1.0, 0.8)
     assert out[30, 30] < 0.05
     assert out[23, 24] > 0.9
+
+
+def test_a_cover_costs_what_its_cells_do_however_far_its_outline_reaches() -> None:
+    out = np.zeros((60, 32), np.float32)
+    vast = np.array([(-9000, -9000), (16, -9000), (16, 9000), (-9000, 9000)], np.float32)
+    tracemalloc.start()
+    try:
+        add_cover(out, [Outline(vast)], (0.0, 0.0), 1.0, 2.0)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 1_000_000
+    assert (out[:, :10] == 1.0).all()
+    assert (out[:, 23:] == 0.0).all()
+
+
+@given(st.integers(0, 2**31), st.floats(0.5, 8.0))
+def test_what_is_seen_of_a_cover_does_not_hang_on_the_cells_around_it(seed: int, sigma: float) -> None:
+    rng = np.random.default_rng(seed)
+    polygon = (rng.integers(-3072, 6272, (6, 2)) / 64).astype(np.float32)  # to the step that polygons are drawn by
+    whole, part = np.zeros((240, 240), np.float32), np.zeros((50, 60), np.float32)
+    add_cover(whole, [Outline(polygon + 70)], (0.0, 0.0), 1.0, sigma)
+    add_cover(part, [Outline(polygon)], (0.0, 0.0), 1.0, sigma)
+    np.testing.assert_allclose(part, whole[70:120, 70:130], atol=1e-6)
 
 
 def test_every_part_lies_where_its_features_are() -> None:
