@@ -42,8 +42,10 @@ class AssetWriter:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._zip.close()
-        self._temporary.unlink(missing_ok=True)
+        try:
+            self._zip.close()
+        finally:  # on a full disk even closing raises
+            self._temporary.unlink(missing_ok=True)
 
     def add_frame(self, track: int, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Append one frame of a track: points, skin_points, radius, score, pose, box, matte, body."""

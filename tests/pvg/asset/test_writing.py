@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import errno
+import os
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +21,21 @@ def test_an_aborted_writer_leaves_nothing_behind(tmp_path: Path) -> None:
 
     with pytest.raises(RuntimeError):
         abort()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_disk_that_is_full_at_the_end_leaves_nothing_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(archive: zipfile.ZipFile) -> None:
+        monkeypatch.undo()
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def write() -> None:
+        with AssetWriter(tmp_path / "never.pvg") as writer:
+            writer.add_frame(0, frame_arrays(0))
+            monkeypatch.setattr(zipfile.ZipFile, "close", full)
+
+    with pytest.raises(OSError, match="space"):
+        write()
     assert list(tmp_path.iterdir()) == []
 
 
