@@ -115,7 +115,8 @@ class UsualChroma:
 def tone_curve(source: Doubles, target: Doubles, depth: float = 1.0) -> Doubles:
     """T as a table (256,): luma of `source` (n,) to that of `target` (m,), quantile by quantile, slopes bounded.
 
-    depth: in (0, 1], what the luma of features, darker than any skin, is multiplied by besides.
+    depth: in (0, 1], what the luma of features, darker than any skin, is multiplied by besides. Where either is wholly
+    black T is the identity.
     """
     s, t = np.quantile(source, _QUANTILES), np.quantile(target, _QUANTILES)
     middle = len(s) // 2
@@ -132,9 +133,11 @@ def tone_curve(source: Doubles, target: Doubles, depth: float = 1.0) -> Doubles:
         s, t = np.insert(s, 0, dark), np.insert(t, 0, max(dark * ratio * depth, t[0] - _STEEPEST * (s[0] - dark)))
         t = np.maximum.accumulate(t)
     kept = (s > 0.0) & (s < 255.0) & (t > 0.0) & (t < 255.0)
+    levels = np.arange(256.0)
+    if not kept.any():
+        return levels
     s, t = s[kept], t[kept]
     white = min(255.0, t[-1] + _TO_WHITE * (255.0 - s[-1]))
-    levels = np.arange(256.0)
     table = np.interp(levels, np.concatenate([[0.0], s, [255.0]]), np.concatenate([[0.0], t, [white]]))
     smooth = _box(_box(table))
     # the corner at the median is rounded as well: the curve is led back through it, its ends stay

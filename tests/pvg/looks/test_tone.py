@@ -51,6 +51,14 @@ def test_the_tone_curve_takes_the_median_to_the_median_and_black_to_black(one: i
     assert abs(np.interp(np.median(source), np.arange(256), curve) - np.median(target)) < 1
 
 
+@pytest.mark.parametrize(("source", "target"), [(0.0, 0.0), (0.0, 100.0), (100.0, 0.0)])
+def test_of_skin_that_is_wholly_black_the_tone_curve_says_nothing(source: float, target: float) -> None:
+    curve = tone_curve(np.full(50, source), np.full(50, target))
+    np.testing.assert_array_equal(curve, np.arange(256.0))
+    black, other = (np.full((50, 3), level, np.float32) for level in (source, target))
+    assert np.isfinite(SkinMap.between(black, other.astype(np.float64))(black)).all()
+
+
 @given(seeds, seeds)
 def test_the_tone_curve_keeps_order_and_its_bounds_between_the_quantiles(one: int, two: int) -> None:
     source, target = (to_opponent(skin_like(seed))[:, 0] for seed in (one, two))
