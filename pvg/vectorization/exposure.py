@@ -80,7 +80,9 @@ class Patch:
         gain = float(np.median(change))
         if abs(gain) > _SAME:
             alike = np.mean(change * np.sign(gain) >= abs(gain) / 2)
-            if alike < _ALIKE or np.corrcoef(self.luma[_FACE], key.luma[_FACE])[0, 1] < _LIKENESS:
+            with np.errstate(invalid="ignore", divide="ignore"):  # a flat face has no pattern: NaN
+                likeness = np.corrcoef(self.luma[_FACE], key.luma[_FACE])[0, 1]
+            if alike < _ALIKE or not likeness >= _LIKENESS:
                 return float("nan")
         return gain
 

@@ -90,6 +90,13 @@ def test_what_covers_the_whole_face_makes_no_key() -> None:
     assert keys_of(scenes) == [(0, None)]
 
 
+def test_a_face_without_a_pattern_tells_no_gain() -> None:
+    everywhere = np.ones((24, 24), np.bool_)
+    pattern = 100.0 + np.random.default_rng(0).normal(0.0, 5.0, (24, 24)).astype(np.float32)
+    flat = Patch(np.full((24, 24), 200.0, np.float32), everywhere)
+    assert np.isnan(flat.gain_over(Patch(pattern, everywhere)))
+
+
 def test_a_turned_head_makes_no_key() -> None:
     scenes = lit([1.0] * 10 + [0.6] * 20)
     assert keys_of(scenes, yaw=lambda row: 40.0 if row >= 8 else 0.0) == [(0, None)]
