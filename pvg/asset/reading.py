@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, fields
 from functools import cached_property
 from pathlib import Path
+from threading import Lock
 from typing import Any, Self
 
 import numpy as np
@@ -61,7 +62,8 @@ class VectorVideo:
         self.source = None if source is None else Path(source)
         self.limits = limits or MediaLimits()
         self._temporary = temporary
-        self._cache: dict[str, NDArray[Any]] = {}
+        self._cache: dict[str, NDArray[Any]] = {}  # the one read longest ago first
+        self._lock = Lock()  # of the cache: frames may be read by several threads
         try:
             self._file = Entries(self.path)
         except FileNotFoundError:
@@ -244,12 +246,15 @@ class VectorVideo:
         }
 
     def _chunk(self, entry: str, name: str, rows: int) -> NDArray[Any]:
-        if entry not in self._cache:
-            limit = _CACHED_CHUNKS * len(FRAME_ARRAYS) * max(1, len(self.faces))
-            while len(self._cache) >= limit:
-                self._cache.pop(next(iter(self._cache)))
-            self._cache[entry] = self._decoded(entry, name, rows)
-        return self._cache[entry]
+        with self._lock:
+            values = self._cache.pop(entry, None)
+            if values is None:
+                limit = _CACHED_CHUNKS * len(FRAME_ARRAYS) * max(1, len(self.faces))
+                while len(self._cache) >= limit:
+                    self._cache.pop(next(iter(self._cache)))
+                values = self._decoded(entry, name, rows)
+            self._cache[entry] = values  # the last to go
+            return values
 
     def _decoded(self, entry: str, name: str, rows: int) -> NDArray[Any]:
         values = decode(name, self._array(entry, lambda stored: check_chunk(name, stored, rows)))

@@ -3,7 +3,9 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import sys
 import zipfile
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +14,16 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pvg.asset import CHUNK_FRAMES, AssetWriter, FaceRecord, FaceSummary, VectorVideo, faces_by_index, open_asset
+from pvg.asset import (
+    CHUNK_FRAMES,
+    AssetWriter,
+    FaceRecord,
+    FaceSummary,
+    VectorVideo,
+    faces_by_index,
+    open_asset,
+    reading,
+)
 from pvg.curves import boundary_points
 from pvg.errors import AssetError
 from pvg.face import FaceAxes
@@ -49,6 +60,35 @@ def test_round_trip_keeps_every_array_to_its_stated_precision(asset: Path, sourc
         assert landmarks.dtype == np.float32
         json.dumps(video.summary())
         video.verify()
+
+
+def test_a_chunk_that_was_read_again_is_not_the_first_to_go(asset: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reading, "_CACHED_CHUNKS", 2)
+    decoded: list[str] = []
+    with open_asset(asset) as video:
+        decode = video._decoded
+        monkeypatch.setattr(video, "_decoded", lambda entry, *rest: decoded.append(entry) or decode(entry, *rest))
+        for chunk in (0, 1, 0, 2, 0):
+            video.face_at(0, FIRST + chunk * CHUNK_FRAMES)
+    assert [entry for entry in decoded if "/points/" in entry] == [f"track0/points/{k:06d}" for k in (0, 1, 2)]
+
+
+def test_frames_are_read_by_several_threads_at_once(asset: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reading, "_CACHED_CHUNKS", 1)
+    with open_asset(asset) as video:
+        want = {i: frame_arrays(i)["score"] for i in range(0, FRAMES, CHUNK_FRAMES)}
+
+        def read(thread: int) -> int:
+            order = np.random.default_rng(thread).permutation(np.repeat(list(want), 40))
+            return sum(video.face_at(0, FIRST + int(i)).score != want[int(i)][0] for i in order)  # type: ignore[union-attr]
+
+        before = sys.getswitchinterval()
+        sys.setswitchinterval(1e-6)
+        try:
+            with ThreadPoolExecutor(4) as threads:
+                assert list(threads.map(read, range(4))) == [0] * 4
+        finally:
+            sys.setswitchinterval(before)
 
 
 def test_fixed_point_errors_do_not_accumulate_over_frames(asset: Path) -> None:
