@@ -55,6 +55,12 @@ class AssetWriter:
         if len(pending["score"]) == CHUNK_FRAMES:
             self._flush(track)
 
+    def drop_track(self, track: int) -> None:
+        """Leave out what was added of a track that turned out to be no face; its bytes stay, and nobody reads them."""
+        self._pending.pop(track, None)
+        for name in [name for name in self._entries if name.startswith(f"track{track}/")]:
+            del self._entries[name]
+
     def add_face(self, record: FaceRecord, track: int | None = None) -> None:
         """Close a face: flush its frames and write its key frames. Faces are added in the order of their indices.
 

@@ -95,22 +95,33 @@ def vectorize(
         check_file(Path(asset), [path])
     report: Progress = progress or (lambda stage, done, total: None)
     media = probe(path, limits, input_color=input_color, strict=strict)
-    work = _Work(
-        *(path, media, limits, input_color, strict, report, mask, matching, seed, min_face_px, advised_face_px)
-    )
     target = Path(asset) if asset is not None else _temporary_name()
     with one_blas_thread(), contextlib.ExitStack() as undo:
         if asset is None:
             undo.callback(target.unlink)
         writer = undo.enter_context(AssetWriter(target))
+        work = _Work(
+            path=path,
+            media=media,
+            limits=limits,
+            input_color=input_color,
+            strict=strict,
+            report=report,
+            mask=mask,
+            matching=matching,
+            seed=seed,
+            min_face_px=min_face_px,
+            advised_face_px=advised_face_px,
+        )
         done = work.key_views(writer) if reference else work.whole_clip(writer)
         for face in done.faces:
             face.finish(writer)
-        faces = sorted(done.faces, key=lambda face: (face.first, face.left_to_right))
+        faces, left_out = work.with_skin(done, writer)
         records = [face.record(index) for index, face in enumerate(faces)]
         persons = link_persons([face.shape() for face in faces], [record.summary.skin_rgb for record in records])
         for face, record, person in zip(faces, records, persons, strict=True):
             writer.add_face(replace(record, summary=replace(record.summary, person=person)), face.number)
+        summary = MediaSummary.of(media, done.frame_count)
         writer.finish(
             {
                 "vectorizer": VECTORIZER_VERSION,
@@ -120,7 +131,7 @@ def vectorize(
                 },
                 **source_note(path, None if asset is None else target),
                 "source_sha256": sha256_file(path),
-                "media": asdict(MediaSummary.of(media, done.frame_count)),
+                "media": {**asdict(summary), "warnings": summary.warnings + left_out},
                 "shots": list(done.shots),
             }
         )
@@ -210,9 +221,10 @@ class _Work:
     def face(self, number: int, rows: FaceTrack, key: KeyView) -> VectorFace:
         """A face that begins with these rows."""
         reset = CHAIN_RESET_FRAMES if self.matching == "chain" else None
-        return VectorFace(
-            *(number, rows, key), method=self.mask, seed=self.seed, reset=reset, advised_px=self.advised_face_px
+        face = VectorFace(
+            number, rows, key, method=self.mask, seed=self.seed, reset=reset, advised_px=self.advised_face_px
         )
+        return face
 
     def whole_clip(self, writer: AssetWriter) -> _Done:
         """Follow every face of the clip and write all its frames."""
@@ -319,6 +331,22 @@ class _Work:
             matte_of(row, self._picture(track.first + row, frame_count))
         views[row].add_key_frame_only(track, writer)
         return _Done((views[row],), (0, *result.cuts), result.frame_count)
+
+    def with_skin(self, done: _Done, writer: AssetWriter) -> tuple[list[VectorFace], tuple[str, ...]]:
+        """The faces whose mask finds skin, in their order, and a line for each of the others, which are left out.
+
+        Raises `NoFaceError` when it finds none.
+        """
+        faces = sorted(done.faces, key=lambda face: (face.first, face.left_to_right))
+        bare = [face for face in faces if not face.has_skin()]
+        advice = ': mask="ycbcr" tells it by its colour, mask="landmarks" does not' if self.mask == "ycbcr" else ""
+        if len(bare) == len(faces):
+            count = f"{len(faces)} face" + ("s" if len(faces) > 1 else "")
+            raise NoFaceError(f"no skin found on any of {count} of {self.path.name}{advice}")
+        for face in bare:
+            writer.drop_track(face.number)
+        lines = (f"no skin found on a face seen from frame {face.first} on, which is left out{advice}" for face in bare)
+        return [face for face in faces if face not in bare], tuple(lines)
 
     def _check_width(self, found: FaceTracks) -> None:
         """Raise `NoFaceError` or `FaceTooSmallError` unless one face is wide enough."""

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from pvg._arrays import Floats
 from pvg.curves import GROUPS, table_labels
+from pvg.errors import NoFaceError
 from pvg.harmonic import fit_boundary_colors
 from pvg.raster import scaled, sites
 from pvg.skin import Matte
@@ -25,7 +26,7 @@ def fit_key_frame(
     """Boundary colours g of a key frame (eq. 3) and which samples lie on visible skin or features.
 
     rgb: (H, W, 3);  positions: (S, 2) curve samples, source pixels;  face_width: pixels.
-    Returns (S, 3) float32 colours, 0-255, and (S,) bool.
+    Returns (S, 3) float32 colours, 0-255, and (S,) bool. Raises NoFaceError when the matte shows no skin to fit.
     """
     h, w = rgb.shape[:2]
     box = matte.raster.box
@@ -38,6 +39,8 @@ def fit_key_frame(
     small = cv2.resize(crop, size, interpolation=cv2.INTER_AREA) if scale < 1 else crop
     local = scaled(positions - np.array([x0, y0], np.float32), scale_xy)
     domain = matte.mask_at(sites(size[0], scale_xy[0]) + x0, sites(size[1], scale_xy[1]) + y0)
+    if not domain.any():
+        raise NoFaceError("no skin found on the key frame of a face")
     fit = fit_boundary_colors(
         small, domain, local, h_min=max(1.0, face_width * scale / 100), rng=np.random.default_rng(seed)
     )

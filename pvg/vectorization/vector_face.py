@@ -14,6 +14,7 @@ from pvg._arrays import Bytes, Floats
 from pvg._threads import side_by_side
 from pvg.asset import AssetWriter, FaceRecord, FaceSummary, KeyFrame
 from pvg.curves import BOUNDARY, GROUPS, boundary_points, boundary_radius, place, table_labels
+from pvg.errors import NoFaceError
 from pvg.face import FaceAxes, Landmarks
 from pvg.landmarks import FaceShape, FaceTrack, frontal_ratios
 from pvg.picture import Picture
@@ -72,7 +73,7 @@ class VectorFace:
         self._extents: list[Floats] = []
         self._ratios: list[Floats] = []
         self._places: dict[int, Landmarks] = {}  # by the frame, some of them
-        self._keys: dict[int, Future[KeyFrame]] = {}
+        self._keys: dict[int, Future[KeyFrame | None]] = {}  # None: no skin there
         self._since: dict[int, int | None] = {}  # by a key's row, see `KeyFrame.since`
         self._main_from: int | None = None
         model = fit_skin_model(key.picture, key.landmarks, method=method)
@@ -137,15 +138,20 @@ class VectorFace:
         """What tells the person."""
         return FaceShape(self.first, self._last, np.concatenate(self._ratios))
 
+    def has_skin(self) -> bool:
+        """Whether its mask finds skin on one of its key frames; without there is nothing to vectorise."""
+        return any(fitting.result() is not None for fitting in self._keys.values())
+
     def record(self, index: int) -> FaceRecord:
-        """The face's summary and key frames, once all its rows are added.
+        """The face's summary and key frames, once all its rows are added, of a face that has skin.
 
         Raises SolverError when the colours of a key frame cannot be fitted.
         """
         if self._watch is not None:
             self._fit_due(self._watch.end())
             self._since[self._key_row] = self._watch.main_since
-        main, keys = self._keys[self._key_row].result(), self._key_frames()
+        keys = self._key_frames()
+        main = self._keys[self._key_row].result() or keys[0]
         skin = main.visible & (table_labels().group == 0) & (table_labels().curve != BOUNDARY)
         colors = main.colors[skin] if skin.any() else main.colors
         width = float(np.median(np.concatenate(self._extents)))
@@ -167,7 +173,7 @@ class VectorFace:
         return FaceRecord(summary, keys)
 
     def _key_frames(self) -> tuple[KeyFrame, ...]:
-        keys = {row: fitting.result() for row, fitting in self._keys.items()}
+        keys = {row: key for row, fitting in self._keys.items() if (key := fitting.result()) is not None}
         if self._main_from is not None:
             keys[self._main_from] = replace(keys[self._key_row], frame=self.first + self._main_from)
         since = {row: None if last is None else self.first + last for row, last in self._since.items()}
@@ -242,14 +248,18 @@ class VectorFace:
         writer.add_frame(self.number, arrays)
 
 
-def _key_frame(frame: int, picture: Picture, landmarks: Landmarks, matte: Matte, seed: int) -> KeyFrame:
+def _key_frame(frame: int, picture: Picture, landmarks: Landmarks, matte: Matte, seed: int) -> KeyFrame | None:
+    """A frame as a key frame, None where the matte shows no skin."""
     boundary = boundary_points(_radius(landmarks, matte), landmarks.axes)
     positions = place(table_labels(), landmarks, boundary)
     rgb, corner = _cut_out(picture, matte.raster.box)
-    (skin, places, parts), (colors, visible) = side_by_side(
-        lambda: (*_open_skin(picture, landmarks, matte), part_colors(picture, landmarks, matte)),
-        lambda: fit_key_frame(rgb, matte.crop(corner), positions - corner, landmarks.axes.width, seed),
-    )
+    try:
+        (skin, places, parts), (colors, visible) = side_by_side(
+            lambda: (*_open_skin(picture, landmarks, matte), part_colors(picture, landmarks, matte)),
+            lambda: fit_key_frame(rgb, matte.crop(corner), positions - corner, landmarks.axes.width, seed),
+        )
+    except NoFaceError:
+        return None
     return KeyFrame(frame, colors, visible, skin, _nearest_on_skin(places, positions), parts)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pvg.asset import AssetWriter, FaceRecord, FaceSummary, KeyFrame, open_asset
-from tests.gallery.assets import frame_arrays, key_frame, manifest_of
+from tests.gallery.assets import FIRST, FRAMES, SUMMARY, frame_arrays, key_frame, manifest_of
 
 
 def test_an_aborted_writer_leaves_nothing_behind(tmp_path: Path) -> None:
@@ -37,6 +37,20 @@ def test_a_disk_that_is_full_at_the_end_leaves_nothing_behind(tmp_path: Path, mo
     with pytest.raises(OSError, match="space"):
         write()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_track_that_is_dropped_is_in_no_asset(tmp_path: Path, source: Path) -> None:
+    path = tmp_path / "clip.pvg"
+    with AssetWriter(path) as writer:
+        for track in (0, 1):
+            for i in range(FRAMES):
+                writer.add_frame(track, frame_arrays(i))
+        writer.drop_track(0)
+        writer.add_face(FaceRecord(SUMMARY, (key_frame(),)), 1)
+        writer.finish(manifest_of(source, FIRST + FRAMES))
+    with open_asset(path) as video:
+        video.verify()
+        assert {name.split("/")[0] for name in video.manifest["entries"]} == {"track1"}
 
 
 def test_faces_keep_their_frames_whatever_number_their_tracks_were_written_under(tmp_path: Path, source: Path) -> None:

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import threading
 from pathlib import Path
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -105,8 +107,6 @@ def test_a_second_reading_knows_the_people_of_the_first(
 
 
 def test_an_error_in_mid_clip_ends_all_threads(short_clip: Path, tmp_path: Path) -> None:
-    import threading
-
     damaged, data = tmp_path / "damaged.mp4", bytearray(short_clip.read_bytes())
     start = data.index(b"mdat")
     size = int.from_bytes(data[start - 4 : start], "big")
@@ -258,6 +258,48 @@ def test_the_papers_mask_is_a_setting(samples: Samples) -> None:
         data = image.face_at(0, 0)
         assert data is not None
         assert set(np.unique(data.matte.alpha)) <= {0, 255}
+
+
+def grey(rgb: np.ndarray) -> np.ndarray:
+    return np.repeat(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)[..., None], 3, axis=2)
+
+
+def written(path: Path, rgb: np.ndarray) -> Path:
+    """A picture, or a clip of some frames of it."""
+    if path.suffix == ".png":
+        write_image(path, rgb)
+    else:
+        write_lossless(path, (rgb[: len(rgb) // 2 * 2, : rgb.shape[1] // 2 * 2] for _ in range(6)))
+    return path
+
+
+@pytest.mark.parametrize("name", ["grey.png", "grey.mp4"])
+@pytest.mark.parametrize("reference", [False, True])
+def test_faces_without_skin_by_the_mask_are_no_faces(
+    samples: Samples, tmp_path: Path, name: str, reference: bool
+) -> None:
+    path = written(tmp_path / name, grey(read_rgb(samples.several_faces)))
+    with pytest.raises(pvg.NoFaceError, match=rf"no skin found on any of \d faces? of {name}"):
+        pvg.vectorize(path, mask="ycbcr", reference=reference)
+    assert [one.name for one in tmp_path.iterdir()] == [name]
+
+
+@pytest.mark.parametrize("name", ["some.png", "some.mp4"])
+@pytest.mark.parametrize("matching", ["table", "chain"])
+def test_a_face_without_skin_by_the_mask_is_left_out_and_named(
+    samples: Samples, tmp_path: Path, name: str, matching: Literal["table", "chain"]
+) -> None:
+    rgb = read_rgb(samples.several_faces)
+    edge = 430  # between two of them
+    rgb = np.concatenate([grey(rgb[:, :edge]), rgb[:, edge:]], axis=1)
+    with pvg.vectorize(written(tmp_path / name, rgb), mask="ycbcr", matching=matching) as some:
+        assert some.faces
+        assert [face.index for face in some.faces] == list(range(len(some.faces)))
+        for face in some.faces:
+            assert some.landmarks(face.index)[0, :, 0].mean() > edge
+        assert some.media.warnings
+        assert all("no skin found on a face" in line for line in some.media.warnings)
+        some.verify()
 
 
 def test_asset_stays_within_its_budget(video: pvg.VectorVideo, short_clip: Path) -> None:
