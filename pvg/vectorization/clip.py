@@ -112,6 +112,7 @@ def vectorize(
             seed=seed,
             min_face_px=min_face_px,
             advised_face_px=advised_face_px,
+            undo=undo,
         )
         done = work.key_views(writer) if reference else work.whole_clip(writer)
         for face in done.faces:
@@ -172,7 +173,7 @@ class _Done:
 
 @dataclass(frozen=True)
 class _Work:
-    """One clip being vectorised: its file and the settings."""
+    """One clip being vectorised: its file and the settings;  undo: what is to be done after an error."""
 
     path: Path
     media: MediaInfo
@@ -185,6 +186,7 @@ class _Work:
     seed: int
     min_face_px: float
     advised_face_px: float
+    undo: contextlib.ExitStack
 
     @property
     def rate(self) -> float:
@@ -224,6 +226,7 @@ class _Work:
         face = VectorFace(
             number, rows, key, method=self.mask, seed=self.seed, reset=reset, advised_px=self.advised_face_px
         )
+        self.undo.callback(face.abandon)
         return face
 
     def whole_clip(self, writer: AssetWriter) -> _Done:

@@ -83,6 +83,7 @@ class VectorFace:
         self._consensus = MatteConsensus()
         # rows that wait for the frames after them: one of some rows, its opacity, the body's alpha
         self._unwritten: deque[tuple[FaceTrack, int, float, Future[Bytes]]] = deque()
+        self._fits: list[ThreadPoolExecutor] = []
         self._bodies = ThreadPoolExecutor(1)  # a row's body is looked for while the next row's face is
         self._key_row = key.row
         self._key: KeyView | None = key
@@ -122,6 +123,11 @@ class VectorFace:
         for steady in self._consensus.end():
             self._write_first(steady, writer)
         self._bodies.shutdown()
+
+    def abandon(self) -> None:
+        """Begin nothing more and wait for what was begun, after an error: twice, or once all is done, is harmless."""
+        for threads in (self._bodies, *self._fits):
+            threads.shutdown(cancel_futures=True)
 
     def add_key_frame_only(self, track: FaceTrack, writer: AssetWriter) -> None:
         """Write just the key frame of the track, which is all that a reference needs."""
@@ -215,6 +221,7 @@ class VectorFace:
         frame = self.first + row
         self._keys[row] = fitting.submit(_key_frame, frame, picture, landmarks, matte, self._seed)
         fitting.shutdown(wait=False)
+        self._fits.append(fitting)
 
     def _body_alpha(
         self, scene: Scene | None, landmarks: Landmarks, matte: Matte, light: Floats, told: Told | None

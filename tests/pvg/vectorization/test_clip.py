@@ -1,8 +1,9 @@
 from __future__ import annotations
 
 import threading
+import time
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -118,6 +119,32 @@ def test_an_error_in_mid_clip_ends_all_threads(short_clip: Path, tmp_path: Path)
         pvg.vectorize(damaged, asset=tmp_path / "damaged.pvg")
     assert set(threading.enumerate()) <= before  # others of this process may end too
     assert [path.name for path in tmp_path.iterdir()] == ["damaged.mp4"]
+
+
+def test_an_abort_waits_for_what_was_begun_of_a_face_and_begins_no_more(
+    brief_clip: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from pvg.vectorization import vector_face
+
+    class CanceledError(Exception):
+        pass
+
+    def cancel(stage: str, done: int, total: int) -> None:
+        raise CanceledError
+
+    def slowly(*of_a_row: Any) -> np.ndarray:
+        begun.append(1)
+        time.sleep(0.2)
+        ended.append(1)
+        return alpha(*of_a_row)
+
+    begun, ended, alpha = [], [], vector_face.VectorFace._body_alpha
+    monkeypatch.setattr(vector_face.VectorFace, "_body_alpha", slowly)
+    before = set(threading.enumerate())
+    with pytest.raises(CanceledError):
+        pvg.vectorize(brief_clip, progress=cancel)
+    assert set(threading.enumerate()) <= before
+    assert len(begun) == len(ended) < 12
 
 
 def test_an_abort_leaves_no_asset(brief_clip: Path, tmp_path: Path) -> None:
