@@ -173,8 +173,11 @@ class _Arrival:
         services, asked, now = self.services, self.asked, self.services.database.now()
         with services.database.write() as session:
             keys.lock(session, asked.owner)
+            renamed = bool(asked.metadata) and self.answers
+            if renamed:  # before its medium, as its worker does
+                jobs.get(session, known.job_id, lock=True)
             found = self._find(session, lock=True)
-            if found is None or found.id != known.id:
+            if found is None or found.id != known.id or (renamed and found.job_id != known.job_id):
                 return None, False
             self._close_upload(session, found.id, now=now)
             if found.state == MediaState.FAILED:
@@ -182,12 +185,12 @@ class _Arrival:
             is_used = key is not None and found.source_key == known.source_key
             if key is not None and is_used:
                 media.replace_source(session, found, key, now=now)
+            if renamed:
+                media.name(session, found, asked.metadata)
             again = media.vectorize_again(session, found, now=now)
             media.keep(session, [found.id], now=now, ttl_s=services.settings.media_ttl_s)
             session.flush()
             session.refresh(found)
-            if asked.metadata and self.answers:
-                found.metadata_ = asked.metadata
             registered = self._registered(session, found, pending=again)
         if again:
             services.publisher.publish([Message(found.job_id, JobKind.VECTORIZE.value)])

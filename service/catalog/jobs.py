@@ -41,9 +41,12 @@ class NewLook:
     params: LookParams
 
 
-def get(session: Session, job_id: str, *, owner: str | None = None) -> Job | None:
-    """The job, or None; with an ``owner``, who is a client, None for another's too."""
-    job = session.get(Job, job_id)
+def get(session: Session, job_id: str, *, owner: str | None = None, lock: bool = False) -> Job | None:
+    """The job, or None; with an ``owner``, who is a client, None for another's too.
+
+    ``lock`` keeps it as it is until the transaction ends.
+    """
+    job = session.get(Job, job_id, with_for_update=True if lock else None)
     is_hidden = job is None or (owner is not None and (job.owner != owner or job.parent_id is not None))
     return None if is_hidden else job
 

@@ -160,7 +160,13 @@ def create(session: Session, upload: Upload, *, now: datetime, ttl_s: float) -> 
         raise tombstones.LateError(upload.source_key)
     request = VectorizeRequest(upload.role, upload.settings)
     job = jobs.create(
-        session, JobKind.VECTORIZE, request=request, now=now, media_id=upload.media_id, owner=upload.owner
+        session,
+        JobKind.VECTORIZE,
+        request=request,
+        now=now,
+        media_id=upload.media_id,
+        owner=upload.owner,
+        metadata=upload.metadata,
     )
     media = Media(
         id=upload.media_id,
@@ -204,10 +210,29 @@ def vectorize_again(session: Session, media: Media, *, now: datetime) -> bool:
     """
     if media.state != MediaState.FAILED:
         return False
-    request = VectorizeRequest(Role(media.role), settings_of(media))
-    job = jobs.create(session, JobKind.VECTORIZE, request=request, now=now, media_id=media.id, owner=media.owner)
+    job = _job_of(session, media, now=now)
     return take_media_step(
         session, MediaStep.VECTORIZE_AGAIN, media.job_id, now=now, values={"error": None, "job_id": job.id}
+    )
+
+
+def name(session: Session, media: Media, metadata: Mapping[str, str]) -> None:
+    """Give a medium new metadata; the job that vectorises it, or has done so, shows the same."""
+    media.metadata_ = dict(metadata)
+    changed(session, update(Job).where(Job.id == media.job_id).values(metadata_=dict(metadata)))
+
+
+def _job_of(session: Session, media: Media, *, now: datetime) -> Job:
+    """Another job that vectorises a known medium."""
+    request = VectorizeRequest(Role(media.role), settings_of(media))
+    return jobs.create(
+        session,
+        JobKind.VECTORIZE,
+        request=request,
+        now=now,
+        media_id=media.id,
+        owner=media.owner,
+        metadata=media.metadata_,
     )
 
 
@@ -238,8 +263,7 @@ def make_again(session: Session, lease: Lease, media_ids: Collection[str], *, no
         return []
     messages = []
     for one in lost:
-        request = VectorizeRequest(Role(one.role), settings_of(one))
-        again = jobs.create(session, JobKind.VECTORIZE, request=request, now=now, media_id=one.id, owner=one.owner)
+        again = _job_of(session, one, now=now)
         take_media_step(session, MediaStep.MAKE_AGAIN, one.job_id, now=now, values={"job_id": again.id})
         messages.append(jobs.message_of(again))
     return messages

@@ -119,6 +119,27 @@ def test_metadata_has_limits(api: Api) -> None:
     assert api.client.post("/videos?metadata=order", content=MP4).status_code == 422
 
 
+def test_the_job_of_an_upload_has_its_metadata(api: Api) -> None:
+    def listed(pair: str) -> list[str]:
+        return [job["id"] for job in api.client.get("/jobs", params={"metadata": pair}).json()["data"]]
+
+    video = api.client.post("/videos?metadata=order:77", content=MP4).json()
+    path = f"/jobs/{video['job']}"
+    assert api.client.get(path).json()["metadata"] == {"order": "77"}
+    assert listed("order:77") == [video["job"]]
+    # the same bytes under another name, while it is vectorised, when it has failed, and when it is ready
+    api.client.post("/videos?metadata=order:78", content=MP4).raise_for_status()
+    assert (listed("order:77"), listed("order:78")) == ([], [video["job"]])
+    api.client.post(f"{path}/cancel").raise_for_status()
+    again = api.client.post("/videos?metadata=order:79", content=MP4).json()
+    assert (again["id"], api.client.get(f"/jobs/{again['job']}").json()["metadata"]) == (video["id"], {"order": "79"})
+    make_ready(api.services, video["id"])
+    api.client.post("/videos?metadata=order:80", content=MP4).raise_for_status()
+    assert listed("order:80") == [again["job"]]
+    api.client.post("/videos", content=MP4).raise_for_status()
+    assert listed("order:80") == [again["job"]]
+
+
 def test_jobs_and_media_have_strong_etags_that_change_with_them(api: Api) -> None:
     video = upload(api, "/videos")
     for path in (f"/jobs/{video['job']}", f"/videos/{video['id']}"):

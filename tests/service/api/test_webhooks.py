@@ -121,7 +121,7 @@ def test_a_swap_and_a_form_can_name_a_receiver(api: Api) -> None:
 
 def test_an_upload_by_form_can_name_a_receiver_of_its_vectorisation(api: Api) -> None:
     with Receiver().listening() as receiver:
-        form = {"webhook": receiver.url}
+        form = {"webhook": receiver.url, "metadata": "order:77"}
         medium = api.client.post("/videos", files={"file": ("a.mp4", MP4)}, data=form).json()
         lease = claim(api.services.database, medium["job"])
         with api.services.background.write() as session:
@@ -130,6 +130,7 @@ def test_an_upload_by_form_can_name_a_receiver_of_its_vectorisation(api: Api) ->
     said = receiver.got[0].verified(api.client.get("/webhooks/secret").json()["secret"])
     assert (said["type"], said["data"]["kind"], said["data"]["media"]) == ("job.failed", "vectorize", medium["id"])
     assert said["data"]["error"]["code"] == "no-face"
+    assert said["data"]["metadata"] == {"order": "77"}
 
 
 @pytest.mark.parametrize(
