@@ -92,19 +92,26 @@ function leaveComparison() {
   document.getElementById("stage").focus();
 }
 
-/** Space plays, comma and full stop go by frames, unless a control has the key. */
+/** what has every key for itself, and what is pressed by Space */
+const WRITES = "textarea, select, input:not([type=range], [type=checkbox], [type=radio])";
+const PRESSED = "button, a, summary, input:not([type=range])";
+
+/** Space plays, comma and full stop go by frames, wherever the focus is, unless what has it needs the key. */
 function keys(event) {
-  if (event.target.closest("input, button, select, a, summary") || event.ctrlKey || event.metaKey || event.altKey) return;
-  const act = { " ": () => view.toggle?.(), ",": () => view.step?.(-1), ".": () => view.step?.(1) }[event.key];
-  if (!act) return;
+  const on = (selector) => event.target.closest?.(selector);
+  if (event.ctrlKey || event.metaKey || event.altKey || on(WRITES) || document.querySelector("dialog[open]")) return;
+  const isSpace = event.key === " ";
+  if (isSpace && on(PRESSED)) return;
+  const [act, by] = { " ": ["toggle"], ",": ["step", -1], ".": ["step", 1] }[event.key] ?? [];
+  if (!view[act]) return;
   event.preventDefault();
-  act();
+  if (!isSpace || !event.repeat) view[act](by);
 }
 
 export function mountStage() {
   const stage = document.getElementById("stage");
   takesFiles(stage, openFiles, noFile);
-  stage.addEventListener("keydown", keys);
+  document.addEventListener("keydown", keys);
   // on a phone the picture stays in sight while the rest goes by: what is above it may leave
   const above = () => picture.getBoundingClientRect().top - stage.getBoundingClientRect().top;
   new ResizeObserver(() => stage.style.setProperty("--above", `${above()}px`)).observe(stage);

@@ -1,0 +1,84 @@
+"""What hands do all day: keys, reloads, a service that is away for a moment, and files that are none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Page
+
+from tests.browser.conftest import Guarded, OpenPage
+from tests.browser.driving import READY
+from tests.service.fixtures import Api, make_ready
+
+pytestmark = pytest.mark.timeout(300)
+
+
+@dataclass
+class Desk:
+    """A service without a worker, with a clip, and the page."""
+
+    api: Api
+    video: dict[str, Any]
+    guarded: Guarded
+
+    def edit(self) -> Page:
+        """The page with the clip, as after a reload."""
+        page = self.guarded.open(f"/#{self.video['id']}")
+        self.guarded.until(READY)
+        return page
+
+
+@pytest.fixture
+def desk(api: Api, open_page: OpenPage, tiny_clip: Path) -> Desk:
+    video = api.client.post("/videos", content=tiny_clip.read_bytes()).raise_for_status().json()
+    make_ready(api.services, video["id"])
+    guarded = open_page(str(api.client.base_url).rstrip("/"))
+    guarded.expected += ["status of 409", "status of 503"]  # pictures are made by a worker, which is not there
+    return Desk(api, video, guarded)
+
+
+FRAME = "() => Number(document.querySelector('#transport .time').value)"
+PLAYS = "() => !document.querySelector('#picture video').paused"
+RESTS = "() => document.querySelector('#picture video').paused"
+
+
+def test_keys_work_wherever_the_focus_is(desk: Desk) -> None:
+    page = desk.edit()
+    page.evaluate("() => document.activeElement.blur()")
+    for key, frame in (("Period", 1), ("Period", 2), ("Comma", 1)):
+        page.keyboard.press(key)
+        assert page.evaluate(FRAME) == frame
+    # a button that was pressed last has Space, and no other key
+    page.get_by_role("button", name="One frame on").click()
+    page.keyboard.press("Period")
+    assert page.evaluate(FRAME) == 3
+    page.keyboard.press("Space")
+    assert page.evaluate(FRAME) == 4
+    page.get_by_role("radio", name="Mask").check()
+    page.keyboard.press("Comma")
+    assert page.evaluate(FRAME) == 3
+    page.get_by_role("slider", name="Frame").focus()
+    page.keyboard.press("Period")
+    assert page.evaluate(FRAME) == 4
+
+
+def test_keys_are_left_to_what_is_written_or_asked(desk: Desk) -> None:
+    page = desk.edit()
+    page.get_by_role("button", name="Delete the clip").click()
+    page.keyboard.press("Period")
+    page.get_by_role("button", name="Keep").click()
+    page.evaluate("() => document.getElementById('picture').append(document.createElement('textarea'))")
+    page.locator("#picture textarea").fill("a")
+    page.keyboard.type(" .")
+    assert page.locator("#picture textarea").input_value() == "a ."
+    assert page.evaluate(FRAME) == 0
+
+
+def test_space_scrolls_where_nothing_plays(desk: Desk) -> None:
+    page = desk.guarded.open()
+    page.evaluate("() => window.addEventListener('keydown', (event) => { window.kept = event.defaultPrevented; })")
+    page.keyboard.press("Space")
+    assert page.evaluate("() => window.kept") is False
