@@ -11,6 +11,7 @@ from playwright.sync_api import Page
 
 from tests.browser.conftest import Guarded, OpenPage
 from tests.browser.driving import READY
+from tests.service.api.test_authentication import holder
 from tests.service.fixtures import Api, make_ready
 
 pytestmark = pytest.mark.timeout(300)
@@ -41,7 +42,10 @@ def desk(api: Api, open_page: OpenPage, tiny_clip: Path) -> Desk:
 
 
 FRAME = "() => Number(document.querySelector('#transport .time').value)"
-PLAYS = "() => !document.querySelector('#picture video').paused"
+PLAYS = """() => {
+  const video = document.querySelector('#picture video');
+  return !video.paused && !video.hidden && video.currentTime > 0;
+}"""
 RESTS = "() => document.querySelector('#picture video').paused"
 
 
@@ -82,3 +86,51 @@ def test_space_scrolls_where_nothing_plays(desk: Desk) -> None:
     page.evaluate("() => window.addEventListener('keydown', (event) => { window.kept = event.defaultPrevented; })")
     page.keyboard.press("Space")
     assert page.evaluate("() => window.kept") is False
+
+
+def test_a_clip_plays_after_a_reload(desk: Desk) -> None:
+    page = desk.edit()
+    page.keyboard.press("Period")
+    page.get_by_role("button", name="Play", exact=True).click()
+    desk.guarded.until(PLAYS, seconds=30)
+    page.get_by_role("button", name="Pause").click()
+    desk.guarded.until(RESTS)
+    page.evaluate("() => document.activeElement.blur()")
+    page.keyboard.press("Space")
+    desk.guarded.until(PLAYS, seconds=30)
+
+
+def test_a_clip_plays_after_a_reload_with_a_key(desk: Desk, tiny_clip: Path) -> None:
+    key = holder(desk.api)
+    video = key.post("/videos", content=tiny_clip.read_bytes()).json()
+    make_ready(desk.api.services, video["id"])
+    desk.guarded.expected.append("status of 401")
+    page = desk.guarded.page
+    page.goto(f"{desk.guarded.root}/#{video['id']}")
+    page.get_by_label("Key", exact=True).fill(key.text)
+    page.keyboard.press("Enter")
+    desk.guarded.until(READY)
+    page.get_by_role("button", name="Play", exact=True).click()
+    desk.guarded.until(PLAYS, seconds=30)
+
+
+def test_a_file_that_does_not_come_is_asked_for_again(desk: Desk) -> None:
+    page = desk.edit()
+    page.route("**/file", lambda route: route.fulfill(status=503, body="{}"))
+    play = page.get_by_role("button", name="Play", exact=True)
+    play.click()
+    page.get_by_text("The clip cannot be played just now").first.wait_for()
+    page.unroute("**/file")
+    play.click()
+    desk.guarded.until(PLAYS, seconds=30)
+
+
+def test_a_file_that_cannot_be_played_is_stepped_through(desk: Desk) -> None:
+    page = desk.edit()
+    page.route("**/file", lambda route: route.fulfill(status=200, content_type="video/mp4", body="no clip"))
+    play = page.get_by_role("button", name="Play", exact=True)
+    play.click()
+    page.get_by_text("This browser cannot play this format").wait_for()
+    play.wait_for(state="hidden")
+    page.keyboard.press("Period")
+    assert page.evaluate(FRAME) == 1

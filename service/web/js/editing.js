@@ -1,6 +1,6 @@
 /**
  * The clip at rest, with the selected portrait's look on one of its frames, or with what was found in it drawn over
- * it. Playing shows the clip as it is, if its file is in this tab.
+ * it. Playing shows the clip as it is: the file in this tab, or, after a reload, what the service has of it.
  */
 
 import { choice, el, say, showPicture } from "./dom.js";
@@ -12,7 +12,9 @@ import { lookOf } from "./references.js";
 import { Player } from "./player.js";
 import { selectedReference } from "./store.js";
 import { middleOf, Split } from "./split.js";
+import { isGood, uploadedUrl } from "./transfers.js";
 import { transport } from "./transport.js";
+import { failure } from "./notices.js";
 
 /** a slider that moves asks only for where it rests */
 const PAUSE_MS = 90;
@@ -55,16 +57,13 @@ export class Editing {
 
   #makePlayer(bar) {
     const { clip } = this;
+    this.player = new Player(null, this.video, { rate: this.rate, length: this.frames / this.rate });
+    this.player.loops = true;
+    this.player.addEventListener("time", () => this.#played());
+    this.video.addEventListener("error", () => this.#broke());
     if (clip.url) {
-      this.player = new Player(null, this.video, { rate: this.rate, length: this.frames / this.rate });
-      this.player.loops = true;
       this.video.src = clip.url;
       this.video.hidden = false; // until the first frame has come
-      this.player.addEventListener("time", () => this.#played());
-      this.video.addEventListener("error", () => {
-        this.player = null;
-        this.#showTime();
-      });
     }
     const mute = () => {
       this.video.muted = !this.video.muted;
@@ -86,14 +85,55 @@ export class Editing {
     return this.#layer || (this.#look() ? "look" : "landmarks");
   }
 
-  toggle() {
-    if (!this.player) return;
+  async toggle() {
+    if (!this.player || this.fetching) return;
     if (this.playing) {
       this.player.pause();
-    } else {
+    } else if (this.video.hasAttribute("src") || (await this.#fetched())) {
       this.player.frame = this.at;
       this.player.play();
     }
+  }
+
+  /** Have the file from the service, once it is to be played; true when it can be. */
+  async #fetched() {
+    const { video } = this;
+    this.fetching = true;
+    this.split.element.setAttribute("aria-busy", "true");
+    try {
+      this.uploaded = await uploadedUrl(this.clip.medium.id);
+      if (this.closed) {
+        URL.revokeObjectURL(this.uploaded);
+        return false;
+      }
+      const comes = new Promise((resolve) => {
+        video.addEventListener("loadeddata", () => resolve(true), { once: true });
+        video.addEventListener("error", () => resolve(false), { once: true });
+      });
+      video.preload = "auto";
+      video.src = this.uploaded;
+      return (await comes) && !this.closed;
+    } catch (error) {
+      failure(error, "The clip could not be fetched");
+      return false;
+    } finally {
+      this.fetching = false;
+      this.split.element.removeAttribute("aria-busy");
+    }
+  }
+
+  /** A file that comes and cannot be played is stepped through; one that does not come is tried again. */
+  async #broke() {
+    const source = this.video.getAttribute("src");
+    if (!source) return;
+    if (await isGood(source)) {
+      this.player = null;
+      if (this.uploaded) this.#tell("This browser cannot play this format; go through it frame by frame.");
+    } else if (!this.closed) {
+      this.video.removeAttribute("src");
+      failure({ title: "The service did not give its file", detail: "press Play once more in a moment" }, "The clip cannot be played just now");
+    }
+    this.#showTime();
   }
 
   step(by) {
@@ -178,8 +218,10 @@ export class Editing {
   }
 
   close() {
+    this.closed = true;
     this.#work.cancel();
     this.player?.pause();
     this.video.removeAttribute("src");
+    if (this.uploaded) URL.revokeObjectURL(this.uploaded);
   }
 }
