@@ -134,3 +134,39 @@ def test_a_file_that_cannot_be_played_is_stepped_through(desk: Desk) -> None:
     play.wait_for(state="hidden")
     page.keyboard.press("Period")
     assert page.evaluate(FRAME) == 1
+
+
+@pytest.mark.parametrize("away", ["videos/vid_*", "{videos,videos?*,videos/*,references?*,jobs?*}"], ids=["clip", "all"])
+def test_a_service_that_is_away_for_a_moment_keeps_the_address(desk: Desk, away: str) -> None:
+    page = desk.guarded.page
+    hash_is = "(id) => location.hash === `#${id}`"
+    problem = {"title": "Not just now", "code": "unavailable", "status": 503}
+    # longer than the page waits by itself
+    page.route(f"**/v1/{away}", lambda route: route.fulfill(status=503, headers={"Retry-After": "60"}, json=problem))
+    desk.guarded.open(f"/#{desk.video['id']}")
+    page.locator("#picture").get_by_text("Not just now").wait_for()
+    assert page.evaluate(hash_is, desk.video["id"])
+    page.unroute(f"**/v1/{away}")
+    page.locator("#picture").get_by_role("button", name="Try again").click()
+    desk.guarded.until(READY)
+    assert page.evaluate(hash_is, desk.video["id"])
+    page.reload()
+    desk.guarded.until(READY)
+
+
+def test_a_clip_that_is_gone_is_told_of(desk: Desk) -> None:
+    assert desk.api.client.delete(f"/videos/{desk.video['id']}").status_code == 204
+    desk.guarded.expected.append("status of 404")
+    page = desk.guarded.open(f"/#{desk.video['id']}")
+    page.locator("#toasts").get_by_text("This clip is no longer here").wait_for()
+    assert page.evaluate("() => location.hash") == ""
+    page.get_by_role("button", name="Choose a clip").wait_for()
+
+
+def test_the_address_names_a_clip_while_it_is_vectorised(desk: Desk, tiny_clip: Path) -> None:
+    content = tiny_clip.read_bytes() + b"\0\0\0\x08free"
+    video = desk.api.client.post("/videos", content=content).raise_for_status().json()
+    page = desk.guarded.page
+    page.goto(f"{desk.guarded.root}/#{video['id']}")
+    page.get_by_text("Waiting for a worker").wait_for()
+    assert page.evaluate("() => location.hash") == f"#{video['id']}"

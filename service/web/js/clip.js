@@ -31,6 +31,7 @@ export async function openFiles([file, ...others]) {
 export async function openMedium(medium) {
   const item = ofMedium(PATH, medium);
   put(item);
+  remember(medium.id);
   await arrive(item);
 }
 
@@ -50,7 +51,12 @@ function put(item) {
 }
 
 /** Try a failed clip once more. */
-export const retry = (item) => (item.file ? arrive(item) : openMedium(item.medium));
+export function retry(item) {
+  if (!item.again) return arrive(item);
+  item.error = null;
+  changed();
+  return item.again();
+}
 
 /** Clear the stage; the clip stays with the service. */
 export function close() {
@@ -95,15 +101,29 @@ export async function listClips() {
   changed();
 }
 
-/** The clip that the address names, if there is one and it is still there. */
-export async function reopen() {
+/**
+ * The clip that the address names, if there is one and it is still there. While the service cannot say, the address
+ * keeps it, and the stage offers `again`.
+ */
+export async function reopen(again) {
   const id = location.hash.slice(1);
   if (!/^vid_\w+$/.test(id)) return;
+  const before = state.clip;
+  let medium;
   try {
-    await openMedium(await ask(`${PATH}/${id}`));
-  } catch {
-    remember(null);
+    medium = await ask(`${PATH}/${id}`);
+  } catch (error) {
+    if (state.clip !== before) return; // another clip came meanwhile
+    if (error.status === 404) {
+      close();
+      notice("This clip is no longer here");
+      return;
+    }
+    put({ ...ofMedium(PATH, { id, filename: "Clip" }), medium: null, error, again });
+    remember(id);
+    return;
   }
+  if (state.clip === before) await openMedium(medium);
 }
 
 export const readyClip = () => (isReady(state.clip) ? state.clip : null);

@@ -33,11 +33,17 @@ change.addEventListener("click", async () => {
   location.reload();
 });
 
-try {
-  await listClips(); // asks for a key first, where one is wanted
-  await Promise.all([listReferences(), reopen()]);
-  await listJobs();
-} catch (error) {
-  failure(error);
+/** Fetch all of it; what fails is told once, and the clip has its own "Try again". */
+async function begin() {
+  let told = false;
+  const tried = (work) => work.catch((error) => {
+    if (!told) failure(error);
+    told = true;
+  });
+  await tried(listClips()); // asks for a key first, where one is wanted
+  await Promise.all([tried(listReferences()), tried(reopen(begin))]);
+  await tried(listJobs());
 }
+
+await begin();
 document.documentElement.dataset.ready = "";

@@ -36,7 +36,7 @@ export class OnTheWay {
     this.problem.hidden = !error;
     this.bar.hidden = Boolean(error);
     this.stop.hidden = Boolean(error) || !now;
-    this.again.hidden = !error || !this.clip.file;
+    this.again.hidden = !error || !(this.clip.file || this.clip.again);
     this.away.hidden = !error;
     if (error) {
       say(this.label, error.title ?? "Something went wrong");
