@@ -136,7 +136,9 @@ def test_a_file_that_cannot_be_played_is_stepped_through(desk: Desk) -> None:
     assert page.evaluate(FRAME) == 1
 
 
-@pytest.mark.parametrize("away", ["videos/vid_*", "{videos,videos?*,videos/*,references?*,jobs?*}"], ids=["clip", "all"])
+@pytest.mark.parametrize(
+    "away", ["videos/vid_*", "{videos,videos?*,videos/*,references?*,jobs?*}"], ids=["clip", "all"]
+)
 def test_a_service_that_is_away_for_a_moment_keeps_the_address(desk: Desk, away: str) -> None:
     page = desk.guarded.page
     hash_is = "(id) => location.hash === `#${id}`"
