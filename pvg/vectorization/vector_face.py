@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvg._arrays import Bytes, Floats
-from pvg._threads import side_by_side
 from pvg.asset import AssetWriter, FaceRecord, FaceSummary, KeyFrame
 from pvg.curves import BOUNDARY, GROUPS, boundary_points, boundary_radius, place, table_labels
 from pvg.errors import NoFaceError
@@ -32,14 +31,18 @@ from pvg.skin import (
 from pvg.vectorization.exposure import DueKey, ExposureWatch, Patch
 from pvg.vectorization.following import KeyView, Stretch, rows_between
 from pvg.vectorization.key_colors import fit_key_frame
+from pvg.vectorization.key_frames import good_rows
 from pvg.vectorization.open_skin import skin_sample
-from pvg.vectorization.part_colors import part_colors
+from pvg.vectorization.part_colors import part_colors, shows_lips, with_lips_of, without_covered_lips
 from pvg.vectorization.plausible import doubts
 
 ADVISED_FACE_PX = 200  # the paper's least face size
 _SAMPLE_MARGIN = 0.06  # of the face's width: reach of what smooths the sampled skin
 _PLACE_EVERY = 4  # frames from one place of a face that is kept to the next: others' bodies end where theirs begins
+_LIPS_EVERY = 8  # frames from one look for lips that were not seen yet to the next
 INSET = 0.02  # boundary samples lie this part of the face's width inside the mask
+
+_SeenSkin = tuple[Floats, Floats, Floats]  # open skin (n, 3), where it is (n, 2), colours of parts (P, 3)
 
 
 class VectorFace:
@@ -90,6 +93,7 @@ class VectorFace:
         skin = SkinTracker(model)
         self.key_matte, self._key_skin = skin.step(key.picture, key.landmarks, key.scene), skin
         self._no_body = np.zeros(scene_raster(key.picture.size).shape, np.uint8)
+        self._lips: tuple[Floats, Floats] | None = None  # parts with lips and the open skin of the first row with them
         self._watch: ExposureWatch | None = None
         if reset is None:
             whole = None if key.scene is None else key.scene.contrast
@@ -110,6 +114,8 @@ class VectorFace:
                 whole = None if scene is None else scene.contrast
                 self._fit_due(self._watch.see(row, picture, rows.landmarks[k], matte, score, pose, whole))
                 visible *= self._watch.shows
+            if self._lips is None and row % _LIPS_EVERY == 0 and good_rows(rows)[k]:
+                self._look_for_lips(_seen_skin(picture, rows.landmarks[k], matte))
             seen = matte, self._skin.light, self._skin.told
             body = self._bodies.submit(self._body_alpha, scene, rows.landmarks[k], *seen)
             self._unwritten.append((rows, k, visible, body))
@@ -183,6 +189,10 @@ class VectorFace:
         if self._main_from is not None:
             keys[self._main_from] = replace(keys[self._key_row], frame=self.first + self._main_from)
         since = {row: None if last is None else self.first + last for row, last in self._since.items()}
+        if self._lips is not None:
+            for row, key in keys.items():
+                if len(key.skin) and not shows_lips(key.parts):
+                    keys[row] = replace(key, parts=with_lips_of(key.parts, key.skin, *self._lips))
         first = min(keys)
         return tuple(replace(keys[row], since=None if row == first else since.get(row)) for row in sorted(keys))
 
@@ -219,9 +229,18 @@ class VectorFace:
         """Fit a row's colours in a thread of its own: half a second that nothing before `record` waits for."""
         fitting = ThreadPoolExecutor(1)
         frame = self.first + row
-        self._keys[row] = fitting.submit(_key_frame, frame, picture, landmarks, matte, self._seed)
+        seen = _seen_skin(picture, landmarks, matte)
+        if self._lips is None:
+            self._look_for_lips(seen)
+        self._keys[row] = fitting.submit(_key_frame, frame, picture, landmarks, matte, seen, self._seed)
         fitting.shutdown(wait=False)
         self._fits.append(fitting)
+
+    def _look_for_lips(self, seen: _SeenSkin) -> None:
+        """Keep the lips of a row, if it shows some."""
+        skin, _, parts = seen
+        if len(skin) and shows_lips(parts):
+            self._lips = parts, skin
 
     def _body_alpha(
         self, scene: Scene | None, landmarks: Landmarks, matte: Matte, light: Floats, told: Told | None
@@ -255,16 +274,21 @@ class VectorFace:
         writer.add_frame(self.number, arrays)
 
 
-def _key_frame(frame: int, picture: Picture, landmarks: Landmarks, matte: Matte, seed: int) -> KeyFrame | None:
+def _seen_skin(picture: Picture, landmarks: Landmarks, matte: Matte) -> _SeenSkin:
+    skin, places = _open_skin(picture, landmarks, matte)
+    return skin, places, without_covered_lips(part_colors(picture, landmarks, matte), skin)
+
+
+def _key_frame(
+    frame: int, picture: Picture, landmarks: Landmarks, matte: Matte, seen: _SeenSkin, seed: int
+) -> KeyFrame | None:
     """A frame as a key frame, None where the matte shows no skin."""
     boundary = boundary_points(_radius(landmarks, matte), landmarks.axes)
     positions = place(table_labels(), landmarks, boundary)
     rgb, corner = _cut_out(picture, matte.raster.box)
+    skin, places, parts = seen
     try:
-        (skin, places, parts), (colors, visible) = side_by_side(
-            lambda: (*_open_skin(picture, landmarks, matte), part_colors(picture, landmarks, matte)),
-            lambda: fit_key_frame(rgb, matte.crop(corner), positions - corner, landmarks.axes.width, seed),
-        )
+        colors, visible = fit_key_frame(rgb, matte.crop(corner), positions - corner, landmarks.axes.width, seed)
     except NoFaceError:
         return None
     return KeyFrame(frame, colors, visible, skin, _nearest_on_skin(places, positions), parts)

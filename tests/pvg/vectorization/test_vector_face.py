@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
+import pytest
 
-from pvg.asset import AssetWriter
-from pvg.face import Landmarks
+from pvg.asset import AssetWriter, FaceRecord
+from pvg.face import PARTS, Landmarks, layout
 from pvg.landmarks import FaceTrack
 from pvg.picture import as_picture
 from pvg.vectorization.following import KeyView, Stretch
 from pvg.vectorization.vector_face import VectorFace
-from tests.gallery.scenes import drawn_face
+from tests.gallery.scenes import drawn_face, open_skin
 
 
 def base(array: np.ndarray) -> np.ndarray:
@@ -22,11 +24,16 @@ def base(array: np.ndarray) -> np.ndarray:
     return array
 
 
+def still_rows(landmarks: Landmarks, count: int) -> FaceTrack:
+    """A face that holds still and looks into the camera."""
+    stacked = np.repeat(landmarks.stacked[None], count, axis=0)
+    return FaceTrack(0, Landmarks.unstack(stacked), np.ones(count, np.float32), np.zeros((count, 3), np.float32))
+
+
 def test_a_face_keeps_its_places_and_no_stretch_of_its_track(tmp_path: Path) -> None:
     scene = drawn_face()
     picture, count = as_picture(scene.rgb), 6
-    stacked = np.repeat(scene.landmarks.stacked[None], count, axis=0)
-    rows = FaceTrack(0, Landmarks.unstack(stacked), np.ones(count, np.float32), np.zeros((count, 3), np.float32))
+    rows = still_rows(scene.landmarks, count)
     key = KeyView(0, picture, rows.landmarks[0], None)
     face = VectorFace(0, rows, key, method="landmarks", seed=0, reset=None)
     with AssetWriter(tmp_path / "face.pvg") as writer:
@@ -37,3 +44,46 @@ def test_a_face_keeps_its_places_and_no_stretch_of_its_track(tmp_path: Path) -> 
     np.testing.assert_array_equal(place.stacked, scene.landmarks.stacked)
     held = {id(base(part)): base(part).nbytes for part in (place.points, place.skin_points)}
     assert sum(held.values()) == place.points.nbytes + place.skin_points.nbytes
+
+
+LIPS = np.array((168.0, 100.0, 96.0))
+
+
+def with_mouth(rgb: np.ndarray, landmarks: Landmarks, color: np.ndarray) -> np.ndarray:
+    """The picture with all between and around its lips of one colour."""
+    out = rgb.copy()
+    middle = landmarks.points[layout.LIPS_OUTER].mean(axis=0)
+    outline = middle + 1.4 * (landmarks.points[layout.LIPS_OUTER] - middle)
+    cv2.fillPoly(out, [np.rint(outline).astype(np.int32)], tuple(int(c) for c in color))
+    return out
+
+
+def record_of(pictures: list[np.ndarray], landmarks: Landmarks, folder: Path) -> FaceRecord:
+    """What is kept of a still face whose key frame is its first."""
+    rows, read = still_rows(landmarks, len(pictures)), tuple(as_picture(rgb) for rgb in pictures)
+    key = KeyView(0, read[0], rows.landmarks[0], None)
+    face = VectorFace(0, rows, key, method="landmarks", seed=0, reset=None)
+    with AssetWriter(folder / "face.pvg") as writer:
+        face.add(Stretch(0, 0, rows, read, np.ones(len(read), np.float32), (), key), writer)
+        face.finish(writer)
+        return face.record(0)
+
+
+@pytest.mark.parametrize("light", [1.0, 0.8])
+def test_lips_under_a_hand_are_known_by_the_first_frame_that_shows_them(tmp_path: Path, light: float) -> None:
+    scene = drawn_face()
+    own = np.median(scene.rgb[open_skin(scene)], axis=0)
+    covered = with_mouth(scene.rgb, scene.landmarks, own * 1.05)
+    shown = with_mouth(scene.rgb, scene.landmarks, LIPS) * light
+    pictures = [covered] * 10 + [shown.astype(np.uint8)] * 10
+    key, *_ = record_of(pictures, scene.landmarks, tmp_path).key_frames
+    assert key.frame == 0
+    np.testing.assert_allclose(key.parts[PARTS.index("lips")], LIPS, atol=4)
+
+
+def test_lips_that_are_never_shown_are_no_part(tmp_path: Path) -> None:
+    scene = drawn_face()
+    covered = with_mouth(scene.rgb, scene.landmarks, np.median(scene.rgb[open_skin(scene)], axis=0) * 1.05)
+    (key,) = record_of([covered] * 20, scene.landmarks, tmp_path).key_frames
+    assert np.isnan(key.parts[PARTS.index("lips")]).all()
+    assert not np.isnan(key.parts[PARTS.index("brows")]).any()
