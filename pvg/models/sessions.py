@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -16,27 +17,39 @@ __all__ = ["load"]
 
 # keyed by process too: an onnxruntime session's threads do not survive a fork
 _sessions: dict[tuple[int, str | None, str, int], onnxruntime.InferenceSession] = {}
+_lock = threading.Lock()
+
+
+def _new_lock() -> None:
+    global _lock  # noqa: PLW0603 - another thread may have held it when this process was forked
+    _lock = threading.Lock()
+
+
+os.register_at_fork(after_in_child=_new_lock)
 
 
 def load(name: str, threads: int = 1) -> onnxruntime.InferenceSession:
-    """Return the session of one network of MODELS or OWN, made once a process and thread count.
+    """Return the session of one network of MODELS or OWN, made once a process and thread count, whoever asks.
 
     Inputs are float32, of MODELS (1, 256, 256, 3) RGB; the file's sha256 is checked before it is used.
     Raises ModelError when the weights are missing or altered, KeyError for an unknown name.
     """
     key = (os.getpid(), os.environ.get("PVG_CACHE_DIR"), name, threads)
-    session = _sessions.get(key)
-    if session is None:
-        data = own(OWN[name]) if name in OWN else verified(MODELS[name])
-        ort = _silent_onnxruntime()
-        options = ort.SessionOptions()
-        options.intra_op_num_threads = threads
-        options.inter_op_num_threads = 1
-        # idle worker threads must not spin: decoding, solving and encoding share the cores
-        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-        options.log_severity_level = 3
-        session = ort.InferenceSession(data, options, providers=["CPUExecutionProvider"])
-        _sessions[key] = session
+    with _lock:
+        if key not in _sessions:
+            _sessions[key] = _made(own(OWN[name]) if name in OWN else verified(MODELS[name]), threads)
+        return _sessions[key]
+
+
+def _made(data: bytes, threads: int) -> onnxruntime.InferenceSession:
+    ort = _silent_onnxruntime()
+    options = ort.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
+    # idle worker threads must not spin: decoding, solving and encoding share the cores
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    options.log_severity_level = 3
+    session: onnxruntime.InferenceSession = ort.InferenceSession(data, options, providers=["CPUExecutionProvider"])
     return session
 
 

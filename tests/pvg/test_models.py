@@ -6,15 +6,18 @@ import json
 import shutil
 import subprocess
 import sys
+import time
 import zipfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from pvg import models
 from pvg.errors import ModelError
-from pvg.models import fetching
+from pvg.models import fetching, sessions
 from pvg.models.fetching import fetch
 from pvg.models.networks import OWN
 from pvg.models.store import own, store
@@ -213,6 +216,27 @@ def test_the_command_reports_the_installed_networks() -> None:
         )
         assert done.returncode == 0, done.stderr
         assert "3 networks already there" in done.stdout
+
+
+def test_threads_that_ask_at_once_share_a_session(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[object] = []
+
+    class Options:
+        def add_session_config_entry(self, name: str, value: str) -> None:
+            """Taken."""
+
+    def session(*_: object, **__: object) -> object:
+        time.sleep(0.05)  # long enough for the others to ask
+        made.append(object())
+        return made[-1]
+
+    ort = SimpleNamespace(SessionOptions=Options, InferenceSession=session)
+    monkeypatch.setattr(sessions, "_silent_onnxruntime", lambda: ort)
+    monkeypatch.setattr(sessions, "_sessions", {})
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda _: models.load("selfie_segmenter"), range(4)))
+    assert len(made) == 1
+    assert found == made * 4
 
 
 def test_a_forked_process_gets_a_session_of_its_own() -> None:
