@@ -16,6 +16,7 @@ import io
 import json
 import struct
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from fractions import Fraction
 from itertools import pairwise
@@ -99,17 +100,25 @@ class PartWriter:
     def __init__(self, path: Path, encoder: PictureEncoder, clip: ClipOfParts, *, start: int, stop: int) -> None:
         self.path, self._encoder, self._clip = path, encoder, clip
         self._start, self._stop = start, stop
-        self._digest, self._coded = hashlib.sha256(), list[int]()
+        self._digest, self._coded, self._whole = hashlib.sha256(), list[int](), False
 
     def __enter__(self) -> PartWriter:
-        # never written: its container's kind alone says what packets are to be like
-        self._unwritten = av.open(io.BytesIO(), "w", format=self._encoder.plan.container)
-        self._encoder.stream_of(self._unwritten)
-        head = head_of(self._clip, self._encoder, self._start, self._stop)
-        text = json.dumps(asdict(head), sort_keys=True).encode()
-        self._file = self.path.open("wb")
-        self._put(_MAGIC + _LENGTH.pack(len(text)) + text)
+        with ExitStack() as stack:
+            # never written: its container's kind alone says what packets are to be like
+            unwritten = stack.enter_context(av.open(io.BytesIO(), "w", format=self._encoder.plan.container))
+            self._encoder.stream_of(unwritten)
+            head = head_of(self._clip, self._encoder, self._start, self._stop)
+            text = json.dumps(asdict(head), sort_keys=True).encode()
+            self._file = self.path.open("wb")
+            stack.callback(self._remove_draft)
+            stack.enter_context(self._file)
+            self._put(_MAGIC + _LENGTH.pack(len(text)) + text)
+            self._opened = stack.pop_all()
         return self
+
+    def _remove_draft(self) -> None:
+        if not self._whole:
+            self.path.unlink(missing_ok=True)
 
     @property
     def _count(self) -> int:
@@ -144,19 +153,15 @@ class PartWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        whole = False
-        try:
-            if kind is None:
-                if self._encoder.frames != self._count:
-                    raise ValueError(f"{self.path.name} has {self._encoder.frames} frames of {self._count}")
-                self._add(self._encoder.rest())
-                self._put_end()
-                whole = True
-        finally:
-            self._file.close()
-            self._unwritten.close()
-            if not whole:
-                self.path.unlink(missing_ok=True)
+        with self._opened:
+            if kind is not None:
+                return
+            if self._encoder.frames != self._count:
+                raise ValueError(f"{self.path.name} has {self._encoder.frames} frames of {self._count}")
+            self._add(self._encoder.rest())
+            self._put_end()
+            self._file.close()  # on a full disk even closing raises
+            self._whole = True
 
 
 class PartReader:

@@ -109,18 +109,22 @@ class PipeReader:
         limits: MediaLimits | None = None,
     ) -> None:
         self._source, self._color, self._space, self._limits = source, color, space, limits or MediaLimits()
-        self._stack = ExitStack()
 
     def __enter__(self) -> PipedClip:
-        start = _exactly(self._source, len(_NUT_START), short=True)
+        with ExitStack() as stack:
+            clip = self._clip(_exactly(self._source, len(_NUT_START), short=True), stack)
+            self._opened = stack.pop_all()
+        return clip
+
+    def __exit__(self, *_: object) -> None:
+        self._opened.close()
+
+    def _clip(self, start: bytes, stack: ExitStack) -> PipedClip:
         if start.startswith(_Y4M_START):
             return self._y4m(start)
         if start == _NUT_START:
-            return self._nut(start)
+            return self._nut(start, stack)
         raise MediaError("standard input is neither NUT nor YUV4MPEG2")
-
-    def __exit__(self, *_: object) -> None:
-        self._stack.close()
 
     def _y4m(self, start: bytes) -> PipedClip:
         line = start + _line(self._source) if b"\n" not in start else start
@@ -169,12 +173,12 @@ class PipeReader:
         plane: Plane = np.frombuffer(data, dtype=target.dtype).reshape(shape)  # type: ignore[assignment]
         return plane
 
-    def _nut(self, start: bytes) -> PipedClip:
+    def _nut(self, start: bytes, stack: ExitStack) -> PipedClip:
         try:
             opened = av.open(_Joined(start, self._source), "r", format="nut")
         except (av.error.FFmpegError, ValueError) as error:
             raise MediaError(f"standard input is damaged: its header cannot be read ({reason(error)})") from error
-        container: av.container.InputContainer = self._stack.enter_context(opened)
+        container: av.container.InputContainer = stack.enter_context(opened)
         if not container.streams.video:
             raise MediaError("standard input has no pictures")
         stream = container.streams.video[0]

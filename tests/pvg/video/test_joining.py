@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import errno
 import hashlib
 from collections.abc import Sequence
 from dataclasses import replace
@@ -270,6 +271,23 @@ def test_the_same_frames_give_the_same_part(drawn: tuple[list[Path], MediaInfo, 
     assert [hashlib.sha256(path.read_bytes()).digest() for path in _write_parts(tmp_path, frames, info, plan)] == [
         hashlib.sha256(path.read_bytes()).digest() for path in parts
     ]
+
+
+def test_a_part_that_cannot_be_begun_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    info = _info("yuv420p")
+    encoder = PictureEncoder(info, info.format, make_plan(info, container="mp4"), part=True)
+    writer = PartWriter(tmp_path / "a.part", encoder, ClipOfParts(_SHA, 9, None, None, _MADE_BY), start=0, stop=9)
+    files = []
+
+    def full(_: PartWriter, __: bytes) -> None:
+        files.append(writer._file)
+        raise OSError(errno.ENOSPC, "full")
+
+    monkeypatch.setattr(PartWriter, "_put", full)
+    with pytest.raises(OSError, match="full"), writer:
+        pass
+    assert [file.closed for file in files] == [True]
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_pipes_and_pictures_are_not_joined() -> None:

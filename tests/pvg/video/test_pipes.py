@@ -7,6 +7,7 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
+import av
 import numpy as np
 import pytest
 
@@ -91,6 +92,23 @@ def test_the_shortest_first_line_is_read() -> None:
 def test_what_is_no_clip_is_refused(content: bytes, words: str) -> None:
     with pytest.raises(MediaError, match=words), PipeReader(io.BytesIO(content), limits=MediaLimits()):
         pass
+
+
+def test_a_pipe_that_is_refused_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    content, _ = written("yuv420p", "nut")
+    opened = []
+
+    def remembered(*args: Any, **options: Any) -> Any:
+        opened.append(av_open(*args, **options))
+        return opened[-1]
+
+    av_open = av.open
+    monkeypatch.setattr(av, "open", remembered)
+    with pytest.raises(MediaError, match="are accepted"):
+        PipeReader(io.BytesIO(content), limits=MediaLimits(max_pixels=100)).__enter__()
+    (container,) = opened
+    with pytest.raises(AssertionError, match="not open"):
+        next(container.demux())
 
 
 def test_a_pipe_that_ends_early_is_named() -> None:
