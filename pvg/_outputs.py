@@ -70,6 +70,16 @@ def outputs(output: Path, references: list[Path], video: VectorVideo, container:
     if len(references) == 1:
         return [output / f"{references[0].stem}{ending}" if output.is_dir() else output]
     output.mkdir(parents=True, exist_ok=True)
-    stems = [path.stem for path in references]
-    names = [stem if stems.count(stem) == 1 else f"{stem}-{k + 1}" for k, stem in enumerate(stems)]
-    return [output / f"{name}{ending}" for name in names]
+    return [output / f"{name}{ending}" for name in _told_apart([path.stem for path in references])]
+
+
+def _told_apart(stems: list[str]) -> list[str]:
+    """The stems; of those that occur twice each with its place, as often as it takes to be no other name."""
+    names, taken = list[str](), set(stems)
+    for k, stem in enumerate(stems, 1):
+        name = stem
+        while stems.count(stem) > 1 and name in taken:
+            name += f"-{k}"
+        names.append(name)
+        taken.add(name)
+    return names

@@ -7,8 +7,19 @@ from __future__ import annotations
 
 import errno
 import os
+import secrets
 from collections.abc import Iterable
 from pathlib import Path
+
+_START_BYTES = 64  # of a name, which may have 255 and end in a suffix of 8
+_LONGEST_SUFFIX = 8
+
+
+def draft_of(path: Path) -> Path:
+    """A name of its own beside `path`, to write under until all is there: hidden, with its start and its suffix."""
+    start = os.fsencode(path.stem)[:_START_BYTES].decode("utf-8", "ignore")
+    suffix = path.suffix if len(path.suffix) <= _LONGEST_SUFFIX else ""
+    return path.with_name(f".{start}.{secrets.token_hex(8)}{suffix}")
 
 
 def check_file(path: Path, inputs: Iterable[Path | None]) -> None:

@@ -5,9 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import os
 import shutil
-import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, fields
 from functools import cached_property
@@ -20,7 +18,7 @@ from numpy.typing import NDArray
 
 from pvg._arrays import Floats
 from pvg._checks import whole_number
-from pvg._targets import check_file
+from pvg._targets import check_file, draft_of
 from pvg.asset.arrays import CHUNK_FRAMES, FORMAT_VERSION, FRAME_ARRAYS, decode, from_bytes
 from pvg.asset.checking import check_chunk, check_decoded, check_keys, check_manifest, entry_limit
 from pvg.asset.entries import DAMAGE, Entries
@@ -124,14 +122,12 @@ class VectorVideo:
         """
         target = Path(path)
         check_file(target, [self.source])
-        handle, name = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
-        draft = Path(name)
+        draft = draft_of(target)
         try:
-            with os.fdopen(handle, "wb") as out, self.path.open("rb") as data:
+            with draft.open("xb") as out, self.path.open("rb") as data:
                 shutil.copyfileobj(data, out, 1 << 20)
             if self.source is not None:
                 replace_manifest(draft, {**self.manifest, **source_note(self.source, target)})
-            draft.chmod(0o644)
             draft.replace(target)
         except BaseException:
             draft.unlink(missing_ok=True)

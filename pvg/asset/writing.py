@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import secrets
 import zipfile
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -14,6 +13,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from pvg._targets import draft_of
 from pvg.asset.arrays import CHUNK_FRAMES, FORMAT_VERSION, FRAME_ARRAYS, MATTES, encode, to_bytes
 from pvg.asset.checking import check_chunk, check_keys, check_manifest
 from pvg.asset.records import FaceRecord
@@ -30,7 +30,7 @@ class AssetWriter:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        self._temporary = self.path.parent / f".{self.path.name}.{secrets.token_hex(8)}"
+        self._temporary = draft_of(self.path)
         self._temporary.touch(0o666, exist_ok=False)  # less what the umask takes
         self._zip = zipfile.ZipFile(self._temporary, "w", zipfile.ZIP_DEFLATED)
         self._entries: dict[str, str] = {}

@@ -19,7 +19,7 @@ from pvg.asset import VectorVideo
 from pvg.looks import Look
 from pvg.memory import looks_at_once
 from pvg.rendering.canvas import Asked, Canvas, plans_of, stored_canvas, stored_frames
-from pvg.rendering.passes import LOOKS_AT_ONCE, MEMORY_BYTES, Progress, drafts_of, draw, partial_name
+from pvg.rendering.passes import LOOKS_AT_ONCE, MEMORY_BYTES, Progress, drafts_of, draw
 from pvg.video import ClipOfParts, PartWriter, PictureEncoder, can_join, join
 
 
@@ -54,13 +54,16 @@ def render_part(
     (plan,) = plans_of([Path("clip")], canvas, asked)
     clip = _of_parts(video, crf, preset)
 
-    def writer(k: int) -> PartWriter:
-        name = targets[k].name
-        encoder = PictureEncoder(canvas.info, canvas.info.format, plan, crf=crf, preset=preset, part=True, name=name)
-        return PartWriter(partial_name(targets[k]), encoder, clip, start=start, stop=stop)
-
     at_once = looks_at_once(canvas.info, memory_bytes, most=LOOKS_AT_ONCE, codec=plan.codec)
-    with one_blas_thread(), drafts_of(targets):
+    with one_blas_thread(), drafts_of(targets) as drafts:
+
+        def writer(k: int) -> PartWriter:
+            name = targets[k].name
+            encoder = PictureEncoder(
+                canvas.info, canvas.info.format, plan, crf=crf, preset=preset, part=True, name=name
+            )
+            return PartWriter(drafts[k], encoder, clip, start=start, stop=stop)
+
         draw(
             video,
             looks,
@@ -94,9 +97,10 @@ def join_parts(
     targets = _targets(video, parts, paths, [Path(file) for files in parts for file in files])
     canvas = _clip(video, container or (targets[0].suffix if targets else "mp4"), codec)
     plans = plans_of(targets, canvas, Asked(container, codec, crf, preset, audio))
-    with drafts_of(targets):
-        for files, target, plan in zip(parts, targets, plans, strict=True):
-            join([Path(file) for file in files], partial_name(target), canvas.info, plan, _of_parts(video, crf, preset))
+    of = _of_parts(video, crf, preset)
+    with drafts_of(targets) as drafts:
+        for files, draft, plan in zip(parts, drafts, plans, strict=True):
+            join([Path(file) for file in files], draft, canvas.info, plan, of)
     return [canvas.info.warnings + plan.warnings for plan in plans]
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO, Final, Protocol
+from typing import Any, BinaryIO, Final, Protocol, TypeVar
 
+from pvg._targets import draft_of
 from pvg._threads import Sink, ahead
 from pvg.asset import VectorVideo
 from pvg.looks import Look
@@ -15,6 +15,7 @@ from pvg.rendering.renderer import Renderer
 from pvg.video import Frame, Patch
 
 Progress = Callable[[str, int, int], None]
+Target = TypeVar("Target", Path, Path | BinaryIO)
 
 LOOKS_AT_ONCE: Final = 3  # an encoder holds tens of frames: more looks are drawn in further passes over the clip
 MEMORY_BYTES: Final = 6 * 2**30
@@ -27,18 +28,13 @@ class FrameWriter(AbstractContextManager[Any], Protocol):
         """Take one frame, with what is laid over it."""
 
 
-def partial_name(path: Path) -> Path:
-    """The name beside `path` under which it is written until it is complete."""
-    return path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
-
-
 @contextmanager
-def drafts_of(targets: Sequence[Path | BinaryIO]) -> Iterator[list[Path | BinaryIO]]:
+def drafts_of(targets: Sequence[Target]) -> Iterator[list[Target]]:
     """What is written to in the place of each target: a draft beside a file, a stream itself.
 
     Drafts get their names when the block is left well, and are removed otherwise.
     """
-    drafts = [partial_name(target) if isinstance(target, Path) else target for target in targets]
+    drafts = [draft_of(target) if isinstance(target, Path) else target for target in targets]
     try:
         yield drafts
         for draft, target in zip(drafts, targets, strict=True):

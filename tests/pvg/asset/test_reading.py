@@ -203,6 +203,13 @@ def test_a_temporary_asset_goes_with_its_object(asset: Path) -> None:
     everything(saved)
 
 
+def test_a_copy_may_have_the_longest_name(asset: Path) -> None:
+    saved = asset.with_name("x" * 251 + ".pvg")
+    with open_asset(asset) as video:
+        video.save(saved)
+    everything(saved)
+
+
 def test_faces_are_chosen_by_number(asset: Path) -> None:
     with open_asset(asset) as video:
         assert faces_by_index(video, "all") == (0,)

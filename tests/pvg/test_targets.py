@@ -1,0 +1,27 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from pvg._targets import draft_of
+
+
+def test_two_drafts_of_one_file_are_two_files(tmp_path: Path) -> None:
+    assert len({draft_of(tmp_path / "look.mp4") for _ in range(100)}) == 100
+
+
+def test_a_draft_stands_beside_its_file_and_is_named_like_it(tmp_path: Path) -> None:
+    draft = draft_of(tmp_path / "job_0123.look.mp4")
+    assert draft.parent == tmp_path
+    assert draft.name.startswith(".job_0123.look.")
+    assert draft.suffix == ".mp4"
+
+
+def test_drafts_of_the_longest_names_can_be_written(tmp_path: Path) -> None:
+    ends = ["x" * 251 + ".mp4", "é" * 125 + ".webm", "ü" * 127, "x." + "y" * 253, os.fsdecode(b"\xff" * 251 + b".png")]
+    for name in ends:
+        (tmp_path / name).write_bytes(b"")
+        draft = draft_of(tmp_path / name)
+        draft.write_bytes(b"")
+        draft.name.encode()
+        draft.replace(tmp_path / name)
