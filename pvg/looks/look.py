@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from pvg._arrays import Doubles, Floats
+from pvg._checks import real_number
 from pvg.asset import VectorVideo
 from pvg.looks.tone import SkinMap, to_rgb
 
@@ -51,14 +52,17 @@ class Look:
     """New boundary colours for a clip.
 
     colors: for each face index of the look, (K, S, 3) float32 g' of its K key frames, 0-255 RGB, strength applied;
-    contrast: λ of u' = λI + H(g' − λg), strength applied: a number, or for each face index a number or "map":
+    contrast: λ of u' = λI + H(g' − λg), strength applied: in [0.7, 1.5], or for each face index such a number or "map":
     u' = F(I) + H(g' − F(g)) with F of `maps`;
-    protect: features that go their own way;
+    protect: features that go their own way, of "eyes" and "teeth";
     parts: for each face index (K, P, 3) float32, luma, B − Y and R − Y in levels that each of `pvg.face.parts.PARTS`
     gains besides, strength applied; a face without them has no part of its own;
     maps: for each face index its one map of colour, light and parts aside;
     body: the face indices whose person's other skin goes along, by that map;
     source_sha256: of the clip that it is for, None where that is not said.
+
+    Raises `ValueError` for colours of another shape, and for a contrast that is no number in [0.7, 1.5] or leaves out
+    a face.
     """
 
     colors: dict[int, Floats]
@@ -68,6 +72,22 @@ class Look:
     maps: dict[int, BodyMap] = field(default_factory=dict)
     body: frozenset[int] = frozenset()
     source_sha256: str | None = None
+
+    def __post_init__(self) -> None:
+        """Look at what was given; a number of any kind becomes a float."""
+        if not isinstance(self.colors, Mapping):
+            raise ValueError(f"colors must be by face, {{0: (K, S, 3)}}, not {type(self.colors).__name__}")
+        for face, colors in self.colors.items():
+            if (shape := np.shape(colors))[2:] != (3,):
+                raise ValueError(f"the colors of face {face} must have the shape (K, S, 3), not {shape}")
+        given = self.contrast
+        if isinstance(given, Mapping):
+            if missing := sorted(set(self.colors) - set(given)):
+                raise ValueError(f"contrast has nothing for face {missing[0]}")
+            checked: float | dict[int, FaceContrast] = {face: _contrast(one) for face, one in given.items()}
+        else:
+            checked = real_number("contrast", given, *CONTRAST_RANGE)
+        object.__setattr__(self, "contrast", checked)
 
     def check_fits(self, video: VectorVideo) -> None:
         """Raise `ValueError` unless this is a look of the clip: made for it, as it is vectorised now."""
@@ -98,3 +118,7 @@ class Look:
         contrast = {face: look.contrast_of(face) for look in (self, other) for face in look.colors}
         parts, body, maps = self.parts | other.parts, self.body | other.body, self.maps | other.maps
         return replace(self, colors=self.colors | other.colors, contrast=contrast, parts=parts, body=body, maps=maps)
+
+
+def _contrast(given: object) -> FaceContrast:
+    return "map" if isinstance(given, str) and given == "map" else real_number("contrast", given, *CONTRAST_RANGE)

@@ -8,7 +8,7 @@ map relative to its exposure (`looks/exposure.py`), so that light that changes s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from numbers import Real
 from typing import Literal
 
@@ -55,6 +55,8 @@ def _check(contrast: Contrast, match: str, protect: Sequence[str], extent: str) 
     """The contrast. Raises `ValueError` for words that are none of these and a contrast out of range."""
     check_word("match", match, ("color", "semantic"))
     check_word("extent", extent, EXTENTS)
+    if isinstance(protect, str) or not isinstance(protect, Collection):
+        raise ValueError(f"protect must be a sequence of {', '.join(PROTECTABLE)}, not {protect!r}")
     if unknown := [part for part in protect if part not in PROTECTABLE]:
         raise ValueError(f"cannot protect {unknown[0]!r}; known are {', '.join(PROTECTABLE)}")
     if isinstance(contrast, str) and contrast == "auto":
@@ -94,9 +96,9 @@ def transfer(
     light: in [0, 1], how far light falls on the face from where it does on the reference;
     scene: in [0, 1], how far brightness and hue that lie far from the clip's give way to its scene, and highlights end
     below white: 0 takes the reference's own; "color" takes them in any case;
-    protect: features that go their own way;  extent: "skin", all skin of a person, or "face", which leaves chest,
-    arms and hands as they are;  faces: "all", or the indices of those to change;
-    beta, iterations: of eq. (7), the paper's 0.2 and 20;  seed: of the random rotations.
+    protect: features that go their own way, of "eyes" and "teeth";  extent: "skin", all skin of a person, or "face",
+    which leaves chest, arms and hands as they are;  faces: "all", or the indices of those to change;
+    beta, iterations: of eq. (7), above 0 up to 1 and from 0 on, the paper's 0.2 and 20;  seed: of the random rotations.
     Raises `ValueError` on a parameter out of range or an unknown face or part.
     """
     contrast = _check(contrast, match, protect, extent)
@@ -106,7 +108,7 @@ def transfer(
     )
     target = _reference_key(reference, reference_face)
     steps = TransportSteps(
-        real_number("beta", beta, 0.0, 1.0), whole_number("iterations", iterations), whole_number("seed", seed)
+        beta=_beta(beta), iterations=whole_number("iterations", iterations), seed=whole_number("seed", seed)
     )
     wanted = strengths(makeup)
     changes = PartChanges.of(target) if match == "semantic" and len(target.skin) else None
@@ -155,6 +157,13 @@ def transfer(
     return Look(
         colors, contrasts if contrast == "auto" else factor, tuple(protect), parts, maps, body, video.source_sha256
     )
+
+
+def _beta(given: float) -> float:
+    beta = real_number("beta", given, 0.0, 1.0)
+    if beta == 0.0:
+        raise ValueError("beta must be above 0: no step of eq. (7) would move a colour")
+    return beta
 
 
 def _at_curves(skin: SkinMap) -> ColorMap:

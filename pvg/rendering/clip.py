@@ -34,7 +34,7 @@ from pvg.rendering.canvas import (
     stored_frames,
     writer_of,
 )
-from pvg.rendering.passes import LOOKS_AT_ONCE, MEMORY_BYTES, Progress, drafts_of, draw
+from pvg.rendering.passes import LOOKS_AT_ONCE, MEMORY_BYTES, Progress, check_paths, drafts_of, draw
 from pvg.rendering.placed_face import PlacedFace, place_face
 from pvg.rendering.renderer import Renderer
 from pvg.video import (
@@ -82,8 +82,7 @@ def render(
     that do not fit, looks of another clip and paths that are one or in the place of the source, `OSError` where a path
     cannot be written.
     """
-    if len(looks) != len(paths):
-        raise ValueError(f"{len(looks)} looks need {len(looks)} paths, not {len(paths)}")
+    check_paths(looks, paths)
     if not looks:
         return []
     if pictures is not None and len(looks) > LOOKS_AT_ONCE:

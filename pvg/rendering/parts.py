@@ -19,7 +19,7 @@ from pvg.asset import VectorVideo
 from pvg.looks import Look
 from pvg.memory import looks_at_once
 from pvg.rendering.canvas import Asked, Canvas, plans_of, stored_canvas, stored_frames
-from pvg.rendering.passes import LOOKS_AT_ONCE, MEMORY_BYTES, Progress, drafts_of, draw
+from pvg.rendering.passes import LOOKS_AT_ONCE, MEMORY_BYTES, Progress, check_paths, drafts_of, draw
 from pvg.video import ClipOfParts, PartWriter, PictureEncoder, can_join, join
 
 
@@ -112,8 +112,7 @@ def _of_parts(video: VectorVideo, crf: int | None, preset: str | None) -> ClipOf
 def _targets(
     video: VectorVideo, items: Sequence[object], paths: Sequence[str | Path], inputs: Sequence[Path] = ()
 ) -> list[Path]:
-    if len(items) != len(paths):
-        raise ValueError(f"{len(items)} looks need {len(items)} paths, not {len(paths)}")
+    check_paths(items, paths)
     targets = [Path(path) for path in paths]
     check_files(targets, [video.source, video.path, *inputs])
     return targets

@@ -28,6 +28,15 @@ class FrameWriter(AbstractContextManager[Any], Protocol):
         """Take one frame, with what is laid over it."""
 
 
+def check_paths(items: Sequence[object], paths: Sequence[str | Path | BinaryIO]) -> None:
+    """Raise ValueError unless there is one path for each of the looks."""
+    for name, given in (("looks", items), ("paths", paths)):
+        if isinstance(given, (str, Path)) or not isinstance(given, Sequence):
+            raise ValueError(f"{name} must be a sequence, one for each look, not {type(given).__name__}")
+    if len(items) != len(paths):
+        raise ValueError(f"{len(items)} looks need {len(items)} paths, not {len(paths)}")
+
+
 @contextmanager
 def drafts_of(targets: Sequence[Target]) -> Iterator[list[Target]]:
     """What is written to in the place of each target: a draft beside a file, a stream itself.

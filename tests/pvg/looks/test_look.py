@@ -20,6 +20,30 @@ def test_looks_of_different_faces_become_one() -> None:
         np.testing.assert_array_equal(both.colors[3], two.colors[3])
 
 
+def test_a_contrast_may_be_any_number() -> None:
+    for number in (1, np.float32(1.0), {0: 1}):
+        contrast = Look({0: colors(0)}, number).contrast_of(0)  # type: ignore[arg-type]
+        assert (type(contrast), contrast) == (float, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("given", "contrast", "words"),
+    [
+        ({0: colors(0)}, "auto", "contrast must be a number from 0.7 to 1.5, not 'auto'"),
+        ({0: colors(0)}, None, "contrast must be a number"),
+        ({0: colors(0)}, float("nan"), "contrast must be a number"),
+        ({0: colors(0)}, {0: "auto"}, "contrast must be a number"),
+        ({0: colors(0)}, {1: 1.0}, "contrast has nothing for face 0"),
+        ({0: colors(0)[0]}, 1.0, r"the colors of face 0 must have the shape \(K, S, 3\), not \(7, 3\)"),
+        ({0: None}, 1.0, "the colors of face 0"),
+        (colors(0), 1.0, "colors must be by face"),
+    ],
+)
+def test_what_is_no_look_is_refused(given: object, contrast: object, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        Look(given, contrast)  # type: ignore[arg-type]
+
+
 def test_what_cannot_be_drawn_together_is_refused() -> None:
     with pytest.raises(ValueError, match="both looks change face 1"):
         Look({0: colors(0), 1: colors(1)}).merged(Look({1: colors(1)}))

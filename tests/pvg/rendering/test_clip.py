@@ -68,6 +68,10 @@ def test_two_looks_cannot_share_a_path(video: pvg.VectorVideo, dark_reference: p
         pvg.render(video, [look, look], [tmp_path / "a.mp4", tmp_path / "a.mp4"])
     with pytest.raises(ValueError, match="paths"):
         pvg.render(video, [look, look], [tmp_path / "a.mp4"])
+    with pytest.raises(ValueError, match="paths must be a sequence, one for each look, not str"):
+        pvg.render(video, [look], "a.mp4")
+    with pytest.raises(ValueError, match="looks must be a sequence, one for each look, not Look"):
+        pvg.render(video, look, [tmp_path / "a.mp4"])  # type: ignore[arg-type]
 
 
 def never(*_: object) -> None:
