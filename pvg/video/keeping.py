@@ -200,8 +200,6 @@ def _with_picture_facts(plan: Plan, lines: _Lines, info: MediaInfo, streams: Str
         lines.kept.append("alpha")
     elif info.has_alpha:
         lines.dropped.append(f"alpha is not kept by {name}; prores4444 in .mov and ffv1 in .mkv keep it")
-    elif streams.alpha:
-        lines.dropped.append("alpha is not kept: that of this layout is not read")
     if streams.fields is not None:
         lines.kept.append(f"fields: {_FIELDS_SAID[streams.fields]}")
     encoder = ENCODERS[plan.codec]

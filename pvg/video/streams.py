@@ -19,7 +19,7 @@ import numpy as np
 from pvg.video.encoders import FieldOrder
 from pvg.video.mastering import ContentLight, MasteringDisplay
 from pvg.video.opening import MediaLimits, open_clip, open_container
-from pvg.video.reading import pictures
+from pvg.video.reading import has_alpha, pictures
 
 Kind = Literal["picture", "sound", "subtitle", "data", "attachment"]
 
@@ -101,7 +101,7 @@ class Streams:
     tracks: every other stream but those that chapters and a timecode are stored in. metadata: tags of the file,
     without those a muxer makes itself; location: names of the tags that tell a place. picture: the language, title and
     other tags of the pictures' own track. timecode: of the first frame, "hh:mm:ss:ff" or with ";" for drop frame.
-    fields: None for progressive pictures. alpha: the pictures have a plane of it. embedded: what rides inside the
+    fields: None for progressive pictures. alpha: the pictures come with it. embedded: what rides inside the
     coded pictures, in words.
     """
 
@@ -132,7 +132,7 @@ def read_streams(path: str | Path, limits: MediaLimits | None = None) -> Streams
         order = clip.stream.codec_context.field_order or order
         found = {} if first is None else dict(_side_data(first))
         fields = None if first is None else fields_of(first, order)
-        alpha = first is not None and has_alpha(first.format.name)
+        alpha = first is not None and has_alpha(first)
         return take_stock(clip.container, chosen, found, fields, alpha, clip.set_aside)
 
 
@@ -226,11 +226,6 @@ def _side_data(picture: av.video.frame.VideoFrame) -> Iterator[tuple[str, bytes]
         data = None if kind is None else held.get(kind)
         if data is not None:
             yield name, bytes(data)
-
-
-def has_alpha(layout: str) -> bool:
-    """Whether a libav pixel format has a plane of alpha."""
-    return layout.startswith(("yuva", "gbrap", "rgba", "bgra", "argb", "abgr", "ya8", "ya16", "ayuv", "vuya"))
 
 
 def fields_of(picture: av.video.frame.VideoFrame, order: int = 0) -> FieldOrder | None:

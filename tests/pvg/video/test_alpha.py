@@ -9,7 +9,7 @@ import av
 import numpy as np
 import pytest
 
-from pvg.video import probe, read_frames
+from pvg.video import probe, read_frames, read_streams
 from tests.gallery.clips import encode_raw, write_clip
 
 SIZE = (64, 48)
@@ -47,6 +47,7 @@ def test_alpha_of_clips_is_read(
     path = encode_raw(tmp_path / name, pictures, codec, **options)
     info, frames = probe(path), list(read_frames(path))
     assert info.has_alpha
+    assert read_streams(path).alpha
     assert info.format.name == delivered
     assert info.frame_count == len(frames) == 6
     for k, frame in enumerate(frames):
@@ -72,6 +73,7 @@ def test_alpha_is_turned_with_its_picture(tmp_path: Path) -> None:
 def test_an_opaque_clip_has_no_alpha(tmp_path: Path) -> None:
     path = encode_raw(tmp_path / "a.mkv", [with_alpha("yuv420p")], "ffv1")
     assert not probe(path).has_alpha
+    assert not read_streams(path).alpha
     assert next(read_frames(path)).alpha is None
 
 

@@ -18,7 +18,8 @@ from av.stream import Disposition
 from pvg.errors import MediaError
 from pvg.video import Frame, MediaInfo, Plan, Streams, VideoWriter, make_plan, probe, read_frames, read_streams
 from pvg.video.formats import PixelFormat, resolve_format
-from pvg.video.streams import Track, fields_of, has_alpha, take_stock
+from pvg.video.reading import has_alpha
+from pvg.video.streams import Track, fields_of, take_stock
 from tests.gallery.clips import media_info, smooth_frames
 from tests.gallery.rich_clips import FRAMES, Other, Rich
 
@@ -105,7 +106,7 @@ def stock_of(path: Path) -> tuple[Streams, tuple[object, ...]]:
         with av.open(str(path)) as opened:
             picture = next(opened.decode(video=0))
             seen = resolve_format(picture.format.name, picture.width, picture.height, 2, 0)
-            alpha = has_alpha(picture.format.name)
+            alpha = has_alpha(picture)
             streams = take_stock(opened, opened.streams.video[0].index, {}, fields_of(picture), alpha)
         return streams, ((2, 2, 2, 0), (seen.depth, seen.chroma_log2))
     info = probe(path)
