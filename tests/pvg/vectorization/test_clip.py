@@ -317,7 +317,7 @@ def test_a_face_without_skin_by_the_mask_is_left_out_and_named(
     samples: Samples, tmp_path: Path, name: str, matching: Literal["table", "chain"]
 ) -> None:
     rgb = read_rgb(samples.several_faces)
-    edge = 430  # what is left of it has no colour, and what has is far from it: a mask by colour takes hair and shoulders
+    edge = 430  # what is left of it has no colour, and what has is far: a mask by colour takes hair too
     apart = np.full((len(rgb), 300, 3), 128, np.uint8)
     rgb = np.concatenate([grey(rgb[:, :edge]), apart, rgb[:, edge:]], axis=1)
     with pvg.vectorize(written(tmp_path / name, rgb), mask="ycbcr", matching=matching) as some:
