@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Page
+from playwright.sync_api import Page, Route
 
 from tests.browser.conftest import Guarded, OpenPage
-from tests.browser.driving import READY
+from tests.browser.driving import READY, drop
 from tests.service.api.test_authentication import holder
-from tests.service.fixtures import Api, make_ready
+from tests.service.fixtures import PNG, Api, make_ready
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -172,3 +172,43 @@ def test_the_address_names_a_clip_while_it_is_vectorised(desk: Desk, tiny_clip: 
     page.goto(f"{desk.guarded.root}/#{video['id']}")
     page.get_by_text("Waiting for a worker").wait_for()
     assert page.evaluate("() => location.hash") == f"#{video['id']}"
+
+
+def test_a_portrait_that_cannot_be_used_leaves_the_stage_as_it_was(desk: Desk, tmp_path: Path) -> None:
+    named = {"Content-Disposition": 'attachment; filename="face.png"'}
+    portrait = desk.api.client.post("/references", content=PNG + b"a", headers=named).json()
+    make_ready(desk.api.services, portrait["id"])
+    desk.guarded.expected.append("status of 415")
+    page = desk.edit()
+    look = page.get_by_role("radio", name="Look", exact=True)
+    assert look.is_checked()
+    held: list[Route] = []
+    page.route(
+        "**/v1/references*", lambda route: held.append(route) if route.request.method == "POST" else route.continue_()
+    )
+    text = tmp_path / "notes.mp4"
+    text.write_text("no clip at all")
+    drop(page, "#tray", text)
+    desk.guarded.heard(lambda: held)
+    assert look.is_checked()
+    detail = "is not one of the media types that there are, " * 12
+    held[0].fulfill(status=415, json={"title": "Unsupported media type", "detail": detail, "code": "x", "status": 415})
+    card = page.locator(".card.failed")
+    card.wait_for()
+    page.locator(".card.selected", has_text="face.png").wait_for()
+    assert page.locator(".card.selected").count() == 1
+    assert look.is_checked()
+    lines = "(one) => one.getBoundingClientRect().height / parseFloat(getComputedStyle(one).lineHeight)"
+    assert 2.5 < card.locator(".status").evaluate(lines) < 3.5
+    assert detail.strip() in (card.locator(".pick").get_attribute("title") or "")
+
+
+def test_of_several_portraits_one_that_can_be_used_is_selected(desk: Desk, tmp_path: Path) -> None:
+    desk.guarded.expected.append("status of 415")
+    page = desk.edit()
+    text, picture = tmp_path / "notes.mp4", tmp_path / "face.png"
+    text.write_text("no clip at all")
+    picture.write_bytes(PNG + b"a")
+    drop(page, "#tray", text, picture)
+    page.locator(".card.failed").wait_for()
+    page.locator(".card.selected", has_text="face.png").wait_for()

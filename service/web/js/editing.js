@@ -10,7 +10,7 @@ import { isReady } from "./medium.js";
 import { Latest } from "./latest.js";
 import { lookOf } from "./references.js";
 import { Player } from "./player.js";
-import { selectedReference } from "./store.js";
+import { selectedReference, state } from "./store.js";
 import { middleOf, Split } from "./split.js";
 import { isGood, uploadedUrl } from "./transfers.js";
 import { transport } from "./transport.js";
@@ -25,6 +25,7 @@ export class Editing {
   #work = new Latest();
   #asked = "";
   #layer = "";
+  #seen = null;
 
   constructor({ bar, choices }, clip) {
     this.clip = clip;
@@ -161,9 +162,11 @@ export class Editing {
     this.controls?.({ playing: this.playing, frame: this.at, frames: this.frames, rate: this.rate, muted: this.video.muted, canPlay: Boolean(this.player) });
   }
 
+  /** The look of the selected portrait; while that is on its way, the one that was seen before. */
   #look() {
     const reference = selectedReference();
-    return isReady(reference) ? lookOf(reference) : null;
+    if (isReady(reference) || !reference || reference.error) this.#seen = reference;
+    return isReady(this.#seen) && state.references.includes(this.#seen) ? lookOf(this.#seen) : null;
   }
 
   update() {

@@ -42,11 +42,22 @@ export function lookAgain({ reference, options }) {
 
 export async function addFiles(files) {
   const items = files.map((file) => ({ ...ofFile(PATH, file), included: true, settings: fresh() }));
+  const before = state.selected;
   state.references.unshift(...items);
   state.selected = items[0]?.key ?? state.selected;
   changed();
   announce(items.length === 1 ? `Uploading ${items[0].name}` : `Uploading ${items.length} portraits`);
-  await Promise.all(items.map(arrive));
+  await Promise.all(items.map(async (item) => {
+    if (!(await arrive(item))) fallBack(item, items, before);
+  }));
+}
+
+/** What cannot be used does not stay selected: another one of those that came with it is, or what was before. */
+function fallBack(item, others, before) {
+  if (state.selected !== item.key) return;
+  const usable = (one) => state.references.includes(one) && !one.error;
+  const next = others.find(usable) ?? state.references.find((one) => one.key === before && usable(one));
+  if (next) select(next.key);
 }
 
 async function arrive(item) {
@@ -59,6 +70,7 @@ async function arrive(item) {
     if (item.error) announce(`${item.name} could not be used. ${item.error.text ?? ""}`, { urgent: true });
   }
   changed();
+  return ready;
 }
 
 /** The same picture uploaded again is the same reference: one card is enough. */

@@ -47,7 +47,7 @@ function card(item) {
     if (busy) text = busy.label;
     if (now.error) text = now.error.text ?? now.error.message;
     say(status, text);
-    pick.title = [now.name, ...warnings, now.error?.text].filter(Boolean).join("\n");
+    pick.title = [now.name, ...warnings, now.error?.text ?? now.error?.message].filter(Boolean).join("\n");
   };
   return made;
 }
