@@ -212,3 +212,24 @@ def test_of_several_portraits_one_that_can_be_used_is_selected(desk: Desk, tmp_p
     drop(page, "#tray", text, picture)
     page.locator(".card.failed").wait_for()
     page.locator(".card.selected", has_text="face.png").wait_for()
+
+
+@pytest.mark.parametrize(("kind", "words"), [("image", "Still picture"), ("video", "1 frame")])
+def test_a_picture_is_told_from_a_clip_of_one_frame(desk: Desk, kind: str, words: str) -> None:
+    page = desk.guarded.page
+    media = desk.api.client.get(f"/videos/{desk.video['id']}").json()["media"] | {"kind": kind, "frame_count": 1}
+
+    def shorter(route: Route) -> None:
+        answer = route.fetch()
+        body = answer.json()
+        for one in body.get("data", [body]):
+            one["media"] = media
+        route.fulfill(response=answer, json=body)
+
+    page.route("**/v1/videos?*", shorter)
+    page.route("**/v1/videos/vid_*", shorter)
+    desk.guarded.open()
+    card = page.locator(".clip-card")
+    assert words in card.inner_text()
+    card.click()
+    page.locator("#stage-facts").get_by_text(words).wait_for()

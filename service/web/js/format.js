@@ -21,6 +21,12 @@ export function clock(seconds) {
   return `${minutes}:${rest.toFixed(1).padStart(4, "0")}`;
 }
 
+/** How long a medium is, by what the service says of it: a time, or that there is none. */
+export function lengthOf({ kind, frame_count: frames, duration_s: seconds }) {
+  if (kind === "image") return "Still picture";
+  return frames > 1 ? clock(seconds) : "1 frame";
+}
+
 /** How long something will take: "12 s", "3 min". */
 export function duration(seconds) {
   if (seconds < 90) return `${Math.max(1, Math.round(seconds))} s`;

@@ -1,7 +1,7 @@
 /** The stage shows one of four things: a place to drop a clip, the clip on its way, the clip with a look, a result. */
 
 import { el, fileButton, icon, iconButton, say, takesFiles } from "./dom.js";
-import { clock } from "./format.js";
+import { lengthOf } from "./format.js";
 import { CLIP_TYPES, close, openFiles, remove } from "./clip.js";
 import { Comparing } from "./comparing.js";
 import { Editing } from "./editing.js";
@@ -47,7 +47,8 @@ function show() {
 function facts(media) {
   if (!media) return "";
   const parts = [`${media.width}×${media.height}`];
-  if (media.frame_count > 1) parts.push(`${Number(media.frame_rate.toFixed(2))} fps`, clock(media.duration_s));
+  if (media.frame_count > 1) parts.push(`${Number(media.frame_rate.toFixed(2))} fps`);
+  parts.push(lengthOf(media));
   if (media.codec) parts.push(media.codec.toUpperCase());
   if (media.color) parts.push(media.color);
   return parts.join(" · ");

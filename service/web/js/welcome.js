@@ -2,7 +2,7 @@
 
 import { el, fileButton, keyed } from "./dom.js";
 import { CLIP_TYPES, openFiles, openMedium } from "./clip.js";
-import { clock } from "./format.js";
+import { lengthOf } from "./format.js";
 import { thumbnail } from "./thumbnails.js";
 import { state } from "./store.js";
 
@@ -29,7 +29,7 @@ export class Welcome {
         thumbnail("videos", medium), el("span", { class: "name" }, name), facts));
       item.update = (now) => {
         item.medium = now;
-        facts.textContent = now.media ? (now.media.frame_count > 1 ? clock(now.media.duration_s) : "Still picture") : "On its way";
+        facts.textContent = now.media ? lengthOf(now.media) : "On its way";
       };
       return item;
     });
