@@ -12,7 +12,7 @@ from playwright.sync_api import Page, Route
 from tests.browser.conftest import Guarded, OpenPage
 from tests.browser.driving import READY, drop
 from tests.service.api.test_authentication import holder
-from tests.service.fixtures import PNG, Api, make_ready
+from tests.service.fixtures import PNG, Api, make_ready, make_results
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -24,6 +24,18 @@ class Desk:
     api: Api
     video: dict[str, Any]
     guarded: Guarded
+
+    def portrait(self, name: str) -> str:
+        """Another portrait, ready; its id."""
+        named = {"Content-Disposition": f'attachment; filename="{name}"'}
+        medium = self.api.client.post("/references", content=PNG + name.encode(), headers=named).json()
+        make_ready(self.api.services, medium["id"])
+        return str(medium["id"])
+
+    def asked(self, reference: str) -> str:
+        """A look of the clip that waits; the id of its job."""
+        job = {"video": self.video["id"], "looks": [{"reference": reference}]}
+        return str(self.api.client.post("/transfer", json=job).json()["id"])
 
     def edit(self) -> Page:
         """The page with the clip, as after a reload."""
@@ -175,9 +187,7 @@ def test_the_address_names_a_clip_while_it_is_vectorised(desk: Desk, tiny_clip: 
 
 
 def test_a_portrait_that_cannot_be_used_leaves_the_stage_as_it_was(desk: Desk, tmp_path: Path) -> None:
-    named = {"Content-Disposition": 'attachment; filename="face.png"'}
-    portrait = desk.api.client.post("/references", content=PNG + b"a", headers=named).json()
-    make_ready(desk.api.services, portrait["id"])
+    desk.portrait("face.png")
     desk.guarded.expected.append("status of 415")
     page = desk.edit()
     look = page.get_by_role("radio", name="Look", exact=True)
@@ -201,6 +211,9 @@ def test_a_portrait_that_cannot_be_used_leaves_the_stage_as_it_was(desk: Desk, t
     lines = "(one) => one.getBoundingClientRect().height / parseFloat(getComputedStyle(one).lineHeight)"
     assert 2.5 < card.locator(".status").evaluate(lines) < 3.5
     assert detail.strip() in (card.locator(".pick").get_attribute("title") or "")
+    # a finger has no tip to read: the panel says it whole
+    card.locator(".pick").click()
+    page.locator("#panel .problem").get_by_text(detail.strip()).wait_for()
 
 
 def test_of_several_portraits_one_that_can_be_used_is_selected(desk: Desk, tmp_path: Path) -> None:
@@ -233,3 +246,108 @@ def test_a_picture_is_told_from_a_clip_of_one_frame(desk: Desk, kind: str, words
     assert words in card.inner_text()
     card.click()
     page.locator("#stage-facts").get_by_text(words).wait_for()
+
+
+FOCUS = "() => document.activeElement.getAttribute('aria-label') ?? document.activeElement.id"
+
+
+def test_the_skip_link_leaves_the_address_and_a_bookmark_opens_its_clip(desk: Desk, tiny_clip: Path) -> None:
+    content = tiny_clip.read_bytes() + b"\0\0\0\x08free"
+    named = {"Content-Disposition": 'attachment; filename="other.mp4"'}
+    other = desk.api.client.post("/videos", content=content, headers=named).raise_for_status().json()
+    make_ready(desk.api.services, other["id"])
+    page = desk.edit()
+    page.locator(".skip").focus()
+    page.keyboard.press("Enter")
+    assert page.evaluate(FOCUS) == "stage"
+    assert page.evaluate("() => location.hash") == f"#{desk.video['id']}"
+    page.evaluate("(id) => { location.hash = id; }", other["id"])
+    page.get_by_role("heading", name="other.mp4").wait_for()
+    desk.guarded.until(READY)
+
+
+def test_a_bookmark_of_a_clip_that_failed_says_why(desk: Desk) -> None:
+    page = desk.guarded.page
+    failed = {"state": "failed", "error": {"title": "No face was found", "detail": "in none of 95 frames"}}
+    page.route(f"**/v1/videos/{desk.video['id']}", lambda route: route.fulfill(json=route.fetch().json() | failed))
+    desk.guarded.open(f"/#{desk.video['id']}")
+    page.locator("#picture").get_by_text("in none of 95 frames").wait_for()
+    page.get_by_role("button", name="Choose another clip").wait_for()
+
+
+def test_a_clip_that_is_closed_leaves_lists_that_are_up_to_date(desk: Desk, tiny_clip: Path) -> None:
+    page = desk.edit()
+    desk.api.client.post("/videos", content=tiny_clip.read_bytes() + b"\0\0\0\x08free").raise_for_status()
+    desk.asked(desk.portrait("face.png"))
+    page.get_by_role("button", name="Close the clip").click()
+    page.locator(".clip-card").nth(1).wait_for()
+    page.locator(".job").wait_for()
+
+
+def test_the_focus_stays_where_the_work_is(desk: Desk) -> None:
+    for name in ("one.png", "two.png"):
+        desk.portrait(name)
+    page = desk.guarded.open()
+
+    def press(name: str, *, exact: bool = True) -> None:
+        page.get_by_role("button", name=name, exact=exact).first.focus()
+        page.keyboard.press("Enter")
+
+    page.locator(".clip-card").focus()
+    page.keyboard.press("Enter")
+    desk.guarded.until(READY)
+    assert page.evaluate(FOCUS) == "stage"
+    page.get_by_role("slider", name="Strength").fill("0.5")
+    press("Reset")
+    assert page.evaluate("() => document.activeElement.labels[0].textContent") == "Strength"
+    page.get_by_role("checkbox", name="Render one.png").check()
+    press("Render")
+    page.locator(".job").get_by_text("Queued").wait_for()
+    assert page.evaluate("() => document.activeElement.textContent") == "Render"
+    press("Cancel")
+    page.locator(".job[data-state=canceled]").wait_for()
+    assert page.evaluate("() => document.activeElement.className") == "job"
+    press("Delete two.png")
+    page.get_by_role("dialog").get_by_role("button", name="Delete").press("Enter")
+    page.get_by_role("button", name="two.png", exact=True).wait_for(state="detached")
+    assert page.evaluate(FOCUS) == "one.png"
+    press("Close the clip", exact=False)
+    page.get_by_role("button", name="Choose a clip").wait_for()
+    assert page.evaluate(FOCUS) == "stage"
+
+
+@pytest.mark.parametrize("does", ["selects", "sets"])
+def test_what_is_done_to_a_look_is_seen_while_another_is_compared(desk: Desk, tiny_clip: Path, does: str) -> None:
+    job = desk.asked(desk.portrait("face.png"))
+    make_results(desk.api.services, job, [tiny_clip.read_bytes()])
+    page = desk.edit()
+    page.get_by_role("button", name="Compare face.png before and after").click()
+    back = page.get_by_role("button", name="Back to the look")
+    back.wait_for()
+    if does == "selects":
+        page.get_by_role("button", name="face.png", exact=True).click()
+    else:
+        page.get_by_role("slider", name="Strength").fill("0.5")
+    back.wait_for(state="detached")
+    page.get_by_role("radio", name="Look", exact=True).wait_for(state="attached")
+
+
+def test_a_clip_that_was_not_taken_in_cannot_be_deleted(desk: Desk, tmp_path: Path) -> None:
+    desk.guarded.expected.append("status of 415")
+    page = desk.edit()
+    delete = page.get_by_role("button", name="Delete the clip")
+    assert delete.is_visible()
+    text = tmp_path / "notes.mp4"
+    text.write_text("no clip at all")
+    drop(page, "#picture", text)
+    page.locator(".way.failed").wait_for()
+    assert not delete.is_visible()
+
+
+def test_the_panel_is_seen_whole_while_nothing_is_rendered(desk: Desk) -> None:
+    for name in ("one.png", "two.png"):
+        desk.portrait(name)
+    page = desk.edit()
+    assert page.evaluate(
+        "() => { const p = document.getElementById('panel'); return p.scrollHeight <= p.clientHeight; }"
+    )

@@ -45,9 +45,15 @@ async function arrive(item) {
 }
 
 function put(item) {
-  close();
+  clear();
   state.clip = item;
   changed();
+}
+
+/** Take the clip off the stage; it stays with the service, and can be opened again. */
+export async function close() {
+  clear();
+  await Promise.all([listClips(), listJobs()]);
 }
 
 /** Try a failed clip once more. */
@@ -58,8 +64,7 @@ export function retry(item) {
   return item.again();
 }
 
-/** Clear the stage; the clip stays with the service. */
-export function close() {
+function clear() {
   const { clip } = state;
   if (clip?.url) URL.revokeObjectURL(clip.url);
   if (clip?.sent !== null) clip?.canceling?.abort();
@@ -71,12 +76,12 @@ export function close() {
 export async function cancel(item) {
   try {
     await stop(item);
-    if (state.clip === item) close();
+    if (state.clip === item) clear();
     notice(`${item.name} was stopped`);
   } catch (error) {
     failure(error, `${item.name} could not be stopped`);
   }
-  await listClips();
+  await Promise.all([listClips(), listJobs()]);
 }
 
 /** Remove a clip and all that was made of it from the service. */
@@ -91,7 +96,7 @@ export async function remove(medium) {
     return;
   }
   forget(medium.id);
-  if (state.clip?.medium?.id === medium.id) close();
+  if (state.clip?.medium?.id === medium.id) clear();
   notice(`${name} was deleted`);
   await Promise.all([listClips(), listJobs()]);
 }
@@ -107,7 +112,7 @@ export async function listClips() {
  */
 export async function reopen(again) {
   const id = location.hash.slice(1);
-  if (!/^vid_\w+$/.test(id)) return;
+  if (!/^vid_\w+$/.test(id) || id === state.clip?.medium?.id) return;
   const before = state.clip;
   let medium;
   try {
@@ -115,8 +120,8 @@ export async function reopen(again) {
   } catch (error) {
     if (state.clip !== before) return; // another clip came meanwhile
     if (error.status === 404) {
-      close();
       notice("This clip is no longer here");
+      await close();
       return;
     }
     put({ ...ofMedium(PATH, { id, filename: "Clip" }), medium: null, error, again });

@@ -37,7 +37,8 @@ export function say(element, text) {
 }
 
 /**
- * Make a list's children those of `items`, keeping the element of each key, and with it focus and selection.
+ * Make a list's children those of `items`, keeping the element of each key, and with it focus and selection. The focus
+ * of one that goes is its neighbour's.
  * `create(item)` makes an element with the function `update(item)` as its property.
  */
 export function keyed(list, items, keyOf, create) {
@@ -55,7 +56,11 @@ export function keyed(list, items, keyOf, create) {
     else list.insertBefore(child, place);
     child.update?.(item);
   }
-  for (const child of before.values()) child.remove();
+  for (const child of before.values()) {
+    const next = child.contains(document.activeElement) ? child.nextElementSibling ?? child.previousElementSibling : null;
+    child.remove();
+    next?.querySelector("button, input, summary")?.focus();
+  }
 }
 
 /**

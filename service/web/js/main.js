@@ -26,6 +26,9 @@ window.addEventListener("unhandledrejection", (event) => {
   failure(event.reason);
 });
 
+// a bookmark of another clip, in this same tab
+window.addEventListener("hashchange", () => reopen(begin));
+
 const change = document.getElementById("change-key");
 change.hidden = !key();
 change.addEventListener("click", async () => {

@@ -29,6 +29,7 @@ export const isClip = (item) => item?.medium?.media?.kind ? item.medium.media.ki
 export async function bring(item) {
   item.error = null;
   try {
+    if (item.medium?.state === "failed" && !item.file) throw new Problem(item.medium.error ?? {});
     if (!item.medium || item.medium.state === "failed") {
       item.canceling = new AbortController();
       item.sent = 0;

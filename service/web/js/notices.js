@@ -37,7 +37,10 @@ export const noFile = () =>
 function show(body, kind) {
   const list = document.getElementById("toasts");
   const toast = el("div", { class: `toast ${kind}` }, icon(kind ? "warn" : "check"), body);
-  toast.append(iconButton("cross", "Close this message", () => toast.remove()));
+  toast.append(iconButton("cross", "Close this message", () => {
+    toast.remove();
+    (list.querySelector("button") ?? document.getElementById("stage")).focus({ preventScroll: true });
+  }));
   list.append(toast);
   while (list.children.length > MOST_SHOWN) list.firstElementChild.remove();
   if (!kind) setTimeout(() => toast.remove(), SHOWN_MS);

@@ -4,7 +4,7 @@ import { DEFAULTS, chosen, onTheWay, reset, set, setAll } from "./references.js"
 import { choice, el, say } from "./dom.js";
 import { changed, onChange, selectedReference, state } from "./store.js";
 import { count, percent, capital } from "./format.js";
-import { faceChecks, faceChoice } from "./faces.js";
+import { faceChecks, faceChoice, takenFace } from "./faces.js";
 import { formatsOf } from "./output.js";
 import { isReady } from "./medium.js";
 import { start } from "./transfers.js";
@@ -142,33 +142,38 @@ export function mountPanel() {
   const more = [keep(), match()];
   const every = [...settings, ...more];
   const alike = el("button", { type: "button", class: "plain", onclick: setAll }, "Use for all portraits");
-  const undo = el("button", { type: "button", class: "plain", onclick: reset }, "Reset");
+  const undo = el("button", { type: "button", class: "plain", onclick: () => {
+    reset();
+    form.querySelector('input[type="range"]').focus(); // the button goes
+  } }, "Reset");
   const group = el("fieldset", { class: "look" }, el("legend", { class: "unseen" }, "Settings of the look"), ...settings,
     el("details", {}, el("summary", {}, "More"), ...more), el("div", { class: "row bare" }, undo, alike));
+  const note = el("p", { hidden: true });
   const hint = el("p", { class: "quiet small", id: "start-hint" });
   const go = el("button", { type: "submit", class: "primary wide", "aria-describedby": "start-hint" }, "Render");
   const written = output();
-  form.append(group, written, el("div", { class: "start" }, go, hint));
+  form.append(note, group, written, el("div", { class: "start" }, go, hint));
 
   let starting = false;
   form.addEventListener("submit", async (event) => {
     event.preventDefault();
     if (starting || missing()) return;
     starting = true;
-    changed();
-    const done = start();
     // a second click within the same moment is one too many; the job itself may take long
-    setTimeout(() => {
-      starting = false;
-      changed();
-    }, 600);
-    await done;
+    setTimeout(() => { starting = false; }, 600);
+    await start();
   });
 
   onChange(() => {
     const item = selectedReference();
     document.getElementById("panel-kind").hidden = !item;
-    say(document.getElementById("panel-name"), item ? item.name : "Look");
+    const title = document.getElementById("panel-name");
+    say(title, item ? item.name : "Look");
+    title.title = item?.name ?? "";
+    const notes = item?.error ? [item.error.text ?? item.error.message] : isReady(item) ? takenFace(item.medium, item.settings)?.warnings ?? [] : [];
+    note.className = item?.error ? "problem" : "quiet small";
+    note.hidden = !notes.length;
+    say(note, notes.join("; "));
     group.disabled = !item;
     const now = item?.settings ?? DEFAULTS;
     every.forEach((one) => one.update(now, item));
@@ -176,7 +181,7 @@ export function mountPanel() {
     alike.hidden = state.references.length < 2;
     undo.hidden = JSON.stringify(now) === JSON.stringify(DEFAULTS);
     const why = missing();
-    go.disabled = Boolean(why) || starting;
+    go.disabled = Boolean(why);
     say(hint, why);
     const looks = chosen().length;
     say(go, looks > 1 ? `Render ${count(looks, "look")}` : "Render");

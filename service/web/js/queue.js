@@ -34,7 +34,7 @@ function resultRow(look, show) {
   const size = gone ? "No longer kept" : bytes(look.size_bytes);
   const name = nameOf(look.reference);
   const made = el("li", { class: "result" },
-    el("div", { class: "result-name" }, el("span", { class: "name" }, name), el("span", { class: "quiet small" }, size)),
+    el("div", { class: "result-name" }, el("span", { class: "name", title: name }, name), el("span", { class: "quiet small" }, size)),
     el("button", { type: "button", disabled: gone, onclick: show, "aria-label": `Compare ${name} before and after` }, icon("split"), "Compare"),
     iconButton("down", `Download ${name}`, () => download(look), { disabled: gone }));
   const warnings = look.warnings ?? [];
@@ -54,7 +54,7 @@ function card(first) {
   const every = el("button", { type: "button", onclick: () => downloadAll(job) }, icon("down"), "Download all");
   const problem = el("p", { class: "problem", hidden: true });
   const results = el("ul", { class: "results" });
-  const made = el("li", { class: "job" }, el("div", { class: "job-head" }, el("div", {}, title, status), stop, repeat, every), bar, problem, results);
+  const made = el("li", { class: "job", tabindex: "-1" }, el("div", { class: "job-head" }, el("div", {}, title, status), stop, repeat, every), bar, problem, results);
   made.update = (now) => {
     job = now;
     const done = job.state === "succeeded";
@@ -68,7 +68,9 @@ function card(first) {
     bar.setAttribute("aria-label", `Progress of ${title.textContent}`);
     if (job.state === "running") bar.value = job.progress.fraction;
     else bar.removeAttribute("value");
+    const stopped = document.activeElement === stop;
     stop.hidden = job.done || job.state === "canceling";
+    if (stopped && stop.hidden) made.focus();
     repeat.hidden = job.kind !== "transfer" || !["failed", "canceled", "expired"].includes(job.state);
     every.hidden = !done || job.looks.filter((look) => look.content_type).length < 2;
     problem.hidden = !job.error || job.state !== "failed";

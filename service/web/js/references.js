@@ -57,7 +57,9 @@ function fallBack(item, others, before) {
   if (state.selected !== item.key) return;
   const usable = (one) => state.references.includes(one) && !one.error;
   const next = others.find(usable) ?? state.references.find((one) => one.key === before && usable(one));
-  if (next) select(next.key);
+  if (!next) return;
+  state.selected = next.key;
+  changed();
 }
 
 async function arrive(item) {
@@ -88,8 +90,12 @@ export const retry = (item) => {
   return arrive(item);
 };
 
+/** The stage goes from a finished look to the one that is chosen or changed now. */
+const toTheStage = () => { if (state.clip) state.compared = null; };
+
 export function select(key) {
   state.selected = key;
+  toTheStage();
   changed();
 }
 
@@ -104,6 +110,7 @@ export function set(values) {
   const item = selectedReference();
   if (!item) return;
   Object.assign(item.settings, values);
+  toTheStage();
   changed();
 }
 

@@ -28,6 +28,8 @@ function wanted() {
 }
 
 function show() {
+  const stage = document.getElementById("stage");
+  const hadFocus = stage.contains(document.activeElement);
   const [name, make] = wanted();
   if (name !== shown) {
     view?.close?.();
@@ -42,6 +44,9 @@ function show() {
   }
   view.update?.();
   head();
+  // what had the focus may have gone or be hidden
+  const now = document.activeElement;
+  if (hadFocus && !(stage.contains(now) && now.checkVisibility())) stage.focus({ preventScroll: true });
 }
 
 function facts(media) {
@@ -55,12 +60,16 @@ function facts(media) {
 }
 
 const tools = document.getElementById("stage-tools");
+const bin = iconButton("bin", "Delete the clip from the service", () => remove(state.clip.medium));
 
 function head() {
   const { clip, compared } = state;
   document.getElementById("stage").classList.toggle("bare", !clip && !compared);
-  say(document.getElementById("stage-name"), clip ? clip.name : compared ? "Finished look" : "Clip");
+  const title = document.getElementById("stage-name");
+  say(title, clip ? clip.name : compared ? "Finished look" : "Clip");
+  title.title = clip?.name ?? "";
   say(document.getElementById("stage-facts"), facts(clip?.medium?.media));
+  bin.hidden = !clip?.medium; // there is nothing to delete yet
   const kind = compared ? "compare" : clip ? "clip" : "none";
   if (tools.dataset.kind === kind) return;
   tools.dataset.kind = kind;
@@ -75,7 +84,7 @@ function head() {
   tools.append(
     ...fileButton("Another clip", { accept: CLIP_TYPES, take: openFiles }),
     iconButton("cross", "Close the clip; it stays with the service", () => close()),
-    iconButton("bin", "Delete the clip from the service", () => state.clip?.medium && remove(state.clip.medium)),
+    bin,
   );
 }
 
@@ -113,6 +122,11 @@ export function mountStage() {
   const stage = document.getElementById("stage");
   takesFiles(stage, openFiles, noFile);
   document.addEventListener("keydown", keys);
+  // followed, the link would take the place of the clip in the address
+  document.querySelector(".skip").addEventListener("click", (event) => {
+    event.preventDefault();
+    stage.focus();
+  });
   // on a phone the picture stays in sight while the rest goes by: what is above it may leave
   const above = () => picture.getBoundingClientRect().top - stage.getBoundingClientRect().top;
   new ResizeObserver(() => stage.style.setProperty("--above", `${above()}px`)).observe(stage);
