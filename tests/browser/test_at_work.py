@@ -160,6 +160,7 @@ def test_a_service_that_is_away_for_a_moment_keeps_the_address(desk: Desk, away:
     desk.guarded.open(f"/#{desk.video['id']}")
     page.locator("#picture").get_by_text("Not just now").wait_for()
     assert page.evaluate(hash_is, desk.video["id"])
+    assert page.locator("#start-hint").inner_text() == "The clip is not ready yet."
     page.unroute(f"**/v1/{away}")
     page.locator("#picture").get_by_role("button", name="Try again").click()
     desk.guarded.until(READY)
@@ -351,3 +352,15 @@ def test_the_panel_is_seen_whole_while_nothing_is_rendered(desk: Desk) -> None:
     assert page.evaluate(
         "() => { const p = document.getElementById('panel'); return p.scrollHeight <= p.clientHeight; }"
     )
+
+
+def test_a_clip_that_somebody_else_deleted_is_told_of_and_goes(desk: Desk) -> None:
+    desk.guarded.expected.append("status of 404")
+    page = desk.edit()
+    assert desk.api.client.delete(f"/videos/{desk.video['id']}").status_code == 204
+    page.keyboard.press("Period")
+    page.locator("#picture").get_by_text("This clip is no longer here").wait_for()
+    page.get_by_role("button", name="Delete the clip").click()
+    page.get_by_role("dialog").get_by_role("button", name="Delete").click()
+    page.get_by_role("button", name="Choose a clip").wait_for()
+    assert page.locator(".clip-card").count() == 0

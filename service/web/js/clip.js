@@ -92,8 +92,10 @@ export async function remove(medium) {
   try {
     await ask(`${PATH}/${medium.id}?cancel_jobs=true`, { method: "DELETE" });
   } catch (error) {
-    failure(error, `${name} was not deleted`);
-    return;
+    if (error.status !== 404) { // else somebody else has deleted it
+      failure(error, `${name} was not deleted`);
+      return;
+    }
   }
   forget(medium.id);
   if (state.clip?.medium?.id === medium.id) clear();

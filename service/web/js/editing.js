@@ -208,7 +208,8 @@ export class Editing {
     } catch (error) {
       if (isAbort(error) || signal.aborted) return;
       this.split.active = false;
-      this.#tell(error.text ?? error.message);
+      const isGone = error.status === 404 && error.detail.includes(id);
+      this.#tell(isGone ? "This clip is no longer here: it was deleted." : error.text ?? error.message);
     }
     this.video.hidden = true;
     this.split.element.removeAttribute("aria-busy");

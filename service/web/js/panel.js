@@ -119,7 +119,7 @@ function output() {
 /** Why nothing can be rendered yet; empty when it can. */
 function missing() {
   if (!state.clip) return "Add a clip to begin.";
-  if (state.clip.error) return "This clip cannot be used.";
+  if (state.clip.error && !state.clip.again) return "This clip cannot be used.";
   if (!isReady(state.clip)) return "The clip is not ready yet.";
   const waiting = onTheWay().length;
   if (waiting) return `${count(waiting, "portrait")} not ready yet.`;
