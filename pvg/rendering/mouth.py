@@ -5,7 +5,9 @@ luma, which light changes little, and a little of how dark they are beside what 
 
     t = (c − c_skin) · (c_lips − c_skin) / |c_lips − c_skin|²        1 on lips, 0 on skin
 
-A change meant for lips is given to what is at least some way from skin to lips. A finger before an open mouth is no
+A change meant for lips is given to what is at least some way from skin to lips. Where lips have nearly the tint of the
+skin, t is their shade, and light from above or from one side takes it from a part of them: when most of them is shown,
+all of it is. A finger before an open mouth is no
 tooth: it is skin if it has the skin's tint, is as bright as the skin around the mouth, and enters the mouth where its
 outline shows no lips. Its colour alone does not tell: yellow and blurred teeth have it too. Where lips have the tint of
 the skin, no finger is told from them.
@@ -19,7 +21,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from pvg._arrays import Floats, smoothstep
+from pvg._arrays import Bools, Floats, smoothstep
 from pvg.asset import KeyFrame
 from pvg.face import PARTS, Landmarks, layout
 from pvg.membrane import Lattice
@@ -37,6 +39,8 @@ _OFF_TINT, _OFF_LUMA = np.float32(0.45), np.float32(0.5)  # of the skin's tint, 
 _IS_SKIN = (0.5, 0.9)  # of both together: what is nearer is skin, what is farther none [by eye]
 _FINGER = 0.05  # of the face's width [by eye]
 _OTHER_TINT = 0.2  # of the skin's tint: lips nearer to it differ in shade alone, as skin does [by eye]
+_BY_TINT = (0.3, 0.45)  # of the skin's tint: how far off it lips are told by it, below by their shade [by eye]
+_MOSTLY = (0.4, 0.65)  # of the lips shown, from which those that are told by their shade are all shown [by eye]
 _NO_LIPS = 0.2  # of how far lips are shown, below which a finger crosses them [by eye]
 _OPEN = 0.02  # of the face's width between the lips: narrower mouths show neither teeth nor fingers [by eye]
 _DARKEST = np.float32(8.0)  # levels of luma above black: below, a tint says nothing
@@ -66,7 +70,7 @@ def see_mouth(frame: Frame, landmarks: Landmarks, key: KeyFrame, lattice: Lattic
     width = max(landmarks.axes.width, 1.0)
     if float(np.linalg.norm(apart)) < _APART:
         return Mouth()
-    outline, inner = (landmarks.points[part] for part in (layout.LIPS_OUTER, layout.LIPS_INNER))
+    outline, opening = (landmarks.points[part] for part in (layout.LIPS_OUTER, layout.LIPS_INNER))
     low, high = outline.min(axis=0) - _MARGIN * width, outline.max(axis=0) + _MARGIN * width
     corner = np.array([lattice.x, lattice.y], np.float32)
     first = np.maximum(np.floor((low - corner) / lattice.step), 0).astype(int)
@@ -86,12 +90,13 @@ def see_mouth(frame: Frame, landmarks: Landmarks, key: KeyFrame, lattice: Lattic
     tints[..., 2] += np.clip(skin[2] - beside, -_OTHER, _OTHER)
     lips_shown = smoothstep((tints - skin) @ apart / float(apart @ apart), *_SHOWN)
     crossing = None
-    told = float(np.linalg.norm(apart[:2])) > _OTHER_TINT * float(np.linalg.norm(skin[:2]))
-    gap = float(np.linalg.norm(inner[2] - inner[6]))  # from the middle of the upper lip to that of the lower one
-    if told and gap > _OPEN * width:
-        outlines = [(one - corner) / lattice.step - first for one in (outline, inner)]
+    off_tint = float(np.linalg.norm(apart[:2])) / max(float(np.linalg.norm(skin[:2])), 1e-3)
+    outer, inner = (_inside((one - corner) / lattice.step - first, (rows, columns)) for one in (outline, opening))
+    lips_shown = _whole(lips_shown, outer & ~inner, off_tint)
+    gap = float(np.linalg.norm(opening[2] - opening[6]))  # from the middle of the upper lip to that of the lower one
+    if off_tint > _OTHER_TINT and gap > _OPEN * width:
         likely = 1.0 - smoothstep(off_skin, *_IS_SKIN)
-        crossing = _crossing(likely, lips_shown, outlines, _FINGER * width / lattice.step)
+        crossing = _crossing(likely, lips_shown, outer, inner, _FINGER * width / lattice.step)
     here = slice(first[1], last[1]), slice(first[0], last[0])
     return Mouth(*(_on_lattice(part, here, lattice, away) for part, away in ((lips_shown, 1.0), (crossing, 0.0))))
 
@@ -105,16 +110,31 @@ def _on_lattice(part: Floats | None, here: tuple[slice, slice], lattice: Lattice
     return whole
 
 
-def _crossing(skin: Floats, lips: Floats, outlines: Sequence[Floats], finger: float) -> Floats | None:
+def _inside(outline: Floats, shape: tuple[int, int]) -> Bools:
+    """(h, w) the nodes inside an outline (n, 2) of x, y of nodes."""
+    drawn = np.zeros(shape, np.uint8)
+    return cv2.fillPoly(drawn, [np.rint(outline).astype(np.int32)], 1) > 0
+
+
+def _whole(shown: Floats, lips: Bools, off_tint: float) -> Floats:
+    """(h, w) how far lips are shown, where they are told by their shade: all of them when most are.
+
+    shown: (h, w) as each node tells;  lips: (h, w) the nodes between their outlines;
+    off_tint: of the skin's tint, how far lips are off it.
+    """
+    if not lips.any():
+        return shown
+    mostly = smoothstep(shown[lips].mean(keepdims=True), *_MOSTLY)
+    by_shade = 1.0 - smoothstep(np.array([off_tint], np.float32), *_BY_TINT)
+    return np.asarray(np.maximum(shown, mostly * by_shade), np.float32)
+
+
+def _crossing(skin: Floats, lips: Floats, outer: Bools, inner: Bools, finger: float) -> Floats | None:
     """(h, w) of `skin` (h, w), how far nodes look like skin, that comes into a mouth across its lips; None without any.
 
-    lips: (h, w) how far nodes show lips;  outlines: (n, 2) of the lips, outer and inner, x, y of nodes;
+    lips: (h, w) how far nodes show lips;  outer, inner: (h, w) the nodes inside the lips' outlines;
     finger: nodes, the width of the thinnest.
     """
-    drawn = np.zeros((2, *skin.shape), np.uint8)
-    for one, outline in zip(drawn, outlines, strict=True):
-        cv2.fillPoly(one, [np.rint(outline).astype(np.int32)], 1)
-    outer, inner = drawn > 0
     likely = skin > 0.5
     bare = likely & outer & ~inner & (lips < _NO_LIPS)
     side = max(1, round(finger))

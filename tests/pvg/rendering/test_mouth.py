@@ -140,3 +140,19 @@ def test_no_finger_is_told_from_lips_that_are_the_skin_but_darker(face: FaceInFr
     seen = see_mouth(frame_of(picture, YUV444), wide.landmarks, key_of((dark[0], dark[1], dark[2])), LATTICE)
     assert seen.lips is not None
     assert seen.skin is None
+
+
+@pytest.mark.parametrize(("lit", "whole"), [(0.3, True), (0.85, False)], ids=["light", "a hand"])
+def test_lips_that_are_the_skin_but_darker_keep_the_part_that_is_lit(
+    face: FaceInFrame, lit: float, whole: bool
+) -> None:
+    dark = (0.75 * SKIN[0], 0.75 * SKIN[1], 0.75 * SKIN[2])
+    picture, within = mouth(face, dark)
+    outline = face.landmarks.points[layout.LIPS_OUTER]
+    edge = int(outline[:, 0].min() + lit * np.ptp(outline[:, 0]))
+    picture[:, :edge] = SKIN
+    shown = see_mouth(frame_of(picture, YUV444), face.landmarks, key_of(dark), LATTICE).lips
+    assert shown is not None
+    bright = within & (np.arange(LATTICE.width) * LATTICE.step < edge - 20)[None]
+    assert bright.any()
+    assert (shown[bright].min() > 0.9) if whole else (shown[bright].max() < 0.1)
