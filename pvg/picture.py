@@ -25,7 +25,7 @@ LUMA = np.array([0.299, 0.587, 0.114])
 _DARK = 1.0  # level of a mean that a deviation is divided by, at least
 
 
-def contrast(luma: Floats | Bytes) -> float:
+def rms_contrast(luma: Floats | Bytes) -> float:
     """The deviation of a picture's luma (h, w), 0-255, over its mean."""
     mean, deviation = cv2.meanStdDev(luma)
     return float(deviation[0, 0]) / max(float(mean[0, 0]), _DARK)

@@ -46,6 +46,10 @@ class VectorVideo:
 
     Made by `pvg.vectorize` and `pvg.open_asset`. A context manager; closing it removes a temporary asset.
     limits: what the source clip must keep whenever it is read, as when it was vectorised; None for the usual ones.
+
+    path: of the asset;  source: of the clip, None where nothing is known of it;  media: what the clip is;
+    faces: a summary of each, by index;  shots: first frames;  settings: those of `vectorize` that it was made with;
+    source_sha256: of the clip's bytes, hexadecimal;  manifest: all of this as it is stored.
     """
 
     def __init__(

@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from pvg import models
+from pvg._arrays import Floats
 from pvg.picture import Picture, as_picture
 from pvg.raster import centers_in_unit, from_edge
 
-FloatArray = npt.NDArray[np.float32]
 ByteArray = npt.NDArray[np.uint8]
 
 INPUT_PX = 256
@@ -35,13 +35,13 @@ class Detection:
     mouth, ear fronts (image left first); score in [0, 1].
     """
 
-    box: FloatArray
-    key_points: FloatArray
+    box: Floats
+    key_points: Floats
     score: float
 
 
 @cache
-def _anchors() -> FloatArray:
+def _anchors() -> Floats:
     """Anchor centres (896, 2) in [0, 1]: 2 per cell of the 16×16 grid, then 6 per cell of the 8×8 grid."""
     grids = []
     for cells, per_cell in ((16, 2), (8, 6)):
@@ -108,7 +108,7 @@ def _detect_in(picture: Picture) -> list[Detection]:
     ]
 
 
-def box_iou(box: FloatArray, others: FloatArray) -> FloatArray:
+def box_iou(box: Floats, others: Floats) -> Floats:
     """Intersection over union of one box (4,) with others (n, 4), as (n,) float32; boxes are x0, y0, x1, y1."""
     low = np.maximum(box[:2], others[:, :2])
     high = np.minimum(box[2:], others[:, 2:])

@@ -15,10 +15,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from pvg._arrays import Doubles, Floats
 from pvg.face import layout
 from pvg.landmarks.tracking import FaceTrack
-
-FloatArray = npt.NDArray[np.float32]
 
 _FRONTAL_DEG = (20.0, 30.0)  # yaw, pitch
 _LEAST_FRAMES = 5
@@ -39,10 +38,10 @@ class FaceShape:
 
     first: int
     last: int
-    ratios: FloatArray
+    ratios: Floats
 
 
-def frontal_ratios(track: FaceTrack) -> FloatArray:
+def frontal_ratios(track: FaceTrack) -> Floats:
     """11 lengths of a face over the distance of its outer eye corners in every frame that shows it from the front.
 
     Returns (m, 11) float32.
@@ -59,7 +58,7 @@ def frontal_ratios(track: FaceTrack) -> FloatArray:
     x = np.einsum("fpk,fk->fp", shifted, across) / np.cos(np.radians(track.pose[seen, :1]))
     y = np.einsum("fpk,fk->fp", shifted, down)
 
-    def between(a: int, b: int) -> npt.NDArray[np.float64]:
+    def between(a: int, b: int) -> Doubles:
         return np.asarray(np.hypot(x[:, a] - x[:, b], y[:, a] - y[:, b]))
 
     nose = y[:, layout.NOSE_BASE_MIDDLE]
@@ -76,7 +75,7 @@ def frontal_ratios(track: FaceTrack) -> FloatArray:
     return np.asarray(np.stack(lengths, axis=1) / between(*layout.OUTER_EYE_CORNERS)[:, None], np.float32)
 
 
-def face_proportions(track: FaceTrack | FaceShape) -> FloatArray | None:
+def face_proportions(track: FaceTrack | FaceShape) -> Floats | None:
     """Logarithms of a face's `frontal_ratios`, (11,) float32.
 
     The median over the frames that show it from the front; None when they are too few.
@@ -106,7 +105,7 @@ def link_persons(tracks: Sequence[FaceTrack | FaceShape], skin_rgb: npt.ArrayLik
     return tuple(next(p for p, group in enumerate(groups) if i in group) for i in range(count))
 
 
-def _distances(tracks: Sequence[FaceTrack | FaceShape], skin_rgb: FloatArray) -> FloatArray:
+def _distances(tracks: Sequence[FaceTrack | FaceShape], skin_rgb: Floats) -> Floats:
     """(n, n) rms difference of the tracks' proportions in spreads, infinite between those that cannot be one person."""
     lab = cv2.cvtColor(skin_rgb[:, None] / np.float32(255), cv2.COLOR_RGB2Lab)[:, 0] if len(tracks) else skin_rgb
     proportions = [face_proportions(track) for track in tracks]

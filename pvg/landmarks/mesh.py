@@ -8,12 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from pvg import models
+from pvg._arrays import Doubles, Floats
 from pvg.face import layout
 from pvg.landmarks.detector import Detection
 from pvg.picture import Picture, as_picture
 from pvg.raster import from_edge, scaled_affine
 
-FloatArray = npt.NDArray[np.float32]
 ByteArray = npt.NDArray[np.uint8]
 
 INPUT_PX = 256
@@ -42,8 +42,8 @@ class Mesh:
     score: probability in [0, 1] that the crop shows a face.
     """
 
-    points: FloatArray
-    depth: FloatArray
+    points: Floats
+    depth: Floats
     score: float
 
 
@@ -54,7 +54,7 @@ def region_of_detection(detection: Detection) -> Region:
     return Region((x0 + x1) / 2, (y0 + y1) / 2, REGION_GROWTH * max(x1 - x0, y1 - y0), float(np.arctan2(dy, dx)))
 
 
-def region_of_points(points: FloatArray) -> Region:
+def region_of_points(points: Floats) -> Region:
     """Crop around a face whose mesh points (478, 2) are known, from this frame or the one before."""
     left, right = layout.MESH_OUTER_EYE_CORNERS
     dx, dy = (float(value) for value in points[right] - points[left])
@@ -71,7 +71,7 @@ def region_of_points(points: FloatArray) -> Region:
     )
 
 
-def crop_to_source(region: Region) -> npt.NDArray[np.float64]:
+def crop_to_source(region: Region) -> Doubles:
     """(2, 3) affine map of crop pixel centres to source pixel centres."""
     scale = region.size / INPUT_PX
     cos, sin = scale * np.cos(region.angle), scale * np.sin(region.angle)
@@ -84,7 +84,7 @@ def crop_to_source(region: Region) -> npt.NDArray[np.float64]:
     )
 
 
-def crop(picture: Picture, to_source: npt.NDArray[np.float64], size: float) -> ByteArray:
+def crop(picture: Picture, to_source: Doubles, size: float) -> ByteArray:
     """Sample a region of `size` source pixels, (INPUT_PX, INPUT_PX, 3) uint8 RGB.
 
     A large one is averaged down first so that it does not alias.

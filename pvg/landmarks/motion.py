@@ -10,12 +10,10 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from pvg._arrays import Bytes, Doubles, Floats
 from pvg.landmarks.mesh import INPUT_PX, Mesh, crop, crop_to_source, region_of_points
 from pvg.picture import Picture
-
-FloatArray = npt.NDArray[np.float32]
 
 _CORNERS, _QUALITY, _APART = 120, 0.005, 4.0  # the last in px of the crop, as are those below
 _RETURN_PX = 1.0  # how near a corner followed there and back again comes to where it was
@@ -26,7 +24,7 @@ _MARGIN_PX = 2  # of the crop, where borders are read
 _LK_SIZE, _LK_LEVELS = (21, 21), 3
 
 
-def share_inside(points: FloatArray, size: tuple[int, int]) -> float:
+def share_inside(points: Floats, size: tuple[int, int]) -> float:
     """Share of points (n, 2) in source pixels that lie in a picture of (height, width) pixels."""
     height, width = size
     return float(((points >= 0) & (points < (width, height))).all(axis=1).mean())
@@ -68,11 +66,11 @@ def carried(mesh: Mesh, before: Picture, picture: Picture) -> Mesh | None:
     return replace(mesh, points=points, depth=np.asarray(mesh.depth * growth, np.float32))
 
 
-def _moved(points: FloatArray, affine: npt.NDArray[np.float64]) -> FloatArray:
+def _moved(points: Floats, affine: Doubles) -> Floats:
     return np.asarray(points @ affine[:, :2].T + affine[:, 2], np.float32)
 
 
-def _seen_face(points: FloatArray, to_crop: npt.NDArray[np.float64], size: tuple[int, int]) -> npt.NDArray[np.uint8]:
+def _seen_face(points: Floats, to_crop: Doubles, size: tuple[int, int]) -> Bytes:
     """The part of the crop, 255, that shows the face and lies in a picture of (height, width) pixels."""
     height, width = size
     face, inside = np.zeros((2, INPUT_PX, INPUT_PX), np.uint8)

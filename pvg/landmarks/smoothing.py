@@ -17,7 +17,6 @@ from scipy import sparse
 from pvg.face import Landmarks
 from pvg.landmarks.tracking import FaceTrack, fill_gaps
 
-FloatArray = npt.NDArray[np.float32]
 Array = npt.NDArray[np.float64]
 
 BANDS = 3

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
+from pvg._arrays import Bools, Floats, Ints
 from pvg.face import Landmarks, layout
 from pvg.landmarks.cuts import CutDetector
 from pvg.landmarks.detector import Detection, box_iou, detect_faces
@@ -18,7 +19,6 @@ from pvg.landmarks.pose import head_pose
 from pvg.landmarks.replacing import EVERY, LAG, FaceViews
 from pvg.picture import Picture, as_picture
 
-FloatArray = npt.NDArray[np.float32]
 ByteArray = npt.NDArray[np.uint8]
 
 FACE_GATE = 0.5
@@ -51,8 +51,8 @@ class FaceTrack:
 
     first: int
     landmarks: Landmarks
-    score: FloatArray
-    pose: FloatArray
+    score: Floats
+    pose: Floats
 
     @property
     def last(self) -> int:
@@ -68,7 +68,7 @@ class FaceTrack:
         return float(np.median(self.extents[self.score > 0]))
 
     @property
-    def extents(self) -> FloatArray:
+    def extents(self) -> Floats:
         """(n,) the longer extent of the face contour in x or y in every frame, source pixels."""
         return np.asarray(np.ptp(self.landmarks.points[:, layout.CONTOUR], axis=1).max(axis=1), np.float32)
 
@@ -92,7 +92,7 @@ class Seen:
 
     landmarks: Landmarks
     score: float
-    pose: FloatArray
+    pose: Floats
 
 
 @dataclass
@@ -136,7 +136,7 @@ class OpenTrack:
         return self.seen[-1].score <= FACE_GATE
 
     @property
-    def box(self) -> FloatArray:
+    def box(self) -> Floats:
         """(4,) x0, y0, x1, y1 of the mesh where it was last seen."""
         return _box(self.last_mesh.points)
 
@@ -167,7 +167,7 @@ class OpenTrack:
         begin = max(0, bisect_right(self.frames, frame) - 1)
         del self.frames[:begin], self.seen[:begin]
 
-    def shows(self, start: int, stop: int) -> npt.NDArray[np.bool_]:
+    def shows(self, start: int, stop: int) -> Bools:
         """(stop − start,) whether each frame showed the face; it must not be forgotten."""
         shown = np.zeros(stop - start, np.bool_)
         shown[np.array(self.frames[bisect_left(self.frames, start) : bisect_left(self.frames, stop)], int) - start] = (
@@ -176,7 +176,7 @@ class OpenTrack:
         return shown
 
 
-def fill_gaps(values: FloatArray, seen: npt.NDArray[np.int64], every: npt.NDArray[np.int64]) -> FloatArray:
+def fill_gaps(values: Floats, seen: Ints, every: Ints) -> Floats:
     """Interpolate values (n, …) known at frames `seen` linearly to the frames `every`."""
     if len(seen) == len(every):
         return values
@@ -320,7 +320,7 @@ class FaceTracker:
             return None
         return mesh
 
-    def _taken(self, index: int, box: FloatArray) -> bool:
+    def _taken(self, index: int, box: Floats) -> bool:
         """Whether a face already followed in this frame sits in this box.
 
         Of a face on the picture's edge the detector may take a part for a small face.
@@ -331,7 +331,7 @@ class FaceTracker:
         part = [track.is_carried and _share_within(box, track.box) > SAME_FACE_WITHIN for track in here]
         return any(part) or bool((box_iou(box, np.stack([track.box for track in here])) > SAME_FACE_IOU).any())
 
-    def _lost_near(self, index: int, box: FloatArray) -> OpenTrack | None:
+    def _lost_near(self, index: int, box: Floats) -> OpenTrack | None:
         """The lost track this face most likely continues, by place and size."""
         best, best_distance = None, REJOIN_DISTANCE
         side = float((box[2:] - box[:2]).max())
@@ -361,11 +361,11 @@ class FaceTracker:
         return FaceTracks(tuple(done), tuple(self.cuts), self.frame_count)
 
 
-def _share_within(box: FloatArray, other: FloatArray) -> float:
+def _share_within(box: Floats, other: Floats) -> float:
     """Share of a box (4,) x0, y0, x1, y1 that lies in another."""
     both = np.minimum(box[2:], other[2:]) - np.maximum(box[:2], other[:2])
     return float(np.prod(np.maximum(both, 0)) / max(np.prod(box[2:] - box[:2]), 1e-6))
 
 
-def _box(points: FloatArray) -> FloatArray:
+def _box(points: Floats) -> Floats:
     return np.concatenate([points.min(axis=0), points.max(axis=0)])

@@ -15,7 +15,6 @@ the skin, no finger is told from them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2

@@ -17,7 +17,7 @@ import numpy as np
 from pvg import models
 from pvg._arrays import Bytes, Floats, ramp
 from pvg.face import Landmarks
-from pvg.picture import Picture, as_picture, contrast
+from pvg.picture import Picture, as_picture, rms_contrast
 from pvg.raster import Raster, first_reading
 from pvg.skin.in_time import places_before
 from pvg.skin.parameters import SKIN_PRIOR
@@ -82,8 +82,8 @@ class Scene:
 
     @cached_property
     def contrast(self) -> float:
-        """Of the whole picture, see `pvg.picture.contrast`."""
-        return contrast(np.asarray(cv2.cvtColor(self.rgb, cv2.COLOR_RGB2GRAY), np.uint8))
+        """Of the whole picture, see `pvg.picture.rms_contrast`."""
+        return rms_contrast(np.asarray(cv2.cvtColor(self.rgb, cv2.COLOR_RGB2GRAY), np.uint8))
 
     @cached_property
     def before(self) -> tuple[Floats, Floats] | None:

@@ -19,9 +19,10 @@ import numpy as np
 
 from pvg._arrays import Bools, Floats
 from pvg.face import Landmarks, layout
-from pvg.picture import Picture, contrast
+from pvg.picture import Picture, rms_contrast
 from pvg.raster import centers_in_unit, scaled
 from pvg.skin import Matte
+from pvg.vectorization.key_frames import shows_well
 from pvg.vectorization.veil import Veil
 
 _CHANGE = 0.182  # of log luma against the key's, ±20 %: a new key frame is due
@@ -31,10 +32,7 @@ _REST = 0.01  # of log luma over the rows looked ahead: the light is at rest
 _NO_REST = 2  # rows after a key that count as light which leaves it at once
 LOOKAHEAD = 8  # rows that a change must last; a flash is light and no key
 _LEAST_GAP = 6  # rows between two keys: between them colours go over linearly, as a ramp does
-_FREE_KEYS, _ROWS_A_KEY = (
-    6,
-    250,
-)  # keys that a track may have beside its first: and one every so many rows
+_FREE_KEYS, _ROWS_A_KEY = 6, 250  # keys that a track may have beside its first: and one every so many rows
 _PATIENCE = 100  # rows that a change must have lasted once they are spent: flicker stops, a new level is still found
 
 _SIDE, _OVERSAMPLED = 24, 3  # cells of a face in its own coordinates, and pixels read a side of each
@@ -45,11 +43,10 @@ _LEAST_LUMA = 14.0  # levels of the median that colours can be fitted at
 _LEAST_SEEN = 0.6  # of the key's open cells
 _ALIKE = 0.8  # of the cells seen that changed by half of the median's change or more
 _LIKENESS = 0.75  # correlation of the pattern with the key's: less and something else is seen
-_GOOD_SCORE, _FRONTAL_DEG = 0.8, 25.0
 
 
 @dataclass(frozen=True, eq=False)
-class Patch:
+class FacePatch:
     """A face in its own coordinates.
 
     luma: (SIDE, SIDE) float32;  skin: (SIDE, SIDE) bool, open skin within the face.
@@ -59,7 +56,7 @@ class Patch:
     skin: Bools
 
     @classmethod
-    def of(cls, picture: Picture, landmarks: Landmarks, matte: Matte) -> Patch:
+    def of(cls, picture: Picture, landmarks: Landmarks, matte: Matte) -> FacePatch:
         """The patch of a face in a picture, eyes and mouth where they always are."""
         marks = np.stack([landmarks.points[part].mean(axis=0) for part in _MARKS])
         places, fine = np.asarray(_PLACES * (_SIDE - 1), np.float32), _SIDE * _OVERSAMPLED
@@ -71,7 +68,7 @@ class Patch:
         alpha = cv2.warpAffine(matte.alpha, to_cells, (_SIDE, _SIDE), flags=flags)
         return cls(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY).astype(np.float32), (alpha > 0.9 * 255) & _FACE)
 
-    def gain_over(self, key: Patch) -> float:
+    def gain_over(self, key: FacePatch) -> float:
         """The logarithm of how much brighter the open skin is than on the key's patch; NaN when it cannot be told."""
         both = self.skin & key.skin
         if both.sum() < max(1.0, _LEAST_SEEN * key.skin.sum()) or np.median(self.luma[both]) < _LEAST_LUMA:
@@ -103,7 +100,7 @@ class Sight:
     picture: Picture
     landmarks: Landmarks
     matte: Matte
-    patch: Patch | None
+    patch: FacePatch | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,12 +125,12 @@ class ExposureWatch:
     """
 
     main_row: int
-    main: Patch
+    main: FacePatch
     main_picture: float | None = None
     shows: float = 1.0
     main_since: int | None = None  # of the main key, once its row has passed
     _waiting: deque[Sight] = field(default_factory=deque)
-    _key: Patch | None = None
+    _key: FacePatch | None = None
     _key_row: int | None = None  # None while the main key, still ahead, serves
     _same: int | None = None  # the last row in the light of the key …
     _moved: float = 0.0  # … and how far it had moved there, log luma
@@ -146,7 +143,7 @@ class ExposureWatch:
     def __post_init__(self) -> None:
         if self.main_picture is not None:
             luma = self.main.luma[_FACE]
-            self._veil = Veil(contrast(luma), self.main_picture, float(luma.mean()))
+            self._veil = Veil(rms_contrast(luma), self.main_picture, float(luma.mean()))
 
     def see(
         self,
@@ -162,19 +159,19 @@ class ExposureWatch:
 
         whole: the contrast of its whole picture, None where that is not known.
         """
-        sure = score >= _GOOD_SCORE and float(np.abs(pose[:2]).max()) <= _FRONTAL_DEG
-        patch = Patch.of(picture, landmarks, matte) if sure else None
+        sure = bool(shows_well(np.array(score, np.float32), pose))
+        patch = FacePatch.of(picture, landmarks, matte) if sure else None
         self.shows = self._shows(patch, whole)
         if self.shows < 1.0:  # a veil is no light
             patch = None
         self._waiting.append(Sight(row, picture, landmarks, matte, patch))
         return self._pass() if len(self._waiting) > LOOKAHEAD else []
 
-    def _shows(self, patch: Patch | None, whole: float | None) -> float:
+    def _shows(self, patch: FacePatch | None, whole: float | None) -> float:
         if whole is None or self._veil is None:
             return 1.0
         if patch is not None:
-            self._face = contrast(patch.luma[_FACE])
+            self._face = rms_contrast(patch.luma[_FACE])
         return self._veil.shows(self._face, whole)
 
     def end(self) -> list[DueKey]:
@@ -208,7 +205,7 @@ class ExposureWatch:
         self._serve(sight.patch, sight.row)
         return [DueKey(sight, since, main_from)]
 
-    def _serve(self, key: Patch | None, row: int) -> None:
+    def _serve(self, key: FacePatch | None, row: int) -> None:
         self._key, self._key_row, self._same, self._moved, self._changed = key, row, row, 0.0, 0
 
     def _began(self, row: int, gain: float) -> int | None:
@@ -225,7 +222,7 @@ class ExposureWatch:
         began = self._same - round((row - self._same) * self._moved / (gain - self._moved))
         return began if began > key_row + _NO_REST else key_row
 
-    def _is_due(self, row: int, gain: float, key: Patch) -> bool:
+    def _is_due(self, row: int, gain: float, key: FacePatch) -> bool:
         if self._key_row is not None and row - self._key_row < _LEAST_GAP:
             return False
         if self._made >= _FREE_KEYS + self._passed / _ROWS_A_KEY and self._changed < _PATIENCE:

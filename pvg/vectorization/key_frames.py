@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from pvg._arrays import Floats
+from pvg._arrays import Bools, Floats
 from pvg.face import Landmarks, layout
 from pvg.landmarks import FaceTrack
 from pvg.picture import Box, Picture, as_picture
@@ -33,14 +33,17 @@ _LOOKED_AT = 5  # frames whose skin is cut to see whether something covers it
 _HAIRY_OR_RED = (layout.LEFT_BROW, layout.RIGHT_BROW, layout.LIPS_OUTER)
 
 
-def good_rows(track: FaceTrack) -> NDArray[np.bool_]:
+def good_rows(track: FaceTrack) -> Bools:
     """(n,) whether a row shows the face well: sure of itself and turned to the camera."""
-    turned = np.abs(track.pose[:, :2]).max(axis=1)
-    good: NDArray[np.bool_] = (track.score >= _GOOD_SCORE) & (turned <= _FRONTAL_DEG)
-    return good
+    return shows_well(track.score, track.pose)
 
 
-def first_good_row(track: FaceTrack, clear: NDArray[np.bool_] | None = None) -> int:
+def shows_well(score: Floats, pose: Floats) -> Bools:
+    """(...) whether a face of a score (...) in [0, 1] and a pose (..., 3), degrees, is sure and faces the camera."""
+    return np.asarray((score >= _GOOD_SCORE) & (np.abs(pose[..., :2]).max(axis=-1) <= _FRONTAL_DEG))
+
+
+def first_good_row(track: FaceTrack, clear: Bools | None = None) -> int:
     """The first row that shows the face well, else the best one.
 
     clear: (n,) which rows are to be taken if one of them shows it well.
@@ -95,7 +98,7 @@ def opacity(track: FaceTrack, shots: Collection[int], frame_count: int) -> Float
     return faded(track.score > 0, before=before, after=after)
 
 
-def faded(seen: NDArray[np.bool_], *, before: bool, after: bool) -> Floats:
+def faded(seen: Bools, *, before: bool, after: bool) -> Floats:
     """`opacity` of frames (n,) that show the face or not, and whether it counts as seen before and after them.
 
     What lies FADE_REACH frames away or more has no influence.

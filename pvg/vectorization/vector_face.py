@@ -28,7 +28,7 @@ from pvg.skin import (
     fit_skin_model,
     scene_raster,
 )
-from pvg.vectorization.exposure import DueKey, ExposureWatch, Patch
+from pvg.vectorization.exposure import DueKey, ExposureWatch, FacePatch
 from pvg.vectorization.following import KeyView, Stretch, rows_between
 from pvg.vectorization.key_colors import fit_key_frame
 from pvg.vectorization.key_frames import good_rows
@@ -97,7 +97,7 @@ class VectorFace:
         self._watch: ExposureWatch | None = None
         if reset is None:
             whole = None if key.scene is None else key.scene.contrast
-            self._watch = ExposureWatch(key.row, Patch.of(key.picture, key.landmarks, self.key_matte), whole)
+            self._watch = ExposureWatch(key.row, FacePatch.of(key.picture, key.landmarks, self.key_matte), whole)
 
     def add(self, stretch: Stretch, writer: AssetWriter) -> None:
         """Follow the skin through the next rows and write them."""

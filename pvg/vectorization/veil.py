@@ -2,8 +2,8 @@
 
 Light that changes scales a picture, a fade to white takes its contrast away as well: of a picture I, v of the way to
 white, there is (1 − v) I + v W. What a look changes must fade alike, or its face is left on a white picture. Told by
-the contrast c (`pvg.picture.contrast`) of the face and of the whole picture, beside that of the track's key frame: a
-face that is lit more softly leaves the picture's contrast, and a picture that shows another place leaves the face's.
+the contrast c (`pvg.picture.rms_contrast`) of the face and of the whole picture, beside that of the track's key frame:
+a face that is lit more softly leaves the picture's contrast, and a picture that shows another place leaves the face's.
 """
 
 from __future__ import annotations

@@ -199,10 +199,10 @@ INPUT_COLORS = get_args(InputColor)
 """What a caller may say of a clip's colours: "auto" believes its tags."""
 
 
-def _to_xyz(primaries: tuple[tuple[float, float], ...], white: tuple[float, float] = _D65) -> Doubles:
-    """(3, 3) R, G, B light of these primaries and white as CIE XYZ, white's Y being 1."""
+def _to_xyz(primaries: tuple[tuple[float, float], ...]) -> Doubles:
+    """(3, 3) R, G, B light of these primaries, whose white is D65, as CIE XYZ, white's Y being 1."""
     columns = np.array([[x / y, 1.0, (1.0 - x - y) / y] for x, y in primaries]).T
-    x, y = white
+    x, y = _D65
     return np.asarray(columns * np.linalg.solve(columns, np.array([x / y, 1.0, (1.0 - x - y) / y])))
 
 

@@ -72,8 +72,8 @@ class PlanePicture:
         while factor * 2 <= reduction and min(luma.shape) >= 2 << max(log2x, log2y):
             # whole chroma samples of the half-size picture only
             height, width = luma.shape[0] >> 1 + log2y, luma.shape[1] >> 1 + log2x
-            luma = _as_plane(halved(luma[: height << 1 + log2y, : width << 1 + log2x]))
-            chroma = [_as_plane(halved(plane[: 2 * height, : 2 * width])) for plane in chroma]
+            luma = halved(luma[: height << 1 + log2y, : width << 1 + log2x])
+            chroma = [halved(plane[: 2 * height, : 2 * width]) for plane in chroma]
             factor *= 2
         height, width = luma.shape
         return PlanePicture(self.format, (luma, chroma[0], chroma[1]), (0, 0), (height, width)), factor
@@ -103,10 +103,6 @@ class PlanePicture:
 
     def _to_rgb(self, luma: NDArray[Any], blue: NDArray[Any], red: NDArray[Any]) -> Bytes:
         return self.format.shown(luma, blue, red)
-
-
-def _as_plane(plane: NDArray[Any]) -> Plane:
-    return plane
 
 
 def _averaged(plane: Plane, corner: Doubles, steps: tuple[float, float], shape: tuple[int, int]) -> Floats:

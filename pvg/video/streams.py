@@ -71,7 +71,6 @@ class Track:
     handler: str | None = None
     dispositions: tuple[str, ...] = ()
     sample: str | None = None
-    channels: int = 0
     tags: tuple[tuple[str, str], ...] = ()
     name: str | None = None
 
@@ -206,7 +205,6 @@ def _track(stream: av.stream.Stream) -> Track:
         handler=handler if handler and not any(word in handler.lower() for word in _PLAIN_HANDLERS) else None,
         dispositions=tuple(one.name or "" for one in av.stream.Disposition if stream.disposition & one),
         sample=context.format.name if kind == "sound" and context is not None and context.format else None,
-        channels=context.channels if kind == "sound" and context is not None else 0,
         tags=tuple((k, v) for k, v in others.items() if not k.startswith("_statistics")),
         name=tags.get("filename"),
     )

@@ -10,7 +10,7 @@ import pytest
 
 from pvg.picture import as_picture
 from pvg.skin import SkinTracker, fit_skin_model
-from pvg.vectorization.exposure import LOOKAHEAD, ExposureWatch, Patch
+from pvg.vectorization.exposure import LOOKAHEAD, ExposureWatch, FacePatch
 from tests.gallery.scenes import Scene, drawn_face
 
 Keys = list[tuple[int, int | None]]
@@ -22,7 +22,7 @@ def keys_of(scenes: Sequence[Scene], main_row: int = 0, yaw: Callable[[int], flo
     main = scenes[main_row]
     model = fit_skin_model(main.rgb, main.landmarks)
     matte = SkinTracker(model).step(main.rgb, main.landmarks)
-    watch = ExposureWatch(main_row, Patch.of(as_picture(main.rgb), main.landmarks, matte))
+    watch = ExposureWatch(main_row, FacePatch.of(as_picture(main.rgb), main.landmarks, matte))
     tracker, due = SkinTracker(model), []
     for row, scene in enumerate(scenes):
         matte = tracker.step(scene.rgb, scene.landmarks)
@@ -93,8 +93,8 @@ def test_what_covers_the_whole_face_makes_no_key() -> None:
 def test_a_face_without_a_pattern_tells_no_gain() -> None:
     everywhere = np.ones((24, 24), np.bool_)
     pattern = 100.0 + np.random.default_rng(0).normal(0.0, 5.0, (24, 24)).astype(np.float32)
-    flat = Patch(np.full((24, 24), 200.0, np.float32), everywhere)
-    assert np.isnan(flat.gain_over(Patch(pattern, everywhere)))
+    flat = FacePatch(np.full((24, 24), 200.0, np.float32), everywhere)
+    assert np.isnan(flat.gain_over(FacePatch(pattern, everywhere)))
 
 
 def test_a_turned_head_makes_no_key() -> None:

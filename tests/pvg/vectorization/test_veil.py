@@ -9,7 +9,7 @@ import pytest
 
 import pvg
 from benchmarks.quality.probes import write_lossless
-from pvg.picture import contrast
+from pvg.picture import rms_contrast
 from pvg.rendering import source_frame
 from pvg.vectorization.veil import Veil
 from scripts.samples import Samples
@@ -21,8 +21,8 @@ FACE = PICTURE[10:30, 20:40]
 
 def shown(picture: np.ndarray) -> float:
     """How far the face shows through in a picture (40, 60)."""
-    key = Veil(contrast(FACE), contrast(PICTURE), float(FACE.mean()))
-    return key.shows(contrast(picture[10:30, 20:40]), contrast(picture))
+    key = Veil(rms_contrast(FACE), rms_contrast(PICTURE), float(FACE.mean()))
+    return key.shows(rms_contrast(picture[10:30, 20:40]), rms_contrast(picture))
 
 
 @pytest.mark.parametrize("share", [0.3, 0.5, 0.8, 1.0])
