@@ -364,3 +364,39 @@ def test_a_clip_that_somebody_else_deleted_is_told_of_and_goes(desk: Desk) -> No
     page.get_by_role("dialog").get_by_role("button", name="Delete").click()
     page.get_by_role("button", name="Choose a clip").wait_for()
     page.locator(".clip-card").first.wait_for(state="detached")
+
+
+def test_the_queue_is_that_of_the_clip_on_the_stage(desk: Desk, tiny_clip: Path, tmp_path: Path) -> None:
+    desk.asked(desk.portrait("face.png"))
+    page = desk.edit()
+    page.locator(".job").wait_for()
+    other = tmp_path / "other.mp4"
+    other.write_bytes(tiny_clip.read_bytes() + b"\0\0\0\x08free")
+    drop(page, "#picture", other)
+    page.locator(".way").wait_for()
+    assert page.locator(".job").count() == 0
+
+
+def test_what_was_rendered_is_not_told_before_it_is_known(desk: Desk) -> None:
+    desk.asked(desk.portrait("face.png"))
+    page = desk.guarded.page
+    page.route("**/v1/jobs?*", lambda route: route.fulfill(status=503, json={"title": "Not just now", "status": 503}))
+    desk.guarded.open(f"/#{desk.video['id']}")
+    desk.guarded.until(READY)
+    page.get_by_text("Not just now").first.wait_for()
+    assert not page.get_by_text("Nothing rendered yet").is_visible()
+
+
+def test_messages_leave_the_button_that_renders_free(desk: Desk) -> None:
+    page = desk.edit()
+    page.evaluate("""async () => {
+        const { failure } = await import(new URL("notices.js", document.querySelector("script[type=module]").src));
+        for (const number of [1, 2, 3]) failure(new Error(`It did not work, for the reason with the number ${number}`));
+    }""")
+    page.locator(".toast").nth(2).wait_for()
+    desk.guarded.expected.append("It did not work")
+    shown, button = page.locator(".toasts"), page.get_by_role("button", name="Render", exact=True)
+    left, right = shown.bounding_box(), button.bounding_box()
+    assert left is not None
+    assert right is not None
+    assert left["x"] + left["width"] <= right["x"]

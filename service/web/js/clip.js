@@ -46,7 +46,7 @@ async function arrive(item) {
 
 function put(item) {
   clear();
-  state.clip = item;
+  Object.assign(state, { clip: item, jobs: [], listed: false });
   changed();
 }
 

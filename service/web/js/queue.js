@@ -92,6 +92,6 @@ export function mountQueue() {
   onChange(() => {
     keyed(list, state.jobs, (job) => job.id, card);
     const active = state.jobs.filter((job) => !job.done).length;
-    say(document.getElementById("queue-hint"), active ? `${active} at work` : state.jobs.length ? "" : "Nothing rendered yet");
+    say(document.getElementById("queue-hint"), active ? `${active} at work` : state.jobs.length || !state.listed ? "" : "Nothing rendered yet");
   });
 }

@@ -60,6 +60,7 @@ function facts(media) {
 }
 
 const tools = document.getElementById("stage-tools");
+const cross = iconButton("cross", "", () => close());
 const bin = iconButton("bin", "Delete the clip from the service", () => remove(state.clip.medium));
 
 function head() {
@@ -70,6 +71,8 @@ function head() {
   title.title = clip?.name ?? "";
   say(document.getElementById("stage-facts"), facts(clip?.medium?.media));
   bin.hidden = !clip?.medium; // there is nothing to delete yet
+  cross.title = clip?.medium ? "Close the clip; it stays with the service" : "Close the clip; what is not uploaded yet is dropped";
+  cross.ariaLabel = cross.title;
   const kind = compared ? "compare" : clip ? "clip" : "none";
   if (tools.dataset.kind === kind) return;
   tools.dataset.kind = kind;
@@ -83,7 +86,7 @@ function head() {
   if (!clip || compared) return;
   tools.append(
     ...fileButton("Another clip", { accept: CLIP_TYPES, take: openFiles }),
-    iconButton("cross", "Close the clip; it stays with the service", () => close()),
+    cross,
     bin,
   );
 }

@@ -13,6 +13,8 @@ export const state = {
   output: { format: "auto", extras: [] },
   /** transfers, newest first, as the service shows them */
   jobs: [],
+  /** whether the service has said which there are */
+  listed: false,
   /** a finished look that is compared on the stage: {job, index} */
   compared: null,
 };

@@ -16,7 +16,7 @@ export async function listJobs() {
   const video = state.clip?.medium?.id;
   const { data } = await ask(`jobs?kind=transfer&kind=swap&limit=${SHOWN}${video ? `&video=${video}` : ""}`);
   if (video !== state.clip?.medium?.id) return; // another clip came meanwhile
-  state.jobs = data;
+  Object.assign(state, { jobs: data, listed: true });
   changed();
   data.filter((job) => !job.done).forEach(follow);
 }

@@ -12,7 +12,7 @@ export class Welcome {
     this.past = el("section", { class: "past", "aria-labelledby": "recent-name", hidden: true }, el("h3", { id: "recent-name" }, "Recent clips"), this.list);
     this.element = el("div", { class: "welcome" },
       el("div", { class: "drop" },
-        el("p", { class: "big" }, "Drop a portrait clip here"),
+        el("p", { class: "big" }, matchMedia("(hover: none)").matches ? "Add a portrait clip" : "Drop a portrait clip here"),
         el("p", { class: "quiet" }, "It is vectorised once. After that, every look is quick."),
         ...fileButton("Choose a clip", { accept: CLIP_TYPES, take: openFiles, className: "primary", symbol: "plus" }),
         el("p", { class: "quiet small" }, "MP4, MOV, MKV, WebM, AVI, or a still picture. Files go to this service and nowhere else."),
