@@ -9,6 +9,7 @@ map relative to its exposure (`looks/exposure.py`), so that light that changes s
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from numbers import Real
 from typing import Literal
 
@@ -24,6 +25,7 @@ from pvg.looks.color_map import SMALLEST_GROUP, ColorMap, TransportSteps, all_co
 from pvg.looks.complexion import complexion
 from pvg.looks.depth import depth_of_features
 from pvg.looks.exposure import Exposure, at_exposure, leading_key, on_skin
+from pvg.looks.key_light import out_of_deep_shade
 from pvg.looks.light import light_ratio, relit
 from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, BodyMap, Contrast, FaceContrast, Look
 from pvg.looks.parts import MAKEUP, Makeup, PartChanges, strengths
@@ -48,7 +50,8 @@ def reference_face_of(reference: VectorVideo, face: int | None = None) -> FaceSu
 
 
 def _reference_key(reference: VectorVideo, face: int | None) -> KeyFrame:
-    return leading_key([reference.records[reference_face_of(reference, face).index]])
+    key = leading_key([reference.records[reference_face_of(reference, face).index]])
+    return replace(key, skin=out_of_deep_shade(key.skin))
 
 
 def _check(contrast: Contrast, match: str, protect: Sequence[str], extent: str) -> Contrast:

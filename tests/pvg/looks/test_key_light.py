@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pvg.looks.key_light import in_key_light
+from pvg.looks.key_light import in_key_light, out_of_deep_shade
 
 PEACH = np.array((210.0, 170.0, 145.0))
 
@@ -38,3 +38,33 @@ def test_a_little_cool_shade_stays_as_it_may_be_a_beard() -> None:
 
 def test_no_skin_is_no_skin() -> None:
     assert in_key_light(np.zeros((0, 3), np.float32)).shape == (0, 3)
+
+
+def test_a_face_under_a_cap_has_the_complexion_of_what_is_lit() -> None:
+    lit, deep = shaded(PEACH, 150, (0.6, 1.0)), shaded(np.array((60.0, 28.0, 17.0)), 350, (0.4, 1.0), seed=1)
+    kept = out_of_deep_shade(np.concatenate([deep, lit]))
+    assert abs(len(kept) - len(lit)) <= 5
+    np.testing.assert_allclose(np.median(kept, axis=0), np.median(lit, axis=0), atol=2)
+
+
+@pytest.mark.parametrize("share", [0.2, 0.4])
+def test_a_face_of_which_less_than_half_is_in_deep_shade_keeps_it(share: float) -> None:
+    skin = np.concatenate(
+        [shaded(PEACH, round(500 * (1 - share)), (0.7, 1.0)), shaded(PEACH, round(500 * share), (0.1, 0.3))]
+    )
+    assert out_of_deep_shade(skin) is skin
+
+
+def test_deep_shade_is_left_out_little_by_little() -> None:
+    lit, deep = shaded(PEACH, 245, (0.9, 1.0)), shaded(PEACH, 255, (0.2, 0.5), seed=1)
+    kept = [
+        len(out_of_deep_shade(np.concatenate([lit, share * deep]).astype(np.float32)))
+        for share in np.linspace(2, 0.6, 100)
+    ]
+    assert kept[0] == 500
+    assert kept[-1] < 300
+    assert max(-np.diff(kept)) < 50
+
+
+def test_no_skin_has_no_shade() -> None:
+    assert out_of_deep_shade(np.zeros((0, 3), np.float32)).shape == (0, 3)
