@@ -3,8 +3,8 @@
 The manifest lists the sha256 of every entry and the archive's comment holds the manifest's own, so an altered byte
 is refused when it is read and a truncated file when it is opened. Arrays are .npy and loaded without pickle: opening
 an asset never executes anything. Positions are kept as fixed-point steps from frame to frame, deflated, and mattes as
-bytes, packed by bzip2, both in chunks of `CHUNK_FRAMES`. The source clip stays where the asset notes it, relative to itself: it is
-the store of the Poisson regions, since f_i is the Laplacian of the clip itself.
+bytes, packed by bzip2, both in chunks of `CHUNK_FRAMES`. The source clip stays where the asset notes it, relative to
+itself: it is the store of the Poisson regions, since f_i is the Laplacian of the clip itself.
 """
 
 from __future__ import annotations

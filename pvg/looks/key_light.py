@@ -10,6 +10,7 @@ that of nose and cheeks. Made as bright as a clip, skin out of such a shade is a
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 
 from pvg._arrays import Floats, ramp
@@ -20,20 +21,24 @@ _BLUER = 0.02  # of (B − Y) / Y, beyond the lit skin's median [measured: 30 fa
 _MUCH = 0.2  # of the skin [measured: as above]
 _BRIGHT = 0.9  # quantile of luma
 # of it over the median: from which on most of the skin is in deep shade, and surely so [measured: 39 faces in usual
-# light have at most 1.6, the one under a cap 3.9]
-_DEEP = (1.8, 2.6)
-_IN_SHADE = 0.4  # of the luma of bright skin, below which skin lies in deep shade [by eye]
+# light have at most 1.6, one under a cap 3.9]
+_DEEP = (1.7, 2.2)
 
 
 def out_of_deep_shade(skin: Floats) -> Floats:
-    """The colours of open skin (n, 3), 0-255 RGB, without what lies in deep shade, if most of it does; (m, 3)."""
+    """The colours of open skin (n, 3), 0-255 RGB, without what lies in deep shade, if most of it does; (m, 3).
+
+    Shade is told from light by Otsu's threshold of luma (IEEE Trans. SMC 9, 1979).
+    """
     if len(skin) == 0:
         return skin
     luma = to_opponent(skin)[:, 0]
     bright, middle = np.quantile(luma, (_BRIGHT, 0.5))
-    share = ramp(float(bright) / max(float(middle), 1.0), *_DEEP)
-    shaded = luma < share * _IN_SHADE * bright
-    return np.ascontiguousarray(skin[~shaded]) if shaded.any() else skin
+    surely = ramp(float(bright) / max(float(middle), 1.0), *_DEEP)
+    if surely == 0.0:
+        return skin
+    shade, _ = cv2.threshold(np.clip(luma, 0, 255).astype(np.uint8), 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
+    return np.ascontiguousarray(skin[luma >= surely * shade])
 
 
 def in_key_light(skin: Floats) -> Floats:

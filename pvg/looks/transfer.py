@@ -50,7 +50,11 @@ def reference_face_of(reference: VectorVideo, face: int | None = None) -> FaceSu
 
 
 def _reference_key(reference: VectorVideo, face: int | None) -> KeyFrame:
-    key = leading_key([reference.records[reference_face_of(reference, face).index]])
+    return _lit(leading_key([reference.records[reference_face_of(reference, face).index]]))
+
+
+def _lit(key: KeyFrame) -> KeyFrame:
+    """A key frame whose open skin is that out of deep shade."""
     return replace(key, skin=out_of_deep_shade(key.skin))
 
 
@@ -124,7 +128,7 @@ def transfer(
     for person in video.persons:
         if not set(person) & set(chosen):
             continue
-        leading = leading_key([video.records[index] for index in person])
+        leading = _lit(leading_key([video.records[index] for index in person]))
         plain, leading = leading, relit(leading, light_ratio(leading, target, light))
         skin = _skin_map(leading, target, steps, scene, contrast) if match == "semantic" else None
         apply = all_colors_map(leading, target, steps) if skin is None else _at_curves(skin)
@@ -138,7 +142,7 @@ def transfer(
             if index not in chosen:
                 continue
             new, gained, exposed = [], [], []
-            for key in video.records[index].key_frames:
+            for key in map(_lit, video.records[index].key_frames):
                 lit = relit(key, light_ratio(key, target, light))
                 gain, kept = exposures.of(lit) if exposures is not None else (1.0, 1.0)
                 exposed.append((gain, kept))

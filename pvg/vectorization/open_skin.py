@@ -26,9 +26,10 @@ _FEATURES = (
 )
 _MARGIN = 0.035  # of the face's width, around features and inside the oval
 _SMOOTHING = 0.01
-# CIE76 difference of the medians of upper and lower face that stands for a veil, and for a beard, which is darker
-# [measured: bearded lower faces are 19 to 43 from the upper ones, shaded ones at most 16]
-_VEIL, _BEARD = 20.0, 17.0
+# CIE76 difference of the medians of upper and lower face that stands for a beard, which is darker [measured: bearded
+# lower faces are 19 to 43 from the upper ones, shaded ones at most 16]
+_BEARD = 17.0
+_VEIL = 14.0  # the same for a brighter veil, in equal light: a hat may shade the upper face alone [by eye]
 _MASK = 16.0  # CIELAB difference in hue and chroma alone, for a shadow of a hat is none [by eye]
 # what is farther from the forehead than that in hue and chroma is the rest of what covers the face, if it is no half of
 # it: light of two colours is light [by eye: red cheeks are 20 away]
@@ -84,24 +85,42 @@ def _uncovered(colors: Floats, lower: Bools, under: Bools) -> NDArray[np.intp]:
 
     lower, under: (n,) what lies below the nose's tip, and below the eyes.
     """
-    lab = cv2.cvtColor(colors[None] / np.float32(255.0), cv2.COLOR_RGB2Lab)[0]
     kept = np.ones(len(colors), np.bool_)
-    step = _step(lab, lower)
-    if step is not None and float(np.linalg.norm(step)) > (_BEARD if step[0] < 0 else _VEIL):
+    step, brighter = _step(colors, lower)
+    if float(np.linalg.norm(step)) > (_VEIL if brighter else _BEARD):
         kept = ~lower
-    step = _step(lab[kept], under[kept])
-    if step is not None and float(np.hypot(*step[1:])) > _MASK:
+    step, _ = _step(colors[kept], under[kept])
+    if float(np.hypot(*step[1:])) > _MASK:
         kept &= ~under
     forehead = kept & ~under
     if int(forehead.sum()) >= _LEAST:
-        off = np.linalg.norm(lab[:, 1:] - np.median(lab[forehead, 1:], axis=0), axis=1) > _NO_SKIN
+        middle = np.median(colors[forehead], axis=0)
+        off = np.linalg.norm(_lab(_no_brighter(colors, middle))[:, 1:] - _lab(middle[None])[:, 1:], axis=1) > _NO_SKIN
         if float(off[kept].mean()) < _FEW:
             kept &= ~off
     return np.flatnonzero(kept)
 
 
-def _step(lab: Floats, below: Bools) -> Floats | None:
-    """(3,) CIELAB from the median above to the one below; None where there is too little of either."""
+def _step(colors: Floats, below: Bools) -> tuple[Floats, bool]:
+    """(3,) CIELAB from the median above to the one below, and whether that is brighter; 0 with too little of either.
+
+    What is above a brighter one counts as if it were lit as much.
+    """
     if min(int(below.sum()), int((~below).sum())) < _LEAST:
-        return None
-    return np.asarray(np.median(lab[below], axis=0) - np.median(lab[~below], axis=0), np.float32)
+        return np.zeros(3, np.float32), False
+    lower, upper = (np.median(colors[one], axis=0) for one in (below, ~below))
+    brighter = bool(lower.max() > upper.max())
+    if brighter:
+        upper = upper * (lower.max() / max(upper.max(), 1.0))
+    lab = _lab(np.stack([lower, upper]))
+    return np.asarray(lab[0] - lab[1]), brighter
+
+
+def _no_brighter(colors: Floats, than: Floats) -> Floats:
+    """The colours (n, 3), those that are brighter in the light in which they are not; than: (3,)."""
+    return colors * np.minimum(1.0, than.max() / np.maximum(colors.max(axis=1, keepdims=True), 1.0))
+
+
+def _lab(colors: Floats) -> Floats:
+    """(n, 3) CIELAB of colours (n, 3), 0-255 RGB."""
+    return np.asarray(cv2.cvtColor(colors[None].astype(np.float32) / np.float32(255.0), cv2.COLOR_RGB2Lab)[0])

@@ -33,7 +33,9 @@ def test_the_sample_is_the_faces_skin(image: pvg.VectorVideo) -> None:
     assert np.linalg.norm(sample - rgb[lips[1], lips[0]].astype(float), axis=1).min() > 3
 
 
-@pytest.mark.parametrize(("gain", "left_out"), [(0.3, True), (0.62, True), (0.8, False), (1.15, False)], ids=str)
+@pytest.mark.parametrize(
+    ("gain", "left_out"), [(0.3, True), (0.62, True), (0.8, False), (1.15, False), (1.34, False)], ids=str
+)
 def test_a_beard_is_no_sample_and_shade_is_one(image: pvg.VectorVideo, gain: float, left_out: bool) -> None:
     data = image.face_at(0, 0)
     assert data is not None
@@ -48,6 +50,25 @@ def test_a_beard_is_no_sample_and_shade_is_one(image: pvg.VectorVideo, gain: flo
     _, places = skin_sample(even, np.ones(rgb.shape[:2], np.float32), data.landmarks)
     below = (places - at) @ down > 0
     assert bool(below.any()) is not left_out
+
+
+@pytest.mark.parametrize("shade", [0.7, 0.4, 0.2])
+def test_what_the_sun_lights_below_a_hat_is_sampled_and_a_bright_veil_is_not(
+    image: pvg.VectorVideo, shade: float
+) -> None:
+    data = image.face_at(0, 0)
+    assert data is not None
+    rgb = source_frame(image, 0).rgb()
+    ys, xs = np.indices(rgb.shape[:2])
+    at, down = data.landmarks.points[layout.NOSE_TIP], data.landmarks.axes.down
+    lower = (xs - at[0]) * down[0] + (ys - at[1]) * down[1] > 0
+    everywhere = np.ones(rgb.shape[:2], np.float32)
+    for color, sampled in (((230, 180, 150), True), ((240, 238, 245), False), ((150, 190, 230), False)):
+        picture = np.empty_like(rgb)
+        picture[:] = shade * np.array((230, 180, 150))
+        picture[lower] = color
+        _, places = skin_sample(picture, everywhere, data.landmarks)
+        assert bool(((places - at) @ down > 0).any()) is sampled
 
 
 @pytest.mark.parametrize("color", [(200, 20, 30), (120, 190, 220), (20, 20, 22), (240, 240, 245)], ids=str)
