@@ -29,7 +29,7 @@ _SMOOTHING = 0.01
 # CIE76 difference of the medians of upper and lower face that stands for a beard, which is darker [measured: bearded
 # lower faces are 19 to 43 from the upper ones, shaded ones at most 16]
 _BEARD = 17.0
-_VEIL = 14.0  # the same for a brighter veil, in equal light: a hat may shade the upper face alone [by eye]
+_VEIL = 18.0  # the same for a brighter veil, in equal light: a hat may shade the upper face alone [by eye]
 _MASK = 16.0  # CIELAB difference in hue and chroma alone, for a shadow of a hat is none [by eye]
 # what is farther from the forehead than that in hue and chroma is the rest of what covers the face, if it is no half of
 # it: light of two colours is light [by eye: red cheeks are 20 away]
@@ -118,7 +118,7 @@ def _step(colors: Floats, below: Bools) -> tuple[Floats, bool]:
 
 def _no_brighter(colors: Floats, than: Floats) -> Floats:
     """The colours (n, 3), those that are brighter in the light in which they are not; than: (3,)."""
-    return colors * np.minimum(1.0, than.max() / np.maximum(colors.max(axis=1, keepdims=True), 1.0))
+    return np.asarray(colors * np.minimum(1.0, than.max() / np.maximum(colors.max(axis=1, keepdims=True), 1.0)))
 
 
 def _lab(colors: Floats) -> Floats:
