@@ -51,6 +51,8 @@ _LEAST_CHROMA = 4.0  # levels added to both sides of the ratio of chroma, so tha
 # of the way from the line that is seen to the one of constant hue and saturation: light from two sides colours shadows,
 # and whole ones would turn sockets and stubble violet [by eye]
 _OWN_HUE = 0.5
+LEAST_TINGE = 3.0  # e of `pvg.rendering.tinge`, levels [by eye]
+_LEAST_ALIKE = 0.05  # quantile
 _LEAST_LUMA_SPREAD = 4.0  # levels: skin of less spread says nothing of how chroma changes with luma
 
 
@@ -75,6 +77,8 @@ def to_rgb(opponent: Doubles) -> Doubles:
 @dataclass(frozen=True, eq=False)
 class UsualChroma:
     """The chroma (2,) that is usual at a luma: a line between `low` and `high`, fading to grey at black and white.
+
+    No channel of it is above white: skin that is burnt out has no chroma left, and is skin.
 
     start, slope: (2,) of the line at luma 0;  low, high: the lumas it was seen between.
     """
@@ -109,7 +113,17 @@ class UsualChroma:
         """(n, 2) at lumas (n,)."""
         inside = np.clip(luma, self.low, self.high)
         fade = np.minimum(np.maximum(luma, 0.0) / self.low, (255.0 - np.minimum(luma, 255.0)) / (255.0 - self.high))
-        return np.asarray((self.start + self.slope * inside[:, None]) * np.clip(fade, 0.0, 1.0)[:, None])
+        line = self.start + self.slope * inside[:, None]
+        beyond = to_rgb(np.column_stack([np.zeros(len(line)), line])).max(axis=1)
+        fade = np.clip(fade, 0.0, 1.0) * np.minimum(1.0, (255.0 - inside) / np.maximum(beyond, 1e-6))
+        return np.asarray(line * fade[:, None])
+
+    def likeness(self, opponent: Doubles) -> Doubles:
+        """r (n,) of colours (n, 3) of `to_opponent`: 1 of the usual chroma and 0 of grey, see `pvg.rendering.tinge`."""
+        usual = self.at(opponent[:, 0])
+        size = np.linalg.norm(usual, axis=1)
+        along = (opponent[:, 1:] * usual).sum(axis=1) / np.maximum(size, 1e-6)
+        return np.asarray((along + LEAST_TINGE) / (size + LEAST_TINGE))
 
 
 def tone_curve(source: Doubles, target: Doubles, depth: float = 1.0) -> Doubles:
@@ -198,7 +212,8 @@ class SkinMap:
     """The map F of a skin's colours to another's.
 
     tone: (256,) T;  own, goal: the usual chroma before and after;  spread: k for single pixels;  broad: k for patches
-    that are no finer than the curves, at most `spread`.
+    that are no finer than the curves, at most `spread`;  alike: r of skin that is least like the rest, see
+    `pvg.rendering.tinge`.
     """
 
     tone: Doubles
@@ -206,6 +221,7 @@ class SkinMap:
     goal: UsualChroma
     spread: float
     broad: float
+    alike: float
 
     @classmethod
     def between(
@@ -230,7 +246,8 @@ class SkinMap:
         shift = (goal.at(lumas[1:])[0] - own.at(lumas[:1])[0] * brighter) / max(lumas[1], 1.0)
         other = min(1.0, float(np.hypot(*shift)) / _OTHER)
         k = min(max(float(spread), _LEAST_SPREAD), max(most * (1.0 - _OTHER_HUE * other), _FLATTEST))
-        return cls(tone, own, goal, k, k * (1.0 - _OTHER_HUE_BROAD * other))
+        alike = float(np.quantile(own.likeness(source), _LEAST_ALIKE))
+        return cls(tone, own, goal, k, k * (1.0 - _OTHER_HUE_BROAD * other), alike)
 
     def __call__(self, colors: Floats, spread: float | None = None) -> Doubles:
         """Map (n, 3) colours, 0-255 RGB; the result may leave that range.

@@ -25,7 +25,8 @@ class MapTables:
 
     tone: (2, n) float32 what luma gains by its code, by slopes of T above 1 and below;
     chroma: (2, n) float32 what each chroma plane gains by luma's code, `excess` of its own code aside;
-    offset: (3,) the codes of black and of grey;  usual: (2, n) float32 the chroma, above grey, of skin by luma's code.
+    offset: (3,) the codes of black and of grey;  usual: (2, n) float32 the chroma, above grey, of skin by luma's code;
+    alike: r of the skin that is least like the rest, see `tinge`.
     """
 
     tone: Floats
@@ -33,6 +34,7 @@ class MapTables:
     excess: float
     offset: Floats
     usual: Floats
+    alike: float
 
     @classmethod
     def of(
@@ -71,7 +73,7 @@ class MapTables:
         offset = opponent.offset.astype(np.float32)
         own = np.stack([_read(codes, source[:, 0], source[:, p]) - opponent.offset[p] for p in (1, 2)])
         tables = [one.astype(np.float32) for one in (tone, np.stack(chroma), own)]
-        return cls(tables[0], tables[1], float(excess), offset, tables[2])
+        return cls(tables[0], tables[1], float(excess), offset, tables[2], look.skin.alike)
 
     def gained(self, colors: Floats) -> Floats:
         """What luma and chroma (n, 3), black aside, gain."""

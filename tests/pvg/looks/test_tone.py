@@ -12,6 +12,7 @@ from pvg.looks.tone import (
     _SLOPES,
     _SMOOTH_LEVELS,
     CRISP,
+    UsualChroma,
     steeper,
     to_opponent,
     to_rgb,
@@ -187,3 +188,12 @@ def test_skin_made_nearly_black_is_held_below_white_as_it_is() -> None:
     skin, black = skin_like(1), np.full((300, 3), 1.0)
     free, held = (SkinMap.between(skin, black, bounded=bounded).tone for bounded in (0.0, 1.0))
     np.testing.assert_array_equal(free, held)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_channel_of_the_usual_chroma_is_above_white(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    colors = np.minimum(rng.uniform(0.5, 2.0, (300, 1)) * rng.uniform(80, 200, 3), 255.0)
+    luma = np.arange(256.0)
+    usual = to_rgb(np.column_stack([luma, UsualChroma.of(to_opponent(colors)).at(luma)]))
+    assert usual.max() <= 255.0 + 1e-6

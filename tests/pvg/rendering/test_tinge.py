@@ -58,3 +58,27 @@ def test_chroma_at_half_size_is_told_by_the_luma_over_it() -> None:
     luma[::2, ::2] = 150
     chroma = tuple(np.full((3, 4), tables.offset[p] + tables.usual[p - 1, 150], np.uint8) for p in (1, 2))
     np.testing.assert_allclose(tinge(tables, luma, chroma), 1.0)  # type: ignore[arg-type]
+
+
+LAMP, SKY = (205.0, 130.0, 95.0), (150.0, 142.0, 158.0)
+
+
+def test_skin_between_a_lamp_and_the_sky_moves_wholly() -> None:
+    """The usual chroma is that of neither half."""
+    own = np.concatenate([_skin(LAMP)[:180], _skin(SKY)[:120]])
+    tables = MapTables.of(BodyMap(SkinMap.between(own, 0.8 * own.astype(float)), 1.0, ONCE), RGB24)
+    assert _share(RGB24, SKY)[0] < 0.1
+    assert _share(RGB24, LAMP, SKY, tables=tables).min() > 0.9
+
+
+def test_skin_that_is_burnt_out_takes_the_new_colour_wholly() -> None:
+    light = np.linspace(0.9, 2.2, 400)[:, None]
+    own = np.minimum(np.array((190.0, 140.0, 115.0)) * light, 255.0).astype(np.float32)
+    brown = np.tile(np.array((150.0, 100.0, 75.0)), (400, 1)) * np.linspace(0.8, 1.2, 400)[:, None]
+    skin = SkinMap.between(own, brown)
+    tables = MapTables.of(BodyMap(skin, 1.0, ONCE), RGB24)
+    burnt = ((255.0, 255.0, 255.0), (255.0, 255.0, 251.0), (255.0, 254.0, 246.0))
+    assert _share(RGB24, *burnt, tables=tables).min() > 0.9
+    moved = skin(np.array(burnt, np.float32))
+    assert (moved[:, 0] - moved[:, 2]).min() > 30  # brown, not grey
+    assert np.ptp(moved, axis=0).max() < 12  # and of one colour
