@@ -12,7 +12,7 @@ from typing import Final
 
 import structlog
 
-from service.catalog import Database, tombstones
+from service.catalog import Database, Lease, tombstones
 from service.outages import is_outage
 from service.storage import Storage
 
@@ -33,18 +33,20 @@ class Blobs:
         self._storage = storage
         self._within_s = within_s
 
-    def put(self, path: Path, key: str) -> None:
+    def put(self, path: Path, key: str, *, lease: Lease | None = None) -> None:
         """Store a finished file under its key. The file at ``path`` goes away.
 
-        Whoever records the blob says so with `tombstones.recorded` in the same transaction; else it is deleted again.
+        Whoever records the blob says so with `tombstones.recorded` in the same transaction; else it is deleted again,
+        and at once when the ``lease`` under which it is written is lost.
         """
-        self.expect(key)
+        self.expect(key, lease=lease)
         self._storage.put(path, key)
 
-    def expect(self, key: str) -> None:
+    def expect(self, key: str, *, lease: Lease | None = None) -> None:
         """The first half of `put`, for those who store the bytes by themselves: a blob of this key is about to come."""
         with self._database.write() as session:
-            tombstones.expect(session, key, now=self._database.now(), within_s=self._within_s)
+            now = self._database.now()
+            tombstones.expect(session, key, now=now, within_s=self._within_s, lease=lease)
 
     def discard(self, keys: Collection[str]) -> None:
         """Delete blobs that were put and will not be recorded. Never fails: their tombstones are there already."""
@@ -83,7 +85,7 @@ class Blobs:
                 taken = tombstones.take(session, keys, now=self._database.now())
             done = [key for key in taken if self._is_gone(key)]
             with self._database.write() as session:
-                tombstones.gone(session, done)
+                tombstones.gone(session, done, now=self._database.now())
         except Exception as error:  # the tombstones stay
             say = log.warning if is_outage(error) else log.exception
             say("blobs are deleted later", count=len(keys), error=type(error).__name__)

@@ -109,7 +109,7 @@ def _store(run: Run, look: Look, path: Path, files: list[NewFile]) -> None:
     # the lease is part of the name: two attempts never write, or clear away, each other's blob
     key = run.storage.key("drawn", file_sha256(path), f"{run.job.id}-{run.lease.token[:12]}-{look.position}", ".part")
     files.append(NewFile(look.position, key, path.stat().st_size))  # first: what is stored halfway is deleted as well
-    run.patience(lambda: run.blobs.put(path, key))
+    run.patience(lambda: run.blobs.put(path, key, lease=run.lease))
 
 
 def _finish(run: Run, files: Sequence[NewFile]) -> list[Message] | None:

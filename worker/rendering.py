@@ -271,7 +271,7 @@ def _stored(
         part_of=part_of,
     )
     outputs.append(output)  # first: what is stored halfway is deleted as well
-    run.patience(lambda: run.blobs.put(path, key))
+    run.patience(lambda: run.blobs.put(path, key, lease=run.lease))
     return output
 
 

@@ -32,32 +32,43 @@ def vectorize(run: Run) -> bool:
             answer = _vectorize(run, medium, source, folder)
     except BlobMissingError as error:
         raise SourceLostError(medium.id) from error
-    sizes: list[int] = []
-    with run.timed("store_s"):
-        key = _store(run, medium, "asset", made(folder, _ASSET), ".pvg", sizes)
-        pictures = made(folder, _PICTURES)
-        spans = _spans(answer.pictures, pictures.stat().st_size)
-        pictures_key = _store(run, medium, "pictures", pictures, ".jpgs", sizes)
-    faces, warnings = _faces(answer.faces)
-    shown = answer.media.model_dump(exclude={"warnings"})
-    run.keeper.flush()
-    lines = [*answer.media.warnings, *warnings, *_of_the_file(answer.output)]
-    asset = Asset(key, sum(sizes), shown, faces, lines, Pictures(pictures_key, spans))
-    unneeded = run.patience(lambda: _finish(run, asset))
+    return _publish(run, medium, folder, answer)
+
+
+def _publish(run: Run, medium: Media, folder: Path, answer: VectorizeAnswer) -> bool:
+    """Store what was made, and end the job with it. False when its lease was lost: nothing was published."""
+    sizes: dict[str, int] = {}  # of what is stored, by key
+    unneeded: list[str] | None = None
+    try:
+        with run.timed("store_s"):
+            key = _store(run, medium, "asset", made(folder, _ASSET), ".pvg", sizes)
+            pictures = made(folder, _PICTURES)
+            spans = _spans(answer.pictures, pictures.stat().st_size)
+            pictures_key = _store(run, medium, "pictures", pictures, ".jpgs", sizes)
+        faces, warnings = _faces(answer.faces)
+        shown = answer.media.model_dump(exclude={"warnings"})
+        run.keeper.flush()
+        lines = [*answer.media.warnings, *warnings, *_of_the_file(answer.output)]
+        asset = Asset(key, sum(sizes.values()), shown, faces, lines, Pictures(pictures_key, spans))
+        stored, sizes = sizes, {}  # from here on they may have a record, also when no answer says so
+        unneeded = run.patience(lambda: _finish(run, asset))
+        sizes = stored
+    finally:
+        if unneeded is None:
+            run.blobs.discard(list(sizes))
     if unneeded is None:
-        run.blobs.discard(asset.keys)
-    else:
-        run.blobs.delete(unneeded)
-    return unneeded is not None
+        return False
+    run.blobs.delete(unneeded)
+    return True
 
 
-def _store(run: Run, medium: Media, kind: Kind, draft: Path, suffix: str, sizes: list[int]) -> str:
-    """Store a file that was made of a medium; its key. Its size is added to the others."""
+def _store(run: Run, medium: Media, kind: Kind, draft: Path, suffix: str, sizes: dict[str, int]) -> str:
+    """Store a file that was made of a medium; its key. Its size is noted with those of the others."""
+    run.keeper.check()
     # the lease is part of the name: two attempts never write, or clear away, each other's blob
     key = run.storage.key(kind, file_sha256(draft), f"{medium.id}-{run.lease.token[:12]}", suffix)
-    sizes.append(draft.stat().st_size)
-    run.keeper.check()
-    run.patience(lambda: run.blobs.put(draft, key))
+    sizes[key] = draft.stat().st_size  # first: what is stored halfway is deleted as well
+    run.patience(lambda: run.blobs.put(draft, key, lease=run.lease))
     return key
 
 

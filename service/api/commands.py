@@ -46,6 +46,7 @@ from service.catalog import (
     media,
     parts,
     resumable,
+    tombstones,
     webhooks,
 )
 from service.errors import ConflictError, MediaFailedError, NotFoundError, ValidationFailedError
@@ -423,6 +424,7 @@ def _remove(services: Services, owner: str, role: Role, media_id: str, *, cancel
             detail = f"{len(active)} job(s) still use {media_id}: {', '.join(active[:10])}"
             raise ConflictError(f"{detail}; wait for them, or delete with ?cancel_jobs=true")
         ended, drawn = parts.messages(session, active), parts.files_of(session, active)
+        drawn += tombstones.written_for(session, active)
         for job_id in active:
             jobs.revoke(session, job_id, now=database.now())
         ended += [jobs.message_of(job) for job_id in active if (job := jobs.get(session, job_id))]

@@ -337,7 +337,8 @@ class Worker(Base):
 class Tombstone(Base):
     """A blob that no record names: it is to be deleted, or is being written and not recorded yet.
 
-    It stays until every byte of the blob is gone. One that is being written is deleted when it is not recorded in time.
+    It stays until every byte of the blob is gone. One that is being written is deleted when it is not recorded in time,
+    or when nobody holds the lease it is written under any more.
     """
 
     __tablename__ = "tombstones"
@@ -348,6 +349,8 @@ class Tombstone(Base):
     created_at: Mapped[datetime]
     #: when it is deleted, or tried again
     due_at: Mapped[datetime] = mapped_column(index=True)
+    #: of the job whose worker writes it
+    lease_token: Mapped[str | None] = mapped_column(String(40))
 
 
 class Key(Base):

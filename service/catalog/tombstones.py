@@ -2,6 +2,9 @@
 
 A blob has such a row from before its first byte is written. The transaction that records the blob removes the row, and
 the one that removes the record writes it again, so whatever ends a process in between, the blob is known and goes.
+
+What a worker writes for a job is due as soon as nobody holds the lease it had: the job was canceled, given to another
+worker, or a medium of it deleted.
 """
 
 from __future__ import annotations
@@ -10,15 +13,18 @@ from collections.abc import Collection
 from datetime import datetime, timedelta
 from typing import Final
 
-from sqlalchemy import delete, select, update
+from sqlalchemy import and_, delete, or_, select, update
 from sqlalchemy.orm import Session
 
 from service.catalog.database import changed
-from service.catalog.models import Tombstone
+from service.catalog.models import HELD, Job, Tombstone
+from service.catalog.transitions import Lease
 
 #: seconds from a failed deletion to the next one, doubled each time
 FIRST_WAIT_S: Final = 5.0
 LONGEST_WAIT_S: Final = 3600.0
+#: after the deletion of what a worker without a lease may still be writing, until it is deleted once more
+WRITER_S: Final = 900.0
 #: keys in one statement
 _BATCH: Final = 500
 
@@ -27,20 +33,31 @@ class LateError(Exception):
     """A blob was not recorded in time, and is deleted or will be."""
 
 
-def expect(session: Session, key: str, *, now: datetime, within_s: float) -> None:
-    """A blob is about to be written; it goes unless it is recorded within so many seconds."""
-    _write(session, key, now=now, due_at=now + timedelta(seconds=within_s))
+def expect(session: Session, key: str, *, now: datetime, within_s: float, lease: Lease | None = None) -> None:
+    """A blob is about to be written; it goes unless it is recorded within so many seconds, and while the lease is held.
+
+    ``lease`` is that of the job it is written for.
+    """
+    values = {
+        "due_at": now + timedelta(seconds=within_s),
+        "attempts": 0,
+        "lease_token": None if lease is None else lease.token,
+    }
+    if not changed(session, update(Tombstone).where(Tombstone.blob_key == key).values(**values)):
+        session.add(Tombstone(blob_key=key, created_at=now, **values))
+        session.flush()
 
 
 def bury(session: Session, keys: Collection[str], *, now: datetime) -> None:
     """Nothing names these blobs any more, from this transaction on: they are to be deleted."""
     wanted = list(dict.fromkeys(keys))
+    values = {"due_at": now, "attempts": 0, "lease_token": None}
     for start in range(0, len(wanted), _BATCH):
         batch = wanted[start : start + _BATCH]
         known = set(session.scalars(select(Tombstone.blob_key).where(Tombstone.blob_key.in_(batch)).with_for_update()))
-        changed(session, update(Tombstone).where(Tombstone.blob_key.in_(known)).values(due_at=now, attempts=0))
+        changed(session, update(Tombstone).where(Tombstone.blob_key.in_(known)).values(**values))
         new = [key for key in batch if key not in known]
-        session.add_all(Tombstone(blob_key=key, attempts=0, created_at=now, due_at=now) for key in new)
+        session.add_all(Tombstone(blob_key=key, created_at=now, **values) for key in new)
     session.flush()
 
 
@@ -53,8 +70,16 @@ def recorded(session: Session, keys: Collection[str]) -> bool:
 
 def due(session: Session, *, now: datetime, limit: int) -> list[str]:
     """Blobs to delete now, the longest due first."""
-    query = select(Tombstone.blob_key).where(Tombstone.due_at <= now).order_by(Tombstone.due_at).limit(limit)
+    late = or_(Tombstone.due_at <= now, _IS_ABANDONED)
+    query = select(Tombstone.blob_key).where(late).order_by(Tombstone.due_at).limit(limit)
     return list(session.scalars(query))
+
+
+def written_for(session: Session, job_ids: Collection[str]) -> list[str]:
+    """The blobs that workers are writing for these jobs and their parts."""
+    of_them = Job.id.in_(job_ids) | Job.parent_id.in_(job_ids)
+    tokens = select(Job.lease_token).where(of_them, Job.lease_token.is_not(None))
+    return list(session.scalars(select(Tombstone.blob_key).where(Tombstone.lease_token.in_(tokens))))
 
 
 def take(session: Session, keys: Collection[str], *, now: datetime) -> list[str]:
@@ -65,7 +90,7 @@ def take(session: Session, keys: Collection[str], *, now: datetime) -> list[str]
     taken = []
     for key in keys:
         row = session.get(Tombstone, key, with_for_update=True)
-        if row is None or row.due_at > now:
+        if row is None or (row.due_at > now and not _is_abandoned(session, key)):
             continue
         row.due_at = now + timedelta(seconds=min(FIRST_WAIT_S * 2**row.attempts, LONGEST_WAIT_S))
         row.attempts = min(row.attempts + 1, 20)
@@ -74,12 +99,24 @@ def take(session: Session, keys: Collection[str], *, now: datetime) -> list[str]
     return taken
 
 
-def gone(session: Session, keys: Collection[str]) -> None:
-    """No byte of these blobs is left."""
-    changed(session, delete(Tombstone).where(Tombstone.blob_key.in_(keys)))
+def gone(session: Session, keys: Collection[str], *, now: datetime) -> None:
+    """No byte of these blobs is left.
+
+    Those that a worker may still be writing, since it has not seen that its lease is lost, are deleted once more later.
+    """
+    ended = Tombstone.blob_key.in_(keys)
+    changed(session, delete(Tombstone).where(ended, Tombstone.lease_token.is_(None)))
+    later = {"due_at": now + timedelta(seconds=WRITER_S), "lease_token": None}
+    changed(session, update(Tombstone).where(ended).values(**later))
 
 
-def _write(session: Session, key: str, *, now: datetime, due_at: datetime) -> None:
-    if not changed(session, update(Tombstone).where(Tombstone.blob_key == key).values(due_at=due_at, attempts=0)):
-        session.add(Tombstone(blob_key=key, attempts=0, created_at=now, due_at=due_at))
-        session.flush()
+#: written under a lease that nobody holds any more, and not taken yet: a failed deletion waits like any other
+_IS_ABANDONED: Final = and_(
+    Tombstone.lease_token.is_not(None),
+    Tombstone.attempts == 0,
+    Tombstone.lease_token.not_in(select(Job.lease_token).where(Job.state.in_(HELD), Job.lease_token.is_not(None))),
+)
+
+
+def _is_abandoned(session: Session, key: str) -> bool:
+    return session.scalar(select(Tombstone.blob_key).where(Tombstone.blob_key == key, _IS_ABANDONED)) is not None

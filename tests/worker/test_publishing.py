@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
+from typing import Any
 
 import pytest
 from sqlalchemy.exc import OperationalError
@@ -15,17 +16,21 @@ from sqlalchemy.orm import Session
 
 from service.blobs import Blobs
 from service.catalog import Database, Job, Look, Media, Report, Result, jobs, media, results, utc_now
+from service.catalog.models import Tombstone
 from service.settings import Settings
 from service.storage import Storage
 from tests.service.fixtures import add_media, add_transfer, announce, claim, make_tables
 from tests.service.servers import free_port
 from tests.waiting import until
-from worker.lease import LeaseKeeper, LeaseLostError
+from worker import vectorizing
+from worker.answers import MediaAnswer, VectorizeAnswer
+from worker.lease import CanceledError, LeaseKeeper, LeaseLostError
 from worker.patience import Patience
 from worker.progress import ProgressScale
 from worker.rendering import DrawnLook, _Extra, publish
 from worker.run import Run
 from worker.sandbox import Sandbox
+from worker.stopping import StoppedError
 
 
 @pytest.fixture
@@ -178,3 +183,46 @@ def test_a_job_waits_for_an_object_store_that_is_away(
     timer.join()
     assert taken == [b"a.mp4"]
     assert not file.exists()
+
+
+@pytest.mark.parametrize("end", [LeaseLostError, CanceledError, StoppedError])
+def test_nothing_stays_of_a_vectorisation_that_ends_between_its_two_files(
+    run: Run, end: type[Exception], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = run.draft_folder()
+    for name in ("asset.pvg", "pictures.jpgs"):
+        write(folder / name)
+    with run.database.read() as session:
+        medium = session.query(Media).one()
+    stored, put = [], run.storage.put
+
+    def noted(path: Path, key: str) -> None:
+        put(path, key)
+        stored.append(key)
+
+    def stops() -> None:
+        if stored:
+            raise end
+
+    monkeypatch.setattr(run.storage, "put", noted)
+    monkeypatch.setattr(run.keeper, "check", stops)
+    shown: Any = {"kind": "video", "frame_rate": 25.0, "frame_count": 1, "duration_s": 1.0, "codec": "h264"}
+    shown |= {"width": 1, "height": 1, "pixel_format": "yuv420p", "has_audio": False, "rotation": 0, "color": "bt709"}
+    shown |= {"color_primaries": 1, "color_transfer": 1, "warnings": []}
+    answer = VectorizeAnswer(media=MediaAnswer(**shown), pictures=[], faces=[], output=None)
+    with pytest.raises(end):
+        vectorizing._publish(run, medium, folder, answer)
+    assert [key.split("/")[0] for key in stored] == ["asset"]
+    until(lambda: not list(run.storage.entries()))
+    with run.database.read() as session:
+        until(lambda: session.query(Tombstone).filter(Tombstone.blob_key.like("asset/%")).count() == 0)
+
+
+def test_what_a_killed_worker_stored_goes_with_its_lease(run: Run) -> None:
+    file = write(run.draft_folder() / "look-0.mp4")
+    run.blobs.put(file, "result/x", lease=run.lease)
+    assert run.blobs.sweep() == 0
+    with run.database.write() as session:
+        assert jobs.revoke(session, run.job.id, now=utc_now())
+    assert run.blobs.sweep() == 1
+    assert not list(run.storage.entries())
