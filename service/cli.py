@@ -54,6 +54,7 @@ Answer = TypeVar("Answer")
 
 def main() -> None:
     """Entry point of the `pvg-service` command: a reason not to start is one line, not a traceback."""
+    configure("INFO")  # what commands without a level of their own log is not their output
     try:
         cli()
     except OSError as error:
@@ -233,6 +234,8 @@ def create_key(
     """Make a key and print it: it is shown only now. With the first one, every call needs a key."""
     if not 0 < len(name) <= MAX_KEY_NAME or not name.isprintable():
         _refuse(f"a name has 1 to {MAX_KEY_NAME} printable characters")
+    if name.startswith(("key_", "pvg_")):
+        _refuse("names do not begin as ids and keys do, with key_ or pvg_")
     settings = _settings()
     make_folders(settings)
     migrate_database(settings.database)
@@ -280,7 +283,7 @@ def revoke_key(name: KeyName) -> None:
 @key_commands.command("rotate")
 def rotate_key(name: KeyName) -> None:
     """Give a key another secret and print it; the former one stops working, what the key owns stays its own."""
-    typer.echo(_with_records(_current_settings(), lambda session: keys.rotate(_key(session, name))))
+    typer.echo(_with_records(_current_settings(), lambda session: keys.rotate(_active_key(session, name))))
 
 
 @key_commands.command("limit")
@@ -312,7 +315,7 @@ def assign_to_key(
 
     def give(session: Session) -> tuple[int, int]:
         owner = keys.NOBODY if former is None else _key(session, former).id
-        return keys.adopt(session, _key(session, name), owner=owner)
+        return keys.adopt(session, _active_key(session, name), owner=owner)
 
     given, left = _with_records(_current_settings(), give)
     typer.echo(f"{given} video(s) and reference(s) given, with their jobs and results", err=True)
@@ -322,6 +325,11 @@ def assign_to_key(
 
 def _key(session: Session, name: str) -> Key:
     return keys.by_name(session, name) or _refuse(f"there is no key {name}")
+
+
+def _active_key(session: Session, name: str) -> Key:
+    key = _key(session, name)
+    return _refuse(f"{name} was revoked, for good; make another key") if key.revoked_at else key
 
 
 def _current_settings() -> Settings:

@@ -9,6 +9,7 @@ from service.errors import PROBLEMS, problem_body
 _VIDEO, _REFERENCE = "vid_0192f0c1a2b37c4d8e5f60718293a4b5", "ref_0192f0c1a2b37c4d8e5f60718293a4b6"
 _JOB, _RESULT = "job_0192f0c1a2b37c4d8e5f60718293a4b7", "res_0192f0c1a2b37c4d8e5f60718293a4b8"
 _UPLOAD, _MESSAGE = "upl_0192f0c1a2b37c4d8e5f60718293a4bb", "msg_0192f0c1a2b37c4d8e5f60718293a4bc"
+_KEY: Final = "key_0192f0c1a2b37c4d8e5f60718293a4ba"
 _SIGNATURE: Final = "mzDkJ6yWn0y2cSQH0cO3t0qZ0y1o7j4b5sI8x9Yd1Qk"
 _REQUEST = "req_0192f0c1a2b37c4d8e5f60718293a4b9"
 _SHA256: Final = "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"
@@ -212,14 +213,14 @@ EXAMPLES: Final[dict[str, dict[str, Any]]] = {
     "UploadLinkBody": {
         "a link": {
             "id": _UPLOAD,
-            "url": f"/v1/uploads/{_UPLOAD}?expires=1767607800&signature={_SIGNATURE}",
+            "url": f"/v1/uploads/{_UPLOAD}?expires=1767607800&by={_KEY}&signature={_SIGNATURE}",
             "expires_at": "2026-01-05T10:10:00Z",
         }
     },
     "ResultLinkRequest": {"the result": {"expires_in_s": 600}, "a part": {"part": "matte", "person": 1}},
     "LinkBody": {
         "a link": {
-            "url": f"/v1/results/{_RESULT}?expires=1767607800&signature={_SIGNATURE}",
+            "url": f"/v1/results/{_RESULT}?expires=1767607800&by={_KEY}&signature={_SIGNATURE}",
             "expires_at": "2026-01-05T10:10:00Z",
         }
     },

@@ -22,6 +22,7 @@ class Access:
     """A caller with a key, or the holder of a link, which says itself what it is for."""
 
     owner: str | None
+    by: str = keys.NOBODY
     expires: str = ""
     signature: str = ""
 
@@ -34,12 +35,17 @@ class Access:
         """When the access to this ends; None for a caller. Raises `ForbiddenError` and `GoneError`."""
         if not self.by_link:
             return None
-        return services.signer.check(*what, expires=self.expires, signature=self.signature)
+        return services.signer.check(*what, by=self.by, expires=self.expires, signature=self.signature)
 
     def check_owner(self, session: Session, owner: str) -> None:
-        """Raise `ForbiddenError` for a link of a key that was revoked, or of nobody since there are keys."""
+        """Raise `ForbiddenError` for a link that was made by another owner than what it is for has now.
+
+        And for one of a key that was revoked, or of nobody since there are keys.
+        """
         if not self.by_link:
             return
+        if owner != self.by:
+            raise ForbiddenError("what this link is for belongs to another key now; ask for another link")
         key = keys.get(session, owner)
         if keys.exist(session) if key is None else key.revoked_at is not None:
             raise ForbiddenError("the key that this link was made with may no longer be used")
@@ -50,11 +56,12 @@ async def _access(
     services: ServicesDep,
     given: Annotated[HTTPAuthorizationCredentials | None, Security(BEARER)],
     expires: Annotated[str, Query(max_length=20, description="of a link")] = "",
+    by: Annotated[str, Query(max_length=40, description="of a link")] = keys.NOBODY,
     signature: Annotated[str | None, Query(max_length=100, description="of a link; then no key is needed")] = None,
 ) -> Access:
     if signature is None:
         return Access((await authenticate(request, services, given)).owner)
-    return Access(None, expires, signature)
+    return Access(None, by, expires, signature)
 
 
 AccessDep = Annotated[Access, Depends(_access)]

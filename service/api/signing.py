@@ -20,7 +20,7 @@ _FILE = "link-secret"
 
 
 class Signer:
-    """HMAC-SHA256 (RFC 2104) over what a link is for and its last second.
+    """HMAC-SHA256 (RFC 2104) over what a link is for, whose it is and its last second.
 
     The secret is that of the settings, or else a file of the data folder, made when it is first missed.
     """
@@ -30,17 +30,18 @@ class Signer:
         self._secret = given.encode() if given else _secret_of(settings.folder / _FILE)
         self._now = now
 
-    def sign(self, *what: str, expires_at: datetime) -> dict[str, str]:
-        """The query of a link to this; whole seconds count."""
+    def sign(self, *what: str, by: str, expires_at: datetime) -> dict[str, str]:
+        """The query of a link to this, made by an owner; whole seconds count."""
         expires = str(int(expires_at.timestamp()))
-        return {"expires": expires, "signature": self._signature(what, expires)}
+        whose = {"by": by} if by else {}
+        return {"expires": expires, **whose, "signature": self._signature(what, by, expires)}
 
-    def check(self, *what: str, expires: str, signature: str) -> datetime:
+    def check(self, *what: str, by: str, expires: str, signature: str) -> datetime:
         """When a link to this expires.
 
         Raises `ForbiddenError` for one that was not signed here, `GoneError` for one that was and has expired.
         """
-        expected = self._signature(what, expires)
+        expected = self._signature(what, by, expires)
         if not hmac.compare_digest(expected.encode(), signature.encode()):
             raise ForbiddenError("this link is not as it was made; ask for another")
         until = datetime.fromtimestamp(int(expires), UTC)
@@ -48,8 +49,8 @@ class Signer:
             raise GoneError("this link has expired; ask for another")
         return until
 
-    def _signature(self, what: tuple[str, ...], expires: str) -> str:
-        said = json.dumps([*what, expires]).encode()
+    def _signature(self, what: tuple[str, ...], by: str, expires: str) -> str:
+        said = json.dumps([*what, expires, *([by] if by else [])]).encode()
         digest = hmac.digest(self._secret, said, hashlib.sha256)
         return base64.urlsafe_b64encode(digest).decode().rstrip("=")
 

@@ -47,13 +47,32 @@ def test_keys_are_made_listed_limited_rotated_and_revoked(tmp_path: Path) -> Non
     assert text[-43:] not in listed
     assert run("rotate", "studio").strip() not in {text, ""}
     assert "0 video(s)" in run("assign", "studio")
+    run("create", "former")
+    run("revoke", "former")
+    assert "0 video(s)" in run("assign", "studio", "--from", "former")
     run("revoke", "studio")
     assert "revoked" in run("list")
+    for useless in (("rotate", "studio"), ("assign", "studio")):
+        assert "make another" in run(*useless, code=2)
+    for like_an_id in (f"key_{'0' * 32}", text):
+        assert "names do not begin" in run("create", like_an_id, code=2)
     assert "no key nobody" in run("revoke", "nobody", code=2)
     with pytest.MonkeyPatch.context() as patch:
         for name, value in environment.items():
             patch.setenv(name, value)
         assert _have_keys(Settings())  # a revoked one keeps the service closed: it may listen anywhere
+
+
+def test_a_key_is_all_that_is_printed(tmp_path: Path) -> None:
+    folder = tmp_path / "data"
+    folder.mkdir()
+    folder.chmod(0o755)
+    command = [*COMMAND, "keys", "create", "studio"]
+    made = subprocess.run(
+        command, env=os.environ | {"PVG_DATA_DIR": str(folder)}, capture_output=True, text=True, timeout=300, check=True
+    )
+    assert re.fullmatch(r"pvg_[0-9a-f]{32}_[A-Za-z0-9_-]{43}\n", made.stdout)
+    assert "it is closed now" in made.stderr
 
 
 def test_a_bad_setting_is_one_line_that_names_it() -> None:

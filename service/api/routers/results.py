@@ -129,7 +129,7 @@ def _make_link(services: Services, caller: Caller, once: Once, result_id: str, w
     expires_at = min(services.database.now() + wait, found.expires_at).replace(microsecond=0)
     url = services.storage.link(key, expires_in=wait) if services.settings.links_to_store else None
     if url is None:
-        query = services.signer.sign("result", *what, expires_at=expires_at)
+        query = services.signer.sign("result", *what, by=found.owner, expires_at=expires_at)
         query |= {"person": str(wanted.person)} if wanted.part is not None and wanted.person > 1 else {}
         url = f"{addresses.of_result(services.settings, place)}?{urlencode(query)}"
     body = LinkBody(url=url, expires_at=expires_at)

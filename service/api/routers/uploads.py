@@ -117,7 +117,7 @@ def _make_link(services: Services, caller: Caller, once: Once, wanted: UploadLin
             metadata=wanted.metadata,
         )
         expires_at = (now + timedelta(seconds=wanted.expires_in_s)).replace(microsecond=0)
-        query = urlencode(services.signer.sign("upload", made.id, expires_at=expires_at))
+        query = urlencode(services.signer.sign("upload", made.id, by=caller.owner, expires_at=expires_at))
         url = f"{addresses.of_upload(services.settings, made.id)}?{query}"
         body = UploadLinkBody(id=made.id, url=url, expires_at=expires_at)
         once.keep(session, 201, body, location=None, resource_id=made.id)

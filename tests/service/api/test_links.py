@@ -95,7 +95,7 @@ def test_a_link_ends_with_its_time_its_result_and_its_key(api: Api, stranger: ht
     result = make_result(api)
     url = api.client.post(f"/results/{result}/link").json()["url"]
     now = api.services.database.now()
-    old = api.services.signer.sign("result", result, expires_at=now - timedelta(seconds=2))
+    old = api.services.signer.sign("result", result, by=owner, expires_at=now - timedelta(seconds=2))
     gone = stranger.get(f"/results/{result}", params=old)
     assert (gone.status_code, gone.json()["code"]) == (410, "gone")
     with api.services.background.write() as session:
@@ -105,11 +105,35 @@ def test_a_link_ends_with_its_time_its_result_and_its_key(api: Api, stranger: ht
     assert stranger.get(url).status_code == 403
 
 
+@pytest.mark.parametrize("revoked", [True, False])
+def test_no_link_goes_to_another_key_with_what_it_is_for(api: Api, stranger: httpx.Client, *, revoked: bool) -> None:
+    former = use_key(api, "former")
+    result = make_result(api)
+    urls = [api.client.post(f"/results/{result}/link").json()["url"], upload_link(api)]
+    assert [stranger.get(url).status_code for url in urls] == [200, 200]
+    heir = use_key(api, "heir")
+    with api.services.background.write() as session:
+        old, new = keys.by_name(session, former), keys.by_name(session, heir)
+        assert old is not None
+        assert new is not None
+        if revoked:
+            keys.revoke(session, old, now=api.services.database.now())
+        assert keys.adopt(session, new, owner=former) == (1, 0)
+    altered = [url.replace(former, heir) for url in urls]
+    assert [stranger.get(url).status_code for url in urls + altered] == [403] * 4
+    assert stranger.get(api.client.post(f"/results/{result}/link").json()["url"]).status_code == 200
+
+
 def test_a_link_of_before_there_were_keys_ends_with_the_first(api: Api, stranger: httpx.Client) -> None:
     result = make_result(api)
     url = api.client.post(f"/results/{result}/link").json()["url"]
     assert stranger.get(url).status_code == 200
-    use_key(api)
+    owner = use_key(api)
+    assert stranger.get(url).status_code == 403
+    with api.services.background.write() as session:
+        key = keys.get(session, owner)
+        assert key is not None
+        keys.adopt(session, key)
     assert stranger.get(url).status_code == 403
 
 
@@ -261,7 +285,8 @@ def test_a_file_in_pieces_by_a_link(api: Api, stranger: httpx.Client) -> None:
 
 def test_a_link_for_an_upload_expires(api: Api, stranger: httpx.Client) -> None:
     made = api.client.post("/uploads/link", json={}).json()
-    old = api.services.signer.sign("upload", made["id"], expires_at=api.services.database.now() - timedelta(seconds=2))
+    now = api.services.database.now()
+    old = api.services.signer.sign("upload", made["id"], by=keys.NOBODY, expires_at=now - timedelta(seconds=2))
     assert stranger.put(f"/uploads/{made['id']}", params=old, content=MP4).status_code == 410
 
 

@@ -20,8 +20,8 @@ NO_ID = "0" * 32
         (f"/videos/vid_{NO_ID}/frames/3?layre=matte", "layre", "layer"),
         (f"/references/ref_{NO_ID}/poster?size=2", "size", "known are: none"),
         ("/limits?of=me", "of", "known are: none"),
-        (f"/results/res_{NO_ID}?person=2", "person", "expires, signature"),
-        (f"/uploads/upl_{NO_ID}?sig=x", "sig", "expires, signature"),
+        (f"/results/res_{NO_ID}?person=2", "person", "by, expires, signature"),
+        (f"/uploads/upl_{NO_ID}?sig=x", "sig", "by, expires, signature"),
     ],
 )
 def test_an_unknown_parameter_is_named(api: Api, path: str, name: str, known: str) -> None:
