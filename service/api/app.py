@@ -72,7 +72,7 @@ def create_app(settings: Settings | None = None, *, clock: Clock | None = None) 
         )
     app.add_middleware(OwnHostAndOrigin, hosts=settings.host_names, origins=settings.origins)
     app.add_middleware(DrainBeforeRefusal)
-    app.add_middleware(RequestContext, meters=services.meters, root_path=settings.root_path)
+    app.add_middleware(RequestContext, meters=services.meters, places=services.places, root_path=settings.root_path)
     problems.install(app)
     idempotency.install(app)
     for router in ROUTERS:

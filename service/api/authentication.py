@@ -29,6 +29,7 @@ class Caller:
     """Whose request it is; `service.catalog.keys.NOBODY` without keys."""
 
     owner: str
+    credentials: HTTPAuthorizationCredentials | None = None
 
 
 async def authenticate(
@@ -36,13 +37,13 @@ async def authenticate(
     services: ServicesDep,
     given: Annotated[HTTPAuthorizationCredentials | None, Security(BEARER)],
 ) -> Caller:
-    """The caller, whose requests of this minute are counted.
+    """The caller, whose requests of this minute are counted, and those that are not answered yet.
 
-    Raises `UnauthorizedError`, and `QuotaExceededError` when there are too many of them.
+    Raises `UnauthorizedError`, and `QuotaExceededError` when there are too many of either.
     """
     key = await services.calls.read(_key_of, services, given)
     if key is None:
-        return Caller(keys.NOBODY)
+        return Caller(keys.NOBODY, given)
     limit = key.requests_per_minute
     standing = services.rates.take_held(key.id, limit)
     if standing is None:
@@ -54,10 +55,16 @@ async def authenticate(
             headers={"Retry-After": str(standing.resets_s)},
             limit=Limit(standing.limit, "requests per minute"),
         )
-    return Caller(key.id)
+    services.places.take(request.scope["state"], key.id)
+    return Caller(key.id, given)
 
 
 CallerDep = Annotated[Caller, Depends(authenticate)]
+
+
+async def check_again(services: Services, caller: Caller) -> None:
+    """For answers that take long: raise `UnauthorizedError` for a key that was revoked or replaced meanwhile."""
+    await services.calls.read(_key_of, services, caller.credentials)
 
 
 def _key_of(services: Services, given: HTTPAuthorizationCredentials | None) -> Key | None:

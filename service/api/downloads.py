@@ -38,6 +38,7 @@ class Asked:
         if_none_match: Annotated[str | None, Header()] = None,
     ) -> None:
         self.head_only = request.method == "HEAD"
+        self.state = request.scope["state"]
         self.range, self.if_range, self.if_none_match = range_, if_range, if_none_match
 
 

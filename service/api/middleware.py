@@ -13,6 +13,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service import tracing
 from service.api.meters import Meters
+from service.api.places import Places
 from service.api.problems import problem_response
 from service.errors import ServiceError
 from service.ids import new_id
@@ -45,9 +46,10 @@ class RequestContext:
     ``root_path`` is the path prefix that a proxy in front has removed.
     """
 
-    def __init__(self, app: ASGIApp, *, meters: Meters, root_path: str = "") -> None:
+    def __init__(self, app: ASGIApp, *, meters: Meters, places: Places, root_path: str = "") -> None:
         self._app = app
         self._meters = meters
+        self._places = places
         self._root_path = root_path
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -96,6 +98,7 @@ class RequestContext:
             error = ServiceError("the request failed on our side; the log has it under this request id")
             await problem_response(Request(scope), error)(scope, receive, send_with_id)
         finally:
+            self._places.leave(scope["state"])
             self._meters.end(scope, status, time.perf_counter() - began)
         log.info(
             "request",

@@ -11,6 +11,7 @@ from service.api.calls import LOCK_WAIT_S, Calls
 from service.api.fetches import Fetches
 from service.api.forecasts import Forecasts
 from service.api.meters import Meters
+from service.api.places import Places
 from service.api.preview_watch import PreviewWatch
 from service.api.probes import Probe
 from service.api.rates import Rates
@@ -57,6 +58,7 @@ class Services:
     watch: JobWatch
     previews: PreviewWatch
     streams: Streams
+    places: Places
     egress: Egress
     fetches: Fetches
     deliverer: Deliverer
@@ -106,6 +108,7 @@ def make_services(settings: Settings, *, clock: Clock | None = None) -> Services
         JobWatch(calls, stand, load),
         PreviewWatch(calls, partial(load_previews, database)),
         Streams(settings.max_connections // 2),
+        Places(max(1, settings.max_connections // 4)),
         Egress(settings),
         Fetches(),
         # one of its own: receivers whose names resolve slowly hold up no file that is fetched

@@ -11,14 +11,15 @@ from typing import Annotated, Final
 from fastapi import APIRouter, Header, Response
 from starlette.responses import StreamingResponse
 
-from service.api.authentication import Caller, CallerDep
+from service.api.authentication import Caller, CallerDep, check_again
 from service.api.dependencies import JobId, Responses, ServicesDep, problems
 from service.api.services import Services, load_snapshots
 from service.api.streams import EventStream
 from service.api.waiting import Snapshot
 from service.catalog import ENDED, jobs
 from service.catalog.jobs import Standing
-from service.errors import NotFoundError
+from service.errors import NotFoundError, UnauthorizedError, UnavailableError
+from service.outages import is_outage
 
 router = APIRouter(prefix="/jobs", tags=["jobs"])
 
@@ -62,7 +63,7 @@ async def get_job_events(
     now = await services.calls.read(_load, services, caller, job_id)
     if now.standing.has_ended and last_event_id is not None and last_event_id.partition(".")[0] in ENDED:
         return Response(status_code=204)
-    return EventStream(services.streams, caller.owner, _events(services, now, job_id, last_event_id))
+    return EventStream(services.streams, caller.owner, _events(services, caller, now, job_id, last_event_id))
 
 
 def _load(services: Services, caller: Caller, job_id: str) -> Snapshot:
@@ -77,7 +78,9 @@ def _load(services: Services, caller: Caller, job_id: str) -> Snapshot:
     return found[job_id]
 
 
-async def _events(services: Services, now: Snapshot, job_id: str, last_id: str | None) -> AsyncIterator[bytes]:
+async def _events(
+    services: Services, caller: Caller, now: Snapshot, job_id: str, last_id: str | None
+) -> AsyncIterator[bytes]:
     until = asyncio.get_running_loop().time() + MAX_STREAM_S
     yield f"retry: {_RETRY_MS}\n\n".encode()
     if last_id != event_id(now.standing, now.position):
@@ -86,11 +89,24 @@ async def _events(services: Services, now: Snapshot, job_id: str, last_id: str |
         if asyncio.get_running_loop().time() >= until:
             return
         changed = await services.watch.change_of(job_id, now, HEARTBEAT_S)
+        if not await _may_hear_more(services, caller):
+            return
         if changed is None:
             yield b":\n\n"
             continue
         yield _event("state" if _phase(changed.standing) != _phase(now.standing) else "progress", changed)
         now = changed
+
+
+async def _may_hear_more(services: Services, caller: Caller) -> bool:
+    try:
+        await check_again(services, caller)
+    except UnauthorizedError:
+        return False
+    except Exception as error:  # asked again at the next event
+        if not is_outage(error) and not isinstance(error, UnavailableError):
+            raise
+    return True
 
 
 def event_id(standing: Standing, position: int | None = None) -> str:

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Query, Request, Response
 
 from service import addresses
 from service.api import lookups
-from service.api.authentication import Caller, CallerDep
+from service.api.authentication import Caller, CallerDep, check_again
 from service.api.conditional import conditional
 from service.api.dependencies import (
     MAX_WAIT_S,
@@ -100,6 +100,7 @@ async def get_job(
         return conditional(if_none_match, body, headers)
     # the job is the caller's: the watch asks nobody whose it is
     ended = await services.watch.end_of(job_id, wait)
+    await check_again(services, caller)
     if ended is not None:
         return conditional(if_none_match, ended, headers)
     return conditional(if_none_match, await services.calls.read(load_job, services, caller, job_id), headers)

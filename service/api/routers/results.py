@@ -63,6 +63,7 @@ async def get_result_matte(
 
 
 async def _answer(services: Services, asked: Asked, result: Result) -> Response:
+    services.places.take(asked.state, result.owner)
     whose = result.part_of or result.id
     file = File(
         _key(services, result), result.sha256, result.size_bytes, result.content_type, result.filename, of=whose

@@ -124,9 +124,11 @@ def _make_link(services: Services, caller: Caller, once: Once, wanted: UploadLin
     return body
 
 
-async def _opened(upload_id: UploadId, services: ServicesDep, access: AccessDep) -> ResumableUpload:
+async def _opened(request: Request, upload_id: UploadId, services: ServicesDep, access: AccessDep) -> ResumableUpload:
     """The upload, for a caller whose it is or the holder of a link to it."""
-    return await services.calls.read(_open, services, upload_id, access)
+    found = await services.calls.read(_open, services, upload_id, access)
+    services.places.take(request.scope["state"], found.owner)
+    return found
 
 
 def _open(services: Services, upload_id: str, access: Access) -> ResumableUpload:

@@ -26,7 +26,9 @@ class Problem(BaseModel):
     request_id: str
     errors: list[Error] | None = Field(default=None, description="what is wrong, value by value")
     limit: float | None = Field(default=None, description="the most that is allowed, of what was gone over")
-    unit: str | None = Field(default=None, description="of `limit`: bytes, jobs, looks, uploads, requests per minute")
+    unit: str | None = Field(
+        default=None, description="of `limit`: bytes, jobs, looks, uploads, requests per minute or at a time"
+    )
 
 
 class StoredProblem(BaseModel):

@@ -15,7 +15,7 @@ import pytest
 
 from service.api import streams, waiting
 from service.api.routers import events
-from service.catalog import Progress, leases
+from service.catalog import Key, Progress, jobs, keys, leases
 from service.catalog.jobs import Standing
 from tests.service.api.test_authentication import holder
 from tests.service.api.test_media import upload
@@ -200,6 +200,23 @@ def test_a_key_has_so_many_streams_and_no_more(api: Api) -> None:
         assert other.get(f"/jobs/{job_id}/events").status_code == 404
         for answer in answers:
             answer.close()
+
+
+@pytest.mark.parametrize("how", ["revoked", "rotated"])
+def test_who_listens_or_waits_hears_no_more_once_the_key_has_ended(api: Api, how: str) -> None:
+    one = holder(api)
+    api.client.headers["Authorization"] = f"Bearer {one.text}"
+    job_id = one.upload().json()["job"]
+    with ThreadPoolExecutor(1) as threads, listening(api, job_id) as stream:
+        assert take(stream).job["state"] == "queued"
+        waiting_ = threads.submit(api.client.get, f"/jobs/{job_id}?wait=20")
+        until(lambda: len(api.services.watch._waiting[job_id]) == 2)
+        with api.services.background.write() as session:
+            key = session.get_one(Key, one.id)
+            keys.rotate(key) if how == "rotated" else keys.revoke(session, key, now=api.services.database.now())
+            jobs.cancel(session, job_id, now=api.services.database.now())
+        assert [one for one in stream if isinstance(one, Event)] == []
+        assert waiting_.result().status_code == 401
 
 
 def test_an_unknown_job_has_no_events(api: Api) -> None:

@@ -1,0 +1,64 @@
+"""A key's requests, however slow, leave connections to others."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from service.settings import Settings
+from tests.service.api.test_authentication import Holder, holder
+from tests.service.fixtures import MP4, Api, make_ready, make_results, serve
+from tests.waiting import until
+
+
+@pytest.fixture
+def narrow(tmp_path: Path) -> Iterator[Api]:
+    """An API of twelve connections."""
+    yield from serve(Settings(data_dir=tmp_path / "data", reap_interval_s=3600, max_connections=12))
+
+
+def send_slowly(api: Api, stack: ExitStack, method: str, path: str, key: Holder | None = None) -> socket.socket:
+    """A request whose body has come in part."""
+    sender = stack.enter_context(socket.create_connection(api.address, timeout=60))
+    whose = f"Authorization: Bearer {key.text}\r\n" if key is not None else ""
+    head = f"{method} {path} HTTP/1.1\r\nHost: localhost\r\n{whose}Content-Length: 100000\r\n\r\n"
+    sender.sendall(head.encode() + MP4)
+    return sender
+
+
+def test_a_key_has_a_quarter_of_the_connections_and_others_have_the_rest(narrow: Api) -> None:
+    one, other = holder(narrow), holder(narrow)
+    video = one.upload().json()
+    make_ready(narrow.services, video["id"])
+    job = one.transfer(video["id"], video["id"]).json()
+    (result,) = make_results(narrow.services, job["id"], [b"result"])
+    download = one.post(f"/results/{result}/link").json()["url"]
+    links = [one.post("/uploads/link", json={}).json()["url"] for _ in range(2)]
+    with ExitStack() as stack:
+        for _ in range(2):
+            send_slowly(narrow, stack, "POST", "/videos", one)
+        send_slowly(narrow, stack, "PUT", links[0])  # whoever has a link of the key
+        until(lambda: len(narrow.drafts) == 3)
+        for path in ("/videos", f"/results/{result}"):
+            refused = one.get(path)
+            assert (refused.status_code, refused.headers["retry-after"]) == (429, "5")
+            assert (refused.json()["limit"], refused.json()["unit"]) == (3, "requests at a time")
+        assert narrow.client.get(download).status_code == 429
+        assert narrow.client.put(links[1], content=MP4).status_code == 429
+        assert other.get("/videos").status_code == 200
+        assert other.upload().status_code == 202
+    until(lambda: one.get("/videos").status_code == 200)
+    assert narrow.client.get(download).status_code == 200
+    assert [one.get("/videos").status_code for _ in range(6)] == [200] * 6  # each leaves its place
+
+
+def test_without_keys_nothing_is_counted(narrow: Api) -> None:
+    with ExitStack() as stack:
+        for _ in range(6):
+            send_slowly(narrow, stack, "POST", "/videos")
+        until(lambda: len(narrow.drafts) == 6)
+        assert narrow.client.get("/videos").status_code == 200
