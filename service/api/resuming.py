@@ -192,24 +192,32 @@ class _Piece:
         try:
             file = await last.finish() if self._start == 0 else await self._joined(last)
         except UnsupportedMediaError:
-            await remove(self._services, self._upload.id)
+            await remove(self._services, self._upload.id, complete=False)
             raise
         await record(self._services, self._upload, file)
 
     async def _joined(self, last: FileSink) -> ReceivedFile:
         whole = self._intake.open(self._upload.filename, size_bytes=self._size, limit_bytes=self._size)
         try:
-            for part in await self._services.calls.read(_parts, self._services, self._upload.id):
+            for part in await self._parts():
                 async for chunk in await self._services.storage.stream(part.blob_key, 0, part.size_bytes):
                     whole.feed(chunk)
                     await whole.drain()
         except BlobMissingError as error:
+            await self._parts()  # unless they are a medium meanwhile
             raise GoneError(f"what had arrived of {self._upload.id} is lost; begin again") from error
         with last.path.open("rb") as file:
             while chunk := await run_in_threadpool(file.read, CHUNK_BYTES):
                 whole.feed(chunk)
                 await whole.drain()
         return await whole.finish()
+
+    async def _parts(self) -> list[UploadPart]:
+        """All that comes before this piece. Raises `ConflictError` when another request went on there, or ended it."""
+        found = await self._services.calls.read(_parts, self._services, self._upload.id)
+        if sum(part.size_bytes for part in found) != self._start:
+            raise _taken(self._upload.id)
+        return found
 
 
 async def record(services: Services, upload: ResumableUpload, file: ReceivedFile) -> None:
@@ -248,18 +256,23 @@ def begin(services: Services, upload_id: str, size_bytes: int, said: Mapping[str
             raise ConflictError(f"{upload_id} has begun before; ask for its Upload-Offset")
 
 
-async def remove(services: Services, upload_id: str) -> None:
-    """Remove an upload with what has arrived of it; a medium that it has become stays. Raises `NotFoundError`."""
-    keys = await services.calls.write(_remove, services, upload_id)
+async def remove(services: Services, upload_id: str, *, complete: bool = True) -> None:
+    """Remove an upload with what has arrived of it; a medium that it has become stays.
+
+    Raises `NotFoundError`, and `ConflictError` for one that is complete unless ``complete``.
+    """
+    keys = await services.calls.write(_remove, services, upload_id, complete=complete)
     await services.calls.store(services.blobs.delete, keys)
 
 
-def _remove(services: Services, upload_id: str) -> list[str]:
+def _remove(services: Services, upload_id: str, *, complete: bool) -> list[str]:
     with services.database.write() as session:
         now = services.database.now()
         upload = resumable.get(session, upload_id, now=now, lock=True)
         if upload is None:
             raise NotFoundError(f"there is no upload {upload_id}, or its time is over")
+        if upload.media_id is not None and not complete:
+            raise _taken(upload_id)
         return resumable.remove(session, upload, now=now)
 
 
@@ -295,8 +308,12 @@ def _record_part(services: Services, upload_id: str, start: int, size_bytes: int
             ttl_s=services.settings.upload_ttl_s,
         )
         if not kept:
-            raise ConflictError(f"other bytes of {upload_id} came first; ask for its Upload-Offset")
+            raise _taken(upload_id)
     return None, True
+
+
+def _taken(upload_id: str) -> ConflictError:
+    return ConflictError(f"other bytes of {upload_id} came first; ask for its Upload-Offset")
 
 
 def _check(path: Path, expected: Checksum) -> None:

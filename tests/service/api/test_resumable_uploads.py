@@ -10,17 +10,20 @@ import shutil
 import socket
 import subprocess
 from datetime import timedelta
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
 from sqlalchemy import select
+from starlette.concurrency import run_in_threadpool
 
 from service.api import quotas, resuming
 from service.catalog import keys, resumable, utc_now
 from service.catalog.models import IdempotentRequest
 from service.settings import Settings
+from service.storage import Storage
 from tests.service.api.test_authentication import holder
 from tests.service.fixtures import MP4, PNG, Api, serve
 from tests.service.s3 import S3
@@ -149,14 +152,50 @@ def test_of_two_pieces_for_the_same_bytes_one_is_kept(api: Api, monkeypatch: pyt
     assert len(api.blobs) == 1
 
 
+@pytest.mark.parametrize("when", ["before the others are looked for", "while they are read"])
+def test_a_last_piece_that_is_sent_twice_at_a_time_takes_nothing_away(
+    api: Api, when: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = content()
+    url = begin(api.client, len(data))
+    assert send(api.client, url, 0, data[:200_000]).status_code == 204
+    last = partial(send, api.client, url, 200_000, data[200_000:])
+    if when == "while they are read":
+        real = _before(lambda: None, last)
+
+        async def stream(*args: Any) -> Any:
+            await run_in_threadpool(real)
+            await run_in_threadpool(api.services.reaper.delete)
+            return await Storage.stream(api.services.storage, *args)
+
+        monkeypatch.setattr(api.services.storage, "stream", stream)
+    else:
+        monkeypatch.setattr(resuming, "_parts", _before(resuming._parts, last))
+    late = last()
+    assert (late.status_code, late.json()["code"]) == (409, "conflict")
+    assert offset_of(api.client, url) == len(data)
+    media_id = api.client.get(url).json()["media"]
+    assert api.client.get(f"/videos/{media_id}").json()["sha256"] == hashlib.sha256(data).hexdigest()
+
+
+def test_what_is_no_film_takes_no_upload_away_that_another_request_has_completed(
+    api: Api, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = content()
+    url = begin(api.client, len(data))
+    monkeypatch.setattr(resuming, "_remove", _before(resuming._remove, lambda: send(api.client, url, 0, data)))
+    assert send(api.client, url, 0, b"x" * len(data)).status_code == 409
+    assert api.client.get(url).json()["media"]
+
+
 def _before(call: Any, other: Any) -> Any:
     done: list[int] = []
 
-    def both(*args: Any) -> Any:
+    def both(*args: Any, **more: Any) -> Any:
         if not done:
             done.append(1)
             assert other().status_code == 204
-        return call(*args)
+        return call(*args, **more)
 
     return both
 
