@@ -6,11 +6,12 @@ makes writes the answer into it. So the answer is kept exactly when there is som
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
 
-from sqlalchemy import ColumnElement, delete, or_, select, update
+from sqlalchemy import ColumnElement, SelectBase, delete, or_, select, update
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
@@ -90,9 +91,9 @@ def drop(session: Session, claim: Claim) -> None:
     changed(session, delete(IdempotentRequest).where(*_open(claim)))
 
 
-def forget(session: Session, resource_id: str) -> None:
-    """Remove the answers that tell of something that is deleted: they may hold what was found in a face."""
-    changed(session, delete(IdempotentRequest).where(IdempotentRequest.resource_id == resource_id))
+def forget(session: Session, resource_ids: Collection[str] | SelectBase) -> None:
+    """Remove the answers that tell of things that are deleted: they may hold what was found in a face."""
+    changed(session, delete(IdempotentRequest).where(IdempotentRequest.resource_id.in_(resource_ids)))
 
 
 def expire(session: Session, *, now: datetime, limit: int) -> int:

@@ -8,7 +8,7 @@ from datetime import datetime, timedelta
 from types import MappingProxyType
 from typing import Any, Literal, cast
 
-from sqlalchemy import or_, select, update
+from sqlalchemy import or_, select, union_all, update
 from sqlalchemy.orm import Session
 
 from service.catalog import idempotency, jobs, leases, previews, resumable, tombstones
@@ -322,9 +322,9 @@ def active_jobs(session: Session, media_id: str) -> list[str]:
 def delete(
     session: Session, media: Media, *, now: datetime, why: Literal["expired", "deleted"] = "deleted"
 ) -> list[str]:
-    """Remove a medium and every result made with it. Returns the keys of the blobs to delete after the commit.
+    """Remove a medium and every result made with it, with what was found in it and told of it.
 
-    Their tombstones are written by the same transaction.
+    Returns the keys of the blobs to delete after the commit. Their tombstones are written by the same transaction.
     """
     results: Sequence[Result] = session.scalars(
         select(Result).where(or_(Result.video_id == media.id, Result.reference_id == media.id))
@@ -334,7 +334,11 @@ def delete(
     keys += previews.delete_of(session, media.id)
     gone = [result.id for result in results]
     changed(session, update(Look).where(Look.result_id.in_(gone)).values(result_id=None, result_gone=why))
-    idempotency.forget(session, media.id)
+    drawn = or_(Look.video_id == media.id, Look.reference_id == media.id)
+    changed(session, update(Look).where(drawn).values(report=None))
+    of_jobs = union_all(select(Look.job_id).where(drawn), select(Job.id).where(Job.media_id == media.id))
+    for told in ([media.id], gone, of_jobs):
+        idempotency.forget(session, told)
     resumable.forget(session, media.id)
     for result in results:
         session.delete(result)

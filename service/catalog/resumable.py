@@ -131,7 +131,7 @@ def close(session: Session, upload: ResumableUpload, *, media_id: str, size_byte
 def remove(session: Session, upload: ResumableUpload, *, now: datetime) -> list[str]:
     """Remove an upload with what has arrived of it. Returns the blobs to delete after the commit."""
     keys = _drop_parts(session, upload.id, now=now)
-    idempotency.forget(session, upload.id)
+    idempotency.forget(session, [upload.id])
     session.delete(upload)
     session.flush()
     return keys
@@ -140,7 +140,7 @@ def remove(session: Session, upload: ResumableUpload, *, now: datetime) -> list[
 def forget(session: Session, media_id: str) -> None:
     """Remove the records of the uploads that a medium, which is deleted, was made of."""
     for upload_id in session.scalars(select(ResumableUpload.id).where(ResumableUpload.media_id == media_id)).all():
-        idempotency.forget(session, upload_id)  # the answer to its beginning has the file's name
+        idempotency.forget(session, [upload_id])  # the answer to its beginning has the file's name
     changed(session, delete(ResumableUpload).where(ResumableUpload.media_id == media_id))
 
 

@@ -18,7 +18,7 @@ import httpx
 import pytest
 from obstore.exceptions import GenericError
 
-from service.catalog import Asset, Role, leases, media, parts, tombstones
+from service.catalog import Asset, Report, Role, leases, media, parts, tombstones
 from service.catalog.models import Tombstone
 from service.catalog.parts import NewFile, NewPart
 from service.queue import RENDER
@@ -86,16 +86,21 @@ def test_no_byte_of_a_deleted_clip_is_left(api: Api, tmp_path: Path, request: py
     faces = [{"index": 0, "width_px": 123.456789, "warnings": [MARK]}]
     with database.write() as session:
         media.finish(session, lease, Asset(key, 1, {}, faces, []), now=database.now(), timings={})
-    job = api.client.post("/transfer", json={"video": video["id"], "looks": [{"reference": video["id"]}]}).json()
+    # its reference alone is deleted first: the job's record stays, and the video
+    wanted = {"video": upload(api, PNG + b"other").json()["id"], "looks": [{"reference": video["id"]}]}
+    make_ready(api.services, wanted["video"])
+    job = api.client.post("/transfer", json=wanted).json()
     drawn = os.urandom(100_000)
-    make_results(api.services, job["id"], [drawn])
+    warned = Report("landmarks", "table", warnings=("reference, face 0: 98.7654321 px",))
+    make_results(api.services, job["id"], [drawn], report=warned)
+    assert api.client.post("/transfer", json=wanted, headers={"Idempotency-Key": "k"}).status_code == 200
 
     pieces = [
         content[start : start + 32]
         for content in (source, vectorized, drawn)
         for start in range(64, len(content), 4096)
     ]
-    needles = [*pieces, MARK.encode(), b"123.456789"]
+    needles = [*pieces, MARK.encode(), b"123.456789", b"98.7654321"]
     assert found(api, bucket, needles) == set(needles)
     assert buried(api) == 0
     assert api.client.delete(f"/videos/{video['id']}").status_code == 204
@@ -103,9 +108,11 @@ def test_no_byte_of_a_deleted_clip_is_left(api: Api, tmp_path: Path, request: py
     def left() -> object:
         """A store may take its time, and while another looks into SQLite its log stays: the next round sees to it."""
         api.services.reaper.round()
-        return found(api, bucket, needles) or api.blobs or buried(api)
+        return found(api, bucket, needles) or len(api.blobs) > 2 or buried(api)
 
     until(lambda: not left(), said=left)
+    look = api.client.get(f"/jobs/{job['id']}").json()["looks"][0]
+    assert (look["warnings"], look["settings"], look["result_gone"]) == ([], None, "deleted")
 
 
 @pytest.mark.parametrize("api", ["hanging store"], indirect=True)

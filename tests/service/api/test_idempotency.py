@@ -15,7 +15,7 @@ from sqlalchemy.exc import OperationalError
 
 from service.api import calls
 from service.api.idempotency import Once
-from service.catalog import Job, idempotency, jobs, leases
+from service.catalog import Job, idempotency, jobs, leases, sweep, utc_now
 from service.catalog.idempotency import Claim
 from service.catalog.models import IdempotentRequest
 from service.settings import Settings
@@ -212,6 +212,27 @@ def test_a_deleted_medium_takes_the_answers_about_it_along(api: Api) -> None:
     assert api.client.delete(f"/videos/{video['id']}", params={"cancel_jobs": True}).status_code == 204
     assert requests(api) == []
     assert post(api, "/videos", "k", content=MP4).json()["id"] != video["id"]
+
+
+@pytest.mark.parametrize("end", ["deleted", "expired"])
+def test_a_request_for_media_that_are_gone_is_not_answered_as_before(api: Api, end: str) -> None:
+    reference = upload(api, "/references", PNG)["id"]
+    body = wanted(api)
+    body["looks"] = [{"reference": reference}]
+    for media_id in (body["video"], reference):
+        make_ready(api.services, media_id)
+    job = post(api, "/transfer", "transfer", json=body).json()["id"]
+    (result,) = make_results(api.services, job, [b"made"])
+    assert post(api, f"/results/{result}/link", "link").status_code == 200
+    assert post(api, "/transfer", "transfer", json=body).headers["idempotent-replayed"] == "true"
+    if end == "deleted":
+        assert api.client.delete(f"/references/{reference}").status_code == 204
+    else:
+        with api.services.background.write() as session:
+            sweep.expire_media(session, now=utc_now() + timedelta(days=365))
+    assert requests(api) == []
+    assert post(api, "/transfer", "transfer", json=body).status_code == 404
+    assert post(api, f"/results/{result}/link", "link").status_code == 404
 
 
 def test_the_same_transfer_points_at_the_same_job_while_its_results_live(api: Api) -> None:
