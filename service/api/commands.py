@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from functools import partial
 
+import structlog
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
@@ -52,6 +53,8 @@ from service.catalog import (
 from service.errors import ConflictError, MediaFailedError, NotFoundError, ValidationFailedError
 from service.ids import new_id
 
+log = structlog.get_logger(__name__)
+
 _TRIES = 3
 #: options of an output that still pictures do not have
 _OF_CLIPS = frozenset({"codec", "crf", "preset", "audio", "matte"})
@@ -74,11 +77,12 @@ class Asked:
 
 @dataclass(frozen=True)
 class Registered:
-    """A recorded file; ``pending`` when there is a vectorisation to wait for because of it."""
+    """A recorded file; ``pending`` when there is a vectorisation to wait for because of it, ``new`` when it is new."""
 
     body: MediaBody
     pending: bool
     location: str
+    new: bool = False
 
 
 async def register(
@@ -163,7 +167,7 @@ class _Arrival:
                 self._close_upload(session, media_id, now=now)
                 quotas.check(session, owner, now=now, size_bytes=file.size_bytes)
                 created = media.create(session, upload, now=now, ttl_s=services.settings.media_ttl_s)
-                registered = self._registered(session, created, pending=True)
+                registered = self._registered(session, created, pending=True, new=True)
         except IntegrityError:
             return None
         services.publisher.publish([Message(created.job_id, JobKind.VECTORIZE.value)])
@@ -210,14 +214,14 @@ class _Arrival:
             raise ConflictError(f"{asked.upload} is complete: {upload.media_id}")
         resumable.close(session, upload, media_id=media_id, size_bytes=self.file.size_bytes, now=now)
 
-    def _registered(self, session: Session, found: Media, *, pending: bool) -> Registered:
+    def _registered(self, session: Session, found: Media, *, pending: bool, new: bool = False) -> Registered:
         location = addresses.of_media(self.services.settings, found.role, found.id)
         body, asked = media_body(found, self.services.settings), self.asked
         if self.answers:
             if asked.webhook is not None and (job := jobs.get(session, found.job_id)) is not None:
                 webhooks.announce(session, job, asked.webhook, now=self.services.database.now())
             asked.once.keep(session, 202 if pending else 200, body, location=location, resource_id=found.id)
-        return Registered(body, pending, location)
+        return Registered(body, pending, location, new)
 
 
 @dataclass(frozen=True)
@@ -423,11 +427,46 @@ def _remove(services: Services, owner: str, role: Role, media_id: str, *, cancel
         if active and not cancel_jobs:
             detail = f"{len(active)} job(s) still use {media_id}: {', '.join(active[:10])}"
             raise ConflictError(f"{detail}; wait for them, or delete with ?cancel_jobs=true")
-        ended, drawn = parts.messages(session, active), parts.files_of(session, active)
-        drawn += tombstones.written_for(session, active)
-        for job_id in active:
-            jobs.revoke(session, job_id, now=database.now())
-        ended += [jobs.message_of(job) for job_id in active if (job := jobs.get(session, job_id))]
-        keys = media.delete(session, found, now=database.now()) + drawn
+        keys, ended = _delete(session, found, active, now=database.now())
     services.publisher.withdraw(ended)
+    return keys
+
+
+def _delete(session: Session, found: Media, active: Sequence[str], *, now: datetime) -> tuple[list[str], list[Message]]:
+    """Remove a medium whose unfinished jobs are ``active``. Returns the blobs and the messages that are to go."""
+    ended, drawn = parts.messages(session, active), parts.files_of(session, active)
+    drawn += tombstones.written_for(session, active)
+    for job_id in active:
+        jobs.revoke(session, job_id, now=now)
+    ended += [jobs.message_of(job) for job_id in active if (job := jobs.get(session, job_id))]
+    return media.delete(session, found, now=now) + drawn, ended
+
+
+async def take_back(services: Services, owner: str, brought: Sequence[MediaBody]) -> None:
+    """Delete the media that a refused request has brought, but for those that others have asked for since.
+
+    Never fails: they go after their retention.
+    """
+    if not brought:
+        return
+    try:
+        keys = await services.calls.write(_take_back, services, owner, brought)
+        await services.calls.store(services.blobs.delete, keys)
+    except Exception as error:
+        log.warning("what a refused request has brought stays", count=len(brought), error=type(error).__name__)
+
+
+def _take_back(services: Services, owner: str, brought: Sequence[MediaBody]) -> list[str]:
+    keys: list[str] = []
+    messages: list[Message] = []
+    with services.database.write() as session:
+        for body in sorted(brought, key=lambda body: body.id):
+            found = media.get(session, body.id, owner=owner, lock="update")
+            # whoever asks for it, or uses it, counts its retention anew
+            if found is None or found.expires_at != body.expires_at:
+                continue
+            blobs, ended = _delete(session, found, media.active_jobs(session, found.id), now=services.database.now())
+            keys += blobs
+            messages += ended
+    services.publisher.withdraw(messages)
     return keys

@@ -17,7 +17,7 @@ from service.api.multipart import read_form
 from service.api.openapi import TRANSFER_FORM, form, json_body
 from service.api.problems import invalid_values
 from service.api.receivers import receiver
-from service.api.schemas import USUAL_CONTAINERS, JobBody, OutputRequest, SwapRequest, TransferRequest
+from service.api.schemas import USUAL_CONTAINERS, JobBody, MediaBody, OutputRequest, SwapRequest, TransferRequest
 from service.api.services import Services
 from service.api.transfer_form import to_request
 from service.api.uploads import Intake
@@ -43,15 +43,20 @@ async def create_transfer(
 ) -> JobBody:
     """Put the colours of one or more references on a video; media that still vectorise are waited for."""
     is_form = media_type(request) == "multipart/form-data"
+    brought: dict[str, MediaBody] = {}
     async with once:
-        if is_form:
-            wanted = await _read_form(request, services, caller, once)
-        else:
-            wanted = await _read(request, services, TransferRequest, once)
-        looks, pointers = _looks_of(wanted, services, is_form=is_form)
-        webhook = receiver(services, wanted.webhook, "/webhook" if is_form else "/webhook/url")
-        asked = Asked(caller.owner, once, wanted.metadata, webhook, wanted.force)
-        return await _accept(services, response, JobKind.TRANSFER, looks, wanted.output, pointers, asked)
+        try:
+            if is_form:
+                wanted = await _read_form(request, services, caller, once, brought)
+            else:
+                wanted = await _read(request, services, TransferRequest, once)
+            looks, pointers = _looks_of(wanted, services, is_form=is_form)
+            webhook = receiver(services, wanted.webhook, "/webhook" if is_form else "/webhook/url")
+            asked = Asked(caller.owner, once, wanted.metadata, webhook, wanted.force)
+            return await _accept(services, response, JobKind.TRANSFER, looks, wanted.output, pointers, asked)
+        except Exception:
+            await commands.take_back(services, caller.owner, list(brought.values()))
+            raise
 
 
 @router.post(
@@ -140,8 +145,13 @@ async def _read(request: Request, services: Services, model: type[Model], once: 
     return wanted
 
 
-async def _read_form(request: Request, services: Services, caller: Caller, once: Once) -> TransferRequest:
-    """The one-line client's form: `video`, one or more `reference` files or ids, and options for all of them."""
+async def _read_form(
+    request: Request, services: Services, caller: Caller, once: Once, brought: dict[str, MediaBody]
+) -> TransferRequest:
+    """The one-line client's form: `video`, one or more `reference` files or ids, and options for all of them.
+
+    References that are recorded and new are added to ``brought``, by id.
+    """
     settings = services.settings
     async with Intake(services.storage, services.room, request, limit_bytes=settings.max_upload_bytes) as intake:
         form = await read_form(intake, max_files=settings.max_looks)
@@ -157,4 +167,6 @@ async def _read_form(request: Request, services: Services, caller: Caller, once:
         for _, file in form.files:
             found = await commands.register(services, Role.REFERENCE, file, asked=asked, answers=False)
             ids.append(found.body.id)
+            if found.new or found.body.id in brought:
+                brought[found.body.id] = found.body
     return to_request(form, ids) if ids else draft

@@ -3,9 +3,13 @@ from __future__ import annotations
 import json
 from typing import Any
 
+import httpx
 import pytest
 
+from service.api import commands
 from service.catalog import OutputOptions, Report, jobs, leases, render_request
+from service.catalog.keys import Limits
+from tests.service.api.test_authentication import Bearer, holder
 from tests.service.api.test_media import PROBLEM, SHOWN, upload
 from tests.service.fixtures import MP4, PNG, Api, claim, make_ready, make_results
 
@@ -174,6 +178,47 @@ def test_a_form_that_asks_for_the_impossible_records_nothing(
     assert (answer.status_code, answer.json()["errors"][0]["pointer"]) == (status, pointer)
     assert api.client.get("/references").json()["data"] == []
     assert api.drafts == []
+
+
+def test_a_refused_form_takes_back_the_references_that_it_has_brought(
+    api: Api, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known, pictures = upload(api, "/references", b"known"), [PNG + b"1", PNG + b"1", PNG + b"2"]
+    make_ready(api.services, known["id"], faces=1)
+    video = upload(api, "/videos")
+    files = [("reference", ("a.png", one)) for one in [*pictures, PNG + b"known"]]
+    before = api.blobs
+    # the last one is known: it has no second face
+    fields = {"video": video["id"], "reference_face": "1"}
+    refused = api.client.post("/transfer", data=fields, files=files)
+    assert refused.json()["errors"][0]["pointer"] == "/reference_face", refused.text
+    assert [one["id"] for one in api.client.get("/references").json()["data"]] == [known["id"]]
+    assert (api.blobs, api.drafts) == (before, [])
+
+    # one that another request asks for meanwhile stays
+    real = commands.request_looks
+
+    def asked_for(*arguments: Any) -> Any:
+        assert api.client.post("/references", content=pictures[0]).is_success
+        return real(*arguments)
+
+    monkeypatch.setattr(commands, "request_looks", asked_for)
+    assert api.client.post("/transfer", data=fields, files=files).status_code == 422
+    assert len(api.client.get("/references").json()["data"]) == 2
+    monkeypatch.undo()
+    assert api.client.post("/transfer", data={"video": video["id"]}, files=files).status_code == 202
+    assert len(api.client.get("/references").json()["data"]) == 3
+
+
+def test_a_form_over_the_quota_takes_back_its_references(api: Api) -> None:
+    one = holder(api, Limits(stored_bytes=len(MP4) + len(PNG) + 2))
+    video = one.upload().json()
+    files = [("reference", ("a.png", PNG + content)) for content in (b"1", b"2")]
+    with httpx.Client(base_url=api.client.base_url, timeout=60, auth=Bearer(one.text)) as client:
+        refused = client.post("/transfer", data={"video": video["id"]}, files=files)
+        assert (refused.status_code, refused.json()["code"]) == (429, "quota-exceeded")
+        assert client.get("/references").json()["data"] == []
+        assert client.post("/transfer", data={"video": video["id"]}, files=files[:1]).status_code == 202
 
 
 def test_a_form_without_reference_or_with_a_file_that_is_none_is_refused(api: Api) -> None:
