@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import re
+from collections.abc import Collection, Iterable, Mapping
+from pathlib import Path
 from typing import Any, Final
 
+from service.catalog import Media
 from service.errors import stored_problem
 from service.outages import is_disk_full, is_outage
 from worker.answers import one_line
@@ -101,3 +104,19 @@ def lacks_room(error: BaseException) -> bool:
             return True
         seen = seen.__cause__ or seen.__context__
     return False
+
+
+def without_files(error: MethodError, media: Iterable[Media], keys: Mapping[Path, str]) -> MethodError:
+    """The same error, with these media in place of their files: clients know neither blobs nor folders.
+
+    ``keys`` are those of the blobs, by their local files.
+    """
+    names: dict[str, str] = {}
+    for medium in media:
+        names[medium.source_key] = medium.id
+        if medium.asset_key is not None:
+            names[medium.asset_key] = f"the vectorised {medium.id}"
+    text = str(error)
+    for path, key in keys.items():
+        text = re.sub(rf"[^\s'\"]*{re.escape(path.name)}", names.get(key, "a file"), text)
+    return MethodError(error.kind, text, error.trace)

@@ -28,7 +28,7 @@ from service.catalog import (
 from service.ids import new_id
 from service.storage import BlobMissingError, file_sha256
 from worker.answers import LookAnswer, RenderAnswer, VerifyAnswer, checked, made
-from worker.failures import LostAssetsError, OptionError, SourceLostError
+from worker.failures import LostAssetsError, OptionError, SourceLostError, without_files
 from worker.lease import LeaseLostError
 from worker.run import Run
 from worker.sandbox import CrashError, MethodError
@@ -98,10 +98,13 @@ def telling_what_is_lost(run: Run, present: dict[str, Media]) -> Iterator[None]:
     """
     try:
         yield
-    except (MethodError, BlobMissingError) as error:
-        if not isinstance(error, MethodError) or error.kind == "AssetError":
-            _say_what_is_lost(run, present, error)
+    except BlobMissingError as error:
+        _say_what_is_lost(run, present, error)
         raise
+    except MethodError as error:
+        if error.kind == "AssetError":
+            _say_what_is_lost(run, present, error)
+        raise without_files(error, present.values(), run.keys) from error
 
 
 def _say_what_is_lost(run: Run, present: dict[str, Media], error: Exception) -> None:

@@ -49,6 +49,8 @@ class Run:
     timings: dict[str, float] = field(default_factory=dict)
     began: float = field(default_factory=time.monotonic)
     drafts: ExitStack = field(default_factory=ExitStack)
+    #: of blobs, by the local files that they were had as
+    keys: dict[Path, str] = field(default_factory=dict)
     #: of the jobs that its work has made, to be published when it ends
     messages: list[Message] = field(default_factory=list)
 
@@ -70,7 +72,9 @@ class Run:
     def local_path(self, key: str) -> Iterator[Path]:
         """A blob as a local file; a copy of it carries the job's id. A storage that is away is waited for."""
         with ExitStack() as stack:
-            yield self.patience(lambda: stack.enter_context(self.storage.local_path(key, job_id=self.job.id)))
+            path = self.patience(lambda: stack.enter_context(self.storage.local_path(key, job_id=self.job.id)))
+            self.keys[path] = key
+            yield path
 
     def draft_folder(self) -> Path:
         """A temporary folder that is cleared with its files when the run ends, whatever its end."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import timedelta
 from typing import Any, Final
@@ -168,7 +169,7 @@ def _unavailable(detail: str) -> UnavailableError:
 async def small_picture(
     services: Services, owner: str, role: Role, media_id: str, face: int | None, *, if_none_match: str | None
 ) -> Response:
-    """A medium's poster, or the thumbnail of a face, as it was made with the asset; else it is made now.
+    """A medium's poster, or the thumbnail of a face, as it was made with the asset; else, or if that is lost, made now.
 
     Raises as `picture` does, and `NotFoundError` for a face that is not there.
     """
@@ -176,21 +177,19 @@ async def small_picture(
     if face is not None and face >= len(medium.faces):
         raise NotFoundError(f"{media_id} has {len(medium.faces)} face(s); their indices begin at 0")
     found = media.picture_of(medium, face)
-    if found is None:
-        request = StillRequest("jpeg", THUMBNAIL_PX if face is not None else POSTER_PX, face=face)
-        wanted = Wanted(media_id, None, request, {media_id: ""})
-        return await picture(services, owner, wanted, if_none_match=if_none_match)
-    key, start, end = found
-    etag = f'"{hashlib.sha256(f"{key} {start}".encode()).hexdigest()[:32]}"'
-    headers = {"ETag": etag, "Cache-Control": "private, no-cache"}
-    if matches(if_none_match, etag):
-        return Response(status_code=304, headers=headers)
-    try:
-        pieces = await services.storage.stream(key, start, end)
-        content = b"".join([piece async for piece in pieces])
-    except BlobMissingError as error:
-        raise NotFoundError(f"there is no {role.value} {media_id}") from error
-    return Response(content, headers=headers, media_type=MEDIA_TYPES["jpeg"])
+    if found is not None:
+        key, start, end = found
+        etag = f'"{hashlib.sha256(f"{key} {start}".encode()).hexdigest()[:32]}"'
+        headers = {"ETag": etag, "Cache-Control": "private, no-cache"}
+        if matches(if_none_match, etag):
+            return Response(status_code=304, headers=headers)
+        with suppress(BlobMissingError):
+            pieces = await services.storage.stream(key, start, end)
+            content = b"".join([piece async for piece in pieces])
+            return Response(content, headers=headers, media_type=MEDIA_TYPES["jpeg"])
+    request = StillRequest("jpeg", THUMBNAIL_PX if face is not None else POSTER_PX, face=face)
+    wanted = Wanted(media_id, None, request, {media_id: ""})
+    return await picture(services, owner, wanted, if_none_match=if_none_match)
 
 
 #: as the worker makes them, see `worker.sandbox.calls`

@@ -75,7 +75,15 @@ def test_a_lost_asset_is_made_again_once_and_a_lost_source_is_asked_for(
     assert (body["state"], body["error"]["code"]) == ("failed", "asset-invalid")
     blob(api, video["id"], "asset").write_bytes(whole)
 
-    blob(api, video["id"], "source").unlink()
+    # whole, and not of this clip: neither file is named, nor its folder
+    source = blob(api, video["id"], "source")
+    source.write_bytes(cv2.imencode(".png", small // 2)[1].tobytes())
+    error = run(transfer())["error"]
+    assert error["code"] == "asset-invalid"
+    assert f"{video['id']} is not the clip that the vectorised {video['id']} was made from" in error["detail"]
+    assert source.name not in error["detail"]
+
+    source.unlink()
     body = run(transfer())
     assert (body["state"], body["attempt"], body["error"]["code"]) == ("failed", 1, "source-lost")
     assert "upload it again" in body["error"]["detail"]

@@ -13,7 +13,7 @@ from service.settings import Settings
 from service.storage import Storage
 from tests.worker.sandbox.test_sandbox import server
 from worker.previews.open_clips import Clip, OpenClips
-from worker.sandbox import Sandbox, SandboxServer
+from worker.sandbox import MethodError, Sandbox, SandboxServer
 
 __all__ = ["server"]
 
@@ -31,6 +31,27 @@ def clips(tmp_path: Path, server: SandboxServer) -> Iterator[OpenClips]:
     yield made
     for entry in list(made._entries.values()):
         made._close(entry)
+
+
+@pytest.mark.parametrize("where", ["folder", "s3"])
+def test_what_is_wrong_with_a_clip_names_no_file(
+    where: str, tmp_path: Path, request: pytest.FixtureRequest, warm_server: SandboxServer
+) -> None:
+    url = request.getfixturevalue("bucket").storage_url if where == "s3" else ""
+    settings = Settings(data_dir=tmp_path / "data", storage_url=url)
+    storage = Storage(settings)
+    for key in ("source/aa/0123.png", "asset/aa/4567.pvg"):
+        draft = storage.draft()
+        draft.write_text("damaged")
+        storage.put(draft, key)
+    medium = Media(id="vid_1", source_key="source/aa/0123.png", asset_key="asset/aa/4567.pvg")
+    clips = OpenClips(settings, storage, Sandbox(warm_server.lobby), lambda ids: {})
+    for clip in (Clip(medium, None), Clip(medium, medium)):
+        with pytest.raises(MethodError, match=r"^the vectorised vid_1 is not an asset ") as raised:
+            clips.ask(clip, {}, "picture.jpg", time.monotonic() + 120)
+        assert raised.value.kind == "AssetError"
+        assert "/" not in str(raised.value)
+        assert "4567" not in str(raised.value)
 
 
 def pid_of(clips: OpenClips, number: int) -> int:

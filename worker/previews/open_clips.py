@@ -17,6 +17,7 @@ import structlog
 from service.catalog import Media
 from service.settings import Settings
 from service.storage import Storage
+from worker.failures import without_files
 from worker.run import media_limits
 from worker.sandbox import CrashError, LimitError, Limits, MethodError, Sandbox, Session, View
 
@@ -56,6 +57,8 @@ class _Entry:
     lock: threading.Lock = field(default_factory=threading.Lock)
     session: Session | None = None
     folder: Path = Path()
+    #: of its blobs, by their local files
+    keys: dict[Path, str] = field(default_factory=dict)
     held: ExitStack = field(default_factory=ExitStack)
     users: int = 0
     used_at: float = 0.0
@@ -115,10 +118,11 @@ class OpenClips:
         try:
             session = entry.session or self._open(entry, until)
             return session.ask({**question, "path": str(entry.folder / name)}, until), entry.folder / name
-        except MethodError:  # of this question; the clip stays open
+        except MethodError as error:  # of this question; the clip stays open
             with suppress(OSError):
                 (entry.folder / name).unlink(missing_ok=True)
-            raise
+            media = [one for one in (entry.clip.medium, entry.clip.reference) if one is not None]
+            raise without_files(error, media, entry.keys) from error
         except (CrashError, LimitError):  # it was killed, or has used up what a process may
             self._end(entry)
             if not was_open or time.monotonic() >= until:
@@ -138,7 +142,9 @@ class OpenClips:
             folder, descriptor = self._storage.new_folder()
             stack.callback(shutil.rmtree, folder, ignore_errors=True)
             stack.callback(os.close, descriptor)
-            paths = [self._local(stack, key, folder) for key in _blobs(entry.clip)]
+            keys = _blobs(entry.clip)
+            paths = [self._local(stack, key, folder) for key in keys]
+            entry.keys = dict(zip(paths, keys, strict=True))
             source, asset, *reference = paths
             limits = Limits(self._settings.job_memory_bytes, _CPU_S, _FILE_BYTES)
             arguments = {

@@ -13,7 +13,7 @@ from sqlalchemy import delete
 
 from service.api.examples import MEDIUM
 from service.blobs import Blobs
-from service.catalog import PreviewState, previews, workers
+from service.catalog import Media, PreviewState, previews, workers
 from service.catalog.models import Preview
 from service.catalog.previews import KEPT_S, Still
 from service.errors import stored_problem
@@ -218,7 +218,14 @@ def test_unknown_layers_are_422_and_known_ones_asked_for(api: Api, video: str, r
     ]
 
 
-def test_a_medium_of_before_gets_its_small_pictures_on_request(api: Api, video: str) -> None:
+@pytest.mark.parametrize("are_lost", [False, True])
+def test_a_medium_of_before_or_whose_own_are_lost_gets_its_small_pictures_on_request(
+    api: Api, video: str, *, are_lost: bool
+) -> None:
+    if are_lost:
+        with api.services.background.write() as session:
+            medium = session.get_one(Media, video)
+            medium.pictures_key, medium.pictures = "pictures/00/lost.jpgs", [[None, 0, 5], [0, 5, 9]]
     shown = api.client.get(f"/videos/{video}").json()
     assert shown["poster"] == f"/v1/videos/{video}/poster"
     assert shown["faces"][0]["thumbnail"] == f"/v1/videos/{video}/faces/0/thumbnail"
