@@ -14,7 +14,7 @@ from service.blobs import Blobs
 from service.catalog import Database, Message, idempotency, jobs, leases, previews, sweep, tombstones, webhooks
 from service.drafts import Drafts
 from service.outages import is_outage
-from service.queue import QUEUES, Publisher
+from service.queue import QUEUES, Publisher, clear_remains
 from service.room import Room
 from service.settings import Settings
 from service.storage import Storage
@@ -137,7 +137,7 @@ class Reaper:
         return [message for message in expected if message.job_id not in held]
 
     def expire(self) -> None:
-        """Remove results, media and job records past their retention, and drafts whose writer is gone."""
+        """Remove results, media and job records past their retention, and drafts and messages of killed processes."""
         now = self._database.now()
         with self._database.write() as session:
             sweep.expire_results(session, now=now)
@@ -147,6 +147,7 @@ class Reaper:
             previews.expire(session, now=now)
             idempotency.expire(session, now=now, limit=sweep.BATCH)
         self._drafts.clear()
+        clear_remains(self._settings)
 
     def delete(self) -> None:
         """Delete the blobs that no record names any more, and leave no trace of the records that did."""

@@ -146,8 +146,8 @@ def forget(session: Session, media_id: str) -> None:
 
 def expire(session: Session, *, now: datetime, limit: int) -> list[str]:
     """Remove the uploads past their retention, at most ``limit``. Returns the blobs to delete after the commit."""
-    late = select(ResumableUpload).where(ResumableUpload.expires_at < now).limit(limit).with_for_update()
-    return [key for upload in session.scalars(late).all() for key in remove(session, upload, now=now)]
+    late = select(ResumableUpload).where(ResumableUpload.expires_at < now).order_by(ResumableUpload.id).limit(limit)
+    return [key for upload in session.scalars(late.with_for_update()).all() for key in remove(session, upload, now=now)]
 
 
 def _drop_parts(session: Session, upload_id: str, *, now: datetime) -> list[str]:

@@ -11,7 +11,19 @@ from sqlalchemy.orm import Session
 from service.catalog import jobs, media, results, resumable, statistics
 from service.catalog.database import changed
 from service.catalog.messages import Message
-from service.catalog.models import ENDED, HELD, Job, JobState, Media, PartFile, Result, Tombstone, UploadPart
+from service.catalog.models import (
+    ACTIVE,
+    ENDED,
+    HELD,
+    Job,
+    JobState,
+    Look,
+    Media,
+    PartFile,
+    Result,
+    Tombstone,
+    UploadPart,
+)
 
 #: rows that a sweep handles in one transaction
 BATCH = 200
@@ -42,9 +54,13 @@ def expire_results(session: Session, *, now: datetime) -> list[str]:
 
 def expire_media(session: Session, *, now: datetime) -> list[str]:
     """Delete media past their retention that no active job needs. Returns the blobs to delete after the commit."""
-    late = select(Media).where(Media.expires_at < now).limit(BATCH).with_for_update()
+    of_looks = (select(column).join(Job, Job.id == Look.job_id) for column in (Look.video_id, Look.reference_id))
+    of_jobs = select(Job.media_id).where(Job.media_id.is_not(None))
+    needed = union_all(*(query.where(Job.state.in_(ACTIVE)) for query in (of_jobs, *of_looks)))
+    # those that are needed must not keep the others waiting; the order is that in which others lock several
+    late = select(Media).where(Media.expires_at < now, Media.id.not_in(needed)).order_by(Media.id).limit(BATCH)
     keys: list[str] = []
-    for medium in session.scalars(late).all():
+    for medium in session.scalars(late.with_for_update()).all():
         if not media.active_jobs(session, medium.id):
             keys += media.delete(session, medium, now=now, why="expired")
     return keys

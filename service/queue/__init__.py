@@ -13,6 +13,7 @@ from service.queue.broker import (
     TASK,
     VECTORIZE,
     celery_settings,
+    clear_remains,
     make_folders,
     withdraw,
 )
@@ -27,6 +28,7 @@ __all__ = [
     "VECTORIZE",
     "Publisher",
     "celery_settings",
+    "clear_remains",
     "make_folders",
     "make_producer",
     "send",

@@ -8,6 +8,7 @@ import os
 import time
 import uuid
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from queue import Empty
 from typing import Any, Final
@@ -26,6 +27,8 @@ PREVIEW_TASK: Final = "worker.make_preview"
 JOB_HEADER: Final = "job"
 #: seconds for which one listing of the folder of messages serves
 LISTED_S: Final = 1.0
+#: seconds after which a message that is being written or read is no longer: either takes milliseconds
+_REMAINS_S: Final = 60.0
 VECTORIZE: Final = QUEUE_OF[JobKind.VECTORIZE]
 RENDER: Final = QUEUE_OF[JobKind.TRANSFER]
 #: of jobs; a message that is lost is sent again
@@ -163,6 +166,23 @@ def withdraw(settings: Settings, message: Message) -> None:
     if settings.uses_broker_of_files:
         folder = settings.folder / "broker" / "messages"
         _message_file(folder, message.job_id, message.queue).unlink(missing_ok=True)
+
+
+def clear_remains(settings: Settings) -> int:
+    """Remove what processes that were killed had half written, or taken and not read yet. Returns the number of files.
+
+    A job whose message is lost with it is sent again by the reaper.
+    """
+    if not settings.uses_broker_of_files:
+        return 0
+    removed = 0
+    for path in (settings.folder / "broker" / "messages").iterdir():
+        # a message that is taken gets another name and keeps the time it was written, but not this one
+        with suppress(FileNotFoundError):
+            if path.suffix in {".draft", ".taken"} and path.stat().st_ctime < time.time() - _REMAINS_S:
+                path.unlink()
+                removed += 1
+    return removed
 
 
 def sent_jobs(settings: Settings, queue: str) -> set[str] | None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 import threading
 from pathlib import Path
 from typing import Any
@@ -7,7 +8,8 @@ from typing import Any
 import pytest
 
 from service.catalog import Message
-from service.queue import RENDER, TASK, VECTORIZE, celery_settings, make_folders, make_producer, send
+from service.queue import RENDER, TASK, VECTORIZE, celery_settings, clear_remains, make_folders, make_producer, send
+from service.queue import broker as broker_module
 from service.queue.broker import sent_jobs, withdraw
 from service.settings import Settings
 
@@ -78,6 +80,23 @@ def test_a_half_written_file_is_not_a_message(tmp_path: Path) -> None:
     make_folders(settings)
     (settings.folder / "broker" / "messages" / "0001_x.render.draft").write_text('{"bo')
     assert take(settings, RENDER) == []
+
+
+def test_what_a_killed_process_leaves_of_a_message_goes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    settings = Settings(data_dir=tmp_path)
+    make_folders(settings)
+    producer = make_producer(settings)
+    for job_id in ("job_1", "job_2"):
+        send(producer, Message(job_id, RENDER))
+    half, taken = (tmp_path / "broker" / "messages" / name for name in ("x.draft", "job_1.render.msg.x.taken"))
+    half.write_text('{"bo')
+    os.utime(taken.with_name("job_1.render.msg"), (0, 0))  # it has waited for long, and is taken just now
+    taken.with_name("job_1.render.msg").rename(taken)
+    assert clear_remains(settings) == 0
+    monkeypatch.setattr(broker_module, "_REMAINS_S", -1.0)
+    assert clear_remains(settings) == 2
+    assert [path.name for path in messages(settings)] == ["job_2.render.msg"]
+    assert clear_remains(settings.model_copy(update={"broker_url": "redis://127.0.0.1:1/0"})) == 0
 
 
 def test_the_settings_keep_the_promises_of_the_queue(tmp_path: Path) -> None:
