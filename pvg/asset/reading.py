@@ -103,6 +103,11 @@ class VectorVideo:
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
             raise AssetError(f"the manifest of {self.path.name} is malformed ({error!r})") from None
 
+    def __repr__(self) -> str:
+        media = self.media
+        what = f"{media.width}x{media.height}, {media.frame_count} frames, {len(self.faces)} faces"
+        return f"<VectorVideo {self.path.name}: {what}>"
+
     def __enter__(self) -> Self:
         return self
 
@@ -227,7 +232,7 @@ class VectorVideo:
     _source_checked = False
 
     def verify(self) -> None:
-        """Read every entry and check its digest. Raises `AssetError`."""
+        """Read every entry and check its digest; the clip is not looked at. Raises `AssetError`."""
         for name in self._entries:
             self._array(name)
 

@@ -47,7 +47,7 @@ class BodyMap:
         return usual, to_rgb(np.column_stack([tone, skin.goal.at(tone)]))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Look:
     """New boundary colours for a clip.
 
@@ -88,6 +88,9 @@ class Look:
         else:
             checked = real_number("contrast", given, *CONTRAST_RANGE)
         object.__setattr__(self, "contrast", checked)
+
+    def __repr__(self) -> str:
+        return f"<Look of {len(self.colors)} faces>"
 
     def check_fits(self, video: VectorVideo) -> None:
         """Raise `ValueError` unless this is a look of the clip: made for it, as it is vectorised now."""

@@ -17,6 +17,7 @@ from typing import Any, BinaryIO, Literal
 import numpy as np
 
 from pvg._arrays import Bytes
+from pvg._checks import whole_number
 from pvg._targets import check_files
 from pvg._threads import one_blas_thread
 from pvg.asset import VectorVideo
@@ -76,11 +77,11 @@ def render(
     codec hold them. Returns for each path what is not as in the clip or picture, a line each.
     memory_bytes: what a pass over the clip is to take at most; where three looks would take more by `pvg.memory`, a
     pass has two or one.
-    progress: called as ("render", frames done, frames), counted over all passes; what it raises ends the work and
-    passes through. Files appear under their names only when all are complete. Raises `AssetError` when the source clip
-    is missing or another one, `MediaError` when it cannot be read, and before anything is drawn `ValueError` on options
-    that do not fit, looks of another clip and paths that are one or in the place of the source, `OSError` where a path
-    cannot be written.
+    progress: called as ("render", frames done, frames), counted over all passes, once for a picture; what it raises
+    ends the work and passes through. Files appear under their names only when all are complete. Raises `AssetError`
+    when the source clip is missing or another one, `MediaError` when it cannot be read, and before anything is drawn
+    `ValueError` on options that do not fit, looks of another clip and paths that are one or in the place of the source,
+    `OSError` where a path cannot be written.
     """
     check_paths(looks, paths)
     if not looks:
@@ -127,19 +128,34 @@ def _drawn(
         drafts = stack.enter_context(drafts_of([target for job in jobs for target in job.targets]))
         canvases = [stack.enter_context(_canvas(job.video, pictures)) for job in jobs]
         plans = [_plans(job, canvas, asked) for job, canvas in zip(jobs, canvases, strict=True)]
-        for job, canvas, planned in zip(jobs, canvases, plans, strict=True):
+        least = LOOKS_AT_ONCE if pictures is not None else 1
+        at_once = [
+            max(least, _at_once(canvas, planned, memory_bytes)) for canvas, planned in zip(canvases, plans, strict=True)
+        ]
+        frames = [job.video.frame_count * -(-len(job.looks) // most) for job, most in zip(jobs, at_once, strict=True)]
+        for k, (job, canvas, planned) in enumerate(zip(jobs, canvases, plans, strict=True)):
             own, drafts = drafts[: len(job.looks)], drafts[len(job.looks) :]
+            told = _part_of(progress, sum(frames[:k]), sum(frames))
             if canvas.info.kind == "image":
                 lost += _render_image(job.video, job.looks, canvas, own)
+                told("render", 1, 1)
                 continue
-            at_once = LOOKS_AT_ONCE
-            if pictures is None:
-                at_once = min(
-                    looks_at_once(canvas.info, memory_bytes, most=LOOKS_AT_ONCE, codec=plan.codec) for plan in planned
-                )
-            _render_clip(job.video, job.looks, own, canvas, planned, asked, at_once, progress)
+            _render_clip(job.video, job.looks, own, canvas, planned, asked, at_once[k], told)
             lost += [canvas.info.warnings + plan.warnings for plan in planned]
     return lost
+
+
+def _at_once(canvas: Canvas, plans: Sequence[Plan], memory_bytes: int) -> int:
+    """How many looks a pass draws; all of a picture."""
+    most = (looks_at_once(canvas.info, memory_bytes, most=LOOKS_AT_ONCE, codec=plan.codec) for plan in plans)
+    return min(most, default=LOOKS_AT_ONCE)
+
+
+def _part_of(progress: Progress | None, before: int, frames: int) -> Progress:
+    """What tells of one job's frames among those of all; before: of the jobs that are done."""
+    if progress is None:
+        return lambda stage, done, total: None
+    return lambda stage, done, total: progress(stage, before + done, frames)
 
 
 def _plans(job: _Job, canvas: Canvas, asked: Asked) -> list[Plan]:
@@ -181,7 +197,7 @@ def _render_clip(
     plans: Sequence[Plan],
     asked: Asked,
     at_once: int,
-    progress: Progress | None,
+    progress: Progress,
 ) -> None:
     # one encoder may use all cores; several share them, which costs less memory and processor time
     threads = 0 if len(looks) == 1 else max(1, (os.cpu_count() or 1) // min(len(looks), at_once))
@@ -194,6 +210,7 @@ def _render_clip(
 
 def source_frame(video: VectorVideo, index: int) -> Frame:
     """Frame `index` of the source clip. Raises `ValueError` when there is none."""
+    index = whole_number("index", index, low=None)
     if not 0 <= index < video.frame_count:
         raise ValueError(f"no frame {index}; the clip has {video.frame_count}")
     (frame,) = stored_frames(video, index, index + 1)

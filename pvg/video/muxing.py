@@ -80,6 +80,8 @@ class ClipMuxer:
             own = dict(plan.picture.tags) if plan.container in ("matroska", "webm") else {}
             for key, text in (("language", plan.picture.language), ("title", plan.picture.title)):
                 own |= {key: text} if text is not None else {}
+        if plan.picture is None or "default" in plan.picture.dispositions:
+            self._stream.disposition = av.stream.Disposition.default
         if plan.timecode is not None and plan.container == "matroska":
             output.metadata["timecode"] = plan.timecode
         elif plan.timecode is not None:
@@ -122,7 +124,8 @@ class ClipMuxer:
     def finish(self, first_pts: int, end_pts: int) -> None:
         """Write what is left, and the index. first_pts, end_pts: where the pictures start and end, in ticks."""
         last = self._held
-        if last is not None and last.dts is not None and last.time_base == self._time_base:
+        sums = self._plan.container in ("mp4", "mov")
+        if sums and last is not None and last.dts is not None and last.time_base == self._time_base:
             # MP4 sums durations in coding order, so the last packet coded ends the clip, whichever it shows
             first_dts = last.dts if self._first_dts is None else self._first_dts
             last.duration = max(1, end_pts - first_pts - (last.dts - first_dts))

@@ -24,6 +24,8 @@ _MOST_ICC_BYTES = 16 * 2**20
 _MOST_JPEG_EXIF_BYTES = 65535 - 2 - 6
 _ICC_SEGMENT = b"ICC_PROFILE\0"
 _EXIF_SEGMENT = b"Exif\0\0"
+_JFIF_SEGMENT = b"JFIF\0"
+_DENSITY, _NO_DENSITY = slice(7, 12), b"\0\0\1\0\1"
 _XMP_SEGMENTS = (b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0")
 _STANDALONE = {0x01, *range(0xD0, 0xD9)}
 _PNG_SIGNATURE = 8
@@ -46,7 +48,8 @@ class PictureMetadata:
     no "Exif" prefix) that a drawn picture keeps: without location, thumbnail and maker's note, orientation 1.
     orientation: 1 to 8 as the file states it (TIFF 6.0, tag 274). depth: bits a sample, 8 or 16; grey and palettes
     count as 8 below. has_alpha: whether the file has a way of transparency. png: chunks of a PNG that say how it is to
-    be shown (cICP, mDCV, cLLI, gAMA, cHRM, sRGB, pHYs), as (type, body), kept in PNG only. lost: what the file
+    be shown (cICP, mDCV, cLLI, gAMA, cHRM, sRGB, pHYs), as (type, body), kept in PNG only. density: of a JPEG's pixels,
+    unit and both numbers as JFIF (ISO/IEC 10918-5) has them, kept in JPEG only. lost: what the file
     holds that no drawn picture keeps, in words: "location", "thumbnail", "XMP", …
     """
 
@@ -56,6 +59,7 @@ class PictureMetadata:
     depth: int = 8
     has_alpha: bool = False
     png: tuple[tuple[bytes, bytes], ...] = ()
+    density: bytes | None = None
     lost: tuple[str, ...] = ()
 
 
@@ -212,9 +216,11 @@ def _jpeg_segments(data: bytes) -> Iterator[tuple[int, bytes]]:
 
 def _of_jpeg(name: str, data: bytes) -> PictureMetadata:
     parts: dict[int, bytes] = {}
-    exif, lost = None, []
+    exif, density, lost = None, None, []
     for marker, body in _jpeg_segments(data):
-        if marker == 0xE2 and body.startswith(_ICC_SEGMENT):
+        if marker == 0xE0 and body.startswith(_JFIF_SEGMENT) and body[_DENSITY] != _NO_DENSITY:
+            density = body[_DENSITY]
+        elif marker == 0xE2 and body.startswith(_ICC_SEGMENT):
             parts[body[len(_ICC_SEGMENT)]] = body[len(_ICC_SEGMENT) + 2 :]
         elif marker == 0xE1 and body.startswith(_EXIF_SEGMENT):
             exif = body if exif is None else exif
@@ -229,7 +235,7 @@ def _of_jpeg(name: str, data: bytes) -> PictureMetadata:
         elif 0xE0 < marker <= 0xEF and marker != 0xEE:
             lost.append(f"the segment APP{marker - 0xE0}")
     icc = b"".join(parts[k] for k in sorted(parts)) if parts else None
-    return _with_exif(PictureMetadata(icc=icc, lost=tuple(dict.fromkeys(lost))), exif)
+    return _with_exif(PictureMetadata(icc=icc, density=density, lost=tuple(dict.fromkeys(lost))), exif)
 
 
 def _into_jpeg(data: bytes, metadata: PictureMetadata) -> bytes:
@@ -242,9 +248,13 @@ def _into_jpeg(data: bytes, metadata: PictureMetadata) -> bytes:
         if len(pieces) <= 255:
             for number, piece in enumerate(pieces, 1):
                 segments += _jpeg_segment(0xE2, _ICC_SEGMENT + bytes([number, len(pieces)]) + piece)
+    if data[2:4] != b"\xff\xe0":
+        return data[:2] + segments + data[2:]
     # JFIF asks to be the first segment
-    at = 4 + struct.unpack_from(">H", data, 4)[0] if data[2:4] == b"\xff\xe0" else 2
-    return data[:at] + segments + data[at:]
+    at = 4 + struct.unpack_from(">H", data, 4)[0]
+    first = bytearray(data[6:at])
+    first[_DENSITY] = metadata.density or first[_DENSITY]
+    return data[:6] + bytes(first) + segments + data[at:]
 
 
 def _jpeg_segment(marker: int, body: bytes) -> bytes:
@@ -323,13 +333,13 @@ def embedded(suffix: str, data: bytes, metadata: PictureMetadata, size: tuple[in
     has no room for; see `lost_in_picture`.
     """
     metadata = replace(metadata, icc=rgb_profile(metadata.icc))
-    if metadata.icc is None and metadata.exif is None and not metadata.png:
+    if metadata.icc is None and metadata.exif is None and not metadata.png and metadata.density is None:
         return data
     if suffix == ".png":
         return _into_png(data, metadata)
-    if metadata.icc is None and metadata.exif is None:
-        return data
-    return _into_jpeg(data, metadata) if suffix in (".jpg", ".jpeg") else _into_webp(data, metadata, size)
+    if suffix in (".jpg", ".jpeg"):
+        return _into_jpeg(data, metadata)
+    return data if metadata.icc is None and metadata.exif is None else _into_webp(data, metadata, size)
 
 
 def rgb_profile(icc: bytes | None) -> bytes | None:
@@ -356,5 +366,7 @@ def lost_in_picture(source: str | Path, target: str | Path) -> tuple[str, ...]:
     if found.png and suffix != ".png":
         kinds = ", ".join(kind.decode("latin-1") for kind, _ in found.png)
         lines.append(f"the picture's PNG chunks {kinds} are not kept; write .png to keep them")
+    if found.density is not None and suffix not in (".jpg", ".jpeg"):
+        lines.append("the picture's resolution is not kept; write .jpg to keep it")
     lines += [f"the picture's {what} is not kept" for what in found.lost]
     return tuple(lines)

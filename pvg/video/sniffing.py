@@ -29,7 +29,7 @@ _KNOWN_STARTS = (
     (b"BM", "a BMP picture"),
     (b"II+\0", "a BigTIFF picture"),
     (b"MM\0+", "a BigTIFF picture"),
-    (b"PK\x03\x04", "a ZIP archive"),
+    (b"PK\x03\x04", "a ZIP archive, or an asset, which `pvg.open_asset` opens"),
     (b"ID3", "an MP3 sound file"),
     (b"\xff\xfb", "an MP3 sound file"),
     (b"OggS", "an Ogg file"),

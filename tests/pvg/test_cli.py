@@ -125,7 +125,8 @@ def test_a_face_of_a_group_is_the_reference(run: Run, asset: Path, group: pvg.Ve
     np.testing.assert_array_equal(read_image(out).rgb(), pvg.render_frame(group, look, 0))
     # of those that take part, each once for the clip and once for the reference
     said = [line.split(": ")[2] for line in result.stderr.splitlines()]
-    assert said == ["group.pvg, face 0", "group.pvg, face 2", "out.png"]  # what the picture's file had besides
+    assert said[:2] == ["group.pvg, face 0", "group.pvg, face 2"]
+    assert set(said[2:]) == {"out.png"}  # what the picture's file had besides
 
 
 def test_an_export_is_a_folder_for_a_grading_suite(

@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -198,11 +199,26 @@ def test_a_swap_writes_both_or_none(
     def fail(*_: object) -> None:
         raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt):  # the picture is drawn by then
-        pvg.swap(group, own_clip, [tmp_path / "w.png", first], progress=fail)
+    for one, other, paths in (
+        (group, own_clip, [tmp_path / "w.png", first]),  # the picture is drawn by then
+        (own_clip, group, [first, tmp_path / "w.png"]),
+    ):
+        with pytest.raises(KeyboardInterrupt):
+            pvg.swap(one, other, paths, progress=fail)
     assert {path.name for path in tmp_path.iterdir()} == {"own.mp4", "own.pvg", "w1.mp4"}
     assert first.read_bytes() == b"of before"
     assert own_clip.require_source().read_bytes() == before
+
+
+@pytest.mark.parametrize("index", [True, 1.0, "1", None])
+def test_a_frame_has_a_whole_number(video: pvg.VectorVideo, index: Any) -> None:
+    with pytest.raises(ValueError, match="index must be a whole number"):
+        pvg.render_frame(video, None, index)
+
+
+def test_clips_and_looks_say_in_short_what_they_are(video: pvg.VectorVideo) -> None:
+    assert repr(video).startswith(f"<VectorVideo {video.path.name}: ")
+    assert repr(pvg.transfer(video, video)) == f"<Look of {len(video.faces)} faces>"
 
 
 def test_an_image_is_rendered_as_an_image(samples: Samples, dark_reference: pvg.VectorVideo, tmp_path: Path) -> None:
@@ -218,7 +234,12 @@ def test_an_image_is_rendered_as_an_image(samples: Samples, dark_reference: pvg.
 
 def test_a_swap_has_a_contrast_for_each_side(video: pvg.VectorVideo, samples: Samples, tmp_path: Path) -> None:
     with pvg.vectorize(samples.dark_portrait) as image:
-        pvg.swap(video, image, [tmp_path / "a.mp4", tmp_path / "b.png"], contrast=(0.8, 1.2), preset="ultrafast")
+        told: list[tuple[str, int, int]] = []
+        paths = [tmp_path / "a.mp4", tmp_path / "b.png"]
+        how = {"contrast": (0.8, 1.2), "preset": "ultrafast", "progress": lambda *one: told.append(one)}
+        pvg.swap(video, image, paths, **how)  # type: ignore[arg-type]
+        count = video.frame_count + 1
+        assert told == [("render", done, count) for done in range(1, count + 1)]
         (drawn,) = read_frames(tmp_path / "b.png")
         expected = pvg.render_frame(image, pvg.transfer(image, video, contrast=1.2), 0)
         np.testing.assert_array_equal(drawn.rgb(), expected)

@@ -232,6 +232,17 @@ def samples(path: Path, index: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("container", "codec"), [("mp4", "h264"), ("mov", "h264"), ("mkv", "h264"), ("webm", "vp9")])
+def test_the_pictures_stay_the_default_track(
+    container: str, codec: str, clips: dict[str, Path], tmp_path: Path
+) -> None:
+    source = clips["edited"]
+    target = write(source, tmp_path / f"o.{container}", planned(source, container, codec))
+    for path in (source, target):
+        with av.open(str(path)) as opened:
+            assert opened.streams.video[0].disposition & av.stream.Disposition.default
+
+
+@pytest.mark.parametrize(("container", "codec"), [("mp4", "h264"), ("mov", "h264"), ("mkv", "h264"), ("webm", "vp9")])
 def test_subtitles_say_the_same_at_the_same_times(
     container: str, codec: str, clips: dict[str, Path], tmp_path: Path
 ) -> None:

@@ -64,6 +64,20 @@ def smooth(depth: int = 8) -> Any:
     return (rgb * (257 if depth == 16 else 1)).astype(np.uint16 if depth == 16 else np.uint8)
 
 
+def test_the_resolution_of_a_jpeg_is_kept_in_jpeg_and_its_loss_is_said(tmp_path: Path) -> None:
+    plain, source = tmp_path / "plain.jpg", tmp_path / "dense.jpg"
+    write_image(plain, smooth())
+    data = bytearray(plain.read_bytes())
+    assert data[6:11] == b"JFIF\0"
+    data[13:18] = b"\1\x01\x2c\x01\x2c"  # 300 dots an inch
+    source.write_bytes(data)
+    write_image(tmp_path / "again.jpg", smooth(), metadata=read_picture_metadata(source))
+    assert (tmp_path / "again.jpg").read_bytes()[:20] == bytes(data[:20])
+    assert not lost_in_picture(source, "again.jpg")
+    assert any("resolution" in line for line in lost_in_picture(source, "a.png"))
+    assert not lost_in_picture(plain, "a.png")
+
+
 @pytest.mark.parametrize("suffix", [".png", ".tif", ".tiff"])
 @pytest.mark.parametrize("depth", [8, 16])
 @pytest.mark.parametrize("has_alpha", [False, True])
