@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, ClassVar, Final
 
 from pydantic_core import ErrorDetails
@@ -216,10 +217,17 @@ class QuotaExceededError(ServiceError):
 
 
 class MediaFailedError(ServiceError):
-    """The request names a medium whose vectorisation has failed: 422 with the medium's own type and title."""
+    """The request names a medium whose vectorisation has failed: 422 with the medium's own type and title.
 
-    def __init__(self, error: dict[str, Any], pointer: str) -> None:
-        super().__init__(str(error["detail"]), errors=[{"pointer": pointer, "detail": str(error["detail"])}])
+    ``others`` are further media of the request that have failed, by their pointers.
+    """
+
+    def __init__(
+        self, error: dict[str, Any], pointer: str, others: Mapping[str, dict[str, Any]] = MappingProxyType({})
+    ) -> None:
+        failed = {pointer: error, **others}
+        errors = [{"pointer": where, "detail": str(one["detail"])} for where, one in failed.items()]
+        super().__init__(str(error["detail"]), errors=errors)
         self._error = error
 
     def problem(self) -> dict[str, Any]:
@@ -270,12 +278,14 @@ def problem_body(
     return body
 
 
-def stored_problem(kind: str, detail: str) -> dict[str, str]:
+def stored_problem(kind: str, detail: str, errors: Sequence[dict[str, str]] = ()) -> dict[str, Any]:
     """The problem kept with a failed job or medium: it has no HTTP status of its own.
 
-    Raises `KeyError` when ``kind`` is not the type of one of `PROBLEMS`.
+    ``errors`` say where in the request of the job something is wrong. Raises `KeyError` when ``kind`` is not the type
+    of one of `PROBLEMS`.
     """
-    return {"type": kind, "title": PROBLEMS[kind].title, "detail": detail}
+    stored: dict[str, Any] = {"type": kind, "title": PROBLEMS[kind].title, "detail": detail}
+    return stored | ({"errors": list(errors)} if errors else {})
 
 
 def message_of(detail: ErrorDetails) -> str:

@@ -49,7 +49,11 @@ class LostPartsError(Exception):
 
 
 class OptionError(Exception):
-    """An option of the request does not fit the medium it is used on."""
+    """An option of the request does not fit the medium it is used on. ``pointer`` says where in the request it is."""
+
+    def __init__(self, detail: str, pointer: str | None = None) -> None:
+        super().__init__(detail)
+        self.errors = [] if pointer is None else [{"pointer": pointer, "detail": detail}]
 
 
 #: the problems of errors that tell of the input, by the names of their classes in the job's process
@@ -77,7 +81,8 @@ _CRASHED: Final = "the job ended its process on every attempt"
 def problem_of(error: Exception) -> dict[str, Any]:
     """The problem to store with the job."""
     if type(error) in _SHOWN:
-        return stored_problem(_SHOWN[type(error)], str(error))
+        errors = error.errors if isinstance(error, OptionError) else ()
+        return stored_problem(_SHOWN[type(error)], str(error), errors)
     if isinstance(error, MethodError) and error.kind in EXPECTED:
         return stored_problem(EXPECTED[error.kind], one_line(str(error)))
     if isinstance(error, CrashError):

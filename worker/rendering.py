@@ -11,6 +11,7 @@ from typing import Any
 
 from service.catalog import (
     Extra,
+    JobKind,
     Look,
     Media,
     Output,
@@ -76,12 +77,32 @@ def render(run: Run) -> bool:
 
 
 def wanted(run: Run) -> tuple[list[Look], dict[str, Media]]:
-    """The looks to make, of the whole job, and the media they need. Raises `LeaseLostError` when one was deleted."""
+    """The looks to make, of the whole job, and the media they need.
+
+    Raises `LeaseLostError` when one was deleted, and `OptionError` for a face that is not there.
+    """
     looks, known = run.patience(lambda: _known(run))
     present = {media_id: medium for media_id, medium in known.items() if medium is not None}
     if len(present) < len(known):  # the lease was revoked with it
         raise LeaseLostError
+    if run.job.parent_id is None:  # else it was looked at before the job was cut into parts
+        for look in looks:
+            _check_faces(JobKind(run.job.kind), look, present)
     return looks, present
+
+
+def _check_faces(kind: JobKind, look: Look, present: dict[str, Media]) -> None:
+    """Raise `OptionError`, which says where, for a face that nobody knew to be missing when the look was asked for."""
+    params, place = look_params(look), jobs.look_place(kind, look)
+    chosen = () if params.faces == "all" else params.faces
+    wanted_of = {"faces": (look.video_id, "clip", chosen)}
+    if params.reference_face is not None:
+        wanted_of["reference_face"] = (look.reference_id, "reference", (params.reference_face,))
+    for name, (media_id, what, faces) in wanted_of.items():
+        count = len(present[media_id].faces)
+        if count and (missing := [face for face in faces if face >= count]):
+            has = "face 0 only" if count == 1 else f"faces 0 to {count - 1}"
+            raise OptionError(f"no face {missing[0]}; this {what} has {has}", f"{place}/{name}")
 
 
 def _known(run: Run) -> tuple[list[Look], dict[str, Media | None]]:
@@ -203,7 +224,7 @@ def suffix_of(video: Media, output: OutputOptions) -> str:
     if container is None:
         return ".png" if is_image else ".mp4"
     if (container in IMAGE_CONTAINERS) != is_image:
-        raise OptionError(f"{container} does not fit {'an image' if is_image else 'a clip'}")
+        raise OptionError(f"{container} does not fit {'an image' if is_image else 'a clip'}", "/output/container")
     return f".{container}"
 
 

@@ -340,20 +340,31 @@ def _output_options(output: OutputRequest) -> OutputOptions:
 def _check(
     known: Mapping[str, Media], looks: Sequence[Wanted], output: OutputRequest, pointers: Mapping[str, str]
 ) -> None:
-    for media_id, where in pointers.items():
-        _check_usable(known.get(media_id), media_id, where)
+    _check_usable(known, pointers)
     _check_output({known[look.video_id] for look in looks}, output)
     for look in looks:
         _check_container(known[look.video_id], output)
         check_look(known[look.video_id], known.get(look.reference_id), look, pointers[look.video_id])
 
 
-def _check_usable(found: Media | None, media_id: str, where: str) -> None:
-    if found is None:
-        detail = f"there is no {'video' if media_id.startswith('vid') else 'reference'} {media_id}"
-        raise NotFoundError(detail, errors=[{"pointer": where, "detail": detail}])
-    if found.state == MediaState.FAILED and found.error is not None:
-        raise MediaFailedError(found.error, where)
+def _check_usable(known: Mapping[str, Media], pointers: Mapping[str, str]) -> None:
+    """Name all media that are not there or, when all are, all that have failed."""
+    missing = {
+        where: f"there is no {'video' if media_id.startswith('vid') else 'reference'} {media_id}"
+        for media_id, where in pointers.items()
+        if media_id not in known
+    }
+    if missing:
+        errors = [{"pointer": where, "detail": detail} for where, detail in missing.items()]
+        raise NotFoundError(errors[0]["detail"], errors=errors)
+    failed = {
+        where: error
+        for media_id, where in pointers.items()
+        if known[media_id].state == MediaState.FAILED and (error := known[media_id].error) is not None
+    }
+    if failed:
+        (where, error), *_ = failed.items()
+        raise MediaFailedError(error, where, failed)
 
 
 def check_look(video: Media, reference: Media | None, look: Wanted, where: str) -> None:

@@ -267,15 +267,28 @@ def release(session: Session, *, now: datetime) -> list[Message]:
 
 
 def _media_error(session: Session, job_id: str) -> dict[str, Any]:
-    error = session.scalar(
-        select(Media.error)
-        .join(Look, or_(Media.id == Look.video_id, Media.id == Look.reference_id))
-        .where(Look.job_id == job_id, Media.state == MediaState.FAILED)
-        .order_by(Look.position)
-        .limit(1)
-    )
-    assert error is not None, f"job {job_id} waits for a failed medium without an error"  # noqa: S101
-    return dict(error)
+    """What a job fails with whose media have failed: the problem of the first of them, and where each stands."""
+    job = session.get_one(Job, job_id)
+    named = media_places(JobKind(job.kind), looks(session, job_id))
+    query = select(Media.id, Media.error).where(Media.id.in_(named.values()), Media.state == MediaState.FAILED)
+    failed = {row.id: row.error for row in session.execute(query) if row.error is not None}
+    at = {place: failed[media_id] for place, media_id in named.items() if media_id in failed}
+    assert at, f"job {job_id} waits for a failed medium without an error"  # noqa: S101
+    errors = [{"pointer": place, "detail": str(error["detail"])} for place, error in at.items()]
+    return {**next(iter(at.values())), "errors": errors}
+
+
+def media_places(kind: JobKind, outputs: Sequence[Look]) -> dict[str, str]:
+    """The media that a job was asked for, by where its JSON names them: a pointer (RFC 6901)."""
+    video, first = outputs[0].video_id, outputs[0].reference_id
+    if kind is JobKind.SWAP:
+        return {"/a": video} | ({"/b": first} if first != video else {})
+    return {"/video": video} | {f"{look_place(kind, look)}/reference": look.reference_id for look in outputs}
+
+
+def look_place(kind: JobKind, look: Look) -> str:
+    """Where the JSON of a job's request has the options of a look: those of a swap stand at its top."""
+    return "" if kind is JobKind.SWAP else f"/looks/{look.position}"
 
 
 def mark_published(session: Session, job_id: str, *, now: datetime) -> bool:

@@ -231,6 +231,9 @@ def test_a_group_picture_is_a_reference_of_many_faces_and_a_clip_of_two_that_swa
         failed = service.finished(early.json()["id"])
         assert (failed["state"], failed["error"]["code"]) == ("failed", "validation-failed")
         assert failed["error"]["detail"] == "no face 9; this reference has faces 0 to 4"
+        assert failed["error"]["errors"] == [
+            {"pointer": "/looks/0/reference_face", "detail": failed["error"]["detail"]}
+        ]
     else:  # the vectorisation was faster than the request
         assert (early.status_code, early.json()["errors"]) == (422, late.json()["errors"])
 

@@ -15,8 +15,9 @@ from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
 from service.blobs import Blobs
-from service.catalog import Database, Job, Look, Media, Report, Result, jobs, media, results, utc_now
+from service.catalog import Database, Job, Look, LookParams, Media, Report, Result, jobs, media, results, utc_now
 from service.catalog.models import Tombstone
+from service.catalog.requests import to_json
 from service.settings import Settings
 from service.storage import Storage
 from tests.service.fixtures import add_media, add_transfer, announce, claim, make_tables
@@ -24,10 +25,11 @@ from tests.service.servers import free_port
 from tests.waiting import until
 from worker import vectorizing
 from worker.answers import MediaAnswer, VectorizeAnswer
+from worker.failures import OptionError, problem_of
 from worker.lease import CanceledError, LeaseKeeper, LeaseLostError
 from worker.patience import Patience
 from worker.progress import ProgressScale
-from worker.rendering import DrawnLook, _Extra, publish
+from worker.rendering import DrawnLook, _Extra, publish, wanted
 from worker.run import Run
 from worker.sandbox import Sandbox
 from worker.stopping import StoppedError
@@ -79,6 +81,31 @@ def drawn(run: Run) -> tuple[list[DrawnLook], dict[str, Media]]:
 def write(path: Path) -> Path:
     path.write_bytes(path.name.encode())
     return path
+
+
+@pytest.mark.parametrize(
+    ("params", "error"),
+    [
+        (LookParams(reference_face=9), ("/looks/0/reference_face", "no face 9; this reference has faces 0 to 1")),
+        (LookParams(faces=(0, 2)), ("/looks/0/faces", "no face 2; this clip has faces 0 to 1")),
+        (LookParams(faces=(0, 1), reference_face=1), None),
+    ],
+)
+def test_a_face_that_was_not_known_to_be_missing_is_named_where_it_was_asked_for(
+    run: Run, params: LookParams, error: tuple[str, str] | None
+) -> None:
+    with run.database.write() as session:
+        (look,) = jobs.looks(session, run.job.id)
+        look.params = to_json(params)
+        session.get_one(Media, look.video_id).faces = [{"index": 0}, {"index": 1}]
+    if error is None:
+        assert [one.position for one in wanted(run)[0]] == [0]
+        return
+    with pytest.raises(OptionError) as raised:
+        wanted(run)
+    problem = problem_of(raised.value)
+    assert (problem["type"], problem["detail"]) == ("validation-failed", error[1])
+    assert problem["errors"] == [{"pointer": error[0], "detail": error[1]}]
 
 
 def test_a_result_and_its_parts_are_published_at_once(run: Run) -> None:

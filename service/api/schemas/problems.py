@@ -38,3 +38,8 @@ class StoredProblem(BaseModel):
     code: str
     title: str
     detail: str
+    errors: list[Error] | None = Field(
+        default=None,
+        exclude_if=lambda errors: errors is None,
+        description="where in the request of the job it is, where that is known, by pointers as into its JSON",
+    )

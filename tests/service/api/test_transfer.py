@@ -83,12 +83,54 @@ def test_a_transfer_fails_with_the_medium_it_waits_for(api: Api) -> None:
     with database.write() as session:
         jobs.release(session, now=database.now())
     body = api.client.get(f"/jobs/{job['id']}").json()
-    assert (body["state"], body["error"]) == ("failed", SHOWN)
+    errors = [{"pointer": "/looks/0/reference", "detail": PROBLEM["detail"]}]
+    assert (body["state"], body["error"]) == ("failed", SHOWN | {"errors": errors})
     # and one that is asked for now is refused with the same problem
     refused = api.client.post("/transfer", json={"video": video["id"], "looks": looks(reference["id"])})
     assert refused.status_code == 422
     assert refused.json()["code"] == "no-face"
     assert refused.json()["errors"] == [{"pointer": "/looks/0/reference", "detail": PROBLEM["detail"]}]
+
+
+def fail(api: Api, *media: dict[str, Any]) -> None:
+    """End their vectorisation, and the jobs that wait for it."""
+    database = api.services.database
+    for medium in media:
+        lease = claim(database, medium["job"])
+        problem = PROBLEM | {"detail": f"no face in {medium['id']}"}
+        with database.write() as session:
+            leases.fail(session, lease, problem, now=database.now(), timings={})
+    with database.write() as session:
+        jobs.release(session, now=database.now())
+
+
+def test_all_media_that_fail_a_job_are_named_where_they_were_asked_for(api: Api) -> None:
+    video, good = upload(api, "/videos"), upload(api, "/references")
+    bad, worse = (upload(api, "/references", name) for name in (b"bad", b"worse"))
+    wanted = {"video": video["id"], "looks": looks(good["id"], bad["id"], worse["id"])}
+    job, swap = api.client.post("/transfer", json=wanted).json(), {"a": video["id"]}
+    other = upload(api, "/videos", b"other")
+    both = api.client.post("/swap", json=swap | {"b": other["id"]}).json()
+    within = api.client.post("/swap", json={"a": other["id"], "faces": [0, 1]}).json()
+    fail(api, bad, worse, other)
+    named = [
+        {"pointer": f"/looks/{number}/reference", "detail": f"no face in {one['id']}"}
+        for number, one in ((1, bad), (2, worse))
+    ]
+    error = api.client.get(f"/jobs/{job['id']}").json()["error"]
+    assert (error["code"], error["detail"], error["errors"]) == ("no-face", named[0]["detail"], named)
+    for one, pointer in ((both, "/b"), (within, "/a")):
+        errors = api.client.get(f"/jobs/{one['id']}").json()["error"]["errors"]
+        assert errors == [{"pointer": pointer, "detail": f"no face in {other['id']}"}]
+    # and of a request that comes later
+    refused = api.client.post("/transfer", json=wanted)
+    assert (refused.status_code, refused.json()["errors"]) == (422, named)
+    unknown = [f"ref_{digit * 32}" for digit in "01"]
+    missing = api.client.post("/transfer", json=wanted | {"looks": looks(unknown[0], bad["id"], unknown[1])})
+    pointers = [error["pointer"] for error in missing.json()["errors"]]
+    assert (missing.status_code, pointers) == (404, ["/looks/0/reference", "/looks/2/reference"])
+    # what is wrong with a medium alone has no place in a request
+    assert "errors" not in api.client.get(f"/references/{bad['id']}").json()["error"]
 
 
 def test_a_form_with_reference_files_is_one_request(api: Api) -> None:

@@ -280,7 +280,8 @@ def test_a_failed_medium_fails_the_jobs_that_wait_for_it_with_its_own_error(data
     step(database, "release")
     assert media_of(database, reference.id).state == "failed"
     assert job_of(database, waiting).state == "failed"
-    assert job_of(database, waiting).error == PROBLEM
+    errors = [{"pointer": "/looks/0/reference", "detail": PROBLEM["detail"]}]
+    assert job_of(database, waiting).error == PROBLEM | {"errors": errors}
     assert job_of(database, other).state == "queued"
 
 
