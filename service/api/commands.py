@@ -212,7 +212,8 @@ class _Arrival:
             raise NotFoundError(f"there is no upload {asked.upload} any more")
         if upload.media_id is not None:
             raise ConflictError(f"{asked.upload} is complete: {upload.media_id}")
-        resumable.close(session, upload, media_id=media_id, size_bytes=self.file.size_bytes, now=now)
+        file = self.file
+        resumable.close(session, upload, media_id=media_id, size_bytes=file.size_bytes, filename=file.filename, now=now)
 
     def _registered(self, session: Session, found: Media, *, pending: bool, new: bool = False) -> Registered:
         location = addresses.of_media(self.services.settings, found.role, found.id)

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Final, cast
 from fastapi import Depends, Header, Path, Query, Request
 from pydantic import AfterValidator, BaseModel
 
-from service.api.schemas import MetadataPairs, Problem
+from service.api.schemas import RECEIVER_URL, MetadataPairs, Problem
 from service.api.services import Services
 from service.catalog import InputColor, Mask, Matching
 from service.errors import PROBLEM_JSON
@@ -45,6 +45,10 @@ PersonNumber = Annotated[
 ]
 MetadataOf = Annotated[
     MetadataPairs, Query(description="`name:value`, up to 16 of them: names and values of your own, shown back")
+]
+WebhookOf = Annotated[
+    str | None,
+    Query(pattern=RECEIVER_URL, max_length=2048, description="URL of who is told when it is vectorised, or has failed"),
 ]
 CancelJobs = Annotated[bool, Query(description="cancel the jobs that use it instead of answering 409")]
 Cursor = Annotated[str | None, Query(pattern=MEDIA_ID.pattern, description="`next_cursor` of the page before")]

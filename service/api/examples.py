@@ -215,6 +215,7 @@ EXAMPLES: Final[dict[str, dict[str, Any]]] = {
             "id": _UPLOAD,
             "url": f"/v1/uploads/{_UPLOAD}?expires=1767607800&by={_KEY}&signature={_SIGNATURE}",
             "expires_at": "2026-01-05T10:10:00Z",
+            "max_bytes": 104857600,
         }
     },
     "ResultLinkRequest": {"the result": {"expires_in_s": 600}, "a part": {"part": "matte", "person": 1}},

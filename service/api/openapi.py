@@ -85,7 +85,7 @@ _TUS: Final[dict[str, tuple[dict[str, Any], str]]] = {
     "Upload-Offset": (_OFFSET, "how many bytes are there"),
     "Upload-Metadata": (
         {"type": "string", "maxLength": tus.MAX_METADATA, "examples": ["filename Y2xpcC5tcDQ=,role dmlkZW8="]},
-        "names, each with a value in base64: `filename`, `role`, the settings, and `metadata.` with names of your own",
+        "names, each with a value in base64: `filename`, `role`, `webhook`, the settings, `metadata.` with own names",
     ),
     "Upload-Checksum": (
         {"type": "string", "pattern": f"^({'|'.join(tus.ALGORITHMS)}) [A-Za-z0-9+/]+={{0,2}}$"},

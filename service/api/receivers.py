@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from pydantic import ValidationError
 
 from service.api.problems import invalid_values
@@ -24,12 +26,12 @@ def receiver(services: Services, webhook: WebhookRequest | None, place: str = "/
     return webhook.url
 
 
-def receiver_of_form(services: Services, fields: list[str]) -> str | None:
-    """The same of the field `webhook` of a form, which may be given once. Raises `ValidationFailedError` too."""
+def receiver_of_fields(services: Services, fields: Sequence[str]) -> str | None:
+    """The same of what a query, a form or tus has as `webhook`, once at most. Raises `ValidationFailedError` too."""
     if not fields:
         return None
     if len(fields) > 1:
-        raise invalid_values({"/webhook": "the field is given more than once"})
+        raise invalid_values({"/webhook": "it is given more than once"})
     try:
         webhook = WebhookRequest(url=fields[0])
     except ValidationError as error:

@@ -21,6 +21,7 @@ from service.api.commands import Asked
 from service.api.idempotency import Once
 from service.api.metadata import to_metadata
 from service.api.problems import invalid, invalid_values
+from service.api.receivers import receiver_of_fields
 from service.api.schemas import ReferenceOptions, UploadBody, VideoOptions
 from service.api.services import Services
 from service.api.storing import store
@@ -42,7 +43,9 @@ PART_BYTES: Final = 64 * 1024**2
 #: of one file
 MAX_PARTS: Final = 10_000
 #: what clients say of a file that its bytes say better
-_PASSED_OVER: Final = frozenset({"filename", "name", "filetype", "type", "relativePath", "role"})
+_PASSED_OVER: Final = frozenset({"filename", "name", "filetype", "type", "relativePath"})
+#: what is said of an upload besides its settings
+_ABOUT: Final = _PASSED_OVER | {"role", "webhook"}
 _OWN: Final = "metadata."
 
 
@@ -78,8 +81,12 @@ def check_size(size_bytes: int, limit_bytes: int) -> None:
 def create(
     services: Services, owner: str, once: Once, size_bytes: int, said: Mapping[str, str], raw: str
 ) -> UploadBody:
-    """Record a file that is to arrive in pieces. Raises `QuotaExceededError` and what `options` raises."""
+    """Record a file that is to arrive in pieces.
+
+    Raises `QuotaExceededError`, and what `options` and `receiver_of_fields` raise.
+    """
     role, settings, metadata = options(said)
+    webhook = receiver_of_fields(services, [said["webhook"]] if "webhook" in said else [])
     limit = services.settings.max_upload_bytes
     with services.database.write() as session:
         now = services.database.now()
@@ -96,6 +103,7 @@ def create(
             filename=name_of(said),
             said=raw,
             metadata=metadata,
+            webhook=webhook,
         )
         body = body_of(made)
         once.keep(session, 201, body, location=addresses.of_upload(services.settings, made.id), resource_id=made.id)
@@ -111,7 +119,7 @@ def options(said: Mapping[str, str]) -> tuple[Role, VectorSettings, dict[str, st
     if role not in {one.value for one in Role}:
         raise invalid_values({"/role": "video or reference"})
     own = {name: value for name, value in said.items() if name.startswith(_OWN)}
-    given = {name: value for name, value in said.items() if name not in {*_PASSED_OVER, *own}}
+    given = {name: value for name, value in said.items() if name not in {*_ABOUT, *own}}
     settings = settings_of(Role(role), given)
     return Role(role), settings, to_metadata([f"{name[len(_OWN) :]}:{value}" for name, value in own.items()])
 
@@ -223,7 +231,7 @@ class _Piece:
 async def record(services: Services, upload: ResumableUpload, file: ReceivedFile) -> None:
     """Make a medium of the file, which ends the upload."""
     once = Once(services, upload.owner, None, "")
-    asked = Asked(upload.owner, once, dict(upload.metadata_), upload=upload.id)
+    asked = Asked(upload.owner, once, dict(upload.metadata_), upload.webhook, upload=upload.id)
     settings = resumable.settings_of(upload)
     await commands.register(services, Role(upload.role), file, settings, asked=asked)
 

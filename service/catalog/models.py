@@ -444,6 +444,8 @@ class ResumableUpload(Base):
     matching: Mapped[str] = mapped_column(String(16))
     input_color: Mapped[str] = mapped_column(String(16))
     metadata_: Mapped[dict[str, Any]] = mapped_column("metadata", default=dict)
+    #: the receiver that is told when its medium is vectorised
+    webhook: Mapped[str | None] = mapped_column(Text)
     filename: Mapped[str | None] = mapped_column(String(255))
     #: what its sender said of it, as it was said
     said: Mapped[str | None] = mapped_column(Text)

@@ -33,6 +33,7 @@ def create(
     filename: str | None = None,
     said: str | None = None,
     metadata: Mapping[str, str] | None = None,
+    webhook: str | None = None,
 ) -> ResumableUpload:
     """Record a file that is to arrive; without ``size_bytes``, its size is said by `begin`."""
     upload = ResumableUpload(
@@ -41,6 +42,7 @@ def create(
         role=role,
         **asdict(settings),
         metadata_=dict(metadata or {}),
+        webhook=webhook,
         filename=filename,
         said=said,
         limit_bytes=limit_bytes,
@@ -121,9 +123,12 @@ def count_open(session: Session, owner: str, *, now: datetime) -> int:
     return session.scalar(select(func.count()).select_from(row).where(*mine)) or 0
 
 
-def close(session: Session, upload: ResumableUpload, *, media_id: str, size_bytes: int, now: datetime) -> None:
+def close(
+    session: Session, upload: ResumableUpload, *, media_id: str, size_bytes: int, filename: str | None, now: datetime
+) -> None:
     """The file is a medium now, in this transaction: its parts go."""
     upload.media_id, upload.size_bytes, upload.offset_bytes = media_id, size_bytes, size_bytes
+    upload.filename = filename
     session.flush()
     _drop_parts(session, upload.id, now=now)
 

@@ -77,6 +77,15 @@ def test_what_was_told_is_listed_told_again_and_signed(client: Client, receiver:
     assert other.former_valid_until is not None
 
 
+def test_every_way_to_upload_names_who_is_told(client: Client, clip: Path) -> None:
+    hook = "https://studio.example/hook"
+    made = [client.upload(clip, webhook=hook), client.upload(clip, role="reference", resume=True, webhook=hook)]
+    by_link = client.send_upload(client.upload_link(webhook=hook, mask="ycbcr"), clip)
+    assert by_link.media is not None
+    for medium in (*made, client.medium(by_link.media)):
+        assert [one.url for one in client.webhooks(job=medium.job)] == [hook]
+
+
 def test_who_has_a_link_uploads_without_a_key(client: Client, url: str, clip: Path) -> None:
     link = client.upload_link(role="reference", max_bytes=1_000_000, expires_in_s=60, metadata={"order": "42"})
     assert httpx.URL(link.url).host == "127.0.0.1"
@@ -99,6 +108,7 @@ def test_who_has_a_link_uploads_without_a_key(client: Client, url: str, clip: Pa
     assert (made.role, made.filename, made.metadata) == ("reference", clip.name, {"order": "42"})
     assert made.sha256 == hashlib.sha256(clip.read_bytes()).hexdigest()
     small = client.upload_link(max_bytes=1000)
+    assert small.max_bytes == 1000
     with pytest.raises(ApiError) as caught:
         client.send_upload(small, clip)
     assert (caught.value.status, caught.value.problem.limit) == (413, 1000)

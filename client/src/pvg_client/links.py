@@ -26,6 +26,7 @@ def upload_link(
     max_bytes: int | None = None,
     expires_in_s: int | None = None,
     metadata: Mapping[str, str] | None = None,
+    webhook: str | None = None,
     mask: Literal["landmarks", "ycbcr"] | None = None,
     matching: Literal["table", "chain"] | None = None,
     input_color: str | None = None,
@@ -41,13 +42,15 @@ def upload_link(
         "max_bytes": max_bytes,
         "expires_in_s": expires_in_s,
         "metadata": None if metadata is None else dict(metadata),
+        "webhook": None if webhook is None else {"url": webhook},
         "mask": mask,
         "matching": matching,
         "input_color": input_color,
     }
     body = {name: value for name, value in given.items() if value is not None}
     made = yield from asked(api, "POST", "/uploads/link", body=body, headers=once(idempotency_key))
-    return UploadLink(made["id"], str(api.named(made["url"])), datetime.fromisoformat(made["expires_at"]))
+    url, expires_at = str(api.named(made["url"])), datetime.fromisoformat(made["expires_at"])
+    return UploadLink(made["id"], url, expires_at, made.get("max_bytes"))
 
 
 def send_upload(api: Api, link: UploadLink | str, file: str | os.PathLike[str]) -> Flow[Upload]:

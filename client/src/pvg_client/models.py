@@ -313,11 +313,15 @@ class Link:
 
 @dataclass(frozen=True, slots=True)
 class UploadLink:
-    """An address by which one file may be uploaded without a key until it expires; `id` is that of the upload."""
+    """An address by which one file may be uploaded without a key until it expires; `id` is that of the upload.
+
+    The file has at most `max_bytes`.
+    """
 
     id: str
     url: str
     expires_at: datetime
+    max_bytes: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,6 +27,7 @@ class _Asked:
     role: Role
     settings: dict[str, str]
     metadata: Mapping[str, str]
+    webhook: str | None
 
 
 def upload(
@@ -36,6 +37,7 @@ def upload(
     url: str | None = None,
     role: Role = "video",
     metadata: Mapping[str, str] | None = None,
+    webhook: str | None = None,
     mask: Literal["landmarks", "ycbcr"] | None = None,
     matching: Literal["table", "chain"] | None = None,
     input_color: str | None = None,
@@ -47,12 +49,14 @@ def upload(
     What arrives is checked against the file's sha256. With ``resume``, which is the default from 32 MiB on, it goes in
     pieces: a broken connection costs one of them, and calling this again for the same file, also in another process,
     goes on where the last one ended. A URL is at a public address; it has been fetched when the call comes back.
+    ``webhook`` is the address that is told when the file is vectorised, or has failed.
 
     Raises `ApiError` (`url-not-allowed` and `fetch-failed` of URLs), `UnreachableError`, `OSError` when the file cannot
     be read, `ValueError` when it is given neither a file nor a URL, or both.
     """
     settings = {"mask": mask, "matching": matching, "input_color": input_color}
-    given = _Asked(role, {name: value for name, value in settings.items() if value is not None}, metadata or {})
+    said = {name: value for name, value in settings.items() if value is not None}
+    given = _Asked(role, said, metadata or {}, webhook)
     if (file is None) == (url is None):
         raise ValueError("give a file, or a url")
     if file is None:
@@ -66,7 +70,8 @@ def upload(
 
 
 def _from_url(api: Api, url: str | None, given: _Asked, key: str | None) -> Flow[Medium]:
-    body = {"url": url, **given.settings, "metadata": dict(given.metadata)}
+    told = {} if given.webhook is None else {"webhook": {"url": given.webhook}}
+    body = {"url": url, **given.settings, "metadata": dict(given.metadata), **told}
     request = api.request("POST", f"/{given.role}s/url", body=body, headers=once(key), least_timeout_s=_LONGEST_FETCH_S)
     return Medium.of(body_of((yield from answered(api, request))))
 
@@ -75,6 +80,7 @@ def _at_once(api: Api, path: Path, size_bytes: int, sha256: str, given: _Asked, 
     params: Params = [
         *given.settings.items(),
         *(("metadata", f"{name}:{value}") for name, value in given.metadata.items()),
+        *([] if given.webhook is None else [("webhook", given.webhook)]),
     ]
     headers = about_file(path, size_bytes, sha256)
     request = api.request("POST", f"/{given.role}s", params=params, headers=headers | once(key), stream=FilePart(path))
@@ -85,4 +91,5 @@ def _at_once(api: Api, path: Path, size_bytes: int, sha256: str, given: _Asked, 
 def _in_pieces(api: Api, path: Path, size_bytes: int, sha256: str, given: _Asked) -> Flow[Medium]:
     about = {"filename": path.name, "role": given.role} | given.settings
     about |= {f"metadata.{name}": value for name, value in given.metadata.items()}
+    about |= {} if given.webhook is None else {"webhook": given.webhook}
     return (yield from medium(api, (yield from tus.send(api, path, size_bytes, sha256, about))))

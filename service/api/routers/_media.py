@@ -23,8 +23,8 @@ from service.api.json_body import media_type, read_json
 from service.api.metadata import to_metadata
 from service.api.multipart import read_form
 from service.api.problems import invalid, invalid_values
-from service.api.receivers import receiver, receiver_of_form
-from service.api.schemas import MediaBody, MediaPage, ReferenceByUrl, ReferenceOptions, VideoByUrl
+from service.api.receivers import receiver, receiver_of_fields
+from service.api.schemas import MediaBody, MediaPage, ReferenceByUrl, ReferenceOptions, VideoByUrl, WebhookRequest
 from service.api.services import Services
 from service.api.uploads import Intake, ReceivedFile
 from service.api.views import media_body
@@ -40,6 +40,7 @@ class Given:
     by_url: type[ReferenceByUrl | VideoByUrl]
     query: dict[str, str | None]
     metadata: Sequence[str] = ()
+    webhook: str | None = None
 
     def settings(self, fields: Sequence[tuple[str, str]] = ()) -> VectorSettings:
         """The settings of query and form together. Raises `ValidationFailedError` for one that is unknown or twice."""
@@ -52,6 +53,14 @@ class Given:
         except ValidationError as error:
             raise invalid(error) from error
         return VectorSettings(**checked.model_dump())
+
+    def receiver(self, services: Services, other: str | None) -> str | None:
+        """The receiver that the query names, or else the body. Raises `ValidationFailedError` when both do."""
+        if self.webhook is None:
+            return other
+        if other is not None:
+            raise invalid_values({"/query/webhook": "the body names a receiver too"})
+        return receiver(services, WebhookRequest(url=self.webhook), "/query/webhook")
 
 
 @dataclass(frozen=True)
@@ -102,7 +111,7 @@ async def upload(
 async def _receive(services: Services, intake: Intake, given: Given) -> _Received:
     if media_type(intake.request) != "multipart/form-data":
         settings, metadata = given.settings(), to_metadata(given.metadata)
-        return _Received(await intake.raw(), settings, metadata, None)
+        return _Received(await intake.raw(), settings, metadata, given.receiver(services, None))
     form = await read_form(intake)
     known = given.options.model_fields
     fields = [(name, text) for name, text in form.fields if name not in {"metadata", "webhook"}]
@@ -110,7 +119,8 @@ async def _receive(services: Services, intake: Intake, given: Given) -> _Receive
         allowed = " and ".join(f"`{name}`" for name in (*known, "metadata", "webhook"))
         raise BadRequestError(f"the form must hold one file, in the field `file`, and may hold {allowed}")
     metadata = to_metadata([*given.metadata, *(text for name, text in form.fields if name == "metadata")])
-    webhook = receiver_of_form(services, [text for name, text in form.fields if name == "webhook"])
+    named = [text for name, text in form.fields if name == "webhook"]
+    webhook = given.receiver(services, receiver_of_fields(services, named))
     return _Received(form.files[0][1], given.settings(fields), metadata, webhook)
 
 
@@ -119,9 +129,8 @@ async def _fetch(services: Services, caller: Caller, intake: Intake, once: Once,
     said = [name for name in given.options.model_fields if name in wanted.model_fields_set]
     settings = given.settings([(name, getattr(wanted, name)) for name in said])
     metadata = to_metadata([*given.metadata, *(f"{name}:{value}" for name, value in wanted.metadata.items())])
-    webhook = wanted.webhook.url if wanted.webhook is not None else None
+    webhook = given.receiver(services, receiver(services, wanted.webhook))
     once.compare([wanted.url, asdict(settings), metadata, webhook])
-    receiver(services, wanted.webhook)
     with services.fetches.place(caller.owner):
         file = await while_connected(intake.request, intake.fetch(services.egress, wanted.url))
     return _Received(file, settings, metadata, webhook)

@@ -16,6 +16,7 @@ from service.api.dependencies import (
     MetadataOf,
     ReferenceId,
     ServicesDep,
+    WebhookOf,
     answer,
     problems,
 )
@@ -44,9 +45,11 @@ async def create_reference(
     mask: MaskOf = None,
     input_color: InputColorOf = None,
     metadata: MetadataOf = [],  # noqa: B006 - FastAPI copies it
+    webhook: WebhookOf = None,
 ) -> MediaBody:
     """Upload a reference; it is vectorised once, and the same bytes with the same settings answer with the same id."""
-    given = _media.Given(ReferenceOptions, ReferenceByUrl, {"mask": mask, "input_color": input_color}, metadata)
+    said: dict[str, str | None] = {"mask": mask, "input_color": input_color}
+    given = _media.Given(ReferenceOptions, ReferenceByUrl, said, metadata, webhook)
     return await _media.upload(services, caller, once, Role.REFERENCE, request, response, given)
 
 

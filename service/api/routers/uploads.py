@@ -18,6 +18,7 @@ from service.api.json_body import media_type, read_json
 from service.api.links import Access, AccessDep
 from service.api.multipart import read_form
 from service.api.openapi import fields, file_body, file_form, json_body
+from service.api.receivers import receiver
 from service.api.schemas import UploadBody, UploadLinkBody, UploadLinkRequest, VideoOptions
 from service.api.services import Services
 from service.api.uploads import Intake
@@ -99,10 +100,10 @@ async def create_upload_link(
 
 
 def _make_link(services: Services, caller: Caller, once: Once, wanted: UploadLinkRequest) -> UploadLinkBody:
-    role = Role(wanted.role)
+    role, webhook = Role(wanted.role), receiver(services, wanted.webhook)
     given = {name: getattr(wanted, name) for name in VideoOptions.model_fields if name in wanted.model_fields_set}
     settings = resuming.settings_of(role, given)
-    limit = services.settings.max_upload_bytes
+    limit = min(services.settings.max_upload_bytes, wanted.max_bytes or services.settings.max_upload_bytes)
     with services.database.write() as session:
         now = services.database.now()
         quotas.check(session, caller.owner, now=now, uploads=1)
@@ -111,15 +112,16 @@ def _make_link(services: Services, caller: Caller, once: Once, wanted: UploadLin
             role,
             settings,
             owner=caller.owner,
-            limit_bytes=min(limit, wanted.max_bytes or limit),
+            limit_bytes=limit,
             now=now,
             ttl_s=wanted.expires_in_s,
             metadata=wanted.metadata,
+            webhook=webhook,
         )
         expires_at = (now + timedelta(seconds=wanted.expires_in_s)).replace(microsecond=0)
         query = urlencode(services.signer.sign("upload", made.id, by=caller.owner, expires_at=expires_at))
         url = f"{addresses.of_upload(services.settings, made.id)}?{query}"
-        body = UploadLinkBody(id=made.id, url=url, expires_at=expires_at)
+        body = UploadLinkBody(id=made.id, url=url, expires_at=expires_at, max_bytes=limit)
         once.keep(session, 201, body, location=None, resource_id=made.id)
     return body
 

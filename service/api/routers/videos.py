@@ -17,6 +17,7 @@ from service.api.dependencies import (
     MetadataOf,
     ServicesDep,
     VideoId,
+    WebhookOf,
     answer,
     problems,
 )
@@ -46,11 +47,11 @@ async def create_video(
     matching: MatchingOf = None,
     input_color: InputColorOf = None,
     metadata: MetadataOf = [],  # noqa: B006 - FastAPI copies it
+    webhook: WebhookOf = None,
 ) -> MediaBody:
     """Upload a video; it is vectorised once, and the same bytes with the same settings answer with the same id."""
-    given = _media.Given(
-        VideoOptions, VideoByUrl, {"mask": mask, "matching": matching, "input_color": input_color}, metadata
-    )
+    said: dict[str, str | None] = {"mask": mask, "matching": matching, "input_color": input_color}
+    given = _media.Given(VideoOptions, VideoByUrl, said, metadata, webhook)
     return await _media.upload(services, caller, once, Role.VIDEO, request, response, given)
 
 

@@ -56,8 +56,9 @@ class UploadLinkRequest(VideoOptions):
     role: Literal["video", "reference"] = "video"
     expires_in_s: LinkSeconds = LINK_S
     max_bytes: Annotated[int, Field(ge=1), WHOLE] | None = Field(
-        default=None, description="of the file; that of any upload when not given"
+        default=None, description="of the file; that of any upload when not given, or when it is more"
     )
+    webhook: WebhookRequest | None = None
     metadata: Metadata = Field(default={})
 
 
@@ -72,6 +73,7 @@ class UploadLinkBody(LinkBody):
     """A link by which one file may be uploaded."""
 
     id: str = Field(description="of the upload")
+    max_bytes: int = Field(description="of the file, as it is kept to")
 
 
 class UploadBody(BaseModel):

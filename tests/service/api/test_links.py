@@ -206,12 +206,13 @@ def test_one_file_is_uploaded_by_a_link_without_a_key(api: Api, stranger: httpx.
     data = PNG + b"a" * 1000
     url = upload_link(api, role="reference", mask="ycbcr", metadata={"order": "42"})
     assert stranger.post("/uploads/link", json={}).status_code == 401
-    put = stranger.put(url, content=data)
+    put = stranger.put(url, content=data, headers={"Content-Disposition": 'attachment; filename="a.png"'})
     assert put.status_code == 200, put.text
     reference = api.client.get(f"/references/{put.json()['media']}").json()
     assert reference["sha256"] == hashlib.sha256(data).hexdigest()
     assert (reference["settings"]["mask"], reference["metadata"]) == ("ycbcr", {"order": "42"})
     assert stranger.get(url).json() == put.json()
+    assert put.json()["filename"] == reference["filename"] == "a.png"
     # one file, once; who has lost the answer may send it again
     for again in (stranger.put(url, content=data), stranger.put(url, content=iter([data]))):
         assert (again.status_code, again.json()) == (200, put.json())
@@ -220,7 +221,7 @@ def test_one_file_is_uploaded_by_a_link_without_a_key(api: Api, stranger: httpx.
     assert len(api.client.get("/references").json()["data"]) == 1
     form = upload_link(api)
     sent = stranger.post(form, files={"file": ("a.mp4", MP4)})
-    assert sent.status_code == 200, sent.text
+    assert (sent.status_code, sent.json()["filename"]) == (200, "a.mp4")
     assert stranger.post(form, files={"file": ("a.mp4", MP4)}).json() == sent.json()
     assert stranger.post(form, files={"file": ("a.mp4", MP4 + b"b")}).status_code == 409
     assert api.drafts == []
@@ -254,6 +255,9 @@ def test_a_file_that_is_sent_twice_at_a_time_by_a_link_gets_the_same_answer_twic
 
 def test_a_link_keeps_an_upload_to_what_it_was_made_for(api: Api, stranger: httpx.Client) -> None:
     use_key(api)
+    most = api.services.settings.max_upload_bytes
+    for wanted in ({}, {"max_bytes": most + 1}):
+        assert api.client.post("/uploads/link", json=wanted).json()["max_bytes"] == most
     url = upload_link(api, max_bytes=1000)
     assert stranger.put(url, content=MP4 + b"x" * 1000).status_code == 413
     assert stranger.put(url, content=iter([MP4, b"x" * 1000])).status_code == 413

@@ -1,16 +1,19 @@
 from __future__ import annotations
 
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
 
 from service.catalog import leases
 from service.settings import Settings
 from tests.service.api.test_authentication import holder
 from tests.service.api.test_media import PROBLEM, upload
+from tests.service.api.test_resumable_uploads import begin, send
+from tests.service.api.test_resumable_uploads import said as said_of
 from tests.service.fixtures import MP4, PNG, Api, claim, make_ready, make_results, serve
 from tests.service.receivers import Receiver
 from tests.service.remote import answer as file_answer
@@ -131,6 +134,54 @@ def test_an_upload_by_form_can_name_a_receiver_of_its_vectorisation(api: Api) ->
     assert (said["type"], said["data"]["kind"], said["data"]["media"]) == ("job.failed", "vectorize", medium["id"])
     assert said["data"]["error"]["code"] == "no-face"
     assert said["data"]["metadata"] == {"order": "77"}
+
+
+def by_query(client: httpx.Client, url: str) -> str:
+    sent = client.post("/videos", params={"webhook": url}, content=MP4)
+    return str(sent.raise_for_status().json()["id"])
+
+
+def in_pieces(client: httpx.Client, url: str) -> str:
+    address = begin(client, len(MP4), webhook=url)
+    return send(client, address, 0, MP4).raise_for_status().headers["pvg-media"]
+
+
+def by_link(client: httpx.Client, url: str) -> str:
+    link = client.post("/uploads/link", json={"webhook": {"url": url}}).raise_for_status().json()["url"]
+    return str(httpx.put(client.base_url.join(link), content=MP4).raise_for_status().json()["media"])
+
+
+@pytest.mark.parametrize("way", [by_query, in_pieces, by_link])
+def test_every_way_to_upload_can_name_a_receiver(api: Api, way: Callable[[httpx.Client, str], str]) -> None:
+    with Receiver().listening() as receiver:
+        medium = way(api.client, receiver.url)
+        make_ready(api.services, medium)
+        receiver.wait_for(1)
+        # the same file sent again has nothing to wait for, and its receiver is told so once
+        assert way(api.client, receiver.url) == medium
+    said = receiver.got[0].verified(api.client.get("/webhooks/secret").json()["secret"])
+    assert (said["type"], said["data"]["media"]) == ("job.succeeded", medium)
+    assert len(listed(api)) == 1
+
+
+def test_a_receiver_of_an_upload_that_may_not_be_asked_is_refused_where_it_stands(api: Api) -> None:
+    wrong = "https://studio.example:22/"
+    tus = {"Tus-Resumable": "1.0.0", "Upload-Length": "9", "Upload-Metadata": said_of(webhook=wrong)}
+    refused = {
+        "/query/webhook": api.client.post("/references", params={"webhook": wrong}, content=PNG),
+        "/webhook": api.client.post("/uploads", headers=tus),
+        "/webhook/url": api.client.post("/uploads/link", json={"webhook": {"url": wrong}}),
+    }
+    for pointer, answer in refused.items():
+        assert (answer.status_code, answer.json()["code"]) == (422, "url-not-allowed")
+        assert answer.json()["errors"][0]["pointer"] == pointer
+    none = api.client.post("/videos", params={"webhook": "studio.example"}, content=MP4)
+    form = api.client.post(
+        "/videos", params={"webhook": URL}, files={"file": ("a.mp4", MP4)}, data={"webhook": f"{URL}2"}
+    )
+    for answer in (none, form):
+        assert (answer.status_code, answer.json()["errors"][0]["pointer"]) == (422, "/query/webhook")
+    assert api.blobs == []
 
 
 @pytest.mark.parametrize(
