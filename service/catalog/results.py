@@ -7,10 +7,11 @@ from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
 from typing import Any, Literal
 
+from sqlalchemy import delete as delete_rows
 from sqlalchemy import or_, select, update
 from sqlalchemy.orm import Session
 
-from service.catalog import jobs, leases, tombstones
+from service.catalog import idempotency, jobs, leases, tombstones
 from service.catalog.database import changed
 from service.catalog.models import Job, Look, Result
 from service.catalog.parts import whole_of
@@ -149,3 +150,17 @@ def drop_bytes(session: Session, result: Result, *, now: datetime) -> str | None
         return None
     tombstones.bury(session, [key], now=now)
     return key
+
+
+def delete(session: Session, result_id: str, *, now: datetime) -> list[str]:
+    """Remove a result with what was made beside it. Returns the keys of the blobs to delete after the commit.
+
+    Their tombstones are written by the same transaction.
+    """
+    changed(session, update(Look).where(Look.result_id == result_id).values(result_id=None, result_gone="deleted"))
+    its = or_(Result.id == result_id, Result.part_of == result_id)
+    keys = [key for key in session.scalars(select(Result.blob_key).where(its).with_for_update()) if key]
+    idempotency.forget(session, result_id)
+    changed(session, delete_rows(Result).where(its))
+    tombstones.bury(session, keys, now=now)
+    return keys

@@ -13,7 +13,7 @@ import pytest
 
 from pvg_client import ApiError, AsyncClient, Client, verify_webhook
 from tests.client.lines import Line
-from tests.service.fixtures import MP4, PNG, Api, api, settings
+from tests.service.fixtures import MP4, PNG, Api, api, make_ready, make_results, settings
 from tests.service.remote import PUBLIC, Names, Remote, answer, names, public_loopback, remote
 from tests.waiting import until
 
@@ -84,6 +84,16 @@ def test_every_way_to_upload_names_who_is_told(client: Client, clip: Path) -> No
     assert by_link.media is not None
     for medium in (*made, client.medium(by_link.media)):
         assert [one.url for one in client.webhooks(job=medium.job)] == [hook]
+
+
+def test_a_result_is_deleted_alone(api: Api, client: Client, clip: Path) -> None:
+    video = client.upload(clip)
+    make_ready(api.services, video.id)
+    job = client.transfer(video, reference=video)
+    make_results(api.services, job.id, [b"result"])
+    client.delete(client.job(job.id).results[0])
+    assert [look.result_gone for look in client.job(job.id).looks] == ["deleted"]
+    assert client.medium(video.id).state == "ready"
 
 
 def test_who_has_a_link_uploads_without_a_key(client: Client, url: str, clip: Path) -> None:

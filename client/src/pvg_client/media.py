@@ -8,7 +8,7 @@ import httpx
 
 from pvg_client.calls import Api, Flow, Params, Patience, asked, attempt
 from pvg_client.errors import ApiError, UnreachableError
-from pvg_client.models import Medium, id_of, role_of
+from pvg_client.models import Medium, Result, id_of, role_of
 from pvg_client.pages import Listing
 
 
@@ -32,10 +32,15 @@ def _filter(state: Sequence[str], metadata: Mapping[str, str] | None) -> Params:
     return [*params, *(("metadata", f"{name}:{value}") for name, value in (metadata or {}).items())]
 
 
-def delete(api: Api, medium: Medium | str, *, cancel_jobs: bool = False) -> Flow[None]:
-    """Delete a video or a reference with everything derived from it. Jobs that need it refuse, or are canceled."""
+def delete(api: Api, thing: Medium | Result | str, *, cancel_jobs: bool = False) -> Flow[None]:
+    """Delete a video or a reference with everything derived from it, or a result alone.
+
+    Jobs that need a medium refuse, or are canceled with ``cancel_jobs``.
+    """
     params = [("cancel_jobs", "true")] if cancel_jobs else []
-    request = api.request("DELETE", path_of(id_of(medium)), params=params)
+    thing_id = id_of(thing)
+    path = f"/results/{thing_id}" if thing_id.startswith("res_") else path_of(thing_id)
+    request = api.request("DELETE", path, params=params)
     patience, unsure = Patience(api), False
     while True:
         try:

@@ -433,7 +433,7 @@ class Limits:
         return cls(**_known(cls, body) | {"raw": body})
 
 
-def id_of(thing: str | Medium | Job | Webhook) -> str:
+def id_of(thing: str | Medium | Job | Result | Webhook) -> str:
     """The id of something given as itself or by its id."""
     return thing if isinstance(thing, str) else thing.id
 

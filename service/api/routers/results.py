@@ -118,6 +118,20 @@ async def create_result_link(
         return await services.calls.write(_make_link, services, caller, once, result_id, wanted)
 
 
+@router.delete("/{result_id}", status_code=204, responses=problems(404, 507))
+async def delete_result(result_id: ResultId, services: ServicesDep, caller: CallerDep) -> None:
+    """Delete the result with what was made beside it. The video, the reference and the job's record stay."""
+    keys = await services.calls.write(_delete, services, caller.owner, result_id)
+    await services.calls.store(services.blobs.delete, keys)
+
+
+def _delete(services: Services, owner: str, result_id: str) -> list[str]:
+    with services.database.write() as session:
+        if results.get(session, result_id, owner=owner) is None:
+            raise NotFoundError(f"there is no result {result_id}")
+        return results.delete(session, result_id, now=services.database.now())
+
+
 def _make_link(services: Services, caller: Caller, once: Once, result_id: str, wanted: ResultLinkRequest) -> LinkBody:
     access = Access(caller.owner)
     if wanted.part is None:

@@ -69,7 +69,7 @@ class LookBody(BaseModel):
     )
     result: str | None
     result_gone: Literal["expired", "deleted"] | None = Field(
-        description="why there is a result no longer: it or one of its media has expired, or one of those was deleted"
+        description="why there is a result no longer: it or one of its media has expired, or was deleted"
     )
     url: str | None
     size_bytes: int | None = Field(description="of the result, as are the next three, once it is drawn")

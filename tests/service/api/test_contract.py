@@ -137,7 +137,7 @@ def test_behind_a_proxy_a_problem_has_its_path(settings: Settings) -> None:
     [
         ("/v1/videos", "GET, HEAD, POST"),
         ("/v1/videos/vid_1", "GET, HEAD, DELETE"),
-        ("/v1/results/res_1", "GET, HEAD"),
+        ("/v1/results/res_1", "GET, HEAD, DELETE"),
         ("/v1/videos/form", "POST"),
         ("/transfer", "POST"),
         ("/livez", "GET, HEAD"),

@@ -10,6 +10,7 @@ import pytest
 from sqlalchemy import delete
 
 from service.catalog import Media, Output, PartName, PartOf, Result, jobs, results, sweep
+from tests.service.api.test_authentication import holder
 from tests.service.api.test_media import transfer, upload
 from tests.service.fixtures import Api, claim, make_ready, make_results
 from tests.waiting import until
@@ -106,6 +107,30 @@ def test_a_look_says_why_its_result_is_gone(api: Api) -> None:
     looks = [api.client.get(f"/jobs/{job_id}").json()["looks"][0] for _, job_id, _ in made]
     assert [look["result_gone"] for look in looks] == [None, "expired", "deleted", "expired"]
     assert [look["result"] for look in looks] == [made[0][2], None, None, None]
+
+
+def test_a_result_is_deleted_alone(api: Api, job: dict[str, Any]) -> None:
+    one, two = (look["result"] for look in job["looks"])
+    key = {"Idempotency-Key": "link"}
+    link = api.client.post(f"/results/{one}/link", headers=key).json()["url"]
+    blobs = len(api.blobs)
+    assert api.client.delete(f"/results/{one}").status_code == 204
+    assert blobs - len(api.blobs) == 1 + len(PARTS)
+    for path in (f"/results/{one}", f"/results/{one}/matte", link):
+        assert api.client.get(path).status_code == 404
+    assert api.client.delete(f"/results/{one}").status_code == 404
+    assert api.client.post(f"/results/{one}/link", headers=key).status_code == 404
+    looks = api.client.get(f"/jobs/{job['id']}").json()["looks"]
+    assert [(look["result"], look["result_gone"]) for look in looks] == [(None, "deleted"), (two, None)]
+    assert looks[0]["extras"] == []
+    assert api.client.get(f"/results/{two}/matte").content == MATTE
+    # one that was asked for again is made again
+    again = transfer(api, looks[0]["video"], looks[0]["reference"], looks[0]["reference"])
+    assert again["id"] != job["id"]
+    # a link is for reading, and another key's results are not there
+    link = api.client.post(f"/results/{two}/link").json()["url"]
+    assert holder(api).delete(f"/results/{two}").status_code == 404
+    assert api.client.delete(link).status_code == 401
 
 
 CUBE, SECOND, MATTE = b"LUT_3D_SIZE 2\n" * 100, b"LUT_3D_SIZE 3\n", os.urandom(5000)
