@@ -90,7 +90,6 @@ JOB: Final[dict[str, Any]] = {
                 "beta": 0.2,
                 "iterations": 20,
                 "seed": 0,
-                "exchange": False,
             },
             "settings": _SETTINGS,
             "warnings": [],

@@ -131,7 +131,7 @@ def _render(arguments: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
         if output["extras"]:
             with _timed(timings, "extras_s"):
                 extras = _export(canvas, looks, arguments, progress)
-    return {"looks": _answers(reports, lines, extras), "timings": timings}
+    return {"looks": _answers(canvas, reports, lines, extras), "timings": timings}
 
 
 def _open(
@@ -174,7 +174,7 @@ def _join(arguments: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
             with _timed(timings, "extras_s"):
                 extras = _export(canvas, looks, arguments, lambda *_: None)
     return {
-        "looks": _answers(reports, lines, extras),
+        "looks": _answers(canvas, reports, lines, extras),
         "timings": timings | {"cpu_s": round(time.process_time(), 3)},
     }
 
@@ -200,11 +200,22 @@ def _check_drawing(canvas: VectorVideo, container: str, arguments: Mapping[str, 
 
 
 def _answers(
-    reports: list[dict[str, Any]], lines: list[tuple[str, ...]], extras: list[list[dict[str, Any]]]
+    canvas: VectorVideo,
+    reports: list[dict[str, Any]],
+    lines: list[tuple[str, ...]],
+    extras: list[list[dict[str, Any]]],
 ) -> list[dict[str, Any]]:
     """What is told of each look: what is to be known, what is not as in the clip, what was made beside it."""
+    # of the ``lines``, those of the file itself come first
+    unread = probe(canvas.require_source(), canvas.limits, input_color=canvas.settings["input_color"]).warnings
+    of_video = [f"video: {line}" for line in unread]
     return [
-        {**report, "output_warnings": list(changed), "extras": made}
+        {
+            **report,
+            "warnings": of_video + report["warnings"],
+            "output_warnings": [line for line in changed if line not in unread],
+            "extras": made,
+        }
         for report, changed, made in zip(reports, lines, extras, strict=True)
     ]
 

@@ -38,7 +38,7 @@ class ExtraBody(BaseModel):
 
 
 class OptionsBody(BaseModel):
-    """How a look was asked for, defaults included."""
+    """How a look was asked for, defaults included: a request may have it as it is."""
 
     strength: float
     contrast: Contrast | ContrastOfEach = Field(description="two when two faces exchange their colours")
@@ -53,7 +53,6 @@ class OptionsBody(BaseModel):
     beta: float
     iterations: int
     seed: int
-    exchange: bool = Field(description="two faces of the video exchange their colours")
 
 
 class LookBody(BaseModel):

@@ -55,7 +55,7 @@ def test_a_transfer_of_ready_media_is_queued_at_once(api: Api) -> None:
         "seed": 0,
         "exchange": False,
     }
-    assert body["looks"][0]["options"] == first.params
+    assert body["looks"][0]["options"] | {"exchange": False} == first.params
     assert job is not None
     assert job.request["output"]["crf"] == 20
 
@@ -455,6 +455,21 @@ def test_a_swap_has_a_contrast_for_each_side(api: Api) -> None:
     assert (ours["contrast"], theirs["contrast"]) == (0.8, "auto")
     assert ours["beta"] == theirs["beta"] == 0.5
     assert not ours["exchange"]
+
+
+def test_what_a_look_was_asked_for_may_be_sent_back(api: Api) -> None:
+    a, b = upload(api, "/videos")["id"], upload(api, "/videos", b"b")["id"]
+    options = {"makeup": {"lips": 0.5}, "faces": [0], "protect": [], "reference_face": 1, "contrast": 1.1}
+    bodies = {"/transfer": {"video": a, "looks": looks(b, **options)}, "/swap": {"a": a, "faces": [1, 0], "light": 0.5}}
+    made = {path: api.client.post(path, json=body).json() for path, body in bodies.items()}
+    shown = {path: job["looks"][0]["options"] for path, job in made.items()}
+    bodies = {
+        "/transfer": {"video": a, "looks": [{"reference": b, **shown["/transfer"]}]},
+        "/swap": {"a": a, **shown["/swap"]},
+    }
+    for path, body in bodies.items():
+        again = api.client.post(path, json=body)
+        assert (again.status_code, again.json()["id"]) == (200, made[path]["id"]), again.text
 
 
 @pytest.mark.parametrize("with_b", [False, True])
