@@ -271,9 +271,11 @@ EXAMPLES: Final[dict[str, dict[str, Any]]] = {
                 "idempotency_s": 86400.0,
             },
             "transport": {
+                "fetches": 8,
                 "fetch_s": 3600.0,
                 "redirects": 5,
                 "url_characters": 2048,
+                "uploads": 1000,
                 "pieces": 10000,
                 "link_s": 604800,
                 "streams": 100,

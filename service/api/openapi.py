@@ -196,7 +196,7 @@ TRANSFER_FORM: dict[str, Any] = {
         "beta": {"type": "number", "exclusiveMinimum": 0, "maximum": 1},
         "iterations": {"type": "integer", "minimum": 0, "maximum": 200},
         "seed": {"type": "integer", "minimum": 0, "maximum": MAX_SEED},
-        "container": {"type": "string", "enum": [*get_args(Container)]},
+        "container": {"type": "string", "enum": [*get_args(Container), "jpeg"]},
         "codec": {"type": "string", "enum": [*get_args(Codec)]},
         "crf": {"type": "integer", "minimum": 0, "maximum": 63},
         "preset": {"type": "string", "enum": [*get_args(Preset)]},

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema, model_validator
 
 from service.api.schemas import WHOLE, LookRequest, MediaId, Whole
 from service.catalog import StillFormat
@@ -12,6 +12,12 @@ from service.catalog import StillFormat
 #: widest picture that is made, in pixels; posters and sliders need a tenth
 MAX_WIDTH = 8192
 _USUAL_WIDTH = 1280
+#: one of them has two names
+_Format = Annotated[
+    StillFormat,
+    BeforeValidator(lambda name: "jpeg" if name == "jpg" else name),
+    WithJsonSchema({"type": "string", "enum": [*get_args(StillFormat), "jpg"]}),
+]
 _Corner = Annotated[int, Field(ge=0, le=100_000), WHOLE]
 _Length = Annotated[int, Field(ge=1, le=100_000), WHOLE]
 _Frame = Annotated[int, Field(ge=0, le=2**31 - 1), WHOLE]
@@ -37,7 +43,7 @@ class PreviewRequest(BaseModel):
     )
     face: _Corner | None = Field(default=None, description="index of a face to show alone")
     max_width: Whole = Field(default=_USUAL_WIDTH, ge=16, le=MAX_WIDTH, description="wider pictures are scaled down")
-    format: StillFormat = "jpeg"
+    format: _Format = "jpeg"
 
     @model_validator(mode="after")
     def _fits(self) -> PreviewRequest:

@@ -123,6 +123,8 @@ class Filter:
     ids: Collection[str] | None = None
     #: the clip that is recoloured, or the medium that is vectorised
     video_id: str | None = None
+    #: whose colours are used, or the medium that is vectorised
+    reference_id: str | None = None
     states: Collection[str] = ()
     kinds: Collection[str] = ()
     metadata: Mapping[str, str] = field(default_factory=dict)
@@ -135,9 +137,10 @@ def page(session: Session, owner: str, wanted: Filter, *, before: str | None, li
         query = query.where(Job.id < before)
     if wanted.ids is not None:
         query = query.where(Job.id.in_(wanted.ids))
-    if wanted.video_id is not None:
-        on_it = exists(select(Look.job_id).where(Look.job_id == Job.id, Look.video_id == wanted.video_id))
-        query = query.where(or_(Job.media_id == wanted.video_id, on_it))
+    for column, media_id in ((Look.video_id, wanted.video_id), (Look.reference_id, wanted.reference_id)):
+        if media_id is not None:
+            in_a_look = exists(select(Look.job_id).where(Look.job_id == Job.id, column == media_id))
+            query = query.where(or_(Job.media_id == media_id, in_a_look))
     if wanted.states:
         query = query.where(Job.state.in_(wanted.states))
     if wanted.kinds:

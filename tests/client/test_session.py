@@ -147,6 +147,7 @@ def test_lists_are_gone_through_page_by_page(client: Client, url: str, drawn: Jo
     assert [job.id for job in client.jobs(kind=["transfer"], metadata={"order": "42"}, video=video)] == [drawn.id]
     assert [job.id for job in client.jobs(ids=[drawn.id, "job_unknown"])] == [drawn.id]
     assert list(client.jobs(state=["queued", "running"], video=video)) == []
+    assert [job.id for job in client.jobs(reference=drawn.looks[0].reference, video=video)] == [drawn.id]
     assert video.id in {one.id for one in client.videos()}
     assert video.id in {one.id for one in client.videos(state=["ready"])}
     assert list(client.videos(state=["ready"], metadata={"nobody": "has"})) == []
@@ -210,6 +211,7 @@ def test_limits_and_usage_are_told(client: Client, drawn: Job) -> None:
     limits, usage = client.limits(), client.usage()
     assert limits.key is None
     assert limits.upload["bytes"] > 0
+    assert limits.transport["uploads"] > 0
     assert "h264" in limits.output["clips"]["mp4"]
     assert usage.looks_this_month >= len(drawn.results)
     assert usage.jobs_this_month["succeeded"] >= 1

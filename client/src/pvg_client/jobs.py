@@ -93,6 +93,7 @@ def jobs(
     *,
     ids: Sequence[str] | None = None,
     video: Medium | str | None = None,
+    reference: Medium | str | None = None,
     state: Sequence[str] = (),
     kind: Sequence[Literal["vectorize", "transfer", "swap"]] = (),
     metadata: Mapping[str, str] | None = None,
@@ -100,6 +101,7 @@ def jobs(
     """Jobs, newest first: all, or those that every given filter chooses."""
     params: Params = [("id", ",".join(ids))] if ids is not None else []
     params += [("video", id_of(video))] if video is not None else []
+    params += [("reference", id_of(reference))] if reference is not None else []
     params += [("state", one) for one in state] + [("kind", one) for one in kind]
     params += [("metadata", f"{name}:{value}") for name, value in (metadata or {}).items()]
     return Listing("/jobs", params, Job.of)

@@ -425,6 +425,7 @@ class Limits:
     request: Body
     output: Body
     retention: Body
+    transport: Body = field(default_factory=dict)
     raw: Body = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod

@@ -39,6 +39,7 @@ _MAX_IDS = 200
 
 JobIds = Annotated[str | None, Query(alias="id", description="ids with commas: these alone, in one page")]
 VideoOf = Annotated[str | None, Query(description="the clip that is recoloured, or the medium that is vectorised")]
+ReferenceOf = Annotated[str | None, Query(description="whose colours are used, or the medium that is vectorised")]
 
 
 def load_job(services: Services, caller: Caller, job_id: str) -> JobBody:
@@ -56,6 +57,7 @@ async def list_jobs(
     caller: CallerDep,
     ids: JobIds = None,
     video: VideoOf = None,
+    reference: ReferenceOf = None,
     state: Annotated[list[JobState], Query(description="any of these states")] = [],  # noqa: B006 - FastAPI copies it
     kind: Annotated[list[JobKind], Query(description="any of these kinds")] = [],  # noqa: B006
     metadata: MetadataOf = [],  # noqa: B006
@@ -66,7 +68,8 @@ async def list_jobs(
     named = None if ids is None else [one.strip().replace("\0", "") for one in ids.split(",") if one.strip()]
     if named is not None and len(named) > _MAX_IDS:
         raise invalid_values({"/id": f"at most {_MAX_IDS} ids"})
-    wanted = Filter(named, video and video.replace("\0", ""), state, kind, to_metadata(metadata))
+    video, reference = (one and one.replace("\0", "") for one in (video, reference))
+    wanted = Filter(named, video, reference, state, kind, to_metadata(metadata))
     return await services.calls.read(_page, services, caller, wanted, cursor, limit if named is None else _MAX_IDS)
 
 

@@ -7,6 +7,7 @@ from datetime import datetime
 
 from fastapi import APIRouter
 
+from service.api import fetches, quotas, streams
 from service.api.authentication import CallerDep
 from service.api.dependencies import MAX_PAGE, MAX_WAIT_S, ServicesDep, problems
 from service.api.resuming import MAX_PARTS
@@ -27,7 +28,6 @@ from service.api.schemas import (
 )
 from service.api.services import Services
 from service.api.sniffing import FORMATS
-from service.api.streams import PER_OWNER
 from service.catalog import HELD, MAX_CRF, keys, statistics
 from service.catalog.keys import WINDOW_S
 from service.egress import MAX_REDIRECTS, MAX_URL_CHARACTERS
@@ -74,12 +74,14 @@ def _limits(services: Services, owner: str) -> LimitsBody:
             idempotency_s=settings.idempotency_ttl_s,
         ),
         transport=TransportLimits(
+            fetches=fetches.PER_OWNER,
             fetch_s=settings.fetch_timeout_s,
             redirects=MAX_REDIRECTS,
             url_characters=MAX_URL_CHARACTERS,
+            uploads=quotas.MAX_OPEN_UPLOADS,
             pieces=MAX_PARTS,
             link_s=MAX_LINK_S,
-            streams=PER_OWNER,
+            streams=streams.PER_OWNER,
             previews=settings.max_open_previews,
             preview_s=settings.preview_timeout_s,
         ),

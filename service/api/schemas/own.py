@@ -56,9 +56,11 @@ class RequestLimits(BaseModel):
 class TransportLimits(BaseModel):
     """How files may come and go other than whole by one request."""
 
+    fetches: int = Field(description="files fetched at a time that are named by their URLs")
     fetch_s: float = Field(description="seconds in which a file that is named by its URL must have come")
     redirects: int = Field(description="of such a URL")
     url_characters: int
+    uploads: int = Field(description="in pieces or by a link, that are not complete")
     pieces: int = Field(description="of one file by tus, as they are kept")
     link_s: int = Field(description="the longest that a link may be used")
     streams: int = Field(description="of events at a time")

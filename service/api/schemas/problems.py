@@ -27,7 +27,7 @@ class Problem(BaseModel):
     errors: list[Error] | None = Field(default=None, description="what is wrong, value by value")
     limit: float | None = Field(default=None, description="the most that is allowed, of what was gone over")
     unit: str | None = Field(
-        default=None, description="of `limit`: bytes, jobs, looks, uploads, requests per minute or at a time"
+        default=None, description="of `limit`: bytes, files, jobs, looks, uploads, requests per minute or at a time"
     )
 
 

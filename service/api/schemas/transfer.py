@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, get_args
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator, model_validator
 
 from service.api.schemas._values import (
     AS_SET,
@@ -35,6 +35,12 @@ from service.catalog import (
     Preset,
 )
 
+#: one of them has two names
+ContainerName = Annotated[
+    Container,
+    BeforeValidator(lambda name: "jpg" if name == "jpeg" else name),
+    WithJsonSchema({"type": "string", "enum": [*get_args(Container), "jpeg"]}),
+]
 CLIP_CONTAINERS = ("mp4", "mov", "mkv", "webm")
 IMAGE_CONTAINERS = ("png", "jpg", "webp", "tiff")
 #: what each kind of video becomes unless it is asked for another
@@ -99,7 +105,7 @@ class LookRequest(LookOptions):
 class OutputRequest(Request):
     """How the results are encoded."""
 
-    container: Container | None = Field(default=None, description="mp4 for clips and png for images when not given")
+    container: ContainerName | None = Field(default=None, description="mp4 for clips and png for images when not given")
     codec: Codec = Field(default="auto", description="one that the container holds; auto: by the clip's depth")
     crf: Annotated[int, Field(ge=0, le=63), WHOLE] | None = Field(
         default=None, description="quality: lower is better and larger"

@@ -158,7 +158,9 @@ def test_what_is_too_much_says_how_much_is_allowed(api: Api) -> None:
     many = api.client.post("/v1/transfer", json={"video": video, "looks": [{"reference": video}] * 3})
     assert many.status_code == 422
     assert (many.json()["limit"], many.json()["unit"]) == (2, "looks")
-    assert api.client.get("/v1/limits").json()["upload"]["bytes"] == 1000
+    limits = api.client.get("/v1/limits").json()
+    assert limits["upload"]["bytes"] == 1000
+    assert (limits["transport"]["uploads"], limits["transport"]["fetches"]) == (1000, 8)
 
 
 def test_the_form_of_a_transfer_has_the_options_of_its_json(schema: dict[str, Any]) -> None:

@@ -7,6 +7,7 @@ import httpx
 import pytest
 
 from service.api import commands
+from service.api.preview_request import PreviewRequest
 from service.catalog import OutputOptions, Report, jobs, leases, render_request
 from service.catalog.keys import Limits
 from tests.service.api.test_authentication import Bearer, holder
@@ -424,6 +425,19 @@ def test_a_still_picture_takes_the_options_it_has(api: Api) -> None:
     assert api.client.post("/swap", json={"a": clip, "b": still, "output": {"crf": 20}}).status_code == 202
     both = {"a": still, "b": api.client.post("/videos", content=PNG + b"2").json()["id"], "output": {"crf": 20}}
     assert api.client.post("/swap", json=both).status_code == 422
+
+
+def test_jpeg_is_jpg_and_jpg_is_jpeg(api: Api) -> None:
+    still = api.client.post("/videos", content=PNG).json()["id"]
+    ids = [
+        api.client.post("/transfer", json={"video": still, "looks": looks(still), "output": {"container": name}}).json()
+        for name in ("jpg", "jpeg")
+    ]
+    assert ids[0]["id"] == ids[1]["id"]
+    form = {"video": still, "container": "jpeg"}
+    assert api.client.post("/transfer", data=form, files={"reference": ("a.png", PNG)}).status_code == 202
+    shown = [PreviewRequest.model_validate({"video": still, "format": name}).format for name in ("jpg", "jpeg")]
+    assert shown == ["jpeg", "jpeg"]
 
 
 def test_a_swap_has_two_results(api: Api) -> None:
