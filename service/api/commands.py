@@ -241,11 +241,17 @@ class Wanted:
 
 
 def check_looks(
-    services: Services, owner: str, looks: Sequence[Wanted], output: OutputRequest, pointers: dict[str, str]
+    services: Services,
+    owner: str,
+    looks: Sequence[Wanted],
+    output: OutputRequest,
+    pointers: dict[str, str],
+    *,
+    output_at: str = "/output",
 ) -> None:
     """Raise what `request_looks` would raise for a transfer, and record nothing."""
     with services.database.read() as session:
-        _check(media.several(session, owner, pointers), looks, output, pointers)
+        _check(media.several(session, owner, pointers), looks, output, pointers, output_at)
         quotas.check(session, owner, now=services.database.now(), lock=False)
 
 
@@ -256,13 +262,16 @@ def request_looks(
     output: OutputRequest,
     pointers: dict[str, str],
     asked: Asked,
+    *,
+    output_at: str = "/output",
 ) -> tuple[JobBody, bool]:
     """Record a job that makes these looks and publish it once its media are ready. Returns it, and True when it is new.
 
     The owner's job of the same looks is returned instead while it goes on, or while its results are kept, unless
-    ``asked.force``. ``pointers`` says where in the request each id stands, for errors. Raises `NotFoundError` for an
-    unknown id, `MediaFailedError` for a medium that failed, `ValidationFailedError` for what does not fit the video,
-    `QuotaExceededError`, and `StorageFullError` when there is too little room to do the job.
+    ``asked.force``. ``pointers`` says where in the request each id stands, ``output_at`` where the options of the
+    output do, for errors. Raises `NotFoundError` for an unknown id, `MediaFailedError` for a medium that failed,
+    `ValidationFailedError` for what does not fit the video, `QuotaExceededError`, and `StorageFullError` when there is
+    too little room to do the job.
     """
     services.room.require()
     database, owner = services.database, asked.owner
@@ -273,7 +282,7 @@ def request_looks(
         # until the end of the transaction: no other request of this key is counted, nor asks for the same of this video
         keys.lock(session, owner)
         known = media.several(session, owner, pointers, lock=True)
-        _check(known, looks, output, pointers)
+        _check(known, looks, output, pointers, output_at)
         if kind is JobKind.SWAP:
             _check_apart(known, looks[0])
         mark = jobs.fingerprint(kind, request, outputs, asked.metadata)
@@ -339,12 +348,16 @@ def _output_options(output: OutputRequest) -> OutputOptions:
 
 
 def _check(
-    known: Mapping[str, Media], looks: Sequence[Wanted], output: OutputRequest, pointers: Mapping[str, str]
+    known: Mapping[str, Media],
+    looks: Sequence[Wanted],
+    output: OutputRequest,
+    pointers: Mapping[str, str],
+    output_at: str,
 ) -> None:
     _check_usable(known, pointers)
-    _check_output({known[look.video_id] for look in looks}, output)
+    _check_output({known[look.video_id] for look in looks}, output, output_at)
     for look in looks:
-        _check_container(known[look.video_id], output)
+        _check_container(known[look.video_id], output, output_at)
         check_look(known[look.video_id], known.get(look.reference_id), look, pointers[look.video_id])
 
 
@@ -383,16 +396,16 @@ def check_look(video: Media, reference: Media | None, look: Wanted, where: str) 
     _check_reference(reference, look)
 
 
-def _check_container(video: Media, output: OutputRequest) -> None:
+def _check_container(video: Media, output: OutputRequest, output_at: str) -> None:
     is_image = video.content_type.startswith("image/")
     allowed = IMAGE_CONTAINERS if is_image else CLIP_CONTAINERS
     if output.container is not None and output.container not in allowed:
         detail = f"{video.id} is {'an image' if is_image else 'a clip'}: the container must be one of "
         detail += ", ".join(allowed)
-        raise ValidationFailedError(detail, errors=[{"pointer": "/output/container", "detail": detail}])
+        raise ValidationFailedError(detail, errors=[{"pointer": f"{output_at}/container", "detail": detail}])
 
 
-def _check_output(videos: Set[Media], output: OutputRequest) -> None:
+def _check_output(videos: Set[Media], output: OutputRequest, output_at: str) -> None:
     """Still pictures have no codec and no sound: what is asked for in vain is refused, not passed over."""
     if any(not video.content_type.startswith("image/") for video in videos):
         return
@@ -400,8 +413,8 @@ def _check_output(videos: Set[Media], output: OutputRequest) -> None:
     if names:
         which = ", ".join(sorted(video.id for video in videos))
         detail = f"of clips only, and {which} is an image"
-        errors = [{"pointer": f"/output/{name}", "detail": detail} for name in names]
-        raise ValidationFailedError(f"/output/{names[0]}: {detail}", errors=errors)
+        errors = [{"pointer": f"{output_at}/{name}", "detail": detail} for name in names]
+        raise ValidationFailedError(f"{output_at}/{names[0]}: {detail}", errors=errors)
 
 
 def _check_reference(reference: Media | None, look: Wanted) -> None:

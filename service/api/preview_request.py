@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, get_args
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, WithJsonSchema, field_validator
 
 from service.api.schemas import WHOLE, LookRequest, MediaId, Whole
 from service.catalog import StillFormat
@@ -45,10 +45,16 @@ class PreviewRequest(BaseModel):
     max_width: Whole = Field(default=_USUAL_WIDTH, ge=16, le=MAX_WIDTH, description="wider pictures are scaled down")
     format: _Format = "jpeg"
 
-    @model_validator(mode="after")
-    def _fits(self) -> PreviewRequest:
-        if self.frame is not None and self.time_s is not None:
+    @field_validator("time_s")
+    @classmethod
+    def _one_frame(cls, time_s: float | None, info: ValidationInfo) -> float | None:
+        if time_s is not None and info.data.get("frame") is not None:
             raise ValueError("frame and time_s both say which frame; give one of them")
-        if self.crop is not None and self.face is not None:
+        return time_s
+
+    @field_validator("face")
+    @classmethod
+    def _one_part(cls, face: int | None, info: ValidationInfo) -> int | None:
+        if face is not None and info.data.get("crop") is not None:
             raise ValueError("crop and face both say which part; give one of them")
-        return self
+        return face

@@ -68,15 +68,20 @@ def _from_details(details: list[ErrorDetails]) -> ServiceError:
         return BadRequestError("the body is not valid JSON")
     by_pointer: dict[str, list[str]] = {}
     for item in details:
-        # pydantic names the members of a union as if they were part of the path
-        location = tuple(part for part in item["loc"] if not _UNION_MEMBER.fullmatch(str(part)))
-        messages = by_pointer.setdefault(pointer(location), [])
+        messages = by_pointer.setdefault(pointer(_place(item["loc"])), [])
         message = message_of(item)
         if message not in messages:
             messages.append(message)
     # of a list that may also be a word, only what is wrong inside the list is worth saying
     inner = [where for where in by_pointer if not any(other.startswith(f"{where}/") for other in by_pointer)]
     return invalid_values({where: ", or ".join(by_pointer[where]) for where in inner})
+
+
+def _place(location: tuple[int | str, ...]) -> tuple[int | str, ...]:
+    """Where in the request something stands: pydantic also names members of unions, and what is a key."""
+    if "metadata" in location:  # its names are the client's
+        return location[:-1] if location[-1] == "[key]" else location
+    return tuple(part for part in location if not _UNION_MEMBER.fullmatch(str(part)))
 
 
 def invalid_values(errors: dict[str, str]) -> ServiceError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TypeVar
 
 from fastapi import APIRouter, Request, Response
@@ -53,7 +54,8 @@ async def create_transfer(
             looks, pointers = _looks_of(wanted, services, is_form=is_form)
             webhook = receiver(services, wanted.webhook, "/webhook" if is_form else "/webhook/url")
             asked = Asked(caller.owner, once, wanted.metadata, webhook, wanted.force)
-            return await _accept(services, response, JobKind.TRANSFER, looks, wanted.output, pointers, asked)
+            output_at = "" if is_form else "/output"
+            return await _accept(services, response, JobKind.TRANSFER, looks, wanted.output, pointers, asked, output_at)
         except Exception:
             await commands.take_back(services, caller.owner, list(brought.values()))
             raise
@@ -104,8 +106,10 @@ async def _accept(
     output: OutputRequest,
     pointers: dict[str, str],
     asked: Asked,
+    output_at: str = "/output",
 ) -> JobBody:
-    body, new = await services.calls.write(commands.request_looks, services, kind, looks, output, pointers, asked)
+    record = partial(commands.request_looks, output_at=output_at)
+    body, new = await services.calls.write(record, services, kind, looks, output, pointers, asked)
     response.status_code = 202 if new else 200
     response.headers["Location"] = addresses.of_job(services.settings, body.id)
     return body
@@ -161,7 +165,8 @@ async def _read_form(
         looks, pointers = _looks_of(draft, services, is_form=True)
         pointers = {one: place for one, place in pointers.items() if one != _UPLOADED or place == "/video"}
         receiver(services, draft.webhook, "/webhook")
-        await services.calls.read(commands.check_looks, services, caller.owner, looks, draft.output, pointers)
+        check = partial(commands.check_looks, output_at="")
+        await services.calls.read(check, services, caller.owner, looks, draft.output, pointers)
         asked = Asked(caller.owner, once)
         ids = []
         for _, file in form.files:

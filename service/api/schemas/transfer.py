@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, get_args
 
-from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator, model_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, field_validator
 
 from service.api.schemas._values import (
     AS_SET,
@@ -119,22 +119,37 @@ class OutputRequest(Request):
         default="ffv1", description="grey in mkv, or ProRes 4444 with alpha in mov; that of a picture is a png"
     )
 
-    @model_validator(mode="after")
-    def _fits(self) -> OutputRequest:
-        if self.matte != "ffv1" and "matte" not in self.extras:
-            raise ValueError(f'{self.matte} is of the matte; ask for it: "extras": ["matte"]')
-        if self.container in IMAGE_CONTAINERS:
-            return self
-        container = self.container or "mp4"
-        if self.codec not in {"auto", *HELD[container]}:
-            others = [name for name, held in HELD.items() if self.codec in held]
-            raise ValueError(f"{container} does not hold {self.codec}; {' and '.join(others)} do")
-        codec = self.codec if self.codec != "auto" else "vp9" if container == "webm" else "h264"
-        if codec not in MAX_CRF and (self.crf is not None or self.preset is not None):
+    # each field is checked with those before it, so that an error is of the field that does not fit
+
+    @field_validator("codec")
+    @classmethod
+    def _held(cls, codec: Codec, info: ValidationInfo) -> Codec:
+        container = info.data.get("container", "png") or "mp4"
+        if container not in IMAGE_CONTAINERS and codec not in {"auto", *HELD[container]}:
+            others = [name for name, held in HELD.items() if codec in held]
+            raise ValueError(f"{container} does not hold {codec}; {' and '.join(others)} do")
+        return codec
+
+    @field_validator("crf", "preset")
+    @classmethod
+    def _of_the_codec(cls, value: int | str | None, info: ValidationInfo) -> int | str | None:
+        container, codec = info.data.get("container", "png") or "mp4", info.data.get("codec")
+        if value is None or codec is None or container in IMAGE_CONTAINERS:
+            return value
+        if codec == "auto":
+            codec = "vp9" if container == "webm" else "h264"
+        if codec not in MAX_CRF:
             raise ValueError(f"{codec} has neither crf nor preset")
-        if self.crf is not None and self.crf > MAX_CRF[codec]:
+        if isinstance(value, int) and value > MAX_CRF[codec]:
             raise ValueError(f"the crf of h264 and hevc is at most {MAX_CRF[codec]}")
-        return self
+        return value
+
+    @field_validator("matte")
+    @classmethod
+    def _asked_for(cls, matte: MatteFormat, info: ValidationInfo) -> MatteFormat:
+        if matte != "ffv1" and "matte" not in info.data.get("extras", ["matte"]):
+            raise ValueError(f'{matte} is of the matte; ask for it: "extras": ["matte"]')
+        return matte
 
 
 class TransferRequest(Request):

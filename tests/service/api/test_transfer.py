@@ -206,7 +206,7 @@ def test_a_form_with_a_bad_field_records_nothing(api: Api, fields: dict[str, str
         ({"video": "ref_" + "0" * 32}, 404, "/video"),
         ({"reference": "ref_" + "1" * 32}, 404, "/reference"),
         ({"faces": "0,1"}, 422, "/faces"),
-        ({"container": "png"}, 422, "/output/container"),
+        ({"container": "png"}, 422, "/container"),
         ({"reference": ["ref_" + "1" * 32] * 16}, 422, "/looks"),
         ({"strength": ["0.5", "1"]}, 422, "/strength"),
     ],
@@ -308,14 +308,21 @@ GOOD = "vid_" + "0" * 32
         ({"video": GOOD, "looks": looks(GOOD, seed=2**32)}, "/looks/0/seed"),
         ({"video": GOOD, "looks": looks(GOOD), "unknown": 1}, "/unknown"),
         ({"video": GOOD, "looks": looks(GOOD), "output": {"codec": "mjpeg"}}, "/output/codec"),
-        ({"video": GOOD, "looks": looks(GOOD), "output": {"container": "webm", "codec": "h264"}}, "/output"),
-        ({"video": GOOD, "looks": looks(GOOD), "output": {"container": "mov", "codec": "av1"}}, "/output"),
-        ({"video": GOOD, "looks": looks(GOOD), "output": {"crf": 52}}, "/output"),
+        ({"video": GOOD, "looks": looks(GOOD), "output": {"container": "webm", "codec": "h264"}}, "/output/codec"),
+        ({"video": GOOD, "looks": looks(GOOD), "output": {"container": "mov", "codec": "av1"}}, "/output/codec"),
+        ({"video": GOOD, "looks": looks(GOOD), "output": {"crf": 52}}, "/output/crf"),
         ({"video": GOOD, "looks": looks(GOOD), "output": {"extras": ["look"]}}, "/output/extras/0"),
         ({"video": GOOD, "looks": looks(GOOD), "output": {"extras": "cube"}}, "/output/extras"),
         ({"video": GOOD, "looks": looks(GOOD), "output": {"extras": ["matte"], "matte": "png"}}, "/output/matte"),
-        ({"video": GOOD, "looks": looks(GOOD), "output": {"extras": ["cube"], "matte": "prores"}}, "/output"),
+        ({"video": GOOD, "looks": looks(GOOD), "output": {"extras": ["cube"], "matte": "prores"}}, "/output/matte"),
         ({"video": GOOD, "looks": looks(GOOD), "output": {"crf": "18"}}, "/output/crf"),
+        (
+            {"video": GOOD, "looks": looks(GOOD), "output": {"container": "mov", "codec": "prores", "preset": "slow"}},
+            "/output/preset",
+        ),
+        ({"video": GOOD, "looks": looks(GOOD), "metadata": {"a b": "x"}}, "/metadata/a b"),
+        ({"video": GOOD, "looks": looks(GOOD), "metadata": {"a~/b": "x"}}, "/metadata/a~0~1b"),
+        ({"video": GOOD, "looks": looks(GOOD), "metadata": {"MakeupParts": 1}}, "/metadata/MakeupParts"),
         ({"video": GOOD, "looks": looks(GOOD, strength="0.5")}, "/looks/0/strength"),
         ({"video": GOOD, "looks": looks(GOOD, strength=True)}, "/looks/0/strength"),
         ({"video": GOOD, "looks": looks(GOOD, contrast="1.1")}, "/looks/0/contrast"),
@@ -412,7 +419,7 @@ def test_a_still_picture_takes_no_options_of_clips(api: Api, option: dict[str, A
     assert (answer.status_code, [one["pointer"] for one in answer.json()["errors"]]) == (422, [f"/output/{name}"])
     form = {name: ",".join(value) if isinstance(value, list) else str(value) for name, value in option.items()}
     answer = api.client.post("/transfer", data={"video": still} | form, files={"reference": ("a.png", PNG + b"1")})
-    assert (answer.status_code, answer.json()["errors"][0]["pointer"]) == (422, f"/output/{name}")
+    assert (answer.status_code, answer.json()["errors"][0]["pointer"]) == (422, f"/{name}")
     assert len(api.blobs) == 1
 
 
