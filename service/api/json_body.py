@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from typing import TypeVar
 
 from pydantic import BaseModel, ValidationError
@@ -20,14 +21,22 @@ def media_type(request: Request) -> str:
     return request.headers.get("content-type", "").partition(";")[0].strip().lower()
 
 
-async def read_json(request: Request, model: type[Model], *, limit_bytes: int) -> Model:
-    """The body of a request, validated.
+def unsupported(request: Request, *taken: str) -> UnsupportedMediaError:
+    """The error for a body of another type than those that are taken."""
+    sent = media_type(request)
+    return UnsupportedMediaError(
+        f"send this as {' or '.join(taken)}; it {f'came as {sent}' if sent else 'has no type'}"
+    )
+
+
+async def read_json(request: Request, model: type[Model], *, limit_bytes: int, also: Sequence[str] = ()) -> Model:
+    """The body of a request, validated. ``also`` are the other types that its address takes.
 
     Raises `UnsupportedMediaError` for another type, `TooLargeError`, `BadRequestError` for what is no JSON or not what
     its digest says, and `ValidationFailedError`.
     """
     if media_type(request) != "application/json":
-        raise UnsupportedMediaError("send the request as application/json")
+        raise unsupported(request, "application/json", *also)
     expected = expected_digest(request.headers.getlist("repr-digest"))
     body = await _body(request, limit_bytes=limit_bytes)
     check_digest(expected, hashlib.sha256(body).hexdigest())

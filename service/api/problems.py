@@ -122,10 +122,14 @@ def install(app: FastAPI) -> None:
         phrase = HTTPStatus(error.status_code).phrase
         name = phrase.lower().replace(" ", "-")
         kind = PROBLEMS.get(name) or ProblemType(name, phrase, error.status_code)
-        headers = dict(error.headers or {})
+        headers, detail = dict(error.headers or {}), str(error.detail)
         if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
             headers["Allow"] = ", ".join(allowed(app, request.scope))
-        return _respond(request, problem_body(kind, str(error.detail)), headers)
+            detail = f"{request.method} is not for this address, which takes {headers['Allow']}"
+        elif error.status_code == HTTPStatus.NOT_FOUND:  # no route has said it
+            root = str(request.scope.get("root_path", "")).rstrip("/")
+            detail = f"there is no such address; {root}/docs has those there are"
+        return _respond(request, problem_body(kind, detail), headers)
 
     @app.exception_handler(OSError)
     async def on_os_error(request: Request, error: OSError) -> JSONResponse:

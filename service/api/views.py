@@ -78,7 +78,7 @@ def job_body(
             "media": job.media_id,
             "looks": [_look_body(job, look, files, settings) for look in looks],
             "error": shown(job.error, settings.root_path),
-            "timings": job.timings,
+            "timings": _timings(job),
             "metadata": job.metadata_,
             "traceparent": job.traceparent,
             "created_at": job.created_at,
@@ -87,6 +87,14 @@ def job_body(
             "expires_at": expires_at,
         }
     )
+
+
+def _timings(job: Job) -> dict[str, float] | None:
+    """What is known of them: what the worker measures is recorded at the end, when it began is known before."""
+    known = dict(job.timings or {})
+    if job.state != JobState.QUEUED and job.started_at is not None and job.started_at >= job.queued_at:
+        known.setdefault("queued_s", round((job.started_at - job.queued_at).total_seconds(), 3))
+    return known or None
 
 
 def _eta(forecast: Forecast) -> dict[str, float] | None:

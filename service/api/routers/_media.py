@@ -19,7 +19,7 @@ from service.api.downloads import Asked as AskedBytes
 from service.api.downloads import File, send_file
 from service.api.fetches import while_connected
 from service.api.idempotency import Once
-from service.api.json_body import media_type, read_json
+from service.api.json_body import media_type, read_json, unsupported
 from service.api.metadata import to_metadata
 from service.api.multipart import read_form
 from service.api.problems import invalid, invalid_values
@@ -29,7 +29,7 @@ from service.api.services import Services
 from service.api.uploads import Intake, ReceivedFile
 from service.api.views import media_body
 from service.catalog import Media, MediaState, Role, VectorSettings, media
-from service.errors import BadRequestError, NotFoundError, UnsupportedMediaError
+from service.errors import BadRequestError, NotFoundError
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ async def upload(
     202 when it will be vectorised, 200 when it is known. ``only`` is the one type of body that its address takes.
     """
     if only is not None and media_type(request) != only:
-        raise UnsupportedMediaError(f"send this as {only}")
+        raise unsupported(request, only)
     limit_bytes = services.settings.max_upload_bytes
     async with once, Intake(services.storage, services.room, request, limit_bytes=limit_bytes) as intake:
         if not once.answered:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TypeVar
+from typing import Final, TypeVar
 
 from fastapi import APIRouter, Request, Response
 
@@ -13,7 +13,7 @@ from service.api.authentication import Caller, CallerDep
 from service.api.commands import Asked, Wanted
 from service.api.dependencies import ServicesDep, answer, problems
 from service.api.idempotency import Once, OnceDep
-from service.api.json_body import media_type, read_json
+from service.api.json_body import media_type, read_json, unsupported
 from service.api.multipart import read_form
 from service.api.openapi import TRANSFER_FORM, form, json_body
 from service.api.problems import invalid_values
@@ -23,12 +23,14 @@ from service.api.services import Services
 from service.api.transfer_form import to_request
 from service.api.uploads import Intake
 from service.catalog import JobKind, Role
-from service.errors import Limit, UnsupportedMediaError, ValidationFailedError
+from service.errors import Limit, ValidationFailedError
 
 router = APIRouter(tags=["transfer"])
 
 #: stands for the id of a reference file that is not recorded yet
 _UPLOADED = f"ref_{'0' * 32}"
+
+_FORM: Final = "multipart/form-data"
 
 Model = TypeVar("Model", TransferRequest, SwapRequest)
 
@@ -43,7 +45,7 @@ async def create_transfer(
     request: Request, response: Response, services: ServicesDep, caller: CallerDep, once: OnceDep
 ) -> JobBody:
     """Put the colours of one or more references on a video; media that still vectorise are waited for."""
-    is_form = media_type(request) == "multipart/form-data"
+    is_form = media_type(request) == _FORM
     brought: dict[str, MediaBody] = {}
     async with once:
         try:
@@ -71,8 +73,8 @@ async def create_transfer_from_form(
     request: Request, response: Response, services: ServicesDep, caller: CallerDep, once: OnceDep
 ) -> JobBody:
     """The same by a form, with references as files; its options are those of all of its looks."""
-    if media_type(request) != "multipart/form-data":
-        raise UnsupportedMediaError("send the request as multipart/form-data")
+    if media_type(request) != _FORM:
+        raise unsupported(request, _FORM)
     return await create_transfer(request, response, services, caller, once)
 
 
@@ -141,7 +143,8 @@ def _looks_of(wanted: TransferRequest, services: Services, *, is_form: bool) -> 
 
 
 async def _read(request: Request, services: Services, model: type[Model], once: Once) -> Model:
-    wanted = await read_json(request, model, limit_bytes=services.settings.max_json_bytes)
+    also = (_FORM,) if model is TransferRequest else ()
+    wanted = await read_json(request, model, limit_bytes=services.settings.max_json_bytes, also=also)
     asked = wanted.model_dump(mode="json")
     if asked["output"]["container"] in USUAL_CONTAINERS:
         asked["output"]["container"] = None  # of the video's kind it is the default, of the other it is refused

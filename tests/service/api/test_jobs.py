@@ -2,8 +2,9 @@ from __future__ import annotations
 
 import threading
 import time
+from datetime import timedelta
 
-from service.catalog import Progress, leases
+from service.catalog import Job, Progress, leases
 from tests.service.api.test_media import upload
 from tests.service.fixtures import MP4, Api, claim, make_ready
 
@@ -68,6 +69,26 @@ def test_cancel_of_a_running_job_is_a_request_to_its_worker(api: Api) -> None:
 def test_unknown_jobs_are_not_found(api: Api) -> None:
     assert api.client.get(f"/jobs/job_{'0' * 32}").status_code == 404
     assert api.client.post("/jobs/x/cancel").status_code == 404
+
+
+def test_how_long_a_job_was_queued_is_known_when_it_runs(api: Api) -> None:
+    job_id = upload(api, "/videos")["job"]
+
+    def timings() -> dict[str, float] | None:
+        shown: dict[str, float] | None = api.client.get(f"/jobs/{job_id}").json()["timings"]
+        return shown
+
+    assert timings() is None
+    with api.services.background.write() as session:
+        session.get_one(Job, job_id).queued_at -= timedelta(seconds=90)
+    lease = claim(api.services.database, job_id)
+    running = timings()
+    assert running is not None
+    assert 90 <= running["queued_s"] < 120
+    database = api.services.database
+    with api.services.background.write() as session:
+        assert leases.give_back(session, lease, now=database.now())
+    assert timings() is None, "it is counted anew"
 
 
 def test_jobs_are_listed_by_what_is_asked_for(api: Api) -> None:

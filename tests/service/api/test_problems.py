@@ -32,6 +32,25 @@ def test_every_error_is_a_problem(api: Api) -> None:
     check(client.post("/transfer", content=b"{", headers={"content-type": "application/json"}), 400)
 
 
+def test_what_there_is_instead_is_said(api: Api) -> None:
+    client, text = api.client, {"content-type": "text/plain"}
+    details = [
+        (client.get("/nowhere"), "there is no such address; /docs has those there are"),
+        (client.put("/v1/videos"), "PUT is not for this address, which takes GET, HEAD, POST"),
+        (client.post("/swap", content=b"{}"), "send this as application/json; it has no type"),
+        (
+            client.post("/transfer", content=b"{}", headers=text),
+            "send this as application/json or multipart/form-data; it came as text/plain",
+        ),
+        (client.post("/transfer/form", json={}), "send this as multipart/form-data; it came as application/json"),
+        (client.post("/videos/url", data={"url": "x"}), None),
+        (client.post("/videos/form", json={}), "send this as multipart/form-data; it came as application/json"),
+    ]
+    for answer, detail in details:
+        said = check(answer, answer.status_code)["detail"]
+        assert said == (detail or "send this as application/json; it came as application/x-www-form-urlencoded")
+
+
 def test_a_request_id_is_kept_when_it_is_harmless(api: Api) -> None:
     assert api.client.get("/livez", headers={"x-request-id": "abc-1.2_3"}).headers["x-request-id"] == "abc-1.2_3"
     for bad in ("a b", "x" * 200, "<script>"):
