@@ -57,6 +57,27 @@ def test_a_name_may_be_as_long_as_the_file_system_takes(tmp_path: Path, name: st
     assert list(tmp_path.iterdir()) == [path]
 
 
+@pytest.mark.parametrize(
+    ("said", "name"),
+    [
+        ("inline; filename*=UTF-8''frau%20l%C3%A4chelt-a.mp4", "frau lächelt-a.mp4"),
+        ("inline; filename*=UTF-8''..%2F..%2Fetc%2Fpasswd", "passwd"),
+        ("inline; filename*=UTF-8''..%2F..", "res_1"),
+        ("inline", "res_1"),
+    ],
+)
+def test_in_a_folder_a_file_has_its_own_name_and_stays_there(tmp_path: Path, said: str, name: str) -> None:
+    def answer(request: httpx.Request) -> httpx.Response:
+        headers = {"ETag": f'"{RESULT.sha256}"', "Content-Disposition": said}
+        content = b"" if request.method == "HEAD" else CONTENT
+        return httpx.Response(200, headers=headers, stream=httpx.ByteStream(content))
+
+    with Client(transport=httpx.MockTransport(answer)) as client:
+        assert client.download(RESULT, tmp_path) == tmp_path / name
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert (tmp_path / name).read_bytes() == CONTENT
+
+
 def test_two_downloads_to_one_path_do_not_mix(tmp_path: Path) -> None:
     target = tmp_path / "look.mp4"
     with Client(transport=Store(3)) as client, ThreadPoolExecutor() as threads:

@@ -14,7 +14,7 @@ from typing import Any
 import httpx
 import pytest
 
-from pvg_client import ApiError, AsyncClient, Client, Job, Look, UnreachableError
+from pvg_client import ApiError, AsyncClient, Client, Job, Look, Medium, UnreachableError
 from tests.client.lines import MEDIUM
 
 JOB = {
@@ -186,6 +186,28 @@ def test_the_key_goes_to_the_service_alone() -> None:
     assert own.headers["authorization"] == "Bearer pvg_key"
     assert "authorization" not in other.headers
     assert "pvg_key" not in repr(client._api)
+
+
+@pytest.mark.parametrize("path", ["", "/", "/v1", "/v1/", "/pvg/v1"])
+def test_an_address_may_end_in_that_of_the_interface(path: str) -> None:
+    script = Script(good())
+    with Client(f"http://service.test{path}", transport=script) as client:
+        client.job("job_1")
+    assert script.requests[0].url.path == f"{'/pvg' if 'pvg' in path else ''}/v1/jobs/job_1"
+
+
+def test_looks_may_be_references_alone_and_one_of_them_needs_no_list() -> None:
+    reference, look = Medium.of(MEDIUM | {"id": "ref_1"}), Look("ref_2", strength=0.5)
+    given: list[Any] = [[reference, "ref_3", look], reference, "ref_3", look]
+    script = Script(*[good() for _ in given])
+    with Client("http://service.test", transport=script) as client:
+        for looks in given:
+            client.transfer("vid_1", looks)
+        with pytest.raises(ValueError, match="looks, or one reference"):
+            client.transfer("vid_1", look, reference="ref_1")
+    bodies = [{"reference": "ref_1"}, {"reference": "ref_3"}, {"reference": "ref_2", "strength": 0.5}]
+    asked = [json.loads(request.content)["looks"] for request in script.requests]
+    assert asked == [bodies, *([body] for body in bodies)]
 
 
 def test_members_of_later_versions_are_passed_over() -> None:

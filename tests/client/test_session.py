@@ -47,6 +47,12 @@ def test_an_upload_is_known_by_its_name_and_its_bytes(client: Client, video: Med
     assert client.upload(clip, metadata={"shot": "a7"}).id == video.id
 
 
+def test_an_uploaded_file_comes_back(client: Client, video: Medium, clip: Path, tmp_path: Path) -> None:
+    by_id, in_a_folder = client.download(video.id, tmp_path / "by-id.mp4"), client.download(video, tmp_path)
+    assert in_a_folder == tmp_path / clip.name
+    assert by_id.read_bytes() == in_a_folder.read_bytes() == clip.read_bytes()
+
+
 def test_a_medium_is_waited_for_and_says_what_it_is(client: Client, video: Medium) -> None:
     job = client.wait(video)
     assert (job.kind, job.state, job.media) == ("vectorize", "succeeded", video.id)

@@ -14,7 +14,7 @@ import httpx
 
 from pvg_client import account, deliveries, downloads, links, media, pictures, uploads
 from pvg_client import jobs as work
-from pvg_client.calls import Api, Flow, Pause, Send, Work
+from pvg_client.calls import API_PATH, Api, Flow, Pause, Send, Work
 from pvg_client.events import Following
 from pvg_client.models import Job, id_of
 from pvg_client.pages import Listing
@@ -32,6 +32,8 @@ def _api(base_url: str, key: str | None, timeout: float, retries: int) -> Api:
     url = httpx.URL(base_url)
     if url.scheme not in {"http", "https"} or not url.host:
         raise ValueError(f"{base_url!r} is no address of a service; it looks like {LOCAL}")
+    # the interface's own path, as addresses in its documentation have it, is added to each call
+    url = url.copy_with(path=url.path.rstrip("/").removesuffix(API_PATH) + "/")
     return Api(url, key, timeout, retries)
 
 

@@ -1,19 +1,22 @@
-"""Results and what was made beside them, into files that are whole or not there."""
+"""Results, what was made beside them, and uploaded files, into files that are whole or not there."""
 
 from __future__ import annotations
 
 import os
+import re
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Final, Literal
+from urllib.parse import unquote
 
 import httpx
 
 from pvg_client.calls import Api, Flow, Patience, answered, asked, attempt, once, worked
 from pvg_client.errors import ApiError, DamagedError, UnreachableError
 from pvg_client.files import PartFile, sha256_of
-from pvg_client.models import Extra, JobLook, Link, Result
+from pvg_client.media import path_of
+from pvg_client.models import Extra, JobLook, Link, Medium, Result
 
 #: how often a file is fetched from its beginning because its bytes were not right
 _FETCHES: Final = 2
@@ -21,24 +24,27 @@ _FETCHES: Final = 2
 
 @dataclass(frozen=True, slots=True)
 class _Remote:
-    """A file of the service."""
+    """A file of the service, and the name it has there, if that was asked for."""
 
     url: httpx.URL
     sha256: str
+    name: str | None = None
 
 
-def download(api: Api, result: Result | Extra | JobLook | str, path: str | os.PathLike[str]) -> Flow[Path]:
-    """Fetch a result, or an extra of one, to ``path``; the path.
+def download(api: Api, file: Result | Extra | JobLook | Medium | str, path: str | os.PathLike[str]) -> Flow[Path]:
+    """Fetch a result, an extra of one, or the file that a medium was made of, to ``path``; where it is then.
 
-    The file appears when it is whole and its sha256 is right, in place of what was there. Until then its bytes are
-    beside it under a hidden name, from which the next attempt, or the next run, goes on. Of two at a time to one path
-    the one that ends last stays.
+    In a folder it has the name that the service has for it. It appears when it is whole and its sha256 is right, in
+    place of what was there. Until then its bytes are beside it under a hidden name, from which the next attempt, or the
+    next run, goes on. Of two at a time to one path the one that ends last stays.
 
     Raises `ApiError` (410 after its retention), `DamagedError` when its bytes are wrong twice, `UnreachableError`,
     `ValueError` for a look that has no result.
     """
     target = Path(path)
-    remote = yield from _located(api, result)
+    remote = yield from _located(api, file, named=target.is_dir())
+    if remote.name is not None:
+        target /= remote.name
     part = PartFile(target, remote.sha256)
     try:
         for _ in range(_FETCHES):
@@ -80,18 +86,26 @@ def _of_look(result: Result | JobLook) -> Result:
     return result.result
 
 
-def _located(api: Api, result: Result | Extra | JobLook | str) -> Flow[_Remote]:
-    if isinstance(result, JobLook):
-        result = _of_look(result)
-    if isinstance(result, str):
-        url = api.at(f"/results/{result}")
+def _located(api: Api, file: Result | Extra | JobLook | Medium | str, *, named: bool) -> Flow[_Remote]:
+    if isinstance(file, JobLook):
+        file = _of_look(file)
+    if isinstance(file, str):
+        url = api.at(f"/results/{file}" if file.startswith("res_") else f"{path_of(file)}/file")
     else:
-        url = api.named(result.url)
-        if result.sha256 is not None:
-            return _Remote(url, result.sha256)
+        url = api.at(f"{path_of(file.id)}/file") if isinstance(file, Medium) else api.named(file.url)
+        if file.sha256 is not None and not named:
+            return _Remote(url, file.sha256)
     # its ETag is the hash of its bytes
-    response = yield from answered(api, api.request("HEAD", url))
-    return _Remote(url, response.headers.get("etag", "").removeprefix("W/").strip('"'))
+    headers = (yield from answered(api, api.request("HEAD", url))).headers
+    sha256 = headers.get("etag", "").removeprefix("W/").strip('"')
+    return _Remote(url, sha256, _name_in(headers, url) if named else None)
+
+
+def _name_in(headers: httpx.Headers, url: httpx.URL) -> str:
+    """The file's name (RFC 6266) without folders, or the last part of its address."""
+    said = unquote(headers.get("content-disposition", "").partition("filename*=UTF-8''")[2].partition(";")[0])
+    names = (re.split(r"[/\\\0]", name)[-1] for name in (said, url.path))
+    return next(name for name in names if name not in {"", ".", ".."})
 
 
 def _fill(api: Api, remote: _Remote, part: PartFile) -> Flow[None]:

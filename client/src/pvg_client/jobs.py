@@ -25,7 +25,7 @@ Output = Mapping[str, Any]
 def transfer(
     api: Api,
     video: Medium | str,
-    looks: Sequence[Look] = (),
+    looks: Sequence[Look | Medium | str] | Look | Medium | str = (),
     *,
     reference: Medium | str | None = None,
     output: Output | None = None,
@@ -36,6 +36,7 @@ def transfer(
 ) -> Flow[Job]:
     """Ask for looks of a video: those given, or that of one ``reference`` as it is by default.
 
+    Each of the ``looks`` is one with its options or a reference alone; one needs no list.
     Media that are still vectorised are waited for by the job. ``output`` is as docs/api.md has it, such as
     `{"codec": "hevc"}`; ``webhook`` is the address that is told when the job is done. Without ``force`` the same
     transfer asked for again is answered with the job that was made before.
@@ -44,8 +45,10 @@ def transfer(
     """
     if bool(looks) == (reference is not None):
         raise ValueError("give looks, or one reference")
-    asked_for = [Look(reference)] if reference is not None else looks
-    body = {"video": id_of(video), "looks": [look.body() for look in asked_for]}
+    given = [looks] if isinstance(looks, Look | Medium | str) else looks
+    asked_for = given if reference is None else [reference]
+    all_looks = [one if isinstance(one, Look) else Look(one) for one in asked_for]
+    body = {"video": id_of(video), "looks": [look.body() for look in all_looks]}
     body |= _rest(output=output, webhook=webhook, metadata=metadata, force=force)
     return Job.of((yield from asked(api, "POST", "/transfer", body=body, headers=once(idempotency_key))))
 
