@@ -124,11 +124,17 @@ def count_open(session: Session, owner: str, *, now: datetime) -> int:
 
 
 def close(
-    session: Session, upload: ResumableUpload, *, media_id: str, size_bytes: int, filename: str | None, now: datetime
+    session: Session,
+    upload: ResumableUpload,
+    *,
+    media_id: str,
+    size_bytes: int,
+    now: datetime,
+    filename: str | None = None,
 ) -> None:
-    """The file is a medium now, in this transaction: its parts go."""
+    """The file is a medium now, in this transaction: its parts go. ``filename`` is its name where it came with it."""
     upload.media_id, upload.size_bytes, upload.offset_bytes = media_id, size_bytes, size_bytes
-    upload.filename = filename
+    upload.filename = filename or upload.filename
     session.flush()
     _drop_parts(session, upload.id, now=now)
 

@@ -14,8 +14,8 @@ NO_ID = "0" * 32
 @pytest.mark.parametrize(
     ("path", "name", "known"),
     [
-        ("/v1/jobs?stat=queued", "stat", "known are: cursor, id, kind, limit, metadata, state, video"),
-        ("/jobs?limit=2&stat=queued", "stat", "known are: cursor, id, kind, limit, metadata, state, video"),
+        ("/v1/jobs?stat=queued", "stat", "known are: cursor, id, kind, limit, metadata, reference, state, video"),
+        ("/jobs?limit=2&stat=queued", "stat", "known are: cursor, id, kind, limit, metadata, reference, state, video"),
         ("/videos?sort=name", "sort", "cursor, limit, metadata, state"),
         (f"/videos/vid_{NO_ID}/frames/3?layre=matte", "layre", "layer"),
         (f"/references/ref_{NO_ID}/poster?size=2", "size", "known are: none"),

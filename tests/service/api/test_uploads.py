@@ -168,7 +168,7 @@ def test_a_failed_medium_is_tried_again_with_its_own_settings(api: Api) -> None:
 def test_the_settings_stand_in_the_schema(api: Api) -> None:
     paths = api.client.get("/openapi.json").json()["paths"]
     assert {one["name"] for one in paths["/v1/videos"]["post"]["parameters"]} == {
-        *("mask", "matching", "input_color", "metadata", "idempotency-key")
+        *("mask", "matching", "input_color", "metadata", "webhook", "idempotency-key")
     }
     form = paths["/v1/videos/form"]["post"]["requestBody"]["content"]["multipart/form-data"]["schema"]["properties"]
     assert form["mask"]["enum"] == ["landmarks", "ycbcr"]
