@@ -160,7 +160,7 @@ def delete(session: Session, result_id: str, *, now: datetime) -> list[str]:
     changed(session, update(Look).where(Look.result_id == result_id).values(result_id=None, result_gone="deleted"))
     its = or_(Result.id == result_id, Result.part_of == result_id)
     keys = [key for key in session.scalars(select(Result.blob_key).where(its).with_for_update()) if key]
-    idempotency.forget(session, result_id)
+    idempotency.forget(session, [result_id])
     changed(session, delete_rows(Result).where(its))
     tombstones.bury(session, keys, now=now)
     return keys

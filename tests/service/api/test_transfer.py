@@ -241,9 +241,9 @@ def test_a_refused_form_takes_back_the_references_that_it_has_brought(
     # one that another request asks for meanwhile stays
     real = commands.request_looks
 
-    def asked_for(*arguments: Any) -> Any:
+    def asked_for(*arguments: Any, **named: Any) -> Any:
         assert api.client.post("/references", content=pictures[0]).is_success
-        return real(*arguments)
+        return real(*arguments, **named)
 
     monkeypatch.setattr(commands, "request_looks", asked_for)
     assert api.client.post("/transfer", data=fields, files=files).status_code == 422
