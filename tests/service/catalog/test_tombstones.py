@@ -26,6 +26,14 @@ def expect(database: Database, key: str, lease: Lease) -> None:
         tombstones.expect(session, key, now=database.now(), within_s=7800, lease=lease)
 
 
+def abandoned(database: Database, key: str) -> None:
+    """A blob that is written under a lease which is revoked."""
+    medium = add_media(database)
+    expect(database, key, claim(database, medium.job_id))
+    with database.write() as session:
+        jobs.revoke(session, medium.job_id, now=database.now())
+
+
 @pytest.mark.parametrize("how", ["requeued", "given back", "given up", "failed", "canceled", "revoked"])
 def test_what_is_written_under_a_lease_is_due_when_the_lease_is_lost(
     database: Database, clock: FakeClock, how: str
@@ -65,11 +73,7 @@ def test_a_worker_that_comes_late_writes_what_is_due_at_once(database: Database)
 
 
 def test_what_somebody_may_still_be_writing_is_deleted_once_more(database: Database, clock: FakeClock) -> None:
-    medium = add_media(database)
-    lease = claim(database, medium.job_id)
-    expect(database, "asset/x", lease)
-    with database.write() as session:
-        jobs.revoke(session, medium.job_id, now=clock())
+    abandoned(database, "asset/x")
     for _ in range(2):
         assert take(database, "asset/x") == ["asset/x"]
         with database.write() as session:
@@ -81,11 +85,7 @@ def test_what_somebody_may_still_be_writing_is_deleted_once_more(database: Datab
 
 
 def test_a_failed_deletion_of_it_waits_for_the_next_one(database: Database, clock: FakeClock) -> None:
-    medium = add_media(database)
-    lease = claim(database, medium.job_id)
-    expect(database, "asset/x", lease)
-    with database.write() as session:
-        jobs.revoke(session, medium.job_id, now=clock())
+    abandoned(database, "asset/x")
     assert take(database, "asset/x") == ["asset/x"]
     assert (due(database), take(database, "asset/x")) == ([], [])
     clock.forward(tombstones.FIRST_WAIT_S)
