@@ -128,9 +128,9 @@ def _drawn(
         drafts = stack.enter_context(drafts_of([target for job in jobs for target in job.targets]))
         canvases = [stack.enter_context(_canvas(job.video, pictures)) for job in jobs]
         plans = [_plans(job, canvas, asked) for job, canvas in zip(jobs, canvases, strict=True)]
-        least = LOOKS_AT_ONCE if pictures is not None else 1
         at_once = [
-            max(least, _at_once(canvas, planned, memory_bytes)) for canvas, planned in zip(canvases, plans, strict=True)
+            len(job.looks) if pictures is not None else _at_once(job, canvas, planned, memory_bytes)
+            for job, canvas, planned in zip(jobs, canvases, plans, strict=True)
         ]
         frames = [job.video.frame_count * -(-len(job.looks) // most) for job, most in zip(jobs, at_once, strict=True)]
         for k, (job, canvas, planned) in enumerate(zip(jobs, canvases, plans, strict=True)):
@@ -145,10 +145,10 @@ def _drawn(
     return lost
 
 
-def _at_once(canvas: Canvas, plans: Sequence[Plan], memory_bytes: int) -> int:
-    """How many looks a pass draws; all of a picture."""
+def _at_once(job: _Job, canvas: Canvas, plans: Sequence[Plan], memory_bytes: int) -> int:
+    """How many looks a pass draws; all of a picture, which has no plans."""
     most = (looks_at_once(canvas.info, memory_bytes, most=LOOKS_AT_ONCE, codec=plan.codec) for plan in plans)
-    return min(most, default=LOOKS_AT_ONCE)
+    return min(most, default=len(job.looks))
 
 
 def _part_of(progress: Progress | None, before: int, frames: int) -> Progress:

@@ -225,7 +225,10 @@ def test_an_image_is_rendered_as_an_image(samples: Samples, dark_reference: pvg.
     with pvg.vectorize(samples.portrait) as image:
         assert image.media.kind == "image"
         look = pvg.transfer(image, dark_reference)
-        pvg.render(image, [look], [tmp_path / "out.png"])
+        told: list[tuple[str, int, int]] = []
+        paths = [tmp_path / "out.png", *(tmp_path / f"{k}.jpg" for k in range(3))]
+        pvg.render(image, [look] * 4, paths, progress=lambda *one: told.append(one))
+        assert told == [("render", 1, 1)]
         (frame,) = read_frames(tmp_path / "out.png")
         np.testing.assert_array_equal(frame.rgb(), pvg.render_frame(image, look, 0))
         own = pvg.render_frame(image, pvg.transfer(image, image), 0)
