@@ -268,6 +268,15 @@ class OcclusionNumbers:
 
 
 @dataclass(frozen=True)
+class LightNumbers:
+    """Dim pictures are told in brighter light."""
+
+    level: float = 160.0  # of a face's brightest channel, 8-bit [measured: 128 and 170 on clips at 5 to 25 % of light]
+    most: float = 5.0  # times [by eye]: beyond there is but noise
+    dimmest: float = 4.0  # 8-bit levels of the face's median colour [by eye]: limits the change of light
+
+
+@dataclass(frozen=True)
 class TintNumbers:
     """Light whose colour is not the same over a face, as planes of log R/G and log B/G."""
 
@@ -300,7 +309,6 @@ class TrackingNumbers:
     most_cells: int = 256  # the same for boxes from 1024 px [measured: 384 flicker less but double the asset]
     cell_px: float = 4.0  # source pixels a cell between both [by eye]
     least_side: int = 8  # cells along a side of any raster [by eye]
-    dimmest: float = 4.0  # 8-bit levels of the face's median colour [by eye]: limits the change of light
     light_change: Range = (0.2, 5.0)  # limits of the change of light, per channel [by eye]
     brighter: float = 0.9  # of the light's change [by eye]: below, what is clipped has lost its hue since the key frame
     clipped: float = 250.0  # 8-bit levels [by eye]
@@ -479,6 +487,7 @@ class SkinPrior:
     cut: CutNumbers = CutNumbers()
     cleanup: CleanupNumbers = CleanupNumbers()
     occlusion: OcclusionNumbers = OcclusionNumbers()
+    light: LightNumbers = LightNumbers()
     tint: TintNumbers = TintNumbers()
     warp: WarpNumbers = WarpNumbers()
     tracking: TrackingNumbers = TrackingNumbers()

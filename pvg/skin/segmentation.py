@@ -15,6 +15,7 @@ from pvg.skin.cleanup import face_component, fill_holes, largest_component
 from pvg.skin.color_model import ColorScale, SkinColors, median_deviation, squared_distances, to_skin_lab
 from pvg.skin.graph_cut import minimum_cut
 from pvg.skin.hair import deep_shade, find_hair, hair_cover
+from pvg.skin.light import brightened, face_color, gain_of
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import SpatialPrior, face_area, face_box, goes_on_above, head_shape, logistic, spatial_prior
 
@@ -67,10 +68,11 @@ def red_chroma_mask(rgb: Bytes, face: Bools, visible: Bools | None = None) -> Bo
 
 @dataclass(frozen=True, eq=False)
 class Segmentation:
-    """mask: (h, w) bool;  colors: the colour models that it was cut by."""
+    """mask: (h, w) bool;  colors: the colour models it was cut by;  rgb: the picture, in the light it was cut in."""
 
     mask: Bools
     colors: SkinColors
+    rgb: Bytes
 
 
 def segment(rgb: Bytes, landmarks: Landmarks, visible: Bools | None = None, *, bald: bool = False) -> Segmentation:
@@ -83,6 +85,7 @@ def segment(rgb: Bytes, landmarks: Landmarks, visible: Bools | None = None, *, b
     shape = rgb.shape[:2]
     prior = spatial_prior(shape, landmarks, bald=bald)
     visible = np.ones(shape, np.bool_) if visible is None else visible
+    rgb = brightened(rgb, gain_of(face_color(rgb, prior.sample & visible)))
     lab = to_skin_lab(rgb)
     sample = _sample(lab, prior, visible)
     scale = ColorScale.fit(lab[sample])
@@ -126,7 +129,8 @@ def segment(rgb: Bytes, landmarks: Landmarks, visible: Bools | None = None, *, b
         if found is not None:
             hair, shade = hair_cover(rgb, skin, prior, found), deep_shade(rgb, prior, found)
     agreed = np.where(visible, network.refined(rgb, prior, logistic(log_odds)), 0)
-    return Segmentation(face_component(minimum_cut(rgb, network.log_odds(agreed)), prior) & visible, colors)
+    mask = face_component(minimum_cut(rgb, network.log_odds(agreed)), prior) & visible
+    return Segmentation(mask, colors, rgb)
 
 
 def _beard(rgb: Bytes, lab: Floats, prior: SpatialPrior, sample: Bools) -> Bools:

@@ -18,6 +18,7 @@ from pvg.skin.color_model import SkinColors, to_skin_lab
 from pvg.skin.consensus import MatteInTime
 from pvg.skin.hair import Hair, find_hair, hair_cover
 from pvg.skin.in_time import in_levels, places_before, soft_edge, weight_of_before
+from pvg.skin.light import MID_GREY, brightened, face_color, gain_of
 from pvg.skin.matte import Matte
 from pvg.skin.network import Told
 from pvg.skin.occlusion import occluder_alpha, open_skin
@@ -29,7 +30,6 @@ from pvg.skin.tint import tint_slopes, without_tilt
 from pvg.skin.warp import rbf_warp
 
 _TRACKING, _HAIR, _NETWORK = SKIN_PRIOR.tracking, SKIN_PRIOR.hair, SKIN_PRIOR.network
-_MID_GREY = 128  # 8-bit levels, where nothing of the face is seen
 
 
 def first_raster(landmarks: Landmarks, *, bald: bool = False) -> Raster:
@@ -57,7 +57,7 @@ def _raster_of(box: Floats, step: float) -> Raster:
 class LearnedSkin:
     """What the key frame teaches of a face's skin.
 
-    colors: log-likelihood ratios;  light: (3,) RGB, median colour of the middle of the face;
+    colors: log-likelihood ratios;  light: (3,) RGB, the face's colour in the light they were learned in;
     hair: the hair around the forehead, None where none is seen;
     distance: (h, w) float32 signed distance to the mask's edge in face sizes, positive on skin, over a raster in whose
     cells the stacked landmarks and skin points lie at `points` (194, 2);
@@ -101,10 +101,11 @@ def _learn(picture: Picture, landmarks: Landmarks, *, bald: bool) -> tuple[Learn
     own = landmarks.in_cells(raster)
     small, visible = picture.cells(raster), raster.inside(picture.size)
     found = segment(small, own, visible, bald=bald)
+    small = found.rgb
     prior = spatial_prior(raster.shape, own, bald=bald)
     learned = LearnedSkin(
         colors=found.colors,
-        light=_face_color(small, prior.sample & visible),
+        light=face_color(small, prior.sample & visible),
         hair=find_hair(small, found.mask | ~visible, prior),
         distance=np.asarray(_signed_distance(found.mask) / prior.size, np.float32),
         open=open_skin(to_skin_lab(small), found.colors.scale, found.mask),
@@ -120,13 +121,6 @@ def _signed_distance(mask: Bools) -> Floats:
     skin = mask.astype(np.uint8)
     inside, outside = (cv2.distanceTransform(part, cv2.DIST_L2, cv2.DIST_MASK_5) for part in (skin, 1 - skin))
     return np.asarray(inside - outside, np.float32)
-
-
-def _face_color(rgb: Bytes, sample: Bools) -> Floats:
-    """(3,) median colour of the middle of the face."""
-    if not sample.any():
-        return np.full(3, _MID_GREY, np.float32)
-    return np.asarray(np.maximum(np.median(rgb[sample], axis=0), _TRACKING.dimmest), np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +162,7 @@ class SkinTracker:
     """
 
     def __init__(self, model: SkinModel) -> None:
-        self.light = np.full(3, _MID_GREY, np.float32) if model.learned is None else model.learned.light
+        self.light = MID_GREY if model.learned is None else model.learned.light
         self._model = model
         self._raster: Raster | None = None
         self._before: _TemporalState | None = None
@@ -191,13 +185,14 @@ class SkinTracker:
             mask = red_chroma_mask(small, face_area(raster.shape, own), visible)
             return Matte.over(raster.box, mask.astype(np.uint8) * np.uint8(255), mask)
         prior = spatial_prior(raster.shape, own, bald=learned.bald)
-        self.light = _face_color(small, prior.sample & visible)
+        self.light = face_color(small, prior.sample & visible)
         thought, occluder = _thought(learned, small, prior, own.stacked, visible)
         grey = np.asarray(cv2.cvtColor(small, cv2.COLOR_RGB2GRAY), np.uint8)
         before = None if self._before is None else self._carry(self._before, grey)
-        told = self._ask(small, prior, thought, before)
+        lit = brightened(small, gain_of(self.light))
+        told = self._ask(lit, prior, thought, before)
         self.told = Told(raster, told)
-        probability = _filtered(small, network.agreed(thought, told), prior)
+        probability = _filtered(lit, network.agreed(thought, told), prior)
         if scene is not None:
             probability = _of_people(probability, scene.people(raster), prior)
         mask, alpha, smooth = _smooth_in_time(probability, prior, before)
@@ -265,7 +260,7 @@ def _thought(
     # a lamp or a cloud that changes the face changes what surrounds it alike: undo it before colours are looked up
     sample = prior.sample & visible
     even = without_tilt(rgb, tint_slopes(rgb, sample, prior.size) - learned.tint, prior.size)
-    gain = np.clip(learned.light / _face_color(even, sample), *_TRACKING.light_change)
+    gain = np.clip(learned.light / face_color(even, sample), *_TRACKING.light_change)
     levels = np.clip(np.arange(256)[:, None] * gain, 0, 255).astype(np.uint8)
     lit = np.asarray(cv2.LUT(even, levels[None]), np.uint8)
     lab = to_skin_lab(lit)

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from benchmarks.quality.measures import iou
-from pvg.face import layout
-from pvg.skin import SkinTracker, fit_skin_model, skin_mask
+from pvg.face import Landmarks, layout
+from pvg.skin import BodyTracker, SceneReader, SkinTracker, fit_skin_model, skin_mask
 from tests.gallery.faces import fit_widest, read_rgb
 from tests.gallery.scenes import mask_of
 
@@ -37,6 +37,41 @@ def test_a_portraits_mask_holds_its_features_and_leaves_the_corners(samples: Any
         assert not mask[[0, 0, -1, -1], [0, -1, 0, -1]].any()
         assert 0.9 * oval < mask.sum() < 2.2 * oval
     assert iou(mask_of(matte, rgb.shape), still) > 0.95
+
+
+def _dimmed(rgb: np.ndarray, light: float) -> np.ndarray:
+    """A picture by a share of its light."""
+    return np.asarray(np.rint(rgb * light ** (1 / 2.2)), np.uint8)
+
+
+@pytest.mark.parametrize("name", ["portrait", "dark_portrait", "pale_portrait"])
+def test_a_portrait_in_the_dark_has_the_same_mask(samples: Any, name: str) -> None:
+    rgb = read_rgb(getattr(samples, name))
+    landmarks = fit_widest(rgb)
+    bright, dim = (_skin(picture, landmarks) for picture in (rgb, _dimmed(rgb, 0.05)))
+    assert iou(dim[0], bright[0]) > 0.99
+
+
+@pytest.mark.parametrize("clip", ["man_east_asian_greenscreen_512", "older_woman_glasses_red_jacket_audio_524"])
+def test_a_clip_in_the_dark_has_the_same_skin_on_face_and_body(media_dir: Path, clip: str) -> None:
+    rgb = next(_clip(media_dir / "clips" / f"{clip}.mp4", range(50, 51)))
+    landmarks = fit_widest(rgb)
+    bright, dim = (_skin(picture, landmarks) for picture in (rgb, _dimmed(rgb, 0.05)))
+    face, body = (iou(*masks) for masks in zip(dim, bright, strict=True))
+    assert face > 0.98
+    assert body > 0.95
+
+
+def _skin(rgb: np.ndarray, landmarks: Landmarks) -> tuple[np.ndarray, np.ndarray]:
+    """The masks of a face, and of the other skin of its person."""
+    model = fit_skin_model(rgb, landmarks)
+    assert model.learned is not None
+    scene, tracker = SceneReader().step(rgb, [landmarks]), SkinTracker(model)
+    matte = tracker.step(rgb, landmarks, scene)
+    body = BodyTracker(model.learned.colors, model.learned.light).step(
+        scene, landmarks, matte, tracker.light, tracker.told
+    )
+    return mask_of(matte, rgb.shape), mask_of(body, rgb.shape)
 
 
 def _clip(path: Path, frames: range) -> Iterator[np.ndarray]:
