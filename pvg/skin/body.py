@@ -19,7 +19,7 @@ from pvg.skin import body_network
 from pvg.skin._kernels import BodyWeights, body_log_odds
 from pvg.skin.color_model import SkinColors, to_skin_lab
 from pvg.skin.in_time import in_levels, soft_edge, weight_of_before
-from pvg.skin.light import brightened, gain_of
+from pvg.skin.light import gain_of, in_usual_light
 from pvg.skin.matte import Matte
 from pvg.skin.network import Told, agreed
 from pvg.skin.parameters import SKIN_PRIOR
@@ -136,9 +136,9 @@ class BodyTracker:
         body_log_odds(scene.rgb, person, known, against, *self._tables, gain, _frame(head, own), _WEIGHTS, log_odds)
         thought = logistic(np.asarray(cv2.GaussianBlur(log_odds, (0, 0), _BODY.blur), np.float32))
         if asked:
-            brighter = gain_of(light)
-            lit = brightened(scene.rgb, brighter)
-            said = body_network.told_of_body(lit, person, known, head, brighter * light, thought)
+            usual = gain_of(light)
+            lit = in_usual_light(scene.rgb, usual)
+            said = body_network.told_of_body(lit, person, known, head, usual * light, thought)
         else:
             said = _moved(self._said, maps)
         self._said = said

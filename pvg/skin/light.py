@@ -1,7 +1,7 @@
-"""How brightly a face is lit, and dim pictures brought to the light in which skin is told.
+"""A face's colour, and dim or tinted pictures brought to the light in which skin is told.
 
 Colour distances, hair, edges and the networks know people as they are photographed: on a third of a picture's levels
-a fair fringe is the skin's colour, and cloth is as grey as a hand.
+a fair fringe is the skin's colour and cloth as grey as a hand, and lavender skin is no skin.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from pvg._arrays import Bools, Bytes, Floats
+from pvg._arrays import Bools, Bytes, Floats, ramp
 from pvg.skin.parameters import SKIN_PRIOR
 
 _LIGHT = SKIN_PRIOR.light
@@ -27,13 +27,33 @@ def face_color(rgb: Bytes, sample: Bools) -> Floats:
     return np.asarray(np.maximum(np.median(rgb[sample], axis=0), _LIGHT.dimmest), np.float32)
 
 
-def gain_of(color: Floats) -> float:
-    """What a picture is multiplied by in which a face has this colour (3,): 1 but for dim faces, and no hue changes."""
-    return min(max(1.0, _LIGHT.level / float(color.max())), _LIGHT.most)
+def gain_of(color: Floats) -> Floats:
+    """(3,) float32, what a picture is multiplied by in which a face has the colour (3,), RGB levels.
+
+    1 where skin has a usual hue and light enough. Another hue is the light's: it is turned to the usual one, but for
+    greys, whose hue is chance (von Kries' rule on the levels).
+    """
+    usual = color + _tinted(color)
+    brightness = np.clip(_LIGHT.level / usual.max(), 1, _LIGHT.most)
+    return np.asarray(brightness * usual / color, np.float32)
 
 
-def brightened(rgb: Bytes, gain: float) -> Bytes:
-    """A picture (h, w, 3) uint8 times a gain ≥ 1."""
-    if gain == 1:
+def _tinted(color: Floats) -> Floats:
+    """(3,) levels to add to a face's colour (3,), so that its hue is one of skin."""
+    lab = cv2.cvtColor(np.reshape(color / 255, (1, 1, 3)).astype(np.float32), cv2.COLOR_RGB2Lab)[0, 0]
+    chroma, middle = float(np.hypot(*lab[1:])), np.radians(_LIGHT.hue)
+    off = np.degrees(np.arctan2(lab[2], lab[1]) - middle + np.pi) % 360 - 180
+    share = ramp(abs(off), *_LIGHT.strange) * ramp(chroma, *_LIGHT.hueless)
+    if share == 0:
+        return np.zeros(3, np.float32)
+    side = float(np.clip(chroma, *_LIGHT.chroma)) * np.array([np.cos(middle), np.sin(middle)])
+    usual = cv2.cvtColor(np.array([[[lab[0], *side]]], np.float32), cv2.COLOR_Lab2RGB)[0, 0]
+    return np.asarray(share * (np.clip(255 * usual, _LIGHT.dimmest, 255) - color), np.float32)
+
+
+def in_usual_light(rgb: Bytes, gain: Floats) -> Bytes:
+    """A picture (h, w, 3) uint8 times a gain (3,)."""
+    if (gain == 1).all():
         return rgb
-    return np.asarray(cv2.convertScaleAbs(rgb, alpha=gain), np.uint8)
+    levels = np.clip(np.rint(np.arange(256)[:, None] * gain), 0, 255).astype(np.uint8)
+    return np.asarray(cv2.LUT(rgb, levels[None]), np.uint8)

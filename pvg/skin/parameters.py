@@ -269,10 +269,14 @@ class OcclusionNumbers:
 
 @dataclass(frozen=True)
 class LightNumbers:
-    """Dim pictures are told in brighter light."""
+    """Dim and tinted pictures are told in the light in which people are photographed."""
 
     level: float = 160.0  # of a face's brightest channel, 8-bit [measured: 128 and 170 on clips at 5 to 25 % of light]
     most: float = 5.0  # times [by eye]: beyond there is but noise
+    hue: float = 48.0  # degrees of CIELAB [measured: the middle of 40 faces of the media folder, 28 to 80]
+    strange: Range = (33.0, 48.0)  # degrees off it [measured: as above]: from a skin's own hue to the light's
+    hueless: Range = (2.0, 4.0)  # chroma [by eye]: from greys, whose hue is chance, to colours
+    chroma: Range = (15.0, 25.0)  # of skin in usual light [by eye]
     dimmest: float = 4.0  # 8-bit levels of the face's median colour [by eye]: limits the change of light
 
 

@@ -18,7 +18,7 @@ from pvg.skin.color_model import SkinColors, to_skin_lab
 from pvg.skin.consensus import MatteInTime
 from pvg.skin.hair import Hair, find_hair, hair_cover
 from pvg.skin.in_time import in_levels, places_before, soft_edge, weight_of_before
-from pvg.skin.light import MID_GREY, brightened, face_color, gain_of
+from pvg.skin.light import MID_GREY, face_color, gain_of, in_usual_light
 from pvg.skin.matte import Matte
 from pvg.skin.network import Told
 from pvg.skin.occlusion import occluder_alpha, open_skin
@@ -189,7 +189,7 @@ class SkinTracker:
         thought, occluder = _thought(learned, small, prior, own.stacked, visible)
         grey = np.asarray(cv2.cvtColor(small, cv2.COLOR_RGB2GRAY), np.uint8)
         before = None if self._before is None else self._carry(self._before, grey)
-        lit = brightened(small, gain_of(self.light))
+        lit = in_usual_light(small, gain_of(self.light))
         told = self._ask(lit, prior, thought, before)
         self.told = Told(raster, told)
         probability = _filtered(lit, network.agreed(thought, told), prior)
