@@ -19,7 +19,7 @@ from pvg.skin import body_network
 from pvg.skin._kernels import BodyWeights, body_log_odds
 from pvg.skin.color_model import SkinColors, to_skin_lab
 from pvg.skin.in_time import in_levels, soft_edge, weight_of_before
-from pvg.skin.light import gain_of, in_usual_light
+from pvg.skin.light import gain_of, relit
 from pvg.skin.matte import Matte
 from pvg.skin.network import Told, agreed
 from pvg.skin.parameters import SKIN_PRIOR
@@ -137,7 +137,7 @@ class BodyTracker:
         thought = logistic(np.asarray(cv2.GaussianBlur(log_odds, (0, 0), _BODY.blur), np.float32))
         if asked:
             usual = gain_of(light)
-            lit = in_usual_light(scene.rgb, usual)
+            lit = relit(scene.rgb, usual)
             said = body_network.told_of_body(lit, person, known, head, usual * light, thought)
         else:
             said = _moved(self._said, maps)

@@ -6,8 +6,6 @@ a fair fringe is the skin's colour and cloth as grey as a hand, and lavender ski
 
 from __future__ import annotations
 
-from typing import Final
-
 import cv2
 import numpy as np
 
@@ -16,44 +14,43 @@ from pvg.skin.parameters import SKIN_PRIOR
 
 _LIGHT = SKIN_PRIOR.light
 
-MID_GREY: Final = np.full(3, 128, np.float32)
-"""The colour of a face of which nothing is seen, 8-bit levels."""
+MID_GREY = 128  # 8-bit levels, where nothing of the face is seen
 
 
 def face_color(rgb: Bytes, sample: Bools) -> Floats:
     """(3,) median colour of the middle of a face, RGB levels: the cells `sample` (h, w) bool of rgb (h, w, 3)."""
     if not sample.any():
-        return MID_GREY
+        return np.full(3, MID_GREY, np.float32)
     return np.asarray(np.maximum(np.median(rgb[sample], axis=0), _LIGHT.dimmest), np.float32)
 
 
 def gain_of(color: Floats) -> Floats:
-    """(3,) float32, what a picture is multiplied by in which a face has the colour (3,), RGB levels.
+    """(3,) float32, the gain to usual light for a picture in which a face has the colour (3,), RGB levels.
 
     1 where skin has a usual hue and light enough. Another hue is the light's: it is turned to the usual one, but for
     greys, whose hue is chance (von Kries' rule on the levels).
     """
-    usual = color + _tinted(color)
+    usual = _of_usual_hue(color)
     brightness = np.clip(_LIGHT.level / usual.max(), 1, _LIGHT.most)
     return np.asarray(brightness * usual / color, np.float32)
 
 
-def _tinted(color: Floats) -> Floats:
-    """(3,) levels to add to a face's colour (3,), so that its hue is one of skin."""
+def _of_usual_hue(color: Floats) -> Floats:
+    """A face's colour (3,), turned to a hue of skin as far as it has none."""
     lab = cv2.cvtColor(np.reshape(color / 255, (1, 1, 3)).astype(np.float32), cv2.COLOR_RGB2Lab)[0, 0]
     chroma, middle = float(np.hypot(*lab[1:])), np.radians(_LIGHT.hue)
     off = np.degrees(np.arctan2(lab[2], lab[1]) - middle + np.pi) % 360 - 180
     share = ramp(abs(off), *_LIGHT.strange) * ramp(chroma, *_LIGHT.hueless)
     if share == 0:
-        return np.zeros(3, np.float32)
+        return color
     side = float(np.clip(chroma, *_LIGHT.chroma)) * np.array([np.cos(middle), np.sin(middle)])
     usual = cv2.cvtColor(np.array([[[lab[0], *side]]], np.float32), cv2.COLOR_Lab2RGB)[0, 0]
-    return np.asarray(share * (np.clip(255 * usual, _LIGHT.dimmest, 255) - color), np.float32)
+    return np.asarray(color + share * (np.clip(255 * usual, _LIGHT.dimmest, 255) - color), np.float32)
 
 
-def in_usual_light(rgb: Bytes, gain: Floats) -> Bytes:
-    """A picture (h, w, 3) uint8 times a gain (3,)."""
+def relit(rgb: Bytes, gain: Floats) -> Bytes:
+    """A picture (h, w, 3) uint8 times a gain (3,), in whole levels rounded down."""
     if (gain == 1).all():
         return rgb
-    levels = np.clip(np.rint(np.arange(256)[:, None] * gain), 0, 255).astype(np.uint8)
+    levels = np.clip(np.arange(256)[:, None] * gain, 0, 255).astype(np.uint8)
     return np.asarray(cv2.LUT(rgb, levels[None]), np.uint8)

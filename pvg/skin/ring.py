@@ -7,6 +7,7 @@ import numpy as np
 
 from pvg._arrays import Bytes, Floats, ramp
 from pvg.skin.color_model import MAD_TO_SIGMA, ColorScale, median_deviation, to_skin_lab
+from pvg.skin.light import relit
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import HeadShape
 
@@ -37,9 +38,8 @@ def hair_odds(rgb: Bytes, person: Bytes, known: Floats, head: HeadShape, scale: 
     share = np.clip((end - np.hypot(side, depth)) / (end - start), _RING.far, 1)
     share = np.where(depth > 0, share * ramp(side / half_width, *_RING.neck_rise), share)
     asked = (person > 255 * _BODY.no_person) & ~face & (share > 0)
-    levels = np.clip(np.arange(256)[:, None] * gain, 0, 255).astype(np.uint8)
     colors = rgb.reshape(-1, 1, 3)[np.concatenate([*samples, np.flatnonzero(asked)])]
-    lab = to_skin_lab(np.asarray(cv2.LUT(colors, levels[None]), np.uint8))[:, 0]
+    lab = to_skin_lab(relit(colors, gain))[:, 0]
     z = np.asarray((lab - scale.center) / scale.spread, np.float32)
     ends = np.cumsum([len(sample) for sample in samples])
     of_ring, of_face, z = np.split(z, ends)

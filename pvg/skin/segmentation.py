@@ -15,7 +15,7 @@ from pvg.skin.cleanup import face_component, fill_holes, largest_component
 from pvg.skin.color_model import ColorScale, SkinColors, median_deviation, squared_distances, to_skin_lab
 from pvg.skin.graph_cut import minimum_cut
 from pvg.skin.hair import deep_shade, find_hair, hair_cover
-from pvg.skin.light import face_color, gain_of, in_usual_light
+from pvg.skin.light import face_color, gain_of, relit
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import SpatialPrior, face_area, face_box, goes_on_above, head_shape, logistic, spatial_prior
 
@@ -85,7 +85,7 @@ def segment(rgb: Bytes, landmarks: Landmarks, visible: Bools | None = None, *, b
     shape = rgb.shape[:2]
     prior = spatial_prior(shape, landmarks, bald=bald)
     visible = np.ones(shape, np.bool_) if visible is None else visible
-    rgb = in_usual_light(rgb, gain_of(face_color(rgb, prior.sample & visible)))
+    rgb = relit(rgb, gain_of(face_color(rgb, prior.sample & visible)))
     lab = to_skin_lab(rgb)
     sample = _sample(lab, prior, visible)
     scale = ColorScale.fit(lab[sample])

@@ -18,7 +18,7 @@ from pvg.skin.color_model import SkinColors, to_skin_lab
 from pvg.skin.consensus import MatteInTime
 from pvg.skin.hair import Hair, find_hair, hair_cover
 from pvg.skin.in_time import in_levels, places_before, soft_edge, weight_of_before
-from pvg.skin.light import MID_GREY, face_color, gain_of, in_usual_light
+from pvg.skin.light import MID_GREY, face_color, gain_of, relit
 from pvg.skin.matte import Matte
 from pvg.skin.network import Told
 from pvg.skin.occlusion import occluder_alpha, open_skin
@@ -99,8 +99,8 @@ def _learn(picture: Picture, landmarks: Landmarks, *, bald: bool) -> tuple[Learn
     """What a key frame teaches, and whether the face's box cuts its skin off at its top."""
     raster = learning_raster(landmarks, bald=bald)
     own = landmarks.in_cells(raster)
-    small, visible = picture.cells(raster), raster.inside(picture.size)
-    found = segment(small, own, visible, bald=bald)
+    visible = raster.inside(picture.size)
+    found = segment(picture.cells(raster), own, visible, bald=bald)
     small = found.rgb
     prior = spatial_prior(raster.shape, own, bald=bald)
     learned = LearnedSkin(
@@ -162,7 +162,7 @@ class SkinTracker:
     """
 
     def __init__(self, model: SkinModel) -> None:
-        self.light = MID_GREY if model.learned is None else model.learned.light
+        self.light = np.full(3, MID_GREY, np.float32) if model.learned is None else model.learned.light
         self._model = model
         self._raster: Raster | None = None
         self._before: _TemporalState | None = None
@@ -189,7 +189,7 @@ class SkinTracker:
         thought, occluder = _thought(learned, small, prior, own.stacked, visible)
         grey = np.asarray(cv2.cvtColor(small, cv2.COLOR_RGB2GRAY), np.uint8)
         before = None if self._before is None else self._carry(self._before, grey)
-        lit = in_usual_light(small, gain_of(self.light))
+        lit = relit(small, gain_of(self.light))
         told = self._ask(lit, prior, thought, before)
         self.told = Told(raster, told)
         probability = _filtered(lit, network.agreed(thought, told), prior)
@@ -261,8 +261,7 @@ def _thought(
     sample = prior.sample & visible
     even = without_tilt(rgb, tint_slopes(rgb, sample, prior.size) - learned.tint, prior.size)
     gain = np.clip(learned.light / face_color(even, sample), *_TRACKING.light_change)
-    levels = np.clip(np.arange(256)[:, None] * gain, 0, 255).astype(np.uint8)
-    lit = np.asarray(cv2.LUT(even, levels[None]), np.uint8)
+    lit = relit(even, gain)
     lab = to_skin_lab(lit)
     knots = slice(None, None, SKIN_PRIOR.warp.knot_step)
     map_x, map_y = rbf_warp(prior.face.shape, points[knots], learned.points[knots])
