@@ -1,0 +1,20 @@
+"""The use cases: what a request makes of the records, the files and the queue."""
+
+from service.api.commands.asked import Asked
+from service.api.commands.checks import Wanted, check_look
+from service.api.commands.looks import check_looks, params_of, request_looks
+from service.api.commands.registering import Registered, register
+from service.api.commands.removal import remove, take_back
+
+__all__ = [
+    "Asked",
+    "Registered",
+    "Wanted",
+    "check_look",
+    "check_looks",
+    "params_of",
+    "register",
+    "remove",
+    "request_looks",
+    "take_back",
+]

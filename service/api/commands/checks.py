@@ -1,0 +1,117 @@
+"""Whether looks fit their media and their output, as far as these are known yet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass
+
+from service.api.schemas import CLIP_CONTAINERS, IMAGE_CONTAINERS, Contrast, LookOptions, OutputRequest
+from service.catalog import Media, MediaState, Role
+from service.errors import MediaFailedError, NotFoundError, ValidationFailedError
+
+#: options of an output that still pictures do not have
+_OF_CLIPS = frozenset({"codec", "crf", "preset", "audio", "matte"})
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """One look that a request asks for.
+
+    ``place`` is where in the request its options stand, as a JSON pointer. With ``exchange`` two faces of the video
+    exchange their colours, with a contrast for each.
+    """
+
+    video_id: str
+    reference_id: str
+    options: LookOptions
+    place: str
+    exchange: tuple[Contrast, Contrast] | None = None
+
+
+def check(
+    known: Mapping[str, Media],
+    looks: Sequence[Wanted],
+    output: OutputRequest,
+    pointers: Mapping[str, str],
+    output_at: str,
+) -> None:
+    """Raise what `request_looks` raises of looks and an output that do not fit their media.
+
+    ``known`` are the media by id; all others are as there.
+    """
+    _check_usable(known, pointers)
+    _check_output({known[look.video_id] for look in looks}, output, output_at)
+    for look in looks:
+        _check_container(known[look.video_id], output, output_at)
+        check_look(known[look.video_id], known.get(look.reference_id), look, pointers[look.video_id])
+
+
+def _check_usable(known: Mapping[str, Media], pointers: Mapping[str, str]) -> None:
+    """Name all media that are not there or, when all are, all that have failed."""
+    missing = {
+        where: f"there is no {'video' if media_id.startswith('vid') else 'reference'} {media_id}"
+        for media_id, where in pointers.items()
+        if media_id not in known
+    }
+    if missing:
+        errors = [{"pointer": where, "detail": detail} for where, detail in missing.items()]
+        raise NotFoundError(errors[0]["detail"], errors=errors)
+    failed = {
+        where: error
+        for media_id, where in pointers.items()
+        if known[media_id].state == MediaState.FAILED and (error := known[media_id].error) is not None
+    }
+    if failed:
+        (where, error), *_ = failed.items()
+        raise MediaFailedError(error, where, failed)
+
+
+def check_look(video: Media, reference: Media | None, look: Wanted, where: str) -> None:
+    """Raise `ValidationFailedError` when a look does not fit its media, as far as they are known yet.
+
+    ``where`` the video stands in the request, as a JSON pointer.
+    """
+    if video.role != Role.VIDEO:
+        detail = f"{video.id} is a reference; upload the file to /videos to change its colours"
+        raise ValidationFailedError(detail, errors=[{"pointer": where, "detail": detail}])
+    faces = look.options.faces
+    if video.state == MediaState.READY and faces != "all" and max(faces) >= len(video.faces):
+        detail = f"{video.id} has {len(video.faces)} face(s); their indices begin at 0"
+        raise ValidationFailedError(detail, errors=[{"pointer": f"{look.place}/faces", "detail": detail}])
+    _check_reference(reference, look)
+
+
+def _check_container(video: Media, output: OutputRequest, output_at: str) -> None:
+    is_image = video.content_type.startswith("image/")
+    allowed = IMAGE_CONTAINERS if is_image else CLIP_CONTAINERS
+    if output.container is not None and output.container not in allowed:
+        detail = f"{video.id} is {'an image' if is_image else 'a clip'}: the container must be one of "
+        detail += ", ".join(allowed)
+        raise ValidationFailedError(detail, errors=[{"pointer": f"{output_at}/container", "detail": detail}])
+
+
+def _check_output(videos: Set[Media], output: OutputRequest, output_at: str) -> None:
+    """Still pictures have no codec and no sound: what is asked for in vain is refused, not passed over."""
+    if any(not video.content_type.startswith("image/") for video in videos):
+        return
+    names = sorted(name for name in _OF_CLIPS & output.model_fields_set if getattr(output, name) is not None)
+    if names:
+        which = ", ".join(sorted(video.id for video in videos))
+        detail = f"of clips only, and {which} is an image"
+        errors = [{"pointer": f"{output_at}/{name}", "detail": detail} for name in names]
+        raise ValidationFailedError(f"{output_at}/{names[0]}: {detail}", errors=errors)
+
+
+def _check_reference(reference: Media | None, look: Wanted) -> None:
+    face = look.options.reference_face
+    if reference is None or reference.state != MediaState.READY or face is None or face < len(reference.faces):
+        return
+    detail = f"{reference.id} has {len(reference.faces)} face(s); their indices begin at 0"
+    raise ValidationFailedError(detail, errors=[{"pointer": f"{look.place}/reference_face", "detail": detail}])
+
+
+def check_apart(known: Mapping[str, Media], look: Wanted) -> None:
+    """Two videos that exchange their colours are not the same bytes, whatever their settings."""
+    if look.exchange is None and known[look.video_id].sha256 == known[look.reference_id].sha256:
+        detail = f"{look.reference_id} is the same clip; give `a` alone, with the two faces to exchange"
+        raise ValidationFailedError(detail, errors=[{"pointer": "/b", "detail": detail}])

@@ -1,0 +1,131 @@
+"""Looks that are asked for: checked, and recorded as a job."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from service import addresses
+from service.api import lookups, quotas
+from service.api.commands.asked import Asked
+from service.api.commands.checks import Wanted, check, check_apart
+from service.api.schemas import USUAL_CONTAINERS, JobBody, OutputRequest
+from service.api.services import Services
+from service.catalog import (
+    JobKind,
+    LookParams,
+    MediaState,
+    NewLook,
+    OutputOptions,
+    RenderRequest,
+    jobs,
+    keys,
+    media,
+    webhooks,
+)
+
+
+def check_looks(
+    services: Services,
+    owner: str,
+    looks: Sequence[Wanted],
+    output: OutputRequest,
+    pointers: dict[str, str],
+    *,
+    output_at: str = "/output",
+) -> None:
+    """Raise what `request_looks` would raise for a transfer, and record nothing."""
+    with services.database.read() as session:
+        check(media.several(session, owner, pointers), looks, output, pointers, output_at)
+        quotas.check(session, owner, now=services.database.now(), lock=False)
+
+
+def request_looks(
+    services: Services,
+    kind: JobKind,
+    looks: Sequence[Wanted],
+    output: OutputRequest,
+    pointers: dict[str, str],
+    asked: Asked,
+    *,
+    output_at: str = "/output",
+) -> tuple[JobBody, bool]:
+    """Record a job that makes these looks and publish it once its media are ready. Returns it, and True when it is new.
+
+    The owner's job of the same looks is returned instead while it goes on, or while its results are kept, unless
+    ``asked.force``. ``pointers`` says where in the request each id stands, ``output_at`` where the options of the
+    output do, for errors. Raises `NotFoundError` for an unknown id, `MediaFailedError` for a medium that failed,
+    `ValidationFailedError` for what does not fit the video, `QuotaExceededError`, and `StorageFullError` when there is
+    too little room to do the job.
+    """
+    services.room.require()
+    database, owner = services.database, asked.owner
+    request = RenderRequest(_output_options(output))
+    outputs = [NewLook(look.video_id, look.reference_id, params_of(look)) for look in looks]
+    with database.write() as session:
+        now = database.now()
+        # until the end of the transaction: no other request of this key is counted, nor asks for the same of this video
+        keys.lock(session, owner)
+        known = media.several(session, owner, pointers, lock=True)
+        check(known, looks, output, pointers, output_at)
+        if kind is JobKind.SWAP:
+            check_apart(known, looks[0])
+        mark = jobs.fingerprint(kind, request, outputs, asked.metadata)
+        job = None if asked.force else jobs.find_same(session, owner, mark, now=now)
+        new = job is None
+        if job is None:
+            quotas.check(session, owner, now=now)
+            # they stay as they are until the job is recorded: one that is ready later lets it go then
+            ready = all(one.state == MediaState.READY for one in known.values())
+            job = jobs.create(
+                session,
+                kind,
+                request=request,
+                now=now,
+                outputs=outputs,
+                owner=owner,
+                metadata=asked.metadata,
+                ready=ready,
+            )
+        if asked.webhook is not None:
+            webhooks.announce(session, job, asked.webhook, now=now)
+        media.keep(session, list(pointers), now=now, ttl_s=services.settings.media_ttl_s)
+        body = lookups.of_job(services.settings, services.room, session, job, forecasts=services.forecasts)
+        location = addresses.of_job(services.settings, job.id)
+        asked.once.keep(session, 202 if new else 200, body, location=location, resource_id=job.id)
+    if new and not job.waiting:
+        services.publisher.publish([jobs.message_of(job)])
+    return body, new
+
+
+def params_of(look: Wanted) -> LookParams:
+    """How a look is asked for, as it is recorded."""
+    options = look.options
+    return LookParams(
+        strength=options.strength,
+        contrast=look.exchange or options.contrast,
+        match=options.match,
+        protect=tuple(options.protect),
+        faces=options.faces if options.faces == "all" else tuple(options.faces),
+        makeup=options.makeup if isinstance(options.makeup, float) else options.makeup.model_dump(),
+        light=options.light,
+        scene=options.scene,
+        extent=options.extent,
+        reference_face=options.reference_face,
+        beta=options.beta,
+        iterations=options.iterations,
+        seed=options.seed,
+        exchange=look.exchange is not None,
+    )
+
+
+def _output_options(output: OutputRequest) -> OutputOptions:
+    return OutputOptions(
+        # a container that is not of the video's kind is refused, so this says the same as none
+        container=None if output.container in USUAL_CONTAINERS else output.container,
+        codec=output.codec,
+        crf=output.crf,
+        preset=output.preset,
+        audio=output.audio,
+        extras=tuple(output.extras),
+        matte=output.matte,
+    )

@@ -1,0 +1,81 @@
+"""Media are deleted with all that is derived from them, and what a refused request brought is taken back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime
+
+import structlog
+from sqlalchemy.orm import Session
+
+from service.api.schemas import MediaBody
+from service.api.services import Services
+from service.catalog import Media, Message, Role, jobs, media, parts, tombstones
+from service.errors import ConflictError, NotFoundError
+
+log = structlog.get_logger(__name__)
+
+
+async def remove(services: Services, owner: str, role: Role, media_id: str, *, cancel_jobs: bool) -> None:
+    """Delete a medium with everything derived from it: asset, results, and the file itself.
+
+    Raises `NotFoundError`, and `ConflictError` while jobs need it and ``cancel_jobs`` is false.
+    """
+    keys = await services.calls.write(_remove, services, owner, role, media_id, cancel_jobs=cancel_jobs)
+    await services.calls.store(services.blobs.delete, keys)
+
+
+def _remove(services: Services, owner: str, role: Role, media_id: str, *, cancel_jobs: bool) -> list[str]:
+    """Remove the records. Returns the blobs that are to go."""
+    database = services.database
+    with database.write() as session:
+        found = media.get(session, media_id, owner=owner, lock="update")
+        if found is None or found.role != role:
+            raise NotFoundError(f"there is no {role.value} {media_id}")
+        active = media.active_jobs(session, media_id)
+        if active and not cancel_jobs:
+            detail = f"{len(active)} job(s) still use {media_id}: {', '.join(active[:10])}"
+            raise ConflictError(f"{detail}; wait for them, or delete with ?cancel_jobs=true")
+        keys, ended = _delete(session, found, active, now=database.now())
+    services.publisher.withdraw(ended)
+    return keys
+
+
+def _delete(session: Session, found: Media, active: Sequence[str], *, now: datetime) -> tuple[list[str], list[Message]]:
+    """Remove a medium whose unfinished jobs are ``active``. Returns the blobs and the messages that are to go."""
+    ended, drawn = parts.messages(session, active), parts.files_of(session, active)
+    drawn += tombstones.written_for(session, active)
+    for job_id in active:
+        jobs.revoke(session, job_id, now=now)
+    ended += [jobs.message_of(job) for job_id in active if (job := jobs.get(session, job_id))]
+    return media.delete(session, found, now=now) + drawn, ended
+
+
+async def take_back(services: Services, owner: str, brought: Sequence[MediaBody]) -> None:
+    """Delete the media that a refused request has brought, but for those that others have asked for since.
+
+    Never fails: they go after their retention.
+    """
+    if not brought:
+        return
+    try:
+        keys = await services.calls.write(_take_back, services, owner, brought)
+        await services.calls.store(services.blobs.delete, keys)
+    except Exception as error:
+        log.warning("what a refused request has brought stays", count=len(brought), error=type(error).__name__)
+
+
+def _take_back(services: Services, owner: str, brought: Sequence[MediaBody]) -> list[str]:
+    keys: list[str] = []
+    messages: list[Message] = []
+    with services.database.write() as session:
+        for body in sorted(brought, key=lambda body: body.id):
+            found = media.get(session, body.id, owner=owner, lock="update")
+            # whoever asks for it, or uses it, counts its retention anew
+            if found is None or found.expires_at != body.expires_at:
+                continue
+            blobs, ended = _delete(session, found, media.active_jobs(session, found.id), now=services.database.now())
+            keys += blobs
+            messages += ended
+    services.publisher.withdraw(messages)
+    return keys
