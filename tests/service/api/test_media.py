@@ -16,7 +16,7 @@ SHOWN = PROBLEM | {"type": "/docs/problems#no-face", "code": "no-face"}
 
 def upload(api: Api, path: str, tail: bytes = b"") -> dict[str, Any]:
     answer = api.client.post(path, content=(MP4 if path == "/videos" else PNG) + tail)
-    assert answer.status_code == 202
+    assert answer.status_code == 202, answer.text
     body: dict[str, Any] = answer.json()
     return body
 
@@ -24,7 +24,7 @@ def upload(api: Api, path: str, tail: bytes = b"") -> dict[str, Any]:
 def transfer(api: Api, video: str, *references: str) -> dict[str, Any]:
     body = {"video": video, "looks": [{"reference": one} for one in references]}
     answer = api.client.post("/transfer", json=body)
-    assert answer.status_code == 202
+    assert answer.status_code == 202, answer.text
     job: dict[str, Any] = answer.json()
     return job
 
