@@ -316,6 +316,7 @@ class TrackingNumbers:
     light_change: Range = (0.2, 5.0)  # limits of the change of light, per channel [by eye]
     brighter: float = 0.9  # of the light's change [by eye]: below, what is clipped has lost its hue since the key frame
     clipped: float = 250.0  # 8-bit levels [by eye]
+    burnt: float = 0.25  # share of the face that is clipped [by eye]: above, nothing in front of it is told
     prior_weight: float = 0.6  # of the prior's log-odds [by eye]
     shape_slope: float = 60.0  # nats a face size of distance to the carried edge [by eye]
     shape_most: float = 6.0  # nats [by eye]

@@ -268,8 +268,10 @@ def _thought(
     carried = cv2.remap(learned.distance, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     distance = np.asarray(carried, np.float32)
     was_open = cv2.remap(learned.open, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
-    if gain.min() < _TRACKING.brighter:  # highlights that the light has driven into clipping show no hue
-        was_open = np.where(rgb.max(axis=2) >= _TRACKING.clipped, 0, was_open)
+    if gain.min() < _TRACKING.brighter:
+        # what the light has driven into clipping shows no hue, and where much of the face is, its gain is unknown
+        clipped = rgb.max(axis=2) >= _TRACKING.clipped
+        was_open = np.where(clipped | (clipped[sample].mean() > _TRACKING.burnt), 0, was_open)
     occluder = occluder_alpha(lab, learned.colors.scale, np.asarray(was_open, np.float32), prior)
     hair = np.zeros(prior.face.shape, np.float32)
     if learned.hair is not None:

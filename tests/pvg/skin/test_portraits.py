@@ -78,6 +78,15 @@ def test_a_clip_in_other_light_has_the_same_skin_on_face_and_body(
     assert body > 0.95
 
 
+@pytest.mark.parametrize("lamp", [(3.5, 3.2, 2.8), (5, 4.6, 4)])  # 0.91 and 0.86 while shaded skin was an occluder
+def test_a_lamp_that_burns_most_of_a_face_out_hides_none_of_it(samples: Any, lamp: tuple[float, float, float]) -> None:
+    rgb = read_rgb(samples.portrait)
+    landmarks, dim = fit_widest(rgb), _lit(rgb, (0.35, 0.35, 0.35))
+    tracker = SkinTracker(fit_skin_model(dim, landmarks))
+    before, burnt = (mask_of(tracker.step(picture, landmarks), rgb.shape) for picture in (dim, _lit(rgb, lamp)))
+    assert iou(burnt, before) > 0.94
+
+
 def _skin(rgb: np.ndarray, landmarks: Landmarks) -> tuple[np.ndarray, np.ndarray]:
     """The masks of a face, and of the other skin of its person."""
     model = fit_skin_model(rgb, landmarks)
