@@ -249,9 +249,12 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--codec", choices=CODECS, default="auto", help="video codec of the output")
     parser.add_argument(
-        "--crf", type=_count, metavar="N", help="quality, lower is better: 0-51 (h264, hevc), 0-63 (vp9, av1)"
+        "--crf",
+        type=_count,
+        metavar="N",
+        help="quality, lower is better: h264 0-51 (default 18), hevc 0-51 (20), vp9 0-63 (28), av1 0-63 (26)",
     )
-    parser.add_argument("--preset", choices=PRESETS, help="effort of h264, hevc, vp9 and av1")
+    parser.add_argument("--preset", choices=PRESETS, help="effort of h264 and hevc (default veryfast), vp9 and av1")
     parser.add_argument("--audio", choices=AUDIOS, default="copy", help="all sound tracks of the clip, or none")
 
 

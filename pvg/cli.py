@@ -127,10 +127,17 @@ def _vectorize(given: argparse.Namespace) -> None:
     print(given.output)
 
 
-def _warn_of_outputs(paths: Iterable[Path], warnings: Iterable[Sequence[str]]) -> None:
-    """Say on standard error what of each output is not as in its clip, one line each."""
-    for path, lines in zip(paths, warnings, strict=True):
-        _warn_of(path, lines)
+def _warn_of_outputs(
+    paths: Iterable[Path], warnings: Iterable[Sequence[str]], said: Iterable[Sequence[str]]
+) -> None:
+    """Say on standard error what of each output is not as in its clip, one line each, but for what was `said` of it."""
+    for path, lines, known in zip(paths, warnings, said, strict=True):
+        _warn_of(path, [line for line in lines if line not in known])
+
+
+def _said_of(path: Path, video: VectorVideo) -> Sequence[str]:
+    """What `_open_input` has said of an input."""
+    return () if _is_asset(path) else video.media.warnings
 
 
 def _check_source(given: argparse.Namespace) -> None:
@@ -166,7 +173,8 @@ def _transfer(given: argparse.Namespace) -> None:
         targets = [sys.stdout.buffer] if piped else paths
         with _progress() as progress:
             warnings = pvg.render(clip, looks, targets, pictures=pictures, progress=progress, **_output_options(given))
-    _warn_of_outputs([Path("standard output")] if piped else paths, warnings)
+        said = [_said_of(given.input, clip)] * len(looks)
+    _warn_of_outputs([Path("standard output")] if piped else paths, warnings, said)
     if not piped:
         print(*paths, sep="\n")
 
@@ -267,7 +275,8 @@ def _swap_within(given: argparse.Namespace) -> None:
         _warn(given.a, _chosen(clip, given.faces))
         with _progress() as progress:
             warnings = pvg.render(clip, [look], [path], progress=progress, **_output_options(given))
-    _warn_of_outputs([path], warnings)
+        said = _said_of(given.a, clip)
+    _warn_of_outputs([path], warnings, [said])
     print(path)
 
 
@@ -296,7 +305,8 @@ def _swap_clips(given: argparse.Namespace, a: Path, b: Path, folder: Path) -> No
                 **_look_options(given),
                 **_output_options(given),
             )
-    _warn_of_outputs(paths, warnings)
+        said = [_said_of(a, first), _said_of(b, second)]
+    _warn_of_outputs(paths, warnings, said)
     print(*paths, sep="\n")
 
 

@@ -19,10 +19,11 @@ from pvg.cli import main
 from pvg.face import PARTS
 from pvg.looks import BETA, ITERATIONS, LIGHT, MAKEUP
 from pvg.rendering import LAYERS, MATTES
-from pvg.video import CONTAINERS, IMAGE_SUFFIXES, INPUT_COLORS, probe, read_image
-from pvg.video.encoders import Codec
+from pvg.video import CONTAINERS, IMAGE_SUFFIXES, INPUT_COLORS, probe, read_frames, read_image
+from pvg.video.encoders import ENCODERS, Codec
 from scripts.samples import Samples
 from tests.conftest import cut_clip
+from tests.gallery.clips import encode_raw, libav_frame
 
 Run = Callable[..., "subprocess.CompletedProcess[str]"]
 
@@ -350,6 +351,30 @@ def test_the_help_loads_no_library() -> None:
 def test_the_help_says_what_parts_left_out_of_make_up_get(run: Run) -> None:
     for command in ("transfer", "swap", "export"):
         assert f"parts left out get {MAKEUP}" in " ".join(run(command, "--help").stdout.split())
+
+
+def test_the_help_says_the_qualities_and_efforts_that_are_taken(run: Run) -> None:
+    said = " ".join(run("transfer", "--help").stdout.split())
+    scales = [(name, one.crf_most, one.crf) for name, one in ENCODERS.items() if one.crf is not None]
+    (name, most, crf), *others = scales
+    line = ", ".join([f"{name} 0-{most} (default {crf})", *(f"{name} 0-{most} ({crf})" for name, most, crf in others)])
+    assert f"quality, lower is better: {line}" in said
+    assert f"effort of h264 and hevc (default {ENCODERS['h264'].preset})" in said
+    assert ENCODERS["h264"].preset == ENCODERS["hevc"].preset
+
+
+def test_what_is_said_of_a_clip_is_not_said_of_its_look_again(
+    run: Run, clip: Path, reference_asset: Path, tmp_path: Path
+) -> None:
+    deep = encode_raw(
+        tmp_path / "deep.mkv", [libav_frame(frame.rgb(), "yuv420p10le") for frame in read_frames(clip)], "ffv1"
+    )
+    result = run("transfer", deep, "--reference", reference_asset, "-o", tmp_path / "out.mkv")
+    assert result.returncode == 0
+    assert result.stderr.count("does not say its transfer function") == 1
+    assert run("vectorize", deep, "-o", tmp_path / "deep.pvg").returncode == 0
+    later = run("transfer", tmp_path / "deep.pvg", "--reference", reference_asset, "-o", tmp_path / "out.mkv")
+    assert later.stderr.count("does not say its transfer function") == 1
 
 
 def test_a_transfer_between_assets_loads_no_network(asset: Path, reference_asset: Path, tmp_path: Path) -> None:
