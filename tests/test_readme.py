@@ -11,6 +11,8 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from pvg.video import probe
@@ -83,6 +85,20 @@ def test_the_session_of_curl(service: Service, folder: Path) -> None:
 def test_the_session_of_the_library(folder: Path) -> None:
     run("README.md", "library", folder)
     assert [probe(folder / name).frame_count for name in ("look-a.mp4", "look-b.mp4")] == [FRAMES, FRAMES]
+
+
+def test_the_sessions_of_the_librarys_page(folder: Path) -> None:
+    cv2.imwrite(str(folder / "ground.png"), np.full((200, 200, 3), 90, np.uint8))
+    page = (REPOSITORY / "docs/library.md").read_text("utf-8")
+    printed = [run("docs/library.md", found[1], folder) for found in _SESSION.finditer(page)]
+    assert len(printed) == page.count("```python") == 4
+    made = {"look", "1", "2", "clip-as-b"}
+    assert [probe(folder / f"{name}.mp4").frame_count for name in sorted(made)] == [FRAMES] * len(made)
+    assert (probe(folder / "grade.mov").codec, probe(folder / "small.webm").codec) == ("prores", "vp9")
+    assert {path.suffix for path in (folder / "suite").iterdir()} == {".cube", ".mkv", ".txt"}
+    assert "ended\n" in printed[3]
+    assert "ground.png" in printed[3].splitlines()[-1]
+    assert not (folder / "again.pvg").exists()
 
 
 def test_the_session_of_the_clients_readme(service: Service, folder: Path) -> None:
