@@ -127,9 +127,7 @@ def _vectorize(given: argparse.Namespace) -> None:
     print(given.output)
 
 
-def _warn_of_outputs(
-    paths: Iterable[Path], warnings: Iterable[Sequence[str]], said: Iterable[Sequence[str]]
-) -> None:
+def _warn_of_outputs(paths: Iterable[Path], warnings: Iterable[Sequence[str]], said: Iterable[Sequence[str]]) -> None:
     """Say on standard error what of each output is not as in its clip, one line each, but for what was `said` of it."""
     for path, lines, known in zip(paths, warnings, said, strict=True):
         _warn_of(path, [line for line in lines if line not in known])
