@@ -271,7 +271,8 @@ def _thought(
     if gain.min() < _TRACKING.brighter:
         # what the light has driven into clipping shows no hue, and where much of the face is, its gain is unknown
         clipped = rgb.max(axis=2) >= _TRACKING.clipped
-        was_open = np.where(clipped | (clipped[sample].mean() > _TRACKING.burnt), 0, was_open)
+        burnt = np.count_nonzero(clipped & sample) > _TRACKING.burnt * np.count_nonzero(sample)
+        was_open = np.where(clipped | burnt, 0, was_open)
     occluder = occluder_alpha(lab, learned.colors.scale, np.asarray(was_open, np.float32), prior)
     hair = np.zeros(prior.face.shape, np.float32)
     if learned.hair is not None:
