@@ -142,7 +142,7 @@ class StillAnswer(_Answer):
 class VerifyAnswer(_Answer):
     """The answer of `verify`."""
 
-    whole: bool
+    usable: bool
 
 
 A = TypeVar("A", bound=_Answer)

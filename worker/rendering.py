@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -115,7 +115,7 @@ def _known(run: Run) -> tuple[list[Look], dict[str, Media | None]]:
 @contextmanager
 def telling_what_is_lost(run: Run, present: dict[str, Media]) -> Iterator[None]:
     """When the block fails for it, raise `SourceLostError` or `LostAssetsError` of those of these media whose files
-    are gone or cannot be read.
+    are gone or cannot be read, or whose assets an earlier vectoriser made.
     """
     try:
         yield
@@ -133,19 +133,33 @@ def _say_what_is_lost(run: Run, present: dict[str, Media], error: Exception) -> 
     for medium in present.values():
         if not run.patience(partial(run.storage.exists, medium.source_key)):
             raise SourceLostError(medium.id) from error
-    lost = [medium.id for medium in present.values() if not _is_whole(run, medium)]
+    remade = _remade(run, list(present.values()))
+    lost = [medium.id for medium in present.values() if not _is_usable(run, medium, remade=medium.id in remade)]
     if lost:
         raise LostAssetsError(lost) from error
 
 
-def _is_whole(run: Run, medium: Media) -> bool:
+def _is_usable(run: Run, medium: Media, *, remade: bool) -> bool:
     try:
         with ExitStack() as stack:
             asset = _asset(run, stack, medium)
-            found = run.call("verify", {"asset": str(asset)}, read=[asset], folder=run.draft_folder())
+            arguments = {"asset": str(asset), "remade": [str(asset)] if remade else []}
+            found = run.call("verify", arguments, read=[asset], folder=run.draft_folder())
     except BlobMissingError:
         return False
-    return checked(VerifyAnswer, found).whole
+    return checked(VerifyAnswer, found).usable
+
+
+def _remade(run: Run, of: Sequence[Media]) -> set[str]:
+    """The ids of those that were vectorised for this job, or since. They are taken as they are: while workers of two
+    versions run, an earlier one may have made them.
+    """
+
+    def read() -> set[str]:
+        with run.database.read() as session:
+            return media.made_since_asked(session, run.job, of)
+
+    return run.patience(read)
 
 
 def spans_of_video(number: int, count: int, extras: Collection[Extra] = ()) -> dict[str, tuple[float, float]]:
@@ -188,9 +202,12 @@ def inputs(
     source = stack.enter_context(run.local_path(video.source_key))
     asset = _asset(run, stack, video)
     references = [_asset(run, stack, present[look.reference_id]) for look in group]
+    assets = {video.id: asset, **dict(zip((look.reference_id for look in group), references, strict=True))}
+    remade = _remade(run, [present[media_id] for media_id in assets])
     arguments = {
         "source": str(source),
         "asset": str(asset),
+        "remade": [str(assets[media_id]) for media_id in sorted(remade)],
         "looks": [
             {"reference": str(reference), "params": asdict(look_params(look))}
             for reference, look in zip(references, group, strict=True)

@@ -33,7 +33,7 @@ from service.storage import BlobMissingError
 FRAME_HEADER: Final = "Pvg-Frame"
 MEDIA_TYPES: Final = {"jpeg": "image/jpeg", "png": "image/png"}
 #: of how pictures are made: another one when the same request makes another picture
-_EDITION: Final = 1
+_EDITION: Final = 2
 _RETRY_S: Final = "1"
 
 

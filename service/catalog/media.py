@@ -247,9 +247,7 @@ def make_again(session: Session, lease: Lease, media_ids: Collection[str], *, no
     job = jobs.get(session, lease.job_id)
     if job is None or job.started_at is None:
         return []
-    asked_at = job.created_at
-    if job.parent_id is not None and (whole := jobs.get(session, job.parent_id)) is not None:
-        asked_at = whole.created_at  # a job that is cut again has parts that are younger than what was made for it
+    asked_at = _asked_at(session, job)
     found = [get(session, media_id, lock="update") for media_id in sorted(media_ids)]
     # another job may have noticed before, so that the asset is not the one that this job found
     lost = [
@@ -267,6 +265,18 @@ def make_again(session: Session, lease: Lease, media_ids: Collection[str], *, no
         take_media_step(session, MediaStep.MAKE_AGAIN, one.job_id, now=now, values={"job_id": again.id})
         messages.append(jobs.message_of(again))
     return messages
+
+
+def made_since_asked(session: Session, job: Job, media: Sequence[Media]) -> set[str]:
+    """The ids of those whose assets were made after the job was asked for: for it they are not made again."""
+    asked_at = _asked_at(session, job)
+    return {one.id for one in media if _made_since(session, one, asked_at)}
+
+
+def _asked_at(session: Session, job: Job) -> datetime:
+    """When a job, or the one it is a part of, was asked for: one that is cut again has younger parts than assets."""
+    whole = None if job.parent_id is None else jobs.get(session, job.parent_id)
+    return (whole or job).created_at
 
 
 def _made_since(session: Session, media: Media, then: datetime) -> bool:

@@ -9,6 +9,9 @@ from typing import Any
 import cv2
 import pytest
 
+from pvg.asset import VectorVideo
+from pvg.asset.writing import replace_manifest
+from pvg.vectorization import VECTORIZER_VERSION
 from scripts.samples import Samples
 from service.catalog import media
 from tests.service.fixtures import Api
@@ -89,6 +92,41 @@ def test_a_lost_asset_is_made_again_once_and_a_lost_source_is_asked_for(
     assert "upload it again" in body["error"]["detail"]
     assert (upload()["status"], medium()["state"]) == (200, "ready")
     assert run(transfer())["state"] == "succeeded"
+
+
+def test_an_asset_of_an_earlier_vectoriser_is_made_again_before_it_is_drawn(
+    api: Api, run: Run, samples: Samples, tmp_path: Path
+) -> None:
+    small = cv2.resize(cv2.imread(str(samples.dark_portrait)), (400, 500))
+    cv2.imwrite(str(file := tmp_path / "me.png"), small)
+    video = api.client.post("/videos", files={"file": ("me.png", file.read_bytes())}).json()
+    assert run(video["job"])["state"] == "succeeded"
+
+    def made_earlier() -> None:
+        asset = blob(api, video["id"], "asset")
+        with VectorVideo(asset) as opened:
+            replace_manifest(asset, {**opened.manifest, "vectorizer": VECTORIZER_VERSION - 1})
+
+    def vectorizer() -> object:
+        with VectorVideo(blob(api, video["id"], "asset")) as opened:
+            return opened.manifest["vectorizer"]
+
+    def transfer(strength: float) -> str:
+        body = {"video": video["id"], "looks": [{"reference": video["id"], "strength": strength}]}
+        return str(api.client.post("/transfer", json=body).json()["id"])
+
+    made_earlier()
+    job_id = transfer(1.0)
+    body = run(job_id)
+    assert (body["state"], body["waiting_for"]) == ("queued", "media")
+    again = api.client.get(f"/videos/{video['id']}").json()["job"]
+    assert run(again)["state"] == "succeeded"
+    assert vectorizer() == VECTORIZER_VERSION
+
+    # an earlier worker, which still runs beside this one, has made it again: it is drawn as it is, and not for ever
+    made_earlier()
+    assert run(job_id)["state"] == "succeeded"
+    assert run(transfer(0.5))["waiting_for"] == "media"
 
 
 def test_a_medium_whose_source_was_lost_before_it_was_vectorised_is_healed_by_an_upload(api: Api, run: Run) -> None:

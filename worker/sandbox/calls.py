@@ -22,7 +22,7 @@ from pvg.errors import AssetError
 from pvg.looks import reference_face_of
 from pvg.rendering import Stills, join_parts, render, render_part
 from pvg.rendering.stills import around, cropped, encoded, fitted
-from pvg.vectorization import vectorize
+from pvg.vectorization import VECTORIZER_VERSION, vectorize
 from pvg.video import MediaLimits, inspect, planned, probe
 from pvg.warmup import warm_up
 
@@ -139,14 +139,23 @@ def _open(
 ) -> tuple[VectorVideo, list[pvg.Look], list[dict[str, Any]]]:
     """The clip or picture, its looks, and what is to be known of each."""
     canvas = stack.enter_context(VectorVideo(arguments["asset"], arguments["source"], limits=_limits(arguments)))
+    _check_vectorizer(canvas, arguments)
     looks, reports = [], []
     with _timed(timings, "transfer_s"):
         for done, wanted in enumerate(arguments["looks"]):
             progress("transfer", done, len(arguments["looks"]))
             reference = stack.enter_context(VectorVideo(wanted["reference"]))
+            _check_vectorizer(reference, arguments)
             looks.append(_transfer(canvas, reference, wanted["params"]))
             reports.append(_report(canvas, reference, wanted["params"]))
     return canvas, looks, reports
+
+
+def _check_vectorizer(video: VectorVideo, arguments: Mapping[str, Any]) -> None:
+    """Raise `AssetError` for an asset that an earlier vectoriser made, unless it was ``remade`` for this job."""
+    made_by = video.manifest.get("vectorizer")
+    if str(video.path) not in arguments["remade"] and (not isinstance(made_by, int) or made_by < VECTORIZER_VERSION):
+        raise AssetError(f"{video.path.name} was made by vectoriser {made_by}; this one is {VECTORIZER_VERSION}")
 
 
 def _render_part(arguments: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
@@ -297,13 +306,14 @@ def _timed(timings: dict[str, float], name: str) -> Iterator[None]:
 
 
 def _verify(arguments: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
-    """Whether ``asset`` can be read, every byte of it."""
+    """Whether ``asset`` can be read, every byte of it, and no earlier vectoriser made it, see `_check_vectorizer`."""
     try:
         with VectorVideo(arguments["asset"]) as video:
+            _check_vectorizer(video, arguments)
             video.verify()
     except AssetError:
-        return {"whole": False}
-    return {"whole": True}
+        return {"usable": False}
+    return {"usable": True}
 
 
 def _open_stills(arguments: Mapping[str, Any]) -> Callable[[Mapping[str, Any]], dict[str, Any]]:
