@@ -168,7 +168,7 @@ class Settings(BaseSettings):
     # previews
     preview_concurrency: int = Field(default=2, gt=0)
     """Single pictures that are made at once."""
-    preview_timeout_s: float = Field(default=10.0, gt=0)
+    preview_timeout_s: float = Field(default=10.0, gt=0, le=60.0)
     """A picture that is not made by then is 503."""
     preview_idle_s: float = Field(default=30.0, gt=0)
     """How long a clip stays open for the next picture."""

@@ -64,8 +64,7 @@ def _split(run: Run, planned: Sequence[NewPart]) -> list[Message] | None:
 
 def draw_part(run: Run) -> bool:
     """Draw a part of all looks of its video. False when its lease was lost."""
-    with run.database.read() as session:
-        part = parts.get(session, run.job.id)
+    part = run.read(lambda session: parts.get(session, run.job.id))
     if part is None:  # its job has ended
         raise LeaseLostError
     looks, present = wanted(run)
@@ -124,8 +123,7 @@ def join(run: Run) -> bool:
     """Make the results of the parts, and end the whole job. False when its lease was lost."""
     whole_id = run.job.parent_id
     assert whole_id is not None  # noqa: S101 - every job of this kind has one
-    with run.database.read() as session:
-        pieces = parts.drawn(session, whole_id)
+    pieces = run.read(lambda session: parts.drawn(session, whole_id))
     if not pieces:  # the job has ended
         raise LeaseLostError
     looks, present = wanted(run)
@@ -147,8 +145,7 @@ def join(run: Run) -> bool:
 def _take_timings(run: Run, whole_id: str, pieces: Sequence[Drawn]) -> None:
     """Those of the whole so far: they are recorded with its end."""
     run.timings.clear()
-    with run.database.read() as session:
-        run.add_timings(parts.timings_of(session, whole_id).items())
+    run.add_timings(run.read(lambda session: parts.timings_of(session, whole_id)).items())
     for piece in pieces:
         run.add_timings((name, piece.timings[name]) for name in _SHOWN if name in piece.timings)
 

@@ -9,8 +9,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from sqlalchemy.orm import Session
+
 from service.catalog import (
     Extra,
+    Job,
     JobKind,
     Look,
     Media,
@@ -81,7 +84,7 @@ def wanted(run: Run) -> tuple[list[Look], dict[str, Media]]:
 
     Raises `LeaseLostError` when one was deleted, and `OptionError` for a face that is not there.
     """
-    looks, known = run.patience(lambda: _known(run))
+    looks, known = run.read(lambda session: _known(session, run.job))
     present = {media_id: medium for media_id, medium in known.items() if medium is not None}
     if len(present) < len(known):  # the lease was revoked with it
         raise LeaseLostError
@@ -105,11 +108,10 @@ def _check_faces(kind: JobKind, look: Look, present: dict[str, Media]) -> None:
             raise OptionError(f"no face {missing[0]}; this {what} has {has}", f"{place}/{name}")
 
 
-def _known(run: Run) -> tuple[list[Look], dict[str, Media | None]]:
-    with run.database.read() as session:
-        looks = jobs.looks(session, run.job.parent_id or run.job.id)
-        ids = {media_id for look in looks for media_id in (look.video_id, look.reference_id)}
-        return looks, {media_id: media.get(session, media_id) for media_id in ids}
+def _known(session: Session, job: Job) -> tuple[list[Look], dict[str, Media | None]]:
+    looks = jobs.looks(session, job.parent_id or job.id)
+    ids = {media_id for look in looks for media_id in (look.video_id, look.reference_id)}
+    return looks, {media_id: media.get(session, media_id) for media_id in ids}
 
 
 @contextmanager
@@ -154,12 +156,7 @@ def _remade(run: Run, of: Sequence[Media]) -> set[str]:
     """The ids of those that were vectorised for this job, or since. They are taken as they are: while workers of two
     versions run, an earlier one may have made them.
     """
-
-    def read() -> set[str]:
-        with run.database.read() as session:
-            return media.made_since_asked(session, run.job, of)
-
-    return run.patience(read)
+    return run.read(lambda session: media.made_since_asked(session, run.job, of))
 
 
 def spans_of_video(number: int, count: int, extras: Collection[Extra] = ()) -> dict[str, tuple[float, float]]:

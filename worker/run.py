@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 import shutil
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+from sqlalchemy.orm import Session
 
 from service.blobs import Blobs
 from service.catalog import Database, Job, Lease, Message
@@ -19,6 +21,8 @@ from worker.lease import LeaseKeeper
 from worker.patience import Patience
 from worker.progress import ProgressScale
 from worker.sandbox import Limits, Sandbox, View, Watch
+
+T = TypeVar("T")
 
 
 def media_limits(settings: Settings) -> dict[str, float]:
@@ -67,6 +71,15 @@ class Run:
         """Add these seconds to the job's timings, name by name."""
         for name, more in seconds:
             self.timings[name] = round(self.timings.get(name, 0.0) + more, 3)
+
+    def read(self, call: Callable[[Session], T]) -> T:
+        """What a call reads of the records. A database that is away is waited for."""
+
+        def once() -> T:
+            with self.database.read() as session:
+                return call(session)
+
+        return self.patience(once)
 
     @contextmanager
     def local_path(self, key: str) -> Iterator[Path]:

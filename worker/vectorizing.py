@@ -22,8 +22,9 @@ _PICTURES = "pictures.jpgs"
 
 def vectorize(run: Run) -> bool:
     """Do the job. False when its lease was lost at the end, and nothing was published."""
-    assert run.job.media_id is not None  # noqa: S101 - every job of this kind has one
-    medium = run.patience(lambda: _medium(run, run.job.media_id))
+    media_id = run.job.media_id
+    assert media_id is not None  # noqa: S101 - every job of this kind has one
+    medium = run.read(lambda session: media.get(session, media_id))
     if medium is None:  # deleted, and the lease was revoked with it
         raise LeaseLostError
     folder = run.draft_folder()
@@ -79,16 +80,11 @@ def _spans(said: list[PictureAnswer], size: int) -> list[list[int | None]]:
     return [[one.face, one.start, one.end] for one in said]
 
 
-def _medium(run: Run, media_id: str | None) -> Media | None:
-    with run.database.read() as session:
-        return None if media_id is None else media.get(session, media_id)
-
-
 def _finish(run: Run, asset: Asset) -> list[str] | None:
     with run.database.write() as session:
         unneeded = media.finish(session, run.lease, asset, now=run.database.now(), timings=run.timings)
         if unneeded is None:  # unless it was finished by a call whose answer was lost
-            medium = _medium(run, run.job.media_id)
+            medium = media.get(session, str(run.job.media_id))
             return [] if medium is not None and medium.asset_key == asset.key else None
         return unneeded
 

@@ -69,7 +69,8 @@ async def send_file(services: Services, asked: Asked, file: File) -> Response:
     if matches(asked.if_none_match, etag):
         return Response(status_code=304, headers=headers)
     wants_range = asked.if_range is None or matches(asked.if_range, etag, weak=False)
-    part = parse_range(asked.range, file.size_bytes) if wants_range else None
+    # of HEAD a range means nothing (RFC 9110, 14.2)
+    part = parse_range(asked.range, file.size_bytes) if wants_range and not asked.head_only else None
     start, end = part or (0, file.size_bytes)
     headers["Content-Type"] = file.content_type
     headers["Content-Length"] = str(end - start)

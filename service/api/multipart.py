@@ -13,6 +13,8 @@ from service.errors import BadRequestError, TooLargeError
 
 MAX_PARTS = 64
 MAX_FIELD_BYTES = 64 * 1024
+#: of a part's header: lines, and bytes of one
+MAX_HEADERS = 8
 MAX_HEADER_BYTES = 8 * 1024
 #: what the frame of a multipart body may add to the files
 MAX_FRAMING_BYTES = 256 * 1024
@@ -69,6 +71,8 @@ class _FormReader:
                 "on_part_end": self._end,
                 "on_end": self._on_end,
             },
+            max_header_count=MAX_HEADERS,
+            max_header_size=MAX_HEADER_BYTES,
         )
 
     async def read(self, chunks: AsyncIterator[bytes]) -> Form:
@@ -98,15 +102,9 @@ class _FormReader:
 
     def _on_header_name(self, data: bytes, start: int, end: int) -> None:
         self._header_name += data[start:end]
-        self._check_header()
 
     def _on_header_value(self, data: bytes, start: int, end: int) -> None:
         self._header_value += data[start:end]
-        self._check_header()
-
-    def _check_header(self) -> None:
-        if len(self._header_name) + len(self._header_value) > MAX_HEADER_BYTES:
-            raise BadRequestError("a part of the multipart body has an oversized header")
 
     def _end_header(self) -> None:
         self._headers[self._header_name.decode("latin-1").lower()] = self._header_value

@@ -113,6 +113,7 @@ def _check(services: Services, owner: str, wanted: Wanted) -> str:
 
 def _ask(services: Services, owner: str, wanted: Wanted, mark: str) -> tuple[str, bool]:
     database, most = services.database, services.settings.max_open_previews
+    within_s = services.settings.preview_timeout_s
     with database.write() as session:
         now = database.now()
         # until the end of the transaction they cannot be deleted: whoever deletes them then finds the record
@@ -127,9 +128,9 @@ def _ask(services: Services, owner: str, wanted: Wanted, mark: str) -> tuple[str
             reference_id=wanted.reference_id,
             fingerprint=mark,
             now=now,
-            within_s=services.settings.preview_timeout_s,
+            within_s=within_s,
         )
-        if is_new and previews.open_count(session, owner, now=now) > most:
+        if is_new and previews.open_count(session, owner, now=now, within_s=within_s) > most:
             raise QuotaExceededError(
                 f"{most} pictures are being made already; wait for them", headers={"Retry-After": _RETRY_S}
             )

@@ -21,7 +21,8 @@ from service.ids import new_id
 
 #: seconds for which a picture is kept, until the reaper's next round
 KEPT_S: Final = 30.0
-#: its record outlives it, so that whoever deletes its medium finds it
+#: its record outlives it, so that whoever deletes its medium finds it, and those who wait for it: `preview_timeout_s`
+#: is not longer
 _RECORDED_S: Final = 60.0
 #: of those, for how long it is given to others: who is told of it late finds it still
 _SHARED_S: Final = 20.0
@@ -85,9 +86,9 @@ def _take_turns(session: Session, owner: str) -> None:
         session.execute(select(func.pg_advisory_xact_lock(func.hashtext(f"previews of {owner}"))))
 
 
-def open_count(session: Session, owner: str, *, now: datetime) -> int:
-    """How many of an owner's pictures are not made yet."""
-    since = now - timedelta(seconds=KEPT_S)
+def open_count(session: Session, owner: str, *, now: datetime, within_s: float) -> int:
+    """How many of an owner's pictures are not made yet; ``within_s`` seconds somebody waits for each."""
+    since = now - timedelta(seconds=max(KEPT_S, within_s))
     mine = (Preview.owner == owner, Preview.state.in_(_OPEN), Preview.created_at > since)
     return session.scalar(select(func.count()).select_from(Preview).where(*mine)) or 0
 

@@ -67,3 +67,19 @@ def test_as_many_as_may_be_stay_open_and_the_one_longest_unused_goes(clips: Open
     fifth = pid_of(clips, 4)
     assert [pid_of(clips, number) for number in (1, 2, 3, 4)] == [*pids[1:], fifth]
     assert pid_of(clips, 0) != pids[0]
+
+
+def test_clips_in_use_count_among_those_that_may_be_open(clips: OpenClips) -> None:
+    for number in range(4):
+        pid_of(clips, number)
+    for entry in list(clips._entries.values())[:3]:
+        entry.users += 1  # as while another thread asks
+    pid_of(clips, 4)
+    assert sorted(clip.medium.id for clip in (entry.clip for entry in clips._entries.values() if entry.session)) == [
+        "vid_0",
+        "vid_1",
+        "vid_2",
+        "vid_4",
+    ]
+    for entry in clips._entries.values():
+        entry.users = 0

@@ -134,9 +134,11 @@ class OpenClips:
             raise
 
     def _open(self, entry: _Entry, until: float) -> Session:
-        others = self._idle(lambda one: one is not entry and one.session is not None)
-        too_many = max(0, len(others) + 1 - self._settings.preview_open_clips)
-        for other in sorted(others, key=lambda one: one.used_at)[:too_many]:
+        with self._lock:
+            open_ones = sum(one is not entry and one.session is not None for one in self._entries.values())
+        too_many = max(0, open_ones + 1 - self._settings.preview_open_clips)
+        idle = self._idle(lambda one: one is not entry and one.session is not None)
+        for other in sorted(idle, key=lambda one: one.used_at)[:too_many]:
             self._close(other)
         with ExitStack() as stack:
             folder, descriptor = self._storage.new_folder()

@@ -76,6 +76,14 @@ def test_head_has_the_headers_only(api: Api, path: str) -> None:
     assert answer.headers["content-length"] == "1000000"
 
 
+@pytest.mark.parametrize("wanted", ["bytes=0-9", "bytes=2000000-"])
+def test_of_a_head_a_range_means_nothing(api: Api, path: str, wanted: str) -> None:
+    """RFC 9110, 14.2."""
+    answer = api.client.head(path, headers={"range": wanted})
+    assert (answer.status_code, answer.headers["content-length"]) == (200, "1000000")
+    assert "content-range" not in answer.headers
+
+
 def test_unknown_results_are_not_found_and_expired_ones_are_gone(api: Api, path: str) -> None:
     assert api.client.get(f"/results/res_{'0' * 32}").status_code == 404
     with api.services.background.write() as session:

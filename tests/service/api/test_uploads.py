@@ -359,6 +359,7 @@ def test_a_client_that_goes_away_leaves_nothing(api: Api) -> None:
         ),
         ("multipart/form-data; boundary=x", b"--x\r\nContent-Disposition: form-data\r\n\r\nabc\r\n--x--\r\n"),
         ("multipart/form-data; boundary=x", b"--x\r\nA: " + b"b" * 20_000 + b"\r\n\r\n\r\n--x--\r\n"),
+        ("multipart/form-data; boundary=x", b"--x\r\n" + b"A: b\r\n" * 9 + b"\r\n\r\n--x--\r\n"),
         ("multipart/form-data; boundary=" + "x" * 100, b"--" + b"x" * 100 + b"--\r\n"),
     ],
 )
