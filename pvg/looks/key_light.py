@@ -10,10 +10,13 @@ that of nose and cheeks. Made as bright as a clip, skin out of such a shade is a
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 
 from pvg._arrays import Floats, ramp
+from pvg.asset import KeyFrame
 from pvg.looks.tone import to_opponent
 
 _LIT = 0.6  # quantile of luma from which on skin is lit by the key light
@@ -39,6 +42,11 @@ def out_of_deep_shade(skin: Floats) -> Floats:
         return skin
     shade, _ = cv2.threshold(np.clip(luma, 0, 255).astype(np.uint8), 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
     return np.ascontiguousarray(skin[luma >= surely * shade])
+
+
+def with_lit_skin(key: KeyFrame) -> KeyFrame:
+    """A key frame whose open skin is that out of deep shade."""
+    return replace(key, skin=out_of_deep_shade(key.skin))
 
 
 def in_key_light(skin: Floats) -> Floats:

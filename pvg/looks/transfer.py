@@ -8,8 +8,8 @@ map relative to its exposure (`looks/exposure.py`), so that light that changes s
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from numbers import Real
 from typing import Literal
 
@@ -17,20 +17,16 @@ import numpy as np
 
 from pvg._arrays import Doubles, Floats
 from pvg._checks import check_word, real_number, whole_number
-from pvg.asset import FaceSummary, KeyFrame, VectorVideo, faces_by_index
-from pvg.curves import GROUPS, table_labels
+from pvg.asset import FaceRecord, FaceSummary, KeyFrame, VectorVideo, faces_by_index
 from pvg.face import PARTS
 from pvg.looks.apart import parts_apart
-from pvg.looks.color_map import SMALLEST_GROUP, ColorMap, TransportSteps, all_colors_map
-from pvg.looks.complexion import complexion
-from pvg.looks.depth import depth_of_features
-from pvg.looks.exposure import Exposure, at_exposure, leading_key, on_skin
-from pvg.looks.key_light import out_of_deep_shade
-from pvg.looks.light import light_ratio, relit
+from pvg.looks.color_map import TransportSteps
+from pvg.looks.exposure import at_exposure, leading_key
+from pvg.looks.key_light import with_lit_skin
 from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, BodyMap, Contrast, FaceContrast, Look
 from pvg.looks.parts import MAKEUP, Makeup, PartChanges, strengths
+from pvg.looks.person_map import Goal, PersonMap
 from pvg.looks.scene import SCENE
-from pvg.looks.tone import CRISP, SkinMap
 
 BETA = 0.2  # β of eq. (7) [paper]
 ITERATIONS = 20  # N of eq. (7) [paper]
@@ -50,12 +46,7 @@ def reference_face_of(reference: VectorVideo, face: int | None = None) -> FaceSu
 
 
 def _reference_key(reference: VectorVideo, face: int | None) -> KeyFrame:
-    return _lit(leading_key([reference.records[reference_face_of(reference, face).index]]))
-
-
-def _lit(key: KeyFrame) -> KeyFrame:
-    """A key frame whose open skin is that out of deep shade."""
-    return replace(key, skin=out_of_deep_shade(key.skin))
+    return with_lit_skin(leading_key([reference.records[reference_face_of(reference, face).index]]))
 
 
 def _check(contrast: Contrast, match: str, protect: Sequence[str], extent: str) -> Contrast:
@@ -117,53 +108,19 @@ def transfer(
     steps = TransportSteps(
         beta=_beta(beta), iterations=whole_number("iterations", iterations), seed=whole_number("seed", seed)
     )
-    wanted = strengths(makeup)
-    changes = PartChanges.of(target) if match == "semantic" and len(target.skin) else None
+    shares = strengths(makeup)
+    semantic = match == "semantic"
+    changes = PartChanges.of(target) if semantic and len(target.skin) else None
+    goal = Goal(target, steps, semantic, contrast, strength, light, scene, changes, shares)
     chosen = faces_by_index(video, faces)
-    colors: dict[int, Floats] = {}
-    contrasts: dict[int, FaceContrast] = {}
-    parts: dict[int, Floats] = {}
-    maps: dict[int, BodyMap] = {}
-    share = np.float32(strength)
+    follow_exposure = video.settings["matching"] != "chain"  # the paper's way moves every key frame by the same map
+    new: dict[int, _NewFace] = {}
     for person in video.persons:
-        if not set(person) & set(chosen):
-            continue
-        leading = _lit(leading_key([video.records[index] for index in person]))
-        plain, leading = leading, relit(leading, light_ratio(leading, target, light))
-        skin = _skin_map(leading, target, steps, scene, contrast) if match == "semantic" else None
-        apply = all_colors_map(leading, target, steps) if skin is None else _at_curves(skin)
-        exposures = None
-        if video.settings["matching"] != "chain":  # the paper's way moves every key frame by the same map
-            new_skin = apply(leading)[on_skin(leading)] if skin is None else skin(leading.skin)
-            exposures = Exposure.between(leading, new_skin)
-        # light falls on the face alone
-        whole = skin if skin is not None and plain is leading else _body_map(plain, target, steps, scene, contrast)
-        for index in person:
-            if index not in chosen:
-                continue
-            new, gained, exposed = [], [], []
-            for key in map(_lit, video.records[index].key_frames):
-                lit = relit(key, light_ratio(key, target, light))
-                gain, kept = exposures.of(lit) if exposures is not None else (1.0, 1.0)
-                exposed.append((gain, kept))
-                lit = at_exposure(lit, 1.0 / gain)
-                moved = apply(lit)
-                lacks = np.zeros((len(PARTS), 3), np.float32)
-                if skin is not None and contrast != "auto":  # F, where it draws pixels, takes parts along
-                    moved, lacks = parts_apart(lit, skin, moved)
-                if skin is not None and changes is not None:
-                    gained.append(share * np.float32(kept) * (lacks + changes.on(skin, lit, wanted)))
-                new.append(key.colors + share * (_into_gamut(kept * moved).astype(np.float32) - key.colors))
-            colors[index] = np.stack(new).astype(np.float32)
-            contrasts[index] = 1.0 if skin is None else "map"
-            if gained:
-                parts[index] = np.stack(gained)
-            maps[index] = BodyMap(whole, strength, np.array(exposed, np.float32))
-    factor = 1.0 if contrast == "auto" else 1.0 + strength * (contrast - 1.0)
-    body = frozenset(maps if extent == "skin" else ())
-    return Look(
-        colors, contrasts if contrast == "auto" else factor, tuple(protect), parts, maps, body, video.source_sha256
-    )
+        wanted = [index for index in person if index in chosen]
+        if wanted:
+            own = PersonMap.of([video.records[index] for index in person], goal, follow_exposure=follow_exposure)
+            new |= {index: _new_face(video.records[index], own, goal) for index in wanted}
+    return _look(new, goal, tuple(protect), body=extent == "skin", source_sha256=video.source_sha256)
 
 
 def _beta(given: float) -> float:
@@ -173,36 +130,73 @@ def _beta(given: float) -> float:
     return beta
 
 
-def _at_curves(skin: SkinMap) -> ColorMap:
-    """F at the curves: on skin with its k for patches, which H(g' − F(g)) then evens."""
-    of_skin = (table_labels().group == GROUPS.index("skin"))[:, None]
-    return lambda key: np.where(of_skin, skin(key.colors, skin.broad), skin(key.colors))
+@dataclass(frozen=True, eq=False)
+class _NewKey:
+    """What a key frame gets, strength applied.
 
-
-def _skin_map(
-    key: KeyFrame, target: KeyFrame, steps: TransportSteps, scene: float, contrast: Contrast
-) -> SkinMap | None:
-    """The smooth map of the transport of the open skin; None without enough of it on either side.
-
-    A number for λ is the contrast of all that lies between the curves: neither features nor shade get deeper then.
+    colors: (S, 3) float32 g', 0-255 RGB;  parts: (P, 3) float32 that parts gain besides, None where they go with F;
+    exposure: its gain and what is kept of it, see `BodyMap`.
     """
-    if min(len(key.skin), len(target.skin)) == 0:
-        return None
-    moved = steps.transport(key.skin, complexion(target.skin, key.skin, scene))
-    if contrast != "auto":
-        return SkinMap.between(key.skin, moved, bounded=scene)
-    return SkinMap.between(key.skin, moved, depth_of_features(key, target), CRISP, bounded=scene)
+
+    colors: Floats
+    parts: Floats | None
+    exposure: tuple[float, float]
 
 
-def _body_map(key: KeyFrame, target: KeyFrame, steps: TransportSteps, scene: float, contrast: Contrast) -> SkinMap:
-    """The same for the rest of a person's skin; curves stand in where there is too little open skin."""
-    skin = _skin_map(key, target, steps, scene, contrast)
-    if skin is not None:
-        return skin
-    own, wanted = key.colors[key.visible], target.colors[target.visible]
-    if min(len(own), len(wanted)) < SMALLEST_GROUP:
-        return SkinMap.between(key.colors, key.colors.astype(np.float64))
-    return SkinMap.between(own, steps.transport(own, wanted))
+@dataclass(frozen=True, eq=False)
+class _NewFace:
+    """What a face gets at its K key frames, see `Look`."""
+
+    colors: Floats
+    contrast: FaceContrast
+    parts: Floats | None
+    map: BodyMap
+
+
+def _new_face(record: FaceRecord, person: PersonMap, goal: Goal) -> _NewFace:
+    """The new boundary colours of a face, by the map of its person."""
+    keys = [_new_key(with_lit_skin(key), person, goal) for key in record.key_frames]
+    parts = [key.parts for key in keys if key.parts is not None]
+    return _NewFace(
+        colors=np.stack([key.colors for key in keys]).astype(np.float32),
+        contrast=1.0 if person.skin is None else "map",
+        parts=np.stack(parts) if parts else None,
+        map=BodyMap(person.whole, goal.strength, np.array([key.exposure for key in keys], np.float32)),
+    )
+
+
+def _new_key(key: KeyFrame, person: PersonMap, goal: Goal) -> _NewKey:
+    """The new boundary colours of a key frame: g' = kept · F(g / gain), and `strength` of the way there."""
+    lit, strength = goal.relit(key), np.float32(goal.strength)
+    gain, kept = person.exposure_of(lit)
+    lit = at_exposure(lit, 1.0 / gain)
+    moved, parts = person.at_curves(lit), None
+    if person.skin is not None:
+        lacks = np.zeros((len(PARTS), 3), np.float32)
+        if goal.contrast != "auto":  # F, where it draws pixels, takes parts along
+            moved, lacks = parts_apart(lit, person.skin, moved)
+        if goal.changes is not None:
+            parts = strength * np.float32(kept) * (lacks + goal.changes.on(person.skin, lit, goal.makeup))
+    colors = key.colors + strength * (_into_gamut(kept * moved).astype(np.float32) - key.colors)
+    return _NewKey(colors, parts, (gain, kept))
+
+
+def _look(new: Mapping[int, _NewFace], goal: Goal, protect: tuple[str, ...], *, body: bool, source_sha256: str) -> Look:
+    """The look of some faces.  body: whether the other skin of their persons goes along."""
+    contrast: float | dict[int, FaceContrast]
+    if goal.contrast == "auto":
+        contrast = {index: face.contrast for index, face in new.items()}
+    else:
+        contrast = 1.0 + goal.strength * (goal.contrast - 1.0)
+    return Look(
+        colors={index: face.colors for index, face in new.items()},
+        contrast=contrast,
+        protect=protect,
+        parts={index: face.parts for index, face in new.items() if face.parts is not None},
+        maps={index: face.map for index, face in new.items()},
+        body=frozenset(new if body else ()),
+        source_sha256=source_sha256,
+    )
 
 
 def _into_gamut(colors: Doubles) -> Doubles:

@@ -1,0 +1,110 @@
+"""The map of a person: eq. (7, 8) taken from their leading key frame to the reference's, one for all their faces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pvg._arrays import Floats
+from pvg.asset import FaceRecord, KeyFrame
+from pvg.curves import GROUPS, table_labels
+from pvg.looks.color_map import SMALLEST_GROUP, ColorMap, TransportSteps, all_colors_map
+from pvg.looks.complexion import complexion
+from pvg.looks.depth import depth_of_features
+from pvg.looks.exposure import Exposure, leading_key, on_skin
+from pvg.looks.key_light import with_lit_skin
+from pvg.looks.light import light_ratio, relit
+from pvg.looks.look import Contrast
+from pvg.looks.parts import PartChanges
+from pvg.looks.tone import CRISP, SkinMap
+
+
+@dataclass(frozen=True, eq=False)
+class Goal:
+    """Where the colours of a clip are to go, and how; see `transfer`.
+
+    target: the reference's key frame;  semantic: whether skin goes to skin, or all colours together;
+    changes: what sets the reference's parts apart from its skin, None where parts go with it;
+    makeup: (P,) float32 in [0, 1], the strength of each part.
+    """
+
+    target: KeyFrame
+    steps: TransportSteps
+    semantic: bool
+    contrast: Contrast
+    strength: float
+    light: float
+    scene: float
+    changes: PartChanges | None
+    makeup: Floats
+
+    def relit(self, key: KeyFrame) -> KeyFrame:
+        """The key frame with light falling on the face as on the reference, as far as that is wanted."""
+        return relit(key, light_ratio(key, self.target, self.light))
+
+
+@dataclass(frozen=True, eq=False)
+class PersonMap:
+    """What the colours of a person go through, in all their faces and key frames.
+
+    skin: F of the face, None with "color" and where there is too little open skin on either side;
+    at_curves: the new boundary colours of a key frame, whose exposure is that of the leading one;
+    exposure: of key frames beside the leading one, None where every one takes the map as it is;
+    whole: F of all skin of the person, in the clip's own light.
+    """
+
+    skin: SkinMap | None
+    at_curves: ColorMap
+    exposure: Exposure | None
+    whole: SkinMap
+
+    @classmethod
+    def of(cls, records: Sequence[FaceRecord], goal: Goal, *, follow_exposure: bool) -> PersonMap:
+        """The map of the person whose faces these are, the one seen longest first."""
+        plain = with_lit_skin(leading_key(records))
+        leading = goal.relit(plain)
+        skin = _skin_map(leading, goal) if goal.semantic else None
+        at_curves = all_colors_map(leading, goal.target, goal.steps) if skin is None else _at_curves(skin)
+        exposure = None
+        if follow_exposure:
+            new_skin = at_curves(leading)[on_skin(leading)] if skin is None else skin(leading.skin)
+            exposure = Exposure.between(leading, new_skin)
+        # light falls on the face alone
+        whole = skin if skin is not None and plain is leading else _body_map(plain, goal)
+        return cls(skin, at_curves, exposure, whole)
+
+    def exposure_of(self, key: KeyFrame) -> tuple[float, float]:
+        """The gain of a key frame, and how much of it its new colours keep; see `Exposure.of`."""
+        return (1.0, 1.0) if self.exposure is None else self.exposure.of(key)
+
+
+def _at_curves(skin: SkinMap) -> ColorMap:
+    """F at the curves: on skin with its k for patches, which H(g' − F(g)) then evens."""
+    of_skin = (table_labels().group == GROUPS.index("skin"))[:, None]
+    return lambda key: np.where(of_skin, skin(key.colors, skin.broad), skin(key.colors))
+
+
+def _skin_map(key: KeyFrame, goal: Goal) -> SkinMap | None:
+    """The smooth map of the transport of the open skin; None without enough of it on either side.
+
+    A number for λ is the contrast of all that lies between the curves: neither features nor shade get deeper then.
+    """
+    if min(len(key.skin), len(goal.target.skin)) == 0:
+        return None
+    moved = goal.steps.transport(key.skin, complexion(goal.target.skin, key.skin, goal.scene))
+    if goal.contrast != "auto":
+        return SkinMap.between(key.skin, moved, bounded=goal.scene)
+    return SkinMap.between(key.skin, moved, depth_of_features(key, goal.target), CRISP, bounded=goal.scene)
+
+
+def _body_map(key: KeyFrame, goal: Goal) -> SkinMap:
+    """The same for the rest of a person's skin; curves stand in where there is too little open skin."""
+    skin = _skin_map(key, goal)
+    if skin is not None:
+        return skin
+    own, wanted = key.colors[key.visible], goal.target.colors[goal.target.visible]
+    if min(len(own), len(wanted)) < SMALLEST_GROUP:
+        return SkinMap.between(key.colors, key.colors.astype(np.float64))
+    return SkinMap.between(own, goal.steps.transport(own, wanted))
