@@ -15,7 +15,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from pvg._arrays import Floats, ramp
+from pvg._arrays import Bools, Floats, ramp
 from pvg.asset import KeyFrame
 from pvg.looks.tone import to_opponent
 
@@ -33,20 +33,27 @@ def out_of_deep_shade(skin: Floats) -> Floats:
 
     Shade is told from light by Otsu's threshold of luma (IEEE Trans. SMC 9, 1979).
     """
-    if len(skin) == 0:
-        return skin
-    luma = to_opponent(skin)[:, 0]
-    bright, middle = np.quantile(luma, (_BRIGHT, 0.5))
-    surely = ramp(float(bright) / max(float(middle), 1.0), *_DEEP)
-    if surely == 0.0:
-        return skin
-    shade, _ = cv2.threshold(np.clip(luma, 0, 255).astype(np.uint8), 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
-    return np.ascontiguousarray(skin[luma >= surely * shade])
+    lit = _out_of_deep_shade(skin)
+    return skin if lit.all() else np.ascontiguousarray(skin[lit])
 
 
 def with_lit_skin(key: KeyFrame) -> KeyFrame:
     """A key frame whose open skin is that out of deep shade."""
-    return replace(key, skin=out_of_deep_shade(key.skin))
+    lit = _out_of_deep_shade(key.skin)
+    return key if lit.all() else replace(key, skin=np.ascontiguousarray(key.skin[lit]), skin_at=key.skin_at[lit])
+
+
+def _out_of_deep_shade(skin: Floats) -> Bools:
+    """(n,) which colours of open skin are not in deep shade, if most are; all where not."""
+    if len(skin) == 0:
+        return np.ones(0, np.bool_)
+    luma = to_opponent(skin)[:, 0]
+    bright, middle = np.quantile(luma, (_BRIGHT, 0.5))
+    surely = ramp(float(bright) / max(float(middle), 1.0), *_DEEP)
+    if surely == 0.0:
+        return np.ones(len(skin), np.bool_)
+    shade, _ = cv2.threshold(np.clip(luma, 0, 255).astype(np.uint8), 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
+    return np.asarray(luma >= surely * shade)
 
 
 def in_key_light(skin: Floats) -> Floats:

@@ -1,9 +1,13 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from pvg.looks.key_light import in_key_light, out_of_deep_shade
+from pvg.looks.key_light import in_key_light, out_of_deep_shade, with_lit_skin
+from pvg.looks.light import light_ratio, relit
+from tests.gallery.assets import key_frame
 
 PEACH = np.array((210.0, 170.0, 145.0))
 
@@ -68,3 +72,11 @@ def test_deep_shade_is_left_out_little_by_little() -> None:
 
 def test_no_skin_has_no_shade() -> None:
     assert out_of_deep_shade(np.zeros((0, 3), np.float32)).shape == (0, 3)
+
+
+def test_a_face_under_a_cap_gives_and_takes_light_by_its_lit_skin() -> None:
+    skin = np.concatenate([shaded(PEACH, 140, (0.1, 0.2)), shaded(PEACH, 60, (0.8, 1.0), seed=1)])
+    capped = with_lit_skin(replace(key_frame(), skin=skin, skin_at=np.arange(200, dtype=np.int16)))
+    assert 60 <= len(capped.skin) < 70
+    np.testing.assert_array_equal(capped.skin, skin[capped.skin_at])
+    assert relit(capped, light_ratio(capped, key_frame(), 1.0)).skin.shape == capped.skin.shape
