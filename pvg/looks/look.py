@@ -98,7 +98,7 @@ class Look:
             raise ValueError(f"the look is of another clip than {video.path.name}: transfer the colours to this one")
         for face, colors in self.colors.items():
             keys = video.records[face].key_frames if 0 <= face < len(video.faces) else ()
-            if len(colors) != len(keys) or colors.shape[1:] != keys[0].colors.shape:
+            if not keys or colors.shape != (len(keys), *keys[0].colors.shape):
                 raise ValueError(
                     f"the look does not fit face {face} as {video.path.name} has it: transfer the colours to this one"
                 )

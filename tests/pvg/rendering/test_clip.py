@@ -178,6 +178,10 @@ def test_a_look_is_drawn_on_its_own_clip_alone(
     other = replace(own, colors={0: np.concatenate([own.colors[0]] * 2)})  # of more key frames
     with pytest.raises(ValueError, match="does not fit face 0"):
         pvg.render(video, [own, other], [tmp_path / "o.mp4", tmp_path / "p.mp4"], progress=never)
+    for face in (-1, 0, 1):  # of no key frames, where there is no such face, too
+        none = pvg.Look({face: np.zeros((0, *own.colors[0].shape[1:]), np.float32)})
+        with pytest.raises(ValueError, match=f"does not fit face {face}"):
+            pvg.render_frame(video, none, 0)
     assert list(tmp_path.iterdir()) == []
 
 
