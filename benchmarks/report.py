@@ -85,9 +85,7 @@ def _run_table(results: Results) -> str:
 def _rival_table(results: Results) -> str:
     """A frame, and a clip of 600 frames in one and in ten looks without decoding and encoding."""
     near = results.get("close-up rivals")
-    vectorised = (
-        results["runs"]["s"]["vectorise"]["cpu"]["median"] / results["runs"]["frames"] if "runs" in results else 0.0
-    )
+    vectorised = _vectorised_frame_s(results)
     once = results["rivals"]["once_ms"]
     shared = _shared_by_looks(results)
     cells = []
