@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pvg.video.color import INPUT_COLORS, ColorSpace, InputColor, color_space, named_space
 from pvg.video.describing import inspect, planned
+from pvg.video.display_order import frame_at, key_pictures
 from pvg.video.encoders import CLIP_SUFFIXES, CONTAINERS, check_scales
 from pvg.video.encoding import PictureEncoder
 from pvg.video.formats import RGB24, RGB48, Frame, Patch, PixelFormat
@@ -16,7 +17,7 @@ from pvg.video.parts import ClipOfParts, PartWriter
 from pvg.video.picture_metadata import PictureMetadata, lost_in_picture, read_picture_metadata
 from pvg.video.pipes import PipedClip, PipeReader, Y4mWriter
 from pvg.video.planes import PlanePicture, picture_of
-from pvg.video.reading import frame_at, key_pictures, read_frames
+from pvg.video.reading import read_frames
 from pvg.video.sniffing import IMAGE_KINDS, sniff
 from pvg.video.streams import Streams, read_streams
 from pvg.video.writing import VideoWriter

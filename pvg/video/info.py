@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Literal
 
 from pvg.errors import MediaError
+from pvg.video.display_order import packet_stamps
 from pvg.video.formats import RANGE_FULL, UNSPECIFIED, PixelFormat
 from pvg.video.images import color_of_picture, read_image
 from pvg.video.opening import MediaLimits, OpenClip, open_clip
 from pvg.video.picture_metadata import read_picture_metadata
-from pvg.video.reading import Reading, has_alpha, packet_stamps, pictures, reading_of
+from pvg.video.reading import Reading, has_alpha, pictures, reading_of
 from pvg.video.sniffing import IMAGE_KINDS, check_pixels, claimed_bytes, cut_short, sniff
 
 

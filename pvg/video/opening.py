@@ -66,6 +66,28 @@ class OpenClip:
         """What decodes."""
         return self.stream.codec_context if self.decoder is None else self.decoder
 
+    @property
+    def stamps_are_of_coding(self) -> bool:
+        """Whether time stamps are those of coding, not of display: AVI has no others."""
+        return self.container.format.name == "avi" and bool(self.stream.codec_context.has_b_frames)
+
+    def packets(self, *, strict: bool = False) -> Iterator[Packet]:
+        """The packets in file order, up to where the clip is cut off, and an empty one.
+
+        Raises MediaError where data is missing in the middle; strict: also where the end is missing.
+        """
+        count, cut = 0, False
+        for packet in self.container.demux(self.stream):
+            if packet.size and (cut or (packet.is_corrupt and strict)):
+                raise MediaError(
+                    f"{self.name} is damaged or cut short after packet {count} of its pictures; upload it whole"
+                )
+            if packet.is_corrupt and packet.size:  # only a part of it is there, as at the end of a file
+                cut = True
+                continue
+            yield packet
+            count += 1
+
     def decode(self, packet: Packet) -> list[av.video.frame.VideoFrame]:
         """The pictures that a packet of the stream completes; an empty packet gives those still held."""
         if self.decoder is None:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_left, bisect_right
+from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, cast
 
@@ -19,6 +18,7 @@ import numpy as np
 
 from pvg.errors import MediaError
 from pvg.video.color import color_space, named_space
+from pvg.video.display_order import DisplayOrder, display_order
 from pvg.video.formats import (
     RANGE_FULL,
     RANGE_LIMITED,
@@ -31,11 +31,10 @@ from pvg.video.formats import (
     resolve_format,
 )
 from pvg.video.images import read_image
-from pvg.video.opening import MediaLimits, OpenClip, Packet, open_clip, reason
+from pvg.video.opening import MediaLimits, OpenClip, open_clip, reason
 from pvg.video.sniffing import IMAGE_KINDS, check_pixels, sniff
 
 _NO_END = 1 << 62
-_ROUNDING_S = 1e-3
 _UNSTATED = (0, UNSPECIFIED, 3)  # code points: reserved ones say nothing
 _ONE_FRAME_A_PACKET = ("h264", "hevc", "mjpeg", "mpeg4", "prores", "png")
 
@@ -158,9 +157,9 @@ def read_frames(
         return
     wanted = range(start, _NO_END if stop is None else stop)
     if start > 0:
-        stamps = _display_index(path, how.limits, frame_count)
-        if stamps is not None:
-            yield from _read_from(path, wanted, how, stamps)
+        order = display_order(path, how.limits, frame_count)
+        if order is not None:
+            yield from _read_from(path, wanted, how, order)
             return
     with open_clip(path, how.limits) as clip:
         yield from _decode(clip, wanted, how)
@@ -186,22 +185,43 @@ def _decode(clip: OpenClip, wanted: range, how: _Manner) -> Iterator[Frame]:
         raise MediaError(f"{clip.name} holds no frame that can be decoded; it is damaged or empty")
 
 
-def whole_packets(clip: OpenClip, strict: bool = False) -> Iterator[Packet]:
-    """The packets of a clip in file order, up to where it is cut off, and an empty one.
+def _read_from(path: Path, wanted: range, how: _Manner, order: DisplayOrder) -> Iterator[Frame]:
+    """Frames from wanted.start by way of the key picture before it; else by decoding from the beginning."""
+    if wanted.start >= len(order.stamps):
+        return
+    before = bisect_right(order.keys, order.stamps[wanted.start]) - 1
+    if before >= 0:
+        done = False
+        with open_clip(path, how.limits) as clip:
+            for frame in _decode_after_seek(clip, wanted, how, order, order.keys[before]):
+                yield frame
+                done = True
+        if done:
+            return
+    with open_clip(path, how.limits) as clip:
+        yield from _decode(clip, wanted, how)
 
-    Raises MediaError where data is missing in the middle; strict: also where the end is missing.
-    """
-    count, cut = 0, False
-    for packet in clip.container.demux(clip.stream):
-        if packet.size and (cut or (packet.is_corrupt and strict)):
-            raise MediaError(
-                f"{clip.name} is damaged or cut short after packet {count} of its pictures; upload it whole"
-            )
-        if packet.is_corrupt and packet.size:  # only a part of it is there, as at the end of a file
-            cut = True
+
+def _decode_after_seek(clip: OpenClip, wanted: range, how: _Manner, order: DisplayOrder, key: int) -> Iterator[Frame]:
+    # How the clip looks is fixed by its first frame, wherever reading begins
+    opening = next(pictures(clip), None)
+    if opening is None:
+        return
+    reading = reading_of(clip, opening, how.input_color)
+    clip.seek(key)
+    index, goal = wanted.start, order.stamps[wanted.start]
+    for picture in pictures(clip, since=goal, strict=how.strict):
+        if picture.pts is None or (index == wanted.start and picture.pts > goal):
+            return  # the seek landed late: the caller decodes from the beginning
+        if picture.pts < goal:
             continue
-        yield packet
-        count += 1
+        _check_picture(clip.name, picture, reading, index, how.limits)
+        if index >= len(order.stamps) or picture.pts != order.stamps[index]:
+            raise MediaError(f"{clip.name} is damaged after frame {index - 1}; upload it again")
+        yield within_depth(clip.name, to_frame(picture, reading, index, picture.pts, clip.time_base))
+        index += 1
+        if index >= wanted.stop:
+            return
 
 
 def pictures(clip: OpenClip, since: int | None = None, *, strict: bool = False) -> Iterator[av.video.frame.VideoFrame]:
@@ -213,7 +233,7 @@ def pictures(clip: OpenClip, since: int | None = None, *, strict: bool = False) 
     interlaced = False
     context = clip.context
     try:
-        for packet in whole_packets(clip, strict):
+        for packet in clip.packets(strict=strict):
             if since is not None:
                 early = packet.pts is not None and packet.pts < since
                 context.skip_frame = "NONREF" if early else "DEFAULT"
@@ -235,14 +255,9 @@ def _check_losses(name: str, packets: int, frames: int) -> None:
         raise MediaError(f"{name} is damaged: only {frames} of its {packets} frames can be decoded; upload it again")
 
 
-def _counts_in_coding_order(clip: OpenClip) -> bool:
-    """Whether time stamps are those of coding, not of display: AVI has no others."""
-    return clip.container.format.name == "avi" and bool(clip.stream.codec_context.has_b_frames)
-
-
 def _stamp(clip: OpenClip, picture: av.video.frame.VideoFrame, last: int | None) -> int:
     pts = picture.pts if picture.pts is not None else picture.dts
-    if pts is None or _counts_in_coding_order(clip):
+    if pts is None or clip.stamps_are_of_coding:
         rate = clip.stream.average_rate or Fraction(25)
         pts = 0 if last is None else last + max(1, round(1 / (rate * clip.time_base)))
     return pts if last is None or pts > last else last + 1
@@ -330,126 +345,3 @@ def _plane_of(picture: av.video.frame.VideoFrame, index: int, target: PixelForma
     view: Plane = rows.reshape(-1, stride)[: plane.height, : plane.width]
     view.flags.writeable = False
     return view
-
-
-# --- random access --------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class _Stamps:
-    display: tuple[int, ...]  # the time stamps of all frames, ascending
-    keys: tuple[int, ...]  # those of the pictures decoding may start at
-    time_base: Fraction  # seconds a tick
-
-
-def packet_stamps(path: Path, limits: MediaLimits) -> tuple[list[tuple[int | None, bool]], Fraction]:
-    """(pts, is key) of every displayed packet of a clip in file order, without decoding, and the time base.
-
-    None stands for the time stamp of a packet that has none of display.
-    """
-    with open_clip(path, limits) as clip:
-        unknown = _counts_in_coding_order(clip)
-        try:
-            packets = [
-                (None if unknown else packet.pts, packet.is_keyframe)
-                for packet in whole_packets(clip)
-                if packet.size and not packet.is_discard
-            ]
-        except av.error.FFmpegError as error:
-            raise MediaError(f"{clip.name} is damaged ({reason(error)}); upload it again") from error
-        return packets, clip.time_base
-
-
-def _display_index(path: Path, limits: MediaLimits, frame_count: int | None) -> _Stamps | None:
-    """The clip's display order by its packets, or None where packets do not tell it.
-
-    frame_count: how many frames the clip gives, where that is known.
-    """
-    status = path.stat()
-    stamps = _cached_index(path.absolute(), status.st_size, status.st_mtime_ns, limits)
-    return stamps if stamps is not None and frame_count in (None, len(stamps.display)) else None
-
-
-def key_pictures(
-    path: str | Path, limits: MediaLimits | None = None, *, frame_count: int | None = None
-) -> tuple[int, ...] | None:
-    """The numbers of the frames of a clip that decoding may begin at, ascending; (0,) for a picture.
-
-    None where packets do not tell: every frame is then reached by decoding all before it.  frame_count: see
-    `read_frames`. Raises MediaError.
-    """
-    path = Path(path)
-    if sniff(path) in IMAGE_KINDS:
-        return (0,)
-    stamps = _display_index(path, limits or MediaLimits(), frame_count)
-    return None if stamps is None else tuple(bisect_left(stamps.display, key) for key in stamps.keys)
-
-
-def frame_at(
-    path: str | Path, time_s: float, limits: MediaLimits | None = None, *, frame_count: int | None = None
-) -> int | None:
-    """The number of the frame that a clip shows so many seconds after its first one; the last one at and past its end.
-
-    None where packets do not tell.  frame_count: see `read_frames`. Raises MediaError.
-    """
-    path = Path(path)
-    if sniff(path) in IMAGE_KINDS:
-        return 0
-    stamps = _display_index(path, limits or MediaLimits(), frame_count)
-    if stamps is None or not stamps.display:
-        return None
-    # a time that was worked out from a frame's number or stamp is that frame's in spite of its rounding
-    ticks = stamps.display[0] + (time_s + _ROUNDING_S) / float(stamps.time_base)
-    return max(0, bisect_right(stamps.display, ticks) - 1)
-
-
-@lru_cache(maxsize=8)
-def _cached_index(path: Path, size: int, modified_ns: int, limits: MediaLimits) -> _Stamps | None:
-    packets, time_base = packet_stamps(path, limits)
-    stamps = [pts for pts, _ in packets if pts is not None]
-    if len(stamps) != len(packets) or len(set(stamps)) != len(stamps):
-        return None
-    # pictures shown before the first key picture lean on others that are cut away, and decoders may skip them
-    if stamps and min(stamps) < next((pts for pts, key in packets if key and pts is not None), min(stamps)):
-        return None
-    keys = tuple(sorted(pts for pts, key in packets if key and pts is not None))
-    return _Stamps(tuple(sorted(stamps)), keys, time_base)
-
-
-def _read_from(path: Path, wanted: range, how: _Manner, stamps: _Stamps) -> Iterator[Frame]:
-    """Frames from wanted.start by way of the key picture before it; else by decoding from the beginning."""
-    if wanted.start >= len(stamps.display):
-        return
-    before = bisect_right(stamps.keys, stamps.display[wanted.start]) - 1
-    if before >= 0:
-        done = False
-        with open_clip(path, how.limits) as clip:
-            for frame in _decode_after_seek(clip, wanted, how, stamps, stamps.keys[before]):
-                yield frame
-                done = True
-        if done:
-            return
-    with open_clip(path, how.limits) as clip:
-        yield from _decode(clip, wanted, how)
-
-
-def _decode_after_seek(clip: OpenClip, wanted: range, how: _Manner, stamps: _Stamps, key: int) -> Iterator[Frame]:
-    # How the clip looks is fixed by its first frame, wherever reading begins
-    opening = next(pictures(clip), None)
-    if opening is None:
-        return
-    reading = reading_of(clip, opening, how.input_color)
-    clip.seek(key)
-    index, goal = wanted.start, stamps.display[wanted.start]
-    for picture in pictures(clip, since=goal, strict=how.strict):
-        if picture.pts is None or (index == wanted.start and picture.pts > goal):
-            return  # the seek landed late: the caller decodes from the beginning
-        if picture.pts < goal:
-            continue
-        _check_picture(clip.name, picture, reading, index, how.limits)
-        if index >= len(stamps.display) or picture.pts != stamps.display[index]:
-            raise MediaError(f"{clip.name} is damaged after frame {index - 1}; upload it again")
-        yield within_depth(clip.name, to_frame(picture, reading, index, picture.pts, clip.time_base))
-        index += 1
-        if index >= wanted.stop:
-            return

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
@@ -10,9 +8,7 @@ import pvg
 from pvg.looks import color_map
 from pvg.rendering import LAYERS, Stills
 from pvg.rendering.stills import around, cropped, encoded, fitted, thumbnail
-from pvg.video import frame_at, key_pictures, read_frames
-from tests.gallery import odd_clips
-from tests.gallery.clips import short_clip as gallery_clip
+from pvg.video import key_pictures
 
 
 @pytest.fixture(scope="module")
@@ -51,25 +47,6 @@ def test_the_nearest_frame_is_a_key_picture_or_one_that_is_there(video: pvg.Vect
     assert abs(fresh.nearest(17) - 17) == min(abs(key - 17) for key in keys)
     fresh.frame(17)
     assert fresh.nearest(17) == 17
-
-
-def test_key_pictures_are_counted_in_display_order(tmp_path: Path) -> None:
-    clip = gallery_clip(tmp_path / "clip.mp4", 30)
-    keys = key_pictures(clip)
-    assert keys is not None
-    whole = [frame.planes[0].copy() for frame in read_frames(clip)]
-    for key in keys:
-        (frame,) = read_frames(clip, start=key, stop=key + 1)
-        np.testing.assert_array_equal(frame.planes[0], whole[key])
-
-
-@pytest.mark.parametrize("make", [odd_clips.variable_rate, odd_clips.late_start, odd_clips.negative_start])
-def test_a_time_names_the_frame_that_is_shown_then(tmp_path: Path, make: object) -> None:
-    clip = make(tmp_path)  # type: ignore[operator]
-    times = [frame.time_s for frame in read_frames(clip)]
-    for index, time_s in enumerate(times):
-        assert frame_at(clip, time_s - times[0]) == index
-    assert frame_at(clip, 1e6) == len(times) - 1
 
 
 def test_a_face_is_shown_where_it_is_seen(stills: Stills, video: pvg.VectorVideo) -> None:

@@ -241,11 +241,3 @@ def test_frames_that_cannot_be_decoded_do_not_move_the_numbers_of_others(tmp_pat
             np.testing.assert_array_equal(seen[0].planes[0], frames[start].planes[0])
     assert key_pictures(cut) is None
     assert frame_at(cut, 1.0) is None
-
-
-def test_packets_that_do_not_fit_the_frames_known_tell_nothing(tmp_path: Path) -> None:
-    clip = encode_raw(tmp_path / "clip.mp4", [libav_frame(colorful(9, (160, 96)))] * 30, "libx264", g="10")
-    assert key_pictures(clip) == key_pictures(clip, frame_count=30) == (0, 10, 20)
-    assert frame_at(clip, 0.5, frame_count=30) == frame_at(clip, 0.5) is not None
-    assert key_pictures(clip, frame_count=29) is None
-    assert frame_at(clip, 0.5, frame_count=29) is None
