@@ -9,15 +9,15 @@ from pvg.rendering.parts import join_parts, render_part
 from pvg.rendering.placed_face import PlacedFace
 from pvg.rendering.renderer import Renderer
 from pvg.rendering.stills import Stills
-from pvg.rendering.suite_files import MATTES, PARTS, export
+from pvg.rendering.suite_files import MATTES, SUITE_FILES, export
 from pvg.rendering.warmup import warm_up
 from pvg.video import can_join
 
 __all__ = [
     "LAYERS",
     "MATTES",
-    "PARTS",
     "PART_S",
+    "SUITE_FILES",
     "PlacedFace",
     "Renderer",
     "Stills",

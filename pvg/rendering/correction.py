@@ -29,7 +29,7 @@ MAPPED_HEIGHT = 128
 """Nodes along a face's height on which maps are solved. What H has to carry beside F is a third as large as g' − λg,
 and so is its error. [measured: six looks, mean error in luma 0.02 to 0.18 levels, with λ and 208 nodes 0.03 to 0.22]"""
 
-Contrast = float | MapTables
+ContrastOrMap = float | MapTables
 """λ, or the tables of F, which stands for λ then."""
 
 
@@ -41,7 +41,7 @@ class CurveCorrection:
     """
 
     shift: Floats
-    contrast: Contrast
+    contrast: ContrastOrMap
 
     @property
     def mapped(self) -> bool:
@@ -60,7 +60,7 @@ class Correction:
 
     lattice: Lattice
     shift: Floats
-    contrast: Contrast
+    contrast: ContrastOrMap
     low: Floats | None = None
     around: Floats | None = None
 
@@ -70,7 +70,7 @@ class Correction:
         return isinstance(self.contrast, MapTables)
 
 
-def at_curves(g: Floats, new: Floats, contrast: Contrast) -> CurveCorrection:
+def at_curves(g: Floats, new: Floats, contrast: ContrastOrMap) -> CurveCorrection:
     """What a look asks for at the curves.
 
     g, new: (S, 3) luma and chroma of the boundary colours g and g', code values.

@@ -27,8 +27,8 @@ from pvg.video import ColorSpace, Frame, MediaInfo, PixelFormat, VideoWriter, wr
 
 Progress = Callable[[str, int, int], None]
 
-Part = Literal["cube", "matte"]
-PARTS: tuple[Part, ...] = ("cube", "matte")
+SuiteFile = Literal["cube", "matte"]
+SUITE_FILES: tuple[SuiteFile, ...] = ("cube", "matte")
 MATTES = ("ffv1", "prores", "png")
 MatteFormat = Literal["ffv1", "prores", "png"]
 
@@ -52,7 +52,7 @@ def export(
     look: Look,
     folder: str | Path,
     *,
-    parts: Collection[Part] = PARTS,
+    parts: Collection[SuiteFile] = SUITE_FILES,
     matte: MatteFormat = "ffv1",
     size: int = CUBE_SIZE,
     keep: Iterable[str | Path] = (),
@@ -70,8 +70,8 @@ def export(
     a look of another clip and files in the place of the clip or asset or of `keep`, further files that are not to be
     replaced; `OSError` where the files cannot be written. Numbered pictures of an export before are removed.
     """
-    if unknown := [part for part in parts if part not in PARTS]:
-        raise ValueError(f"part {unknown[0]!r} is not one of {', '.join(PARTS)}")
+    if unknown := [part for part in parts if part not in SUITE_FILES]:
+        raise ValueError(f"part {unknown[0]!r} is not one of {', '.join(SUITE_FILES)}")
     if matte not in MATTES:
         raise ValueError(f"matte {matte!r} is not one of {', '.join(MATTES)}")
     check_size(size)

@@ -19,7 +19,7 @@ Extra = Literal["cube", "matte"]
 MatteFormat = Literal["ffv1", "prores"]
 Match = Literal["color", "semantic"]
 Extent = Literal["skin", "face"]
-Part = Literal["eyes", "teeth"]
+Feature = Literal["eyes", "teeth"]
 Mask = Literal["landmarks", "ycbcr"]
 Matching = Literal["table", "chain"]
 InputColor = Literal["auto", "sdr", "pq", "hlg", "slog3", "logc3", "logc4", "vlog", "applelog"]
@@ -66,8 +66,8 @@ class VectorizeRequest:
 class LookParams:
     """How a reference's colours are put on a face.
 
-    ``strength`` is in [0, 1], ``contrast`` in [0.7, 1.5] or "auto"; ``protect`` names the parts that keep their colour,
-    ``faces`` the indices of the faces to change, ``reference_face`` that of the reference's, None its largest;
+    ``strength`` is in [0, 1], ``contrast`` in [0.7, 1.5] or "auto"; ``protect`` names the features that go their own
+    way, ``faces`` the indices of the faces to change, ``reference_face`` that of the reference's, None its largest;
     ``makeup`` is in [0, 1] for all parts or by part, ``light`` and ``scene`` in [0, 1]; ``extent`` is all skin of the
     person or the face alone;
     ``beta``, ``iterations`` and ``seed`` are those of the transport. With ``exchange`` the two ``faces`` exchange their
@@ -77,7 +77,7 @@ class LookParams:
     strength: float = 1.0
     contrast: Contrast | tuple[Contrast, Contrast] = "auto"
     match: Match = "semantic"
-    protect: tuple[Part, ...] = ("eyes", "teeth")
+    protect: tuple[Feature, ...] = ("eyes", "teeth")
     faces: tuple[int, ...] | Literal["all"] = "all"
     makeup: float | dict[str, float] = 0.75
     light: float = 0.0

@@ -19,8 +19,7 @@ import pvg
 from pvg.asset import FaceSummary, MediaSummary
 from pvg.face import PARTS
 from pvg.looks import MAKEUP
-from pvg.rendering import LAYERS, MATTES, PART_S, can_join, part_bounds
-from pvg.rendering import PARTS as EXPORTED
+from pvg.rendering import LAYERS, MATTES, PART_S, SUITE_FILES, can_join, part_bounds
 from pvg.rendering.stills import Encoding
 from pvg.vectorization import STAGES
 from pvg.video import CLIP_SUFFIXES, IMAGE_SUFFIXES, VideoWriter, encoders, probe, read_frames
@@ -37,13 +36,13 @@ from service.catalog.requests import (
     Container,
     Extent,
     Extra,
+    Feature,
     InputColor,
     Layer,
     Mask,
     Match,
     Matching,
     MatteFormat,
-    Part,
     Preset,
     StillFormat,
 )
@@ -158,11 +157,11 @@ def test_the_words_of_a_look_are_the_methods(portrait: pvg.VectorVideo, dark_ref
     for extent in (*get_args(Extent), "arms"):
         taken = taken_by_the_api(LookOptions, extent=extent)
         assert taken_by_the_method(portrait, dark_reference, extent=extent) is taken
-    for part in (*get_args(Part), "brows", "lips"):
-        assert taken_by_the_method(portrait, dark_reference, protect=(part,)) is taken_by_the_api(
-            LookOptions, protect=[part]
+    for feature in (*get_args(Feature), "brows", "lips"):
+        assert taken_by_the_method(portrait, dark_reference, protect=(feature,)) is taken_by_the_api(
+            LookOptions, protect=[feature]
         )
-    assert set(default_of(pvg.transfer, "protect")) == set(get_args(Part))
+    assert set(default_of(pvg.transfer, "protect")) == set(get_args(Feature))
     assert taken_by_the_method(portrait, dark_reference, contrast="auto")
     # the API checks indices against the faces that were found
     assert taken_by_the_method(portrait, dark_reference, faces=(0,))
@@ -224,7 +223,7 @@ def test_the_defaults_of_the_output_are_the_methods() -> None:
 
 
 def test_the_extras_are_the_parts_of_an_export() -> None:
-    assert get_args(Extra) == EXPORTED
+    assert get_args(Extra) == SUITE_FILES
     # a folder of pictures is no download
     assert {*get_args(MatteFormat), "png"} == set(MATTES)
     for suffix, content_type in ((".cube", "text/plain"), (".mkv", "video/x-matroska"), (".mov", "video/quicktime")):

@@ -11,7 +11,7 @@ from service.api.schemas._values import Contrast, ContrastOfEach, Faces
 from service.api.schemas.media import VectorBody
 from service.api.schemas.problems import StoredProblem
 from service.api.schemas.transfer import MakeupParts
-from service.catalog import Extent, Match, Part, PartName
+from service.catalog import Extent, Feature, Match, PartName
 
 State = Literal["queued", "running", "canceling", "succeeded", "failed", "canceled", "expired"]
 
@@ -43,7 +43,7 @@ class OptionsBody(BaseModel):
     strength: float
     contrast: Contrast | ContrastOfEach = Field(description="two when two faces exchange their colours")
     match: Match
-    protect: list[Part]
+    protect: list[Feature]
     faces: Faces
     makeup: float | MakeupParts
     light: float

@@ -29,9 +29,9 @@ from service.catalog import (
     Container,
     Extent,
     Extra,
+    Feature,
     Match,
     MatteFormat,
-    Part,
     Preset,
 )
 
@@ -63,7 +63,7 @@ class MakeupParts(Request):
 class _ColorOptions(Request):
     strength: float = Field(default=1.0, ge=0, le=1, description="0 leaves the clip as it is, 1 is the whole transfer")
     match: Match = Field(default="semantic", description="all colours together, or skin to skin and lips to lips")
-    protect: Annotated[list[Part], AS_SET] = Field(
+    protect: Annotated[list[Feature], AS_SET] = Field(
         default=["eyes", "teeth"], description="parts that keep their colour"
     )
     faces: Faces = Field(default="all", description="indices of the faces to change, or all")
