@@ -2,20 +2,49 @@
 
 Coordinates count pixel centres: pixel (0, 0) is centred at the origin and reaches from −½ to ½. Whatever has another
 size or another corner than the picture (a crop, a smaller copy, the cells of a matte) is a `Raster`, and nobody else
-adds or takes away a half.
+adds or takes away a half. Compiled kernels take the same formulas from here: `cell_center`, `cell_middle`, `cell_at`,
+`on_copy`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pvg._arrays import Bools, Doubles, Floats, Reals
 from pvg._bilinear import read_grid
+from pvg._compiled import kernel
 
 SUBPIXEL_BITS = 4
+
+
+def _cell_center(corner: Any, step: float, cell: Any) -> Any:
+    """The position of the centre of a raster's cell, along one side."""
+    return corner + (cell + 0.5) * step - 0.5
+
+
+def _cell_middle(corner: Any, step: float, cell: Any) -> Any:
+    """How far the centre of a raster's cell is from the picture's own corner, along one side; see `to_edge`."""
+    return corner + (cell + 0.5) * step
+
+
+def _cell_at(corner: Any, step: float, place: Any) -> Any:
+    """The cell of a raster, along one side, whose centre is at a position."""
+    return (place - corner + 0.5) / step - 0.5
+
+
+def _on_copy(place: Any, ratio: Any) -> Any:
+    """A position of a picture in a copy of it whose sides are `ratio` times as long."""
+    return (place + 0.5) * ratio - 0.5
+
+
+cell_center = kernel(inline=True)(_cell_center)
+cell_middle = kernel(inline=True)(_cell_middle)
+cell_at = kernel(inline=True)(_cell_at)
+on_copy = kernel(inline=True)(_on_copy)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,13 +80,13 @@ class Raster:
 
     def to_cells(self, points: Floats) -> Floats:
         """Cell coordinates of source positions (…, 2); centres of cells are at integers."""
-        cells: Floats = ((points - self.origin + 0.5) / self.step - 0.5).astype(np.float32)
+        cells: Floats = _cell_at(self.origin, self.step, points).astype(np.float32)
         return cells
 
     def centers(self) -> tuple[Doubles, Doubles]:
         """Source x of every column's centre and y of every row's."""
-        x = self.origin[0] + (np.arange(self.shape[1]) + 0.5) * self.step - 0.5
-        y = self.origin[1] + (np.arange(self.shape[0]) + 0.5) * self.step - 0.5
+        x = _cell_center(self.origin[0], self.step, np.arange(self.shape[1]))
+        y = _cell_center(self.origin[1], self.step, np.arange(self.shape[0]))
         return x, y
 
     def inside(self, size: tuple[int, int]) -> Bools:
@@ -90,7 +119,7 @@ def _within(positions: Doubles, count: int) -> Bools:
 
 def scaled(points: Reals, ratio: Floats | float) -> Reals:
     """Positions (…, 2) of a picture in a copy of it whose sides are `ratio` (2,) times as long."""
-    return np.asarray((points + 0.5) * ratio - 0.5, points.dtype)
+    return np.asarray(_on_copy(points, ratio), points.dtype)
 
 
 def sites(count: int, ratio: float) -> Floats:
@@ -116,9 +145,14 @@ def scaled_affine(matrix: Doubles, ratio: Doubles | float) -> Doubles:
     return out
 
 
-def from_edge(positions: Floats) -> Floats:
+def from_edge(positions: Reals) -> Reals:
     """Positions measured from a picture's own corner, as lengths and networks do, counted from its first centre."""
     return np.asarray(positions - 0.5, positions.dtype)
+
+
+def to_edge(positions: Reals) -> Reals:
+    """Positions counted from a picture's first centre, from its own corner, which pixel (0, 0) begins at."""
+    return np.asarray(positions + 0.5, positions.dtype)
 
 
 def centers_in_unit(count: int) -> Floats:

@@ -11,6 +11,7 @@ from scipy.ndimage import binary_dilation
 from scipy.spatial import Delaunay
 
 from pvg._arrays import Bools, Doubles, Ints
+from pvg.raster import from_edge, to_edge
 
 # Rings of leaves around the domain that carry basis functions. [measured: inside it the functions, not yet truncated,
 # add up to 1 within 0.0023]
@@ -132,8 +133,8 @@ def build_quadtree(
 def _place_grid(domain: Bools, offset: Doubles, h_min: float, h_max: float) -> _Grid:
     """Centre a raster of cells on the domain with room for four rings of the largest leaves."""
     rows, columns = np.flatnonzero(domain.any(axis=1)), np.flatnonzero(domain.any(axis=0))
-    low = np.array([columns[0], rows[0]]) - 0.5
-    high = np.array([columns[-1], rows[-1]]) + 0.5
+    low = from_edge(np.array([columns[0], rows[0]], np.float64))
+    high = from_edge(np.array([columns[-1] + 1, rows[-1] + 1], np.float64))
     levels = int(np.floor(np.log2(h_max / h_min) + 1e-9))
     top = 1 << levels
     blocks = np.ceil((high - low) / (h_min * top)) + 2 * (STENCIL_RING + 2)
@@ -202,7 +203,7 @@ def _refine(values: NDArray[Any], factor: int) -> NDArray[Any]:
 
 def _rings(corners: Doubles, sides: Doubles, labels: Ints, grid: _Grid, domain: Bools, offset: Doubles) -> Ints:
     """Ring of each leaf around the domain: 0 touches a pixel square of it, up to 4; 5 for everything beyond."""
-    start = corners * grid.cell + grid.corner - offset + 0.5
+    start = to_edge(corners * grid.cell + grid.corner - offset)
     stop = start + sides[:, None] * grid.cell
     table = np.zeros((domain.shape[0] + 1, domain.shape[1] + 1), dtype=np.int64)
     np.cumsum(np.cumsum(domain, axis=0, dtype=np.int64), axis=1, out=table[1:, 1:])

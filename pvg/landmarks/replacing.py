@@ -15,6 +15,7 @@ import numpy as np
 from pvg._arrays import Floats
 from pvg.face import Landmarks, layout
 from pvg.picture import Picture
+from pvg.raster import scaled
 
 LAG, EVERY = 24, 3
 """Frames from a view of a face to the one that it is compared with, and from one view to the next."""
@@ -67,8 +68,7 @@ def _laid_straight(picture: Picture, landmarks: Landmarks) -> Floats:
     marks = np.stack([landmarks.points[part].mean(axis=0) for part in parts]).astype(np.float32)
     apart = float(np.linalg.norm(marks[1] - marks[0]) / (_PLACES[1, 0] - _PLACES[0, 0]))  # source px a pixel
     fine = max(1, int(np.ceil(apart)))  # a large face is averaged down, so that it does not alias
-    places = (_PLACES + 0.5) * fine - 0.5
-    to_source = np.asarray(cv2.getAffineTransform(places.astype(np.float32), marks), np.float64)
+    to_source = np.asarray(cv2.getAffineTransform(scaled(_PLACES, fine), marks), np.float64)
     seen = cv2.cvtColor(picture.warp(to_source, (_VIEW_PX * fine,) * 2), cv2.COLOR_RGB2GRAY)
     small = cv2.resize(seen, (_VIEW_PX, _VIEW_PX), interpolation=cv2.INTER_AREA).astype(np.float32)
     view = np.asarray(cv2.GaussianBlur(small, (0, 0), _BLUR_PX), np.float32)

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from pvg._arrays import Doubles, Floats, Ints
 from pvg._compiled import kernel
 from pvg.membrane.lattice import Lattice, flat_size, grid_levels
+from pvg.raster import on_copy
 
 Layout = Sequence[tuple[int, int, bool]]
 SampleIndices = NDArray[np.int32]
@@ -141,8 +142,9 @@ def _nearest_crossings(
     for level in range(len(levels)):
         offset, _, w, rows, columns = levels[level]
         for segment in range(len(start)):
-            x0, y0 = (points[start[segment]] + 0.5) * scale - 0.5
-            x1, y1 = (points[stop[segment]] + 0.5) * scale - 0.5
+            begin, end = points[start[segment]], points[stop[segment]]
+            x0, y0 = on_copy(begin[0], scale), on_copy(begin[1], scale)
+            x1, y1 = on_copy(end[0], scale), on_copy(end[1], scale)
             for axis in range(2):  # rows of nodes, then columns
                 if axis == 0:
                     a0, b0, a1, b1, lines, nodes = x0, y0, x1, y1, rows, columns
@@ -159,13 +161,13 @@ def _nearest_crossings(
                         continue
                     node = min(int(crossing), nodes - 2)
                     index = offset + w + 3 + line * across + node * stride
-                    for end in range(2):
-                        distance = np.float32(crossing - node if end == 0 else node + 1 - crossing)
-                        at = index + end * stride
-                        if distance < theta[2 * axis + end, at]:
-                            theta[2 * axis + end, at] = distance
-                            segments[2 * axis + end, at] = segment
-                            places[2 * axis + end, at] = along
+                    for side in range(2):
+                        distance = np.float32(crossing - node if side == 0 else node + 1 - crossing)
+                        at = index + side * stride
+                        if distance < theta[2 * axis + side, at]:
+                            theta[2 * axis + side, at] = distance
+                            segments[2 * axis + side, at] = segment
+                            places[2 * axis + side, at] = along
         scale *= 0.5
     return theta, segments, places
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from pvg._arrays import Bools, Bytes, Floats, Ints
 from pvg._compiled import kernel
+from pvg.raster import cell_at, cell_center, cell_middle
 from pvg.rendering._kernels import Samples
 
 SUMS = 5  # of one side: cells, their three colours, and the squared lengths of those
@@ -42,14 +43,14 @@ def gather(
     across, along = 1.0 / (1 << log2x), 1.0 / (1 << log2y)
     height, width = first.shape
     for i in range(kind.shape[0]):
-        middle = corner[1] + (i + 0.5) * step
+        middle = cell_middle(corner[1], step, i)
         top, bottom = middle - 0.25 * step, middle + 0.25 * step
         if middle < 0.0 or middle > height:
             continue
         for j in range(kind.shape[1]):
             if kind[i, j] == 0 or not wanted[i >> 1, j >> 1]:
                 continue
-            center = corner[0] + (j + 0.5) * step
+            center = cell_middle(corner[0], step, j)
             left, right = center - 0.25 * step, center + 0.25 * step
             if center < 0.0 or center > width:
                 continue
@@ -210,15 +211,15 @@ def follow_lines(
     one, none, full, pace = np.float32(1.0), np.float32(0.0), np.float32(1.0) / opacity, np.float32(1.0 / step)
     starts, begin = np.empty(columns, np.int64), np.empty(columns, np.float32)
     for j in range(columns):
-        starts[j] = int(np.ceil(corner[0] + (j + 0.5) * step - 0.5 - window[0]))
-        begin[j] = np.float32((window[0] + max(starts[j], 0) - corner[0] + 0.5) / step - 0.5 - j)
+        starts[j] = int(np.ceil(cell_center(corner[0], step, j) - window[0]))
+        begin[j] = np.float32(cell_at(corner[0], step, window[0] + max(starts[j], 0)) - j)
     undecided = np.zeros(columns - 1, np.bool_)
     upper, lower = np.empty((LINE + 1, w), np.float32), np.empty((LINE + 1, w), np.float32)
     # chroma read sample by sample would give the edge steps of two pixels where it lies between two hues
     row, at = np.empty(second.shape[1], np.float32), -1
     one_wide, other_wide = np.empty(first.shape[1] + 2, np.float32), np.empty(first.shape[1] + 2, np.float32)
     for y in range(h):
-        place = (window[1] + y - corner[1] + 0.5) / step - 0.5
+        place = cell_at(corner[1], step, window[1] + y)
         i = int(np.floor(place))
         if i < 0 or i > rows - 2:
             continue

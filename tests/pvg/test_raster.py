@@ -5,7 +5,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pvg.raster import Raster, centers_in_unit, first_reading, from_edge, scaled, scaled_affine, sites
+from pvg.raster import (
+    Raster,
+    cell_at,
+    cell_center,
+    cell_middle,
+    centers_in_unit,
+    first_reading,
+    from_edge,
+    on_copy,
+    scaled,
+    scaled_affine,
+    sites,
+    to_edge,
+)
 
 corners = st.tuples(st.floats(-200, 200), st.floats(-200, 200))
 steps = st.floats(0.5, 9)
@@ -96,3 +109,19 @@ def test_readings_edges_and_unit_centres_agree_about_the_half_pixel() -> None:
     assert first_reading(10.0, 3.0) == 11.0
     np.testing.assert_array_equal(from_edge(np.array([0.5, 3.0], np.float32)), [0.0, 2.5])
     np.testing.assert_allclose(from_edge(8 * centers_in_unit(8)), np.arange(8))
+
+
+def test_kernels_are_told_what_arrays_are() -> None:
+    raster, point = raster_at((-7.0, 12.0), 3.7, (9, 5)), np.array([20.25, 31.5])
+    (x, y), ((column, row),) = raster.centers(), raster.to_cells(point[None])
+    for at, corner, centers, cell in zip(point, raster.origin, (x, y), (column, row), strict=True):
+        assert [cell_center(corner, raster.step, k) for k in range(len(centers))] == centers.tolist()
+        assert cell_middle(corner, raster.step, 2) == to_edge(centers)[2]
+        assert np.float32(cell_at(corner, raster.step, at)) == cell
+    assert [on_copy(at, 0.5) for at in point] == scaled(point, 0.5).tolist()
+
+
+def test_from_edge_undoes_to_edge() -> None:
+    positions = np.array([-0.5, 0.0, 7.25])
+    np.testing.assert_array_equal(to_edge(positions), [0.0, 0.5, 7.75])
+    np.testing.assert_array_equal(from_edge(to_edge(positions)), positions)
