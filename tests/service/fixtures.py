@@ -18,7 +18,7 @@ import structlog
 from sqlalchemy.engine import make_url
 from sqlalchemy.orm import Session
 
-from service.api import Services, create_app
+from service.api import Services, calls, create_app
 from service.api.examples import MEDIUM
 from service.api.server import listen, make_server
 from service.catalog import (
@@ -161,8 +161,21 @@ def api(settings: Settings) -> Iterator[Api]:
     yield from serve(settings)
 
 
+#: seconds for which the API waits for its records, but in these tests
+USUAL_PATIENCE_S = calls._PATIENCE_S
+
+
 def serve(settings: Settings) -> Iterator[Api]:
-    """Run the API of these settings in a thread, with the reaper's first round behind it."""
+    """Run the API of these settings in a thread, with the reaper's first round behind it.
+
+    It waits long for its records, and its client for it: a machine at work stands still for some seconds now and then.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(calls, "_PATIENCE_S", 60.0)
+        yield from _serve(settings)
+
+
+def _serve(settings: Settings) -> Iterator[Api]:
     make_tables(settings.database)
     app = create_app(settings)
     reaped = _first_round(app.state.services.reaper)
@@ -174,7 +187,7 @@ def serve(settings: Settings) -> Iterator[Api]:
             until(lambda: server.started)
             until(reaped.is_set)
             address = listener.getsockname()
-            with httpx.Client(base_url=f"http://127.0.0.1:{address[1]}", timeout=30) as client:
+            with httpx.Client(base_url=f"http://127.0.0.1:{address[1]}", timeout=90) as client:
                 yield Api(client, app.state.services, address)
         finally:
             server.should_exit = True

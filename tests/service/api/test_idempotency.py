@@ -13,7 +13,6 @@ import pytest
 from sqlalchemy import select
 from sqlalchemy.exc import OperationalError
 
-from service.api import calls
 from service.api.idempotency import Once
 from service.catalog import Job, idempotency, jobs, leases, sweep, utc_now
 from service.catalog.idempotency import Claim
@@ -58,9 +57,8 @@ def kinds(api: Api) -> Counter[str]:
 
 @pytest.mark.parametrize("force", [True, False])
 def test_fifty_requests_of_one_idempotency_key_at_once_are_one_job(
-    either: Api, promise: Callable[..., Drill], force: bool, monkeypatch: pytest.MonkeyPatch
+    either: Api, promise: Callable[..., Drill], force: bool
 ) -> None:
-    monkeypatch.setattr(calls, "_PATIENCE_S", 60.0)  # a busy machine writes them slowly
     drill = promise("R17", wanted="one job")
     body = wanted(either, force=force)
     with ThreadPoolExecutor(50) as pool:
@@ -77,10 +75,7 @@ def test_fifty_requests_of_one_idempotency_key_at_once_are_one_job(
     assert again.headers["location"] == firsts[0].headers["location"]
 
 
-def test_the_same_transfer_asked_for_at_once_without_a_key_is_one_job(
-    either: Api, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(calls, "_PATIENCE_S", 60.0)  # a busy machine writes them slowly
+def test_the_same_transfer_asked_for_at_once_without_a_key_is_one_job(either: Api) -> None:
     body = wanted(either)
     with ThreadPoolExecutor(20) as pool:
         answers = list(pool.map(lambda _: either.client.post("/transfer", json=body), range(20)))
@@ -88,8 +83,7 @@ def test_the_same_transfer_asked_for_at_once_without_a_key_is_one_job(
     assert kinds(either)["transfer"] == 1
 
 
-def test_the_same_upload_at_once_is_one_medium(either: Api, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(calls, "_PATIENCE_S", 60.0)  # a busy machine writes them slowly
+def test_the_same_upload_at_once_is_one_medium(either: Api) -> None:
     with ThreadPoolExecutor(10) as pool:
         answers = list(pool.map(lambda _: post(either, "/videos", "clip", content=MP4), range(10)))
     assert {answer.status_code for answer in answers} <= {202, 409}

@@ -20,7 +20,7 @@ from service.api.calls import Calls
 from service.catalog import keys
 from service.settings import Settings
 from tests.service.api.test_media import upload
-from tests.service.fixtures import MP4, Api, make_ready, make_results, serve
+from tests.service.fixtures import MP4, USUAL_PATIENCE_S, Api, make_ready, make_results, serve
 from tests.service.servers import Wire, fresh_database, wire_to
 from tests.waiting import until
 
@@ -82,7 +82,8 @@ def test_the_token_of_figures_is_asked_for_without_the_records(settings: Setting
             wire.connect()
 
 
-def test_a_database_that_hangs_holds_nobody_for_long(wired: tuple[Wire, Api]) -> None:
+def test_a_database_that_hangs_holds_nobody_for_long(wired: tuple[Wire, Api], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(calls, "_PATIENCE_S", USUAL_PATIENCE_S)
     wire, api = wired
     video = upload(api, "/videos")
     wire.hang()
@@ -97,9 +98,8 @@ def test_a_database_that_hangs_holds_nobody_for_long(wired: tuple[Wire, Api]) ->
 
 
 @pytest.mark.embedded
-def test_sixty_writers_that_wait_for_a_lock_hold_up_no_reader(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sixty_writers_that_wait_for_a_lock_hold_up_no_reader(api: Api) -> None:
     """Not one reader waits until a writer gives up, however slow the machine is."""
-    monkeypatch.setattr(calls, "_PATIENCE_S", 60.0)
     video = upload(api, "/videos")
     path = api.services.settings.folder / "catalog.sqlite3"
     other = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
@@ -150,7 +150,8 @@ def test_twenty_files_that_are_stored_slowly_hold_up_no_writer(api: Api, monkeyp
 
 
 @pytest.mark.embedded
-def test_a_lock_that_is_never_given_back_is_503(api: Api) -> None:
+def test_a_lock_that_is_never_given_back_is_503(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(calls, "_PATIENCE_S", USUAL_PATIENCE_S)
     path = api.services.settings.folder / "catalog.sqlite3"
     other = sqlite3.connect(path, isolation_level=None)
     other.execute("BEGIN IMMEDIATE")
@@ -176,8 +177,8 @@ def test_while_the_object_store_is_away_records_are_still_read(api: Api, setting
         ):
             patch.setenv(name, value)
         for away in serve(settings.model_copy(update={"storage_url": "s3://bucket"})):
-            assert is_unavailable(away.client.get(f"/results/{result}"))  # within the client's 30 s
-            assert is_unavailable(away.client.post("/videos", content=MP4 + b"2"))
+            assert is_unavailable(away.client.get(f"/results/{result}", timeout=30))
+            assert is_unavailable(away.client.post("/videos", content=MP4 + b"2", timeout=30))
             assert away.client.get(f"/jobs/{job['id']}").json()["state"] == "succeeded"
             assert away.client.get("/videos").json()["data"][0]["id"] == video["id"]
 

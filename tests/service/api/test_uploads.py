@@ -11,7 +11,6 @@ from typing import Any
 
 import pytest
 
-from service.api import calls
 from service.api.multipart import MAX_FRAMING_BYTES
 from service.api.uploads import clean_name
 from service.catalog import VectorSettings, jobs, vectorize_request
@@ -175,8 +174,7 @@ def test_the_settings_stand_in_the_schema(api: Api) -> None:
     assert form["matching"]["enum"] == ["table", "chain"]
 
 
-def test_many_uploads_of_the_same_bytes_at_once_make_one_medium(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(calls, "_PATIENCE_S", 60.0)  # a busy machine writes them slowly
+def test_many_uploads_of_the_same_bytes_at_once_make_one_medium(api: Api) -> None:
     content = MP4 + os.urandom(200_000)
     answers: list[tuple[int, str]] = []
 
