@@ -109,11 +109,24 @@ def processor_s(pid: int) -> float:
     return sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK")
 
 
+MANY_LINES = b"GET /livez HTTP/1.1\r\nHost: localhost\r\n" + b"a: b\r\n" * 10_000 + b"\r\n"
 BODY_HEAD = b"POST /videos HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100000\r\n\r\n"
 
 
 def test_bodies_that_trickle_are_cut_off_and_hold_nobody_up(service: Service, promise: Callable[..., Drill]) -> None:
-    drill = promise("R10", wanted="others' p99 < 500 ms; each cut within 30 s")
+    trickle(service, promise("R10", wanted="others' p99 < 500 ms; each cut within 30 s"), f"a limit of {BODY} s")
+
+
+@pytest.mark.slow
+def test_bodies_that_trickle_are_cut_off_at_the_limit_that_is_set_by_default(
+    tmp_path: Path, promise: Callable[..., Drill]
+) -> None:
+    with running_service(tmp_path, arguments=("--no-worker",)) as service:
+        trickle(service, promise("R10", wanted="others' p99 < 500 ms; each cut within 30 s"), "the default limit")
+
+
+def trickle(service: Service, drill: Drill, limit: str) -> None:
+    """Send 200 bodies at a byte a second, until all are cut off, and measure what others notice of it."""
     allowed = allowed_wait(service)
     with ExitStack() as stack, waits_of_others(service) as taken:
         sockets = [stack.enter_context(connect(service)) for _ in range(200)]
@@ -133,7 +146,7 @@ def test_bodies_that_trickle_are_cut_off_and_hold_nobody_up(service: Service, pr
                     ended[one] = time.monotonic() - began
             time.sleep(1)
     last = max(ended.values(), default=0.0)
-    drill.measured = f"p99 {1000 * p99(taken):.0f} ms; {len(ended)} cut within {last:.0f} s (at a limit of {BODY} s)"
+    drill.measured = f"p99 {1000 * p99(taken):.0f} ms; {len(ended)} cut within {last:.0f} s (at {limit})"
     drill.keep_to(last, 30)
     drill.keep_to(p99(taken), 0.5, busy=4 * allowed / 0.5)
     assert len(ended) == 200
@@ -220,7 +233,7 @@ def test_connections_are_kept_between_requests_and_requests_may_follow_each_othe
         (b"GET /livez HTTP/1.1\r\nHost: localhost\r\nno colon\r\n\r\n", 400),
         (b"GET /livez HTTP/1.1\r\nHost: localhost\r\na: " + b"x" * 20_000, 431),
         (b"GET /livez HTTP/1.1\r\nHost: localhost\r\na: " + b"x" * 20_000 + b"\r\n\r\n", 431),
-        (b"GET /livez HTTP/1.1\r\nHost: localhost\r\n" + b"a: b\r\n" * 10_000 + b"\r\n", 431),
+        (MANY_LINES, 431),
         (b"POST /videos HTTP/1.1\r\nHost: localhost\r\nContent-Length: 1\r\nContent-Length: 2\r\n\r\nx", 400),
         (b"POST /videos HTTP/1.1\r\nHost: localhost\r\nContent-Length: -1\r\n\r\n", 400),
         (b"POST /videos HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: gzip, chunked\r\n\r\n", 501),
@@ -268,11 +281,15 @@ def test_a_client_that_is_gone_when_it_is_refused_is_no_error() -> None:
     transport.abort.assert_called_once_with()
 
 
-def test_more_clients_than_there_are_places(tmp_path: Path, promise: Callable[..., Drill]) -> None:
-    """1,100 silent connections, and 1,024 descriptors: those that wait make room, others are served."""
+@pytest.mark.parametrize("limit", ["5 s", pytest.param("the default", marks=pytest.mark.slow)])
+def test_more_clients_than_there_are_places(tmp_path: Path, promise: Callable[..., Drill], limit: str) -> None:
+    """1,100 silent connections, and 1,024 descriptors: those that wait make room, others are served.
+
+    And some that send heads of 10,000 lines.
+    """
     drill = promise("R24", wanted="others' p99 < 500 ms; idle ones cut within 30 s; log bounded")
     limited = ("sh", "-c", 'ulimit -n 1024; exec "$@"', "sh")
-    settings = SHORT | {"idle_timeout_s": "5"}
+    settings = SHORT | {"idle_timeout_s": "5"} if limit == "5 s" else {}
     with (
         running_service(tmp_path, arguments=("--no-worker",), before=limited, **settings) as service,
         ExitStack() as stack,
@@ -283,14 +300,19 @@ def test_more_clients_than_there_are_places(tmp_path: Path, promise: Callable[..
             sockets = [stack.enter_context(connect(service)) for _ in range(1100)]
             time.sleep(3)
             assert len(os.listdir(f"/proc/{service.process.pid}/fd")) < 1000
+            many_lines = {answer_to(service, MANY_LINES)[0] for _ in range(20)}
             while len(closed(sockets)) < 1100:
                 assert time.monotonic() - began < 120
                 time.sleep(0.2)
             gone, log = time.monotonic() - began, service.log.stat().st_size
             until(lambda: len(taken) > 20)
-        drill.measured = f"p99 {1000 * p99(taken):.0f} ms; all cut after {gone:.0f} s; log of {log / 1000:.0f} kB"
+        drill.measured = (
+            f"p99 {1000 * p99(taken):.0f} ms; all cut after {gone:.0f} s (at {limit}); 20 times 10,000 lines: "
+            f"{many_lines}; log of {log / 1000:.0f} kB"
+        )
         drill.keep_to(gone, 30)
         drill.keep_to(p99(taken), 0.5, busy=4 * allowed / 0.5)
+        assert many_lines == {431}
         assert len(taken) > 20
         assert processor_s(service.process.pid) - used < 0.8 * (time.monotonic() - began)
         assert service.log.stat().st_size < 100_000 + 200 * len(taken)

@@ -62,12 +62,24 @@ def test_any_other_name_is_answered_nothing(api: Api, host: str) -> None:
 
 def test_another_name_writes_nothing(api: Api, promise: Callable[..., Drill]) -> None:
     drill = promise("R23", wanted="421 or 403; nothing read, nothing written")
-    refused = api.client.post("/references", headers={"host": "evil.example"}, files={"file": ("a.png", PNG)})
-    page = {"origin": "https://evil.example"}
+    known = api.client.post("/videos", content=PNG).json()
+    before = api.blobs
+    name, page = {"host": "evil.example"}, {"origin": "https://evil.example"}
+    refused = api.client.post("/references", headers=name, files={"file": ("a.png", PNG)})
     other = api.client.post("/references", headers=page, files={"file": ("a.png", PNG)})
-    drill.measured = f"{refused.status_code} and {other.status_code}, {len(api.blobs)} files"
-    assert (refused.status_code, other.status_code) == (421, 403)
-    assert api.blobs == api.drafts == []
+    paths = ("/videos", f"/videos/{known['id']}", f"/videos/{known['id']}/file", f"/jobs/{known['job']}")
+    reads = [api.client.get(path, headers=name) for path in paths]
+    gone = [api.client.delete(f"/videos/{known['id']}?cancel_jobs=true", headers=one) for one in (name, page)]
+    drill.measured = (
+        f"writes {refused.status_code} and {other.status_code}, deletes {gone[0].status_code} and "
+        f"{gone[1].status_code}, {len(reads)} reads {reads[0].status_code}; {len(api.blobs) - len(before)} files more"
+    )
+    assert [one.status_code for one in (refused, other, *gone)] == [421, 403, 421, 403]
+    assert {one.status_code for one in reads} == {421}
+    assert not any(known["id"] in one.text.replace(one.json()["instance"], "") for one in reads)
+    assert (api.blobs, api.drafts) == (before, [])
+    assert api.client.get("/references").json()["data"] == []
+    assert api.client.get(f"/videos/{known['id']}").json() == known
 
 
 def test_more_names_are_a_setting(named: Api, anywhere: Api) -> None:

@@ -215,7 +215,7 @@ INJECTED: dict[str, Any] = {
 def test_a_job_that_crashes_its_process_each_time_fails_after_three(
     runner: Runner, database: Database, settings: Settings, promise: Callable[..., Drill], content: str
 ) -> None:
-    drill = promise("R6", wanted="failed `worker-crashed` after 3")
+    drill = promise("R6", wanted="failed `worker-crashed` after 3; the next job runs")
     if content in INJECTED:
         content = f"answer {json.dumps(INJECTED[content])}{'no file' if 'not there' in content else ''}"
     job_id = add(database, settings, content).job_id
@@ -226,7 +226,9 @@ def test_a_job_that_crashes_its_process_each_time_fails_after_three(
     assert (job.state, job.attempt) == (JobState.FAILED, 3)
     assert job.error is not None
     assert job.error["type"] == "worker-crashed"
-    drill.measured = f"attempt {job.attempt}: {job.error['type']}"
+    following = done(runner, database, add(database, settings, f"answer {json.dumps(GOOD)}").job_id)
+    drill.measured = f"attempt {job.attempt}: {job.error['type']}; the next one {following.state}"
+    assert (following.state, following.attempt) == (JobState.SUCCEEDED, 1)
 
 
 def test_text_of_a_process_is_one_line_of_bounded_length(
