@@ -32,6 +32,7 @@ PACKAGES: Final = {
     "curl": "curl",
     "jq": "jq",
     "nginx": "nginx-light",
+    "cc": "gcc",
 }
 
 

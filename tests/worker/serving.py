@@ -19,6 +19,7 @@ from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import httpx
@@ -166,9 +167,17 @@ class Service:
         )
 
     def folder_of(self, job_id: str) -> Path:
-        """The data folder of the worker that is at work on a job: what it writes is there, under the job's id."""
-        (folder,) = {path.parent.parent for path in self.drafts() if job_id in path.name}
-        return folder
+        """The data folder of the worker that is at work on a job: what it writes is there, under the job's id.
+
+        What killed attempts have left there is older.
+        """
+
+        def written(path: Path) -> float:
+            with suppress(FileNotFoundError):  # it is cleared away
+                return path.stat().st_mtime
+            return 0.0
+
+        return max((path for path in self.drafts() if job_id in path.name), key=written).parent.parent
 
     def events(self, event: str, **values: object) -> list[dict[str, Any]]:
         """What the log says of an event."""
@@ -273,9 +282,20 @@ def running_service(
 
 @contextmanager
 def running_scaled(
-    folder: Path, *, database_url: str, broker_url: str, s3: S3, workers: int = 2, previews: int = 1, **settings: str
+    folder: Path,
+    *,
+    database_url: str,
+    broker_url: str,
+    s3: S3,
+    workers: int = 2,
+    previews: int = 1,
+    environments: Mapping[str, Mapping[str, str]] = MappingProxyType({}),
+    **settings: str,
 ) -> Iterator[Service]:
-    """Start two APIs and so many workers that share only these three, all at once; stop them together."""
+    """Start two APIs and so many workers that share only these three, all at once; stop them together.
+
+    ``environments`` are variables of one process alone, by the name of its folder: `api-0`, `api-1`, `worker-2` and on.
+    """
     log, ports = folder / "service.log", (free_port(), free_port())
     shared = {"worker_concurrency": "1", "link_secret": "shared-by-all-and-known-to-nobody"} | settings
     shared |= {"database_url": database_url, "broker_url": broker_url, "storage_url": s3.storage_url}
@@ -286,7 +306,8 @@ def running_scaled(
         for number, (role, arguments) in enumerate(roles):
             folders.append(folder / f"{role}-{number}")
             port = {"port": str(ports[number])} if role == "api" else {}
-            one = started([*COMMAND, *arguments], folders[-1], log, environment=s3.environment(), **port, **shared)
+            own = s3.environment() | dict(environments.get(folders[-1].name, {}))
+            one = started([*COMMAND, *arguments], folders[-1], log, environment=own, **port, **shared)
             processes.append(stack.enter_context(one))
         client = stack.enter_context(
             httpx.Client(base_url=f"http://127.0.0.1:{ports[0]}", timeout=60, transport=Turns(ports))
