@@ -130,7 +130,7 @@ class Settings(BaseSettings):
     """How often progress is written and a cancel noticed."""
     reap_interval_s: float = Field(default=10.0, gt=0)
     """Time between two rounds of the reaper."""
-    republish_after_s: float = Field(default=10.0, ge=0)
+    republish_after_s: float = Field(default=5.0, ge=0)
     """Age from which a job without a message is sent again."""
     max_attempts: int = Field(default=3, gt=0)
     """Attempts at one job."""
