@@ -87,7 +87,7 @@ class LeaseKeeper:
             raise self._verdict
 
     def _may_go_on(self) -> bool:
-        fraction = self._latest.fraction if self._latest is not None else 0.0
+        fraction = self._latest.fraction if self._latest is not None else None
         return stopping.may_go_on(self._began, fraction, grace_s=self._settings.worker_stop_grace_s)
 
     def _run(self) -> None:

@@ -74,16 +74,19 @@ def is_no_loss(record: logging.LogRecord) -> bool:
     return True
 
 
-def may_go_on(began: float, fraction: float, *, grace_s: float) -> bool:
+def may_go_on(began: float, fraction: float | None, *, grace_s: float) -> bool:
     """Whether a job is about to end: a worker that is told to stop gives the others back at once.
 
     ``began`` is when it was begun, by `time.monotonic`, and ``fraction`` in [0, 1] how far it is. The rest of it takes
     as long in proportion, and must fit into ``grace_s`` seconds from when the worker was told. One that has hardly
-    begun is taken to be at a twentieth, so that pictures are finished.
+    begun is taken to be at a twentieth. One that has told nothing yet, None, may be a picture, which tells nothing
+    until its end: it has half of the time to end in.
     """
     asked = asked_at()
     if asked is None:
         return True
     now = time.monotonic()
+    if fraction is None:
+        return now < asked + grace_s / 2
     done = max(fraction, 0.05)
     return now + (now - began) * (1 - done) / done < asked + grace_s

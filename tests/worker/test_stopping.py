@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import os
 import re
@@ -13,6 +14,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -103,6 +105,48 @@ def test_a_long_job_goes_on_elsewhere_and_no_deploy_costs_an_attempt(
         assert new.wait(150) == 0
         assert until_it_is(service, job_id, lambda job: job["state"] == "queued", 60)["attempt"] == 1
         assert "WorkerLostError" not in service.log.with_name("worker.log").read_text()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("broker", ["files", "redis"])
+def test_a_short_job_is_finished_by_a_worker_that_stops_and_a_long_one_by_another(
+    broker: str, tmp_path: Path, samples: Samples, request: pytest.FixtureRequest, promise: Callable[..., Drill]
+) -> None:
+    drill = promise("R7", wanted="a short job is finished, a long one finishes elsewhere; exit 0 within 30 s")
+    settings = QUICK | ({"broker_url": request.getfixturevalue("redis_url")} if broker == "redis" else {})
+    with running_service(tmp_path, arguments=["--no-worker"], **settings) as service, ExitStack() as stack:
+        old = stack.enter_context(worker(service, worker_concurrency="2"))
+        picture = service.ready("/videos", samples.portrait)["id"]
+        long = service.upload("/videos", samples.woman_clip)["job"]
+        begun(service, long)
+        wanted = {"video": picture, "looks": [{"reference": picture}]}
+        short = service.client.post("/transfer", json=wanted).raise_for_status().json()["id"]
+        until_it_is(service, short, lambda job: job["state"] == "running", 180)
+        told, told_at = time.monotonic(), datetime.now(UTC)
+        old.send_signal(signal.SIGTERM)
+        assert old.wait(150) == 0
+        ended_s = time.monotonic() - told
+        states = [(job["state"], job["attempt"]) for job in (service.job(short), service.job(long))]
+        new = stack.enter_context(worker(service))
+        done = service.finished(long)
+        log = service.log.with_name("worker.log").read_text()
+        times = [_begun_times(log, job) for job in (short, long)]
+        drill.measured = (
+            f"{broker}: short {states[0][0]}, exit 0 after {ended_s:.1f} s; long {states[1][0]} by then, "
+            f"{done['state']} by another on attempt {done['attempt']}"
+        )
+        assert states == [("succeeded", 1), ("queued", 1)]
+        assert datetime.fromisoformat(service.job(short)["finished_at"]) > told_at
+        assert (done["state"], done["attempt"]) == ("succeeded", 1)
+        assert times == [1, 2]
+        assert new.poll() is None
+        drill.keep_to(ended_s, 30)
+
+
+def _begun_times(log: str, job_id: str) -> int:
+    """How often workers say that they began a job."""
+    lines = [json.loads(line) for line in log.splitlines() if line.startswith("{")]
+    return sum(line["event"] == "job begins" and line.get("job") == job_id for line in lines)
 
 
 @pytest.mark.parametrize("asked_at", [None, 1.0])
