@@ -21,6 +21,8 @@ _TIME: Final = struct.Struct("d")
 
 #: seconds after which a worker that was told to stop takes no more messages: its loop looks that often
 _SETTLED_S: Final = 2.2
+#: how far a job is from which on this tells how long the rest takes
+_BEGUN: Final = 0.05
 
 
 class StoppedError(Exception):
@@ -79,8 +81,9 @@ def may_go_on(began: float, fraction: float | None, *, grace_s: float) -> bool:
 
     ``began`` is when it was begun, by `time.monotonic`, and ``fraction`` in [0, 1] how far it is. The rest of it takes
     as long in proportion, and must fit into ``grace_s`` seconds from when the worker was told. One that has hardly
-    begun is taken to be at a twentieth. One that has told nothing yet, None, may be a picture, which tells nothing
-    until its end: it has half of the time to end in.
+    begun is taken to be at a twentieth, but not before its message may be sent (`settle`): until then it can show more
+    at no cost. One that has told nothing yet, None, may be a picture, which tells nothing until its end: it has half of
+    the time to end in.
     """
     asked = asked_at()
     if asked is None:
@@ -88,5 +91,7 @@ def may_go_on(began: float, fraction: float | None, *, grace_s: float) -> bool:
     now = time.monotonic()
     if fraction is None:
         return now < asked + grace_s / 2
-    done = max(fraction, 0.05)
+    if fraction < _BEGUN and now < asked + min(_SETTLED_S, grace_s):
+        return True
+    done = max(fraction, _BEGUN)
     return now + (now - began) * (1 - done) / done < asked + grace_s

@@ -116,10 +116,14 @@ def test_a_worker_that_has_to_stop_gives_back_all_but_what_is_about_to_end(
     stopping.ask()
     assert not stopping.may_go_on(now - 60, 0.5, grace_s=10)  # another minute
     assert stopping.may_go_on(now - 60, 0.9, grace_s=10)
-    assert stopping.may_go_on(now - 0.1, 0.0, grace_s=10)
-    assert not stopping.may_go_on(now - 1, 0.0, grace_s=10)
+    assert stopping.may_go_on(now - 1, 0.0, grace_s=10)  # its message is not sent yet
+    assert not stopping.may_go_on(now - 1, 0.0, grace_s=0)
     assert stopping.may_go_on(now - 1, None, grace_s=10)  # a picture, perhaps
     assert not stopping.may_go_on(now - 1, None, grace_s=0)
+    monkeypatch.setattr(stopping, "time", SimpleNamespace(monotonic=lambda: now + 3))
+    assert not stopping.may_go_on(now - 1, 0.0, grace_s=10)
+    assert stopping.may_go_on(now - 1, 0.5, grace_s=10)
+    assert stopping.may_go_on(now - 1, None, grace_s=10)
     monkeypatch.setattr(stopping, "time", SimpleNamespace(monotonic=lambda: now + 6))
     assert not stopping.may_go_on(now - 1, None, grace_s=10)
     monkeypatch.setattr(stopping, "time", SimpleNamespace(monotonic=lambda: now + 11))
