@@ -33,3 +33,7 @@ class AssetError(PvgError):
 
 class SolverError(PvgError):
     """A linear solve is singular or missed its tolerance."""
+
+
+class UncutError(SolverError):
+    """No curve crosses the region of a membrane, so that nothing tells its values."""

@@ -72,7 +72,7 @@ class PersonMap:
             new_skin = at_curves(leading)[on_skin(leading)] if skin is None else skin(leading.skin)
             exposure = Exposure.between(leading, new_skin)
         # light falls on the face alone
-        whole = skin if skin is not None and plain is leading else _body_map(plain, goal)
+        whole = skin if skin is not None and plain is leading else _whole_map(plain, goal)
         return cls(skin, at_curves, exposure, whole)
 
     def exposure_of(self, key: KeyFrame) -> tuple[float, float]:
@@ -99,12 +99,13 @@ def _skin_map(key: KeyFrame, goal: Goal) -> SkinMap | None:
     return SkinMap.between(key.skin, moved, depth_of_features(key, goal.target), CRISP, bounded=goal.scene)
 
 
-def _body_map(key: KeyFrame, goal: Goal) -> SkinMap:
-    """The same for the rest of a person's skin; curves stand in where there is too little open skin."""
-    skin = _skin_map(key, goal)
+def _whole_map(key: KeyFrame, goal: Goal) -> SkinMap:
+    """F of all skin of a person. Where the face has none of its own, the rest goes as the curves of its skin do."""
+    skin = _skin_map(key, goal) if goal.semantic else None
     if skin is not None:
         return skin
-    own, wanted = key.colors[key.visible], goal.target.colors[goal.target.visible]
-    if min(len(own), len(wanted)) < SMALLEST_GROUP:
-        return SkinMap.between(key.colors, key.colors.astype(np.float64))
-    return SkinMap.between(own, goal.steps.transport(own, wanted))
+    of_face = on_skin(key)
+    if of_face.sum() < SMALLEST_GROUP:
+        of_face = np.ones_like(of_face)
+    moved = all_colors_map(key, goal.target, goal.steps)(key)
+    return SkinMap.between(key.colors[of_face], moved[of_face])

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pvg._arrays import Floats
-from pvg.errors import SolverError
+from pvg.errors import SolverError, UncutError
 from pvg.membrane.edge_cuts import MIN_THETA, EdgeCuts
 from pvg.membrane.equations import FivePoint, assemble, load_ties
 from pvg.membrane.lattice import finest_nodes
@@ -85,11 +85,11 @@ def build_membrane(cuts: EdgeCuts) -> MembraneOperator:
     """Set up eq. (1) on a lattice whose edges γ cuts; one operator serves every right-hand side.
 
     Raises:
-        SolverError: γ cuts no edge, so that there is no unique solution.
+        UncutError: γ cuts no edge, so that there is no unique solution.
     """
     equations, share = assemble(cuts.theta, cuts.levels, MIN_THETA)
     if not finest_nodes(equations.tie, cuts.levels).any():
-        raise SolverError("no curve crosses the lattice of the face's box; check the curve points and the box")
+        raise UncutError("no curve crosses the lattice of the face's box; check the curve points and the box")
     # Coarser levels may hold a node more firmly than its own cuts do; its load follows.
     traced = np.bincount(cuts.node, cuts.weight, minlength=len(equations.tie))[cuts.node]
     weight = (cuts.weight * (equations.tie[cuts.node] / traced)).astype(np.float32)

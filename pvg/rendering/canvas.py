@@ -107,7 +107,8 @@ def piped_canvas(video: VectorVideo, pictures: BinaryIO) -> Iterator[Canvas]:
             )
         streams = Streams() if source is None else read_streams(source, video.limits)
         # what says how pictures were coded is the pipe's
-        streams = replace(streams, fields=clip.fields or streams.fields, alpha=False, embedded=())
+        fields = clip.fields if clip.fields or clip.progressive else streams.fields
+        streams = replace(streams, fields=fields, alpha=False, embedded=())
         missing = () if source is not None else ("sound and tags do not come by the pipe, and the clip is not there",)
         yield Canvas(_info(clip, known, video), source, streams, lambda: _counted(clip, video), missing)
 

@@ -8,6 +8,7 @@ import numpy as np
 from pvg._arrays import Bytes
 from pvg.asset import VectorVideo
 from pvg.curves import table_labels
+from pvg.errors import UncutError
 from pvg.landmarks import draw_landmarks
 from pvg.raster import SUBPIXEL_BITS, fixed_point
 from pvg.rendering.clip import placed_faces, source_frame
@@ -64,7 +65,10 @@ def _draw_face(
         return
     record = video.records[face]
     colors = record.blended([key.colors for key in record.key_frames], index)
-    low = placed.membrane(colors).crop(placed.x, placed.y, w, h)
+    try:
+        low = placed.membrane(colors).crop(placed.x, placed.y, w, h)
+    except UncutError:  # as when a look is drawn
+        return
     field = low if name == "low" else image[window] - low + _MID_GREY
     alpha = placed.alpha[..., None]
     out[window] = np.clip(np.rint(alpha * field + (1 - alpha) * out[window]), 0, 255).astype(np.uint8)

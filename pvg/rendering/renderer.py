@@ -9,6 +9,7 @@ import numpy as np
 from pvg._arrays import Floats
 from pvg.asset import VectorVideo
 from pvg.curves import Chain, ColorTable, CurveLabels, labels_by_length, table_labels
+from pvg.errors import UncutError
 from pvg.looks import Look, Region
 from pvg.rendering.beside import with_beside
 from pvg.rendering.body import apply_body
@@ -54,6 +55,8 @@ class _ChainColors:
         """The same; S differs from frame to frame."""
         key = self._record.key_frames.index(self._record.key_frame_of(frame))
         first = self._record.key_frames[key].frame
+        if frame < first:  # before the first key frame of all: the chain begins there
+            return table_labels(), self._stacks[key]
         if self._chain is None or self._chain[0] != key or self._chain[1] >= frame:
             self._chain = (key, first - 1, Chain(self._stacks[key], table_labels()), table_labels())
         _, last, chain, labels = self._chain
@@ -204,7 +207,10 @@ class Renderer:
             gained = self._parts(i, face, frame.index)
             parts.append(None if gained is None else coding.changes(gained, new))
         level, align = 2.0 ** (frame.format.depth - 8), 2 ** max(frame.format.chroma_log2)
-        corrections = extend(placed, codes, wanted, level=level)
+        try:
+            corrections = extend(placed, codes, wanted, level=level)
+        except UncutError:  # a speck of matte between curves, as the paper's rule may leave: it stays as it is
+            return
         landmarks = placed.data.landmarks
         key = self.video.records[face].key_frame_of(frame.index)
         mouth = see_mouth(frame, landmarks, key, placed.lattice())

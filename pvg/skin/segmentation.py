@@ -59,11 +59,16 @@ def _of_box(rgb: Bytes, landmarks: Landmarks, *, bald: bool) -> tuple[Bools, boo
 
 
 def red_chroma_mask(rgb: Bytes, face: Bools, visible: Bools | None = None) -> Bools:
-    """The paper's rule: Cr in [140, 160], the largest component of those that touch `face` (H, W) bool, filled."""
+    """The paper's rule: Cr in [140, 160], the largest component of those that touch `face` (H, W) bool, filled.
+
+    Empty where none does.
+    """
     red = cv2.cvtColor(rgb, cv2.COLOR_RGB2YCrCb)[..., 1]
     low, high = SKIN_PRIOR.paper.red_chroma
     skin = (red >= low) & (red <= high)
-    return fill_holes(largest_component(skin if visible is None else skin & visible, face))
+    if visible is not None:
+        skin &= visible
+    return fill_holes(largest_component(skin, face)) if (skin & face).any() else np.zeros_like(skin)
 
 
 @dataclass(frozen=True, eq=False)

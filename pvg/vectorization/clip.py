@@ -24,8 +24,8 @@ from pvg.errors import FaceTooSmallError, NoFaceError
 from pvg.landmarks import FaceTrack, FaceTracks, link_persons, smooth, track_faces
 from pvg.picture import Picture
 from pvg.skin import MaskMethod, Matte, Scene, SceneReader
-from pvg.vectorization.following import CHUNK, Following, KeyView, Stretch, key_view, rows_between
-from pvg.vectorization.key_frames import best_row, first_good_row, opacity
+from pvg.vectorization.following import CHUNK, Following, KeyView, LeftTrack, Stretch, key_view, rows_between
+from pvg.vectorization.key_frames import best_row, opacity
 from pvg.vectorization.vector_face import ADVISED_FACE_PX, VectorFace
 from pvg.video import (
     INPUT_COLORS,
@@ -253,27 +253,32 @@ class _Work:
         if left:
             first = max(faces, default=-1) + 1
             others = tuple(faces.values())
-            faces |= self._second_reading(dict(enumerate(left, first)), others, shots, frame_count, writer)
+            faces |= self._second_reading(following, dict(enumerate(left, first)), others, shots, writer)
         if not faces:
             raise self._refusal(widest, frame_count)
         return _Done(tuple(faces.values()), shots, frame_count)
 
     def _second_reading(
         self,
-        left: dict[int, FaceTrack],
+        following: Following,
+        left: dict[int, LeftTrack],
         others: Sequence[VectorFace],
         shots: tuple[int, ...],
-        frame_count: int,
         writer: AssetWriter,
     ) -> dict[int, VectorFace]:
         """Follow tracks that are known from end to end, by number;  others: the faces of the first reading."""
-        tracks = {number: smooth(track) for number, track in left.items()}
-        visible = {number: opacity(track, shots, frame_count) for number, track in tracks.items()}
+        frame_count = following.frame_count
+        tracks = {number: smooth(one.track) for number, one in left.items()}
+        visible = {
+            number: opacity(track, shots, frame_count, walks_out=left[number].walks_out)
+            for number, track in tracks.items()
+        }
         faces = {}
         for number, track in tracks.items():
-            row = 0 if self.matching == "chain" else first_good_row(track)
+            row = following.key_row(track)
             picture = self._picture(track.first + row, frame_count)
-            faces[number] = self.face(number, track, key_view(track, row, picture))
+            scene = SceneReader().step(picture, [track.landmarks[row]]) if self.mask == "landmarks" else None
+            faces[number] = self.face(number, track, key_view(track, row, picture, scene))
         start, stop = min(t.first for t in tracks.values()), max(t.last for t in tracks.values()) + 1
         reader = SceneReader()
         for index, picture in self.reported(_SECOND_READING, start, stop, frame_count):

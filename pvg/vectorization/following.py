@@ -79,6 +79,14 @@ class _Course:
     left: bool = False  # for a second reading
 
 
+@dataclass(frozen=True, eq=False)
+class LeftTrack:
+    """A track for a second reading, not smoothed;  walks_out: whether its face leaves the picture after it."""
+
+    track: FaceTrack
+    walks_out: bool
+
+
 class Following:
     """Follows all faces of a clip; `advances` is to be run through once.
 
@@ -92,6 +100,7 @@ class Following:
         """from_first_row: whether a track's key view is its first row;  scenes: whether stretches have them."""
         self._scene_reader = SceneReader() if scenes else None
         self._scenes: dict[int, Scene] = {}
+        self._contrasts: dict[int, float] = {}  # of all of them, also of those that are gone
         self._looked = -1  # the last frame with a scene
         self._tracker = FaceTracker(frame_rate=frame_rate)
         self._min_face_px = min_face_px
@@ -111,11 +120,12 @@ class Following:
         """Frames that were read."""
         return self._tracker.frame_count
 
-    def left(self) -> tuple[tuple[FaceTrack, ...], float]:
+    def left(self) -> tuple[tuple[LeftTrack, ...], float]:
         """After all frames: the wide enough tracks for a second reading, and the width of the widest of the others."""
         faces = [(track, width) for track, width in self._later if self._tracker.is_face(track, finished=True)]
         narrow = [width for _, width in faces if width < self._min_face_px]
-        return tuple(t.raw() for t, width in faces if width >= self._min_face_px), max(narrow, default=0.0)
+        wide = (track for track, width in faces if width >= self._min_face_px)
+        return tuple(LeftTrack(track.raw(), track.has_left) for track in wide), max(narrow, default=0.0)
 
     def advances(self, frames: Iterable[tuple[int, Picture]]) -> Iterator[Advance]:
         """What becomes final with each frame; frames: (index, picture) of the whole clip in order."""
@@ -144,7 +154,8 @@ class Following:
             faces = [track.seen[-1].landmarks for track in self._tracker.open]
             cut = index in self._tracker.cuts or index - 1 != self._looked
             self._looked = index
-            self._scenes[index] = self._scene_reader.step(picture, faces, cut=cut)
+            scene = self._scene_reader.step(picture, faces, cut=cut)
+            self._scenes[index], self._contrasts[index] = scene, scene.contrast
 
     def _settled(self, upto: int) -> int:
         return min([upto, *(course.done for course in self._courses if not course.left)])
@@ -209,18 +220,23 @@ class Following:
         """The view that a track starts from; None when it is no face yet, too small, or shows none that is good."""
         if not self._tracker.is_face(course.track, finished=self._finished) or window.width_px < self._min_face_px:
             return None
-        row = 0 if self._from_first_row else self._key_row(window)
+        row = self.key_row(window)
         if not (ended or self._from_first_row or good_rows(window)[row]):
             return None
         frame = window.first + row
         return key_view(window, row, course.pictures[frame], self._scenes.get(frame))
 
-    def _key_row(self, window: FaceTrack) -> int:
-        """The first row that shows the face well and lies in no fade from or to white, if those are known."""
+    def key_row(self, window: FaceTrack) -> int:
+        """The first row that shows the face well and lies in no fade from or to white, if those are known.
+
+        Or the first of all, where tracks begin there.
+        """
+        if self._from_first_row:
+            return 0
         row, frames = first_good_row(window), range(window.first, window.last + 1)
-        if not all(frame in self._scenes for frame in frames):
+        if not all(frame in self._contrasts for frame in frames):
             return row
-        contrasts = np.array([self._scenes[frame].contrast for frame in frames])
+        contrasts = np.array([self._contrasts[frame] for frame in frames])
         if contrasts[row] >= _FADED * contrasts.max():
             return row
         return first_good_row(window, np.asarray(contrasts >= _CLEAR * contrasts.max()))

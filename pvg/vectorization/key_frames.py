@@ -87,14 +87,14 @@ def best_row(
     return max(finalists, key=lambda r: merits[r] * _open_skin(matte_of(r, best[r]), track, r))
 
 
-def opacity(track: FaceTrack, shots: Collection[int], frame_count: int) -> Floats:
+def opacity(track: FaceTrack, shots: Collection[int], frame_count: int, *, walks_out: bool = False) -> Floats:
     """(n,) 1 where the face is seen, falling to 0 over some frames towards those where it is not.
 
-    shots: first frames of the shots. At a cut the face comes and goes whole, as the picture does; a face that appears
-    or is lost within a shot comes and goes softly.
+    shots: first frames of the shots. At a cut the face comes and goes whole, as the picture does, and it leaves the
+    picture whole (walks_out); a face that appears or is lost within a shot comes and goes softly.
     """
     before = track.first in shots or track.first == 0
-    after = track.last + 1 in shots or track.last + 1 >= frame_count
+    after = walks_out or track.last + 1 in shots or track.last + 1 >= frame_count
     return faded(track.score > 0, before=before, after=after)
 
 

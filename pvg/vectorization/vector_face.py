@@ -106,7 +106,7 @@ class VectorFace:
             rows, row = stretch.rows, stretch.start + k
             scene = stretch.scenes[k] if stretch.scenes else None
             matte = self._skin.step(picture, rows.landmarks[k], scene)
-            if self._reset is not None and row % self._reset == 0 and row not in self._keys:
+            if self._reset is not None and rows.score[k] > 0 and row - max(self._keys) >= self._reset:
                 self._fit(row, picture, rows.landmarks[k], matte)
             visible = float(stretch.visible[k])
             if self._watch is not None:

@@ -32,7 +32,6 @@ LUMA_WEIGHTS = {  # H.273 matrix code point -> (K_R, K_B)
     6: (0.299, 0.114),  # BT.601, 525 lines
     7: (0.212, 0.087),  # SMPTE 240M
     9: (0.2627, 0.0593),  # BT.2020
-    10: (0.2627, 0.0593),  # BT.2020 constant luminance, read as its linear sibling
 }
 
 _CHROMA_NAMES = {(1, 1): "420", (1, 0): "422", (0, 0): "444"}

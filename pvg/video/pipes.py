@@ -81,7 +81,10 @@ class Y4mWriter:
 
 @dataclass(frozen=True)
 class PipedClip:
-    """A clip that is read once, as it comes. fields: as the pipe says, None for progressive or not said."""
+    """A clip that is read once, as it comes.
+
+    fields: as the pipe says, None for progressive or not said;  progressive: whether it says that.
+    """
 
     name: str
     width: int
@@ -92,6 +95,7 @@ class PipedClip:
     frames: Iterator[Frame]
     fields: FieldOrder | None = None
     sample_aspect_ratio: Fraction = Fraction(1)
+    progressive: bool = False
 
 
 class PipeReader:
@@ -149,7 +153,8 @@ class PipeReader:
         target = resolve_format(name, width, height, matrix, stated, self._space)
         fields: Any = _INTERLACED.get(told.get("I", "p"))
         frames = self._y4m_frames(target, (width, height), 1 / rate, rest)
-        return PipedClip("standard input", width, height, rate, 1 / rate, target, frames, fields, aspect)
+        whole = told.get("I") == "p"
+        return PipedClip("standard input", width, height, rate, 1 / rate, target, frames, fields, aspect, whole)
 
     def _y4m_frames(self, target: PixelFormat, size: tuple[int, int], step: Fraction, begun: bytes) -> Iterator[Frame]:
         shapes = target.plane_shapes(*size)

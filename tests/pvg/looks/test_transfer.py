@@ -42,6 +42,19 @@ def test_makeup_takes_lips_towards_the_references_and_their_shades_stay(
     assert np.flatnonzero(only.parts[0].any(axis=(0, 2))).tolist() == [lips]
 
 
+def test_of_all_colours_together_the_rest_of_the_skin_goes_where_the_face_does(
+    video: pvg.VectorVideo, dark_reference: pvg.VectorVideo
+) -> None:
+    """Both to the reference's own colours, however far they lie; with `scene` they stopped on the way."""
+    look = pvg.transfer(video, dark_reference, match="color", contrast=1.0)
+    skin = (table_labels().group == GROUPS.index("skin")) & (table_labels().curve != BOUNDARY)
+    before, after = video.records[0].key_frames[0].colors[skin], look.colors[0][0][skin]
+    _, new = look.maps[0].usual_colors("beside")
+    rest = new[round(float(np.median(before @ (0.299, 0.587, 0.114))))]
+    assert np.abs(rest - np.median(after, axis=0)).max() < 12
+    assert np.abs(np.median(before, axis=0) - np.median(after, axis=0)).max() > 40
+
+
 def test_a_flat_face_is_not_blotched_by_a_shaded_reference(
     video: pvg.VectorVideo, dark_reference: pvg.VectorVideo
 ) -> None:

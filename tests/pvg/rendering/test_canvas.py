@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 
 import pvg
 from pvg.errors import MediaError
+from pvg.rendering import canvas
 from pvg.video import PipeReader, read_frames
 from scripts.samples import Samples
 from tests.conftest import cut_clip
@@ -73,3 +75,16 @@ def test_a_pipe_holds_what_it_can(clip: pvg.VectorVideo, look: pvg.Look, tmp_pat
         pvg.render(clip, [look], [tmp_path / "out.mp4"], container="mov")
     with pytest.raises(ValueError, match="has no crf"):
         pvg.render(clip, [look], [io.BytesIO()], crf=20)
+
+
+@pytest.mark.parametrize(("said", "fields"), [(b" Ip", None), (b"", "tff"), (b" Ib", "bff")])
+def test_a_pipe_that_says_it_is_progressive_is_so_though_its_clip_was_interlaced(
+    clip: pvg.VectorVideo, look: pvg.Look, monkeypatch: pytest.MonkeyPatch, said: bytes, fields: str | None
+) -> None:
+    whole = io.BytesIO()
+    pvg.render(clip, [look], [whole], container="y4m")
+    assert b" Ip " in whole.getvalue()[:200]
+    read = canvas.read_streams
+    monkeypatch.setattr(canvas, "read_streams", lambda *given: replace(read(*given), fields="tff"))
+    with canvas.piped_canvas(clip, io.BytesIO(whole.getvalue().replace(b" Ip", said, 1))) as found:
+        assert found.streams.fields == fields

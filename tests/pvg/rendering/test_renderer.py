@@ -1,12 +1,17 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import pvg
+from pvg.asset import FaceInFrame, VectorVideo
 from pvg.face import layout
+from pvg.looks.look import Contrast
 from pvg.rendering import Renderer, source_frame
+from pvg.skin import Matte
 from pvg.video import read_frames
 from scripts.samples import Samples
 
@@ -53,3 +58,27 @@ def test_a_look_for_one_face_leaves_the_other_faces_alone(samples: Samples, dark
             x, y = np.rint(data.landmarks.points[layout.NOSE_TIP]).astype(int)
             there = change[y - 3 : y + 4, x - 3 : x + 4]
             assert there.max() > 5 if face.index == 0 else there.max() == 0
+
+
+@pytest.mark.parametrize("contrast", ["auto", 1.3])
+def test_a_speck_of_matte_that_no_curve_crosses_stays_as_it_is(
+    video: pvg.VectorVideo,
+    dark_reference: pvg.VectorVideo,
+    face: FaceInFrame,
+    monkeypatch: pytest.MonkeyPatch,
+    contrast: Contrast,
+) -> None:
+    """As the paper's rule may leave specks: one between curves ended the rendering of its clip."""
+    alpha = np.zeros_like(face.matte.alpha)
+    frame = next(read_frames(video.require_source(), start=20))
+    renderer = Renderer(video, [pvg.transfer(video, dark_reference, contrast=contrast, extent="face")])
+    box, changed = face.matte.raster.box, []
+    monkeypatch.setattr(VectorVideo, "face_at", lambda *_: replace(face, matte=Matte.over(box, alpha)))
+    for row in range(4, len(alpha), 32):
+        for column in range(4, alpha.shape[1], 32):
+            alpha[:] = 0
+            alpha[row, column] = 255
+            (drawn,) = renderer.draw(frame)
+            changed.append(any((a != b).any() for a, b in zip(drawn.planes, frame.planes, strict=True)))
+    assert True in changed
+    assert False in changed

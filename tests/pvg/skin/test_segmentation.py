@@ -10,6 +10,7 @@ from benchmarks.quality.measures import iou
 from pvg.face import layout
 from pvg.skin import SkinTracker, fit_skin_model, skin_mask
 from pvg.skin.prior import face_box
+from pvg.skin.segmentation import red_chroma_mask
 from tests.gallery.scenes import TONES, Scene, drawn_face, mask_of, with_forehead
 
 
@@ -122,3 +123,12 @@ def test_the_papers_rule_is_red_chroma_between_140_and_160() -> None:
     assert iou(mask, scene.skin) > 0.9
     background = 1 - mask.astype(np.uint8)
     assert cv2.connectedComponents(np.pad(background, 1, constant_values=1), connectivity=4)[0] == 2  # no holes
+
+
+def test_the_papers_rule_finds_nothing_where_no_red_touches_the_face() -> None:
+    rgb = np.full((60, 80, 3), 128, np.uint8)
+    rgb[2:5, 2:5] = (170, 120, 110)
+    face = np.zeros((60, 80), np.bool_)
+    assert red_chroma_mask(rgb, ~face).sum() == 9
+    face[20:40, 30:50] = True
+    assert not red_chroma_mask(rgb, face).any()

@@ -122,9 +122,9 @@ def test_a_face_without_a_good_view_in_time_is_left_for_a_second_reading(
     monkeypatch.setattr(pvg.vectorization.following, "good_rows", lambda track: np.zeros(len(track.score), np.bool_))
     stretches, following = follow(clip)
     assert stretches == []
-    (track,), _ = following.left()
+    (left,), _ = following.left()
     (whole,) = track_faces(clip).tracks
-    np.testing.assert_array_equal(track.landmarks.points, whole.landmarks.points)
+    np.testing.assert_array_equal(left.track.landmarks.points, whole.landmarks.points)
 
 
 def test_every_stretch_begins_with_a_key_view_once(clip: Frames) -> None:

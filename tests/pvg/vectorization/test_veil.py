@@ -11,6 +11,7 @@ import pvg
 from benchmarks.quality.probes import write_lossless
 from pvg.picture import rms_contrast
 from pvg.rendering import source_frame
+from pvg.vectorization import following
 from pvg.vectorization.veil import Veil
 from scripts.samples import Samples
 from tests.gallery.scenes import Subject, resting_face
@@ -47,10 +48,20 @@ def fading(subject: Subject, path: Path, shares: np.ndarray) -> Path:
     return path
 
 
+@pytest.mark.parametrize("readings", [1, 2])
 @pytest.mark.parametrize("comes", [False, True], ids=["to white", "from white"])
 def test_a_look_fades_with_the_picture(
-    samples: Samples, dark_reference: pvg.VectorVideo, tmp_path: Path, comes: bool
+    samples: Samples,
+    dark_reference: pvg.VectorVideo,
+    tmp_path: Path,
+    comes: bool,
+    readings: int,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    if readings == 2:  # as of a face without a good view in time
+        monkeypatch.setattr(following, "good_rows", lambda track: np.zeros(len(track.score), np.bool_))
+        monkeypatch.setattr(following, "CHUNK", 4)
+        monkeypatch.setattr(following, "LOOKAHEAD", 4)
     subject, shares = resting_face(samples), np.concatenate([np.zeros(20), np.linspace(0, 0.95, 20)])
     shares = shares[::-1] if comes else shares
     with pvg.vectorize(fading(subject, tmp_path / "clip.mp4", shares)) as video:

@@ -96,6 +96,7 @@ def test_untagged_colours_follow_the_size_whatever_the_rotation() -> None:
     assert resolve_format("yuvj420p", 640, 480, 2, 0).full_range
 
 
-def test_a_matrix_that_is_not_linear_ycbcr_is_refused() -> None:
-    with pytest.raises(MediaError, match="matrix 14"):
-        resolve_format("yuv420p", 64, 64, 14, 1)
+@pytest.mark.parametrize("matrix", [10, 13, 14])  # two of constant luminance, ICtCp
+def test_a_matrix_that_is_not_linear_ycbcr_is_refused(matrix: int) -> None:
+    with pytest.raises(MediaError, match=f"matrix {matrix}"):
+        resolve_format("yuv420p", 64, 64, matrix, 1)
