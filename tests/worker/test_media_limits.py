@@ -70,8 +70,9 @@ def test_a_clip_within_raised_limits_is_vectorised_drawn_and_previewed(
 def inputs(settings: Settings, clip: Path, asset: Path) -> dict[str, Any]:
     """What every call about looks of a clip is told; there are no looks."""
     output = {"codec": "auto", "crf": None, "preset": None, "audio": "copy", "extras": []}
-    shared = {"source": str(clip), "asset": str(asset), "looks": [], "output": output, "container": "mp4"}
-    return shared | {"memory_bytes": settings.job_memory_bytes, "limits": media_limits(settings)}
+    shared = {"source": str(clip), "asset": str(asset), "remade": [], "looks": [], "output": output}
+    shared |= {"container": "mp4", "memory_bytes": settings.job_memory_bytes}
+    return shared | {"limits": media_limits(settings)}
 
 
 def draw_part(arguments: dict[str, Any], **changes: Any) -> None:
