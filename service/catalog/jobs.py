@@ -304,6 +304,8 @@ def cancel(session: Session, job_id: str, *, now: datetime) -> bool:
 
     A queued job ends at once; a running one is `canceling` until its worker or the reaper confirms.
     """
+    # locked, or one that a worker gives back between the two steps would escape both
+    get(session, job_id, lock=True)
     if end(session, Step.CANCEL_QUEUED, job_id, now=now, error=parts.CANCELED):
         return True
     if not take_step(session, Step.REQUEST_CANCEL, job_id, now=now):

@@ -150,6 +150,30 @@ def test_a_running_job_is_canceled_by_its_worker(database: Database) -> None:
     assert job_of(database, job_id).state == "canceled"
 
 
+def test_a_job_given_back_while_it_is_canceled_does_not_escape(
+    database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lease = claim(database, add_media(database).job_id)
+    given, end = threading.Event(), jobs.end
+
+    def give_back() -> None:
+        step(database, "give_back", lease)
+        given.set()
+
+    other = threading.Thread(target=give_back)
+
+    def end_slowly(*args: Any, **options: Any) -> bool:
+        ended = end(*args, **options)
+        other.start()
+        given.wait(0.5)
+        return ended
+
+    monkeypatch.setattr(jobs, "end", end_slowly)
+    assert step(database, "cancel", lease.job_id)
+    other.join()
+    assert job_of(database, lease.job_id).state == "canceling"
+
+
 def test_a_canceled_job_whose_worker_died_is_ended_by_the_reaper(database: Database, clock: FakeClock) -> None:
     job_id = add_media(database).job_id
     claim(database, job_id)
