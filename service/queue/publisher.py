@@ -49,6 +49,9 @@ class Publisher:
         self._producer = make_producer(settings)
         self._database = database
         self._pending: queue.SimpleQueue[Message | None] = queue.SimpleQueue()
+        #: what is in there: while the broker is away, the reaper comes with the same messages again and again
+        self._waiting: set[Message] = set()
+        self._lock = threading.Lock()
         self._thread = threading.Thread(target=self._run, name="publisher", daemon=True)
 
     def start(self) -> None:
@@ -63,9 +66,12 @@ class Publisher:
             log.warning("messages are left to the reaper", count=max(self._pending.qsize() - 1, 0))
 
     def publish(self, messages: Iterable[Message]) -> None:
-        """Queue messages for sending. Returns at once and never fails."""
-        for message in messages:
-            self._pending.put(message)
+        """Queue messages for sending, but for those that wait to be sent. Returns at once and never fails."""
+        with self._lock:
+            for message in messages:
+                if message not in self._waiting:
+                    self._waiting.add(message)
+                    self._pending.put(message)
 
     def ask(self, preview_id: str) -> None:
         """Send for a single picture, at once. Raises the broker's error."""
@@ -95,7 +101,7 @@ class Publisher:
                 return int(channel.queue_declare(name, durable=True, passive=False).message_count)
 
     def _run(self) -> None:
-        while (message := self._pending.get()) is not None:
+        while (message := self._next()) is not None:
             sent: list[Message] = []
             until = time.monotonic() + _GATHER_S
             while message is not None:
@@ -107,12 +113,20 @@ class Publisher:
                 if len(sent) >= _BATCH:
                     break
                 try:
-                    message = self._pending.get(timeout=max(0.0, until - time.monotonic()))
+                    message = self._next(max(0.0, until - time.monotonic()))
                 except queue.Empty:
                     break
             self._mark(sent)
             if message is None:
                 return
+
+    def _next(self, timeout_s: float | None = None) -> Message | None:
+        """The next message, or None at the end. Raises `queue.Empty` when none comes in time."""
+        message = self._pending.get(timeout=timeout_s)
+        if message is not None:
+            with self._lock:
+                self._waiting.discard(message)  # before it is sent: one that is asked for from now on is sent again
+        return message
 
     def _mark(self, sent: list[Message]) -> None:
         """Remember what was sent, in one transaction; take back the messages of jobs that have ended meanwhile."""

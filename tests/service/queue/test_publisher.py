@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 from sqlalchemy.orm import Session
 
-from service.catalog import Database, Job, Media, jobs
+from service.catalog import Database, Job, Media, Message, jobs
 from service.queue import Publisher, make_folders
+from service.queue import publisher as publisher_module
 from service.queue.broker import sent_jobs
 from service.settings import Settings
 from tests.service.fixtures import add_media
@@ -67,6 +68,22 @@ def test_what_comes_within_a_moment_is_marked_in_one_transaction(broker: Setting
 
 def test_a_message_alone_is_marked_as_well(broker: Settings, database: Database) -> None:
     publish(broker, database, queued(database, 1))
+
+
+def test_what_waits_to_be_sent_is_not_queued_again(
+    broker: Settings, database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent: list[Message] = []
+    monkeypatch.setattr(publisher_module, "send", lambda _, message: sent.append(message))
+    messages = [Message(one.job_id, "vectorize") for one in queued(database, 2)]
+    publisher = Publisher(broker, database)
+    for _ in range(3):
+        publisher.publish(messages)
+    publisher.start()
+    until(lambda: len(sent) == 2, 30)
+    publisher.publish(messages[:1])  # it may be lost, once it is sent
+    publisher.stop()
+    assert sent == [*messages, messages[0]]
 
 
 def test_the_message_of_a_job_that_ends_meanwhile_is_taken_back(broker: Settings, database: Database) -> None:
