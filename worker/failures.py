@@ -94,6 +94,15 @@ def problem_of(error: Exception) -> dict[str, Any]:
     return stored_problem("internal-error", "the job failed on our side; the log has it under this job's id")
 
 
+def problem_of_picture(error: Exception) -> dict[str, Any]:
+    """The problem to store with a preview: what may go well when it is asked for again is final for jobs alone."""
+    if isinstance(error, TimeLimitError):
+        return stored_problem("unavailable", "the picture was not made in time; try again")
+    if isinstance(error, CrashError):
+        return stored_problem("unavailable", "the process that made the picture has ended; try again")
+    return problem_of(error)
+
+
 def is_expected(error: Exception) -> bool:
     """True for errors that tell of the input, not of a fault of ours."""
     if isinstance(error, MethodError):

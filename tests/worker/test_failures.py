@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from worker.failures import OptionError, is_expected, problem_of
+from worker.failures import OptionError, is_expected, problem_of, problem_of_picture
 from worker.sandbox import CrashError, FileLimitError, MemoryLimitError, MethodError, TimeLimitError
 
 
@@ -47,3 +47,11 @@ def test_internals_are_not_shown(error: Exception, kind: str) -> None:
 def test_a_process_names_no_kind_of_its_own() -> None:
     assert problem_of(MethodError("<b>", "x"))["type"] == "internal-error"
     assert problem_of(MethodError("MediaError", "a\nb\x00" + "c" * 9999))["detail"] == "a b " + "c" * 496
+
+
+def test_a_picture_that_was_not_made_this_time_may_be_asked_for_again() -> None:
+    for error in (TimeLimitError("it took longer"), CrashError("/srv/secret")):
+        problem = problem_of_picture(error)
+        assert problem["type"] == "unavailable"
+        assert "secret" not in str(problem)
+    assert problem_of_picture(MemoryLimitError("it needs more than 4 GB"))["type"] == "too-large"

@@ -22,7 +22,7 @@ from service.room import Room
 from service.settings import Settings
 from service.storage import BlobMissingError, Storage, file_sha256
 from worker.answers import StillAnswer, checked, made
-from worker.failures import AssetLostError, SourceLostError, is_expected, problem_of
+from worker.failures import AssetLostError, SourceLostError, is_expected, problem_of_picture
 from worker.previews.open_clips import Clip, OpenClips
 from worker.previews.turns import Turns
 from worker.sandbox import CrashError, MethodError, Sandbox
@@ -76,7 +76,7 @@ class Previewer:
                 trace = error.trace if isinstance(error, MethodError) else None
                 log.exception("a picture could not be made", preview=preview.id, trace=trace)
             with self._database.write() as session:
-                previews.fail(session, preview.id, problem_of(error))
+                previews.fail(session, preview.id, problem_of_picture(error))
             return
         with self._database.write() as session:
             kept = previews.finish(session, preview.id, still)
