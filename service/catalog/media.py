@@ -346,6 +346,8 @@ def delete(
     changed(session, update(Look).where(Look.result_id.in_(gone)).values(result_id=None, result_gone=why))
     drawn = or_(Look.video_id == media.id, Look.reference_id == media.id)
     changed(session, update(Look).where(drawn).values(report=None))
+    # a job that vectorises it shows the metadata of the medium, and outlives it
+    changed(session, update(Job).where(Job.media_id == media.id).values(metadata_={}))
     of_jobs = union_all(select(Look.job_id).where(drawn), select(Job.id).where(Job.media_id == media.id))
     for told in ([media.id], gone, of_jobs):
         idempotency.forget(session, told)

@@ -58,8 +58,8 @@ def buried(api: Api) -> int:
         return session.query(Tombstone).count()
 
 
-def upload(api: Api, content: bytes, name: str = "me.png") -> httpx.Response:
-    return api.client.post("/videos", files={"file": (name, content)})
+def upload(api: Api, content: bytes, name: str = "me.png", metadata: str = "of:me") -> httpx.Response:
+    return api.client.post("/videos", files={"file": (name, content)}, data={"metadata": metadata})
 
 
 def found(api: Api, bucket: S3 | None, needles: list[bytes]) -> set[bytes]:
@@ -75,7 +75,7 @@ def test_no_byte_of_a_deleted_clip_is_left(api: Api, tmp_path: Path, request: py
     """Neither of its source, nor of its landmarks, nor in a page of SQLite."""
     bucket = request.getfixturevalue("bucket") if "s3" in request.node.name else None
     source = PNG + os.urandom(200_000)
-    video = upload(api, source, f"{MARK}.png").json()
+    video = upload(api, source, f"{MARK}.png", "of:number-4711-0815").json()
     (tmp_path / "source").write_bytes(source)
     asset = write_asset(tmp_path / "asset.pvg", tmp_path / "source")
     vectorized = asset.read_bytes()
@@ -100,7 +100,7 @@ def test_no_byte_of_a_deleted_clip_is_left(api: Api, tmp_path: Path, request: py
         for content in (source, vectorized, drawn)
         for start in range(64, len(content), 4096)
     ]
-    needles = [*pieces, MARK.encode(), b"123.456789", b"98.7654321"]
+    needles = [*pieces, MARK.encode(), b"number-4711-0815", b"123.456789", b"98.7654321"]
     assert found(api, bucket, needles) == set(needles)
     assert buried(api) == 0
     assert api.client.delete(f"/videos/{video['id']}").status_code == 204
@@ -113,6 +113,7 @@ def test_no_byte_of_a_deleted_clip_is_left(api: Api, tmp_path: Path, request: py
     until(lambda: not left(), said=left)
     look = api.client.get(f"/jobs/{job['id']}").json()["looks"][0]
     assert (look["warnings"], look["settings"], look["result_gone"]) == ([], None, "deleted")
+    assert api.client.get(f"/jobs/{video['job']}").json()["metadata"] == {}
 
 
 @pytest.mark.parametrize("api", ["hanging store"], indirect=True)
