@@ -37,7 +37,7 @@ MAX_URL_CHARACTERS: Final = 2048
 MAX_REDIRECTS: Final = 5
 #: of an answer that nobody needs
 _DROPPED_BYTES: Final = 64 * 1024
-#: seconds to a connection, for each address of a name; to the head of an answer
+#: seconds to a connection, for each address of a name; to the head of a file's answer
 _CONNECT_S: Final = 10.0
 _HEAD_S: Final = 30.0
 #: names that are looked up at a time: a resolver that hangs holds no other thread of the service
@@ -160,10 +160,11 @@ class Egress:
 
     async def _post(self, url: str, headers: Mapping[str, str], content: bytes, timeout_s: float) -> int:
         status: int | None = None
+        limits = {"head_s": timeout_s, "silence_s": timeout_s}
         try:
             async with (
                 asyncio.timeout(timeout_s),
-                self._sent("POST", self.check(url), headers=headers, content=content) as response,
+                self._sent("POST", self.check(url), headers=headers, content=content, **limits) as response,
             ):
                 status = response.status_code
                 dropped = 0
@@ -189,7 +190,8 @@ class Egress:
             async with asyncio.timeout(self._settings.fetch_timeout_s):
                 target = self.check(url)
                 for _ in range(MAX_REDIRECTS + 1):
-                    async with self._sent("GET", target) as response:
+                    silence_s = self._settings.body_timeout_s
+                    async with self._sent("GET", target, head_s=_HEAD_S, silence_s=silence_s) as response:
                         if response.status_code not in _REDIRECTS:
                             yield self._file(target, response)
                             return
@@ -226,16 +228,26 @@ class Egress:
 
     @asynccontextmanager
     async def _sent(
-        self, method: str, target: httpx.URL, *, headers: Mapping[str, str] | None = None, content: bytes | None = None
+        self,
+        method: str,
+        target: httpx.URL,
+        *,
+        head_s: float,
+        silence_s: float,
+        headers: Mapping[str, str] | None = None,
+        content: bytes | None = None,
     ) -> AsyncIterator[httpx.Response]:
-        """One request, without redirects, to the addresses that its host has now, until one takes the connection."""
+        """One request, without redirects, to the addresses that its host has now, until one takes the connection.
+
+        The head of the answer is there within ``head_s``, and between two pieces there are ``silence_s`` at most.
+        """
         name = target.raw_host.decode("ascii")
         sent = {"User-Agent": "pvg-service", "Accept": "*/*", "Accept-Encoding": "identity", "Connection": "close"}
         sent |= {**(headers or {}), "Host": target.netloc.decode("ascii")}
-        limits = httpx.Timeout(self._settings.body_timeout_s, connect=_CONNECT_S).as_dict()
+        limits = httpx.Timeout(silence_s, connect=_CONNECT_S).as_dict()
         # the transport alone: what a client adds, redirects, cookies and proxies, is what is not wanted here
         async with httpx.AsyncHTTPTransport(verify=self._tls, trust_env=False) as transport:
-            async with asyncio.timeout(_HEAD_S):
+            async with asyncio.timeout(head_s):
                 addresses = await self._addresses(target)
                 while True:
                     request = httpx.Request(

@@ -13,6 +13,7 @@ from socket import socket
 
 import pytest
 
+from service import egress as egress_module
 from service.egress import _RESOLVERS, MAX_REDIRECTS, Egress, _Resolver, is_public
 from service.errors import FetchFailedError, ServiceError, StoppingError, UrlNotAllowedError
 from service.settings import Settings
@@ -231,6 +232,21 @@ def test_a_post_takes_no_longer_than_it_may(egress: Egress, here: Remote, names:
     with pytest.raises(FetchFailedError):
         egress.post(f"http://public.example:{here.port}/", headers={}, content=b"", timeout_s=1)
     assert time.monotonic() - began < 30  # it sends for 60
+
+
+def test_a_post_has_all_the_time_that_it_may_take(
+    here: Remote, names: Names, public_loopback: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def thinks(connection: socket) -> None:
+        time.sleep(1)
+        connection.sendall(b"HTTP/1.1 204 No Content\r\n\r\n")
+
+    monkeypatch.setattr(egress_module, "_HEAD_S", 0.2)  # these two are of files
+    egress = Egress(Settings(data_dir=tmp_path, body_timeout_s=0.2))
+    names.tell("public.example", PUBLIC)
+    here.answers["/"] = thinks
+    assert egress.post(f"http://public.example:{here.port}/", headers={}, content=b"", timeout_s=30) == 204
+    egress.close()
 
 
 def test_a_file_that_comes_too_slowly_is_given_up(
