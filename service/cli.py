@@ -209,9 +209,8 @@ def gc() -> None:
     services = make_services(settings)
     if not is_current(settings.database):
         _refuse("the database is not of this version; run `pvg-service migrate` first")
-    services.reaper.expire()
-    removed = services.reaper.collect()
-    typer.echo(f"{removed} orphaned file(s) removed", file=sys.stderr)
+    deleted, orphans = services.reaper.clear()
+    typer.echo(f"{deleted} file(s) removed; {orphans} had no record", file=sys.stderr)
 
 
 key_commands = typer.Typer(no_args_is_help=True, help="Who may use the service over the network, and how much.")

@@ -136,23 +136,31 @@ class Reaper:
             return expected if depth < len(expected) else []
         return [message for message in expected if message.job_id not in held]
 
-    def expire(self) -> None:
-        """Remove results, media and job records past their retention, and drafts and messages of killed processes."""
+    def expire(self) -> int:
+        """Remove results, media and job records past their retention, and drafts and messages of killed processes.
+
+        At most `sweep.BATCH` of a kind. Returns a number that is 0 when nothing was past its retention.
+        """
         now = self._database.now()
         with self._database.write() as session:
-            sweep.expire_results(session, now=now)
-            sweep.expire_media(session, now=now)
-            sweep.expire_uploads(session, now=now)
-            sweep.expire_jobs(session, before=now - timedelta(seconds=self._settings.job_ttl_s))
-            previews.expire(session, now=now)
-            idempotency.expire(session, now=now, limit=sweep.BATCH)
+            removed = len(sweep.expire_results(session, now=now))
+            removed += len(sweep.expire_media(session, now=now))
+            removed += sweep.expire_uploads(session, now=now)
+            removed += sweep.expire_jobs(session, before=now - timedelta(seconds=self._settings.job_ttl_s))
+            removed += previews.expire(session, now=now)
+            removed += idempotency.expire(session, now=now, limit=sweep.BATCH)
         self._drafts.clear()
         clear_remains(self._settings)
+        return removed
 
-    def delete(self) -> None:
-        """Delete the blobs that no record names any more, and leave no trace of the records that did."""
-        self._blobs.sweep()
+    def delete(self) -> int:
+        """Delete the blobs that no record names any more, and leave no trace of the records that did.
+
+        At most a batch of them. Returns the number of those that are gone.
+        """
+        deleted = self._blobs.sweep()
         self._database.forget()
+        return deleted
 
     def collect_now_and_then(self) -> None:
         """`collect` at the first round and whenever ``collect_interval_s`` have passed since."""
@@ -164,6 +172,21 @@ class Reaper:
 
     def collect(self) -> int:
         """Delete blobs that no record names, left by a process that ended between two steps. Returns their number."""
+        orphans = self._bury_orphans()
+        self.delete()
+        return orphans
+
+    def clear(self) -> tuple[int, int]:
+        """Do at once what the rounds do little by little. Returns how many files are gone, and how many had no record.
+
+        What the storage does not delete now is left to the rounds.
+        """
+        while self.expire():
+            pass
+        orphans = self._bury_orphans()
+        return sum(iter(self.delete, 0)), orphans
+
+    def _bury_orphans(self) -> int:
         before = self._database.now() - timedelta(seconds=self._settings.orphan_ttl_s)
         old = [key for key, written in self._storage.entries() if written < before]
         orphans: list[str] = []
@@ -174,5 +197,4 @@ class Reaper:
             orphans += [key for key in batch if key not in known]
         with self._database.write() as session:
             tombstones.bury(session, orphans, now=self._database.now())
-        self.delete()
         return len(orphans)

@@ -155,10 +155,13 @@ def forget(session: Session, media_id: str) -> None:
     changed(session, delete(ResumableUpload).where(ResumableUpload.media_id == media_id))
 
 
-def expire(session: Session, *, now: datetime, limit: int) -> list[str]:
-    """Remove the uploads past their retention, at most ``limit``. Returns the blobs to delete after the commit."""
+def expire(session: Session, *, now: datetime, limit: int) -> int:
+    """Remove the uploads past their retention, at most ``limit``. Returns their number."""
     late = select(ResumableUpload).where(ResumableUpload.expires_at < now).order_by(ResumableUpload.id).limit(limit)
-    return [key for upload in session.scalars(late.with_for_update()).all() for key in remove(session, upload, now=now)]
+    found = session.scalars(late.with_for_update()).all()
+    for upload in found:
+        remove(session, upload, now=now)
+    return len(found)
 
 
 def _drop_parts(session: Session, upload_id: str, *, now: datetime) -> list[str]:

@@ -66,8 +66,8 @@ def expire_media(session: Session, *, now: datetime) -> list[str]:
     return keys
 
 
-def expire_uploads(session: Session, *, now: datetime) -> list[str]:
-    """Remove unfinished uploads past their time. Returns the blobs to delete after the commit."""
+def expire_uploads(session: Session, *, now: datetime) -> int:
+    """Remove unfinished uploads past their time. Returns their number."""
     return resumable.expire(session, now=now, limit=BATCH)
 
 

@@ -108,7 +108,7 @@ def test_an_upload_lives_from_its_last_piece(database: Database, clock: FakeCloc
     assert not append(database, other, 0, "part/c")
     clock.forward(101)
     with database.write() as session:
-        assert set(sweep.expire_uploads(session, now=database.now())) == {"part/a", "part/b"}
+        assert sweep.expire_uploads(session, now=database.now()) == 2
     assert {"part/a", "part/b"} <= blobs_to_delete(database)
     with database.read() as session:
         assert session.scalar(select(func.count()).select_from(UploadPart)) == 0
