@@ -127,7 +127,7 @@ class Settings(BaseSettings):
     heartbeat_s: float = Field(default=5.0, gt=0)
     """How often a worker renews its lease."""
     progress_interval_s: float = Field(default=1.0, ge=0)
-    """How often progress is written and a cancel noticed."""
+    """How often progress is written. A cancel is looked for as often, and at least each second."""
     reap_interval_s: float = Field(default=10.0, gt=0)
     """Time between two rounds of the reaper."""
     republish_after_s: float = Field(default=5.0, ge=0)

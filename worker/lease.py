@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -17,7 +18,7 @@ from worker.stopping import StoppedError
 
 log = structlog.get_logger(__name__)
 
-#: seconds between two looks at whether the worker has to stop
+#: seconds between two looks at whether the worker has to stop, or the job is canceled
 _LOOK_S = 1.0
 #: for one look at the database, after which it is called slow
 _SLOW_S = 2.0
@@ -66,7 +67,7 @@ class LeaseKeeper:
         self._thread.join()
 
     def report(self, progress: Progress) -> None:
-        """Leave the progress to be written with the next tick; raise when the work has to stop."""
+        """Leave the progress to be written when its time has come; raise when the work has to stop."""
         self._latest = progress
         self.check()
 
@@ -100,15 +101,19 @@ class LeaseKeeper:
 
     def _keep(self) -> None:
         written: Progress | None = None
-        while self._verdict is None and not self._stop.wait(min(self._settings.progress_interval_s, _LOOK_S) or 0.1):
+        interval_s, written_at = self._settings.progress_interval_s, -math.inf
+        while self._verdict is None and not self._stop.wait(min(interval_s, _LOOK_S) or 0.1):
             if not self._may_go_on():
                 self._verdict = StoppedError
                 return
             began = time.monotonic()
             try:
                 latest = self._latest
-                self._tick(latest if latest != written else None)
-                written = latest
+                if latest == written or began - written_at < interval_s:
+                    self._tick(None)
+                else:
+                    self._tick(latest)
+                    written, written_at = latest, began
                 if (taken := time.monotonic() - began) > _SLOW_S:
                     log.warning("lease upkeep is slow", job=self._lease.job_id, seconds=round(taken, 1))
             except Exception as error:  # progress never fails a job; a database that stays away does

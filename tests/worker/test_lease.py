@@ -10,6 +10,7 @@ from service.catalog import Database, Job, Lease, Progress, jobs, leases, utc_no
 from service.settings import Settings
 from tests.service.fixtures import add_media, claim
 from tests.waiting import until
+from worker import lease as lease_module
 from worker import stopping
 from worker.lease import CanceledError, LeaseKeeper, LeaseLostError
 from worker.stopping import StoppedError
@@ -61,6 +62,21 @@ def test_progress_reaches_the_record(database: Database, lease: Lease) -> None:
         until(lambda: job_of(database, lease).stage is not None)
     job = job_of(database, lease)
     assert (job.stage, job.fraction, job.frames_done, job.frames_total) == ("skin", 0.5, 10, 20)
+
+
+def test_progress_is_written_as_seldom_as_is_wanted_and_a_cancel_is_noticed_at_once(
+    database: Database, lease: Lease, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lease_module, "_LOOK_S", 0.05)
+    with LeaseKeeper(database, lease, QUICK.model_copy(update={"lease_s": 60, "progress_interval_s": 600})) as keeper:
+        keeper.report(Progress("skin", 0.5, 10, 20))
+        until(lambda: job_of(database, lease).stage is not None)
+        keeper.report(Progress("skin", 0.6, 12, 20))
+        time.sleep(0.5)
+        assert job_of(database, lease).frames_done == 10
+        with database.write() as session:
+            assert jobs.cancel(session, lease.job_id, now=utc_now())
+        assert stopped_by(keeper) is CanceledError
 
 
 def test_a_job_shorter_than_a_tick_shows_its_frames(database: Database, lease: Lease) -> None:
