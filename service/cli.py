@@ -111,6 +111,7 @@ def serve(
     try:
         for child in children:
             child.start()
+        settings = server.with_room(settings)
         app = create_app(settings)
 
         def stop() -> None:

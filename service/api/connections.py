@@ -58,10 +58,10 @@ class Limits:
     root_path: str = ""
 
     @classmethod
-    def of(cls, settings: Settings, connections: int | None = None) -> Limits:
-        """Those of the settings, with fewer connections where the system has no room for so many."""
+    def of(cls, settings: Settings) -> Limits:
+        """Those of the settings."""
         return cls(
-            connections=settings.max_connections if connections is None else connections,
+            connections=settings.max_connections,
             idle_s=settings.idle_timeout_s,
             head_s=settings.head_timeout_s,
             body_s=settings.body_timeout_s,

@@ -39,14 +39,13 @@ def serve(app: ASGIApp, settings: Settings, *, drain_s: int, on_stop: Callable[[
     When it is told, ``on_stop`` is called first, and for `Settings.stop_notice_s` everything is answered as before: who
     asks whether it is ready has time to learn that it is not, and sends nothing more.
 
-    Raises `OSError` when the address cannot be had.
+    The settings are those that the application has, `with_room`. Raises `OSError` when the address cannot be had.
     """
-    connections = connection_limit(settings.max_connections)
     sockets = listen(settings.host, settings.port)
     for one in sockets:
         host, port = one.getsockname()[:2]
         log.info("listening", url=f"http://{f'[{host}]' if ':' in host else host}:{port}")
-    server = make_server(app, settings, connections=connections, drain_s=drain_s)
+    server = make_server(app, settings, drain_s=drain_s)
     server.on_stop, server.notice_s = on_stop, settings.stop_notice_s
     # what is loaded stays: looked through for garbage, it holds up all requests for some 0.1 s every few hundred
     gc.collect()
@@ -56,11 +55,11 @@ def serve(app: ASGIApp, settings: Settings, *, drain_s: int, on_stop: Callable[[
         sys.exit(_CANNOT_START)
 
 
-def make_server(app: ASGIApp, settings: Settings, *, connections: int | None = None, drain_s: int) -> Server:
+def make_server(app: ASGIApp, settings: Settings, *, drain_s: int) -> Server:
     """A server with the limits of the settings, to be run with sockets."""
     config = BoundedConfig(
         app,
-        Limits.of(settings, connections),
+        Limits.of(settings),
         log_config=None,
         access_log=False,
         server_header=False,
@@ -134,6 +133,11 @@ def listen(host: str, port: int) -> list[socket.socket]:
             raise OSError(error.errno, error.strerror, f"{address[0]}:{port}") from error
         port = one.getsockname()[1]
     return sockets
+
+
+def with_room(settings: Settings) -> Settings:
+    """The settings, with fewer connections where the system has no room for so many: shares of them are fewer, too."""
+    return settings.model_copy(update={"max_connections": connection_limit(settings.max_connections)})
 
 
 def connection_limit(wanted: int) -> int:

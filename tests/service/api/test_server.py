@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from service.api.server import connection_limit, listen
+from service.api.server import connection_limit, listen, with_room
+from service.settings import Settings
 
 
 @pytest.fixture
@@ -44,3 +45,8 @@ def test_the_soft_limit_of_descriptors_is_raised_and_some_are_kept(descriptors: 
     raised, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     assert raised == (min(hard, 16_384) if hard != resource.RLIM_INFINITY else 16_384)
     assert connection_limit(10**6) == raised - 256
+
+
+def test_an_application_is_made_for_the_connections_that_there_is_room_for(descriptors: None) -> None:
+    assert with_room(Settings(max_connections=20)).max_connections == 20
+    assert with_room(Settings(max_connections=10**6)).max_connections == connection_limit(10**6) < 10**6
