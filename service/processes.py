@@ -96,7 +96,12 @@ class WorkerProcess:
 
     def _run(self) -> None:
         while not self._stop.is_set():
-            process = self._spawn()
+            try:
+                process = self._spawn()
+            except OSError as error:  # no memory or no processes, for a while
+                log.error("the worker cannot be started, trying again", kind=self._kind.name, error=error.strerror)
+                self._stop.wait(self._settings.worker_restart_delay_s or 0.1)
+                continue
             while process.poll() is None and not self._stop.wait(0.2):
                 pass
             if self._stop.is_set():

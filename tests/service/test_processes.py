@@ -1,13 +1,15 @@
 from __future__ import annotations
 
+import errno
 import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
 
-from service.processes import KINDS, PREVIEWS, WorkerKind, worker_command, worker_environment
+from service.processes import KINDS, PREVIEWS, WorkerKind, WorkerProcess, worker_command, worker_environment
 from service.settings import Settings
 
 POISON = "raise SystemExit('imported from the current folder')\n"
@@ -63,3 +65,21 @@ def test_the_worker_finds_the_data_folder_and_reports_to_nobody(
     assert environment["PYTHONSAFEPATH"] == "1"
     assert environment["PVG_LEASE_S"] == "40"
     assert environment["PATH"] == os.environ["PATH"]
+
+
+def test_a_worker_that_cannot_be_started_is_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    worker = WorkerProcess(Settings(data_dir=tmp_path, worker_restart_delay_s=0.05))
+    tried, began = [], threading.Event()
+
+    def spawn() -> subprocess.Popen[bytes]:
+        tried.append(1)
+        if len(tried) < 3:
+            raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+        began.set()
+        return subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"], start_new_session=True)
+
+    monkeypatch.setattr(worker, "_spawn", spawn)
+    worker.start()
+    assert began.wait(60)
+    worker.stop()
+    assert len(tried) == 3

@@ -68,7 +68,10 @@ class SandboxServer:
 
     def _run(self) -> None:
         while not self._stop.is_set():
-            self._serve()
+            try:
+                self._serve()
+            except OSError as error:  # no memory, processes or descriptors, for a while
+                log.error("the process that jobs are forked from cannot be started", error=error.strerror)
             if not self.pid:
                 self._ready.set()  # it never could: `start` says so
                 return
@@ -80,11 +83,13 @@ class SandboxServer:
         entrance = self._entrance.fileno()
         given = [str(entrance), str(writing), *self._command]
         command = [sys.executable, "-P", "-m", "worker.sandbox", *given]
-        self._process = subprocess.Popen(
-            command, env=_environment(), stdin=subprocess.DEVNULL, pass_fds=(entrance, writing)
-        )
-        os.close(writing)
         with open(reading, "rb") as pipe:
+            try:
+                self._process = subprocess.Popen(
+                    command, env=_environment(), stdin=subprocess.DEVNULL, pass_fds=(entrance, writing)
+                )
+            finally:
+                os.close(writing)
             told = pipe.read()  # it closes its end once it is ready, or when it ends
         if told:
             self.pid = self._process.pid

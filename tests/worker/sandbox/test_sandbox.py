@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import platform
 import re
+import subprocess
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -22,7 +25,7 @@ from tests.service.fixtures import add_media, make_tables
 from tests.service.servers import missing
 from tests.waiting import until
 from worker.runner import Runner
-from worker.sandbox import Limits, Sandbox, SandboxServer, View, Watch, landlock, seccomp
+from worker.sandbox import Limits, Sandbox, SandboxServer, View, Watch, keeper, landlock, seccomp
 from worker.sandbox import server as fork_server
 
 REPOSITORY = Path(__file__).resolve().parents[3]
@@ -254,3 +257,21 @@ def test_a_fork_server_that_dies_is_replaced(
     job = done(runner, database, add(database, settings, f"answer {json.dumps(GOOD)}").job_id)
     assert job.state == JobState.SUCCEEDED
     until(lambda: server.pid != before)  # the thread that looks after it is told at the same time
+
+
+def test_a_fork_server_that_cannot_be_started_is_tried_again(
+    server: SandboxServer, runner: Runner, database: Database, settings: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before, failures = server.pid, [errno.EAGAIN, errno.ENOMEM]
+
+    def popen(*arguments: Any, **options: Any) -> subprocess.Popen[bytes]:
+        if failures:
+            raise OSError(failures.pop(), "not now")
+        return subprocess.Popen(*arguments, **options)
+
+    monkeypatch.setattr(keeper, "subprocess", SimpleNamespace(Popen=popen, DEVNULL=subprocess.DEVNULL))
+    os.kill(before, 9)
+    until(lambda: server.pid != before, 60)
+    assert failures == []
+    job = done(runner, database, add(database, settings, f"answer {json.dumps(GOOD)}").job_id)
+    assert job.state == JobState.SUCCEEDED
