@@ -170,7 +170,8 @@ def install(app: FastAPI) -> None:
     @app.exception_handler(Replay)
     async def on_replay(_: Request, replay: Replay) -> JSONResponse:
         answer = replay.answer
-        headers: dict[str, Any] = {"Idempotent-Replayed": "true"}
+        # which of them hold a secret is not known here, and no answer to a POST is worth keeping
+        headers: dict[str, Any] = {"Idempotent-Replayed": "true", "Cache-Control": "no-store"}
         if answer.location is not None:
             headers["Location"] = answer.location
         return JSONResponse(answer.body, status_code=answer.status, headers=headers)
