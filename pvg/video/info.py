@@ -115,7 +115,7 @@ def _probe_image(path: Path, kind: str, limits: MediaLimits, input_color: str) -
 def _probe_clip(clip: OpenClip, limits: MediaLimits, input_color: str) -> MediaInfo:
     stream, context = clip.stream, clip.stream.codec_context
     check_pixels(clip.name, context.width, context.height, limits.max_pixels)
-    rate = stream.average_rate or stream.guessed_rate
+    rate = stream.average_rate  # what libav guesses else is the grid of the time stamps
     length = float(stream.duration * clip.time_base) if stream.duration else 0.0
     length = length or (clip.container.duration or 0) / 1e6
     claims = MediaInfo(
@@ -228,7 +228,10 @@ def _count_packets(path: Path, info: MediaInfo, limits: MediaLimits) -> MediaInf
     rate = info.frame_rate
     if rate is None and len(stamps) > 1 and max(stamps) > min(stamps):
         rate = (len(stamps) - 1) / ((max(stamps) - min(stamps)) * time_base)
-    return replace(info, frame_count=len(packets), frame_rate=rate or Fraction(25))
+    rate = rate or Fraction(25)
+    return replace(
+        info, frame_count=len(packets), frame_rate=rate, duration_s=info.duration_s or len(packets) / float(rate)
+    )
 
 
 def _check_totals(name: str, info: MediaInfo, limits: MediaLimits) -> None:

@@ -46,6 +46,8 @@ async function arrive(item) {
 
 function put(item) {
   clear();
+  // those that were chosen are of the clip before
+  for (const { settings } of state.references) settings.faces = "all";
   Object.assign(state, { clip: item, jobs: [], listed: false });
   changed();
 }

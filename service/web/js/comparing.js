@@ -156,6 +156,7 @@ export class Comparing {
   }
 
   #moved() {
+    if (!this.player) return; // a still picture
     if (this.playsAfter) this.at = Math.min(this.frames - 1, this.player.frame);
     const { playing } = this.player;
     this.controls?.({ playing, frame: this.at, frames: this.frames, rate: this.rate, muted: this.videos[1].muted, canPlay: this.playsAfter });

@@ -77,6 +77,7 @@ async function arrive(item) {
 
 /** The same picture uploaded again is the same reference: one card is enough. */
 function dropTwin(item) {
+  if (!state.references.includes(item)) return; // its twin was ready first
   const twins = state.references.filter((one) => one !== item && one.medium?.id === item.medium.id);
   state.references = state.references.filter((one) => !twins.includes(one));
   for (const twin of twins) {
