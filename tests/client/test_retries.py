@@ -15,6 +15,7 @@ import httpx
 import pytest
 
 from pvg_client import ApiError, AsyncClient, Client, Job, Look, Medium, UnreachableError
+from pvg_client.models import FieldError, Problem
 from tests.client.lines import MEDIUM
 
 JOB = {
@@ -100,6 +101,9 @@ Transfer = Callable[..., Job]
         problem(429, "quota-exceeded"),
         problem(409, "idempotency-key-in-use"),
         httpx.Response(502, text="<html>a proxy</html>"),
+        httpx.Response(503, json={"errors": [{"code": 1, "message": "a proxy"}]}),
+        httpx.Response(503, json={"errors": ["a proxy"]}),
+        httpx.Response(503, json={"errors": True}),
         httpx.ConnectError("refused"),
         httpx.ReadTimeout(""),
         httpx.WriteError("reset"),
@@ -246,6 +250,16 @@ def test_an_error_of_somebody_else_has_no_code() -> None:
     with Client(transport=Script(httpx.Response(404, text="<html>"))) as client, pytest.raises(ApiError) as caught:
         client.job("job_1")
     assert (caught.value.status, caught.value.code, caught.value.title) == (404, "", "Not Found")
+
+
+def test_of_an_error_of_somebody_else_what_is_known_is_told() -> None:
+    errors = [{"detail": 1}, {"detail": "D", "pointer": ["/a"], "code": 1}, {"detail": "E", "pointer": "/b"}, None]
+    body = {"code": 7, "title": {"en": "T"}, "type": None, "detail": ["D"], "status": "404", "request_id": 5}
+    body |= {"limit": "9", "errors": errors}
+    with Client(transport=Script(httpx.Response(404, json=body))) as client, pytest.raises(ApiError) as caught:
+        client.job("job_1")
+    assert caught.value.errors == (FieldError("D"), FieldError("E", "/b"))
+    assert caught.value.problem == Problem("", "Not Found", status=404, errors=caught.value.errors)
 
 
 def test_a_deletion_whose_answer_was_lost_is_done(pauses: list[float]) -> None:

@@ -10,7 +10,7 @@ import json
 import random
 import uuid
 from collections.abc import AsyncIterator, Callable, Generator, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from email.utils import parsedate_to_datetime
 from pathlib import Path
@@ -245,8 +245,8 @@ def _object(response: httpx.Response) -> dict[str, Any] | None:
 
 
 def _problem(response: httpx.Response) -> Problem:
-    body = _object(response) or {}  # of a proxy in between there is none
-    return Problem.of({"title": response.reason_phrase, "status": response.status_code} | body)
+    told = Problem.of(_object(response) or {})  # of a proxy in between there is none
+    return replace(told, title=told.title or response.reason_phrase, status=told.status or response.status_code)
 
 
 def _retry_after_s(response: httpx.Response) -> float | None:

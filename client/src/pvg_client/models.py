@@ -27,6 +27,13 @@ class FieldError:
     detail: str
     pointer: str | None = None
 
+    @classmethod
+    def all_of(cls, said: object) -> tuple[Self, ...]:
+        """Read what is one; others who answer in the service's place have errors of their own kinds."""
+        ones = [one for one in said if isinstance(one, dict)] if isinstance(said, list) else []
+        texts = [{name: value for name, value in one.items() if isinstance(value, str)} for one in ones]
+        return tuple(cls(**_known(cls, one)) for one in texts if "detail" in one)
+
 
 @dataclass(frozen=True, slots=True)
 class Problem:
@@ -48,9 +55,11 @@ class Problem:
 
     @classmethod
     def of(cls, body: Body) -> Self:
-        """Read one."""
-        errors = tuple(FieldError(**_known(FieldError, one)) for one in body.get("errors") or ())
-        return cls(**{"code": "", "title": ""} | _known(cls, body) | {"errors": errors})
+        """Read one. Members that are of no such type are somebody else's, and passed over."""
+        kinds: dict[str, Any] = {"status": int, "limit": int | float, "errors": ()}
+        known = {k: value for k, value in _known(cls, body).items() if isinstance(value, kinds.get(k, str))}
+        read: dict[str, Any] = {"code": "", "title": "", **known, "errors": FieldError.all_of(body.get("errors"))}
+        return cls(**read)
 
 
 def _problem(body: Body | None) -> Problem | None:
