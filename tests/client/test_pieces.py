@@ -27,6 +27,7 @@ class Tus(httpx.BaseTransport):
         self.uploads: dict[str, bytearray] = {}
         self.lengths: dict[str, int] = {}
         self.about: dict[str, str] = {}
+        self.begun: dict[str, tuple[str, str]] = {}
         self.received_bytes = 0
         self.methods: list[str] = []
 
@@ -52,7 +53,14 @@ class Tus(httpx.BaseTransport):
     def _create(self, request: httpx.Request) -> httpx.Response:
         pairs = [pair.split(" ") for pair in request.headers["upload-metadata"].split(",")]
         self.about = {name: base64.b64decode(value).decode() for name, value in pairs}
+        key, said = request.headers["idempotency-key"], request.headers["upload-metadata"]
+        if key in self.begun:
+            path, before = self.begun[key]
+            if said != before:
+                return httpx.Response(422, json={"code": "idempotency-key-reused", "title": "T"})
+            return httpx.Response(201, headers={"Location": f"{API_PATH}{path}", "Idempotent-Replayed": "true"})
         path = f"/uploads/{len(self.uploads)}"
+        self.begun[key] = path, said
         self.uploads[path] = bytearray()
         self.lengths[path] = int(request.headers["upload-length"])
         return httpx.Response(201, headers={"Location": f"{API_PATH}{path}"})
@@ -148,6 +156,34 @@ def test_another_service_key_or_file_is_another_upload(file: Path) -> None:
     with Client(transport=server, retries=0) as client, pytest.raises(UnreachableError):
         client.upload(file, resume=True)
     assert len(server.uploads) == 4
+
+
+def test_a_key_of_the_callers_own_begins_an_upload_once(file: Path, tmp_path: Path) -> None:
+    server = Tus(None, "cut")
+    with Client(transport=server, retries=0) as client:
+        with pytest.raises(UnreachableError):
+            client.upload(file, resume=True, idempotency_key="order-42")
+        (note,) = notes(tmp_path)
+        note.unlink()  # as on another machine
+        first, second = (client.upload(file, resume=True, idempotency_key="order-42") for _ in range(2))
+        assert first.id == second.id
+        assert list(server.begun) == ["order-42"]
+        assert server.received_bytes == len(CONTENT) + PIECE // 2
+        client.upload(file, resume=True, idempotency_key="order-43")
+        assert len(server.uploads) == 2
+        file.write_bytes(CONTENT[::-1])
+        with pytest.raises(ApiError) as caught:
+            client.upload(file, resume=True, idempotency_key="order-42")
+    assert caught.value.code == "idempotency-key-reused"
+
+
+def test_uploads_under_way_with_different_keys_are_different(file: Path, tmp_path: Path) -> None:
+    server = Tus(*["cut"] * 3)
+    with Client(transport=server, retries=0) as client:
+        for key in (None, "a", "b"):
+            with pytest.raises(UnreachableError):
+                client.upload(file, resume=True, idempotency_key=key)
+    assert len(server.uploads) == len(notes(tmp_path)) == 3
 
 
 def test_an_upload_that_has_expired_begins_anew(file: Path) -> None:

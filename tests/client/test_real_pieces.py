@@ -55,3 +55,19 @@ def test_what_is_no_medium_is_told_and_forgotten(url: str, tmp_path: Path) -> No
                 client.upload(text, resume=True)
             assert caught.value.status == 415
     assert not [path for path in (tmp_path / "cache").rglob("*") if path.is_file()]
+
+
+def test_a_key_of_the_callers_own_is_for_one_file(url: str, samples: Samples, tmp_path: Path) -> None:
+    path = tmp_path / "portrait.jpg"
+    path.write_bytes(samples.dark_portrait.read_bytes())
+    with Client(url) as client:
+        first, second = (
+            client.upload(path, role="reference", resume=True, idempotency_key="order-42") for _ in range(2)
+        )
+        assert first.id == second.id
+        content = bytearray(path.read_bytes())
+        content[-1] ^= 1
+        path.write_bytes(content)
+        with pytest.raises(ApiError) as caught:
+            client.upload(path, role="reference", resume=True, idempotency_key="order-42")
+    assert caught.value.code == "idempotency-key-reused"

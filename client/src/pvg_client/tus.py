@@ -31,9 +31,10 @@ _HOPELESS: Final = _GONE | {413, 415, 422}
 class _Note:
     """Where an upload that is under way is kept in mind between runs: its address, and nothing of the file."""
 
-    def __init__(self, api: Api, sha256: str, about: Mapping[str, str]) -> None:
+    def __init__(self, api: Api, sha256: str, about: Mapping[str, str], key: str | None) -> None:
         cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-        what = json.dumps([str(api.base_url), api.key, sha256, dict(about)], sort_keys=True)
+        named = [] if key is None else [key]
+        what = json.dumps([str(api.base_url), api.key, sha256, dict(about), *named], sort_keys=True)
         self._path = cache / "pvg-client" / "uploads" / hashlib.sha256(what.encode()).hexdigest()
 
     def read(self) -> str | None:
@@ -57,13 +58,20 @@ class _Note:
             return
 
 
-def send(api: Api, path: Path, size_bytes: int, sha256: str, about: Mapping[str, str]) -> Flow[str]:
+def send(
+    api: Api, path: Path, size_bytes: int, sha256: str, about: Mapping[str, str], key: str | None = None
+) -> Flow[str]:
     """Upload a file with what is said ``about`` it; the id of the medium that it became.
+
+    With ``key``, an Idempotency-Key, it is begun once; another file with the same one is an `ApiError`.
 
     Raises `DamagedError` when a piece arrives damaged each time, `ApiError`, `UnreachableError`.
     """
-    note = _Note(api, sha256, about)
-    url, offset = yield from _begun(api, note, size_bytes, about)
+    note = _Note(api, sha256, about, key)
+    if key is not None:
+        # by a name that the service passes over, files of one size differ for it before they have arrived
+        about = {**about, "relativePath": sha256}
+    url, offset = yield from _begun(api, note, size_bytes, about, key)
     patience = Patience(api)
     while offset < size_bytes:
         piece = yield from worked(lambda at=offset: _read(path, at))  # type: ignore[misc]
@@ -85,7 +93,9 @@ def send(api: Api, path: Path, size_bytes: int, sha256: str, about: Mapping[str,
     return str(medium_id)
 
 
-def _begun(api: Api, note: _Note, size_bytes: int, about: Mapping[str, str]) -> Flow[tuple[httpx.URL, int]]:
+def _begun(
+    api: Api, note: _Note, size_bytes: int, about: Mapping[str, str], key: str | None
+) -> Flow[tuple[httpx.URL, int]]:
     """The address of the upload, an old one or a new one, and how much of it is there."""
     known = note.read()
     if known is not None:
@@ -99,11 +109,13 @@ def _begun(api: Api, note: _Note, size_bytes: int, about: Mapping[str, str]) -> 
     said = ",".join(
         f"{name} {base64.b64encode(value.encode(errors='replace')).decode()}" for name, value in about.items()
     )
-    headers = _HEADERS | {"Upload-Length": str(size_bytes), "Upload-Metadata": said} | once(None)
+    headers = _HEADERS | {"Upload-Length": str(size_bytes), "Upload-Metadata": said} | once(key)
     response = yield from answered(api, api.request("POST", "/uploads", headers=headers))
     location = response.headers["location"]
     note.write(location)
-    return api.named(location), 0
+    url = api.named(location)
+    begun_before = "idempotent-replayed" in response.headers
+    return url, (yield from _offset(api, url)) if begun_before else 0
 
 
 def _offset(api: Api, url: httpx.URL) -> Flow[int]:

@@ -65,7 +65,7 @@ def upload(
     size_bytes = path.stat().st_size
     sha256 = yield from worked(lambda: sha256_of(path))
     if resume if resume is not None else size_bytes >= RESUMABLE_BYTES:
-        return (yield from _in_pieces(api, path, size_bytes, sha256, given))
+        return (yield from _in_pieces(api, path, size_bytes, sha256, given, idempotency_key))
     return (yield from _at_once(api, path, size_bytes, sha256, given, idempotency_key))
 
 
@@ -88,8 +88,8 @@ def _at_once(api: Api, path: Path, size_bytes: int, sha256: str, given: _Asked, 
     return Medium.of(body_of(response))
 
 
-def _in_pieces(api: Api, path: Path, size_bytes: int, sha256: str, given: _Asked) -> Flow[Medium]:
+def _in_pieces(api: Api, path: Path, size_bytes: int, sha256: str, given: _Asked, key: str | None) -> Flow[Medium]:
     about = {"filename": path.name, "role": given.role} | given.settings
     about |= {f"metadata.{name}": value for name, value in given.metadata.items()}
     about |= {} if given.webhook is None else {"webhook": given.webhook}
-    return (yield from medium(api, (yield from tus.send(api, path, size_bytes, sha256, about))))
+    return (yield from medium(api, (yield from tus.send(api, path, size_bytes, sha256, about, key))))
