@@ -95,6 +95,40 @@ def test_a_download_of_nothing_leaves_nothing(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+def test_what_is_wrong_with_a_file_that_is_asked_for_by_head_is_told(tmp_path: Path) -> None:
+    requests: list[httpx.Request] = []
+
+    def answer(request: httpx.Request) -> httpx.Response:
+        requests.append(request)
+        body = {"code": "gone", "title": "Gone", "detail": "D", "request_id": "req_2"}
+        return httpx.Response(410) if request.method == "HEAD" else httpx.Response(410, json=body)
+
+    with Client(transport=httpx.MockTransport(answer)) as client, pytest.raises(ApiError) as caught:
+        client.download("res_1", tmp_path / "look.mp4")
+    error = caught.value
+    assert (error.status, error.code, error.detail, error.request_id) == (410, "gone", "D", "req_2")
+    assert [(request.method, request.headers.get("range")) for request in requests] == [
+        ("HEAD", None),
+        ("GET", "bytes=0-0"),
+    ]
+
+
+@pytest.mark.parametrize(
+    "then", [httpx.Response(206, content=b"a"), httpx.Response(503), httpx.ConnectError("refused")]
+)
+def test_where_nothing_more_is_told_the_first_error_stays(tmp_path: Path, then: httpx.Response | Exception) -> None:
+    def answer(request: httpx.Request) -> httpx.Response:
+        if request.method == "HEAD":
+            return httpx.Response(403)
+        if isinstance(then, Exception):
+            raise then
+        return then
+
+    with Client(transport=httpx.MockTransport(answer)) as client, pytest.raises(ApiError) as caught:
+        client.download("res_1", tmp_path / "look.mp4")
+    assert (caught.value.status, caught.value.title) == (403, "Forbidden")
+
+
 def test_a_part_whose_name_was_removed_has_its_size_still(tmp_path: Path) -> None:
     part = PartFile(tmp_path / "look.mp4", RESULT.sha256)
     part.write(CONTENT)

@@ -24,6 +24,7 @@ class Tus(httpx.BaseTransport):
 
     def __init__(self, *faults: str | None) -> None:
         self.faults = list(faults)
+        self.refused = False
         self.uploads: dict[str, bytearray] = {}
         self.lengths: dict[str, int] = {}
         self.about: dict[str, str] = {}
@@ -40,8 +41,8 @@ class Tus(httpx.BaseTransport):
             assert request.headers["tus-resumable"] == "1.0.0"
         if path == "/uploads":
             return self._create(request)
-        if path not in self.uploads:
-            return httpx.Response(410, json={"type": "gone", "title": "Gone", "status": 410, "detail": ""})
+        if self.refused or path not in self.uploads:
+            return self._refuse(request)
         data = self.uploads[path]
         if request.method == "PATCH":
             return self._patch(request, path)
@@ -49,6 +50,11 @@ class Tus(httpx.BaseTransport):
             return httpx.Response(200, headers={"Upload-Offset": str(len(data))})
         assert len(data) == self.lengths[path]
         return httpx.Response(200, json={"media": f"vid_{hashlib.sha256(data).hexdigest()}"})
+
+    def _refuse(self, request: httpx.Request) -> httpx.Response:
+        status, code = (401, "unauthenticated") if self.refused else (410, "gone")
+        body = {"code": code, "title": "T", "status": status, "detail": "D", "request_id": "req_1"}
+        return httpx.Response(status) if request.method == "HEAD" else httpx.Response(status, json=body)
 
     def _create(self, request: httpx.Request) -> httpx.Response:
         pairs = [pair.split(" ") for pair in request.headers["upload-metadata"].split(",")]
@@ -175,6 +181,19 @@ def test_a_key_of_the_callers_own_begins_an_upload_once(file: Path, tmp_path: Pa
         with pytest.raises(ApiError) as caught:
             client.upload(file, resume=True, idempotency_key="order-42")
     assert caught.value.code == "idempotency-key-reused"
+
+
+def test_what_is_wrong_with_an_upload_that_goes_on_is_told(file: Path) -> None:
+    server = Tus(None, "cut")
+    with Client(transport=server, retries=0) as client:
+        with pytest.raises(UnreachableError):
+            client.upload(file, resume=True)
+        server.refused = True
+        with pytest.raises(ApiError) as caught:
+            client.upload(file, resume=True)
+    error = caught.value
+    assert (error.status, error.code, error.detail, error.request_id) == (401, "unauthenticated", "D", "req_1")
+    assert server.methods[-2:] == ["HEAD", "GET"]
 
 
 def test_uploads_under_way_with_different_keys_are_different(file: Path, tmp_path: Path) -> None:

@@ -222,6 +222,27 @@ def answered(api: Api, request: httpx.Request) -> Flow[httpx.Response]:
             yield from patience.after(error)
 
 
+def headed(
+    api: Api, url: httpx.URL, *, headers: Mapping[str, str] | None = None, to_get: Mapping[str, str]
+) -> Flow[httpx.Headers]:
+    """The headers of an answer, by HEAD. The errors of those have no body: what is wrong is asked for by GET.
+
+    That is done once, with the headers ``to_get``.
+    """
+    try:
+        response = yield from answered(api, api.request("HEAD", url, headers=headers))
+    except ApiError as error:
+        try:
+            yield from attempt(api.request("GET", url, headers=to_get))
+        except ApiError as told:
+            if told.status == error.status:
+                raise told from None
+        except UnreachableError:
+            pass  # the first one is the one to tell of
+        raise
+    return response.headers
+
+
 def asked(api: Api, method: str, path: str, **given: Any) -> Flow[Any]:
     """The JSON object that a request is answered with. Raises also `UnreachableError` when it is something else."""
     response = yield from answered(api, api.request(method, path, **given))

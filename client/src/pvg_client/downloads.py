@@ -12,7 +12,7 @@ from urllib.parse import unquote
 
 import httpx
 
-from pvg_client.calls import Api, Flow, Patience, answered, asked, attempt, once, worked
+from pvg_client.calls import Api, Flow, Patience, asked, attempt, headed, once, worked
 from pvg_client.errors import ApiError, DamagedError, UnreachableError
 from pvg_client.files import PartFile, sha256_of
 from pvg_client.media import path_of
@@ -96,7 +96,7 @@ def _located(api: Api, file: Result | Extra | JobLook | Medium | str, *, named: 
         if file.sha256 is not None and not named:
             return _Remote(url, file.sha256)
     # its ETag is the hash of its bytes
-    headers = (yield from answered(api, api.request("HEAD", url))).headers
+    headers = yield from headed(api, url, to_get={"Range": "bytes=0-0"})
     sha256 = headers.get("etag", "").removeprefix("W/").strip('"')
     return _Remote(url, sha256, _name_in(headers, url) if named else None)
 

@@ -12,7 +12,7 @@ from typing import Final
 
 import httpx
 
-from pvg_client.calls import Api, Flow, Patience, answered, attempt, body_of, once, worked
+from pvg_client.calls import Api, Flow, Patience, answered, attempt, body_of, headed, once, worked
 from pvg_client.errors import ApiError, DamagedError, UnreachableError
 from pvg_client.files import in_base64
 
@@ -21,6 +21,8 @@ PIECE_BYTES: Final = 8 * 1024**2
 #: seconds in which the service joins, reads and records the whole file
 _LONGEST_JOIN_S: Final = 600.0
 _HEADERS: Final = {"Tus-Resumable": "1.0.0"}
+#: what an upload is asked with for its state; a browser gets a page
+_STATE: Final = {"Accept": "application/json"}
 #: a piece whose checksum is wrong, by the checksum extension
 _CHECKSUM_MISMATCH: Final = 460
 _GONE: Final = frozenset({403, 404, 410})
@@ -85,7 +87,7 @@ def send(
                 note.drop()  # the next call begins anew
             yield from _before_another(patience, error)
             offset = yield from _offset(api, url)
-    response = yield from answered(api, api.request("GET", url, headers={"Accept": "application/json"}))
+    response = yield from answered(api, api.request("GET", url, headers=_STATE))
     medium_id = body_of(response).get("media")
     note.drop()
     if medium_id is None:
@@ -119,8 +121,8 @@ def _begun(
 
 
 def _offset(api: Api, url: httpx.URL) -> Flow[int]:
-    response = yield from answered(api, api.request("HEAD", url, headers=_HEADERS))
-    return int(response.headers["upload-offset"])
+    headers = yield from headed(api, url, headers=_HEADERS, to_get=_STATE)
+    return int(headers["upload-offset"])
 
 
 def _patch(api: Api, url: httpx.URL, offset: int, piece: bytes, *, is_last: bool) -> Flow[int]:
