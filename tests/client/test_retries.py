@@ -169,6 +169,36 @@ def test_a_wait_outlives_an_outage(pauses: list[float]) -> None:
     assert {request.url.params["wait"] for request in script.requests} == {"20.0"}
 
 
+def wait_blocking(script: Script, timeout: float) -> Job:
+    with Client("http://service.test", transport=script) as client:
+        return client.wait("job_1", timeout=timeout)
+
+
+def wait_awaited(script: Script, timeout: float) -> Job:
+    async def session() -> Job:
+        async with AsyncClient("http://service.test", transport=script) as client:
+            return await client.wait("job_1", timeout=timeout)
+
+    return asyncio.run(session())
+
+
+@pytest.mark.parametrize("wait", [wait_blocking, wait_awaited])
+def test_a_wait_ends_in_time_in_an_outage_too(wait: Callable[[Script, float], Job], pauses: list[float]) -> None:
+    with pytest.raises(TimeoutError, match="refused"):
+        wait(Script(httpx.ConnectError("refused")), 0.1)
+    with pytest.raises(TimeoutError, match="503"):
+        wait(Script(problem(503, Retry_After="30")), 5)
+    with pytest.raises(TimeoutError):
+        wait(Script(problem(503)), 0)
+    assert pauses[0] <= 0.1
+    assert 4 < pauses[1] <= 5
+    assert pauses[2] == 0
+    with pytest.raises(ApiError):
+        wait(Script(problem(404, "not-found")), 5)
+    assert len(pauses) == 3
+    assert wait(Script(httpx.ConnectError("refused"), good()), 60).done
+
+
 def test_a_service_that_answers_at_once_is_not_asked_in_a_hurry(pauses: list[float]) -> None:
     script = Script(*[good(state="running", done=False) for _ in range(3)], good())
     with Client("http://service.test", transport=script) as client:

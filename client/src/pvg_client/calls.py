@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 import random
+import time
 import uuid
 from collections.abc import AsyncIterator, Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -185,10 +187,11 @@ def unreachable(request: httpx.Request, error: httpx.HTTPError) -> UnreachableEr
 
 
 class Patience:
-    """How often something that failed is tried again, and after how long."""
+    """How often something that failed is tried again, and after how long; ``until`` then, by `time.monotonic`."""
 
-    def __init__(self, api: Api) -> None:
+    def __init__(self, api: Api, until: float = math.inf) -> None:
         self._retries = api.retries
+        self._until = until
         self._failed = 0
 
     def renew(self) -> None:
@@ -196,14 +199,18 @@ class Patience:
         self._failed = 0
 
     def after(self, error: ApiError | UnreachableError) -> Flow[None]:
-        """Wait before the next attempt. Raises the error itself when there is to be none."""
+        """Wait before the next attempt. Raises the error itself when there is to be none, or `TimeoutError`."""
         least_s = (error.retry_after_s or 0.0) if isinstance(error, ApiError) else 0.0
         self._failed += 1
         if self._failed > self._retries or not _passing(error) or least_s > LONGEST_PAUSE_S:
             raise error
         backoff_s = min(_FIRST_PAUSE_S * 2 ** (self._failed - 1), _LONGEST_BACKOFF_S)
         # spread, so that many clients of a service that was away do not come back as one
-        yield Pause(max(least_s, backoff_s * random.uniform(0.5, 1)))  # noqa: S311 - no secret
+        pause_s = max(least_s, backoff_s * random.uniform(0.5, 1))  # noqa: S311 - no secret
+        left_s = max(0.0, self._until - time.monotonic())
+        yield Pause(min(pause_s, left_s))
+        if pause_s >= left_s:
+            raise TimeoutError(f"there was no time to ask again: {error}") from error
 
 
 def _passing(error: ApiError | UnreachableError) -> bool:
@@ -212,9 +219,9 @@ def _passing(error: ApiError | UnreachableError) -> bool:
     return error.status in _TRY_AGAIN or error.code == "idempotency-key-in-use"
 
 
-def answered(api: Api, request: httpx.Request) -> Flow[httpx.Response]:
-    """The good answer of a request that may be sent again. Raises `ApiError` and `UnreachableError`."""
-    patience = Patience(api)
+def answered(api: Api, request: httpx.Request, *, until: float = math.inf) -> Flow[httpx.Response]:
+    """The good answer of a request that may be sent again, ``until`` then. Raises `ApiError` and `UnreachableError`."""
+    patience = Patience(api, until)
     while True:
         try:
             return (yield from attempt(request))
@@ -243,9 +250,9 @@ def headed(
     return response.headers
 
 
-def asked(api: Api, method: str, path: str, **given: Any) -> Flow[Any]:
+def asked(api: Api, method: str, path: str, *, until: float = math.inf, **given: Any) -> Flow[Any]:
     """The JSON object that a request is answered with. Raises also `UnreachableError` when it is something else."""
-    response = yield from answered(api, api.request(method, path, **given))
+    response = yield from answered(api, api.request(method, path, **given), until=until)
     return body_of(response)
 
 

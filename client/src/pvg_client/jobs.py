@@ -114,7 +114,8 @@ def wait(api: Api, job: Job | Medium | str, *, progress: bool = True, timeout: f
     """The job once it has succeeded. A medium is waited for until it is vectorised.
 
     ``progress`` shows a bar, where tqdm is installed and the standard error is a terminal. Raises `JobFailed` when the
-    job ends in any other way, and `TimeoutError` when it has not ended within ``timeout`` seconds.
+    job ends in any other way, and `TimeoutError` when it has not ended within ``timeout`` seconds, also
+    while the service is away.
     """
     job_id = job.job if isinstance(job, Medium) else id_of(job)
     until = math.inf if timeout is None else time.monotonic() + timeout
@@ -123,7 +124,8 @@ def wait(api: Api, job: Job | Medium | str, *, progress: bool = True, timeout: f
         while True:
             began = time.monotonic()
             wait_s = max(0.0, min(poll_s, api.timeout_s / 2, until - began))
-            seen = Job.of((yield from asked(api, "GET", f"/jobs/{job_id}", params=[("wait", f"{wait_s:.1f}")])))
+            params = [("wait", f"{wait_s:.1f}")]
+            seen = Job.of((yield from asked(api, "GET", f"/jobs/{job_id}", params=params, until=until)))
             bar.show(seen)
             if seen.done:
                 break
