@@ -12,9 +12,7 @@ import av.container
 import av.packet
 
 from pvg.video.carrying import CarriedTrack, StampedPacket
-from pvg.video.keeping import Carried
-
-_USUAL_LAYOUTS = {1: "mono", 2: "stereo", 3: "2.1", 4: "quad", 5: "5.0", 6: "5.1", 7: "6.1", 8: "7.1"}
+from pvg.video.keeping import Carried, sound_shape
 
 
 class SoundTrack(CarriedTrack):
@@ -27,12 +25,11 @@ class SoundTrack(CarriedTrack):
         template: Any = self._source
         if carried.encoder is None:
             return output.add_stream_from_template(template)
-        opus = carried.encoder == "libopus"
-        rate = 48000 if opus else template.codec_context.sample_rate
+        rate, layout = sound_shape(carried.track, carried.encoder)
         stream: Any = output.add_stream(carried.encoder, rate=rate)
-        stream.codec_context.layout = _layout(template.codec_context.layout)
+        stream.codec_context.layout = layout
         if not carried.encoder.startswith("pcm_"):
-            stream.codec_context.bit_rate = 64_000 * max(1, template.codec_context.layout.nb_channels)
+            stream.codec_context.bit_rate = 64_000 * max(1, stream.codec_context.layout.nb_channels)
         return stream
 
     def _produce(self, opened: av.container.InputContainer) -> Iterator[StampedPacket]:
@@ -48,12 +45,6 @@ class SoundTrack(CarriedTrack):
         if not copies:
             for coded in self._target.encode(None):
                 yield stamped(coded)
-
-
-def _layout(layout: Any) -> str:
-    """libav's name of a channel layout; one that only counts its channels is taken for the usual one of that many."""
-    name = str(layout.name)
-    return _USUAL_LAYOUTS.get(layout.nb_channels, name) if name.endswith(" channels") else name
 
 
 def stamped(packet: av.packet.Packet[Any]) -> StampedPacket:

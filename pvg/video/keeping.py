@@ -39,6 +39,16 @@ _CARRIES = {
 _EXACT = {"s16": "pcm_s16le", "s32": "pcm_s32le", "flt": "pcm_f32le", "dbl": "pcm_f64le", "u8": "pcm_u8"}
 _LOSSLESS = {"flac", "alac", "truehd", "mlp", "wavpack", "tta", "ape", "tak"}
 _WITH_PCM = ("mov", "matroska", "nut")
+_USUAL_LAYOUTS = {1: "mono", 2: "stereo", 3: "2.1", 4: "quad", 5: "5.0", 6: "5.1", 7: "6.1", 8: "7.1"}
+_OPUS_RATE, _OPUS_LAYOUTS = 48000, _USUAL_LAYOUTS | {3: "3.0"}
+_AAC_RATES = (96000, 88200, 64000, 48000, 44100, 32000, 24000, 22050, 16000, 12000, 11025, 8000, 7350)
+_AAC_LAYOUTS = {
+    *("mono", "stereo", "2.1", "3.0", "3.0(back)", "3.1", "4.0", "4.1", "quad", "quad(side)", "5.0", "5.0(side)"),
+    *("5.1", "5.1(side)", "6.0", "6.0(front)", "hexagonal", "6.1", "6.1(back)", "6.1(front)", "7.0", "7.0(front)"),
+    *("7.1", "7.1(wide)", "7.1(wide-side)", "octagonal", "hexadecagonal"),
+}
+"""Rates and layouts that libav's encoders open with, and by the number of channels those that Opus has."""
+_WITH_LFE = {"2.1", "3.1", "4.1"}
 
 _TEXT = ("mov_text", "srt", "ass", "webvtt", "text")
 _BITMAPS = ("dvdsub", "pgssub", "dvbsub")
@@ -303,7 +313,30 @@ def _sound(track: Track, container: str) -> tuple[str | None, str | None]:
     if container in _WITH_PCM and exact is not None and (lossless or container == "nut"):
         return f"PCM of the same samples, which {said(container)} holds", exact
     encoder, name = ("libopus", "Opus") if container == "webm" else ("aac", "AAC")
-    return f"{name}: {said(container)} does not hold {track.codec}", encoder
+    rate, layout = sound_shape(track, encoder)
+    shape = f" of {rate} Hz (the clip's is of {track.rate})" if track.rate not in (0, rate) else ""
+    place = track.layout.partition("(")[0]
+    if place not in ("", layout.partition("(")[0]) and " channels" not in track.layout:
+        shape += f" in {layout} (the clip's is {track.layout})"
+    return f"{name}{shape}: {said(container)} does not hold {track.codec}", encoder
+
+
+def sound_shape(track: Track, encoder: str) -> tuple[int, str]:
+    """The rate and the channel layout, by libav's name, that an encoder takes a sound track in: its own if it can.
+
+    A layout that only counts its channels is taken for the usual one of that many. More than eight channels that the
+    encoder has no layout for are mixed to 7.1.
+    """
+    rate, layout = track.rate or _OPUS_RATE, track.layout
+    if layout.endswith(" channels") or not layout:
+        layout = _USUAL_LAYOUTS.get(track.channels, layout or "stereo")
+    if encoder == "libopus":
+        fewest = 6 if layout in _WITH_LFE else 1  # Opus has none of fewer with a channel for the lowest sound
+        return _OPUS_RATE, _OPUS_LAYOUTS[min(8, max(fewest, track.channels))]
+    if encoder == "aac":
+        layout = layout if layout in _AAC_LAYOUTS else _USUAL_LAYOUTS[min(8, max(1, track.channels))]
+        return min(_AAC_RATES, key=lambda one: abs(one - rate)), layout
+    return rate, layout
 
 
 def _subtitle(track: Track, container: str) -> tuple[str | None, str | None]:

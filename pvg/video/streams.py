@@ -60,7 +60,8 @@ class Track:
     index: of the stream in the file. codec: libav's name of its decoder, "unknown" without one. language: as stored
     (ISO 639-2, or BCP 47 in Matroska), title: None when not stated. handler: QuickTime's name of what it is, None for
     one that only names the kind. dispositions: libav's names ("default", "forced", "comment", …). sample: libav's
-    name of a sound's sample format. tags: others that it carries. name: of an attachment's file.
+    name of a sound's sample format. rate: of its samples in a second, layout, channels: libav's name of where they are
+    heard and how many there are; 0 and "" when not stated. tags: others that it carries. name: of an attachment's file.
     """
 
     index: int
@@ -71,6 +72,9 @@ class Track:
     handler: str | None = None
     dispositions: tuple[str, ...] = ()
     sample: str | None = None
+    rate: int = 0
+    layout: str = ""
+    channels: int = 0
     tags: tuple[tuple[str, str], ...] = ()
     name: str | None = None
 
@@ -192,6 +196,7 @@ def _track(stream: av.stream.Stream) -> Track:
     context: Any = stream.codec_context
     name = context.name.removeprefix("lib") if context is not None else str(getattr(stream, "name", None) or "unknown")
     kind = _KINDS.get(stream.type, "data")
+    sounds = kind == "sound" and context is not None
     handler = tags.get("handler_name", "").strip("\0 \t")
     language = tags.get("language")
     listed = {"language", "title", "name", "handler_name", "timecode", "creation_time", "filename", "mimetype"}
@@ -204,7 +209,10 @@ def _track(stream: av.stream.Stream) -> Track:
         title=tags.get("title") or tags.get("name"),
         handler=handler if handler and not any(word in handler.lower() for word in _PLAIN_HANDLERS) else None,
         dispositions=tuple(one.name or "" for one in av.stream.Disposition if stream.disposition & one),
-        sample=context.format.name if kind == "sound" and context is not None and context.format else None,
+        sample=context.format.name if sounds and context.format else None,
+        rate=context.sample_rate or 0 if sounds else 0,
+        layout=context.layout.name if sounds else "",
+        channels=context.layout.nb_channels if sounds else 0,
         tags=tuple((k, v) for k, v in others.items() if not k.startswith("_statistics")),
         name=tags.get("filename"),
     )

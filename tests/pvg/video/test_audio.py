@@ -1,20 +1,28 @@
 from __future__ import annotations
 
 import itertools
+from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import av
+import numpy as np
 import pytest
 
 from pvg.video import (
+    VideoWriter,
+    make_plan,
     probe,
     read_frames,
+    read_streams,
 )
 from tests.gallery.clips import (
+    libav_frame,
     sound_packets,
     tone_onset,
     write_clip,
 )
+from tests.gallery.pictures import colorful
 
 
 def test_sound_is_copied_byte_for_byte_at_the_same_times(sounding_clip: Path, tmp_path: Path) -> None:
@@ -48,3 +56,56 @@ def test_sound_and_pictures_alternate_in_the_file(sounding_clip: Path, tmp_path:
 def test_no_sound_is_written_unless_asked_for(sounding_clip: Path, tmp_path: Path) -> None:
     path = write_clip(tmp_path / "o.mp4", list(read_frames(sounding_clip)), probe(sounding_clip))
     assert not probe(path).has_audio
+
+
+def _humming_clip(folder: Path, codec: str, layout: str, rate: int) -> Path:
+    """20 frames, and 0.8 s of a tone in every channel."""
+    path, picture = folder / "humming.mkv", libav_frame(colorful(1, (96, 64)))
+    channels, count = av.AudioLayout(layout).nb_channels, rate * 8 // 10
+    wave = (np.sin(2 * np.pi * 440 * np.arange(count) / rate) * 0.3 * 2**15).astype(np.int16)
+    with av.open(str(path), "w") as output:
+        video: Any = output.add_stream("libx264", rate=25)
+        video.width, video.height, video.pix_fmt = 96, 64, "yuv420p"
+        sound: Any = output.add_stream(codec, rate=rate)
+        sound.codec_context.layout = layout
+        block = av.AudioFrame.from_ndarray(np.repeat(wave, channels)[None], format="s16", layout=layout)
+        block.sample_rate, block.pts, block.time_base = rate, 0, Fraction(1, rate)
+        for k in range(20):
+            picture.pts, picture.time_base = k, Fraction(1, 25)
+            output.mux(video.encode(picture))
+        output.mux([*video.encode(None), *sound.encode(block), *sound.encode(None)])
+    return path
+
+
+@pytest.mark.parametrize(
+    ("codec", "layout", "rate", "suffix", "becomes"),
+    [
+        ("ac3", "5.1(side)", 48000, "webm", ("opus", 48000, "5.1")),
+        ("pcm_s16le", "7.1(wide)", 48000, "webm", ("opus", 48000, "7.1")),
+        ("pcm_s16le", "2.1", 48000, "webm", ("opus", 48000, "5.1")),
+        ("pcm_s16le", "4.0", 44100, "webm", ("opus", 48000, "quad")),
+        ("pcm_s16le", "quad(side)", 48000, "webm", ("opus", 48000, "quad")),
+        ("pcm_s16le", "7.1.4", 48000, "mp4", ("aac", 48000, "7.1")),
+        ("pcm_s16le", "downmix", 192000, "mp4", ("aac", 96000, "stereo")),
+        ("pcm_s16le", "stereo", 50000, "mp4", ("aac", 48000, "stereo")),
+        ("pcm_s16le", "mono", 6000, "mp4", ("aac", 7350, "mono")),
+    ],
+)
+def test_sound_of_any_layout_and_rate_is_coded_anew_in_one_that_the_codec_has(
+    codec: str, layout: str, rate: int, suffix: str, becomes: tuple[str, int, str], tmp_path: Path
+) -> None:
+    source = _humming_clip(tmp_path, codec, layout, rate)
+    info, streams = probe(source), read_streams(source)
+    plan = make_plan(info, container=suffix, source=source, streams=streams)
+    path = tmp_path / f"o.{suffix}"
+    with VideoWriter(path, info, info.format, plan=plan) as writer:
+        for frame in read_frames(source):
+            writer.write(frame)
+    (line,) = (line for line in plan.changed if "sound track" in line)
+    assert (f" of {becomes[1]} Hz (the clip's is of {rate})" in line) == (rate != becomes[1])
+    with av.open(str(path)) as clip:
+        context = clip.streams.audio[0].codec_context
+        assert (context.name.removeprefix("lib"), context.sample_rate, context.layout.name) == becomes
+        heard = [frame.to_ndarray() for frame in clip.decode(audio=0)] if context.layout.nb_channels < 8 else []
+        assert not heard or sum(block.shape[-1] for block in heard) / becomes[1] == pytest.approx(0.8, abs=0.1)
+        assert not heard or max(float(np.abs(block).max()) for block in heard) > 0.1
