@@ -112,19 +112,25 @@ def _probe_image(path: Path, kind: str, limits: MediaLimits, input_color: str) -
     )
 
 
+_UNKNOWN_FRAMES = 0x3FFFFFFF  # the least of what muxers write in an AVI's header when they do not know yet
+
+
 def _probe_clip(clip: OpenClip, limits: MediaLimits, input_color: str) -> MediaInfo:
     stream, context = clip.stream, clip.stream.codec_context
     check_pixels(clip.name, context.width, context.height, limits.max_pixels)
     rate = stream.average_rate  # what libav guesses else is the grid of the time stamps
     length = float(stream.duration * clip.time_base) if stream.duration else 0.0
     length = length or (clip.container.duration or 0) / 1e6
+    count = _claimed_frames(clip)
+    if count and clip.container.format.name == "avi" and count >= min(_UNKNOWN_FRAMES, clip.container.size):
+        count, length = 0, 0.0  # never finished, or written to a pipe; libav guesses the length from the claim
     claims = MediaInfo(
         kind="video",
         width=context.width,
         height=context.height,
         frame_rate=rate or None,
         time_base=clip.time_base,
-        frame_count=_claimed_frames(clip),
+        frame_count=count,
         duration_s=length,
         codec=context.name,
         pixel_format=context.pix_fmt or "",

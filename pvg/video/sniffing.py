@@ -119,10 +119,14 @@ def check_structure(path: Path, kind: Kind, max_pixels: int) -> None:
             _check_iso(path.name, file, path.stat().st_size, max_pixels)
 
 
+_UNKNOWN_RIFF_SIZE = 0xFFFFFFFF  # of a writer that cannot go back to its header
+
+
 def claimed_bytes(path: Path, kind: Kind) -> int:
     """How long a clip ought to be by its outer boxes, RIFF header or segment: more than it has when it is cut short.
 
-    A Matroska file that was recorded live does not say; nor does an MP4 whose last box runs to the end of the file.
+    A Matroska or AVI file that was recorded live does not say; nor does an MP4 whose last box runs to the end of the
+    file.
     """
     size = path.stat().st_size
     with path.open("rb") as file:
@@ -131,8 +135,9 @@ def claimed_bytes(path: Path, kind: Kind) -> int:
         if kind == "matroska":
             return _segment_end(file) or size
         head = file.read(8)
+        claim = int(struct.unpack("<I", head[4:])[0]) if len(head) == 8 else 0
         # the last pad byte of a RIFF file may be left out
-        return 7 + int(struct.unpack("<I", head[4:])[0]) if len(head) == 8 else size
+        return size if claim in (0, _UNKNOWN_RIFF_SIZE) else 7 + claim
 
 
 def cut_short(name: str, claimed: int, size: int) -> MediaError:

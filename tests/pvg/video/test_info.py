@@ -1,16 +1,33 @@
 from __future__ import annotations
 
+<<<<<<< HEAD
 import io
 from fractions import Fraction
+=======
+from collections.abc import Callable
+>>>>>>> 4dac31f (An AVI that was written to a pipe or never finished has its frames counted)
 from pathlib import Path
+from typing import Any
 
 import av
 import numpy as np
 import pytest
 
+<<<<<<< HEAD
 from pvg.video import probe, read_frames, sha256_file
 
 _FRAMES = 45
+=======
+from pvg.errors import MediaError
+from pvg.video import (
+    MediaLimits,
+    probe,
+    read_frames,
+    sha256_file,
+)
+from tests.gallery.clips import encode_raw, libav_frame
+from tests.gallery.pictures import colorful
+>>>>>>> 4dac31f (An AVI that was written to a pipe or never finished has its frames counted)
 
 
 def test_the_digest_is_that_of_the_bytes(tmp_path: Path) -> None:
@@ -18,6 +35,7 @@ def test_the_digest_is_that_of_the_bytes(tmp_path: Path) -> None:
     assert sha256_file(tmp_path / "a") == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
 
 
+<<<<<<< HEAD
 def recorded(*, live: bool) -> bytes:
     """A WebM of about 30 frames a second, stamped in milliseconds as they came, that states neither rate nor length."""
     written, ends = io.BytesIO(), np.round(np.arange(_FRAMES) * 1000 / 30 + np.random.default_rng(3).uniform(0, 9, 45))
@@ -45,3 +63,59 @@ def test_a_browsers_recording_has_the_rate_of_its_time_stamps(tmp_path: Path, li
     assert float(info.frame_rate or 0) == pytest.approx(30, rel=0.02)
     assert info.duration_s == pytest.approx(_FRAMES / 30, abs=0.1)
     assert len(list(read_frames(path))) == _FRAMES
+=======
+class _Pipe:
+    """A target that cannot be gone back in."""
+
+    def __init__(self) -> None:
+        self.data = bytearray()
+
+    def write(self, data: bytes) -> int:
+        self.data += data
+        return len(data)
+
+
+def _piped_avi(path: Path) -> Path:
+    pipe, base = _Pipe(), colorful(3, (96, 64))
+    target: Any = pipe
+    with av.open(target, "w", format="avi") as output:
+        stream: Any = output.add_stream("mpeg4", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 96, 64, "yuv420p"
+        for k in range(20):
+            picture = libav_frame(np.roll(base, k, 1))
+            picture.pts = k
+            output.mux(stream.encode(picture))
+        output.mux(stream.encode(None))
+    assert pipe.data[4:8] == b"\xff" * 4
+    path.write_bytes(pipe.data)
+    return path
+
+
+def _unfinished_avi(path: Path) -> Path:
+    """As a recorder leaves it whose power fails: no sizes, no index."""
+    data = bytearray(_piped_avi(path).read_bytes())
+    data[4:8] = bytes(4)
+    path.write_bytes(data[: data.index(b"idx1")] if b"idx1" in data else data)
+    return path
+
+
+@pytest.mark.parametrize("made", [_piped_avi, _unfinished_avi])
+def test_an_avi_whose_header_was_never_filled_in_has_its_frames_counted(
+    made: Callable[[Path], Path], tmp_path: Path
+) -> None:
+    path = made(tmp_path / "a.avi")
+    info = probe(path, strict=True)
+    assert (info.frame_count, info.frame_rate, info.duration_s, info.warnings) == (20, 25, 0.8, ())
+    assert len(list(read_frames(path))) == 20
+    with pytest.raises(MediaError, match="has 20 frames; at most 19"):
+        probe(path, MediaLimits(max_frames=19))
+
+
+def test_an_avi_that_claims_more_frames_than_it_has_bytes_has_them_counted(tmp_path: Path) -> None:
+    path = encode_raw(tmp_path / "a.avi", [libav_frame(colorful(3, (96, 64)))] * 5, "mpeg4")
+    data = bytearray(path.read_bytes())
+    for place in (data.index(b"avih") + 8 + 16, data.index(b"strh") + 8 + 32):
+        data[place : place + 4] = (10**6).to_bytes(4, "little")
+    path.write_bytes(data)
+    assert probe(path).frame_count == 5
+>>>>>>> 4dac31f (An AVI that was written to a pipe or never finished has its frames counted)
