@@ -213,9 +213,12 @@ class PartReader:
             raise self._damaged("its head is too long")
         try:
             facts = json.loads(self._take(length))
-            return PartHead(**(facts | {"time_base": tuple(facts["time_base"])}))
+            head = PartHead(**(facts | {"time_base": tuple(facts["time_base"])}))
+            if type(head.start) is not int or type(head.stop) is not int:
+                raise TypeError("frames are counted in whole numbers")
         except (ValueError, TypeError, KeyError, RecursionError) as error:
             raise self._damaged("its head cannot be read") from error
+        return head
 
     def _read_end(self) -> tuple[list[int], int, int]:
         """Stamps, end and delay, ahead of the packets."""

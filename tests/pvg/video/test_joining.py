@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import json
 from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
@@ -13,10 +14,10 @@ import av
 import numpy as np
 import pytest
 
-from pvg.errors import MediaError
+from pvg.errors import MediaError, PartError
 from pvg.video import Frame, MediaInfo, Plan, VideoWriter, can_join, join, make_plan, probe, read_frames, read_streams
 from pvg.video.encoding import PictureEncoder
-from pvg.video.parts import ClipOfParts, PartWriter
+from pvg.video.parts import ClipOfParts, PartReader, PartWriter
 from tests.gallery.clips import media_info, pixel_format, smooth_frames, sound_packets
 from tests.gallery.rich_clips import Other, Rich
 
@@ -263,6 +264,18 @@ def test_a_truncated_or_altered_part_is_refused(drawn: tuple[list[Path], MediaIn
             _join([a, b, bad], out, info, plan)
         assert not out.exists()
     assert _join([a, b, c], out, info, plan).exists()
+
+
+@pytest.mark.parametrize("facts", [{"start": "0"}, {"stop": 34.0}, {"stop": None}, {"start": True}])
+def test_a_part_whose_head_counts_in_no_whole_numbers_is_damaged(
+    facts: dict[str, Any], drawn: tuple[list[Path], MediaInfo, Plan], tmp_path: Path
+) -> None:
+    data, bad = drawn[0][0].read_bytes(), tmp_path / "bad.part"
+    length = int.from_bytes(data[8:12], "little")
+    head = json.dumps(json.loads(data[12 : 12 + length]) | facts).encode()
+    bad.write_bytes(data[:8] + len(head).to_bytes(4, "little") + head + data[12 + length :])
+    with pytest.raises(PartError, match=r"bad\.part: the part is damaged"), PartReader(bad):
+        pass
 
 
 def test_the_same_frames_give_the_same_part(drawn: tuple[list[Path], MediaInfo, Plan], tmp_path: Path) -> None:
