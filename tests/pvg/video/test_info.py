@@ -1,11 +1,8 @@
 from __future__ import annotations
 
-<<<<<<< HEAD
 import io
-from fractions import Fraction
-=======
 from collections.abc import Callable
->>>>>>> 4dac31f (An AVI that was written to a pipe or never finished has its frames counted)
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -13,21 +10,12 @@ import av
 import numpy as np
 import pytest
 
-<<<<<<< HEAD
-from pvg.video import probe, read_frames, sha256_file
-
-_FRAMES = 45
-=======
 from pvg.errors import MediaError
-from pvg.video import (
-    MediaLimits,
-    probe,
-    read_frames,
-    sha256_file,
-)
+from pvg.video import MediaLimits, probe, read_frames, sha256_file
 from tests.gallery.clips import encode_raw, libav_frame
 from tests.gallery.pictures import colorful
->>>>>>> 4dac31f (An AVI that was written to a pipe or never finished has its frames counted)
+
+_FRAMES = 45
 
 
 def test_the_digest_is_that_of_the_bytes(tmp_path: Path) -> None:
@@ -35,7 +23,6 @@ def test_the_digest_is_that_of_the_bytes(tmp_path: Path) -> None:
     assert sha256_file(tmp_path / "a") == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
 
 
-<<<<<<< HEAD
 def recorded(*, live: bool) -> bytes:
     """A WebM of about 30 frames a second, stamped in milliseconds as they came, that states neither rate nor length."""
     written, ends = io.BytesIO(), np.round(np.arange(_FRAMES) * 1000 / 30 + np.random.default_rng(3).uniform(0, 9, 45))
@@ -63,7 +50,8 @@ def test_a_browsers_recording_has_the_rate_of_its_time_stamps(tmp_path: Path, li
     assert float(info.frame_rate or 0) == pytest.approx(30, rel=0.02)
     assert info.duration_s == pytest.approx(_FRAMES / 30, abs=0.1)
     assert len(list(read_frames(path))) == _FRAMES
-=======
+
+
 class _Pipe:
     """A target that cannot be gone back in."""
 
@@ -118,4 +106,3 @@ def test_an_avi_that_claims_more_frames_than_it_has_bytes_has_them_counted(tmp_p
         data[place : place + 4] = (10**6).to_bytes(4, "little")
     path.write_bytes(data)
     assert probe(path).frame_count == 5
->>>>>>> 4dac31f (An AVI that was written to a pipe or never finished has its frames counted)
