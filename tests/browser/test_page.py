@@ -238,6 +238,21 @@ def test_a_job_in_the_queue_is_canceled(service: Service, pages: Pages, samples:
         service.finished(one)
 
 
+def test_a_portrait_that_is_added_twice_at_once_has_one_card(pages: Pages, samples: Samples, tmp_path: Path) -> None:
+    """Both are vectorised by one job, and both hear of its end."""
+    one, other = tmp_path / "one.jpg", tmp_path / "other.jpg"
+    for path in (one, other):
+        path.write_bytes(samples.dark_portrait.read_bytes() + b"a portrait that nobody has added before")
+    guarded = pages()
+    page = guarded.open()
+    before = page.locator("#cards .card:not(.adder)").count()
+    drop(page, "#tray", one, other)
+    guarded.until("(before) => document.querySelectorAll('#cards .card:not(.adder)').length === before + 2", before)
+    guarded.until("(before) => document.querySelectorAll('#cards .card:not(.adder)').length < before + 2", before)
+    page.wait_for_timeout(1000)  # the second one hears of it, too
+    assert page.locator("#cards .card:not(.adder)").count() == before + 1
+
+
 def test_what_cannot_be_used_says_why(pages: Pages, samples: Samples, tmp_path: Path) -> None:
     guarded = pages()
     page = guarded.open()
