@@ -18,6 +18,8 @@ from pvg.video.picture_metadata import read_picture_metadata
 from pvg.video.reading import Reading, has_alpha, pictures, reading_of
 from pvg.video.sniffing import IMAGE_KINDS, check_pixels, claimed_bytes, cut_short, sniff
 
+_UNKNOWN_FRAMES = 0x3FFFFFFF  # the least of what muxers write in an AVI's header when they do not know yet
+
 
 @dataclass(frozen=True)
 class MediaInfo:
@@ -112,18 +114,11 @@ def _probe_image(path: Path, kind: str, limits: MediaLimits, input_color: str) -
     )
 
 
-_UNKNOWN_FRAMES = 0x3FFFFFFF  # the least of what muxers write in an AVI's header when they do not know yet
-
-
 def _probe_clip(clip: OpenClip, limits: MediaLimits, input_color: str) -> MediaInfo:
     stream, context = clip.stream, clip.stream.codec_context
     check_pixels(clip.name, context.width, context.height, limits.max_pixels)
     rate = stream.average_rate  # what libav guesses else is the grid of the time stamps
-    length = float(stream.duration * clip.time_base) if stream.duration else 0.0
-    length = length or (clip.container.duration or 0) / 1e6
-    count = _claimed_frames(clip)
-    if count and clip.container.format.name == "avi" and count >= min(_UNKNOWN_FRAMES, clip.container.size):
-        count, length = 0, 0.0  # never finished, or written to a pipe; libav guesses the length from the claim
+    count, length = _claims(clip)
     claims = MediaInfo(
         kind="video",
         width=context.width,
@@ -213,12 +208,15 @@ def _of_cut_file(path: Path, info: MediaInfo, limits: MediaLimits, share: float)
     return replace(counted, duration_s=min(info.duration_s or seconds, seconds), warnings=(*info.warnings, line))
 
 
-def _claimed_frames(clip: OpenClip) -> int:
-    """The header's count, less the frames that its edit list leaves out; 0 when it does not say."""
-    entries, claim = clip.stream.index_entries, clip.stream.frames
-    if claim and len(entries) == claim:
-        return sum(not entry.is_discard for entry in entries)
-    return claim
+def _claims(clip: OpenClip) -> tuple[int, float]:
+    """The header's frames, less those that its edit list leaves out, and its seconds; 0 for what it does not say."""
+    stream, entries, frames = clip.stream, clip.stream.index_entries, clip.stream.frames
+    if frames and clip.container.format.name == "avi" and frames >= min(_UNKNOWN_FRAMES, clip.container.size):
+        return 0, 0.0  # never finished, or written to a pipe; libav guesses the length from the claim
+    if frames and len(entries) == frames:
+        frames = sum(not entry.is_discard for entry in entries)
+    length = float(stream.duration * clip.time_base) if stream.duration else 0.0
+    return frames, length or (clip.container.duration or 0) / 1e6
 
 
 def _audio_codec(clip: OpenClip) -> str | None:

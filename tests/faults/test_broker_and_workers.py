@@ -18,12 +18,13 @@ import redis
 
 from scripts.samples import Samples
 from service.queue.broker import QUEUES
+from tests.faults.renders import transfer, until_it_draws
 from tests.promises import Drill
 from tests.service.receivers import Receiver
 from tests.service.s3 import S3
-from tests.service.servers import free_port, fresh_database, redis_server
+from tests.service.servers import free_port, redis_server
 from tests.waiting import until
-from tests.worker.serving import Service, pool_child, running_scaled, running_service
+from tests.worker.serving import Service, pool_child, running_afresh, running_service
 
 #: shorter times than a service has by default (lease 30 s, rounds of the reaper 10 s), so that the drills are short
 QUICK = {
@@ -77,11 +78,8 @@ class Scaled:
 def scaled(postgres_url: str, s3: S3, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scaled]:
     folder = tmp_path_factory.mktemp("scaled")
     broker = Broker(folder)
-    with (
-        fresh_database(postgres_url) as url,
-        s3.fresh_bucket() as bucket,
-        running_scaled(folder, database_url=url, broker_url=broker.url, s3=bucket, previews=0, **QUICK) as service,
-    ):
+    parts = {"postgres_url": postgres_url, "broker_url": broker.url, "s3": s3}
+    with running_afresh(folder, **parts, previews=0, **QUICK) as service:
         yield Scaled(service, broker)
     broker.stop()
 
@@ -123,23 +121,6 @@ def test_a_job_whose_process_is_killed_succeeds_on_its_second_attempt(
     assert [json.loads(one.body)["data"]["id"] for one in receiver.got] == [job["id"]]
 
 
-def transfer(service: Service, video: str, seed: int = 0, **more: object) -> str:
-    """A render of a clip or picture with its own colours; the job's id."""
-    wanted = {"video": video, "looks": [{"reference": video, "seed": seed}], "force": True, **more}
-    return str(service.client.post("/transfer", json=wanted).raise_for_status().json()["id"])
-
-
-def until_it_draws(service: Service, job_id: str) -> None:
-    """Wait until a render has drawn a frame."""
-
-    def draws() -> bool:
-        job = service.job(job_id)
-        assert not job["done"], job
-        return job["progress"]["stage"] == "render" and job["progress"]["frames_done"] >= 1
-
-    until(draws, 240, said=lambda: service.job(job_id))
-
-
 @pytest.mark.slow
 def test_a_render_whose_process_is_killed_has_one_result_and_one_webhook(
     service: Service, samples: Samples, receiver: Receiver, promise: Callable[..., Drill]
@@ -147,7 +128,7 @@ def test_a_render_whose_process_is_killed_has_one_result_and_one_webhook(
     drill = promise("R1", wanted="mid-render: attempt 2 succeeds within 60 s + the work; one result, one webhook id")
     video = service.ready("/videos", samples.woman_clip)["id"]
     before = service.blobs()
-    job_id = transfer(service, video, webhook={"url": receiver.url})
+    job_id = transfer(service.client, video, 0, force=True, webhook={"url": receiver.url})
     until_it_draws(service, job_id)
     os.kill(pool_child(service, job_id), signal.SIGKILL)
     began = time.monotonic()
@@ -235,17 +216,19 @@ def test_a_broker_that_is_killed_and_away_for_a_minute_costs_no_job(
     drill = promise("R3", wanted="killed, 60 s away: running renders not aborted; each POST 202; no job lost")
     service = scaled.service
     clip, picture = (service.ready("/videos", one)["id"] for one in (samples.woman_clip, samples.portrait))
-    renders = [transfer(service, clip, seed) for seed in range(2)]
+    renders = [transfer(service.client, clip, seed, force=True) for seed in range(2)]
     for render in renders:
         until_it_draws(service, render)
-    waiting = [transfer(service, picture, seed) for seed in range(3)]  # whose messages go with the broker
+    waiting = [
+        transfer(service.client, picture, seed, force=True) for seed in range(3)
+    ]  # whose messages go with the broker
     until(lambda: scaled.broker.messages() >= len(waiting))
     assert {service.job(render)["state"] for render in renders} == {"running"}
     scaled.broker.kill()
     gone = time.monotonic()
     later = []
     while time.monotonic() < gone + 60:
-        later.append(transfer(service, picture, 100 + len(later)))
+        later.append(transfer(service.client, picture, 100 + len(later), force=True))
         time.sleep(4)
     meanwhile = {service.job(render)["state"] for render in renders}
     scaled.broker.start()
@@ -276,11 +259,8 @@ def test_what_a_wiped_broker_forgot_is_sent_again_in_the_default_time(
     postgres_url: str, s3: S3, tmp_path: Path, samples: Samples, promise: Callable[..., Drill]
 ) -> None:
     drill, broker = promise("R4", wanted="every queued job sent again within 30 s"), Broker(tmp_path)
-    with (
-        fresh_database(postgres_url) as url,
-        s3.fresh_bucket() as bucket,
-        running_scaled(tmp_path, database_url=url, broker_url=broker.url, s3=bucket, previews=0) as service,
-    ):
+    parts = {"postgres_url": postgres_url, "broker_url": broker.url, "s3": s3}
+    with running_afresh(tmp_path, **parts, previews=0) as service:
         wipe(Scaled(service, broker), samples, drill, "times as they are by default")
     broker.stop()
 

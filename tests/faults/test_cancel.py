@@ -10,11 +10,10 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
-import httpx
 import pytest
 
 from scripts.samples import Samples
+from tests.faults.renders import small_picture, transfer, until_it_draws
 from tests.promises import Drill
 from tests.service.receivers import Receiver
 from tests.waiting import until
@@ -35,16 +34,8 @@ def service(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
 @pytest.fixture(scope="module")
 def picture(service: Service, samples: Samples, tmp_path_factory: pytest.TempPathFactory) -> str:
     """The id of a small picture that is ready: what is made of it takes no second."""
-    path = tmp_path_factory.mktemp("small") / "small.png"
-    whole = cv2.imread(str(samples.portrait))
-    assert whole is not None
-    cv2.imwrite(str(path), cv2.resize(whole, (320, 320 * whole.shape[0] // whole.shape[1])))
+    path = small_picture(samples.portrait, tmp_path_factory.mktemp("small"), 320)
     return str(service.ready("/videos", path)["id"])
-
-
-def ask(client: httpx.Client, video: str, seed: int, **more: object) -> str:
-    wanted = {"video": video, "looks": [{"reference": video, "seed": seed}], "force": True, **more}
-    return str(client.post("/transfer", json=wanted).raise_for_status().json()["id"])
 
 
 def test_a_queued_job_is_canceled_at_once_and_never_begun(
@@ -55,8 +46,8 @@ def test_a_queued_job_is_canceled_at_once_and_never_begun(
     long = [service.upload("/videos", samples.woman_full, matching=matching) for matching in ("table", "chain")]
     for medium in long:  # both slots are taken
         service.at_work(medium["job"])
-    queued = [ask(service.client, picture, seed) for seed in range(15)]
-    queued += [ask(service.client, long[0]["id"], seed) for seed in range(5)]
+    queued = [transfer(service.client, picture, seed, force=True) for seed in range(15)]
+    queued += [transfer(service.client, long[0]["id"], seed, force=True) for seed in range(5)]
     assert {service.job(job)["state"] for job in queued} == {"queued"}
     taken = []
     for job in queued:
@@ -67,7 +58,7 @@ def test_a_queued_job_is_canceled_at_once_and_never_begun(
         taken.append(time.monotonic() - began)
     for medium in long:
         assert service.client.post(f"/jobs/{medium['job']}/cancel").status_code == 202
-    after = service.finished(ask(service.client, picture, 99))  # behind all of them
+    after = service.finished(transfer(service.client, picture, 99, force=True))  # behind all of them
     begun = [job for job in queued if service.events("job begins", job=job)]
     drill.measured = f"{len(queued)} jobs: each within {max(taken):.2f} s, {len(begun)} begun"
     drill.keep_to(max(taken), 0.5)
@@ -82,13 +73,8 @@ def test_a_render_that_is_canceled_stops_within_two_seconds(
     """The process that draws is gone by then, too."""
     drill = promise("R13", wanted="running stops within 2 s")
     clip = str(service.ready("/videos", samples.woman_clip)["id"])
-    job = ask(service.client, clip, 0)
-
-    def draws() -> bool:
-        progress = service.job(job)["progress"]
-        return progress["stage"] == "render" and progress["frames_done"] >= 1
-
-    until(draws, 240, said=lambda: service.job(job))
+    job = transfer(service.client, clip, 0, force=True)
+    until_it_draws(service, job)
     assert sandboxed(service)
     began = time.monotonic()
     assert service.client.post(f"/jobs/{job}/cancel").status_code == 202
@@ -113,7 +99,7 @@ def race(service: Service, video: str, number: int, url: str) -> list[Race]:
     with service.new_client() as client:
         wait_s = 0.0
         for seed in range(RACES // CLIENTS):
-            job_id = ask(client, video, 1000 * number + seed, webhook={"url": url})
+            job_id = transfer(client, video, 1000 * number + seed, webhook={"url": url}, force=True)
             began = time.monotonic()
             while seed == 0 and not client.get(f"/jobs/{job_id}").json()["done"]:
                 wait_s = time.monotonic() - began  # how long one takes

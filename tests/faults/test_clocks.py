@@ -16,8 +16,8 @@ import pytest
 from scripts.samples import Samples
 from tests.promises import Drill
 from tests.service.s3 import S3
-from tests.service.servers import fresh_database, missing
-from tests.worker.serving import running_scaled
+from tests.service.servers import missing
+from tests.worker.serving import running_afresh
 
 QUICK = {"lease_s": "8", "heartbeat_s": "1", "reap_interval_s": "1", "republish_after_s": "1"}
 
@@ -77,19 +77,9 @@ def test_a_worker_and_an_api_whose_clock_is_off_burn_no_attempt_and_do_no_job_tw
 ) -> None:
     drill = promise("R21", wanted="a worker and an API, 60 s off: no attempt burnt, no twin render")
     off = clock_that_is_off(tmp_path, off_s)
-    with (
-        fresh_database(postgres_url) as url,
-        s3.fresh_bucket() as bucket,
-        running_scaled(
-            tmp_path,
-            database_url=url,
-            broker_url=redis_url.replace("/0", "/5"),
-            s3=bucket,
-            previews=0,
-            environments={"api-1": off, "worker-3": off},
-            **QUICK,
-        ) as service,
-    ):
+    parts = {"postgres_url": postgres_url, "broker_url": redis_url.replace("/0", "/5"), "s3": s3}
+    environments = {"api-1": off, "worker-3": off}
+    with running_afresh(tmp_path, **parts, previews=0, environments=environments, **QUICK) as service:
         dates = [
             parsedate_to_datetime(httpx.get(f"http://127.0.0.1:{port}/livez").headers["date"]) for port in service.ports
         ]

@@ -10,7 +10,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import httpx
 import pytest
 
@@ -18,6 +17,7 @@ from scripts.samples import Samples
 from service.catalog import Database, keys, utc_now
 from service.catalog.keys import Limits
 from service.settings import Settings
+from tests.faults.renders import small_picture, transfer
 from tests.promises import Drill
 from tests.worker.serving import Service, running_service
 
@@ -59,15 +59,6 @@ def new_key(service: Service, name: str) -> httpx.Client:
     return client
 
 
-def small(picture: Path, folder: Path) -> Path:
-    """A picture of which a thousand are drawn in minutes."""
-    whole = cv2.imread(str(picture))
-    assert whole is not None
-    path = folder / "small.png"
-    cv2.imwrite(str(path), cv2.resize(whole, (240, 240 * whole.shape[0] // whole.shape[1])))
-    return path
-
-
 def done(client: httpx.Client, job_id: str) -> None:
     """Wait until a job has ended."""
     until = time.monotonic() + ENOUGH_S
@@ -80,11 +71,6 @@ def ready(client: httpx.Client, file: Path) -> str:
     medium = client.post("/videos", content=file.read_bytes()).raise_for_status().json()
     done(client, medium["job"])
     return str(medium["id"])
-
-
-def transfer(client: httpx.Client, video: str, *seeds: int) -> str:
-    wanted = {"video": video, "looks": [{"reference": video, "seed": seed} for seed in seeds]}
-    return str(client.post("/transfer", json=wanted).raise_for_status().json()["id"])
 
 
 def fill(service: Service, many: httpx.Client, video: str) -> tuple[list[str], list[float], list[float]]:
@@ -138,7 +124,7 @@ def listed(client: httpx.Client) -> dict[str, str]:
 def thousand(samples: Samples, tmp_path_factory: pytest.TempPathFactory) -> Thousand:
     """Both slots draw clips while a thousand jobs of one key come; then comes another key's, and all are waited for."""
     folder = tmp_path_factory.mktemp("many")
-    picture = small(samples.portrait, folder)
+    picture = small_picture(samples.portrait, folder, 240)
     with (
         running_service(folder, worker_concurrency="2") as service,
         new_key(service, "many") as many,

@@ -6,7 +6,6 @@ import os
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -15,9 +14,9 @@ from scripts.samples import Samples
 from tests.promises import Drill
 from tests.service.fixtures import MP4, PNG
 from tests.service.s3 import S3
-from tests.service.servers import Wire, fresh_database
+from tests.service.servers import Wire
 from tests.waiting import until
-from tests.worker.serving import running_scaled
+from tests.worker.serving import running_afresh
 
 AWAY_S = 30
 QUICK = {"lease_s": "20", "heartbeat_s": "1", "reap_interval_s": "1", "progress_interval_s": "0.2"}
@@ -31,18 +30,8 @@ def test_a_store_that_is_away_for_half_a_minute_costs_no_job(
     drill = promise("R22", wanted="503 + Retry-After, running jobs wait and go on, none failed; mends itself")
     wire = Wire(int(s3.url.rpartition(":")[2]))
     wire.connect()
-    with (
-        fresh_database(postgres_url) as url,
-        s3.fresh_bucket() as bucket,
-        running_scaled(
-            tmp_path,
-            database_url=url,
-            broker_url=redis_url.replace("/0", "/4"),
-            s3=replace(bucket, url=f"http://127.0.0.1:{wire.port}"),
-            previews=0,
-            **QUICK,
-        ) as service,
-    ):
+    parts = {"postgres_url": postgres_url, "broker_url": redis_url.replace("/0", "/4"), "s3": s3}
+    with running_afresh(tmp_path, **parts, store_port=wire.port, previews=0, **QUICK) as service:
         kept = MP4 + os.urandom(1000)
         medium = service.client.post("/videos", content=kept).json()
         job_id = service.upload("/videos", samples.woman_clip)["job"]

@@ -17,7 +17,7 @@ import time
 from collections import deque
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -318,6 +318,18 @@ def running_scaled(
             process.send_signal(signal.SIGINT if process.args[1] == "serve" else signal.SIGTERM)
 
 
+@contextmanager
+def running_afresh(
+    folder: Path, *, postgres_url: str, broker_url: str, s3: S3, store_port: int | None = None, **options: Any
+) -> Iterator[Service]:
+    """`running_scaled` with a database and a bucket of its own, reached by another port if one is given."""
+    with fresh_database(postgres_url) as database, s3.fresh_bucket() as bucket:
+        store = bucket if store_port is None else replace(bucket, url=f"http://127.0.0.1:{store_port}")
+        shared = {"database_url": database, "broker_url": broker_url, "s3": store}
+        with running_scaled(folder, **shared, **options) as running:
+            yield running
+
+
 COMMAND = (str(Path(sys.executable).with_name("pvg-service")),)
 
 
@@ -374,11 +386,8 @@ def service_as(setting: str, request: pytest.FixtureRequest, folder: Path, **set
     broker = request.getfixturevalue("redis_url")
     with redis.Redis.from_url(broker) as former:
         former.flushdb()
-    with (
-        fresh_database(request.getfixturevalue("postgres_url")) as database,
-        request.getfixturevalue("s3").fresh_bucket() as bucket,
-        running_scaled(folder, database_url=database, broker_url=broker, s3=bucket, **settings) as running,
-    ):
+    parts = {name: request.getfixturevalue(name) for name in ("postgres_url", "s3")}
+    with running_afresh(folder, broker_url=broker, **parts, **settings) as running:
         yield running
 
 

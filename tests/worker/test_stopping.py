@@ -77,12 +77,17 @@ def begun(service: Service, job_id: str) -> dict[str, Any]:
     return job
 
 
+def quick_on(broker: str, request: pytest.FixtureRequest) -> dict[str, str]:
+    """Settings with the embedded broker ("files"), or with Redis."""
+    return QUICK | ({"broker_url": request.getfixturevalue("redis_url")} if broker == "redis" else {})
+
+
 @pytest.mark.parametrize("broker", [pytest.param("files", marks=pytest.mark.slow), "redis"])
 def test_a_long_job_goes_on_elsewhere_and_no_deploy_costs_an_attempt(
     broker: str, tmp_path: Path, samples: Samples, request: pytest.FixtureRequest, promise: Callable[..., Drill]
 ) -> None:
     drill = promise("R7", wanted="another goes on within 5 s, no attempt; exit 0 within 30 s")
-    settings = QUICK | ({"broker_url": request.getfixturevalue("redis_url")} if broker == "redis" else {})
+    settings = quick_on(broker, request)
     with running_service(tmp_path, arguments=["--no-worker"], **settings) as service, ExitStack() as stack:
         job_id = service.upload("/videos", samples.woman_full)["job"]
         old = stack.enter_context(worker(service))
@@ -113,7 +118,7 @@ def test_a_short_job_is_finished_by_a_worker_that_stops_and_a_long_one_by_anothe
     broker: str, tmp_path: Path, samples: Samples, request: pytest.FixtureRequest, promise: Callable[..., Drill]
 ) -> None:
     drill = promise("R7", wanted="a short job is finished, a long one finishes elsewhere; exit 0 within 30 s")
-    settings = QUICK | ({"broker_url": request.getfixturevalue("redis_url")} if broker == "redis" else {})
+    settings = quick_on(broker, request)
     with running_service(tmp_path, arguments=["--no-worker"], **settings) as service, ExitStack() as stack:
         old = stack.enter_context(worker(service, worker_concurrency="2"))
         picture = service.ready("/videos", samples.portrait)["id"]

@@ -114,8 +114,8 @@ def wait(api: Api, job: Job | Medium | str, *, progress: bool = True, timeout: f
     """The job once it has succeeded. A medium is waited for until it is vectorised.
 
     ``progress`` shows a bar, where tqdm is installed and the standard error is a terminal. Raises `JobFailed` when the
-    job ends in any other way, and `TimeoutError` when it has not ended within ``timeout`` seconds, also
-    while the service is away.
+    job ends in any other way, and `TimeoutError` when it has not ended within ``timeout`` seconds, also while the
+    service is away.
     """
     job_id = job.job if isinstance(job, Medium) else id_of(job)
     until = math.inf if timeout is None else time.monotonic() + timeout

@@ -56,10 +56,10 @@ class Problem:
     @classmethod
     def of(cls, body: Body) -> Self:
         """Read one. Members that are of no such type are somebody else's, and passed over."""
-        kinds: dict[str, Any] = {"status": int, "limit": int | float, "errors": ()}
-        known = {k: value for k, value in _known(cls, body).items() if isinstance(value, kinds.get(k, str))}
-        read: dict[str, Any] = {"code": "", "title": "", **known, "errors": FieldError.all_of(body.get("errors"))}
-        return cls(**read)
+        kinds: dict[str, Any] = {"status": int, "limit": int | float}
+        own = ((name, value) for name, value in _known(cls, body).items() if name != "errors")
+        told = {name: value for name, value in own if isinstance(value, kinds.get(name, str))}
+        return cls(**{"code": "", "title": ""} | told, errors=FieldError.all_of(body.get("errors")))
 
 
 def _problem(body: Body | None) -> Problem | None:
