@@ -210,7 +210,7 @@ def test_who_listens_or_waits_hears_no_more_once_the_key_has_ended(api: Api, how
     with ThreadPoolExecutor(1) as threads, listening(api, job_id) as stream:
         assert take(stream).job["state"] == "queued"
         waiting_ = threads.submit(api.client.get, f"/jobs/{job_id}?wait=20")
-        until(lambda: len(api.services.watch._waiting[job_id]) == 2)
+        until(lambda: len(api.services.watch._waiting.get(job_id, ())) == 2)
         with api.services.background.write() as session:
             key = session.get_one(Key, one.id)
             keys.rotate(key) if how == "rotated" else keys.revoke(session, key, now=api.services.database.now())
