@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 LOCK = Path(__file__).resolve().parents[1] / "requirements" / "all.txt"
+PIP_AUDIT = "pip-audit==2.10.1"
 SERVICES = ("pypi", "osv")
 CLEAN, KNOWN, NOT_ASKED = 0, 1, 2
 
@@ -46,7 +47,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         venv.create(folder, with_pip=True)
         python = str(Path(folder) / "bin" / "python")
-        install = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "pip-audit"]
+        install = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", PIP_AUDIT]
         if subprocess.run(install, check=False).returncode:
             print("not audited: pip-audit cannot be installed here", file=sys.stderr)
             return NOT_ASKED

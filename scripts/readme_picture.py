@@ -3,6 +3,7 @@ is and with the face colours of the two sample portraits."""
 
 from __future__ import annotations
 
+import hashlib
 import io
 import tempfile
 import zipfile
@@ -15,6 +16,7 @@ from pvg.video import read_image, write_image
 from scripts.samples import REPOSITORY, download, fetch_samples
 
 _WHEEL = "scikit-image==0.26.0"
+_SHA256 = "88431cd9653ccd539741b555fb0a46b61558b301d4110412b5bc28b5e3ea6cb5"  # of the portrait
 _WINDOW = (slice(0, 300), slice(80, 380))  # head and shoulders
 
 
@@ -24,7 +26,10 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder, zipfile.ZipFile(io.BytesIO(download(_WHEEL))) as wheel:
         (member,) = [name for name in wheel.namelist() if name.endswith("data/astronaut.png")]
         portrait = Path(folder) / "astronaut.png"
-        portrait.write_bytes(wheel.read(member))
+        data = wheel.read(member)
+        if (digest := hashlib.sha256(data).hexdigest()) != _SHA256:
+            raise RuntimeError(f"{member} of {_WHEEL} has sha256 {digest}, not the pinned one")
+        portrait.write_bytes(data)
         tiles = [read_image(portrait).rgb()[_WINDOW]]
         with pvg.vectorize(portrait) as video:
             for reference in (samples.dark_portrait, samples.pale_portrait):

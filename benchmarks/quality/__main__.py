@@ -17,7 +17,7 @@ from typing import Any
 import pvg
 from benchmarks.quality.clips import ClipJob, run_clip, vectorize_clip
 from benchmarks.quality.labels import LABELS, Label, read_labels
-from benchmarks.quality.media import Material, choose, find_material
+from benchmarks.quality.media import HALVES, Material, choose, find_material, half_of
 from benchmarks.quality.peers import missing
 from benchmarks.quality.probes import run_leak, run_masks, run_truth
 from benchmarks.quality.ramp import run_ramp
@@ -34,6 +34,7 @@ REFERENCES_A_CLIP = 2  # of those over time
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.quality", description=__doc__)
     parser.add_argument("--clips", help="comma-separated parts of clip names; all when left out")
+    parser.add_argument("--half", choices=HALVES, default="all", help="every second clip by name, or all")
     parser.add_argument("--references", help="comma-separated parts of portrait names for the measures over time")
     parser.add_argument("--frames", type=int, help="the first frames of each clip alone (whole clips; 24 with --quick)")
     parser.add_argument("--labels", type=Path, default=LABELS, help="folder of the labelled regions")
@@ -46,7 +47,7 @@ def _options() -> argparse.Namespace:
 def _chosen(options: argparse.Namespace) -> tuple[Material, int | None]:
     """What to run on, and frames a clip, None for all."""
     material = find_material()
-    clips = choose(material.clips, options.clips)
+    clips = half_of(choose(material.clips, options.clips), options.half)
     references = choose(material.portraits, options.references) if options.references else material.references
     portraits, labelled = material.portraits, material.labelled
     if options.quick:

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import fields
+from importlib import resources
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from benchmarks.quality.labels import SKIN, Label, Region, read_labels
 from benchmarks.quality.regions import labels_of_half
+from pvg.models.networks import OWN
 from pvg.picture import as_picture
 from pvg.skin.network import FIELDS
 from tests.gallery.scenes import drawn_face
 from training.augmentation import as_it_is, augmented
+from training.example_files import load, save
 from training.examples import BODY_SIZE, KINDS, Example, body_examples_of, examples_of
 from training.masks import shares
+from training.measuring import measured, predictor_of
 from training.pictures import HERE, training_pictures
 
 
@@ -54,6 +60,21 @@ def test_labels_lie_over_the_cells_that_the_network_sees(example: Example) -> No
     guess = sample.fields[-1] > 0
     both, either = guess & (sample.skin > 0.5), guess | (sample.skin > 0.5)
     assert both.sum() > 0.85 * either.sum()
+
+
+def test_the_products_network_is_measured_on_examples_of_a_file(example: Example, tmp_path: Path) -> None:
+    """Of a drawn face of one colour before one wall the guess is nearly right, and the network agrees."""
+    save([example], tmp_path / "examples.npz")
+    network = resources.files("pvg.models") / OWN["face_skin"].file
+    said = measured(predictor_of(Path(str(network))), load([tmp_path / "examples.npz"]))
+    assert [line.partition(":")[0] for line in said.splitlines()] == [
+        f"{at} {who}" for at in ("all", "key") for who in ("both", "guess", "network")
+    ]
+    for line in said.splitlines():
+        found = re.search(r"IoU ([\d.]+), worst IoU ([\d.]+) \(1 examples\)$", line)
+        assert found, line
+        assert found[1] == found[2], line
+        assert float(found[1]) > 85, line
 
 
 def test_augmented_pictures_differ_are_repeatable_and_keep_their_labels(example: Example) -> None:
