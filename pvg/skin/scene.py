@@ -19,6 +19,7 @@ from pvg._arrays import Bytes, Floats, ramp
 from pvg.face import Landmarks
 from pvg.picture import Picture, as_picture, rms_contrast
 from pvg.raster import Raster, first_reading
+from pvg.skin.flow import FlowFinder
 from pvg.skin.in_time import places_before
 from pvg.skin.parameters import SKIN_PRIOR
 
@@ -121,7 +122,7 @@ class SceneReader:
     """Makes the scene of each picture of a clip, in order."""
 
     def __init__(self) -> None:
-        self._flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
+        self._flow = FlowFinder()
         self._grey: Bytes | None = None
         self._person: Bytes | None = None
         self._age = 0
@@ -139,7 +140,7 @@ class SceneReader:
         grey = np.asarray(cv2.cvtColor(averaged, cv2.COLOR_RGB2GRAY), np.uint8)
         flow, changed = None, False
         if not cut and self._grey is not None and self._grey.shape == grey.shape:
-            flow = np.asarray(self._flow.calc(grey, self._grey, np.zeros((*grey.shape, 2), np.float32)), np.float32)
+            flow = self._flow.back(grey, self._grey)
             changed = _changed(self._grey, grey, flow)
         self._age += 1
         person: Bytes | None = None

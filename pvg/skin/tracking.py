@@ -16,6 +16,7 @@ from pvg.skin._kernels import PosteriorWeights, skin_probability
 from pvg.skin.cleanup import face_component
 from pvg.skin.color_model import SkinColors, to_skin_lab
 from pvg.skin.consensus import MatteInTime
+from pvg.skin.flow import FlowFinder
 from pvg.skin.hair import Hair, find_hair, hair_cover
 from pvg.skin.in_time import in_levels, places_before, soft_edge, weight_of_before
 from pvg.skin.light import MID_GREY, face_color, gain_of, relit
@@ -169,7 +170,7 @@ class SkinTracker:
         self._age = 0  # frames since the network was asked
         self.seen: MatteInTime | None = None
         self.told: Told | None = None
-        self._flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
+        self._flow = FlowFinder()
 
     def step(self, frame: Picture | Bytes, landmarks: Landmarks, scene: Scene | None = None) -> Matte:
         """The matte of the next frame, a picture or (H, W, 3) uint8 RGB.
@@ -227,8 +228,7 @@ class SkinTracker:
 
     def _carry(self, before: _TemporalState, grey: Bytes) -> _Carried:
         """The frame before moved by optical flow onto this one, whose picture is `grey` (h, w)."""
-        flow = self._flow.calc(grey, before.grey, np.zeros((*grey.shape, 2), np.float32))
-        maps = places_before(np.asarray(flow, np.float32))
+        maps = places_before(self._flow.back(grey, before.grey))
         layers = cv2.merge([before.probability, before.mask, before.alpha, before.told])
         moved = cv2.remap(layers, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         was = before.grey.astype(np.float32)

@@ -26,6 +26,23 @@ def brief_clip(samples: Samples, tmp_path_factory: pytest.TempPathFactory) -> Pa
     return cut_clip(samples.woman_clip, tmp_path_factory.mktemp("clips") / "brief.mp4", 0, 12)
 
 
+@pytest.mark.parametrize("size", [(1280, 224), (224, 1280), (68, 68)])
+def test_clips_of_any_shape_are_vectorized_and_drawn(samples: Samples, tmp_path: Path, size: tuple[int, int]) -> None:
+    """Three screens side by side, a banner, a thumbnail."""
+    width, height = size
+    side = min(size)
+    face = cv2.resize(resting_face(samples).rgb, (side, side), interpolation=cv2.INTER_AREA)
+    rgb = np.full((height, width, 3), 90, np.uint8)
+    y, x = (height - side) // 2, (width - side) // 2
+    rgb[y : y + side, x : x + side] = face
+    clip = tmp_path / "clip.mp4"
+    write_lossless(clip, (np.roll(rgb, k, axis=1) for k in range(3)))
+    with pvg.vectorize(clip, min_face_px=16) as video:
+        pvg.render(video, [pvg.transfer(video, video)], [tmp_path / "out.mp4"])
+        assert [video.face_at(0, k) is not None for k in range(3)] == [True] * 3
+    assert pvg.video.probe(tmp_path / "out.mp4").frame_count == 3
+
+
 def test_every_frame_of_the_clip_has_its_face(video: pvg.VectorVideo) -> None:
     assert video.frame_count == 40
     (face,) = video.faces
