@@ -46,6 +46,13 @@ class FaceViews:
         """Look at the face in a frame."""
         self._views.append((frame, _View(_laid_straight(picture, landmarks), pose)))
 
+    def likeness(self, picture: Picture, landmarks: Landmarks, pose: Floats) -> float | None:
+        """Correlation of a face with the oldest view, in [-1, 1]; None without one in a pose to be compared."""
+        if not self._views:
+            return None
+        oldest, seen = self._views[0][1], _View(_laid_straight(picture, landmarks), pose)
+        return float((oldest.pixels * seen.pixels).sum()) if _comparable(oldest, seen) else None
+
     def show_another(self) -> bool:
         """Whether the last two views show another person than the first two of LAG frames ago."""
         if len(self._views) < LAG // EVERY + 1 or self._views[-1][0] - self._views[0][0] != LAG:

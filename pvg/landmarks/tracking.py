@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from operator import itemgetter
 
 import numpy as np
 import numpy.typing as npt
@@ -36,6 +37,7 @@ REJOIN_SIZE_RATIO = 1.6
 ON_EDGE, LEAST_FITTED, LEAST_SEEN = 0.95, 0.75, 0.1
 """Shares of the mesh's points inside the picture: with fewer than the first a face is on the edge, with fewer than the
 second the mesh fits worse than its points go with the picture, with fewer than the last it has left."""
+_CLEARLY_LIKER, _SURELY_LIKE = 0.2, 0.8  # correlations of views of a face
 BLIND_FITS = 5
 """How many frames a lost face is still looked for where it was last; after that only the detector looks."""
 
@@ -95,7 +97,7 @@ class Seen:
     pose: Floats
 
 
-@dataclass
+@dataclass(eq=False)
 class OpenTrack:
     """A face being followed. `frames` and `seen` run parallel and skip the frames where it was not seen.
 
@@ -261,17 +263,20 @@ class FaceTracker:
 
     def _look(self, index: int, picture: Picture) -> None:
         """See whether another person has taken a face's place."""
-        views = {}
-        for track in self.open:
-            if track.last == index and not track.is_carried:
-                views[id(track)] = self._views.get(id(track), FaceViews())
-                views[id(track)].add(index, picture, track.seen[-1].landmarks, track.seen[-1].pose)
-        self._views = views
-        replaced = any(view.show_another() for view in views.values())
+        self._views = {id(track): self._views.get(id(track), FaceViews()) for track in self.open}
+        seen = [track for track in self.open if track.last == index and not track.is_carried]
+        for track in seen:
+            self._views[id(track)].add(index, picture, track.seen[-1].landmarks, track.seen[-1].pose)
+        replaced = any(self._views[id(track)].show_another() for track in seen)
         self._replaced = replaced and self._cut_detector.is_another_since(LAG)
 
     def _follow(self, index: int, picture: Picture) -> None:
-        """Fit every open track where its face was last seen."""
+        """Fit every open track where its face was last seen.
+
+        Where one face passes another, both tracks find the one in front, or one finds the other's: a face stays with
+        whose it is, and who is behind is lost for the while.
+        """
+        found: list[tuple[OpenTrack, Mesh]] = []
         for track in self.open:
             if index - track.last > BLIND_FITS:
                 continue
@@ -283,8 +288,48 @@ class FaceTracker:
                     if not track.has_left:
                         track.carry(index, moved)
                     continue
-            if mesh is not None and not self._taken(index, _box(mesh.points)):
-                track.add(index, mesh)
+            if mesh is not None:
+                found.append((track, mesh))
+        boxes = np.stack([_box(mesh.points) for _, mesh in found]) if found else np.empty((0, 4), np.float32)
+        for (_, mesh), box in zip(found, boxes, strict=True):
+            if not self._taken(index, box):
+                finders = [found[k][0] for k in np.flatnonzero(box_iou(box, boxes) > SAME_FACE_IOU)]
+                elsewhere = [other for other, _ in found if other not in finders]
+                lost = [other for _, other in self._lost_near(index, mesh) if other.last < index - 1]
+                lost = [other for other in lost if other not in finders and other not in elsewhere]
+                self._whose(mesh, finders, lost, picture).add(index, mesh)
+
+    def _whose(
+        self, mesh: Mesh, finders: Sequence[OpenTrack], lost: Sequence[OpenTrack], picture: Picture
+    ) -> OpenTrack:
+        """Whose face it is that tracks have found, while others nearby are lost: that of the one that it is likest to.
+
+        Where that is not clear, it is of one of the finders that was seen last; of several such of the one that is
+        nearest to where it was.
+        """
+        if len(finders) == 1 and not lost:
+            return finders[0]
+        clear = self._likest([*finders, *lost], mesh, picture)
+        if clear is not None:
+            return clear
+
+        def steady(track: OpenTrack) -> tuple[int, float]:
+            return -track.last, float(np.linalg.norm((mesh.points - track.last_mesh.points).mean(axis=0)))
+
+        return min(finders, key=steady)
+
+    def _likest(self, tracks: Sequence[OpenTrack], mesh: Mesh, picture: Picture) -> OpenTrack | None:
+        """The track whose face is likest to the one at a mesh, if that is clear.
+
+        Of one whose views are in other poses nothing is known: then the likest is to be surely it.
+        """
+        landmarks, pose = Landmarks.from_mesh(mesh.points), head_pose(mesh)
+        asked = [self._views.get(id(track), FaceViews()).likeness(picture, landmarks, pose) for track in tracks]
+        alike = np.array([_SURELY_LIKE - _CLEARLY_LIKER if one is None else one for one in asked])
+        first = int(np.argmax(alike))
+        others = np.delete(alike, first)
+        is_clear = asked[first] is not None and bool((alike[first] - others >= _CLEARLY_LIKER).all())
+        return tracks[first] if is_clear else None
 
     def _carried(self, track: OpenTrack, index: int, picture: Picture) -> Mesh | None:
         """A face that was on the picture's edge in the frame before, where the picture's motion took it."""
@@ -302,7 +347,7 @@ class FaceTracker:
             mesh = self._fit(picture, detection)
             if mesh is None or self._taken(index, _box(mesh.points)):
                 continue
-            track = self._lost_near(index, _box(mesh.points))
+            track = self._continued(index, mesh, picture)
             if track is None:
                 if len(self.open) >= self._max_faces:
                     continue
@@ -331,9 +376,17 @@ class FaceTracker:
         part = [track.is_carried and _share_within(box, track.box) > SAME_FACE_WITHIN for track in here]
         return any(part) or bool((box_iou(box, np.stack([track.box for track in here])) > SAME_FACE_IOU).any())
 
-    def _lost_near(self, index: int, box: Floats) -> OpenTrack | None:
-        """The lost track this face most likely continues, by place and size."""
-        best, best_distance = None, REJOIN_DISTANCE
+    def _continued(self, index: int, mesh: Mesh, picture: Picture) -> OpenTrack | None:
+        """The lost track that this face most likely continues: of several nearby the likest, else the nearest."""
+        near = self._lost_near(index, mesh)
+        if not near:
+            return None
+        return self._likest([track for _, track in near], mesh, picture) or min(near, key=itemgetter(0))[1]
+
+    def _lost_near(self, index: int, mesh: Mesh) -> list[tuple[float, OpenTrack]]:
+        """The open tracks not seen in this frame that are near a face in place and size, and how far in its sizes."""
+        near: list[tuple[float, OpenTrack]] = []
+        box = _box(mesh.points)
         side = float((box[2:] - box[:2]).max())
         for track in self.open:
             if track.last == index:
@@ -343,9 +396,9 @@ class FaceTracker:
             shift = float(np.linalg.norm((box[:2] + box[2:] - before[:2] - before[2:]) / 2))
             distance = shift / max(side, before_side)
             ratio = max(side, before_side) / max(min(side, before_side), 1e-6)
-            if ratio <= REJOIN_SIZE_RATIO and distance < best_distance:
-                best, best_distance = track, distance
-        return best
+            if ratio <= REJOIN_SIZE_RATIO and distance < REJOIN_DISTANCE:
+                near.append((distance, track))
+        return near
 
     def is_face(self, track: OpenTrack, *, finished: bool) -> bool:
         """Whether a track is neither too short nor too doubtful to be a face; finished: whether the clip has ended."""

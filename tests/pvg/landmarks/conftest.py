@@ -28,11 +28,23 @@ def face(mesh: Mesh) -> Landmarks:
     return Landmarks.from_mesh(mesh.points)
 
 
-@pytest.fixture(scope="session")
-def head(portrait: np.ndarray, mesh: Mesh) -> np.ndarray:
-    """The portrait's head at 100 px width, to paste into scenes."""
+def _head(portrait: np.ndarray, mesh: Mesh) -> np.ndarray:
+    """A portrait's head, (200, 200, 3), its face about 100 px wide."""
     region = region_of_points(mesh.points)
     scale = 200 / region.size
     shift = [100 - scale * region.center_x, 100 - scale * region.center_y]
     matrix = np.array([[scale, 0, shift[0]], [0, scale, shift[1]]])
     return cv2.warpAffine(portrait, matrix, (200, 200), flags=cv2.INTER_AREA)
+
+
+@pytest.fixture(scope="session")
+def head(portrait: np.ndarray, mesh: Mesh) -> np.ndarray:
+    """The portrait's head at 100 px width, to paste into scenes."""
+    return _head(portrait, mesh)
+
+
+@pytest.fixture(scope="session")
+def other_head(samples: Samples) -> np.ndarray:
+    """Another person's head, likewise."""
+    portrait = read_rgb(samples.pale_portrait)
+    return _head(portrait, fit_surest(portrait))

@@ -111,6 +111,30 @@ def test_two_tracks_never_sit_on_one_face(head: np.ndarray) -> None:
     assert result.tracks[0].landmarks.points[0, :, 0].mean() < result.tracks[1].landmarks.points[0, :, 0].mean()
 
 
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_faces_that_pass_each_other_keep_their_tracks(head: np.ndarray, other_head: np.ndarray, mirrored: bool) -> None:
+    """One is hidden behind the other for a while, and both come from either side, for tracks are asked in turn."""
+    behind, before = np.arange(20, 556, 8), np.arange(540, 4, -8)
+    scene = background(3, 760, 320)
+    tracker = FaceTracker()
+    for index, (x, in_front) in enumerate(zip(behind, before, strict=True)):
+        picture = pasted(pasted(scene, head, int(x), 60), other_head, int(in_front), 60)
+        tracker.step(index, as_picture(np.ascontiguousarray(picture[:, ::-1]) if mirrored else picture))
+    tracks = tracker.result().tracks
+    assert [(track.first, track.last) for track in tracks] == [(0, len(behind) - 1)] * 2
+    hidden = 0
+    for track in tracks:
+        middle = track.landmarks.points[..., 0].mean(axis=1)
+        middle = 759 - middle if mirrored else middle
+        places = np.stack([behind, before]) + head.shape[1] / 2
+        off = np.abs(middle - places)
+        whose = int(off[:, 0].argmin())
+        seen = track.score > 0
+        assert (off[whose][seen] < 30).all()
+        hidden += int((~seen).sum())
+    assert 5 < hidden < 25
+
+
 def test_at_most_max_faces_are_followed(head: np.ndarray) -> None:
     frames = ((i, pasted(pasted(background(5), head, 10, 50), head, 270, 70)) for i in range(4))
     assert len(track_faces(frames, max_faces=1).tracks) == 1
