@@ -377,7 +377,7 @@ class Delivery(Base):
 
     __tablename__ = "deliveries"
     __table_args__ = (
-        UniqueConstraint("job_id", "url"),
+        Index(None, "job_id"),
         Index(None, "state", "next_at"),
         Index(None, "owner", "id"),
     )

@@ -2,8 +2,9 @@
 
 A delivery is recorded with its job and waits. The UPDATE that ends the job is followed, in the same transaction, by the
 one that makes its deliveries due (`service.catalog.transitions.take_step`), so whoever ends a job, each receiver is
-told once, with one id. This table is the queue: a delivery is attempted by whoever claims it by a conditional UPDATE,
-and is due again when that one is not heard of.
+told once, with one id; one that is named when the job has ended is told then, with an id of its own. This table is the
+queue: a delivery is attempted by whoever claims it by a conditional UPDATE, and is due again when that one is not heard
+of.
 """
 
 from __future__ import annotations
@@ -32,11 +33,12 @@ FORMER_SECRET_S: Final = 86_400.0
 
 
 def announce(session: Session, job: Job, url: str, *, now: datetime) -> None:
-    """Have a receiver told of a job's end, once; at once if it has ended already.
+    """Have a receiver told of a job's end; at once, and whether or not it was told before, if it has ended already.
 
-    A receiver that was named for this job before is told once all the same.
+    A receiver that waits for the end of this job already is told once all the same.
     """
-    if session.scalar(select(Delivery.id).where(Delivery.job_id == job.id, Delivery.url == url)) is not None:
+    waits = (Delivery.job_id == job.id, Delivery.url == url, Delivery.state == DeliveryState.WAITING)
+    if session.scalar(select(Delivery.id).where(*waits).limit(1)) is not None:
         return
     has_ended = job.state in ENDED
     parts = urlsplit(url)

@@ -111,6 +111,23 @@ def test_the_same_transfer_with_another_receiver_tells_both_and_each_once(api: A
     assert (len(one.got), len(other.got)) == (1, 1)
 
 
+def test_a_receiver_that_is_named_when_the_job_has_ended_is_told_again_but_not_by_a_replay(api: Api) -> None:
+    media = ready(api)
+    with Receiver().listening() as receiver:
+        job = transfer(api, media, receiver.url)
+        make_results(api.services, job["id"], [b"result"])
+        body = {"video": media[0], "looks": [{"reference": media[1]}], "webhook": {"url": receiver.url}}
+        for replayed in (None, "true"):
+            again = api.client.post("/transfer", json=body, headers={"Idempotency-Key": "again"})
+            assert (again.status_code, again.headers.get("idempotent-replayed")) == (200, replayed)
+            assert again.json()["id"] == job["id"]
+        until(lambda: len(listed(api, "?state=delivered")) == 2)
+        assert len(listed(api)) == 2
+    assert {one.id for one in receiver.got} == {one["id"] for one in listed(api)}
+    secret = api.client.get("/webhooks/secret").json()["secret"]
+    assert [one.verified(secret)["data"]["id"] for one in receiver.got] == [job["id"]] * 2
+
+
 def test_a_swap_and_a_form_can_name_a_receiver(api: Api) -> None:
     media = ready(api)
     swap = {"a": media[0], "faces": [0, 1], "webhook": {"url": URL}}
@@ -157,11 +174,14 @@ def test_every_way_to_upload_can_name_a_receiver(api: Api, way: Callable[[httpx.
         medium = way(api.client, receiver.url)
         make_ready(api.services, medium)
         receiver.wait_for(1)
-        # the same file sent again has nothing to wait for, and its receiver is told so once
+        # the same file sent again has nothing to wait for, and its receiver is told so
         assert way(api.client, receiver.url) == medium
-    said = receiver.got[0].verified(api.client.get("/webhooks/secret").json()["secret"])
-    assert (said["type"], said["data"]["media"]) == ("job.succeeded", medium)
-    assert len(listed(api)) == 1
+        receiver.wait_for(2)
+    secret = api.client.get("/webhooks/secret").json()["secret"]
+    assert [(said["type"], said["data"]["media"]) for said in (one.verified(secret) for one in receiver.got)] == [
+        ("job.succeeded", medium)
+    ] * 2
+    assert {one.id for one in receiver.got} == {one["id"] for one in listed(api)}
 
 
 def test_a_receiver_of_an_upload_that_may_not_be_asked_is_refused_where_it_stands(api: Api) -> None:

@@ -17,6 +17,7 @@ from sqlalchemy.exc import IntegrityError
 from service.catalog import (
     Asset,
     Database,
+    Job,
     Lease,
     Media,
     Output,
@@ -27,6 +28,7 @@ from service.catalog import (
     leases,
     media,
     results,
+    webhooks,
 )
 from service.catalog.database import make_engine
 from service.catalog.migrations import _config, is_current, migrate
@@ -214,6 +216,21 @@ def test_what_there_was_before_keys_belongs_to_nobody(database: Database) -> Non
     migrate(database.url)
     with pytest.raises(IntegrityError):
         add_media(database, content=b"clip")
+
+
+def test_a_version_that_tells_a_receiver_once_keeps_the_first_delivery(database: Database) -> None:
+    medium = add_media(database)
+    with database.write() as session:
+        session.execute(text("UPDATE jobs SET state = 'succeeded' WHERE id = :id"), {"id": medium.job_id})
+    for url in ("https://a.example/", "https://a.example/", "https://b.example/"):
+        with database.write() as session:
+            webhooks.announce(session, session.get_one(Job, medium.job_id), url, now=database.now())
+    told = "SELECT id, url FROM deliveries ORDER BY id"
+    first, _, other = rows(database, told)
+    command.downgrade(_config(database.url), "0016")
+    assert rows(database, told) == [first, other]
+    migrate(database.url)
+    assert rows(database, told) == [first, other]
 
 
 def test_looks_of_a_version_that_did_not_say_why_results_are_gone_say_it(database: Database) -> None:

@@ -86,11 +86,14 @@ def test_no_other_step_of_a_job_makes_its_webhook_due(database: Database, step: 
     assert deliveries(database)[0].state == DeliveryState.WAITING
 
 
-def test_a_receiver_is_told_of_a_job_once_and_of_one_that_has_ended_at_once(database: Database) -> None:
+def test_a_receiver_is_told_of_a_jobs_end_once_and_again_when_it_is_named_after_that(database: Database) -> None:
     job_id = ended_job(database, URL, URL)
-    announce(database, job_id)
+    assert [(one.url, one.state) for one in deliveries(database)] == [(URL, "pending")]
     announce(database, job_id, f"{URL}2")
-    assert [(one.url, one.state) for one in deliveries(database)] == [(f"{URL}2", "pending"), (URL, "pending")]
+    announce(database, job_id)
+    announce(database, job_id)
+    told = [(one.url, one.state) for one in deliveries(database)]
+    assert told == [(URL, "pending"), (URL, "pending"), (f"{URL}2", "pending"), (URL, "pending")]
     assert {one.origin for one in deliveries(database)} == {"https://studio.example"}
 
 
