@@ -51,7 +51,7 @@ def load_job(services: Services, caller: Caller, job_id: str) -> JobBody:
         return lookups.of_job(services.settings, services.room, session, job, forecasts=services.forecasts)
 
 
-@router.get("", responses=problems())
+@router.get("", response_model=JobPage, responses=UNCHANGED | problems())
 async def list_jobs(
     services: ServicesDep,
     caller: CallerDep,
@@ -63,14 +63,17 @@ async def list_jobs(
     metadata: MetadataOf = [],  # noqa: B006
     cursor: JobCursor = None,
     limit: PageSize = 50,
-) -> JobPage:
+    if_none_match: IfNoneMatch = None,
+) -> Response:
     """Jobs, newest first: those that all of the given filters choose."""
     named = None if ids is None else [one.strip().replace("\0", "") for one in ids.split(",") if one.strip()]
     if named is not None and len(named) > _MAX_IDS:
         raise invalid_values({"/id": f"at most {_MAX_IDS} ids"})
     video, reference = (one and one.replace("\0", "") for one in (video, reference))
     wanted = Filter(named, video, reference, state, kind, to_metadata(metadata))
-    return await services.calls.read(_page, services, caller, wanted, cursor, limit if named is None else _MAX_IDS)
+    most = limit if named is None else _MAX_IDS
+    page = await services.calls.read(_page, services, caller, wanted, cursor, most)
+    return conditional(if_none_match, page)
 
 
 def _page(services: Services, caller: Caller, wanted: Filter, cursor: str | None, limit: int) -> JobPage:

@@ -166,7 +166,7 @@ def test_the_job_of_an_upload_has_its_metadata(api: Api) -> None:
 
 def test_jobs_and_media_have_strong_etags_that_change_with_them(api: Api) -> None:
     video = upload(api, "/videos")
-    for path in (f"/jobs/{video['job']}", f"/videos/{video['id']}"):
+    for path in ("/jobs", f"/jobs?id={video['job']},job_0", f"/jobs/{video['job']}", f"/videos/{video['id']}"):
         first = api.client.get(path)
         tag = first.headers["etag"]
         assert tag.startswith('"')
