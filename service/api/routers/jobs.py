@@ -6,7 +6,6 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 
-from service import addresses
 from service.api import lookups
 from service.api.authentication import Caller, CallerDep, check_again
 from service.api.conditional import conditional
@@ -142,13 +141,7 @@ def _cancel(services: Services, caller: Caller, once: Once, job_id: str) -> tupl
             raise ConflictError(f"the job has already {job.state}")
         released = jobs.release(session, now=now)
         body = lookups.of_job(services.settings, services.room, session, job)
-        once.keep(
-            session,
-            202 if done_now else 200,
-            body,
-            location=addresses.of_job(services.settings, job_id),
-            resource_id=job_id,
-        )
+        once.keep(session, 202 if done_now else 200, body, location=None, resource_id=job_id)
     services.publisher.publish(released)
     services.publisher.withdraw(needless)
     return done_now, body

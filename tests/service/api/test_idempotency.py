@@ -154,6 +154,7 @@ def test_a_cancellation_is_replayed(api: Api) -> None:
     job = api.client.post("/transfer", json=wanted(api)).json()
     first, again = (post(api, f"/jobs/{job['id']}/cancel", "stop") for _ in range(2))
     assert (first.status_code, again.status_code, again.headers["idempotent-replayed"]) == (202, 202, "true")
+    assert [one.headers.get("location") for one in (first, again)] == [None, None]
     assert api.client.post(f"/jobs/{job['id']}/cancel").status_code == 200
 
 
