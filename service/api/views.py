@@ -68,7 +68,8 @@ def job_body(
             "attempt": job.attempt,
             "waiting_for": _waiting_for(job, no_room),
             "progress": ProgressBody(
-                stage=job.stage,
+                # `waiting_for` says it
+                stage=None if job.stage == leases.NO_ROOM else job.stage,
                 fraction=job.fraction,
                 frames_done=job.frames_done,
                 frames_total=job.frames_total,

@@ -127,7 +127,7 @@ def test_a_worker_leaves_a_job_for_later_while_there_is_no_room(
     work.run(medium.job_id)
     body = api.client.get(f"/jobs/{medium.job_id}").json()
     assert (body["state"], body["attempt"], body["waiting_for"]) == ("queued", 1, "room")
-    assert body["progress"]["stage"] == "waiting for room"
+    assert (body["progress"]["stage"], body["waiting_for"]) == (None, "room")
     others.unlink()
     work.run(medium.job_id)  # its file was never stored
     body = api.client.get(f"/jobs/{medium.job_id}").json()

@@ -19,7 +19,10 @@ State = Literal["queued", "running", "canceling", "succeeded", "failed", "cancel
 class ProgressBody(BaseModel):
     """How far a job is; the fraction covers the whole job, the frames its present stage."""
 
-    stage: str | None
+    stage: str | None = Field(
+        description="what the worker does: vectorize and second reading (of a video), landmarks and best frame (of a "
+        "clip that is a reference), transfer, render, extras, join (of a job in parts); null before the first"
+    )
     fraction: float
     frames_done: int
     frames_total: int
