@@ -73,13 +73,17 @@ def usable(session: Session, owner: str, media_id: str, where: str | None = None
     return found
 
 
-async def picture(services: Services, owner: str, wanted: Wanted, *, if_none_match: str | None) -> Response:
-    """The picture, or 304 for who has it already.
+async def picture(
+    services: Services, owner: str, wanted: Wanted, *, if_none_match: str | None, is_use: bool = True
+) -> Response:
+    """The picture, or 304 for who has it already; a use of its media, whose retention counts from it, if ``is_use``.
 
     Raises what `usable` raises, `QuotaExceededError`, `UnavailableError` when no worker makes it in time, and
     `StillFailedError` when there is none.
     """
-    mark = await services.calls.read(_check, services, owner, wanted)
+    mark, unused = await services.calls.read(_check, services, owner, wanted)
+    if unused and is_use:
+        await services.calls.write(_use, services, unused)
     headers = {"ETag": f'W/"{mark[:32]}"', "Cache-Control": "private, no-cache"}
     if matches(if_none_match, f'"{mark[:32]}"'):
         return Response(status_code=304, headers=headers)
@@ -98,17 +102,29 @@ async def picture(services: Services, owner: str, wanted: Wanted, *, if_none_mat
     return Response(content, headers=headers, media_type=MEDIA_TYPES[wanted.request.format])
 
 
-def _check(services: Services, owner: str, wanted: Wanted) -> str:
-    """What the picture depends on, as a hash. Raises what `usable` raises, and `UnavailableError` without a worker."""
+def _check(services: Services, owner: str, wanted: Wanted) -> tuple[str, list[str]]:
+    """What the picture depends on, as a hash, and the media that have not been used for a while.
+
+    Raises what `usable` raises, and `UnavailableError` without a worker.
+    """
+    now, ttl_s = services.database.now(), services.settings.media_ttl_s
     with services.database.read() as session:
         found = [usable(session, owner, media_id, where) for media_id, where in wanted.pointers.items()]
-        since = services.database.now() - timedelta(seconds=services.settings.silent_s)
+        since = now - timedelta(seconds=services.settings.silent_s)
         alive = workers.lacking(session, since=since, kind="previews")
     if None not in alive:
         raise _unavailable("no worker makes pictures right now")
     assets = sorted([one.id, one.asset_key] for one in found)
     told = json.dumps([_EDITION, wanted.media_id, assets, to_json(wanted.request)], sort_keys=True)
-    return hashlib.sha256(told.encode()).hexdigest()
+    unused = [one.id for one in found if not media.is_kept(one, now=now, ttl_s=ttl_s)]
+    return hashlib.sha256(told.encode()).hexdigest(), unused
+
+
+def _use(services: Services, media_ids: list[str]) -> None:
+    with services.database.write() as session:
+        # locked in one order, as by others
+        for media_id in sorted(media_ids):
+            media.keep(session, [media_id], now=services.database.now(), ttl_s=services.settings.media_ttl_s)
 
 
 def _ask(services: Services, owner: str, wanted: Wanted, mark: str) -> tuple[str, bool]:
@@ -190,7 +206,7 @@ async def small_picture(
             return Response(content, headers=headers, media_type=MEDIA_TYPES["jpeg"])
     request = StillRequest("jpeg", THUMBNAIL_PX if face is not None else POSTER_PX, face=face)
     wanted = Wanted(media_id, None, request, {media_id: ""})
-    return await picture(services, owner, wanted, if_none_match=if_none_match)
+    return await picture(services, owner, wanted, if_none_match=if_none_match, is_use=False)
 
 
 #: as the worker makes them, see `worker.sandbox.calls`

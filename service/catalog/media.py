@@ -292,6 +292,14 @@ def keep(session: Session, media_ids: Collection[str], *, now: datetime, ttl_s: 
     )
 
 
+def is_kept(media: Media, *, now: datetime, ttl_s: float) -> bool:
+    """Whether the retention of a medium was counted anew so lately that a use by the way needs no write for it.
+
+    That is within the last hour, or a 24th of a retention of less than a day.
+    """
+    return media.expires_at > now + timedelta(seconds=ttl_s - min(3600.0, ttl_s / 24))
+
+
 def finish(session: Session, lease: Lease, asset: Asset, *, now: datetime, timings: dict[str, Any]) -> list[str] | None:
     """End a vectorising job with its asset, in one step.
 

@@ -134,6 +134,19 @@ def publish(
     return True
 
 
+def keep(session: Session, job_id: str, *, now: datetime, ttl_s: float) -> bool:
+    """Count the retention of a job's results, if there are any yet, from now: they are asked for again.
+
+    False, and nothing changed, when one of them has expired meanwhile.
+    """
+    of_job = Result.job_id == job_id
+    # whoever drops them is waited for
+    if None in session.scalars(select(Result.blob_key).where(of_job).order_by(Result.id).with_for_update()).all():
+        return False
+    changed(session, update(Result).where(of_job).values(expires_at=now + timedelta(seconds=ttl_s)))
+    return True
+
+
 def drop_bytes(session: Session, result: Result, *, now: datetime) -> str | None:
     """Forget the bytes of a result. Returns the blob's key, to be deleted after the commit.
 
@@ -159,7 +172,8 @@ def delete(session: Session, result_id: str, *, now: datetime) -> list[str]:
     """
     changed(session, update(Look).where(Look.result_id == result_id).values(result_id=None, result_gone="deleted"))
     its = or_(Result.id == result_id, Result.part_of == result_id)
-    keys = [key for key in session.scalars(select(Result.blob_key).where(its).with_for_update()) if key]
+    found = session.scalars(select(Result.blob_key).where(its).order_by(Result.id).with_for_update())
+    keys = [key for key in found if key]
     idempotency.forget(session, [result_id])
     changed(session, delete_rows(Result).where(its))
     tombstones.bury(session, keys, now=now)

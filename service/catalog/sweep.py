@@ -47,8 +47,10 @@ def _queued() -> list[ColumnElement[bool]]:
 
 def expire_results(session: Session, *, now: datetime) -> list[str]:
     """Drop the bytes of results past their retention. Returns the blobs to delete after the commit."""
-    late = select(Result).where(Result.expires_at < now, Result.blob_key.is_not(None)).limit(BATCH)
-    keys = (results.drop_bytes(session, result, now=now) for result in session.scalars(late).all())
+    late = select(Result).where(Result.expires_at < now, Result.blob_key.is_not(None)).order_by(Result.id).limit(BATCH)
+    # one that is asked for again at this moment is late no more, or is seen to be gone
+    found = session.scalars(late.with_for_update()).all()
+    keys = (results.drop_bytes(session, result, now=now) for result in found)
     return [key for key in keys if key]
 
 

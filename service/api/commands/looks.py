@@ -20,6 +20,7 @@ from service.catalog import (
     jobs,
     keys,
     media,
+    results,
     webhooks,
 )
 
@@ -51,11 +52,11 @@ def request_looks(
 ) -> tuple[JobBody, bool]:
     """Record a job that makes these looks and publish it once its media are ready. Returns it, and True when it is new.
 
-    The owner's job of the same looks is returned instead while it goes on, or while its results are kept, unless
-    ``asked.force``. ``pointers`` says where in the request each id stands, ``output_at`` where the options of the
-    output do, for errors. Raises `NotFoundError` for an unknown id, `MediaFailedError` for a medium that failed,
-    `ValidationFailedError` for what does not fit the video, `QuotaExceededError`, and `StorageFullError` when there is
-    too little room to do the job.
+    The owner's job of the same looks is returned instead while it goes on, or while its results are kept, for a full
+    retention more, unless ``asked.force``. ``pointers`` says where in the request each id stands, ``output_at`` where
+    the options of the output do, for errors. Raises `NotFoundError` for an unknown id, `MediaFailedError` for a medium
+    that failed, `ValidationFailedError` for what does not fit the video, `QuotaExceededError`, and `StorageFullError`
+    when there is too little room to do the job.
     """
     services.room.require()
     database, owner = services.database, asked.owner
@@ -71,6 +72,8 @@ def request_looks(
             check_apart(known, looks[0])
         mark = jobs.fingerprint(kind, request, outputs, asked.metadata)
         job = None if asked.force else jobs.find_same(session, owner, mark, now=now)
+        if job is not None and not results.keep(session, job.id, now=now, ttl_s=services.settings.result_ttl_s):
+            job = None
         new = job is None
         if job is None:
             quotas.check(session, owner, now=now)

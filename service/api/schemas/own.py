@@ -79,9 +79,12 @@ class OutputLimits(BaseModel):
 class RetentionLimits(BaseModel):
     """How long things are kept, in seconds."""
 
-    media_s: float = Field(description="from their last use")
+    media_s: float = Field(
+        description="from their last use: an upload of the same file, a transfer or swap, a preview or picture of a "
+        "frame; no download, poster or thumbnail"
+    )
     uploads_s: float = Field(description="what has arrived of a file in pieces, from its last piece")
-    results_s: float
+    results_s: float = Field(description="from when they are made, or the same is asked for again; no download")
     jobs_s: float = Field(description="records of jobs that have ended")
     queued_s: float = Field(description="the longest that a job waits for a worker")
 

@@ -6,6 +6,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from datetime import datetime, timedelta
 from typing import Any
 
 import pytest
@@ -115,6 +116,38 @@ def test_the_same_is_made_once_and_is_304_for_who_has_it(api: Api, video: str, r
     assert other.status_code == 200
     assert other.headers["etag"] != first.headers["etag"]
     assert len(worker.requests) == 2
+
+
+def test_pictures_are_a_use_of_their_media_that_is_written_once_an_hour(api: Api, video: str, reference: str) -> None:
+    services, full_s = api.services, api.services.settings.media_ttl_s
+
+    def kept_until() -> list[datetime]:
+        with services.database.read() as session:
+            return [session.get_one(Media, one).expires_at for one in (video, reference)]
+
+    def grow_old(seconds: float) -> list[datetime]:
+        with services.background.write() as session:
+            for one in (video, reference):
+                session.get_one(Media, one).expires_at = services.database.now() + timedelta(seconds=full_s - seconds)
+        return kept_until()
+
+    with preview_worker(api):
+        for ask in (
+            lambda: api.client.post("/preview", json=body(video, reference)),
+            lambda: [api.client.get(f"/{kind}/frames/0") for kind in (f"videos/{video}", f"references/{reference}")],
+        ):
+            young = grow_old(3000)
+            ask()
+            assert kept_until() == young
+            old = grow_old(4000)
+            ask()
+            renewed = kept_until()
+            assert all(new > then + timedelta(seconds=3900) for new, then in zip(renewed, old, strict=True))
+            ask()
+            assert kept_until() == renewed
+        old = grow_old(4000)
+        assert api.client.get(f"/videos/{video}/poster").status_code == 200
+        assert kept_until() == old
 
 
 def test_without_a_worker_it_is_said_at_once(api: Api, video: str, reference: str) -> None:

@@ -3,7 +3,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import os
-from datetime import timedelta
+from datetime import datetime, timedelta
 from typing import Any
 
 import pytest
@@ -218,6 +218,31 @@ def test_a_part_is_no_result_of_its_own(api: Api, job: dict[str, Any]) -> None:
     for row in rows:
         assert api.client.get(f"/results/{row.id}").status_code == 404
         assert row.part_of in {look["result"] for look in job["looks"]}
+
+
+def test_a_transfer_that_finds_its_result_keeps_it_with_its_parts_for_a_full_retention(
+    api: Api, job: dict[str, Any]
+) -> None:
+    video, now = job["looks"][0]["video"], api.services.database.now()
+    again = api.client.post("/transfer", json={"video": video, "looks": [{"reference": video}] * 2})
+    assert (again.status_code, again.json()["id"]) == (200, job["id"])
+    shown = [file for look in again.json()["looks"] for file in (look, *look["extras"])]
+    assert len(shown) == 8
+    full = now + timedelta(seconds=api.services.settings.result_ttl_s)
+    assert all(datetime.fromisoformat(file["expires_at"]) >= full for file in shown)
+
+
+def test_results_of_which_one_has_expired_are_not_kept_on(api: Api, job: dict[str, Any]) -> None:
+    services = api.services
+    with services.background.write() as session:
+        result = results.get(session, job["looks"][0]["result"])
+        assert result is not None
+        now = services.database.now()
+        assert results.keep(session, job["id"], now=now, ttl_s=500)
+        assert results.drop_bytes(session, result, now=now)
+        assert not results.keep(session, job["id"], now=now, ttl_s=1000)
+        session.refresh(result)
+        assert result.expires_at == now + timedelta(seconds=500)
 
 
 def test_parts_expire_with_their_result(api: Api, job: dict[str, Any]) -> None:
