@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from dataclasses import dataclass, field
 
 from python_multipart.exceptions import MultipartParseError
@@ -26,12 +26,25 @@ class Form:
 
     fields: list[tuple[str, str]] = field(default_factory=list)
     files: list[tuple[str, ReceivedFile]] = field(default_factory=list)
+    #: of each part, in their order, whether it is a file
+    order: list[bool] = field(default_factory=list)
+
+    def parts(self) -> Iterator[tuple[str, str | ReceivedFile]]:
+        """Fields and files in the order in which they came."""
+        fields, files = iter(self.fields), iter(self.files)
+        for is_file in self.order:
+            yield next(files) if is_file else next(fields)
+
+
+class TooManyFilesError(BadRequestError):
+    """The form has more files than are taken of it."""
 
 
 async def read_form(intake: Intake, *, max_files: int = 1) -> Form:
     """Receive the request's body as a form. The size limit is each file's own.
 
-    Raises `BadRequestError` for a malformed body, `TooLargeError`, and `UnsupportedMediaError` for a file that is none.
+    Raises `BadRequestError` for a malformed body, `TooManyFilesError` at the first file over ``max_files``,
+    `TooLargeError`, and `UnsupportedMediaError` for a file that is none.
     """
     if "repr-digest" in intake.request.headers:
         raise BadRequestError("Repr-Digest is checked when the body is the file itself, not when it is a form")
@@ -116,11 +129,13 @@ class _FormReader:
             raise BadRequestError("a part of the multipart body has no name")
         self._name = options[b"name"].decode("utf-8", "replace")
         # a file may have no name (RFC 7578, 4.2)
-        if b"filename" not in options and not self._is_file():
+        is_file = b"filename" in options or self._is_file()
+        self._form.order.append(is_file)
+        if not is_file:
             self._text = bytearray()
             return
         if len(self._form.files) + len(self._finished) >= self._max_files:
-            raise BadRequestError(f"the multipart body has more files than the {self._max_files} allowed")
+            raise TooManyFilesError(f"the multipart body has more files than the {self._max_files} allowed")
         self._sink = self._intake.open(options.get(b"filename", b"").decode("utf-8", "replace"))
 
     def _is_file(self) -> bool:

@@ -178,7 +178,13 @@ TRANSFER_FORM: dict[str, Any] = {
     "additionalProperties": False,
     "properties": {
         "video": {"type": "string", "pattern": MEDIA_ID.pattern},
-        "reference": {"type": "array", "items": BINARY, "minItems": 1, "description": "files, one look each"},
+        "reference": {
+            "type": "array",
+            "items": BINARY,
+            "minItems": 1,
+            "description": "files or, as fields without a file name and a type, ids of references and videos; one look "
+            "each, in this order",
+        },
         "strength": {"type": "number", "minimum": 0, "maximum": 1},
         "contrast": {"anyOf": [{"const": "auto"}, {"type": "number", "minimum": 0.7, "maximum": 1.5}]},
         "match": {"type": "string", "enum": ["semantic", "color"]},

@@ -11,6 +11,7 @@ from service.api.metadata import to_metadata
 from service.api.multipart import Form
 from service.api.problems import invalid, invalid_values
 from service.api.schemas import LookOptions, OutputRequest, TransferRequest
+from service.api.uploads import ReceivedFile
 from service.errors import ServiceError
 
 _OUTPUT_FIELDS = frozenset(OutputRequest.model_fields)
@@ -26,7 +27,8 @@ def to_request(form: Form, uploaded: Sequence[str]) -> TransferRequest:
     """
     options: dict[str, Any] = {}
     output: dict[str, Any] = {}
-    references = list(uploaded)
+    ids = iter(uploaded)
+    references = [part if isinstance(part, str) else next(ids) for part in references_of(form)]
     top: dict[str, Any] = {}
     pairs: list[str] = []
     unknown = [name for name, _ in form.files if name != "reference"]
@@ -34,9 +36,7 @@ def to_request(form: Form, uploaded: Sequence[str]) -> TransferRequest:
     if twice := {name for name in names if names.count(name) > 1}:
         raise invalid_values({f"/{name}": "the field is given more than once" for name in sorted(twice)})
     for name, text in _joined(form):
-        if name == "reference":
-            references.append(text)
-        elif name in {"video", "force"}:
+        if name in {"video", "force"}:
             top[name] = text
         elif name == "webhook":
             top[name] = {"url": text}
@@ -59,13 +59,18 @@ def to_request(form: Form, uploaded: Sequence[str]) -> TransferRequest:
         raise _named_by_field(error) from error
 
 
+def references_of(form: Form) -> list[str | ReceivedFile]:
+    """Its references, ids and files, in their order, which is that of its looks."""
+    return [part for name, part in form.parts() if name == "reference"]
+
+
 def _joined(form: Form) -> list[tuple[str, str]]:
-    """The fields; those of a list that is given more than once are one."""
+    """The fields but for references; those of a list that is given more than once are one."""
     lists: dict[str, list[str]] = {}
     for name, text in form.fields:
         if name in _LISTS:
             lists.setdefault(name, []).append(text)
-    others = [(name, text) for name, text in form.fields if name not in _LISTS]
+    others = [(name, text) for name, text in form.fields if name not in {"reference", *_LISTS}]
     return others + [(name, ",".join(texts)) for name, texts in lists.items()]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Final, TypeVar
+from typing import Any, Final, TypeVar
 
 from fastapi import APIRouter, Request, Response
 
@@ -14,13 +14,13 @@ from service.api.commands import Asked, Wanted
 from service.api.dependencies import ServicesDep, answer, problems
 from service.api.idempotency import Once, OnceDep
 from service.api.json_body import media_type, read_json, unsupported
-from service.api.multipart import read_form
+from service.api.multipart import Form, TooManyFilesError, read_form
 from service.api.openapi import TRANSFER_FORM, form, json_body
 from service.api.problems import invalid_values
 from service.api.receivers import receiver
 from service.api.schemas import USUAL_CONTAINERS, JobBody, MediaBody, OutputRequest, SwapRequest, TransferRequest
 from service.api.services import Services
-from service.api.transfer_form import to_request
+from service.api.transfer_form import references_of, to_request
 from service.api.uploads import Intake
 from service.catalog import JobKind, Role
 from service.errors import Limit, ValidationFailedError
@@ -72,7 +72,7 @@ async def create_transfer(
 async def create_transfer_from_form(
     request: Request, response: Response, services: ServicesDep, caller: CallerDep, once: OnceDep
 ) -> JobBody:
-    """The same by a form, with references as files; its options are those of all of its looks."""
+    """The same by a form, with references as files or ids; its options are those of all of its looks."""
     if media_type(request) != _FORM:
         raise unsupported(request, _FORM)
     return await create_transfer(request, response, services, caller, once)
@@ -133,23 +133,40 @@ def _sides_of(wanted: SwapRequest) -> list[Wanted]:
 def _looks_of(wanted: TransferRequest, services: Services, *, is_form: bool) -> tuple[list[Wanted], dict[str, str]]:
     """The looks, if not too many, and where in the request each id stands: a form's options stand at its top."""
     if len(wanted.looks) > services.settings.max_looks:
-        detail = f"a transfer has at most {services.settings.max_looks} looks"
-        limit = Limit(services.settings.max_looks, "looks")
-        raise ValidationFailedError(detail, errors=[{"pointer": "/looks", "detail": detail}], limit=limit)
+        raise _too_many_looks(services.settings.max_looks, "/reference" if is_form else "/looks")
     places = ["" if is_form else f"/looks/{i}" for i in range(len(wanted.looks))]
     pairs = list(zip(wanted.looks, places, strict=True))
     pointers = {look.reference: f"{place}/reference" for look, place in pairs} | {wanted.video: "/video"}
     return [Wanted(wanted.video, look.reference, look, place) for look, place in pairs], pointers
 
 
+def _too_many_looks(most: int, where: str) -> ValidationFailedError:
+    detail = f"a transfer has at most {most} looks"
+    return ValidationFailedError(detail, errors=[{"pointer": where, "detail": detail}], limit=Limit(most, "looks"))
+
+
 async def _read(request: Request, services: Services, model: type[Model], once: Once) -> Model:
     also = (_FORM,) if model is TransferRequest else ()
     wanted = await read_json(request, model, limit_bytes=services.settings.max_json_bytes, also=also)
+    once.compare(_asked(wanted))
+    return wanted
+
+
+def _asked(wanted: TransferRequest | SwapRequest) -> dict[str, Any]:
+    """What a request asks for, the same for two that ask for the same."""
     asked = wanted.model_dump(mode="json")
     if asked["output"]["container"] in USUAL_CONTAINERS:
         asked["output"]["container"] = None  # of the video's kind it is the default, of the other it is refused
-    once.compare(asked)
-    return wanted
+    return asked
+
+
+def _asked_by_form(draft: TransferRequest, form: Form) -> dict[str, Any]:
+    """The same of a form, whose files are what they hold and what they are called."""
+    asked = _asked(draft)
+    for look, part in zip(asked["looks"], references_of(form), strict=True):
+        if not isinstance(part, str):
+            look["reference"] = [part.filename, part.sha256]
+    return asked
 
 
 async def _read_form(
@@ -161,10 +178,13 @@ async def _read_form(
     """
     settings = services.settings
     async with Intake(services.storage, services.room, request, limit_bytes=settings.max_upload_bytes) as intake:
-        form = await read_form(intake, max_files=settings.max_looks)
-        once.compare([form.fields, [[name, file.filename, file.sha256] for name, file in form.files]])
-        # everything is checked before the first reference is recorded
+        try:
+            form = await read_form(intake, max_files=settings.max_looks)
+        except TooManyFilesError as error:
+            raise _too_many_looks(settings.max_looks, "/reference") from error
         draft = to_request(form, [_UPLOADED] * len(form.files))
+        once.compare(_asked_by_form(draft, form))
+        # everything is checked before the first reference is recorded
         looks, pointers = _looks_of(draft, services, is_form=True)
         pointers = {one: place for one, place in pointers.items() if one != _UPLOADED or place == "/video"}
         receiver(services, draft.webhook, "/webhook")

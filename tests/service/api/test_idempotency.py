@@ -122,6 +122,22 @@ def test_uploads_and_forms_are_compared_by_what_they_hold(api: Api) -> None:
     assert api.drafts == []
 
 
+def test_of_a_form_the_order_of_its_references_alone_matters(api: Api) -> None:
+    video = upload(api, "/videos")["id"]
+    one, other = ("reference", ("a.png", PNG + b"a")), ("reference", ("b.png", PNG + b"b"))
+    which, strength = ("video", (None, video)), ("strength", (None, "0.5"))
+    first = post(api, "/transfer", "k", files=[which, strength, one, other])
+    assert first.status_code == 202
+    for same in ([one, strength, other, which], [strength, which, one, other, ("light", (None, "0"))]):
+        again = post(api, "/transfer", "k", files=same)
+        assert (again.status_code, again.headers.get("idempotent-replayed")) == (202, "true")
+        assert again.json() == first.json()
+    turned = post(api, "/transfer", "k", files=[which, strength, other, one])
+    assert (turned.status_code, turned.json()["code"]) == (422, "idempotency-key-reused")
+    renamed = post(api, "/transfer", "k", files=[which, strength, one, ("reference", ("c.png", PNG + b"b"))])
+    assert (renamed.status_code, renamed.json()["code"]) == (422, "idempotency-key-reused")
+
+
 def test_a_key_is_in_use_while_its_first_request_still_arrives(api: Api) -> None:
     go_on = threading.Event()
 

@@ -158,6 +158,38 @@ def test_a_form_with_reference_files_is_one_request(api: Api) -> None:
     assert api.drafts == []
 
 
+def test_the_looks_of_a_form_have_the_order_of_its_references(api: Api) -> None:
+    video, known = upload(api, "/videos")["id"], upload(api, "/references")["id"]
+    files = [("reference", (f"{name}.png", PNG + name.encode())) for name in "ab"]
+    ids = [("reference", (None, one)) for one in (known, video)]
+    answer = api.client.post("/transfer", files=[ids[0], files[0], ("video", (None, video)), ids[1], files[1]])
+    assert answer.status_code == 202, answer.text
+    references = [look["reference"] for look in answer.json()["looks"]]
+    assert (references[0], references[2]) == (known, video)
+    names = [api.client.get(f"/references/{one}").json()["filename"] for one in (references[1], references[3])]
+    assert names == ["a.png", "b.png"]
+
+
+def test_too_many_looks_are_refused_alike_in_json_and_forms(api: Api) -> None:
+    video, most = upload(api, "/videos")["id"], api.services.settings.max_looks
+    files = [("reference", ("a.png", PNG + bytes([i]))) for i in range(most + 1)]
+    ids = [("reference", (None, video)) for _ in range(most + 1)]
+    forms = [[("video", (None, video)), *references] for references in (files, ids, [*ids[:9], *files[:8]])]
+    refused = [api.client.post("/transfer", json={"video": video, "looks": looks(*[video] * (most + 1))})]
+    refused += [api.client.post("/transfer", files=form) for form in forms]
+    for answer in refused:
+        problem = answer.json()
+        assert (answer.status_code, problem["code"], problem["limit"], problem["unit"]) == (
+            422,
+            "validation-failed",
+            most,
+            "looks",
+        )
+    assert [one.json()["errors"][0]["pointer"] for one in refused] == ["/looks", *["/reference"] * 3]
+    assert api.client.get("/references").json()["data"] == []
+    assert api.drafts == []
+
+
 def test_a_form_may_name_references_by_id(api: Api) -> None:
     video, reference = upload(api, "/videos"), upload(api, "/references")
     # httpx sends a multipart body only when there is a file
@@ -207,7 +239,7 @@ def test_a_form_with_a_bad_field_records_nothing(api: Api, fields: dict[str, str
         ({"reference": "ref_" + "1" * 32}, 404, "/reference"),
         ({"faces": "0,1"}, 422, "/faces"),
         ({"container": "png"}, 422, "/container"),
-        ({"reference": ["ref_" + "1" * 32] * 16}, 422, "/looks"),
+        ({"reference": ["ref_" + "1" * 32] * 16}, 422, "/reference"),
         ({"strength": ["0.5", "1"]}, 422, "/strength"),
     ],
 )
