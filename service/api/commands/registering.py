@@ -156,6 +156,8 @@ class _Arrival:
                 media.replace_source(session, found, key, now=now)
             if renamed:
                 media.name(session, found, asked.metadata)
+            if self.file.filename is not None:
+                found.filename = self.file.filename
             again = media.vectorize_again(session, found, now=now)
             media.keep(session, [found.id], now=now, ttl_s=services.settings.media_ttl_s)
             session.flush()

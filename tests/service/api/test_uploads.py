@@ -56,6 +56,20 @@ def test_a_form_upload_is_the_same_file(api: Api) -> None:
     assert api.drafts == []
 
 
+def test_of_a_file_that_is_sent_again_the_name_that_was_given_last_counts(api: Api) -> None:
+    def sent(name: str | None) -> dict[str, Any]:
+        headers = {} if name is None else {"content-disposition": f'attachment; filename="{name}"'}
+        body: dict[str, Any] = api.client.post("/references", content=PNG, headers=headers).raise_for_status().json()
+        return body
+
+    first = sent("a.png")
+    assert [sent(name)["filename"] for name in ("b.png", None)] == ["b.png", "b.png"]
+    video = api.client.post("/videos", content=MP4).json()["id"]
+    form = api.client.post("/transfer", data={"video": video}, files={"reference": ("c.png", PNG)})
+    assert form.json()["looks"][0]["reference"] == first["id"]
+    assert api.client.get(f"/references/{first['id']}").json()["filename"] == "c.png"
+
+
 @pytest.mark.parametrize(
     ("header", "name"),
     [
