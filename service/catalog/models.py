@@ -18,6 +18,7 @@ from sqlalchemy import (
     Text,
     TypeDecorator,
     UniqueConstraint,
+    text,
 )
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
@@ -372,12 +373,17 @@ class Key(Base):
     revoked_at: Mapped[datetime | None]
 
 
+_WAITING: Final = text("state = 'waiting'")
+
+
 class Delivery(Base):
     """One event of one job for one receiver: that the job has ended. Recorded with the job, due when it ends."""
 
     __tablename__ = "deliveries"
     __table_args__ = (
         Index(None, "job_id"),
+        # two requests at once that name one receiver
+        Index(None, "job_id", "url", unique=True, sqlite_where=_WAITING, postgresql_where=_WAITING),
         Index(None, "state", "next_at"),
         Index(None, "owner", "id"),
     )

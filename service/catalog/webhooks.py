@@ -12,6 +12,7 @@ from __future__ import annotations
 import base64
 import secrets
 from collections.abc import Collection, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Final
@@ -42,20 +43,19 @@ def announce(session: Session, job: Job, url: str, *, now: datetime) -> None:
         return
     has_ended = job.state in ENDED
     parts = urlsplit(url)
-    session.add(
-        Delivery(
-            id=new_id("msg"),
-            owner=job.owner,
-            job_id=job.id,
-            url=url,
-            origin=f"{parts.scheme}://{parts.netloc.rpartition('@')[2]}".lower()[:300],
-            state=DeliveryState.PENDING if has_ended else DeliveryState.WAITING,
-            attempts=0,
-            next_at=now if has_ended else None,
-            created_at=now,
-        )
+    made = Delivery(
+        id=new_id("msg"),
+        owner=job.owner,
+        job_id=job.id,
+        url=url,
+        origin=f"{parts.scheme}://{parts.netloc.rpartition('@')[2]}".lower()[:300],
+        state=DeliveryState.PENDING if has_ended else DeliveryState.WAITING,
+        attempts=0,
+        next_at=now if has_ended else None,
+        created_at=now,
     )
-    session.flush()
+    with suppress(IntegrityError), session.begin_nested():  # another request named it at the same time
+        session.add(made)
 
 
 def wake(session: Session, *, now: datetime) -> int:

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import time
+from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
 from typing import Any
 
@@ -95,6 +97,19 @@ def test_a_receiver_is_told_of_a_jobs_end_once_and_again_when_it_is_named_after_
     told = [(one.url, one.state) for one in deliveries(database)]
     assert told == [(URL, "pending"), (URL, "pending"), (f"{URL}2", "pending"), (URL, "pending")]
     assert {one.origin for one in deliveries(database)} == {"https://studio.example"}
+
+
+def test_two_who_name_a_receiver_at_the_same_time_have_it_told_once(database: Database) -> None:
+    job_id, _ = job_in(database, Step.SUCCEED)
+    with ThreadPoolExecutor(1) as others:
+        with database.write() as session:
+            webhooks.announce(session, session.get_one(Job, job_id), URL, now=database.now())
+            session.flush()
+            other = others.submit(announce, database, job_id)
+            time.sleep(0.5)  # it has asked before this one is recorded
+            assert not other.done()
+        other.result(60)
+    assert [one.state for one in deliveries(database)] == [DeliveryState.WAITING]
 
 
 def test_of_two_who_claim_a_delivery_one_has_it_and_a_late_one_changes_nothing(
