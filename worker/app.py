@@ -17,7 +17,7 @@ from celery.signals import (
 from service.logs import configure
 from service.queue import celery_settings, make_folders
 from service.settings import Settings
-from worker import lifeline, stopping
+from worker import connection, lifeline, stopping
 from worker.heartbeat import Heartbeat, wait_for_weights
 from worker.sandbox import SandboxServer
 
@@ -36,6 +36,7 @@ sandbox = SandboxServer(str(settings.folder))
 _heartbeat = Heartbeat(settings)
 
 app = Celery("pvg-worker", include=["worker.tasks"])
+app.steps["consumer"].add(connection.Watched)
 app.conf.update(celery_settings(settings))
 app.conf.update(
     task_acks_late=True,
@@ -68,6 +69,7 @@ def _set_up_logging(**_: object) -> None:
 def _tie_worker(**_: object) -> None:
     configure(settings.log_level)  # Celery asks for it later
     lifeline.die_with_starter()
+    connection.lose()  # there is none yet
     wait_for_weights(settings)
     sandbox.start()  # the pool takes no job before it can do one
 

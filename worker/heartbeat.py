@@ -16,6 +16,7 @@ from service.catalog.workers import Kind
 from service.drafts import Drafts
 from service.settings import Settings
 from service.storage import Storage
+from worker import connection
 
 log = structlog.get_logger(__name__)
 
@@ -74,7 +75,7 @@ class Heartbeat:
         database = Database(self._settings.database)
         drafts = Drafts(database, Storage(self._settings), self._settings)
         while True:
-            _beat(database, kind=self._kind)
+            _beat(database, lacks=workers.BROKER if connection.is_missed() else None, kind=self._kind)
             _clear(drafts)
             if self._stop.wait(self._settings.heartbeat_s):
                 break

@@ -15,6 +15,9 @@ from service.catalog.models import Worker
 _FORGOTTEN_S: Final = 3600.0
 
 
+#: what a worker lacks whose broker is away: it can do jobs as soon as that is back
+BROKER: Final = "broker"
+
 #: jobs: vectorises and renders; previews: makes single pictures while somebody waits
 Kind = Literal["jobs", "previews"]
 

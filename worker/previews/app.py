@@ -12,7 +12,7 @@ from celery.signals import setup_logging, worker_init, worker_shutdown, worker_s
 from service.logs import configure
 from service.queue import PREVIEW_TASK, celery_settings, make_folders
 from service.settings import Settings
-from worker import lifeline, stopping
+from worker import connection, lifeline, stopping
 from worker.heartbeat import Heartbeat
 from worker.previews.previewer import Previewer
 from worker.sandbox import Sandbox, SandboxServer
@@ -31,6 +31,7 @@ sandbox = SandboxServer(str(settings.folder), nice=_NICE)
 _heartbeat = Heartbeat(settings, kind="previews")
 
 app = Celery("pvg-previews")
+app.steps["consumer"].add(connection.Watched)
 app.conf.update(celery_settings(settings))
 app.conf.update(
     worker_pool="threads",
@@ -62,6 +63,7 @@ def _set_up_logging(**_: object) -> None:
 def _begin(**_: object) -> None:
     configure(settings.log_level)  # Celery asks for it later
     lifeline.die_with_starter()
+    connection.lose()  # there is none yet
     sandbox.start()
     _previewer().start()
     _heartbeat.start()

@@ -20,6 +20,7 @@ router = APIRouter(tags=["health"])
 OK: Final = "ok"
 UNAVAILABLE: Final = "unavailable"
 NO_WORKER: Final = "none"
+NO_BROKER: Final = f"no {workers.BROKER}"
 
 
 @router.get("/livez")
@@ -50,7 +51,7 @@ async def get_readiness(services: ServicesDep, response: Response) -> Readiness:
             checks["workers"] = await services.calls.read(_workers, services)
         except (SQLAlchemyError, UnavailableError):  # since the check
             checks["database"] = UNAVAILABLE
-    if UNAVAILABLE in (checks["database"], storage) or checks["workers"] not in {OK, NO_WORKER}:
+    if UNAVAILABLE in (checks["database"], storage) or checks["workers"] not in {OK, NO_WORKER, NO_BROKER}:
         response.status_code = 503
         return Readiness(status="unavailable", checks=checks)
     return Readiness(status="ok" if set(checks.values()) == {OK} else "degraded", checks=checks)
@@ -63,4 +64,6 @@ def _workers(services: Services) -> str:
         lacking = workers.lacking(session, since=since)
     if None in lacking:
         return OK
+    if workers.BROKER in lacking:
+        return NO_BROKER
     return f"no {min(filter(None, lacking))}" if lacking else NO_WORKER

@@ -74,6 +74,13 @@ def test_a_service_whose_workers_can_do_nothing_is_not_ready(api: Api) -> None:
     assert api.client.get("/readyz").status_code == 200
 
 
+def test_workers_without_their_broker_are_told_and_work_is_taken(api: Api) -> None:
+    beat(api, workers.BROKER)
+    ready = api.client.get("/readyz")
+    assert (ready.status_code, ready.json()["status"]) == (200, "degraded")
+    assert ready.json()["checks"]["workers"] == "no broker"
+
+
 def test_a_service_that_stops_is_not_ready_first(api: Api) -> None:
     api.services.watch.close()
     ready = api.client.get("/readyz")

@@ -1,0 +1,48 @@
+"""Whether the worker's consumer is connected to its broker, known to every process of the worker."""
+
+from __future__ import annotations
+
+import mmap
+import struct
+import time
+from typing import Any, Final
+
+from celery import bootsteps
+
+#: seconds for which a broker may be away before a worker says that it lacks it: restarts take less, and lose nothing
+TOLERATED_S: Final = 60.0
+
+#: since when there has been no connection, by the steady clock; a page that every process forked from here shares
+_page: Final = mmap.mmap(-1, 8)
+_TIME: Final = struct.Struct("d")
+
+
+def is_missed() -> bool:
+    """The consumer has been without its broker for too long, counted from the worker's start."""
+    since: float = _TIME.unpack_from(_page, 0)[0]
+    return bool(since) and time.monotonic() - since > TOLERATED_S
+
+
+def lose() -> None:
+    """There is no connection; says nothing new when there was none."""
+    if not _TIME.unpack_from(_page, 0)[0]:
+        _TIME.pack_into(_page, 0, time.monotonic())
+
+
+def find() -> None:
+    """The consumer asks its broker for messages."""
+    _TIME.pack_into(_page, 0, 0.0)
+
+
+class Watched(bootsteps.StartStopStep):  # type: ignore[misc]
+    """The step of Celery's consumer after the one that asks for messages: it is stopped when the connection is lost."""
+
+    requires = ("celery.worker.consumer.tasks:Tasks",)
+
+    def start(self, parent: Any) -> None:
+        """The steps before it are done."""
+        find()
+
+    def stop(self, parent: Any) -> None:
+        """The connection is lost, or the worker stops."""
+        lose()
