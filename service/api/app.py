@@ -30,6 +30,7 @@ def create_app(settings: Settings | None = None, *, clock: Clock | None = None) 
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
+        services.room.watch()
         services.publisher.start()
         services.reaper.start()
         services.deliverer.start()
@@ -38,6 +39,7 @@ def create_app(settings: Settings | None = None, *, clock: Clock | None = None) 
         finally:
             parts = (services.reaper, services.publisher, services.deliverer)
             await asyncio.gather(*(run_in_threadpool(part.stop) for part in parts))
+            services.room.unwatch()
             services.close()
 
     app = FastAPI(

@@ -68,7 +68,7 @@ class FileSink:
     async def drain(self, *, everything: bool = False) -> None:
         """Write what has been collected, when it is worth a write. Raises `StorageFullError` when there is no room."""
         if self._buffer and (everything or len(self._buffer) >= BUFFER_BYTES):
-            self._room.require(len(self._buffer))
+            self._room.take(len(self._buffer))
             data, self._buffer = bytes(self._buffer), bytearray()
             await run_in_threadpool(self._write, data)
 
