@@ -15,12 +15,12 @@ import ipaddress
 import socket
 import ssl
 import threading
+from collections import Counter, deque
 from collections.abc import AsyncIterator, Mapping, Sequence
 from concurrent.futures import Future
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from queue import Empty, SimpleQueue
 from typing import Any, Final
 from urllib.parse import urlsplit
 
@@ -41,7 +41,9 @@ _DROPPED_BYTES: Final = 64 * 1024
 _CONNECT_S: Final = 10.0
 _HEAD_S: Final = 30.0
 #: names that are looked up at a time: a resolver that hangs holds no other thread of the service
-_RESOLVERS: Final = 8
+_RESOLVERS: Final = 32
+#: and of them those of one owner: what names he asks for is up to him, and who answers for them
+_RESOLVERS_OF_ONE: Final = 2
 _STOPS: Final = "the service stops"
 #: below 1024 only the web's own ports: mail and other servers take lines of HTTP for commands
 _WEB_PORTS: Final = frozenset({80, 443})
@@ -150,21 +152,22 @@ class Egress:
         self._checked(literal)
         return parsed
 
-    def post(self, url: str, *, headers: Mapping[str, str], content: bytes, timeout_s: float) -> int:
+    def post(self, url: str, *, headers: Mapping[str, str], content: bytes, timeout_s: float, owner: str = "") -> int:
         """Send ``content`` and return the status of the answer, whose body is dropped. Redirects are not followed.
 
-        For threads without an event loop. All of it takes ``timeout_s`` at most. Raises `UrlNotAllowedError`,
-        `FetchFailedError` when there is no answer, and `StoppingError`.
+        ``owner`` is in whose share of the lookups its name is looked up. For threads without an event loop. All of it
+        takes ``timeout_s`` at most. Raises `UrlNotAllowedError`, `FetchFailedError` when there is no answer, and
+        `StoppingError`.
         """
-        return asyncio.run(self._post(url, headers, content, timeout_s))
+        return asyncio.run(self._post(url, headers, content, timeout_s, owner))
 
-    async def _post(self, url: str, headers: Mapping[str, str], content: bytes, timeout_s: float) -> int:
+    async def _post(self, url: str, headers: Mapping[str, str], content: bytes, timeout_s: float, owner: str) -> int:
         status: int | None = None
         limits = {"head_s": timeout_s, "silence_s": timeout_s}
         try:
             async with (
                 asyncio.timeout(timeout_s),
-                self._sent("POST", self.check(url), headers=headers, content=content, **limits) as response,
+                self._sent("POST", self.check(url), owner, headers=headers, content=content, **limits) as response,
             ):
                 status = response.status_code
                 dropped = 0
@@ -179,19 +182,19 @@ class Egress:
         return status
 
     @asynccontextmanager
-    async def stream(self, url: str) -> AsyncIterator[Fetched]:
+    async def stream(self, url: str, *, owner: str = "") -> AsyncIterator[Fetched]:
         """Fetch a file; inside the block its bytes arrive. At most `MAX_REDIRECTS` redirects are followed.
 
-        How much is taken is up to the reader. Raises `UrlNotAllowedError`, also for a redirect, and `FetchFailedError`
-        when there is no answer, one that is no file, one that comes too slowly (``min_body_bytes_per_s`` over
-        ``body_timeout_s``), or not within ``fetch_timeout_s``; and `StoppingError`.
+        How much is taken is up to the reader; ``owner`` is as for `post`. Raises `UrlNotAllowedError`, also for a
+        redirect, and `FetchFailedError` when there is no answer, one that is no file, one that comes too slowly
+        (``min_body_bytes_per_s`` over ``body_timeout_s``), or not within ``fetch_timeout_s``; and `StoppingError`.
         """
         try:
             async with asyncio.timeout(self._settings.fetch_timeout_s):
                 target = self.check(url)
                 for _ in range(MAX_REDIRECTS + 1):
                     silence_s = self._settings.body_timeout_s
-                    async with self._sent("GET", target, head_s=_HEAD_S, silence_s=silence_s) as response:
+                    async with self._sent("GET", target, owner, head_s=_HEAD_S, silence_s=silence_s) as response:
                         if response.status_code not in _REDIRECTS:
                             yield self._file(target, response)
                             return
@@ -231,6 +234,7 @@ class Egress:
         self,
         method: str,
         target: httpx.URL,
+        owner: str,
         *,
         head_s: float,
         silence_s: float,
@@ -248,7 +252,7 @@ class Egress:
         # the transport alone: what a client adds, redirects, cookies and proxies, is what is not wanted here
         async with httpx.AsyncHTTPTransport(verify=self._tls, trust_env=False) as transport:
             async with asyncio.timeout(head_s):
-                addresses = await self._addresses(target)
+                addresses = await self._addresses(target, owner)
                 while True:
                     request = httpx.Request(
                         method,
@@ -270,11 +274,11 @@ class Egress:
             finally:
                 await response.aclose()
 
-    async def _addresses(self, target: httpx.URL) -> list[str]:
+    async def _addresses(self, target: httpx.URL, owner: str) -> list[str]:
         """The addresses of the host, at least one, all of which may be connected to."""
         name, port = target.raw_host.decode("ascii"), _port(target)
         try:
-            found = await asyncio.wrap_future(self._resolver.look_up(name, port))
+            found = await asyncio.wrap_future(self._resolver.look_up(owner, name, port))
         except (OSError, UnicodeError) as error:
             raise FetchFailedError("the host of the URL has no address") from error
         return self._checked(found)
@@ -287,57 +291,83 @@ class Egress:
         return list(dict.fromkeys(map(str, addresses)))
 
 
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """A name that an owner wants looked up."""
+
+    owner: str
+    name: str
+    port: int
+    found: Future[Found]
+
+
 class _Resolver:
     """Looks names up in threads of its own, for several event loops.
 
     A pool of `concurrent.futures` will not do: a process waits for the threads of all pools before it ends, and a name
-    server that does not answer keeps a thread for minutes.
+    server that does not answer keeps a thread for minutes, longer than anybody waits for it. So an owner, who may name
+    such a server, has `_RESOLVERS_OF_ONE` of them at a time.
     """
 
     def __init__(self) -> None:
-        self._asked: SimpleQueue[tuple[Future[Found], str, int] | None] = SimpleQueue()
-        self._lock = threading.Lock()
-        self._threads = self._unanswered = 0
+        self._changed = threading.Condition()
+        #: what waits for its turn, the first one first
+        self._waiting: deque[_Asked] = deque()
+        #: lookups of each owner that have not come back, also those that nobody waits for any more
+        self._of: Counter[str] = Counter()
+        self._threads = 0
         self._is_closed = False
 
-    def look_up(self, name: str, port: int) -> Future[Found]:
-        """The addresses of a name; those that are asked for while all threads are busy come when their turn comes.
+    def look_up(self, owner: str, name: str, port: int) -> Future[Found]:
+        """The addresses of a name; those that an owner, or all, ask for beyond their share come when their turn comes.
 
         Raises `StoppingError` after `close`; what waits then for its turn ends with it.
         """
         found: Future[Found] = Future()
-        with self._lock:
+        with self._changed:
             if self._is_closed:
                 raise StoppingError(_STOPS)
-            self._asked.put((found, name, port))
-            self._unanswered += 1
-            if self._threads < min(self._unanswered, _RESOLVERS):
+            self._waiting = deque(one for one in self._waiting if not one.found.cancelled())
+            self._waiting.append(_Asked(owner, name, port, found))
+            if self._threads < min(self._of.total() + len(self._waiting), _RESOLVERS):
                 threading.Thread(target=self._run, name=f"resolve-{self._threads}", daemon=True).start()
                 self._threads += 1
+            self._changed.notify()
         return found
 
     def close(self) -> None:
         """Look no more names up, also none of those that wait for their turn."""
-        with self._lock:
+        with self._changed:
             self._is_closed = True
-            with suppress(Empty):
-                while asked := self._asked.get_nowait():
-                    # not cancelled: whoever waits for it was not
-                    if asked[0].set_running_or_notify_cancel():
-                        asked[0].set_exception(StoppingError(_STOPS))
-            for _ in range(self._threads):
-                self._asked.put(None)
+            while self._waiting:
+                found = self._waiting.popleft().found
+                # not cancelled: whoever waits for it was not
+                if found.set_running_or_notify_cancel():
+                    found.set_exception(StoppingError(_STOPS))
+            self._changed.notify_all()
 
     def _run(self) -> None:
-        while (asked := self._asked.get()) is not None:
-            found, name, port = asked
-            if found.set_running_or_notify_cancel():  # else nobody waits for it any more
+        while (asked := self._next()) is not None:
+            if asked.found.set_running_or_notify_cancel():  # else nobody waits for it any more
                 try:
-                    found.set_result(socket.getaddrinfo(name, port, type=socket.SOCK_STREAM))
+                    asked.found.set_result(socket.getaddrinfo(asked.name, asked.port, type=socket.SOCK_STREAM))
                 except Exception as error:
-                    found.set_exception(error)
-            with self._lock:
-                self._unanswered -= 1
+                    asked.found.set_exception(error)
+            with self._changed:  # this thread takes what the place comes free for
+                self._of[asked.owner] -= 1
+                self._of = +self._of
+
+    def _next(self) -> _Asked | None:
+        """The first of those whose owner has a place, which it takes; None after `close`."""
+        with self._changed:
+            while not self._is_closed:
+                for asked in self._waiting:
+                    if self._of[asked.owner] < _RESOLVERS_OF_ONE:
+                        self._waiting.remove(asked)
+                        self._of[asked.owner] += 1
+                        return asked
+                self._changed.wait()
+        return None
 
 
 def _has_zone(address: Address) -> bool:

@@ -157,13 +157,13 @@ class Intake:
         check_digest(expected, received.sha256)
         return received
 
-    async def fetch(self, egress: Egress, url: str) -> ReceivedFile:
+    async def fetch(self, egress: Egress, url: str, *, owner: str) -> ReceivedFile:
         """Receive the file that is at a URL, under the name that the URL has for it.
 
         Raises `UrlNotAllowedError`, `FetchFailedError`, `TooLargeError` and `UnsupportedMediaError`.
         """
         name = unquote(egress.check(url).path).rsplit("/", 1)[-1]
-        async with egress.stream(url) as file:
+        async with egress.stream(url, owner=owner) as file:
             size_bytes = file.size_bytes or 0
             if size_bytes > self.limit_bytes:
                 raise TooLargeError(f"the file is larger than {self.limit_bytes} bytes", limit_bytes=self.limit_bytes)

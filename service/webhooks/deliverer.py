@@ -203,7 +203,11 @@ class Deliverer:
         ) | {"Content-Type": "application/json"}
         try:
             status = self._egress.post(
-                attempt.delivery.url, headers=headers, content=body, timeout_s=self._settings.webhook_timeout_s
+                attempt.delivery.url,
+                headers=headers,
+                content=body,
+                timeout_s=self._settings.webhook_timeout_s,
+                owner=attempt.delivery.owner,
             )
         except (UrlNotAllowedError, FetchFailedError) as error:
             return None, error.detail

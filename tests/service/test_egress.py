@@ -14,7 +14,7 @@ from socket import socket
 import pytest
 
 from service import egress as egress_module
-from service.egress import _RESOLVERS, MAX_REDIRECTS, Egress, _Resolver, is_public
+from service.egress import _RESOLVERS, _RESOLVERS_OF_ONE, MAX_REDIRECTS, Egress, _Resolver, is_public
 from service.errors import FetchFailedError, ServiceError, StoppingError, UrlNotAllowedError
 from service.settings import Settings
 from tests.promises import Drill
@@ -30,6 +30,7 @@ from tests.service.remote import (
     remote,
 )
 from tests.service.servers import free_port
+from tests.waiting import until
 
 __all__ = ["connected", "names", "public_loopback"]
 
@@ -364,7 +365,7 @@ def hanging(monkeypatch: pytest.MonkeyPatch) -> Iterator[HangingNames]:
 
 def test_more_names_than_threads_are_looked_up_one_after_another(hanging: HangingNames) -> None:
     resolver = _Resolver()
-    found = [resolver.look_up(f"{number}.example", 80) for number in range(_RESOLVERS * 2)]
+    found = [resolver.look_up(f"key_{number}", f"{number}.example", 80) for number in range(_RESOLVERS * 2)]
     first = {hanging.asked.get(timeout=60) for _ in range(_RESOLVERS)}
     assert first == {f"{number}.example" for number in range(_RESOLVERS)}
     assert sum(one.running() for one in found) == _RESOLVERS
@@ -374,10 +375,31 @@ def test_more_names_than_threads_are_looked_up_one_after_another(hanging: Hangin
     resolver.close()
 
 
+def test_an_owner_whose_name_server_hangs_holds_up_nobody_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    hanging, quick = HangingNames(), [("address", 80)]
+
+    def find(name: str, port: int, **_: object) -> list[tuple[str, int]]:
+        return hanging.find(name, port) if name.endswith(".hangs.example") else quick
+
+    monkeypatch.setattr("service.egress.socket.getaddrinfo", find)
+    resolver = _Resolver()
+    found = [resolver.look_up("key_a", f"{number}.hangs.example", 80) for number in range(_RESOLVERS * 2)]
+    for one in found[_RESOLVERS_OF_ONE + 1 :]:
+        one.cancel()  # its request has ended, and nobody waits for it
+    assert resolver.look_up("key_b", "quick.example", 80).result(60) == quick
+    until(lambda: hanging.asked.qsize() == _RESOLVERS_OF_ONE)
+    own = resolver.look_up("key_a", "quick.example", 80)
+    assert len(resolver._waiting) == 2, "what nobody waits for is forgotten"
+    hanging.told.set()
+    assert own.result(60) == quick
+    assert hanging.asked.qsize() == _RESOLVERS_OF_ONE + 1
+    resolver.close()
+
+
 def test_a_resolver_that_is_closed_looks_no_more_names_up(hanging: HangingNames) -> None:
     before = set(threading.enumerate())
     resolver = _Resolver()
-    found = [resolver.look_up(f"{number}.example", 80) for number in range(_RESOLVERS + 3)]
+    found = [resolver.look_up(f"key_{number}", f"{number}.example", 80) for number in range(_RESOLVERS + 3)]
     threads = set(threading.enumerate()) - before
     assert len(threads) == _RESOLVERS
     for _ in threads:
@@ -388,7 +410,7 @@ def test_a_resolver_that_is_closed_looks_no_more_names_up(hanging: HangingNames)
         with pytest.raises(StoppingError):
             one.result(60)
     with pytest.raises(StoppingError):
-        resolver.look_up("late.example", 80)
+        resolver.look_up("", "late.example", 80)
     hanging.told.set()
     assert all(one.result(60) for one in found[:_RESOLVERS])
     for thread in threads:

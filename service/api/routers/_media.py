@@ -132,7 +132,7 @@ async def _fetch(services: Services, caller: Caller, intake: Intake, once: Once,
     webhook = given.receiver(services, receiver(services, wanted.webhook))
     once.compare([wanted.url, asdict(settings), metadata, webhook])
     with services.fetches.place(caller.owner):
-        file = await while_connected(intake.request, intake.fetch(services.egress, wanted.url))
+        file = await while_connected(intake.request, intake.fetch(services.egress, wanted.url, owner=caller.owner))
     return _Received(file, settings, metadata, webhook)
 
 

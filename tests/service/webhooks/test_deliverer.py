@@ -268,12 +268,14 @@ def test_what_a_service_that_stops_has_not_asked_for_costs_no_attempt(
         for one in session.scalars(select(Delivery)):
             one.url, one.next_at = "http://waiting.example/", database.now()
     monkeypatch.setattr(socket, "getaddrinfo", hanging)
-    lookups = [deliverer._egress._resolver.look_up(f"{number}.example", 80) for number in range(_RESOLVERS)]
+    lookups = [
+        deliverer._egress._resolver.look_up(f"key_{number}", f"{number}.example", 80) for number in range(_RESOLVERS)
+    ]
     for _ in lookups:
         assert asked.acquire(timeout=60)
     caplog.clear()
     assert deliverer.round() == 1  # its name waits for its turn
-    until(lambda: deliverer._egress._resolver._asked.qsize() == 1)
+    until(lambda: len(deliverer._egress._resolver._waiting) == 1)
     deliverer._egress.close()
     until(lambda: not deliverer.busy)
     after = only(database)
