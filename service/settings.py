@@ -26,8 +26,18 @@ _STORE_SECRETS: Final = ("access_key_id", "secret_access_key", "session_token")
 #: variables of the same prefix that are read elsewhere: by the library, from `serve` to its worker, by the tests
 _READ_ELSEWHERE: Final = ("PVG_CACHE_DIR", "PVG_STARTER_PID", "PVG_REQUIRE_SERVERS", "PVG_TEST_DATABASE_URL")
 _MIN_SECRET: Final = 32
+_LOG_LEVELS: Final = ("DEBUG", "INFO", "WARNING", "ERROR", "CRITICAL")
 #: names by which only this machine itself can mean this machine
 _LOOPBACK_NAMES: Final = frozenset({"localhost", "127.0.0.1", "::1"})
+
+
+def _log_level(name: str) -> str:
+    """A level by the one name that Celery knows it by too. Raises `ValueError` for what is none."""
+    level = name.strip().upper()
+    level = {"WARN": "WARNING", "FATAL": "CRITICAL"}.get(level, level)
+    if level not in _LOG_LEVELS:
+        raise ValueError(f"{name!r} is none of {', '.join(_LOG_LEVELS)}")
+    return level
 
 
 class Settings(BaseSettings):
@@ -201,8 +211,8 @@ class Settings(BaseSettings):
     metrics_token: SecretStr = SecretStr("")
     """What Prometheus sends to see `/metrics`; see "Figures"."""
 
-    log_level: str = "INFO"
-    """Which lines the log has: `DEBUG`, `INFO`, `WARNING`, `ERROR`."""
+    log_level: Annotated[str, AfterValidator(_log_level)] = "INFO"
+    """Which lines the log has: `DEBUG`, `INFO`, `WARNING`, `ERROR`, `CRITICAL`."""
 
     @model_validator(mode="before")
     @classmethod

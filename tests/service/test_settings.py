@@ -7,6 +7,7 @@ import pytest
 from pydantic import SecretStr, ValidationError
 
 from scripts.settings_table import PAGE, with_table
+from service.processes import worker_command
 from service.settings import FROM_FILES, Settings, check_names
 
 
@@ -20,6 +21,21 @@ def test_settings_that_would_lose_jobs_are_refused() -> None:
         Settings(lease_s=5, heartbeat_s=5)
     with pytest.raises(ValidationError):
         Settings(job_soft_limit_s=10, job_hard_limit_s=10)
+
+
+@pytest.mark.parametrize(
+    ("given", "level"), [("info", "INFO"), ("INFO ", "INFO"), ("WARN", "WARNING"), ("fatal", "CRITICAL")]
+)
+def test_a_log_level_is_one_that_workers_start_with(given: str, level: str) -> None:
+    settings = Settings(log_level=given)
+    assert settings.log_level == level
+    assert level in worker_command(settings)
+
+
+@pytest.mark.parametrize("given", ["", "LOUD", "20"])
+def test_an_unknown_log_level_is_refused_and_the_known_ones_named(given: str) -> None:
+    with pytest.raises(ValidationError, match=f"'{given}' is none of DEBUG, INFO, WARNING"):
+        Settings(log_level=given)
 
 
 def test_postgres_addresses_use_the_installed_driver() -> None:
