@@ -110,6 +110,30 @@ def test_the_data_folder_of_compose_may_be_set() -> None:
     assert {one["environment"]["PVG_DATA_DIR"] for one in OURS.values()} == {"${PVG_DATA_DIR:-/data/pvg}"}
 
 
+def test_who_may_reach_the_api_of_compose_is_set_in_its_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("service", "api"):
+        given = OURS[name]["environment"]
+        assert given["PVG_ALLOW_UNAUTHENTICATED_NETWORK"] == "${PVG_ALLOW_UNAUTHENTICATED_NETWORK:-true}"
+        for setting in ("PVG_ALLOWED_HOSTS", "PVG_ALLOWED_ORIGINS", "PVG_ROOT_PATH"):
+            assert given[setting] == f"${{{setting}:-}}"
+            monkeypatch.setenv(setting, "")
+        assert given.keys() & {"PVG_METRICS_TOKEN", "PVG_METRICS_TOKEN_FILE"}
+    monkeypatch.setenv("PVG_METRICS_TOKEN", "")
+    settings = Settings()
+    assert not settings.metrics_token.get_secret_value()
+    assert settings.host_names == Settings(allowed_hosts="").host_names
+
+
+def test_the_api_of_the_manifests_answers_who_scrapes_its_pod() -> None:
+    (api,) = WORKLOADS["pvg-api"]["containers"]
+    given = {one["name"]: one for one in api["env"]}
+    names = list(given)
+    assert given["POD_IP"]["valueFrom"] == {"fieldRef": {"fieldPath": "status.podIP"}}
+    assert names.index("POD_IP") < names.index("PVG_ALLOWED_HOSTS"), "only what comes before is put in"
+    assert given["PVG_ALLOWED_HOSTS"]["value"].split(",")[-1] == "$(POD_IP)"
+    assert "10.1.2.3" in (Settings(allowed_hosts="faces.example,pvg,10.1.2.3").host_names or ())
+
+
 def test_the_broker_and_the_database_of_compose_say_when_they_cannot() -> None:
     """The broker refuses before its container is killed; the database is ready when it listens at its address."""
     valkey, postgres = COMPOSE["services"]["valkey"], COMPOSE["services"]["postgres"]
