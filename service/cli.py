@@ -15,6 +15,7 @@ import structlog
 import typer
 from obstore.exceptions import BaseError
 from pydantic import ValidationError
+from sqlalchemy.engine import make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError, IntegrityError, OperationalError
 from sqlalchemy.orm import Session
 
@@ -244,7 +245,14 @@ def create_key(
         _, text = _with_records(settings, lambda session: keys.create(session, name, limits, now=utc_now()))
     except IntegrityError:
         _refuse(f"there is a key called {name}; `pvg-service keys rotate` gives it another secret")
+    # on a machine where the service runs with other settings, this is how one sees that the key is none of its own
+    typer.echo(f"a key in {_named(settings.database)}", err=True)
     typer.echo(text)
+
+
+def _named(database: str) -> str:
+    """A database's URL without what is secret in it."""
+    return make_url(database).set(query={}).render_as_string(hide_password=True)
 
 
 @key_commands.command("list")

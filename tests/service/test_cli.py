@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from service.cli import _have_keys, cli
+from service.cli import _have_keys, _named, cli
 from service.settings import Settings
 from tests.service.servers import fresh_database, postgres_of_our_own
 from tests.waiting import until
@@ -38,7 +38,8 @@ def test_keys_are_made_listed_limited_rotated_and_revoked(tmp_path: Path) -> Non
         return result.output
 
     assert "migrate" in run("list", code=2)
-    text = run("create", "studio", "--rate", "5").strip()
+    where, text = run("create", "studio", "--rate", "5").splitlines()
+    assert where == f"a key in sqlite:///{tmp_path / 'data' / 'catalog.sqlite3'}"
     assert re.fullmatch(r"pvg_[0-9a-f]{32}_[A-Za-z0-9_-]{43}", text)
     assert "keys rotate" in run("create", "studio", code=2)
     run("limit", "studio", "--active-jobs", "7")
@@ -73,6 +74,14 @@ def test_a_key_is_all_that_is_printed(tmp_path: Path) -> None:
     )
     assert re.fullmatch(r"pvg_[0-9a-f]{32}_[A-Za-z0-9_-]{43}\n", made.stdout)
     assert "it is closed now" in made.stderr
+    assert f"a key in sqlite:///{folder / 'catalog.sqlite3'}" in made.stderr
+
+
+def test_a_database_is_named_without_its_password() -> None:
+    for where in ("u:secret@h:5/d", "u@h:5/d?password=secret", "u:secret@h:5/d?sslmode=require"):
+        named = _named(Settings(database_url=f"postgresql://{where}").database)
+        assert "secret" not in named
+        assert "@h:5/d" in named
 
 
 def test_a_bad_setting_is_one_line_that_names_it() -> None:
