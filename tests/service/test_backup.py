@@ -190,6 +190,13 @@ def _rows(database: Database) -> dict[str, int]:
     return found
 
 
+def test_of_every_migration_it_is_told_whether_older_versions_run_beside_it() -> None:
+    told = re.findall(r"^\| (\d{4}) \| (?:yes|no|–) \|", PAGE.read_text(), re.MULTILINE)
+    assert told == sorted(
+        path.name[:4] for path in (PAGE.parents[2] / "service/catalog/migrations/versions").glob("0*.py")
+    )
+
+
 def test_versions_that_nobody_knows_are_refused_in_a_line(kept: Settings) -> None:
     assert "there is no version 9999; they are 0001 to" in _migrate(kept, "9999", code=2)
     _migrate(kept, "0013")
