@@ -52,6 +52,12 @@ def check(
         raise _exceeded("stored-bytes", key.stored_bytes, detail, min(max(1, wait_s), _LONGEST_RETRY_S))
 
 
+def left_bytes(session: Session, owner: str) -> int | None:
+    """How many bytes more an owner may keep by what is recorded, below 0 for one that has too many; None for any."""
+    key = keys.get(session, owner)
+    return None if key is None else key.stored_bytes - keys.stored_bytes(session, owner)
+
+
 def _exceeded(policy: str, quota: int, detail: str, retry_s: int) -> QuotaExceededError:
     counted = _UNITS[policy]
     unit = ';qu="content-bytes"' if counted == "bytes" else ""

@@ -145,7 +145,10 @@ async def append(
     if upload.size_bytes is None or offset != upload.offset_bytes:
         raise ConflictError(f"the next byte is {upload.offset_bytes}, not {offset}")
     left = upload.size_bytes - offset
-    async with Intake(services.storage, services.room, request, limit_bytes=left) as intake:
+    async with (
+        services.arriving.place(upload.owner, free=upload.id) as share,  # its size was counted when it was announced
+        Intake(services.storage, services.room, request, limit_bytes=left, share=share) as intake,
+    ):
         intake.check_declared(left)
         piece = _Piece(services, intake, upload, checksum)
         try:

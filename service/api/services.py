@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from service.api import lookups
+from service.api.arriving import Arriving
 from service.api.calls import LOCK_WAIT_S, Calls
 from service.api.fetches import Fetches
 from service.api.forecasts import Forecasts
@@ -54,6 +55,7 @@ class Services:
     publisher: Publisher
     reaper: Reaper
     rates: Rates
+    arriving: Arriving
     calls: Calls
     watch: JobWatch
     previews: PreviewWatch
@@ -104,6 +106,7 @@ def make_services(settings: Settings, *, clock: Clock | None = None) -> Services
         publisher,
         Reaper(settings, background, storage, room, Blobs(background, storage), publisher),
         Rates(database),
+        Arriving(calls, database),
         calls,
         JobWatch(calls, stand, load),
         PreviewWatch(calls, partial(load_previews, database)),

@@ -16,6 +16,7 @@ from urllib.parse import unquote
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 
+from service.api.arriving import Share
 from service.api.sniffing import HEAD_BYTES, sniff
 from service.catalog import FileType
 from service.egress import Egress
@@ -25,6 +26,8 @@ from service.storage import Storage
 
 #: bytes collected before they go to the disk and the hash, in a thread
 BUFFER_BYTES = 1024**2
+#: of a form, what it may be longer by than the files in it
+_FORM_BYTES = 64 * 1024
 # one member of a dictionary whose values are byte sequences; parameters say nothing here
 _DIGEST = re.compile(r"([a-z*][a-z0-9_.*-]*)=:([A-Za-z0-9+/=]*):(?:[ \t]*;[ \t]*[a-z*][a-z0-9_.*-]*(?:=[^,;\"]*)?)*")
 _NAME_IN_UTF8 = re.compile(r";\s*filename\*\s*=\s*utf-8'[^']*'([^;\s]+)", re.IGNORECASE)
@@ -45,9 +48,13 @@ class ReceivedFile:
 class FileSink:
     """One file being received."""
 
-    def __init__(self, path: Path, file: IO[bytes], room: Room, limit_bytes: int, filename: str | None) -> None:
+    def __init__(
+        self, path: Path, file: IO[bytes], room: Room, share: Share | None, limit_bytes: int, filename: str | None
+    ) -> None:
         self.path = path
         self._room = room
+        self._share = share
+        self._counted = 0
         self.filename = filename
         self.size_bytes = 0
         self._limit = limit_bytes
@@ -66,7 +73,13 @@ class FileSink:
         self._buffer += data
 
     async def drain(self, *, everything: bool = False) -> None:
-        """Write what has been collected, when it is worth a write. Raises `StorageFullError` when there is no room."""
+        """Write what has been collected, when it is worth a write.
+
+        Raises `StorageFullError` when there is no room, and `QuotaExceededError` when it is too much for its owner.
+        """
+        if self._share is not None and (new := self.size_bytes - self._counted):
+            self._counted += new
+            await self._share.take(new)
         if self._buffer and (everything or len(self._buffer) >= BUFFER_BYTES):
             self._room.take(len(self._buffer))
             data, self._buffer = bytes(self._buffer), bytearray()
@@ -105,16 +118,28 @@ class FileSink:
 
 
 class Intake:
-    """The files of one request, each of at most ``limit_bytes``. Leaving the block removes every unpublished draft."""
+    """The files of one request, each of at most ``limit_bytes``. Leaving the block removes every unpublished draft.
 
-    def __init__(self, storage: Storage, room: Room, request: Request, *, limit_bytes: int) -> None:
+    Their bytes count in ``share``, if there is one.
+    """
+
+    def __init__(
+        self, storage: Storage, room: Room, request: Request, *, limit_bytes: int, share: Share | None = None
+    ) -> None:
         self._storage = storage
         self._room = room
+        self._share = share
         self.request = request
         self.limit_bytes = limit_bytes
         self._sinks: list[FileSink] = []
 
     async def __aenter__(self) -> Self:
+        """Raises `QuotaExceededError` when the body says that it is too large for its owner."""
+        if self._share is not None:
+            declared = self.request.headers.get("content-length", "")
+            size_bytes = int(declared) if declared.isdecimal() and len(declared) < 20 else 0
+            is_form = self.request.headers.get("content-type", "").lower().startswith("multipart/")
+            await self._share.fits(max(0, size_bytes - _FORM_BYTES) if is_form else size_bytes)
         return self
 
     async def __aexit__(
@@ -133,7 +158,7 @@ class Intake:
             size_bytes = int(declared) if declared.isdecimal() else 0
         self._room.require(size_bytes)
         limit = self.limit_bytes if limit_bytes is None else limit_bytes
-        sink = FileSink(*self._storage.new_draft(), self._room, limit, clean_name(filename))
+        sink = FileSink(*self._storage.new_draft(), self._room, self._share, limit, clean_name(filename))
         self._sinks.append(sink)
         return sink
 
@@ -167,6 +192,8 @@ class Intake:
             size_bytes = file.size_bytes or 0
             if size_bytes > self.limit_bytes:
                 raise TooLargeError(f"the file is larger than {self.limit_bytes} bytes", limit_bytes=self.limit_bytes)
+            if self._share is not None:
+                await self._share.fits(size_bytes)
             sink = self.open(name, size_bytes=size_bytes)
             async for chunk in file.chunks:
                 sink.feed(chunk)

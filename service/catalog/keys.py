@@ -19,7 +19,18 @@ from sqlalchemy import delete, exists, func, literal, select, update
 from sqlalchemy.orm import Session, aliased
 
 from service.catalog.database import changed
-from service.catalog.models import ACTIVE, Delivery, IdempotentRequest, Job, Key, Look, Media, Result, ResumableUpload
+from service.catalog.models import (
+    ACTIVE,
+    Delivery,
+    IdempotentRequest,
+    Job,
+    Key,
+    Look,
+    Media,
+    PartFile,
+    Result,
+    ResumableUpload,
+)
 from service.ids import new_id
 
 #: the owner of what was made while there were no keys
@@ -171,14 +182,19 @@ def active_jobs(session: Session, owner: str) -> int:
 
 
 def stored_bytes(session: Session, owner: str) -> int:
-    """How many bytes an owner's media, assets and results take, and those that arrive in pieces will take."""
+    """How many bytes an owner's media, assets, results and what its jobs in parts have drawn take.
+
+    With them those that arrive in pieces will take.
+    """
     of_media = func.sum(Media.size_bytes + func.coalesce(Media.asset_bytes, 0))
     media = session.scalar(select(of_media).where(Media.owner == owner)) or 0
     kept = (Result.owner == owner, Result.blob_key.is_not(None))
     results = session.scalar(select(func.sum(Result.size_bytes)).where(*kept)) or 0
     open_ = (ResumableUpload.owner == owner, ResumableUpload.media_id.is_(None))
     arriving = session.scalar(select(func.sum(ResumableUpload.size_bytes)).where(*open_)) or 0
-    return int(media) + int(results) + int(arriving)
+    of_parts = select(func.sum(PartFile.size_bytes)).join(Job, Job.id == PartFile.part_id).where(Job.owner == owner)
+    drawn = session.scalar(of_parts) or 0
+    return int(media) + int(results) + int(arriving) + int(drawn)
 
 
 def next_expiry(session: Session, owner: str) -> datetime | None:

@@ -10,7 +10,7 @@ from typing import Annotated
 from fastapi import Depends, Query, Request, Response
 from pydantic import ValidationError
 
-from service.api import commands, quotas
+from service.api import commands
 from service.api.authentication import Caller
 from service.api.commands import Asked
 from service.api.conditional import conditional
@@ -92,9 +92,11 @@ async def upload(
     if only is not None and media_type(request) != only:
         raise unsupported(request, only)
     limit_bytes = services.settings.max_upload_bytes
-    async with once, Intake(services.storage, services.room, request, limit_bytes=limit_bytes) as intake:
-        if not once.answered:
-            await services.calls.read(_check_room, services, caller, request)
+    async with (
+        once,
+        services.arriving.place(caller.owner, free="again" if once.answered else None) as share,
+        Intake(services.storage, services.room, request, limit_bytes=limit_bytes, share=share) as intake,
+    ):
         if media_type(request) == "application/json":
             found = await _fetch(services, caller, intake, once, given)
         else:
@@ -134,15 +136,6 @@ async def _fetch(services: Services, caller: Caller, intake: Intake, once: Once,
     with services.fetches.place(caller.owner):
         file = await while_connected(intake.request, intake.fetch(services.egress, wanted.url, owner=caller.owner))
     return _Received(file, settings, metadata, webhook)
-
-
-def _check_room(services: Services, caller: Caller, request: Request) -> None:
-    """Refuse a file that says it is too large for the key's quota before it is received."""
-    declared = request.headers.get("content-length", "")
-    size_bytes = int(declared) if declared.isdecimal() and len(declared) < 20 else 0
-    with services.database.read() as session:
-        now = services.database.now()
-        quotas.check(session, caller.owner, now=now, jobs=0, size_bytes=size_bytes, lock=False)
 
 
 def show(services: Services, caller: Caller, role: Role, media_id: str, if_none_match: str | None) -> Response:

@@ -177,7 +177,11 @@ async def _read_form(
     References that are recorded and new are added to ``brought``, by id.
     """
     settings = services.settings
-    async with Intake(services.storage, services.room, request, limit_bytes=settings.max_upload_bytes) as intake:
+    limit_bytes = settings.max_upload_bytes
+    async with (
+        services.arriving.place(caller.owner, free="again" if once.answered else None) as share,
+        Intake(services.storage, services.room, request, limit_bytes=limit_bytes, share=share) as intake,
+    ):
         try:
             form = await read_form(intake, max_files=settings.max_looks)
         except TooManyFilesError as error:

@@ -250,7 +250,11 @@ async def _whole(services: Services, request: Request, upload: ResumableUpload) 
     is_other = media_type(request) != "multipart/form-data" and declared not in {"", str(upload.size_bytes)}
     if upload.size_bytes is not None and (upload.media_id is None or is_other):
         raise ConflictError(f"{upload.id} has begun in pieces, or is complete")
-    async with Intake(services.storage, services.room, request, limit_bytes=upload.limit_bytes) as intake:
+    limit_bytes = upload.limit_bytes
+    async with (
+        services.arriving.place(upload.owner, free=None if upload.media_id is None else upload.id) as share,
+        Intake(services.storage, services.room, request, limit_bytes=limit_bytes, share=share) as intake,
+    ):
         if media_type(request) == "multipart/form-data":
             form = await read_form(intake)
             if [name for name, _ in form.files] != ["file"] or form.fields:

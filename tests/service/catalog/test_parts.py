@@ -93,6 +93,21 @@ def publish(database: Database, lease: Lease) -> bool:
         return results.publish(session, lease, [output], now=database.now(), timings={"join_s": 1.0}, ttl_s=100)
 
 
+def test_what_parts_have_drawn_is_among_what_their_owner_keeps(database: Database) -> None:
+    job_id, part_ids = parted(database, owner="key_a")
+    with database.read() as session:
+        before = keys.stored_bytes(session, "key_a")
+    for part_id in part_ids[:2]:
+        finish(database, claim(database, part_id))
+    with database.read() as session:
+        assert keys.stored_bytes(session, "key_a") == before + 20
+        assert keys.stored_bytes(session, "key_b") == 0
+    with database.write() as session:
+        assert jobs.cancel(session, job_id, now=database.now())
+    with database.read() as session:
+        assert keys.stored_bytes(session, "key_a") == before
+
+
 def read(database: Database, job_id: str) -> Job:
     with database.read() as session:
         return session.get_one(Job, job_id)

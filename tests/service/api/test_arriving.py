@@ -1,0 +1,127 @@
+"""What is on its way counts in a key's quota: by several requests at a time, of no declared length, before a body."""
+
+from __future__ import annotations
+
+import os
+import socket
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+
+import httpx
+import pytest
+
+from service.catalog.keys import Limits
+from tests.service.api.test_authentication import Bearer, Holder, holder
+from tests.service.fixtures import MP4, PNG, Api
+from tests.waiting import until
+
+QUOTA = 3_000_000
+FILE = 2_000_000
+CHUNK = 100_000
+#: what is written at a time; buffers of connections hold less
+PIECE = 2**20
+
+
+@pytest.fixture
+def limited(api: Api) -> Holder:
+    return holder(api, Limits(stored_bytes=QUOTA))
+
+
+def spooled(api: Api) -> int:
+    size_bytes = 0
+    for path in api.drafts:
+        with suppress(FileNotFoundError):
+            size_bytes += path.stat().st_size
+    return size_bytes
+
+
+class Slow:
+    """A chunked body that stops before its end until it is told to go on."""
+
+    def __init__(self, head: bytes = PNG, size: int = FILE) -> None:
+        self.go_on = threading.Event()
+        self._head, self._size = head, size
+
+    def __iter__(self) -> Iterator[bytes]:
+        yield self._head
+        for _ in range(self._size // CHUNK):
+            yield os.urandom(CHUNK)
+        assert self.go_on.wait(60)
+        yield b"the end"
+
+
+def test_two_files_that_fit_alone_and_not_together(api: Api, limited: Holder) -> None:
+    first = Slow()
+    with ThreadPoolExecutor() as clients:
+        one = clients.submit(limited.post, "/references", content=iter(first))
+        until(lambda: spooled(api) >= PIECE)
+        refused = limited.post("/references", content=iter([PNG, *[os.urandom(CHUNK)] * 20]))
+        assert (refused.status_code, refused.json()["code"]) == (429, "quota-exceeded")
+        assert '"stored-bytes"' in refused.headers["ratelimit-policy"]
+        # what says its length is refused before it comes
+        assert limited.upload("/references", PNG + bytes(FILE)).status_code == 429
+        # another key's are its own
+        assert holder(api, Limits(stored_bytes=QUOTA)).upload("/references", PNG + bytes(FILE)).status_code == 202
+        first.go_on.set()
+        assert one.result(60).status_code == 202
+    assert limited.upload("/references", PNG + bytes(FILE)).status_code == 429
+    assert limited.upload("/references", PNG + bytes(FILE // 4)).status_code == 202
+    assert api.drafts == []
+    assert api.services.arriving._of == {}
+
+
+def test_many_at_a_time_never_take_more_than_the_quota_and_what_each_just_sent(api: Api, limited: Holder) -> None:
+    bodies = [Slow() for _ in range(8)]
+    with ThreadPoolExecutor(8) as clients:
+        answers = [clients.submit(limited.post, "/references", content=iter(body)) for body in bodies]
+        until(lambda: limited.id in api.services.arriving._of)
+        seen = []
+
+        def are_refused() -> bool:
+            account = api.services.arriving._of.get(limited.id)
+            seen.append(0 if account is None else account.size_bytes)
+            return account is None or account.places <= 1
+
+        until(are_refused)
+        assert QUOTA * 0.9 < max(seen) <= QUOTA + 8 * PIECE  # what is over is in buffers alone
+        assert spooled(api) <= QUOTA
+        for body in bodies:
+            body.go_on.set()
+        assert sorted(one.result(60).status_code for one in answers)[1:] == [429] * 7
+
+
+def head_alone(api: Api, request: str, key: str | None, length: int, kind: str) -> int:
+    """The status of the answer to the head of a request whose body never comes."""
+    lines = [f"{request} HTTP/1.1", "Host: localhost", f"Content-Length: {length}", f"Content-Type: {kind}"]
+    lines += [f"Authorization: Bearer {key}"] if key else []
+    with socket.create_connection(api.address, timeout=60) as connection:
+        connection.sendall("\r\n".join([*lines, "", ""]).encode())
+        return int(connection.recv(12).split()[1])
+
+
+def test_what_says_that_it_is_too_large_is_refused_before_it_comes(api: Api, limited: Holder) -> None:
+    form = "multipart/form-data; boundary=x"
+    for path in ("/transfer", "/transfer/form", "/references/form", "/videos/form"):
+        assert head_alone(api, f"POST /v1{path}", limited.text, QUOTA + PIECE, form) == 429, path
+    link = limited.post("/uploads/link", json={"role": "video"}).json()["url"]
+    assert head_alone(api, f"PUT {link}", None, QUOTA + 1, "video/mp4") == 429
+
+
+def test_an_announced_file_counts_once_and_what_was_sent_may_be_sent_again(api: Api, limited: Holder) -> None:
+    file = MP4 + os.urandom(QUOTA - len(MP4))
+    link = limited.post("/uploads/link", json={"role": "video"}).json()["url"]
+    with httpx.Client(base_url=api.client.base_url, timeout=60) as stranger:
+        for _ in range(2):  # the first answer may have been lost
+            assert stranger.put(link, content=file, headers={"Content-Type": "video/mp4"}).status_code == 200
+    again = {"Idempotency-Key": "once"}
+    other = holder(api, Limits(stored_bytes=QUOTA))
+    for _ in range(2):
+        assert other.post("/videos", content=file, headers=again).status_code == 202
+    third = holder(api, Limits(stored_bytes=QUOTA))
+    tus = {"Tus-Resumable": "1.0.0"}
+    place = third.post("/uploads", headers=tus | {"Upload-Length": str(QUOTA)}).headers["location"]
+    piece = tus | {"Upload-Offset": "0", "Content-Type": "application/offset+octet-stream"}
+    with httpx.Client(base_url=api.client.base_url, timeout=60, auth=Bearer(third.text)) as client:
+        assert client.patch(place, headers=piece, content=file).status_code == 204
