@@ -69,9 +69,9 @@ def _set_up_logging(**_: object) -> None:
 def _tie_worker(**_: object) -> None:
     configure(settings.log_level)  # Celery asks for it later
     lifeline.die_with_starter()
-    connection.lose()  # there is none yet
     wait_for_weights(settings)
     sandbox.start()  # the pool takes no job before it can do one
+    connection.lose()  # there is none yet
 
 
 @worker_process_init.connect  # type: ignore[untyped-decorator]

@@ -18,7 +18,7 @@ _TIME: Final = struct.Struct("d")
 
 
 def is_missed() -> bool:
-    """The consumer has been without its broker for too long, counted from the worker's start."""
+    """The consumer has been without its broker for too long, counted from when it first looked for it."""
     since: float = _TIME.unpack_from(_page, 0)[0]
     return bool(since) and time.monotonic() - since > TOLERATED_S
 

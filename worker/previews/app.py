@@ -63,9 +63,9 @@ def _set_up_logging(**_: object) -> None:
 def _begin(**_: object) -> None:
     configure(settings.log_level)  # Celery asks for it later
     lifeline.die_with_starter()
-    connection.lose()  # there is none yet
     sandbox.start()
     _previewer().start()
+    connection.lose()  # there is none yet
     _heartbeat.start()
 
 
