@@ -17,7 +17,7 @@ from pvg.harmonic.quadtree import Quadtree, build_quadtree
 from pvg.harmonic.sampling import draw_sample, highlight_trust
 
 SAMPLES = 16_000  # pixels that are fitted [by eye]
-SMOOTHNESS = 1e-2  # μ in units of mean diag(BᵀB) [measured: best predicts held-out pixels at the curves of portraits]
+SMOOTHNESS = 1e-2  # μ in units of mean diag(BᵀB) [measured: docs/decisions/0052]
 
 _LARGEST_LEAF = 8.0  # h_max / h_min [by eye]
 _HIGHLIGHT_CELL = 2.0  # of the largest leaf's side: where highlights stand out [by eye]

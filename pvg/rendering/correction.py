@@ -10,7 +10,8 @@ map F of colour and no number is asked for, F takes the place of the product wit
     u' = F(I) + H(g' − F(g)),
 
 which is the same for a linear F of slope λ: every tone then has F's own slope, and the membrane is left with what no
-map of colour tells, the place of light.
+map of colour tells, the place of light. A number other than 1 scales I − H(g) about its mean over the face, so that it
+changes contrast alone (docs/decisions/0051): on γ, u' is then g' but for that mean.
 """
 
 from __future__ import annotations
