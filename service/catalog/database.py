@@ -14,7 +14,7 @@ from typing import Any, cast
 
 from sqlalchemy import Connection, CursorResult, Engine, Executable, create_engine, event, text
 from sqlalchemy.engine import make_url
-from sqlalchemy.engine.interfaces import DBAPIConnection
+from sqlalchemy.engine.interfaces import DBAPIConnection, ExceptionContext
 from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 from sqlalchemy.pool import ConnectionPoolEntry
@@ -186,9 +186,16 @@ def make_engine(url: str, *, lock_wait_s: float = LOCK_WAIT_S) -> Engine:
         patience = {"connect_timeout": _CONNECT_S, "tcp_user_timeout": 10_000, "keepalives_idle": 10}
         given = {name: value for name, value in patience.items() if name not in parsed.query}
         engine = create_engine(
-            url, connect_args=given, pool_pre_ping=True, pool_size=20, max_overflow=20, pool_timeout=_POOL_S
+            url,
+            connect_args=given,
+            pool_pre_ping=True,
+            pool_size=20,
+            max_overflow=20,
+            pool_timeout=_POOL_S,
+            hide_parameters=True,  # an error ends in the log; secrets, names of files and metadata do not
         )
         event.listen(engine, "connect", partial(_prepare_server, round(lock_wait_s * 1000)))
+        event.listen(engine, "handle_error", _hide_row)
         return engine
     if parsed.database and parsed.database != ":memory:":
         Path(parsed.database).parent.mkdir(parents=True, exist_ok=True)
@@ -198,6 +205,7 @@ def make_engine(url: str, *, lock_wait_s: float = LOCK_WAIT_S) -> Engine:
         pool_size=20,
         max_overflow=20,
         pool_timeout=_POOL_S,
+        hide_parameters=True,
     )
     event.listen(engine, "connect", _prepare_sqlite)
     event.listen(engine, "begin", _begin_sqlite)
@@ -209,6 +217,14 @@ def _prepare_server(lock_wait_ms: int, connection: DBAPIConnection, _: Connectio
     cursor.execute(f"SET lock_timeout = {lock_wait_ms:d}")
     cursor.close()
     connection.commit()
+
+
+def _hide_row(context: ExceptionContext) -> None:
+    """PostgreSQL says of a row that it refuses what is in it, which `hide_parameters` leaves."""
+    detail: str | None = getattr(getattr(context.original_exception, "diag", None), "message_detail", None)
+    for error in (context.original_exception, context.sqlalchemy_exception):
+        if detail and error is not None:
+            error.args = tuple(str(part).replace(detail, "hidden") for part in error.args)
 
 
 def _prepare_sqlite(connection: DBAPIConnection, _: ConnectionPoolEntry) -> None:
