@@ -27,6 +27,7 @@ _CONTENTS: Final = (
     "preview",
     "part",
     "drawn",
+    ".incoming",
     "link-secret*",
     "catalog.sqlite3*",
     "reserve",

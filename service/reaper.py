@@ -137,7 +137,7 @@ class Reaper:
         return [message for message in expected if message.job_id not in held]
 
     def expire(self) -> int:
-        """Remove results, media and job records past their retention, and drafts and messages of killed processes.
+        """Remove results, media and job records past their retention, and what killed processes leave behind.
 
         At most `sweep.BATCH` of a kind. Returns a number that is 0 when nothing was past its retention.
         """
@@ -150,6 +150,7 @@ class Reaper:
             removed += previews.expire(session, now=now)
             removed += idempotency.expire(session, now=now, limit=sweep.BATCH)
         self._drafts.clear()
+        self._storage.clear_incoming(before=now - timedelta(seconds=self._settings.orphan_ttl_s))
         clear_remains(self._settings)
         return removed
 
@@ -188,6 +189,7 @@ class Reaper:
 
     def _bury_orphans(self) -> int:
         before = self._database.now() - timedelta(seconds=self._settings.orphan_ttl_s)
+        self._storage.clear_former_pieces(before=before)
         old = [key for key, written in self._storage.entries() if written < before]
         orphans: list[str] = []
         for start in range(0, len(old), sweep.BATCH):

@@ -7,16 +7,18 @@ deleting one needs no counting of users and cannot race with another upload of t
 from __future__ import annotations
 
 import asyncio
+import errno
 import fcntl
 import hashlib
 import os
+import re
 import secrets
 import shutil
-from collections.abc import AsyncIterator, Callable, Collection, Iterator
+from collections.abc import AsyncIterator, Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Final, Literal, cast
+from typing import IO, TYPE_CHECKING, Final, Literal, cast, get_args
 
 import obstore
 from obstore.exceptions import GenericError
@@ -37,6 +39,14 @@ _PART_BYTES: Final = 5 * 1024**2
 _MAX_PARTS: Final = 10_000
 #: each is held in memory while it is sent: together less than 50 MB
 _PARTS_AT_ONCE: Final = 4
+#: what the store has beside the blobs begins with this
+_OUR_OWN: Final = "."
+#: in a local folder, what is being written: on the disk of the blobs, where the spool may not be
+_INCOMING: Final = ".incoming"
+_KEY: Final = re.compile(
+    rf"({'|'.join(get_args(Kind))})/([0-9a-f]{{2}})/\2[0-9a-f]{{62}}-[a-z]{{3}}_[0-9a-f]{{32}}[-.\w]*", re.ASCII
+)
+_PROBE: Final = re.compile(r"probe/[0-9a-f]{16}")
 _RETRIES: Final[RetryConfig] = {"max_retries": 3, "retry_timeout": timedelta(seconds=5)}
 
 
@@ -92,16 +102,19 @@ class Storage:
             path.unlink()
             return
         target = self._folder / key
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("rb") as file:
-            os.fsync(file.fileno())
+        _make_folder(target.parent, self._folder)
         try:
+            _sync(path)
             path.replace(target)
         except OSError as error:
-            if error.errno != 18:  # EXDEV: the spool is on another disk
+            if error.errno != errno.EXDEV:
                 raise
-            obstore.put(self._store, key, path)
+            with _staged(self._folder) as copy:
+                shutil.copyfile(path, copy)
+                _sync(copy)
+                copy.replace(target)
             path.unlink()
+        _sync(target.parent)
 
     def exists(self, key: str) -> bool:
         """There is a blob of this key."""
@@ -168,10 +181,32 @@ class Storage:
         """Every blob's key and when it was written."""
         for batch in obstore.list(self._store):
             for entry in batch:
-                yield str(entry["path"]), entry["last_modified"]
+                if not (key := str(entry["path"])).startswith(_OUR_OWN):
+                    yield key, entry["last_modified"]
+
+    def clear_incoming(self, *, before: datetime) -> int:
+        """Remove pieces of blobs that were last written to before ``before``, by a process that was killed.
+
+        They are in a local folder only, and not among the `entries`. Returns their number.
+        """
+        if self._folder is None:
+            return 0
+        return _remove_old((self._folder / _INCOMING).glob("*"), before)
+
+    def clear_former_pieces(self, *, before: datetime) -> int:
+        """`clear_incoming` of what former versions left beside the blobs, as ``<key>#1``; looks at every blob."""
+        if self._folder is None:
+            return 0
+        found = (path for kind in get_args(Kind) for path in (self._folder / kind).glob("*/*#*"))
+        pieces = (path for path in found if is_key(re.sub(r"#\d+$", "", path.relative_to(self._folder).as_posix())))
+        return _remove_old(pieces, before)
 
     def ping(self) -> None:
-        """Raise when nothing can be written or read."""
+        """Raise when nothing can be written or read; `OSError` with its number in a local folder."""
+        if self._folder is not None:
+            with _staged(self._folder) as path:
+                path.write_bytes(b"ok")
+            return
         key = f"probe/{secrets.token_hex(8)}"
         with _bucket_known():
             obstore.put(self._store, key, b"ok")
@@ -206,6 +241,55 @@ class Storage:
                     path.unlink()
                 removed += 1
         return removed
+
+
+def is_key(key: str) -> bool:
+    """True of what `Storage.key` makes, and `Storage.ping`; what else a store holds is not of this service."""
+    return _KEY.fullmatch(key) is not None or _PROBE.fullmatch(key) is not None
+
+
+@contextmanager
+def _staged(folder: Path) -> Iterator[Path]:
+    """A path on the disk of the blobs to write at. What is there at the end goes away."""
+    (folder / _INCOMING).mkdir(exist_ok=True)
+    path = folder / _INCOMING / secrets.token_hex(16)
+    try:
+        yield path
+    finally:
+        path.unlink(missing_ok=True)
+
+
+def _make_folder(folder: Path, top: Path) -> None:
+    """Make a folder below ``top`` that is there after a power cut too."""
+    if folder.is_dir():
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    for parent in folder.parents:
+        _sync(parent)
+        if parent == top:
+            return
+
+
+def _sync(path: Path) -> None:
+    """Have a file, or the names in a folder, on the disk. File systems that cannot do that for folders are let be."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if not (path.is_dir() and error.errno in {errno.EBADF, errno.EINVAL, errno.ENOTSUP}):
+            raise
+    finally:
+        os.close(descriptor)
+
+
+def _remove_old(paths: Iterable[Path], before: datetime) -> int:
+    removed = 0
+    for path in paths:
+        with suppress(FileNotFoundError):
+            if path.is_file() and path.stat().st_mtime < before.timestamp():
+                path.unlink()
+                removed += 1
+    return removed
 
 
 @contextmanager

@@ -2,8 +2,10 @@ from __future__ import annotations
 
 import asyncio
 import os
+import shutil
+import tempfile
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -198,3 +200,87 @@ def test_credentials_of_a_store_may_be_in_files(tmp_path: Path, monkeypatch: pyt
     link = store.link("result/x", expires_in=timedelta(seconds=60))  # signed here, with what is in the files
     assert link is not None
     assert "X-Amz-Credential=OURKEY%2F" in link
+
+
+KEY = f"source/ab/ab{'0' * 62}-vid_{'0' * 32}.mp4"
+
+
+@pytest.fixture
+def other_disk(tmp_path: Path) -> Iterator[Path]:
+    """A folder on another disk than that of the test."""
+    for parent in (Path("/dev/shm"), Path.home()):
+        if parent.is_dir() and parent.stat().st_dev != tmp_path.stat().st_dev:
+            with tempfile.TemporaryDirectory(dir=parent) as folder:
+                yield Path(folder)
+            return
+    pytest.skip("this machine has one disk")
+
+
+class Killed(BaseException):
+    """What nothing catches."""
+
+
+def test_a_write_to_another_disk_that_is_killed_leaves_nothing_that_is_not_cleared(
+    other_disk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The blobs on a disk of their own: pieces of a face were left there that no delete found."""
+    blobs = other_disk / "blobs"
+    storage = Storage(Settings(data_dir=tmp_path, storage_url=str(blobs)))
+    draft = storage.draft()
+    draft.write_bytes(b"a face")
+
+    def stopped(source: Path, target: Path) -> None:
+        target.write_bytes(source.read_bytes()[:3])
+        monkeypatch.setattr(Path, "unlink", lambda *_, **__: None)  # who is killed clears nothing up
+        raise Killed
+
+    monkeypatch.setattr(shutil, "copyfile", stopped)
+    with pytest.raises(Killed):
+        storage.put(draft, KEY)
+    monkeypatch.undo()
+    (piece,) = (path for path in blobs.rglob("*") if path.is_file())
+    assert list(storage.entries()) == [], "nothing partial is visible"
+    now = datetime.now(UTC)
+    assert storage.clear_incoming(before=now - timedelta(hours=1)) == 0, "somebody may be writing it"
+    os.utime(piece, (time.time() - 3700,) * 2)
+    assert storage.clear_incoming(before=now - timedelta(hours=1)) == 1
+    storage.put(draft, KEY)
+    assert [path for path in blobs.rglob("*") if path.is_file()] == [blobs / KEY]
+    assert not draft.exists()
+
+
+@pytest.mark.parametrize("elsewhere", [False, True])
+def test_a_blob_is_on_the_disk_before_it_has_its_name_and_its_name_before_it_is_known(
+    elsewhere: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+) -> None:
+    blobs = (request.getfixturevalue("other_disk") if elsewhere else tmp_path) / "blobs"
+    storage = Storage(Settings(data_dir=tmp_path / "data", storage_url=str(blobs)))
+    draft = storage.draft()
+    draft.write_bytes(b"a face")
+    synced: list[str] = []
+    fsync = os.fsync
+
+    def noted(descriptor: int) -> None:
+        path = Path(os.readlink(f"/proc/self/fd/{descriptor}"))
+        synced.append("." if path == blobs else "file" if path.is_file() else path.relative_to(blobs).as_posix())
+        if path.is_file():
+            assert path.read_bytes() == b"a face"
+            assert not (blobs / KEY).exists()
+        fsync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", noted)
+    storage.put(draft, KEY)
+    assert synced.index("file") < synced.index("source/ab")
+    assert {"source", "."} <= set(synced), "of folders that are new as well"
+    assert synced[-1] == "source/ab"
+
+
+def test_pieces_that_former_versions_left_beside_blobs_go(tmp_path: Path) -> None:
+    storage = Storage(Settings(data_dir=tmp_path))
+    blobs = tmp_path / "blobs"
+    for name in (KEY, f"{KEY}#1", f"{KEY}#12", "source/ab/of-others#1"):
+        (blobs / name).parent.mkdir(parents=True, exist_ok=True)
+        (blobs / name).write_bytes(b"x")
+    assert storage.clear_former_pieces(before=datetime.now(UTC) - timedelta(hours=1)) == 0
+    assert storage.clear_former_pieces(before=datetime.now(UTC) + timedelta(hours=1)) == 2
+    assert {path.name for path in (blobs / "source" / "ab").iterdir()} == {Path(KEY).name, "of-others#1"}
