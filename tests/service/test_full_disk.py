@@ -79,6 +79,9 @@ def test_a_full_disk_refuses_uploads_and_jobs_deletes_and_recovers_alone(
     for answer in (upload(api, 100_000), upload(api, 3_000_000), api.client.post("/transfer", json=wanted)):
         assert (answer.status_code, answer.json()["code"]) == (507, "insufficient-storage")
     assert api.drafts == []
+    fill(small_disk)  # what was refused had a part of the reserve given back
+    ready = api.client.get("/readyz")  # whoever is not ready is asked nothing, and could not delete
+    assert (ready.status_code, ready.json()["status"], ready.json()["checks"]["storage"]) == (200, "degraded", "full")
     assert api.client.get(f"/jobs/{waiting['id']}").json()["waiting_for"] == "room"
     assert api.client.delete(f"/references/{known[1]}?cancel_jobs=true").status_code == 204
     assert api.client.post(f"/jobs/{waiting['id']}/cancel").status_code == 202
@@ -95,7 +98,8 @@ def test_a_full_disk_refuses_uploads_and_jobs_deletes_and_recovers_alone(
     assert (small_disk / "data" / "reserve").stat().st_size == 2 * MIB
     until(lambda: not api.services.room.is_short())
     assert upload(api, 100_000).status_code == 202
-    drill.measured = "0 bytes free: 3 of 3 writes 507, 2 of 2 deletes 204, expiry done; 202 once there was room"
+    until(lambda: api.client.get("/readyz").json()["checks"]["storage"] == "ok")
+    drill.measured = "0 bytes free: 3 of 3 writes 507, ready, 2 of 2 deletes 204, expiry done; 202 once there was room"
 
 
 def test_an_upload_that_runs_out_of_room_leaves_nothing(api: Api, small_disk: Path) -> None:

@@ -10,6 +10,7 @@ from fastapi import APIRouter, Response
 from sqlalchemy.exc import SQLAlchemyError
 
 from service.api.dependencies import ServicesDep
+from service.api.probes import OK, UNAVAILABLE
 from service.api.schemas import Liveness, Readiness
 from service.api.services import Services
 from service.catalog import workers
@@ -17,8 +18,6 @@ from service.errors import UnavailableError
 
 router = APIRouter(tags=["health"])
 
-OK: Final = "ok"
-UNAVAILABLE: Final = "unavailable"
 NO_WORKER: Final = "none"
 NO_BROKER: Final = f"no {workers.BROKER}"
 
@@ -38,14 +37,14 @@ async def get_liveness() -> Liveness:
 async def get_readiness(services: ServicesDep, response: Response) -> Readiness:
     """Whether requests should come here, and which parts answer.
 
-    `degraded`: jobs are accepted, and run once the broker, or a worker, is back.
+    `degraded`: jobs are accepted, and run once the broker, or a worker, is back; or the `storage` is `full`: all goes
+    on but what needs room.
     """
     if services.watch.is_closed:
         response.status_code = 503
         return Readiness(status="stopping", checks={})
-    found = await asyncio.gather(*(probe.answers() for probe in services.probes))
-    database, storage, broker = (OK if answers else UNAVAILABLE for answers in found)
-    checks = {"database": database, "storage": storage, "broker": broker, "workers": UNAVAILABLE}
+    database, storage, broker = await asyncio.gather(*(probe.state() for probe in services.probes))
+    checks: dict[str, str] = {"database": database, "storage": storage, "broker": broker, "workers": UNAVAILABLE}
     if database == OK:
         try:
             checks["workers"] = await services.calls.read(_workers, services)

@@ -22,7 +22,10 @@ async function look(element) {
     // the words for it are those of a part that is away
   }
   let [kind, words] = WORDS[status] ?? WORDS.unavailable;
-  if (status === "degraded" && checks.workers !== "none") words = "Queue away: jobs will wait";
+  if (status === "degraded") {
+    if (checks.storage === "full") words = "Disk full: nothing new is taken";
+    else if (checks.workers !== "none") words = "Queue away: jobs will wait";
+  }
   element.dataset.kind = kind;
   say(element, words);
 }
