@@ -1,4 +1,4 @@
-"""`pvg-service`: serve, worker, health, keys, migrate, gc."""
+"""`pvg-service`: serve, worker, health, keys, migrate, gc, adopt."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ from service.catalog.keys import Limits
 from service.catalog.migrations import VersionError, has_table, is_current, migrate_to
 from service.catalog.migrations import migrate as migrate_database
 from service.catalog.models import Worker
+from service.collector import HaltedError
 from service.errors import message_of
 from service.logs import configure
 from service.outages import is_outage
@@ -204,15 +205,29 @@ def migrate(
 
 
 @cli.command()
-def gc() -> None:
+def gc(
+    even_most: Annotated[bool, typer.Option("--even-most", help="Though more than half of all files go.")] = False,
+) -> None:
     """Remove what is past its retention, and files that no record names."""
-    settings = _settings()
+    settings = _current_settings()
     configure(settings.log_level)
     services = make_services(settings)
-    if not is_current(settings.database):
-        _refuse("the database is not of this version; run `pvg-service migrate` first")
-    deleted, orphans = services.reaper.clear()
-    typer.echo(f"{deleted} file(s) removed; {orphans} had no record", file=sys.stderr)
+    deleted = services.reaper.clear()
+    try:
+        orphans = services.collector.collect(even_most=even_most)
+    except HaltedError as error:
+        typer.echo(f"{deleted} file(s) removed", err=True)
+        _refuse(str(error), CANNOT_START)
+    deleted += services.reaper.clear()
+    typer.echo(f"{deleted} file(s) removed; {orphans} had no record", err=True)
+
+
+@cli.command()
+def adopt() -> None:
+    """Make the files of the storage this database's, as once a backup is restored: those it does not name will go."""
+    services = make_services(_current_settings())
+    there, unknown = services.collector.adopt()
+    typer.echo(f"the storage is this database's: {unknown} of {there} file(s) have no record and will go", err=True)
 
 
 key_commands = typer.Typer(no_args_is_help=True, help="Who may use the service over the network, and how much.")

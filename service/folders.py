@@ -28,6 +28,7 @@ _CONTENTS: Final = (
     "part",
     "drawn",
     ".incoming",
+    ".database",
     "link-secret*",
     "catalog.sqlite3*",
     "reserve",

@@ -11,7 +11,7 @@ from datetime import datetime, timedelta
 import structlog
 
 from service.blobs import Blobs
-from service.catalog import Database, Message, idempotency, jobs, leases, previews, sweep, tombstones, webhooks
+from service.catalog import Database, Message, idempotency, jobs, leases, previews, sweep, webhooks
 from service.drafts import Drafts
 from service.outages import is_outage
 from service.queue import QUEUES, Publisher, clear_remains
@@ -43,7 +43,7 @@ class Reaper:
         self._publisher = publisher
         self._spared_until = -math.inf
         self._short: set[Message] = set()
-        self._collected: datetime | None = None
+        self._whole_at = time.monotonic()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="reaper", daemon=True)
 
@@ -70,18 +70,26 @@ class Reaper:
             self.republish,
             self.expire,
             self.delete,
-            self.collect_now_and_then,
             self._room.keep_reserve,
         )
+        is_whole = True
         for step in steps:
             try:
                 step()
             except Exception as error:
+                is_whole = False
                 if is_outage(error):
                     self._spare_leases()
                     log.warning("the database or the storage is away", step=step.__name__, error=type(error).__name__)
                 else:
                     log.exception("a step of the reaper failed", step=step.__name__)
+        if is_whole:
+            self._whole_at = time.monotonic()
+
+    @property
+    def idle_s(self) -> float:
+        """Seconds since the last round that did all of its steps, or since the start."""
+        return time.monotonic() - self._whole_at
 
     def _spare_leases(self) -> None:
         """Take no lease for over before its worker had time to renew it: while the database was away, it could not."""
@@ -163,40 +171,11 @@ class Reaper:
         self._database.forget()
         return deleted
 
-    def collect_now_and_then(self) -> None:
-        """`collect` at the first round and whenever ``collect_interval_s`` have passed since."""
-        now = self._database.now()
-        if self._collected is None or now - self._collected >= timedelta(seconds=self._settings.collect_interval_s):
-            self._collected = now
-            if removed := self.collect():
-                log.info("files without a record removed", count=removed)
-
-    def collect(self) -> int:
-        """Delete blobs that no record names, left by a process that ended between two steps. Returns their number."""
-        orphans = self._bury_orphans()
-        self.delete()
-        return orphans
-
-    def clear(self) -> tuple[int, int]:
-        """Do at once what the rounds do little by little. Returns how many files are gone, and how many had no record.
+    def clear(self) -> int:
+        """Do at once what the rounds do little by little. Returns how many files are gone.
 
         What the storage does not delete now is left to the rounds.
         """
         while self.expire():
             pass
-        orphans = self._bury_orphans()
-        return sum(iter(self.delete, 0)), orphans
-
-    def _bury_orphans(self) -> int:
-        before = self._database.now() - timedelta(seconds=self._settings.orphan_ttl_s)
-        self._storage.clear_former_pieces(before=before)
-        old = [key for key, written in self._storage.entries() if written < before]
-        orphans: list[str] = []
-        for start in range(0, len(old), sweep.BATCH):
-            batch = old[start : start + sweep.BATCH]
-            with self._database.read() as session:
-                known = sweep.known_keys(session, batch)
-            orphans += [key for key in batch if key not in known]
-        with self._database.write() as session:
-            tombstones.bury(session, orphans, now=self._database.now())
-        return len(orphans)
+        return sum(iter(self.delete, 0))

@@ -43,6 +43,7 @@ _PARTS_AT_ONCE: Final = 4
 _OUR_OWN: Final = "."
 #: in a local folder, what is being written: on the disk of the blobs, where the spool may not be
 _INCOMING: Final = ".incoming"
+_MARK: Final = ".database"
 _KEY: Final = re.compile(
     rf"({'|'.join(get_args(Kind))})/([0-9a-f]{{2}})/\2[0-9a-f]{{62}}-[a-z]{{3}}_[0-9a-f]{{32}}[-.\w]*", re.ASCII
 )
@@ -183,6 +184,26 @@ class Storage:
             for entry in batch:
                 if not (key := str(entry["path"])).startswith(_OUR_OWN):
                     yield key, entry["last_modified"]
+
+    def mark(self) -> str | None:
+        """What `set_mark` wrote last; None of a store that has no mark."""
+        try:
+            with _bucket_known():
+                return bytes(obstore.get(self._store, _MARK).bytes()).decode(errors="replace")
+        except FileNotFoundError:
+            return None
+
+    def set_mark(self, text: str) -> None:
+        """Write a line into the store that says whose it is."""
+        if self._folder is None:
+            with _bucket_known():
+                obstore.put(self._store, _MARK, text.encode())
+            return
+        with _staged(self._folder) as path:
+            path.write_text(text)
+            _sync(path)
+            path.replace(self._folder / _MARK)
+        _sync(self._folder)
 
     def clear_incoming(self, *, before: datetime) -> int:
         """Remove pieces of blobs that were last written to before ``before``, by a process that was killed.

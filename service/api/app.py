@@ -33,11 +33,12 @@ def create_app(settings: Settings | None = None, *, clock: Clock | None = None) 
         services.room.watch()
         services.publisher.start()
         services.reaper.start()
+        services.collector.start()
         services.deliverer.start()
         try:
             yield
         finally:
-            parts = (services.reaper, services.publisher, services.deliverer)
+            parts = (services.reaper, services.collector, services.publisher, services.deliverer)
             await asyncio.gather(*(run_in_threadpool(part.stop) for part in parts))
             services.room.unwatch()
             services.close()

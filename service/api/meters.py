@@ -61,25 +61,31 @@ class Meters:
         self._requests.labels(route, method, str(status)).inc()
         self._seconds.labels(route, method).observe(seconds)
 
-    def text(self, found: Statistics | None, free_bytes: int) -> bytes:
+    def text(self, found: Statistics | None, free_bytes: int, reaper_idle_s: float) -> bytes:
         """The figures in Prometheus' text format; without ``found`` the records cannot be reached."""
         jobs = CollectorRegistry(auto_describe=False)
-        jobs.register(_Jobs(found, free_bytes))
+        jobs.register(_Jobs(found, free_bytes, reaper_idle_s))
         return generate_latest(self._registry) + generate_latest(jobs)
 
 
 class _Jobs(Collector):
     """What the records say, once."""
 
-    def __init__(self, found: Statistics | None, free_bytes: int) -> None:
+    def __init__(self, found: Statistics | None, free_bytes: int, reaper_idle_s: float) -> None:
         self._found = found
         self._free_bytes = free_bytes
+        self._reaper_idle_s = reaper_idle_s
 
     def collect(self) -> Iterator[Metric]:
         """The figures."""
         up = 0 if self._found is None else 1
         yield GaugeMetricFamily("pvg_database_up", "Whether the records can be reached.", value=up)
         yield GaugeMetricFamily("pvg_free_disk_bytes", "Free on the fullest disk of the data.", value=self._free_bytes)
+        yield GaugeMetricFamily(
+            "pvg_reaper_idle_seconds",
+            "Since this process's reaper last went through all of its steps.",
+            value=self._reaper_idle_s,
+        )
         if self._found is not None:
             yield from _of(self._found)
 
@@ -144,6 +150,9 @@ def _of(found: Statistics) -> Iterator[Metric]:
         (((what,), size) for what, size in found.stored.items()),
     )
     yield GaugeMetricFamily("pvg_blobs_to_delete", "Files that are still to be deleted.", value=found.tombstones)
+    yield GaugeMetricFamily(
+        "pvg_collector_halted", "Whether files without a record are kept, see /readyz.", value=int(found.is_halted)
+    )
 
 
 def _gauge(

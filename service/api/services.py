@@ -22,6 +22,7 @@ from service.api.waiting import JobWatch, Snapshot
 from service.blobs import Blobs
 from service.catalog import Clock, Database, Preview, jobs, previews
 from service.catalog.jobs import Standing
+from service.collector import Collector
 from service.egress import Egress
 from service.queue import RENDER, Publisher, make_folders
 from service.reaper import Reaper
@@ -42,8 +43,8 @@ class Known:
 class Services:
     """The parts of one running API.
 
-    ``database`` is that of the requests, whose threads wait for no lock; ``calls`` says where to use it. The reaper and
-    the publisher have threads of their own, and a database that waits.
+    ``database`` is that of the requests, whose threads wait for no lock; ``calls`` says where to use it. The reaper,
+    the collector and the publisher have threads of their own, and a database that waits.
     """
 
     settings: Settings
@@ -54,6 +55,7 @@ class Services:
     blobs: Blobs
     publisher: Publisher
     reaper: Reaper
+    collector: Collector
     rates: Rates
     arriving: Arriving
     calls: Calls
@@ -105,6 +107,7 @@ def make_services(settings: Settings, *, clock: Clock | None = None) -> Services
         Blobs(database, storage),
         publisher,
         Reaper(settings, background, storage, room, Blobs(background, storage), publisher),
+        Collector(settings, background, storage),
         Rates(database),
         Arriving(calls, database),
         calls,

@@ -1,13 +1,14 @@
 """The records: media, jobs, looks and results in the database, and the state machines that keep them consistent.
 
 `jobs`, `parts`, `leases`, `fairness`, `forecast`, `media`, `results`, `resumable`, `previews`, `keys`, `idempotency`,
-`statistics`, `sweep`, `tombstones`, `webhooks` and `workers` hold the operations, each on an open transaction of
-`Database`.
+`statistics`, `sweep`, `tombstones`, `collecting`, `webhooks` and `workers` hold the operations, each on an open
+transaction of `Database`.
 """
 
 from __future__ import annotations
 
 from service.catalog import (
+    collecting,
     fairness,
     forecast,
     idempotency,
@@ -149,6 +150,7 @@ __all__ = [
     "UploadPart",
     "VectorSettings",
     "VectorizeRequest",
+    "collecting",
     "content_type_of",
     "fairness",
     "forecast",

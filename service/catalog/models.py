@@ -354,6 +354,22 @@ class Tombstone(Base):
     lease_token: Mapped[str | None] = mapped_column(String(40))
 
 
+class Collection(Base):
+    """What is known of searches for files without a record, in one row; see `service.catalog.collecting`."""
+
+    __tablename__ = "collections"
+
+    id: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    #: of this database; its store carries it too
+    database_id: Mapped[str] = mapped_column(String(32))
+    #: searches that found the store to be this database's
+    number: Mapped[int] = mapped_column(BigInteger)
+    #: when the last one began
+    began_at: Mapped[datetime | None]
+    #: why nothing is removed
+    halted: Mapped[str | None] = mapped_column(String(32))
+
+
 class Key(Base):
     """Who may use the service. Kept for ever: a revoked one still keeps the service closed to those without."""
 

@@ -11,6 +11,7 @@ from typing import Final
 from sqlalchemy import delete, func, select, true
 from sqlalchemy.orm import Session
 
+from service.catalog import collecting
 from service.catalog.jobs import OF_CLIENTS
 from service.catalog.models import (
     ACTIVE,
@@ -64,6 +65,8 @@ class Statistics:
     previews: Mapping[str, int]
     #: blobs that are still to be deleted
     tombstones: int
+    #: files without a record are kept
+    is_halted: bool
 
 
 def collect(session: Session, *, now: datetime, alive_since: datetime) -> Statistics:
@@ -114,6 +117,7 @@ def collect(session: Session, *, now: datetime, alive_since: datetime) -> Statis
         uploads=session.scalar(arriving) or 0,
         previews={str(state): count for state, count in session.execute(drawn.group_by(Preview.state))},
         tombstones=session.scalar(select(func.count()).where(true()).select_from(Tombstone)) or 0,
+        is_halted=collecting.halted(session) is not None,
     )
 
 

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from service.cli import _have_keys, _named, cli
 from service.settings import Settings
+from tests.service.fixtures import make_tables
 from tests.service.servers import fresh_database, postgres_of_our_own
 from tests.waiting import until
 from tests.worker.serving import COMMAND, started
@@ -64,6 +65,38 @@ def test_keys_are_made_listed_limited_rotated_and_revoked(tmp_path: Path) -> Non
         assert _have_keys(Settings())  # a revoked one keeps the service closed: it may listen anywhere
 
 
+def test_files_of_another_database_go_only_once_they_are_adopted_and_though_they_are_most(tmp_path: Path) -> None:
+    def run(database: str, *arguments: str, code: int = 0) -> str:
+        environment = {"PVG_DATA_DIR": str(tmp_path / database), "PVG_STORAGE_URL": str(tmp_path / "blobs")}
+        environment |= {"PVG_ORPHAN_TTL_S": "0"}
+        make_tables(f"sqlite:///{tmp_path}/{database}/catalog.sqlite3")
+        done = subprocess.run(
+            [*COMMAND, *arguments],
+            env=os.environ | environment,
+            capture_output=True,
+            text=True,
+            timeout=300,
+            check=False,
+        )
+        assert done.returncode == code, done.stderr
+        return done.stderr
+
+    run("first", "gc")
+    folder = tmp_path / "blobs" / "source" / "00"
+    folder.mkdir(parents=True)
+    for number in range(30):
+        (folder / f"{number:064x}-vid_{number:032x}.mp4").write_bytes(b"x")
+    said = run("second", "gc", code=1)
+    assert "0 file(s) removed" in said
+    assert "the store is another database's" in said
+    assert "`pvg-service adopt`" in said
+    assert "30 of 30 file(s) have no record" in run("second", "adopt")
+    assert "gc --even-most" in run("second", "gc", code=1)
+    assert len(list(folder.iterdir())) == 30
+    assert "30 file(s) removed; 30 had no record" in run("second", "gc", "--even-most")
+    assert list(folder.iterdir()) == []
+
+
 def test_a_key_is_all_that_is_printed(tmp_path: Path) -> None:
     folder = tmp_path / "data"
     folder.mkdir()
@@ -99,6 +132,7 @@ def test_a_bad_setting_is_one_line_that_names_it() -> None:
         (["migrate"], {"PVG_DATABASE_URL": "nonsense"}, 2, "PVG_DATABASE_URL"),
         (["migrate"], {"PVG_DATABASE_URL": "postgresql://u:secret@127.0.0.1:1/d"}, 1, "database"),
         (["gc"], {}, 2, "pvg-service migrate"),
+        (["adopt"], {}, 2, "pvg-service migrate"),
         (["migrate"], {"PVG_DATA_DIR": "/dev/null/data"}, 1, "/dev/null/data"),
     ],
 )

@@ -101,12 +101,12 @@ class Service:
         return [path for folder in self.folders for path in (folder / "spool").iterdir()]
 
     def blobs(self) -> list[str]:
-        """The keys of everything that it keeps."""
+        """The keys of everything that it keeps, but for the mark of its store."""
         if self.s3 is not None:
-            return sorted(self.s3.listed())
-        return sorted(
-            str(path.relative_to(self.data_dir)) for path in self.data_dir.glob("blobs/**/*") if path.is_file()
-        )
+            keys = self.s3.listed()
+        else:
+            keys = [str(path.relative_to(self.data_dir)) for path in self.data_dir.glob("blobs/**/*") if path.is_file()]
+        return sorted(key for key in keys if "/." not in key)
 
     def blob(self, key: str) -> bytes:
         """The bytes of one of `blobs`."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Collection
 from datetime import timedelta
 from typing import Final
 
@@ -13,7 +14,7 @@ from service.api.dependencies import ServicesDep
 from service.api.probes import OK, UNAVAILABLE
 from service.api.schemas import Liveness, Readiness
 from service.api.services import Services
-from service.catalog import workers
+from service.catalog import collecting, workers
 from service.errors import UnavailableError
 
 router = APIRouter(tags=["health"])
@@ -38,16 +39,17 @@ async def get_readiness(services: ServicesDep, response: Response) -> Readiness:
     """Whether requests should come here, and which parts answer.
 
     `degraded`: jobs are accepted, and run once the broker, or a worker, is back; or the `storage` is `full`: all goes
-    on but what needs room.
+    on but what needs room; or the `collector` keeps files without a record, since they may be another database's.
     """
     if services.watch.is_closed:
         response.status_code = 503
         return Readiness(status="stopping", checks={})
     database, storage, broker = await asyncio.gather(*(probe.state() for probe in services.probes))
     checks: dict[str, str] = {"database": database, "storage": storage, "broker": broker, "workers": UNAVAILABLE}
+    checks["collector"] = UNAVAILABLE
     if database == OK:
         try:
-            checks["workers"] = await services.calls.read(_workers, services)
+            checks["workers"], checks["collector"] = await services.calls.read(_others, services)
         except (SQLAlchemyError, UnavailableError):  # since the check
             checks["database"] = UNAVAILABLE
     if UNAVAILABLE in (checks["database"], storage) or checks["workers"] not in {OK, NO_WORKER, NO_BROKER}:
@@ -56,11 +58,17 @@ async def get_readiness(services: ServicesDep, response: Response) -> Readiness:
     return Readiness(status="ok" if set(checks.values()) == {OK} else "degraded", checks=checks)
 
 
-def _workers(services: Services) -> str:
-    """Whether a worker can do jobs; what all of them lack; or that there is none."""
+def _others(services: Services) -> tuple[str, str]:
+    """Whether a worker can do jobs, what all of them lack, or that there is none; and why no files are collected."""
     since = services.database.now() - timedelta(seconds=services.settings.silent_s)
     with services.database.read() as session:
         lacking = workers.lacking(session, since=since)
+        halted = collecting.halted(session)
+    return _able(lacking), f"halted: {halted}" if halted else OK
+
+
+def _able(lacking: Collection[str | None]) -> str:
+    """What workers can do, by what each of them lacks."""
     if None in lacking:
         return OK
     if workers.BROKER in lacking:

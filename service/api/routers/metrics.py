@@ -46,7 +46,7 @@ async def get_metrics(
         if not _is_away(error):
             raise
         log.warning("metrics without the records", error=type(error).__name__)
-    text = services.meters.text(found, services.room.free_bytes())
+    text = services.meters.text(found, services.room.free_bytes(), services.reaper.idle_s)
     return Response(text, media_type=CONTENT_TYPE_LATEST, headers={"Cache-Control": "no-store"})
 
 

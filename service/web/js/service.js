@@ -24,7 +24,9 @@ async function look(element) {
   let [kind, words] = WORDS[status] ?? WORDS.unavailable;
   if (status === "degraded") {
     if (checks.storage === "full") words = "Disk full: nothing new is taken";
-    else if (checks.workers !== "none") words = "Queue away: jobs will wait";
+    else if (checks.workers !== "none" && (checks.broker !== "ok" || checks.workers !== "ok"))
+      words = "Queue away: jobs will wait";
+    else if (checks.workers === "ok") [kind, words] = WORDS.ok; // the rest is the operator's
   }
   element.dataset.kind = kind;
   say(element, words);

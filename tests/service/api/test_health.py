@@ -8,7 +8,7 @@ from datetime import timedelta
 import pytest
 
 from service.api import probes
-from service.catalog import workers
+from service.catalog import collecting, workers
 from service.settings import Settings
 from service.storage import Storage
 from tests.service.fixtures import MP4, Api, serve
@@ -27,7 +27,7 @@ def test_a_running_service_is_live_and_ready(api: Api) -> None:
     assert api.client.get("/livez").json() == {"status": "ok"}
     ready = api.client.get("/readyz")
     assert ready.status_code == 200
-    checks = {"database": "ok", "storage": "ok", "broker": "ok", "workers": "ok"}
+    checks = {"database": "ok", "storage": "ok", "broker": "ok", "workers": "ok", "collector": "ok"}
     assert ready.json() == {"status": "ok", "checks": checks}
     assert api.blobs == []
 
@@ -79,6 +79,15 @@ def test_workers_without_their_broker_are_told_and_work_is_taken(api: Api) -> No
     ready = api.client.get("/readyz")
     assert (ready.status_code, ready.json()["status"]) == (200, "degraded")
     assert ready.json()["checks"]["workers"] == "no broker"
+
+
+def test_a_service_whose_files_may_be_of_another_database_says_so(api: Api) -> None:
+    beat(api)
+    with api.services.background.write() as session:
+        collecting.halt(session, "another-database")
+    ready = api.client.get("/readyz")
+    assert (ready.status_code, ready.json()["status"]) == (200, "degraded")
+    assert ready.json()["checks"]["collector"] == "halted: another-database"
 
 
 def test_a_service_that_stops_is_not_ready_first(api: Api) -> None:

@@ -71,6 +71,8 @@ def test_jobs_are_counted_when_they_are_asked_for(api: Api) -> None:
     assert figure(found, "pvg_queue_oldest_seconds", queue="vectorize") >= 0
     assert figure(found, "pvg_database_up") == 1
     assert figure(found, "pvg_free_disk_bytes") > 0
+    assert 0 <= figure(found, "pvg_reaper_idle_seconds") < 300
+    assert figure(found, "pvg_collector_halted") == 0
 
 
 def test_what_is_told_arrives_and_is_drawn_is_counted(api: Api) -> None:
