@@ -30,11 +30,20 @@ from tests.worker.serving import Service, running_service
 #: the service's limits in seconds, short so that a test is
 IDLE, HEAD, BODY = 2, 3, 4
 SHORT = {"idle_timeout_s": str(IDLE), "head_timeout_s": str(HEAD), "body_timeout_s": str(BODY), "send_timeout_s": "3"}
+#: where a client must not be cut off: a machine at work stands still for some seconds now and then
+LONGER = 10
 
 
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     with running_service(tmp_path_factory.mktemp("api"), arguments=("--no-worker",), **SHORT) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def patient_service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    longer = SHORT | {"idle_timeout_s": str(LONGER), "body_timeout_s": str(LONGER)}
+    with running_service(tmp_path_factory.mktemp("patient"), arguments=("--no-worker",), **longer) as running:
         yield running
 
 
@@ -94,7 +103,8 @@ def waits_of_others(service: Service, path: str = "/videos") -> Iterator[list[fl
 
 
 def p99(taken: list[float]) -> float:
-    return sorted(taken)[int(len(taken) * 0.99)]
+    """The largest is never it, of however few: a machine that stands still for once makes one large."""
+    return sorted(taken)[min(int(len(taken) * 0.99), len(taken) - 2)]
 
 
 def allowed_wait(service: Service) -> float:
@@ -129,9 +139,10 @@ def trickle(service: Service, drill: Drill, limit: str) -> None:
     """Send 200 bodies at a byte a second, until all are cut off, and measure what others notice of it."""
     allowed = allowed_wait(service)
     with ExitStack() as stack, waits_of_others(service) as taken:
-        sockets = [stack.enter_context(connect(service)) for _ in range(200)]
-        for one in sockets:
-            one.sendall(BODY_HEAD + MP4)
+        sockets = []
+        for _ in range(200):
+            sockets.append(stack.enter_context(connect(service)))
+            sockets[-1].sendall(BODY_HEAD + MP4)  # at once: a silent connection is closed soon
         began, ended = time.monotonic(), dict[socket.socket, float]()
         answers = set()
         while len(ended) < len(sockets) and time.monotonic() - began < 120:
@@ -155,9 +166,9 @@ def trickle(service: Service, drill: Drill, limit: str) -> None:
     until(lambda: list((service.data_dir / "spool").iterdir()) == [])
 
 
-def test_a_body_that_is_slow_but_not_too_slow_arrives(service: Service) -> None:
-    content = MP4 + os.urandom(12_000)
-    with connect(service) as connection:
+def test_a_body_that_is_slow_but_not_too_slow_arrives(patient_service: Service) -> None:
+    content = MP4 + os.urandom(2000 * (LONGER + 2))
+    with connect(patient_service) as connection:
         head = (
             f"POST /videos HTTP/1.1\r\nHost: localhost\r\nContent-Length: {len(content)}\r\nConnection: close\r\n\r\n"
         )
@@ -212,15 +223,17 @@ def test_a_client_that_waits_for_an_answer_is_left_alone(service: Service) -> No
     assert time.monotonic() - began > 5
 
 
-def test_connections_are_kept_between_requests_and_requests_may_follow_each_other(service: Service) -> None:
+def test_connections_are_kept_between_requests_and_requests_may_follow_each_other(patient_service: Service) -> None:
     request = b"GET /livez HTTP/1.1\r\nHost: localhost\r\n\r\n"
-    with connect(service) as connection:
-        for _ in range(8):  # for longer than the limit, and each pause well below it
-            time.sleep(IDLE / 4)
+    with connect(patient_service) as connection:
+        for _ in range(6):  # for longer than the limit, and each pause well below it
+            time.sleep(LONGER / 5)
             connection.sendall(request * 2)
             received = b""
             while received.count(b'{"status":"ok"}') < 2:
-                received += connection.recv(65536)
+                data = connection.recv(65536)
+                assert data, "it was closed"
+                received += data
 
 
 @pytest.mark.parametrize(
