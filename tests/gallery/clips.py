@@ -75,6 +75,24 @@ def cut_clip(source: Path, target: Path, start: int, stop: int) -> Path:
     return target
 
 
+def repeat_clip(source: Path, target: Path, times: int) -> Path:
+    """Write the pictures of a clip so many times one after the other, as they are encoded."""
+    with av.open(str(source)) as once, av.open(str(target), "w") as output:
+        pictures = once.streams.video[0]
+        copy = output.add_stream_from_template(pictures)
+        assert pictures.duration is not None
+        for number in range(times):
+            once.seek(0)
+            for packet in once.demux(pictures):
+                if packet.pts is None or packet.dts is None:  # the last one, which is empty
+                    continue
+                packet.pts += number * pictures.duration
+                packet.dts += number * pictures.duration
+                packet.stream = copy
+                output.mux_one(packet)
+    return target
+
+
 def libav_frame(rgb: np.ndarray, layout: str = "yuv420p") -> av.VideoFrame:
     """A picture as libav holds it in a layout."""
     return av.VideoFrame.from_ndarray(rgb, format="rgb24").reformat(format=layout)
