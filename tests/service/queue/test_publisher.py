@@ -57,8 +57,12 @@ def publish(settings: Settings, database: Database, found: list[Media], pause_s:
     publisher.stop()
 
 
-def test_what_comes_within_a_moment_is_marked_in_one_transaction(broker: Settings, database: Database) -> None:
+def test_what_comes_within_a_moment_is_marked_in_one_transaction(
+    broker: Settings, database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
     found = queued(database, 20)
+    monkeypatch.setattr(publisher_module, "_GATHER_S", 30.0)  # the machine may stand still meanwhile
+    monkeypatch.setattr(publisher_module, "_BATCH", len(found))
     counting = Counting(database.url)
     publish(broker, counting, found, pause_s=0.005)
     counting.close()
@@ -83,6 +87,7 @@ def test_what_waits_to_be_sent_is_not_queued_again(
     until(lambda: len(sent) == 2, 30)
     publisher.publish(messages[:1])  # it may be lost, once it is sent
     publisher.stop()
+    until(lambda: len(sent) >= 3)  # it is not waited for long
     assert sent == [*messages, messages[0]]
 
 
