@@ -63,8 +63,8 @@ def test_a_database_that_is_away_for_half_a_minute_under_load_costs_no_job(
     drill = promise("R22", wanted="503 + Retry-After, running jobs wait and go on, none failed; mends itself")
     with (
         postgres_of_our_own() as server,
-        fresh_database(server.url) as url,
-        running_service(tmp_path, database_url=url, worker_concurrency="1", **QUICK) as service,
+        fresh_database(server.url, patient=False) as url,
+        running_service(tmp_path, database_url=url, worker_concurrency="1", patient=False, **QUICK) as service,
     ):
         job_id = service.upload("/videos", samples.woman_clip)["job"]
         service.at_work(job_id)

@@ -126,7 +126,7 @@ def thousand(samples: Samples, tmp_path_factory: pytest.TempPathFactory) -> Thou
     folder = tmp_path_factory.mktemp("many")
     picture = small_picture(samples.portrait, folder, 240)
     with (
-        running_service(folder, worker_concurrency="2") as service,
+        running_service(folder, worker_concurrency="2", patient=False) as service,
         new_key(service, "many") as many,
         new_key(service, "few") as few,
     ):

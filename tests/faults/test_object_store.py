@@ -31,7 +31,7 @@ def test_a_store_that_is_away_for_half_a_minute_costs_no_job(
     wire = Wire(int(s3.url.rpartition(":")[2]))
     wire.connect()
     parts = {"postgres_url": postgres_url, "broker_url": redis_url.replace("/0", "/4"), "s3": s3}
-    with running_afresh(tmp_path, **parts, store_port=wire.port, previews=0, **QUICK) as service:
+    with running_afresh(tmp_path, **parts, store_port=wire.port, previews=0, patient=False, **QUICK) as service:
         kept = MP4 + os.urandom(1000)
         medium = service.client.post("/videos", content=kept).json()
         job_id = service.upload("/videos", samples.woman_clip)["job"]

@@ -172,6 +172,7 @@ def serve(settings: Settings) -> Iterator[Api]:
     """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(calls, "_PATIENCE_S", 60.0)
+        patch.setattr("service.catalog.database._POOL_S", 60.0)
         yield from _serve(settings)
 
 

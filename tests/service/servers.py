@@ -265,15 +265,20 @@ def is_from_template(url: str) -> bool:
 
 
 @contextmanager
-def fresh_database(server_url: str, template: str = "template1") -> Iterator[str]:
-    """A database of its own in the server, empty or like the one of this name; its URL."""
+def fresh_database(server_url: str, template: str = "template1", *, patient: bool = True) -> Iterator[str]:
+    """A database of its own in the server, empty or like the one of this name; its URL.
+
+    patient: who uses the URL waits long to be connected. Many do at once, on a machine that stands still now and then;
+    drills of outages have the service's own time.
+    """
     url = make_url(server_url)
     name = f"pvg_test_{uuid.uuid4().hex[:12]}{_COPY if template != 'template1' else ''}"
     plain = url.set(drivername="postgresql").render_as_string(hide_password=False)
     with psycopg.connect(plain, autocommit=True) as connection:
         connection.execute(f'CREATE DATABASE "{name}" TEMPLATE "{template}"'.encode())
     try:
-        yield url.set(database=name).render_as_string(hide_password=False)
+        query = {"connect_timeout": "60"} if patient else {}
+        yield url.set(database=name).update_query_dict(query).render_as_string(hide_password=False)
     finally:
         with psycopg.connect(plain, autocommit=True) as connection:
             connection.execute(f'DROP DATABASE "{name}" WITH (FORCE)'.encode())

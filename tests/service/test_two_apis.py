@@ -27,7 +27,7 @@ from tests.service.receivers import Receiver
 from tests.service.s3 import S3
 from tests.service.servers import fresh_database
 from tests.waiting import until
-from tests.worker.serving import Service, running_scaled
+from tests.worker.serving import Service, Turns, running_scaled
 
 FILE = os.urandom(300_000)
 
@@ -72,7 +72,9 @@ def records(
 @pytest.fixture
 def apis(service: Service) -> Iterator[tuple[httpx.Client, httpx.Client]]:
     """A client of each."""
-    first, second = (httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=60) for port in service.ports)
+    first, second = (
+        httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=60, transport=Turns([port])) for port in service.ports
+    )
     with first, second:
         yield first, second
 

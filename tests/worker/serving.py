@@ -14,6 +14,7 @@ import signal
 import subprocess
 import sys
 import time
+import uuid
 from collections import deque
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -36,6 +37,8 @@ _LOGS: deque[Path] = deque(maxlen=2)
 _SHOWN_CHARACTERS = 6000
 #: a start is not measured here, and a busy machine warms its sandbox slowly
 _START_S = 180
+#: seconds for which a patient client asks again
+_PATIENCE_S = 60
 
 
 @pytest.hookimpl(wrapper=True)
@@ -51,14 +54,34 @@ def pytest_runtest_makereport(
 
 
 class Turns(httpx.BaseTransport):
-    """Takes each request to another of several APIs than the one before, whichever of them it names."""
+    """Takes each request to another of several APIs than the one before, whichever of them it names.
 
-    def __init__(self, ports: Sequence[int]) -> None:
+    patient: what is answered 503 is sent again for a minute, and a POST has an Idempotency-Key for it. A service waits
+    for its records for some seconds, and a machine at work stands still for as long now and then.
+    """
+
+    def __init__(self, ports: Sequence[int], *, patient: bool = True) -> None:
         self._ports = frozenset(ports)
         self._turns = itertools.cycle(ports)
+        self._patient = patient
         self._wire = httpx.HTTPTransport()
 
     def handle_request(self, request: httpx.Request) -> httpx.Response:
+        if not self._patient or not _may_be_repeated(request):
+            return self._sent(request)
+        if request.method == "POST" and request.url.path != "/preview":  # which changes nothing
+            request.headers.setdefault("Idempotency-Key", uuid.uuid4().hex)
+        end = time.monotonic() + _PATIENCE_S
+        answer = self._sent(request)
+        while answer.status_code == 503 and time.monotonic() < end:
+            answer.close()
+            time.sleep(0.5)
+            answer = self._sent(request)
+            if _is_at_work_still(answer):  # of a request that nobody waits for any more
+                answer.status_code = 503
+        return answer
+
+    def _sent(self, request: httpx.Request) -> httpx.Response:
         if request.url.port in self._ports:
             request.url = request.url.copy_with(port=next(self._turns))
             request.headers["Host"] = request.url.netloc.decode()
@@ -68,11 +91,26 @@ class Turns(httpx.BaseTransport):
         self._wire.close()
 
 
+def _may_be_repeated(request: httpx.Request) -> bool:
+    """It is no question for the service's own state, doing it twice does no harm, and its body is not read away."""
+    return (
+        request.url.path != "/readyz"
+        and request.method in {"GET", "HEAD", "POST", "DELETE"}
+        and (isinstance(request.stream, httpx.ByteStream) or "multipart" in request.headers.get("Content-Type", ""))
+    )
+
+
+def _is_at_work_still(answer: httpx.Response) -> bool:
+    """A request with the same Idempotency-Key is."""
+    return answer.status_code == 409 and b"idempotency-key-in-use" in answer.read()
+
+
 @dataclass(frozen=True)
 class Service:
     """A running service, and every process that belongs to it.
 
     process: the API, or the first of several. data_dir: its folder. others: the folders of the other processes.
+    patient: its clients are, see `Turns`.
     """
 
     client: httpx.Client
@@ -83,6 +121,7 @@ class Service:
     others: tuple[Path, ...] = ()
     s3: S3 | None = None
     settings: dict[str, str] = field(default_factory=dict)
+    patient: bool = True
 
     @property
     def folders(self) -> tuple[Path, ...]:
@@ -94,7 +133,9 @@ class Service:
 
     def new_client(self) -> httpx.Client:
         """Another client of it."""
-        return httpx.Client(base_url=self.client.base_url, timeout=60, transport=Turns(self.ports))
+        return httpx.Client(
+            base_url=self.client.base_url, timeout=60, transport=Turns(self.ports, patient=self.patient)
+        )
 
     def drafts(self) -> list[Path]:
         """What any process of it has not finished writing."""
@@ -263,21 +304,25 @@ def running_service(
     cwd: Path | None = None,
     before: Sequence[str] = (),
     arguments: Sequence[str] = (),
+    patient: bool = True,
     **settings: str,
 ) -> Iterator[Service]:
     """Start the service with these settings (without their prefix), stop it with Ctrl-C's signal.
 
-    ``before`` is a command that runs another, such as `strace`; ``arguments`` go to `serve`.
+    ``before`` is a command that runs another, such as `strace`; ``arguments`` go to `serve`. Drills of outages have no
+    ``patient`` client.
     """
     data_dir, log, port = folder / "data", folder / "service.log", free_port()
     with (
         started(
             [*before, *COMMAND, "serve", *arguments], data_dir, log, cwd=cwd, port=str(port), **settings
         ) as process,
-        httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=60, transport=Turns([port])) as client,
+        httpx.Client(
+            base_url=f"http://127.0.0.1:{port}", timeout=60, transport=Turns([port], patient=patient)
+        ) as client,
     ):
         _wait_until_ready([process], [port], log)
-        yield Service(client, process, data_dir, log, (port,), settings=settings)
+        yield Service(client, process, data_dir, log, (port,), settings=settings, patient=patient)
 
 
 @contextmanager
@@ -290,11 +335,13 @@ def running_scaled(
     workers: int = 2,
     previews: int = 1,
     environments: Mapping[str, Mapping[str, str]] = MappingProxyType({}),
+    patient: bool = True,
     **settings: str,
 ) -> Iterator[Service]:
     """Start two APIs and so many workers that share only these three, all at once; stop them together.
 
     ``environments`` are variables of one process alone, by the name of its folder: `api-0`, `api-1`, `worker-2` and on.
+    ``patient`` as for `running_service`.
     """
     log, ports = folder / "service.log", (free_port(), free_port())
     shared = {"worker_concurrency": "1", "link_secret": "shared-by-all-and-known-to-nobody"} | settings
@@ -310,10 +357,10 @@ def running_scaled(
             one = started([*COMMAND, *arguments], folders[-1], log, environment=own, **port, **shared)
             processes.append(stack.enter_context(one))
         client = stack.enter_context(
-            httpx.Client(base_url=f"http://127.0.0.1:{ports[0]}", timeout=60, transport=Turns(ports))
+            httpx.Client(base_url=f"http://127.0.0.1:{ports[0]}", timeout=60, transport=Turns(ports, patient=patient))
         )
         _wait_until_ready(processes, ports, log)
-        yield Service(client, processes[0], folders[0], log, ports, tuple(folders[1:]), s3, shared)
+        yield Service(client, processes[0], folders[0], log, ports, tuple(folders[1:]), s3, shared, patient)
         for process in processes:  # all of them begin to stop before one is waited for
             process.send_signal(signal.SIGINT if process.args[1] == "serve" else signal.SIGTERM)
 

@@ -21,7 +21,7 @@ from tests.waiting import until
 from tests.worker.serving import Service, sandboxed, service_on
 
 #: no picture is given up, and no clip closed, because the machine is busy
-QUICK = {"reap_interval_s": "1", "heartbeat_s": "1", "preview_timeout_s": "50", "preview_idle_s": "3600"}
+QUICK = {"reap_interval_s": "1", "preview_timeout_s": "50", "preview_idle_s": "3600"}
 
 
 @pytest.fixture(scope="module", params=["embedded", "scaled"])
