@@ -154,6 +154,12 @@ def tiny_clip(samples: Samples, tmp_path_factory: pytest.TempPathFactory) -> Pat
 
 @pytest.fixture
 def pages(service: Service, open_page: OpenPage) -> Callable[..., Guarded]:
-    """Opens pages of the service."""
+    """Opens pages of the service: on a machine that stands still it may answer 503, and the page asks again."""
     root = str(service.client.base_url).rstrip("/")
-    return lambda **options: open_page(root, **options)
+
+    def make(**options: Any) -> Guarded:
+        guarded = open_page(root, **options)
+        guarded.expected.append("status of 503")
+        return guarded
+
+    return make

@@ -104,12 +104,12 @@ def test_a_clip_plays_after_a_reload(desk: Desk) -> None:
     page = desk.edit()
     page.keyboard.press("Period")
     page.get_by_role("button", name="Play", exact=True).click()
-    desk.guarded.until(PLAYS, seconds=30)
+    desk.guarded.until(PLAYS)
     page.get_by_role("button", name="Pause").click()
     desk.guarded.until(RESTS)
     page.evaluate("() => document.activeElement.blur()")
     page.keyboard.press("Space")
-    desk.guarded.until(PLAYS, seconds=30)
+    desk.guarded.until(PLAYS)
 
 
 def test_a_clip_plays_after_a_reload_with_a_key(desk: Desk, tiny_clip: Path) -> None:
@@ -123,7 +123,7 @@ def test_a_clip_plays_after_a_reload_with_a_key(desk: Desk, tiny_clip: Path) -> 
     page.keyboard.press("Enter")
     desk.guarded.until(READY)
     page.get_by_role("button", name="Play", exact=True).click()
-    desk.guarded.until(PLAYS, seconds=30)
+    desk.guarded.until(PLAYS)
 
 
 def test_a_file_that_does_not_come_is_asked_for_again(desk: Desk) -> None:
@@ -134,7 +134,7 @@ def test_a_file_that_does_not_come_is_asked_for_again(desk: Desk) -> None:
     page.get_by_text("The clip cannot be played just now").first.wait_for()
     page.unroute("**/file")
     play.click()
-    desk.guarded.until(PLAYS, seconds=30)
+    desk.guarded.until(PLAYS)
 
 
 def test_a_file_that_cannot_be_played_is_stepped_through(desk: Desk) -> None:

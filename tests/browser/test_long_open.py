@@ -224,7 +224,9 @@ def test_a_dead_connection_does_not_stop_the_progress(studio: Studio) -> None:
     lease = claim(studio.api.services.background, job["id"])
     with studio.api.services.background.write() as session:
         assert leases.report(session, lease, Progress("render", 0.3, 3, 9), now=studio.api.services.database.now())
-    for _ in range(6):
+    for number in range(6):
+        if number < 3:
+            studio.guarded.heard(lambda wanted=number + 1: len(opened) == wanted)
         page.clock.fast_forward("00:45")
         page.wait_for_timeout(300)
     card.get_by_text("frame 3 of 9").wait_for()
