@@ -107,7 +107,7 @@ class S3:
             self._check_from("inf")
 
     def _check_from(self, request: str) -> None:
-        httpx.post(f"{self.url}/moto-api/reset-auth", content=request.encode()).raise_for_status()
+        httpx.post(f"{self.url}/moto-api/reset-auth", content=request.encode(), timeout=60).raise_for_status()
 
 
 @contextmanager
@@ -129,7 +129,7 @@ def s3_server() -> Iterator[S3]:
         while True:
             assert process.poll() is None, "moto's server ended by itself"
             with suppress(httpx.TransportError):
-                httpx.get(f"{server.url}/moto-api/").raise_for_status()
+                httpx.get(f"{server.url}/moto-api/", timeout=60).raise_for_status()
                 break
             assert time.monotonic() < until, "moto's server does not answer"
             time.sleep(0.05)

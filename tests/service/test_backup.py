@@ -119,7 +119,7 @@ def test_what_was_backed_up_is_there_again(secret: str, kept: Settings, tmp_path
     with running(kept) as api:
         assert {path: api.client.get(path).json() for path in before} == before
         assert api.client.get(f"/results/{result}").raise_for_status().content == LOOK
-        assert httpx.get(api.client.base_url.join(link)).raise_for_status().content == LOOK, "links hold"
+        assert httpx.get(api.client.base_url.join(link), timeout=60).raise_for_status().content == LOOK, "links hold"
         assert api.client.get(f"/videos/{later}").status_code == 404
         database = api.services.background
         with database.write() as session:  # what the reaper does once the lease is over
@@ -216,7 +216,8 @@ def test_tables_are_not_changed_below_a_running_worker(kept: Settings) -> None:
     _migrate(kept, "0013")
     database = Database(kept.database)
     with database.write() as session:
-        workers.beat(session, "worker-1", now=database.now())
+        # good for as long as the command may take to start
+        workers.beat(session, "worker-1", now=database.now() + timedelta(seconds=60))
     assert "1 worker(s) are running: stop every process of the service first" in _migrate(kept, "0012", code=1)
     assert _version(database) == "0013"
     with database.write() as session:

@@ -67,7 +67,7 @@ def test_a_blob_of_several_parts_of_an_upload_is_one(remote: Storage, bucket: S3
     assert read(remote, key, edge - 10, edge + 10) == content[edge - 10 : edge + 10]
     with remote.local_path(key) as path:
         assert path.read_bytes() == content
-    assert httpx.get(str(remote.link(key, expires_in=timedelta(minutes=1)))).content == content
+    assert httpx.get(str(remote.link(key, expires_in=timedelta(minutes=1))), timeout=60).content == content
 
 
 @pytest.mark.parametrize("size", [0, 5 * 1024**2, 10_000 * 5 * 1024**2, 10_000 * 5 * 1024**2 + 1, 128 * 1024**3])

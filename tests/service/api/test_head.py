@@ -55,13 +55,13 @@ def test_the_documentation_and_the_page_have_heads(api: Api) -> None:
 
 def test_a_head_waits_for_no_job(api: Api) -> None:
     job_id = upload(api, "/videos")["job"]
-    began = time.monotonic()
+    began = time.monotonic()  # each of these waits would be longer than all the rest may take
     stream = api.client.head(f"/jobs/{job_id}/events")
     assert (stream.status_code, stream.headers["content-type"]) == (200, "text/event-stream; charset=utf-8")
     assert api.services.streams.open == 0
-    assert "etag" in api.client.head(f"/jobs/{job_id}?wait=20").headers
-    assert "preference-applied" not in api.client.head(f"/jobs/{job_id}", headers={"Prefer": "wait=20"}).headers
-    assert time.monotonic() - began < 10
+    assert "etag" in api.client.head(f"/jobs/{job_id}?wait=60").headers
+    assert "preference-applied" not in api.client.head(f"/jobs/{job_id}", headers={"Prefer": "wait=60"}).headers
+    assert time.monotonic() - began < 50
 
 
 def test_where_there_is_no_get_there_is_no_head_and_allow_says_both(api: Api) -> None:
