@@ -18,6 +18,7 @@ import httpx
 import pytest
 from sqlalchemy import select
 from starlette.concurrency import run_in_threadpool
+from tusclient.client import TusClient
 
 from service.api import quotas, resuming
 from service.catalog import keys, resumable, utc_now
@@ -355,7 +356,7 @@ def test_an_upload_is_its_keys_own_and_counts_in_its_quota(api: Api) -> None:
         for name in ("studio", "other"):
             limits = keys.Limits(requests_per_minute=600, active_jobs=10, stored_bytes=1_000_000)
             made[name] = {"Authorization": f"Bearer {keys.create(session, name, limits, now=now)[1]}"}
-    studio, other = (httpx.Client(base_url=api.client.base_url, headers=one) for one in made.values())
+    studio, other = (httpx.Client(base_url=api.client.base_url, headers=one, timeout=60) for one in made.values())
     with studio, other:
         assert api.client.post("/uploads", headers=TUS | {"Upload-Length": "10"}).status_code == 401
         removed = begin(studio, 10)
@@ -424,7 +425,7 @@ def test_uploads_that_are_not_complete_are_so_many_at_most(api: Api, monkeypatch
 
 
 def test_tuspy_uploads_and_resumes(api: Api) -> None:
-    client = pytest.importorskip("tusclient.client").TusClient(f"{api.client.base_url}/uploads")
+    client = TusClient(f"{api.client.base_url}/uploads")
     data = content(1_000_000)
     first = client.uploader(file_stream=io.BytesIO(data), chunk_size=300_000, metadata={"filename": "a.mp4"})
     first.upload(stop_at=300_000)
