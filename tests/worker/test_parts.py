@@ -30,13 +30,17 @@ QUICK = {
     **{"heartbeat_s": "1", "reap_interval_s": "1", "progress_interval_s": "0.2"},
     **{"part_s": "5", "min_face_px": "32"},
 }
-FRAMES, SIZE, RATE = 380, (320, 180), Fraction(24)
+FRAMES, SIZE, RATE = 630, (320, 180), Fraction(24)
 BETWEEN = part_bounds(FRAMES, 24.0, part_s=5.0)
+#: so many that much of the job is left when a test comes in its middle, on a machine that stands still now and then too
+PARTS = 5
+
+pytestmark = pytest.mark.timeout(1800)
 
 
 @pytest.fixture(scope="module")
 def clip(samples: Samples, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A woman, forwards and backwards again and again, small, with sound: 380 frames, three parts of 5 s or more."""
+    """A woman, forwards and backwards again and again, small, with sound: 630 frames, five parts of 5 s or more."""
     path = tmp_path_factory.mktemp("clips") / "long.mp4"
     there = [frame.rgb() for frame in read_frames(samples.woman_clip)]
     back_and_forth = [*there, *reversed(there)]
@@ -120,15 +124,15 @@ def until_gone(service: Service) -> None:
 @pytest.fixture(scope="module")
 def plain(service: Service, wanted: dict[str, Any]) -> dict[str, Any]:
     """The job as two processes do it when nothing happens."""
-    return service.finished(asked(service, wanted), 400)
+    return service.finished(asked(service, wanted), 600)
 
 
 def test_a_long_clip_is_drawn_in_parts_and_joined(
     service: Service, wanted: dict[str, Any], clip: Path, plain: dict[str, Any], tmp_path: Path
 ) -> None:
-    assert len(BETWEEN) == 4
+    assert len(BETWEEN) == PARTS + 1
     kinds = Counter(name.split()[0] for name in begun(service, plain["id"]).elements())
-    assert kinds == {"part": 3, "join": 1}
+    assert kinds == {"part": PARTS, "join": 1}
     progress = plain["progress"]
     assert (progress["fraction"], progress["frames_done"], progress["frames_total"]) == (1.0, FRAMES, FRAMES)
     assert {"queued_s", "render_s", "join_s", "store_s"} <= {k for k, v in plain["timings"].items() if v is not None}
@@ -154,10 +158,10 @@ def test_a_part_whose_process_is_killed_is_drawn_again_and_no_other(
     job_id = asked(service, wanted)
     service.at_work(job_id)
     kill_all(until(lambda: sandboxed(service))[:1])
-    done = service.finished(job_id, 300)
+    done = service.finished(job_id, 600)
     assert digests(service, done) == digests(service, plain)
     assert done["attempt"] == 2
-    assert sorted(begun(service, job_id).values()) == [1, 1, 1, 2]
+    assert sorted(begun(service, job_id).values()) == [*[1] * PARTS, 2]
     until_gone(service)
 
 
@@ -167,10 +171,10 @@ def test_a_part_that_is_lost_before_the_join_has_the_job_begin_anew(
     until_gone(service)
     job_id = asked(service, wanted)
     until(lambda: drawn_files(service), 300)[0].unlink()
-    done = service.finished(job_id, 300)
+    done = service.finished(job_id, 600)
     assert digests(service, done) == digests(service, plain)
     assert done["attempt"] == 2
-    assert Counter(name.split()[0] for name in begun(service, job_id).elements()) == {"part": 6, "join": 2}
+    assert Counter(name.split()[0] for name in begun(service, job_id).elements()) == {"part": 2 * PARTS, "join": 2}
     until_gone(service)
 
 
@@ -214,9 +218,9 @@ def test_one_process_gives_the_same_bytes_as_two(
     until(lambda: not processes_of(service.data_dir))
     with ExitStack() as stack:
         alone = stack.enter_context(running_service(folder, worker_concurrency="1", **QUICK, **setting))
-        done = alone.finished(asked(alone, wanted), 300)
+        done = alone.finished(asked(alone, wanted), 600)
         assert digests(alone, done) == expected
-        assert sorted(begun(alone, done["id"]).values()) == [1, 1, 1, 1]
+        assert sorted(begun(alone, done["id"]).values()) == [1] * (PARTS + 1)
         until_gone(alone)
         # of a video that is deleted meanwhile, nothing is left
         job_id = asked(alone, wanted)
@@ -228,7 +232,7 @@ def test_one_process_gives_the_same_bytes_as_two(
 
 
 def test_where_parts_begin_is_what_the_settings_and_the_clip_say() -> None:
-    assert BETWEEN == (0, 126, 253, FRAMES)
+    assert BETWEEN == (0, 126, 252, 378, 504, FRAMES)
     assert Settings().part_s == 7.5
     assert json.loads(json.dumps(part_bounds(599, 30.0, part_s=10.0))) == [0, 599]
     assert part_bounds(600, 30.0, part_s=10.0) == (0, 300, 600)
