@@ -1,4 +1,4 @@
-"""How much memory a clip or picture will take, from its headers.
+"""How much memory a clip or picture will take, from its headers: neither its length nor its cuts count.
 
 Data of the process (VmData), which is what a limit counts, at its peak; what is resident is a third less. Measured by
 `python -m benchmarks.memory` on two cores with x264 and, of more than 8 bits, x265 at the default presets, 60 frames;

@@ -55,6 +55,12 @@ class AssetWriter:
         if len(pending["score"]) == CHUNK_FRAMES:
             self._flush(track)
 
+    def end_track(self, track: int) -> None:
+        """Write what waits of a track that has no more frames, now rather than with its face."""
+        if self._pending.get(track, {}).get("score"):
+            self._flush(track)
+        self._pending.pop(track, None)
+
     def drop_track(self, track: int) -> None:
         """Leave out what was added of a track that turned out to be no face; its bytes stay, and nobody reads them."""
         self._pending.pop(track, None)
@@ -68,8 +74,7 @@ class AssetWriter:
         faces when all are known.
         """
         track = record.summary.index if track is None else track
-        if self._pending.get(track, {}).get("score"):
-            self._flush(track)
+        self.end_track(track)
         keys = record.key_frames
         for name in ("colors", "visible", "parts"):
             self._of_keys(f"track{track}/{name}", name, np.stack([getattr(key, name) for key in keys]), len(keys))

@@ -115,8 +115,6 @@ def vectorize(
             undo=undo,
         )
         done = work.key_views(writer) if reference else work.whole_clip(writer)
-        for face in done.faces:
-            face.finish(writer)
         faces, left_out = work.with_skin(done, writer)
         records = [face.record(index) for index, face in enumerate(faces)]
         persons = link_persons([face.shape() for face in faces], [record.summary.skin_rgb for record in records])
@@ -248,6 +246,9 @@ class _Work:
                 for done in range(settled + 1, advance.settled + 1):
                     self.report(_VECTORIZE, done, max(self.media.frame_count, done))
                 settled = max(settled, advance.settled)
+                for stretch in advance.stretches:
+                    if stretch.last:
+                        faces[stretch.number].finish(writer)
         shots, frame_count = (0, *following.cuts), following.frame_count
         left, widest = following.left()
         if left:
@@ -273,12 +274,7 @@ class _Work:
             number: opacity(track, shots, frame_count, walks_out=left[number].walks_out)
             for number, track in tracks.items()
         }
-        faces = {}
-        for number, track in tracks.items():
-            row = following.key_row(track)
-            picture = self._picture(track.first + row, frame_count)
-            scene = SceneReader().step(picture, [track.landmarks[row]]) if self.mask == "landmarks" else None
-            faces[number] = self.face(number, track, key_view(track, row, picture, scene))
+        faces: dict[int, VectorFace] = {}
         start, stop = min(t.first for t in tracks.values()), max(t.last for t in tracks.values()) + 1
         reader = SceneReader()
         for index, picture in self.reported(_SECOND_READING, start, stop, frame_count):
@@ -289,11 +285,23 @@ class _Work:
                 scenes = (reader.step(picture, there, cut=index in shots),)
             for number, track in tracks.items():
                 row = index - track.first
+                if row == 0:
+                    key = self._late_key(track, following.key_row(track), frame_count)
+                    faces[number] = self.face(number, track, key)
                 if 0 <= row < len(track.score):
                     rows = rows_between(track, index, index + 1)
                     seen = visible[number][row : row + 1]
-                    faces[number].add(Stretch(number, row, rows, (picture,), seen, scenes, None), writer)
+                    last = index == track.last
+                    faces[number].add(Stretch(number, row, rows, (picture,), seen, scenes, None, last), writer)
+                    if last:
+                        faces[number].finish(writer)
         return faces
+
+    def _late_key(self, track: FaceTrack, row: int, frame_count: int) -> KeyView:
+        """The key view of a track that is known from end to end, read from the clip."""
+        picture = self._picture(track.first + row, frame_count)
+        scene = SceneReader().step(picture, [track.landmarks[row]]) if self.mask == "landmarks" else None
+        return key_view(track, row, picture, scene)
 
     def _picture(self, index: int, frame_count: int | None) -> Picture:
         (frame,) = self._read(index, index + 1, frame_count)

@@ -46,7 +46,8 @@ class Stretch:
 
     number: the track's, in the order they were found;  start: its first row here, counted from the track's first;
     rows: their landmarks;  pictures: of every row, the face's surroundings;  visible: (n,) float32, see `opacity`;
-    scenes: of every row, the whole picture, or none where they were not asked for;  key: with a track's first stretch.
+    scenes: of every row, the whole picture, or none where they were not asked for;  key: with a track's first stretch;
+    last: whether the track ends with it.
     """
 
     number: int
@@ -56,6 +57,7 @@ class Stretch:
     visible: Floats
     scenes: tuple[Scene, ...]
     key: KeyView | None
+    last: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,11 +191,11 @@ class Following:
 
     def _settle(self, course: _Course, stop: int) -> list[Stretch]:
         """Make the landmarks of the frames up to `stop` final, if the track is one to follow."""
-        track, start = course.track, course.done
+        track, start, last = course.track, course.done, stop == course.track.last + 1
         window = smooth(track.raw(start - HISTORY))
         key = None
         if not course.begun:
-            key = self._key_view(course, window, ended=stop == track.last + 1)
+            key = self._key_view(course, window, ended=last)
             if key is None:
                 course.left = True
                 course.pictures.clear()
@@ -210,7 +212,7 @@ class Following:
         course.done = stop
         track.forget(stop - HISTORY)
         rows = rows_between(window, start, stop)
-        return [Stretch(course.number, start - track.first, rows, pictures, visible, scenes, key)]
+        return [Stretch(course.number, start - track.first, rows, pictures, visible, scenes, key, last)]
 
     def _whole_to(self, frame: int) -> bool:
         """Whether a shot or the clip ends before `frame`."""

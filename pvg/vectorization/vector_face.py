@@ -83,6 +83,7 @@ class VectorFace:
         self._skin = SkinTracker(model)
         learned = model.learned
         self._body = None if learned is None else BodyTracker(learned.colors, learned.light)
+        self._told_apart = 1.0 if self._body is None else self._body.told_apart
         self._consensus = MatteConsensus()
         # rows that wait for the frames after them: one of some rows, its opacity, the body's alpha
         self._unwritten: deque[tuple[FaceTrack, int, float, Future[Bytes]]] = deque()
@@ -125,10 +126,17 @@ class VectorFace:
         self._remember(stretch.rows)
 
     def finish(self, writer: AssetWriter) -> None:
-        """Write the last rows, once all are added."""
+        """Write the last rows, once all are added, and keep only what is told of the track: clips have many of them."""
         for steady in self._consensus.end():
             self._write_first(steady, writer)
-        self._bodies.shutdown()
+        writer.end_track(self.number)
+        if self._watch is not None:
+            self._fit_due(self._watch.end())
+            self._since[self._key_row] = self._watch.main_since
+        for threads in (self._bodies, *self._fits):  # tracks may end faster than their colours are fitted
+            threads.shutdown()
+        self._fits.clear()
+        del self._skin, self._key_skin, self.key_matte, self._body, self._no_body, self._consensus, self._watch
 
     def abandon(self) -> None:
         """Begin nothing more and wait for what was begun, after an error: twice, or once all is done, is harmless."""
@@ -145,6 +153,7 @@ class VectorFace:
         body = self._body_alpha(scene, track.landmarks[self._key_row], *seen)
         self._write(track, self._key_row, 1.0, body, self.key_matte, writer)
         self._remember(rows_between(track, self.first, self.first + 1))
+        self.finish(writer)
 
     def shape(self) -> FaceShape:
         """What tells the person."""
@@ -159,9 +168,6 @@ class VectorFace:
 
         Raises SolverError when the colours of a key frame cannot be fitted.
         """
-        if self._watch is not None:
-            self._fit_due(self._watch.end())
-            self._since[self._key_row] = self._watch.main_since
         keys = self._key_frames()
         main = self._keys[self._key_row].result() or keys[0]
         skin = main.visible & (table_labels().group == 0) & (table_labels().curve != BOUNDARY)
@@ -170,7 +176,7 @@ class VectorFace:
         warnings = []
         if width < self._advised_px:
             warnings.append(f"the face is {width:.0f} px wide; {self._advised_px:g} px or more is advised")
-        if self._body is not None and self._body.told_apart < 0.5:
+        if self._told_apart < 0.5:
             warnings.append("its skin has next to no colour; skin beside the face is left as it is")
         warnings += doubts(main.skin)
         summary = FaceSummary(
@@ -226,7 +232,7 @@ class VectorFace:
                 self._main_from = key.main_from
 
     def _fit(self, row: int, picture: Picture, landmarks: Landmarks, matte: Matte) -> None:
-        """Fit a row's colours in a thread of its own: half a second that nothing before `record` waits for."""
+        """Fit a row's colours in a thread of its own: half a second that nothing before `finish` waits for."""
         fitting = ThreadPoolExecutor(1)
         frame = self.first + row
         seen = _seen_skin(picture, landmarks, matte)

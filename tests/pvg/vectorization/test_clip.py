@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import threading
 import time
+import tracemalloc
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,7 +16,7 @@ from pvg.face import layout
 from pvg.landmarks import FaceTrack
 from pvg.video import read_image, write_image
 from scripts.samples import Samples
-from tests.gallery.clips import cut_clip
+from tests.gallery.clips import cut_clip, encode_raw, libav_frame
 from tests.gallery.faces import fit_widest, read_rgb
 from tests.gallery.scenes import resting_face
 
@@ -89,6 +90,32 @@ def test_a_second_reading_gives_what_one_does(
             assert two is not None
             np.testing.assert_allclose(one.landmarks.points, two.landmarks.points, atol=1 / 16)
             assert np.abs(one.matte.alpha.astype(int) - two.matte.alpha).mean() < 1
+
+
+def test_a_cut_more_takes_no_more_memory(samples: Samples, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a track that ended only what tells its person and its colours is left."""
+    import pvg.vectorization.clip
+
+    held: list[tuple[int, int]] = []
+
+    def link(faces: list[Any], skin_rgb: Any) -> tuple[int, ...]:
+        held.append((len(faces), tracemalloc.get_traced_memory()[0]))
+        return tuple(range(len(faces)))
+
+    monkeypatch.setattr(pvg.vectorization.clip, "link_persons", link)
+    portraits = [read_rgb(path) for path in (samples.dark_portrait, samples.pale_portrait)]
+    shots = [libav_frame(cv2.resize(rgb, (320, 400), interpolation=cv2.INTER_AREA)) for rgb in portraits]
+    for count in (2, 3, 7):  # the first one makes what is made once
+        frames = [shots[shot % 2] for shot in range(count) for _ in range(5)]
+        clip = encode_raw(tmp_path / f"{count}.mp4", frames, "libx264")
+        tracemalloc.start()
+        try:
+            pvg.vectorize(clip).close()
+        finally:
+            tracemalloc.stop()
+    _, (few, least), (many, most) = held
+    assert (few, many) == (3, 7)
+    assert most - least < (many - few) * 200_000
 
 
 def test_a_second_reading_knows_the_people_of_the_first(

@@ -37,7 +37,7 @@ def test_a_face_keeps_its_places_and_no_stretch_of_its_track(tmp_path: Path) -> 
     key = KeyView(0, picture, rows.landmarks[0], None)
     face = VectorFace(0, rows, key, method="landmarks", seed=0, reset=None)
     with AssetWriter(tmp_path / "face.pvg") as writer:
-        face.add(Stretch(0, 0, rows, (picture,) * count, np.ones(count, np.float32), (), key), writer)
+        face.add(Stretch(0, 0, rows, (picture,) * count, np.ones(count, np.float32), (), key, True), writer)
         face.finish(writer)
     place = face.place(5)
     assert place is not None
@@ -64,7 +64,7 @@ def record_of(pictures: list[np.ndarray], landmarks: Landmarks, folder: Path) ->
     key = KeyView(0, read[0], rows.landmarks[0], None)
     face = VectorFace(0, rows, key, method="landmarks", seed=0, reset=None)
     with AssetWriter(folder / "face.pvg") as writer:
-        face.add(Stretch(0, 0, rows, read, np.ones(len(read), np.float32), (), key), writer)
+        face.add(Stretch(0, 0, rows, read, np.ones(len(read), np.float32), (), key, True), writer)
         face.finish(writer)
         return face.record(0)
 
