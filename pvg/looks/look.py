@@ -61,8 +61,8 @@ class Look:
     body: the face indices whose person's other skin goes along, by that map;
     source_sha256: of the clip that it is for, None where that is not said.
 
-    Raises `ValueError` for colours of another shape, and for a contrast that is no number in [0.7, 1.5] or leaves out
-    a face.
+    Raises `ValueError` for colours of another shape, for a contrast that is no number in [0.7, 1.5] or leaves out
+    a face, and where `maps` leaves out a face of `body` or of a contrast "map".
     """
 
     colors: dict[int, Floats]
@@ -87,6 +87,10 @@ class Look:
             checked: float | dict[int, FaceContrast] = {face: _contrast(one) for face, one in given.items()}
         else:
             checked = real_number("contrast", given, *CONTRAST_RANGE)
+        by_map = [] if isinstance(checked, float) else [face for face, one in checked.items() if one == "map"]
+        for what, faces in (('contrast is "map"', by_map), ("its body goes along", self.body)):
+            if missing := sorted(set(faces) - set(self.maps)):
+                raise ValueError(f"maps has nothing for face {missing[0]}, but {what}")
         object.__setattr__(self, "contrast", checked)
 
     def __repr__(self) -> str:

@@ -4,14 +4,18 @@ import numpy as np
 import pytest
 
 from pvg.looks import Look
+from pvg.looks.look import BodyMap
 
 
 def colors(seed: int) -> np.ndarray:
     return np.random.default_rng(seed).uniform(0, 255, (2, 7, 3)).astype(np.float32)
 
 
+A_MAP = BodyMap(None, 1.0, np.ones((2, 2), np.float32))  # type: ignore[arg-type]
+
+
 def test_looks_of_different_faces_become_one() -> None:
-    one, two = Look({0: colors(0)}, 0.8), Look({3: colors(3)}, {3: "map"})
+    one, two = Look({0: colors(0)}, 0.8), Look({3: colors(3)}, {3: "map"}, maps={3: A_MAP})
     for both in (one.merged(two), two.merged(one)):
         assert set(both.colors) == {0, 3}
         assert both.contrast_of(0) == 0.8
@@ -42,6 +46,15 @@ def test_a_contrast_may_be_any_number() -> None:
 def test_what_is_no_look_is_refused(given: object, contrast: object, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         Look(given, contrast)  # type: ignore[arg-type]
+
+
+def test_a_look_needs_the_maps_that_it_is_drawn_by() -> None:
+    both = {0: colors(0), 1: colors(1)}
+    with pytest.raises(ValueError, match='maps has nothing for face 1, but contrast is "map"'):
+        Look(both, {0: "map", 1: "map"}, maps={0: A_MAP})
+    with pytest.raises(ValueError, match="maps has nothing for face 0, but its body goes along"):
+        Look(both, body=frozenset({0}))
+    assert Look(both, {0: "map", 1: 1.0}, maps={0: A_MAP}, body=frozenset({0})).maps == {0: A_MAP}
 
 
 def test_what_cannot_be_drawn_together_is_refused() -> None:
