@@ -20,7 +20,7 @@ faces against a direct solve at full size, medians of mean and p99 in levels: 18
 224 0.07 and 0.8; time goes with their square]"""
 
 _COARSEST = 4
-"""A level whose shorter side has at most so many nodes is the last. [derived: a few sweeps solve it]"""
+"""A level whose shorter side has at most so many nodes is the last. [derived: few sweeps or a narrow band solve it]"""
 
 
 @dataclass(frozen=True)

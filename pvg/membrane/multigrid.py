@@ -22,6 +22,10 @@ _OMEGA_2 = np.float32(1.0 / (1.25 - 0.75 * np.sqrt(0.5)))
 _FIRST_RATE = np.float32(0.5)
 _LEAST_RATE = np.float32(0.35)
 
+# Nodes along the last level up to which sweeps solve it; their number grows with its square. [derived: the last level
+# of a box is longer where one of its sides is four times the other or more]
+_LONGEST_SWEPT = 16
+
 
 @kernel(fastmath=True)
 def _flat(array: Floats, level: Ints) -> Floats:
@@ -154,6 +158,48 @@ def _prolong(u: Floats, A: FivePoint, share: Floats, levels: Ints, level: int, k
 
 
 @kernel(fastmath=True)
+def _solve_long(u: Floats, b: Floats, A: FivePoint, here: Ints) -> None:
+    """u = A⁻¹ b on a level that is a few nodes across, whatever its length: a Cholesky factorisation of its band.
+
+    Nodes follow each other across the level, so that neighbours are at most its breadth apart.
+    """
+    h, w = here[1], here[2]
+    x, rhs, row = _flat(u, here), _flat(b, here), w + 2
+    diagonal, east, south = _flat(A.diagonal, here), _flat(A.east, here), _flat(A.south, here)
+    upright = h >= w
+    breadth, length = (w, h) if upright else (h, w)
+    count = breadth * length
+    place = np.empty(count, np.int64)  # of each node in the level's arrays
+    band = np.zeros((count, breadth + 1))  # band[n, k] of L is that of node n and the one k before it
+    z = np.empty(count)
+    for n in range(count):
+        along, across = n // breadth + 1, n % breadth + 1
+        place[n] = along * row + across if upright else across * row + along
+        i = place[n]
+        to_side, to_before = (east[i - 1], south[i - row]) if upright else (south[i - row], east[i - 1])
+        band[n, 0] = diagonal[i] if diagonal[i] > 0.0 else 1.0  # padding: zero it stays
+        if across > 1:
+            band[n, 1] = -to_side
+        if along > 1:
+            band[n, breadth] = -to_before
+        z[n] = rhs[i] if diagonal[i] > 0.0 else 0.0
+    for n in range(count):
+        for k in range(min(breadth, n), -1, -1):
+            m = n - k
+            for j in range(1, min(breadth - k, m) + 1):
+                band[n, k] -= band[n, k + j] * band[m, j]
+            band[n, k] = band[n, k] / band[m, 0] if k > 0 else np.sqrt(band[n, 0])
+        for k in range(1, min(breadth, n) + 1):
+            z[n] -= band[n, k] * z[n - k]
+        z[n] /= band[n, 0]
+    for n in range(count - 1, -1, -1):
+        for k in range(1, min(breadth, count - 1 - n) + 1):
+            z[n] -= band[n + k, k] * z[n + k]
+        z[n] /= band[n, 0]
+        x[place[n]] = z[n]
+
+
+@kernel(fastmath=True)
 def _v_cycle(
     u: Floats, b: Floats, scratch: Floats, A: FivePoint, share: Floats, levels: Ints, top: int, from_zero: bool
 ) -> None:
@@ -163,8 +209,11 @@ def _v_cycle(
         _smooth(u, b, scratch, A, levels, level, 1, from_zero or level > top)
         _restrict(u, b, scratch, A, share, levels, level)
     # the last level is at most a few nodes across, but may be long
-    sweeps = 8 + max(levels[last, 1], levels[last, 2]) ** 2 // 8
-    _smooth(u, b, scratch, A, levels, last, sweeps, from_zero or last > top)
+    longest = max(levels[last, 1], levels[last, 2])
+    if longest > _LONGEST_SWEPT:
+        _solve_long(u, b, A, levels[last])
+    else:
+        _smooth(u, b, scratch, A, levels, last, 8 + longest**2 // 8, from_zero or last > top)
     for level in range(last - 1, top - 1, -1):
         _prolong(u, A, share, levels, level, np.float32(1.0))
         _smooth(u, b, scratch, A, levels, level, 1, False)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -89,6 +91,30 @@ def test_random_curves_give_the_direct_solution_within_the_range_of_their_values
     assert np.abs(planes - direct_on_lattice(operator, values)).max() < 0.01
     assert (planes >= values.min(axis=0)[:, None, None] - 0.01).all()
     assert (planes <= values.max(axis=0)[:, None, None] + 0.01).all()
+
+
+@pytest.mark.parametrize(("width", "height"), [(300, 4), (4, 300), (300, 9), (7, 250), (2, 90), (140, 3), (67, 5)])
+def test_thin_boxes_give_the_direct_solution(width: int, height: int) -> None:
+    for seed in range(4):
+        points, layout, values = random_curves(np.random.default_rng(seed), width, height)
+        lattice = Lattice.over((0, 0, width, height), target_height=height)
+        operator = build_membrane(cut_edges(points, layout, lattice))
+        planes = operator.solve(values, tolerance=0.0025).planes
+        assert np.abs(planes - direct_on_lattice(operator, values)).max() < 0.01
+
+
+def test_a_thin_box_costs_no_more_than_its_length() -> None:
+    def seconds(length: int) -> float:
+        points, layout, values = random_curves(np.random.default_rng(0), length, 4)
+        operator = build_membrane(cut_edges(points, layout, Lattice.over((0, 0, length, 4))))
+        taken = []
+        for _ in range(3):
+            start = time.thread_time()
+            operator.solve(values)
+            taken.append(time.thread_time() - start)
+        return min(taken)
+
+    assert seconds(1200) < 3 * 8 * seconds(150)  # with its cube it would be 512
 
 
 @pytest.mark.parametrize(
