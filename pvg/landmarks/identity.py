@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 
 import cv2
 import numpy as np
@@ -92,30 +91,31 @@ def link_persons(tracks: Sequence[FaceTrack | FaceShape], skin_rgb: npt.ArrayLik
     skin_rgb: (n, 3) colour of each track's skin, 0-255. Tracks that overlap in time are never one person, and any two
     tracks of a person are alike.
     """
-    count = len(tracks)
-    distance = _distances(tracks, np.asarray(skin_rgb, np.float32).reshape(-1, 3))
-    groups = [{i} for i in range(count)]
-    pairs = sorted((float(distance[i, j]), i, j) for i in range(count) for j in range(i) if distance[i, j] <= _ALIKE)
-    for _, i, j in pairs:
-        one, other = (next(group for group in groups if k in group) for k in (i, j))
-        if one is not other and all(distance[a, b] <= _ALIKE for a, b in product(one, other)):
-            one |= other
-            groups.remove(other)
-    groups.sort(key=min)
-    return tuple(next(p for p, group in enumerate(groups) if i in group) for i in range(count))
+    farthest = _distances(tracks, np.asarray(skin_rgb, np.float32).reshape(-1, 3))  # of two groups, at their names
+    i, j = np.nonzero(np.tril(farthest <= _ALIKE, -1))
+    nearest_first = np.lexsort((j, i, farthest[i, j]))
+    group = list(range(len(tracks)))  # of each track: the name is one of its tracks
+    for one, other in zip(i[nearest_first].tolist(), j[nearest_first].tolist(), strict=True):
+        kept, gone = group[one], group[other]
+        if kept != gone and farthest[kept, gone] <= _ALIKE:
+            farthest[kept] = farthest[:, kept] = np.maximum(farthest[kept], farthest[gone])
+            group = [kept if name == gone else name for name in group]
+    persons: dict[int, int] = {}
+    return tuple(persons.setdefault(name, len(persons)) for name in group)
 
 
 def _distances(tracks: Sequence[FaceTrack | FaceShape], skin_rgb: Floats) -> Floats:
     """(n, n) rms difference of the tracks' proportions in spreads, infinite between those that cannot be one person."""
     lab = cv2.cvtColor(skin_rgb[:, None] / np.float32(255), cv2.COLOR_RGB2Lab)[:, 0] if len(tracks) else skin_rgb
-    proportions = [face_proportions(track) for track in tracks]
+    known = [face_proportions(track) for track in tracks]
+    unknown = np.full(len(_SPREAD), np.inf, np.float32)
+    proportions = np.array([unknown if one is None else one for one in known]).reshape(-1, len(_SPREAD))
+    first, last = (np.array([getattr(track, name) for track in tracks]) for name in ("first", "last"))
     out = np.full((len(tracks), len(tracks)), np.inf, np.float32)
-    for i, one in enumerate(proportions):
-        for j, other in enumerate(proportions):
-            if one is None or other is None:
-                continue
-            apart = tracks[i].last < tracks[j].first or tracks[j].last < tracks[i].first
-            chroma = float(np.hypot(*(lab[i, 1:] - lab[j, 1:])))
-            if apart and chroma <= _ALIKE_CHROMA and abs(float(lab[i, 0] - lab[j, 0])) <= _ALIKE_LIGHTNESS:
-                out[i, j] = float(np.sqrt((((one - other) / _SPREAD) ** 2).mean()))
+    for i in np.flatnonzero(np.isfinite(proportions).all(axis=1)):  # a row at once: all would be eleven times as many
+        lightness, *chroma = (lab - lab[i]).T
+        alike = (np.hypot(*chroma) <= _ALIKE_CHROMA) & (np.abs(lightness) <= _ALIKE_LIGHTNESS)
+        apart = (last < first[i]) | (last[i] < first)
+        off = np.sqrt((((proportions - proportions[i]) / _SPREAD) ** 2).mean(axis=1))
+        out[i] = np.where(alike & apart, off, np.inf)
     return out

@@ -1,11 +1,16 @@
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 
 import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from pvg.face import Landmarks
-from pvg.landmarks import face_proportions, link_persons, track_faces
+from pvg.landmarks import FaceShape, face_proportions, link_persons, track_faces
+from pvg.landmarks.identity import _ALIKE, _distances
 from pvg.video import read_frames
 from tests.gallery.faces import rolled
 from tests.gallery.tracks import nearly_still_track
@@ -19,6 +24,39 @@ def test_tracks_alike_in_shape_and_colour_are_one_person_and_others_are_not(face
     assert link_persons([one, longer, again], [tan, tan, same_tan]) == (0, 1, 0)
     assert link_persons([one, again], [tan, deep]) == (0, 1)
     assert link_persons([], np.empty((0, 3))) == ()
+
+
+def made_up_shapes(rng: np.random.Generator, count: int) -> tuple[list[FaceShape], np.ndarray]:
+    """Tracks of a few persons, more or less alike, some of them at the same time and some hardly seen."""
+    persons = rng.uniform(0.3, 1.2, (1 + count // 6, 11))
+    shapes = []
+    for _ in range(count):
+        first, seen = int(rng.integers(0, 40 * count)), int(rng.integers(3, 9))
+        own = persons[rng.integers(len(persons))] * np.exp(0.03 * rng.uniform(0, 1) * rng.standard_normal(11))
+        ratios = own * np.exp(0.01 * rng.standard_normal((seen, 11)))
+        shapes.append(FaceShape(first, first + int(rng.integers(0, 60)), ratios.astype(np.float32)))
+    return shapes, rng.uniform(180, 205, (count, 3)) - (0, 45, 75)
+
+
+def linked_by_the_rule(tracks: Sequence[FaceShape], skin_rgb: np.ndarray) -> tuple[int, ...]:
+    """Pair by pair, the nearest first: two groups become one where all of one are alike to all of the other."""
+    distance = _distances(tracks, skin_rgb.astype(np.float32))
+    groups = [{i} for i in range(len(tracks))]
+    pairs = [(distance[i, j], i, j) for i in range(len(tracks)) for j in range(i) if distance[i, j] <= _ALIKE]
+    for _, i, j in sorted(pairs):
+        one, other = (next(group for group in groups if k in group) for k in (i, j))
+        if one is not other and all(distance[a, b] <= _ALIKE for a, b in product(one, other)):
+            one |= other
+            groups.remove(other)
+    groups.sort(key=min)
+    return tuple(next(p for p, group in enumerate(groups) if i in group) for i in range(len(tracks)))
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 40))
+@settings(max_examples=40)
+def test_persons_are_those_of_the_rule(seed: int, count: int) -> None:
+    shapes, skin = made_up_shapes(np.random.default_rng(seed), count)
+    assert link_persons(shapes, skin) == linked_by_the_rule(shapes, skin)
 
 
 def test_tracks_seen_at_the_same_time_are_never_one_person(face: Landmarks) -> None:
