@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import itertools
 import json
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -32,7 +33,7 @@ from pvg.face import Landmarks
 from pvg.skin import Matte
 from pvg.video import MediaLimits, sha256_file
 
-_CACHED_CHUNKS = 4
+_CACHED_CHUNKS = 4  # of each face that a frame may have
 
 
 def _face_from_json(values: Mapping[str, Any]) -> FaceSummary:
@@ -203,6 +204,12 @@ class VectorVideo:
     def _picture_box(self) -> Floats:
         return np.array([0, 0, self.media.width, self.media.height], np.float32)
 
+    @cached_property
+    def _most_at_once(self) -> int:
+        """The most faces that any frame has."""
+        changes = [(face.first_frame, 1) for face in self.faces] + [(face.last_frame + 1, -1) for face in self.faces]
+        return max(itertools.accumulate(change for _, change in sorted(changes)), default=0)
+
     def landmarks(self, face: int) -> Floats:
         """(frames of the track, 106, 2) float32 landmarks in source pixels."""
         summary = self.faces[face]
@@ -254,8 +261,7 @@ class VectorVideo:
         with self._lock:
             values = self._cache.pop(entry, None)
             if values is None:
-                limit = _CACHED_CHUNKS * len(FRAME_ARRAYS) * max(1, len(self.faces))
-                while len(self._cache) >= limit:
+                while len(self._cache) >= _CACHED_CHUNKS * len(FRAME_ARRAYS) * self._most_at_once:
                     self._cache.pop(next(iter(self._cache)))
                 values = self._decoded(entry, name, rows)
             self._cache[entry] = values  # the last to go

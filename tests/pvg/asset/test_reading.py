@@ -24,6 +24,7 @@ from pvg.asset import (
     open_asset,
     reading,
 )
+from pvg.asset.arrays import FRAME_ARRAYS
 from pvg.curves import boundary_points
 from pvg.errors import AssetError
 from pvg.face import FaceAxes
@@ -71,6 +72,27 @@ def test_a_chunk_that_was_read_again_is_not_the_first_to_go(asset: Path, monkeyp
         for chunk in (0, 1, 0, 2, 0):
             video.face_at(0, FIRST + chunk * CHUNK_FRAMES)
     assert [entry for entry in decoded if "/points/" in entry] == [f"track0/points/{k:06d}" for k in (0, 1, 2)]
+
+
+def test_faces_that_are_gone_leave_the_cache(tmp_path: Path, source: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reading, "_CACHED_CHUNKS", 1)
+    path, faces = tmp_path / "clip.pvg", 12
+    with AssetWriter(path) as writer:
+        for face in range(faces):  # two in every frame but the first and the last
+            writer.add_frame(face, frame_arrays(face))
+            writer.add_frame(face, frame_arrays(face))
+            summary = FaceSummary(face, face, face + 1, 150.0, (200, 150, 120), face)
+            writer.add_face(FaceRecord(summary, (key_frame(),)))
+        writer.finish(manifest_of(source, faces + 1))
+    decoded: list[str] = []
+    with open_asset(path) as video:
+        decode = video._decoded
+        monkeypatch.setattr(video, "_decoded", lambda entry, *rest: decoded.append(entry) or decode(entry, *rest))
+        for frame in range(faces + 1):
+            seen = [face for face in range(faces) if video.face_at(face, frame) is not None]
+            assert seen == [face for face in (frame - 1, frame) if 0 <= face < faces]
+            assert len(video._cache) <= 2 * len(FRAME_ARRAYS)
+    assert len(decoded) == len(set(decoded)) == faces * len(FRAME_ARRAYS)
 
 
 def test_frames_are_read_by_several_threads_at_once(asset: Path, monkeypatch: pytest.MonkeyPatch) -> None:
