@@ -101,6 +101,8 @@ class Renderer:
         for i, look in enumerate(looks):
             for face in (face for face in sorted(look.body) if look.maps[face].strength > 0):
                 self._with_body.setdefault(face, []).append(i)
+        # first and last frame of every face, of which a clip with many cuts has hundreds
+        self._spans = np.array([(face.first_frame, face.last_frame) for face in video.faces]).reshape(-1, 2)
         # by look, face and region: the exposure that the tables were made for, and they
         self._tables: dict[tuple[int, int, Region], tuple[tuple[float, float], MapTables]] = {}
         self._colors = {
@@ -173,7 +175,8 @@ class Renderer:
         """
         align = 2 ** max(frame.format.chroma_log2)
         found: _Faces = []
-        for face in range(len(self.video.faces)) if self._with_face else ():
+        there = (self._spans[:, 0] <= frame.index) & (frame.index <= self._spans[:, 1])
+        for face in np.flatnonzero(there).tolist() if self._with_face else ():
             data = self.video.face_at(face, frame.index)
             if data is None:
                 continue
