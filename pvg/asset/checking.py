@@ -21,7 +21,8 @@ _MAX_FRAMES: Final = 10**8
 _MAX_CELLS: Final = 1024**2
 #: of the picture's longer side, over its edge: what is stored of a face that leaves or overfills the picture stays near
 _FARTHEST: Final = 8.0
-_PLACES: Final = frozenset({"points", "skin_points", "radius", "box"})
+#: of the frames' arrays, those of places and lengths in pixels
+PLACES: Final = frozenset({"points", "skin_points", "radius", "box"})
 _SKIN_COLORS: Final = 65_536
 #: key frames of one face: one in 20 frames of the longest clip
 _MAX_KEYS: Final = 10_000
@@ -82,7 +83,7 @@ def check_chunk(name: str, stored: NDArray[Any], rows: int) -> None:
 def check_decoded(name: str, values: NDArray[Any], side: int) -> None:
     """Raise `ValueError` when places or lengths are far from a picture whose longer side has `side` pixels."""
     if (
-        name in _PLACES
+        name in PLACES
         and values.size
         and not -_FARTHEST * side <= values.min() <= values.max() <= (1 + _FARTHEST) * side
     ):

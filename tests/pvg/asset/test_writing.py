@@ -44,7 +44,8 @@ def test_a_track_that_is_dropped_is_in_no_asset(tmp_path: Path, source: Path) ->
     with AssetWriter(path) as writer:
         for track in (0, 1):
             for i in range(FRAMES):
-                writer.add_frame(track, frame_arrays(i))
+                far = {"box": np.full(4, 1e5, np.float32)} if track == 0 else {}
+                writer.add_frame(track, frame_arrays(i) | far)
         writer.drop_track(0)
         writer.add_face(FaceRecord(SUMMARY, (key_frame(),)), 1)
         writer.finish(manifest_of(source, FIRST + FRAMES))
@@ -89,6 +90,9 @@ def test_what_no_reader_would_take_replaces_no_asset(tmp_path: Path, source: Pat
         (good, key, manifest | {"shots": [9]}, "shots"),
         (good | {"score": np.array([np.nan], np.float32)}, key, manifest, "no numbers"),
         (good, replace(key, colors=key.colors[:-1]), manifest, "not <f4"),
+        (good | {"box": np.array([0, 0, 9 * 320 + 1, 240], np.float32)}, key, manifest, "far from the picture"),
+        (good | {"points": good["points"] - 9 * 320}, key, manifest, "far from the picture"),
+        (good, replace(key, skin=np.zeros((70_000, 3), np.float32)), manifest, "more than are read"),
     ):
         with pytest.raises(ValueError, match=words):
             write(arrays, colors, said)
