@@ -145,7 +145,7 @@ class VectorVideo:
 
     @property
     def frame_count(self) -> int:
-        """Number of frames of the clip, counted while vectorising."""
+        """Number of frames of the clip, counted while vectorising; of a reference, of those that were looked at."""
         return self.media.frame_count
 
     @property

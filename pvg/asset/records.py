@@ -21,6 +21,7 @@ class MediaSummary:
     """What the source is, as shown to people; see `pvg.video.MediaInfo` for all a file says of itself.
 
     kind: "video" or "image";  width, height: upright pixels;  frame_rate: average, frames a second, None for images;
+    frame_count: of the clip, of a reference those that were looked at;
     rotation: clockwise degrees that made the stored picture upright;  color: how its colours were read, "SDR" or by
     name;  color_primaries, color_transfer: code points of ISO/IEC 23091-2 (2: not stated);
     warnings: what of the file is not read, a line each.
@@ -66,7 +67,8 @@ class MediaSummary:
 class FaceSummary:
     """One tracked face of a clip, as shown to people.
 
-    width_px: median jaw width;  skin_rgb: median colour of its skin curves in the key frame, 0-255;
+    width_px: median of the longer extent of its contour, in x or y, source pixels, over the frames that show it;
+    skin_rgb: median colour of its skin curves in the key frame, 0-255;
     person: who it is, as far as can be told; faces of one person are never seen at the same time.
     """
 

@@ -92,8 +92,7 @@ class LeftTrack:
 class Following:
     """Follows all faces of a clip; `advances` is to be run through once.
 
-    Then  cuts: first frames of the shots but the first;  frame_count;  left: the tracks for a second reading, not
-    smoothed;  widest: the width in px of the widest track that is a face but too small, 0 without one.
+    Then `cuts`, `frame_count` and `left` tell of the whole clip.
     """
 
     def __init__(
@@ -123,7 +122,10 @@ class Following:
         return self._tracker.frame_count
 
     def left(self) -> tuple[tuple[LeftTrack, ...], float]:
-        """After all frames: the wide enough tracks for a second reading, and the width of the widest of the others."""
+        """After all frames: the tracks for a second reading, and the width in px of the widest face that is too small.
+
+        The width is 0 without one.
+        """
         faces = [(track, width) for track, width in self._later if self._tracker.is_face(track, finished=True)]
         narrow = [width for _, width in faces if width < self._min_face_px]
         wide = (track for track, width in faces if width >= self._min_face_px)
