@@ -16,11 +16,14 @@ from pvg._version import __version__ as __version__
 from pvg.errors import (
     AssetError,
     FaceTooSmallError,
+    LimitError,
     MediaError,
     ModelError,
     NoFaceError,
     PvgError,
     SolverError,
+    TooLargeError,
+    TooLongError,
 )
 
 if TYPE_CHECKING:
@@ -35,6 +38,7 @@ if TYPE_CHECKING:
 __all__ = [
     "AssetError",
     "FaceTooSmallError",
+    "LimitError",
     "Look",
     "MediaError",
     "MediaLimits",
@@ -42,6 +46,8 @@ __all__ = [
     "NoFaceError",
     "PvgError",
     "SolverError",
+    "TooLargeError",
+    "TooLongError",
     "VectorVideo",
     "exchange",
     "export",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 
 class PvgError(Exception):
     """Base of every deliberate error. The message says what, where and what to do, in one line."""
@@ -9,6 +11,27 @@ class PvgError(Exception):
 
 class MediaError(PvgError):
     """The input is not a video or image this library reads, is damaged, or breaks a limit."""
+
+
+class LimitError(MediaError):
+    """The input is over a limit of `MediaLimits`: at most `limit` of `unit` are accepted."""
+
+    def __init__(self, message: str, limit: float, unit: str) -> None:
+        super().__init__(message)
+        self.limit = limit
+        self.unit = unit
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # errors pass between processes
+        return type(self), (str(self), self.limit, self.unit)
+
+
+class TooLongError(LimitError):
+    """The clip lasts too many `seconds`, or has too many `frames`."""
+
+
+class TooLargeError(LimitError):
+    """It has too many `pixels`, `frames per second` or `streams`, or is a picture of too many `bytes`."""
 
 
 class PartError(MediaError):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar, Final
 
@@ -58,6 +58,7 @@ PROBLEMS: Final = {
         # why a job or a medium has failed; an answer has these when the request names that medium
         ProblemType("no-face", "No face was found", 422),
         ProblemType("face-too-small", "The face is too small", 422),
+        ProblemType("too-long", "The clip is too long", 422),
         ProblemType("media-invalid", "The file is not a video or image the service can read", 422),
         ProblemType("asset-invalid", "The vectorised asset cannot be read", 422),
         ProblemType("source-lost", "The uploaded file is lost", 422),
@@ -233,7 +234,7 @@ class MediaFailedError(ServiceError):
     def problem(self) -> dict[str, Any]:
         """The problem with the medium's type and title."""
         kind = ProblemType(str(self._error["type"]), str(self._error["title"]), ValidationFailedError.kind.status)
-        return problem_body(kind, self.detail, self.errors)
+        return problem_body(kind, self.detail, self.errors, limit_of(self._error))
 
 
 class StorageFullError(ServiceError):
@@ -265,6 +266,11 @@ def shown(stored: dict[str, Any] | None, root_path: str) -> dict[str, Any] | Non
     return None if stored is None else {**stored, "code": stored["type"], "type": type_of(stored["type"], root_path)}
 
 
+def limit_of(stored: Mapping[str, Any]) -> Limit | None:
+    """The limit that a stored problem names."""
+    return Limit(stored["limit"], stored["unit"]) if "limit" in stored else None
+
+
 def problem_body(
     kind: ProblemType, detail: str, errors: Sequence[dict[str, str]] = (), limit: Limit | None = None
 ) -> dict[str, Any]:
@@ -273,19 +279,20 @@ def problem_body(
     body |= {"status": kind.status, "detail": detail}
     if errors:
         body["errors"] = list(errors)
-    if limit is not None:
-        body |= {"limit": limit.limit, "unit": limit.unit}
-    return body
+    return body | ({} if limit is None else asdict(limit))
 
 
-def stored_problem(kind: str, detail: str, errors: Sequence[dict[str, str]] = ()) -> dict[str, Any]:
+def stored_problem(
+    kind: str, detail: str, errors: Sequence[dict[str, str]] = (), limit: Limit | None = None
+) -> dict[str, Any]:
     """The problem kept with a failed job or medium: it has no HTTP status of its own.
 
-    ``errors`` say where in the request of the job something is wrong. Raises `KeyError` when ``kind`` is not the type
-    of one of `PROBLEMS`.
+    ``errors`` say where in the request of the job something is wrong, ``limit`` what the file is over. Raises
+    `KeyError` when ``kind`` is not the type of one of `PROBLEMS`.
     """
     stored: dict[str, Any] = {"type": kind, "title": PROBLEMS[kind].title, "detail": detail}
-    return stored | ({"errors": list(errors)} if errors else {})
+    stored |= {"errors": list(errors)} if errors else {}
+    return stored | ({} if limit is None else asdict(limit))
 
 
 def message_of(detail: ErrorDetails) -> str:

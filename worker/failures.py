@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from service.catalog import Media
-from service.errors import stored_problem
+from service.errors import Limit, stored_problem
 from service.outages import is_disk_full, is_outage
 from worker.answers import one_line
 from worker.sandbox import (
@@ -63,6 +63,7 @@ EXPECTED: Final = {
     "MediaError": "media-invalid",
     "AssetError": "asset-invalid",
     "OptionError": "validation-failed",
+    "TooLongError": "too-long",
     "TooLargeError": "too-large",
 }
 #: those of our own errors whose text is shown
@@ -82,9 +83,9 @@ def problem_of(error: Exception) -> dict[str, Any]:
     """The problem to store with the job."""
     if type(error) in _SHOWN:
         errors = error.errors if isinstance(error, OptionError) else ()
-        return stored_problem(_SHOWN[type(error)], str(error), errors)
+        return stored_problem(_SHOWN[type(error)], str(error), errors, _limit_of(error))
     if isinstance(error, MethodError) and error.kind in EXPECTED:
-        return stored_problem(EXPECTED[error.kind], one_line(str(error)))
+        return stored_problem(EXPECTED[error.kind], one_line(str(error)), limit=_limit_of(error))
     if isinstance(error, CrashError):
         return stored_problem("worker-crashed", _CRASHED)
     if lacks_room(error):
@@ -92,6 +93,12 @@ def problem_of(error: Exception) -> dict[str, Any]:
     if is_outage(error):
         return stored_problem("unavailable", "the records or the files could not be reached for too long")
     return stored_problem("internal-error", "the job failed on our side; the log has it under this job's id")
+
+
+def _limit_of(error: Exception) -> Limit | None:
+    if isinstance(error, MethodError | LimitError) and error.limit is not None:
+        return Limit(*error.limit)
+    return None
 
 
 def problem_of_picture(error: Exception) -> dict[str, Any]:
@@ -133,4 +140,4 @@ def without_files(error: MethodError, media: Iterable[Media], keys: Mapping[Path
     text = str(error)
     for path, key in keys.items():
         text = re.sub(rf"[^\s'\"]*{re.escape(path.name)}", names.get(key, "a file"), text)
-    return MethodError(error.kind, text, error.trace)
+    return error.saying(text)

@@ -109,7 +109,7 @@ def _vectorize(run: Run, medium: Media, source: Path, folder: Path) -> Vectorize
     except MethodError as error:
         # the blob's name means nothing to the client
         shown = medium.filename or "the file"
-        raise MethodError(error.kind, str(error).replace(source.name, shown), error.trace) from error
+        raise error.saying(str(error).replace(source.name, shown)) from error
 
 
 def _of_the_file(output: OutputAnswer | None) -> list[str]:

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pvg.errors import MediaError
+from pvg.errors import MediaError, TooLargeError
 from pvg.video.color import ColorSpace, color_space, named_space
 from pvg.video.formats import RGB24, RGB48, Frame
 from pvg.video.icc import profile_space
@@ -65,8 +65,10 @@ def read_image(path: str | Path, limits: MediaLimits | None = None, input_color:
     path = Path(path)
     limits = limits or MediaLimits()
     kind = sniff(path)
-    if path.stat().st_size > _OVERHEAD_BYTES + 8 * limits.max_pixels:
-        raise MediaError(f"{path.name} has {path.stat().st_size} bytes, more than a picture within the limits needs")
+    size, most = path.stat().st_size, _OVERHEAD_BYTES + 8 * limits.max_pixels
+    if size > most:
+        message = f"{path.name} has {size} bytes, more than a picture within the limits needs"
+        raise TooLargeError(message, most, "bytes")
     try:
         data = path.read_bytes()
     except OSError as error:

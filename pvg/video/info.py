@@ -9,7 +9,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Literal
 
-from pvg.errors import MediaError
+from pvg.errors import MediaError, TooLargeError, TooLongError
 from pvg.video.display_order import packet_stamps
 from pvg.video.formats import RANGE_FULL, UNSPECIFIED, PixelFormat
 from pvg.video.images import color_of_picture, read_image
@@ -68,7 +68,8 @@ def probe(
 
     input_color: one of `color.INPUT_COLORS`, for clips whose tags do not say how they are coded;
     strict: a clip whose end is cut off is refused; else its frames are counted up to there, and a warning says so.
-    Raises MediaError in one line: not a clip or picture, damaged, only sound, or over a limit (with both numbers).
+    Raises MediaError in one line: not a clip or picture, damaged, only sound, or over a limit (with both numbers):
+    TooLongError, TooLargeError.
     """
     path = Path(path)
     limits = limits or MediaLimits()
@@ -240,13 +241,15 @@ def _count_packets(path: Path, info: MediaInfo, limits: MediaLimits) -> MediaInf
 
 def _check_totals(name: str, info: MediaInfo, limits: MediaLimits) -> None:
     if info.frame_count > limits.max_frames:
-        raise MediaError(f"{name} has {info.frame_count} frames; at most {limits.max_frames} are accepted")
+        message = f"{name} has {info.frame_count} frames; at most {limits.max_frames} are accepted"
+        raise TooLongError(message, limits.max_frames, "frames")
     if info.duration_s > limits.max_duration_s:
-        raise MediaError(f"{name} lasts {info.duration_s:.1f} s; at most {limits.max_duration_s:.1f} s are accepted")
+        message = f"{name} lasts {info.duration_s:.1f} s; at most {limits.max_duration_s:.1f} s are accepted"
+        raise TooLongError(message, limits.max_duration_s, "seconds")
     if info.frame_rate is not None and info.frame_rate > limits.max_frame_rate:
-        raise MediaError(
-            f"{name} has {float(info.frame_rate):.2f} frames a second; at most {limits.max_frame_rate:g} are accepted"
-        )
+        rate = float(info.frame_rate)
+        message = f"{name} has {rate:.2f} frames a second; at most {limits.max_frame_rate:g} are accepted"
+        raise TooLargeError(message, limits.max_frame_rate, "frames per second")
 
 
 def sha256_file(path: str | Path) -> str:

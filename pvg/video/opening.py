@@ -19,7 +19,7 @@ import av.video.codeccontext
 import av.video.frame
 import av.video.stream
 
-from pvg.errors import MediaError
+from pvg.errors import MediaError, TooLargeError
 from pvg.video.indexes import check_index
 from pvg.video.sniffing import IMAGE_KINDS, check_structure, sniff
 
@@ -33,7 +33,7 @@ _LENIENT: dict[str, Any] = {"metadata_errors": "replace"} if int(av.__version__.
 
 @dataclass(frozen=True)
 class MediaLimits:
-    """What is accepted; beyond any of these a MediaError names the number.
+    """What is accepted; beyond any of these a TooLongError (frames, duration) or TooLargeError names the number.
 
     max_pixels: of one frame. max_frames, max_duration_s: of the clip. max_frame_rate: frames a second on average.
     max_streams: video, sound, subtitles and all else in the container.
@@ -133,9 +133,8 @@ def open_clip(path: Path, limits: MediaLimits) -> Iterator[OpenClip]:
     """
     with open_container(path, limits.max_pixels) as container:
         if len(container.streams) > limits.max_streams:
-            raise MediaError(
-                f"{path.name} has {len(container.streams)} streams; at most {limits.max_streams} are accepted"
-            )
+            message = f"{path.name} has {len(container.streams)} streams; at most {limits.max_streams} are accepted"
+            raise TooLargeError(message, limits.max_streams, "streams")
         streams = _picture_streams(container)
         if not streams:
             what = "only sound" if container.streams.audio else "no pictures"

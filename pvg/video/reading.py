@@ -16,7 +16,7 @@ import av.sidedata.sidedata
 import av.video.frame
 import numpy as np
 
-from pvg.errors import MediaError
+from pvg.errors import MediaError, TooLongError
 from pvg.video.color import color_space, named_space
 from pvg.video.display_order import DisplayOrder, display_order
 from pvg.video.formats import (
@@ -175,7 +175,8 @@ def _decode(clip: OpenClip, wanted: range, how: _Manner) -> Iterator[Frame]:
         pts = _stamp(clip, picture, last)
         first = pts if first is None else first
         if (pts - first) * clip.time_base > how.limits.max_duration_s:
-            raise MediaError(f"{clip.name} runs past {how.limits.max_duration_s} s at frame {index}; cut it shorter")
+            most_s = how.limits.max_duration_s
+            raise TooLongError(f"{clip.name} runs past {most_s} s at frame {index}; cut it shorter", most_s, "seconds")
         if index in wanted:
             yield within_depth(clip.name, to_frame(picture, reading, index, pts, clip.time_base))
         last, index = pts, index + 1
@@ -268,7 +269,8 @@ def _check_picture(
 ) -> None:
     check_pixels(name, picture.width, picture.height, limits.max_pixels)
     if index >= limits.max_frames:
-        raise MediaError(f"{name} has more than {limits.max_frames} frames; cut it shorter")
+        most = limits.max_frames
+        raise TooLongError(f"{name} has more than {most} frames; cut it shorter", most, "frames")
     size = (picture.width, picture.height)
     if size != reading.coded_size or picture.format.name != reading.coded_format:
         (width, height), was = size, reading.coded_size

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO, Literal
 
-from pvg.errors import MediaError
+from pvg.errors import MediaError, TooLargeError
 
 Kind = Literal["mp4", "matroska", "avi", "jpeg", "png", "webp", "tiff"]
 
@@ -218,10 +218,12 @@ def _check_declared_size(name: str, file: BinaryIO, body: int, end: int, max_pix
 
 
 def check_pixels(name: str, width: int, height: int, max_pixels: int) -> None:
-    """Raise MediaError when a picture of this size is over the limit."""
+    """Raise TooLargeError when a picture of this size is over the limit."""
     if width * height > max_pixels:
-        raise MediaError(
-            f"{name} is {width}x{height} = {width * height} pixels; at most {max_pixels} are accepted, scale it down"
+        raise TooLargeError(
+            f"{name} is {width}x{height} = {width * height} pixels; at most {max_pixels} are accepted, scale it down",
+            max_pixels,
+            "pixels",
         )
 
 

@@ -59,8 +59,13 @@ ADVICE: Final[dict[str, tuple[str, str]]] = {
         "Open the URL yourself; mend what the detail says, or send the file itself.",
     ),
     "too-large": (
-        "The file or the body is larger than allowed (413), or it needs more memory than a job may take (422).",
+        "The file or the body has more bytes than allowed (413); or the file has more pixels, frames a second or "
+        "streams than allowed, or needs more memory than a job may take (422).",
         "Send a smaller one. `limit` and `unit` say how much is allowed, and so does /v1/limits.",
+    ),
+    "too-long": (
+        "The clip lasts longer, or has more frames, than the service takes.",
+        "Cut it shorter and upload it again. `limit` and `unit` say how much is allowed, and so does /v1/limits.",
     ),
     "unsupported-media-type": (
         "The bytes are not of a kind that the service reads, or the body is of another type than the call takes.",
@@ -92,8 +97,8 @@ ADVICE: Final[dict[str, tuple[str, str]]] = {
         "Use a file in which the face is larger; /v1/limits has the width in pixels.",
     ),
     "media-invalid": (
-        "The file is damaged, over a limit of what it may hold, or not coded in a way that the service reads.",
-        "The detail says which; convert or shorten the file and upload it again.",
+        "The file is damaged, or not coded in a way that the service reads.",
+        "The detail says which; convert the file and upload it again.",
     ),
     "asset-invalid": (
         "What was made of the file cannot be read, though it was made again.",

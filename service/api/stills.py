@@ -25,6 +25,7 @@ from service.errors import (
     QuotaExceededError,
     ServiceError,
     UnavailableError,
+    limit_of,
     problem_body,
 )
 from service.storage import BlobMissingError
@@ -53,11 +54,12 @@ class StillFailedError(ServiceError):
     def __init__(self, error: Mapping[str, Any]) -> None:
         self._known = PROBLEMS[str(error["type"])]
         again = self._known.status == UnavailableError.kind.status
-        super().__init__(str(error["detail"]), headers={"Retry-After": _RETRY_S} if again else None)
+        headers = {"Retry-After": _RETRY_S} if again else None
+        super().__init__(str(error["detail"]), headers=headers, limit=limit_of(error))
 
     def problem(self) -> dict[str, Any]:
         """The problem as the worker names it."""
-        return problem_body(self._known, self.detail)
+        return problem_body(self._known, self.detail, limit=self.limit)
 
 
 def usable(session: Session, owner: str, media_id: str, where: str | None = None) -> Media:

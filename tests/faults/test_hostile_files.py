@@ -22,7 +22,7 @@ from tests.service.servers import missing
 from tests.worker.serving import parent_of, running_service, worker_processes
 
 #: what a job may end with that such a file is given to: it is the file's fault, and the text says which
-CLEAR = {"media-invalid", "too-large", "no-face", "time-limit"}
+CLEAR = {"media-invalid", "too-long", "too-large", "no-face", "time-limit"}
 REFUSED = {400, 413, 415, 422}
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from service import errors
-from service.errors import PROBLEMS, MediaFailedError, ServiceError, stored_problem
+from service.errors import PROBLEMS, Limit, MediaFailedError, ServiceError, stored_problem
 
 API = Path(__file__).parents[2] / "docs" / "api.md"
 
@@ -43,6 +43,12 @@ def test_the_problem_of_a_failed_medium_keeps_its_own_kind() -> None:
         "detail": "no face found in a.mp4",
         "errors": [{"pointer": "/video", "detail": "no face found in a.mp4"}],
     }
+
+
+def test_a_limit_is_told_with_the_problem_of_a_failed_medium() -> None:
+    stored = stored_problem("too-long", "a.mp4 lasts 9.0 s", limit=Limit(3.0, "seconds"))
+    problem = MediaFailedError(stored, "/video").problem()
+    assert (problem["code"], problem["limit"], problem["unit"]) == ("too-long", 3.0, "seconds")
 
 
 def test_only_listed_kinds_are_stored() -> None:

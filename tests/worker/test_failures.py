@@ -15,6 +15,7 @@ from worker.sandbox import CrashError, FileLimitError, MemoryLimitError, MethodE
         (MethodError("AssetError", "a.pvg is truncated"), "asset-invalid"),
         (MethodError("OptionError", "there is no face 3"), "validation-failed"),
         (MethodError("TooLargeError", "it needs 9.1 GB"), "too-large"),
+        (MethodError("TooLongError", "a.mp4 lasts 9.0 s"), "too-long"),
         (OptionError("mp4 does not fit an image"), "validation-failed"),
         (TimeLimitError("it took longer"), "time-limit"),
         (MemoryLimitError("it needs more than 4 GB"), "too-large"),
@@ -47,6 +48,19 @@ def test_internals_are_not_shown(error: Exception, kind: str) -> None:
 def test_a_process_names_no_kind_of_its_own() -> None:
     assert problem_of(MethodError("<b>", "x"))["type"] == "internal-error"
     assert problem_of(MethodError("MediaError", "a\nb\x00" + "c" * 9999))["detail"] == "a b " + "c" * 496
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        MethodError("TooLongError", "a.mp4 lasts 9.0 s", "", (3.0, "seconds")).saying("it lasts 9.0 s"),
+        MemoryLimitError("it needs more", (3.0, "seconds")),
+    ],
+)
+def test_a_limit_that_was_gone_over_is_kept_with_the_problem(error: Exception) -> None:
+    problem = problem_of(error)
+    assert (problem["limit"], problem["unit"]) == (3.0, "seconds")
+    assert "limit" not in problem_of(MethodError("TooLongError", "it lasts 9.0 s"))
 
 
 def test_a_picture_that_was_not_made_this_time_may_be_asked_for_again() -> None:

@@ -67,6 +67,19 @@ def test_a_clip_within_raised_limits_is_vectorised_drawn_and_previewed(
     assert answer == {"frame": 1, "width": 320, "height": 180}
 
 
+def test_a_clip_over_a_limit_fails_with_it(api: Api, warm_server: SandboxServer, fast: Path) -> None:
+    settings = api.services.settings.model_copy(update={"max_frames": 3})
+    video = api.client.post("/videos", files={"file": ("fast.mp4", fast.read_bytes())}).json()
+    Runner(settings, app, Sandbox(warm_server.lobby)).run(video["job"])
+    error = api.client.get(f"/jobs/{video['job']}").json()["error"]
+    assert (error["code"], error["limit"], error["unit"]) == ("too-long", 3, "frames")
+    assert error["detail"] == "fast.mp4 has 4 frames; at most 3 are accepted"
+    assert api.client.get(f"/videos/{video['id']}").json()["error"] == error
+    answer = api.client.post("/transfer", json={"video": video["id"], "looks": [{"reference": video["id"]}]})
+    assert answer.status_code == 422
+    assert answer.json().items() >= error.items()
+
+
 def inputs(settings: Settings, clip: Path, asset: Path) -> dict[str, Any]:
     """What every call about looks of a clip is told; there are no looks."""
     output = {"codec": "auto", "crf": None, "preset": None, "audio": "copy", "extras": []}
@@ -98,5 +111,5 @@ def test_memory_is_asked_for_by_the_codec_that_is_written(settings: Settings, sa
     needed = [rendering_bytes(media, 1, codec) for codec in ("av1", "hevc")]  # "auto" in WebM and in MP4
     assert needed[0] < needed[1]
     draw_part(arguments, container="webm", memory_bytes=needed[0])
-    with pytest.raises(calls.TooLargeError):
+    with pytest.raises(pvg.TooLargeError):
         draw_part(arguments, container="mp4", memory_bytes=needed[1] - 1)

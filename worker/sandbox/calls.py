@@ -18,7 +18,7 @@ import pvg
 from pvg import memory, models
 from pvg._arrays import Bytes
 from pvg.asset import VectorVideo
-from pvg.errors import AssetError
+from pvg.errors import AssetError, TooLargeError
 from pvg.looks import reference_face_of
 from pvg.rendering import Stills, join_parts, render, render_part
 from pvg.rendering.stills import around, cropped, encoded, fitted
@@ -36,10 +36,6 @@ MOST_THUMBNAILS: Final = 100
 
 class OptionError(Exception):
     """An option of the request does not fit the medium it is used on."""
-
-
-class TooLargeError(Exception):
-    """What is asked for needs more memory than a job may take."""
 
 
 def preload() -> None:
@@ -115,7 +111,9 @@ def _check_memory(media: Any, needed: int, budget: int) -> None:
         what = "picture" if media.kind == "image" else "clip"
         raise TooLargeError(
             f"a {what} of {media.width}x{media.height} ({media.pixel_format or 'RGB'}) needs {needed / 1e9:.1f} GB of "
-            f"memory; a job may take {budget / 1e9:.1f} GB: scale it down, or raise PVG_JOB_MEMORY_BYTES"
+            f"memory; a job may take {budget / 1e9:.1f} GB: scale it down, or raise PVG_JOB_MEMORY_BYTES",
+            budget,
+            "bytes of memory",
         )
 
 

@@ -117,7 +117,14 @@ def _described(error: BaseException) -> dict[str, Any]:
         "out_of_memory": errno.ENOMEM in numbers or any(map(_is_out_of_memory, chain)),
         "file_too_long": errno.EFBIG in numbers,
         "no_room": not numbers.isdisjoint({errno.ENOSPC, errno.EDQUOT}),
+        "limit": _limit_of(error),
     }
+
+
+def _limit_of(error: BaseException) -> list[Any] | None:
+    """What the input may have of what it has too much of, if the method says so: a number and its unit."""
+    limit, unit = getattr(error, "limit", None), getattr(error, "unit", None)
+    return [limit, unit] if isinstance(limit, int | float) and isinstance(unit, str) else None
 
 
 def _is_out_of_memory(error: BaseException) -> bool:

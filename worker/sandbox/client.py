@@ -22,21 +22,37 @@ log = structlog.get_logger(__name__)
 POLL_S: Final = 0.2
 #: of the memory limit: a process that a signal ended above it has most likely met the limit inside a library
 _NEARLY: Final = 0.9
+#: of limits of the input, see `pvg.errors.LimitError`
+_UNITS: Final = frozenset({"seconds", "frames", "pixels", "frames per second", "streams", "bytes", "bytes of memory"})
+#: a number that JSON and its readers have exactly
+_MOST: Final = 2**53
 #: for the kernel to end a process that holds some GB
 _END_S: Final = 10.0
 
 
 class MethodError(Exception):
-    """The call raised: the name of the error's class and its message, as the job's process tells them."""
+    """The call raised: the name of the error's class and its message, as the job's process tells them.
 
-    def __init__(self, kind: str, message: str, trace: str = "") -> None:
+    ``limit`` is the most that is accepted of what the input is over, and its unit.
+    """
+
+    def __init__(self, kind: str, message: str, trace: str = "", limit: tuple[float, str] | None = None) -> None:
         super().__init__(message)
         self.kind = kind
         self.trace = trace
+        self.limit = limit
+
+    def saying(self, message: str) -> MethodError:
+        """The same error in other words."""
+        return MethodError(self.kind, message, self.trace, self.limit)
 
 
 class LimitError(Exception):
-    """The job has met a limit of what one job may take."""
+    """The job has met a limit of what one job may take: ``limit``, where it is a number, and its unit."""
+
+    def __init__(self, message: str, limit: tuple[float, str] | None = None) -> None:
+        super().__init__(message)
+        self.limit = limit
 
 
 class MemoryLimitError(LimitError):
@@ -281,17 +297,27 @@ def answer_of(message: dict[str, Any], limits: Limits) -> Any:
             if flags.get("file_too_long") is True:
                 gigabytes = limits.file_bytes / 1e9
                 raise FileLimitError(
-                    f"a file of the job would be longer than {gigabytes:.1f} GB, the limit of the service"
+                    f"a file of the job would be longer than {gigabytes:.1f} GB, the limit of the service",
+                    (limits.file_bytes, "bytes"),
                 )
             if flags.get("no_room") is True:
                 raise NoRoomError(text)
-            raise MethodError(kind, text, trace)
+            raise MethodError(kind, text, trace, _limit_of(flags.get("limit")))
     raise CrashError("its process sent something else than an answer")
+
+
+def _limit_of(told: object) -> tuple[float, str] | None:
+    """The limit that an error names, if it is one that there is."""
+    match told:
+        case [int() | float() as limit, str(unit)] if unit in _UNITS and 0 <= limit <= _MOST:
+            return limit, unit
+    return None
 
 
 def _out_of_memory(limits: Limits) -> MemoryLimitError:
     gigabytes = limits.memory_bytes / 1e9
     return MemoryLimitError(
         f"the job needs more memory than the {gigabytes:.1f} GB that one may take: scale the file down, or raise "
-        "PVG_JOB_MEMORY_BYTES"
+        "PVG_JOB_MEMORY_BYTES",
+        (limits.memory_bytes, "bytes of memory"),
     )

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from pydantic import BaseModel, Field
+
+_OF_FILES: Final = "of what a file holds seconds, frames, pixels, frames per second, streams, bytes of memory"
 
 
 class Error(BaseModel):
@@ -27,7 +31,8 @@ class Problem(BaseModel):
     errors: list[Error] | None = Field(default=None, description="what is wrong, value by value")
     limit: float | None = Field(default=None, description="the most that is allowed, of what was gone over")
     unit: str | None = Field(
-        default=None, description="of `limit`: bytes, files, jobs, looks, uploads, requests per minute or at a time"
+        default=None,
+        description=f"of `limit`: bytes, files, jobs, looks, uploads, requests per minute or at a time; {_OF_FILES}",
     )
 
 
@@ -43,3 +48,7 @@ class StoredProblem(BaseModel):
         exclude_if=lambda errors: errors is None,
         description="where in the request of the job it is, where that is known, by pointers as into its JSON",
     )
+    limit: float | None = Field(
+        default=None, exclude_if=lambda limit: limit is None, description="the most that is accepted of what is over it"
+    )
+    unit: str | None = Field(default=None, exclude_if=lambda unit: unit is None, description=f"of `limit`: {_OF_FILES}")

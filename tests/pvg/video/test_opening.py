@@ -1,11 +1,12 @@
 from __future__ import annotations
 
+import pickle
 import socket
 from pathlib import Path
 
 import pytest
 
-from pvg.errors import MediaError
+from pvg.errors import MediaError, TooLargeError, TooLongError
 from pvg.video import (
     MediaLimits,
     probe,
@@ -18,19 +19,27 @@ from tests.gallery.clips import (
 
 def test_every_limit_is_kept_and_named(samples: Samples) -> None:
     clip = samples.woman_clip  # 640x360, 168 frames, 24 a second, 7 s
-    for limits, words in (
-        (MediaLimits(max_pixels=640 * 360 - 1), "640x360"),
-        (MediaLimits(max_frames=100), "frames"),
-        (MediaLimits(max_duration_s=3.0), r"3\.0 s"),
-        (MediaLimits(max_streams=0), "stream"),
+    for limits, words, kind, limit in (
+        (MediaLimits(max_pixels=640 * 360 - 1), "640x360", TooLargeError, (640 * 360 - 1, "pixels")),
+        (MediaLimits(max_frames=100), "frames", TooLongError, (100, "frames")),
+        (MediaLimits(max_duration_s=3.0), r"3\.0 s", TooLongError, (3.0, "seconds")),
+        (MediaLimits(max_streams=0), "stream", TooLargeError, (0, "streams")),
     ):
-        with pytest.raises(MediaError, match=words):
-            probe(clip, limits)
-        with pytest.raises(MediaError, match=words):
-            every_frame(clip, limits)
-    with pytest.raises(MediaError, match="frames a second"):
+        for call in (probe, every_frame):
+            with pytest.raises(kind, match=words) as caught:
+                call(clip, limits)
+            assert (caught.value.limit, caught.value.unit) == limit
+    with pytest.raises(TooLargeError, match="frames a second") as caught:
         probe(clip, MediaLimits(max_frame_rate=10.0))
+    assert (caught.value.limit, caught.value.unit) == (10.0, "frames per second")
     assert every_frame(clip, MediaLimits(max_pixels=640 * 360, max_frames=168, max_duration_s=7.1)) == 168
+
+
+def test_an_error_of_a_limit_passes_between_processes() -> None:
+    error = TooLongError("a.mp4 lasts 9.0 s; at most 3.0 s are accepted", 3.0, "seconds")
+    passed = pickle.loads(pickle.dumps(error))
+    assert (type(passed), str(passed), passed.limit, passed.unit) == (TooLongError, str(error), 3.0, "seconds")
+    assert isinstance(passed, MediaError)
 
 
 def test_a_cut_off_clip_is_refused(samples: Samples, tmp_path: Path) -> None:

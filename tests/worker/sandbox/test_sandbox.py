@@ -25,8 +25,9 @@ from tests.service.fixtures import add_media, make_tables
 from tests.service.servers import missing
 from tests.waiting import until
 from worker.runner import Runner
-from worker.sandbox import Limits, Sandbox, SandboxServer, View, Watch, keeper, landlock, seccomp
+from worker.sandbox import Limits, MethodError, Sandbox, SandboxServer, View, Watch, keeper, landlock, seccomp
 from worker.sandbox import server as fork_server
+from worker.sandbox.client import answer_of
 
 REPOSITORY = Path(__file__).resolve().parents[3]
 LIMITS = Limits(memory_bytes=2**30, cpu_s=60, file_bytes=2**30)
@@ -104,6 +105,25 @@ def test_the_numbers_of_calls_are_the_kernels(header: str, column: int) -> None:
         ours = numbers[column]
         if ours is not None and name in found:
             assert int(found[name]) == ours, name
+
+
+@pytest.mark.parametrize(
+    ("told", "limit"),
+    [
+        ([3.0, "seconds"], (3.0, "seconds")),
+        ([3.0, "<b>"], None),
+        ([-1, "frames"], None),
+        ([float("nan"), "frames"], None),
+        (["3", "frames"], None),
+        ([3], None),
+        (None, None),
+    ],
+)
+def test_a_process_names_no_limit_of_its_own(told: object, limit: object) -> None:
+    error = {"class": "TooLongError", "message": "x", "trace": "", "limit": told}
+    with pytest.raises(MethodError) as caught:
+        answer_of({"error": error}, LIMITS)
+    assert caught.value.limit == limit
 
 
 # jobs whose medium has taken over their process
