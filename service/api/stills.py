@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import timedelta
 from typing import Any, Final
 
@@ -25,6 +25,7 @@ from service.errors import (
     QuotaExceededError,
     ServiceError,
     UnavailableError,
+    ValidationFailedError,
     limit_of,
     problem_body,
 )
@@ -36,6 +37,8 @@ MEDIA_TYPES: Final = {"jpeg": "image/jpeg", "png": "image/png"}
 #: of how pictures are made: another one when the same request makes another picture
 _EDITION: Final = 2
 _RETRY_S: Final = "1"
+#: statuses from here on are of the service, not of what it was asked for (RFC 9110, 15)
+_FIRST_OF_OURS: Final = 500
 
 
 @dataclass(frozen=True)
@@ -49,10 +52,11 @@ class Wanted:
 
 
 class StillFailedError(ServiceError):
-    """There is no such picture, for a reason that the worker tells."""
+    """There is no such picture, for a reason that the worker tells: with 422 when it is of the medium."""
 
     def __init__(self, error: Mapping[str, Any]) -> None:
-        self._known = PROBLEMS[str(error["type"])]
+        known, of_medium = PROBLEMS[str(error["type"])], ValidationFailedError.kind.status
+        self._known = known if known.status >= _FIRST_OF_OURS else replace(known, status=of_medium)
         again = self._known.status == UnavailableError.kind.status
         headers = {"Retry-After": _RETRY_S} if again else None
         super().__init__(str(error["detail"]), headers=headers, limit=limit_of(error))

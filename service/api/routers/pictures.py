@@ -32,7 +32,7 @@ LayerOf = Annotated[
 
 def _picture(kind: str) -> Responses:
     whole = {"description": "the picture", "content": file_content(kind)}
-    return {200: whole, **UNCHANGED, **problems(404, 409)}
+    return {200: whole, **UNCHANGED, **problems(404, 409, 507)}
 
 
 @router.get(

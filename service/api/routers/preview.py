@@ -36,7 +36,7 @@ class _Shown(BaseModel):
 @router.post(
     "/preview",
     response_class=Response,
-    responses={**_PICTURE, **UNCHANGED, **problems(400, 404, 409, 413, 415)},
+    responses={**_PICTURE, **UNCHANGED, **problems(400, 404, 409, 413, 415, 507)},
     openapi_extra=json_body(PreviewRequest),
 )
 async def create_preview(

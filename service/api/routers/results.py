@@ -102,7 +102,7 @@ def _find_part(services: Services, access: Access, result_id: str, part: PartNam
 
 @router.post(
     "/{result_id}/link",
-    responses=problems(400, 404, 409, 410, 413, 415),
+    responses=problems(400, 404, 409, 410, 413, 415, 507),
     openapi_extra=json_body(ResultLinkRequest, required=False),
 )
 async def create_result_link(

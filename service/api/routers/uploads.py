@@ -86,7 +86,7 @@ def _announced(request: Request) -> tuple[int, dict[str, str], str]:
 @router.post(
     "/link",
     status_code=201,
-    responses=problems(400, 409, 413, 415),
+    responses=problems(400, 409, 413, 415, 507),
     openapi_extra=json_body(UploadLinkRequest),
 )
 async def create_upload_link(
@@ -187,7 +187,7 @@ def _progress(upload: ResumableUpload) -> dict[str, str]:
     return headers
 
 
-@open_router.delete("/{upload_id}", status_code=204, dependencies=[Speaks], responses=problems(403, 404, 410, 412))
+@open_router.delete("/{upload_id}", status_code=204, dependencies=[Speaks], responses=problems(403, 404, 410, 412, 507))
 async def delete_upload(request: Request, upload: UploadDep, services: ServicesDep) -> Response:
     """Remove what is there of a file (tus termination). A medium that it has become stays."""
     if "tus-resumable" in request.headers:

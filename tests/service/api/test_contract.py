@@ -69,6 +69,15 @@ def test_every_operation_says_what_it_is_and_takes_one_type_of_body(schema: dict
         assert len(operation.get("requestBody", {}).get("content", {"-": 0})) == 1, (method, path)
 
 
+def test_what_writes_may_find_the_disk_full(schema: dict[str, Any]) -> None:
+    pictures = ("image/jpeg", "image/png")
+    for path, method, operation in operations(schema):
+        content = operation["responses"].get("200", {}).get("content", {})
+        is_made = any(kind in content for kind in pictures) and "206" not in operation["responses"]
+        if method not in {"get", "options"} or is_made:
+            assert "507" in operation["responses"], (method, path)
+
+
 def test_every_json_body_has_examples_that_fit_it(schema: dict[str, Any]) -> None:
     for path, method, operation in operations(schema):
         for where, kind, content in contents(operation):

@@ -17,7 +17,7 @@ from service.blobs import Blobs
 from service.catalog import Media, PreviewState, previews, workers
 from service.catalog.models import Preview
 from service.catalog.previews import KEPT_S, Still
-from service.errors import stored_problem
+from service.errors import Limit, stored_problem
 from service.settings import Settings
 from tests.service.fixtures import MP4, PNG, Api, FakeClock, make_ready, serve
 from tests.waiting import until
@@ -35,7 +35,7 @@ class Made:
 
 
 @contextmanager
-def preview_worker(api: Api, error: dict[str, str] | None = None) -> Iterator[Made]:
+def preview_worker(api: Api, error: dict[str, Any] | None = None) -> Iterator[Made]:
     """A worker of previews, as the records see it."""
     services, stop, made = api.services, threading.Event(), Made()
     blobs = Blobs(services.background, services.storage, within_s=KEPT_S)
@@ -182,6 +182,17 @@ def test_why_there_is_none_is_told(api: Api, video: str, reference: str) -> None
         answer = api.client.post("/preview", json=body(video, reference, face=0))
     assert (answer.status_code, answer.json()["code"]) == (422, "validation-failed")
     assert answer.json()["detail"] == "face 0 is not in frame 5"
+
+
+def test_one_that_needs_too_much_memory_is_422(api: Api, video: str, reference: str) -> None:
+    problem = stored_problem("too-large", "the job needs more memory", limit=Limit(4e9, "bytes of memory"))
+    with preview_worker(api, problem):
+        answer = api.client.post("/preview", json=body(video, reference))
+    assert (answer.status_code, answer.json()["status"], answer.json()["code"]) == (422, 422, "too-large")
+    assert (answer.json()["limit"], answer.json()["unit"]) == (4e9, "bytes of memory")
+    with preview_worker(api, stored_problem("insufficient-storage", "no room was left")):
+        answer = api.client.get(f"/videos/{video}/frames/0")
+    assert (answer.status_code, answer.json()["code"]) == (507, "insufficient-storage")
 
 
 def test_what_may_go_well_later_is_to_be_asked_again(api: Api, video: str, reference: str) -> None:
