@@ -74,6 +74,9 @@ PROBLEMS: Final = {
     )
 }
 
+#: kinds of other statuses that a medium or job may have failed with: told with 422 where a request names such a medium
+ALSO_OF_FAILED: Final = ("too-large", "internal-error", "unavailable", "insufficient-storage")
+
 
 class ServiceError(Exception):
     """An answer that is an error. ``detail`` is shown to the client and never holds internals."""
@@ -223,6 +226,8 @@ class MediaFailedError(ServiceError):
     ``others`` are further media of the request that have failed, by their pointers.
     """
 
+    kind = PROBLEMS["validation-failed"]
+
     def __init__(
         self, error: dict[str, Any], pointer: str, others: Mapping[str, dict[str, Any]] = MappingProxyType({})
     ) -> None:
@@ -233,7 +238,7 @@ class MediaFailedError(ServiceError):
 
     def problem(self) -> dict[str, Any]:
         """The problem with the medium's type and title."""
-        kind = ProblemType(str(self._error["type"]), str(self._error["title"]), ValidationFailedError.kind.status)
+        kind = ProblemType(str(self._error["type"]), str(self._error["title"]), self.kind.status)
         return problem_body(kind, self.detail, self.errors, limit_of(self._error))
 
 

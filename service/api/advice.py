@@ -121,15 +121,16 @@ ADVICE: Final[dict[str, tuple[str, str]]] = {
     ),
     "internal-error": (
         "Something went wrong on our side.",
-        "Try again; if it goes on, tell the operator the `request_id` or the id of the job: the log has the cause.",
+        "Try again; a file that has failed so (422), upload again. If it goes on, tell the operator the `request_id` or the "
+        "id of the job: the log has the cause.",
     ),
     "not-implemented": ("The body has a transfer coding other than chunked.", "Send the body plain or chunked."),
     "unavailable": (
         "The records or the files cannot be reached right now, or are locked for too long.",
-        "Ask again after Retry-After, with the same Idempotency-Key.",
+        "Ask again after Retry-After, with the same Idempotency-Key. A file that has failed so (422), upload again.",
     ),
     "insufficient-storage": (
         "The service's disk has no room left for this.",
-        "Try again later; the operator has to make room.",
+        "Try again later; the operator has to make room. A file that has failed so (422), upload again then.",
     ),
 }

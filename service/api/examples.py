@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Final
 
-from service.errors import PROBLEMS, problem_body
+from service.errors import ALSO_OF_FAILED, PROBLEMS, MediaFailedError, problem_body
 
 _VIDEO, _REFERENCE = "vid_0192f0c1a2b37c4d8e5f60718293a4b5", "ref_0192f0c1a2b37c4d8e5f60718293a4b6"
 _JOB, _RESULT = "job_0192f0c1a2b37c4d8e5f60718293a4b7", "res_0192f0c1a2b37c4d8e5f60718293a4b8"
@@ -312,8 +313,9 @@ TEXTS: Final = {
 
 def of_problems(status: int, instance: str) -> dict[str, dict[str, Any]]:
     """An example of each kind of problem that is answered with a status, by its code."""
+    kinds = [kind for kind in PROBLEMS.values() if kind.status == status]
+    if status == MediaFailedError.kind.status:
+        kinds += [replace(PROBLEMS[code], status=status) for code in ALSO_OF_FAILED]
     return {
-        kind.type: problem_body(kind, kind.title) | {"instance": instance, "request_id": _REQUEST}
-        for kind in PROBLEMS.values()
-        if kind.status == status
+        kind.type: problem_body(kind, kind.title) | {"instance": instance, "request_id": _REQUEST} for kind in kinds
     }

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from service import errors
-from service.errors import PROBLEMS, Limit, MediaFailedError, ServiceError, stored_problem
+from service.errors import ALSO_OF_FAILED, PROBLEMS, Limit, MediaFailedError, ServiceError, stored_problem
 
 API = Path(__file__).parents[2] / "docs" / "api.md"
 
@@ -28,8 +28,8 @@ def test_the_documentation_lists_every_kind_with_its_status() -> None:
         for status, text in re.findall(r"^\| (\d{3}) \| (.*) \|$", section, re.MULTILINE)
         for kind in re.findall(r"`([a-z-]+)`", text)
     }
-    # 413 and 500 are statuses of answers; stored problems of those kinds are told of with 422
-    stored = {("too-large", 422), ("internal-error", 422)}
+    # stored problems of these kinds are told of with 422, whatever the status of such an answer is
+    stored = {(kind, 422) for kind in ALSO_OF_FAILED}
     assert listed == {(problem.type, problem.status) for problem in PROBLEMS.values()} | stored
 
 

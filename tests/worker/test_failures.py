@@ -1,9 +1,11 @@
 from __future__ import annotations
 
 import pytest
+from sqlalchemy.exc import OperationalError
 
+from service.errors import ALSO_OF_FAILED, PROBLEMS
 from worker.failures import OptionError, is_expected, problem_of, problem_of_picture
-from worker.sandbox import CrashError, FileLimitError, MemoryLimitError, MethodError, TimeLimitError
+from worker.sandbox import CrashError, FileLimitError, MemoryLimitError, MethodError, NoRoomError, TimeLimitError
 
 
 @pytest.mark.parametrize(
@@ -43,6 +45,14 @@ def test_internals_are_not_shown(error: Exception, kind: str) -> None:
     assert problem["type"] == kind
     assert "secret" not in str(problem)
     assert not is_expected(error)
+
+
+@pytest.mark.parametrize(
+    "error", [NoRoomError("x"), OSError(28, "x"), OperationalError("x", None, OSError("x")), RuntimeError("x"), MemoryLimitError("x")]
+)
+def test_the_kind_of_any_failure_is_one_of_those_that_a_medium_is_told_with(error: Exception) -> None:
+    kind = problem_of(error)["type"]
+    assert kind in ALSO_OF_FAILED or PROBLEMS[kind].status == 422
 
 
 def test_a_process_names_no_kind_of_its_own() -> None:

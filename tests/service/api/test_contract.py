@@ -69,6 +69,13 @@ def test_every_operation_says_what_it_is_and_takes_one_type_of_body(schema: dict
         assert len(operation.get("requestBody", {}).get("content", {"-": 0})) == 1, (method, path)
 
 
+def test_all_that_a_medium_fails_with_is_told_with_422(schema: dict[str, Any]) -> None:
+    answer = schema["paths"]["/v1/transfer"]["post"]["responses"]["422"]
+    kinds = answer["content"][PROBLEM_JSON]["examples"]
+    assert kinds.keys() >= {"no-face", "too-long", "too-large", "unavailable", "insufficient-storage", "internal-error"}
+    assert {kind["value"]["status"] for kind in kinds.values()} == {422}
+
+
 def test_what_writes_may_find_the_disk_full(schema: dict[str, Any]) -> None:
     pictures = ("image/jpeg", "image/png")
     for path, method, operation in operations(schema):
