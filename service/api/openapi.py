@@ -193,7 +193,7 @@ TRANSFER_FORM: dict[str, Any] = {
         "makeup": {
             "type": "string",
             "pattern": rf"^({_SHARE}|{_PART}(,{_PART}){{0,3}})$",
-            "description": "a number, or comma-separated by part, each once: lips=1,lids=0.3",
+            "description": "a number, or comma-separated by part, each once: lips=1,lids=0.3; those not named have 0.75",
         },
         "light": {"type": "number", "minimum": 0, "maximum": 1},
         "scene": {"type": "number", "minimum": 0, "maximum": 1},

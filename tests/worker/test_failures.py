@@ -48,7 +48,14 @@ def test_internals_are_not_shown(error: Exception, kind: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "error", [NoRoomError("x"), OSError(28, "x"), OperationalError("x", None, OSError("x")), RuntimeError("x"), MemoryLimitError("x")]
+    "error",
+    [
+        NoRoomError("x"),
+        OSError(28, "x"),
+        OperationalError("x", None, OSError("x")),
+        RuntimeError("x"),
+        MemoryLimitError("x"),
+    ],
 )
 def test_the_kind_of_any_failure_is_one_of_those_that_a_medium_is_told_with(error: Exception) -> None:
     kind = problem_of(error)["type"]

@@ -52,7 +52,7 @@ MAX_SEED = 2**32 - 1
 
 
 class MakeupParts(Request):
-    """How far each part takes the reference's make-up."""
+    """How far each part takes the reference's make-up: 0.75 for those that are not named, 0 to leave one out."""
 
     lips: Share = MAKEUP
     lids: Share = MAKEUP
@@ -68,7 +68,9 @@ class _ColorOptions(Request):
     )
     faces: Faces = Field(default="all", description="indices of the faces to change, or all")
     makeup: Share | MakeupParts = Field(
-        default=MAKEUP, description="how far lips, lids, cheeks and brows take the reference's make-up: all, or by part"
+        default=MAKEUP,
+        description="how far lips, lids, cheeks and brows take the reference's make-up: all, or by part, where those that "
+        "are not named have 0.75",
     )
     light: Share = Field(default=0.0, description="how far light falls from where it does on the reference")
     scene: Share = Field(

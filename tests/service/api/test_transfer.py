@@ -589,6 +589,16 @@ def test_what_was_found_while_a_look_was_drawn_stands_beside_its_result(api: Api
     assert look["warnings"] == ["video, face 0: small"]
 
 
+def test_parts_that_are_not_named_have_the_usual_make_up_as_is_said(api: Api) -> None:
+    video = api.client.post("/videos", content=MP4).json()["id"]
+    body = {"video": video, "looks": looks(video, makeup={"lips": 1})}
+    job = api.client.post("/transfer", json=body).json()
+    usual = dict.fromkeys(("lids", "cheeks", "brows"), 0.75)
+    assert job["looks"][0]["options"]["makeup"] == {"lips": 1, **usual}
+    said = api.client.get("/openapi.json").json()["components"]["schemas"]["LookRequest"]["properties"]["makeup"]
+    assert "0.75" in said["description"]
+
+
 def test_the_ranges_stand_in_the_schema(api: Api) -> None:
     schemas = api.client.get("/openapi.json").json()["components"]["schemas"]
     look, swap = schemas["LookRequest"]["properties"], schemas["SwapRequest"]["properties"]
