@@ -116,7 +116,8 @@ ADVICE: Final[dict[str, tuple[str, str]]] = {
         "Ask for it again when `/readyz` says that there are workers.",
     ),
     "quota-exceeded": (
-        "The key has used up its requests, its unfinished jobs or its bytes; RateLimit-Policy says which.",
+        "A quota is used up (requests, unfinished jobs, bytes, open uploads), or as many requests, pictures, streams or "
+        "fetched files are at work as may be at a time: `unit` says of what, and `limit` how many.",
         "Wait for Retry-After; end or cancel jobs, or delete files. /v1/usage tells where the key stands.",
     ),
     "internal-error": (

@@ -20,6 +20,7 @@ from service.catalog.requests import to_json
 from service.errors import (
     PROBLEMS,
     ConflictError,
+    Limit,
     MediaFailedError,
     NotFoundError,
     QuotaExceededError,
@@ -154,7 +155,9 @@ def _ask(services: Services, owner: str, wanted: Wanted, mark: str) -> tuple[str
         )
         if is_new and previews.open_count(session, owner, now=now, within_s=within_s) > most:
             raise QuotaExceededError(
-                f"{most} pictures are being made already; wait for them", headers={"Retry-After": _RETRY_S}
+                f"{most} pictures are being made already; wait for them",
+                headers={"Retry-After": _RETRY_S},
+                limit=Limit(most, "pictures"),
             )
         return preview.id, is_new
 

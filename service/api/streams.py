@@ -10,7 +10,7 @@ from typing import Final
 from starlette.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
 
-from service.errors import QuotaExceededError, UnavailableError
+from service.errors import Limit, QuotaExceededError, UnavailableError
 
 #: of one key, or of nobody, at a time in one process
 PER_OWNER: Final = 100
@@ -35,7 +35,11 @@ class Streams:
         Raises `QuotaExceededError` or `UnavailableError` when there is none.
         """
         if self._of[owner] >= PER_OWNER:
-            raise QuotaExceededError(f"a key may have {PER_OWNER} streams of events", headers={"Retry-After": "5"})
+            raise QuotaExceededError(
+                f"a key may have {PER_OWNER} streams of events",
+                headers={"Retry-After": "5"},
+                limit=Limit(PER_OWNER, "streams"),
+            )
         if self._of.total() >= self._limit:
             raise UnavailableError("there are too many streams of events; ask with ?wait= instead")
         self._of[owner] += 1

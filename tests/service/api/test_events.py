@@ -192,6 +192,7 @@ def test_a_key_has_so_many_streams_and_no_more(api: Api) -> None:
         assert {answer.status_code for answer in answers} == {200}
         refused = client.get(f"/jobs/{job_id}/events")
         assert (refused.status_code, refused.json()["code"]) == (429, "quota-exceeded")
+        assert (refused.json()["limit"], refused.json()["unit"]) == (100, "streams")
         assert client.get(f"/jobs/{job_id}").status_code == 200
         with api.client.stream(
             "GET", f"/jobs/{theirs}/events", headers={"Authorization": f"Bearer {other.text}"}

@@ -322,9 +322,19 @@ def test_one_key_cannot_fill_the_queue(settings: Settings) -> None:
         with api.services.background.write() as session:
             workers.beat(session, "previews", now=api.services.database.now(), kind="previews")
         statuses: list[int] = []
+        limits: list[tuple[float, str]] = []
 
-        def ask(width: int, api: Api = api, video_id: str = video_id, statuses: list[int] = statuses) -> None:
-            statuses.append(api.client.post("/preview", json={"video": video_id, "max_width": width}).status_code)
+        def ask(
+            width: int,
+            api: Api = api,
+            video_id: str = video_id,
+            statuses: list[int] = statuses,
+            limits: list[tuple[float, str]] = limits,
+        ) -> None:
+            answer = api.client.post("/preview", json={"video": video_id, "max_width": width})
+            statuses.append(answer.status_code)
+            if answer.status_code == 429:
+                limits.append((answer.json()["limit"], answer.json()["unit"]))
 
         threads = [threading.Thread(target=ask, args=(100 + i,)) for i in range(5)]
         for thread in threads:
@@ -335,6 +345,7 @@ def test_one_key_cannot_fill_the_queue(settings: Settings) -> None:
         for thread in threads:
             thread.join()
         assert statuses[:3] == [429] * 3
+        assert limits == [(2, "pictures")] * 3
         assert sorted(statuses) == [429, 429, 429, 503, 503]
 
 
