@@ -15,8 +15,9 @@ ADVICE: Final[dict[str, tuple[str, str]]] = {
         "Send `Authorization: Bearer` with a key that `pvg-service keys create` has printed.",
     ),
     "forbidden": (
-        "A page of another site wants to write.",
-        "Let the page's origin write by PVG_ALLOWED_ORIGINS, or call from a program.",
+        "A page of another site wants to write; or a signed link is not as it was made, was made with a key that is revoked, "
+        "or is to what belongs to another key by now.",
+        "Let the page's origin write by PVG_ALLOWED_ORIGINS, or call from a program. Have another link made.",
     ),
     "not-found": (
         "There is nothing of this id or at this address for this key. What belongs to another key is not found either.",
@@ -39,8 +40,9 @@ ADVICE: Final[dict[str, tuple[str, str]]] = {
         "Ask again after Retry-After for its answer.",
     ),
     "gone": (
-        "The thing was there, and its bytes have been removed after their retention.",
-        "Run the transfer again, with the same video and references if they are there still.",
+        "The thing was there, and its bytes have been removed after their retention; or the link to it has expired.",
+        "Of a link, have another one made. Of a result, run the transfer again, with the same video and references if they "
+        "are there still; of an upload, begin it again.",
     ),
     "precondition-failed": (
         "The request speaks another version of tus than 1.0.0, or none where one is needed.",

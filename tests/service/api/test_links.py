@@ -12,6 +12,7 @@ import httpx
 import pytest
 from pydantic import ValidationError
 
+from service.api.advice import ADVICE
 from service.catalog import keys
 from service.settings import Settings
 from tests.service.fixtures import MP4, PNG, Api, make_ready, make_results, serve
@@ -143,6 +144,13 @@ def test_the_link_of_a_deleted_video_leads_nowhere(api: Api, stranger: httpx.Cli
     for video in api.client.get("/videos").json()["data"]:
         assert api.client.delete(f"/videos/{video['id']}").status_code == 204
     assert stranger.get(url).status_code == 404
+
+
+def test_what_to_do_about_a_link_that_no_longer_opens_is_said() -> None:
+    for code in ("gone", "forbidden"):
+        meaning, advice = ADVICE[code]
+        assert "link" in meaning
+        assert "another" in advice
 
 
 def test_links_of_one_api_open_at_another(tmp_path: Path) -> None:
