@@ -215,7 +215,7 @@ class IdempotencyKeyReusedError(ServiceError):
 
 
 class QuotaExceededError(ServiceError):
-    """The key has used up a quota, or has as much at work as it may: ``limit`` says of what, ``headers`` for how long."""
+    """The key has used up a quota, or has as much at work as it may: ``limit`` says of what."""
 
     kind = PROBLEMS["quota-exceeded"]
 

@@ -15,8 +15,8 @@ ADVICE: Final[dict[str, tuple[str, str]]] = {
         "Send `Authorization: Bearer` with a key that `pvg-service keys create` has printed.",
     ),
     "forbidden": (
-        "A page of another site wants to write; or a signed link is not as it was made, was made with a key that is revoked, "
-        "or is to what belongs to another key by now.",
+        "A page of another site wants to write; or a signed link is not as it was made, is of a key that is revoked, or is "
+        "to what belongs to another key by now.",
         "Let the page's origin write by PVG_ALLOWED_ORIGINS, or call from a program. Have another link made.",
     ),
     "not-found": (
@@ -41,8 +41,8 @@ ADVICE: Final[dict[str, tuple[str, str]]] = {
     ),
     "gone": (
         "The thing was there, and its bytes have been removed after their retention; or the link to it has expired.",
-        "Of a link, have another one made. Of a result, run the transfer again, with the same video and references if they "
-        "are there still; of an upload, begin it again.",
+        "Of a link, have another one made. Of a result, run the transfer again, with the same video and references if "
+        "they are there still; of an upload, begin it again.",
     ),
     "precondition-failed": (
         "The request speaks another version of tus than 1.0.0, or none where one is needed.",
@@ -118,14 +118,14 @@ ADVICE: Final[dict[str, tuple[str, str]]] = {
         "Ask for it again when `/readyz` says that there are workers.",
     ),
     "quota-exceeded": (
-        "A quota is used up (requests, unfinished jobs, bytes, open uploads), or as many requests, pictures, streams or "
-        "fetched files are at work as may be at a time: `unit` says of what, and `limit` how many.",
+        "A quota is used up (requests, unfinished jobs, bytes, open uploads), or as many requests, pictures, streams "
+        "or fetched files are at work as may be at a time: `unit` says of what, and `limit` how many.",
         "Wait for Retry-After; end or cancel jobs, or delete files. /v1/usage tells where the key stands.",
     ),
     "internal-error": (
         "Something went wrong on our side.",
-        "Try again; a file that has failed so (422), upload again. If it goes on, tell the operator the `request_id` or the "
-        "id of the job: the log has the cause.",
+        "Try again; a file that has failed so (422), upload again. If it goes on, tell the operator the `request_id` or "
+        "the id of the job: the log has the cause.",
     ),
     "not-implemented": ("The body has a transfer coding other than chunked.", "Send the body plain or chunked."),
     "unavailable": (

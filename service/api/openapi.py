@@ -54,7 +54,16 @@ _RECEIVER = {
 }
 _REF = "#/components/schemas/{model}"
 _JSON: Final = "application/json"
-_SPEAK_TUS: Final = frozenset({"get_upload_protocol", "create_upload", "append_to_upload", "delete_upload"})
+_SPEAK_TUS: Final = frozenset(
+    {"get_upload_protocol", "create_upload", "append_to_upload", "delete_upload", "send_upload_as_form"}
+)
+#: those whose pictures are made on request; small ones that are kept are not, and say no frame
+_SHOW_FRAMES: Final = frozenset(
+    {
+        *("create_preview", "get_video_frame", "get_reference_frame", "get_video_poster", "get_reference_poster"),
+        *("get_video_face_thumbnail", "get_reference_face_thumbnail"),
+    }
+)
 _SAFE: Final = frozenset({"get", "head", "options"})
 
 _TAGS: Final = {
@@ -92,8 +101,11 @@ _TUS: Final[dict[str, tuple[dict[str, Any], str]]] = {
         "algorithm and digest of these bytes in base64; others are answered 460",
     ),
 }
-_ASKED: Final = _TUS | {"Prefer": (_TEXT, "`wait=20`, as the parameter `wait` (RFC 7240)")}
-_OPTIONAL: Final = frozenset({"Upload-Metadata", "Upload-Checksum", "Prefer"})
+_ASKED: Final = _TUS | {
+    "Prefer": (_TEXT, "`wait=20`, as the parameter `wait` (RFC 7240)"),
+    "X-HTTP-Method-Override": (_TEXT, "`PATCH`, `DELETE` or `HEAD` of tus, for clients that have only POST"),
+}
+_OPTIONAL: Final = frozenset({"Upload-Metadata", "Upload-Checksum", "Prefer", "X-HTTP-Method-Override"})
 #: the header fields of answers
 _FIELDS: Final[dict[str, tuple[dict[str, Any], str]]] = {
     "X-Request-ID": (_TEXT, "the request's id, as logs have it; one that is sent is kept"),
@@ -104,15 +116,18 @@ _FIELDS: Final[dict[str, tuple[dict[str, Any], str]]] = {
     "Location": ({"type": "string", "format": "uri-reference"}, "where it is"),
     "Idempotent-Replayed": ({"type": "string", "const": "true"}, "it was answered before, and is answered so again"),
     "Preference-Applied": (_TEXT, "the `Prefer: wait=` that was followed (RFC 7240)"),
-    "ETag": (_TEXT, "a strong entity tag: the hash of the content"),
+    "ETag": (
+        _TEXT,
+        "strong, the hash of the content, of JSON, files and kept pictures; weak of those made on request",
+    ),
     "Repr-Digest": (_TEXT, "the sha-256 of the whole file (RFC 9530)"),
     "Accept-Ranges": ({"type": "string", "const": "bytes"}, "ranges are answered"),
     "Content-Range": (_TEXT, "which bytes of how many"),
     "Content-Disposition": (_TEXT, "the name of the file"),
-    "Pvg-Frame": (_INTEGER, "the frame that the picture shows"),
+    "Pvg-Frame": (_INTEGER, "the frame that the picture shows; not told of small ones that are kept"),
     "Pvg-Media": (_TEXT, "the video or reference that the file has become"),
     "Upload-Expires": (_TEXT, "when what is there of the file goes (RFC 9110, 5.6.7)"),
-    **{name: _TUS[name] for name in ("Tus-Resumable", "Upload-Offset")},
+    **{name: _TUS[name] for name in ("Tus-Resumable", "Upload-Offset", "Upload-Length", "Upload-Metadata")},
     "Tus-Version": (_TEXT, "the versions of tus that are spoken"),
     "Tus-Extension": (_TEXT, "what of tus is spoken besides its core"),
     "Tus-Max-Size": (_INTEGER, "the most bytes of a file"),
@@ -193,7 +208,7 @@ TRANSFER_FORM: dict[str, Any] = {
         "makeup": {
             "type": "string",
             "pattern": rf"^({_SHARE}|{_PART}(,{_PART}){{0,3}})$",
-            "description": "a number, or comma-separated by part, each once: lips=1,lids=0.3; those not named have 0.75",
+            "description": "a number, or comma-separated by part, each once: lips=1,lids=0.3; others have 0.75",
         },
         "light": {"type": "number", "minimum": 0, "maximum": 1},
         "scene": {"type": "number", "minimum": 0, "maximum": 1},
@@ -315,7 +330,7 @@ def _fields_of(status: int, method: str, operation: dict[str, Any], answer: dict
         names += ["Retry-After"]
     if status == 401:
         names += ["WWW-Authenticate"]
-    return names + _fields_of_uploads(status, operation) + _fields_of_pictures(status, content)
+    return names + _fields_of_uploads(status, operation) + _fields_of_pictures(status, operation)
 
 
 def _makes_a_place(operation: dict[str, Any]) -> bool:
@@ -324,8 +339,8 @@ def _makes_a_place(operation: dict[str, Any]) -> bool:
     return operation_id.startswith("create_") and not operation_id.endswith(("_link", "_preview"))
 
 
-def _fields_of_pictures(status: int, content: dict[str, Any]) -> list[str]:
-    return ["Pvg-Frame"] if status == 200 and content.keys() & {"image/jpeg", "image/png"} else []
+def _fields_of_pictures(status: int, operation: dict[str, Any]) -> list[str]:
+    return ["Pvg-Frame"] if status == 200 and operation["operationId"] in _SHOW_FRAMES else []
 
 
 def _fields_of_uploads(status: int, operation: dict[str, Any]) -> list[str]:
@@ -339,6 +354,10 @@ def _fields_of_uploads(status: int, operation: dict[str, Any]) -> list[str]:
         names += ["Tus-Version", "Tus-Extension", "Tus-Max-Size", "Tus-Checksum-Algorithm"]
     if operation_id == "create_upload" and status == 201:
         names += ["Upload-Expires"]
-    if operation_id == "append_to_upload" and status == 204:
+    if operation_id in {"append_to_upload", "send_upload_as_form"} and status == 204:
         names += ["Upload-Offset", "Upload-Expires", "Pvg-Media"]
+    if operation_id == "send_upload_as_form" and status == 201:
+        names += ["Location", "Upload-Offset", "Upload-Expires"]
+    if operation_id == "send_upload_as_form" and status == 200:  # of HEAD
+        names += ["Upload-Offset", "Upload-Length", "Upload-Metadata", "Upload-Expires", "Pvg-Media"]
     return names

@@ -15,6 +15,7 @@ from typing import Any
 import httpx
 import pytest
 import structlog
+from fastapi import FastAPI
 from sqlalchemy.engine import make_url
 from sqlalchemy.orm import Session
 
@@ -51,6 +52,7 @@ from service.ids import new_id
 from service.reaper import Reaper
 from service.settings import Settings
 from tests.parts import fresh_parts
+from tests.service.declared import Declared
 from tests.service.servers import fresh_database, is_from_template
 from tests.waiting import until
 
@@ -146,6 +148,7 @@ class Api:
     client: httpx.Client
     services: Services
     address: tuple[str, int]
+    app: FastAPI
 
     @property
     def blobs(self) -> list[str]:
@@ -188,8 +191,9 @@ def _serve(settings: Settings) -> Iterator[Api]:
             until(lambda: server.started)
             until(reaped.is_set)
             address = listener.getsockname()
-            with httpx.Client(base_url=f"http://127.0.0.1:{address[1]}", timeout=90) as client:
-                yield Api(client, app.state.services, address)
+            hooks = {"response": [Declared(app)]}
+            with httpx.Client(base_url=f"http://127.0.0.1:{address[1]}", timeout=90, event_hooks=hooks) as client:
+                yield Api(client, app.state.services, address, app)
         finally:
             server.should_exit = True
             thread.join(60)

@@ -210,7 +210,7 @@ async def send_upload(request: Request, upload: UploadDep, services: ServicesDep
     "/{upload_id}",
     response_model=UploadBody,
     responses=_ALSO | problems(400, 403, 404, 409, 410, 412, 413, 415, 460, 507),
-    openapi_extra=file_form("The file as a form"),
+    openapi_extra={**fields("X-HTTP-Method-Override"), **file_form("The file as a form")},
 )
 async def send_upload_as_form(request: Request, upload: UploadDep, services: ServicesDep) -> Response:
     """By a link: the whole file, as the field `file` of a form, or the announcement of one in pieces (tus creation).

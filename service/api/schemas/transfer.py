@@ -69,8 +69,8 @@ class _ColorOptions(Request):
     faces: Faces = Field(default="all", description="indices of the faces to change, or all")
     makeup: Share | MakeupParts = Field(
         default=MAKEUP,
-        description="how far lips, lids, cheeks and brows take the reference's make-up: all, or by part, where those that "
-        "are not named have 0.75",
+        description="how far lips, lids, cheeks and brows take the reference's make-up: all, or by part, where those "
+        "that are not named have 0.75",
     )
     light: Share = Field(default=0.0, description="how far light falls from where it does on the reference")
     scene: Share = Field(

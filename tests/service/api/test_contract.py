@@ -76,6 +76,20 @@ def test_all_that_a_medium_fails_with_is_told_with_422(schema: dict[str, Any]) -
     assert {kind["value"]["status"] for kind in kinds.values()} == {422}
 
 
+def test_fields_of_pictures_and_of_tus_are_declared_where_they_are_sent(schema: dict[str, Any]) -> None:
+    having = {
+        operation["operationId"]
+        for _, _, operation in operations(schema)
+        for answer in operation["responses"].values()
+        if "Pvg-Frame" in answer.get("headers", {})
+    }
+    small = {f"get_{role}_{name}" for role in ("video", "reference") for name in ("poster", "face_thumbnail")}
+    assert having == {"create_preview", "get_video_frame", "get_reference_frame", *small}
+    as_form = schema["paths"]["/v1/uploads/{upload_id}"]["post"]
+    assert "X-HTTP-Method-Override" in {one["name"] for one in as_form["parameters"]}
+    assert {"Location", "Upload-Offset", "Tus-Resumable"} <= as_form["responses"]["201"]["headers"].keys()
+
+
 def test_what_writes_may_find_the_disk_full(schema: dict[str, Any]) -> None:
     pictures = ("image/jpeg", "image/png")
     for path, method, operation in operations(schema):

@@ -10,15 +10,18 @@ import httpx
 from service.api import docs, page
 from tests.contract.fuzzing import TOKEN, open_service, things
 from tests.service.api.test_media import upload
+from tests.service.declared import Declared
 from tests.service.fixtures import Api
 
 #: of the moment, of how much a key has left, and of a body that is written anew each time
 _PASSING = {"date", "x-request-id", "ratelimit"}
+#: sent where it is asked for
+_OF_PREFERENCES = {"preference-applied"}
 #: HEAD has an answer of its own, see tus
 _OWN = "/v1/uploads/{upload_id}"
 
 
-def test_head_is_get_without_its_body(tmp_path: Path) -> None:
+def test_head_is_get_without_its_body_and_both_have_the_fields_of_the_schema(tmp_path: Path) -> None:
     with open_service(tmp_path) as (api, key):
         ids, paths = things(api, key), api.client.get("/openapi.json").json()["paths"]
         places = [path for path, methods in paths.items() if "get" in methods and path != _OWN]
@@ -29,6 +32,9 @@ def test_head_is_get_without_its_body(tmp_path: Path) -> None:
             _compare(api, path, headers)
             _compare(api, path.removeprefix("/v1") if path.startswith("/v1") else f"/v1{path}", headers)
             _compare(api, path, {})
+            got = api.client.get(path, headers=headers)
+            sent, declared = {*got.headers}, Declared(api.app).fields(got) if got.is_success else None
+            assert (declared or frozenset()) - sent <= _OF_PREFERENCES, place
         assert len({one["operationId"] for methods in paths.values() for one in methods.values()}) == sum(
             len(methods) for methods in paths.values()
         )
