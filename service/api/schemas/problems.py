@@ -32,8 +32,8 @@ class Problem(BaseModel):
     limit: float | None = Field(default=None, description="the most that is allowed, of what was gone over")
     unit: str | None = Field(
         default=None,
-        description="of `limit`: bytes, files, jobs, looks, uploads, pictures, streams, requests per minute or at a time; "
-        f"{_OF_FILES}",
+        description="of `limit`: bytes, files, jobs, looks, uploads, pictures, streams, requests per minute or at a "
+        f"time; {_OF_FILES}",
     )
 
 
