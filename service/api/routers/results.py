@@ -36,6 +36,7 @@ async def get_result(result_id: ResultId, services: ServicesDep, access: AccessD
     return await _answer(services, asked, await services.calls.read(_find, services, access, result_id))
 
 
+@open_router.get("/{result_id}/cube", response_class=StreamingResponse, include_in_schema=False)
 @open_router.get(
     "/{result_id}/look.cube",
     response_class=StreamingResponse,

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final, Literal, get_args
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, BeforeValidator, Field, WithJsonSchema
 
 from service.api.schemas._values import RECEIVER_URL, WHOLE, Metadata, Request, WebhookRequest, Whole
 from service.api.schemas.media import ReferenceOptions, VideoOptions
@@ -42,11 +42,19 @@ class VideoByUrl(VideoOptions):
     metadata: Metadata = Field(default={})
 
 
+#: one of them has two names: `output.extras` asks for it by the shorter
+Part = Annotated[
+    PartName,
+    BeforeValidator(lambda name: "look.cube" if name == "cube" else name),
+    WithJsonSchema({"type": "string", "enum": [*get_args(PartName), "cube"]}),
+]
+
+
 class ResultLinkRequest(Request):
     """A link to a result, or to a part of one."""
 
     expires_in_s: LinkSeconds = LINK_S
-    part: PartName | None = Field(default=None, description="what was made beside it; the result itself when not given")
+    part: Part | None = Field(default=None, description="what was made beside it; the result itself when not given")
     person: Whole = Field(default=1, ge=1, le=1000, description="of the part: which of the persons")
 
 

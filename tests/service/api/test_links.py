@@ -171,6 +171,14 @@ def test_a_short_secret_is_refused_and_none_is_shown() -> None:
     assert "a" * 32 not in repr(Settings(link_secret="a" * 32))
 
 
+def test_a_cube_has_the_name_by_which_it_is_asked_for_too(api: Api, stranger: httpx.Client) -> None:
+    result = make_result(api)
+    url = api.client.post(f"/results/{result}/link", json={"part": "cube", "person": 2}).json()["url"]
+    assert url.startswith(f"/v1/results/{result}/look.cube?")
+    for one in (url, url.replace("/look.cube?", "/cube?"), f"/results/{result}/cube?person=2"):
+        assert stranger.get(one).content == b"cube"
+
+
 def test_what_a_link_may_not_be(api: Api) -> None:
     result = make_result(api)
     for wanted in ({"expires_in_s": 0}, {"expires_in_s": 10**9}, {"part": "all"}, {"speed": 1}):
