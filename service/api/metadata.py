@@ -12,15 +12,18 @@ from service.api.schemas import MetadataPairs
 _PAIRS: TypeAdapter[list[str]] = TypeAdapter(MetadataPairs)
 
 
-def to_metadata(pairs: Sequence[str]) -> dict[str, str]:
-    """The names and their values. Raises `ValidationFailedError` for what is malformed, too much, or named twice."""
+def to_metadata(pairs: Sequence[str], where: str = "/metadata") -> dict[str, str]:
+    """The names and their values; ``where`` they stand in the request, as a JSON pointer.
+
+    Raises `ValidationFailedError` for what is malformed, too much, or named twice.
+    """
     try:
         checked = _PAIRS.validate_python(list(pairs))
     except ValidationError as error:
         detail = "at most 16 times name:value, names of up to 40 of A-Z a-z 0-9 _ . -, values of up to 200 characters"
-        raise invalid_values({"/metadata": detail}) from error
+        raise invalid_values({where: detail}) from error
     split = [pair.partition(":") for pair in checked]
     found = {name: value for name, _, value in split}
     if len(found) < len(split):
-        raise invalid_values({"/metadata": "a name is given more than once"})
+        raise invalid_values({where: "a name is given more than once"})
     return found

@@ -54,6 +54,10 @@ class Given:
             raise invalid(error) from error
         return VectorSettings(**checked.model_dump())
 
+    def metadata_with(self, others: Sequence[str] = ()) -> dict[str, str]:
+        """The metadata of the query and of the body together. Raises as `to_metadata`."""
+        return to_metadata([*self.metadata, *others], "/query/metadata" if self.metadata else "/metadata")
+
     def receiver(self, services: Services, other: str | None) -> str | None:
         """The receiver that the query names, or else the body. Raises `ValidationFailedError` when both do."""
         if self.webhook is None:
@@ -112,7 +116,7 @@ async def upload(
 
 async def _receive(services: Services, intake: Intake, given: Given) -> _Received:
     if media_type(intake.request) != "multipart/form-data":
-        settings, metadata = given.settings(), to_metadata(given.metadata)
+        settings, metadata = given.settings(), given.metadata_with()
         return _Received(await intake.raw(), settings, metadata, given.receiver(services, None))
     form = await read_form(intake)
     known = given.options.model_fields
@@ -120,7 +124,7 @@ async def _receive(services: Services, intake: Intake, given: Given) -> _Receive
     if [name for name, _ in form.files] != ["file"] or any(name not in known for name, _ in fields):
         allowed = " and ".join(f"`{name}`" for name in (*known, "metadata", "webhook"))
         raise BadRequestError(f"the form must hold one file, in the field `file`, and may hold {allowed}")
-    metadata = to_metadata([*given.metadata, *(text for name, text in form.fields if name == "metadata")])
+    metadata = given.metadata_with([text for name, text in form.fields if name == "metadata"])
     named = [text for name, text in form.fields if name == "webhook"]
     webhook = given.receiver(services, receiver_of_fields(services, named))
     return _Received(form.files[0][1], given.settings(fields), metadata, webhook)
@@ -130,7 +134,7 @@ async def _fetch(services: Services, caller: Caller, intake: Intake, once: Once,
     wanted = await read_json(intake.request, given.by_url, limit_bytes=services.settings.max_json_bytes)
     said = [name for name in given.options.model_fields if name in wanted.model_fields_set]
     settings = given.settings([(name, getattr(wanted, name)) for name in said])
-    metadata = to_metadata([*given.metadata, *(f"{name}:{value}" for name, value in wanted.metadata.items())])
+    metadata = given.metadata_with([f"{name}:{value}" for name, value in wanted.metadata.items()])
     webhook = given.receiver(services, receiver(services, wanted.webhook))
     once.compare([wanted.url, asdict(settings), metadata, webhook])
     with services.fetches.place(caller.owner):
@@ -176,7 +180,7 @@ async def page_asked(
     limit: PageSize = 50,
 ) -> PageOf:
     """The parameters of a list of media."""
-    return PageOf(state, to_metadata(metadata), cursor, limit)
+    return PageOf(state, to_metadata(metadata, "/query/metadata"), cursor, limit)
 
 
 PageDep = Annotated[PageOf, Depends(page_asked)]

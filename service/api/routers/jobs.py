@@ -67,9 +67,9 @@ async def list_jobs(
     """Jobs, newest first: those that all of the given filters choose."""
     named = None if ids is None else [one.strip().replace("\0", "") for one in ids.split(",") if one.strip()]
     if named is not None and len(named) > _MAX_IDS:
-        raise invalid_values({"/id": f"at most {_MAX_IDS} ids"})
+        raise invalid_values({"/query/id": f"at most {_MAX_IDS} ids"})
     video, reference = (one and one.replace("\0", "") for one in (video, reference))
-    wanted = Filter(named, video, reference, state, kind, to_metadata(metadata))
+    wanted = Filter(named, video, reference, state, kind, to_metadata(metadata, "/query/metadata"))
     most = limit if named is None else _MAX_IDS
     page = await services.calls.read(_page, services, caller, wanted, cursor, most)
     return conditional(if_none_match, page)

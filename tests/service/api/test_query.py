@@ -44,6 +44,18 @@ def test_those_of_calls_that_change_something_too(api: Api) -> None:
     assert form.json()["errors"][0]["pointer"] == "/query/metadata"
 
 
+def test_what_is_wrong_with_a_parameter_is_told_of_the_query(api: Api) -> None:
+    twice = "metadata=a:1&metadata=a:2"
+    many = ",".join(["job_1"] * 201)
+    for path in (f"/jobs?{twice}", f"/videos?{twice}", "/jobs?limit=0", f"/jobs?id={many}"):
+        name = path.partition("?")[2].partition("=")[0]
+        assert api.client.get(path).json()["errors"][0]["pointer"] == f"/query/{name}"
+    upload = api.client.post(f"/videos?{twice}", content=MP4)
+    assert upload.json()["errors"][0]["pointer"] == "/query/metadata"
+    form = api.client.post("/videos/form", files={"file": ("a.mp4", MP4)}, data={"metadata": ["a:1", "a:2"]})
+    assert form.json()["errors"][0]["pointer"] == "/metadata"
+
+
 def test_links_and_parts_open_as_they_were_made(api: Api) -> None:
     video, reference = upload(api, "/videos")["id"], upload(api, "/references")["id"]
     for one in (video, reference):
