@@ -349,7 +349,7 @@ def _fields_of_uploads(status: int, operation: dict[str, Any]) -> list[str]:
     """Those of tus."""
     operation_id = operation["operationId"]
     speaks = operation_id in _SPEAK_TUS
-    names = ["Tus-Resumable"] if speaks and status not in {401, 403, 421} else []
+    names = ["Tus-Resumable"] if speaks and status != 421 else []
     if speaks and status == 412:
         names += ["Tus-Version"]
     if operation_id == "get_upload_protocol" and status == 204:
