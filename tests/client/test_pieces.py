@@ -6,12 +6,13 @@ import base64
 import hashlib
 import os
 import stat
+from collections.abc import Callable
 from pathlib import Path
 
 import httpx
 import pytest
 
-from pvg_client import ApiError, Client, UnreachableError
+from pvg_client import ApiError, Client, DamagedError, UnreachableError
 from pvg_client.calls import API_PATH
 from tests.client.lines import MEDIUM
 
@@ -36,7 +37,8 @@ class Tus(httpx.BaseTransport):
         self.methods.append(request.method)
         path = request.url.path.removeprefix(API_PATH)
         if path.startswith("/videos/"):
-            return httpx.Response(200, json=MEDIUM | {"id": path.removeprefix("/videos/")})
+            medium_id = path.removeprefix("/videos/")
+            return httpx.Response(200, json=MEDIUM | {"id": medium_id, "sha256": medium_id.removeprefix("vid_")})
         if request.method != "GET":
             assert request.headers["tus-resumable"] == "1.0.0"
         if path == "/uploads":
@@ -94,6 +96,19 @@ class Tus(httpx.BaseTransport):
 
     def close(self) -> None:
         pass
+
+
+class Meddling(Tus):
+    """Something is done to the file as the third request arrives."""
+
+    def __init__(self, meddle: Callable[[], object]) -> None:
+        super().__init__()
+        self._meddle = meddle
+
+    def handle_request(self, request: httpx.Request) -> httpx.Response:
+        if len(self.methods) == 2:
+            self._meddle()
+        return super().handle_request(request)
 
 
 @pytest.fixture(autouse=True)
@@ -213,6 +228,23 @@ def test_an_upload_that_has_expired_begins_anew(file: Path) -> None:
         server.uploads = {"/uploads/other": bytearray()}
         client.upload(file, resume=True)
     assert arrived(server, "/uploads/1")
+
+
+def test_a_file_that_changes_while_it_is_sent_is_no_medium(file: Path, tmp_path: Path) -> None:
+    server = Meddling(lambda: file.write_bytes(CONTENT[::-1]))
+    with Client(transport=server) as client:
+        with pytest.raises(DamagedError, match=r"clip, süß.mp4 has changed while it was sent: vid_\w+ is not"):
+            client.upload(file, resume=True)
+        assert notes(tmp_path) == []
+        medium = client.upload(file, resume=True)
+    assert medium.sha256 == hashlib.sha256(CONTENT[::-1]).hexdigest()
+
+
+def test_of_a_file_that_grows_while_it_is_sent_what_was_there_arrives(file: Path) -> None:
+    server = Meddling(lambda: file.write_bytes(CONTENT + CONTENT))
+    with Client(transport=server) as client:
+        assert client.upload(file, resume=True).sha256 == hashlib.sha256(CONTENT).hexdigest()
+    assert arrived(server)
 
 
 def test_faults_without_end_are_told(file: Path) -> None:

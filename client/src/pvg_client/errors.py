@@ -69,7 +69,7 @@ class JobFailed(PvgClientError):  # noqa: N818 - it is told of a job, as `state`
 
 
 class DamagedError(PvgClientError):
-    """The bytes that arrived are not those that were sent, also when they were fetched again."""
+    """The bytes that arrived are not those that were sent, also when they were fetched again, or the file changed."""
 
 
 class WebhookError(PvgClientError):

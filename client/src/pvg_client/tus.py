@@ -76,7 +76,7 @@ def send(
     url, offset = yield from _begun(api, note, size_bytes, about, key)
     patience = Patience(api)
     while offset < size_bytes:
-        piece = yield from worked(lambda at=offset: _read(path, at))  # type: ignore[misc]
+        piece = yield from worked(lambda at=offset: _read(path, at, size_bytes))  # type: ignore[misc]
         if not piece:
             raise DamagedError(f"{path} has become shorter while it was sent")
         try:
@@ -145,7 +145,8 @@ def _before_another(patience: Patience, error: ApiError | UnreachableError) -> F
     yield from patience.after(error)
 
 
-def _read(path: Path, offset: int) -> bytes:
+def _read(path: Path, offset: int, size_bytes: int) -> bytes:
     with path.open("rb") as file:
         file.seek(offset)
-        return file.read(PIECE_BYTES)
+        # of one that is still written, what was hashed
+        return file.read(min(PIECE_BYTES, size_bytes - offset))

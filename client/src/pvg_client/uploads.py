@@ -10,6 +10,7 @@ from typing import Final, Literal
 
 from pvg_client import tus
 from pvg_client.calls import Api, FilePart, Flow, Params, answered, body_of, once, worked
+from pvg_client.errors import DamagedError
 from pvg_client.files import about_file, sha256_of
 from pvg_client.media import medium
 from pvg_client.models import Medium, Role
@@ -52,7 +53,9 @@ def upload(
     ``webhook`` is the address that is told when the file is vectorised, or has failed.
 
     Raises `ApiError` (`url-not-allowed` and `fetch-failed` of URLs), `UnreachableError`, `OSError` when the file cannot
-    be read, `ValueError` when it is given neither a file nor a URL, or both.
+    be read, `ValueError` when it is given neither a file nor a URL, or both. A file that changes while it is sent is an
+    `ApiError` or an `UnreachableError`, in pieces a `DamagedError`: it names the medium that the service has made of
+    them, and calling this again sends the file as it is then, if with another ``idempotency_key``.
     """
     settings = {"mask": mask, "matching": matching, "input_color": input_color}
     said = {name: value for name, value in settings.items() if value is not None}
@@ -92,4 +95,7 @@ def _in_pieces(api: Api, path: Path, size_bytes: int, sha256: str, given: _Asked
     about = {"filename": path.name, "role": given.role} | given.settings
     about |= {f"metadata.{name}": value for name, value in given.metadata.items()}
     about |= {} if given.webhook is None else {"webhook": given.webhook}
-    return (yield from medium(api, (yield from tus.send(api, path, size_bytes, sha256, about, key))))
+    made = yield from medium(api, (yield from tus.send(api, path, size_bytes, sha256, about, key)))
+    if made.sha256 != sha256:
+        raise DamagedError(f"{path} has changed while it was sent: {made.id} is not that file")
+    return made
