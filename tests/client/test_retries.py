@@ -199,6 +199,31 @@ def test_a_wait_ends_in_time_in_an_outage_too(wait: Callable[[Script, float], Jo
     assert wait(Script(httpx.ConnectError("refused"), good()), 60).done
 
 
+@pytest.mark.parametrize("wait", [wait_blocking, wait_awaited])
+def test_a_wait_with_a_time_outlives_any_outage_within_it(
+    wait: Callable[[Script, float], Job], pauses: list[float]
+) -> None:
+    away = [httpx.ConnectError("refused"), problem(503)] * 600  # two hours and more
+    assert wait(Script(*away, good()), 36000).done
+    assert max(pauses) <= 10
+
+
+@pytest.mark.parametrize("wait", [wait_blocking, wait_awaited])
+def test_a_silent_service_holds_a_wait_up_no_longer_than_it_may_take(
+    wait: Callable[[Script, float], Job], pauses: list[float]
+) -> None:
+    script = Script(httpx.ReadTimeout("silent"), good())
+    assert wait(script, 10).done
+    for request in script.requests:
+        assert 9 < max(request.extensions["timeout"].values()) <= 12
+    script = Script(good())
+    assert wait(script, 0).done
+    assert max(script.requests[0].extensions["timeout"].values()) <= 2
+    script = Script(good())
+    assert wait(script, 1000).done
+    assert set(script.requests[0].extensions["timeout"].values()) == {60.0}
+
+
 def test_a_service_that_answers_at_once_is_not_asked_in_a_hurry(pauses: list[float]) -> None:
     script = Script(*[good(state="running", done=False) for _ in range(3)], good())
     with Client("http://service.test", transport=script) as client:

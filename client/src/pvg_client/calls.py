@@ -30,6 +30,8 @@ API_PATH = "/v1"
 LONGEST_PAUSE_S: Final = 60.0
 _FIRST_PAUSE_S: Final = 0.5
 _LONGEST_BACKOFF_S: Final = 10.0
+#: seconds after the time that a call may take in which an answer to its last question may still come
+_LAST_ANSWER_S: Final = 2.0
 _TRY_AGAIN: Final = frozenset({429, 502, 503, 504})
 _CHUNK_BYTES: Final = 256 * 1024
 
@@ -187,16 +189,20 @@ def unreachable(request: httpx.Request, error: httpx.HTTPError) -> UnreachableEr
 
 
 class Patience:
-    """How often something that failed is tried again, and after how long; ``until`` then, by `time.monotonic`."""
+    """How often something that failed is tried again, and after how long.
+
+    What has a time to end at, ``until`` by `time.monotonic`, is tried as often as it takes.
+    """
 
     def __init__(self, api: Api, until: float = math.inf) -> None:
-        self._retries = api.retries
+        self._retries = api.retries if until == math.inf else math.inf
         self._until = until
-        self._failed = 0
+        self.renew()
 
     def renew(self) -> None:
         """Something was achieved: count from anew."""
         self._failed = 0
+        self._backoff_s = _FIRST_PAUSE_S
 
     def after(self, error: ApiError | UnreachableError) -> Flow[None]:
         """Wait before the next attempt. Raises the error itself when there is to be none, or `TimeoutError`."""
@@ -204,9 +210,9 @@ class Patience:
         self._failed += 1
         if self._failed > self._retries or not _passing(error) or least_s > LONGEST_PAUSE_S:
             raise error
-        backoff_s = min(_FIRST_PAUSE_S * 2 ** (self._failed - 1), _LONGEST_BACKOFF_S)
         # spread, so that many clients of a service that was away do not come back as one
-        pause_s = max(least_s, backoff_s * random.uniform(0.5, 1))  # noqa: S311 - no secret
+        pause_s = max(least_s, self._backoff_s * random.uniform(0.5, 1))  # noqa: S311 - no secret
+        self._backoff_s = min(2 * self._backoff_s, _LONGEST_BACKOFF_S)
         left_s = max(0.0, self._until - time.monotonic())
         yield Pause(min(pause_s, left_s))
         if pause_s >= left_s:
@@ -220,9 +226,15 @@ def _passing(error: ApiError | UnreachableError) -> bool:
 
 
 def answered(api: Api, request: httpx.Request, *, until: float = math.inf) -> Flow[httpx.Response]:
-    """The good answer of a request that may be sent again, ``until`` then. Raises `ApiError` and `UnreachableError`."""
+    """The good answer of a request that may be sent again, ``until`` then.
+
+    Raises `ApiError`, `UnreachableError`, and `TimeoutError` when there is no time left.
+    """
     patience = Patience(api, until)
+    limits = request.extensions["timeout"]
     while True:
+        left_s = max(0.0, until - time.monotonic()) + _LAST_ANSWER_S
+        request.extensions["timeout"] = {name: min(limit, left_s) for name, limit in limits.items()}
         try:
             return (yield from attempt(request))
         except (ApiError, UnreachableError) as error:

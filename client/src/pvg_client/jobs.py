@@ -113,9 +113,13 @@ def jobs(
 def wait(api: Api, job: Job | Medium | str, *, progress: bool = True, timeout: float | None = None) -> Flow[Job]:
     """The job once it has succeeded. A medium is waited for until it is vectorised.
 
-    ``progress`` shows a bar, where tqdm is installed and the standard error is a terminal. Raises `JobFailed` when the
-    job ends in any other way, and `TimeoutError` when it has not ended within ``timeout`` seconds, also while the
-    service is away.
+    ``progress`` shows a bar, where tqdm is installed and the standard error is a terminal.
+
+    Raises `JobFailed` when the job ends in any other way, and `TimeoutError` when it has not ended within ``timeout``
+    seconds, and 2 more for the last answer: a service that is away or silent is asked again until then. Without
+    ``timeout`` it is given up after the client's ``retries`` in a row, 8 of connections that are refused in some 30 s:
+    `UnreachableError`, or `ApiError` 429, 502, 503 and 504. Other errors, and those that want more than a minute's
+    pause, are an `ApiError` at once.
     """
     job_id = job.job if isinstance(job, Medium) else id_of(job)
     until = math.inf if timeout is None else time.monotonic() + timeout
