@@ -322,8 +322,22 @@ def test_a_deletion_whose_answer_was_lost_is_done(pauses: list[float]) -> None:
     with Client(transport=script) as client:
         client.delete("vid_1", cancel_jobs=True)
     assert {request.url.params["cancel_jobs"] for request in script.requests} == {"true"}
-    with Client(transport=Script(problem(503), problem(404, "not-found"))) as client, pytest.raises(ApiError):
-        client.delete("vid_1")
+    for answer in (
+        httpx.Response(502),
+        httpx.Response(504),
+        problem(504, "timeout"),
+        httpx.Response(503, text="<html>"),
+    ):
+        with Client(transport=Script(answer, problem(503), problem(404, "not-found"))) as client:
+            client.delete("vid_1")
+
+
+def test_what_was_not_there_to_delete_is_told(pauses: list[float]) -> None:
+    nobody = httpx.Response(404, text="<html>")
+    for answers in ([problem(503), problem(404, "not-found")], [httpx.Response(502), nobody]):
+        with Client(transport=Script(*answers)) as client, pytest.raises(ApiError) as caught:
+            client.delete("vid_1")
+        assert caught.value.status == 404
 
 
 def test_an_answer_of_somebody_else_is_told() -> None:

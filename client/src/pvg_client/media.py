@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Final
 
 import httpx
 
@@ -10,6 +11,8 @@ from pvg_client.calls import Api, Flow, Params, Patience, asked, attempt
 from pvg_client.errors import ApiError, UnreachableError
 from pvg_client.models import Medium, Result, id_of, role_of
 from pvg_client.pages import Listing
+
+_GATEWAYS: Final = frozenset({httpx.codes.BAD_GATEWAY, httpx.codes.GATEWAY_TIMEOUT})
 
 
 def medium(api: Api, medium_id: str) -> Flow[Medium]:
@@ -49,8 +52,10 @@ def delete(api: Api, thing: Medium | Result | str, *, cancel_jobs: bool = False)
             unsure = True
             yield from patience.after(error)
         except ApiError as error:
-            if unsure and error.status == httpx.codes.NOT_FOUND:
+            if unsure and error.code == "not-found":
                 return  # it was deleted, and the answer was lost
+            # a proxy does not know what became of the request
+            unsure = unsure or error.status in _GATEWAYS or not error.code
             yield from patience.after(error)
         else:
             return
