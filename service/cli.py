@@ -254,6 +254,7 @@ def create_key(
         _refuse("names do not begin as ids and keys do, with key_ or pvg_")
     settings = _settings()
     make_folders(settings)
+    is_new = not has_table(settings.database, Key.__tablename__)
     migrate_database(settings.database)
     limits = Limits(rate, active_jobs, stored_bytes)
     try:
@@ -262,6 +263,12 @@ def create_key(
         _refuse(f"there is a key called {name}; `pvg-service keys rotate` gives it another secret")
     # on a machine where the service runs with other settings, this is how one sees that the key is none of its own
     typer.echo(f"a key in {_named(settings.database)}", err=True)
+    if is_new:
+        typer.echo(
+            "that database was made just now: a service that has run before has another one and stays open; then do "
+            "this again in the folder, and with the PVG_… settings, that it runs with",
+            err=True,
+        )
     typer.echo(text)
 
 

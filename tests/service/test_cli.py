@@ -39,8 +39,9 @@ def test_keys_are_made_listed_limited_rotated_and_revoked(tmp_path: Path) -> Non
         return result.output
 
     assert "migrate" in run("list", code=2)
-    where, text = run("create", "studio", "--rate", "5").splitlines()
+    where, warning, text = run("create", "studio", "--rate", "5").splitlines()
     assert where == f"a key in sqlite:///{tmp_path / 'data' / 'catalog.sqlite3'}"
+    assert warning.startswith("that database was made just now")
     assert re.fullmatch(r"pvg_[0-9a-f]{32}_[A-Za-z0-9_-]{43}", text)
     assert "keys rotate" in run("create", "studio", code=2)
     run("limit", "studio", "--active-jobs", "7")
@@ -49,7 +50,7 @@ def test_keys_are_made_listed_limited_rotated_and_revoked(tmp_path: Path) -> Non
     assert text[-43:] not in listed
     assert run("rotate", "studio").strip() not in {text, ""}
     assert "0 video(s)" in run("assign", "studio")
-    run("create", "former")
+    assert "just now" not in run("create", "former")
     run("revoke", "former")
     assert "0 video(s)" in run("assign", "studio", "--from", "former")
     run("revoke", "studio")
