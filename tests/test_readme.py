@@ -90,8 +90,9 @@ def test_the_session_of_the_library(folder: Path) -> None:
 def test_the_sessions_of_the_librarys_page(folder: Path) -> None:
     cv2.imwrite(str(folder / "ground.png"), np.full((200, 200, 3), 90, np.uint8))
     page = (REPOSITORY / "docs/library.md").read_text("utf-8")
+    assert all(f"`{path.name}`" in page.partition("<!--")[0] for path in folder.iterdir())
     printed = [run("docs/library.md", found[1], folder) for found in _SESSION.finditer(page)]
-    assert len(printed) == page.count("```python") == 4
+    assert len(printed) == page.count("```python") == 5
     made = {"look", "1", "2", "clip-as-b"}
     assert [probe(folder / f"{name}.mp4").frame_count for name in sorted(made)] == [FRAMES] * len(made)
     assert (probe(folder / "grade.mov").codec, probe(folder / "small.webm").codec) == ("prores", "vp9")
@@ -99,6 +100,7 @@ def test_the_sessions_of_the_librarys_page(folder: Path) -> None:
     assert "ended\n" in printed[3]
     assert "ground.png" in printed[3].splitlines()[-1]
     assert not (folder / "again.pvg").exists()
+    assert all(int(count) > 10**8 for count in printed[4].split())
 
 
 def test_the_session_of_the_clients_readme(service: Service, folder: Path) -> None:

@@ -1,4 +1,8 @@
-"""What the service speaks of, as frozen values. What a newer service adds is passed over, and is there under `raw`."""
+"""What the service speaks of, as frozen values. What a newer service adds is passed over, and is there under `raw`.
+
+A part without a `raw`, such as a result or an estimate, has it in that of the look, job or usage it stands in. Links,
+the secret of webhooks and what an `ApiError` tells have none.
+"""
 
 from __future__ import annotations
 
