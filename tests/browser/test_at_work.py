@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,9 +11,9 @@ import pytest
 from playwright.sync_api import Page, Route
 
 from tests.browser.conftest import Guarded, OpenPage
-from tests.browser.driving import READY, drop
+from tests.browser.driving import READY, at_rest, drop
 from tests.service.api.test_authentication import holder
-from tests.service.fixtures import PNG, Api, make_ready, make_results
+from tests.service.fixtures import MP4, PNG, Api, make_ready, make_results
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -53,6 +54,10 @@ def desk(api: Api, open_page: OpenPage, tiny_clip: Path) -> Desk:
     return Desk(api, video, guarded)
 
 
+#: a picture of one pixel
+PIXEL = base64.b64decode(
+    "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="
+)
 FRAME = "() => Number(document.querySelector('#transport .time').value)"
 PLAYS = """() => {
   const video = document.querySelector('#picture video');
@@ -401,3 +406,42 @@ def test_messages_leave_the_button_that_renders_free(desk: Desk) -> None:
     assert left is not None
     assert right is not None
     assert left["x"] + left["width"] <= right["x"]
+
+
+COMPARED = """() => {
+  const both = [...document.querySelectorAll('#picture video')];
+  return both.length === 2 && both.every((one) => one.readyState > 1 && !one.hidden);
+}"""
+
+
+def test_a_look_that_is_compared_brings_its_clip_to_the_stage(desk: Desk, tiny_clip: Path) -> None:
+    job = desk.asked(desk.portrait("face.png"))
+    make_results(desk.api.services, job, [tiny_clip.read_bytes()])
+    page = desk.guarded.open()
+    page.get_by_role("button", name="Compare face.png before and after").click()
+    desk.guarded.until(COMPARED)
+    assert page.evaluate("() => location.hash") == f"#{desk.video['id']}"
+    assert page.locator("#transport .time").get_attribute("max") != "0"
+    assert not page.locator(".note").is_visible()
+    page.keyboard.press("Period")
+    desk.guarded.until("() => document.querySelectorAll('#picture video')[1].currentTime > 0")
+    desk.guarded.until(
+        """() => {
+          const [one, other] = document.querySelectorAll('#picture video');
+          return !one.seeking && !other.seeking && Math.abs(one.currentTime - other.currentTime) < 1e-3;
+        }"""
+    )
+    page.get_by_role("button", name="Back to the look").click()
+    page.get_by_role("radio", name="Look", exact=True).wait_for(state="attached")
+
+
+def test_a_look_whose_clip_was_deleted_meanwhile_is_told_of(desk: Desk, tiny_clip: Path) -> None:
+    job = desk.asked(desk.portrait("face.png"))
+    make_results(desk.api.services, job, [tiny_clip.read_bytes()])
+    desk.guarded.expected.append("status of 404")
+    page = desk.guarded.open()
+    assert desk.api.client.delete(f"/videos/{desk.video['id']}").status_code == 204
+    page.get_by_role("button", name="Compare face.png before and after").click()
+    page.locator("#toasts").get_by_text("The clip of this result is no longer here").wait_for()
+    page.locator(".result").get_by_text("No longer kept").wait_for()
+    page.get_by_role("button", name="Choose a clip").wait_for()

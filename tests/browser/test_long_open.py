@@ -169,13 +169,14 @@ def test_blobs_of_results_go_with_the_comparison_and_with_the_key(studio: Studio
     page.route("**/link", lambda route: route.fulfill(status=404, body="{}"))
     studio.guarded.expected.append("status of 404")
     studio.enter()
+    both = "() => window.videoBlobs.size === 2"  # the result and its clip
     studio.compare()
-    assert page.evaluate("() => window.videoBlobs.size") == 1
+    studio.guarded.until(both)
     page.get_by_role("button", name="Back to the look").click()
     studio.guarded.until("() => window.videoBlobs.size === 0")
 
     studio.compare()
-    assert page.evaluate("() => window.videoBlobs.size") == 1
+    studio.guarded.until(both)
     with studio.api.services.background.write() as session:
         found = keys.get(session, studio.key.id)
         assert found is not None
@@ -196,7 +197,7 @@ def test_a_blob_that_comes_after_the_comparison_was_closed_goes(studio: Studio) 
     studio.guarded.heard(lambda: held)
     back = page.get_by_role("button", name="Back to the look")
     back.click()
-    studio.guarded.until("() => document.querySelectorAll('#picture video').length === 0")
+    back.wait_for(state="detached")
     assert len(held) == 1
     held[0].fulfill(status=404, body="{}")
     studio.guarded.until("() => window.madeBlobs === 1 && window.videoBlobs.size === 0")
@@ -204,7 +205,7 @@ def test_a_blob_that_comes_after_the_comparison_was_closed_goes(studio: Studio) 
     page.unroute("**/link")
     page.route("**/link", lambda route: route.fulfill(status=404, body="{}"))
     studio.compare()
-    assert page.evaluate("() => window.videoBlobs.size") == 1
+    studio.guarded.until("() => window.videoBlobs.size === 2")  # the result and its clip
 
 
 def test_a_dead_connection_does_not_stop_the_progress(studio: Studio) -> None:

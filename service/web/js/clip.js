@@ -36,6 +36,33 @@ export async function openMedium(medium) {
 }
 
 async function arrive(item) {
+/** the look that was asked for last: it alone is shown */
+let sought = null;
+
+/**
+ * Have the clip of a finished look on the stage. False when it cannot be had, which is told, or when something else
+ * was opened meanwhile.
+ */
+export async function openClipOf(look) {
+  sought = look;
+  const before = state.clip;
+  if (before?.medium?.id === look.video) return true;
+  const isLate = () => sought !== look || state.clip !== before;
+  let medium;
+  try {
+    medium = await ask(`${PATH}/${look.video}`);
+  } catch (error) {
+    if (isLate()) return false;
+    if (error.status === 404) notice("The clip of this result is no longer here; the result went with it");
+    else failure(error, "The result could not be shown");
+    await Promise.all([listClips(), listJobs()]);
+    return false;
+  }
+  if (isLate()) return false;
+  openMedium(medium); // one that is vectorised again takes its time
+  return true;
+}
+
   const ready = await bring(item);
   if (state.clip !== item) return;
   remember(item.medium?.id);

@@ -9,7 +9,7 @@ import { isAbort } from "./api.js";
 import { Latest } from "./latest.js";
 import { lookAgain } from "./references.js";
 import { Player } from "./player.js";
-import { changed, state } from "./store.js";
+import { state } from "./store.js";
 import { middleOf, Split } from "./split.js";
 import { isGood, release, resultUrl, uploadedUrl } from "./transfers.js";
 import { transport } from "./transport.js";
@@ -18,11 +18,11 @@ import { failure } from "./notices.js";
 export class Comparing {
   #stills = new Latest();
 
-  constructor({ bar, choices }, { job, look }) {
-    // a clip that is on its way is not the one of an old result
-    const clip = state.clip?.medium?.id === look.video ? state.clip : null;
-    Object.assign(this, { clip, look, at: 0, playsBefore: null, playsAfter: null, renewing: false, closed: false });
-    const media = clip?.medium.media ?? {};
+  /** The clip of `look` is on the stage; `compare` shows another look. */
+  constructor({ bar, choices, compare }, { job, look }) {
+    const { clip } = state;
+    Object.assign(this, { clip, look, at: 0, playsBefore: null, playsAfter: null, renewing: false, broken: false, closed: false });
+    const media = clip.medium.media ?? {};
     this.frames = Math.max(1, media.frame_count ?? 1);
     this.rate = media.frame_rate || 25;
     this.isClip = look.content_type.startsWith("video/");
@@ -33,24 +33,21 @@ export class Comparing {
     const sides = this.videos.map((one, index) => el("div", { class: "side-of" }, one, this.images[index]));
     this.split = new Split({ before: sides[0], after: sides[1] });
     this.split.shape(media.width, media.height);
-    this.split.at = middleOf(clip?.medium);
+    this.split.at = middleOf(clip.medium);
     this.note = el("p", { class: "note", hidden: true, role: "status" });
     this.split.element.append(el("span", { class: "spinner", "aria-hidden": "true" }), this.note);
     this.element = el("div", { class: "holder" }, this.split.element);
-    this.#chooser(choices, job);
+    this.#chooser(choices, job, compare);
     if (this.isClip) this.#makePlayer(bar);
     this.#load();
   }
 
-  #chooser(choices, job) {
+  #chooser(choices, job, compare) {
     // of a file that is not kept there is nothing to show
     const kept = [...job.looks.entries()].filter(([, look]) => look.content_type);
     if (kept.length < 2) return;
     const name = (look) => state.references.find((one) => one.medium?.id === look.reference)?.name ?? "Look";
-    const group = choice("Finished looks", kept.map(([index, look]) => [String(index), name(look)]), (index) => {
-      state.compared = { job, look: job.looks[Number(index)] };
-      changed();
-    });
+    const group = choice("Finished looks", kept.map(([index, look]) => [String(index), name(look)]), (index) => compare(job, job.looks[Number(index)]));
     group.value = String(job.looks.indexOf(this.look));
     choices.replaceChildren(group);
     choices.hidden = false;
@@ -64,7 +61,6 @@ export class Comparing {
     this.player.addEventListener("time", () => this.#moved());
     before.addEventListener("loadeddata", () => { this.playsBefore = true; this.#showSides(); });
     before.addEventListener("error", () => { this.playsBefore = false; this.#showSides(); });
-    if (!this.clip) this.playsBefore = false;
     after.addEventListener("loadeddata", () => {
       this.playsAfter = true;
       this.split.shape(after.videoWidth, after.videoHeight);
@@ -82,7 +78,7 @@ export class Comparing {
         toggle: () => this.toggle(),
         seek: (n) => this.go(n),
         step: (by) => this.step(by),
-        mute: this.clip?.medium.media?.has_audio ? () => { after.muted = !after.muted; this.#moved(); } : null,
+        mute: this.clip.medium.media?.has_audio ? () => { after.muted = !after.muted; this.#moved(); } : null,
       },
       full: () => this.element,
     });
@@ -118,9 +114,9 @@ export class Comparing {
       if (this.#letGo()) return;
       if (this.isClip) {
         this.videos[1].src = url;
-        if (this.clip && !this.clip.url) this.uploaded = await uploadedUrl(this.look.video);
+        if (!this.clip.url) this.uploaded = await uploadedUrl(this.look.video);
         if (this.#letGo()) return;
-        if (this.clip) this.videos[0].src = this.clip.url ?? this.uploaded;
+        this.videos[0].src = this.clip.url ?? this.uploaded;
       } else {
         await Promise.all([
           showPicture(this.images[1], url),

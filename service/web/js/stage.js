@@ -2,7 +2,7 @@
 
 import { el, fileButton, icon, iconButton, say, takesFiles } from "./dom.js";
 import { lengthOf } from "./format.js";
-import { CLIP_TYPES, close, openFiles, remove } from "./clip.js";
+import { CLIP_TYPES, close, openClipOf, openFiles, remove } from "./clip.js";
 import { Comparing } from "./comparing.js";
 import { Editing } from "./editing.js";
 import { isReady } from "./medium.js";
@@ -21,7 +21,7 @@ let shown = "";
 
 function wanted() {
   const { clip, compared } = state;
-  if (compared) return [`compare ${compared.look.result}`, () => new Comparing({ bar, choices }, compared)];
+  if (compared) return [`compare ${compared.look.result}`, () => new Comparing({ bar, choices, compare }, compared)];
   if (!clip) return ["welcome", () => new Welcome()];
   if (!isReady(clip)) return [`way ${clip.key}`, () => new OnTheWay(clip)];
   return [`edit ${clip.medium.id}`, () => new Editing({ bar, choices }, clip)];
@@ -91,8 +91,9 @@ function head() {
   );
 }
 
-/** Show a finished look beside the clip. */
-export function compare(job, look) {
+/** Show a finished look beside its clip, which comes to the stage first. */
+export async function compare(job, look) {
+  if (!(await openClipOf(look))) return;
   state.compared = { job, look };
   changed();
   document.getElementById("stage").focus({ preventScroll: true });

@@ -15,7 +15,7 @@ export const state = {
   jobs: [],
   /** whether the service has said which there are */
   listed: false,
-  /** a finished look that is compared on the stage: {job, index} */
+  /** a finished look that is compared on the stage: {job, look} */
   compared: null,
 };
 

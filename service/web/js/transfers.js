@@ -11,9 +11,10 @@ import { count } from "./format.js";
 
 const SHOWN = 20;
 
-/** The jobs of the clip on the stage, or of all clips while there is none. */
+/** The jobs of the clip on the stage, or of all clips while there is none. One that is not known yet has none. */
 export async function listJobs() {
   const video = state.clip?.medium?.id;
+  if (state.clip && !video) return;
   const { data } = await ask(`jobs?kind=transfer&kind=swap&limit=${SHOWN}${video ? `&video=${video}` : ""}`);
   if (video !== state.clip?.medium?.id) return; // another clip came meanwhile
   Object.assign(state, { jobs: data, listed: true });
