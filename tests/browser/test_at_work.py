@@ -445,3 +445,16 @@ def test_a_look_whose_clip_was_deleted_meanwhile_is_told_of(desk: Desk, tiny_cli
     page.locator("#toasts").get_by_text("The clip of this result is no longer here").wait_for()
     page.locator(".result").get_by_text("No longer kept").wait_for()
     page.get_by_role("button", name="Choose a clip").wait_for()
+
+
+def test_a_long_name_leaves_the_question_whether_to_delete_in_its_bounds(desk: Desk) -> None:
+    desk.portrait("a_portrait_with_a_name_of_one_word_" * 5 + ".png")
+    page = desk.guarded.open()
+    page.get_by_role("button", name="Delete a_portrait").click()
+    dialog = page.get_by_role("dialog")
+    around = dialog.bounding_box()
+    button = dialog.get_by_role("button", name="Delete").bounding_box()
+    assert around is not None
+    assert button is not None
+    assert button["x"] + button["width"] < around["x"] + around["width"]
+    assert dialog.evaluate("(one) => one.scrollWidth <= one.clientWidth")
