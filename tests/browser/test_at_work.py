@@ -458,3 +458,9 @@ def test_a_long_name_leaves_the_question_whether_to_delete_in_its_bounds(desk: D
     assert button is not None
     assert button["x"] + button["width"] < around["x"] + around["width"]
     assert dialog.evaluate("(one) => one.scrollWidth <= one.clientWidth")
+
+
+def test_the_clock_is_not_read_out_as_it_runs(desk: Desk) -> None:
+    page = desk.edit()
+    assert page.locator(".clock").inner_text() != ""
+    assert page.locator("#transport :is(output, [role=status], [aria-live])").count() == 0

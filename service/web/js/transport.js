@@ -19,7 +19,7 @@ export function transport(bar, { on, full, extra = [] }) {
   const back = iconButton("back", "One frame back", () => on.step(-1));
   const forward = iconButton("forward", "One frame on", () => on.step(1));
   const slider = el("input", { type: "range", class: "time", min: "0", step: "1", value: "0", "aria-label": "Frame" });
-  const time = el("output", { class: "clock" });
+  const time = el("span", { class: "clock" });
   const sound = on.mute ? iconButton("sound", "Switch the sound off", () => on.mute()) : null;
   const screen = iconButton("full", "Full screen", () => (document.fullscreenElement ? document.exitFullscreen() : full().requestFullscreen?.()));
   slider.addEventListener("input", () => on.seek(Number(slider.value)));
