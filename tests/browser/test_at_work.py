@@ -464,3 +464,41 @@ def test_the_clock_is_not_read_out_as_it_runs(desk: Desk) -> None:
     page = desk.edit()
     assert page.locator(".clock").inner_text() != ""
     assert page.locator("#transport :is(output, [role=status], [aria-live])").count() == 0
+
+
+def test_a_frame_that_could_not_be_drawn_is_tried_again(desk: Desk) -> None:
+    desk.portrait("face.png")
+    page = desk.guarded.page
+    problem = {"title": "Not just now", "code": "unavailable", "status": 503}
+    asked: list[Route] = []
+
+    def away(route: Route) -> None:
+        asked.append(route)
+        route.fulfill(status=503, headers={"Retry-After": "60"}, json=problem)
+
+    page.route("**/v1/preview", away)
+    desk.edit()
+    page.locator(".note").get_by_text("Not just now").wait_for()
+    before = len(asked)
+    page.locator(".note").get_by_role("button", name="Try again").click()
+    desk.guarded.heard(lambda: len(asked) > before)
+    page.locator(".note").get_by_text("Not just now").wait_for()
+    page.unroute("**/v1/preview")
+    page.route("**/v1/preview", lambda route: route.fulfill(content_type="image/png", body=PIXEL))
+    page.locator(".note").get_by_role("button", name="Try again").click()
+    at_rest(desk.guarded)
+    assert not page.locator(".note").is_visible()
+
+
+def test_a_thumbnail_that_could_not_be_had_comes_later(desk: Desk) -> None:
+    page = desk.guarded.page
+    page.clock.install()
+    problem = {"title": "Not just now", "code": "unavailable", "status": 503}
+    page.route("**/poster", lambda route: route.fulfill(status=503, headers={"Retry-After": "60"}, json=problem))
+    with page.expect_response("**/poster"):
+        desk.guarded.open()
+    page.unroute("**/poster")
+    page.route("**/poster", lambda route: route.fulfill(content_type="image/png", body=PIXEL))
+    page.wait_for_timeout(500)
+    page.clock.fast_forward("00:10")
+    page.locator(".clip-card .thumb.loaded").wait_for(state="attached")

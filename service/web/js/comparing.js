@@ -3,10 +3,11 @@
  * some) is compared in single frames, drawn by the service.
  */
 
-import { choice, el, say, showPicture } from "./dom.js";
+import { choice, el, showPicture } from "./dom.js";
 import { frame as frameOf, widthOf } from "./frames.js";
 import { isAbort } from "./api.js";
 import { Latest } from "./latest.js";
+import { Note } from "./note.js";
 import { lookAgain } from "./references.js";
 import { Player } from "./player.js";
 import { state } from "./store.js";
@@ -34,8 +35,8 @@ export class Comparing {
     this.split = new Split({ before: sides[0], after: sides[1] });
     this.split.shape(media.width, media.height);
     this.split.at = middleOf(clip.medium);
-    this.note = el("p", { class: "note", hidden: true, role: "status" });
-    this.split.element.append(el("span", { class: "spinner", "aria-hidden": "true" }), this.note);
+    this.note = new Note();
+    this.split.element.append(el("span", { class: "spinner", "aria-hidden": "true" }), this.note.element);
     this.element = el("div", { class: "holder" }, this.split.element);
     this.#chooser(choices, job, compare);
     if (this.isClip) this.#makePlayer(bar);
@@ -70,7 +71,7 @@ export class Comparing {
       const source = after.getAttribute("src");
       if (!source || (await this.#renewed(source))) return;
       this.playsAfter = false;
-      this.#say("This browser cannot play this format; you see single frames. Download the file to see it whole.");
+      this.note.say("This browser cannot play this format; you see single frames. Download the file to see it whole.");
       this.#showSides();
     });
     this.controls = transport(bar, {
@@ -126,7 +127,7 @@ export class Comparing {
       }
     } catch (error) {
       if (this.closed) return;
-      failure(error, "The result could not be shown");
+      this.note.say(`The result could not be shown. ${error.text ?? error.message}`, () => this.#load());
     }
     this.split.element.removeAttribute("aria-busy");
     this.#showSides();
@@ -135,7 +136,7 @@ export class Comparing {
   toggle() {
     if (!this.playsAfter) return;
     this.player.toggle();
-    if (this.playsBefore === false) this.#say("Only the result plays here: this browser cannot play the clip.");
+    if (this.playsBefore === false) this.note.say("Only the result plays here: this browser cannot play the clip.");
   }
 
   step(by) {
@@ -185,15 +186,20 @@ export class Comparing {
         if (signal.aborted) return;
         if (before) await showPicture(this.images[0], before);
         if (after) await showPicture(this.images[1], after);
+        if (this.broken) this.note.say("");
+        this.broken = false;
       } catch (error) {
-        if (!isAbort(error)) this.#say(error.text ?? error.message);
+        if (isAbort(error) || signal.aborted) return;
+        this.broken = true;
+        this.note.say(error.text ?? error.message, () => this.#again());
       }
     }, 60);
   }
 
-  #say(text) {
-    this.note.hidden = !text;
-    say(this.note, text);
+  /** Draw once more the single frames that could not be drawn. */
+  #again() {
+    this.still = "";
+    this.#showSides();
   }
 
   /** Whether it was closed meanwhile; then nobody else lets go of what has come since. */

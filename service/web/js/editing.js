@@ -3,11 +3,12 @@
  * it. Playing shows the clip as it is: the file in this tab, or, after a reload, what the service has of it.
  */
 
-import { choice, el, say, showPicture } from "./dom.js";
+import { choice, el, showPicture } from "./dom.js";
 import { frame as frameOf, layerOf, widthOf } from "./frames.js";
 import { isAbort } from "./api.js";
 import { isReady } from "./medium.js";
 import { Latest } from "./latest.js";
+import { Note } from "./note.js";
 import { lookOf } from "./references.js";
 import { Player } from "./player.js";
 import { selectedReference, state } from "./store.js";
@@ -41,8 +42,8 @@ export class Editing {
     this.split = new Split({ before: this.before, after: this.after });
     this.split.shape(media.width, media.height);
     this.split.at = middleOf(clip.medium);
-    this.note = el("p", { class: "note", hidden: true });
-    this.split.element.append(this.veil, this.video, el("span", { class: "spinner", "aria-hidden": "true" }), this.note);
+    this.note = new Note();
+    this.split.element.append(this.veil, this.video, el("span", { class: "spinner", "aria-hidden": "true" }), this.note.element);
     this.before.addEventListener("load", () => this.split.shape(this.before.naturalWidth, this.before.naturalHeight));
     this.element = el("div", { class: "holder" }, this.split.element);
 
@@ -129,7 +130,7 @@ export class Editing {
     if (!source) return;
     if (await isGood(source)) {
       this.player = null;
-      if (this.uploaded) this.#tell("This browser cannot play this format; go through it frame by frame.");
+      if (this.uploaded) this.note.say("This browser cannot play this format; go through it frame by frame.");
     } else if (!this.closed) {
       this.video.removeAttribute("src");
       failure({ title: "The service did not give its file", detail: "press Play once more in a moment" }, "The clip cannot be played just now");
@@ -204,21 +205,22 @@ export class Editing {
       this.after.alt = second ? `Frame ${at + 1} with the look` : "";
       this.veil.hidden = !third;
       this.split.active = Boolean(second);
-      this.#tell("");
+      this.note.say("");
     } catch (error) {
       if (isAbort(error) || signal.aborted) return;
       this.split.active = false;
       const isGone = error.status === 404 && error.detail.includes(id);
-      this.#tell(isGone ? "This clip is no longer here: it was deleted." : error.text ?? error.message);
+      if (isGone) this.note.say("This clip is no longer here: it was deleted.");
+      else this.note.say(error.text ?? error.message, () => this.#again());
     }
     this.video.hidden = true;
     this.split.element.removeAttribute("aria-busy");
   }
 
-  #tell(text) {
-    this.note.hidden = !text;
-    this.note.setAttribute("role", "status");
-    say(this.note, text);
+  /** Draw once more what could not be drawn. */
+  #again() {
+    this.#asked = "";
+    this.update();
   }
 
   close() {

@@ -3,7 +3,10 @@
 import { el } from "./dom.js";
 import { faceOf, poster } from "./frames.js";
 
-/** A picture that fills its place; `find` gives its address. */
+const PAUSE_MS = 5000;
+const LONGEST_PAUSE_MS = 60_000;
+
+/** A picture that fills its place; `find` gives its address, and is asked again later when it fails. */
 function pictured(kind, skin, find) {
   const holder = el("span", { class: kind });
   const image = el("img", { alt: "", decoding: "async" });
@@ -11,7 +14,16 @@ function pictured(kind, skin, find) {
   image.addEventListener("error", () => image.remove());
   holder.append(image);
   if (skin) holder.style.setProperty("--skin", `rgb(${skin.map((value) => Math.round(value)).join(" ")})`);
-  Promise.resolve(find()).then((url) => { if (url) image.src = url; }, () => image.remove());
+  const show = async (pause = PAUSE_MS) => {
+    try {
+      const url = await find();
+      if (url) image.src = url;
+    } catch (error) {
+      if (error.status === 404) return; // it is deleted
+      setTimeout(() => holder.isConnected && show(Math.min(2 * pause, LONGEST_PAUSE_MS)), pause);
+    }
+  };
+  show();
   return holder;
 }
 
