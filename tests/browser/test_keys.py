@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
+from playwright.sync_api import Route
 
 from service.catalog import keys
 from service.catalog.keys import Limits
 from tests.browser.conftest import OpenPage
-from tests.service.fixtures import MP4, Api
+from tests.browser.driving import drop
+from tests.service.api.test_authentication import holder
+from tests.service.fixtures import MP4, Api, make_ready
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -46,3 +51,94 @@ def test_a_key_is_asked_for_once_and_kept_in_the_tab_alone(api: Api, open_page: 
     other.expected.append("status of 401")
     other.page.goto(guarded.root + "/")
     other.page.get_by_role("dialog", name="This service needs a key").wait_for()
+
+
+def test_the_question_for_another_key_may_be_left(api: Api, open_page: OpenPage) -> None:
+    one, other = holder(api), holder(api)
+    video = one.post("/videos", content=MP4).json()
+    guarded = open_page(str(api.client.base_url).rstrip("/"))
+    guarded.expected.append("status of 401")
+    page = guarded.page
+    page.goto(guarded.root + "/")
+    dialog = page.get_by_role("dialog", name="This service needs a key")
+    dialog.wait_for()
+    # without a key there is no other way
+    assert not dialog.get_by_role("button", name="Cancel").is_visible()
+    for _ in range(3):
+        page.keyboard.press("Escape")
+    assert dialog.is_visible()
+    page.get_by_label("Key", exact=True).fill(one.text)
+    page.keyboard.press("Enter")
+    guarded.until("() => 'ready' in document.documentElement.dataset")
+    assert page.evaluate("() => sessionStorage.getItem('pvg-key')") == one.text
+
+    page.evaluate("() => { window.isAsBefore = true; }")
+    change = page.get_by_role("button", name="Key", exact=True)
+    change.click()
+    page.get_by_label("Key", exact=True).fill("pvg_half")
+    dialog.get_by_role("button", name="Cancel").click()
+    dialog.wait_for(state="hidden")
+    change.click()
+    page.keyboard.press("Escape")
+    dialog.wait_for(state="hidden")
+    assert page.evaluate("() => sessionStorage.getItem('pvg-key')") == one.text
+    page.locator(".clip-card").click()
+    page.locator(".way").wait_for()
+    assert page.evaluate("() => window.isAsBefore && location.hash") == f"#{video['id']}"
+
+    # with another one nothing of the first is shown
+    change.click()
+    page.get_by_label("Key", exact=True).fill(other.text)
+    page.keyboard.press("Enter")
+    guarded.until("() => !window.isAsBefore && 'ready' in document.documentElement.dataset")
+    page.get_by_role("button", name="Choose a clip").wait_for()
+    assert page.evaluate("() => location.hash") == ""
+    assert page.locator(".clip-card").count() == 0
+
+
+def test_a_key_that_comes_for_one_that_ended_begins_anew(api: Api, open_page: OpenPage) -> None:
+    one, other = holder(api), holder(api)
+    make_ready(api.services, one.post("/videos", content=MP4).json()["id"])
+    guarded = open_page(str(api.client.base_url).rstrip("/"))
+    guarded.expected += ["status of 401", "status of 503"]  # there is no worker for pictures
+    page = guarded.page
+    page.goto(guarded.root + "/")
+    page.get_by_label("Key", exact=True).fill(one.text)
+    page.keyboard.press("Enter")
+    page.locator(".clip-card").wait_for()
+    with api.services.background.write() as session:
+        found = keys.get(session, one.id)
+        assert found is not None
+        assert keys.revoke(session, found, now=api.services.database.now())
+    page.locator(".clip-card").click()
+    page.get_by_text("That key is not known here").wait_for()
+    page.get_by_label("Key", exact=True).fill(other.text)
+    page.keyboard.press("Enter")
+    page.get_by_role("button", name="Choose a clip").wait_for()
+    guarded.until("() => 'ready' in document.documentElement.dataset")
+    assert page.locator(".clip-card").count() == 0
+
+
+def test_another_key_is_asked_about_while_a_file_is_uploaded(api: Api, open_page: OpenPage, tmp_path: Path) -> None:
+    key = holder(api)
+    guarded = open_page(str(api.client.base_url).rstrip("/"))
+    guarded.expected.append("status of 401")
+    page = guarded.page
+    page.goto(guarded.root + "/")
+    page.get_by_label("Key", exact=True).fill(key.text)
+    page.keyboard.press("Enter")
+    guarded.until("() => 'ready' in document.documentElement.dataset")
+    held: list[Route] = []
+    page.route("**/v1/videos", lambda route: held.append(route))  # noqa: PLW0108  (Playwright marks its handlers)
+    clip = tmp_path / "clip.mp4"
+    clip.write_bytes(MP4)
+    drop(page, "#picture", clip)
+    guarded.heard(lambda: held)
+    page.get_by_role("button", name="Key", exact=True).click()
+    page.get_by_role("dialog", name="Change the key?").get_by_role("button", name="Keep").click()
+    assert not page.get_by_role("dialog", name="This service needs a key").is_visible()
+    page.get_by_role("button", name="Key", exact=True).click()
+    page.get_by_role("dialog").get_by_role("button", name="Change").click()
+    page.get_by_role("dialog", name="This service needs a key").get_by_role("button", name="Cancel").click()
+    held[0].continue_()
+    page.get_by_text("Waiting for a worker").wait_for()

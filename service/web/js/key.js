@@ -14,39 +14,54 @@ export const onNewKey = (listener) => listeners.push(listener);
 
 export const key = () => sessionStorage.getItem(PLACE);
 
-/** Ask for a key; `why` says what was wrong with the last one. The same question is not asked twice at a time. */
-export function askForKey(why = "") {
+/**
+ * Ask for a key; `why` says what was wrong with the last one. The same question is not asked twice at a time. Where
+ * one is `kept` meanwhile, the question may be left with that.
+ */
+export function askForKey(why = "", { kept = false } = {}) {
   asking ??= new Promise((resolve) => {
     const dialog = document.getElementById("key-dialog");
     const form = document.getElementById("key-form");
     const input = document.getElementById("key");
     const reason = document.getElementById("key-why");
+    const leave = document.getElementById("keep-key");
     const say = (text) => {
       reason.textContent = text;
       reason.hidden = !text;
     };
     say(why);
     input.value = "";
-    // there is nothing to do without a key: Escape leaves the question
-    dialog.oncancel = (event) => event.preventDefault();
+    leave.hidden = !kept;
+    leave.onclick = () => dialog.close();
+    // without a key there is nothing to do: Escape leaves the question
+    dialog.oncancel = (event) => { if (!kept) event.preventDefault(); };
     form.onsubmit = (event) => {
       if (VISIBLE.test(input.value.trim())) return;
       event.preventDefault();
       say("A key has letters, digits, _ and - alone. This text has others, or spaces; copy the key once more.");
       input.select();
     };
-    dialog.addEventListener("close", () => {
+    const show = () => {
+      dialog.returnValue = "";
+      dialog.showModal();
+      input.focus();
+    };
+    dialog.onclose = () => {
+      const isGiven = dialog.returnValue === "use";
+      if (!isGiven && !kept) {
+        show(); // browsers let a second Escape through
+        return;
+      }
       asking = null;
-      const given = input.value.trim();
+      const given = isGiven ? input.value.trim() : key();
       const isNew = given !== key();
       sessionStorage.setItem(PLACE, given);
       if (isNew) for (const listener of listeners) listener();
       input.value = "";
       document.getElementById("change-key").hidden = false;
       resolve();
-    }, { once: true });
-    dialog.showModal();
-    input.focus();
+    };
+    show();
   });
   return asking;
 }

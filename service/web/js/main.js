@@ -1,7 +1,7 @@
 /** Puts the page together and fetches what was there before. */
 
-import { askForKey, key } from "./key.js";
-import { failure } from "./notices.js";
+import { askForKey, key, onNewKey } from "./key.js";
+import { confirmed, failure } from "./notices.js";
 import { listClips, reopen } from "./clip.js";
 import { listJobs } from "./transfers.js";
 import { listReferences } from "./references.js";
@@ -10,6 +10,7 @@ import { mountQueue } from "./queue.js";
 import { mountService } from "./service.js";
 import { mountStage } from "./stage.js";
 import { mountTray } from "./tray.js";
+import { state } from "./store.js";
 
 mountService();
 mountStage();
@@ -32,7 +33,15 @@ window.addEventListener("hashchange", () => reopen(begin));
 const change = document.getElementById("change-key");
 change.hidden = !key();
 change.addEventListener("click", async () => {
-  await askForKey();
+  const uploads = [state.clip, ...state.references].some((one) => one && one.sent !== null);
+  if (uploads && !(await confirmed("Change the key?", "What is being uploaded is dropped: with another key the page begins anew.", "Change"))) return;
+  await askForKey("", { kept: true });
+});
+
+// what is shown, and the clip in the address, are of the key before
+onNewKey(() => {
+  if (!state.clip && !state.listed && !state.clips.length && !state.references.length) return;
+  history.replaceState(null, "", location.pathname + location.search);
   location.reload();
 });
 

@@ -5,7 +5,7 @@ import { announce, failure, notice } from "./notices.js";
 import { outputOf } from "./output.js";
 import { chosen, lookAgain, lookOf } from "./references.js";
 import { changed, state } from "./store.js";
-import { key, onNewKey } from "./key.js";
+import { key } from "./key.js";
 import { watch } from "./watch.js";
 import { count } from "./format.js";
 
@@ -97,17 +97,15 @@ const SAVED_MS = 60_000;
 /** results that are being saved: their blobs stay for SAVED_MS, whoever else lets go of them */
 const saving = new Set();
 
-/** Let go of the files of a result, or of all, that are in blobs. */
-export function release(id = null) {
+/** Let go of the files of a result that are in blobs. */
+export function release(id) {
   if (saving.has(id)) return;
   for (const [path, blob] of held) {
-    if (id !== null && !`${path}/`.startsWith(`results/${id}/`)) continue;
+    if (!`${path}/`.startsWith(`results/${id}/`)) continue;
     held.delete(path);
     blob.then((url) => URL.revokeObjectURL(url), () => undefined);
   }
 }
-
-onNewKey(() => release());
 
 /**
  * An address that a player or a download can use by itself. Without keys it is the file's own; else a link that is
