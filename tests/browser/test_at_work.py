@@ -502,3 +502,73 @@ def test_a_thumbnail_that_could_not_be_had_comes_later(desk: Desk) -> None:
     page.wait_for_timeout(500)
     page.clock.fast_forward("00:10")
     page.locator(".clip-card .thumb.loaded").wait_for(state="attached")
+
+
+def test_a_clip_that_is_on_its_way_becomes_ready_in_the_list(desk: Desk, tiny_clip: Path) -> None:
+    content = tiny_clip.read_bytes() + b"\0\0\0\x08free"
+    other = desk.api.client.post("/videos", content=content).raise_for_status().json()
+    page = desk.guarded.page
+    page.route("**/poster", lambda route: route.fulfill(content_type="image/png", body=PIXEL))
+    desk.guarded.open()
+    card = page.locator(".clip-card").first
+    assert "On its way" in card.inner_text()
+    make_ready(desk.api.services, other["id"])
+    card.get_by_text("On its way").wait_for(state="detached")
+    card.locator(".thumb.loaded").wait_for(state="attached")
+
+
+def stopped(desk: Desk, path: str, name: str, content: bytes) -> dict[str, Any]:
+    """A medium whose vectorisation was canceled."""
+    named = {"Content-Disposition": f'attachment; filename="{name}"'}
+    medium: dict[str, Any] = desk.api.client.post(path, content=content, headers=named).raise_for_status().json()
+    assert desk.api.client.post(f"/jobs/{medium['job']}/cancel").status_code == 202
+    return medium
+
+
+def test_every_clip_is_reached_also_one_that_was_stopped(desk: Desk) -> None:
+    clips = [stopped(desk, "/videos", f"{n}.mp4", MP4 + bytes([n])) for n in range(7)]
+    page = desk.guarded.open()
+    cards = page.locator(".clip-card")
+    assert cards.count() == 6
+    more = page.locator(".past").get_by_role("button", name="Show more")
+    more.click()
+    desk.guarded.until("() => document.querySelectorAll('.clip-card').length === 8")
+    more.wait_for(state="hidden")
+    assert "canceled" in cards.first.inner_text()
+    page.get_by_role("button", name="Delete 6.mp4").click()
+    page.get_by_role("dialog").get_by_role("button", name="Delete").click()
+    desk.guarded.until("() => document.querySelectorAll('.clip-card').length === 7")
+    assert desk.api.client.get(f"/videos/{clips[-1]['id']}").status_code == 404
+    cards.first.click()
+    page.locator("#picture .big").get_by_text("canceled").wait_for()
+
+
+def test_every_portrait_is_reached_and_has_its_name_in_the_queue(desk: Desk) -> None:
+    desk.asked(desk.portrait("old.png"))
+    for n in range(24):
+        stopped(desk, "/references", f"{n}.png", PNG + bytes([n]))
+    page = desk.guarded.open()
+    cards = page.locator(".card:not(.adder)")
+    assert cards.count() == 24
+    title = page.locator(".job h3")
+    assert title.inner_text() == "1 look: a portrait that is not listed here"
+    assert page.get_by_role("checkbox", name="Render 0.png").is_disabled()
+    page.locator("#tray").get_by_role("button", name="Show more").click()
+    title.get_by_text("1 look: old.png").wait_for()
+    assert cards.count() == 25
+    assert page.locator("#tray").get_by_role("button", name="Show more").count() == 0
+    page.get_by_role("button", name="Delete 0.png").click()
+    page.get_by_role("dialog").get_by_role("button", name="Delete").click()
+    desk.guarded.until("() => document.querySelectorAll('.card:not(.adder)').length === 24")
+
+
+def test_every_job_is_reached(desk: Desk) -> None:
+    look = {"reference": desk.portrait("face.png")}
+    for seed in range(21):
+        asked = {"video": desk.video["id"], "looks": [look | {"seed": seed}]}
+        job = desk.api.client.post("/transfer", json=asked).raise_for_status().json()
+        desk.api.client.post(f"/jobs/{job['id']}/cancel")
+    page = desk.edit()
+    page.locator("#queue").get_by_role("button", name="Show more").click()
+    desk.guarded.until("() => document.querySelectorAll('.job').length === 21")
+    page.locator("#queue").get_by_role("button", name="Show more").wait_for(state="hidden")

@@ -91,6 +91,15 @@ export async function call(path, { method = "GET", json, body, headers = {}, sig
   }
 }
 
+/** the most that one answer of a list has */
+const LONGEST_PAGE = 200;
+
+/** A page of a list: its data, as many as `count` and no more than a page may have, and the cursor of the next one. */
+export async function page(path, count, cursor = null) {
+  const query = new URLSearchParams({ limit: Math.min(count, LONGEST_PAGE), ...(cursor ? { cursor } : {}) });
+  return ask(`${path}${path.includes("?") ? "&" : "?"}${query}`);
+}
+
 /** The JSON of an answer; null of an empty one. */
 export async function ask(path, options) {
   const answer = await call(path, options);

@@ -1,17 +1,18 @@
 /** The clip on the stage: put there from a file or from what was uploaded before, and taken away. */
 
-import { ask } from "./api.js";
+import { ask, page } from "./api.js";
 import { forget } from "./frames.js";
 import { bring, isReady, ofFile, ofMedium, stop } from "./medium.js";
 import { announce, confirmed, failure, notice } from "./notices.js";
 import { changed, state } from "./store.js";
 import { listJobs } from "./transfers.js";
+import { watch } from "./watch.js";
 
 /** what a file chooser offers */
 export const CLIP_TYPES = "video/*,image/*,.mkv,.mov,.mp4,.webm,.avi,.tif,.tiff";
 
 const PATH = "videos";
-const SHOWN = 12;
+const SHOWN = 6;
 
 /** The address names the clip, so that a reload finds it again. Ids open nothing without the key. */
 function remember(id) {
@@ -35,7 +36,6 @@ export async function openMedium(medium) {
   await arrive(item);
 }
 
-async function arrive(item) {
 /** the look that was asked for last: it alone is shown */
 let sought = null;
 
@@ -63,6 +63,7 @@ export async function openClipOf(look) {
   return true;
 }
 
+async function arrive(item) {
   const ready = await bring(item);
   if (state.clip !== item) return;
   remember(item.medium?.id);
@@ -98,6 +99,7 @@ function clear() {
   if (clip?.url) URL.revokeObjectURL(clip.url);
   if (clip?.sent !== null) clip?.canceling?.abort();
   Object.assign(state, { clip: null, compared: null });
+  state.more.jobs = null;
   remember(null);
   changed();
 }
@@ -127,13 +129,49 @@ export async function remove(medium) {
     }
   }
   forget(medium.id);
+  state.deleted.add(medium.id);
   if (state.clip?.medium?.id === medium.id) clear();
   notice(`${name} was deleted`);
   await Promise.all([listClips(), listJobs()]);
 }
 
+/** The newest clips, as many as are shown. */
 export async function listClips() {
-  state.clips = (await ask(`${PATH}?limit=${SHOWN}`)).data.filter((one) => one.state !== "failed");
+  const { data, next_cursor: next } = await page(PATH, Math.max(SHOWN, state.clips.length));
+  listed(data, next);
+}
+
+/** The clips that come after those of the list. */
+export async function moreClips() {
+  const { clips: cursor } = state.more;
+  const { data, next_cursor: next } = await page(PATH, SHOWN, cursor);
+  if (state.more.clips === cursor) listed([...state.clips, ...data], next); // else it was listed anew
+}
+
+function listed(clips, next) {
+  state.clips = clips;
+  state.more.clips = next;
+  changed();
+  clips.filter((one) => one.state === "vectorizing").forEach(follow);
+}
+
+/** ids of the clips of the list whose end is waited for */
+const followed = new Set();
+
+/** Show in the list what becomes of a clip that is on its way. */
+async function follow({ id, job }) {
+  if (followed.has(id)) return;
+  followed.add(id);
+  try {
+    await watch(job);
+    const now = await ask(`${PATH}/${id}`);
+    state.clips = state.clips.map((one) => (one.id === id ? now : one));
+  } catch (error) {
+    if (error.status !== 404) throw error;
+    state.clips = state.clips.filter((one) => one.id !== id);
+  } finally {
+    followed.delete(id);
+  }
   changed();
 }
 

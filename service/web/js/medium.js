@@ -19,7 +19,7 @@ export function ofFile(path, file) {
 
 /** An item of what was uploaded before. */
 export function ofMedium(path, medium) {
-  return { key: medium.id, path, file: null, url: null, name: medium.filename ?? medium.id, sent: null, medium, job: null, error: medium.error };
+  return { key: medium.id, path, file: null, url: null, name: medium.filename ?? medium.id, sent: null, medium, job: null, error: medium.error && new Problem(medium.error) };
 }
 
 export const isReady = (item) => item?.medium?.state === "ready";

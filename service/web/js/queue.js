@@ -1,6 +1,6 @@
 /** The queue: transfers under way and finished, with their progress, their files and what went wrong. */
 
-import { again, cancel, download, downloadAll } from "./transfers.js";
+import { again, cancel, download, downloadAll, moreJobs } from "./transfers.js";
 import { bytes, count, duration, percent } from "./format.js";
 import { el, icon, iconButton, keyed, say } from "./dom.js";
 import { onChange, state } from "./store.js";
@@ -26,7 +26,12 @@ function standing(job) {
   return { canceling: "Stopping…", canceled: "Canceled", succeeded: "Finished", failed: "Failed", expired: "Expired" }[job.state] + at;
 }
 
-const nameOf = (id) => [...state.references.map((one) => one.medium), ...state.clips].find((one) => one?.id === id)?.filename ?? "a deleted portrait";
+function nameOf(id) {
+  const known = [...state.references, ...state.clips.map((medium) => ({ medium, name: medium.filename ?? medium.id }))];
+  const found = known.find((one) => one.medium?.id === id);
+  if (found) return found.name;
+  return state.deleted.has(id) ? "a deleted portrait" : "a portrait that is not listed here";
+}
 
 function resultRow(look, show) {
   // of a file that has expired, or was deleted with its media, the job knows nothing any more, not even which it was
@@ -89,8 +94,11 @@ function card(first) {
 
 export function mountQueue() {
   const list = document.getElementById("jobs");
+  const more = el("button", { type: "button", class: "small more", hidden: true, onclick: () => moreJobs() }, "Show more");
+  list.after(more);
   onChange(() => {
     keyed(list, state.jobs, (job) => job.id, card);
+    more.hidden = !state.more.jobs;
     const active = state.jobs.filter((job) => !job.done).length;
     say(document.getElementById("queue-hint"), active ? `${active} at work` : state.jobs.length || !state.listed ? "" : "Nothing rendered yet");
   });

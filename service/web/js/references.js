@@ -3,7 +3,7 @@
  * colours are put on the clip; their names and ranges are those of `looks[]` of POST /transfer.
  */
 
-import { ask } from "./api.js";
+import { ask, page } from "./api.js";
 import { forget } from "./frames.js";
 import { bring, isReady, ofFile, ofMedium, stop } from "./medium.js";
 import { announce, confirmed, failure, notice } from "./notices.js";
@@ -61,11 +61,11 @@ function fallBack(item, others, before) {
   state.selected = next.key;
   changed();
 }
+  if (item.medium) dropTwin(item);
 
 async function arrive(item) {
   const ready = await bring(item);
   if (ready) {
-    dropTwin(item);
     announce(`${item.name} is ready`);
   } else {
     item.included = false;
@@ -139,6 +139,7 @@ export async function remove(item) {
       if (error.status !== 404) {
         failure(error, `${item.name} was not deleted`);
         return;
+    state.deleted.add(item.medium.id);
       }
     }
     forget(item.medium.id);
@@ -153,17 +154,21 @@ export async function remove(item) {
   if (item.medium) await listJobs();
 }
 
-/** The portraits that were uploaded before; they are not rendered until they are chosen. */
-export async function listReferences() {
-  const { data } = await ask(`${PATH}?limit=${SHOWN}`);
+/**
+ * The newest of the portraits that were uploaded before, or those that come after `cursor`; they are not rendered until
+ * they are chosen.
+ */
+export async function listReferences(cursor = null) {
+  const { data, next_cursor: next } = await page(PATH, SHOWN, cursor);
   const known = new Set(state.references.map((one) => one.medium?.id));
   for (const medium of data) {
-    if (known.has(medium.id) || medium.state === "failed") continue;
+    if (known.has(medium.id)) continue;
     const item = { ...ofMedium(PATH, medium), included: false, settings: fresh() };
     state.references.push(item);
     if (medium.state === "vectorizing") bring(item);
   }
-  state.selected ??= state.references[0]?.key ?? null;
+  state.more.references = next;
+  state.selected ??= state.references.find((one) => !one.error)?.key ?? null;
   changed();
 }
 

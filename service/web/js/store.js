@@ -15,6 +15,10 @@ export const state = {
   jobs: [],
   /** whether the service has said which there are */
   listed: false,
+  /** cursors of what the service has beyond these lists; null where there is no more */
+  more: { clips: null, references: null, jobs: null },
+  /** ids of media that are known to be deleted */
+  deleted: new Set(),
   /** a finished look that is compared on the stage: {job, look} */
   compared: null,
 };

@@ -1,6 +1,6 @@
 /** Transfers: started, watched, canceled, their files fetched. */
 
-import { address, ask, call } from "./api.js";
+import { address, ask, call, page } from "./api.js";
 import { announce, failure, notice } from "./notices.js";
 import { outputOf } from "./output.js";
 import { chosen, lookAgain, lookOf } from "./references.js";
@@ -15,11 +15,25 @@ const SHOWN = 20;
 export async function listJobs() {
   const video = state.clip?.medium?.id;
   if (state.clip && !video) return;
-  const { data } = await ask(`jobs?kind=transfer&kind=swap&limit=${SHOWN}${video ? `&video=${video}` : ""}`);
+  const { data, next_cursor: next } = await page(listOf(video), Math.max(SHOWN, state.jobs.length));
   if (video !== state.clip?.medium?.id) return; // another clip came meanwhile
-  Object.assign(state, { jobs: data, listed: true });
+  listed(data, next);
+}
+
+/** The jobs that come after those of the list. */
+export async function moreJobs() {
+  const { jobs: cursor } = state.more;
+  const { data, next_cursor: next } = await page(listOf(state.clip?.medium?.id), SHOWN, cursor);
+  if (state.more.jobs === cursor) listed([...state.jobs, ...data], next); // else it was listed anew
+}
+
+const listOf = (video) => `jobs?kind=transfer&kind=swap${video ? `&video=${video}` : ""}`;
+
+function listed(jobs, next) {
+  Object.assign(state, { jobs, listed: true });
+  state.more.jobs = next;
   changed();
-  data.filter((job) => !job.done).forEach(follow);
+  jobs.filter((job) => !job.done).forEach(follow);
 }
 
 function put(job) {

@@ -1,7 +1,7 @@
 /** The tray of portraits: dropped or picked, chosen for rendering, selected for the panel. */
 
 import { el, fileButton, iconButton, keyed, say, takesFiles } from "./dom.js";
-import { addFiles, include, remove, retry, select } from "./references.js";
+import { addFiles, include, listReferences, remove, retry, select } from "./references.js";
 import { doing, isReady } from "./medium.js";
 import { count } from "./format.js";
 import { noFile } from "./notices.js";
@@ -61,7 +61,9 @@ export function mountTray() {
   adder.dataset.key = "add";
   cards.append(adder);
   onChange((state) => {
-    keyed(cards, [{ key: "add" }, ...state.references], (one) => one.key, (item) => {
+    const more = state.more.references ? [{ key: "more" }] : [];
+    keyed(cards, [{ key: "add" }, ...state.references, ...more], (one) => one.key, (item) => {
+      if (item.key === "more") return el("li", { class: "card adder" }, el("button", { type: "button", class: "add", onclick: () => listReferences(state.more.references) }, "Show more"));
       const made = card(item);
       const { update } = made;
       made.update = (now) => update(now, now.key === state.selected);
