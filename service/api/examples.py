@@ -114,6 +114,15 @@ JOB: Final[dict[str, Any]] = {
             ],
         }
     ],
+    "output": {
+        "container": None,
+        "codec": "auto",
+        "crf": None,
+        "preset": None,
+        "audio": "copy",
+        "extras": ["cube"],
+        "matte": "ffv1",
+    },
     "error": None,
     "timings": {
         "waited_s": None,

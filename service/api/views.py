@@ -8,8 +8,30 @@ from datetime import timedelta
 from typing import Any, Final, Literal, cast
 
 from service import addresses
-from service.api.schemas import ExtraBody, JobBody, LookBody, MediaBody, OptionsBody, ProgressBody, State, VectorBody
-from service.catalog import ENDED, Job, JobState, Look, Media, MediaState, Result, leases, look_params
+from service.api.schemas import (
+    ExtraBody,
+    JobBody,
+    LookBody,
+    MediaBody,
+    OptionsBody,
+    OutputBody,
+    ProgressBody,
+    State,
+    VectorBody,
+)
+from service.catalog import (
+    ENDED,
+    Job,
+    JobKind,
+    JobState,
+    Look,
+    Media,
+    MediaState,
+    Result,
+    leases,
+    look_params,
+    render_request,
+)
 from service.catalog.forecast import Forecast
 from service.errors import shown
 from service.settings import Settings
@@ -78,6 +100,7 @@ def job_body(
             "eta": _eta(forecast),
             "media": job.media_id,
             "looks": [_look_body(job, look, files, settings) for look in looks],
+            "output": None if job.kind == JobKind.VECTORIZE else OutputBody(**asdict(render_request(job).output)),
             "error": shown(job.error, settings.root_path),
             "timings": _timings(job),
             "metadata": job.metadata_,

@@ -572,3 +572,25 @@ def test_every_job_is_reached(desk: Desk) -> None:
     page.locator("#queue").get_by_role("button", name="Show more").click()
     desk.guarded.until("() => document.querySelectorAll('.job').length === 21")
     page.locator("#queue").get_by_role("button", name="Show more").wait_for(state="hidden")
+
+
+@pytest.mark.parametrize(
+    ("content", "output"),
+    [(MP4 + b"again", {"container": "mov", "codec": "prores", "extras": ["matte"]}), (PNG, {"container": "tiff"})],
+    ids=["clip", "picture"],
+)
+def test_a_job_is_tried_again_as_it_was_asked_for(desk: Desk, content: bytes, output: dict[str, Any]) -> None:
+    client = desk.api.client
+    video = client.post("/videos", content=content).raise_for_status().json()
+    make_ready(desk.api.services, video["id"])
+    look = {"reference": desk.portrait("face.png"), "light": 0.3, "seed": 7, "beta": 0.5, "iterations": 9}
+    asked = {"video": video["id"], "looks": [look], "output": output}
+    job = client.post("/transfer", json=asked).raise_for_status().json()
+    client.post(f"/jobs/{job['id']}/cancel")
+    page = desk.guarded.open()  # no clip is on the stage
+    page.get_by_role("button", name="Try again").click()
+    desk.guarded.until("() => document.querySelectorAll('.job').length === 2")
+    made = client.get("/jobs?kind=transfer").json()["data"][0]
+    assert made["id"] != job["id"]
+    assert made["looks"][0]["options"] == job["looks"][0]["options"]
+    assert made["output"] == job["output"]

@@ -268,6 +268,7 @@ class Job:
 
     `queue_position` is 1 for the job that is next; None unless it waits for a worker alone. `eta` is None as long as
     nothing like the job has been measured. Of `timings`, in seconds, the parts that it did not have are left out.
+    `output` is how its results were asked to be written; None of a vectorisation.
     """
 
     id: str
@@ -282,6 +283,7 @@ class Job:
     eta: Eta | None = None
     media: str | None = None
     looks: tuple[JobLook, ...] = ()
+    output: Body | None = None
     error: Problem | None = None
     timings: Mapping[str, float] | None = None
     metadata: Mapping[str, str] = field(default_factory=dict)

@@ -11,7 +11,7 @@ from service.api.schemas._values import Contrast, ContrastOfEach, Faces
 from service.api.schemas.media import VectorBody
 from service.api.schemas.problems import StoredProblem
 from service.api.schemas.transfer import MakeupParts
-from service.catalog import Extent, Feature, Match, PartName
+from service.catalog import Audio, Codec, Container, Extent, Extra, Feature, Match, MatteFormat, PartName, Preset
 
 State = Literal["queued", "running", "canceling", "succeeded", "failed", "canceled", "expired"]
 
@@ -56,6 +56,18 @@ class OptionsBody(BaseModel):
     beta: float
     iterations: int
     seed: int
+
+
+class OutputBody(BaseModel):
+    """How the results of a job were asked to be written, defaults included."""
+
+    container: Container | None = Field(description="null: mp4 for clips, png for images")
+    codec: Codec
+    crf: int | None
+    preset: Preset | None
+    audio: Audio
+    extras: list[Extra]
+    matte: MatteFormat
 
 
 class LookBody(BaseModel):
@@ -125,6 +137,7 @@ class JobBody(BaseModel):
     eta: EtaBody | None = Field(description="until it is done; null as long as nothing like it has been measured")
     media: str | None = Field(description="what a vectorize job makes ready")
     looks: list[LookBody]
+    output: OutputBody | None = Field(description="how its results are written; null of a vectorize job")
     error: StoredProblem | None
     timings: Timings | None = Field(description="seconds of each part of the work, as far as they are known")
     metadata: dict[str, str]

@@ -23,6 +23,13 @@ export const PICTURE_FORMATS = [
 
 export const formatsOf = (clip) => (clip && !isClip(clip) ? PICTURE_FORMATS : CLIP_FORMATS);
 
+/** what a request need not say, and must not of pictures */
+const USUAL = { codec: "auto", audio: "copy", matte: "ffv1" };
+
+/** The request for the output of a job that was made before. */
+export const outputAgain = ({ output }) =>
+  Object.fromEntries(Object.entries(output).filter(([name, value]) => value !== null && value !== USUAL[name]));
+
 /** `output` of POST /transfer. */
 export function outputOf(clip) {
   const { format, extras } = state.output;

@@ -34,11 +34,8 @@ export function lookOf(item) {
   return { reference: item.medium.id, ...settings, ...(face === null ? {} : { reference_face: face }) };
 }
 
-/** The request for a look that was rendered before; what a job says of it has more, such as what a swap adds. */
-export function lookAgain({ reference, options }) {
-  const asked = Object.keys(DEFAULTS).filter((name) => options[name] !== null && options[name] !== undefined);
-  return { reference, ...Object.fromEntries(asked.map((name) => [name, options[name]])) };
-}
+/** The request for a look that was rendered before. */
+export const lookAgain = ({ reference, options }) => ({ reference, ...options });
 
 export async function addFiles(files) {
   const items = files.map((file) => ({ ...ofFile(PATH, file), included: true, settings: fresh() }));
@@ -61,10 +58,10 @@ function fallBack(item, others, before) {
   state.selected = next.key;
   changed();
 }
-  if (item.medium) dropTwin(item);
 
 async function arrive(item) {
   const ready = await bring(item);
+  if (item.medium) dropTwin(item);
   if (ready) {
     announce(`${item.name} is ready`);
   } else {
@@ -139,10 +136,10 @@ export async function remove(item) {
       if (error.status !== 404) {
         failure(error, `${item.name} was not deleted`);
         return;
-    state.deleted.add(item.medium.id);
       }
     }
     forget(item.medium.id);
+    state.deleted.add(item.medium.id);
   } else {
     await stop(item);
   }

@@ -2,7 +2,7 @@
 
 import { address, ask, call, page } from "./api.js";
 import { announce, failure, notice } from "./notices.js";
-import { outputOf } from "./output.js";
+import { outputAgain, outputOf } from "./output.js";
 import { chosen, lookAgain, lookOf } from "./references.js";
 import { changed, state } from "./store.js";
 import { key } from "./key.js";
@@ -83,10 +83,11 @@ export async function start() {
   await follow(job);
 }
 
+/** Make a job that has ended once more, as it was asked for. */
 export async function again(job) {
   const looks = job.looks.map(lookAgain);
   try {
-    const made = await ask("transfer", { method: "POST", json: { video: job.looks[0].video, looks, output: outputOf(state.clip), force: true } });
+    const made = await ask("transfer", { method: "POST", json: { video: job.looks[0].video, looks, output: outputAgain(job), force: true } });
     state.jobs = [made, ...state.jobs];
     changed();
     await follow(made);

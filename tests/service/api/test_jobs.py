@@ -192,3 +192,19 @@ def test_prefer_wait_holds_the_answer_and_is_said_to_be_applied(api: Api) -> Non
     done = api.client.get(path, headers={"Prefer": "wait=100"})
     assert done.headers["preference-applied"] == "wait=60"
     assert done.json()["expires_at"] > done.json()["finished_at"]
+
+
+def test_a_job_says_how_its_results_are_written(api: Api) -> None:
+    video, reference = upload(api, "/videos"), upload(api, "/references", b"face")
+    assert api.client.get(f"/jobs/{video['job']}").json()["output"] is None
+    looks = [{"reference": reference["id"]}]
+    usual = {"container": None, "codec": "auto", "crf": None, "preset": None, "audio": "copy", "extras": []}
+    for output, stored in (
+        ({}, {}),
+        ({"container": "mov", "codec": "prores", "extras": ["matte"], "matte": "prores"},) * 2,
+        ({"crf": 20, "preset": "slow", "audio": "none"},) * 2,
+    ):
+        asked = {"video": video["id"], "looks": looks, "output": output}
+        job = api.client.post("/transfer", json=asked).raise_for_status().json()
+        assert job["output"] == usual | {"matte": "ffv1"} | stored
+        assert api.client.get(f"/jobs/{job['id']}").json()["output"] == job["output"]
