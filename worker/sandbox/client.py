@@ -137,7 +137,8 @@ class Sandbox:
         with their_control, their_channel:
             socket.send_fds(self._lobby, [b"j"], [their_control.fileno(), their_channel.fileno()])
         stack.callback(_make_sure, control)
-        send(channel, dict(request))
+        with suppress(OSError):  # it has ended, or was never forked: that is told by its end
+            send(channel, dict(request))
         return control, channel
 
 
@@ -274,9 +275,9 @@ class _Waiting:
 
 
 def judge_end(end: dict[str, Any] | None, limits: Limits) -> None:
-    """Raise what the end of a process means, as the server tells it: None where that is gone too."""
+    """Raise what the end of a process means, as the server tells it: None where that is gone too, or could not fork."""
     if end is None:
-        raise CrashError("the process that jobs are forked from is gone")
+        raise CrashError("the process that jobs are forked from is gone, or could not fork")
     number, code = int(end["signal"]), int(end["code"])
     if number == signal.SIGXCPU or (number and end["cpu_s"] >= limits.cpu_s):
         raise TimeLimitError("the job took more processor time than the service allows")

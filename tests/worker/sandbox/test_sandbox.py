@@ -7,6 +7,7 @@ import json
 import os
 import platform
 import re
+import socket
 import subprocess
 import time
 from collections.abc import Callable, Iterator
@@ -25,7 +26,18 @@ from tests.service.fixtures import add_media, make_tables
 from tests.service.servers import missing
 from tests.waiting import until
 from worker.runner import Runner
-from worker.sandbox import Limits, MethodError, Sandbox, SandboxServer, View, Watch, keeper, landlock, seccomp
+from worker.sandbox import (
+    CrashError,
+    Limits,
+    MethodError,
+    Sandbox,
+    SandboxServer,
+    View,
+    Watch,
+    keeper,
+    landlock,
+    seccomp,
+)
 from worker.sandbox import server as fork_server
 from worker.sandbox.client import answer_of
 
@@ -124,6 +136,35 @@ def test_a_process_names_no_limit_of_its_own(told: object, limit: object) -> Non
     with pytest.raises(MethodError) as caught:
         answer_of({"error": error}, LIMITS)
     assert caught.value.limit == limit
+
+
+class ForklessLobby:
+    """Behind it a fork server that cannot fork answers each request before its sender goes on."""
+
+    def __init__(self, lobby: socket.socket, entrance: socket.socket) -> None:
+        self._lobby = lobby
+        self._server = fork_server._Server(entrance, SimpleNamespace(), ())  # type: ignore[arg-type]
+
+    def sendmsg(self, *message: Any) -> int:
+        sent = self._lobby.sendmsg(*message)
+        assert self._server._admit()
+        return sent
+
+
+def test_a_job_that_could_not_be_forked_has_crashed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def fork() -> int:
+        raise BlockingIOError(errno.EAGAIN, "not now")
+
+    monkeypatch.setattr(os, "fork", fork)
+    view, until_s = View((), tmp_path), time.monotonic() + 60
+    watch = Watch(lambda: None, lambda *_: None, until_s)
+    lobby, entrance = socket.socketpair()
+    with lobby, entrance:
+        sandbox = Sandbox(ForklessLobby(lobby, entrance))  # type: ignore[arg-type]
+        with pytest.raises(CrashError, match="could not fork"):
+            sandbox.call("x", {}, limits=LIMITS, view=view, watch=watch)
+        with pytest.raises(CrashError, match="could not fork"):
+            sandbox.open("x", {}, limits=LIMITS, view=view, until=until_s)
 
 
 # jobs whose medium has taken over their process
