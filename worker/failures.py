@@ -37,10 +37,18 @@ class AssetLostError(Exception):
 
 
 class LostAssetsError(Exception):
-    """Assets of these media are missing, damaged or of another version."""
+    """Assets are missing, damaged or of another version: their blobs' keys as they were found, by medium."""
+
+    def __init__(self, assets: Mapping[str, str | None]) -> None:
+        super().__init__(f"the vectorised {', '.join(sorted(assets))} cannot be read, though made again")
+        self.assets = assets
+
+
+class UnreadyError(Exception):
+    """These media of a job are being vectorised, or were since its first part was begun: it has to begin anew."""
 
     def __init__(self, media_ids: Collection[str]) -> None:
-        super().__init__(f"the vectorised {', '.join(sorted(media_ids))} cannot be read, though made again")
+        super().__init__(f"{', '.join(sorted(media_ids))} is being vectorised again")
         self.media_ids = media_ids
 
 

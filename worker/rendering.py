@@ -32,7 +32,7 @@ from service.catalog import (
 from service.ids import new_id
 from service.storage import BlobMissingError, file_sha256
 from worker.answers import LookAnswer, RenderAnswer, VerifyAnswer, checked, made
-from worker.failures import LostAssetsError, OptionError, SourceLostError, without_files
+from worker.failures import LostAssetsError, OptionError, SourceLostError, UnreadyError, without_files
 from worker.lease import LeaseLostError
 from worker.run import Run
 from worker.sandbox import CrashError, MethodError
@@ -82,12 +82,15 @@ def render(run: Run) -> bool:
 def wanted(run: Run) -> tuple[list[Look], dict[str, Media]]:
     """The looks to make, of the whole job, and the media they need.
 
-    Raises `LeaseLostError` when one was deleted, and `OptionError` for a face that is not there.
+    Raises `LeaseLostError` when one was deleted, `UnreadyError` when one is to be waited for again, and `OptionError`
+    for a face that is not there.
     """
-    looks, known = run.read(lambda session: _known(session, run.job))
+    looks, known, unready = run.read(lambda session: _known(session, run.job))
     present = {media_id: medium for media_id, medium in known.items() if medium is not None}
     if len(present) < len(known):  # the lease was revoked with it
         raise LeaseLostError
+    if unready:
+        raise UnreadyError(unready)
     if run.job.parent_id is None:  # else it was looked at before the job was cut into parts
         for look in looks:
             _check_faces(JobKind(run.job.kind), look, present)
@@ -108,10 +111,11 @@ def _check_faces(kind: JobKind, look: Look, present: dict[str, Media]) -> None:
             raise OptionError(f"no face {missing[0]}; this {what} has {has}", f"{place}/{name}")
 
 
-def _known(session: Session, job: Job) -> tuple[list[Look], dict[str, Media | None]]:
+def _known(session: Session, job: Job) -> tuple[list[Look], dict[str, Media | None], set[str]]:
     looks = jobs.looks(session, job.parent_id or job.id)
     ids = {media_id for look in looks for media_id in (look.video_id, look.reference_id)}
-    return looks, {media_id: media.get(session, media_id) for media_id in ids}
+    found = {media_id: media.get(session, media_id) for media_id in ids}
+    return looks, found, media.unready(session, job, [one for one in found.values() if one is not None])
 
 
 @contextmanager
@@ -136,7 +140,11 @@ def _say_what_is_lost(run: Run, present: dict[str, Media], error: Exception) -> 
         if not run.patience(partial(run.storage.exists, medium.source_key)):
             raise SourceLostError(medium.id) from error
     remade = _remade(run, list(present.values()))
-    lost = [medium.id for medium in present.values() if not _is_usable(run, medium, remade=medium.id in remade)]
+    lost = {
+        medium.id: medium.asset_key
+        for medium in present.values()
+        if not _is_usable(run, medium, remade=medium.id in remade)
+    }
     if lost:
         raise LostAssetsError(lost) from error
 

@@ -19,7 +19,7 @@ from service.room import Room
 from service.settings import Settings
 from service.storage import Storage
 from worker import stopping
-from worker.failures import LostAssetsError, LostPartsError, is_expected, lacks_room, problem_of
+from worker.failures import LostAssetsError, LostPartsError, UnreadyError, is_expected, lacks_room, problem_of
 from worker.lease import CanceledError, LeaseKeeper, LeaseLostError
 from worker.parts import draw_part, join, render_or_split
 from worker.patience import Patience
@@ -150,10 +150,8 @@ class Runner:
         except SystemExit:  # this pool process alone was told to end
             self._give_back(run.job, run.lease)
             raise
-        except LostAssetsError as error:
-            self._make_again(run, error)
-        except LostPartsError as error:
-            self._draw_again(run, error)
+        except (UnreadyError, LostAssetsError, LostPartsError) as error:
+            self._begin_again(run, error)
         except Exception as error:
             if lacks_room(error):
                 run.drafts.close()  # the records need some
@@ -167,14 +165,34 @@ class Runner:
                 log.exception("job fails unexpectedly", trace=error.trace if isinstance(error, MethodError) else None)
             self._fail(run, error)
 
+    def _begin_again(self, run: Run, error: UnreadyError | LostAssetsError | LostPartsError) -> None:
+        """Have the job begin anew once it has what it lacks now, or fail where it would lack it for ever."""
+        match error:
+            case UnreadyError():
+                self._wait_again(run, error)
+            case LostAssetsError():
+                self._make_again(run, error)
+            case LostPartsError():
+                self._draw_again(run, error)
+
+    def _wait_again(self, run: Run, error: UnreadyError) -> None:
+        """Have the job wait for its media, also when they are ready by now: then it is released at once."""
+        log.info("job waits: its media are made again", media=sorted(error.media_ids))
+        if not self._at_last(lambda: self._waits_again(run)):
+            self._confirm_cancel(run.lease)
+
+    def _waits_again(self, run: Run) -> bool:
+        with self._database.write() as session:
+            return leases.wait_again(session, run.lease, now=self._database.now())
+
     def _make_again(self, run: Run, error: LostAssetsError) -> None:
         """Have lost assets made again from their sources, and the job wait for them; once, then it fails."""
         messages = self._at_last(lambda: self._made_again(run, error))
         if messages is None:
-            log.error("job fails: an asset that was made again cannot be read", media=sorted(error.media_ids))
+            log.error("job fails: an asset that was made again cannot be read", media=sorted(error.assets))
             self._fail(run, error)
             return
-        log.warning("assets are lost; they are made again", media=sorted(error.media_ids))
+        log.warning("assets are lost; they are made again", media=sorted(error.assets))
         self._publish(messages)
         if not messages:
             self._confirm_cancel(run.lease)
@@ -196,7 +214,7 @@ class Runner:
 
     def _made_again(self, run: Run, error: LostAssetsError) -> list[Message] | None:
         with self._database.write() as session:
-            return media.make_again(session, run.lease, error.media_ids, now=self._database.now())
+            return media.make_again(session, run.lease, error.assets, now=self._database.now())
 
     def _fail(self, run: Run, error: Exception) -> None:
         needless = self._at_last(lambda: self._failed(run, error))

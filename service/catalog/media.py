@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session
 from service.catalog import idempotency, jobs, leases, previews, resumable, tombstones
 from service.catalog.database import changed
 from service.catalog.messages import Message
-from service.catalog.models import ACTIVE, Job, JobKind, Look, Media, MediaState, Result, Role
+from service.catalog.models import ACTIVE, Job, JobKind, JobState, Look, Media, MediaState, Result, Role
 from service.catalog.requests import (
     DEFAULT_VECTOR_SETTINGS,
     InputColor,
@@ -236,24 +236,24 @@ def _job_of(session: Session, media: Media, *, now: datetime) -> Job:
     )
 
 
-def make_again(session: Session, lease: Lease, media_ids: Collection[str], *, now: datetime) -> list[Message] | None:
+def make_again(
+    session: Session, lease: Lease, assets: Mapping[str, str | None], *, now: datetime
+) -> list[Message] | None:
     """Vectorise media again whose assets a running job finds lost or unreadable; the job waits for them.
 
-    Of a part or a join it is the whole job that waits, and begins anew.
+    ``assets`` are the keys of their blobs as the job found them. One that another job has had made again, or has now,
+    is waited for alone. Of a part or a join it is the whole job that waits, and begins anew.
 
     Returns what is to be published: nothing when the lease is lost. None, and nothing changed, when the asset of one
     was made after the job was created and is unusable all the same: it would be so again.
     """
     job = jobs.get(session, lease.job_id)
-    if job is None or job.started_at is None:
+    if job is None:
         return []
     asked_at = _asked_at(session, job)
-    found = [get(session, media_id, lock="update") for media_id in sorted(media_ids)]
-    # another job may have noticed before, so that the asset is not the one that this job found
+    found = [get(session, media_id, lock="update") for media_id in sorted(assets)]
     lost = [
-        one
-        for one in found
-        if one is not None and one.state == MediaState.READY and not _made_since(session, one, job.started_at)
+        one for one in found if one is not None and one.state == MediaState.READY and one.asset_key == assets[one.id]
     ]
     if any(_made_since(session, one, asked_at) for one in lost):
         return None
@@ -265,6 +265,26 @@ def make_again(session: Session, lease: Lease, media_ids: Collection[str], *, no
         take_media_step(session, MediaStep.MAKE_AGAIN, one.job_id, now=now, values={"job_id": again.id})
         messages.append(jobs.message_of(again))
     return messages
+
+
+def unready(session: Session, job: Job, media: Sequence[Media]) -> set[str]:
+    """The ids of those that a job that makes looks has to wait for again.
+
+    They are not ready any more; or, for a part or a join, they were vectorised since the whole was begun, so that other
+    parts may be drawn by other assets.
+    """
+    whole = None if job.parent_id is None else jobs.get(session, job.parent_id)
+    begun_at = None if whole is None else whole.started_at
+    return {
+        one.id
+        for one in media
+        if one.state != MediaState.READY or (begun_at is not None and _finished_since(session, one, begun_at))
+    }
+
+
+def _finished_since(session: Session, media: Media, then: datetime) -> bool:
+    made = jobs.get(session, media.job_id)
+    return made is not None and made.finished_at is not None and made.finished_at > then
 
 
 def made_since_asked(session: Session, job: Job, media: Sequence[Media]) -> set[str]:
@@ -281,7 +301,7 @@ def _asked_at(session: Session, job: Job) -> datetime:
 
 def _made_since(session: Session, media: Media, then: datetime) -> bool:
     made = jobs.get(session, media.job_id)
-    return made is not None and made.created_at > then
+    return made is not None and made.state == JobState.SUCCEEDED and made.created_at > then
 
 
 def keep(session: Session, media_ids: Collection[str], *, now: datetime, ttl_s: float) -> None:

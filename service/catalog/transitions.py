@@ -133,7 +133,7 @@ JOB_TRANSITIONS: Final = {
         Transition(Step.FAIL, _RUNNING, _S.FAILED, "its worker cannot do it", _C.HELD, _E.DROPPED),
         Transition(Step.CONFIRM_CANCEL, _CANCELING, _S.CANCELED, "its worker has stopped", _C.HELD, _E.DROPPED),
         Transition(Step.GIVE_BACK, _RUNNING, _S.QUEUED, "its worker cannot go on", _C.HELD, _E.DROPPED),
-        Transition(Step.WAIT_AGAIN, _RUNNING, _S.QUEUED, "an asset is lost and made again", _C.HELD, _E.DROPPED),
+        Transition(Step.WAIT_AGAIN, _RUNNING, _S.QUEUED, "an asset is made again", _C.HELD, _E.DROPPED),
         Transition(Step.PUT_OFF, _QUEUED, None, "its worker's disk has no room", waiting=False),
         # of a job that is done in parts: it is running, and its parts have the leases
         Transition(Step.SPLIT, _RUNNING, None, "its worker has cut it into parts", _C.HELD, _E.DROPPED),
@@ -141,7 +141,7 @@ JOB_TRANSITIONS: Final = {
         Transition(Step.PARTS_JOINED, _RUNNING, _S.SUCCEEDED, "its parts are joined", _C.FREE),
         Transition(Step.PARTS_FAILED, _RUNNING, _S.FAILED, "one of its parts has failed", _C.FREE),
         Transition(Step.PARTS_STOPPED, _CANCELING, _S.CANCELED, "none of its parts goes on", _C.FREE),
-        Transition(Step.PARTS_WAIT, _RUNNING, _S.QUEUED, "a part finds an asset lost; it is made again", _C.FREE),
+        Transition(Step.PARTS_WAIT, _RUNNING, _S.QUEUED, "an asset of a part is made again", _C.FREE),
         Transition(Step.PARTS_AGAIN, _RUNNING, _S.QUEUED, "its join finds a part lost or damaged", _C.FREE),
         Transition(Step.PARTS_EXPIRED, _RUNNING, _S.EXPIRED, "no worker takes its parts in time", _C.FREE),
     )

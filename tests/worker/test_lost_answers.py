@@ -103,7 +103,7 @@ def test_an_asset_is_made_again_though_the_database_is_away_for_a_moment(
     def work(_: Run) -> bool:
         if is_done:
             loses_an_answer(database, monkeypatch)
-        raise LostAssetsError([medium.id])
+        raise LostAssetsError({medium.id: None})
 
     monkeypatch.setattr(media, "make_again", fails_first)
     monkeypatch.setattr(runner_module, "_WORK", {JobKind.TRANSFER: work})

@@ -116,12 +116,14 @@ def test_an_asset_of_an_earlier_vectoriser_is_made_again_before_it_is_drawn(
         return str(api.client.post("/transfer", json=body).json()["id"])
 
     made_earlier()
-    job_id = transfer(1.0)
-    body = run(job_id)
-    assert (body["state"], body["waiting_for"]) == ("queued", "media")
+    job_id, another = transfer(1.0), transfer(0.7)
+    for one in (job_id, another):  # the second is taken while it is made again, and does not draw by the earlier one
+        body = run(one)
+        assert (body["state"], body["waiting_for"], body["attempt"]) == ("queued", "media", 1)
     again = api.client.get(f"/videos/{video['id']}").json()["job"]
     assert run(again)["state"] == "succeeded"
     assert vectorizer() == VECTORIZER_VERSION
+    assert run(another)["state"] == "succeeded"
 
     # an earlier worker, which still runs beside this one, has made it again: it is drawn as it is, and not for ever
     made_earlier()

@@ -26,6 +26,7 @@ from service.catalog import (
     leases,
     media,
 )
+from service.catalog.messages import Message
 from tests.service.fixtures import FakeClock, add_media, add_transfer, announce, claim
 
 PROBLEM = {"type": "no-face", "title": "No face was found", "detail": "no face found"}
@@ -355,3 +356,42 @@ def test_an_owners_jobs_are_chosen_by_metadata(database: Database) -> None:
     assert chosen() == [made[1], made[0]]
     assert chosen(**{"a.b": "1"}) == chosen(**{"a.b": "1", "c": "ü"}) == [made[0]]
     assert chosen(c="1") == chosen(d="1") == []
+
+
+def made_again(database: Database, job_id: str, medium: Media, key: str) -> list[Message] | None:
+    """What comes of a job that finds the asset of this key lost."""
+    lease = claim(database, job_id)
+    with database.write() as session:
+        return media.make_again(session, lease, {medium.id: key}, now=database.now())
+
+
+def test_an_asset_that_another_job_has_had_made_again_is_waited_for_not_failed(
+    database: Database, clock: FakeClock
+) -> None:
+    medium = add_media(database)
+    first, second, third = (add_transfer(database, medium, medium) for _ in range(3))
+    finish_media(database, medium)
+    step(database, "release")
+    clock.forward(1)
+    (again,) = made_again(database, first, medium, "asset/x") or []
+    with database.read() as session:
+        found = [session.get_one(Media, medium.id)]
+        assert media.made_since_asked(session, jobs.get(session, first), found) == set()  # type: ignore[arg-type]
+    clock.forward(1)
+    # one finds it lost while it is made, one when it is there again: both were taken after it was begun
+    assert made_again(database, second, medium, "asset/x") == []
+    lease = claim(database, third)
+    clock.forward(1)
+    finished = claim(database, again.job_id)
+    with database.write() as session:
+        announce(session, "asset/y")
+        made = media.finish(session, finished, Asset("asset/y", 1, {}, [], []), now=clock(), timings={})
+        assert made == ["asset/x"]
+        found = [session.get_one(Media, medium.id)]
+        assert media.made_since_asked(session, session.get_one(Job, first), found) == {medium.id}
+    with database.write() as session:
+        assert media.make_again(session, lease, {medium.id: "asset/x"}, now=clock()) == []
+    assert job_of(database, third).waiting
+    assert {message.job_id for message in step(database, "release")} == {first, second, third}
+    # the new one cannot be read either: it is not made for ever
+    assert made_again(database, third, medium, "asset/y") is None

@@ -367,7 +367,7 @@ def test_a_part_that_finds_an_asset_lost_has_it_made_again_and_the_job_begins_an
     lease = claim(database, draw_all(database, part_ids) if joining else part_ids[0])
     clock.forward(5)
     with database.write() as session:
-        messages = media.make_again(session, lease, [medium_id], now=clock())
+        messages = media.make_again(session, lease, {medium_id: f"asset/{medium_id}"}, now=clock())
     assert [message.queue for message in messages or ()] == ["vectorize"]
     whole = read(database, job_id)
     assert (whole.state, whole.waiting) == ("queued", True)
@@ -382,7 +382,7 @@ def test_a_part_that_finds_an_asset_lost_has_it_made_again_and_the_job_begins_an
     clock.forward(5)
     lease = claim(database, split(database, job_id, 2, medium_id)[0])
     with database.write() as session:
-        assert media.make_again(session, lease, [medium_id], now=clock()) is None
+        assert media.make_again(session, lease, {medium_id: "asset/again"}, now=clock()) is None
 
 
 def test_the_progress_of_the_parts_is_that_of_the_job_and_never_falls(database: Database, clock: FakeClock) -> None:
