@@ -395,3 +395,59 @@ def test_an_asset_that_another_job_has_had_made_again_is_waited_for_not_failed(
     assert {message.job_id for message in step(database, "release")} == {first, second, third}
     # the new one cannot be read either: it is not made for ever
     assert made_again(database, third, medium, "asset/y") is None
+
+
+@pytest.mark.parametrize("database", ["postgresql"], indirect=True)
+@pytest.mark.parametrize("before", ["_media_error", "end"])
+def test_a_job_whose_medium_is_uploaded_again_meanwhile_goes_on_waiting(
+    database: Database, monkeypatch: pytest.MonkeyPatch, before: str
+) -> None:
+    medium = add_media(database)
+    job_id = add_transfer(database, medium, medium)
+    other = add_media(database)
+    other_id = add_transfer(database, other, other)
+    lease = claim(database, medium.job_id)
+    with database.write() as session:
+        assert leases.fail(session, lease, PROBLEM, now=database.now(), timings={})
+    finish_media(database, other)
+
+    def upload(session: Session) -> None:
+        assert media.vectorize_again(session, session.get_one(Media, medium.id), now=database.now())
+
+    meanwhile(database, monkeypatch, before, upload)
+    released = step(database, "release")
+    assert [message.job_id for message in released] == [other_id]
+    job = job_of(database, job_id)
+    assert (job.state, job.waiting, job.error) == ("queued", True, None)
+
+
+@pytest.mark.parametrize("database", ["postgresql"], indirect=True)
+def test_a_job_whose_medium_is_made_again_meanwhile_is_not_released(
+    database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    medium = add_media(database)
+    first = add_transfer(database, medium, medium)
+    finish_media(database, medium)
+    step(database, "release")
+    lease = claim(database, first)
+    second = add_transfer(database, medium, medium)
+
+    def make_again(session: Session) -> None:
+        assert media.make_again(session, lease, {medium.id: "asset/x"}, now=database.now())
+
+    meanwhile(database, monkeypatch, "_waited", make_again)
+    assert step(database, "release") == []
+    assert job_of(database, second).waiting
+
+
+def meanwhile(database: Database, monkeypatch: pytest.MonkeyPatch, before: str, act: Callable[[Session], None]) -> None:
+    """Have another transaction act, once, before the function of this name of `jobs` is called."""
+    usual = getattr(jobs, before)
+
+    def interrupted(*given: Any, **named: Any) -> Any:
+        monkeypatch.setattr(jobs, before, usual)
+        with database.write() as session:
+            act(session)
+        return usual(*given, **named)
+
+    monkeypatch.setattr(jobs, before, interrupted)
