@@ -42,6 +42,10 @@ class Reaper:
         self._blobs = blobs
         self._publisher = publisher
         self._spared_until = -math.inf
+        #: the database's time and this machine's steady one, when a round last asked
+        self._asked: tuple[datetime, float] | None = None
+        self._rested_at = math.inf
+        self._is_set_back = False
         self._short: set[Message] = set()
         self._whole_at = time.monotonic()
         self._stop = threading.Event()
@@ -83,8 +87,9 @@ class Reaper:
                     log.warning("the database or the storage is away", step=step.__name__, error=type(error).__name__)
                 else:
                     log.exception("a step of the reaper failed", step=step.__name__)
+        self._rested_at = time.monotonic()
         if is_whole:
-            self._whole_at = time.monotonic()
+            self._whole_at = self._rested_at
 
     @property
     def idle_s(self) -> float:
@@ -96,16 +101,37 @@ class Reaper:
         # it was away until the next round at most, and a worker renews within a heartbeat
         self._spared_until = time.monotonic() + self._settings.reap_interval_s + 2 * self._settings.heartbeat_s
 
+    def _time(self) -> datetime:
+        """The database's time. Leases are spared when a clock was set, or when this process was held up.
+
+        A machine that sleeps, and containers that are paused, hold up workers too: their leases run out meanwhile. What
+        is shorter than a heartbeat does no harm. A round itself may be long.
+        """
+        now, steady = self._database.now(), time.monotonic()
+        late_s = max(0.0, steady - self._rested_at - self._settings.reap_interval_s)
+        ahead_s = 0.0
+        if self._asked is not None:
+            ahead_s = (now - self._asked[0]).total_seconds() - (steady - self._asked[1])
+        self._asked = now, steady
+        if max(late_s, abs(ahead_s)) > self._settings.heartbeat_s:
+            log.warning("workers have time to renew their leases", late_s=round(late_s), ahead_s=round(ahead_s))
+            self._spare_leases()
+            self._is_set_back |= ahead_s < -self._settings.heartbeat_s
+        return now
+
     def revive(self) -> list[Message]:
         """Queue lapsed jobs again, end those out of attempts or time, release waiting jobs."""
-        now = self._database.now()
+        now = self._time()
         spared = time.monotonic() < self._spared_until
         with self._database.write() as session:
+            if self._is_set_back:
+                leases.shorten(session, now=now, lease_s=self._settings.lease_s)
             again = [] if spared else leases.reap(session, now=now, max_attempts=self._settings.max_attempts)
             queued_since = now - timedelta(seconds=self._settings.max_queued_s)
             jobs.expire(session, before=queued_since, now=now)
             again += jobs.release(session, now=now)
             webhooks.wake(session, now=now)
+        self._is_set_back = False
         for message in again:
             log.info("job queued again", job=message.job_id, queue=message.queue)
         self._publisher.publish(again)

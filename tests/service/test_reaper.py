@@ -2,12 +2,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
-from service import blobs
+from service import blobs, reaper
 from service.api import Services, make_services
-from service.catalog import Job, jobs, media, results, sweep
+from service.catalog import Job, jobs, leases, media, results, sweep
 from service.queue import RENDER, VECTORIZE
 from service.settings import Settings
 from tests.service.fixtures import (
@@ -88,6 +89,78 @@ def test_a_lapsed_job_is_queued_and_published_again(services: Services, clock: F
     services.reaper.round()
     assert published(services, medium.job_id)
     assert take(services.settings, VECTORIZE) == [medium.job_id]
+
+
+@pytest.fixture
+def machine(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    """The steady clock of the machine that the reaper is on, which a test moves."""
+    machine = SimpleNamespace(steady_s=1000.0)
+    monkeypatch.setattr(reaper, "time", SimpleNamespace(monotonic=lambda: machine.steady_s))
+    return machine
+
+
+def rounds_until_queued(services: Services, clock: FakeClock, machine: SimpleNamespace, job_id: str) -> float:
+    """Seconds until a job is queued whose worker is gone, with a round every ten."""
+    for passed in range(10, 100, 10):
+        clock.forward(10)
+        machine.steady_s += 10
+        services.reaper.round()
+        with services.database.read() as session:
+            if session.get_one(Job, job_id).state == "queued":
+                return passed
+    raise AssertionError("it is never queued")
+
+
+def test_a_job_of_a_lost_worker_is_queued_soon(services: Services, clock: FakeClock, machine: SimpleNamespace) -> None:
+    services.reaper.round()
+    medium = add_media(services.database)
+    claim(services.database, medium.job_id)
+    assert rounds_until_queued(services, clock, machine, medium.job_id) <= 40
+
+
+def test_a_long_round_puts_no_lost_worker_off(
+    services: Services, clock: FakeClock, machine: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def expire() -> None:
+        clock.forward(60)
+        machine.steady_s += 60
+
+    monkeypatch.setattr(services.reaper, "expire", expire)
+    services.reaper.round()
+    medium = add_media(services.database)
+    claim(services.database, medium.job_id)
+    assert rounds_until_queued(services, clock, machine, medium.job_id) <= 20  # the first is held up after its look
+
+
+@pytest.mark.parametrize("steady_s", [10, 600], ids=["the machine sleeps", "its processes are paused"])
+def test_workers_that_were_held_up_with_the_reaper_keep_their_jobs(
+    services: Services, clock: FakeClock, machine: SimpleNamespace, steady_s: float
+) -> None:
+    medium = add_media(services.database)
+    lease = claim(services.database, medium.job_id)
+    services.reaper.round()
+    clock.forward(600)
+    machine.steady_s += steady_s
+    services.reaper.round()
+    clock.forward(5)
+    machine.steady_s += 5
+    with services.database.write() as session:
+        assert leases.renew(session, lease, now=services.database.now(), lease_s=30)
+    assert 30 <= rounds_until_queued(services, clock, machine, medium.job_id) <= 40  # and no longer when it is lost
+
+
+@pytest.mark.parametrize("step_s", [-3600, 3600])
+def test_a_clock_that_is_set_neither_takes_jobs_nor_keeps_them(
+    services: Services, clock: FakeClock, machine: SimpleNamespace, step_s: float
+) -> None:
+    medium = add_media(services.database)
+    lease = claim(services.database, medium.job_id)
+    services.reaper.round()
+    clock.forward(step_s)
+    services.reaper.round()
+    with services.database.read() as session:
+        assert leases.held_state(session, lease)
+    assert rounds_until_queued(services, clock, machine, medium.job_id) <= 40
 
 
 def test_a_job_that_missed_its_medium_becoming_ready_is_let_go(services: Services) -> None:
@@ -183,7 +256,7 @@ def test_drafts_of_a_killed_worker_go_with_its_lease(services: Services, clock: 
     other = services.storage.draft()
     for path in (draft, partial, other):
         path.write_bytes(b"x")
-    services.reaper.round()
+    services.reaper.expire()
     assert all(path.exists() for path in (draft, partial, other))
     clock.forward(31)
     services.reaper.round()
