@@ -27,12 +27,14 @@ _TIOCSTI, _FIOSETOWN, _SIOCSPGRP = 0x5412, 0x8901, 0x8902
 _F_SETOWN, _F_SETSIG, _F_SETOWN_EX = 8, 10, 15
 #: of prctl: the signal at the parent's death, by which the process ends with its server
 _PR_SET_PDEATHSIG = 1
+#: of mmap: memory that RLIMIT_DATA does not count is that which processes share, and that which grows as a stack does
+_MAP_SHARED, _MAP_ANONYMOUS, _MAP_GROWSDOWN = 0x1, 0x20, 0x100
 
 # classic BPF: (code, jump if true, jump if false, operand)
 _LOAD, _EQUAL, _AT_LEAST, _ANY_BIT, _RETURN = 0x20, 0x15, 0x35, 0x45, 0x06
 _Instruction = tuple[int, int, int, int]
 # fields of `struct seccomp_data`; arguments are of 64 bits, their low half first on both processors
-_NUMBER_AT, _ARCH_AT, _FIRST_ARGUMENT_AT, _SECOND_ARGUMENT_AT = 0, 4, 16, 24
+_NUMBER_AT, _ARCH_AT, _FIRST_ARGUMENT_AT, _SECOND_ARGUMENT_AT, _FOURTH_ARGUMENT_AT = 0, 4, 16, 24, 40
 
 
 @dataclass(frozen=True)
@@ -92,6 +94,7 @@ CHECKED: Final[dict[str, tuple[int, int]]] = {
     "ioctl": (16, 29),
     "fcntl": (72, 25),
     "prctl": (157, 167),
+    "mmap": (9, 222),
 }
 
 
@@ -144,6 +147,13 @@ def _program(processor: _Processor, own_pid: int) -> list[_Instruction]:
     thread: Sequence[_Instruction] = ((_LOAD, 0, 0, _FIRST_ARGUMENT_AT), (_ANY_BIT, 1, 0, _CLONE_THREAD), refuse)
     own: Sequence[_Instruction] = ((_LOAD, 0, 0, _FIRST_ARGUMENT_AT), (_EQUAL, 1, 0, own_pid), refuse)
     itself: Sequence[_Instruction] = ((_LOAD, 0, 0, _FIRST_ARGUMENT_AT), (_EQUAL, 1, 0, 0), refuse)
+    counted: Sequence[_Instruction] = (
+        (_LOAD, 0, 0, _FOURTH_ARGUMENT_AT),
+        (_ANY_BIT, 2, 0, _MAP_GROWSDOWN),
+        (_ANY_BIT, 0, 2, _MAP_ANONYMOUS),
+        (_ANY_BIT, 0, 1, _MAP_SHARED),
+        refuse,
+    )
     checks: dict[str, Sequence[_Instruction]] = {
         "clone": thread,
         "kill": own,
@@ -152,6 +162,7 @@ def _program(processor: _Processor, own_pid: int) -> list[_Instruction]:
         "ioctl": _none_of(_SECOND_ARGUMENT_AT, (_TIOCSTI, _FIOSETOWN, _SIOCSPGRP), refuse),
         "fcntl": _none_of(_SECOND_ARGUMENT_AT, (_F_SETOWN, _F_SETSIG, _F_SETOWN_EX), refuse),
         "prctl": _none_of(_FIRST_ARGUMENT_AT, (_PR_SET_PDEATHSIG,), refuse),
+        "mmap": counted,
     }
     allow = (_RETURN, 0, 0, _ALLOW)
     for name, check in checks.items():

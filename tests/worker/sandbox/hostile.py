@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import fcntl
 import json
+import mmap
 import os
 import signal
 import socket
@@ -74,6 +75,9 @@ def attempts(arguments: Mapping[str, Any], progress: Progress) -> dict[str, Any]
         if libc.prctl(1, 0, 0, 0, 0):
             raise OSError
 
+    def map_memory(flags: int) -> None:
+        mmap.mmap(-1, 2**20, flags=flags | mmap.MAP_ANONYMOUS)
+
     tries: dict[str, Callable[[], object]] = {
         "read another file": outside.read_bytes,
         "list another folder": lambda: list(outside.parent.iterdir()),
@@ -99,6 +103,9 @@ def attempts(arguments: Mapping[str, Any], progress: Progress) -> dict[str, Any]
         "have its supervisor told by SIOCSPGRP": lambda: owner_by_ioctl(0x8902),
         "outlive the fork server": outlive,
         "end the fork server": lambda: os.kill(os.getppid(), 0),
+        "have memory that is shared": lambda: map_memory(mmap.MAP_SHARED),
+        "have memory that grows as a stack does": lambda: map_memory(mmap.MAP_PRIVATE | 0x100),
+        "have memory in a file without a name": lambda: os.memfd_create("x"),
         "raise its limits": lambda: __import__("resource").setrlimit(9, (2**40, 2**40)),
     }
     done = []
