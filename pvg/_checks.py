@@ -13,12 +13,14 @@ def real_number(name: str, value: object, low: float, high: float) -> float:
     return float(value)
 
 
-def whole_number(name: str, value: object, low: int | None = 0) -> int:
-    """The option as a whole number, from `low` on or any. Raises ValueError."""
-    if isinstance(value, bool) or not isinstance(value, Integral) or (low is not None and int(value) < low):
-        least = "" if low is None else f" from {low}"
-        raise ValueError(f"{name} must be a whole number{least}, not {value!r}")
-    return int(value)
+def whole_number(name: str, value: object, low: int | None = 0, high: int | None = None) -> int:
+    """The option as a whole number, from `low` on or any, up to `high` or any. Raises ValueError."""
+    if isinstance(value, Integral) and not isinstance(value, bool):
+        whole = int(value)
+        if (low is None or low <= whole) and (high is None or whole <= high):
+            return whole
+    bounds = ("" if low is None else f" from {low}") + ("" if high is None else f" to {high}")
+    raise ValueError(f"{name} must be a whole number{bounds}, not {value!r}")
 
 
 def check_word(name: str, value: object, known: Iterable[str]) -> None:

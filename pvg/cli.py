@@ -111,7 +111,18 @@ def _chosen(video: VectorVideo, faces: Literal["all"] | Sequence[int]) -> list[F
     return [face for face in video.faces if faces == "all" or face.index in faces]
 
 
+def _check_asset_name(path: Path) -> None:
+    """Refuse names that an asset would be mistaken by, and the pipe: an asset is read at many places."""
+    from pvg.video import CLIP_SUFFIXES, IMAGE_SUFFIXES  # noqa: PLC0415 - takes long, and the work needs it anyway
+
+    if path == STANDARD:
+        raise ValueError("an asset cannot be written to a pipe; name a file, as clip.pvg")
+    if path.suffix.lower().lstrip(".") in {suffix.lstrip(".") for suffix in (*CLIP_SUFFIXES, *IMAGE_SUFFIXES)}:
+        raise ValueError(f"{path.name} is the name of a clip or picture; an asset is named as clip.pvg")
+
+
 def _vectorize(given: argparse.Namespace) -> None:
+    _check_asset_name(given.output)
     with _progress() as progress:
         video = pvg.vectorize(
             given.input,
@@ -359,8 +370,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.exit(BAD_ARGUMENTS)
     given = parser.parse_args(arguments)
     try:
-        given.run(given)
-        sys.stdout.flush()
+        with _ended_by_signals():
+            given.run(given)
+            sys.stdout.flush()
     except BrokenPipeError:
         _end_quietly()
     except PvgError as error:
@@ -370,8 +382,33 @@ def main(arguments: Sequence[str] | None = None) -> None:
         _fail(BAD_INPUT, f"{error.strerror or error}{where}")
     except ValueError as error:
         _fail(BAD_ARGUMENTS, str(error))
-    except KeyboardInterrupt:
-        sys.exit(128 + signal.SIGINT)
+    except KeyboardInterrupt as error:
+        sys.exit(128 + (error.number if isinstance(error, _EndedError) else signal.SIGINT))
+
+
+class _EndedError(KeyboardInterrupt):
+    """The process is told to end: everything that was begun is put away, as at Ctrl-C."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__()
+        self.number = number
+
+
+@contextlib.contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """Inside the block SIGTERM and SIGHUP, where nobody else takes them, end the work as Ctrl-C does."""
+
+    def end(number: int, _: object) -> None:
+        raise _EndedError(number)
+
+    numbers = [one for one in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(one) == signal.SIG_DFL]
+    for one in numbers:
+        signal.signal(one, end)
+    try:
+        yield
+    finally:
+        for one in numbers:
+            signal.signal(one, signal.SIG_DFL)
 
 
 def _end_quietly() -> None:

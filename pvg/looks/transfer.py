@@ -30,6 +30,7 @@ from pvg.looks.scene import SCENE
 
 BETA = 0.2  # β of eq. (7) [paper]
 ITERATIONS = 20  # N of eq. (7) [paper]
+MAX_ITERATIONS = 10_000  # more change nothing, but take for ever
 LIGHT = 0.0  # default strength of the light [by blind choice]
 
 
@@ -106,7 +107,9 @@ def transfer(
     )
     target = _reference_key(reference, reference_face)
     steps = TransportSteps(
-        beta=_beta(beta), iterations=whole_number("iterations", iterations), seed=whole_number("seed", seed)
+        beta=_beta(beta),
+        iterations=whole_number("iterations", iterations, 0, MAX_ITERATIONS),
+        seed=whole_number("seed", seed),
     )
     shares = strengths(makeup)
     semantic = match == "semantic"

@@ -77,6 +77,8 @@ _PLAIN_IN_MP4 = {"album_artist", "composer", "description"}
 
 _TIMECODE = re.compile(r"-?\d\d:\d\d:\d\d([:;.])\d\d+$")
 _CHROMA = {(1, 1): "4:2:0", (1, 0): "4:2:2", (0, 0): "4:4:4"}
+_ASPECT_IN_PICTURES, _SAY_ASPECT = ("matroska", "webm", "nut"), ("h264", "hevc")
+"""Containers whose own place for a pixel's aspect PyAV does not fill, and codecs that say it in their pictures."""
 _FIELDS_SAID = {"tff": "top field first", "bff": "bottom field first"}
 
 
@@ -222,6 +224,9 @@ def _with_picture_facts(plan: Plan, lines: _Lines, info: MediaInfo, streams: Str
         elif there is not None:
             lines.dropped.append(f"{what} is not kept: {name} has no place for it here")
     lines.dropped += [f"{what} cannot be written here" for what in streams.embedded]
+    if info.sample_aspect_ratio != 1 and plan.container in _ASPECT_IN_PICTURES and plan.codec not in _SAY_ASPECT:
+        shape = f"{info.sample_aspect_ratio.numerator}:{info.sample_aspect_ratio.denominator}"
+        lines.dropped.append(f"pixels of {shape} are not kept: {name} cannot say so in {said(plan.container)}")
     if plan.container in PIPED:
         _piped_facts(plan, lines, info)
     return replace(

@@ -19,6 +19,7 @@ _TILE_SIZE, _LEAST_TILE = (322, 323), 1 << 20
 _TILES, _TILE_BYTES, _EXTRA, _FORMAT, ICC_TAG, _DNG = 324, 325, 338, 339, 34675, 50706
 _PHOTOMETRICS = {0: "grey", 1: "grey", 2: "RGB", 3: "a palette", 6: "Y'CbCr"}
 _DEFLATE, _HORIZONTAL, _STRIP_SIZE = 8, 2, 1 << 20
+_PLAIN_PACKINGS, _JPEG_PACKINGS = (1, 5, 8, 32773, 32946), (6, 7)  # none, LZW, Deflate, PackBits, Deflate's old code
 _MOST_PAGES = 64
 
 
@@ -27,7 +28,8 @@ class TiffHeader:
     """What the first directory says: size as stored, bits a sample (8 or 16), and how transparency is kept.
 
     alpha: "none", "straight" (unassociated) or "premultiplied" (associated, ExtraSamples 1). plain: grey or RGB in
-    strips, with or without alpha. orientation_at: where the value of the orientation tag lies in the file, or None.
+    strips, packed without loss, with or without alpha. orientation_at: where the value of the orientation tag lies in
+    the file, or None.
     """
 
     width: int
@@ -74,7 +76,10 @@ def _header(name: str, data: bytes) -> TiffHeader:
         alpha = "premultiplied" if extra == 1 else "straight"
     if samples not in (colors, colors + 1):
         raise MediaError(f"{name} is a TIFF of {samples} samples a pixel; save it as RGB, with or without alpha")
-    plain = photometric in (1, 2) and _TILES not in directory and numbers_of(directory, _PLANAR, (1,))[0] == 1
+    if (packed := numbers_of(directory, _COMPRESSION, (1,))[0]) not in (*_PLAIN_PACKINGS, *_JPEG_PACKINGS):
+        raise MediaError(f"{name} is a TIFF packed in a way that is not read ({packed}); save it with LZW or Deflate")
+    strips = _TILES not in directory and numbers_of(directory, _PLANAR, (1,))[0] == 1
+    plain = photometric in (1, 2) and strips and packed in _PLAIN_PACKINGS
     if alpha != "none" and not plain:
         raise MediaError(f"{name} is a TIFF with alpha in tiles, planes or a palette; save it as plain RGB with alpha")
     return TiffHeader(width, height, depth, alpha, plain, at)

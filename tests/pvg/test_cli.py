@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -24,6 +25,7 @@ from pvg.video.encoders import ENCODERS, Codec
 from scripts.samples import Samples
 from tests.conftest import cut_clip
 from tests.gallery.clips import encode_raw, libav_frame
+from tests.waiting import until
 
 Run = Callable[..., "subprocess.CompletedProcess[str]"]
 
@@ -332,6 +334,28 @@ def test_bad_input_exits_with_3_and_one_line(run: Run, samples: Samples, tmp_pat
         assert result.stderr.count("\n") == 1
         assert result.stderr.startswith("pvg: ")
     assert {path.name for path in tmp_path.iterdir()} == {"text.mp4", "ground.mp4"}
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_process_that_is_told_to_end_leaves_nothing_behind(
+    samples: Samples, tmp_path: Path, number: signal.Signals
+) -> None:
+    """As `timeout`, `docker stop` and queues of jobs tell it; Ctrl-C likewise."""
+    command = [str(Path(sys.executable).with_name("pvg")), "vectorize", str(samples.woman_full)]
+    process = subprocess.Popen([*command, "-o", str(tmp_path / "clip.pvg")], stderr=subprocess.DEVNULL)
+    until(lambda: list(tmp_path.iterdir()))
+    process.send_signal(number)
+    assert process.wait(120) == 128 + number
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("name", "said"), [("keep.mp4", "keep.mp4 is the name of a clip or picture"), ("-", "a pipe")])
+def test_an_asset_is_written_to_no_clip_and_no_pipe(run: Run, clip: Path, tmp_path: Path, name: str, said: str) -> None:
+    shutil.copy(clip, tmp_path / "keep.mp4")
+    result = run("vectorize", clip, "-o", name if name == "-" else tmp_path / name)
+    assert result.returncode == 2
+    assert said in result.stderr
+    assert (tmp_path / "keep.mp4").read_bytes() == clip.read_bytes()
 
 
 def test_the_help_loads_no_library() -> None:

@@ -113,6 +113,7 @@ def test_a_face_left_out_of_the_look_is_not_in_it(video: pvg.VectorVideo, dark_r
         ({"protect": "eyes"}, "protect must be a sequence of eyes, teeth, not 'eyes'"),
         ({"protect": None}, "protect must be a sequence"),
         ({"iterations": -1}, "iterations"),
+        ({"iterations": 10_001}, "iterations must be a whole number from 0 to 10000"),
         ({"strength": "0.5"}, "strength must be a number"),
         ({"light": None}, "light must be a number"),
         ({"scene": True}, "scene must be a number"),

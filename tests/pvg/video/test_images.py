@@ -102,3 +102,25 @@ def test_the_code_points_of_a_png_come_before_its_profile(tags: tuple[int, int],
         path, np.full((8, 8, 3), 120, np.uint8), metadata=PictureMetadata(png=chunks, icc=profile(P3, srgb_curve()))
     )
     assert probe(path).color == color
+
+
+@pytest.mark.parametrize("grey", [False, True])
+def test_a_tiff_of_jpeg_strips_is_read(tmp_path: Path, grey: bool) -> None:
+    picture = np.full((64, 96) if grey else (64, 96, 3), 90, np.uint8)
+    picture[:32] += 60
+    path = tmp_path / "picture.tif"
+    packed = [cv2.IMWRITE_TIFF_COMPRESSION, cv2.IMWRITE_TIFF_COMPRESSION_JPEG, cv2.IMWRITE_TIFF_ROWSPERSTRIP, 16]
+    assert cv2.imwrite(str(path), picture, packed)
+    read = read_image(path).rgb()
+    assert np.abs(read.astype(int) - (picture[..., None] if grey else picture)).mean() < 4
+
+
+def test_a_tiff_packed_in_a_way_that_is_not_read_says_how_to_save_it(tmp_path: Path) -> None:
+    path = tmp_path / "picture.tif"
+    write_image(path, np.full((8, 8, 3), 90, np.uint8))
+    data = bytearray(path.read_bytes())
+    at = data.index(struct.pack("<HHIHH", 259, 3, 1, 8, 0))
+    data[at + 8 : at + 10] = struct.pack("<H", 50_000)  # Zstandard
+    path.write_bytes(data)
+    with pytest.raises(MediaError, match="packed in a way that is not read"):
+        read_image(path)

@@ -13,9 +13,11 @@ from pvg.video import (
     Frame,
     VideoWriter,
     color_space,
+    make_plan,
     probe,
     read_frames,
 )
+from pvg.video.encoders import Codec
 from pvg.video.formats import resolve_format
 from tests.gallery.clips import (
     SIZE,
@@ -105,6 +107,23 @@ def test_rate_duration_and_pixel_aspect_are_kept(tmp_path: Path) -> None:
     assert (seen.frame_count, seen.sample_aspect_ratio) == (10, Fraction(4, 3))
     even = probe(write_clip(tmp_path / "even.mp4", smooth_frames(10, pixel_format())))
     assert even.frame_rate == 25
+
+
+@pytest.mark.parametrize(
+    ("suffix", "codec"),
+    [
+        *[(".mp4", codec) for codec in ("h264", "hevc", "vp9", "av1")],
+        *[(".mkv", codec) for codec in ("h264", "hevc", "vp9", "ffv1")],
+        *[(".mov", "prores"), (".webm", "vp9"), (".webm", "av1")],
+    ],
+)
+def test_a_pixel_aspect_is_kept_or_said_to_be_lost(suffix: str, codec: Codec, tmp_path: Path) -> None:
+    frames = smooth_frames(3, pixel_format())
+    info = media_info(frames[0].format, sample_aspect_ratio=Fraction(4, 3))
+    seen = probe(write_clip(tmp_path / f"clip{suffix}", frames, info, codec=codec))
+    lost = [line for line in make_plan(info, container=suffix, codec=codec).dropped if "pixels of 4:3" in line]
+    assert (seen.sample_aspect_ratio == 1) == bool(lost)
+    assert seen.sample_aspect_ratio in {1, Fraction(4, 3)}
 
 
 @pytest.mark.parametrize(
