@@ -12,7 +12,7 @@ from typing import Final
 
 import structlog
 
-from service.catalog import Database, Lease, tombstones
+from service.catalog import Database, Lease, collecting, tombstones
 from service.outages import is_outage
 from service.storage import Storage
 
@@ -23,6 +23,12 @@ WRITE_S: Final = 900.0
 #: seconds for which a request waits for a store to delete; the reaper sees to the rest
 PATIENCE_S: Final = 5.0
 _BATCH: Final = 200
+
+
+def was_marked(database: Database) -> bool:
+    """The store has carried the mark of this database, and is away when it carries none; see `Storage`."""
+    with database.read() as session:
+        return collecting.was_marked(session)
 
 
 class Blobs:

@@ -100,6 +100,7 @@ class Collector:
         """
         try:
             before = self._database.now() - self._ttl
+            self._storage.check_mounted()
             self._check_mark()
             found = self._check_share(before, even_most=even_most)
         except HaltedError as error:
@@ -129,6 +130,7 @@ class Collector:
                     f"{unknown} of the {there} in the store are not this database's, and the store does not say whose "
                     f"it is. Look at PVG_DATABASE_URL and PVG_STORAGE_URL; if they are right, {_ADOPT}",
                 )
+            self._storage.set_mark(str(own))  # before a search is counted: from then on a store without a mark is away
             return
         found = Mark.read(text)
         if found.database_id != own.database_id:

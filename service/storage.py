@@ -44,6 +44,8 @@ _OUR_OWN: Final = "."
 #: in a local folder, what is being written: on the disk of the blobs, where the spool may not be
 _INCOMING: Final = ".incoming"
 _MARK: Final = ".database"
+#: what the disk of a local folder says that is gone, or whose server is
+_AWAY: Final = frozenset({errno.EIO, errno.ESTALE, errno.ETIMEDOUT, errno.EHOSTDOWN, errno.ENOTCONN})
 _KEY: Final = re.compile(
     rf"({'|'.join(get_args(Kind))})/([0-9a-f]{{2}})/\2[0-9a-f]{{62}}-[a-z]{{3}}_[0-9a-f]{{32}}[-.\w]*", re.ASCII
 )
@@ -55,10 +57,20 @@ class BlobMissingError(Exception):
     """The storage has no blob of this key."""
 
 
-class Storage:
-    """The blobs of one service."""
+class NotMountedError(GenericError):
+    """Where the blobs were is another folder: an empty mount point, most likely."""
 
-    def __init__(self, settings: Settings) -> None:
+
+class Storage:
+    """The blobs of one service.
+
+    A local folder that carried a mark, as was seen before or as ``was_marked`` says, and has none, is a disk that is
+    not mounted: its blobs are not missing, and nothing is written there. Calls raise `NotMountedError`, an outage.
+    """
+
+    def __init__(self, settings: Settings, *, was_marked: Callable[[], bool] = lambda: False) -> None:
+        self._was_marked = was_marked
+        self._has_mark = False
         self._folder = settings.local_storage_folder
         self._spool = settings.spool_folder
         self._spool.mkdir(parents=True, exist_ok=True)
@@ -102,26 +114,42 @@ class Storage:
                 obstore.put(self._store, key, path, chunk_size=part, max_concurrency=_PARTS_AT_ONCE)
             path.unlink()
             return
-        target = self._folder / key
-        _make_folder(target.parent, self._folder)
-        try:
-            _sync(path)
-            path.replace(target)
-        except OSError as error:
-            if error.errno != errno.EXDEV:
-                raise
-            with _staged(self._folder) as copy:
-                shutil.copyfile(path, copy)
-                _sync(copy)
-                copy.replace(target)
-            path.unlink()
-        _sync(target.parent)
+        with _folder_known():
+            self.check_mounted()
+            target = self._folder / key
+            _make_folder(target.parent, self._folder)
+            try:
+                _sync(path)
+                path.replace(target)
+            except OSError as error:
+                if error.errno != errno.EXDEV:
+                    raise
+                with _staged(self._folder) as copy:
+                    shutil.copyfile(path, copy)
+                    _sync(copy)
+                    copy.replace(target)
+                path.unlink()
+            _sync(target.parent)
+
+    def check_mounted(self) -> None:
+        """Raise `NotMountedError` when the blobs are in a local folder whose mark is gone; see `Storage`."""
+        if self._folder is None:
+            return
+        with _folder_known():
+            if (self._folder / _MARK).exists():
+                self._has_mark = True
+            elif self._has_mark or self._was_marked():
+                raise NotMountedError(
+                    f"the folder of the files has no {_MARK}: its disk is not mounted, or this is another folder; "
+                    "`pvg-service adopt` makes it the one"
+                )
 
     def exists(self, key: str) -> bool:
         """There is a blob of this key."""
         try:
             obstore.head(self._store, key)
         except FileNotFoundError:
+            self.check_mounted()
             # what answers to HEAD does not say whether the bucket is there; listing raises when it is not
             for _ in obstore.list(self._store, key):
                 pass
@@ -130,8 +158,11 @@ class Storage:
 
     def delete(self, key: str) -> None:
         """Remove a blob; nothing happens when there is none."""
-        with suppress(FileNotFoundError), _bucket_known():
-            obstore.delete(self._store, key)
+        try:
+            with _bucket_known():
+                obstore.delete(self._store, key)
+        except FileNotFoundError:
+            self.check_mounted()
 
     async def stream(self, key: str, start: int, end: int) -> AsyncIterator[bytes]:
         """The bytes [start, end) of a blob, in pieces.
@@ -142,6 +173,7 @@ class Storage:
             with _bucket_known():
                 found = await obstore.get_async(self._store, key, options={"range": (start, end)})
         except FileNotFoundError as error:
+            await asyncio.to_thread(self.check_mounted)
             raise BlobMissingError(key) from error
         return _pieces(found)
 
@@ -160,7 +192,10 @@ class Storage:
         """
         if self._folder is not None:
             path = self._folder / key
-            if not path.is_file():
+            with _folder_known():
+                is_there = path.is_file()
+            if not is_there:
+                self.check_mounted()
                 raise BlobMissingError(key)
             yield path
             return
@@ -223,9 +258,10 @@ class Storage:
         return _remove_old(pieces, before)
 
     def ping(self) -> None:
-        """Raise when nothing can be written or read; `OSError` with its number in a local folder."""
+        """Raise when nothing can be written or read; `OSError` with its number when a local folder's disk is full."""
         if self._folder is not None:
-            with _staged(self._folder) as path:
+            self.check_mounted()
+            with _folder_known(), _staged(self._folder) as path:
                 path.write_bytes(b"ok")
             return
         key = f"probe/{secrets.token_hex(8)}"
@@ -322,6 +358,17 @@ def _bucket_known() -> Iterator[None]:
         if "NoSuchBucket" not in str(error):
             raise
         raise GenericError("the bucket does not exist") from error
+
+
+@contextmanager
+def _folder_known() -> Iterator[None]:
+    """Tell a folder whose disk, or whose server, does not answer from one that is wrong."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in _AWAY:
+            raise
+        raise GenericError(f"the folder of the files does not answer: {error.strerror}") from error
 
 
 def _is_open(path: Path) -> bool:

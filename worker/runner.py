@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import Final, TypeVar
 
 import structlog
 from celery import Celery
 
 from service import tracing
-from service.blobs import Blobs
+from service.blobs import Blobs, was_marked
 from service.catalog import Database, Job, JobKind, Lease, Message, PartKind, fairness, jobs, leases, media, parts
 from service.catalog.fairness import Taken
 from service.outages import is_outage
@@ -47,7 +48,7 @@ class Runner:
         self._sandbox = sandbox
         self._room = Room(settings)
         self._database = Database(settings.database, before_write=self._room.give_back)
-        self._storage = Storage(settings)
+        self._storage = Storage(settings, was_marked=partial(was_marked, self._database))
         # recorded when all of a job's are written, and stores may be away in between
         self._blobs = Blobs(self._database, self._storage, within_s=settings.job_hard_limit_s)
 

@@ -19,7 +19,7 @@ from service.api.rates import Rates
 from service.api.signing import Signer
 from service.api.streams import Streams
 from service.api.waiting import JobWatch, Snapshot
-from service.blobs import Blobs
+from service.blobs import Blobs, was_marked
 from service.catalog import Clock, Database, Preview, jobs, previews
 from service.catalog.jobs import Standing
 from service.collector import Collector
@@ -83,9 +83,10 @@ class Services:
 def make_services(settings: Settings, *, clock: Clock | None = None) -> Services:
     """The parts of an API, not started yet. Raises `OSError` when its folders cannot be made."""
     make_folders(settings)
-    storage, room = Storage(settings), Room(settings)
+    room = Room(settings)
     database = Database(settings.database, clock=clock, lock_wait_s=LOCK_WAIT_S, before_write=room.give_back)
     background = Database(settings.database, clock=clock, before_write=room.give_back)
+    storage = Storage(settings, was_marked=partial(was_marked, database))
     publisher = Publisher(settings, background)
     calls = Calls()
 

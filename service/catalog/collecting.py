@@ -53,6 +53,11 @@ def mark(session: Session) -> Mark:
     return Mark(row.database_id, row.number)
 
 
+def was_marked(session: Session) -> bool:
+    """The store has carried a mark of this database: a search ended well, and wrote it before it was counted."""
+    return bool(session.scalar(select(Collection.number)))
+
+
 def next_mark(session: Session, *, after: int = 0) -> Mark:
     """What the store is to carry from now on: nothing is in the way of a search. Its number is above ``after``."""
     row = _only(session, locked=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import shutil
 import threading
 from collections.abc import Iterator
@@ -17,6 +18,7 @@ from service.catalog import Database, collecting, sweep, tombstones
 from service.collector import HaltedError
 from service.ids import new_id
 from service.settings import Settings
+from service.storage import NotMountedError
 from tests.service.fixtures import FakeClock, make_tables
 from tests.waiting import until
 
@@ -259,6 +261,54 @@ def test_a_round_that_fails_is_no_whole_round(services: Services, monkeypatch: p
     monkeypatch.undo()
     services.reaper.round()
     assert services.reaper.idle_s < 900
+
+
+@pytest.mark.parametrize("store", ["folder"], indirect=True)
+def test_a_folder_that_is_not_mounted_is_no_empty_store(services: Services, store: str, clock: FakeClock) -> None:
+    keys = put(services, known=True)
+    collect(services)
+    Path(store).rename(f"{store}-disk")
+    Path(store).mkdir()
+    clock.forward(DAY)
+    with running(Path(services.settings.data_dir), store, clock) as fresh:  # which has seen no mark
+        for one in (services, fresh):
+            with pytest.raises(NotMountedError):
+                one.collector.collect()
+            draft = one.storage.draft()
+            draft.write_bytes(b"a face")
+            with pytest.raises(NotMountedError):
+                one.storage.put(draft, keys[0])
+        assert list(Path(store).iterdir()) == []
+        Path(store).rmdir()
+        Path(f"{store}-disk").rename(store)
+        assert collect(fresh) == 0
+    assert kept(services) == set(keys)
+
+
+def test_a_first_mark_that_cannot_be_written_is_none_that_is_missed(
+    services: Services, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_: str) -> None:
+        raise OSError(errno.ENOSPC, "no room")
+
+    monkeypatch.setattr(services.storage, "set_mark", full)
+    with pytest.raises(OSError, match="no room"):
+        collect(services)
+    monkeypatch.undo()
+    services.storage.check_mounted()
+    assert collect(services) == 0
+
+
+@pytest.mark.parametrize("store", ["folder"], indirect=True)
+def test_a_folder_that_has_lost_its_mark_is_adopted(services: Services, store: str) -> None:
+    keys = put(services, known=True)
+    collect(services)
+    Path(store, ".database").unlink()
+    with pytest.raises(NotMountedError):
+        services.storage.ping()
+    assert services.collector.adopt() == (1, 0)
+    services.storage.ping()
+    assert kept(services) == set(keys)
 
 
 def test_a_database_has_one_id_however_many_ask_at_once(database: Database) -> None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import os
 import shutil
 import tempfile
@@ -142,6 +143,72 @@ def test_a_deleted_blob_is_missing_everywhere(storage: Storage) -> None:
         read(storage, key, 0, 1)
     with pytest.raises(BlobMissingError), storage.local_path(key):
         pass
+
+
+def unmount(folder: Path) -> Path:
+    """Leave an empty mount point; where its disk is now."""
+    folder.rename(disk := folder.with_name("disk"))
+    folder.mkdir()
+    return disk
+
+
+@pytest.mark.parametrize("seen", [True, False], ids=["seen before", "in the records alone"])
+def test_a_folder_that_is_not_mounted_is_an_outage_and_no_lost_file(tmp_path: Path, seen: bool) -> None:
+    folder = tmp_path / "blobs"
+    settings = Settings(data_dir=tmp_path / "data", storage_url=str(folder))
+    storage = Storage(settings)
+    storage.set_mark("one 0\n")
+    key = add(storage, b"a face")
+    if not seen:
+        storage = Storage(settings, was_marked=lambda: True)
+    disk = unmount(folder)
+    draft = storage.draft()
+    draft.write_bytes(b"another face")
+
+    def open_it() -> None:
+        with storage.local_path(key):
+            pass
+
+    for call in (
+        open_it,
+        storage.ping,
+        lambda: storage.exists(key),
+        lambda: storage.delete(key),
+        lambda: storage.put(draft, key),
+        lambda: read(storage, key, 0, 1),
+    ):
+        with pytest.raises(BaseError, match="not mounted") as caught:
+            call()
+        assert is_outage(caught.value)
+    assert list(folder.iterdir()) == []
+    folder.rmdir()
+    disk.rename(folder)
+    assert read(storage, key, 0, 6) == b"a face"
+    storage.put(draft, key)
+    storage.ping()
+
+
+@pytest.mark.parametrize("number", [errno.EIO, errno.ESTALE, errno.ETIMEDOUT, errno.EHOSTDOWN, errno.ENOTCONN])
+def test_a_folder_whose_server_does_not_answer_is_an_outage(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    storage = Storage(Settings(data_dir=tmp_path))
+    key = add(storage, b"a face")
+    draft = storage.draft()
+    draft.write_bytes(b"another face")
+
+    def fail(*_: object, **__: object) -> os.stat_result:
+        raise OSError(number, os.strerror(number))
+
+    def open_it() -> None:
+        with storage.local_path(key):
+            pass
+
+    monkeypatch.setattr(Path, "stat", fail)
+    for call in (open_it, storage.ping, lambda: storage.put(draft, key)):
+        with pytest.raises(BaseError) as caught:
+            call()
+        assert is_outage(caught.value)
 
 
 def test_a_probe_leaves_nothing(storage: Storage) -> None:

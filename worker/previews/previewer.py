@@ -9,12 +9,13 @@ import time
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 import structlog
 
-from service.blobs import Blobs
+from service.blobs import Blobs, was_marked
 from service.catalog import Database, Preview, media, previews, still_request
 from service.catalog.previews import KEPT_S, Still
 from service.ids import new_id
@@ -38,7 +39,7 @@ class Previewer:
     def __init__(self, settings: Settings, sandbox: Sandbox) -> None:
         self._settings = settings
         self._database = Database(settings.database, before_write=Room(settings).give_back)
-        self._storage = Storage(settings)
+        self._storage = Storage(settings, was_marked=partial(was_marked, self._database))
         # never recorded as a result: the tombstone ends it
         self._blobs = Blobs(self._database, self._storage, within_s=KEPT_S)
         self._clips = OpenClips(settings, self._storage, sandbox, self._assets)
