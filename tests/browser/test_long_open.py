@@ -182,7 +182,8 @@ def test_blobs_of_results_go_with_the_comparison_and_with_the_key(studio: Studio
         assert found is not None
         assert keys.revoke(session, found, now=studio.api.services.database.now())
     # whatever the page asks for next is answered that the key is no good
-    studio.give(holder(studio.api).text)
+    with page.expect_event("load"):
+        studio.give(holder(studio.api).text)
     studio.guarded.until("() => window.videoBlobs.size === 0")
 
 

@@ -9,7 +9,10 @@ const VISIBLE = /^[\x21-\x7e]+$/;
 let asking = null;
 const listeners = [];
 
-/** Tell `listener` whenever another key has come: what was fetched with the one before is not for it. */
+/**
+ * Tell `listener` whenever another key has come: what was fetched with the one before is not for it. One that gives
+ * true loads the page anew; then nothing that waited for a key goes on.
+ */
 export const onNewKey = (listener) => listeners.push(listener);
 
 export const key = () => sessionStorage.getItem(PLACE);
@@ -52,12 +55,12 @@ export function askForKey(why = "", { kept = false } = {}) {
         show(); // browsers let a second Escape through
         return;
       }
-      asking = null;
       const given = isGiven ? input.value.trim() : key();
       const isNew = given !== key();
       sessionStorage.setItem(PLACE, given);
-      if (isNew) for (const listener of listeners) listener();
       input.value = "";
+      if (isNew && listeners.some((listener) => listener())) return;
+      asking = null;
       document.getElementById("change-key").hidden = false;
       resolve();
     };

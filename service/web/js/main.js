@@ -40,9 +40,10 @@ change.addEventListener("click", async () => {
 
 // what is shown, and the clip in the address, are of the key before
 onNewKey(() => {
-  if (!state.clip && !state.listed && !state.clips.length && !state.references.length) return;
+  if (!state.clip && !state.listed && !state.clips.length && !state.references.length) return false;
   history.replaceState(null, "", location.pathname + location.search);
   location.reload();
+  return true;
 });
 
 /** Fetch all of it; what fails is told once, and the clip has its own "Try again". */
