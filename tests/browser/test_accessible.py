@@ -116,6 +116,7 @@ def states(guarded: Guarded, media: dict[str, Any]) -> Iterator[str]:
 
     def editing() -> None:
         page.goto(f"{guarded.root}/#{media['video']['id']}")
+        guarded.until("() => location.hash.length > 1")  # on a busy machine a reload may be before the address
         page.reload()
         guarded.until(READY)
         at_rest(guarded)
