@@ -79,7 +79,9 @@ def test_a_full_disk_refuses_uploads_and_jobs_deletes_and_recovers_alone(
     others = fill(small_disk)
     # a thread of the service may give a page back meanwhile
     until(lambda: fill(small_disk) == others and os.statvfs(small_disk).f_bavail == 0)
-    until(lambda: api.services.room.free_bytes() == 0)  # what others write is seen at the next look
+    until(
+        lambda: fill(small_disk) == others and api.services.room.free_bytes() == 0
+    )  # what others write is seen at the next look
 
     for answer in (upload(api, 100_000), upload(api, 3_000_000), api.client.post("/transfer", json=wanted)):
         assert (answer.status_code, answer.json()["code"]) == (507, "insufficient-storage")
