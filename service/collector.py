@@ -7,7 +7,6 @@ docs/decisions/0049 for what is asked of a store before anything is.
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from itertools import islice
@@ -18,6 +17,7 @@ import structlog
 from service.catalog import Database, collecting, sweep, tombstones
 from service.catalog.collecting import Mark
 from service.outages import is_outage
+from service.rounds import Rounds
 from service.settings import Settings
 from service.storage import Storage, is_key
 
@@ -56,33 +56,28 @@ class Collector:
         self._storage = storage
         self._interval = timedelta(seconds=settings.collect_interval_s)
         self._ttl = timedelta(seconds=settings.orphan_ttl_s)
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="collector", daemon=True)
+        self._rounds = Rounds("collector", self._round, min(_LOOK_S, settings.collect_interval_s))
 
     def start(self) -> None:
         """Start to look whether a search is due; the first time at once."""
-        self._thread.start()
+        self._rounds.start()
 
     def stop(self) -> None:
         """Stop after the present page."""
-        self._stop.set()
-        self._thread.join(timeout=2)
+        self._rounds.stop()
 
-    def _run(self) -> None:
-        while True:
-            try:
-                self.collect_when_due()
-            except _StoppedError:
-                return
-            except HaltedError as error:
-                log.error(str(error))
-            except Exception as error:
-                if is_outage(error):
-                    log.warning("the database or the storage is away", step="collect", error=type(error).__name__)
-                else:
-                    log.exception("a search for files without a record failed")
-            if self._stop.wait(min(_LOOK_S, self._interval.total_seconds())):
-                return
+    def _round(self) -> None:
+        try:
+            self.collect_when_due()
+        except _StoppedError:
+            pass
+        except HaltedError as error:
+            log.error(str(error))
+        except Exception as error:
+            if is_outage(error):
+                log.warning("the database or the storage is away", step="collect", error=type(error).__name__)
+            else:
+                log.exception("a search for files without a record failed")
 
     def collect_when_due(self) -> None:
         """`collect`, unless it was begun less than ``collect_interval_s`` ago, here or by another process."""
@@ -187,7 +182,7 @@ class Collector:
         """
         entries = ((key, written) for key, written in self._storage.entries() if is_key(key))
         while page := list(islice(entries, sweep.BATCH)):
-            if self._stop.is_set():
+            if self._rounds.is_stopping:
                 raise _StoppedError
             old = [key for key, written in page if written < before]
             with self._database.read() as session:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import threading
 import time
 from collections.abc import Callable
 from datetime import datetime, timedelta
@@ -16,6 +15,7 @@ from service.drafts import Drafts
 from service.outages import is_outage
 from service.queue import QUEUES, Publisher, clear_remains
 from service.room import Room
+from service.rounds import Rounds
 from service.settings import Settings
 from service.storage import Storage
 
@@ -48,24 +48,16 @@ class Reaper:
         self._is_set_back = False
         self._short: set[Message] = set()
         self._whole_at = time.monotonic()
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="reaper", daemon=True)
+        self._rounds = Rounds("reaper", self.round, settings.reap_interval_s)
 
     def start(self) -> None:
         """Start the rounds; the first one runs at once, and leaves workers alone as after an outage."""
         self._spare_leases()
-        self._thread.start()
+        self._rounds.start()
 
     def stop(self) -> None:
         """Stop after the present round."""
-        self._stop.set()
-        self._thread.join(timeout=2)
-
-    def _run(self) -> None:
-        while True:
-            self.round()
-            if self._stop.wait(self._settings.reap_interval_s):
-                return
+        self._rounds.stop()
 
     def round(self) -> None:
         """One round. A step that fails is logged and does not keep the others from running."""

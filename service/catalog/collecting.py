@@ -38,12 +38,11 @@ class Mark:
         return cls(database_id, int(number)) if number.isascii() and number.isdecimal() else cls("", 0)
 
 
-def begin(session: Session, *, now: datetime, unless_since: datetime | None = None) -> bool:
+def begin(session: Session, *, now: datetime, unless_since: datetime) -> bool:
     """A search begins. False when one has begun after ``unless_since``, by whichever process."""
     _only(session)
-    due = update(Collection).where(Collection.id == _ONLY)
-    if unless_since is not None:
-        due = due.where(or_(Collection.began_at.is_(None), Collection.began_at <= unless_since))
+    is_late = or_(Collection.began_at.is_(None), Collection.began_at <= unless_since)
+    due = update(Collection).where(Collection.id == _ONLY, is_late)
     return changed(session, due.values(began_at=now)) == 1
 
 

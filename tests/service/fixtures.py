@@ -201,13 +201,13 @@ def _serve(settings: Settings) -> Iterator[Api]:
 
 def _first_round(reaper: Reaper) -> threading.Event:
     """Set once the round is over that a reaper runs at its start: it deletes what a test deletes, beside it."""
-    over, one_round = threading.Event(), reaper.round
+    over = threading.Event()
 
     def noted() -> None:
-        one_round()
+        reaper.round()
         over.set()
 
-    reaper.round = noted  # type: ignore[method-assign]
+    reaper._rounds._work = noted
     return over
 
 
