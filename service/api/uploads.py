@@ -136,8 +136,7 @@ class Intake:
     async def __aenter__(self) -> Self:
         """Raises `QuotaExceededError` when the body says that it is too large for its owner."""
         if self._share is not None:
-            declared = self.request.headers.get("content-length", "")
-            size_bytes = int(declared) if declared.isdecimal() and len(declared) < 20 else 0
+            size_bytes = self._declared_bytes or 0
             is_form = self.request.headers.get("content-type", "").lower().startswith("multipart/")
             await self._share.fits(max(0, size_bytes - _FORM_BYTES) if is_form else size_bytes)
         return self
@@ -154,8 +153,7 @@ class Intake:
         Raises `StorageFullError` when there is too little room.
         """
         if size_bytes is None:
-            declared = self.request.headers.get("content-length", "")
-            size_bytes = int(declared) if declared.isdecimal() else 0
+            size_bytes = self._declared_bytes or 0
         self._room.require(size_bytes)
         limit = self.limit_bytes if limit_bytes is None else limit_bytes
         sink = FileSink(*self._storage.new_draft(), self._room, self._share, limit, clean_name(filename))
@@ -202,9 +200,14 @@ class Intake:
 
     def check_declared(self, limit: int) -> None:
         """Raise `TooLargeError`, with the limit of a file, when more than ``limit`` bytes are declared."""
-        declared = self.request.headers.get("content-length", "")
-        if declared.isdecimal() and int(declared) > limit:
+        if self._declared_bytes is not None and self._declared_bytes > limit:
             raise TooLargeError(f"the file is larger than {self.limit_bytes} bytes", limit_bytes=self.limit_bytes)
+
+    @property
+    def _declared_bytes(self) -> int | None:
+        """How many bytes the body says that it has; a number of more than 20 digits is refused with the head."""
+        declared = self.request.headers.get("content-length", "")
+        return int(declared) if declared.isdecimal() else None
 
 
 def declared_name(disposition: str | None) -> str | None:

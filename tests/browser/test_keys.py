@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Route
+from playwright.sync_api import Locator, Route
 
 from service.catalog import keys
 from service.catalog.keys import Limits
-from tests.browser.conftest import OpenPage
+from tests.browser.conftest import Guarded, OpenPage
 from tests.browser.driving import drop
 from tests.service.api.test_authentication import holder
 from tests.service.fixtures import MP4, Api, make_ready
@@ -17,17 +17,23 @@ from tests.service.fixtures import MP4, Api, make_ready
 pytestmark = pytest.mark.timeout(300)
 
 
+def asked(open_page: OpenPage, root: str) -> tuple[Guarded, Locator]:
+    """A page of a service that has keys, and the dialog in which it asks for one."""
+    guarded = open_page(root)
+    guarded.expected.append("status of 401")
+    guarded.page.goto(root + "/")
+    dialog = guarded.page.get_by_role("dialog", name="This service needs a key")
+    dialog.wait_for()
+    return guarded, dialog
+
+
 def test_a_key_is_asked_for_once_and_kept_in_the_tab_alone(api: Api, open_page: OpenPage) -> None:
     with api.services.database.write() as session:
         _, key = keys.create(session, "page", Limits(), now=api.services.database.now())
     api.client.post("/videos", content=MP4, headers={"authorization": f"Bearer {key}", "content-type": "video/mp4"})
 
-    guarded = open_page(str(api.client.base_url).rstrip("/"))
-    guarded.expected.append("status of 401")
+    guarded, dialog = asked(open_page, str(api.client.base_url).rstrip("/"))
     page = guarded.page
-    page.goto(guarded.root + "/")
-    dialog = page.get_by_role("dialog", name="This service needs a key")
-    dialog.wait_for()
     assert page.evaluate("() => document.activeElement.id") == "key"
 
     # one that is no good: the page says so and asks again
@@ -47,21 +53,14 @@ def test_a_key_is_asked_for_once_and_kept_in_the_tab_alone(api: Api, open_page: 
     page.reload()
     guarded.until("() => 'ready' in document.documentElement.dataset")
     assert page.locator(".clip-card").count() == 1
-    other = open_page(guarded.root)
-    other.expected.append("status of 401")
-    other.page.goto(guarded.root + "/")
-    other.page.get_by_role("dialog", name="This service needs a key").wait_for()
+    asked(open_page, guarded.root)
 
 
 def test_the_question_for_another_key_may_be_left(api: Api, open_page: OpenPage) -> None:
     one, other = holder(api), holder(api)
     video = one.post("/videos", content=MP4).json()
-    guarded = open_page(str(api.client.base_url).rstrip("/"))
-    guarded.expected.append("status of 401")
+    guarded, dialog = asked(open_page, str(api.client.base_url).rstrip("/"))
     page = guarded.page
-    page.goto(guarded.root + "/")
-    dialog = page.get_by_role("dialog", name="This service needs a key")
-    dialog.wait_for()
     # without a key there is no other way
     assert not dialog.get_by_role("button", name="Cancel").is_visible()
     for _ in range(3):

@@ -45,8 +45,8 @@ async def get_readiness(services: ServicesDep, response: Response) -> Readiness:
         response.status_code = 503
         return Readiness(status="stopping", checks={})
     database, storage, broker = await asyncio.gather(*(probe.state() for probe in services.probes))
-    checks: dict[str, str] = {"database": database, "storage": storage, "broker": broker, "workers": UNAVAILABLE}
-    checks["collector"] = UNAVAILABLE
+    checks: dict[str, str] = {"database": database, "storage": storage, "broker": broker}
+    checks |= {"workers": UNAVAILABLE, "collector": UNAVAILABLE}
     if database == OK:
         try:
             checks["workers"], checks["collector"] = await services.calls.read(_others, services)
