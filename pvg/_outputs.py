@@ -27,6 +27,14 @@ def check_suffix(path: Path, kinds: Iterable[str]) -> None:
         raise ValueError(f"-o {path} must end in {', '.join(allowed)}")
 
 
+def check_asset_name(path: Path) -> None:
+    """Refuse a name by which an asset would be taken for a clip or a picture."""
+    from pvg.video import CLIP_SUFFIXES, IMAGE_SUFFIXES  # noqa: PLC0415 - takes long, and the work needs it anyway
+
+    if path.suffix.lower() in (*CLIP_SUFFIXES, *IMAGE_SUFFIXES):
+        raise ValueError(f"{path.name} is the name of a clip or picture; an asset is named as clip.pvg")
+
+
 def suffix(video: VectorVideo, container: str | None = None) -> str:
     """Of an output that is named by the command."""
     is_image = video.media.kind == "image"

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import pvg
 from pvg._options import CLIP_CONTAINERS, LOOK_OPTIONS, OUTPUT_OPTIONS, STANDARD, parser_of
-from pvg._outputs import check_outputs, check_pipe, check_suffix, outputs, suffix
+from pvg._outputs import check_asset_name, check_outputs, check_pipe, check_suffix, outputs, suffix
 from pvg._targets import check_file, check_folder
 from pvg.errors import AssetError, PvgError
 
@@ -111,18 +111,10 @@ def _chosen(video: VectorVideo, faces: Literal["all"] | Sequence[int]) -> list[F
     return [face for face in video.faces if faces == "all" or face.index in faces]
 
 
-def _check_asset_name(path: Path) -> None:
-    """Refuse names that an asset would be mistaken by, and the pipe: an asset is read at many places."""
-    from pvg.video import CLIP_SUFFIXES, IMAGE_SUFFIXES  # noqa: PLC0415 - takes long, and the work needs it anyway
-
-    if path == STANDARD:
-        raise ValueError("an asset cannot be written to a pipe; name a file, as clip.pvg")
-    if path.suffix.lower().lstrip(".") in {suffix.lstrip(".") for suffix in (*CLIP_SUFFIXES, *IMAGE_SUFFIXES)}:
-        raise ValueError(f"{path.name} is the name of a clip or picture; an asset is named as clip.pvg")
-
-
 def _vectorize(given: argparse.Namespace) -> None:
-    _check_asset_name(given.output)
+    if given.output == STANDARD:
+        raise ValueError("an asset cannot be written to a pipe; name a file, as clip.pvg")
+    check_asset_name(given.output)
     with _progress() as progress:
         video = pvg.vectorize(
             given.input,
@@ -394,7 +386,7 @@ class _EndedError(KeyboardInterrupt):
         self.number = number
 
 
-@contextlib.contextmanager
+@contextmanager
 def _ended_by_signals() -> Iterator[None]:
     """Inside the block SIGTERM and SIGHUP, where nobody else takes them, end the work as Ctrl-C does."""
 
