@@ -293,10 +293,10 @@ class FaceTracker:
         boxes = np.stack([_box(mesh.points) for _, mesh in found]) if found else np.empty((0, 4), np.float32)
         for (_, mesh), box in zip(found, boxes, strict=True):
             if not self._taken(index, box):
-                finders = [found[k][0] for k in np.flatnonzero(box_iou(box, boxes) > SAME_FACE_IOU)]
-                elsewhere = [other for other, _ in found if other not in finders]
-                lost = [other for _, other in self._lost_near(index, mesh) if other.last < index - 1]
-                lost = [other for other in lost if other not in finders and other not in elsewhere]
+                same = [found[k][0] for k in np.flatnonzero(box_iou(box, boxes) > SAME_FACE_IOU)]
+                finders = [finder for finder in same if finder.last != index]  # who has another face has no second one
+                near = [other for _, other in self._lost_near(index, mesh) if other.last < index - 1]
+                lost = [other for other in near if all(other is not finder for finder, _ in found)]
                 self._whose(mesh, finders, lost, picture).add(index, mesh)
 
     def _whose(

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from pvg.landmarks import FaceTracker, Mesh, smooth, track_faces
 from pvg.landmarks.detector import box_iou
 from pvg.landmarks.motion import share_inside
-from pvg.landmarks.tracking import FACE_GATE
+from pvg.landmarks.tracking import FACE_GATE, OpenTrack
 from pvg.picture import as_picture
 from scripts.samples import Samples
 from tests.gallery.faces import fit_surest, read_rgb
@@ -109,6 +110,22 @@ def test_two_tracks_never_sit_on_one_face(head: np.ndarray) -> None:
         ]
         assert box_iou(boxes[0], boxes[1][None])[0] < 0.2
     assert result.tracks[0].landmarks.points[0, :, 0].mean() < result.tracks[1].landmarks.points[0, :, 0].mean()
+
+
+def test_a_track_takes_one_face_a_frame(mesh: Mesh, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of three in a row that overlap, the middle one is the likest to either of the others."""
+    step = np.array([0.4 * np.ptp(mesh.points[:, 0]), 0], np.float32)
+    meshes = [replace(mesh, points=mesh.points + k * step) for k in range(3)]
+    tracker = FaceTracker()
+    tracker.open = [OpenTrack(0, one) for one in meshes]
+    for track, one in zip(tracker.open, meshes, strict=True):
+        track.add(0, one)
+    _, middle, _ = tracker.open
+    found = iter(meshes)
+    monkeypatch.setattr(tracker, "_fit", lambda *_: next(found))
+    monkeypatch.setattr(tracker, "_likest", lambda tracks, *_: middle if middle in tracks else None)
+    tracker._follow(1, as_picture(np.zeros((2000, 2000, 3), np.uint8)))
+    assert [track.frames for track in tracker.open] == [[0], [0, 1], [0, 1]]
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
