@@ -68,6 +68,7 @@ class Collector:
 
     def _round(self) -> None:
         try:
+            self._storage.clear_incoming(before=self._database.now() - self._ttl)
             self.collect_when_due()
         except _StoppedError:
             pass

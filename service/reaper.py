@@ -36,7 +36,6 @@ class Reaper:
     ) -> None:
         self._settings = settings
         self._database = database
-        self._storage = storage
         self._drafts = Drafts(database, storage, settings)
         self._room = room
         self._blobs = blobs
@@ -176,7 +175,6 @@ class Reaper:
             removed += previews.expire(session, now=now)
             removed += idempotency.expire(session, now=now, limit=sweep.BATCH)
         self._drafts.clear()
-        self._storage.clear_incoming(before=now - timedelta(seconds=self._settings.orphan_ttl_s))
         clear_remains(self._settings)
         return removed
 

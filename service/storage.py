@@ -121,6 +121,10 @@ class Storage:
             try:
                 _sync(path)
                 path.replace(target)
+            except FileNotFoundError:
+                if not target.exists():
+                    raise
+                # moved by a try that failed after it
             except OSError as error:
                 if error.errno != errno.EXDEV:
                     raise
@@ -128,8 +132,8 @@ class Storage:
                     shutil.copyfile(path, copy)
                     _sync(copy)
                     copy.replace(target)
-                path.unlink()
             _sync(target.parent)
+            path.unlink(missing_ok=True)  # it was on another disk
 
     def check_mounted(self) -> None:
         """Raise `NotMountedError` when the blobs are in a local folder whose mark is gone; see `Storage`."""

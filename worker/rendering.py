@@ -205,21 +205,17 @@ def inputs(
 ) -> tuple[dict[str, Any], list[Path]]:
     """What every call about looks of one video is told, and the files it reads: there until the stack is closed."""
     source = stack.enter_context(run.local_path(video.source_key))
-    asset = _asset(run, stack, video)
-    references = [_asset(run, stack, present[look.reference_id]) for look in group]
-    assets = {video.id: asset, **dict(zip((look.reference_id for look in group), references, strict=True))}
-    remade = _remade(run, [present[media_id] for media_id in assets])
+    media_ids = sorted({video.id, *(look.reference_id for look in group)})
+    assets = {media_id: _asset(run, stack, present[media_id]) for media_id in media_ids}
+    remade = _remade(run, [present[media_id] for media_id in media_ids])
     arguments = {
         "source": str(source),
-        "asset": str(asset),
+        "asset": str(assets[video.id]),
         "remade": [str(assets[media_id]) for media_id in sorted(remade)],
-        "looks": [
-            {"reference": str(reference), "params": asdict(look_params(look))}
-            for reference, look in zip(references, group, strict=True)
-        ],
+        "looks": [{"reference": str(assets[look.reference_id]), "params": asdict(look_params(look))} for look in group],
         "output": asdict(render_request(run.job).output),
     }
-    return arguments, [source, asset, *references]
+    return arguments, [source, *assets.values()]
 
 
 def _asset(run: Run, stack: ExitStack, medium: Media) -> Path:

@@ -27,8 +27,8 @@ class _Account:
 
     size_bytes: int = 0
     places: int = 0
-    #: names of places that are not counted
-    free: set[str] = field(default_factory=set)
+    #: by name, what is not counted
+    free: dict[str, Share] = field(default_factory=dict)
     #: bytes that fit besides what is recorded, by when they were read; None for no bound
     left: int | None = None
     read_at: float = -math.inf
@@ -38,12 +38,11 @@ class _Account:
 class Share:
     """What arrives by one request."""
 
-    def __init__(self, arriving: Arriving, owner: str, account: _Account, *, is_free: bool) -> None:
+    def __init__(self, arriving: Arriving, owner: str, account: _Account) -> None:
         self._arriving = arriving
         self._owner = owner
         self._account = account
-        self._is_free = is_free
-        self.size_bytes = 0
+        self._size_bytes = 0
 
     async def fits(self, size_bytes: int) -> None:
         """Raise `QuotaExceededError` when so many bytes more are too many."""
@@ -53,9 +52,20 @@ class Share:
     async def take(self, size_bytes: int) -> None:
         """So many more bytes are here. Raises `QuotaExceededError` when they are too many."""
         if not self._is_free:
-            self.size_bytes += size_bytes
+            self._size_bytes += size_bytes
             self._account.size_bytes += size_bytes
             await self.fits(0)
+
+    def give_back(self, size_bytes: int | None = None) -> None:
+        """So many of the bytes, or all, are recorded by now or gone: they arrive no longer."""
+        given = self._size_bytes if size_bytes is None else min(size_bytes, self._size_bytes)
+        self._size_bytes -= given
+        self._account.size_bytes -= given
+        self._account.read_at = -math.inf
+
+    @property
+    def _is_free(self) -> bool:
+        return self in self._account.free.values()
 
 
 class Arriving:
@@ -71,24 +81,23 @@ class Arriving:
 
     @asynccontextmanager
     async def place(self, owner: str, *, free: str | None = None) -> AsyncIterator[Share]:
-        """Inside the block the bytes of a request count, but for the first at a time that is ``free`` by this name.
+        """Inside the block the bytes of a request count, but for the newest at a time that is ``free`` by this name.
 
         That is for bytes that are counted already, or are there: those of an announced upload, a request sent again.
+        Who goes on after a lost connection is the newest, while the former request is not known to be dead.
         """
         account = self._of.setdefault(owner, _Account())
-        is_free = free is not None and free not in account.free
-        if free is not None and is_free:
-            account.free.add(free)
         account.places += 1
-        share = Share(self, owner, account, is_free=is_free)
+        share = Share(self, owner, account)
+        if free is not None:
+            account.free[free] = share
         try:
             yield share
         finally:
-            if free is not None and is_free:
-                account.free.remove(free)
-            account.size_bytes -= share.size_bytes
+            if free is not None and account.free.get(free) is share:
+                del account.free[free]
+            share.give_back()
             account.places -= 1
-            account.read_at = -math.inf  # they may be recorded by now
             if not account.places:
                 del self._of[owner]
 

@@ -11,7 +11,7 @@ from typing import Any, Literal, cast
 from sqlalchemy import or_, select, union_all, update
 from sqlalchemy.orm import Session
 
-from service.catalog import idempotency, jobs, leases, previews, resumable, tombstones
+from service.catalog import idempotency, jobs, leases, parts, previews, resumable, tombstones
 from service.catalog.database import changed
 from service.catalog.messages import Message
 from service.catalog.models import ACTIVE, Job, JobKind, JobState, Look, Media, MediaState, Result, Role
@@ -270,21 +270,11 @@ def make_again(
 def unready(session: Session, job: Job, media: Sequence[Media]) -> set[str]:
     """The ids of those that a job that makes looks has to wait for again.
 
-    They are not ready any more; or, for a part or a join, they were vectorised since the whole was begun, so that other
-    parts may be drawn by other assets.
+    They are not ready any more; or, for a part or a join, they were vectorised again since the whole was cut, so that
+    other parts may be drawn by other assets.
     """
-    whole = None if job.parent_id is None else jobs.get(session, job.parent_id)
-    begun_at = None if whole is None else whole.started_at
-    return {
-        one.id
-        for one in media
-        if one.state != MediaState.READY or (begun_at is not None and _finished_since(session, one, begun_at))
-    }
-
-
-def _finished_since(session: Session, media: Media, then: datetime) -> bool:
-    made = jobs.get(session, media.job_id)
-    return made is not None and made.finished_at is not None and made.finished_at > then
+    made_by = {} if job.parent_id is None else parts.made_by(session, job.parent_id)
+    return {one.id for one in media if one.state != MediaState.READY or made_by.get(one.id, one.job_id) != one.job_id}
 
 
 def made_since_asked(session: Session, job: Job, media: Sequence[Media]) -> set[str]:

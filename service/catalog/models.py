@@ -231,6 +231,8 @@ class Part(Base):
     video_id: Mapped[str] = mapped_column(String(40))
     start: Mapped[int]
     stop: Mapped[int]
+    #: what vectorised each medium of the job as it was cut: jobs by ids of media; None if an older version cut it
+    made_by: Mapped[dict[str, Any] | None]
 
 
 class PartFile(Base):

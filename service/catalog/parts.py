@@ -17,13 +17,13 @@ from datetime import datetime
 from types import MappingProxyType
 from typing import Any, Final
 
-from sqlalchemy import Exists, delete, exists, func, select
+from sqlalchemy import Exists, delete, exists, func, or_, select
 from sqlalchemy.orm import Session, aliased
 
 from service.catalog import tombstones
 from service.catalog.database import changed
 from service.catalog.messages import QUEUE_OF, Message
-from service.catalog.models import ACTIVE, HELD, Job, JobState, Part, PartFile, PartKind
+from service.catalog.models import ACTIVE, HELD, Job, JobState, Look, Media, Part, PartFile, PartKind
 from service.catalog.transitions import Lease, Step, take_step
 from service.errors import stored_problem
 from service.ids import new_id
@@ -68,12 +68,27 @@ def split(
         # by a call before, whose answer was lost
         return messages(session, [lease.job_id]) or None
     whole = session.get_one(Job, lease.job_id)
+    made_by = _made_by(session, lease.job_id)
     made = []
     for number, part in enumerate(wanted):
         made.append(_add(session, PartKind.PART, whole, now=now))
-        session.add(Part(id=made[-1].job_id, number=number, video_id=part.video_id, start=part.start, stop=part.stop))
+        place = {"video_id": part.video_id, "start": part.start, "stop": part.stop}
+        session.add(Part(id=made[-1].job_id, number=number, made_by=made_by, **place))
     session.flush()
     return made
+
+
+def _made_by(session: Session, job_id: str) -> dict[str, str]:
+    """The job that vectorised each medium of a job's looks, by their ids."""
+    mine = exists().where(Look.job_id == job_id, or_(Look.video_id == Media.id, Look.reference_id == Media.id))
+    found = session.execute(select(Media.id, Media.job_id).where(mine))
+    return dict(iter(found))
+
+
+def made_by(session: Session, whole_id: str) -> Mapping[str, str]:
+    """The jobs that had vectorised the media of a job, by their ids, as it was cut; empty where that is not known."""
+    of_one = select(Part.made_by).join(Job, Job.id == Part.id).where(Job.parent_id == whole_id).limit(1)
+    return session.scalar(of_one) or {}
 
 
 def _add(session: Session, kind: PartKind, whole: Job, *, now: datetime) -> Message:

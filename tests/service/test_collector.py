@@ -95,6 +95,22 @@ def test_old_files_without_a_record_go(services: Services, clock: FakeClock) -> 
     assert unknown[0] not in kept(services)
 
 
+def test_pieces_of_blobs_go_without_a_search_and_no_round_of_jobs_waits_for_it(
+    tmp_path: Path, clock: FakeClock
+) -> None:
+    with running(tmp_path / "data", str(tmp_path / "blobs"), clock) as services:
+        collect(services)
+        piece = tmp_path / "blobs" / ".incoming" / "piece"
+        piece.parent.mkdir(exist_ok=True)
+        piece.write_bytes(b"half of a face")
+        clock.forward(2 * DAY)
+        services.reaper.round()
+        assert piece.exists(), "a folder that hangs would hold up what a round does for jobs"
+        services.collector.start()
+        until(lambda: not piece.exists())
+        services.collector.stop()
+
+
 def test_a_new_store_is_marked_at_the_first_search(services: Services, clock: FakeClock) -> None:
     assert services.storage.mark() is None
     assert collect(services) == 0

@@ -277,16 +277,3 @@ def test_a_broker_that_is_away_fails_no_round(tmp_path: Path, clock: FakeClock) 
     services.database.close()
     assert job is not None
     assert (job.state, job.published_at) == ("queued", None)
-
-
-def test_pieces_of_blobs_of_a_killed_process_are_removed(services: Services, clock: FakeClock) -> None:
-    folder = services.settings.local_storage_folder
-    assert folder is not None
-    piece = folder / ".incoming" / "piece"
-    piece.parent.mkdir()
-    piece.write_bytes(b"a face")
-    services.reaper.round()
-    assert piece.exists()
-    clock.forward(HOUR + 1)
-    services.reaper.round()
-    assert not piece.exists()

@@ -342,6 +342,33 @@ def test_a_blob_is_on_the_disk_before_it_has_its_name_and_its_name_before_it_is_
     assert synced[-1] == "source/ab"
 
 
+@pytest.mark.parametrize("elsewhere", [False, True])
+def test_a_blob_whose_name_could_not_be_made_sure_is_published_by_the_next_try(
+    elsewhere: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+) -> None:
+    blobs = (request.getfixturevalue("other_disk") if elsewhere else tmp_path) / "blobs"
+    storage = Storage(Settings(data_dir=tmp_path / "data", storage_url=str(blobs)))
+    draft = storage.draft()
+    draft.write_bytes(b"a face")
+    fsync = os.fsync
+
+    def stale(descriptor: int) -> None:
+        if Path(os.readlink(f"/proc/self/fd/{descriptor}")) == (blobs / KEY).parent and (blobs / KEY).exists():
+            raise OSError(errno.ESTALE, os.strerror(errno.ESTALE))
+        fsync(descriptor)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", stale)
+        with pytest.raises(Exception, match=r"(?i)stale") as error:
+            storage.put(draft, KEY)
+        assert is_outage(error.value)
+    storage.put(draft, KEY)
+    assert (blobs / KEY).read_bytes() == b"a face"
+    assert not draft.exists()
+    with pytest.raises(FileNotFoundError):
+        storage.put(draft, KEY.replace("source", "result"))
+
+
 def test_pieces_that_former_versions_left_beside_blobs_go(tmp_path: Path) -> None:
     storage = Storage(Settings(data_dir=tmp_path))
     blobs = tmp_path / "blobs"

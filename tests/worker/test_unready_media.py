@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from datetime import timedelta
+
 import pytest
 
 from service.catalog import Asset, Database, Job, Media, jobs, media, parts
@@ -18,13 +20,14 @@ def read(database: Database, job_id: str) -> Job:
         return session.get_one(Job, job_id)
 
 
-def vectorize(database: Database, media_id: str, key: str) -> None:
-    """Do the job that vectorises a medium, and release those that wait for it."""
+def vectorize(database: Database, media_id: str, key: str, *, ahead: timedelta = timedelta(0)) -> None:
+    """Do the job that vectorises a medium, by a clock that is ahead, and release those that wait for it."""
     with database.read() as session:
         lease = claim(database, session.get_one(Media, media_id).job_id)
     with database.write() as session:
         announce(session, key)
-        assert media.finish(session, lease, Asset(key, 1, {}, [], []), now=database.now(), timings={}) is not None
+        asset, now = Asset(key, 1, {}, [], []), database.now() + ahead
+        assert media.finish(session, lease, asset, now=now, timings={}) is not None
     with database.write() as session:
         jobs.release(session, now=database.now())
 
@@ -79,5 +82,17 @@ def test_parts_of_two_assets_are_never_joined(runner: Runner, joining: bool, is_
     lease = claim(database, whole_id)
     with database.write() as session:
         (message,) = parts.split(session, lease, wanted[:1], now=database.now(), timings={}) or []
+        part, present = session.get_one(Job, message.job_id), [session.get_one(Media, medium.id)]
+        assert media.unready(session, part, present) == set()
+
+
+def test_a_clock_that_was_set_back_makes_no_part_wait_for_media_that_are_ready(runner: Runner) -> None:
+    database = runner._database
+    medium = add_media(database)
+    whole_id = add_transfer(database, medium, medium)
+    vectorize(database, medium.id, "asset/first", ahead=timedelta(minutes=10))
+    lease = claim(database, whole_id)
+    with database.write() as session:
+        (message,) = parts.split(session, lease, [NewPart(medium.id, 0, 100)], now=database.now(), timings={}) or []
         part, present = session.get_one(Job, message.job_id), [session.get_one(Media, medium.id)]
         assert media.unready(session, part, present) == set()

@@ -198,6 +198,7 @@ async def _read_form(
         ids = []
         for _, file in form.files:
             found = await commands.register(services, Role.REFERENCE, file, asked=asked, answers=False)
+            share.give_back(file.size_bytes)
             ids.append(found.body.id)
             if found.new or found.body.id in brought:
                 brought[found.body.id] = found.body

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import socket
 import threading
@@ -12,7 +13,9 @@ from contextlib import suppress
 import httpx
 import pytest
 
+from service.api.arriving import Arriving
 from service.catalog.keys import Limits
+from service.errors import QuotaExceededError
 from tests.service.api.test_authentication import Bearer, Holder, holder
 from tests.service.fixtures import MP4, PNG, Api
 from tests.waiting import until
@@ -125,3 +128,46 @@ def test_an_announced_file_counts_once_and_what_was_sent_may_be_sent_again(api: 
     piece = tus | {"Upload-Offset": "0", "Content-Type": "application/offset+octet-stream"}
     with httpx.Client(base_url=api.client.base_url, timeout=60, auth=Bearer(third.text)) as client:
         assert client.patch(place, headers=piece, content=file).status_code == 204
+
+
+def test_an_upload_goes_on_while_its_lost_connection_is_not_known_to_be_dead(api: Api, limited: Holder) -> None:
+    file = MP4 + os.urandom(FILE - len(MP4))
+    tus = {"Tus-Resumable": "1.0.0"}
+    place = limited.post("/uploads", headers=tus | {"Upload-Length": str(FILE)}).headers["location"]
+    piece = tus | {"Upload-Offset": "0", "Content-Type": "application/offset+octet-stream"}
+    head = [f"PATCH {httpx.URL(place).path} HTTP/1.1", "Host: localhost", f"Authorization: Bearer {limited.text}"]
+    head += [f"{name}: {value}" for name, value in piece.items()]
+    with socket.create_connection(api.address, timeout=60) as lost:
+        lost.sendall("\r\n".join([*head, f"Content-Length: {FILE}", "", ""]).encode() + file[:CHUNK])
+        until(lambda: limited.id in api.services.arriving._of)
+        with httpx.Client(base_url=api.client.base_url, timeout=60, auth=Bearer(limited.text)) as client:
+            assert client.patch(place, headers=piece, content=file).status_code == 204
+    until(lambda: api.services.arriving._of == {})
+
+
+def test_of_requests_for_one_announced_file_the_newest_alone_does_not_count(api: Api, limited: Holder) -> None:
+    async def send() -> None:
+        arriving = Arriving(api.services.calls, api.services.database)
+        async with arriving.place(limited.id, free="upl") as former:
+            await former.take(QUOTA)
+            async with arriving.place(limited.id, free="upl") as newest:
+                await newest.take(QUOTA)
+                with pytest.raises(QuotaExceededError):
+                    await former.take(QUOTA + 1)
+        assert arriving._of == {}
+
+    asyncio.run(send())
+
+
+def test_what_is_recorded_of_a_request_arrives_no_longer(api: Api, limited: Holder) -> None:
+    async def send() -> None:
+        arriving = Arriving(api.services.calls, api.services.database)
+        async with arriving.place(limited.id) as form, arriving.place(limited.id) as other:
+            await form.take(QUOTA)
+            form.give_back(FILE)
+            await other.fits(FILE)
+            with pytest.raises(QuotaExceededError):
+                await other.fits(FILE + 1)
+        assert arriving._of == {}
+
+    asyncio.run(send())
