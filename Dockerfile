@@ -9,7 +9,7 @@
 #
 # The worker's kernels are compiled here, once, for a processor that every host of today has, and not for the one that
 # happens to build the image: their cache then serves each of them. An older x86 processor needs NUMBA_CPU_NAME=x86-64
-# at run time and a writable PVG_CACHE_DIR (docs/decisions/0013).
+# and NUMBA_CACHE_DIR=/data/kernels at run time (docs/decisions/0013).
 #
 # Nothing under /app is written at run time, so the file system may be read-only, with a tmpfs at /tmp; only /data must
 # be writable. The user is a number of group 0: any other number of that group does as well.

@@ -167,8 +167,33 @@ def worker(
         _refuse(f"--queues is {' or '.join(_QUEUES)}")
     settings = _settings()
     make_folders(settings)
+    _await_tables(settings)
     command = worker_command(settings, _QUEUES[queues])
     os.execve(command[0], command, worker_environment(settings))  # noqa: S606 - so that signals reach Celery itself
+
+
+def _await_tables(settings: Settings) -> None:
+    """Wait for tables of this version, which an API or `migrate` makes: by others its jobs would fail for good.
+
+    An outage it waits for at work.
+    """
+    until = time.monotonic() + START_WAIT_S
+    while not _has_own_tables(settings):
+        if time.monotonic() > until:
+            _refuse("the database's tables are not of this version; run `pvg-service migrate` with it")
+        time.sleep(1)
+
+
+def _has_own_tables(settings: Settings) -> bool:
+    if settings.database_file is not None and not settings.database_file.exists():
+        return False
+    try:
+        return is_current(settings.database)
+    except OperationalError as error:
+        if not is_outage(error):
+            raise
+        log.warning("the database does not answer yet")
+        return True
 
 
 @cli.command("health")

@@ -18,7 +18,7 @@ ALGORITHMS: Final = ("sha256", "sha1")
 CONTENT_TYPE: Final = "application/offset+octet-stream"
 
 #: characters of Upload-Metadata
-MAX_METADATA: Final = 4096
+MAX_METADATA: Final = 8192  # all that `metadata` may be in ASCII takes less
 _NUMBER: Final = re.compile(r"[0-9]{1,18}")
 _PAIR: Final = re.compile(r"([\x21-\x2b\x2d-\x7e]+)(?: ([A-Za-z0-9+/]*={0,2}))?")
 

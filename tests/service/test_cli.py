@@ -3,6 +3,7 @@ from __future__ import annotations
 import ast
 import os
 import re
+import sqlite3
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -10,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from click.testing import Result
 from typer.testing import CliRunner
 
 from service.cli import _have_keys, _named, cli
@@ -147,6 +149,38 @@ def test_what_it_cannot_start_with_is_one_line(
     assert result.stderr.count("\n") == 1
     assert words in result.stderr
     assert "secret" not in result.stderr
+
+
+def test_a_worker_begins_only_with_tables_of_its_version(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    settings = Settings(data_dir=tmp_path / "data")
+    begun: list[str] = []
+
+    def begin(*_: object) -> None:
+        begun.append("worker")
+
+    monkeypatch.setattr("service.cli.START_WAIT_S", 0)
+    monkeypatch.setattr(os, "execve", begin)
+
+    def begin_with(url: str = "") -> Result:
+        return CliRunner().invoke(
+            cli, ["worker"], env={"PVG_DATA_DIR": str(settings.data_dir), "PVG_DATABASE_URL": url}
+        )
+
+    def is_refused() -> bool:
+        answer = begin_with()
+        assert answer.output.count("\n") == answer.output.count("pvg-service migrate")
+        return answer.exit_code == 2
+
+    assert is_refused(), "there are none yet"
+    make_tables(settings.database)
+    assert not is_refused()
+    for version in ("0018", "9999"):
+        with sqlite3.connect(settings.data_dir / "catalog.sqlite3") as connection:
+            connection.execute("UPDATE alembic_version SET version_num = ?", (version,))
+        assert is_refused(), version
+    assert begun == ["worker"]
+    assert begin_with("postgresql://u:secret@127.0.0.1:1/d").exit_code == 0, "it waits for a database that is away"
+    assert begun == ["worker"] * 2
 
 
 def test_the_service_starts_without_the_method_and_the_worker() -> None:

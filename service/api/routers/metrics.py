@@ -21,9 +21,7 @@ from service.outages import is_outage
 router = APIRouter(tags=["health"])
 log = structlog.get_logger(__name__)
 
-_BEARER = HTTPBearer(
-    scheme_name="metrics", description="`PVG_METRICS_TOKEN`. A service without keys needs none.", auto_error=False
-)
+_BEARER = HTTPBearer(scheme_name="metrics", description="`PVG_METRICS_TOKEN`, where it is set.", auto_error=False)
 
 
 @router.get(

@@ -245,6 +245,15 @@ def test_an_upload_that_cannot_be_is_refused_at_once(api: Api, headers: dict[str
     assert refused.headers["tus-resumable"] == "1.0.0"
 
 
+def test_an_upload_takes_all_the_metadata_that_a_file_may_have(api: Api) -> None:
+    metadata = {f"metadata.{number:02}{'n' * 38}": f"{number:02}{'v' * 198}" for number in range(16)}
+    media = send(api.client, begin(api.client, len(MP4), **metadata), 0, MP4).headers["pvg-media"]
+    shown = api.client.get(f"/videos/{media}").json()["metadata"]
+    assert {f"metadata.{name}": value for name, value in shown.items()} == metadata
+    longer = TUS | {"Upload-Length": "10", "Upload-Metadata": said(filename="n" * 8000)}
+    assert api.client.post("/uploads", headers=longer).status_code == 400
+
+
 def test_pieces_keep_to_the_protocol(api: Api) -> None:
     url = begin(api.client, 1000)
     at = {"Upload-Offset": "0"}
