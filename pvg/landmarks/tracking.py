@@ -221,7 +221,7 @@ class FaceTracker:
         self._min_face_px = min_face_px
         self._max_lost = round(frame_rate)
         self._cut_detector = CutDetector(remembered=LAG)
-        self._views: dict[int, FaceViews] = {}  # by the identity of the open track
+        self._views: dict[OpenTrack, FaceViews] = {}
         self._replaced = False  # whether another person took a face's place in the frame before
         self.cuts: list[int] = []
         self.open: list[OpenTrack] = []
@@ -263,11 +263,11 @@ class FaceTracker:
 
     def _look(self, index: int, picture: Picture) -> None:
         """See whether another person has taken a face's place."""
-        self._views = {id(track): self._views.get(id(track), FaceViews()) for track in self.open}
+        self._views = {track: self._views.get(track, FaceViews()) for track in self.open}
         seen = [track for track in self.open if track.last == index and not track.is_carried]
         for track in seen:
-            self._views[id(track)].add(index, picture, track.seen[-1].landmarks, track.seen[-1].pose)
-        replaced = any(self._views[id(track)].show_another() for track in seen)
+            self._views[track].add(index, picture, track.seen[-1].landmarks, track.seen[-1].pose)
+        replaced = any(self._views[track].show_another() for track in seen)
         self._replaced = replaced and self._cut_detector.is_another_since(LAG)
 
     def _follow(self, index: int, picture: Picture) -> None:
@@ -324,7 +324,7 @@ class FaceTracker:
         Of one whose views are in other poses nothing is known: then the likest is to be surely it.
         """
         landmarks, pose = Landmarks.from_mesh(mesh.points), head_pose(mesh)
-        asked = [self._views.get(id(track), FaceViews()).likeness(picture, landmarks, pose) for track in tracks]
+        asked = [self._views.get(track, FaceViews()).likeness(picture, landmarks, pose) for track in tracks]
         alike = np.array([_SURELY_LIKE - _CLEARLY_LIKER if one is None else one for one in asked])
         first = int(np.argmax(alike))
         others = np.delete(alike, first)

@@ -19,7 +19,7 @@ from pvg.skin import body_network
 from pvg.skin._kernels import BodyWeights, body_log_odds
 from pvg.skin.color_model import SkinColors, to_skin_lab
 from pvg.skin.in_time import in_levels, soft_edge, weight_of_before
-from pvg.skin.light import gain_of, relit
+from pvg.skin.light import gain_back, gain_of, relit
 from pvg.skin.matte import Matte
 from pvg.skin.network import Told, agreed
 from pvg.skin.parameters import SKIN_PRIOR
@@ -124,7 +124,7 @@ class BodyTracker:
         head = head_shape(own)
         xs, ys = (np.asarray(v, np.float32) for v in scene.raster.centers())
         known = face.raster.read(face.mask.astype(np.float32), xs, ys)
-        gain = np.clip(self._light / light, *_TRACKING.light_change).astype(np.float32)
+        gain = gain_back(self._light, light)
         log_odds = np.empty(scene.raster.shape, np.float32)
         person = _own_people(scene.person, known, head.size)
         maps = scene.before

@@ -35,6 +35,16 @@ def gain_of(color: Floats) -> Floats:
     return np.asarray(brightness * usual / color, np.float32)
 
 
+def gain_back(learned: Floats, color: Floats) -> Floats:
+    """(3,) float32, the gain from a picture in which a face has the colour (3,) to the light it was `learned` in.
+
+    The face was learned in usual light (`gain_of`), however far that is; what has limits is the change beyond it, since
+    the face may be what changed.
+    """
+    usual = gain_of(color)
+    return np.asarray(usual * np.clip(learned / (usual * color), *_LIGHT.change), np.float32)
+
+
 def _of_usual_hue(color: Floats) -> Floats:
     """A face's colour (3,), turned to a hue of skin as far as it has none."""
     lab = cv2.cvtColor(np.reshape(color / 255, (1, 1, 3)).astype(np.float32), cv2.COLOR_RGB2Lab)[0, 0]

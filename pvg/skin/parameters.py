@@ -278,6 +278,7 @@ class LightNumbers:
     hueless: Range = (2.0, 4.0)  # chroma [by eye]: from greys, whose hue is chance, to colours
     chroma: Range = (15.0, 25.0)  # of skin in usual light [by eye]
     dimmest: float = 4.0  # 8-bit levels of the face's median colour [by eye]: limits the change of light
+    change: Range = (0.2, 5.0)  # of light since the key frame, per channel, both in usual light: limits [by eye]
 
 
 @dataclass(frozen=True)
@@ -313,7 +314,6 @@ class TrackingNumbers:
     most_cells: int = 256  # the same for boxes from 1024 px [measured: 384 flicker less but double the asset]
     cell_px: float = 4.0  # source pixels a cell between both [by eye]
     least_side: int = 8  # cells along a side of any raster [by eye]
-    light_change: Range = (0.2, 5.0)  # limits of the change of light, per channel [by eye]
     brighter: float = 0.9  # of the light's change [by eye]: below, what is clipped has lost its hue since the key frame
     clipped: float = 250.0  # 8-bit levels [by eye]
     burnt: float = 0.25  # share of the face that is clipped [by eye]: above, nothing in front of it is told

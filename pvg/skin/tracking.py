@@ -19,7 +19,7 @@ from pvg.skin.consensus import MatteInTime
 from pvg.skin.flow import FlowFinder
 from pvg.skin.hair import Hair, find_hair, hair_cover
 from pvg.skin.in_time import in_levels, places_before, soft_edge, weight_of_before
-from pvg.skin.light import MID_GREY, face_color, gain_of, relit
+from pvg.skin.light import MID_GREY, face_color, gain_back, gain_of, relit
 from pvg.skin.matte import Matte
 from pvg.skin.network import Told
 from pvg.skin.occlusion import occluder_alpha, open_skin
@@ -260,7 +260,7 @@ def _thought(
     # a lamp or a cloud that changes the face changes what surrounds it alike: undo it before colours are looked up
     sample = prior.sample & visible
     even = without_tilt(rgb, tint_slopes(rgb, sample, prior.size) - learned.tint, prior.size)
-    gain = np.clip(learned.light / face_color(even, sample), *_TRACKING.light_change)
+    gain = gain_back(learned.light, face_color(even, sample))
     lit = relit(even, gain)
     lab = to_skin_lab(lit)
     knots = slice(None, None, SKIN_PRIOR.warp.knot_step)

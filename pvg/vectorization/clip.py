@@ -42,7 +42,7 @@ from pvg.video import (
 Progress = Callable[[str, int, int], None]
 Matching = Literal["table", "chain"]
 
-VECTORIZER_VERSION = 15  # raised when the same clip would give another asset
+VECTORIZER_VERSION = 16  # raised when the same clip would give another asset
 MIN_FACE_PX = 64
 _WIDEST_PX = 65_535  # no picture has more
 STAGES = ("vectorize", "second reading", "landmarks", "best frame")  # of the progress callback, in their order

@@ -14,6 +14,9 @@ import av.packet
 from pvg.video.carrying import CarriedTrack, StampedPacket
 from pvg.video.keeping import Carried, sound_shape
 
+#: seconds of sound before the first one heard that codecs may need: Opus wants 0.08
+_LEAD_IN_S = Fraction(1, 10)
+
 
 class SoundTrack(CarriedTrack):
     """One sound track of the source. Time stamps keep the source's origin, so sound and picture stay in step."""
@@ -36,15 +39,25 @@ class SoundTrack(CarriedTrack):
         copies = self.carried.encoder is None
         for packet in opened.demux(self._source):
             if copies:
-                if packet.size:
+                if packet.size and not _is_cut_away(packet):
                     yield stamped(packet)
                 continue
             for frame in packet.decode():
+                if frame.pts is not None:  # in samples: AVI counts in packets, and encoders want shorter ones
+                    frame.pts = round(frame.pts * frame.time_base * frame.sample_rate)
+                    frame.time_base = Fraction(1, frame.sample_rate)
                 for coded in self._target.encode(frame):
                     yield stamped(coded)
         if not copies:
             for coded in self._target.encode(None):
                 yield stamped(coded)
+
+
+def _is_cut_away(packet: av.packet.Packet[Any]) -> bool:
+    """Whether nothing of a packet is heard by the source's edit list, nor needed to begin what is."""
+    if not packet.is_discard or packet.pts is None:
+        return False
+    return (packet.pts + (packet.duration or 0)) * packet.time_base < -_LEAD_IN_S
 
 
 def stamped(packet: av.packet.Packet[Any]) -> StampedPacket:

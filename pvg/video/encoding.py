@@ -55,7 +55,7 @@ def _tags(info: MediaInfo, source: PixelFormat, target: PixelFormat) -> _Tags:
         return _Tags(1, RANGE_LIMITED, info.color_primaries, info.color_transfer)
     # An unstated limited range stays unstated, so that players make the same guess as before
     color_range = RANGE_FULL if target.full_range else info.color_range
-    if source.full_range and not target.full_range:
+    if not target.full_range and (source.full_range or color_range == RANGE_FULL):
         color_range = RANGE_LIMITED
     return _Tags(info.color_matrix, color_range, info.color_primaries, info.color_transfer)
 

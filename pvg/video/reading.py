@@ -257,8 +257,9 @@ def _check_losses(name: str, packets: int, frames: int) -> None:
 
 
 def _stamp(clip: OpenClip, picture: av.video.frame.VideoFrame, last: int | None) -> int:
-    pts = picture.pts if picture.pts is not None else picture.dts
-    if pts is None or clip.stamps_are_of_coding:
+    # a decoder gives a picture with the coding time of the packet that let it out: then it is shown
+    pts = picture.dts if picture.pts is None or clip.stamps_are_of_coding else picture.pts
+    if pts is None:
         rate = clip.stream.average_rate or Fraction(25)
         pts = 0 if last is None else last + max(1, round(1 / (rate * clip.time_base)))
     return pts if last is None or pts > last else last + 1

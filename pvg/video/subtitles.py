@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
+from itertools import chain
 from typing import Any
 
 import av
@@ -15,6 +17,16 @@ from pvg.video.carrying import CarriedTrack, StampedPacket
 from pvg.video.keeping import Carried
 
 _STEP = Fraction(1, 1000)  # of the containers' subtitles
+_FIELDS = 8  # of an event before its text
+
+
+@dataclass(frozen=True)
+class Line:
+    """Text that is seen from `start_ms` to before `end_ms`, as an event of ASS as libav has them (without times)."""
+
+    start_ms: int
+    end_ms: int
+    event: bytes
 
 
 class SubtitleTrack(CarriedTrack):
@@ -34,25 +46,45 @@ class SubtitleTrack(CarriedTrack):
         return stream
 
     def _produce(self, opened: av.container.InputContainer) -> Iterator[StampedPacket]:
-        for packet in opened.demux(self._source):
-            if not packet.size:
-                continue
-            if self.carried.encoder is None:
-                yield stamped(packet)
-            else:
-                yield from self._converted(packet)
-
-    def _converted(self, packet: Any) -> Iterator[StampedPacket]:
-        shown = self._source.codec_context.decode2(packet)
-        lines = [] if shown is None else [rect.ass for rect in shown if hasattr(rect, "ass")]
-        if not lines or packet.pts is None:
-            return  # a gap, which MP4's tracks have between lines
-        start = packet.pts * packet.time_base
-        length_ms = round((packet.duration or 0) * packet.time_base / _STEP)
-        for line in lines:
-            written = SubtitleSet.create(line, 0, length_ms, pts=round(start * 1_000_000))
+        packets = (packet for packet in opened.demux(self._source) if packet.size)
+        if self.carried.encoder is None:
+            yield from map(stamped, packets)
+            return
+        lines = (line for packet in packets for line in self._lines(packet))
+        for line in one_at_a_time(lines) if self.carried.encoder == "mov_text" else lines:
+            written = SubtitleSet.create(line.event, 0, line.end_ms - line.start_ms, pts=line.start_ms * 1000)
             coded = self._target.codec_context.encode_subtitle(written)
             coded.time_base = _STEP
-            coded.pts = coded.dts = round(start / _STEP)
-            coded.duration = length_ms
-            yield start, coded
+            coded.pts = coded.dts = line.start_ms
+            coded.duration = line.end_ms - line.start_ms
+            yield line.start_ms * _STEP, coded
+
+    def _lines(self, packet: Any) -> Iterator[Line]:
+        shown = self._source.codec_context.decode2(packet)
+        events = [] if shown is None else [rect.ass for rect in shown if hasattr(rect, "ass")]
+        if not events or packet.pts is None:
+            return  # a gap, which MP4's tracks have between lines
+        start, length = (round(ticks * packet.time_base / _STEP) for ticks in (packet.pts, packet.duration or 0))
+        for event in events:
+            yield Line(start, start + length, event)
+
+
+def one_at_a_time(lines: Iterable[Line]) -> Iterator[Line]:
+    """The same text as lines of which none begins before the one before has ended: MP4's tracks show one at a time.
+
+    Where several are to be seen at once, they are the lines of one.  lines: by their starts, as containers have them.
+    """
+    at_ms, seen = 0, list[Line]()
+    for line in chain(lines, [None]):
+        until_ms = None if line is None else line.start_ms
+        while seen and (until_ms is None or at_ms < until_ms):
+            end_ms = min([one.end_ms for one in seen] + ([] if until_ms is None else [until_ms]))
+            if end_ms > at_ms:
+                yield Line(at_ms, end_ms, _together(seen))
+            at_ms, seen = max(at_ms, end_ms), [one for one in seen if one.end_ms > end_ms]
+        if line is not None:
+            at_ms, seen = max(at_ms, line.start_ms), [*seen, line]
+
+
+def _together(lines: Sequence[Line]) -> bytes:
+    return rb"\N".join([lines[0].event, *(line.event.split(b",", _FIELDS)[-1] for line in lines[1:])])

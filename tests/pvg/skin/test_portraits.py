@@ -40,6 +40,7 @@ def test_a_portraits_mask_holds_its_features_and_leaves_the_corners(samples: Any
 
 
 DIM, COOL, BLUE = (0.05, 0.05, 0.05), (0.7, 0.95, 1.3), (0.4, 0.6, 1.6)
+STAGE = (0.006, 0.03, 0.9)  # hardly anything but blue
 
 
 def _lit(rgb: np.ndarray, light: tuple[float, float, float]) -> np.ndarray:
@@ -48,14 +49,14 @@ def _lit(rgb: np.ndarray, light: tuple[float, float, float]) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", ["portrait", "dark_portrait", "pale_portrait"])
-@pytest.mark.parametrize("light", [DIM, BLUE])
+@pytest.mark.parametrize(("light", "least"), [(DIM, 0.99), (BLUE, 0.99), (STAGE, 0.96)])
 def test_a_portrait_in_other_light_has_the_same_mask(
-    samples: Any, name: str, light: tuple[float, float, float]
+    samples: Any, name: str, light: tuple[float, float, float], least: float
 ) -> None:
     rgb = read_rgb(getattr(samples, name))
     landmarks = fit_widest(rgb)
     usual, other = (_skin(picture, landmarks) for picture in (rgb, _lit(rgb, light)))
-    assert iou(other[0], usual[0]) > 0.99
+    assert iou(other[0], usual[0]) > least
 
 
 @pytest.mark.parametrize(
@@ -65,6 +66,7 @@ def test_a_portrait_in_other_light_has_the_same_mask(
         ("older_woman_glasses_red_jacket_audio_524", DIM),
         ("man_east_asian_greenscreen_512", COOL),
         ("woman_pale_redhair_moving_camera_720p", COOL),
+        ("man_east_asian_greenscreen_512", STAGE),
     ],
 )
 def test_a_clip_in_other_light_has_the_same_skin_on_face_and_body(
@@ -74,8 +76,9 @@ def test_a_clip_in_other_light_has_the_same_skin_on_face_and_body(
     landmarks = fit_widest(rgb)
     usual, other = (_skin(picture, landmarks) for picture in (rgb, _lit(rgb, light)))
     face, body = (iou(*masks) for masks in zip(other, usual, strict=True))
-    assert face > 0.98
-    assert body > 0.95
+    least = (0.94, 0.9) if light == STAGE else (0.98, 0.95)
+    assert face > least[0]
+    assert body > least[1]
 
 
 @pytest.mark.parametrize("lamp", [(3.5, 3.2, 2.8), (5, 4.6, 4)])  # 0.91 and 0.86 while shaded skin was an occluder

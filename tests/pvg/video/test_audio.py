@@ -109,3 +109,56 @@ def test_sound_of_any_layout_and_rate_is_coded_anew_in_one_that_the_codec_has(
         heard = [frame.to_ndarray() for frame in clip.decode(audio=0)] if context.layout.nb_channels < 8 else []
         assert not heard or sum(block.shape[-1] for block in heard) / becomes[1] == pytest.approx(0.8, abs=0.1)
         assert not heard or max(float(np.abs(block).max()) for block in heard) > 0.1
+
+
+def _sounding(path: Path, codec: str, *, ahead_s: Fraction = Fraction(0)) -> Path:
+    """1 s of pictures, and as long a tone whose first `ahead_s` lie before them."""
+    rate, picture = 48000, libav_frame(colorful(1, (96, 64)))
+    wave = (np.sin(2 * np.pi * 440 * np.arange(rate) / rate) * 0.3 * 2**15).astype(np.int16)
+    block = av.AudioFrame.from_ndarray(wave[None], format="s16", layout="mono")
+    block.sample_rate, block.pts, block.time_base = rate, -int(ahead_s * rate), Fraction(1, rate)
+    with av.open(str(path), "w") as output:
+        video: Any = output.add_stream("mpeg4", rate=25)
+        video.width, video.height, video.pix_fmt = 96, 64, "yuv420p"
+        sound: Any = output.add_stream(codec, rate=rate)
+        sound.codec_context.layout = "mono"
+        sound.codec_context.bit_rate = 64_000
+        for k in range(25):
+            picture.pts, picture.time_base = k, Fraction(1, 25)
+            output.mux(video.encode(picture))
+        output.mux([*video.encode(None), *sound.encode(block), *sound.encode(None)])
+    return path
+
+
+def _rendered(source: Path, target: Path) -> Path:
+    info, streams = probe(source), read_streams(source)
+    plan = make_plan(info, container=target.suffix, source=source, streams=streams)
+    with VideoWriter(target, info, info.format, plan=plan) as writer:
+        for frame in read_frames(source):
+            writer.write(frame)
+    return target
+
+
+def _starts_s(path: Path) -> list[float]:
+    with av.open(str(path)) as clip:
+        return [float(packet.pts * packet.time_base) for packet in clip.demux(audio=0) if packet.pts is not None]
+
+
+@pytest.mark.parametrize("suffix", [".mkv", ".mov", ".mp4"])
+def test_sound_that_was_cut_away_is_not_heard_again(suffix: str, tmp_path: Path) -> None:
+    source = _sounding(tmp_path / "cut.mp4", "aac", ahead_s=Fraction(1, 2))
+    with av.open(str(source)) as clip:
+        assert any(packet.is_discard for packet in clip.demux(audio=0)), "the cut is in an edit list"
+    target = _rendered(source, tmp_path / f"o{suffix}")
+    picture = next(read_frames(target)).time_s
+    starts = _starts_s(target)
+    assert -0.2 < starts[0] - picture < 0.01
+    assert starts[-1] - picture == pytest.approx(0.5, abs=0.05)
+
+
+@pytest.mark.parametrize(("codec", "suffix"), [("wmav2", ".mp4"), ("wmav2", ".mkv"), ("adpcm_ms", ".webm")])
+def test_sound_that_an_avi_counts_in_blocks_has_even_steps(codec: str, suffix: str, tmp_path: Path) -> None:
+    target = _rendered(_sounding(tmp_path / "i.avi", codec), tmp_path / f"o{suffix}")
+    steps = np.diff(_starts_s(target))
+    assert len(steps) > 20
+    assert steps[1:-1] == pytest.approx(float(np.median(steps)), abs=0.002)

@@ -106,6 +106,25 @@ def test_avi_clips_are_read_in_order_with_even_steps(codec: str, tmp_path: Path)
         assert int(np.argmin(errors)) == k
 
 
+@pytest.mark.parametrize("codec", ["mpeg4", "libx264"])
+@pytest.mark.parametrize("reordered", ["0", "2"])
+def test_gaps_between_the_pictures_of_an_avi_are_kept(codec: str, reordered: str, tmp_path: Path) -> None:
+    path, base, shown = tmp_path / "clip.avi", colorful(7), [*range(6), *range(20, 30)]
+    with av.open(str(path), "w") as output:
+        stream: Any = output.add_stream(codec, rate=25, options={"bf": reordered, "b_strategy": "0"})
+        stream.width, stream.height, stream.pix_fmt = base.shape[1], base.shape[0], "yuv420p"
+        for k in shown:
+            picture = libav_frame(np.roll(base, 3 * k, 1))
+            picture.pts, picture.time_base = k, Fraction(1, 25)
+            output.mux(stream.encode(picture))
+        output.mux(stream.encode(None))
+    frames = list(read_frames(path))
+    assert len(frames) == len(shown)
+    times = np.array([frame.time_s for frame in frames])
+    assert times[-1] - times[0] == pytest.approx((shown[-1] - shown[0]) / 25, abs=0.09)
+    assert np.diff(times).max() == pytest.approx(0.56, abs=0.09)
+
+
 @pytest.mark.parametrize("degrees", [0, 90, 180, 270])
 @pytest.mark.parametrize("hflip", [False, True])
 def test_display_matrices_are_applied(degrees: int, hflip: bool, tmp_path: Path) -> None:

@@ -90,6 +90,13 @@ def test_colour_tags_are_kept(suffix: str, codec: str, tags: tuple[int, int, int
     assert seen.format == replace(fmt, color=color_space(tags[2], tags[3]))
 
 
+def test_pictures_of_limited_range_are_not_called_full_since_their_clip_was(tmp_path: Path) -> None:
+    """As a pipe may have them: it is what was piped that counts."""
+    fmt = pixel_format("yuv420p", 1, 1)
+    info = media_info(fmt, color_matrix=1, color_range=2, color_primaries=1, color_transfer=1)
+    assert probe(write_clip(tmp_path / "clip.mp4", smooth_frames(3, fmt), info)).color_range == 1
+
+
 def test_unstated_colours_stay_unstated(tmp_path: Path) -> None:
     fmt = resolve_format("yuv420p", *SIZE, 2, 0)
     info = media_info(fmt, color_matrix=2, color_range=0, color_primaries=2, color_transfer=2)
