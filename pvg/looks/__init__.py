@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pvg.looks.cube import CUBE_SIZE, check_size, look_cube, remainder_by_luma, write_cube
 from pvg.looks.exchange import contrast_of_both, exchange
-from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, BodyMap, Contrast, Look, Region
+from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, Contrast, Look, LookMap, Region
 from pvg.looks.parts import MAKEUP, Makeup
 from pvg.looks.tone import SkinMap, to_rgb
 from pvg.looks.transfer import BETA, ITERATIONS, LIGHT, reference_face_of, transfer
@@ -19,9 +19,9 @@ __all__ = [
     "LIGHT",
     "MAKEUP",
     "PROTECTABLE",
-    "BodyMap",
     "Contrast",
     "Look",
+    "LookMap",
     "Makeup",
     "Region",
     "SkinMap",

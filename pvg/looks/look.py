@@ -25,9 +25,10 @@ FaceContrast = float | Literal["map"]
 
 
 @dataclass(frozen=True, eq=False)
-class BodyMap:
-    """What the rest of a person's skin is given: `strength` of the way from its colours to those of the map F.
+class LookMap:
+    """The map F of one face as a look draws it, on the face and on the person's other skin.
 
+    strength: of the way from the skin's colours to those of F;
     exposures: (K, 2) of the face's key frames, how bright each is beside the one that F was made from, and how much of
     that the new colours keep: g' = kept · F(g / gain).
     """
@@ -69,7 +70,7 @@ class Look:
     contrast: float | Mapping[int, FaceContrast] = 1.0
     protect: tuple[str, ...] = PROTECTABLE
     parts: dict[int, Floats] = field(default_factory=dict)
-    maps: dict[int, BodyMap] = field(default_factory=dict)
+    maps: dict[int, LookMap] = field(default_factory=dict)
     body: frozenset[int] = frozenset()
     source_sha256: str | None = None
 

@@ -23,7 +23,7 @@ from pvg.looks.apart import parts_apart
 from pvg.looks.color_map import TransportSteps
 from pvg.looks.exposure import at_exposure, leading_key
 from pvg.looks.key_light import with_lit_skin
-from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, BodyMap, Contrast, FaceContrast, Look
+from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, Contrast, FaceContrast, Look, LookMap
 from pvg.looks.parts import MAKEUP, Makeup, PartChanges, strengths
 from pvg.looks.person_map import Goal, PersonMap
 from pvg.looks.scene import SCENE
@@ -138,7 +138,7 @@ class _NewKey:
     """What a key frame gets, strength applied.
 
     colors: (S, 3) float32 g', 0-255 RGB;  parts: (P, 3) float32 that parts gain besides, None where they go with F;
-    exposure: its gain and what is kept of it, see `BodyMap`.
+    exposure: its gain and what is kept of it, see `LookMap`.
     """
 
     colors: Floats
@@ -153,7 +153,7 @@ class _NewFace:
     colors: Floats
     contrast: FaceContrast
     parts: Floats | None
-    map: BodyMap
+    map: LookMap
 
 
 def _new_face(record: FaceRecord, person: PersonMap, goal: Goal) -> _NewFace:
@@ -164,7 +164,7 @@ def _new_face(record: FaceRecord, person: PersonMap, goal: Goal) -> _NewFace:
         colors=np.stack([key.colors for key in keys]).astype(np.float32),
         contrast=1.0 if person.skin is None else "map",
         parts=np.stack(parts) if parts else None,
-        map=BodyMap(person.whole, goal.strength, np.array([key.exposure for key in keys], np.float32)),
+        map=LookMap(person.whole, goal.strength, np.array([key.exposure for key in keys], np.float32)),
     )
 
 

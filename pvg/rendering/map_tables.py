@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pvg._arrays import Doubles, Floats
-from pvg.looks import BodyMap, Region
+from pvg.looks import LookMap, Region
 from pvg.rendering.coding import Coding
 from pvg.video import PixelFormat
 
@@ -39,19 +39,19 @@ class MapTables:
     @classmethod
     def of(
         cls,
-        look: BodyMap,
+        look_map: LookMap,
         pixel_format: PixelFormat,
         gain: float = 1.0,
         kept: float = 1.0,
         *,
         region: Region = "face",
     ) -> MapTables:
-        """The tables of a look for the opponent planes of a format.
+        """The tables of a look's map for the opponent planes of a format.
 
-        gain, kept: see `BodyMap.exposures`;  region: see `BodyMap.usual_colors`.
+        gain, kept: see `LookMap.exposures`;  region: see `LookMap.usual_colors`.
         """
         opponent = pixel_format.opponent
-        usual, goal = look.usual_colors(region)
+        usual, goal = look_map.usual_colors(region)
         coding = Coding(pixel_format)
         source, target = (
             np.asarray(coding.colors(colors) + opponent.offset, np.float64) for colors in (gain * usual, kept * goal)
@@ -63,17 +63,17 @@ class MapTables:
         summed = np.cumsum(np.maximum(slopes, 0))
         rise = summed - summed[middle]
         fall = gained - rise
-        excess = look.strength * (look.skin.spread * kept / gain - 1.0)
+        excess = look_map.strength * (look_map.skin.spread * kept / gain - 1.0)
         chroma = [
-            look.strength * _read(codes, source[:, 0], target[:, p] - source[:, p])
+            look_map.strength * _read(codes, source[:, 0], target[:, p] - source[:, p])
             - excess * _read(codes, source[:, 0], source[:, p])
             for p in (1, 2)
         ]
-        tone = look.strength * np.stack([rise, fall])
+        tone = look_map.strength * np.stack([rise, fall])
         offset = opponent.offset.astype(np.float32)
         own = np.stack([_read(codes, source[:, 0], source[:, p]) - opponent.offset[p] for p in (1, 2)])
         tables = [one.astype(np.float32) for one in (tone, np.stack(chroma), own)]
-        return cls(tables[0], tables[1], float(excess), offset, tables[2], look.skin.alike)
+        return cls(tables[0], tables[1], float(excess), offset, tables[2], look_map.skin.alike)
 
     def gained(self, colors: Floats) -> Floats:
         """What luma and chroma (n, 3), black aside, gain."""

@@ -160,11 +160,11 @@ class Renderer:
         return out
 
     def _tables_of(self, look: int, face: int, frame: Frame, region: Region) -> MapTables:
-        body = self.looks[look].maps[face]
-        gain, kept = self.video.records[face].blended(body.exposures, frame.index)
+        look_map = self.looks[look].maps[face]
+        gain, kept = self.video.records[face].blended(look_map.exposures, frame.index)
         before, tables = self._tables.get((look, face, region), (None, None))
         if tables is None or before != (gain, kept):
-            tables = MapTables.of(body, frame.format, float(gain), float(kept), region=region)
+            tables = MapTables.of(look_map, frame.format, float(gain), float(kept), region=region)
             self._tables[look, face, region] = (gain, kept), tables
         return tables
 

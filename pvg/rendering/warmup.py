@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pvg._arrays import Bytes, Floats
-from pvg.looks import BodyMap, SkinMap
+from pvg.looks import LookMap, SkinMap
 from pvg.membrane import Membrane
 from pvg.rendering.body import apply_body
 from pvg.rendering.correction import Correction
@@ -32,11 +32,11 @@ def warm_up(frames: Sequence[Frame], membrane: Membrane, colors: Floats) -> None
     seen.settle(colors)
     alpha, planes, lattice = np.ones((32, 32), np.float32), membrane.planes, membrane.lattice
     number = Correction(lattice, planes, 1.1, planes)
-    look = BodyMap(SkinMap.between(colors, colors.astype(np.float64)), 1.0, np.ones((1, 2), np.float32))
+    look_map = LookMap(SkinMap.between(colors, colors.astype(np.float64)), 1.0, np.ones((1, 2), np.float32))
     matte = Matte.over(np.array([8, 8, 40, 40], np.float32), np.eye(8, dtype=np.uint8) * np.uint8(255))
     guard = Guard(8, 8, np.ones((8, 8), np.float32), np.zeros(2, np.float32))
     for frame in frames:
-        tables = MapTables.of(look, frame.format)
+        tables = MapTables.of(look_map, frame.format)
         for correction in (number, Correction(lattice, planes, tables, around=planes[0])):
             skin = foreground(frame, (8, 8), alpha, 4.0) if correction.mapped else None
             fade = fade_in_dark(frame, (8, 8), alpha, [correction], skin)

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from pvg.looks import Look
-from pvg.looks.look import BodyMap
+from pvg.looks.look import LookMap
 
 
 def colors(seed: int) -> np.ndarray:
     return np.random.default_rng(seed).uniform(0, 255, (2, 7, 3)).astype(np.float32)
 
 
-A_MAP = BodyMap(None, 1.0, np.ones((2, 2), np.float32))  # type: ignore[arg-type]
+A_MAP = LookMap(None, 1.0, np.ones((2, 2), np.float32))  # type: ignore[arg-type]
 
 
 def test_looks_of_different_faces_become_one() -> None:

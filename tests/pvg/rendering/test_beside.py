@@ -10,7 +10,7 @@ import pytest
 
 from pvg.asset import FaceInFrame
 from pvg.curves import table_labels
-from pvg.looks import BodyMap, SkinMap
+from pvg.looks import LookMap, SkinMap
 from pvg.raster import SUBPIXEL_BITS, fixed_point
 from pvg.rendering.beside import with_beside
 from pvg.rendering.correction import Correction
@@ -32,11 +32,11 @@ def placed(face: FaceInFrame) -> PlacedFace:
     return replace(found, alpha=np.ones_like(found.alpha))
 
 
-def brighter(contrast: float) -> BodyMap:
+def brighter(contrast: float) -> LookMap:
     """A look that makes a flatly lit face bright and contrasty."""
     light = np.random.default_rng(0).normal(0, 1, (400, 1))
     own, goal = (FACE * (1 + 0.06 * light)), np.array([215.0, 180.0, 160.0]) * (1 + 0.06 * contrast * light)
-    return BodyMap(SkinMap.between(own.astype(np.float32), goal), 1.0, ONCE)
+    return LookMap(SkinMap.between(own.astype(np.float32), goal), 1.0, ONCE)
 
 
 def inside(placed: PlacedFace, grown: float) -> np.ndarray:
@@ -48,7 +48,7 @@ def inside(placed: PlacedFace, grown: float) -> np.ndarray:
 
 
 def drawn(
-    placed: PlacedFace, look: BodyMap, pixel_format: PixelFormat, *, beside: bool, asked: float = 0.0
+    placed: PlacedFace, look: LookMap, pixel_format: PixelFormat, *, beside: bool, asked: float = 0.0
 ) -> tuple[float, float]:
     """Mean luma of a face and of the shaded skin beside it, after a look.
 
@@ -83,7 +83,7 @@ def test_skin_in_the_faces_shade_stays_as_far_below_the_face(placed: PlacedFace,
 
 def test_a_skins_own_map_changes_nothing_beside_it_either(placed: PlacedFace) -> None:
     skin = (FACE * (1 + 0.06 * np.random.default_rng(0).normal(0, 1, (400, 1)))).astype(np.float32)
-    own = BodyMap(SkinMap.between(skin, skin.astype(float)), 1.0, ONCE)
+    own = LookMap(SkinMap.between(skin, skin.astype(float)), 1.0, ONCE)
     face, shade = drawn(placed, own, YUV444, beside=True)
     assert (face, shade) == pytest.approx(drawn(placed, own, YUV444, beside=False), abs=1e-3)
 

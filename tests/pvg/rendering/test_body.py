@@ -12,7 +12,7 @@ import pytest
 import pvg
 from pvg.asset import FaceInFrame
 from pvg.curves import table_labels
-from pvg.looks import BodyMap, SkinMap
+from pvg.looks import LookMap, SkinMap
 from pvg.rendering import Renderer, source_frame
 from pvg.rendering.body import apply_body
 from pvg.rendering.map_tables import MapTables
@@ -56,7 +56,7 @@ def _matte(cell: int = 4) -> Matte:
     return Matte.over(np.array([0, 0, SIZE[1], SIZE[0]], np.float32), np.rint(255 * coarse).astype(np.uint8))
 
 
-def _drawn(frame: Frame, look: BodyMap) -> Frame:
+def _drawn(frame: Frame, look: LookMap) -> Frame:
     (body,) = place_body(frame, _matte(), [], [])
     return frame.patched(apply_body(frame, body, MapTables.of(look, frame.format)))
 
@@ -79,7 +79,7 @@ def _to(middle: tuple[int, int, int]) -> SkinMap:
 def test_own_colours_change_no_bit(pixel_format: PixelFormat) -> None:
     skin = _skin(np.random.default_rng(0))
     frame = _frame(pixel_format)
-    drawn = _drawn(frame, BodyMap(SkinMap.between(skin, skin.astype(np.float64)), 1.0, _ONCE))
+    drawn = _drawn(frame, LookMap(SkinMap.between(skin, skin.astype(np.float64)), 1.0, _ONCE))
     for before, after in zip(frame.planes, drawn.planes, strict=True):
         np.testing.assert_array_equal(before, after)
 
@@ -90,7 +90,7 @@ def test_skin_goes_where_the_map_says_and_the_rest_keeps_its_bits(
     pixel_format: PixelFormat, goal: tuple[int, int, int]
 ) -> None:
     frame, skin = _frame(pixel_format), _to(goal)
-    drawn = _drawn(frame, BodyMap(skin, 1.0, _ONCE))
+    drawn = _drawn(frame, LookMap(skin, 1.0, _ONCE))
     y, x = np.mgrid[: SIZE[0], : SIZE[1]]
     inside, outside = np.hypot(x - 60, y - 50) < 20, np.hypot(x - 60, y - 50) > 60
     wanted = skin(frame.rgb()[inside].astype(np.float32))
@@ -108,7 +108,7 @@ def test_the_edge_lies_where_the_picture_has_it() -> None:
 
 def test_half_the_strength_goes_half_the_way() -> None:
     frame, skin = _frame(FORMATS[0]), _to((90, 60, 45))
-    whole, half = (_drawn(frame, BodyMap(skin, strength, _ONCE)).planes[0].astype(int) for strength in (1.0, 0.5))
+    whole, half = (_drawn(frame, LookMap(skin, strength, _ONCE)).planes[0].astype(int) for strength in (1.0, 0.5))
     assert np.abs((whole - frame.planes[0]) / 2 - (half - frame.planes[0].astype(int))).max() <= 1
 
 

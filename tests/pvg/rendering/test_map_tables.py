@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pvg.looks import BodyMap, Region, SkinMap
+from pvg.looks import LookMap, Region, SkinMap
 from pvg.membrane import Lattice
 from pvg.rendering.coding import Coding
 from pvg.rendering.correction import Correction, at_curves
@@ -24,8 +24,8 @@ def skin(middle: tuple[int, int, int], spread: float = 0.3) -> np.ndarray:
     return np.clip(np.array(middle) * light + rng.normal(0, 3, (400, 3)), 1, 254).astype(np.float32)
 
 
-def to(middle: tuple[int, int, int], spread: float = 0.3, strength: float = 1.0) -> BodyMap:
-    return BodyMap(SkinMap.between(skin((190, 140, 110)), skin(middle, spread).astype(float)), strength, ONCE)
+def to(middle: tuple[int, int, int], spread: float = 0.3, strength: float = 1.0) -> LookMap:
+    return LookMap(SkinMap.between(skin((190, 140, 110)), skin(middle, spread).astype(float)), strength, ONCE)
 
 
 OWN, DARK = to((190, 140, 110)), to((90, 60, 50), 0.4)

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pvg.looks import BodyMap, SkinMap
+from pvg.looks import LookMap, SkinMap
 from pvg.rendering.coding import Coding
 from pvg.rendering.map_tables import MapTables
 from pvg.rendering.tinge import tinge, tinge_of
@@ -20,7 +20,7 @@ def _skin(color: tuple[float, float, float]) -> np.ndarray:
 
 def _tables(pixel_format: PixelFormat, color: tuple[float, float, float] = (190, 140, 115)) -> MapTables:
     own = _skin(color)
-    return MapTables.of(BodyMap(SkinMap.between(own, 0.8 * own.astype(float)), 1.0, ONCE), pixel_format)
+    return MapTables.of(LookMap(SkinMap.between(own, 0.8 * own.astype(float)), 1.0, ONCE), pixel_format)
 
 
 def _share(
@@ -66,7 +66,7 @@ LAMP, SKY = (205.0, 130.0, 95.0), (150.0, 142.0, 158.0)
 def test_skin_between_a_lamp_and_the_sky_moves_wholly() -> None:
     """The usual chroma is that of neither half."""
     own = np.concatenate([_skin(LAMP)[:180], _skin(SKY)[:120]])
-    tables = MapTables.of(BodyMap(SkinMap.between(own, 0.8 * own.astype(float)), 1.0, ONCE), RGB24)
+    tables = MapTables.of(LookMap(SkinMap.between(own, 0.8 * own.astype(float)), 1.0, ONCE), RGB24)
     assert _share(RGB24, SKY)[0] < 0.1
     assert _share(RGB24, LAMP, SKY, tables=tables).min() > 0.9
 
@@ -76,7 +76,7 @@ def test_skin_that_is_burnt_out_takes_the_new_colour_wholly() -> None:
     own = np.minimum(np.array((190.0, 140.0, 115.0)) * light, 255.0).astype(np.float32)
     brown = np.tile(np.array((150.0, 100.0, 75.0)), (400, 1)) * np.linspace(0.8, 1.2, 400)[:, None]
     skin = SkinMap.between(own, brown)
-    tables = MapTables.of(BodyMap(skin, 1.0, ONCE), RGB24)
+    tables = MapTables.of(LookMap(skin, 1.0, ONCE), RGB24)
     burnt = ((255.0, 255.0, 255.0), (255.0, 255.0, 251.0), (255.0, 254.0, 246.0))
     assert _share(RGB24, *burnt, tables=tables).min() > 0.9
     moved = skin(np.array(burnt, np.float32))
