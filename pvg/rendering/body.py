@@ -28,6 +28,7 @@ from pvg.rendering.planes import (
     not_beyond,
     opponent_matrix,
     over_chroma,
+    rgb_patches,
     with_patches,
     without_fine_detail,
 )
@@ -83,9 +84,4 @@ def _apply_to_rgb(
     gained[..., 0] = _kernels.roll_off(luma + gained[..., 0], bend) - _kernels.roll_off(luma, bend)
     here = np.asarray(before @ to_opponent_codes.T + opponent.offset, np.float32)
     change = not_beyond(weights * gained, here, source + gained) @ np.linalg.inv(to_opponent_codes).T
-    patches = []
-    for p in range(3):
-        part = with_patches(before[..., p], p, (left, upper), under)
-        new = np.clip(np.rint(change[..., p] + part), 0, 2**frame.format.depth - 1).astype(frame.format.dtype)
-        patches.append(Patch(p, upper, left, new))
-    return patches
+    return rgb_patches(before, change, (left, upper), under, frame.format)

@@ -59,11 +59,11 @@ def foreground(frame: Frame, corner: tuple[int, int], alpha: Floats, step: float
         kernels.sum_sure(few, np.ascontiguousarray(weight[::apart, ::apart]), _SURE, across, sums)
         held, mass = (cv2.GaussianBlur(each, (0, 0), _SPREAD) for each in sums)
         mean = np.where(mass > _LEAST * across * across, held / np.maximum(mass, np.float32(1e-6)), _UNKNOWN)
-        kernels.show_skin(part, weight, _places(columns, cell), _places(rows, cell), mean, _SURE)
+        kernels.show_skin(part, weight, _in_cells(columns, cell), _in_cells(rows, cell), mean, _SURE)
         out.append(part)
     return tuple(out)
 
 
-def _places(size: int, cell: int) -> Doubles:
+def _in_cells(size: int, cell: int) -> Doubles:
     """Where the `size` samples of a side lie among cells of `cell` samples."""
     return sites(size, float(cell)).astype(np.float64)

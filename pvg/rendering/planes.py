@@ -77,7 +77,6 @@ def apply_correction(
     left, upper = corner
     pixel_format, contrast = frame.format, correction.contrast
     log2x, _ = pixel_format.chroma_log2
-    top = np.float32(2**pixel_format.depth - 1)
     patches = []
     chroma_alpha = over_chroma(alpha, pixel_format)
     fades = [_NO_FADE] * 3 if fade is None else [fade, *[over_chroma(fade, pixel_format)] * 2]
@@ -99,36 +98,68 @@ def apply_correction(
         if skin is None:
             before = before.copy()  # contiguous as what is smoothed is: compiled once
         part = with_patches(before, p, (x, y), under)
-        places = _places(correction.lattice, corner, (columns, rows), log2)
+        nodes = _in_nodes(correction.lattice, corner, (columns, rows), log2)
         if isinstance(contrast, MapTables):
             own = skin[p] if skin else before
             wide = (luma, blue, red)[p] if p == 0 or contrast.excess > 0 else own
-            kernels.apply_map(
-                part,
-                own,
-                wide,
-                by if p else luma,
-                weight,
-                *places,
-                correction.shift[p],
-                contrast.tone if p == 0 else contrast.chroma[p - 1 : p],
-                np.float32(contrast.excess if p else 0.0),
-                fades[p],
-                _NO_ROLL_OFF if p else luma_bend(pixel_format),
-                top,
-            )
+            shown = own, wide, by if p else luma
+            _apply_map(part, shown, weight, nodes, correction.shift[p], contrast, fades[p], pixel_format, p)
         else:
-            level = float(pixel_format.offset[p])
-            if correction.low is not None and contrast != 1.0:
-                # open skin is brighter than the curves around it, so I − H(g) has a mean; λ leaves it where it is
-                level = kernels.mean_above(before, weight, *places, correction.low[p])
-            # this is λ − 1, written so that it is rounded in float32 as it always was: else a sample in a million
-            # would move by a code
-            excess = np.float32(1.0) + (np.float32(contrast - 1.0) - np.float32(1.0))
-            kernels.apply_contrast(part, before, weight, *places, correction.shift[p], excess, np.float32(level), top)
+            _apply_number(part, before, weight, nodes, correction, contrast, pixel_format, p)
         _scale_all(part, before, guards, pixel_format, p)
         patches.append(Patch(p, y, x, part))
     return patches
+
+
+def _apply_map(
+    part: NDArray[Any],
+    shown: tuple[NDArray[Any], NDArray[Any], NDArray[Any]],
+    weight: Floats,
+    nodes: tuple[Doubles, Doubles],
+    shift: Floats,
+    tables: MapTables,
+    fade: Floats,
+    pixel_format: PixelFormat,
+    plane: int,
+) -> None:
+    """F on the samples of a plane, in place; all (r, c).
+
+    shown: the skin in them, the same or smoothed where F enlarges it, and its smoothed luma;  nodes: see `_in_nodes`;
+    shift: of the plane, at the nodes;  fade: w, (0, 0) for 1.
+    """
+    kernels.apply_map(
+        part,
+        *shown,
+        weight,
+        *nodes,
+        shift,
+        tables.chroma[plane - 1 : plane] if plane else tables.tone,
+        np.float32(tables.excess if plane else 0.0),
+        fade,
+        _NO_ROLL_OFF if plane else luma_bend(pixel_format),
+        np.float32(2**pixel_format.depth - 1),
+    )
+
+
+def _apply_number(
+    part: NDArray[Any],
+    before: NDArray[Any],
+    weight: Floats,
+    nodes: tuple[Doubles, Doubles],
+    correction: Correction,
+    contrast: float,
+    pixel_format: PixelFormat,
+    plane: int,
+) -> None:
+    """λ on the samples of a plane, in place;  part, before, weight: (r, c);  nodes: see `_in_nodes`."""
+    level, top = float(pixel_format.offset[plane]), np.float32(2**pixel_format.depth - 1)
+    if correction.low is not None and contrast != 1.0:
+        # open skin is brighter than the curves around it, so I − H(g) has a mean; λ leaves it where it is
+        level = kernels.mean_above(before, weight, *nodes, correction.low[plane])
+    # this is λ − 1, written so that it is rounded in float32 as it always was: else a sample in a million would move by
+    # a code
+    excess = np.float32(1.0) + (np.float32(contrast - 1.0) - np.float32(1.0))
+    kernels.apply_contrast(part, before, weight, *nodes, correction.shift[plane], excess, np.float32(level), top)
 
 
 def at_chroma(luma: NDArray[Any], pixel_format: PixelFormat) -> NDArray[Any]:
@@ -176,9 +207,9 @@ def fade_in_dark(
         shown = np.stack(skin, axis=-1) if skin else _stacked(frame, window)
         luma = _opponent_of(shown, frame.format)[..., 0]
     fade = np.ones(alpha.shape, np.float32)
-    places = _places(one.lattice, corner, (columns, rows), (0, 0))
+    nodes = _in_nodes(one.lattice, corner, (columns, rows), (0, 0))
     black = np.float32(frame.format.offset[0])
-    kernels.fade_in_dark(np.ascontiguousarray(luma), alpha, *places, one.around, black, *_DARK, fade)
+    kernels.fade_in_dark(np.ascontiguousarray(luma), alpha, *nodes, one.around, black, *_DARK, fade)
     return fade
 
 
@@ -249,12 +280,12 @@ def _apply_to_rgb(
         broad = without_fine_detail(own)
         wanted += contrast.gained_of(own, broad)
         weight = alpha * tinge_of(contrast, broad)
-    steeper = isinstance(contrast, float) and contrast != 1.0 and alpha.any()  # an empty matte weighs nothing
-    for p in range(3):
-        if steeper and isinstance(contrast, float) and correction.low is not None:
+    elif contrast != 1.0 and correction.low is not None and alpha.any():  # an empty matte weighs nothing
+        for p in range(3):
             plane = source[..., p]
             mean = np.average(plane - over_pixels(correction.low[p]), weights=alpha)
             wanted[..., p] += (contrast - 1.0) * (plane - np.float32(mean))
+    for p in range(3):
         wanted[..., p] += over_pixels(correction.shift[p]) * (1.0 if fade is None else fade)
     gained = wanted - source
     if correction.mapped:
@@ -264,11 +295,25 @@ def _apply_to_rgb(
     weighted = weights * gained
     gained = not_beyond(weighted, here, source + gained) if correction.mapped else weighted
     gained = gained @ np.linalg.inv(opponent_matrix(frame.format)).T + guarded
+    return rgb_patches(before, gained, corner, under, frame.format)
+
+
+def rgb_patches(
+    before: NDArray[Any],
+    gained: NDArray[Any],
+    corner: tuple[int, int],
+    under: Sequence[Patch],
+    pixel_format: PixelFormat,
+) -> list[Patch]:
+    """The patches of R, G, B planes whose codes `before` (h, w, 3), the first at `corner` (x, y), gain `gained`.
+
+    under: patches that were laid before;  gained: (h, w, 3) codes, not rounded.
+    """
     patches = []
     for p in range(3):
         part = with_patches(before[..., p], p, corner, under)
-        new = np.clip(np.rint(gained[..., p] + part), 0, 2**frame.format.depth - 1).astype(frame.format.dtype)
-        patches.append(Patch(p, upper, left, new))
+        new = np.clip(np.rint(gained[..., p] + part), 0, 2**pixel_format.depth - 1).astype(pixel_format.dtype)
+        patches.append(Patch(p, corner[1], corner[0], new))
     return patches
 
 
@@ -334,7 +379,7 @@ def _lay(part: NDArray[Any], corner: tuple[int, int], patch: Patch) -> None:
         part[y0 - y : y1 - y, x0 - x : x1 - x] = patch.samples[y0 - patch.y : y1 - patch.y, x0 - patch.x : x1 - patch.x]
 
 
-def _places(
+def _in_nodes(
     lattice: Lattice, corner: tuple[int, int], size: tuple[int, int], log2: tuple[int, int]
 ) -> tuple[Doubles, Doubles]:
     """Columns and rows of a plane's samples in the lattice's nodes.
