@@ -15,7 +15,7 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pvg._arrays import Floats
+from pvg._arrays import Bools, Floats
 from pvg.face import Landmarks, layout
 
 BOUNDARY_SAMPLES = 192
@@ -97,6 +97,11 @@ class CurveLabels:
         """(S,) index into `GROUPS` of each sample."""
         of_curve = np.array([GROUPS.index(curve.group) for curve in CURVES], np.int8)
         return of_curve[self.curve]
+
+    @cached_property
+    def on_open_skin(self) -> Bools:
+        """(S,) bool: samples on curves of skin, the mask boundary left out."""
+        return np.asarray((self.group == GROUPS.index("skin")) & (self.curve != BOUNDARY))
 
     @cached_property
     def basis(self) -> Floats:

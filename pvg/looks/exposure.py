@@ -17,7 +17,7 @@ import numpy as np
 
 from pvg._arrays import Bools, Doubles
 from pvg.asset import FaceRecord, KeyFrame
-from pvg.curves import BOUNDARY, GROUPS, table_labels
+from pvg.curves import table_labels
 from pvg.looks.tone import to_opponent
 
 _LEADS_AT = 0.75  # of a person's frames, by rising exposure: brief light does not lead, brief dark neither [by eye]
@@ -89,8 +89,7 @@ class Exposure:
 
 def on_skin(key: KeyFrame) -> Bools:
     """(S,) bool: samples on curves of open skin that are seen, all when none is."""
-    labels = table_labels()
-    skin = (labels.group == GROUPS.index("skin")) & (labels.curve != BOUNDARY)
+    skin = table_labels().on_open_skin
     seen = np.asarray(skin & key.visible)
     return seen if seen.any() else skin
 

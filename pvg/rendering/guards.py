@@ -20,7 +20,6 @@ import cv2
 import numpy as np
 
 from pvg._arrays import Floats
-from pvg.curves import BOUNDARY, GROUPS
 from pvg.face import layout, soft_cover
 from pvg.membrane import Membrane
 from pvg.raster import scaled
@@ -118,7 +117,7 @@ def guard_gain(guard: Guard, face: PlacedFace, luma: Floats, new: Floats, level:
 
     luma, new: (S,) of the boundary colours g and g', codes above black;  level: code values a level of 255.
     """
-    skin = (face.labels.group == GROUPS.index("skin")) & (face.labels.curve != BOUNDARY)
+    skin = face.labels.on_open_skin
     spread = _AROUND * max(face.data.landmarks.axes.width, 1.0)
     away = (face.positions[skin] - guard.center) / np.float32(spread)
     weight = np.exp(-0.5 * (away * away).sum(axis=1))

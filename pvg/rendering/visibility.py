@@ -90,7 +90,7 @@ def see(data: FaceInFrame, labels: CurveLabels, positions: Floats, width: int, h
     weight *= smoothstep(margin / unit, 0.0, _PICTURE_EDGE)
     on_boundary = labels.curve == BOUNDARY
     weight[on_boundary] *= smoothstep(np.linalg.norm(positions[on_boundary] - axes.center, axis=1) / unit, *_REACH)
-    on_skin = (labels.group == GROUPS.index("skin")) & ~on_boundary
+    on_skin = labels.on_open_skin
     weight[on_skin] *= smoothstep(_matte_at(data, positions[on_skin], unit), *_MATTE)
     fading = np.flatnonzero(weight < 1.0)
     return Visibility(weight, fading, _shares(labels, positions / np.float32(unit), weight, fading))

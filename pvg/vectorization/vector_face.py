@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pvg._arrays import Bytes, Floats
 from pvg.asset import AssetWriter, FaceRecord, FaceSummary, KeyFrame
-from pvg.curves import BOUNDARY, GROUPS, boundary_points, boundary_radius, place, table_labels
+from pvg.curves import boundary_points, boundary_radius, place, table_labels
 from pvg.errors import NoFaceError
 from pvg.face import FaceAxes, Landmarks
 from pvg.landmarks import FaceShape, FaceTrack, frontal_ratios
@@ -170,7 +170,7 @@ class VectorFace:
         """
         keys = self._key_frames()
         main = self._keys[self._key_row].result() or keys[0]
-        skin = main.visible & (table_labels().group == 0) & (table_labels().curve != BOUNDARY)
+        skin = main.visible & table_labels().on_open_skin
         colors = main.colors[skin] if skin.any() else main.colors
         width = float(np.median(np.concatenate(self._extents)))
         warnings = []
@@ -302,8 +302,7 @@ def _key_frame(
 
 def _nearest_on_skin(places: Floats, positions: Floats) -> NDArray[np.int16]:
     """(N,) the sample on a skin curve, of those at `positions` (S, 2), that is nearest to each place (N, 2)."""
-    labels = table_labels()
-    on_skin = np.flatnonzero((labels.group == GROUPS.index("skin")) & (labels.curve != BOUNDARY))
+    on_skin = np.flatnonzero(table_labels().on_open_skin)
     gaps = places[:, None] - positions[on_skin]
     return np.asarray(on_skin[np.argmin((gaps**2).sum(axis=2), axis=1)], np.int16)
 

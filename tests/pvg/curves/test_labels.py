@@ -47,3 +47,10 @@ def test_chain_labels_keep_the_curves_and_follow_their_length() -> None:
     start, stop, _ = many.spans[BOUNDARY]
     length = cv2.arcLength(place(many, large, circle(large, 180))[start:stop], True)
     assert (stop - start) * 2.0 == pytest.approx(length, rel=0.02)
+
+
+def test_open_skin_has_every_sample_of_the_skins_curves_but_the_mask_boundary() -> None:
+    labels = table_labels()
+    for c, (start, stop, _) in enumerate(labels.spans):
+        assert (labels.on_open_skin[start:stop] == (CURVES[c].group == "skin" and c != BOUNDARY)).all()
+    assert len(labels.on_open_skin) == len(labels)

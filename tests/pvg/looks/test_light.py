@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pvg.asset import KeyFrame
-from pvg.curves import BOUNDARY, GROUPS, table_labels
+from pvg.curves import table_labels
 from pvg.face import layout
 from pvg.looks.light import light_ratio, relit
 from tests.gallery.assets import key_frame
@@ -15,7 +15,7 @@ from tests.gallery.assets import key_frame
 def _lit(sideways: float, downwards: float) -> KeyFrame:
     """A face of one colour whose skin is brighter the more it looks to the image's right, or down."""
     labels = table_labels()
-    on_skin = np.flatnonzero((labels.group == GROUPS.index("skin")) & (labels.curve != BOUNDARY))
+    on_skin = np.flatnonzero(labels.on_open_skin)
     at = np.random.default_rng(1).choice(on_skin, 400).astype(np.int16)
     azimuth, elevation = (np.radians(labels.basis @ angles) for angles in (layout.AZIMUTH_DEG, layout.ELEVATION_DEG))
     light = np.exp(sideways * np.sin(azimuth) * np.cos(elevation) + downwards * np.sin(elevation))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import pvg
-from pvg.curves import BOUNDARY, GROUPS, table_labels
+from pvg.curves import GROUPS, table_labels
 from pvg.face import PARTS
 from pvg.looks.complexion import complexion
 from pvg.looks.transfer import _into_gamut
@@ -47,7 +47,7 @@ def test_of_all_colours_together_the_rest_of_the_skin_goes_where_the_face_does(
 ) -> None:
     """Both to the reference's own colours, however far they lie; with `scene` they stopped on the way."""
     look = pvg.transfer(video, dark_reference, match="color", contrast=1.0)
-    skin = (table_labels().group == GROUPS.index("skin")) & (table_labels().curve != BOUNDARY)
+    skin = table_labels().on_open_skin
     before, after = video.records[0].key_frames[0].colors[skin], look.colors[0][0][skin]
     _, new = look.maps[0].usual_colors("beside")
     rest = new[round(float(np.median(before @ (0.299, 0.587, 0.114))))]
@@ -200,7 +200,7 @@ def test_a_person_seen_in_two_shots_moves_by_one_map_so_the_darker_shot_stays_da
 ) -> None:
     assert two_shots.persons == ((1, 0),)
     look = pvg.transfer(two_shots, pale_reference, match=match)
-    skin = (table_labels().group == GROUPS.index("skin")) & (table_labels().curve != BOUNDARY)
+    skin = table_labels().on_open_skin
 
     def brightness(colors: dict[int, np.ndarray]) -> tuple[float, float]:
         first, second = (float(np.median(colors[face][0][skin].mean(axis=1))) for face in (0, 1))
