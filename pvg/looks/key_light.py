@@ -28,15 +28,6 @@ _BRIGHT = 0.9  # quantile of luma
 _DEEP = (1.7, 2.2)
 
 
-def out_of_deep_shade(skin: Floats) -> Floats:
-    """The colours of open skin (n, 3), 0-255 RGB, without what lies in deep shade, if most of it does; (m, 3).
-
-    Shade is told from light by Otsu's threshold of luma (IEEE Trans. SMC 9, 1979).
-    """
-    lit = _out_of_deep_shade(skin)
-    return skin if lit.all() else np.ascontiguousarray(skin[lit])
-
-
 def with_lit_skin(key: KeyFrame) -> KeyFrame:
     """A key frame whose open skin is that out of deep shade."""
     lit = _out_of_deep_shade(key.skin)
@@ -44,7 +35,10 @@ def with_lit_skin(key: KeyFrame) -> KeyFrame:
 
 
 def _out_of_deep_shade(skin: Floats) -> Bools:
-    """(n,) which colours of open skin are not in deep shade, if most are; all where not."""
+    """(n,) which colours of open skin (n, 3), 0-255 RGB, are not in deep shade, if most are; all where not.
+
+    Shade is told from light by Otsu's threshold of luma (IEEE Trans. SMC 9, 1979).
+    """
     if len(skin) == 0:
         return np.ones(0, np.bool_)
     luma = to_opponent(skin)[:, 0]

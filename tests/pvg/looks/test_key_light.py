@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pvg.looks.key_light import in_key_light, out_of_deep_shade, with_lit_skin
+from pvg.looks.key_light import in_key_light, with_lit_skin
 from pvg.looks.light import light_ratio, relit
 from tests.gallery.assets import key_frame
 
@@ -16,6 +16,12 @@ def shaded(color: np.ndarray, count: int, shades: tuple[float, float], seed: int
     """Skin of one hue in light of many strengths, noisy as a picture is."""
     rng = np.random.default_rng(seed)
     return (rng.uniform(*shades, (count, 1)) * color + rng.normal(0, 2, (count, 3))).astype(np.float32)
+
+
+def lit_of(skin: np.ndarray) -> np.ndarray:
+    """The open skin of a key frame that has this skin, without what lies in deep shade."""
+    key = replace(key_frame(), skin=skin, skin_at=np.zeros(len(skin), np.int16))
+    return with_lit_skin(key).skin
 
 
 @pytest.mark.parametrize("share", [0.3, 0.5])
@@ -46,7 +52,7 @@ def test_no_skin_is_no_skin() -> None:
 
 def test_a_face_under_a_cap_has_the_complexion_of_what_is_lit() -> None:
     lit, deep = shaded(PEACH, 150, (0.6, 1.0)), shaded(np.array((60.0, 28.0, 17.0)), 350, (0.4, 1.0), seed=1)
-    kept = out_of_deep_shade(np.concatenate([deep, lit]))
+    kept = lit_of(np.concatenate([deep, lit]))
     assert abs(len(kept) - len(lit)) <= 5
     np.testing.assert_allclose(np.median(kept, axis=0), np.median(lit, axis=0), atol=2)
 
@@ -56,22 +62,19 @@ def test_a_face_of_which_less_than_half_is_in_deep_shade_keeps_it(share: float) 
     skin = np.concatenate(
         [shaded(PEACH, round(500 * (1 - share)), (0.7, 1.0)), shaded(PEACH, round(500 * share), (0.1, 0.3))]
     )
-    assert out_of_deep_shade(skin) is skin
+    assert lit_of(skin) is skin
 
 
 def test_deep_shade_is_left_out_little_by_little() -> None:
     lit, deep = shaded(PEACH, 245, (0.9, 1.0)), shaded(PEACH, 255, (0.2, 0.5), seed=1)
-    kept = [
-        len(out_of_deep_shade(np.concatenate([lit, share * deep]).astype(np.float32)))
-        for share in np.linspace(2, 0.6, 100)
-    ]
+    kept = [len(lit_of(np.concatenate([lit, share * deep]).astype(np.float32))) for share in np.linspace(2, 0.6, 100)]
     assert kept[0] == 500
     assert kept[-1] < 300
     assert max(-np.diff(kept)) < 50
 
 
 def test_no_skin_has_no_shade() -> None:
-    assert out_of_deep_shade(np.zeros((0, 3), np.float32)).shape == (0, 3)
+    assert lit_of(np.zeros((0, 3), np.float32)).shape == (0, 3)
 
 
 def test_a_face_under_a_cap_gives_and_takes_light_by_its_lit_skin() -> None:
