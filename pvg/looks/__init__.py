@@ -6,7 +6,7 @@ from pvg.looks.cube import CUBE_SIZE, check_size, look_cube, remainder_by_luma, 
 from pvg.looks.exchange import contrast_of_both, exchange
 from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, Contrast, Look, LookMap, Region
 from pvg.looks.parts import MAKEUP, Makeup
-from pvg.looks.tone import SkinMap, to_rgb
+from pvg.looks.tone import LEAST_TINGE, SkinMap, to_rgb
 from pvg.looks.transfer import BETA, ITERATIONS, LIGHT, reference_face_of, transfer
 from pvg.looks.transport import sliced_transport, sliced_wasserstein
 
@@ -16,6 +16,7 @@ __all__ = [
     "CUBE_SIZE",
     "EXTENTS",
     "ITERATIONS",
+    "LEAST_TINGE",
     "LIGHT",
     "MAKEUP",
     "PROTECTABLE",

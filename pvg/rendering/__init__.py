@@ -6,6 +6,7 @@ from pvg._bounds import PART_S, part_bounds
 from pvg.rendering.clip import placed_faces, render, render_frame, source_frame, swap
 from pvg.rendering.layers import LAYERS, layer
 from pvg.rendering.parts import join_parts, render_part
+from pvg.rendering.pictures import PictureFormat, around, cropped, encoded, fitted
 from pvg.rendering.placed_face import PlacedFace
 from pvg.rendering.renderer import Renderer
 from pvg.rendering.stills import Stills
@@ -18,11 +19,16 @@ __all__ = [
     "MATTES",
     "PART_S",
     "SUITE_FILES",
+    "PictureFormat",
     "PlacedFace",
     "Renderer",
     "Stills",
+    "around",
     "can_join",
+    "cropped",
+    "encoded",
     "export",
+    "fitted",
     "join_parts",
     "layer",
     "part_bounds",

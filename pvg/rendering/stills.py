@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final
 
-import cv2
 import numpy as np
 
 from pvg._arrays import Bytes
@@ -16,18 +15,11 @@ from pvg.asset import FaceInFrame, VectorVideo
 from pvg.errors import MediaError
 from pvg.looks import Look
 from pvg.rendering.layers import layer
+from pvg.rendering.pictures import Box, around, on_white, thumbnail
 from pvg.rendering.renderer import Renderer
 from pvg.video import Frame, frame_at, key_pictures, read_frames
 
-Box = tuple[int, int, int, int]
-"""x, y, width, height in pixels of the upright picture."""
-Encoding = Literal["jpeg", "png"]
-
 _KEPT_PIXELS: Final = 40_000_000  # of decoded frames: some at 1080p, one at the largest size
-_AROUND: Final = 1.6  # side of a square around a face, in lengths of its longer side [by eye]
-_JPEG: Final = (cv2.IMWRITE_JPEG_QUALITY, 90, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
-_PNG: Final = (cv2.IMWRITE_PNG_COMPRESSION, 2)
-_WHITE: Final = 255.0
 
 
 @dataclass(frozen=True)
@@ -173,63 +165,3 @@ class Stills:
         low = np.clip(np.floor(outline.min(axis=0)), 0, size).astype(int)
         high = np.clip(np.ceil(outline.max(axis=0)), 0, size).astype(int)
         return int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1])
-
-
-def on_white(frame: Frame) -> Bytes:
-    """(H, W, 3) uint8 RGB as an SDR display shows the frame, what is transparent over white."""
-    rgb = frame.rgb()
-    if frame.alpha is None:
-        return rgb
-    share = (frame.alpha / np.float32(2**frame.format.depth - 1))[..., None]
-    return np.rint(rgb * share + np.float32(_WHITE) * (1 - share)).astype(np.uint8)
-
-
-def around(box: Box) -> Box:
-    """The square around a face with its hair and chin; it may lie beyond the picture in part."""
-    x, y, width, height = box
-    side = round(_AROUND * max(width, height))
-    return x + (width - side) // 2, y + (height - side) // 2, side, side
-
-
-def cropped(rgb: Bytes, box: Box | None) -> Bytes:
-    """The part of a picture within a box, what lies beyond the picture left out.
-
-    Raises `ValueError` when nothing of it is in the picture.
-    """
-    if box is None:
-        return rgb
-    x, y, width, height = box
-    part = rgb[max(0, y) : max(0, y + height), max(0, x) : max(0, x + width)]
-    if not part.size:
-        raise ValueError(f"the crop {list(box)} lies outside of the picture of {rgb.shape[1]}x{rgb.shape[0]}")
-    return part
-
-
-def fitted(rgb: Bytes, max_width: int, max_height: int | None = None) -> Bytes:
-    """The picture scaled down to fit, never up."""
-    height, width = rgb.shape[:2]
-    scale = min(1.0, max_width / width, 1.0 if max_height is None else max_height / height)
-    if scale == 1.0:
-        return rgb
-    size = (max(1, round(width * scale)), max(1, round(height * scale)))
-    return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
-
-
-def thumbnail(rgb: Bytes, box: Box, size_px: int) -> Bytes:
-    """A square box of a picture as (size_px, size_px, 3); beyond the picture its edge is repeated."""
-    x, y, width, height = box
-    part = cropped(rgb, box)
-    rows, columns = rgb.shape[:2]
-    borders = (max(0, -y), max(0, y + height - rows), max(0, -x), max(0, x + width - columns))
-    square = cv2.copyMakeBorder(part, *borders, cv2.BORDER_REPLICATE) if any(borders) else part
-    how = cv2.INTER_AREA if width > size_px else cv2.INTER_CUBIC
-    return np.asarray(cv2.resize(square, (size_px, size_px), interpolation=how), np.uint8)
-
-
-def encoded(rgb: Bytes, encoding: Encoding) -> bytes:
-    """The picture as a file, sRGB without metadata: JPEG of quality 90 with all its colour, or PNG."""
-    suffix, options = (".jpg", _JPEG) if encoding == "jpeg" else (".png", _PNG)
-    done, data = cv2.imencode(suffix, np.ascontiguousarray(rgb[..., ::-1]), options)
-    if not done:
-        raise ValueError(f"a picture of {rgb.shape[1]}x{rgb.shape[0]} cannot be written as {encoding}")
-    return data.tobytes()

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvg._arrays import Floats, ramp
-from pvg.looks.tone import LEAST_TINGE
+from pvg.looks import LEAST_TINGE
 from pvg.rendering import _kernels as kernels
 from pvg.rendering.map_tables import MapTables
 

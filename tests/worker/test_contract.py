@@ -19,8 +19,7 @@ import pvg
 from pvg.asset import FaceSummary, MediaSummary
 from pvg.face import PARTS
 from pvg.looks import MAKEUP
-from pvg.rendering import LAYERS, MATTES, PART_S, SUITE_FILES, can_join, part_bounds
-from pvg.rendering.stills import Encoding
+from pvg.rendering import LAYERS, MATTES, PART_S, SUITE_FILES, PictureFormat, can_join, part_bounds
 from pvg.vectorization import STAGES
 from pvg.video import CLIP_SUFFIXES, IMAGE_SUFFIXES, VideoWriter, encoders, probe, read_frames
 from scripts.samples import Samples
@@ -471,6 +470,6 @@ def test_the_answers_that_are_taken_are_those_of_the_method() -> None:
 
 def test_the_pictures_that_are_asked_for_are_those_of_the_method() -> None:
     assert get_args(Layer) == LAYERS
-    assert get_args(StillFormat) == get_args(Encoding)
+    assert get_args(StillFormat) == get_args(PictureFormat)
     assert set(SUFFIXES) == set(MEDIA_TYPES) == set(get_args(StillFormat))
     assert (stills.POSTER_PX, stills.THUMBNAIL_PX) == (calls.POSTER_PX, calls.THUMBNAIL_PX)

@@ -20,8 +20,7 @@ from pvg._arrays import Bytes
 from pvg.asset import VectorVideo
 from pvg.errors import AssetError, TooLargeError
 from pvg.looks import reference_face_of
-from pvg.rendering import Stills, join_parts, render, render_part
-from pvg.rendering.stills import around, cropped, encoded, fitted
+from pvg.rendering import Stills, around, cropped, encoded, fitted, join_parts, render, render_part
 from pvg.vectorization import VECTORIZER_VERSION, vectorize
 from pvg.video import MediaLimits, inspect, planned, probe
 from pvg.warmup import warm_up
