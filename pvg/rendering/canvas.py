@@ -65,25 +65,40 @@ class Canvas:
 
 def stored_canvas(video: VectorVideo) -> Canvas:
     """A clip's or picture's own file. Raises `AssetError` where it is missing, another, or not vectorised in full."""
-    source = _drawable_source(video)
+    _check_in_full(video)
+    source = video.require_source()
     info = probe(source, video.limits, input_color=video.settings["input_color"])
     streams = read_streams(source, video.limits) if info.kind == "video" else Streams()
     return Canvas(info, source, streams, lambda: stored_frames(video))
 
 
 def stored_frames(video: VectorVideo, start: int = 0, stop: int | None = None) -> Iterator[Frame]:
-    """The frames [start, stop) of a clip's or picture's own file, read as when it was vectorised."""
-    source = _drawable_source(video)
-    color, count = video.settings["input_color"], video.frame_count
+    """The frames [start, stop) of a clip's or picture's own file, read as when it was vectorised.
+
+    Raises as `stored_canvas`.
+    """
+    _check_in_full(video)
+    return frames_of_file(video, start, stop)
+
+
+def frames_of_file(video: VectorVideo, start: int = 0, stop: int | None = None) -> Iterator[Frame]:
+    """As `stored_frames`, of a reference's clip too. Raises `AssetError` where the file is missing or another one."""
+    source, color = video.require_source(), video.settings["input_color"]
+    count = None if video.settings["reference"] else video.frame_count  # of a reference only the beginning was read
     return read_frames(source, start=start, stop=stop, limits=video.limits, input_color=color, frame_count=count)
 
 
-def _drawable_source(video: VectorVideo) -> Path:
+def check_index(video: VectorVideo, index: int) -> None:
+    """Raise `ValueError` when a clip has no frame `index`."""
+    if not 0 <= index < video.frame_count:
+        raise ValueError(f"no frame {index}; the clip has {video.frame_count}")
+
+
+def _check_in_full(video: VectorVideo) -> None:
     if video.settings["reference"] and video.media.kind == "video":
         raise AssetError(
             f"{video.path.name} keeps a reference's key frame only; vectorise the clip in full to render it"
         )
-    return video.require_source()
 
 
 @contextmanager

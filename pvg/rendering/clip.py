@@ -28,6 +28,7 @@ from pvg.memory import looks_at_once
 from pvg.rendering.canvas import (
     Asked,
     Canvas,
+    check_index,
     check_picture,
     piped_canvas,
     plans_of,
@@ -89,7 +90,7 @@ def render(
     if pictures is not None and len(looks) > LOOKS_AT_ONCE:
         raise ValueError(f"pictures that come by a pipe are drawn once, for at most {LOOKS_AT_ONCE} looks")
     asked, job = Asked(container, codec, crf, preset, audio), _Job(video, looks, _targets(paths, [video]))
-    return _drawn([job], asked, pictures, memory_bytes, progress)
+    return _draw_and_publish([job], asked, pictures, memory_bytes, progress)
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,7 @@ def _targets(paths: Sequence[str | Path | BinaryIO], videos: Sequence[VectorVide
     return targets
 
 
-def _drawn(
+def _draw_and_publish(
     jobs: Sequence[_Job],
     asked: Asked,
     pictures: BinaryIO | None,
@@ -137,10 +138,10 @@ def _drawn(
             own, drafts = drafts[: len(job.looks)], drafts[len(job.looks) :]
             told = _part_of(progress, sum(frames[:k]), sum(frames))
             if canvas.info.kind == "image":
-                lost += _render_image(job.video, job.looks, canvas, own)
+                lost += _render_image(job, canvas, own)
                 told("render", 1, 1)
                 continue
-            _render_clip(job.video, job.looks, own, canvas, planned, asked, at_once[k], told)
+            _render_clip(job, canvas, own, planned, asked, at_once[k], told)
             lost += [canvas.info.warnings + plan.warnings for plan in planned]
     return lost
 
@@ -175,44 +176,39 @@ def _canvas(video: VectorVideo, pictures: BinaryIO | None) -> AbstractContextMan
     return nullcontext(stored_canvas(video))
 
 
-def _render_image(
-    video: VectorVideo,
-    looks: Sequence[Look],
-    canvas: Canvas,
-    drafts: Sequence[Path | BinaryIO],
-) -> list[tuple[str, ...]]:
+def _render_image(job: _Job, canvas: Canvas, drafts: Sequence[Path | BinaryIO]) -> list[tuple[str, ...]]:
     """Write a picture's looks; what is not kept of it, a line each."""
-    source, partials = video.require_source(), [draft for draft in drafts if isinstance(draft, Path)]
+    source, partials = job.video.require_source(), [draft for draft in drafts if isinstance(draft, Path)]
     (frame,), metadata = canvas.frames(), read_picture_metadata(source)
-    for drawn, path in zip(Renderer(video, looks).draw(frame), partials, strict=True):
+    for drawn, path in zip(Renderer(job.video, job.looks).draw(frame), partials, strict=True):
         write_image(path, np.stack(drawn.planes, axis=-1), alpha=drawn.alpha, metadata=metadata)
     return [canvas.info.warnings + lost_in_picture(source, path) for path in partials]
 
 
 def _render_clip(
-    video: VectorVideo,
-    looks: Sequence[Look],
-    drafts: Sequence[Path | BinaryIO],
+    job: _Job,
     canvas: Canvas,
+    drafts: Sequence[Path | BinaryIO],
     plans: Sequence[Plan],
     asked: Asked,
     at_once: int,
     progress: Progress,
 ) -> None:
     # one encoder may use all cores; several share them, which costs less memory and processor time
-    threads = 0 if len(looks) == 1 else max(1, (os.cpu_count() or 1) // min(len(looks), at_once))
+    count = len(job.looks)
+    threads = 0 if count == 1 else max(1, (os.cpu_count() or 1) // min(count, at_once))
 
     def writer(k: int) -> VideoWriter | Y4mWriter:
         return writer_of(drafts[k], canvas.info, plans[k], asked, threads)
 
-    draw(video, looks, canvas.frames, writer, count=video.frame_count, at_once=at_once, progress=progress)
+    frames = job.video.frame_count
+    draw(job.video, job.looks, canvas.frames, writer, count=frames, at_once=at_once, progress=progress)
 
 
 def source_frame(video: VectorVideo, index: int) -> Frame:
     """Frame `index` of the source clip. Raises `ValueError` when there is none."""
     index = whole_number("index", index, low=None)
-    if not 0 <= index < video.frame_count:
-        raise ValueError(f"no frame {index}; the clip has {video.frame_count}")
+    check_index(video, index)
     (frame,) = stored_frames(video, index, index + 1)
     return frame
 
@@ -265,7 +261,7 @@ def swap(
         _Job(b, [transfer(b, a, faces=faces, contrast=second, **options)], [theirs]),
     ]
     memory_bytes, progress = drawing.pop("memory_bytes", MEMORY_BYTES), drawing.pop("progress", None)
-    return _drawn(jobs, Asked(**drawing), None, memory_bytes, progress)
+    return _draw_and_publish(jobs, Asked(**drawing), None, memory_bytes, progress)
 
 
 def placed_faces(video: VectorVideo, index: int) -> Iterator[tuple[int, PlacedFace]]:

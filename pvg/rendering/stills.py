@@ -14,10 +14,11 @@ from pvg._threads import one_blas_thread
 from pvg.asset import FaceInFrame, VectorVideo
 from pvg.errors import MediaError
 from pvg.looks import Look
+from pvg.rendering.canvas import check_index, frames_of_file
 from pvg.rendering.layers import layer
 from pvg.rendering.pictures import Box, around, on_white, thumbnail
 from pvg.rendering.renderer import Renderer
-from pvg.video import Frame, frame_at, key_pictures, read_frames
+from pvg.video import Frame, frame_at, key_pictures
 
 _KEPT_PIXELS: Final = 40_000_000  # of decoded frames: some at 1080p, one at the largest size
 
@@ -50,8 +51,8 @@ class Stills:
     def frame(self, index: int) -> Frame:
         """Frame `index`. Raises `ValueError` when there is none, `MediaError` when it cannot be read."""
         if index not in self._frames:
-            self._check(index)
-            for frame in self._read(index, index + 1):
+            check_index(self.video, index)
+            for frame in frames_of_file(self.video, index, index + 1):
                 self._keep(frame)
             if index not in self._frames:
                 raise MediaError(f"{self.video.path.name}: frame {index} of its clip cannot be read")
@@ -63,7 +64,7 @@ class Stills:
 
         Raises `ValueError` when there is no frame `index`.
         """
-        self._check(index)
+        check_index(self.video, index)
         if index in self._frames or not self._keys:
             return index
         return min(self._keys, key=lambda key: (abs(key - index), key))
@@ -136,18 +137,9 @@ class Stills:
             if index not in others:
                 yield self.frame(index)
         if others:
-            for frame in self._read(others[0], others[-1] + 1):
+            for frame in frames_of_file(self.video, others[0], others[-1] + 1):
                 if frame.index in others:
                     yield frame
-
-    def _check(self, index: int) -> None:
-        if not 0 <= index < self.video.frame_count:
-            raise ValueError(f"no frame {index}; the clip has {self.video.frame_count}")
-
-    def _read(self, start: int, stop: int) -> Iterator[Frame]:
-        source, color, limits = self.video.require_source(), self.video.settings["input_color"], self.video.limits
-        count = self._frame_count
-        return read_frames(source, start=start, stop=stop, limits=limits, input_color=color, frame_count=count)
 
     def _keep(self, frame: Frame) -> None:
         self._frames[frame.index] = frame
