@@ -34,8 +34,8 @@ from pvg.video import (
 
 
 @dataclass(frozen=True)
-class Asked:
-    """How outputs are asked for, as `render` takes it."""
+class Encoding:
+    """How outputs are encoded, as `render` is told."""
 
     container: str | None = None
     codec: str = "auto"
@@ -162,28 +162,28 @@ def _counted(clip: PipedClip, video: VectorVideo) -> Iterator[Frame]:
         raise MediaError(f"{clip.name} ends after {count} frames; {video.path.name} has {video.frame_count}")
 
 
-def plans_of(targets: Sequence[Path | BinaryIO], canvas: Canvas, asked: Asked) -> list[Plan]:
+def plans_of(targets: Sequence[Path | BinaryIO], canvas: Canvas, encoding: Encoding) -> list[Plan]:
     """The plan of each output. Raises ValueError for what cannot be written so."""
     made: dict[str, Plan] = {}
     plans = []
     for target in targets:
-        key = _container(target, asked.container)
+        key = _container(target, encoding.container)
         if key not in made:
             plan = make_plan(
                 canvas.info,
                 container=key,
-                codec=asked.codec,
+                codec=encoding.codec,
                 source=canvas.source,
                 streams=canvas.streams,
-                audio=asked.audio,
+                audio=encoding.audio,
             )
-            check_scales(plan.codec, asked.crf, asked.preset)
+            check_scales(plan.codec, encoding.crf, encoding.preset)
             made[key] = replace(plan, dropped=plan.dropped + canvas.missing)
         plans.append(made[key])
     return plans
 
 
-def check_picture(target: Path | BinaryIO, asked: Asked) -> None:
+def check_picture(target: Path | BinaryIO, encoding: Encoding) -> None:
     """Raise ValueError for a picture that cannot be written so. It has no codec and no sound: these are of clips."""
     if not isinstance(target, Path):
         raise ValueError("a picture is written to a file")
@@ -191,31 +191,31 @@ def check_picture(target: Path | BinaryIO, asked: Asked) -> None:
     if suffix not in IMAGE_SUFFIXES:
         raise ValueError(f"{target.name}: a picture is written as {', '.join(sorted(IMAGE_SUFFIXES))}")
     named = {".tif": "tiff", ".jpeg": "jpg"}.get(suffix, suffix[1:])
-    if asked.container not in (None, named):
-        raise ValueError(f"{target.name} is not named as {asked.container} is")
+    if encoding.container not in (None, named):
+        raise ValueError(f"{target.name} is not named as {encoding.container} is")
 
 
-def _container(target: Path | BinaryIO, asked: str | None) -> str:
+def _container(target: Path | BinaryIO, container: str | None) -> str:
     if not isinstance(target, Path):
-        if asked not in (None, "nut", "y4m"):
-            raise ValueError(f"{asked} cannot be written to a pipe; nut and y4m can")
-        return asked or "nut"
+        if container not in (None, "nut", "y4m"):
+            raise ValueError(f"{container} cannot be written to a pipe; nut and y4m can")
+        return container or "nut"
     suffix = target.suffix.lower()
-    if asked is not None:
-        if suffix in CLIP_SUFFIXES and CONTAINERS.get(asked) != CONTAINERS[suffix]:
-            raise ValueError(f"{target.name} is not named as {asked} is")
-        return asked
+    if container is not None:
+        if suffix in CLIP_SUFFIXES and CONTAINERS.get(container) != CONTAINERS[suffix]:
+            raise ValueError(f"{target.name} is not named as {container} is")
+        return container
     if suffix not in CLIP_SUFFIXES:
         raise ValueError(f"{target.name}: a clip is written as .mp4, .mov, .mkv or .webm")
     return suffix
 
 
 def writer_of(
-    draft: Path | BinaryIO, info: MediaInfo, plan: Plan, asked: Asked, threads: int
+    draft: Path | BinaryIO, info: MediaInfo, plan: Plan, encoding: Encoding, threads: int
 ) -> VideoWriter | Y4mWriter:
     """What carries out a plan; threads: of its encoder."""
     if plan.container == "y4m":
         if isinstance(draft, Path):
             raise ValueError("YUV4MPEG2 is written to a pipe")
         return Y4mWriter(draft, info, info.format, plan)
-    return VideoWriter(draft, info, info.format, crf=asked.crf, preset=asked.preset, threads=threads, plan=plan)
+    return VideoWriter(draft, info, info.format, crf=encoding.crf, preset=encoding.preset, threads=threads, plan=plan)

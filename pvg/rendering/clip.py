@@ -26,8 +26,8 @@ from pvg.errors import AssetError
 from pvg.looks import Contrast, Look, contrast_of_both, exchange, transfer
 from pvg.memory import looks_at_once
 from pvg.rendering.canvas import (
-    Asked,
     Canvas,
+    Encoding,
     check_index,
     check_picture,
     piped_canvas,
@@ -89,8 +89,8 @@ def render(
         return []
     if pictures is not None and len(looks) > LOOKS_AT_ONCE:
         raise ValueError(f"pictures that come by a pipe are drawn once, for at most {LOOKS_AT_ONCE} looks")
-    asked, job = Asked(container, codec, crf, preset, audio), _Job(video, looks, _targets(paths, [video]))
-    return _draw_and_publish([job], asked, pictures, memory_bytes, progress)
+    encoding, job = Encoding(container, codec, crf, preset, audio), _Job(video, looks, _targets(paths, [video]))
+    return _draw_and_publish([job], encoding, pictures, memory_bytes, progress)
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def _targets(paths: Sequence[str | Path | BinaryIO], videos: Sequence[VectorVide
 
 def _draw_and_publish(
     jobs: Sequence[_Job],
-    asked: Asked,
+    encoding: Encoding,
     pictures: BinaryIO | None,
     memory_bytes: int,
     progress: Progress | None,
@@ -128,7 +128,7 @@ def _draw_and_publish(
     with one_blas_thread(), ExitStack() as stack:
         drafts = stack.enter_context(drafts_of([target for job in jobs for target in job.targets]))
         canvases = [stack.enter_context(_canvas(job.video, pictures)) for job in jobs]
-        plans = [_plans(job, canvas, asked) for job, canvas in zip(jobs, canvases, strict=True)]
+        plans = [_plans(job, canvas, encoding) for job, canvas in zip(jobs, canvases, strict=True)]
         at_once = [
             len(job.looks) if pictures is not None else _at_once(job, canvas, planned, memory_bytes)
             for job, canvas, planned in zip(jobs, canvases, plans, strict=True)
@@ -141,7 +141,7 @@ def _draw_and_publish(
                 lost += _render_image(job, canvas, own)
                 told("render", 1, 1)
                 continue
-            _render_clip(job, canvas, own, planned, asked, at_once[k], told)
+            _render_clip(job, canvas, own, planned, encoding, at_once[k], told)
             lost += [canvas.info.warnings + plan.warnings for plan in planned]
     return lost
 
@@ -159,12 +159,12 @@ def _part_of(progress: Progress | None, before: int, frames: int) -> Progress:
     return lambda stage, done, total: progress(stage, before + done, frames)
 
 
-def _plans(job: _Job, canvas: Canvas, asked: Asked) -> list[Plan]:
+def _plans(job: _Job, canvas: Canvas, encoding: Encoding) -> list[Plan]:
     """The plan of each target of a clip; a picture's are only looked at."""
     if canvas.info.kind != "image":
-        return plans_of(job.targets, canvas, asked)
+        return plans_of(job.targets, canvas, encoding)
     for target in job.targets:
-        check_picture(target, asked)
+        check_picture(target, encoding)
     return []
 
 
@@ -190,7 +190,7 @@ def _render_clip(
     canvas: Canvas,
     drafts: Sequence[Path | BinaryIO],
     plans: Sequence[Plan],
-    asked: Asked,
+    encoding: Encoding,
     at_once: int,
     progress: Progress,
 ) -> None:
@@ -199,7 +199,7 @@ def _render_clip(
     threads = 0 if count == 1 else max(1, (os.cpu_count() or 1) // min(count, at_once))
 
     def writer(k: int) -> VideoWriter | Y4mWriter:
-        return writer_of(drafts[k], canvas.info, plans[k], asked, threads)
+        return writer_of(drafts[k], canvas.info, plans[k], encoding, threads)
 
     frames = job.video.frame_count
     draw(job.video, job.looks, canvas.frames, writer, count=frames, at_once=at_once, progress=progress)
@@ -261,7 +261,7 @@ def swap(
         _Job(b, [transfer(b, a, faces=faces, contrast=second, **options)], [theirs]),
     ]
     memory_bytes, progress = drawing.pop("memory_bytes", MEMORY_BYTES), drawing.pop("progress", None)
-    return _draw_and_publish(jobs, Asked(**drawing), None, memory_bytes, progress)
+    return _draw_and_publish(jobs, Encoding(**drawing), None, memory_bytes, progress)
 
 
 def placed_faces(video: VectorVideo, index: int) -> Iterator[tuple[int, PlacedFace]]:

@@ -18,7 +18,7 @@ from pvg._version import __version__
 from pvg.asset import VectorVideo
 from pvg.looks import Look
 from pvg.memory import looks_at_once
-from pvg.rendering.canvas import Asked, Canvas, plans_of, stored_canvas, stored_frames
+from pvg.rendering.canvas import Canvas, Encoding, plans_of, stored_canvas, stored_frames
 from pvg.rendering.passes import LOOKS_AT_ONCE, MEMORY_BYTES, Progress, check_paths, drafts_of, draw
 from pvg.video import ClipOfParts, PartWriter, PictureEncoder, can_join, join
 
@@ -50,8 +50,8 @@ def render_part(
     if not 0 <= start < stop <= video.frame_count:
         raise ValueError(f"[{start}, {stop}) are no frames of a clip of {video.frame_count}")
     canvas = _clip(video, container, codec)
-    asked = Asked(container, codec, crf, preset, "none")
-    (plan,) = plans_of([Path("clip")], canvas, asked)
+    encoding = Encoding(container, codec, crf, preset, "none")
+    (plan,) = plans_of([Path("clip")], canvas, encoding)
     clip = _of_parts(video, crf, preset)
 
     at_once = looks_at_once(canvas.info, memory_bytes, most=LOOKS_AT_ONCE, codec=plan.codec)
@@ -96,7 +96,7 @@ def join_parts(
     """
     targets = _targets(video, parts, paths, [Path(file) for files in parts for file in files])
     canvas = _clip(video, container or (targets[0].suffix if targets else "mp4"), codec)
-    plans = plans_of(targets, canvas, Asked(container, codec, crf, preset, audio))
+    plans = plans_of(targets, canvas, Encoding(container, codec, crf, preset, audio))
     of = _of_parts(video, crf, preset)
     with drafts_of(targets) as drafts:
         for files, draft, plan in zip(parts, drafts, plans, strict=True):
