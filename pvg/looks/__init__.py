@@ -7,8 +7,8 @@ from pvg.looks.exchange import contrast_of_both, exchange
 from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, Contrast, Look, LookMap, Region
 from pvg.looks.parts import MAKEUP, Makeup
 from pvg.looks.tone import LEAST_TINGE, SkinMap, to_rgb
-from pvg.looks.transfer import BETA, ITERATIONS, LIGHT, reference_face_of, transfer
-from pvg.looks.transport import sliced_transport, sliced_wasserstein
+from pvg.looks.transfer import LIGHT, reference_face_of, transfer
+from pvg.looks.transport import BETA, ITERATIONS, sliced_transport, sliced_wasserstein
 
 __all__ = [
     "BETA",

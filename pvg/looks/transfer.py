@@ -27,9 +27,8 @@ from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, Contrast, FaceC
 from pvg.looks.parts import MAKEUP, Makeup, PartChanges, strengths
 from pvg.looks.person_map import Goal, PersonMap
 from pvg.looks.scene import SCENE
+from pvg.looks.transport import BETA, ITERATIONS
 
-BETA = 0.2  # β of eq. (7) [paper]
-ITERATIONS = 20  # N of eq. (7) [paper]
 MAX_ITERATIONS = 10_000  # more change nothing, but take for ever
 LIGHT = 0.0  # default strength of the light [by blind choice]
 

@@ -12,14 +12,17 @@ from numpy.typing import ArrayLike
 
 from pvg._arrays import Doubles
 
+BETA = 0.2  # β of eq. (7) [paper]
+ITERATIONS = 20  # N of eq. (7) [paper]
+
 
 def sliced_transport(
     colors: ArrayLike,
     reference: ArrayLike,
     *,
     rng: np.random.Generator,
-    beta: float = 0.2,
-    iterations: int = 20,
+    beta: float = BETA,
+    iterations: int = ITERATIONS,
     weights: ArrayLike | None = None,
 ) -> Doubles:
     """Move `colors` to the distribution of `reference`: T ← T + β (M uᵀ − T), once a random rotation u.

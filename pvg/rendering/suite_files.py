@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
@@ -22,10 +22,9 @@ from pvg._threads import ahead, one_blas_thread
 from pvg.asset import VectorVideo
 from pvg.looks import CUBE_SIZE, Look, check_size, look_cube, remainder_by_luma, write_cube
 from pvg.rendering.canvas import Canvas, stored_canvas, stored_frames
+from pvg.rendering.passes import Progress
 from pvg.rendering.renderer import Renderer
 from pvg.video import ColorSpace, Frame, MediaInfo, PixelFormat, VideoWriter, write_image
-
-Progress = Callable[[str, int, int], None]
 
 SuiteFile = Literal["cube", "matte"]
 SUITE_FILES: tuple[SuiteFile, ...] = ("cube", "matte")
