@@ -17,7 +17,8 @@ from pvg._arrays import Doubles, Floats
 from pvg.asset import KeyFrame
 from pvg.curves import CURVES, GROUPS, table_labels
 from pvg.face import PARTS
-from pvg.looks.tone import SkinMap, to_opponent, to_rgb
+from pvg.looks.opponent import to_opponent, to_rgb
+from pvg.looks.tone import SkinMap
 
 _AROUND: Mapping[str, tuple[str, ...]] = {"lips": ("upper_lip", "chin")}  # curves of the skin beside each part
 

@@ -21,8 +21,8 @@ import numpy as np
 
 from pvg._arrays import Doubles, Floats, ramp
 from pvg.looks.key_light import in_key_light
+from pvg.looks.opponent import to_opponent, to_rgb
 from pvg.looks.scene import in_scene
-from pvg.looks.tone import to_opponent, to_rgb
 from pvg.picture import median_lab
 
 # saturation, C*/L* of CIELAB, below which skin looks grey: at L* 60, its fall a level of L*, and the most of it

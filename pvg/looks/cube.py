@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvg._arrays import Doubles, Floats
-from pvg.looks.tone import SkinMap, to_opponent, to_rgb
+from pvg.looks.opponent import to_opponent, to_rgb
+from pvg.looks.tone import SkinMap
 from pvg.video import ColorSpace
 
 CUBE_SIZE = 33  # nodes a side

@@ -11,7 +11,7 @@ import numpy as np
 
 from pvg.asset import KeyFrame
 from pvg.curves import GROUPS, table_labels
-from pvg.looks.tone import luma_of
+from pvg.looks.opponent import luma_of
 
 _FEATURES = ("brows", "eyes")
 _DARKEST = 0.1  # quantile of luma along the curves of a feature: its hairs or lashes, not the skin between them

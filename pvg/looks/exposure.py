@@ -18,7 +18,7 @@ import numpy as np
 from pvg._arrays import Bools, Doubles
 from pvg.asset import FaceRecord, KeyFrame
 from pvg.curves import table_labels
-from pvg.looks.tone import to_opponent
+from pvg.looks.opponent import to_opponent
 
 _LEADS_AT = 0.75  # of a person's frames, by rising exposure: brief light does not lead, brief dark neither [by eye]
 _AS_BRIGHT = 1.1  # times: of key frames that are lit alike the one that serves longest leads

@@ -17,7 +17,7 @@ import numpy as np
 
 from pvg._arrays import Bools, Floats, ramp
 from pvg.asset import KeyFrame
-from pvg.looks.tone import to_opponent
+from pvg.looks.opponent import to_opponent
 
 _LIT = 0.6  # quantile of luma from which on skin is lit by the key light
 _BLUER = 0.02  # of (B − Y) / Y, beyond the lit skin's median [measured: 30 faces, others have at most 16 % of this]

@@ -17,7 +17,7 @@ from pvg._arrays import Doubles, Floats
 from pvg.asset import KeyFrame
 from pvg.curves import BOUNDARY, CURVES, table_labels
 from pvg.face import PARTS, layout
-from pvg.looks.tone import to_opponent
+from pvg.looks.opponent import to_opponent
 
 _SAMPLES_ENOUGH = 60
 _RIDGE = 0.004  # of the samples' number: keeps directions that are not seen from running away

@@ -11,7 +11,8 @@ import numpy as np
 from pvg._arrays import Doubles, Floats
 from pvg._checks import real_number
 from pvg.asset import VectorVideo
-from pvg.looks.tone import SkinMap, to_rgb
+from pvg.looks.opponent import to_rgb
+from pvg.looks.tone import SkinMap
 
 CONTRAST_RANGE = (0.7, 1.5)  # of λ [paper]
 PROTECTABLE = ("eyes", "teeth")

@@ -20,7 +20,8 @@ from pvg._checks import real_number
 from pvg.asset import KeyFrame
 from pvg.curves import CURVES, table_labels
 from pvg.face import PARTS
-from pvg.looks.tone import SkinMap, UsualChroma, to_opponent
+from pvg.looks.opponent import to_opponent
+from pvg.looks.tone import SkinMap, UsualChroma
 
 MAKEUP = 0.75  # default strength of every part [by eye]
 Makeup = float | Mapping[str, float]

@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from pvg._arrays import Floats, ramp
-from pvg.looks.tone import to_opponent, to_rgb
+from pvg.looks.opponent import to_opponent, to_rgb
 
 SCENE = 1.0  # default of the share [by blind choice]
 # k of the natural logarithm of luma where the reference is brighter, at chroma over luma of its skin: what is rich is

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pvg._arrays import Doubles, Floats
-from pvg.picture import LUMA
+from pvg.looks.opponent import to_opponent, to_rgb
 
 CRISP = 0.8
 """p of `steeper` where T takes the place of λ. A face made bright by lifted shadows is flat, its brows and beard milky,
@@ -54,24 +54,6 @@ _OWN_HUE = 0.5
 LEAST_TINGE = 3.0  # e of `pvg.rendering.tinge`, levels [by eye]
 _LEAST_ALIKE = 0.05  # quantile
 _LEAST_LUMA_SPREAD = 4.0  # levels: skin of less spread says nothing of how chroma changes with luma
-
-
-def luma_of(colors: Floats | Doubles) -> Doubles:
-    """(n,) luma of RGB (n, 3)."""
-    return np.asarray(colors @ LUMA)
-
-
-def to_opponent(colors: Floats | Doubles) -> Doubles:
-    """RGB (n, 3) as luma, B − Y and R − Y, levels of 255."""
-    luma = luma_of(colors)
-    return np.stack([luma, colors[:, 2] - luma, colors[:, 0] - luma], axis=1)
-
-
-def to_rgb(opponent: Doubles) -> Doubles:
-    """The inverse of `to_opponent`."""
-    luma, blue, red = opponent.T
-    r, b = luma + red, luma + blue
-    return np.stack([r, (luma - LUMA[0] * r - LUMA[2] * b) / LUMA[1], b], axis=1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,8 +24,9 @@ from pvg.errors import FaceTooSmallError, NoFaceError
 from pvg.landmarks import FaceTrack, FaceTracks, link_persons, smooth, track_faces
 from pvg.picture import Picture
 from pvg.skin import MaskMethod, Matte, Scene, SceneReader
+from pvg.vectorization.fading import opacity
 from pvg.vectorization.following import CHUNK, Following, KeyView, LeftTrack, Stretch, key_view, rows_between
-from pvg.vectorization.key_frames import best_row, opacity
+from pvg.vectorization.key_frames import best_row
 from pvg.vectorization.vector_face import ADVISED_FACE_PX, VectorFace
 from pvg.video import (
     INPUT_COLORS,

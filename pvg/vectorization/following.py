@@ -18,7 +18,8 @@ from pvg.face import Landmarks
 from pvg.landmarks import FaceTrack, FaceTracker, OpenTrack, smooth
 from pvg.picture import Picture
 from pvg.skin import Scene, SceneReader
-from pvg.vectorization.key_frames import FADE_REACH, faded, first_good_row, good_rows, surroundings
+from pvg.vectorization.fading import FADE_REACH, faded
+from pvg.vectorization.key_frames import first_good_row, good_rows, surroundings
 
 CHUNK = 32  # frames a face is followed by at a time
 LOOKAHEAD = 32  # frames that must be known after the last of them; the smoothing's filters reach 22

@@ -1,4 +1,4 @@
-"""Which frame of a track its colours are taken from, and where its correction fades.
+"""Which frame of a track its colours are taken from.
 
 A clip takes the first frame that shows the face well, so that a clip of one shot starts where the paper's does. A
 reference gives one frame to every clip that is made to look like it, so its frames compete.
@@ -6,12 +6,11 @@ reference gives one frame to every clip that is made to look like it, so its fra
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Iterable
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
 from pvg._arrays import Bools, Floats
 from pvg.face import Landmarks, layout
@@ -23,7 +22,6 @@ Image = NDArray[np.uint8]
 
 _FRONTAL_DEG = 25.0
 _GOOD_SCORE = 0.8
-FADE_REACH = 5  # a lost face's correction fades over the frames nearer than this
 _LEVEL_PITCH_DEG = 7.0  # what faces held straight measure
 _SHARPNESS_FACE_PX = 128  # sharpness is compared at one size
 _BLACK, _WHITE = 10, 250
@@ -85,31 +83,6 @@ def best_row(
     merits *= _usual(sharpness) * _usual(evenness)
     finalists = sorted(best, key=lambda r: merits[r], reverse=True)[:_LOOKED_AT]
     return max(finalists, key=lambda r: merits[r] * _open_skin(matte_of(r, best[r]), track, r))
-
-
-def opacity(track: FaceTrack, shots: Collection[int], frame_count: int, *, walks_out: bool = False) -> Floats:
-    """(n,) 1 where the face is seen, falling to 0 over some frames towards those where it is not.
-
-    shots: first frames of the shots. At a cut the face comes and goes whole, as the picture does, and it leaves the
-    picture whole (walks_out); a face that appears or is lost within a shot comes and goes softly.
-    """
-    before = track.first in shots or track.first == 0
-    after = walks_out or track.last + 1 in shots or track.last + 1 >= frame_count
-    return faded(track.score > 0, before=before, after=after)
-
-
-def faded(seen: Bools, *, before: bool, after: bool) -> Floats:
-    """`opacity` of frames (n,) that show the face or not, and whether it counts as seen before and after them.
-
-    What lies FADE_REACH frames away or more has no influence.
-    """
-    padded = np.pad(seen, 1)
-    padded[0], padded[-1] = before, after
-    padded = np.pad(padded, FADE_REACH, mode="edge")
-    if padded.all():
-        return np.ones(len(seen), np.float32)
-    out: Floats = np.clip(distance_transform_edt(padded) / FADE_REACH, 0, 1).astype(np.float32)
-    return out[FADE_REACH + 1 : -FADE_REACH - 1]
 
 
 def _merits(track: FaceTrack) -> NDArray[np.float64]:

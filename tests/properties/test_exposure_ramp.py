@@ -15,7 +15,8 @@ import pytest
 import pvg
 from benchmarks.quality.probes import write_lossless
 from pvg.looks.exposure import Exposure, leading_key
-from pvg.looks.tone import SkinMap, to_opponent
+from pvg.looks.opponent import to_opponent
+from pvg.looks.tone import SkinMap
 from pvg.looks.transport import sliced_transport
 from pvg.rendering import Renderer
 from pvg.video import read_frames

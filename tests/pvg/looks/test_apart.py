@@ -9,7 +9,7 @@ from pvg.curves import CURVES, GROUPS, table_labels
 from pvg.face import PARTS
 from pvg.looks import SkinMap, to_rgb
 from pvg.looks.apart import parts_apart
-from pvg.looks.tone import to_opponent
+from pvg.looks.opponent import to_opponent
 from tests.gallery.assets import key_frame
 
 _LIPS = table_labels().group == GROUPS.index("lips")

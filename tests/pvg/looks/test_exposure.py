@@ -10,7 +10,8 @@ import numpy as np
 
 from pvg.asset import FaceRecord, KeyFrame
 from pvg.looks.exposure import Exposure, at_exposure, leading_key
-from pvg.looks.tone import SkinMap, to_opponent
+from pvg.looks.opponent import to_opponent
+from pvg.looks.tone import SkinMap
 from tests.gallery.assets import FRAMES, SUMMARY, key_frame
 
 

@@ -8,8 +8,9 @@ import pytest
 from pvg.asset import KeyFrame
 from pvg.curves import CURVES, table_labels
 from pvg.face import PARTS
+from pvg.looks.opponent import to_opponent, to_rgb
 from pvg.looks.parts import _LIP_HUE, _LIP_TURN, MAKEUP, PartChanges, _hue, strengths
-from pvg.looks.tone import SkinMap, to_opponent, to_rgb
+from pvg.looks.tone import SkinMap
 from tests.gallery.assets import key_frame
 
 

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pvg.looks.opponent import to_opponent, to_rgb
 from pvg.looks.scene import _ending, _kept, in_scene
-from pvg.looks.tone import to_opponent, to_rgb
 
 TAN = (150.0, -0.25, 0.27)  # luma, B − Y and R − Y over it
 PALE = (200.0, -0.16, 0.17)
