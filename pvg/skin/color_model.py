@@ -40,6 +40,18 @@ def median_deviation(sample: Floats, center: Floats) -> Floats:
     return deviation
 
 
+def inlier_covariance(sample: Floats, center: Floats, inlier: float, margin: float) -> Floats:
+    """Covariance (k, k) of a sample (n, k) about its center (k,), strays left out; 0 where all are.
+
+    A stray is further off in any channel than `inlier` robust standard deviations and a `margin`.
+    """
+    limit = inlier * MAD_TO_SIGMA * median_deviation(sample, center) + margin
+    offset = sample - center
+    inliers = offset[(np.abs(offset) <= limit).all(axis=1)]
+    covariance: Floats = inliers.T @ inliers / max(len(inliers), 1)
+    return covariance
+
+
 @dataclass(frozen=True, eq=False)
 class ColorScale:
     """Lab measured in the skin's own terms: z = (lab − center) / spread.

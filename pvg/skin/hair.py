@@ -9,7 +9,7 @@ import numpy as np
 
 from pvg._arrays import Bools, Bytes, Floats, smoothstep
 from pvg.skin._kernels import hair_fraction
-from pvg.skin.color_model import MAD_TO_SIGMA, median_deviation
+from pvg.skin.color_model import inlier_covariance
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import SpatialPrior
 
@@ -46,10 +46,7 @@ def find_hair(rgb: Bytes, skin: Bools, prior: SpatialPrior) -> Hair | None:
         return Hair(False, np.median(rgb[ring], axis=0).astype(np.float32), precision)
     covariance = np.diag(np.array(_HAIR.fair_noise, np.float32) ** 2)
     for values, middle in ((colors, center), (own, tone)):
-        limit = _HAIR.inlier * MAD_TO_SIGMA * median_deviation(values, middle) + _HAIR.inlier_margin
-        offset = values - middle
-        inliers = offset[(np.abs(offset) <= limit).all(axis=1)]
-        covariance = covariance + inliers.T @ inliers / max(len(inliers), 1)
+        covariance = covariance + inlier_covariance(values, middle, _HAIR.inlier, _HAIR.inlier_margin)
     return Hair(True, center.astype(np.float32), np.linalg.inv(covariance).astype(np.float32))
 
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from pvg._arrays import Bytes, Floats, ramp
-from pvg.skin.color_model import MAD_TO_SIGMA, ColorScale, median_deviation, to_skin_lab
+from pvg.skin.color_model import ColorScale, inlier_covariance, to_skin_lab
 from pvg.skin.light import relit
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import HeadShape
@@ -51,10 +51,7 @@ def hair_odds(rgb: Bytes, person: Bytes, known: Floats, head: HeadShape, scale: 
 def _likelihood(z: Floats, sample: Floats) -> Floats:
     """(n,) log-likelihood of colours z (n, 3) by the normal distribution of most of a sample (m, 3)."""
     center = np.median(sample, axis=0)
-    off = sample - center
-    limit = _RING.inlier * MAD_TO_SIGMA * median_deviation(sample, center) + _RING.inlier_margin
-    off = off[(np.abs(off) <= limit).all(axis=1)]
-    covariance = off.T @ off / max(len(off), 1) + np.eye(3) * _RING.noise**2
+    covariance = inlier_covariance(sample, center, _RING.inlier, _RING.inlier_margin) + np.eye(3) * _RING.noise**2
     root = np.linalg.cholesky(np.linalg.inv(covariance)).astype(np.float32)
     squares = (((z - center) @ root) ** 2).sum(axis=1)
     level = 0.5 * float(np.log(np.linalg.det(covariance)))
