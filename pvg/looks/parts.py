@@ -1,10 +1,10 @@
 """Parts are differences to the skin: lips, lids, cheeks and brows take what sets the reference's apart from its skin.
 
 Skin goes to skin by one smooth map F. A part goes with it, as it would in another light; lips keep what sets them apart
-from the skin, which F lessens as if it were a stain. From there a part goes some way towards the
-reference's difference between part and skin: how much darker it is, and how far its chroma is from what the reference's
-skin has at that luma, so that shading is not taken for make-up. Both are bounded by what such a part can be, and a
-part that the reference shows under a beard, in shadow or not at all stays with the skin.
+from the skin, which F lessens as if it were a stain. From there a part goes some way towards the reference's difference
+between part and skin: how much darker it is, and how far its chroma is from what the reference's skin has at that luma,
+so that shading is not taken for make-up. Both are bounded by what such a part can be, and a part that the reference
+shows under a beard, in shadow or not at all stays with the skin.
 """
 
 from __future__ import annotations

@@ -44,7 +44,7 @@ class Encoding:
     audio: Literal["copy", "none"] = "copy"
 
     def __post_init__(self) -> None:
-        """Raise ValueError for what is asked of no output at all, of pictures either."""
+        """Raise ValueError for an option that no output takes, neither a clip nor a picture."""
         check_word("audio", self.audio, ("copy", "none"))
         check_scales(self.codec, self.crf, self.preset)
 

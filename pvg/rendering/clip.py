@@ -68,8 +68,8 @@ def render(
 
     container: "mp4", "mov", "mkv", "webm"; None follows from the suffix: .mp4, .mov, .mkv, .webm; .png, .tiff, .jpg,
     .webp for an image, which keeps its profile, EXIF, alpha and, in PNG and TIFF, its 16 bits. A binary stream in the
-    place of a path is written to as "nut" (None) or "y4m". codec: "auto",
-    "h264", "hevc", "vp9" or "av1", or for editing "prores" (422 HQ), "prores4444", "dnxhr", "ffv1";
+    place of a path is written to as "nut" (None) or "y4m".
+    codec: "auto", "h264", "hevc", "vp9" or "av1", or for editing "prores" (422 HQ), "prores4444", "dnxhr", "ffv1";
     crf, preset: the encoder's own scales;  audio: "copy" or "none", all sound tracks or no sound. A picture has none of
     these four, which are then those of clips that the same options are for.
     pictures: NUT or YUV4MPEG2, whose frames are drawn on instead of the clip's, of the same size and number; tracks

@@ -7,10 +7,9 @@ luma, which light changes little, and a little of how dark they are beside what 
 
 A change meant for lips is given to what is at least some way from skin to lips. Where lips have nearly the tint of the
 skin, t is their shade, and light from above or from one side takes it from a part of them: when most of them is shown,
-all of it is. A finger before an open mouth is no
-tooth: it is skin if it has the skin's tint, is as bright as the skin around the mouth, and enters the mouth where its
-outline shows no lips. Its colour alone does not tell: yellow and blurred teeth have it too. Where lips have the tint of
-the skin, no finger is told from them.
+all of it is. A finger before an open mouth is no tooth: it is skin if it has the skin's tint, is as bright as the skin
+around the mouth, and enters the mouth where its outline shows no lips. Its colour alone does not tell: yellow and
+blurred teeth have it too. Where lips have the tint of the skin, no finger is told from them.
 """
 
 from __future__ import annotations

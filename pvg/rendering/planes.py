@@ -5,7 +5,7 @@
 with S the skin in P (`pvg.rendering.foreground`), which is P but for the matte's edge, the roll-off R towards black and
 white, and w = 1 but for what is much darker than skin: brows, lashes and pupils go through black, P g'/g, and not along
 the skin's tangent, which would lay a veil over them. λ and F act on luma and chroma one by one, so on the planes a clip
-is coded in. Only the rectangle of the face is touched: the outcome are patches, which a writer lays over the frame it
+is coded in. Only the rectangle of the face is touched: the result is patches, which a writer lays over the frame it
 copies anyway.
 """
 
