@@ -17,7 +17,7 @@ from pvg.face import Landmarks
 from pvg.raster import Raster
 from pvg.skin import body_network
 from pvg.skin._kernels import BodyWeights, body_log_odds
-from pvg.skin.color_model import SkinColors, to_skin_lab
+from pvg.skin.color_model import ColorScale, SkinColors, to_skin_lab
 from pvg.skin.in_time import in_levels, soft_edge, weight_of_before
 from pvg.skin.light import gain_back, gain_of, relit
 from pvg.skin.matte import Matte
@@ -151,45 +151,9 @@ class BodyTracker:
             probability = np.asarray(probability * share, np.float32)
         if self.told_apart < 1:
             probability *= np.float32(self.told_apart)
-        self._leave_out_hair(probability, scene.rgb, person, known, hair, head, gain)
+        leave_out_hair(probability, scene.rgb, person, known, hair, head, self._scale, gain)
         mask, alpha = self._smooth_in_time(scene, probability, known, person, head)
         return Matte.over(scene.raster.box, in_levels(alpha), mask)
-
-    def _leave_out_hair(
-        self, probability: Floats, rgb: Bytes, person: Bytes, known: Floats, hair: Floats, head: HeadShape, gain: Floats
-    ) -> None:
-        """Set the probability (h, w) to 0, in place, in parts beside the face that are cut out of hair of one colour.
-
-        The place of an ear makes up for a colour that is not quite the skin's. An ear ends where its colour does; a
-        part whose surroundings have its own colour ends where that place does. All others: (h, w) cells, see `step`.
-        """
-        y, x = (along.astype(np.float32) for along in np.ogrid[: known.shape[0], : known.shape[1]])
-        down = head.axes.down
-        above = (x - head.chin[0]) * down[0] + (y - head.chin[1]) * down[1] < -_BODY.hair_above * head.size
-        likely, off_face = probability > 0.5, known < 0.5
-        parts = (likely & off_face & above).astype(np.uint8)
-        count, labels, stats, _ = cv2.connectedComponentsWithStats(parts, connectivity=8)
-        around = off_face & ~likely & (person > 255 * _BODY.no_person)
-        least, most = _BODY.hair_cells, _BODY.hair_most * head.size**2
-        for part in range(1, count):
-            x0, y0, w, h, area = (int(v) for v in stats[part])
-            if not least <= area <= most:
-                continue
-            reach = _BODY.hair_reach
-            box = slice(max(0, y0 - reach), y0 + h + reach), slice(max(0, x0 - reach), x0 + w + reach)
-            inside = labels[box] == part
-            said = float(hair[box][inside].mean())
-            if said < _BODY.hair_said:
-                continue
-            near, far = (cv2.dilate(inside.astype(np.uint8), _square(2 * r + 1)) > 0 for r in (1, reach))
-            ring = far & ~near & around[box]
-            if int(ring.sum()) < least:
-                continue
-            lit = np.asarray(np.clip(np.rint(rgb[box] * gain), 0, 255), np.uint8)
-            z = (to_skin_lab(lit) - self._scale.center) / self._scale.spread
-            apart = np.median(z[inside], axis=0) - np.median(z[ring], axis=0)
-            if float(np.linalg.norm(apart)) < _BODY.hair_alike + said:
-                probability[box][inside] = 0.0
 
     def _smooth_in_time(
         self, scene: Scene, probability: Floats, known: Floats, person: Bytes, head: HeadShape
@@ -243,6 +207,51 @@ def _fill_gaps(probability: Floats, face: Floats, said: Floats, hair: Floats, si
     between = np.all([np.bincount(labels[one], minlength=count) > 0 for one in beside], axis=0)
     between[0] = False
     np.copyto(probability, np.maximum(probability, said), where=between[labels])
+
+
+def leave_out_hair(
+    probability: Floats,
+    rgb: Bytes,
+    person: Bytes,
+    known: Floats,
+    hair: Floats,
+    head: HeadShape,
+    scale: ColorScale,
+    gain: Floats,
+) -> None:
+    """Set the probability (h, w) to 0, in place, in parts beside the face that are cut out of hair of one colour.
+
+    The place of an ear makes up for a colour that is not quite the skin's. An ear ends where its colour does; a
+    part whose surroundings have its own colour ends where that place does.  rgb, person, known, head, scale, gain: see
+    `hair_odds`;  hair: (h, w) nats, what that says.
+    """
+    y, x = (along.astype(np.float32) for along in np.ogrid[: known.shape[0], : known.shape[1]])
+    down = head.axes.down
+    above = (x - head.chin[0]) * down[0] + (y - head.chin[1]) * down[1] < -_BODY.hair_above * head.size
+    likely, off_face = probability > 0.5, known < 0.5
+    parts = (likely & off_face & above).astype(np.uint8)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(parts, connectivity=8)
+    around = off_face & ~likely & (person > 255 * _BODY.no_person)
+    least, most = _BODY.hair_cells, _BODY.hair_most * head.size**2
+    for part in range(1, count):
+        x0, y0, w, h, area = (int(v) for v in stats[part])
+        if not least <= area <= most:
+            continue
+        reach = _BODY.hair_reach
+        box = slice(max(0, y0 - reach), y0 + h + reach), slice(max(0, x0 - reach), x0 + w + reach)
+        inside = labels[box] == part
+        said = float(hair[box][inside].mean())
+        if said < _BODY.hair_said:
+            continue
+        near, far = (cv2.dilate(inside.astype(np.uint8), _square(2 * r + 1)) > 0 for r in (1, reach))
+        ring = far & ~near & around[box]
+        if int(ring.sum()) < least:
+            continue
+        lit = np.asarray(np.clip(np.rint(rgb[box] * gain), 0, 255), np.uint8)
+        z = (to_skin_lab(lit) - scale.center) / scale.spread
+        apart = np.median(z[inside], axis=0) - np.median(z[ring], axis=0)
+        if float(np.linalg.norm(apart)) < _BODY.hair_alike + said:
+            probability[box][inside] = 0.0
 
 
 def _moved(values: Floats | None, maps: tuple[Floats, Floats] | None) -> Floats:

@@ -13,7 +13,7 @@ import pytest
 from pvg.face import Landmarks, layout
 from pvg.raster import Raster
 from pvg.skin import BodyTracker, Matte, Scene, SceneReader, SkinTracker, fit_skin_model, person_mask, scene_raster
-from pvg.skin.body import _fill_gaps, _parts, _told_against, color_tables
+from pvg.skin.body import _fill_gaps, _parts, _told_against, color_tables, leave_out_hair
 from pvg.skin.network import Told
 from pvg.skin.prior import head_shape
 from pvg.video import read_frames
@@ -126,7 +126,8 @@ def test_a_hand_follows_and_cloth_and_wall_do_not(tone: str) -> None:
 @pytest.mark.parametrize(("around", "kept"), [(HAIR, False), (RED, True)])
 def test_a_part_beside_the_face_ends_where_its_colour_does_or_is_hair(around: tuple[int, int, int], kept: bool) -> None:
     drawn = _drawn()
-    body, _ = _tracker(drawn)
+    model = fit_skin_model(drawn.rgb, drawn.landmarks)
+    assert model.learned is not None
     scene = drawn.scene()
     shape = scene.raster.shape
     probability, known, hair = np.zeros((3, *shape), np.float32)
@@ -137,7 +138,8 @@ def test_a_part_beside_the_face_ends_where_its_colour_does_or_is_hair(around: tu
     rgb[part] = HAIR
     head = head_shape(drawn.landmarks.in_cells(scene.raster))
     person = np.full(shape, 255, np.uint8)
-    body._leave_out_hair(probability, rgb, person, known, hair, head, np.ones(3, np.float32))
+    scale = model.learned.colors.scale
+    leave_out_hair(probability, rgb, person, known, hair, head, scale, np.ones(3, np.float32))
     assert (probability[part] > 0.5).all() == kept
 
 
