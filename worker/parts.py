@@ -13,7 +13,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
-from pvg._bounds import part_bounds
+from pvg._bounds import part_bounds  # not pvg.rendering: the supervisor loads no method
 from service.catalog import Look, Media, Message, parts, render_request
 from service.catalog.parts import Drawn, NewFile, NewPart
 from service.storage import BlobMissingError, file_sha256
