@@ -119,33 +119,29 @@ def _check_memory(media: Any, needed: int, budget: int) -> None:
 def _render(arguments: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
     """Draw the ``looks`` of one clip or picture into ``paths``, and the extras of each into a folder of ``extras``."""
     timings: dict[str, float] = {}
-    output = arguments["output"]
     with ExitStack() as stack:
-        canvas, looks, reports = _open(stack, arguments, progress, timings)
+        video, looks, reports = _open(stack, arguments, progress, timings)
         with _timed(timings, "render_s"):
-            lines = _draw(canvas, looks, arguments, progress)
-        extras: list[list[dict[str, Any]]] = [[] for _ in looks]
-        if output["extras"]:
-            with _timed(timings, "extras_s"):
-                extras = _export(canvas, looks, arguments, progress)
-    return {"looks": _answers(canvas, reports, lines, extras), "timings": timings}
+            lines = _draw(video, looks, arguments, progress)
+        extras = _extras(video, looks, arguments, progress, timings)
+    return {"looks": _answers(video, reports, lines, extras), "timings": timings}
 
 
 def _open(
     stack: ExitStack, arguments: Mapping[str, Any], progress: Progress, timings: dict[str, float]
 ) -> tuple[VectorVideo, list[pvg.Look], list[dict[str, Any]]]:
     """The clip or picture, its looks, and what is to be known of each."""
-    canvas = stack.enter_context(VectorVideo(arguments["asset"], arguments["source"], limits=_limits(arguments)))
-    _check_vectorizer(canvas, arguments)
+    video = stack.enter_context(VectorVideo(arguments["asset"], arguments["source"], limits=_limits(arguments)))
+    _check_vectorizer(video, arguments)
     looks, reports = [], []
     with _timed(timings, "transfer_s"):
         for done, wanted in enumerate(arguments["looks"]):
             progress("transfer", done, len(arguments["looks"]))
             reference = stack.enter_context(VectorVideo(wanted["reference"]))
             _check_vectorizer(reference, arguments)
-            looks.append(_transfer(canvas, reference, wanted["params"]))
-            reports.append(_report(canvas, reference, wanted["params"]))
-    return canvas, looks, reports
+            looks.append(_transfer(video, reference, wanted["params"]))
+            reports.append(_report(video, reference, wanted["params"]))
+    return video, looks, reports
 
 
 def _check_vectorizer(video: VectorVideo, arguments: Mapping[str, Any]) -> None:
@@ -159,11 +155,11 @@ def _render_part(arguments: Mapping[str, Any], progress: Progress) -> dict[str, 
     """Draw frames [``start``, ``stop``) of the ``looks`` of one clip into ``paths``, to be joined by `_join`."""
     timings: dict[str, float] = {}
     with ExitStack() as stack:
-        canvas, looks, _ = _open(stack, arguments, progress, timings)
-        options = _coding(canvas, arguments)
+        video, looks, _ = _open(stack, arguments, progress, timings)
+        options = _coding(video, arguments)
         where = {name: arguments[name] for name in ("start", "stop", "memory_bytes")}
         with _timed(timings, "render_s"), _options_that_fit():
-            render_part(canvas, looks, arguments["paths"], **where, **options, progress=progress)
+            render_part(video, looks, arguments["paths"], **where, **options, progress=progress)
     return {"timings": timings | {"cpu_s": round(time.process_time(), 3)}}
 
 
@@ -171,49 +167,46 @@ def _join(arguments: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
     """Make a clip of each look of its ``parts`` into ``paths``, and its cubes into a folder of ``extras``."""
     timings: dict[str, float] = {}
     with ExitStack() as stack:
-        canvas, looks, reports = _open(stack, arguments, lambda *_: None, timings)
-        options = _coding(canvas, arguments) | {"audio": arguments["output"]["audio"]}
+        video, looks, reports = _open(stack, arguments, lambda *_: None, timings)
+        options = _coding(video, arguments) | {"audio": arguments["output"]["audio"]}
         with _timed(timings, "join_s"), _options_that_fit():
-            lines = join_parts(canvas, arguments["parts"], arguments["paths"], **options)
-        extras: list[list[dict[str, Any]]] = [[] for _ in looks]
-        if arguments["output"]["extras"]:
-            with _timed(timings, "extras_s"):
-                extras = _export(canvas, looks, arguments, lambda *_: None)
+            lines = join_parts(video, arguments["parts"], arguments["paths"], **options)
+        extras = _extras(video, looks, arguments, lambda *_: None, timings)
     return {
-        "looks": _answers(canvas, reports, lines, extras),
+        "looks": _answers(video, reports, lines, extras),
         "timings": timings | {"cpu_s": round(time.process_time(), 3)},
     }
 
 
-def _coding(canvas: VectorVideo, arguments: Mapping[str, Any]) -> dict[str, Any]:
+def _coding(video: VectorVideo, arguments: Mapping[str, Any]) -> dict[str, Any]:
     """How parts of a clip are coded. Raises `TooLargeError` for a clip that a job cannot take."""
     output = arguments["output"]
-    _check_drawing(canvas, arguments["container"], arguments)
+    _check_drawing(video, arguments["container"], arguments)
     return {"container": arguments["container"], **{name: output[name] for name in ("codec", "crf", "preset")}}
 
 
-def _check_drawing(canvas: VectorVideo, container: str, arguments: Mapping[str, Any]) -> None:
+def _check_drawing(video: VectorVideo, container: str, arguments: Mapping[str, Any]) -> None:
     """Raise `TooLargeError` where drawing would need more memory than a job may take, `OptionError` for no codec."""
-    source, color, codec = canvas.require_source(), canvas.settings["input_color"], arguments["output"]["codec"]
-    media = probe(source, canvas.limits, input_color=color)
+    source, color, codec = video.require_source(), video.settings["input_color"], arguments["output"]["codec"]
+    media = probe(source, video.limits, input_color=color)
     at_once = len(arguments["looks"])
     if media.kind != "image":
         at_once = 1  # more passes are made
         with _options_that_fit():
-            plan = planned(source, container=container, codec=codec, input_color=color, limits=canvas.limits)
+            plan = planned(source, container=container, codec=codec, input_color=color, limits=video.limits)
         codec = plan.codec
     _check_memory(media, memory.rendering_bytes(media, at_once, codec), arguments["memory_bytes"])
 
 
 def _answers(
-    canvas: VectorVideo,
+    video: VectorVideo,
     reports: list[dict[str, Any]],
     lines: list[tuple[str, ...]],
     extras: list[list[dict[str, Any]]],
 ) -> list[dict[str, Any]]:
     """What is told of each look: what is to be known, what is not as in the clip, what was made beside it."""
     # of the ``lines``, those of the file itself come first
-    unread = probe(canvas.require_source(), canvas.limits, input_color=canvas.settings["input_color"]).warnings
+    unread = probe(video.require_source(), video.limits, input_color=video.settings["input_color"]).warnings
     of_video = [f"video: {line}" for line in unread]
     return [
         {
@@ -227,13 +220,13 @@ def _answers(
 
 
 def _draw(
-    canvas: VectorVideo, looks: list[pvg.Look], arguments: Mapping[str, Any], progress: Progress
+    video: VectorVideo, looks: list[pvg.Look], arguments: Mapping[str, Any], progress: Progress
 ) -> list[tuple[str, ...]]:
     output, budget = arguments["output"], arguments["memory_bytes"]
-    _check_drawing(canvas, Path(arguments["paths"][0]).suffix, arguments)
+    _check_drawing(video, Path(arguments["paths"][0]).suffix, arguments)
     options = {name: output[name] for name in ("codec", "crf", "preset", "audio")}
     with _options_that_fit():
-        return render(canvas, looks, arguments["paths"], **options, memory_bytes=budget, progress=progress)
+        return render(video, looks, arguments["paths"], **options, memory_bytes=budget, progress=progress)
 
 
 def _transfer(video: VectorVideo, reference: VectorVideo, params: Mapping[str, Any]) -> pvg.Look:
@@ -259,6 +252,20 @@ def _report(video: VectorVideo, reference: VectorVideo, params: Mapping[str, Any
         face = reference_face_of(reference, params["reference_face"])
         warnings += [f"reference, face {face.index}: {warning}" for warning in face.warnings]
     return {**{name: video.settings[name] for name in ("mask", "matching", "input_color")}, "warnings": warnings}
+
+
+def _extras(
+    video: VectorVideo,
+    looks: list[pvg.Look],
+    arguments: Mapping[str, Any],
+    progress: Progress,
+    timings: dict[str, float],
+) -> list[list[dict[str, Any]]]:
+    """What is made beside each look, as `_export` tells of it: nothing where nothing is asked for."""
+    if not arguments["output"]["extras"]:
+        return [[] for _ in looks]
+    with _timed(timings, "extras_s"):
+        return _export(video, looks, arguments, progress)
 
 
 def _export(
@@ -347,7 +354,9 @@ def _frame_of(stills: Stills, question: Mapping[str, Any]) -> int:
     if index is None:
         params, face = question["params"] or {}, question["face"]
         chosen = params.get("faces", "all")
-        index = stills.usual_frame([face] if face is not None else None if chosen == "all" else chosen)
+        if face is not None:
+            chosen = [face]
+        index = stills.usual_frame(None if chosen == "all" else chosen)
     return stills.nearest(index) if question["nearest"] else int(index)
 
 
