@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping
+from datetime import datetime
 from functools import partial
 from typing import Final, TypeVar
 
 import structlog
 from celery import Celery
+from sqlalchemy.orm import Session
 
 from service import tracing
 from service.blobs import Blobs, was_marked
@@ -179,16 +181,12 @@ class Runner:
     def _wait_again(self, run: Run, error: UnreadyError) -> None:
         """Have the job wait for its media, also when they are ready by now: then it is released at once."""
         log.info("job waits: its media are made again", media=sorted(error.media_ids))
-        if not self._at_last(lambda: self._waits_again(run)):
+        if not self._at_last(lambda session, now: leases.wait_again(session, run.lease, now=now)):
             self._confirm_cancel(run.lease)
-
-    def _waits_again(self, run: Run) -> bool:
-        with self._database.write() as session:
-            return leases.wait_again(session, run.lease, now=self._database.now())
 
     def _make_again(self, run: Run, error: LostAssetsError) -> None:
         """Have lost assets made again from their sources, and the job wait for them; once, then it fails."""
-        messages = self._at_last(lambda: self._made_again(run, error))
+        messages = self._at_last(lambda session, now: media.make_again(session, run.lease, error.assets, now=now))
         if messages is None:
             log.error("job fails: an asset that was made again cannot be read", media=sorted(error.assets))
             self._fail(run, error)
@@ -200,7 +198,8 @@ class Runner:
 
     def _draw_again(self, run: Run, error: LostPartsError) -> None:
         """Have a job in parts begin anew, as often as other jobs are tried; then it fails."""
-        message = self._at_last(lambda: self._drawn_again(run))
+        most = self._settings.max_attempts
+        message = self._at_last(lambda session, now: leases.draw_again(session, run.lease, now=now, max_attempts=most))
         if message is None:
             log.error("job fails: its parts cannot be joined", error=str(error))
             self._fail(run, error)
@@ -208,54 +207,41 @@ class Runner:
         log.warning("parts are lost or damaged; they are drawn again", error=str(error))
         self._publish([message])
 
-    def _drawn_again(self, run: Run) -> Message | None:
-        with self._database.write() as session:
-            attempts = self._settings.max_attempts
-            return leases.draw_again(session, run.lease, now=self._database.now(), max_attempts=attempts)
-
-    def _made_again(self, run: Run, error: LostAssetsError) -> list[Message] | None:
-        with self._database.write() as session:
-            return media.make_again(session, run.lease, error.assets, now=self._database.now())
-
     def _fail(self, run: Run, error: Exception) -> None:
-        needless = self._at_last(lambda: self._failed(run, error))
+        def fail(session: Session, now: datetime) -> list[Message] | None:
+            """The messages of its other parts, which are not needed any more; None when the lease is lost."""
+            whole_id = run.job.parent_id
+            others = [] if whole_id is None else parts.messages(session, [whole_id])
+            failed = leases.fail(session, run.lease, problem_of(error), now=now, timings=run.timings)
+            return others if failed else None
+
+        needless = self._at_last(fail)
         if needless is None:
             self._confirm_cancel(run.lease)
             return
         for message in needless:
             withdraw(self._settings, message)
 
-    def _failed(self, run: Run, error: Exception) -> list[Message] | None:
-        """The messages of its other parts, which are not needed any more; None when the lease is lost."""
-        with self._database.write() as session:
-            now, whole_id = self._database.now(), run.job.parent_id
-            others = [] if whole_id is None else parts.messages(session, [whole_id])
-            failed = leases.fail(session, run.lease, problem_of(error), now=now, timings=run.timings)
-            return others if failed else None
-
     def _give_back(self, job: Job, lease: Lease, *, costs_attempt: bool = False) -> None:
-        if self._at_last(lambda: self._given_back(lease, costs_attempt=costs_attempt)):
+        if self._at_last(lambda session, now: leases.give_back(session, lease, now=now, costs_attempt=costs_attempt)):
             log.info("job given back", job=job.id, costs_attempt=costs_attempt)
             stopping.settle()
             self._publish([Message(job.id, job.queue)])
         else:
             self._confirm_cancel(lease)
 
-    def _given_back(self, lease: Lease, *, costs_attempt: bool) -> bool:
-        with self._database.write() as session:
-            return leases.give_back(session, lease, now=self._database.now(), costs_attempt=costs_attempt)
-
     def _confirm_cancel(self, lease: Lease) -> None:
-        if self._at_last(lambda: self._canceled(lease)):
+        if self._at_last(lambda session, now: leases.confirm_cancel(session, lease, now=now)):
             log.info("job canceled")
 
-    def _canceled(self, lease: Lease) -> bool:
-        with self._database.write() as session:
-            return leases.confirm_cancel(session, lease, now=self._database.now())
-
-    def _at_last(self, step: Callable[[], T]) -> T:
+    def _at_last(self, step: Callable[[Session, datetime], T]) -> T:
         """Take a last step of a job, when the database is there to take it: until then its lease is kept."""
-        return Patience(stopping.check, limit_s=self._settings.max_outage_s)(step)
+
+        def once() -> T:
+            with self._database.write() as session:
+                return step(session, self._database.now())
+
+        return Patience(stopping.check, limit_s=self._settings.max_outage_s)(once)
 
     def _release_waiting(self) -> None:
         """Release, or fail, the jobs that waited for this one's medium."""
