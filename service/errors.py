@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from types import MappingProxyType
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar, Final, Self
 
 from pydantic_core import ErrorDetails
 
@@ -194,6 +194,11 @@ class ValidationFailedError(ServiceError):
     """The request is well formed, and a value in it is not allowed."""
 
     kind = PROBLEMS["validation-failed"]
+
+    @classmethod
+    def at(cls, pointer: str, detail: str, *, limit: Limit | None = None) -> Self:
+        """The one value that is not allowed stands there in the request, as a JSON pointer."""
+        return cls(detail, errors=[{"pointer": pointer, "detail": detail}], limit=limit)
 
 
 class UrlNotAllowedError(ServiceError):

@@ -13,6 +13,7 @@ from typing import Any, Final
 from sqlalchemy.orm import Session
 from starlette.responses import Response
 
+from service.api.absences import no_face, no_frame, no_medium
 from service.api.ranges import matches
 from service.api.services import Services
 from service.catalog import Media, MediaState, Preview, PreviewState, Role, StillRequest, media, previews, workers
@@ -71,7 +72,7 @@ def usable(session: Session, owner: str, media_id: str, where: str | None = None
     """A medium that is ready. Raises `NotFoundError`, `MediaFailedError`, and `ConflictError` while it is not."""
     found = media.get(session, media_id, owner=owner)
     if found is None:
-        detail = f"there is no {'video' if media_id.startswith('vid') else 'reference'} {media_id}"
+        detail = no_medium(media_id)
         raise NotFoundError(detail, errors=[] if where is None else [{"pointer": where, "detail": detail}])
     if found.state == MediaState.FAILED and found.error is not None:
         raise MediaFailedError(found.error, where or "")
@@ -201,7 +202,7 @@ async def small_picture(
     """
     medium = await services.calls.read(_of_role, services, owner, role, media_id)
     if face is not None and face >= len(medium.faces):
-        raise NotFoundError(f"{media_id} has {len(medium.faces)} face(s); their indices begin at 0")
+        raise NotFoundError(no_face(medium))
     found = media.picture_of(medium, face)
     if found is not None:
         key, start, end = found
@@ -238,7 +239,7 @@ async def layer(
     medium = await services.calls.read(_of_role, services, owner, role, media_id)
     count = frame_count(medium)
     if request.frame is not None and request.frame >= count:
-        raise NotFoundError(f"{media_id} has {count} frame(s), counted from 0")
+        raise NotFoundError(no_frame(medium, count))
     wanted = Wanted(media_id, None, request, {media_id: ""})
     return await picture(services, owner, wanted, if_none_match=if_none_match)
 

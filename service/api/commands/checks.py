@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 
+from service.api.absences import no_face, no_medium
 from service.api.schemas import CLIP_CONTAINERS, IMAGE_CONTAINERS, Contrast, LookOptions, OutputRequest
 from service.catalog import Media, MediaState, Role
 from service.errors import MediaFailedError, NotFoundError, ValidationFailedError
@@ -48,11 +49,7 @@ def check(
 
 def _check_usable(known: Mapping[str, Media], pointers: Mapping[str, str]) -> None:
     """Name all media that are not there or, when all are, all that have failed."""
-    missing = {
-        where: f"there is no {'video' if media_id.startswith('vid') else 'reference'} {media_id}"
-        for media_id, where in pointers.items()
-        if media_id not in known
-    }
+    missing = {where: no_medium(media_id) for media_id, where in pointers.items() if media_id not in known}
     if missing:
         errors = [{"pointer": where, "detail": detail} for where, detail in missing.items()]
         raise NotFoundError(errors[0]["detail"], errors=errors)
@@ -73,11 +70,10 @@ def check_look(video: Media, reference: Media | None, look: Wanted, where: str) 
     """
     if video.role != Role.VIDEO:
         detail = f"{video.id} is a reference; upload the file to /videos to change its colours"
-        raise ValidationFailedError(detail, errors=[{"pointer": where, "detail": detail}])
+        raise ValidationFailedError.at(where, detail)
     faces = look.options.faces
     if video.state == MediaState.READY and faces != "all" and max(faces) >= len(video.faces):
-        detail = f"{video.id} has {len(video.faces)} face(s); their indices begin at 0"
-        raise ValidationFailedError(detail, errors=[{"pointer": f"{look.place}/faces", "detail": detail}])
+        raise ValidationFailedError.at(f"{look.place}/faces", no_face(video))
     _check_reference(reference, look)
 
 
@@ -87,7 +83,7 @@ def _check_container(video: Media, output: OutputRequest, output_at: str) -> Non
     if output.container is not None and output.container not in allowed:
         detail = f"{video.id} is {'an image' if is_image else 'a clip'}: the container must be one of "
         detail += ", ".join(allowed)
-        raise ValidationFailedError(detail, errors=[{"pointer": f"{output_at}/container", "detail": detail}])
+        raise ValidationFailedError.at(f"{output_at}/container", detail)
 
 
 def _check_output(videos: Set[Media], output: OutputRequest, output_at: str) -> None:
@@ -106,12 +102,11 @@ def _check_reference(reference: Media | None, look: Wanted) -> None:
     face = look.options.reference_face
     if reference is None or reference.state != MediaState.READY or face is None or face < len(reference.faces):
         return
-    detail = f"{reference.id} has {len(reference.faces)} face(s); their indices begin at 0"
-    raise ValidationFailedError(detail, errors=[{"pointer": f"{look.place}/reference_face", "detail": detail}])
+    raise ValidationFailedError.at(f"{look.place}/reference_face", no_face(reference))
 
 
 def check_apart(known: Mapping[str, Media], look: Wanted) -> None:
     """Two videos that exchange their colours are not the same bytes, whatever their settings."""
     if look.exchange is None and known[look.video_id].sha256 == known[look.reference_id].sha256:
         detail = f"{look.reference_id} is the same clip; give `a` alone, with the two faces to exchange"
-        raise ValidationFailedError(detail, errors=[{"pointer": "/b", "detail": detail}])
+        raise ValidationFailedError.at("/b", detail)

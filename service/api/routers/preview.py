@@ -8,6 +8,7 @@ from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel
 
 from service.api import commands, stills
+from service.api.absences import no_face, no_frame
 from service.api.authentication import CallerDep
 from service.api.commands import Wanted
 from service.api.dependencies import UNCHANGED, IfNoneMatch, Responses, ServicesDep, problems
@@ -96,12 +97,12 @@ def _misfits(video: Media, wanted: PreviewRequest) -> dict[str, str]:
     if video.role != Role.VIDEO:
         errors["/video"] = f"{video.id} is a reference; upload the file to /videos to change its colours"
     if wanted.frame is not None and wanted.frame >= count:
-        errors["/frame"] = f"{video.id} has {count} frame(s), counted from 0"
+        errors["/frame"] = no_frame(video, count)
     duration_s = float(info.get("duration_s", 0.0))
     if wanted.time_s is not None and wanted.time_s > duration_s:
         errors["/time_s"] = f"{video.id} ends after {duration_s:.3f} s"
     if wanted.face is not None and wanted.face >= len(video.faces):
-        errors["/face"] = f"{video.id} has {len(video.faces)} face(s); their indices begin at 0"
+        errors["/face"] = no_face(video)
     if wanted.crop is not None and info:
         x, y, _, _ = wanted.crop
         if x >= info["width"] or y >= info["height"]:

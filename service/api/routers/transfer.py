@@ -141,8 +141,7 @@ def _looks_of(wanted: TransferRequest, services: Services, *, is_form: bool) -> 
 
 
 def _too_many_looks(most: int, where: str) -> ValidationFailedError:
-    detail = f"a transfer has at most {most} looks"
-    return ValidationFailedError(detail, errors=[{"pointer": where, "detail": detail}], limit=Limit(most, "looks"))
+    return ValidationFailedError.at(where, f"a transfer has at most {most} looks", limit=Limit(most, "looks"))
 
 
 async def _read(request: Request, services: Services, model: type[Model], once: Once) -> Model:
