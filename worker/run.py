@@ -36,7 +36,7 @@ def media_limits(settings: Settings) -> dict[str, float]:
     }
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Run:
     """One job being done by this process."""
 

@@ -84,17 +84,17 @@ class Runner:
         log.info("job begins")
         with LeaseKeeper(self._database, lease, self._settings, lambda: self._give_back(job, lease)) as keeper:
             run = Run(
-                self._settings,
-                self._database,
-                self._storage,
-                self._blobs,
-                job,
-                lease,
-                keeper,
-                ProgressScale(keeper.report),
-                self._sandbox,
-                Patience(keeper.check, limit_s=limit_s),
-                dict(job.timings or {}),
+                settings=self._settings,
+                database=self._database,
+                storage=self._storage,
+                blobs=self._blobs,
+                job=job,
+                lease=lease,
+                keeper=keeper,
+                progress=ProgressScale(keeper.report),
+                sandbox=self._sandbox,
+                patience=Patience(keeper.check, limit_s=limit_s),
+                timings=dict(job.timings or {}),
             )
             if job.started_at is not None:
                 run.timings["queued_s"] = round((job.started_at - job.queued_at).total_seconds(), 3)

@@ -39,7 +39,7 @@ class Known:
     has_keys: bool = True
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Services:
     """The parts of one running API.
 
@@ -100,31 +100,31 @@ def make_services(settings: Settings, *, clock: Clock | None = None) -> Services
             return jobs.standings(session, job_ids)
 
     return Services(
-        settings,
-        database,
-        background,
-        storage,
-        room,
-        Blobs(database, storage),
-        publisher,
-        Reaper(settings, background, storage, room, Blobs(background, storage), publisher),
-        Collector(settings, background, storage),
-        Rates(database),
-        Arriving(calls, database),
-        calls,
-        JobWatch(calls, stand, load),
-        PreviewWatch(calls, partial(load_previews, database)),
-        Streams(settings.max_connections // 2),
-        Places(max(1, settings.max_connections // 4)),
-        Egress(settings),
-        Fetches(),
+        settings=settings,
+        database=database,
+        background=background,
+        storage=storage,
+        room=room,
+        blobs=Blobs(database, storage),
+        publisher=publisher,
+        reaper=Reaper(settings, background, storage, room, Blobs(background, storage), publisher),
+        collector=Collector(settings, background, storage),
+        rates=Rates(database),
+        arriving=Arriving(calls, database),
+        calls=calls,
+        watch=JobWatch(calls, stand, load),
+        previews=PreviewWatch(calls, partial(load_previews, database)),
+        streams=Streams(settings.max_connections // 2),
+        places=Places(max(1, settings.max_connections // 4)),
+        egress=Egress(settings),
+        fetches=Fetches(),
         # one of its own: receivers whose names resolve slowly hold up no file that is fetched
-        Deliverer(settings, background, Egress(settings)),
-        Signer(settings, database.now),
-        forecasts,
-        Meters(),
-        Known(),
-        (
+        deliverer=Deliverer(settings, background, Egress(settings)),
+        signer=Signer(settings, database.now),
+        forecasts=forecasts,
+        meters=Meters(),
+        known=Known(),
+        probes=(
             Probe("database", calls, database.ping),
             Probe("storage", calls, storage.ping),
             Probe("broker", calls, lambda: publisher.depth(RENDER)),

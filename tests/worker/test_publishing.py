@@ -53,10 +53,19 @@ def run(settings: Settings) -> Iterator[Run]:
         job = session.get(Job, job_id)
     assert job is not None
     with LeaseKeeper(database, lease, settings) as keeper, socket.socket() as unused:
-        storage, progress = Storage(settings), ProgressScale(keeper.report)
-        patience = Patience(keeper.check, limit_s=60)
-        blobs = Blobs(database, storage)
-        run = Run(settings, database, storage, blobs, job, lease, keeper, progress, Sandbox(unused), patience)
+        storage = Storage(settings)
+        run = Run(
+            settings=settings,
+            database=database,
+            storage=storage,
+            blobs=Blobs(database, storage),
+            job=job,
+            lease=lease,
+            keeper=keeper,
+            progress=ProgressScale(keeper.report),
+            sandbox=Sandbox(unused),
+            patience=Patience(keeper.check, limit_s=60),
+        )
         with run.drafts:
             yield run
     database.close()
