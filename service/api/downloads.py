@@ -27,7 +27,7 @@ def file_answers(*content_types: str) -> Responses:
     return {200: whole, 206: {**whole, "description": "the requested range"}, 304: {"description": "unchanged"}}
 
 
-class Asked:
+class BytesAsked:
     """Which bytes of a file a request wants, and on what conditions."""
 
     def __init__(
@@ -42,7 +42,7 @@ class Asked:
         self.range, self.if_range, self.if_none_match = range_, if_range, if_none_match
 
 
-AskedDep = Annotated[Asked, Depends()]
+BytesAskedDep = Annotated[BytesAsked, Depends()]
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class File:
     of: str
 
 
-async def send_file(services: Services, asked: Asked, file: File) -> Response:
+async def send_file(services: Services, asked: BytesAsked, file: File) -> Response:
     """The bytes that are asked for, or 304. Raises `RangeError`, and `GoneError` when the storage has none of it."""
     etag = f'"{file.sha256}"'
     headers = {

@@ -44,7 +44,7 @@ _FIRST_OF_OURS: Final = 500
 
 
 @dataclass(frozen=True)
-class Wanted:
+class WantedStill:
     """A single picture of a medium. ``pointers`` says where in the request each id stands, for errors."""
 
     media_id: str
@@ -82,7 +82,7 @@ def usable(session: Session, owner: str, media_id: str, where: str | None = None
 
 
 async def picture(
-    services: Services, owner: str, wanted: Wanted, *, if_none_match: str | None, is_use: bool = True
+    services: Services, owner: str, wanted: WantedStill, *, if_none_match: str | None, is_use: bool = True
 ) -> Response:
     """The picture, or 304 for who has it already; a use of its media, whose retention counts from it, if ``is_use``.
 
@@ -110,7 +110,7 @@ async def picture(
     return Response(content, headers=headers, media_type=MEDIA_TYPES[wanted.request.format])
 
 
-def _check(services: Services, owner: str, wanted: Wanted) -> tuple[str, list[str]]:
+def _check(services: Services, owner: str, wanted: WantedStill) -> tuple[str, list[str]]:
     """What the picture depends on, as a hash, and the media that have not been used for a while.
 
     Raises what `usable` raises, and `UnavailableError` without a worker.
@@ -135,7 +135,7 @@ def _use(services: Services, media_ids: list[str]) -> None:
             media.keep(session, [media_id], now=services.database.now(), ttl_s=services.settings.media_ttl_s)
 
 
-def _ask(services: Services, owner: str, wanted: Wanted, mark: str) -> tuple[str, bool]:
+def _ask(services: Services, owner: str, wanted: WantedStill, mark: str) -> tuple[str, bool]:
     database, most = services.database, services.settings.max_open_previews
     within_s = services.settings.preview_timeout_s
     with database.write() as session:
@@ -215,7 +215,7 @@ async def small_picture(
             content = b"".join([piece async for piece in pieces])
             return Response(content, headers=headers, media_type=MEDIA_TYPES["jpeg"])
     request = StillRequest("jpeg", THUMBNAIL_PX if face is not None else POSTER_PX, face=face)
-    wanted = Wanted(media_id, None, request, {media_id: ""})
+    wanted = WantedStill(media_id, None, request, {media_id: ""})
     return await picture(services, owner, wanted, if_none_match=if_none_match, is_use=False)
 
 
@@ -240,7 +240,7 @@ async def layer(
     count = frame_count(medium)
     if request.frame is not None and request.frame >= count:
         raise NotFoundError(no_frame(medium, count))
-    wanted = Wanted(media_id, None, request, {media_id: ""})
+    wanted = WantedStill(media_id, None, request, {media_id: ""})
     return await picture(services, owner, wanted, if_none_match=if_none_match)
 
 

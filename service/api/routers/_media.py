@@ -15,8 +15,7 @@ from service.api.authentication import Caller
 from service.api.commands import Asked
 from service.api.conditional import conditional
 from service.api.dependencies import Cursor, MetadataOf, PageSize
-from service.api.downloads import Asked as AskedBytes
-from service.api.downloads import File, send_file
+from service.api.downloads import BytesAsked, File, send_file
 from service.api.fetches import while_connected
 from service.api.idempotency import Once
 from service.api.json_body import media_type, read_json, unsupported
@@ -147,7 +146,7 @@ def show(services: Services, caller: Caller, role: Role, media_id: str, if_none_
     return conditional(if_none_match, media_body(_get(services, caller, role, media_id), services.settings))
 
 
-async def send(services: Services, caller: Caller, role: Role, media_id: str, asked: AskedBytes) -> Response:
+async def send(services: Services, caller: Caller, role: Role, media_id: str, asked: BytesAsked) -> Response:
     """The very file that was uploaded. Raises `NotFoundError`, and what `send_file` raises."""
     found = await services.calls.read(_get, services, caller, role, media_id)
     name = found.filename or f"{found.id}{PurePath(found.source_key).suffix}"

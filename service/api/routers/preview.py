@@ -61,7 +61,7 @@ def _keep(services: Services, once: OnceDep, video_id: str) -> None:
             once.keep(session, 200, _Shown(), location=None, resource_id=video_id)
 
 
-def _check(services: Services, owner: str, wanted: PreviewRequest) -> stills.Wanted:
+def _check(services: Services, owner: str, wanted: PreviewRequest) -> stills.WantedStill:
     """What is to be drawn. Raises what `stills.usable` raises, and `ValidationFailedError` for what does not fit."""
     look, pointers = wanted.look, {wanted.video: "/video"}
     if look is not None:
@@ -87,7 +87,7 @@ def _check(services: Services, owner: str, wanted: PreviewRequest) -> stills.Wan
         crop=wanted.crop,
         face=wanted.face,
     )
-    return stills.Wanted(wanted.video, None if look is None else look.reference, request, pointers)
+    return stills.WantedStill(wanted.video, None if look is None else look.reference, request, pointers)
 
 
 def _misfits(video: Media, wanted: PreviewRequest) -> dict[str, str]:

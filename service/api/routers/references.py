@@ -20,7 +20,7 @@ from service.api.dependencies import (
     answer,
     problems,
 )
-from service.api.downloads import CLIPS, PICTURES, AskedDep, file_answers
+from service.api.downloads import CLIPS, PICTURES, BytesAskedDep, file_answers
 from service.api.idempotency import OnceDep
 from service.api.openapi import file_body, form_body, json_body
 from service.api.routers import _media
@@ -105,7 +105,7 @@ async def get_reference(
     responses={**file_answers(*CLIPS, "video/x-msvideo", *PICTURES), **problems(404, 410, 416)},
 )
 async def get_reference_file(
-    reference_id: ReferenceId, services: ServicesDep, caller: CallerDep, asked: AskedDep
+    reference_id: ReferenceId, services: ServicesDep, caller: CallerDep, asked: BytesAskedDep
 ) -> Response:
     """The file that was uploaded, byte for byte, whole or in ranges. Its ETag is the sha256 of the content."""
     return await _media.send(services, caller, Role.REFERENCE, reference_id, asked)

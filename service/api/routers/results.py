@@ -11,7 +11,7 @@ from starlette.responses import StreamingResponse
 from service import addresses
 from service.api.authentication import Caller, CallerDep
 from service.api.dependencies import PersonNumber, ResultId, ServicesDep, problems
-from service.api.downloads import CLIPS, PICTURES, Asked, AskedDep, File, file_answers, send_file
+from service.api.downloads import CLIPS, PICTURES, BytesAsked, BytesAskedDep, File, file_answers, send_file
 from service.api.idempotency import Once, OnceDep
 from service.api.json_body import media_type, read_json
 from service.api.links import Access, AccessDep
@@ -31,7 +31,7 @@ open_router = APIRouter(prefix="/results", tags=["results"])
     response_class=StreamingResponse,
     responses={**file_answers(*CLIPS, *PICTURES), **problems(403, 404, 410, 416)},
 )
-async def get_result(result_id: ResultId, services: ServicesDep, access: AccessDep, asked: AskedDep) -> Response:
+async def get_result(result_id: ResultId, services: ServicesDep, access: AccessDep, asked: BytesAskedDep) -> Response:
     """The file. Its ETag is the sha256 of the content, so ranges and caches are safe."""
     return await _answer(services, asked, await services.calls.read(_find, services, access, result_id))
 
@@ -43,7 +43,7 @@ async def get_result(result_id: ResultId, services: ServicesDep, access: AccessD
     responses={**file_answers("text/plain"), **problems(403, 404, 410, 416)},
 )
 async def get_result_cube(
-    result_id: ResultId, services: ServicesDep, access: AccessDep, asked: AskedDep, person: PersonNumber = 1
+    result_id: ResultId, services: ServicesDep, access: AccessDep, asked: BytesAskedDep, person: PersonNumber = 1
 ) -> Response:
     """The look's colours as a 3D LUT of 33 nodes a side, for the clip's own values, if `output.extras` asked for it."""
     part = await services.calls.read(_find_part, services, access, result_id, "look.cube", person)
@@ -56,14 +56,14 @@ async def get_result_cube(
     responses={**file_answers("video/x-matroska", "video/quicktime", "image/png"), **problems(403, 404, 410, 416)},
 )
 async def get_result_matte(
-    result_id: ResultId, services: ServicesDep, access: AccessDep, asked: AskedDep, person: PersonNumber = 1
+    result_id: ResultId, services: ServicesDep, access: AccessDep, asked: BytesAskedDep, person: PersonNumber = 1
 ) -> Response:
     """Where the look lies, white on black, frame by frame as the clip, if `output.extras` asked for it."""
     part = await services.calls.read(_find_part, services, access, result_id, "matte", person)
     return await _answer(services, asked, part)
 
 
-async def _answer(services: Services, asked: Asked, result: Result) -> Response:
+async def _answer(services: Services, asked: BytesAsked, result: Result) -> Response:
     services.places.take(asked.state, result.owner)
     whose = result.part_of or result.id
     file = File(

@@ -21,7 +21,7 @@ from service.api.dependencies import (
     answer,
     problems,
 )
-from service.api.downloads import CLIPS, PICTURES, AskedDep, file_answers
+from service.api.downloads import CLIPS, PICTURES, BytesAskedDep, file_answers
 from service.api.idempotency import OnceDep
 from service.api.openapi import file_body, form_body, json_body
 from service.api.routers import _media
@@ -102,7 +102,7 @@ async def get_video(
     response_class=StreamingResponse,
     responses={**file_answers(*CLIPS, "video/x-msvideo", *PICTURES), **problems(404, 410, 416)},
 )
-async def get_video_file(video_id: VideoId, services: ServicesDep, caller: CallerDep, asked: AskedDep) -> Response:
+async def get_video_file(video_id: VideoId, services: ServicesDep, caller: CallerDep, asked: BytesAskedDep) -> Response:
     """The file that was uploaded, byte for byte, whole or in ranges. Its ETag is the sha256 of the content."""
     return await _media.send(services, caller, Role.VIDEO, video_id, asked)
 
