@@ -23,10 +23,9 @@ from pvg.rendering import LAYERS, MATTES, PART_S, SUITE_FILES, PictureFormat, ca
 from pvg.vectorization import STAGES
 from pvg.video import CLIP_SUFFIXES, IMAGE_SUFFIXES, VideoWriter, encoders, probe, read_frames
 from scripts.samples import Samples
-from service.api import stills
+from service.api.commands import stills
 from service.api.schemas import CLIP_CONTAINERS, IMAGE_CONTAINERS, LookOptions, MakeupParts, OutputRequest, VideoOptions
 from service.api.sniffing import HEAD_BYTES, sniff
-from service.api.stills import MEDIA_TYPES
 from service.catalog import LookParams, OutputOptions, Progress, VectorSettings, content_type_of
 from service.catalog.requests import (
     HELD,
@@ -466,5 +465,5 @@ def test_the_answers_that_are_taken_are_those_of_the_method() -> None:
 def test_the_pictures_that_are_asked_for_are_those_of_the_method() -> None:
     assert get_args(Layer) == LAYERS
     assert get_args(StillFormat) == get_args(PictureFormat)
-    assert set(SUFFIXES) == set(MEDIA_TYPES) == set(get_args(StillFormat))
+    assert set(SUFFIXES) == set(stills.MEDIA_TYPES) == set(get_args(StillFormat))
     assert (stills.POSTER_PX, stills.THUMBNAIL_PX) == (calls.POSTER_PX, calls.THUMBNAIL_PX)

@@ -1,5 +1,6 @@
 """The use cases: what a request makes of the records, the files and the queue."""
 
+from service.api.commands import resuming, stills
 from service.api.commands.asked import Asked
 from service.api.commands.checks import Wanted, check_look
 from service.api.commands.looks import check_looks, params_of, request_looks
@@ -16,5 +17,7 @@ __all__ = [
     "register",
     "remove",
     "request_looks",
+    "resuming",
+    "stills",
     "take_back",
 ]

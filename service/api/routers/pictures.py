@@ -6,8 +6,8 @@ from typing import Annotated
 
 from fastapi import APIRouter, Path, Query, Response
 
-from service.api import stills
 from service.api.authentication import CallerDep
+from service.api.commands import stills
 from service.api.dependencies import (
     UNCHANGED,
     IfNoneMatch,

@@ -7,10 +7,10 @@ from contextlib import suppress
 from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel
 
-from service.api import commands, stills
+from service.api import commands
 from service.api.absences import no_face, no_frame
 from service.api.authentication import CallerDep
-from service.api.commands import Wanted
+from service.api.commands import Wanted, stills
 from service.api.dependencies import UNCHANGED, IfNoneMatch, Responses, ServicesDep, problems
 from service.api.idempotency import OnceDep, Replay
 from service.api.json_body import read_json

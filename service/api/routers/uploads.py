@@ -10,8 +10,9 @@ from urllib.parse import urlencode
 from fastapi import APIRouter, Depends, Request, Response
 
 from service import addresses
-from service.api import quotas, resuming, tus
+from service.api import quotas, tus
 from service.api.authentication import Caller, CallerDep
+from service.api.commands import resuming
 from service.api.dependencies import Responses, ServicesDep, UploadId, problems
 from service.api.idempotency import Once, OnceDep
 from service.api.json_body import media_type, read_json

@@ -20,7 +20,8 @@ from sqlalchemy import select
 from starlette.concurrency import run_in_threadpool
 from tusclient.client import TusClient
 
-from service.api import quotas, resuming
+from service.api import quotas
+from service.api.commands import resuming
 from service.catalog import keys, resumable, utc_now
 from service.catalog.models import IdempotentRequest
 from service.settings import Settings

@@ -16,8 +16,9 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect, Request
 
 from service import addresses
-from service.api import commands, quotas
-from service.api.commands import Asked
+from service.api import quotas
+from service.api.commands.asked import Asked
+from service.api.commands.registering import register
 from service.api.idempotency import Once
 from service.api.metadata import to_metadata
 from service.api.problems import invalid, invalid_values
@@ -203,19 +204,19 @@ class _Piece:
         try:
             file = await last.finish() if self._start == 0 else await self._joined(last)
         except UnsupportedMediaError:
-            await remove(self._services, self._upload.id, complete=False)
+            await remove(self._services, self._upload.id, even_if_complete=False)
             raise
         await record(self._services, self._upload, file)
 
     async def _joined(self, last: FileSink) -> ReceivedFile:
         whole = self._intake.open(self._upload.filename, size_bytes=self._size, limit_bytes=self._size)
         try:
-            for part in await self._parts():
+            for part in await self._before():
                 async for chunk in await self._services.storage.stream(part.blob_key, 0, part.size_bytes):
                     whole.feed(chunk)
                     await whole.drain()
         except BlobMissingError as error:
-            await self._parts()  # unless they are a medium meanwhile
+            await self._before()  # unless they are a medium meanwhile
             raise GoneError(f"what had arrived of {self._upload.id} is lost; begin again") from error
         with last.path.open("rb") as file:
             while chunk := await run_in_threadpool(file.read, CHUNK_BYTES):
@@ -223,7 +224,7 @@ class _Piece:
                 await whole.drain()
         return await whole.finish()
 
-    async def _parts(self) -> list[UploadPart]:
+    async def _before(self) -> list[UploadPart]:
         """All that comes before this piece. Raises `ConflictError` when another request went on there, or ended it."""
         found = await self._services.calls.read(_parts, self._services, self._upload.id)
         if sum(part.size_bytes for part in found) != self._start:
@@ -236,7 +237,7 @@ async def record(services: Services, upload: ResumableUpload, file: ReceivedFile
     once = Once(services, upload.owner, None, "")
     asked = Asked(upload.owner, once, dict(upload.metadata_), upload.webhook, upload=upload.id)
     settings = resumable.settings_of(upload)
-    await commands.register(services, Role(upload.role), file, settings, asked=asked)
+    await register(services, Role(upload.role), file, settings, asked=asked)
 
 
 def find(services: Services, upload_id: str, owner: str | None = None) -> ResumableUpload:
@@ -267,22 +268,22 @@ def begin(services: Services, upload_id: str, size_bytes: int, said: Mapping[str
             raise ConflictError(f"{upload_id} has begun before; ask for its Upload-Offset")
 
 
-async def remove(services: Services, upload_id: str, *, complete: bool = True) -> None:
+async def remove(services: Services, upload_id: str, *, even_if_complete: bool = True) -> None:
     """Remove an upload with what has arrived of it; a medium that it has become stays.
 
-    Raises `NotFoundError`, and `ConflictError` for one that is complete unless ``complete``.
+    Raises `NotFoundError`, and `ConflictError` for one that is complete unless ``even_if_complete``.
     """
-    keys = await services.calls.write(_remove, services, upload_id, complete=complete)
+    keys = await services.calls.write(_remove, services, upload_id, even_if_complete=even_if_complete)
     await services.calls.store(services.blobs.delete, keys)
 
 
-def _remove(services: Services, upload_id: str, *, complete: bool) -> list[str]:
+def _remove(services: Services, upload_id: str, *, even_if_complete: bool) -> list[str]:
     with services.database.write() as session:
         now = services.database.now()
         upload = resumable.get(session, upload_id, now=now, lock=True)
         if upload is None:
             raise NotFoundError(f"there is no upload {upload_id}, or its time is over")
-        if upload.media_id is not None and not complete:
+        if upload.media_id is not None and not even_if_complete:
             raise _taken(upload_id)
         return resumable.remove(session, upload, now=now)
 

@@ -36,6 +36,9 @@ from service.storage import BlobMissingError
 #: says which frame a picture shows
 FRAME_HEADER: Final = "Pvg-Frame"
 MEDIA_TYPES: Final = {"jpeg": "image/jpeg", "png": "image/png"}
+#: as the worker makes them, see `worker.sandbox.calls`
+POSTER_PX: Final = 640
+THUMBNAIL_PX: Final = 160
 #: of how pictures are made: another one when the same request makes another picture
 _EDITION: Final = 2
 _RETRY_S: Final = "1"
@@ -217,11 +220,6 @@ async def small_picture(
     request = StillRequest("jpeg", THUMBNAIL_PX if face is not None else POSTER_PX, face=face)
     wanted = WantedStill(media_id, None, request, {media_id: ""})
     return await picture(services, owner, wanted, if_none_match=if_none_match, is_use=False)
-
-
-#: as the worker makes them, see `worker.sandbox.calls`
-POSTER_PX: Final = 640
-THUMBNAIL_PX: Final = 160
 
 
 def _of_role(services: Services, owner: str, role: Role, media_id: str) -> Media:
