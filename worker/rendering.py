@@ -12,6 +12,7 @@ from typing import Any
 from sqlalchemy.orm import Session
 
 from service.catalog import (
+    IMAGE_CONTAINERS,
     Extra,
     Job,
     JobKind,
@@ -41,8 +42,6 @@ from worker.sandbox import CrashError, MethodError
 _TRANSFER, _RENDER = 0.05, 0.97
 #: where drawing ends when there are extras: a matte is another reading of the clip for each look, a cube one frame
 _RENDER_BEFORE = {"cube": 0.93, "matte": 0.6}
-#: containers of a still picture; all others hold clips
-IMAGE_CONTAINERS = frozenset({"png", "jpg", "webp", "tiff"})
 
 
 @dataclass(frozen=True)

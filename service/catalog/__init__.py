@@ -53,8 +53,10 @@ from service.catalog.models import (
     UploadPart,
 )
 from service.catalog.requests import (
+    CLIP_CONTAINERS,
     DEFAULT_VECTOR_SETTINGS,
     HELD,
+    IMAGE_CONTAINERS,
     MAX_CRF,
     Audio,
     Codec,
@@ -86,10 +88,12 @@ from service.catalog.transitions import Lease
 
 __all__ = [
     "AVI",
+    "CLIP_CONTAINERS",
     "CUBE",
     "DEFAULT_VECTOR_SETTINGS",
     "ENDED",
     "HELD",
+    "IMAGE_CONTAINERS",
     "JPEG",
     "MAX_CRF",
     "MKV",

@@ -27,6 +27,9 @@ Contrast = float | Literal["auto"]
 Layer = Literal["image", "landmarks", "mask", "matte", "curves", "low", "high"]
 StillFormat = Literal["jpeg", "png"]
 
+#: the containers of clips, and those of a still picture
+CLIP_CONTAINERS: Final[tuple[Container, ...]] = ("mp4", "mov", "mkv", "webm")
+IMAGE_CONTAINERS: Final[tuple[Container, ...]] = ("png", "jpg", "webp", "tiff")
 #: the codecs that each container of clips holds
 HELD: Final[dict[str, tuple[Codec, ...]]] = {
     "mp4": ("h264", "hevc", "vp9", "av1"),

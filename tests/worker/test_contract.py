@@ -24,11 +24,13 @@ from pvg.vectorization import STAGES
 from pvg.video import CLIP_SUFFIXES, IMAGE_SUFFIXES, VideoWriter, encoders, probe, read_frames
 from scripts.samples import Samples
 from service.api.commands import stills
-from service.api.schemas import CLIP_CONTAINERS, IMAGE_CONTAINERS, LookOptions, MakeupParts, OutputRequest, VideoOptions
+from service.api.schemas import LookOptions, MakeupParts, OutputRequest, VideoOptions
 from service.api.sniffing import HEAD_BYTES, sniff
 from service.catalog import LookParams, OutputOptions, Progress, VectorSettings, content_type_of
 from service.catalog.requests import (
+    CLIP_CONTAINERS,
     HELD,
+    IMAGE_CONTAINERS,
     MAX_CRF,
     Codec,
     Container,
@@ -50,7 +52,6 @@ from worker.answers import FaceAnswer, MediaAnswer
 from worker.failures import EXPECTED, problem_of
 from worker.previews.previewer import SUFFIXES
 from worker.progress import ProgressScale
-from worker.rendering import IMAGE_CONTAINERS as DRAWN_AS_IMAGES
 from worker.rendering import spans_of_video
 from worker.run import media_limits
 from worker.sandbox import MethodError, calls
@@ -231,7 +232,6 @@ def test_every_container_is_one_that_the_method_writes() -> None:
     assert {f".{name}" for name in CLIP_CONTAINERS} <= set(CLIP_SUFFIXES)
     assert {f".{name}" for name in IMAGE_CONTAINERS} <= set(IMAGE_SUFFIXES)
     assert set(CLIP_CONTAINERS) | set(IMAGE_CONTAINERS) == set(get_args(Container))
-    assert set(IMAGE_CONTAINERS) == set(DRAWN_AS_IMAGES)
     for name in get_args(Container):
         assert content_type_of(f".{name}").startswith("image/" if name in IMAGE_CONTAINERS else "video/")
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 
 from service.api.absences import no_face, no_medium
-from service.api.schemas import CLIP_CONTAINERS, IMAGE_CONTAINERS, Contrast, LookOptions, OutputRequest
-from service.catalog import Media, MediaState, Role
+from service.api.schemas import Contrast, LookOptions, OutputRequest
+from service.catalog import CLIP_CONTAINERS, IMAGE_CONTAINERS, Media, MediaState, Role
 from service.errors import MediaFailedError, NotFoundError, ValidationFailedError
 
 #: options of an output that still pictures do not have

@@ -12,7 +12,6 @@ from service.api.authentication import CallerDep
 from service.api.commands import resuming
 from service.api.dependencies import MAX_PAGE, MAX_WAIT_S, ServicesDep, problems
 from service.api.schemas import (
-    IMAGE_CONTAINERS,
     MAX_LINK_S,
     MAX_METADATA,
     KeyLimits,
@@ -28,7 +27,7 @@ from service.api.schemas import (
 )
 from service.api.services import Services
 from service.api.sniffing import FORMATS
-from service.catalog import HELD, MAX_CRF, keys, statistics
+from service.catalog import HELD, IMAGE_CONTAINERS, MAX_CRF, keys, statistics
 from service.catalog.keys import WINDOW_S
 from service.egress import MAX_REDIRECTS, MAX_URL_CHARACTERS
 

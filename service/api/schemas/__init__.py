@@ -60,8 +60,6 @@ from service.api.schemas.own import (
 )
 from service.api.schemas.problems import Error, Problem, StoredProblem
 from service.api.schemas.transfer import (
-    CLIP_CONTAINERS,
-    IMAGE_CONTAINERS,
     MAKEUP,
     MAX_ITERATIONS,
     MAX_SEED,
@@ -85,8 +83,6 @@ from service.api.schemas.uploads import (
 )
 
 __all__ = [
-    "CLIP_CONTAINERS",
-    "IMAGE_CONTAINERS",
     "MAKEUP",
     "MAX_ITERATIONS",
     "MAX_LINK_S",

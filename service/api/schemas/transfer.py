@@ -23,6 +23,7 @@ from service.api.schemas._values import (
 )
 from service.catalog import (
     HELD,
+    IMAGE_CONTAINERS,
     MAX_CRF,
     Audio,
     Codec,
@@ -41,8 +42,6 @@ ContainerName = Annotated[
     BeforeValidator(lambda name: "jpg" if name == "jpeg" else name),
     WithJsonSchema({"type": "string", "enum": [*get_args(Container), "jpeg"]}),
 ]
-CLIP_CONTAINERS = ("mp4", "mov", "mkv", "webm")
-IMAGE_CONTAINERS = ("png", "jpg", "webp", "tiff")
 #: what each kind of video becomes unless it is asked for another
 USUAL_CONTAINERS = frozenset({"mp4", "png"})
 #: the transport has settled long before, and a request must not ask for minutes of it
