@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from typing import Final
 
 from fastapi import Depends, FastAPI
 from fastapi.routing import APIRoute
@@ -21,6 +22,9 @@ from service.api.routers import OPEN_ROUTERS, ROOT_ROUTERS, ROUTERS
 from service.api.services import make_services
 from service.catalog import Clock
 from service.settings import Settings
+
+#: of the description of the interface; what its addresses begin with is `PREFIX`
+API_VERSION: Final = "0.1.0"
 
 
 def create_app(settings: Settings | None = None, *, clock: Clock | None = None) -> FastAPI:
@@ -46,7 +50,7 @@ def create_app(settings: Settings | None = None, *, clock: Clock | None = None) 
     app = FastAPI(
         title="Face colour transfer for portrait video",
         description="Upload a clip once; it is vectorised once. Each transfer only recolours it.",
-        version="0.1.0",
+        version=API_VERSION,
         lifespan=lifespan,
         # FastAPI would send traces, with bodies and messages in them, where the environment says so
         telemetry={"tracing": False, "metrics": False, "logs": False, "auto_configure": False},
