@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-from collections import Counter
 from collections.abc import Coroutine, Iterator
 from contextlib import contextmanager
 from typing import Final, TypeVar
 
 from starlette.requests import ClientDisconnect, Request
 
+from service.api.per_owner import PerOwner
 from service.errors import Limit, QuotaExceededError, UnavailableError
 
 T = TypeVar("T")
@@ -24,26 +24,24 @@ class Fetches:
     """Counts the fetches of one API: up to `IN_ALL`, and `PER_OWNER` of each caller."""
 
     def __init__(self) -> None:
-        self._of: Counter[str] = Counter()
+        self._of = PerOwner()
 
     @contextmanager
     def place(self, owner: str) -> Iterator[None]:
         """Inside the block a fetch counts. Raises `QuotaExceededError` or `UnavailableError` when there is no place."""
-        if self._of[owner] >= PER_OWNER:
+        if self._of.held(owner) >= PER_OWNER:
             raise QuotaExceededError(
                 f"a key may have {PER_OWNER} files fetched at a time; wait for them",
                 headers={"Retry-After": "5"},
                 limit=Limit(PER_OWNER, "files"),
             )
-        if self._of.total() >= IN_ALL:
+        if self._of.total >= IN_ALL:
             raise UnavailableError("too many files are being fetched; try again")
-        self._of[owner] += 1
+        self._of.take(owner)
         try:
             yield
         finally:
-            self._of[owner] -= 1
-            if not self._of[owner]:
-                del self._of[owner]
+            self._of.leave(owner)
 
 
 async def while_connected(request: Request, work: Coroutine[None, None, T]) -> T:

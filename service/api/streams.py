@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import AsyncIterator, Iterator
 from contextlib import contextmanager
 from typing import Final
@@ -10,6 +9,7 @@ from typing import Final
 from starlette.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
 
+from service.api.per_owner import PerOwner
 from service.errors import Limit, QuotaExceededError, UnavailableError
 
 #: of one key, or of nobody, at a time in one process
@@ -21,12 +21,12 @@ class Streams:
 
     def __init__(self, limit: int) -> None:
         self._limit = limit
-        self._of: Counter[str] = Counter()
+        self._of = PerOwner()
 
     @property
     def open(self) -> int:
         """How many there are."""
-        return self._of.total()
+        return self._of.total
 
     @contextmanager
     def place(self, owner: str) -> Iterator[None]:
@@ -34,21 +34,19 @@ class Streams:
 
         Raises `QuotaExceededError` or `UnavailableError` when there is none.
         """
-        if self._of[owner] >= PER_OWNER:
+        if self._of.held(owner) >= PER_OWNER:
             raise QuotaExceededError(
                 f"a key may have {PER_OWNER} streams of events",
                 headers={"Retry-After": "5"},
                 limit=Limit(PER_OWNER, "streams"),
             )
-        if self._of.total() >= self._limit:
+        if self._of.total >= self._limit:
             raise UnavailableError("there are too many streams of events; ask with ?wait= instead")
-        self._of[owner] += 1
+        self._of.take(owner)
         try:
             yield
         finally:
-            self._of[owner] -= 1
-            if not self._of[owner]:
-                del self._of[owner]
+            self._of.leave(owner)
 
 
 class EventStream(StreamingResponse):

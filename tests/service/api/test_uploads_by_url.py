@@ -203,7 +203,7 @@ def test_a_fetch_ends_with_its_client(api: Api, here: Remote) -> None:
     assert here.connections == 1
     assert ended.wait(60)
     until(lambda: api.drafts == [])
-    assert api.services.fetches._of.total() == 0
+    assert api.services.fetches._of.total == 0
     assert api.blobs == []
 
 
