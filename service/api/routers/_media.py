@@ -14,7 +14,7 @@ from service.api import commands
 from service.api.authentication import Caller
 from service.api.commands import Asked
 from service.api.conditional import conditional
-from service.api.dependencies import Cursor, MetadataOf, PageSize
+from service.api.dependencies import Cursor, MetadataOf, PageSize, Responses, answer, problems
 from service.api.downloads import BytesAsked, File, send_file
 from service.api.fetches import while_connected
 from service.api.idempotency import Once
@@ -75,6 +75,11 @@ class _Received:
     metadata: dict[str, str]
     #: who is told when it is vectorised
     webhook: str | None = None
+
+
+def upload_answers() -> Responses:
+    """The documentation of the answers to a file. Of each route its own: the schema is completed in place."""
+    return answer(200, MediaBody, "the same content is there already") | problems(400, 409, 413, 415, 507)
 
 
 async def upload(

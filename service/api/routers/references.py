@@ -17,7 +17,6 @@ from service.api.dependencies import (
     ReferenceId,
     ServicesDep,
     WebhookOf,
-    answer,
     problems,
 )
 from service.api.downloads import CLIPS, PICTURES, BytesAskedDep, file_answers
@@ -33,7 +32,7 @@ router = APIRouter(prefix="/references", tags=["references"])
 @router.post(
     "",
     status_code=202,
-    responses=answer(200, MediaBody, "the same content is there already") | problems(400, 409, 413, 415, 507),
+    responses=_media.upload_answers(),
     openapi_extra=file_body("A picture or clip whose skin colours are to be used"),
 )
 async def create_reference(
@@ -56,7 +55,7 @@ async def create_reference(
 @router.post(
     "/form",
     status_code=202,
-    responses=answer(200, MediaBody, "the same content is there already") | problems(400, 409, 413, 415, 507),
+    responses=_media.upload_answers(),
     openapi_extra=form_body("The file and its settings as a form", ReferenceOptions),
 )
 async def create_reference_from_form(
@@ -72,7 +71,7 @@ async def create_reference_from_form(
 @router.post(
     "/url",
     status_code=202,
-    responses=answer(200, MediaBody, "the same content is there already") | problems(400, 409, 413, 415, 507),
+    responses=_media.upload_answers(),
     openapi_extra=json_body(ReferenceByUrl),
 )
 async def create_reference_from_url(

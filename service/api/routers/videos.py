@@ -18,7 +18,6 @@ from service.api.dependencies import (
     ServicesDep,
     VideoId,
     WebhookOf,
-    answer,
     problems,
 )
 from service.api.downloads import CLIPS, PICTURES, BytesAskedDep, file_answers
@@ -34,7 +33,7 @@ router = APIRouter(prefix="/videos", tags=["videos"])
 @router.post(
     "",
     status_code=202,
-    responses=answer(200, MediaBody, "the same content is there already") | problems(400, 409, 413, 415, 507),
+    responses=_media.upload_answers(),
     openapi_extra=file_body("A clip, or a still picture, to be recoloured"),
 )
 async def create_video(
@@ -58,7 +57,7 @@ async def create_video(
 @router.post(
     "/form",
     status_code=202,
-    responses=answer(200, MediaBody, "the same content is there already") | problems(400, 409, 413, 415, 507),
+    responses=_media.upload_answers(),
     openapi_extra=form_body("The file and its settings as a form", VideoOptions),
 )
 async def create_video_from_form(
@@ -72,7 +71,7 @@ async def create_video_from_form(
 @router.post(
     "/url",
     status_code=202,
-    responses=answer(200, MediaBody, "the same content is there already") | problems(400, 409, 413, 415, 507),
+    responses=_media.upload_answers(),
     openapi_extra=json_body(VideoByUrl),
 )
 async def create_video_from_url(
