@@ -110,7 +110,7 @@ def _limit_of(error: Exception) -> Limit | None:
 
 
 def problem_of_picture(error: Exception) -> dict[str, Any]:
-    """The problem to store with a preview: what may go well when it is asked for again is final for jobs alone."""
+    """The problem to store with a preview. A crash or a timeout is temporary here; for a job it is final."""
     if isinstance(error, TimeLimitError):
         return stored_problem("unavailable", "the picture was not made in time; try again")
     if isinstance(error, CrashError):

@@ -134,7 +134,10 @@ def telling_what_is_lost(run: Run, present: dict[str, Media]) -> Iterator[None]:
 
 
 def _say_what_is_lost(run: Run, present: dict[str, Media], error: Exception) -> None:
-    # deleted, and the lease was revoked before the files went: the end of the job changes nothing
+    """Raise what is lost of these media, if anything.
+
+    One that was deleted meanwhile may be told as lost: the lease was revoked with it, so nothing comes of that.
+    """
     for medium in present.values():
         if not run.patience(partial(run.storage.exists, medium.source_key)):
             raise SourceLostError(medium.id) from error

@@ -53,7 +53,7 @@ class Run:
     timings: dict[str, float] = field(default_factory=dict)
     began: float = field(default_factory=time.monotonic)
     drafts: ExitStack = field(default_factory=ExitStack)
-    #: of blobs, by the local files that they were had as
+    #: the key of each blob that was fetched, by its local file
     keys: dict[Path, str] = field(default_factory=dict)
     #: of the jobs that its work has made, to be published when it ends
     messages: list[Message] = field(default_factory=list)

@@ -32,7 +32,7 @@ class Access:
         return self.owner is None
 
     def to(self, services: Services, *what: str) -> datetime | None:
-        """When the access to this ends; None for a caller. Raises `ForbiddenError` and `GoneError`."""
+        """When the link to this expires; None for a caller with a key. Raises `ForbiddenError` and `GoneError`."""
         if not self.by_link:
             return None
         return services.signer.check(*what, by=self.by, expires=self.expires, signature=self.signature)

@@ -13,7 +13,10 @@ _OWNER: Final = "place_of"
 
 
 class Places:
-    """Counts the requests of each owner until they are answered, up to ``per_owner``. Nobody's are not counted."""
+    """Counts the requests of each owner until they are answered, up to ``per_owner``.
+
+    Those without an owner are not counted.
+    """
 
     def __init__(self, per_owner: int) -> None:
         self._per_owner = per_owner

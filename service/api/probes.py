@@ -1,7 +1,7 @@
-"""Checks of the parts that a service needs, made now and then however often they are asked for.
+"""Checks of the parts a service needs, each made at most once every `KEEP_S` seconds however often it is asked for.
 
-Whoever asks whether the service is ready needs no key, and some checks write: all who ask within `KEEP_S` seconds share
-one check and what it found.
+Whoever asks whether the service is ready needs no key, and some checks write: all who ask meanwhile share one check and
+what it found.
 """
 
 from __future__ import annotations

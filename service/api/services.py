@@ -34,7 +34,7 @@ from service.webhooks import Deliverer
 
 @dataclass
 class Known:
-    """What the records said last, for while they are away. What was never read is what keeps more closed."""
+    """What the records said last, for while they are away. Until they were read once, the stricter value holds."""
 
     has_keys: bool = True
 
