@@ -16,13 +16,14 @@ from typing import Any, Final
 from pvg._bounds import part_bounds  # not pvg.rendering: the supervisor loads no method
 from service.catalog import Look, Media, Message, parts, render_request
 from service.catalog.parts import Drawn, NewFile, NewPart
-from service.storage import BlobMissingError, file_sha256
+from service.storage import BlobMissingError
 from worker.answers import JoinAnswer, PartAnswer, checked, made
 from worker.failures import LostPartsError
 from worker.lease import LeaseLostError
 from worker.rendering import DrawnLook, drawn_look, inputs, publish, render, suffix_of, telling_what_is_lost, wanted
 from worker.run import Run
 from worker.sandbox import MethodError
+from worker.unpublished import Unpublished
 
 #: of a part: finding the new colours, drawing; storing takes the rest
 _SPANS: Final = {"transfer": (0.0, 0.05), "render": (0.05, 0.99)}
@@ -81,34 +82,22 @@ def draw_part(run: Run) -> bool:
         }
         answer = checked(PartAnswer, run.call("render_part", arguments, read=read, folder=folder))
     run.add_timings(answer.timings.items())
-    files: list[NewFile] = []
-    recorded = False
-    try:
+    # the lease is part of the names: two attempts never write, or clear away, each other's blob
+    stem = f"{run.job.id}-{run.lease.token[:12]}"
+    with Unpublished(run) as unpublished:
+        files = []
         with run.timed("store_s"):
             for look, name in zip(group, names, strict=True):
-                _store(run, look, made(folder, name), files)
-        run.keeper.flush()
-        stored, files = files, []  # from here on they may have a record, also when no answer says so
-        messages = run.patience(lambda: _finish(run, stored))
-        recorded, files = messages is not None, stored
-        run.messages += messages or ()
-    finally:
-        if not recorded:
-            run.blobs.discard([file.key for file in files])
-    return recorded
+                file = unpublished.store("drawn", made(folder, name), f"{stem}-{look.position}", ".part")
+                files.append(NewFile(look.position, file.key, file.size_bytes))
+        messages = unpublished.record(lambda: _finish(run, files))
+    run.messages += messages or ()
+    return messages is not None
 
 
 def _coding(run: Run, video: Media) -> dict[str, Any]:
     """Of the clip that parts of a video are for."""
     return {"container": suffix_of(video, render_request(run.job).output).removeprefix(".")}
-
-
-def _store(run: Run, look: Look, path: Path, files: list[NewFile]) -> None:
-    run.keeper.check()
-    # the lease is part of the name: two attempts never write, or clear away, each other's blob
-    key = run.storage.key("drawn", file_sha256(path), f"{run.job.id}-{run.lease.token[:12]}-{look.position}", ".part")
-    files.append(NewFile(look.position, key, path.stat().st_size))  # first: what is stored halfway is deleted as well
-    run.patience(lambda: run.blobs.put(path, key, lease=run.lease))
 
 
 def _finish(run: Run, files: Sequence[NewFile]) -> list[Message] | None:

@@ -31,12 +31,13 @@ from service.catalog import (
     results,
 )
 from service.ids import new_id
-from service.storage import BlobMissingError, file_sha256
+from service.storage import BlobMissingError
 from worker.answers import LookAnswer, RenderAnswer, VerifyAnswer, checked, made
 from worker.failures import LostAssetsError, OptionError, SourceLostError, UnreadyError, without_files
 from worker.lease import LeaseLostError
 from worker.run import Run
 from worker.sandbox import CrashError, MethodError
+from worker.unpublished import Unpublished
 
 #: parts of one video's share of the job: finding the new colours, drawing, extras; storing takes the rest
 _TRANSFER, _RENDER = 0.05, 0.97
@@ -250,20 +251,10 @@ def suffix_of(video: Media, output: OutputOptions) -> str:
 
 def publish(run: Run, drawn: list[DrawnLook], present: dict[str, Media]) -> bool:
     """Store the looks and end the job with them. False when its lease was lost: nothing was published."""
-    outputs: list[Output] = []
-    published = False
-    try:
+    with Unpublished(run) as unpublished:
         with run.timed("store_s"):
-            for one in drawn:
-                _store(run, one, present, outputs)
-        run.keeper.flush()
-        stored, outputs = outputs, []  # from here on they may have a record, also when no answer says so
-        published = run.patience(lambda: _record(run, stored))
-        outputs = stored
-    finally:
-        if not published:
-            run.blobs.discard([output.key for output in outputs])
-    return published
+            outputs = [output for one in drawn for output in _store(unpublished, one, present)]
+        return unpublished.record(lambda: _record(run, outputs))
 
 
 def _record(run: Run, outputs: list[Output]) -> bool:
@@ -279,44 +270,39 @@ def _record(run: Run, outputs: list[Output]) -> bool:
         ) or (bool(outputs) and results.get(session, outputs[0].result_id) is not None)
 
 
-def _store(run: Run, drawn: DrawnLook, present: dict[str, Media], outputs: list[Output]) -> None:
-    """Store a look and what was made beside it, and add them to the outputs."""
+def _store(unpublished: Unpublished, drawn: DrawnLook, present: dict[str, Media]) -> Iterator[Output]:
+    """Store a look and what was made beside it."""
     look = drawn.look
     stem = f"{_stem(present[look.video_id])}-{_stem(present[look.reference_id])}"
-    main = _stored(run, look, drawn.path, f"{stem}{drawn.path.suffix}", outputs, report=drawn.report)
+    main = _stored(unpublished, look, drawn.path, f"{stem}{drawn.path.suffix}", report=drawn.report)
+    yield main
     for extra in drawn.extras:
         part_of = PartOf(main.result_id, extra.part, extra.person)
-        _stored(run, look, extra.path, f"{stem}-{extra.path.name}", outputs, part_of=part_of)
+        yield _stored(unpublished, look, extra.path, f"{stem}-{extra.path.name}", part_of=part_of)
 
 
 def _stored(
-    run: Run,
+    unpublished: Unpublished,
     look: Look,
     path: Path,
     filename: str,
-    outputs: list[Output],
     *,
     report: Report | None = None,
     part_of: PartOf | None = None,
 ) -> Output:
-    run.keeper.check()
     result_id = new_id("res")
-    sha256, size = file_sha256(path), path.stat().st_size
-    key = run.storage.key("result", sha256, result_id, path.suffix)
-    output = Output(
+    file = unpublished.store("result", path, result_id, path.suffix)
+    return Output(
         result_id=result_id,
         position=look.position,
-        key=key,
-        sha256=sha256,
-        size_bytes=size,
+        key=file.key,
+        sha256=file.sha256,
+        size_bytes=file.size_bytes,
         content_type=content_type_of(path.suffix),
         filename=filename,
         report=report,
         part_of=part_of,
     )
-    outputs.append(output)  # first: what is stored halfway is deleted as well
-    run.patience(lambda: run.blobs.put(path, key, lease=run.lease))
-    return output
 
 
 def _stem(medium: Media) -> str:

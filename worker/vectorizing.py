@@ -6,12 +6,13 @@ from dataclasses import asdict
 from pathlib import Path
 
 from service.catalog import Asset, Media, Pictures, Role, media, vectorize_request
-from service.storage import BlobMissingError, Kind, file_sha256
+from service.storage import BlobMissingError
 from worker.answers import FaceAnswer, OutputAnswer, PictureAnswer, VectorizeAnswer, checked, made
 from worker.failures import SourceLostError
 from worker.lease import LeaseLostError
 from worker.run import Run
 from worker.sandbox import CrashError, MethodError
+from worker.unpublished import Unpublished
 
 #: part of the job that each stage of the vectoriser takes; storing takes the rest
 CLIP_SPANS = {"vectorize": (0.0, 0.9), "second reading": (0.9, 0.97)}  # few clips need a second reading
@@ -38,39 +39,24 @@ def vectorize(run: Run) -> bool:
 
 def _publish(run: Run, medium: Media, folder: Path, answer: VectorizeAnswer) -> bool:
     """Store what was made, and end the job with it. False when its lease was lost: nothing was published."""
-    sizes: dict[str, int] = {}  # of what is stored, by key
-    unneeded: list[str] | None = None
-    try:
+    # the lease is part of the name: two attempts never write, or clear away, each other's blob
+    name = f"{medium.id}-{run.lease.token[:12]}"
+    with Unpublished(run) as unpublished:
         with run.timed("store_s"):
-            key = _store(run, medium, "asset", made(folder, _ASSET), ".pvg", sizes)
-            pictures = made(folder, _PICTURES)
-            spans = _spans(answer.pictures, pictures.stat().st_size)
-            pictures_key = _store(run, medium, "pictures", pictures, ".jpgs", sizes)
+            file = unpublished.store("asset", made(folder, _ASSET), name, ".pvg")
+            small = made(folder, _PICTURES)
+            spans = _spans(answer.pictures, small.stat().st_size)
+            pictures = unpublished.store("pictures", small, name, ".jpgs")
         faces, warnings = _faces(answer.faces)
         shown = answer.media.model_dump(exclude={"warnings"})
-        run.keeper.flush()
         lines = [*answer.media.warnings, *warnings, *_of_the_file(answer.output)]
-        asset = Asset(key, sum(sizes.values()), shown, faces, lines, Pictures(pictures_key, spans))
-        stored, sizes = sizes, {}  # from here on they may have a record, also when no answer says so
-        unneeded = run.patience(lambda: _finish(run, asset))
-        sizes = stored
-    finally:
-        if unneeded is None:
-            run.blobs.discard(list(sizes))
+        size = file.size_bytes + pictures.size_bytes
+        asset = Asset(file.key, size, shown, faces, lines, Pictures(pictures.key, spans))
+        unneeded = unpublished.record(lambda: _finish(run, asset))
     if unneeded is None:
         return False
     run.blobs.delete(unneeded)
     return True
-
-
-def _store(run: Run, medium: Media, kind: Kind, draft: Path, suffix: str, sizes: dict[str, int]) -> str:
-    """Store a file that was made of a medium; its key. Its size is noted with those of the others."""
-    run.keeper.check()
-    # the lease is part of the name: two attempts never write, or clear away, each other's blob
-    key = run.storage.key(kind, file_sha256(draft), f"{medium.id}-{run.lease.token[:12]}", suffix)
-    sizes[key] = draft.stat().st_size  # first: what is stored halfway is deleted as well
-    run.patience(lambda: run.blobs.put(draft, key, lease=run.lease))
-    return key
 
 
 def _spans(said: list[PictureAnswer], size: int) -> list[list[int | None]]:
