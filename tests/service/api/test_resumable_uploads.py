@@ -9,6 +9,7 @@ import random
 import shutil
 import socket
 import subprocess
+from collections.abc import Callable, Iterator
 from datetime import timedelta
 from functools import partial
 from pathlib import Path
@@ -21,6 +22,7 @@ from starlette.concurrency import run_in_threadpool
 from tusclient.client import TusClient
 
 from service.api import quotas
+from service.api.calls import Calls
 from service.api.commands import resuming
 from service.catalog import keys, resumable, utc_now
 from service.catalog.models import IdempotentRequest
@@ -146,8 +148,9 @@ def test_bytes_that_are_not_the_next_ones_are_refused(api: Api) -> None:
 
 def test_of_two_pieces_for_the_same_bytes_one_is_kept(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
     url = begin(api.client, 300_000)
-    # the other one arrives while this one is about to be recorded
-    monkeypatch.setattr(resuming, "_record_part", _before(resuming._record_part, lambda: send(api.client, url, 0, MP4)))
+    # the other one arrives while this one is about to be stored
+    storage = api.services.storage
+    monkeypatch.setattr(storage, "put", _before(storage.put, lambda: send(api.client, url, 0, MP4)))
     assert send(api.client, url, 0, MP4 + b"second").status_code == 409
     assert offset_of(api.client, url) == len(MP4)
     api.services.reaper.delete()
@@ -171,9 +174,10 @@ def test_a_last_piece_that_is_sent_twice_at_a_time_takes_nothing_away(
             return await Storage.stream(api.services.storage, *args)
 
         monkeypatch.setattr(api.services.storage, "stream", stream)
+        late = last()
     else:
-        monkeypatch.setattr(resuming, "_parts", _before(resuming._parts, last))
-    late = last()
+        halves = _interrupted(api, data[200_000:], last)
+        late = api.client.patch(url, content=halves, headers=PIECE | {"Upload-Offset": "200000"})
     assert (late.status_code, late.json()["code"]) == (409, "conflict")
     assert offset_of(api.client, url) == len(data)
     media_id = api.client.get(url).json()["media"]
@@ -185,7 +189,13 @@ def test_what_is_no_film_takes_no_upload_away_that_another_request_has_completed
 ) -> None:
     data = content()
     url = begin(api.client, len(data))
-    monkeypatch.setattr(resuming, "_remove", _before(resuming._remove, lambda: send(api.client, url, 0, data)))
+    other = _before(lambda: None, lambda: send(api.client, url, 0, data))
+
+    async def write(*args: Any, **more: Any) -> Any:
+        await run_in_threadpool(other)
+        return await Calls.write(api.services.calls, *args, **more)
+
+    monkeypatch.setattr(api.services.calls, "write", write)
     assert send(api.client, url, 0, b"x" * len(data)).status_code == 409
     assert api.client.get(url).json()["media"]
 
@@ -200,6 +210,14 @@ def _before(call: Any, other: Any) -> Any:
         return call(*args, **more)
 
     return both
+
+
+def _interrupted(api: Api, data: bytes, other: Callable[[], httpx.Response]) -> Iterator[bytes]:
+    """A body during which another request is answered."""
+    yield data[:1000]
+    until(lambda: api.drafts)
+    assert other().status_code == 204
+    yield data[1000:]
 
 
 @pytest.mark.parametrize("algorithm", ["sha256", "sha1"])
@@ -297,13 +315,14 @@ def test_what_came_before_the_connection_broke_is_kept(api: Api) -> None:
 def test_a_long_piece_is_stored_as_it_comes(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(resuming, "PART_BYTES", 100_000)
     drafts: list[int] = []
-    real = resuming._keep_part
+    blobs = api.services.blobs
+    real = blobs.expect
 
-    async def counted(*args: Any) -> None:
+    def counted(key: str) -> None:
         drafts.append(len(api.drafts))
-        await real(*args)
+        real(key)
 
-    monkeypatch.setattr(resuming, "_keep_part", counted)
+    monkeypatch.setattr(blobs, "expect", counted)
     data = content(3_000_000)  # what is read at once is a part, however much of it has come
     url = begin(api.client, len(data) + 1)
     assert send(api.client, url, 0, data).status_code == 204
