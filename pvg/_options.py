@@ -113,7 +113,7 @@ def parser_of(runs: Mapping[str, Run]) -> argparse.ArgumentParser:
         "or what a clip holds and what an output keeps of it",
     )
     one.add_argument("input", type=Path, metavar="ASSET|CLIP|IMAGE")
-    one.add_argument("--frame", type=int, default=0, metavar="N", help="frame number, from 0 (default)")
+    one.add_argument("--frame", type=int, metavar="N", help="number of the frame of a layer, from 0 (default)")
     one.add_argument("--layer", choices=LAYERS, help="what to draw of the frame")
     one.add_argument("-o", "--output", type=Path, metavar="PNG", help="picture to write")
     _add_source(one)

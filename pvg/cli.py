@@ -314,6 +314,8 @@ def _swap_clips(given: argparse.Namespace, a: Path, b: Path, folder: Path) -> No
 def _inspect(given: argparse.Namespace) -> None:
     if (given.layer is None) != (given.output is None):
         raise ValueError("--layer and -o go together")
+    if given.frame is not None and given.layer is None:
+        raise ValueError("--frame is of a --layer")
     if given.output is not None:
         check_suffix(given.output, ["image"])
         check_file(given.output, [given.input, given.source])
@@ -325,15 +327,18 @@ def _inspect(given: argparse.Namespace) -> None:
         found = pvg.inspect(given.input, **asked, **_reading_options(given))
         print(json.dumps(found, indent=2, ensure_ascii=False))
         return
+    if vain := [name for name in ("container", "codec", "audio") if getattr(given, name) not in (None, "auto", "copy")]:
+        raise ValueError(f"--{vain[0]} is of an output of a clip or picture, and {given.input.name} is an asset")
     with pvg.open_asset(given.input, given.source) as video:
         if given.layer is None:
             print(json.dumps(video.summary(), indent=2))
             return
-        if not 0 <= given.frame < video.frame_count:
-            raise ValueError(f"no frame {given.frame}: the clip has {video.frame_count} frames, from 0")
+        frame = given.frame or 0
+        if not 0 <= frame < video.frame_count:
+            raise ValueError(f"no frame {frame}: the clip has {video.frame_count} frames, from 0")
         from pvg.video import write_image  # noqa: PLC0415
 
-        write_image(given.output, pvg.layer(video, given.frame, given.layer))
+        write_image(given.output, pvg.layer(video, frame, given.layer))
     print(given.output)
 
 

@@ -273,6 +273,9 @@ def test_bad_arguments_exit_with_2(
         ["swap", asset, "--faces", "0,0", "-o", tmp_path / "o.mp4"],
         ["swap", asset, samples.portrait, "--faces", "0,1", "-o", tmp_path / "o"],
         ["inspect", asset, "--layer", "hair", "-o", tmp_path / "o.png"],
+        ["inspect", asset, "--container", "mov"],
+        ["inspect", asset, "--codec", "prores"],
+        ["inspect", asset, "--frame", "3"],
         ["inspect", asset, "--layer", "mask", "-o", tmp_path / "o.png", "--frame", "99"],
         ["paint", asset],
     ):
