@@ -228,9 +228,14 @@ def _check_plan(given: argparse.Namespace, path: Path) -> None:
 
 def _check_clip_options(given: argparse.Namespace, *videos: VectorVideo) -> None:
     """Refuse what is asked in vain: pictures have no codec and no sound."""
-    asked = [name for name in ("codec", "crf", "preset", "audio") if getattr(given, name) not in (None, "auto", "copy")]
+    asked = _given(given, "codec", "crf", "preset", "audio")
     if asked and all(video.media.kind == "image" for video in videos):
         raise ValueError(f"--{asked[0]} is of clips, and here are pictures only")
+
+
+def _given(given: argparse.Namespace, *names: str) -> list[str]:
+    """Which of these options of an output are not left as they are by default."""
+    return [name for name in names if getattr(given, name) not in (None, "auto", "copy")]
 
 
 def _output_options(given: argparse.Namespace) -> dict[str, Any]:
@@ -327,7 +332,7 @@ def _inspect(given: argparse.Namespace) -> None:
         found = pvg.inspect(given.input, **asked, **_reading_options(given))
         print(json.dumps(found, indent=2, ensure_ascii=False))
         return
-    if vain := [name for name in ("container", "codec", "audio") if getattr(given, name) not in (None, "auto", "copy")]:
+    if vain := _given(given, "container", "codec", "audio"):
         raise ValueError(f"--{vain[0]} is of an output of a clip or picture, and {given.input.name} is an asset")
     with pvg.open_asset(given.input, given.source) as video:
         if given.layer is None:

@@ -146,9 +146,16 @@ def _once_it_answers(step: Callable[[], None]) -> None:
 
 def _have_keys(settings: Settings) -> bool:
     """True when there are keys; a database that is not there yet has none, and is not made by asking."""
-    if settings.database_file is not None and not settings.database_file.exists():
-        return False
-    return has_table(settings.database, Key.__tablename__) and _with_records(settings, keys.exist, write=False)
+    return (
+        _is_there(settings)
+        and has_table(settings.database, Key.__tablename__)
+        and _with_records(settings, keys.exist, write=False)
+    )
+
+
+def _is_there(settings: Settings) -> bool:
+    """False for a database of a file that is not there yet: asking would make it."""
+    return settings.database_file is None or settings.database_file.exists()
 
 
 def _leave(number: int, frame: FrameType | None) -> None:
@@ -185,7 +192,7 @@ def _await_tables(settings: Settings) -> None:
 
 
 def _has_own_tables(settings: Settings) -> bool:
-    if settings.database_file is not None and not settings.database_file.exists():
+    if not _is_there(settings):
         return False
     try:
         return is_current(settings.database)

@@ -82,10 +82,8 @@ def draw_part(run: Run) -> bool:
         }
         answer = checked(PartAnswer, run.call("render_part", arguments, read=read, folder=folder))
     run.add_timings(answer.timings.items())
-    # the lease is part of the names: two attempts never write, or clear away, each other's blob
-    stem = f"{run.job.id}-{run.lease.token[:12]}"
     with Unpublished(run) as unpublished:
-        files = []
+        stem, files = unpublished.own(run.job.id), []
         with run.timed("store_s"):
             for look, name in zip(group, names, strict=True):
                 file = unpublished.store("drawn", made(folder, name), f"{stem}-{look.position}", ".part")

@@ -41,6 +41,10 @@ class Unpublished:
         if self._keys:
             self._run.blobs.discard(self._keys)
 
+    def own(self, name: str) -> str:
+        """A name of this attempt alone: two attempts never write, or clear away, each other's blob."""
+        return f"{name}-{self._run.lease.token[:12]}"
+
     def store(self, kind: Kind, path: Path, name: str, suffix: str) -> StoredFile:
         """Store a file, which goes away. Raises what ends the run."""
         run = self._run

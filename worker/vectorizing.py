@@ -39,9 +39,8 @@ def vectorize(run: Run) -> bool:
 
 def _publish(run: Run, medium: Media, folder: Path, answer: VectorizeAnswer) -> bool:
     """Store what was made, and end the job with it. False when its lease was lost: nothing was published."""
-    # the lease is part of the name: two attempts never write, or clear away, each other's blob
-    name = f"{medium.id}-{run.lease.token[:12]}"
     with Unpublished(run) as unpublished:
+        name = unpublished.own(medium.id)
         with run.timed("store_s"):
             file = unpublished.store("asset", made(folder, _ASSET), name, ".pvg")
             small = made(folder, _PICTURES)

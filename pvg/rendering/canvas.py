@@ -83,9 +83,13 @@ def stored_frames(video: VectorVideo, start: int = 0, stop: int | None = None) -
 
 def frames_of_file(video: VectorVideo, start: int = 0, stop: int | None = None) -> Iterator[Frame]:
     """As `stored_frames`, of a reference's clip too. Raises `AssetError` where the file is missing or another one."""
-    source, color = video.require_source(), video.settings["input_color"]
-    count = None if video.settings["reference"] else video.frame_count  # of a reference only the beginning was read
+    source, color, count = video.require_source(), video.settings["input_color"], count_of_file(video)
     return read_frames(source, start=start, stop=stop, limits=video.limits, input_color=color, frame_count=count)
+
+
+def count_of_file(video: VectorVideo) -> int | None:
+    """How many frames the file has; None for a reference's clip, of which only the beginning was read."""
+    return None if video.settings["reference"] else video.frame_count
 
 
 def check_index(video: VectorVideo, index: int) -> None:

@@ -14,7 +14,7 @@ from pvg._threads import one_blas_thread
 from pvg.asset import FaceInFrame, VectorVideo
 from pvg.errors import MediaError
 from pvg.looks import Look
-from pvg.rendering.canvas import check_index, frames_of_file
+from pvg.rendering.canvas import check_index, count_of_file, frames_of_file
 from pvg.rendering.layers import layer
 from pvg.rendering.pictures import Box, around, on_white, thumbnail
 from pvg.rendering.renderer import Renderer
@@ -44,7 +44,7 @@ class Stills:
         self.video = video
         self._frames: OrderedDict[int, Frame] = OrderedDict()
         # of a reference only the beginning was read
-        self._frame_count = None if video.settings["reference"] else video.frame_count
+        self._frame_count = count_of_file(video)
         # None where packets do not tell: then decoding begins at the first frame
         self._keys = key_pictures(video.require_source(), video.limits, frame_count=self._frame_count)
 

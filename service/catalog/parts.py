@@ -68,7 +68,7 @@ def split(
         # by a call before, whose answer was lost
         return messages(session, [lease.job_id]) or None
     whole = session.get_one(Job, lease.job_id)
-    made_by = _made_by(session, lease.job_id)
+    made_by = _vectorised_by(session, lease.job_id)
     made = []
     for number, part in enumerate(wanted):
         made.append(_add(session, PartKind.PART, whole, now=now))
@@ -78,7 +78,7 @@ def split(
     return made
 
 
-def _made_by(session: Session, job_id: str) -> dict[str, str]:
+def _vectorised_by(session: Session, job_id: str) -> dict[str, str]:
     """The job that vectorised each medium of a job's looks, by their ids."""
     mine = exists().where(Look.job_id == job_id, or_(Look.video_id == Media.id, Look.reference_id == Media.id))
     found = session.execute(select(Media.id, Media.job_id).where(mine))
