@@ -10,7 +10,18 @@ from typing import Any
 import av
 import numpy as np
 
-from pvg.video import Frame, MediaInfo, MediaLimits, PixelFormat, VideoWriter, probe, read_frames
+from pvg.video import (
+    Frame,
+    MediaInfo,
+    MediaLimits,
+    PixelFormat,
+    Plan,
+    VideoWriter,
+    make_plan,
+    probe,
+    read_frames,
+    read_streams,
+)
 from pvg.video.formats import resolve_format
 from tests.gallery.pictures import colorful
 
@@ -60,6 +71,16 @@ def write_clip(path: Path, frames: Sequence[Frame], info: MediaInfo | None = Non
         for frame in frames:
             writer.write(frame)
     return path
+
+
+def rewrite_clip(source: Path, target: Path, plan: Plan | None = None) -> Path:
+    """A clip written once more with all of its tracks, by a plan or as the target's container has it by default."""
+    info = probe(source)
+    plan = plan or make_plan(info, container=target.suffix, source=source, streams=read_streams(source))
+    with VideoWriter(target, info, info.format, plan=plan, threads=1) as writer:
+        for frame in read_frames(source):
+            writer.write(frame)
+    return target
 
 
 def short_clip(path: Path, count: int = 20, **options: Any) -> Path:

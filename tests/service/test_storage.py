@@ -283,6 +283,14 @@ def other_disk(tmp_path: Path) -> Iterator[Path]:
     pytest.skip("this machine has one disk")
 
 
+def drafted(blobs: Path, tmp_path: Path) -> tuple[Storage, Path]:
+    """A storage of this folder, and a draft in it."""
+    storage = Storage(Settings(data_dir=tmp_path / "data", storage_url=str(blobs)))
+    draft = storage.draft()
+    draft.write_bytes(b"a face")
+    return storage, draft
+
+
 class Killed(BaseException):
     """What nothing catches."""
 
@@ -292,9 +300,7 @@ def test_a_write_to_another_disk_that_is_killed_leaves_nothing_that_is_not_clear
 ) -> None:
     """The blobs on a disk of their own: pieces of a face were left there that no delete found."""
     blobs = other_disk / "blobs"
-    storage = Storage(Settings(data_dir=tmp_path, storage_url=str(blobs)))
-    draft = storage.draft()
-    draft.write_bytes(b"a face")
+    storage, draft = drafted(blobs, tmp_path)
 
     def stopped(source: Path, target: Path) -> None:
         target.write_bytes(source.read_bytes()[:3])
@@ -316,14 +322,16 @@ def test_a_write_to_another_disk_that_is_killed_leaves_nothing_that_is_not_clear
     assert not draft.exists()
 
 
-@pytest.mark.parametrize("elsewhere", [False, True])
+@pytest.fixture(params=["beside the drafts", "elsewhere"])
+def blobs(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """A folder of blobs on the disk of the drafts, and on another one."""
+    return (request.getfixturevalue("other_disk") if request.param == "elsewhere" else tmp_path) / "blobs"
+
+
 def test_a_blob_is_on_the_disk_before_it_has_its_name_and_its_name_before_it_is_known(
-    elsewhere: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+    blobs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    blobs = (request.getfixturevalue("other_disk") if elsewhere else tmp_path) / "blobs"
-    storage = Storage(Settings(data_dir=tmp_path / "data", storage_url=str(blobs)))
-    draft = storage.draft()
-    draft.write_bytes(b"a face")
+    storage, draft = drafted(blobs, tmp_path)
     synced: list[str] = []
     fsync = os.fsync
 
@@ -342,14 +350,10 @@ def test_a_blob_is_on_the_disk_before_it_has_its_name_and_its_name_before_it_is_
     assert synced[-1] == "source/ab"
 
 
-@pytest.mark.parametrize("elsewhere", [False, True])
 def test_a_blob_whose_name_could_not_be_made_sure_is_published_by_the_next_try(
-    elsewhere: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+    blobs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    blobs = (request.getfixturevalue("other_disk") if elsewhere else tmp_path) / "blobs"
-    storage = Storage(Settings(data_dir=tmp_path / "data", storage_url=str(blobs)))
-    draft = storage.draft()
-    draft.write_bytes(b"a face")
+    storage, draft = drafted(blobs, tmp_path)
     fsync = os.fsync
 
     def stale(descriptor: int) -> None:

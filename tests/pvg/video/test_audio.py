@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from pvg.video import (
-    VideoWriter,
     make_plan,
     probe,
     read_frames,
@@ -18,6 +17,7 @@ from pvg.video import (
 )
 from tests.gallery.clips import (
     libav_frame,
+    rewrite_clip,
     sound_packets,
     tone_onset,
     write_clip,
@@ -58,19 +58,22 @@ def test_no_sound_is_written_unless_asked_for(sounding_clip: Path, tmp_path: Pat
     assert not probe(path).has_audio
 
 
-def _humming_clip(folder: Path, codec: str, layout: str, rate: int) -> Path:
-    """20 frames, and 0.8 s of a tone in every channel."""
-    path, picture = folder / "humming.mkv", libav_frame(colorful(1, (96, 64)))
-    channels, count = av.AudioLayout(layout).nb_channels, rate * 8 // 10
+def _humming_clip(
+    path: Path, codec: str, layout: str = "mono", rate: int = 48000, *, seconds: float = 0.8, ahead_s: float = 0.0
+) -> Path:
+    """Pictures for so many seconds, and as long a tone in every channel, of which `ahead_s` lie before them."""
+    picture, count = libav_frame(colorful(1, (96, 64))), round(rate * seconds)
+    channels = av.AudioLayout(layout).nb_channels
     wave = (np.sin(2 * np.pi * 440 * np.arange(count) / rate) * 0.3 * 2**15).astype(np.int16)
     with av.open(str(path), "w") as output:
-        video: Any = output.add_stream("libx264", rate=25)
+        video: Any = output.add_stream("mpeg4", rate=25)
         video.width, video.height, video.pix_fmt = 96, 64, "yuv420p"
         sound: Any = output.add_stream(codec, rate=rate)
         sound.codec_context.layout = layout
+        sound.codec_context.bit_rate = 64_000 * channels
         block = av.AudioFrame.from_ndarray(np.repeat(wave, channels)[None], format="s16", layout=layout)
-        block.sample_rate, block.pts, block.time_base = rate, 0, Fraction(1, rate)
-        for k in range(20):
+        block.sample_rate, block.pts, block.time_base = rate, -round(rate * ahead_s), Fraction(1, rate)
+        for k in range(round(25 * seconds)):
             picture.pts, picture.time_base = k, Fraction(1, 25)
             output.mux(video.encode(picture))
         output.mux([*video.encode(None), *sound.encode(block), *sound.encode(None)])
@@ -94,13 +97,10 @@ def _humming_clip(folder: Path, codec: str, layout: str, rate: int) -> Path:
 def test_sound_of_any_layout_and_rate_is_coded_anew_in_one_that_the_codec_has(
     codec: str, layout: str, rate: int, suffix: str, becomes: tuple[str, int, str], tmp_path: Path
 ) -> None:
-    source = _humming_clip(tmp_path, codec, layout, rate)
+    source = _humming_clip(tmp_path / "humming.mkv", codec, layout, rate)
     info, streams = probe(source), read_streams(source)
     plan = make_plan(info, container=suffix, source=source, streams=streams)
-    path = tmp_path / f"o.{suffix}"
-    with VideoWriter(path, info, info.format, plan=plan) as writer:
-        for frame in read_frames(source):
-            writer.write(frame)
+    path = rewrite_clip(source, tmp_path / f"o.{suffix}", plan)
     (line,) = (line for line in plan.changed if "sound track" in line)
     assert (f" of {becomes[1]} Hz (the clip's is of {rate})" in line) == (rate != becomes[1])
     with av.open(str(path)) as clip:
@@ -111,34 +111,6 @@ def test_sound_of_any_layout_and_rate_is_coded_anew_in_one_that_the_codec_has(
         assert not heard or max(float(np.abs(block).max()) for block in heard) > 0.1
 
 
-def _sounding(path: Path, codec: str, *, ahead_s: Fraction = Fraction(0)) -> Path:
-    """1 s of pictures, and as long a tone whose first `ahead_s` lie before them."""
-    rate, picture = 48000, libav_frame(colorful(1, (96, 64)))
-    wave = (np.sin(2 * np.pi * 440 * np.arange(rate) / rate) * 0.3 * 2**15).astype(np.int16)
-    block = av.AudioFrame.from_ndarray(wave[None], format="s16", layout="mono")
-    block.sample_rate, block.pts, block.time_base = rate, -int(ahead_s * rate), Fraction(1, rate)
-    with av.open(str(path), "w") as output:
-        video: Any = output.add_stream("mpeg4", rate=25)
-        video.width, video.height, video.pix_fmt = 96, 64, "yuv420p"
-        sound: Any = output.add_stream(codec, rate=rate)
-        sound.codec_context.layout = "mono"
-        sound.codec_context.bit_rate = 64_000
-        for k in range(25):
-            picture.pts, picture.time_base = k, Fraction(1, 25)
-            output.mux(video.encode(picture))
-        output.mux([*video.encode(None), *sound.encode(block), *sound.encode(None)])
-    return path
-
-
-def _rendered(source: Path, target: Path) -> Path:
-    info, streams = probe(source), read_streams(source)
-    plan = make_plan(info, container=target.suffix, source=source, streams=streams)
-    with VideoWriter(target, info, info.format, plan=plan) as writer:
-        for frame in read_frames(source):
-            writer.write(frame)
-    return target
-
-
 def _starts_s(path: Path) -> list[float]:
     with av.open(str(path)) as clip:
         return [float(packet.pts * packet.time_base) for packet in clip.demux(audio=0) if packet.pts is not None]
@@ -146,10 +118,10 @@ def _starts_s(path: Path) -> list[float]:
 
 @pytest.mark.parametrize("suffix", [".mkv", ".mov", ".mp4"])
 def test_sound_that_was_cut_away_is_not_heard_again(suffix: str, tmp_path: Path) -> None:
-    source = _sounding(tmp_path / "cut.mp4", "aac", ahead_s=Fraction(1, 2))
+    source = _humming_clip(tmp_path / "cut.mp4", "aac", seconds=1.0, ahead_s=0.5)
     with av.open(str(source)) as clip:
         assert any(packet.is_discard for packet in clip.demux(audio=0)), "the cut is in an edit list"
-    target = _rendered(source, tmp_path / f"o{suffix}")
+    target = rewrite_clip(source, tmp_path / f"o{suffix}")
     picture = next(read_frames(target)).time_s
     starts = _starts_s(target)
     assert -0.2 < starts[0] - picture < 0.01
@@ -158,7 +130,7 @@ def test_sound_that_was_cut_away_is_not_heard_again(suffix: str, tmp_path: Path)
 
 @pytest.mark.parametrize(("codec", "suffix"), [("wmav2", ".mp4"), ("wmav2", ".mkv"), ("adpcm_ms", ".webm")])
 def test_sound_that_an_avi_counts_in_blocks_has_even_steps(codec: str, suffix: str, tmp_path: Path) -> None:
-    target = _rendered(_sounding(tmp_path / "i.avi", codec), tmp_path / f"o{suffix}")
+    target = rewrite_clip(_humming_clip(tmp_path / "i.avi", codec, seconds=1.0), tmp_path / f"o{suffix}")
     steps = np.diff(_starts_s(target))
     assert len(steps) > 20
     assert steps[1:-1] == pytest.approx(float(np.median(steps)), abs=0.002)

@@ -20,7 +20,7 @@ from pvg.video import Frame, MediaInfo, Plan, Streams, VideoWriter, make_plan, p
 from pvg.video.formats import PixelFormat, resolve_format
 from pvg.video.reading import has_alpha
 from pvg.video.streams import Track, fields_of, take_stock
-from tests.gallery.clips import media_info, smooth_frames
+from tests.gallery.clips import media_info, rewrite_clip, smooth_frames
 from tests.gallery.rich_clips import FRAMES, Other, Rich
 
 _DEFAULT, _COMMENT = Disposition.default, Disposition.comment
@@ -86,14 +86,6 @@ WAYS = [
 def clips(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("rich")
     return {name: rich.write(folder, name.replace(" ", "_")) for name, rich in CLIPS.items()}
-
-
-def write(source: Path, target: Path, plan: Plan) -> Path:
-    info = probe(source)
-    with VideoWriter(target, info, info.format, plan=plan, threads=1) as writer:
-        for frame in read_frames(source):
-            writer.write(frame)
-    return target
 
 
 def planned(source: Path, container: str, codec: str) -> Plan:
@@ -177,7 +169,7 @@ def test_every_cell_is_equal_named_or_refused(name: str, clips: dict[str, Path],
             refused.append(str(error))
             continue
         done.append((container, codec))
-        after, (new_tags, new_shape) = stock_of(write(source, tmp_path / f"{codec}.{container}", plan))
+        after, (new_tags, new_shape) = stock_of(rewrite_clip(source, tmp_path / f"{codec}.{container}", plan))
         lines = "\n".join(plan.warnings)
         needed = differences(before, after)
         needed += ["pictures become"] * (shape != new_shape and not (name == "alpha" and "4444" in codec))
@@ -197,7 +189,7 @@ def test_every_cell_is_equal_named_or_refused(name: str, clips: dict[str, Path],
 def test_sound_is_copied_as_it_is(clips: dict[str, Path], tmp_path: Path) -> None:
     """All tracks, float PCM too, byte for byte at the same times."""
     for container in ("mov", "mkv"):
-        target = write(clips["edited"], tmp_path / f"o.{container}", planned(clips["edited"], container, "h264"))
+        target = rewrite_clip(clips["edited"], tmp_path / f"o.{container}", planned(clips["edited"], container, "h264"))
         assert [b"".join(data for data, _ in track) for track in packets(target)] == [
             b"".join(data for data, _ in track) for track in packets(clips["edited"])
         ]
@@ -220,7 +212,7 @@ def packets(path: Path) -> list[list[tuple[bytes, Fraction]]]:
 
 
 def test_lossless_sound_stays_lossless_where_pcm_goes(clips: dict[str, Path], tmp_path: Path) -> None:
-    target = write(clips["shared"], tmp_path / "o.mov", planned(clips["shared"], "mov", "h264"))
+    target = rewrite_clip(clips["shared"], tmp_path / "o.mov", planned(clips["shared"], "mov", "h264"))
     assert [track.codec for track in of_kind(read_streams(target), "sound")] == ["aac", "pcm_s16le"]
     np.testing.assert_array_equal(samples(target, 1), samples(clips["shared"], 1))
 
@@ -236,7 +228,7 @@ def test_the_pictures_stay_the_default_track(
     container: str, codec: str, clips: dict[str, Path], tmp_path: Path
 ) -> None:
     source = clips["edited"]
-    target = write(source, tmp_path / f"o.{container}", planned(source, container, codec))
+    target = rewrite_clip(source, tmp_path / f"o.{container}", planned(source, container, codec))
     for path in (source, target):
         with av.open(str(path)) as opened:
             assert opened.streams.video[0].disposition & av.stream.Disposition.default
@@ -247,7 +239,7 @@ def test_subtitles_say_the_same_at_the_same_times(
     container: str, codec: str, clips: dict[str, Path], tmp_path: Path
 ) -> None:
     for name in ("edited", "shared"):
-        target = write(clips[name], tmp_path / f"{name}.{container}", planned(clips[name], container, codec))
+        target = rewrite_clip(clips[name], tmp_path / f"{name}.{container}", planned(clips[name], container, codec))
         assert texts(target) == texts(clips[name])
         assert {line for track in texts(target) for line in track} == {
             (b"Line 0", Fraction(0), Fraction(2, 25)),
@@ -275,7 +267,7 @@ def texts(path: Path) -> list[list[tuple[bytes, Fraction, Fraction]]]:
 def test_ffv1_gives_every_sample_back(clips: dict[str, Path], tmp_path: Path) -> None:
     for name in ("phone", "edited", "shared", "HDR10", "top first", "bottom first", "full range"):
         source = clips[name]
-        target = write(source, tmp_path / f"{name}.mkv", planned(source, "mkv", "ffv1"))
+        target = rewrite_clip(source, tmp_path / f"{name}.mkv", planned(source, "mkv", "ffv1"))
         frames = list(zip(read_frames(source), read_frames(target), strict=True))
         assert len(frames) == FRAMES
         for before, after in frames:

@@ -8,9 +8,8 @@ import av
 import pytest
 from av.subtitles.subtitle import SubtitleSet
 
-from pvg.video import VideoWriter, make_plan, probe, read_frames, read_streams
 from pvg.video.subtitles import Line, one_at_a_time
-from tests.gallery.clips import libav_frame
+from tests.gallery.clips import libav_frame, rewrite_clip
 from tests.gallery.pictures import colorful
 
 HEAD = b"0,0,Default,,0,0,0,,"
@@ -67,12 +66,7 @@ def talking_clip(path: Path, times: list[tuple[int, int]]) -> Path:
 def test_lines_that_overlap_begin_when_they_did(suffix: str, tmp_path: Path) -> None:
     times = [(0, 500), (100, 400), (300, 700), (800, 900)]
     source, target = talking_clip(tmp_path / "i.mkv", times), tmp_path / f"o{suffix}"
-    info, streams = probe(source), read_streams(source)
-    with VideoWriter(
-        target, info, info.format, plan=make_plan(info, container=suffix, source=source, streams=streams)
-    ) as writer:
-        for frame in read_frames(source):
-            writer.write(frame)
+    rewrite_clip(source, target)
     first: dict[bytes, Fraction] = {}
     with av.open(str(target)) as opened:
         (stream,) = opened.streams.subtitles
