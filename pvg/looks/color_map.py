@@ -74,7 +74,7 @@ def all_colors_map(key: KeyFrame, target: KeyFrame, steps: TransportSteps) -> Co
     moved = steps.transport(seen, wanted)
 
     def apply(other: KeyFrame) -> Doubles:
-        if other.frame != key.frame:  # its own, whatever light it is seen in
+        if not np.array_equal(other.colors, key.colors):  # its own may stand for a frame with too little skin, too
             return _follow_like_colors(other.colors, seen, moved)
         out = key.colors.astype(np.float64)
         out[key.visible] = moved

@@ -37,6 +37,8 @@ _IN_FILM = 0.6  # of what is richer than the clip's own skin, in a grey film
 _GAIN = 1.3  # of chroma, at most [by blind choice]: a grade in black and white is meant
 _RICHEST, _REDDEST = 32.0, 23.0  # C* and a* of CIELAB, at most [by blind choice: C* of 32 rather than 28 or any]
 _YELLOWEST = np.radians(62.0)  # hue of CIELAB, at most [by eye]
+_AS_RICH = 6.0  # C*, over which a clip that is as rich says how red skin may be by its hue too [by eye]
+_HUELESS = (2.0, 4.0)  # C* of a clip's skin: below, its hue is chance [by eye]
 _COLOURED = np.radians(25.0)  # beyond red and yellow, over which a hue becomes that of coloured light [by eye]
 
 
@@ -99,7 +101,9 @@ def _held(lab: Doubles, own: Doubles) -> Doubles | None:
         return None
     held = min(chroma, max(_RICHEST, own_chroma))
     least = float(np.arccos(min(1.0, max(_REDDEST, float(own[1])) / max(held, 1e-6))))
-    turned = max(min(hue, max(_YELLOWEST, own_hue)), least)
+    least -= ramp(own_chroma, held - _AS_RICH, held) * max(least - own_hue, 0.0)
+    most = _YELLOWEST + ramp(own_chroma, *_HUELESS) * max(own_hue - _YELLOWEST, 0.0)
+    turned = max(min(hue, most), least)
     if held == chroma and abs(turned - hue) < 1e-6:
         return None
     return lab + share * (np.array([lab[0], held * np.cos(turned), held * np.sin(turned)]) - lab)

@@ -3,7 +3,8 @@
 The map F of a person is made from one key frame. Another one, `gain` times as bright, takes it relative to its
 exposure,
 
-    g' = kept · F(g / gain),        kept = gain up to 1, above it bent so that the skin's highlights stay below white
+    g' = kept · F(g / gain),        kept = gain up to 1, above it bent so that the skin's highlights stay below white,
+                                    or where they are in the clip
 
 so the clip's own light survives as light, instead of being moved up the tone curve once more, and never runs away.
 """
@@ -15,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pvg._arrays import Bools, Doubles
+from pvg._arrays import Bools, Doubles, Floats
 from pvg.asset import FaceRecord, KeyFrame
 from pvg.curves import table_labels
 from pvg.looks.opponent import to_opponent
@@ -25,6 +26,7 @@ _AS_BRIGHT = 1.1  # times: of key frames that are lit alike the one that serves 
 _GAINS = (0.05, 20.0)
 _HIGHLIGHTS = 0.98  # of the skin, whose brightest channel is to stay …
 _BRIGHTEST = 243.0  # … below this level
+_WHITE = 249.0  # level: brighter ones are burnt out in the clip, too
 _DARKEST = 1.0  # level of a median that a ratio is taken of
 
 
@@ -59,17 +61,18 @@ def at_exposure(key: KeyFrame, gain: float) -> KeyFrame:
 class Exposure:
     """The exposure of a person's key frames relative to the leading one.
 
-    room: how many times as bright the leading one's skin may become before its highlights reach white.
+    own, new: the level of the highlights of the leading one's skin, before and after F.
     """
 
     leading: KeyFrame
-    room: float
+    own: float
+    new: float
 
     @classmethod
     def between(cls, leading: KeyFrame, new: Doubles) -> Exposure:
         """Of the leading key frame and the new colours (n, 3) of its skin, 0-255 RGB."""
-        high = float(np.quantile(new.max(axis=1), _HIGHLIGHTS))
-        return cls(leading, max(1.0, _BRIGHTEST / max(high, 1.0)))
+        own = leading.skin if len(leading.skin) else leading.colors[on_skin(leading)]
+        return cls(leading, _highlights(own), _highlights(new))
 
     def of(self, key: KeyFrame) -> tuple[float, float]:
         """How many times as bright as the leading one a key frame is, and how much of that its new colours keep."""
@@ -80,11 +83,15 @@ class Exposure:
         return gain, self.kept(gain)
 
     def kept(self, gain: float) -> float:
-        """`gain` up to 1; above it rising ever slower towards the room there is."""
-        room = self.room - 1.0
+        """`gain` up to 1; above it rising ever slower until highlights come near white.
+
+        But as much as leaves them no darker than they are in the clip.
+        """
         if gain <= 1.0:
             return gain
-        return 1.0 + room * (1.0 - float(np.exp(-(gain - 1.0) / room))) if room > 0.0 else 1.0
+        room = max(_BRIGHTEST / self.new - 1.0, 0.0)
+        bent = 1.0 + room * (1.0 - float(np.exp(-(gain - 1.0) / room))) if room > 0.0 else 1.0
+        return max(bent, min(gain, min(_WHITE, gain * self.own) / self.new))
 
 
 def on_skin(key: KeyFrame) -> Bools:
@@ -92,6 +99,11 @@ def on_skin(key: KeyFrame) -> Bools:
     skin = table_labels().on_open_skin
     seen = np.asarray(skin & key.visible)
     return seen if seen.any() else skin
+
+
+def _highlights(skin: Floats | Doubles) -> float:
+    """The level that nearly all of skin's colours (n, 3) stay below in every channel, at least 1."""
+    return max(float(np.quantile(skin.max(axis=1), _HIGHLIGHTS)), 1.0)
 
 
 def _brightness(key: KeyFrame, by: str) -> float:

@@ -194,16 +194,16 @@ def _as_lips(lips: Doubles, own: Doubles, skin: SkinMap, key: KeyFrame, face: fl
     if min(np.hypot(*ours), np.hypot(*theirs), np.hypot(*own[1:]), np.hypot(*lips[1:])) < _LEAST_CHROMA:
         return lips
     kept = float(np.exp(-abs(np.log(face / before)) / _LIKE_SKIN))
-    around, turned = _hue(theirs), _hue(own[1:]) - _hue(ours)
-    least, most = _with_room(_LIP_TURN, turned, kept)
+    around = _hue(theirs)
+    least, most = _with_room(_LIP_TURN, _turn(_hue(own[1:]) - _hue(ours)), kept)
     _, reddest = _with_room((0.0, _LIP_HUE), _hue(own[1:]), kept)
-    hue = np.clip(_hue(lips[1:]), around + least, max(around + least, min(around + most, reddest)))
+    turned = np.clip(_turn(_hue(lips[1:]) - around), least, max(least, min(most, reddest - around)))
     richer = float(np.hypot(*own[1:])) / max(own[0], 1.0) - float(np.hypot(*ours)) / before
     bounds = _with_room((_LIP_LEAST_RICHER, max(_LIP_MOST_RICHER, _LIP_RICHER * face)), richer, kept)
     plain = float(np.hypot(*theirs)) / face
     luma = max(lips[0], 1.0)
     chroma = luma * min(max(float(np.hypot(*lips[1:])) / luma, plain + bounds[0]), plain + bounds[1])
-    angle = np.radians(hue)
+    angle = np.radians(around + turned)
     return np.array([lips[0], -chroma * np.cos(angle), chroma * np.sin(angle)])
 
 
@@ -214,8 +214,16 @@ def _with_room(bounds: tuple[float, float], own: float, kept: float) -> tuple[fl
 
 
 def _hue(chroma: Doubles) -> float:
-    """Degrees from yellow (0) over red (about 60) to magenta (above 90) of B − Y and R − Y."""
-    return float(np.degrees(np.arctan2(chroma[1], -chroma[0])))
+    """Degrees from yellow (0) over red (about 60), magenta (above 90) and blue (180) to cyan (240) of B − Y and R − Y.
+
+    In [-90, 270): it jumps between cyan and green, where no skin is.
+    """
+    return (float(np.degrees(np.arctan2(chroma[1], -chroma[0]))) + 90.0) % 360.0 - 90.0
+
+
+def _turn(degrees: float) -> float:
+    """A turn from hue to hue the short way round, in [-180, 180)."""
+    return (degrees + 180.0) % 360.0 - 180.0
 
 
 def _level(skin: Floats | Doubles) -> float:

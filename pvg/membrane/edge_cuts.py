@@ -32,8 +32,8 @@ below a thousandth]"""
 class EdgeCuts:
     """Where curves cut the edges of a lattice; it depends on positions only, so it serves any values.
 
-    A tie is one end of a cut edge of the lattice itself: a node and the point of γ that holds it. E is their number, N
-    that of the numbers in an array over all levels.
+    A tie is one end of a cut edge of a level of the lattice: a node and the point of γ that holds it. E is the number
+    of ties, N that of the numbers in an array over all levels.
 
     Attributes:
         lattice: the nodes.

@@ -68,13 +68,14 @@ def with_beside(
 
 def _share_beside(placed: PlacedFace, lattice: Lattice, shape: tuple[int, int]) -> Floats:
     """(h, w) on blocks of nodes: 0 within the face's oval, 1 well outside it."""
-    landmarks, step = placed.data.landmarks, _COARSE * lattice.step
+    landmarks = placed.data.landmarks
     oval = np.zeros(shape, np.float32)
-    inset = (_COARSE - 1) / 2 * lattice.step  # of the first block's middle
-    middle = np.array([lattice.x + inset, lattice.y + inset], np.float32)
-    corners = ((landmarks.oval - middle) / step).astype(np.float32)
-    cv2.fillPoly(oval, [fixed_point(corners)], 1.0, lineType=cv2.LINE_AA, shift=SUBPIXEL_BITS)
-    soft = cv2.GaussianBlur(oval, (0, 0), max(0.5, _FEATHER * landmarks.axes.width / step))
+    nodes = np.array([lattice.width / shape[1], lattice.height / shape[0]])  # of a block, a little less than _COARSE
+    corner = np.array([lattice.x, lattice.y])
+    corners = (landmarks.oval - corner - (nodes - 1) / 2 * lattice.step) / (nodes * lattice.step)  # from its middle
+    cv2.fillPoly(oval, [fixed_point(corners.astype(np.float32))], 1.0, lineType=cv2.LINE_AA, shift=SUBPIXEL_BITS)
+    sigma = _FEATHER * landmarks.axes.width / (_COARSE * lattice.step)
+    soft = cv2.GaussianBlur(oval, (0, 0), max(0.5, sigma))
     return np.asarray(np.clip(1.0 - 2.0 * soft, 0.0, 1.0), np.float32)
 
 

@@ -15,7 +15,7 @@ from pvg.skin.parameters import SKIN_PRIOR
 _CUT = SKIN_PRIOR.cut
 # how log-odds are written into a channel of 8 bits: nothing of it is tuned
 _MIDDLE, _STEPS = 128.0, 2.0  # the value of log-odds 0, and steps a nat
-_OFFSET = 10.0  # nats from there to the means of both mixtures
+_OFFSET = 10.0  # levels from there to the means of both mixtures
 _BLIND = 1e6  # the variance of the channels that the mixtures do not look at
 
 

@@ -330,7 +330,8 @@ def _distance(mask: Bools) -> Floats:
 def _fill(shape: tuple[int, int], polygon: Floats) -> Bools:
     """(h, w) bool, true inside a polygon (n, 2)."""
     out = np.zeros(shape, np.uint8)
-    fixed = fixed_point(np.clip(polygon, -8192, 8192))
+    far = 2 * max(*shape, 4096)
+    fixed = fixed_point(np.clip(polygon, -far, far))
     cv2.fillPoly(out, [fixed], (1,), lineType=cv2.LINE_8, shift=SUBPIXEL_BITS)
     return out.astype(np.bool_)
 

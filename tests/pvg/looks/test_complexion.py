@@ -113,6 +113,22 @@ def test_a_clip_as_flushed_takes_it_as_it_is() -> None:
     np.testing.assert_allclose(complexion(reference, reference, 1.0), reference, atol=1e-3)
 
 
+@pytest.mark.parametrize("chroma", [12.0, 20.0, 30.0])
+@pytest.mark.parametrize("angle", range(-25, 116, 5))
+def test_a_clips_own_colours_are_themselves_in_every_hue(angle: float, chroma: float) -> None:
+    a, b = chroma * np.cos(np.radians(angle)), chroma * np.sin(np.radians(angle))
+    own = np.clip(skin((55.0, a, b)), 0, 255)
+    np.testing.assert_allclose(complexion(own, own, 1.0), own, atol=0.01)
+
+
+def test_the_hue_of_skin_without_chroma_bounds_nothing() -> None:
+    yellow = np.array((60.0, 8.7, 31.0))
+    greys = [np.array((60.0, 0.4 * np.cos(turn), 0.4 * np.sin(turn))) for turn in np.linspace(0, 6, 7)]
+    held = np.array([_held(yellow, grey) for grey in greys])
+    np.testing.assert_allclose(held, held[:1].repeat(len(held), axis=0))
+    assert hue(held[0]) == pytest.approx(62.0)
+
+
 def test_an_orange_lamp_is_held_in_chroma_alone() -> None:
     orange = np.array((63.0, 22.5, 35.0))
     held = _held(orange, np.array(TAN))

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from pvg.asset import FaceRecord, KeyFrame
 from pvg.looks.exposure import Exposure, at_exposure, leading_key
@@ -67,6 +68,15 @@ def test_exposure_survives_the_map_and_never_reaches_white() -> None:
         assert np.quantile((kept * moved).max(axis=1), 0.95) < 250
     shares = [share for _, share in new.values()]
     assert shares == sorted(shares)
+
+
+@pytest.mark.parametrize("look", [1.0, 0.8], ids=["its own colours", "a darker look"])
+def test_a_look_that_brightens_nothing_keeps_all_of_the_light(look: float) -> None:
+    lead = key_at(0, 80)
+    exposure = Exposure.between(lead, look * lead.skin.astype(np.float64))
+    brightest = float(lead.skin.max())
+    for gain in (1.1, 1.25, 248 / brightest):
+        assert exposure.kept(gain) == pytest.approx(gain, rel=1e-6)
 
 
 def test_few_highlights_reach_white_in_more_light() -> None:

@@ -67,6 +67,25 @@ def test_light_that_has_no_red_shows_no_make_up(light: tuple[float, float, float
     np.testing.assert_array_equal(PartChanges.of(_MADE_UP).on(skin, own, FULL), _asked_nothing(skin, own))
 
 
+@pytest.mark.parametrize("gain", [0.85, 1.05, 1.2])
+@pytest.mark.parametrize(
+    ("skin", "lips"),
+    [((60, 70, 200), (85, 60, 180)), ((70, 70, 180), (85, 58, 160)), ((60, 130, 140), (75, 115, 125))],
+    ids=["blue", "violet", "cyan"],
+)
+def test_lips_in_blue_light_keep_its_hue_as_the_skin_gets_brighter_or_darker(
+    skin: tuple[float, float, float], lips: tuple[float, float, float], gain: float
+) -> None:
+    own = _face(skin, {})
+    parts = own.parts.copy()
+    parts[PARTS.index("lips")] = lips
+    own = replace(own, parts=parts)
+    brighter = SkinMap.between(own.skin, gain * own.skin.astype(np.float64))
+    change = _asked_nothing(brighter, own)[PARTS.index("lips")]
+    drawn = to_rgb((to_opponent(brighter(own.parts))[PARTS.index("lips")] + change)[None])[0]
+    np.testing.assert_allclose(drawn, gain * np.array(lips), atol=16)
+
+
 def test_a_reference_like_the_clip_asks_for_nothing() -> None:
     change = PartChanges.of(_OWN).on(_map(_OWN, _OWN), _OWN, FULL)
     assert np.abs(change).max() < 1.0

@@ -95,3 +95,21 @@ def test_what_the_curves_ask_for_ends_with_the_face(placed: PlacedFace, asked: f
     lit, same = drawn(placed, brighter(contrast=1.0), YUV444, beside=True, asked=asked)
     assert lit - face == pytest.approx(asked, rel=0.25)
     assert same == pytest.approx(shade, abs=0.3)
+
+
+def test_what_is_kept_for_the_face_ends_as_far_from_its_oval_on_all_sides(placed: PlacedFace) -> None:
+    lattice = placed.lattice()
+    lattice = replace(lattice, width=3 * (lattice.width // 3) + 1)  # blocks of three nodes do not go into it
+    look, pixel_format = brighter(contrast=2.0), YUV444
+    frame = frame_of(np.broadcast_to(FACE, (360, 640, 3)), pixel_format)
+    tables = MapTables.of(look, pixel_format, region="face")
+    shift = np.ones((3, lattice.height, lattice.width), np.float32)
+    (correction,) = with_beside(frame, placed, [Correction(lattice, shift, tables)], [tables])
+    kept = correction.shift[0]
+    rows, columns = np.nonzero((kept > 0.3) & (kept < 0.7))
+    points = np.stack([lattice.x + lattice.step * columns, lattice.y + lattice.step * rows], axis=1).astype(np.float32)
+    oval = placed.data.landmarks.oval.astype(np.float32)
+    outside = np.array([-cv2.pointPolygonTest(oval, point.tolist(), True) for point in points]) / lattice.step
+    middle = oval.mean(axis=0)
+    aside = [outside[side].mean() for side in (points[:, 0] < middle[0], points[:, 0] > middle[0])]
+    assert aside[0] == pytest.approx(aside[1], abs=1.0)
