@@ -20,7 +20,6 @@ from sqlalchemy.exc import ArgumentError, DBAPIError, IntegrityError, Operationa
 from sqlalchemy.orm import Session
 
 from service import health
-from service.api import create_app, make_services, server
 from service.catalog import Database, Key, keys, utc_now, workers
 from service.catalog.keys import Limits
 from service.catalog.migrations import VersionError, has_table, is_current, migrate_to
@@ -96,6 +95,8 @@ def serve(
     worker: Annotated[bool, typer.Option(help="Run a worker too; without, start `pvg-service worker`.")] = True,
 ) -> None:
     """Run the API with its worker and broker until stopped."""
+    from service.api import create_app, server  # noqa: PLC0415 - half of the start, and other commands do without
+
     settings = _settings(host=host, port=port)
     may_listen = settings.listens_to_loopback_only or settings.allow_unauthenticated_network
     if not may_listen and not _have_keys(settings):
@@ -241,6 +242,8 @@ def gc(
     even_most: Annotated[bool, typer.Option("--even-most", help="Though more than half of all files go.")] = False,
 ) -> None:
     """Remove what is past its retention, and files that no record names."""
+    from service.api import make_services  # noqa: PLC0415 - half of the start, and other commands do without
+
     settings = _current_settings()
     configure(settings.log_level)
     services = make_services(settings)
@@ -257,6 +260,8 @@ def gc(
 @cli.command()
 def adopt() -> None:
     """Make the files of the storage this database's, as once a backup is restored: those it does not name will go."""
+    from service.api import make_services  # noqa: PLC0415 - half of the start, and other commands do without
+
     services = make_services(_current_settings())
     there, unknown = services.collector.adopt()
     typer.echo(f"the storage is this database's: {unknown} of {there} file(s) have no record and will go", err=True)

@@ -21,6 +21,7 @@ from sqlalchemy.engine import make_url
 
 from service.catalog import Database, Job, JobState, jobs, leases, workers
 from service.catalog.database import make_engine
+from service.catalog.migrations import migrate, migrate_to
 from service.settings import Settings
 from tests.service.catalog.test_parts import finish, parted
 from tests.service.fixtures import MP4, PNG, Api, claim, make_ready, make_results, serve
@@ -141,7 +142,7 @@ def _empty(url: str) -> None:
 
 
 def test_the_tables_go_down_and_up_with_what_is_in_them(kept: Settings) -> None:
-    """One version at a time to the first and back, by the command, with media, jobs and results in place."""
+    """One version at a time to the first and back, with media, jobs and results in place."""
     with running(kept) as api:
         _, result, _ = fill(api)
         before = {path: api.client.get(path).json() for path in ("/videos", "/references", "/jobs")}
@@ -150,7 +151,7 @@ def test_the_tables_go_down_and_up_with_what_is_in_them(kept: Settings) -> None:
     assert counted.items() >= {"media": 2, "looks": 3, "results": 1}.items()
     newest = _version(database)
     for version in [f"{number:04}" for number in range(int(newest) - 1, 0, -1)]:
-        _migrate(kept, version)
+        migrate_to(kept.database, version)
         assert _version(database) == version
         assert {name: n for name, n in _rows(database).items() if name in _FIRST} == {n: counted[n] for n in _FIRST}
     _migrate(kept, newest)
@@ -199,7 +200,7 @@ def test_of_every_migration_it_is_told_whether_older_versions_run_beside_it() ->
 
 def test_versions_that_nobody_knows_are_refused_in_a_line(kept: Settings) -> None:
     assert "there is no version 9999; they are 0001 to" in _migrate(kept, "9999", code=2)
-    _migrate(kept, "0013")
+    migrate_to(kept.database, "0013")
     database = Database(kept.database)
     with database.write() as session:
         session.execute(text("UPDATE alembic_version SET version_num = '9998'"))
@@ -213,7 +214,7 @@ def test_versions_that_nobody_knows_are_refused_in_a_line(kept: Settings) -> Non
 
 
 def test_tables_are_not_changed_below_a_running_worker(kept: Settings) -> None:
-    _migrate(kept, "0013")
+    migrate_to(kept.database, "0013")
     database = Database(kept.database)
     with database.write() as session:
         # good for as long as the command may take to start
@@ -228,7 +229,7 @@ def test_tables_are_not_changed_below_a_running_worker(kept: Settings) -> None:
 
 
 def test_what_is_done_in_parts_begins_anew_in_the_version_before_there_were_parts(kept: Settings) -> None:
-    _migrate(kept, None)
+    migrate(kept.database)
     database = Database(kept.database)
     job_id, part_ids = parted(database, 2)
     finish(database, claim(database, part_ids[0]))
@@ -237,11 +238,11 @@ def test_what_is_done_in_parts_begins_anew_in_the_version_before_there_were_part
     claim(database, others[0])
     with database.write() as session:
         assert jobs.cancel(session, stopped, now=database.now())
-    _migrate(kept, "0012")
+    migrate_to(kept.database, "0012")
     with database.read() as session:
         found = session.execute(text("SELECT id, state FROM jobs WHERE kind <> 'vectorize' ORDER BY id")).all()
     assert [tuple(row) for row in found] == sorted([(job_id, "queued"), (stopped, "canceling")])
-    _migrate(kept, None)
+    migrate(kept.database)
     lease = claim(database, job_id)
     with database.write() as session:
         assert leases.held_state(session, lease) == JobState.RUNNING
