@@ -122,6 +122,8 @@ class Database:
         self._before_write = before_write
         self._turn = _WritersTurn(url, lock_wait_s) if is_sqlite else nullcontext()
         self._lock_wait_s = lock_wait_s
+        self._closed = False
+        event.listen(self._engine, "checkin", self._close_when_closed)
 
     @contextmanager
     def read(self) -> Iterator[Session]:
@@ -174,8 +176,13 @@ class Database:
             connection.close()
 
     def close(self) -> None:
-        """Close every pooled connection."""
+        """Close every pooled connection, and those in use once they come back."""
+        self._closed = True
         self._engine.dispose()
+
+    def _close_when_closed(self, connection: DBAPIConnection, record: ConnectionPoolEntry) -> None:
+        if self._closed:
+            record.invalidate()
 
 
 def make_engine(url: str, *, lock_wait_s: float = LOCK_WAIT_S) -> Engine:

@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+import psycopg
 import pytest
 import structlog
+from sqlalchemy import text
 from sqlalchemy.exc import IntegrityError
 
 from service.catalog import Database
 from service.catalog.models import WebhookSecret
+from tests.service.servers import fresh_database
 
 SECRET = "whsec_which-no-log-may-have"
 
@@ -22,3 +25,14 @@ def test_a_failing_statement_is_logged_without_what_it_holds(
     assert "INSERT INTO webhook_secrets" in caplog.text
     assert "created_at" in caplog.text, "the reason stays"
     assert SECRET not in caplog.text
+
+
+def test_a_connection_that_comes_back_after_closing_is_closed(postgres_tables: str, postgres_url: str) -> None:
+    with fresh_database(postgres_url, postgres_tables) as url:
+        database = Database(url)
+        with database.read() as session:
+            connection = session.connection().connection.driver_connection
+            database.close()
+            assert session.execute(text("SELECT 1")).scalar_one() == 1
+        assert isinstance(connection, psycopg.Connection)
+        assert connection.closed
