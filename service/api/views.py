@@ -42,6 +42,7 @@ _UNKNOWN: Final = Forecast()
 def media_body(media: Media, settings: Settings) -> MediaBody:
     """The answer that shows a medium."""
     at = addresses.of_media(settings, media.role, media.id)
+    is_ready = media.state == MediaState.READY
     return MediaBody.model_validate(
         {
             "id": media.id,
@@ -53,8 +54,11 @@ def media_body(media: Media, settings: Settings) -> MediaBody:
             "sha256": media.sha256,
             "settings": VectorBody(mask=media.mask, matching=media.matching, input_color=media.input_color),
             "media": media.info,
-            "poster": f"{at}/poster" if media.state == MediaState.READY else None,
-            "faces": [{**face, "thumbnail": f"{at}/faces/{face['index']}/thumbnail"} for face in media.faces],
+            "poster": f"{at}/poster" if is_ready else None,
+            "faces": [
+                {**face, "thumbnail": f"{at}/faces/{face['index']}/thumbnail" if is_ready else None}
+                for face in media.faces
+            ],
             "warnings": media.warnings,
             "metadata": media.metadata_,
             "error": shown(media.error, settings.root_path),

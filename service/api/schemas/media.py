@@ -66,7 +66,7 @@ class FaceBody(BaseModel):
     box: Annotated[list[int], Field(min_length=4, max_length=4)] | None = Field(
         default=None, description="x, y, width and height in that frame, in pixels"
     )
-    thumbnail: str | None = Field(default=None, description="where a small picture of it is")
+    thumbnail: str | None = Field(default=None, description="where a small picture of it is, once the medium is ready")
 
 
 class MediaBody(BaseModel):

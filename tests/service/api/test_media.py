@@ -3,7 +3,7 @@ from __future__ import annotations
 from typing import Any
 
 from service.api.examples import MEDIUM
-from service.catalog import leases
+from service.catalog import leases, media
 from service.settings import Settings
 from tests.service.fixtures import MP4, PNG, Api, claim, make_ready, make_results, serve
 from tests.service.servers import fresh_database
@@ -53,6 +53,18 @@ def test_a_failed_medium_says_why_and_is_tried_again_when_uploaded_again(api: Ap
     assert (again.json()["state"], again.json()["error"]) == ("vectorizing", None)
     make_ready(api.services, video["id"])
     assert api.client.get(f"/videos/{video['id']}").json()["state"] == "ready"
+
+
+def test_a_medium_whose_asset_is_made_again_shows_no_addresses_of_pictures(api: Api) -> None:
+    video = upload(api, "/videos")["id"]
+    make_ready(api.services, video)
+    lease = claim(api.services.database, transfer(api, video, video)["id"])
+    with api.services.background.write() as session:
+        lost = media.assets(session, [video])
+        assert media.make_again(session, lease, lost, now=api.services.database.now())
+    shown = api.client.get(f"/videos/{video}").json()
+    assert (shown["state"], shown["poster"]) == ("vectorizing", None)
+    assert [face["thumbnail"] for face in shown["faces"]] == [None]
 
 
 def test_lists_page_through_everything_newest_first(api: Api) -> None:
