@@ -190,10 +190,11 @@ def _of_state(target: JobState | None, now: datetime) -> dict[str, Any]:
     """What every way into a state writes."""
     if target is None:
         return {}
+    # the progress is that of the present attempt
+    progress = {"stage": None, "fraction": 0.0, "frames_done": 0, "frames_total": 0}
     if target is JobState.QUEUED:  # the time in the queue counts from here, and a message is due
-        return {"state": target, "waiting": False, "queued_at": now, "published_at": None}
-    if target is JobState.RUNNING:  # the progress is that of the present attempt
-        progress = {"stage": None, "fraction": 0.0, "frames_done": 0, "frames_total": 0}
+        return {"state": target, "waiting": False, "queued_at": now, "published_at": None, **progress}
+    if target is JobState.RUNNING:
         return {"state": target, "started_at": now, **progress}
     return {"state": target} | ({"waiting": False, "finished_at": now} if target in ENDED else {})
 

@@ -318,6 +318,8 @@ def test_progress_is_of_the_present_attempt(database: Database, clock: FakeClock
     assert (job.stage, job.fraction, job.frames_done, job.frames_total) == ("landmarks", 0.25, 5, 20)
     clock.forward(31)
     step(database, "reap", max_attempts=3)
+    job = job_of(database, job_id)
+    assert (job.state, job.stage, job.fraction, job.frames_done, job.frames_total) == ("queued", None, 0.0, 0, 0)
     claim(database, job_id)
     assert (job_of(database, job_id).stage, job_of(database, job_id).fraction) == (None, 0.0)
 

@@ -407,7 +407,7 @@ def test_the_progress_of_the_parts_is_that_of_the_job_and_never_falls(database: 
         leases.reap(session, now=clock(), max_attempts=3)
     first = claim(database, part_ids[0])
     assert told(first, 0.1) == (0.3638, 75)
-    assert told(first, 1.0) == (0.6062, 125)
+    assert told(first, 1.0) == (0.485, 100)  # what was drawn of the second is lost until it is taken again
     assert finish(database, first) == []
     finish(database, claim(database, part_ids[1]))
     assert read(database, job_id).frames_done == 200
