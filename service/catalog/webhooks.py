@@ -198,15 +198,17 @@ def page(
 def replay(session: Session, delivery_id: str, *, now: datetime) -> bool:
     """Attempt a delivery again from now on, with its id. False while its job goes on: nothing was changed.
 
-    One that is being attempted just now is left to that.
+    Who is attempting it just now loses the claim: how that ends does not count.
     """
     over = Delivery.state.in_((DeliveryState.PENDING, DeliveryState.DELIVERED, DeliveryState.FAILED))
-    idle = (Delivery.id == delivery_id, over, Delivery.lease_token.is_(None))
-    values = {"state": DeliveryState.PENDING, "next_at": now, "attempts": 0, "delivered_at": None}
-    if changed(session, update(Delivery).where(*idle).values(values)):
-        return True
-    attempted = (Delivery.id == delivery_id, Delivery.state == DeliveryState.PENDING)
-    return session.scalar(select(Delivery.id).where(*attempted)) is not None
+    values = {
+        "state": DeliveryState.PENDING,
+        "next_at": now,
+        "attempts": 0,
+        "delivered_at": None,
+        "lease_token": None,
+    }
+    return bool(changed(session, update(Delivery).where(Delivery.id == delivery_id, over).values(values)))
 
 
 # secrets

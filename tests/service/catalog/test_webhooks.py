@@ -178,13 +178,30 @@ def test_a_delivery_is_replayed_with_its_id_unless_its_job_goes_on(database: Dat
     attempt = claim(database, delivery)
     assert attempt is not None
     with database.write() as session:
-        assert webhooks.replay(session, delivery.id, now=clock())  # it is being told: nothing to change
         assert webhooks.missed(session, attempt, now=clock(), retry_s=None, status=410, error="gone")
     assert deliveries(database)[0].state == DeliveryState.FAILED
     with database.write() as session:
         assert webhooks.replay(session, delivery.id, now=clock())
     (again,) = deliveries(database)
     assert (again.id, again.state, again.attempts, again.next_at) == (delivery.id, "pending", 0, clock())
+
+
+def test_a_delivery_that_is_replayed_while_it_is_attempted_is_attempted_anew(
+    database: Database, clock: FakeClock
+) -> None:
+    ended_job(database, URL)
+    (delivery,) = deliveries(database)
+    attempt = claim(database, delivery)
+    assert attempt is not None
+    clock.forward(1)
+    with database.write() as session:
+        assert webhooks.replay(session, delivery.id, now=clock())
+        assert not webhooks.missed(session, attempt, now=clock(), retry_s=None, status=500, error="the last")
+    (again,) = deliveries(database)
+    assert (again.state, again.attempts, again.next_at) == (DeliveryState.PENDING, 0, clock())
+    anew = claim(database, delivery)
+    assert anew is not None
+    assert anew.number == 1
 
 
 def test_a_webhook_goes_away_with_its_job(database: Database, clock: FakeClock) -> None:
