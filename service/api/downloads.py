@@ -78,10 +78,13 @@ async def send_file(services: Services, asked: BytesAsked, file: File) -> Respon
     if part:
         headers["Content-Range"] = f"bytes {start}-{end - 1}/{file.size_bytes}"
     status = 206 if part else 200
+    removed = GoneError(f"the file of {file.of} has been removed")
     if asked.head_only:
+        if not await services.calls.read(services.storage.exists, file.key):
+            raise removed
         return Response(status_code=status, headers=headers)
     try:
         pieces = await services.storage.stream(file.key, start, end)
     except BlobMissingError as error:
-        raise GoneError(f"the file of {file.of} has been removed") from error
+        raise removed from error
     return StreamingResponse(pieces, status_code=status, headers=headers)

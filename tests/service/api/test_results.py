@@ -96,6 +96,14 @@ def test_unknown_results_are_not_found_and_expired_ones_are_gone(api: Api, path:
     assert (answer.status_code, answer.json()["code"]) == (410, "gone")
 
 
+def test_a_file_whose_bytes_are_lost_is_gone_for_head_as_for_get(api: Api, path: str) -> None:
+    for key in api.blobs:
+        api.services.storage.delete(key)
+    video = api.client.get("/videos").json()["data"][0]["id"]
+    for lost in (path, f"/videos/{video}/file"):
+        assert (api.client.get(lost).status_code, api.client.head(lost).status_code) == (410, 410)
+
+
 def test_a_look_says_why_its_result_is_gone(api: Api) -> None:
     services, now = api.services, api.services.background.now()
     made = []
