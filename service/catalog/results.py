@@ -137,11 +137,13 @@ def publish(
 def keep(session: Session, job_id: str, *, now: datetime, ttl_s: float) -> bool:
     """Count the retention of a job's results, if there are any yet, from now: they are asked for again.
 
-    False, and nothing changed, when one of them has expired meanwhile.
+    False, and nothing changed, when one of them has expired or was deleted meanwhile.
     """
     of_job = Result.job_id == job_id
-    # whoever drops them is waited for
-    if None in session.scalars(select(Result.blob_key).where(of_job).order_by(Result.id).with_for_update()).all():
+    # whoever drops or deletes them is waited for; of what is deleted, the look alone tells
+    blobs = session.scalars(select(Result.blob_key).where(of_job).order_by(Result.id).with_for_update()).all()
+    gone = select(Look.position).where(Look.job_id == job_id, Look.result_gone.is_not(None)).limit(1)
+    if None in blobs or session.scalar(gone) is not None:
         return False
     changed(session, update(Result).where(of_job).values(expires_at=now + timedelta(seconds=ttl_s)))
     return True

@@ -253,6 +253,16 @@ def test_results_of_which_one_has_expired_are_not_kept_on(api: Api, job: dict[st
         assert result.expires_at == now + timedelta(seconds=500)
 
 
+def test_results_of_which_one_was_deleted_are_not_kept_on(api: Api, job: dict[str, Any]) -> None:
+    deleted, other = (look["result"] for look in job["looks"])
+    now = api.services.database.now()
+    with api.services.background.write() as session:
+        before = session.get_one(Result, other).expires_at
+        results.delete(session, deleted, now=now)
+        assert not results.keep(session, job["id"], now=now, ttl_s=10_000)
+        assert session.get_one(Result, other, populate_existing=True).expires_at == before
+
+
 def test_parts_expire_with_their_result(api: Api, job: dict[str, Any]) -> None:
     before = len(api.blobs)
     late = api.services.database.now() + timedelta(seconds=1001)
