@@ -34,10 +34,9 @@ def check_looks(
     *,
     output_at: str = "/output",
 ) -> None:
-    """Raise what `request_looks` would raise for a transfer, and record nothing."""
+    """Raise what `request_looks` would raise for such media and options, and record nothing."""
     with services.database.read() as session:
         check(media.several(session, owner, pointers), looks, output, pointers, output_at)
-        quotas.check(session, owner, now=services.database.now(), lock=False)
 
 
 def request_looks(

@@ -296,6 +296,24 @@ def test_a_form_over_the_quota_takes_back_its_references(api: Api) -> None:
         assert client.post("/transfer", data={"video": video["id"]}, files=files[:1]).status_code == 202
 
 
+def test_a_form_that_asks_for_the_same_again_needs_no_further_job(api: Api) -> None:
+    one = holder(api, Limits(active_jobs=3))
+    video = one.upload().json()["id"]
+    with httpx.Client(base_url=api.client.base_url, timeout=60, auth=Bearer(one.text)) as client:
+        files = {"reference": ("a.png", PNG)}
+        made = client.post("/transfer", data={"video": video}, files=files).json()
+        reference = made["looks"][0]["reference"]
+        by_id = {"video": (None, video), "reference": (None, reference)}
+        again = [
+            client.post("/transfer", json={"video": video, "looks": looks(reference)}),
+            client.post("/transfer", files=by_id),
+            client.post("/transfer", data={"video": video}, files=files),
+        ]
+        assert [(one.status_code, one.json().get("id")) for one in again] == [(200, made["id"])] * 3
+        # what is not the same is over the quota
+        assert client.post("/transfer", data={"video": video, "light": "1"}, files=files).status_code == 429
+
+
 def test_a_form_without_reference_or_with_a_file_that_is_none_is_refused(api: Api) -> None:
     video = upload(api, "/videos")
     without = api.client.post("/transfer", files={"video": (None, video["id"])})
