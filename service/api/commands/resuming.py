@@ -257,14 +257,18 @@ def find_in(session: Session, services: Services, upload_id: str, owner: str | N
 def begin(services: Services, upload_id: str, size_bytes: int, said: Mapping[str, str], raw: str) -> None:
     """Say the size and the name of the file that comes by a link. What it is for, the link says.
 
-    Raises `ConflictError` when that was said before, and `QuotaExceededError`.
+    The same may be said again until some of it is there. Raises `ConflictError` when it has begun otherwise, and
+    `QuotaExceededError`.
     """
     with services.database.write() as session:
         now = services.database.now()
         upload = find_in(session, services, upload_id)
         check_size(size_bytes, upload.limit_bytes)
-        quotas.check(session, upload.owner, now=now, size_bytes=size_bytes)
-        if not resumable.begin(session, upload, size_bytes=size_bytes, filename=name_of(said), said=raw):
+        if upload.size_bytes is None:
+            quotas.check(session, upload.owner, now=now, size_bytes=size_bytes)
+        begun = resumable.begin(session, upload, size_bytes=size_bytes, filename=name_of(said), said=raw)
+        is_same = (upload.size_bytes, upload.said, upload.offset_bytes) == (size_bytes, raw, 0)
+        if not begun and not is_same:
             raise ConflictError(f"{upload_id} has begun before; ask for its Upload-Offset")
 
 

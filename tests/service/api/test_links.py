@@ -292,13 +292,18 @@ def test_a_file_in_pieces_by_a_link(api: Api, stranger: httpx.Client) -> None:
     use_key(api)
     url = upload_link(api)
     tus = {"Tus-Resumable": "1.0.0"}
-    begun = stranger.post(url, headers=tus | {"Upload-Length": "1000"})
-    assert (begun.status_code, begun.headers["location"]) == (201, url)
-    assert stranger.post(url, headers=tus | {"Upload-Length": "1000"}).status_code == 409
+    said = tus | {"Upload-Length": "600000", "Upload-Metadata": "filename YS5tcDQ="}
+    for _ in range(2):  # until some of it is there: the answer may have been lost
+        begun = stranger.post(url, headers=said)
+        assert (begun.status_code, begun.headers["location"]) == (201, url)
+        assert api.client.get("/usage").json()["stored_bytes"]["used"] == 600_000
+    for other in ({"Upload-Length": "60000"}, {"Upload-Metadata": "filename Yi5tcDQ="}):
+        assert stranger.post(url, headers=said | other).status_code == 409
     piece = tus | {"Content-Type": "application/offset+octet-stream"}
     assert stranger.patch(url, content=MP4, headers=piece | {"Upload-Offset": "0"}).status_code == 204
-    assert stranger.head(url, headers=tus).headers["upload-length"] == "1000"
-    rest = b"x" * (1000 - len(MP4))
+    assert stranger.post(url, headers=said).status_code == 409
+    assert stranger.head(url, headers=tus).headers["upload-length"] == "600000"
+    rest = b"x" * (600_000 - len(MP4))
     last = stranger.patch(url, content=rest, headers=piece | {"Upload-Offset": str(len(MP4))})
     assert api.client.get(f"/videos/{last.headers['pvg-media']}").status_code == 200
 
