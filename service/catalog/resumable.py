@@ -96,13 +96,18 @@ def append(
     here = (row.id == upload_id, row.offset_bytes == start, row.media_id.is_(None), row.expires_at >= now)
     if not changed(session, update(row).where(*here).values(offset_bytes=start + size_bytes)):
         return False
-    longer = now + timedelta(seconds=ttl_s)
-    changed(session, update(row).where(row.id == upload_id, row.expires_at < longer).values(expires_at=longer))
+    keep(session, upload_id, now=now, ttl_s=ttl_s)
     if not tombstones.recorded(session, [blob_key]):
         raise tombstones.LateError(blob_key)
     session.add(UploadPart(upload_id=upload_id, start_bytes=start, size_bytes=size_bytes, blob_key=blob_key))
     session.flush()
     return True
+
+
+def keep(session: Session, upload_id: str, *, now: datetime, ttl_s: float) -> None:
+    """Count the retention of an upload from now, unless it is longer: its bytes come."""
+    row, longer = ResumableUpload, now + timedelta(seconds=ttl_s)
+    changed(session, update(row).where(row.id == upload_id, row.expires_at < longer).values(expires_at=longer))
 
 
 def parts(session: Session, upload_id: str) -> list[UploadPart]:

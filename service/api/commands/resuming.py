@@ -254,6 +254,12 @@ def find_in(session: Session, services: Services, upload_id: str, owner: str | N
     return found
 
 
+def keep(services: Services, upload_id: str) -> None:
+    """Have an upload outlive its link while the file arrives."""
+    with services.database.write() as session:
+        resumable.keep(session, upload_id, now=services.database.now(), ttl_s=services.settings.upload_ttl_s)
+
+
 def begin(services: Services, upload_id: str, size_bytes: int, said: Mapping[str, str], raw: str) -> None:
     """Say the size and the name of the file that comes by a link. What it is for, the link says.
 

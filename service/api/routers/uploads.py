@@ -251,6 +251,8 @@ async def _whole(services: Services, request: Request, upload: ResumableUpload) 
     is_other = media_type(request) != "multipart/form-data" and declared not in {"", str(upload.size_bytes)}
     if upload.size_bytes is not None and (upload.media_id is None or is_other):
         raise ConflictError(f"{upload.id} has begun in pieces, or is complete")
+    if upload.media_id is None:
+        await services.calls.write(resuming.keep, services, upload.id)
     limit_bytes = upload.limit_bytes
     async with (
         services.arriving.place(upload.owner, free=None if upload.media_id is None else upload.id) as share,

@@ -13,7 +13,7 @@ import pytest
 from pydantic import ValidationError
 
 from service.api.advice import ADVICE
-from service.catalog import keys
+from service.catalog import keys, utc_now
 from service.settings import Settings
 from tests.service.fixtures import MP4, PNG, Api, make_ready, make_results, serve
 from tests.service.s3 import S3
@@ -313,6 +313,25 @@ def test_a_link_for_an_upload_expires(api: Api, stranger: httpx.Client) -> None:
     now = api.services.database.now()
     old = api.services.signer.sign("upload", made["id"], by=keys.NOBODY, expires_at=now - timedelta(seconds=2))
     assert stranger.put(f"/uploads/{made['id']}", params=old, content=MP4).status_code == 410
+
+
+def test_a_file_that_is_on_its_way_when_its_link_expires_is_taken(
+    api: Api, stranger: httpx.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    url = upload_link(api, expires_in_s=3600)
+
+    def slowly() -> Iterator[bytes]:
+        yield MP4
+        until(lambda: api.drafts != [])
+        late = utc_now() + timedelta(seconds=3700)
+        for database in (api.services.database, api.services.background):
+            monkeypatch.setattr(database, "now", lambda: late)
+        api.services.reaper.expire()
+        yield b"the rest"
+
+    sent = stranger.put(url, content=slowly())
+    assert sent.status_code == 200, sent.text
+    assert api.client.get(f"/videos/{sent.json()['media']}").json()["size_bytes"] == len(MP4) + 8
 
 
 # pages of other sites
