@@ -18,17 +18,19 @@ from service.settings import Settings
 def of_jobs(
     settings: Settings, room: Room, session: Session, found: Sequence[Job], *, forecasts: Forecasts | None = None
 ) -> list[JobBody]:
-    """The answers for jobs, in their order, by two queries; with ``forecasts``, what is likely of them by some more."""
+    """The answers for jobs, in their order, by few queries; with ``forecasts``, what is likely of them by some more."""
     likely = {} if forecasts is None else forecasts.of(session, found)
     looks = jobs.looks_of(session, [job.id for job in found])
     made = [look.result_id for of_one in looks.values() for look in of_one if look.result_id]
     files = results.files(session, made)
+    kept = results.kept_until(session, files)
     no_room = any(job.state == JobState.QUEUED for job in found) and room.is_short()
     return [
         job_body(
             job,
             looks.get(job.id, ()),
             files,
+            kept,
             settings,
             no_room=no_room,
             forecast=likely.get(job.id, Forecast()),

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from datetime import timedelta
+from datetime import datetime, timedelta
 from typing import Any, Final, Literal, cast
 
 from service import addresses
@@ -72,6 +72,7 @@ def job_body(
     job: Job,
     looks: Sequence[Look],
     files: Sequence[Result],
+    kept: Mapping[str, datetime],
     settings: Settings,
     *,
     no_room: bool = False,
@@ -79,8 +80,8 @@ def job_body(
 ) -> JobBody:
     """The answer that shows a job.
 
-    ``files`` are its results and their parts, ``no_room`` says that the disk is full, so that jobs wait, and
-    ``forecast`` is what is likely of it.
+    ``files`` are its results and their parts, and ``kept`` says until when they are kept, by their ids. ``no_room``
+    says that the disk is full, so that jobs wait, and ``forecast`` is what is likely of it.
 
     A look shares its job's state: all are rendered together.
     """
@@ -103,7 +104,7 @@ def job_body(
             "queue": None if forecast.position is None else {"position": forecast.position},
             "eta": _eta(forecast),
             "media": job.media_id,
-            "looks": [_look_body(job, look, files, settings) for look in looks],
+            "looks": [_look_body(job, look, files, kept, settings) for look in looks],
             "output": None if job.kind == JobKind.VECTORIZE else OutputBody(**asdict(render_request(job).output)),
             "error": shown(job.error, settings.root_path),
             "timings": _timings(job),
@@ -145,7 +146,9 @@ def _settings(report: dict[str, Any]) -> VectorBody:
     return VectorBody(mask=report["mask"], matching=report["matching"], input_color=report.get("input_color", "auto"))
 
 
-def _look_body(job: Job, look: Look, files: Sequence[Result], settings: Settings) -> LookBody:
+def _look_body(
+    job: Job, look: Look, files: Sequence[Result], kept: Mapping[str, datetime], settings: Settings
+) -> LookBody:
     report = look.report
     result = next((one for one in files if one.id == look.result_id), None)
     url = addresses.of_result(settings, look.result_id) if look.result_id else None
@@ -163,13 +166,17 @@ def _look_body(job: Job, look: Look, files: Sequence[Result], settings: Settings
         size_bytes=None if result is None else result.size_bytes,
         content_type=None if result is None else result.content_type,
         sha256=None if result is None else result.sha256,
-        expires_at=None if result is None else result.expires_at,
+        expires_at=None if result is None else kept[result.id],
         # bytes of a result and its parts go in one sweep, or in two
-        extras=[_extra_body(part, url) for part in files if url and part.part_of == look.result_id and part.blob_key],
+        extras=[
+            _extra_body(part, url, kept[part.id])
+            for part in files
+            if url and part.part_of == look.result_id and part.blob_key
+        ],
     )
 
 
-def _extra_body(part: Result, url: str) -> ExtraBody:
+def _extra_body(part: Result, url: str, expires_at: datetime) -> ExtraBody:
     person = part.person or 1
     return ExtraBody.model_validate(
         {
@@ -179,6 +186,6 @@ def _extra_body(part: Result, url: str) -> ExtraBody:
             "size_bytes": part.size_bytes,
             "sha256": part.sha256,
             "content_type": part.content_type,
-            "expires_at": part.expires_at,
+            "expires_at": expires_at,
         }
     )

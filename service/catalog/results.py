@@ -13,7 +13,7 @@ from sqlalchemy.orm import Session
 
 from service.catalog import idempotency, jobs, leases, tombstones
 from service.catalog.database import changed
-from service.catalog.models import Job, Look, Result
+from service.catalog.models import Job, Look, Media, Result
 from service.catalog.parts import whole_of
 from service.catalog.transitions import Lease
 
@@ -80,6 +80,22 @@ def parts(session: Session, result_ids: Collection[str]) -> list[Result]:
         return []
     query = select(Result).where(Result.part_of.in_(result_ids)).order_by(Result.part, Result.person)
     return list(session.scalars(query))
+
+
+def kept_until(session: Session, found: Sequence[Result]) -> dict[str, datetime]:
+    """Until when each of these results and parts is kept, by its id: it goes with its video and its reference."""
+    if not found:
+        return {}
+    ids = {media_id for result in found for media_id in (result.video_id, result.reference_id)}
+    rows = session.execute(select(Media.id, Media.expires_at).where(Media.id.in_(ids)))
+    of_media = {row.id: row.expires_at for row in rows}
+    return {
+        result.id: min(
+            result.expires_at,
+            *(of_media[media_id] for media_id in (result.video_id, result.reference_id) if media_id in of_media),
+        )
+        for result in found
+    }
 
 
 def publish(

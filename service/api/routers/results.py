@@ -141,8 +141,10 @@ def _make_link(services: Services, caller: Caller, once: Once, result_id: str, w
         found = _find_part(services, access, result_id, wanted.part, wanted.person)
         what, place = [result_id, wanted.part, str(wanted.person)], f"{result_id}/{wanted.part}"
     key = _key(services, found)
+    with services.database.read() as session:
+        kept = results.kept_until(session, [found])[found.id]
     wait = timedelta(seconds=wanted.expires_in_s)
-    expires_at = min(services.database.now() + wait, found.expires_at).replace(microsecond=0)
+    expires_at = min(services.database.now() + wait, kept).replace(microsecond=0)
     url = services.storage.link(key, expires_in=wait) if services.settings.links_to_store else None
     if url is None:
         query = services.signer.sign("result", *what, by=found.owner, expires_at=expires_at)

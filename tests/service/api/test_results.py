@@ -240,6 +240,18 @@ def test_a_transfer_that_finds_its_result_keeps_it_with_its_parts_for_a_full_ret
     assert all(datetime.fromisoformat(file["expires_at"]) >= full for file in shown)
 
 
+def test_a_result_is_said_to_be_kept_no_longer_than_its_video(api: Api, job: dict[str, Any]) -> None:
+    look = job["looks"][0]
+    until = api.services.database.now().replace(microsecond=0) + timedelta(seconds=100)
+    with api.services.background.write() as session:
+        session.get_one(Media, look["video"]).expires_at = until
+    shown = api.client.get(f"/jobs/{job['id']}").json()["looks"][0]
+    links = [
+        api.client.post(f"/results/{look['result']}/link", json=wanted).json() for wanted in ({}, {"part": "matte"})
+    ]
+    assert {datetime.fromisoformat(one["expires_at"]) for one in (shown, *shown["extras"], *links)} == {until}
+
+
 def test_results_of_which_one_has_expired_are_not_kept_on(api: Api, job: dict[str, Any]) -> None:
     services = api.services
     with services.background.write() as session:
