@@ -119,7 +119,7 @@ JOB_TRANSITIONS: Final = {
         Transition(Step.PUBLISH, ACTIVE, None, "its message is handed to the broker"),
         Transition(Step.CANCEL_QUEUED, _QUEUED, _S.CANCELED, "a client cancels it before a worker has it"),
         Transition(Step.REQUEST_CANCEL, _RUNNING, _S.CANCELING, "a client cancels it while a worker has it"),
-        Transition(Step.REVOKE, ACTIVE, _S.CANCELED, "a medium it needs is deleted", _C.NONE, _E.DROPPED),
+        Transition(Step.REVOKE, ACTIVE, _S.CANCELED, "a medium it needs is deleted or sent again", _C.NONE, _E.DROPPED),
         Transition(Step.EXPIRE, _QUEUED, _S.EXPIRED, "no worker takes it in time"),
         Transition(Step.REQUEUE, _RUNNING, _S.QUEUED, "its worker no longer answers", _C.LAPSED, _E.DROPPED),
         Transition(Step.GIVE_UP, _RUNNING, _S.FAILED, "the same on the last attempt", _C.LAPSED, _E.DROPPED),

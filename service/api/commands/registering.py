@@ -21,6 +21,7 @@ from service.api.views import media_body
 from service.catalog import (
     DEFAULT_VECTOR_SETTINGS,
     JobKind,
+    JobState,
     Media,
     MediaState,
     Message,
@@ -142,19 +143,20 @@ class _Arrival:
         services, asked, now = self.services, self.asked, self.services.database.now()
         with services.database.write() as session:
             keys.lock(session, asked.owner)
-            renamed = bool(asked.metadata) and self.answers
-            if renamed:  # before its medium, as its worker does
-                jobs.get(session, known.job_id, lock=True)
+            job = jobs.get(session, known.job_id, lock=True)  # before its medium, as its worker does
             found = self._find(session, lock=True)
-            if found is None or found.id != known.id or (renamed and found.job_id != known.job_id):
+            if found is None or (found.id, found.job_id) != (known.id, known.job_id):
                 return None, False
+            if job is not None and job.state == JobState.CANCELING:  # its end would be that of what is asked for now
+                jobs.revoke(session, job.id, now=now)
+                session.refresh(found)
             self._close_upload(session, found.id, now=now)
             if found.state == MediaState.FAILED:
                 quotas.check(session, asked.owner, now=now)
             is_used = key is not None and found.source_key == known.source_key
             if key is not None and is_used:
                 media.replace_source(session, found, key, now=now)
-            if renamed:
+            if asked.metadata and self.answers:
                 media.name(session, found, asked.metadata)
             if self.file.filename is not None:
                 found.filename = self.file.filename

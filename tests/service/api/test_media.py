@@ -55,6 +55,22 @@ def test_a_failed_medium_says_why_and_is_tried_again_when_uploaded_again(api: Ap
     assert api.client.get(f"/videos/{video['id']}").json()["state"] == "ready"
 
 
+def test_a_file_that_is_sent_again_while_its_job_is_being_canceled_is_vectorised_by_another(api: Api) -> None:
+    video = upload(api, "/videos")
+    waiting = transfer(api, video["id"], video["id"])["id"]
+    lease = claim(api.services.database, video["job"])
+    assert api.client.post(f"/jobs/{video['job']}/cancel").json()["state"] == "canceling"
+    again = api.client.post("/videos", content=MP4)
+    assert (again.status_code, again.json()["id"], again.json()["state"]) == (202, video["id"], "vectorizing")
+    assert again.json()["job"] != video["job"]
+    assert api.client.get(f"/jobs/{video['job']}").json()["state"] == "canceled"
+    with api.services.background.write() as session:  # its worker comes late
+        assert not leases.confirm_cancel(session, lease, now=api.services.database.now())
+    make_ready(api.services, video["id"])
+    assert api.client.get(f"/videos/{video['id']}").json()["state"] == "ready"
+    claim(api.services.database, waiting)
+
+
 def test_a_medium_whose_asset_is_made_again_shows_no_addresses_of_pictures(api: Api) -> None:
     video = upload(api, "/videos")["id"]
     make_ready(api.services, video)
