@@ -95,8 +95,6 @@ def serve(
     worker: Annotated[bool, typer.Option(help="Run a worker too; without, start `pvg-service worker`.")] = True,
 ) -> None:
     """Run the API with its worker and broker until stopped."""
-    from service.api import create_app, server  # noqa: PLC0415 - half of the start, and other commands do without
-
     settings = _settings(host=host, port=port)
     may_listen = settings.listens_to_loopback_only or settings.allow_unauthenticated_network
     if not may_listen and not _have_keys(settings):
@@ -114,6 +112,8 @@ def serve(
     try:
         for child in children:
             child.start()
+        from service.api import create_app, server  # noqa: PLC0415 - half of the start: the workers begin meanwhile
+
         settings = server.with_room(settings)
         app = create_app(settings)
 
