@@ -26,6 +26,8 @@ PLACES: Final = frozenset({"points", "skin_points", "radius", "box"})
 _SKIN_COLORS: Final = 65_536
 #: key frames of one face: one in 20 frames of the longest clip
 _MAX_KEYS: Final = 10_000
+#: number of a track, which only names its entries: every one that was found has one, also those that are no face
+_MAX_TRACK: Final = 10**9
 #: of the line of type and shape, and the array's own header
 _HEAD_BYTES: Final = 1024
 
@@ -150,7 +152,7 @@ def _check_face(face: Mapping[str, Any], index: int, frames: int, entries: int) 
     last = _whole(face["last_frame"], first, frames - 1, "last_frame")
     if -(-(last - first + 1) // CHUNK_FRAMES) * len(FRAME_ARRAYS) > entries:
         raise ValueError(f"face {index} has more frames than there is room for")
-    _whole(face["track"], 0, entries, "track")
+    _whole(face["track"], 0, _MAX_TRACK, "track")
     _whole(face["person"], 0, entries, "person")
     _number(face["width_px"], "width_px")
     if len([_whole(one, 0, 255, "skin_rgb") for one in face["skin_rgb"]]) != 3:
