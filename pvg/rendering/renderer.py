@@ -150,14 +150,18 @@ class Renderer:
         return out
 
     def _placed_bodies(self, frame: Frame, faces: _Faces) -> list[tuple[int, PlacedBody]]:
-        """(face, where the person's other skin is) of every face in the frame that a look draws with its body."""
+        """(face, where the person's other skin is) of every face in the frame that a look draws with its body.
+
+        Where two persons' mattes overlap the first keeps what it has, so those that no look draws are placed too, as
+        far as one that is drawn comes after them.
+        """
         placed_faces = [placed for _, placed, _ in faces]
+        end = max((k for k, (face, _, _) in enumerate(faces, 1) if face in self._with_body), default=0)
         out: list[tuple[int, PlacedBody]] = []
-        for face, placed, _ in faces:
-            if face in self._with_body:
-                bodies = place_body(frame, placed.data.body, placed_faces, [other for _, other in out])
-                out += [(face, body) for body in bodies]
-        return out
+        for face, placed, _ in faces[:end]:
+            bodies = place_body(frame, placed.data.body, placed_faces, [other for _, other in out])
+            out += [(face, body) for body in bodies]
+        return [(face, body) for face, body in out if face in self._with_body]
 
     def _tables_of(self, look: int, face: int, frame: Frame, region: Region) -> MapTables:
         look_map = self.looks[look].maps[face]

@@ -24,6 +24,17 @@ def test_a_look_asked_for_twice_is_drawn_twice_alike(video: pvg.VectorVideo, dar
     np.testing.assert_array_equal(one.planes[0], alone.planes[0])
 
 
+def test_a_look_is_drawn_alike_whatever_other_looks_are_drawn_beside_it(
+    group: pvg.VectorVideo, dark_reference: pvg.VectorVideo
+) -> None:
+    """Of people who stand close together, whose bodies' mattes overlap, each look changes one."""
+    frame = source_frame(group, 0)
+    looks = [pvg.transfer(group, dark_reference, faces=[face]) for face in range(3)]
+    for look, beside in zip(looks, Renderer(group, looks).draw(frame), strict=True):
+        (alone,) = Renderer(group, [look]).draw(frame)
+        np.testing.assert_array_equal(np.stack(alone.planes), np.stack(beside.planes))
+
+
 def test_a_frame_drawn_alone_is_the_frame_of_the_clip(video: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> None:
     look = pvg.transfer(video, dark_reference)
     through = Renderer(video, [look])
