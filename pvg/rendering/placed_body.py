@@ -3,11 +3,11 @@
 The matte's edge follows the picture as the face's does (`pvg.rendering.edges`). Where the face's matte is, the body's
 gives way,
 
-    α_total = α_face + max(0, α_body − α_face) = max(α_face, α_body),
+    α_total = α_face + min(α_body, 1 − α_face) = min(1, α_face + α_body),
 
-so that both may end softly within each other without a gap, and an edge that they share is not drawn twice. A rim that
-is left along the face's edge and is thinner than the body's cells is dropped: the face's cells are smaller, so that its
-edge is the finer one, and the rim would colour collars and walls.
+so that where both end softly towards each other nothing is lost between them, and no pixel takes more than one look.
+A rim that is left along the face's edge and is thinner than the body's cells is dropped: the face's cells are smaller,
+so that its edge is the finer one, and the rim would colour collars and walls.
 """
 
 from __future__ import annotations
