@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
+
 import cv2
 import numpy as np
 
-from pvg._arrays import Bytes
+from pvg._arrays import Bytes, Floats
 from pvg.asset import VectorVideo
-from pvg.curves import table_labels
 from pvg.errors import UncutError
 from pvg.landmarks import draw_landmarks
 from pvg.raster import SUBPIXEL_BITS, fixed_point
@@ -16,7 +17,6 @@ from pvg.rendering.placed_face import PlacedFace
 from pvg.video import Frame
 
 LAYERS = ("image", "landmarks", "mask", "matte", "curves", "low", "high")
-_GROUP_COLORS = ((255, 200, 0), (0, 220, 255), (80, 255, 80), (255, 60, 120))  # skin, brows, eyes, lips
 _MID_GREY = 128
 
 
@@ -40,18 +40,25 @@ def layer(video: VectorVideo, index: int, name: str, *, frame: Frame | None = No
         if name == "landmarks":
             out = draw_landmarks(out, placed.data.landmarks.points)
         elif name == "curves":
-            _draw_curves(out, placed)
+            _draw_curves(out, placed, _boundary_colors(video, face, index))
         elif name != "image":
             _draw_face(out, image, video, face, placed, index, name)
     return out
 
 
-def _draw_curves(out: Bytes, placed: PlacedFace) -> None:
-    labels = table_labels()
-    for start, stop, closed in labels.spans:
-        color = _GROUP_COLORS[int(labels.group[start])]
-        corners = fixed_point(placed.positions[start:stop])
-        cv2.polylines(out, [corners], closed, color, 1, cv2.LINE_AA, SUBPIXEL_BITS)
+def _boundary_colors(video: VectorVideo, face: int, index: int) -> Floats:
+    """(S, 3) float32 g in frame `index`, 0-255 RGB, on the table's labels."""
+    record = video.records[face]
+    return record.blended([key.colors for key in record.key_frames], index)
+
+
+def _draw_curves(out: Bytes, placed: PlacedFace, colors: Floats) -> None:
+    corners = fixed_point(placed.positions)
+    for start, stop, closed in placed.labels.spans:
+        ends = list(range(start, stop)) + ([start] if closed else [])
+        for a, b in itertools.pairwise(ends):
+            color = np.rint((colors[a] + colors[b]) / 2).clip(0, 255).tolist()
+            cv2.line(out, corners[a], corners[b], color, 1, cv2.LINE_AA, SUBPIXEL_BITS)
 
 
 def _draw_face(
@@ -63,10 +70,8 @@ def _draw_face(
         shown = placed.alpha if name == "matte" else (placed.alpha >= 0.5).astype(np.float32)
         out[window] = np.maximum(out[window], np.rint(255 * shown)[..., None].astype(np.uint8))
         return
-    record = video.records[face]
-    colors = record.blended([key.colors for key in record.key_frames], index)
     try:
-        low = placed.membrane(colors).crop(placed.x, placed.y, w, h)
+        low = placed.membrane(_boundary_colors(video, face, index)).crop(placed.x, placed.y, w, h)
     except UncutError:  # as when a look is drawn
         return
     field = low if name == "low" else image[window] - low + _MID_GREY

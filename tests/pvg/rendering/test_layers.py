@@ -52,6 +52,16 @@ def test_landmarks_and_curves_are_drawn_within_the_faces_window(
         assert not changed.any()
 
 
+def test_curves_have_their_boundary_colours(video: pvg.VectorVideo, layers: dict[str, np.ndarray]) -> None:
+    ((_, placed),) = placed_faces(video, 20)
+    record = video.records[0]
+    wanted = record.blended([key.colors for key in record.key_frames], 20)[placed.labels.on_open_skin]
+    x, y = np.rint(placed.positions[placed.labels.on_open_skin]).astype(int).T
+    around = np.stack([layers["curves"][y + j, x + i] for i in (-1, 0, 1) for j in (-1, 0, 1)])
+    seen = np.take_along_axis(around, around.sum(axis=2, keepdims=True).argmax(axis=0)[None], axis=0)[0]
+    assert np.median(np.abs(seen - wanted)) < 10  # lines of one pixel are soft
+
+
 def test_an_unknown_layer_or_frame_is_named(video: pvg.VectorVideo) -> None:
     with pytest.raises(ValueError, match="no layer 'edges'"):
         pvg.layer(video, 0, "edges")
