@@ -68,7 +68,7 @@ def _vectorize(arguments: Mapping[str, Any], progress: Progress) -> dict[str, An
             for face in summary["faces"]
         ],
         "pictures": pictures,
-        "output": None if options["reference"] else _output_of(source, limits),
+        "output": None if options["reference"] else _output_of(source, limits, options["input_color"]),
     }
 
 
@@ -98,9 +98,9 @@ def _show(stills: Stills, path: Path) -> tuple[dict[int, dict[str, Any]], list[d
 _SHOWN = ("index", "first_frame", "last_frame", "width_px", "skin_rgb", "warnings")
 
 
-def _output_of(source: Path, limits: MediaLimits) -> dict[str, Any]:
+def _output_of(source: Path, limits: MediaLimits, input_color: str) -> dict[str, Any]:
     """What an mp4 made of a clip, or a png of a picture, does not keep of its file, or why there can be none."""
-    output = inspect(source, limits=limits)["output"]
+    output = inspect(source, limits=limits, input_color=input_color)["output"]
     lost = [*output.get("changed", ()), *output.get("not_kept", ())]
     return {"container": output["container"], "refused": output.get("refused"), "lost": lost}
 
