@@ -45,8 +45,9 @@ class Stills:
         self._frames: OrderedDict[int, Frame] = OrderedDict()
         # of a reference only the beginning was read
         self._frame_count = count_of_file(video)
+        keys = key_pictures(video.require_source(), video.limits, frame_count=self._frame_count)
         # None where packets do not tell: then decoding begins at the first frame
-        self._keys = key_pictures(video.require_source(), video.limits, frame_count=self._frame_count)
+        self._keys = None if keys is None else tuple(key for key in keys if key < video.frame_count)
 
     def frame(self, index: int) -> Frame:
         """Frame `index`. Raises `ValueError` when there is none, `MediaError` when it cannot be read."""

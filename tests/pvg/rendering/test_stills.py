@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,8 @@ import pvg
 from pvg.looks import color_map
 from pvg.rendering import LAYERS, Stills, around
 from pvg.rendering.pictures import thumbnail
-from pvg.video import key_pictures
+from pvg.video import key_pictures, read_frames
+from tests.gallery.clips import encode_raw, libav_frame
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +49,21 @@ def test_the_nearest_frame_is_a_key_picture_or_one_that_is_there(video: pvg.Vect
     assert abs(fresh.nearest(17) - 17) == min(abs(key - 17) for key in keys)
     fresh.frame(17)
     assert fresh.nearest(17) == 17
+
+
+def test_of_a_reference_only_frames_that_it_keeps_are_near(
+    short_clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its file has key pictures beyond them."""
+    pictures = [libav_frame(frame.rgb()) for frame in read_frames(short_clip, stop=6)]
+    clip = encode_raw(tmp_path / "keys.mp4", pictures, "libx264", g="4", sc_threshold="0")
+    monkeypatch.setattr("pvg.vectorization.clip._REFERENCE_FRAMES", 4)
+    with pvg.vectorize(clip, reference=True) as reference:
+        stills = Stills(reference)
+        assert reference.frame_count == 4
+        assert key_pictures(clip) == (0, 4)
+        assert stills.nearest(3) == 0
+        assert stills.frame(0).index == 0
 
 
 def test_a_face_is_shown_where_it_is_seen(stills: Stills, video: pvg.VectorVideo) -> None:
