@@ -128,8 +128,14 @@ def piped_canvas(video: VectorVideo, pictures: BinaryIO) -> Iterator[Canvas]:
         # what says how pictures were coded is the pipe's
         fields = clip.fields if clip.fields or clip.progressive else streams.fields
         streams = replace(streams, fields=fields, alpha=False, embedded=())
-        missing = () if source is not None else ("sound and tags do not come by the pipe, and the clip is not there",)
-        yield Canvas(_info(clip, known, video), source, streams, lambda: _counted(clip, video), missing)
+        yield Canvas(_info(clip, known, video), source, streams, lambda: _counted(clip, video), _missing(clip, known))
+
+
+def _missing(clip: PipedClip, known: MediaInfo | None) -> tuple[str, ...]:
+    """What of a clip a pipe does not bring, in words;  known: its file, if it is there."""
+    if known is None:
+        return ("sound and tags do not come by the pipe, and the clip is not there",)
+    return ("alpha does not come by the pipe",) if known.has_alpha and not clip.has_alpha else ()
 
 
 def _info(clip: PipedClip, known: MediaInfo | None, video: VectorVideo) -> MediaInfo:
@@ -152,6 +158,7 @@ def _info(clip: PipedClip, known: MediaInfo | None, video: VectorVideo) -> Media
         audio_codec=None,
         format=clip.format,
         sample_aspect_ratio=clip.sample_aspect_ratio if known is None else known.sample_aspect_ratio,
+        has_alpha=clip.has_alpha,
     )
 
 

@@ -27,7 +27,7 @@ from pvg.video.formats import RANGE_FULL, UNSPECIFIED, Frame, Patch, PixelFormat
 from pvg.video.info import MediaInfo
 from pvg.video.keeping import Plan
 from pvg.video.opening import MediaLimits, OpenClip, reason
-from pvg.video.reading import pictures, reading_of, to_frame, within_depth
+from pvg.video.reading import has_alpha, pictures, reading_of, to_frame, within_depth
 from pvg.video.sniffing import check_pixels
 
 _Y4M_START = b"YUV4MPEG2"
@@ -83,7 +83,8 @@ class Y4mWriter:
 class PipedClip:
     """A clip that is read once, as it comes.
 
-    fields: as the pipe says, None for progressive or not said;  progressive: whether it says that.
+    fields: as the pipe says, None for progressive or not said;  progressive: whether it says that;  has_alpha: whether
+    its frames come with an alpha plane.
     """
 
     name: str
@@ -96,6 +97,7 @@ class PipedClip:
     fields: FieldOrder | None = None
     sample_aspect_ratio: Fraction = Fraction(1)
     progressive: bool = False
+    has_alpha: bool = False
 
 
 class PipeReader:
@@ -205,7 +207,9 @@ class PipeReader:
         aspect = stream.sample_aspect_ratio or Fraction(1)
         width, height = reading.upright_size
         return PipedClip(
-            clip.name, width, height, rate, clip.time_base, reading.target, frames, sample_aspect_ratio=aspect
+            *(clip.name, width, height, rate, clip.time_base, reading.target, frames),
+            sample_aspect_ratio=aspect,
+            has_alpha=has_alpha(first),
         )
 
     def _nut_frames(self, clip: OpenClip, decoded: Iterator[Any], reading: Any) -> Iterator[Frame]:

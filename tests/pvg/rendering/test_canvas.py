@@ -13,7 +13,7 @@ import pytest
 import pvg
 from pvg.errors import MediaError
 from pvg.rendering import canvas
-from pvg.video import PipeReader, read_frames
+from pvg.video import PipeReader, VideoWriter, probe, read_frames
 from scripts.samples import Samples
 from tests.conftest import cut_clip
 
@@ -88,3 +88,29 @@ def test_a_pipe_that_says_it_is_progressive_is_so_though_its_clip_was_interlaced
     monkeypatch.setattr(canvas, "read_streams", lambda *given: replace(read(*given), fields="tff"))
     with canvas.piped_canvas(clip, io.BytesIO(whole.getvalue().replace(b" Ip", said, 1))) as found:
         assert found.streams.fields == fields
+
+
+def test_alpha_comes_by_a_pipe(clip: pvg.VectorVideo, look: pvg.Look, tmp_path: Path) -> None:
+    source, pipe = clip.require_source(), io.BytesIO()
+    info = replace(probe(source), has_alpha=True)
+    with VideoWriter(pipe, info, info.format, container="nut") as writer:
+        for frame in read_frames(source):
+            writer.write(replace(frame, alpha=frame.planes[0]))
+    pipe.seek(0)
+    pvg.render(clip, [look], [tmp_path / "out.mkv"], codec="ffv1", pictures=pipe)
+    for drawn, frame in zip(read_frames(tmp_path / "out.mkv"), read_frames(source), strict=True):
+        np.testing.assert_array_equal(drawn.alpha, frame.planes[0])
+
+
+@pytest.mark.parametrize("container", ["nut", "y4m"])
+def test_alpha_of_a_clip_that_does_not_come_by_the_pipe_is_said_to_be_missing(
+    clip: pvg.VectorVideo, look: pvg.Look, monkeypatch: pytest.MonkeyPatch, container: str
+) -> None:
+    pipe = io.BytesIO()
+    pvg.render(clip, [look], [pipe], container=container)
+    pipe.seek(0)
+    known = canvas.probe
+    monkeypatch.setattr(canvas, "probe", lambda *given, **options: replace(known(*given, **options), has_alpha=True))
+    with canvas.piped_canvas(clip, pipe) as found:
+        assert not found.info.has_alpha
+        assert found.missing == ("alpha does not come by the pipe",)
