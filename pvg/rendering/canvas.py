@@ -15,6 +15,7 @@ from pvg.video import (
     CLIP_SUFFIXES,
     CONTAINERS,
     IMAGE_SUFFIXES,
+    DisplayOrder,
     Frame,
     MediaInfo,
     PipedClip,
@@ -25,6 +26,7 @@ from pvg.video import (
     Y4mWriter,
     check_scales,
     color_space,
+    display_order,
     make_plan,
     named_space,
     probe,
@@ -109,8 +111,8 @@ def _check_in_full(video: VectorVideo) -> None:
 def piped_canvas(video: VectorVideo, pictures: BinaryIO) -> Iterator[Canvas]:
     """Pictures that come by a pipe, once, in the place of those of `video`.
 
-    Colours that the pipe leaves unsaid are the clip's, whose matrix and range are known where its file is there.
-    Raises MediaError when size or number of the pictures differ.
+    Colours and times that the pipe leaves unsaid are the clip's, as far as its file is there and tells them. Raises
+    MediaError when size or number of the pictures differ.
     """
     source = None if video.source is None else video.require_source()
     media, input_color = video.media, video.settings["input_color"]
@@ -128,25 +130,39 @@ def piped_canvas(video: VectorVideo, pictures: BinaryIO) -> Iterator[Canvas]:
         # what says how pictures were coded is the pipe's
         fields = clip.fields if clip.fields or clip.progressive else streams.fields
         streams = replace(streams, fields=fields, alpha=False, embedded=())
-        yield Canvas(_info(clip, known, video), source, streams, lambda: _counted(clip, video), _missing(clip, known))
+        order = None
+        if source is not None and not clip.stamped:  # beside its sound
+            order = display_order(source, video.limits, video.frame_count)
+        info, missing = _info(clip, known, order, video), _missing(clip, known, order)
+        yield Canvas(info, source, streams, lambda: _counted(clip, order, video), missing)
 
 
-def _missing(clip: PipedClip, known: MediaInfo | None) -> tuple[str, ...]:
-    """What of a clip a pipe does not bring, in words;  known: its file, if it is there."""
+def _missing(clip: PipedClip, known: MediaInfo | None, order: DisplayOrder | None) -> tuple[str, ...]:
+    """What of a clip a pipe does not bring, in words;  known, order: of its file, where it is there and tells them."""
     if known is None:
-        return ("sound and tags do not come by the pipe, and the clip is not there",)
-    return ("alpha does not come by the pipe",) if known.has_alpha and not clip.has_alpha else ()
+        what = "sound and tags" if clip.stamped else "sound, tags and time stamps"
+        return (f"{what} do not come by the pipe, and the clip is not there",)
+    lines = []
+    if known.has_alpha and not clip.has_alpha:
+        lines.append("alpha does not come by the pipe")
+    if order is None and not clip.stamped:
+        lines.append(
+            "time stamps do not come by the pipe, nor does the clip tell them: they become even beside its sound"
+        )
+    return tuple(lines)
 
 
-def _info(clip: PipedClip, known: MediaInfo | None, video: VectorVideo) -> MediaInfo:
+def _info(clip: PipedClip, known: MediaInfo | None, order: DisplayOrder | None, video: VectorVideo) -> MediaInfo:
+    timed = None if order is None else known
+    rate = clip.frame_rate if timed is None else timed.frame_rate or clip.frame_rate
     return MediaInfo(
         kind="video",
         width=clip.width,
         height=clip.height,
-        frame_rate=clip.frame_rate,
-        time_base=clip.time_base,
+        frame_rate=rate,
+        time_base=clip.time_base if order is None else order.time_base,
         frame_count=video.frame_count,
-        duration_s=float(video.frame_count / clip.frame_rate),
+        duration_s=float(video.frame_count / rate),
         codec="",
         pixel_format=clip.format.name,
         color_matrix=2 if known is None else known.color_matrix,
@@ -162,15 +178,22 @@ def _info(clip: PipedClip, known: MediaInfo | None, video: VectorVideo) -> Media
     )
 
 
-def _counted(clip: PipedClip, video: VectorVideo) -> Iterator[Frame]:
+def _counted(clip: PipedClip, order: DisplayOrder | None, video: VectorVideo) -> Iterator[Frame]:
     count = 0
     for frame in clip.frames:
         count += 1
         if count > video.frame_count:
             raise MediaError(f"{clip.name} has more frames than the {video.frame_count} of {video.path.name}")
-        yield frame
+        yield frame if order is None else _shown(frame, order)
     if count < video.frame_count:
         raise MediaError(f"{clip.name} ends after {count} frames; {video.path.name} has {video.frame_count}")
+
+
+def _shown(frame: Frame, order: DisplayOrder) -> Frame:
+    """The frame when the clip shows its own of that number; how long the last one lasts is left to the frame rate."""
+    pts, following = order.stamps[frame.index], order.stamps[frame.index + 1 : frame.index + 2]
+    duration = following[0] - pts if following else 0
+    return replace(frame, pts=pts, time_s=float(pts * order.time_base), duration=duration)
 
 
 def plans_of(targets: Sequence[Path | BinaryIO], canvas: Canvas, encoding: Encoding) -> list[Plan]:

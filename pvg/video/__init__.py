@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pvg.video.color import INPUT_COLORS, ColorSpace, InputColor, color_space, named_space
 from pvg.video.describing import inspect, planned
-from pvg.video.display_order import frame_at, key_pictures
+from pvg.video.display_order import DisplayOrder, display_order, frame_at, key_pictures
 from pvg.video.encoders import CLIP_SUFFIXES, CONTAINERS, check_scales
 from pvg.video.encoding import PictureEncoder
 from pvg.video.formats import RGB24, RGB48, Frame, Patch, PixelFormat
@@ -32,6 +32,7 @@ __all__ = [
     "RGB48",
     "ClipOfParts",
     "ColorSpace",
+    "DisplayOrder",
     "Frame",
     "InputColor",
     "MediaInfo",
@@ -51,6 +52,7 @@ __all__ = [
     "can_join",
     "check_scales",
     "color_space",
+    "display_order",
     "frame_at",
     "inspect",
     "join",

@@ -84,7 +84,7 @@ class PipedClip:
     """A clip that is read once, as it comes.
 
     fields: as the pipe says, None for progressive or not said;  progressive: whether it says that;  has_alpha: whether
-    its frames come with an alpha plane.
+    its frames come with an alpha plane;  stamped: whether they come with time stamps, and not at an even rate.
     """
 
     name: str
@@ -98,6 +98,7 @@ class PipedClip:
     sample_aspect_ratio: Fraction = Fraction(1)
     progressive: bool = False
     has_alpha: bool = False
+    stamped: bool = True
 
 
 class PipeReader:
@@ -155,8 +156,13 @@ class PipeReader:
         target = resolve_format(name, width, height, matrix, stated, self._space)
         fields: Any = _INTERLACED.get(told.get("I", "p"))
         frames = self._y4m_frames(target, (width, height), 1 / rate, rest)
-        whole = told.get("I") == "p"
-        return PipedClip("standard input", width, height, rate, 1 / rate, target, frames, fields, aspect, whole)
+        return PipedClip(
+            *("standard input", width, height, rate, 1 / rate, target, frames),
+            fields=fields,
+            sample_aspect_ratio=aspect,
+            progressive=told.get("I") == "p",
+            stamped=False,
+        )
 
     def _y4m_frames(self, target: PixelFormat, size: tuple[int, int], step: Fraction, begun: bytes) -> Iterator[Frame]:
         shapes = target.plane_shapes(*size)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -15,14 +16,19 @@ from pvg.errors import MediaError
 from pvg.rendering import canvas
 from pvg.video import PipeReader, VideoWriter, probe, read_frames
 from scripts.samples import Samples
-from tests.conftest import cut_clip
 
 _FRAMES = 5
 
 
 @pytest.fixture(scope="module")
 def clip(samples: Samples, tmp_path_factory: pytest.TempPathFactory) -> Iterator[pvg.VectorVideo]:
-    path = cut_clip(samples.woman_clip, tmp_path_factory.mktemp("canvas") / "clip.mp4", 0, _FRAMES)
+    """It begins late, and its frames last longer and longer."""
+    path, info = tmp_path_factory.mktemp("canvas") / "clip.mp4", probe(samples.woman_clip)
+    assert info.time_base is not None
+    ticks = round(Fraction(1, 50) / info.time_base)
+    with VideoWriter(path, info, info.format, crf=12) as writer:
+        for frame in read_frames(samples.woman_clip, stop=_FRAMES):
+            writer.write(replace(frame, pts=(frame.index**2 + 9) * ticks, duration=(2 * frame.index + 1) * ticks))
     with pvg.vectorize(path) as video:
         yield video
 
@@ -114,3 +120,30 @@ def test_alpha_of_a_clip_that_does_not_come_by_the_pipe_is_said_to_be_missing(
     with canvas.piped_canvas(clip, pipe) as found:
         assert not found.info.has_alpha
         assert found.missing == ("alpha does not come by the pipe",)
+
+
+@pytest.mark.parametrize("container", ["nut", "y4m"])
+def test_pictures_by_a_pipe_are_shown_when_the_clips_are(
+    clip: pvg.VectorVideo, look: pvg.Look, tmp_path: Path, container: str
+) -> None:
+    """YUV4MPEG2 has no time stamps: beside the clip's sound those of its own pictures hold."""
+    pipe = io.BytesIO()
+    pvg.render(clip, [look], [pipe], container=container)
+    pipe.seek(0)
+    pvg.render(clip, [look], [tmp_path / "out.mp4"], pictures=pipe)
+    times = [frame.time_s for frame in read_frames(tmp_path / "out.mp4")]
+    assert times == pytest.approx([(k**2 + 9) / 50 for k in range(_FRAMES)], abs=2e-3)
+
+
+def test_time_stamps_that_neither_pipe_nor_clip_tell_are_said_to_be_missing(
+    clip: pvg.VectorVideo, look: pvg.Look, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pipe = io.BytesIO()
+    pvg.render(clip, [look], [pipe], container="y4m")
+    monkeypatch.setattr(canvas, "display_order", lambda *_: None)
+    with canvas.piped_canvas(clip, io.BytesIO(pipe.getvalue())) as found:
+        assert [line for line in found.missing if line.startswith("time stamps do not come by the pipe")]
+        assert [frame.pts for frame in found.frames()] == list(range(_FRAMES))
+    monkeypatch.setattr(clip, "source", None)
+    with canvas.piped_canvas(clip, io.BytesIO(pipe.getvalue())) as found:
+        assert [line for line in found.missing if line.startswith("sound, tags and time stamps do not come")]
