@@ -60,7 +60,7 @@ def check_outputs(
     if container in ("nut", "y4m"):
         raise ValueError(f"{container} is written to a pipe: -o -")
     if container is not None and output.suffix and not output.is_dir() and len(references) == 1:
-        named = {".m4v": "mp4", ".jpeg": "jpg"}.get(output.suffix.lower(), output.suffix.lower()[1:])
+        named = {".m4v": "mp4", ".jpeg": "jpg", ".tif": "tiff"}.get(output.suffix.lower(), output.suffix.lower()[1:])
         if named != container:
             raise ValueError(f"-o {output} is not named as {container} is")
     if len(references) > 1 and output.suffix and not output.is_dir():
