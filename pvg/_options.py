@@ -16,9 +16,6 @@ from pvg._version import __version__
 if TYPE_CHECKING:
     from pvg.looks import Contrast
 
-STANDARD = Path("-")
-"""Standard input or output, in the place of a file."""
-
 Run = Callable[[argparse.Namespace], None]
 
 # as the library has them, which takes too long to load for a help text

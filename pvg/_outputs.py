@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pvg._targets import check_file, check_folder
+from pvg._targets import STANDARD, check_file, check_folder
 
 if TYPE_CHECKING:
     from pvg.asset import VectorVideo
@@ -53,6 +53,15 @@ def check_pipe(container: str | None, references: list[Path]) -> None:
         raise ValueError(f"{container} cannot be written to a pipe; --container nut and y4m can")
 
 
+def check_results_folder(output: Path, results: str) -> None:
+    """Refuse a folder for these results, in words, that is a stream or named as a file, or that cannot be made."""
+    if output == STANDARD:
+        raise ValueError(f"-o {output} is a stream; {results} need a folder")
+    if (output.suffix or output.exists()) and not output.is_dir():
+        raise ValueError(f"-o {output} is a file; {results} need a folder")
+    check_folder(output)
+
+
 def check_outputs(
     output: Path, references: list[Path], inputs: list[Path | None], container: str | None = None
 ) -> None:
@@ -63,10 +72,8 @@ def check_outputs(
         named = {".m4v": "mp4", ".jpeg": "jpg", ".tif": "tiff"}.get(output.suffix.lower(), output.suffix.lower()[1:])
         if named != container:
             raise ValueError(f"-o {output} is not named as {container} is")
-    if len(references) > 1 and output.suffix and not output.is_dir():
-        raise ValueError(f"-o {output} is a file; several references need a folder")
     if len(references) > 1 or output.is_dir():
-        check_folder(output)
+        check_results_folder(output, "several references")
     else:
         check_suffix(output, ["video", "image"])
         check_file(output, inputs)

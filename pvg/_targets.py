@@ -11,6 +11,8 @@ import secrets
 from collections.abc import Iterable
 from pathlib import Path
 
+STANDARD = Path("-")
+"""Standard input or output, in the place of a file."""
 _START_BYTES = 64  # of a name, which may have 255 and end in a suffix of 8
 _LONGEST_SUFFIX = 8
 

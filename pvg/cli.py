@@ -14,9 +14,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import pvg
-from pvg._options import CLIP_CONTAINERS, LOOK_OPTIONS, OUTPUT_OPTIONS, STANDARD, parser_of
-from pvg._outputs import check_asset_name, check_outputs, check_pipe, check_suffix, outputs, suffix
-from pvg._targets import check_file, check_folder
+from pvg._options import CLIP_CONTAINERS, LOOK_OPTIONS, OUTPUT_OPTIONS, parser_of
+from pvg._outputs import (
+    check_asset_name,
+    check_outputs,
+    check_pipe,
+    check_results_folder,
+    check_suffix,
+    outputs,
+    suffix,
+)
+from pvg._targets import STANDARD, check_file
 from pvg.errors import AssetError, PvgError
 
 if TYPE_CHECKING:
@@ -192,10 +200,8 @@ def _look(given: argparse.Namespace, clip: VectorVideo, reference: VectorVideo) 
 
 
 def _export(given: argparse.Namespace) -> None:
-    if given.output.exists() and not given.output.is_dir():
-        raise ValueError(f"-o {given.output} is a file; an export is a folder")
     _check_source(given)
-    check_folder(given.output)
+    check_results_folder(given.output, "a look's files")
     with ExitStack() as stack:
         clip = _open_input(given.input, stack, reading=_reading_options(given), source=given.source)
         reference = _open_input(given.reference, stack)
@@ -261,7 +267,7 @@ def _swap(given: argparse.Namespace) -> None:
             raise ValueError("give a second clip, or two faces of the one: --faces 0,1")
         _swap_within(given)
         return
-    check_folder(given.output)
+    check_results_folder(given.output, "both results")
     if a.exists() and b.exists() and a.samefile(b):
         raise ValueError("a clip cannot be swapped with itself; give it alone, with two faces: --faces 0,1")
     if given.faces is not None:
