@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from pvg._targets import STANDARD, check_file, check_folder
 
@@ -15,6 +15,13 @@ if TYPE_CHECKING:
     from pvg.asset import VectorVideo
 
 _IMAGES = ("png", "tiff", "jpg", "webp")
+
+
+def kind_of(path: Path) -> Literal["video", "image"]:
+    """Whether a file is a clip or a picture, told by its first bytes. Raises MediaError where it is neither."""
+    from pvg.video import IMAGE_KINDS, sniff  # noqa: PLC0415 - takes long, and the work needs it anyway
+
+    return "image" if sniff(path) in IMAGE_KINDS else "video"
 
 
 def check_suffix(path: Path, kinds: Iterable[str]) -> None:

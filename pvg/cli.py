@@ -21,6 +21,7 @@ from pvg._outputs import (
     check_pipe,
     check_results_folder,
     check_suffix,
+    kind_of,
     outputs,
     suffix,
 )
@@ -149,6 +150,14 @@ def _said_of(path: Path, video: VectorVideo) -> Sequence[str]:
     return () if _is_asset(path) else video.media.warnings
 
 
+def _check_reading(given: argparse.Namespace, *inputs: Path) -> None:
+    """Refuse what is asked in vain: an asset was read when it was made."""
+    asked = [name for name, value in _reading_options(given).items() if value not in ("auto", False)]
+    if asked and all(_is_asset(path) for path in inputs):
+        option = asked[0].replace("_", "-")
+        raise ValueError(f"--{option} is of a clip or picture that is read, and {inputs[0].name} is an asset")
+
+
 def _check_source(given: argparse.Namespace) -> None:
     if given.source is not None and given.input.exists() and not _is_asset(given.input):
         what = "is for pictures that an asset is drawn on" if given.source == STANDARD else "is an asset's clip"
@@ -159,6 +168,7 @@ def _transfer(given: argparse.Namespace) -> None:
     piped = given.output == STANDARD
     _check_source(given)
     source = None if given.source == STANDARD else given.source
+    _check_reading(given, given.input)
     if piped:
         check_pipe(given.container, given.reference)
     else:
@@ -168,7 +178,7 @@ def _transfer(given: argparse.Namespace) -> None:
         clip = _open_input(
             given.input, stack, reading=_reading_options(given), source=source, drawn=given.source != STANDARD
         )
-        _check_clip_options(given, clip)
+        _check_clip_options(given, clip.media.kind)
         references = [_open_input(path, stack) for path in given.reference]
         looks = [_look(given, clip, reference) for reference in references]
         paths = [STANDARD] if piped else outputs(given.output, given.reference, clip, given.container)
@@ -201,6 +211,7 @@ def _look(given: argparse.Namespace, clip: VectorVideo, reference: VectorVideo) 
 
 def _export(given: argparse.Namespace) -> None:
     _check_source(given)
+    _check_reading(given, given.input)
     check_results_folder(given.output, "a look's files")
     with ExitStack() as stack:
         clip = _open_input(given.input, stack, reading=_reading_options(given), source=given.source)
@@ -232,16 +243,16 @@ def _check_plan(given: argparse.Namespace, path: Path) -> None:
         check_scales(plan.codec, given.crf, given.preset)
 
 
-def _check_clip_options(given: argparse.Namespace, *videos: VectorVideo) -> None:
-    """Refuse what is asked in vain: pictures have no codec and no sound."""
+def _check_clip_options(given: argparse.Namespace, *kinds: str) -> None:
+    """Refuse what is asked in vain: pictures have no codec and no sound;  kinds: "video" or "image", of the inputs."""
     asked = _given(given, "codec", "crf", "preset", "audio")
-    if asked and all(video.media.kind == "image" for video in videos):
+    if asked and all(kind == "image" for kind in kinds):
         raise ValueError(f"--{asked[0]} is of clips, and here are pictures only")
 
 
 def _given(given: argparse.Namespace, *names: str) -> list[str]:
     """Which of these options of an output are not left as they are by default."""
-    return [name for name in names if getattr(given, name) not in (None, "auto", "copy")]
+    return [name for name in names if getattr(given, name, None) not in (None, "auto", "copy")]
 
 
 def _output_options(given: argparse.Namespace) -> dict[str, Any]:
@@ -262,6 +273,7 @@ def _reference_face(reference: VectorVideo, face: int | None) -> FaceSummary:
 
 def _swap(given: argparse.Namespace) -> None:
     a, b = given.a, given.b
+    _check_reading(given, *([a] if b is None else [a, b]))
     if b is None:
         if given.faces is None:
             raise ValueError("give a second clip, or two faces of the one: --faces 0,1")
@@ -280,7 +292,7 @@ def _swap_within(given: argparse.Namespace) -> None:
     check_outputs(given.output, [given.a], [given.a], given.container)
     with ExitStack() as stack:
         clip = _open_input(given.a, stack, reading=_reading_options(given))
-        _check_clip_options(given, clip)
+        _check_clip_options(given, clip.media.kind)
         (path,) = outputs(given.output, [given.a], clip, given.container)
         check_suffix(path, [clip.media.kind])
         look = pvg.exchange(clip, given.faces, contrast=given.contrast, **_look_options(given))
@@ -296,7 +308,7 @@ def _swap_clips(given: argparse.Namespace, a: Path, b: Path, folder: Path) -> No
     """Two clips."""
     with ExitStack() as stack:
         first, second = (_open_input(path, stack, reading=_reading_options(given)) for path in (a, b))
-        _check_clip_options(given, first, second)
+        _check_clip_options(given, first.media.kind, second.media.kind)
         if first.source_sha256 == second.source_sha256:
             raise ValueError(f"{a.name} and {b.name} are the same clip; give one alone, with two faces: --faces 0,1")
         same = a.stem == b.stem
@@ -331,9 +343,11 @@ def _inspect(given: argparse.Namespace) -> None:
         check_suffix(given.output, ["image"])
         check_file(given.output, [given.input, given.source])
     _check_source(given)
+    _check_reading(given, given.input)
     if not _is_asset(given.input):
         if given.layer is not None:
             raise ValueError(f"a layer is drawn of an asset, which {given.input.name} is not; vectorise it first")
+        _check_clip_options(given, kind_of(given.input))
         asked = {"container": given.container, "codec": given.codec, "audio": given.audio}
         found = pvg.inspect(given.input, **asked, **_reading_options(given))
         print(json.dumps(found, indent=2, ensure_ascii=False))
