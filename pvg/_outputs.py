@@ -5,9 +5,9 @@ A name that does not fit is a ValueError, a place that cannot be written an OSEr
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from pvg._targets import STANDARD, check_file, check_folder
 
@@ -42,14 +42,35 @@ def check_asset_name(path: Path) -> None:
         raise ValueError(f"{path.name} is the name of a clip or picture; an asset is named as clip.pvg")
 
 
-def suffix(video: VectorVideo, container: str | None = None) -> str:
-    """Of an output that is named by the command."""
-    is_image = video.media.kind == "image"
+def suffix(kind: str, container: str | None = None) -> str:
+    """Of an output that is named by the command;  kind: "video" or "image", of what is drawn on."""
+    is_image = kind == "image"
     if container is None:
         return ".png" if is_image else ".mp4"
     if (container in _IMAGES) != is_image:
         raise ValueError(f"{container} does not fit {'an image' if is_image else 'a clip'}")
     return f".{container}"
+
+
+def check_coding(path: Path, kind: str, output: Path | None, asked: Mapping[str, Any], **reading: Any) -> None:
+    """Refuse, before the long work, what a clip or picture at `path` cannot be written as.
+
+    kind: "video" or "image";  output: the one file or pipe, None where the command names files;  asked: the options of
+    outputs, as `pvg.render` takes them;  reading: those of `pvg.video.probe`. Raises MediaError as that.
+    """
+    from pvg.video import check_scales, planned  # noqa: PLC0415 - takes long, and the work needs it anyway
+
+    ending = suffix(kind, asked["container"])
+    if output == STANDARD:
+        if kind == "image":
+            raise ValueError("a picture is written to a file, not to a pipe")
+        ending = asked["container"] or "nut"
+    elif output is not None:
+        check_suffix(output, [kind])
+        ending = output.suffix.lower()
+    if kind == "video":
+        plan = planned(path, container=ending, codec=asked["codec"], audio=asked["audio"], **reading)
+        check_scales(plan.codec, asked["crf"], asked["preset"])
 
 
 def check_pipe(container: str | None, references: list[Path]) -> None:
@@ -88,7 +109,7 @@ def check_outputs(
 
 def outputs(output: Path, references: list[Path], video: VectorVideo, container: str | None = None) -> list[Path]:
     """The file of each look."""
-    ending = suffix(video, container)
+    ending = suffix(video.media.kind, container)
     if len(references) == 1:
         return [output / f"{references[0].stem}{ending}" if output.is_dir() else output]
     output.mkdir(parents=True, exist_ok=True)

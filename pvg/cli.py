@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import pvg
-from pvg._options import CLIP_CONTAINERS, LOOK_OPTIONS, OUTPUT_OPTIONS, parser_of
+from pvg._options import LOOK_OPTIONS, OUTPUT_OPTIONS, parser_of
 from pvg._outputs import (
     check_asset_name,
+    check_coding,
     check_outputs,
     check_pipe,
     check_results_folder,
@@ -173,17 +174,20 @@ def _transfer(given: argparse.Namespace) -> None:
         check_pipe(given.container, given.reference)
     else:
         check_outputs(given.output, given.reference, [given.input, source, *given.reference], given.container)
-    _check_plan(given, given.input)
+    single = None if len(given.reference) > 1 or given.output.is_dir() else given.output
+    _check_coding(given, [given.input], single)
     with ExitStack() as stack:
         clip = _open_input(
             given.input, stack, reading=_reading_options(given), source=source, drawn=given.source != STANDARD
         )
         _check_clip_options(given, clip.media.kind)
+        if _is_asset(given.input) and given.source != STANDARD:
+            color = clip.settings["input_color"]
+            check_coding(clip.require_source(), clip.media.kind, single, _output_options(given), input_color=color)
         references = [_open_input(path, stack) for path in given.reference]
         looks = [_look(given, clip, reference) for reference in references]
         paths = [STANDARD] if piped else outputs(given.output, given.reference, clip, given.container)
         for path in [] if piped else paths:
-            check_suffix(path, [clip.media.kind])
             check_file(path, [clip.source, given.input, *given.reference])
         _warn(given.input, _chosen(clip, given.face))
         for path, reference in zip(given.reference, references, strict=True):
@@ -230,17 +234,16 @@ def _export(given: argparse.Namespace) -> None:
     print(*written, sep="\n")
 
 
-def _check_plan(given: argparse.Namespace, path: Path) -> None:
-    """Refuse, before the long work, an output that a clip cannot be written as."""
-    if _is_asset(path):
-        return
-    from pvg.video import CLIP_SUFFIXES, IMAGE_KINDS, check_scales, planned, sniff  # noqa: PLC0415 - the work needs it
+def _check_coding(given: argparse.Namespace, inputs: Sequence[Path], output: Path | None) -> None:
+    """Refuse, before the long work, what these clips and pictures cannot be written as; assets tell it when opened.
 
-    suffix = given.output.suffix.lower()
-    container = given.container or (suffix if suffix in CLIP_SUFFIXES else "nut" if given.output == STANDARD else "mp4")
-    if sniff(path) not in IMAGE_KINDS and (container in CLIP_CONTAINERS or container in CLIP_SUFFIXES):
-        plan = planned(path, container=container, codec=given.codec, **_reading_options(given))
-        check_scales(plan.codec, given.crf, given.preset)
+    output: the one file or pipe, None where the command names files.
+    """
+    kinds = {path: kind_of(path) for path in inputs if not _is_asset(path)}
+    if len(kinds) == len(inputs):
+        _check_clip_options(given, *kinds.values())
+    for path, kind in kinds.items():
+        check_coding(path, kind, output, _output_options(given), **_reading_options(given))
 
 
 def _check_clip_options(given: argparse.Namespace, *kinds: str) -> None:
@@ -290,6 +293,7 @@ def _swap(given: argparse.Namespace) -> None:
 def _swap_within(given: argparse.Namespace) -> None:
     """Two faces of one clip."""
     check_outputs(given.output, [given.a], [given.a], given.container)
+    _check_coding(given, [given.a], None if given.output.is_dir() else given.output)
     with ExitStack() as stack:
         clip = _open_input(given.a, stack, reading=_reading_options(given))
         _check_clip_options(given, clip.media.kind)
@@ -306,6 +310,7 @@ def _swap_within(given: argparse.Namespace) -> None:
 
 def _swap_clips(given: argparse.Namespace, a: Path, b: Path, folder: Path) -> None:
     """Two clips."""
+    _check_coding(given, [a, b], None)
     with ExitStack() as stack:
         first, second = (_open_input(path, stack, reading=_reading_options(given)) for path in (a, b))
         _check_clip_options(given, first.media.kind, second.media.kind)
@@ -313,8 +318,8 @@ def _swap_clips(given: argparse.Namespace, a: Path, b: Path, folder: Path) -> No
             raise ValueError(f"{a.name} and {b.name} are the same clip; give one alone, with two faces: --faces 0,1")
         same = a.stem == b.stem
         paths = [
-            folder / f"{a.stem}{'-a' if same else ''}{suffix(first, given.container)}",
-            folder / f"{b.stem}{'-b' if same else ''}{suffix(second, given.container)}",
+            folder / f"{a.stem}{'-a' if same else ''}{suffix(first.media.kind, given.container)}",
+            folder / f"{b.stem}{'-b' if same else ''}{suffix(second.media.kind, given.container)}",
         ]
         folder.mkdir(parents=True, exist_ok=True)
         _warn(a, first.faces)

@@ -468,6 +468,48 @@ def test_an_asset_without_its_clip_names_it(run: Run, asset: Path, reference_ass
     assert "--source" in result.stderr
 
 
+def test_what_a_clip_cannot_be_written_as_is_refused_before_it_is_vectorised(
+    run: Run,
+    asset: Path,
+    clip: Path,
+    samples: Samples,
+    reference_asset: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    begun: list[Path] = []
+    monkeypatch.setattr("pvg.vectorize", lambda path, **_: begun.append(path))
+    look, photo = ["--reference", reference_asset], samples.portrait
+    of_asset = ["--reference", clip, "-o"]
+    folder = ["-o", tmp_path / "o"]
+    (tmp_path / "there").mkdir()
+    cases: list[tuple[list[str | Path], str]] = [
+        (["transfer", clip, *look, "-o", tmp_path / "o.png"], "must end in .mp4"),
+        (["transfer", photo, *look, "-o", tmp_path / "o.mp4"], "must end in .png"),
+        (["transfer", photo, *look, "-o", "-"], "a picture is written to a file"),
+        (["transfer", photo, *look, "-o", tmp_path / "o.png", "--audio", "none"], "--audio is of clips"),
+        (["transfer", clip, *look, "-o", tmp_path / "there", "--container", "png"], "png does not fit a clip"),
+        (["transfer", clip, *look, "-o", tmp_path / "o.mov", "--codec", "ffv1"], "holds"),
+        (["transfer", asset, *of_asset, tmp_path / "o.png"], "must end in .mp4"),
+        (["transfer", asset, *of_asset, tmp_path / "o.mov", "--codec", "ffv1"], "holds"),
+        (["transfer", asset, *of_asset, "-", "--crf", "20"], "has no crf"),
+        (["swap", clip, photo, *folder, "--codec", "ffv1"], "holds"),
+        (["swap", clip, photo, *folder, "--container", "webm"], "webm does not fit an image"),
+        (["swap", photo, clip, *folder, "--container", "webm"], "webm does not fit an image"),
+        (["swap", clip, samples.no_face_clip, *folder, "--container", "webm", "--codec", "h264"], "holds"),
+        (["swap", clip, photo, *folder, "--crf", "60"], "crf of"),
+        (["swap", photo, samples.dark_portrait, *folder, "--crf", "20"], "--crf is of clips"),
+        (["swap", clip, "--faces", "0,1", "-o", tmp_path / "o.png"], "must end in .mp4"),
+        (["swap", clip, "--faces", "0,1", "-o", tmp_path / "o.webm", "--codec", "h264"], "holds"),
+    ]
+    for arguments, words in cases:
+        result = run(*arguments)
+        assert result.returncode == 2, (arguments, result.stderr)
+        assert words in result.stderr, (arguments, result.stderr)
+        assert begun == [], arguments
+    assert [path.name for path in tmp_path.iterdir()] == ["there"]
+
+
 def test_outputs_are_refused_before_the_work_begins(
     run: Run, asset: Path, clip: Path, reference_asset: Path, tmp_path: Path
 ) -> None:

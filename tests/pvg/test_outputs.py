@@ -27,7 +27,8 @@ def test_no_two_looks_have_one_name(references: str, names: str, tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    ("name", "container"), [("o.m4v", "mp4"), ("o.MKV", "mkv"), ("o.jpeg", "jpg"), ("o.tif", "tiff"), ("o.tiff", "tiff")]
+    ("name", "container"),
+    [("o.m4v", "mp4"), ("o.MKV", "mkv"), ("o.jpeg", "jpg"), ("o.tif", "tiff"), ("o.tiff", "tiff")],
 )
 def test_a_file_may_be_named_as_its_container_is_by_others(name: str, container: str, tmp_path: Path) -> None:
     check_outputs(tmp_path / name, [Path("a.jpg")], [], container)
