@@ -14,7 +14,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import pvg
-from pvg._options import LOOK_OPTIONS, OUTPUT_OPTIONS, parser_of
+from pvg._asked import (
+    changed,
+    check_clip_options,
+    check_codings,
+    check_reading,
+    check_source,
+    is_asset,
+    look_options,
+    output_options,
+    reading_options,
+)
+from pvg._options import parser_of
 from pvg._outputs import (
     check_asset_name,
     check_coding,
@@ -38,7 +49,6 @@ if TYPE_CHECKING:
 BAD_ARGUMENTS = 2
 BAD_INPUT = 3
 PIPE_CLOSED = 128 + 13  # as of SIGPIPE, which some systems have no name for
-_ASSET_MAGIC = b"PK\x03\x04"
 
 
 @contextmanager
@@ -65,14 +75,6 @@ def _progress() -> Iterator[Callable[[str, int, int], None]]:
             bar.close()
 
 
-def _is_asset(path: Path) -> bool:
-    try:
-        with path.open("rb") as file:
-            return file.read(4) == _ASSET_MAGIC
-    except OSError:
-        return False
-
-
 def _open_input(
     path: Path,
     stack: ExitStack,
@@ -86,7 +88,7 @@ def _open_input(
     reading: how it is read, None for a reference. drawn: its own clip is drawn on.
     """
     reference = reading is None
-    if _is_asset(path):
+    if is_asset(path):
         opened = stack.enter_context(pvg.open_asset(path, source))
         if drawn and not reference and opened.source is None:
             name = opened.manifest.get("source_name", "the clip")
@@ -98,10 +100,6 @@ def _open_input(
         opened = stack.enter_context(pvg.vectorize(path, reference=reference, progress=progress, **reading or {}))
     _warn_of(path, opened.media.warnings)
     return opened
-
-
-def _reading_options(given: argparse.Namespace) -> dict[str, Any]:
-    return {"input_color": given.input_color, "strict": given.strict}
 
 
 def _warn_of(path: Path, lines: Iterable[str]) -> None:
@@ -132,7 +130,7 @@ def _vectorize(given: argparse.Namespace) -> None:
             mask=given.mask,
             matching=given.matching,
             progress=progress,
-            **_reading_options(given),
+            **reading_options(given),
         )
     with video:
         _warn_of(given.input, video.media.warnings)
@@ -148,42 +146,28 @@ def _warn_of_outputs(paths: Iterable[Path], warnings: Iterable[Sequence[str]], s
 
 def _said_of(path: Path, video: VectorVideo) -> Sequence[str]:
     """What `_open_input` has said of an input."""
-    return () if _is_asset(path) else video.media.warnings
-
-
-def _check_reading(given: argparse.Namespace, *inputs: Path) -> None:
-    """Refuse what is asked in vain: an asset was read when it was made."""
-    asked = [name for name, value in _reading_options(given).items() if value not in ("auto", False)]
-    if asked and all(_is_asset(path) for path in inputs):
-        option = asked[0].replace("_", "-")
-        raise ValueError(f"--{option} is of a clip or picture that is read, and {inputs[0].name} is an asset")
-
-
-def _check_source(given: argparse.Namespace) -> None:
-    if given.source is not None and given.input.exists() and not _is_asset(given.input):
-        what = "is for pictures that an asset is drawn on" if given.source == STANDARD else "is an asset's clip"
-        raise ValueError(f"--source {given.source} {what}, and {given.input.name} is no asset; give the asset first")
+    return () if is_asset(path) else video.media.warnings
 
 
 def _transfer(given: argparse.Namespace) -> None:
     piped = given.output == STANDARD
-    _check_source(given)
+    check_source(given)
     source = None if given.source == STANDARD else given.source
-    _check_reading(given, given.input)
+    check_reading(given, given.input)
     if piped:
         check_pipe(given.container, given.reference)
     else:
         check_outputs(given.output, given.reference, [given.input, source, *given.reference], given.container)
     single = None if len(given.reference) > 1 or given.output.is_dir() else given.output
-    _check_coding(given, [given.input], single)
+    check_codings(given, [given.input], single)
     with ExitStack() as stack:
         clip = _open_input(
-            given.input, stack, reading=_reading_options(given), source=source, drawn=given.source != STANDARD
+            given.input, stack, reading=reading_options(given), source=source, drawn=given.source != STANDARD
         )
-        _check_clip_options(given, clip.media.kind)
-        if _is_asset(given.input) and given.source != STANDARD:
+        check_clip_options(given, clip.media.kind)
+        if is_asset(given.input) and given.source != STANDARD:
             color = clip.settings["input_color"]
-            check_coding(clip.require_source(), clip.media.kind, single, _output_options(given), input_color=color)
+            check_coding(clip.require_source(), clip.media.kind, single, output_options(given), input_color=color)
         references = [_open_input(path, stack) for path in given.reference]
         looks = [_look(given, clip, reference) for reference in references]
         paths = [STANDARD] if piped else outputs(given.output, given.reference, clip, given.container)
@@ -195,7 +179,7 @@ def _transfer(given: argparse.Namespace) -> None:
         pictures = sys.stdin.buffer if given.source == STANDARD else None
         targets = [sys.stdout.buffer] if piped else paths
         with _progress() as progress:
-            warnings = pvg.render(clip, looks, targets, pictures=pictures, progress=progress, **_output_options(given))
+            warnings = pvg.render(clip, looks, targets, pictures=pictures, progress=progress, **output_options(given))
         said = [_said_of(given.input, clip)] * len(looks)
     _warn_of_outputs([Path("standard output")] if piped else paths, warnings, said)
     if not piped:
@@ -209,16 +193,16 @@ def _look(given: argparse.Namespace, clip: VectorVideo, reference: VectorVideo) 
         contrast=given.contrast,
         faces=given.face,
         reference_face=given.reference_face,
-        **_look_options(given),
+        **look_options(given),
     )
 
 
 def _export(given: argparse.Namespace) -> None:
-    _check_source(given)
-    _check_reading(given, given.input)
+    check_source(given)
+    check_reading(given, given.input)
     check_results_folder(given.output, "a look's files")
     with ExitStack() as stack:
-        clip = _open_input(given.input, stack, reading=_reading_options(given), source=given.source)
+        clip = _open_input(given.input, stack, reading=reading_options(given), source=given.source)
         reference = _open_input(given.reference, stack)
         _warn(given.input, _chosen(clip, given.face))
         _warn(given.reference, [_reference_face(reference, given.reference_face)])
@@ -234,40 +218,6 @@ def _export(given: argparse.Namespace) -> None:
     print(*written, sep="\n")
 
 
-def _check_coding(given: argparse.Namespace, inputs: Sequence[Path], output: Path | None) -> None:
-    """Refuse, before the long work, what these clips and pictures cannot be written as; assets tell it when opened.
-
-    output: the one file or pipe, None where the command names files.
-    """
-    kinds = {path: kind_of(path) for path in inputs if not _is_asset(path)}
-    if len(kinds) == len(inputs):
-        _check_clip_options(given, *kinds.values())
-    for path, kind in kinds.items():
-        check_coding(path, kind, output, _output_options(given), **_reading_options(given))
-
-
-def _check_clip_options(given: argparse.Namespace, *kinds: str) -> None:
-    """Refuse what is asked in vain: pictures have no codec and no sound;  kinds: "video" or "image", of the inputs."""
-    asked = _given(given, "codec", "crf", "preset", "audio")
-    if asked and all(kind == "image" for kind in kinds):
-        raise ValueError(f"--{asked[0]} is of clips, and here are pictures only")
-
-
-def _given(given: argparse.Namespace, *names: str) -> list[str]:
-    """Which of these options of an output are not left as they are by default."""
-    return [name for name in names if getattr(given, name, None) not in (None, "auto", "copy")]
-
-
-def _output_options(given: argparse.Namespace) -> dict[str, Any]:
-    """How outputs are encoded."""
-    return {name: getattr(given, name) for name in OUTPUT_OPTIONS}
-
-
-def _look_options(given: argparse.Namespace) -> dict[str, Any]:
-    """The options of a look that `transfer` and `swap` share, but for the contrast."""
-    return {name: getattr(given, name) for name in LOOK_OPTIONS}
-
-
 def _reference_face(reference: VectorVideo, face: int | None) -> FaceSummary:
     from pvg.looks import reference_face_of  # noqa: PLC0415
 
@@ -276,7 +226,7 @@ def _reference_face(reference: VectorVideo, face: int | None) -> FaceSummary:
 
 def _swap(given: argparse.Namespace) -> None:
     a, b = given.a, given.b
-    _check_reading(given, *([a] if b is None else [a, b]))
+    check_reading(given, *([a] if b is None else [a, b]))
     if b is None:
         if given.faces is None:
             raise ValueError("give a second clip, or two faces of the one: --faces 0,1")
@@ -293,16 +243,16 @@ def _swap(given: argparse.Namespace) -> None:
 def _swap_within(given: argparse.Namespace) -> None:
     """Two faces of one clip."""
     check_outputs(given.output, [given.a], [given.a], given.container)
-    _check_coding(given, [given.a], None if given.output.is_dir() else given.output)
+    check_codings(given, [given.a], None if given.output.is_dir() else given.output)
     with ExitStack() as stack:
-        clip = _open_input(given.a, stack, reading=_reading_options(given))
-        _check_clip_options(given, clip.media.kind)
+        clip = _open_input(given.a, stack, reading=reading_options(given))
+        check_clip_options(given, clip.media.kind)
         (path,) = outputs(given.output, [given.a], clip, given.container)
         check_suffix(path, [clip.media.kind])
-        look = pvg.exchange(clip, given.faces, contrast=given.contrast, **_look_options(given))
+        look = pvg.exchange(clip, given.faces, contrast=given.contrast, **look_options(given))
         _warn(given.a, _chosen(clip, given.faces))
         with _progress() as progress:
-            warnings = pvg.render(clip, [look], [path], progress=progress, **_output_options(given))
+            warnings = pvg.render(clip, [look], [path], progress=progress, **output_options(given))
         said = _said_of(given.a, clip)
     _warn_of_outputs([path], warnings, [said])
     print(path)
@@ -310,10 +260,10 @@ def _swap_within(given: argparse.Namespace) -> None:
 
 def _swap_clips(given: argparse.Namespace, a: Path, b: Path, folder: Path) -> None:
     """Two clips."""
-    _check_coding(given, [a, b], None)
+    check_codings(given, [a, b], None)
     with ExitStack() as stack:
-        first, second = (_open_input(path, stack, reading=_reading_options(given)) for path in (a, b))
-        _check_clip_options(given, first.media.kind, second.media.kind)
+        first, second = (_open_input(path, stack, reading=reading_options(given)) for path in (a, b))
+        check_clip_options(given, first.media.kind, second.media.kind)
         if first.source_sha256 == second.source_sha256:
             raise ValueError(f"{a.name} and {b.name} are the same clip; give one alone, with two faces: --faces 0,1")
         same = a.stem == b.stem
@@ -331,8 +281,8 @@ def _swap_clips(given: argparse.Namespace, a: Path, b: Path, folder: Path) -> No
                 paths,
                 contrast=given.contrast,
                 progress=progress,
-                **_look_options(given),
-                **_output_options(given),
+                **look_options(given),
+                **output_options(given),
             )
         said = [_said_of(a, first), _said_of(b, second)]
     _warn_of_outputs(paths, warnings, said)
@@ -347,17 +297,17 @@ def _inspect(given: argparse.Namespace) -> None:
     if given.output is not None:
         check_suffix(given.output, ["image"])
         check_file(given.output, [given.input, given.source])
-    _check_source(given)
-    _check_reading(given, given.input)
-    if not _is_asset(given.input):
+    check_source(given)
+    check_reading(given, given.input)
+    if not is_asset(given.input):
         if given.layer is not None:
             raise ValueError(f"a layer is drawn of an asset, which {given.input.name} is not; vectorise it first")
-        _check_clip_options(given, kind_of(given.input))
+        check_clip_options(given, kind_of(given.input))
         asked = {"container": given.container, "codec": given.codec, "audio": given.audio}
-        found = pvg.inspect(given.input, **asked, **_reading_options(given))
+        found = pvg.inspect(given.input, **asked, **reading_options(given))
         print(json.dumps(found, indent=2, ensure_ascii=False))
         return
-    if vain := _given(given, "container", "codec", "audio"):
+    if vain := changed(given, "container", "codec", "audio"):
         raise ValueError(f"--{vain[0]} is of an output of a clip or picture, and {given.input.name} is an asset")
     with pvg.open_asset(given.input, given.source) as video:
         if given.layer is None:
