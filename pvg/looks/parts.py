@@ -4,7 +4,7 @@ Skin goes to skin by one smooth map F. A part goes with it, as it would in anoth
 from the skin, which F lessens as if it were a stain. From there a part goes some way towards the reference's difference
 between part and skin: how much darker it is, and how far its chroma is from what the reference's skin has at that luma,
 so that shading is not taken for make-up. Both are bounded by what such a part can be, and a part that the reference
-shows under a beard, in shadow or not at all stays with the skin; so do all in coloured light that has no red to show.
+shows under a beard, in shadow or not at all stays with the skin; so do all in light of nearly one colour.
 """
 
 from __future__ import annotations
@@ -70,6 +70,7 @@ _LEAST_CHROMA = 4.0  # levels: greyer skin has no hue
 # of CIELAB [measured: skin of 15 clips and 16 portraits has 13 to 62 degrees]: a skin's hue, how far off it is the
 # light's, and the chroma below which it is chance
 _SKIN_HUE, _STRANGE, _HUELESS = 45.0, (45.0, 70.0), (6.0, 12.0)
+_LIT = (45.0, 65.0)  # C* that only coloured light gives skin [measured: looks on usual skin have 34 at most]
 _LEAST_RED = -3.0  # levels of R − Y beyond the skin's: lips with less are a beard or a shadow [by eye]
 
 
@@ -147,14 +148,14 @@ class PartChanges:
 
 
 def _shown_by_light(skin: Floats) -> float:
-    """How far the light on a face shows what sets its parts apart, in [0, 1]: 0 in blue or green light.
+    """How far the light on a face shows what sets its parts apart, in [0, 1]: 0 in blue, green or deep red light.
 
-    skin: (n, 3) colours that F makes, 0-255 RGB. What is red in white light such light does not show: lips would turn
-    teal or orange.
+    skin: (n, 3) colours that F makes, 0-255 RGB. What is red in white light blue light does not show, and red light
+    nothing that is blue: lips would turn teal, orange or magenta.
     """
     _, a, b = (float(value) for value in median_lab(skin))
-    off = abs((np.degrees(np.arctan2(b, a)) - _SKIN_HUE + 180) % 360 - 180)
-    return 1 - float(ramp(off, *_STRANGE) * ramp(np.hypot(a, b), *_HUELESS))
+    chroma, off = float(np.hypot(a, b)), abs((np.degrees(np.arctan2(b, a)) - _SKIN_HUE + 180) % 360 - 180)
+    return 1 - max(float(ramp(off, *_STRANGE) * ramp(chroma, *_HUELESS)), float(ramp(chroma, *_LIT)))
 
 
 def _lost(lips: Doubles, skin: SkinMap, key: KeyFrame, face: float) -> Doubles:

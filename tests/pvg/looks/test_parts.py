@@ -60,8 +60,8 @@ def test_a_part_ends_as_far_from_the_skin_as_the_references(part: str) -> None:
     assert np.linalg.norm(ends - wanted) < 0.25 * alone
 
 
-@pytest.mark.parametrize("light", [(40, 45, 200), (70, 190, 60), (110, 50, 190)])
-def test_light_that_has_no_red_shows_no_make_up(light: tuple[float, float, float]) -> None:
+@pytest.mark.parametrize("light", [(40, 45, 200), (70, 190, 60), (110, 50, 190), (200, 35, 25), (205, 110, 20)])
+def test_light_of_nearly_one_colour_shows_no_make_up(light: tuple[float, float, float]) -> None:
     own = _face(light, {"lips": (0.85, 0.0, -4.0), "brows": (0.5, 0.0, 0.0)})
     skin = _map(own, _face(tuple(1.2 * level for level in light), {}))  # brighter, in the same light
     np.testing.assert_array_equal(PartChanges.of(_MADE_UP).on(skin, own, FULL), _asked_nothing(skin, own))
