@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from datetime import timedelta
 
-from service.catalog import Database, sweep
+from service.catalog import Database, sweep, utc_now
 from service.settings import Settings
 from service.storage import Storage
 
@@ -20,7 +20,8 @@ class Drafts:
 
     def clear(self) -> int:
         """Remove those whose writer is gone; see `Storage.clear_drafts`. Returns their number."""
-        return self._storage.clear_drafts(held=self._held, before=self._database.now() - self._ttl)
+        # what the disk says of them is this machine's time, not the database's
+        return self._storage.clear_drafts(held=self._held, before=utc_now() - self._ttl)
 
     def _held(self, job_ids: Collection[str]) -> set[str]:
         with self._database.read() as session:

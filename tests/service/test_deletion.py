@@ -11,21 +11,22 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import httpx
 import pytest
 from obstore.exceptions import GenericError
 
-from service.catalog import Asset, Report, Role, leases, media, parts, tombstones
+from service.catalog import Asset, Database, Report, Role, leases, media, parts, tombstones
 from service.catalog.models import Tombstone
 from service.catalog.parts import NewFile, NewPart
+from service.drafts import Drafts
 from service.queue import RENDER
 from service.settings import Settings
 from service.storage import Storage
 from tests.gallery.assets import write_asset
-from tests.service.fixtures import PNG, Api, add_media, claim, make_ready, make_results, serve
+from tests.service.fixtures import PNG, Api, FakeClock, add_media, claim, make_ready, make_results, serve
 from tests.service.object_store import BUCKET, ObjectStore, object_store
 from tests.service.queue.test_broker import messages
 from tests.service.s3 import S3
@@ -247,6 +248,17 @@ def test_half_an_upload_goes_when_its_writer_is_killed_and_not_before(tmp_path: 
     assert storage.clear_drafts(held=set, before=datetime.fromtimestamp(time.time() - 100, UTC)) == 0  # too young
     assert storage.clear_drafts(held=set, before=later) == 2
     assert list((tmp_path / "spool").iterdir()) == []
+
+
+def test_a_young_draft_stays_on_a_machine_whose_clock_is_behind_the_databases(
+    settings: Settings, database: Database, clock: FakeClock
+) -> None:
+    storage = Storage(settings)
+    path, file = storage.new_draft()
+    file.close()  # as a picture that is about to be stored
+    clock.time += timedelta(days=1)
+    assert Drafts(database, storage, settings).clear() == 0
+    assert path.exists()
 
 
 def test_a_copy_of_a_remote_blob_carries_its_job(tmp_path: Path) -> None:
