@@ -48,6 +48,10 @@ class _Held:
     #: not handed out to any process when this one last asked
     others: int = 0
 
+    def is_stale(self, window: int) -> bool:
+        """It is of a window that is over, or, since the clock was set back, of one that is yet to come."""
+        return self.window < window or keys.is_ahead(self.window, window)
+
 
 class Rates:
     """The requests of every key, as far as this process handles them. Safe to use from several threads."""
@@ -59,11 +63,12 @@ class Rates:
     def take_held(self, key_id: str, limit: int) -> Standing | None:
         """Count one request of what this process holds, without waiting; None when only `take` can tell."""
         now_s = self._database.now().timestamp()
+        window = int(now_s // WINDOW_S)
         held = self._held[key_id]
         if not held.lock.acquire(blocking=False):
             return None
         try:
-            if held.window < int(now_s // WINDOW_S) or (held.mine == 0 and held.others > 0):
+            if held.is_stale(window) or (held.mine == 0 and held.others > 0):
                 return None
             return _count(held, limit, now_s)
         finally:
@@ -75,7 +80,7 @@ class Rates:
         window = int(now_s // WINDOW_S)
         held = self._held[key_id]
         with held.lock:
-            if held.window < window:
+            if held.is_stale(window):
                 held.window, held.mine, held.others = window, 0, limit
             if held.mine == 0 and held.others > 0:
                 with self._database.write() as session:

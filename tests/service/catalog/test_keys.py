@@ -81,6 +81,26 @@ def test_several_processes_never_grant_more_than_the_rate(database: Database, cl
         assert processes[0].take(key.id, 60).granted
 
 
+def test_a_clock_that_is_set_back_keeps_no_key_out(database: Database, clock: FakeClock) -> None:
+    key, _ = make(database, limits=Limits(requests_per_minute=60))
+    rates, other = Rates(database), Rates(database)
+    assert sum(rates.take(key.id, 60).granted for _ in range(100)) == 60
+    clock.forward(-3600)
+    assert rates.take_held(key.id, 60) is None
+    standings = [one.take(key.id, 60) for one in (rates, other) for _ in range(60)]
+    assert sum(one.granted for one in standings) == 60  # and the limit holds
+    assert max(one.resets_s for one in standings) <= 60
+    clock.forward(60)
+    assert rates.take(key.id, 60).granted
+
+
+def test_a_process_whose_clock_is_a_little_behind_counts_with_the_others(database: Database, clock: FakeClock) -> None:
+    key, _ = make(database, limits=Limits(requests_per_minute=60))
+    assert sum(Rates(database).take(key.id, 60).granted for _ in range(60)) == 60
+    clock.forward(-60)
+    assert not Rates(database).take(key.id, 60).granted
+
+
 def test_a_rate_costs_a_process_few_writes(database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
     key, _ = make(database)
     taken = 0
