@@ -5,7 +5,9 @@ See `service.catalog.tombstones` for how. The bytes are in `service.storage`.
 
 from __future__ import annotations
 
+import math
 import threading
+import time
 from collections.abc import Collection
 from pathlib import Path
 from typing import Final
@@ -20,9 +22,11 @@ log = structlog.get_logger(__name__)
 
 #: seconds in which a blob is written and recorded, when nobody says otherwise; longer than any store takes for one
 WRITE_S: Final = 900.0
-#: seconds for which a request waits for a store to delete; the reaper sees to the rest
+#: seconds for which a request, or a round of the reaper, waits for a store to delete; later rounds see to the rest
 PATIENCE_S: Final = 5.0
+#: how many are looked for in a round, and how many are taken at a time: those that it does not come to stay due
 _BATCH: Final = 200
+_AT_ONCE: Final = 10
 
 
 def was_marked(database: Database) -> bool:
@@ -38,6 +42,7 @@ class Blobs:
         self._database = database
         self._storage = storage
         self._within_s = within_s
+        self._sweeping: threading.Thread | None = None
 
     def put(self, path: Path, key: str, *, lease: Lease | None = None) -> None:
         """Store a finished file under its key. The file at ``path`` goes away.
@@ -78,30 +83,57 @@ class Blobs:
             log.warning("the store takes its time to delete; going on without waiting", count=len(keys))
 
     def sweep(self) -> int:
-        """Delete the blobs that are due. Returns the number of those that are gone now."""
+        """Delete the blobs that are due. Returns the number of those that are gone now.
+
+        Begins none after `PATIENCE_S`, and waits for no longer than that once more: leases and messages are seen to by
+        the same thread. While a store hangs on what an earlier call asked of it, nothing more is asked.
+        """
+        if self._sweeping is not None and self._sweeping.is_alive():
+            return 0
         with self._database.read() as session:
             keys = tombstones.due(session, now=self._database.now(), limit=_BATCH)
-        return self._delete(keys)
-
-    def _delete(self, keys: Collection[str]) -> int:
         if not keys:
             return 0
+        gone: list[int] = []
+        until = time.monotonic() + PATIENCE_S
+        self._sweeping = threading.Thread(
+            target=lambda: gone.append(self._delete(keys, until=until)), name="sweep-blobs", daemon=True
+        )
+        self._sweeping.start()
+        self._sweeping.join(2 * PATIENCE_S)
+        if self._sweeping.is_alive():
+            log.warning("the store hangs; what is left is deleted later", count=len(keys))
+        return sum(gone)
+
+    def _delete(self, keys: Collection[str], *, until: float = math.inf) -> int:
+        """Delete these, a few at a time, until the store is away or it is ``until``. Returns how many are gone."""
+        left, count, goes_on = list(keys), 0, True
         try:
-            with self._database.write() as session:
-                taken = tombstones.take(session, keys, now=self._database.now())
-            done = [key for key in taken if self._is_gone(key)]
-            with self._database.write() as session:
-                tombstones.gone(session, done, now=self._database.now())
+            while left and goes_on and time.monotonic() < until:
+                batch, left = left[:_AT_ONCE], left[_AT_ONCE:]
+                with self._database.write() as session:
+                    taken = tombstones.take(session, batch, now=self._database.now())
+                done, goes_on = self._delete_taken(taken, until)
+                with self._database.write() as session:
+                    tombstones.gone(session, done, now=self._database.now())
+                count += len(done)
         except Exception as error:  # the tombstones stay
             say = log.warning if is_outage(error) else log.exception
-            say("blobs are deleted later", count=len(keys), error=type(error).__name__)
-            return 0
-        return len(done)
+            say("blobs are deleted later", count=len(keys) - count, error=type(error).__name__)
+        return count
 
-    def _is_gone(self, key: str) -> bool:
-        try:
-            self._storage.delete(key)
-        except Exception as error:
-            log.warning("a blob could not be deleted, trying again later", error=type(error).__name__)
-            return False
-        return True
+    def _delete_taken(self, keys: Collection[str], until: float) -> tuple[list[str], bool]:
+        """Those that are gone, and whether it is worth while to go on."""
+        done: list[str] = []
+        for key in keys:
+            if time.monotonic() >= until:
+                return done, False
+            try:
+                self._storage.delete(key)
+            except Exception as error:
+                log.warning("a blob could not be deleted, trying again later", error=type(error).__name__)
+                if is_outage(error):
+                    return done, False
+            else:
+                done.append(key)
+        return done, True

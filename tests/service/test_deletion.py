@@ -157,6 +157,36 @@ def test_failed_deletions_are_tried_again_ever_later(api: Api, monkeypatch: pyte
 
 
 @pytest.mark.parametrize("api", ["folder"], indirect=True)
+@pytest.mark.parametrize("how", ["away", "slow", "hangs"])
+def test_a_store_that_is_away_or_slow_keeps_no_round_of_the_reaper(
+    api: Api, monkeypatch: pytest.MonkeyPatch, how: str
+) -> None:
+    services, tries, answers = api.services, list[str](), threading.Event()
+
+    def delete(key: str) -> None:
+        tries.append(key)
+        if how == "away":
+            raise GenericError("nobody answers")
+        answers.wait(0.2 if how == "slow" else 60)
+
+    monkeypatch.setattr("service.blobs.PATIENCE_S", 0.5)
+    monkeypatch.setattr(services.storage, "delete", delete)
+    with services.background.write() as session:
+        tombstones.bury(session, [f"result/{number}" for number in range(100)], now=services.database.now())
+    deleted = services.reaper.delete()
+    assert 0 < len(tries) < 10
+    assert deleted == (len(tries) if how == "slow" else 0)
+    assert buried(api) == 100 - deleted
+    if how == "hangs":
+        assert services.blobs.sweep() == 0  # nor does another thread hang on it
+        assert len(tries) == 1
+    with services.database.read() as session:  # what it did not come to is put off little, or not at all
+        assert session.query(Tombstone).filter(Tombstone.attempts == 0).count() >= 90
+    answers.set()
+    until(lambda: not (services.blobs._sweeping and services.blobs._sweeping.is_alive()))
+
+
+@pytest.mark.parametrize("api", ["folder"], indirect=True)
 def test_a_blob_whose_writer_is_killed_before_it_is_recorded_goes(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
     services = api.services
     draft = services.storage.draft()
