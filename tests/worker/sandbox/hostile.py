@@ -84,6 +84,7 @@ def attempts(arguments: Mapping[str, Any], progress: Progress) -> dict[str, Any]
         "write another file": lambda: outside.write_bytes(b"x"),
         "change its input": lambda: Path(arguments["source"]).write_bytes(b"x"),
         "remove its input": lambda: Path(arguments["source"]).unlink(),
+        **_tries_by_descriptor(arguments["source"]),
         "link out of its folder": lambda: (folder / "link").symlink_to(outside),
         "read the list of users": lambda: Path("/etc/passwd").read_bytes(),
         "read the server's environment": lambda: Path(f"/proc/{os.getppid()}/environ").read_bytes(),
@@ -96,6 +97,7 @@ def attempts(arguments: Mapping[str, Any], progress: Progress) -> dict[str, Any]
         "trace": trace,
         "make a namespace": unshare,
         "end its supervisor": lambda: os.kill(arguments["supervisor"], signal.SIGTERM),
+        **_tries_to_schedule(arguments["supervisor"]),
         "choose a signal": lambda: set_of_pipe(fcntl.F_SETSIG, signal.SIGTERM),
         "have its supervisor told": lambda: set_of_pipe(fcntl.F_SETOWN, arguments["supervisor"]),
         "have a thread told": lambda: set_of_pipe(15, struct.pack("ii", 1, arguments["supervisor"])),
@@ -125,6 +127,38 @@ def attempts(arguments: Mapping[str, Any], progress: Progress) -> dict[str, Any]
         "descriptors": len(os.listdir("/proc/self/fd")),
         "capabilities": [line for line in Path("/proc/self/status").read_text().splitlines() if "CapEff" in line],
         "networks": [line.split(":")[0].strip() for line in Path("/proc/self/net/dev").read_text().splitlines()[2:]],
+    }
+
+
+def _tries_by_descriptor(path: str) -> dict[str, Callable[[], object]]:
+    def by_descriptor(change: Callable[[int], object]) -> None:
+        descriptor = os.open(path, os.O_RDONLY)
+        try:
+            change(descriptor)
+        finally:
+            os.close(descriptor)
+
+    return {
+        "change the mode of its input": lambda: by_descriptor(lambda one: os.fchmod(one, 0o666)),
+        "change the owner of its input": lambda: by_descriptor(lambda one: os.fchown(one, -1, -1)),
+        "note something on its input": lambda: by_descriptor(lambda one: os.setxattr(one, "user.x", b"x")),
+        "take a note off its input": lambda: by_descriptor(lambda one: os.removexattr(one, "user.noted")),
+    }
+
+
+def _tries_to_schedule(pid: int) -> dict[str, Callable[[], object]]:
+    def set_all() -> None:
+        wanted = struct.pack("IIQiIQQQ", 48, os.SCHED_OTHER, 0, 0, 0, 0, 0, 0)  # `struct sched_attr`
+        libc = ctypes.CDLL(None, use_errno=True)
+        if libc.syscall(314 if os.uname().machine == "x86_64" else 274, pid, wanted, 0):
+            raise OSError
+
+    own = os.sched_param(0)
+    return {
+        "pin its supervisor to cores": lambda: os.sched_setaffinity(pid, os.sched_getaffinity(pid)),
+        "put its supervisor behind others": lambda: os.sched_setscheduler(pid, os.SCHED_OTHER, own),
+        "set the priority of its supervisor": lambda: os.sched_setparam(pid, own),
+        "set all of how its supervisor is scheduled": set_all,
     }
 
 
