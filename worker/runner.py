@@ -106,9 +106,10 @@ class Runner:
     def _claim(self, job_id: str, token: str) -> tuple[Taken, Job] | None:
         with self._database.write() as session:
             now, lease_s = self._database.now(), self._settings.lease_s
-            taken = fairness.claim(session, job_id, now=now, lease_s=lease_s, token=token)
-            if taken is None and (lease := leases.claimed(session, token)):  # by a call before, whose answer was lost
-                taken = Taken(lease)
+            # by a call before, whose answer was lost; the job that it left to another is sent again by the reaper
+            lease = leases.claimed(session, token)
+            taken = Taken(lease) if lease is not None else None
+            taken = taken or fairness.claim(session, job_id, now=now, lease_s=lease_s, token=token)
             job = jobs.get(session, taken.lease.job_id) if taken is not None else None
         return None if taken is None or job is None else (taken, job)
 

@@ -79,6 +79,30 @@ def test_a_job_whose_claim_was_not_answered_is_done_all_the_same(
     assert state_of(database, medium.job_id) == (JobState.SUCCEEDED, 1)
 
 
+def test_a_claim_of_another_job_that_was_not_answered_takes_one_job(
+    runner: Runner, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    database = runner._database
+    add_media(database, owner="key_a")
+    with database.write() as session:
+        session.query(Job).one().started_at = database.now()  # this key was served before
+    named, other = add_media(database, owner="key_a"), add_media(database, owner="key_b")
+    done = list[str]()
+
+    def work(run: Run) -> bool:
+        done.append(run.job.id)
+        with database.read() as session:
+            assert session.query(Job).filter(Job.lease_token.is_not(None)).count() == 1
+        with database.write() as session:
+            return leases.succeed(session, run.lease, now=database.now(), timings={})
+
+    monkeypatch.setattr(runner_module, "_WORK", {JobKind.VECTORIZE: work})
+    loses_an_answer(database, monkeypatch)
+    runner.run(named.job_id)
+    assert done == [other.job_id]
+    assert state_of(database, named.job_id) == (JobState.QUEUED, 1)
+
+
 @pytest.mark.parametrize("is_done", [True, False])
 def test_an_asset_is_made_again_though_the_database_is_away_for_a_moment(
     runner: Runner, monkeypatch: pytest.MonkeyPatch, is_done: bool
