@@ -13,6 +13,7 @@ from pathlib import Path
 from queue import Empty
 from typing import Any, Final
 
+import structlog
 from kombu.entity import Exchange, Queue
 from kombu.transport import TRANSPORT_ALIASES, filesystem
 
@@ -20,6 +21,8 @@ from service.catalog import JobKind, Message
 from service.catalog.messages import QUEUE_OF
 from service.folders import keep_to_ourselves, private_folder
 from service.settings import Settings
+
+log = structlog.get_logger(__name__)
 
 TASK: Final = "worker.run_job"
 PREVIEW_TASK: Final = "worker.make_preview"
@@ -66,7 +69,10 @@ class Channel(filesystem.Channel):
                 continue  # another worker was faster, or it was withdrawn
             payload = taken.read_bytes()
             taken.unlink()
-            return json.loads(payload)
+            try:
+                return json.loads(payload)
+            except ValueError:  # a power cut may leave the name without the content; the reaper sends it again
+                log.warning("a message is damaged and passed over", message=name, bytes=len(payload))
         raise Empty
 
     def _next_of(self, queue: str) -> Iterator[str]:

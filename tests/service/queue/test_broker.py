@@ -82,6 +82,19 @@ def test_a_half_written_file_is_not_a_message(tmp_path: Path) -> None:
     assert take(settings, RENDER) == []
 
 
+@pytest.mark.parametrize("content", [b"", bytes(100), b'{"bo', b"\xff"])
+def test_a_message_that_a_power_cut_has_emptied_is_passed_over(tmp_path: Path, content: bytes) -> None:
+    settings = Settings(data_dir=tmp_path)
+    make_folders(settings)
+    producer = make_producer(settings)
+    for number in range(3):
+        send(producer, Message(f"job_{number}", RENDER))
+    for number in (0, 2):
+        (settings.folder / "broker" / "messages" / f"job_{number}.render.msg").write_bytes(content)
+    assert take(settings, RENDER) == ["job_1"]
+    assert messages(settings) == []
+
+
 def test_what_a_killed_process_leaves_of_a_message_goes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     settings = Settings(data_dir=tmp_path)
     make_folders(settings)
