@@ -14,7 +14,20 @@ from sqlalchemy.orm import Session
 
 from service import tracing
 from service.blobs import Blobs, was_marked
-from service.catalog import Database, Job, JobKind, Lease, Message, PartKind, fairness, jobs, leases, media, parts
+from service.catalog import (
+    Database,
+    Job,
+    JobKind,
+    Lease,
+    Message,
+    PartKind,
+    fairness,
+    jobs,
+    leases,
+    media,
+    parts,
+    tombstones,
+)
 from service.catalog.fairness import Taken
 from service.outages import is_outage
 from service.queue import send, withdraw
@@ -267,6 +280,8 @@ def _worth_another_attempt(error: Exception) -> str | None:
         return "the job's process crashed"
     if lacks_room(error):
         return "no room was left for the job"
+    if isinstance(error, tombstones.LateError):
+        return "its files were stored too late to be kept"
     return "the database or the storage stays away" if is_outage(error) else None
 
 

@@ -11,7 +11,7 @@ import pytest
 from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
-from service.catalog import Database, Job, JobKind, JobState, jobs, leases, media
+from service.catalog import Database, Job, JobKind, JobState, jobs, leases, media, tombstones
 from service.settings import Settings
 from tests.service.fixtures import add_media, add_transfer, make_tables
 from tests.service.fixtures import claim as claim_job
@@ -101,6 +101,21 @@ def test_a_claim_of_another_job_that_was_not_answered_takes_one_job(
     runner.run(named.job_id)
     assert done == [other.job_id]
     assert state_of(database, named.job_id) == (JobState.QUEUED, 1)
+
+
+def test_a_job_whose_files_were_stored_too_late_is_tried_again(runner: Runner, monkeypatch: pytest.MonkeyPatch) -> None:
+    database = runner._database
+    medium = add_media(database)
+
+    def work(run: Run) -> bool:
+        raise tombstones.LateError(run.job.id)
+
+    monkeypatch.setattr(runner_module, "_WORK", {JobKind.VECTORIZE: work})
+    reached = []
+    for _ in range(3):
+        runner.run(medium.job_id)
+        reached.append(state_of(database, medium.job_id))
+    assert reached == [(JobState.QUEUED, 2), (JobState.QUEUED, 3), (JobState.FAILED, 3)]
 
 
 @pytest.mark.parametrize("is_done", [True, False])
