@@ -86,8 +86,6 @@ class Runner:
             return
         taken, job = claimed
         lease = taken.lease
-        if taken.deferred is not None:
-            self._publish([taken.deferred])
         structlog.contextvars.bind_contextvars(job=job.id, kind=job.kind, attempt=job.attempt)
         if job.parent_id is not None:
             structlog.contextvars.bind_contextvars(part_of=job.parent_id)
@@ -96,6 +94,8 @@ class Runner:
             structlog.contextvars.bind_contextvars(trace_id=tracing.trace_id(job.traceparent))
         log.info("job begins")
         with LeaseKeeper(self._database, lease, self._settings, lambda: self._give_back(job, lease)) as keeper:
+            if taken.deferred is not None:  # a broker that is away takes its time
+                self._publish([taken.deferred])
             run = Run(
                 settings=self._settings,
                 database=self._database,
