@@ -170,8 +170,10 @@ class Database:
         try:
             cursor = connection.cursor()
             cursor.execute("PRAGMA busy_timeout=500")
-            cursor.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-            cursor.execute(f"PRAGMA busy_timeout={round(self._lock_wait_s * 1000)}")
+            try:
+                cursor.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+            finally:  # the next one who has this connection waits for its turn as all do
+                cursor.execute(f"PRAGMA busy_timeout={round(self._lock_wait_s * 1000)}")
         finally:
             connection.close()
 
