@@ -92,9 +92,9 @@ def _vectorize(run: Run, medium: Media, source: Path, folder: Path) -> Vectorize
     try:
         return checked(VectorizeAnswer, run.call("vectorize", arguments, read=[source], folder=folder))
     except MethodError as error:
-        # the blob's name means nothing to the client
-        shown = medium.filename or "the file"
-        raise error.saying(str(error).replace(source.name, shown)) from error
+        # the blob's name means nothing to the client, and the file's own stays with its medium: what is said here is
+        # kept with jobs and in the log when that is deleted
+        raise error.saying(str(error).replace(source.name, "the file")) from error
 
 
 def _of_the_file(output: OutputAnswer | None) -> list[str]:

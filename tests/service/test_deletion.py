@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -13,6 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
@@ -22,7 +25,7 @@ from service.catalog import Asset, Database, Report, Role, leases, media, parts,
 from service.catalog.models import Tombstone
 from service.catalog.parts import NewFile, NewPart
 from service.drafts import Drafts
-from service.queue import RENDER
+from service.queue import RENDER, make_producer
 from service.settings import Settings
 from service.storage import Storage
 from tests.gallery.assets import write_asset
@@ -31,6 +34,8 @@ from tests.service.object_store import BUCKET, ObjectStore, object_store
 from tests.service.queue.test_broker import messages
 from tests.service.s3 import S3
 from tests.waiting import until
+from worker.runner import Runner
+from worker.sandbox import MethodError, Sandbox
 
 MARK = "a-name-that-nobody-else-has"
 
@@ -115,6 +120,40 @@ def test_no_byte_of_a_deleted_clip_is_left(api: Api, tmp_path: Path, request: py
     look = api.client.get(f"/jobs/{job['id']}").json()["looks"][0]
     assert (look["warnings"], look["settings"], look["result_gone"]) == ([], None, "deleted")
     assert api.client.get(f"/jobs/{video['job']}").json()["metadata"] == {}
+
+
+@pytest.mark.parametrize("api", ["folder"], indirect=True)
+def test_no_name_of_a_deleted_clip_is_left_in_which_no_face_was_found(
+    api: Api, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Neither with the job that waited for it, whose record stays, nor in the log."""
+
+    def call(_: Sandbox, name: str, arguments: dict[str, Any], **__: object) -> None:
+        raise MethodError("NoFaceError", f"no face found in any of 8 frames of {Path(arguments['source']).name}")
+
+    monkeypatch.setattr(Sandbox, "call", call)
+    caplog.set_level(logging.INFO)
+    settings = api.services.settings
+    video = upload(api, PNG + os.urandom(1000), f"{MARK}.png").json()
+    wanted = {"video": video["id"], "looks": [{"reference": video["id"]}]}
+    waiting = api.client.post("/transfer", json=wanted).json()
+    with socket.socket() as unused:
+        Runner(settings, make_producer(settings), Sandbox(unused)).run(video["job"])
+    for place in (f"videos/{video['id']}", f"jobs/{video['job']}", f"jobs/{waiting['id']}"):
+        error = api.client.get(f"/{place}").json()["error"]
+        assert error["detail"] == "no face found in any of 8 frames of the file"
+    assert found(api, None, [MARK.encode()])
+    assert api.client.delete(f"/videos/{video['id']}").status_code == 204
+
+    def left() -> object:
+        api.services.reaper.round()
+        return found(api, None, [MARK.encode()])
+
+    until(lambda: not left(), said=left)
+    assert api.client.get(f"/jobs/{waiting['id']}").json()["error"]["detail"].endswith("frames of the file")
+    said = [str(vars(record)) for record in caplog.records]
+    assert any("frames of the file" in line for line in said)
+    assert not [line for line in said if MARK in line]
 
 
 @pytest.mark.parametrize("api", ["hanging store"], indirect=True)

@@ -304,8 +304,8 @@ def test_what_has_no_face_fails_with_that_problem_and_so_do_the_jobs_that_wait_f
     service.finished(reference["job"])
     failed = service.client.get(f"/references/{reference['id']}").json()
     assert (failed["state"], failed["error"]["code"]) == ("failed", "no-face")
-    assert "nobody.mp4" in failed["error"]["detail"]
-    assert "source" not in failed["error"]["detail"]
+    assert "of the file" in failed["error"]["detail"]
+    assert not any(name in failed["error"]["detail"] for name in ("nobody", "source"))
 
 
 def test_a_broken_file_fails_as_invalid_media(service: Service, clip: Path, tmp_path: Path) -> None:
@@ -314,7 +314,7 @@ def test_a_broken_file_fails_as_invalid_media(service: Service, clip: Path, tmp_
     medium = service.upload("/videos", broken)
     job = service.finished(medium["job"])
     assert (job["state"], job["error"]["code"]) == ("failed", "media-invalid")
-    assert "broken.mp4" in job["error"]["detail"]
+    assert job["error"]["detail"].startswith("the file ")
 
 
 def test_a_running_job_is_canceled_within_seconds(

@@ -73,7 +73,7 @@ def test_a_clip_over_a_limit_fails_with_it(api: Api, warm_server: SandboxServer,
     Runner(settings, app, Sandbox(warm_server.lobby)).run(video["job"])
     error = api.client.get(f"/jobs/{video['job']}").json()["error"]
     assert (error["code"], error["limit"], error["unit"]) == ("too-long", 3, "frames")
-    assert error["detail"] == "fast.mp4 has 4 frames; at most 3 are accepted"
+    assert error["detail"] == "the file has 4 frames; at most 3 are accepted"
     assert api.client.get(f"/videos/{video['id']}").json()["error"] == error
     answer = api.client.post("/transfer", json={"video": video["id"], "looks": [{"reference": video["id"]}]})
     assert answer.status_code == 422
