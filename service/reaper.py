@@ -9,8 +9,8 @@ from datetime import datetime, timedelta
 
 import structlog
 
-from service.blobs import Blobs
-from service.catalog import Database, Message, idempotency, jobs, leases, previews, sweep, webhooks
+from service.blobs import WRITE_S, Blobs
+from service.catalog import Database, Message, idempotency, jobs, leases, previews, set_back, sweep, webhooks
 from service.drafts import Drafts
 from service.outages import is_outage
 from service.queue import QUEUES, Publisher, clear_remains
@@ -116,7 +116,8 @@ class Reaper:
         spared = time.monotonic() < self._spared_until
         with self._database.write() as session:
             if self._is_set_back:
-                leases.shorten(session, now=now, lease_s=self._settings.lease_s)
+                lease_s, write_s = self._settings.lease_s, max(WRITE_S, self._settings.job_hard_limit_s)
+                set_back.mend(session, now=now, lease_s=lease_s, write_s=write_s)
             again = [] if spared else leases.reap(session, now=now, max_attempts=self._settings.max_attempts)
             queued_since = now - timedelta(seconds=self._settings.max_queued_s)
             jobs.expire(session, before=queued_since, now=now)

@@ -22,13 +22,11 @@ from service.api.authentication import CallerDep
 from service.api.dependencies import ServicesDep
 from service.api.services import Services
 from service.catalog import idempotency
-from service.catalog.idempotency import Answer, Claim
+from service.catalog.idempotency import LOCK_S, Answer, Claim
 from service.errors import BadRequestError, ConflictError, IdempotencyKeyInUseError, IdempotencyKeyReusedError
 
 log = structlog.get_logger(__name__)
 
-#: seconds for which a request that no longer says so counts as being worked on
-LOCK_S: Final = 30.0
 _BEAT_S: Final = 10.0
 _KEY: Final = re.compile(r"[\x21-\x7e]{1,255}")
 

@@ -1,8 +1,8 @@
 """The records: media, jobs, looks and results in the database, and the state machines that keep them consistent.
 
 `jobs`, `parts`, `leases`, `fairness`, `forecast`, `media`, `results`, `resumable`, `previews`, `keys`, `idempotency`,
-`statistics`, `sweep`, `tombstones`, `collecting`, `webhooks` and `workers` hold the operations, each on an open
-transaction of `Database`.
+`statistics`, `sweep`, `set_back`, `tombstones`, `collecting`, `webhooks` and `workers` hold the operations, each on an
+open transaction of `Database`.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from service.catalog import (
     previews,
     results,
     resumable,
+    set_back,
     statistics,
     sweep,
     tombstones,
@@ -169,6 +170,7 @@ __all__ = [
     "render_request",
     "results",
     "resumable",
+    "set_back",
     "statistics",
     "still_request",
     "sweep",

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from typing import Any
+from typing import Any, Final
 
 from sqlalchemy import ColumnElement, SelectBase, delete, or_, select, update
 from sqlalchemy.exc import IntegrityError
@@ -17,6 +17,9 @@ from sqlalchemy.orm import Session
 
 from service.catalog.database import changed
 from service.catalog.models import IdempotentRequest
+
+#: seconds for which a request that no longer says so counts as being worked on
+LOCK_S: Final = 30.0
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import secrets
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import datetime
 from typing import Any, Final
 
-from sqlalchemy import func, select, update
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from service.catalog import jobs, parts
-from service.catalog.database import changed
 from service.catalog.messages import Message
 from service.catalog.models import HELD, Job, JobState
 from service.catalog.transitions import Lease, Step, take_step
@@ -148,12 +147,6 @@ def draw_again(session: Session, lease: Lease, *, now: datetime, max_attempts: i
     values = {"attempt": whole.attempt + 1}
     taken = parts.end_whole(session, Step.PARTS_AGAIN, whole_id, now=now, values=values)
     return Message(whole_id, whole.queue) if taken else None
-
-
-def shorten(session: Session, *, now: datetime, lease_s: float) -> None:
-    """Have no lease run longer than ``lease_s`` from now: after the clock was set back, those of lost workers would."""
-    until = now + timedelta(seconds=lease_s)
-    changed(session, update(Job).where(Job.lease_expires_at > until).values(lease_expires_at=until))
 
 
 def reap(session: Session, *, now: datetime, max_attempts: int) -> list[Message]:

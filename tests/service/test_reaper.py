@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from datetime import timedelta
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -8,7 +9,21 @@ import pytest
 
 from service import blobs, reaper
 from service.api import Services, make_services
-from service.catalog import Job, jobs, leases, media, results, sweep
+from service.catalog import (
+    Delivery,
+    Job,
+    collecting,
+    idempotency,
+    jobs,
+    leases,
+    media,
+    results,
+    sweep,
+    tombstones,
+    webhooks,
+    workers,
+)
+from service.catalog.models import Collection, IdempotentRequest, Worker
 from service.queue import RENDER, VECTORIZE
 from service.settings import Settings
 from tests.service.fixtures import (
@@ -161,6 +176,44 @@ def test_a_clock_that_is_set_neither_takes_jobs_nor_keeps_them(
     with services.database.read() as session:
         assert leases.held_state(session, lease)
     assert rounds_until_queued(services, clock, machine, medium.job_id) <= 40
+
+
+def test_what_was_dated_by_a_clock_that_is_set_back_does_not_wait_for_it(
+    services: Services, clock: FakeClock, machine: SimpleNamespace
+) -> None:
+    database, year_s = services.database, 365 * 24 * HOUR
+    queued, sent = (add_media(database).job_id for _ in range(2))
+    urls = [f"https://receiver.example/{name}" for name in ("new", "tried")]
+    with services.background.write() as session:
+        job = session.get_one(Job, add_media(database).job_id)
+        job.state = "failed"
+        session.get_one(Job, sent).published_at = clock()
+        for url in urls:
+            webhooks.announce(session, job, url, now=clock())
+        tombstones.expect(session, "asset/x", now=clock(), within_s=900)
+        claimed = idempotency.Claim("", "key", "token")
+        idempotency.begin(session, claimed, now=clock(), lock_s=idempotency.LOCK_S, ttl_s=HOUR)
+        collecting.begin(session, now=clock(), unless_since=clock())
+        session.add(Worker(id="lost", started_at=clock(), seen_at=clock()))
+    with services.background.write() as session:
+        tried = session.query(Delivery).filter_by(url=urls[1]).one()
+        attempt = webhooks.claim(session, tried.id, now=clock(), lease_s=30)
+        assert attempt is not None
+        assert webhooks.missed(session, attempt, now=clock(), retry_s=300, status=500, error="x")
+    services.reaper.round()
+    clock.forward(-year_s)
+    services.reaper.revive()
+
+    now = clock()
+    with database.read() as session:
+        assert {one.job_id for one in sweep.unpublished(session, before=now + timedelta(seconds=1))} >= {queued}
+        assert {one.job_id for one in sweep.published(session, VECTORIZE, before=now + timedelta(seconds=1))} == {sent}
+        waits = {one.url: (one.next_at - now).total_seconds() for one in session.query(Delivery) if one.next_at}
+        assert waits == {urls[0]: 0, urls[1]: 300}
+        assert tombstones.due(session, now=now + timedelta(hours=3), limit=9) == ["asset/x"]
+        assert session.query(IdempotentRequest).one().locked_until <= now + timedelta(seconds=idempotency.LOCK_S)
+        assert session.query(Collection).one().began_at == now
+        assert workers.heard_of(session, since=now + timedelta(seconds=1)) == 0
 
 
 def test_a_job_that_missed_its_medium_becoming_ready_is_let_go(services: Services) -> None:
