@@ -9,6 +9,8 @@ from pvg.video.ifd import HEADER, Block, Directory, numbers_of, shorts, written
 
 ORIENTATION = 0x0112
 _EXIF, _GPS, _INTEROPERABILITY, _MAKER_NOTE, _XMP, _ICC = 0x8769, 0x8825, 0xA005, 0x927C, 0x02BC, 0x8773
+_LEFT_OUT = {"XMP": (_XMP,), "IPTC": (0x83BB,), "Photoshop's layers and resources": (0x8649, 0x935C)}
+"""Whole records of other programs by what they hold: the picture as it was, places, and EXIF once more."""
 _SIZES = (0xA002, 0xA003)  # PixelXDimension, PixelYDimension
 _DESCRIBES_SAMPLES = {
     *(0x00FE, 0x00FF, 0x0100, 0x0101, 0x0102, 0x0103, 0x0106, 0x010A, 0x0111, 0x0115, 0x0116, 0x0117, 0x0118, 0x0119),
@@ -24,7 +26,7 @@ class Exif:
 
     main: the tags of its first directory that describe the picture, without those of how samples are stored.
     details: those of its EXIF directory. orientation: 1 to 8 as stored (TIFF 6.0, tag 274), to be applied once.
-    lost: what the block held and these do not: "location", "thumbnail", "maker's note".
+    lost: what the block held and these do not: "location", "thumbnail", "maker's note", "XMP", "IPTC", …
     """
 
     main: Directory
@@ -45,7 +47,7 @@ NONE = Exif({}, {})
 
 
 def read_exif(data: bytes, *, is_file: bool = False) -> Exif:
-    """The parts of an EXIF block that are kept: all but location, thumbnail and the maker's note.
+    """The parts of an EXIF block that are kept: all but location, thumbnail, maker's note and other programs' records.
 
     data: the block, with or without its prefix "Exif\\0\\0", or a TIFF file, whose tags are the same (is_file). The
     orientation becomes 1, for pictures are drawn upright, and width and height are exchanged where it was sideways.
@@ -66,10 +68,10 @@ def read_exif(data: bytes, *, is_file: bool = False) -> Exif:
         "location": _GPS in main,
         "thumbnail": bool(following) and not is_file,
         "maker's note": _MAKER_NOTE in details,
-    }
+    } | {what: any(tag in main for tag in tags) for what, tags in _LEFT_OUT.items()}
     if ORIENTATION in main:
         main[ORIENTATION] = shorts(1)
-    left_out = _DESCRIBES_SAMPLES | {_EXIF, _GPS, _XMP, _ICC}
+    left_out = _DESCRIBES_SAMPLES.union({_EXIF, _GPS, _ICC}, *_LEFT_OUT.values())
     main = {tag: entry for tag, entry in main.items() if tag not in left_out}
     details = {tag: entry for tag, entry in details.items() if tag not in (_MAKER_NOTE, _INTEROPERABILITY)}
     if is_file and set(main) <= {ORIENTATION} and not details:

@@ -109,7 +109,9 @@ def _with_exif(found: PictureMetadata, block: bytes | None, *, is_file: bool = F
         exif = read_exif(block, is_file=is_file)
     except ValueError:
         return replace(found, lost=(*found.lost, "a damaged EXIF block"))
-    return replace(found, exif=exif.block(), orientation=exif.orientation, lost=(*exif.lost, *found.lost))
+    return replace(
+        found, exif=exif.block(), orientation=exif.orientation, lost=tuple(dict.fromkeys((*exif.lost, *found.lost)))
+    )
 
 
 # --- PNG ------------------------------------------------------------------------------------------------------
@@ -313,10 +315,7 @@ def _of_tiff(name: str, data: bytes) -> PictureMetadata:
     header = tiff_header(name, data)
     directory, following = Block(data).directory(Block(data).first)
     icc = directory[ICC_TAG].body if ICC_TAG in directory else None
-    held = {"XMP": 700, "IPTC": 33723, "Photoshop's layers and resources": 34377}
-    lost = [what for what, tag in held.items() if tag in directory]
-    if following:
-        lost.insert(0, "thumbnail")
+    lost = ["thumbnail"] if following else []
     if header.alpha == "premultiplied":
         lost.append("premultiplied alpha (colours are divided by it)")
     found = PictureMetadata(icc=icc, depth=header.depth, has_alpha=header.alpha != "none", lost=tuple(lost))

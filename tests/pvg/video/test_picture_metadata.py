@@ -246,6 +246,34 @@ def tiff_of(samples: Any, order: str = "<", **tags: Any) -> bytes:
     return head + out + b"\0\0\0\0" + tail + data
 
 
+def test_the_records_of_photoshop_in_a_tiff_are_left_out_byte_by_byte(tmp_path: Path) -> None:
+    """Its document data hold the layers as they were, its resources a preview, IPTC a place."""
+    data = bytearray(tiff_of(smooth()))
+    directory, _ = Block(bytes(data)).directory(8)
+    secrets = {33723: b"PLACE IN IPTC", 34377: b"8BIM THUMB", 37724: b"Adobe Photoshop Document Data Block\0LAYERS"}
+    directory |= {tag: opaque(body) for tag, body in secrets.items()}
+    struct.pack_into("<I", data, 4, len(data))
+    path = tmp_path / "layered.tif"
+    path.write_bytes(bytes(data) + written(directory, {}, len(data)))
+    found = read_picture_metadata(path)
+    assert set(found.lost) == {"IPTC", "Photoshop's layers and resources"}
+    for suffix in ALL:
+        out = tmp_path / f"out{suffix}"
+        assert len(lost_in_picture(path, out)) == 2
+        write_image(out, smooth(), metadata=found)
+        body = out.read_bytes()
+        assert not any(secret in body for secret in (b"PLACE", b"THUMB", b"LAYERS"))
+        assert not read_picture_metadata(out).lost
+
+
+@pytest.mark.parametrize("tag", [33723, 34377, 37724])
+def test_records_of_other_programs_in_an_exif_block_are_left_out_and_named(tag: int) -> None:
+    block = HEADER + struct.pack("<I", 8) + written({0x010F: Entry(2, 6, b"Maker\0"), tag: opaque(b"SECRET")}, {}, 8)
+    exif = read_exif(block)
+    assert set(exif.main) == {0x010F}
+    assert len(exif.lost) == 1
+
+
 @pytest.mark.parametrize("order", ["<", ">"])
 @pytest.mark.parametrize("depth", [8, 16])
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
