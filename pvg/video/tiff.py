@@ -28,8 +28,8 @@ class TiffHeader:
     """What the first directory says: size as stored, bits a sample (8 or 16), and how transparency is kept.
 
     alpha: "none", "straight" (unassociated) or "premultiplied" (associated, ExtraSamples 1). plain: grey or RGB in
-    strips, packed without loss, with or without alpha. orientation_at: where the value of the orientation tag lies in
-    the file, or None.
+    strips, packed without loss, with or without alpha; RGB also with a plane for each of its samples. orientation_at:
+    where the value of the orientation tag lies in the file, or None.
     """
 
     width: int
@@ -78,10 +78,13 @@ def _header(name: str, data: bytes) -> TiffHeader:
         raise MediaError(f"{name} is a TIFF of {samples} samples a pixel; save it as RGB, with or without alpha")
     if (packed := numbers_of(directory, _COMPRESSION, (1,))[0]) not in (*_PLAIN_PACKINGS, *_JPEG_PACKINGS):
         raise MediaError(f"{name} is a TIFF packed in a way that is not read ({packed}); save it with LZW or Deflate")
-    strips = _TILES not in directory and numbers_of(directory, _PLANAR, (1,))[0] == 1
+    planes = numbers_of(directory, _PLANAR, (1,))[0] != 1
+    strips = _TILES not in directory and (photometric == 2 or not planes)
     plain = photometric in (1, 2) and strips and packed in _PLAIN_PACKINGS
     if alpha != "none" and not plain:
         raise MediaError(f"{name} is a TIFF with alpha in tiles, planes or a palette; save it as plain RGB with alpha")
+    if planes and samples > 1 and depth == 16 and not plain:  # OpenCV gives whatever lay in its memory
+        raise MediaError(f"{name} is a TIFF of 16 bits in tiles and planes; save it with its samples interleaved")
     return TiffHeader(width, height, depth, alpha, plain, at)
 
 

@@ -274,6 +274,25 @@ def test_records_of_other_programs_in_an_exif_block_are_left_out_and_named(tag: 
     assert len(exif.lost) == 1
 
 
+def planar_tiff_of(samples: Any, order: str) -> bytes:
+    """The same with a strip for each sample of a pixel (PlanarConfiguration 2)."""
+    height, width, count = samples.shape
+    data = bytearray(tiff_of(samples, order, t284=[2], t338=[2] if count in (2, 4) else None))
+    size = width * height * samples.dtype.itemsize
+    start = len(data) - size * count
+    data[start:] = np.moveaxis(samples, -1, 0).astype(samples.dtype.newbyteorder(order)).tobytes()
+    (fields,) = struct.unpack_from(order + "H", data, 8)
+    for k in range(fields):
+        tag, kind, _, _ = struct.unpack_from(order + "HHII", data, 10 + 12 * k)
+        for wanted, values in ((273, [start + size * n for n in range(count)]), (279, [size] * count)):
+            if tag == wanted:
+                struct.pack_into(
+                    order + "HHII", data, 10 + 12 * k, tag, kind, count, values[0] if count == 1 else len(data)
+                )
+                data += struct.pack(f"{order}{count}I", *values) if count > 1 else b""
+    return bytes(data)
+
+
 @pytest.mark.parametrize("order", ["<", ">"])
 @pytest.mark.parametrize("depth", [8, 16])
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
@@ -289,6 +308,31 @@ def test_grey_and_rgb_tiffs_of_both_byte_orders_are_read_bit_for_bit(
     assert (frame.alpha is None) is (count in (1, 3))
     if frame.alpha is not None:
         np.testing.assert_array_equal(frame.alpha, samples[..., -1])
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("depth", [8, 16])
+@pytest.mark.parametrize("count", [1, 3, 4])
+def test_tiffs_with_a_plane_for_each_sample_are_read_bit_for_bit(
+    order: str, depth: int, count: int, tmp_path: Path
+) -> None:
+    samples = noise(depth, count)
+    path = tmp_path / "a.tif"
+    path.write_bytes(planar_tiff_of(samples, order))
+    frame = read_image(path)
+    colors = samples[..., :3] if count > 2 else samples[..., [0, 0, 0]]
+    np.testing.assert_array_equal(np.stack(frame.planes, axis=-1), colors)
+    assert (frame.alpha is None) is (count < 4)
+    if frame.alpha is not None:
+        np.testing.assert_array_equal(frame.alpha, samples[..., -1])
+
+
+def test_a_deep_tiff_in_tiles_and_planes_is_refused_by_name(tmp_path: Path) -> None:
+    path = tmp_path / "a.tif"
+    tiles = {"t322": [16], "t323": [16], "t324": [8, 8, 8], "t325": [9, 9, 9]}
+    path.write_bytes(tiff_of(noise(16), t284=[2], **tiles))
+    with pytest.raises(MediaError, match="16 bits in tiles and planes"):
+        read_image(path)
 
 
 def test_premultiplied_colours_are_divided_by_their_alpha(tmp_path: Path) -> None:
