@@ -123,7 +123,9 @@ def _decoded(kind: str, data: bytes) -> NDArray[Any] | None:
 def _tiff_samples(name: str, data: bytes) -> NDArray[Any] | None:
     header = tiff_header(name, data)
     if not header.plain:
-        return _decoded("tiff", upright_bytes(data, header))
+        decoded = _decoded("tiff", upright_bytes(data, header))
+        turned = header.negative and header.depth == 16  # OpenCV turns negatives of 8 bits alone
+        return 65535 - decoded if turned and decoded is not None else decoded
     # OpenCV's way multiplies 8-bit colours by their alpha; libav's gives all samples as they stand
     context = av.codec.CodecContext.create("tiff", "r")
     assert isinstance(context, av.video.codeccontext.VideoCodecContext)  # noqa: S101 - narrows the binding's union

@@ -28,8 +28,8 @@ class TiffHeader:
     """What the first directory says: size as stored, bits a sample (8 or 16), and how transparency is kept.
 
     alpha: "none", "straight" (unassociated) or "premultiplied" (associated, ExtraSamples 1). plain: grey or RGB in
-    strips, packed without loss, with or without alpha; RGB also with a plane for each of its samples. orientation_at:
-    where the value of the orientation tag lies in the file, or None.
+    strips, packed without loss, with or without alpha; RGB also with a plane for each of its samples. negative: grey
+    whose zero is white. orientation_at: where the value of the orientation tag lies in the file, or None.
     """
 
     width: int
@@ -37,6 +37,7 @@ class TiffHeader:
     depth: int
     alpha: str
     plain: bool
+    negative: bool
     orientation_at: int | None
 
 
@@ -85,7 +86,7 @@ def _header(name: str, data: bytes) -> TiffHeader:
         raise MediaError(f"{name} is a TIFF with alpha in tiles, planes or a palette; save it as plain RGB with alpha")
     if planes and samples > 1 and depth == 16 and not plain:  # OpenCV gives whatever lay in its memory
         raise MediaError(f"{name} is a TIFF of 16 bits in tiles and planes; save it with its samples interleaved")
-    return TiffHeader(width, height, depth, alpha, plain, at)
+    return TiffHeader(width, height, depth, alpha, plain, photometric == 0, at)
 
 
 def _tile_pixels(directory: Directory) -> int:

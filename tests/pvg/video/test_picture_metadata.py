@@ -327,6 +327,17 @@ def test_tiffs_with_a_plane_for_each_sample_are_read_bit_for_bit(
         np.testing.assert_array_equal(frame.alpha, samples[..., -1])
 
 
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("depth", [8, 16])
+def test_a_grey_tiff_whose_zero_is_white_is_no_negative(order: str, depth: int, tmp_path: Path) -> None:
+    samples = noise(depth, 1)
+    path = tmp_path / "a.tif"
+    path.write_bytes(tiff_of(samples, order, t262=[0]))
+    frame = read_image(path)
+    assert frame.format.depth == depth
+    np.testing.assert_array_equal(frame.planes[0], 2**depth - 1 - samples[..., 0])
+
+
 def test_a_deep_tiff_in_tiles_and_planes_is_refused_by_name(tmp_path: Path) -> None:
     path = tmp_path / "a.tif"
     tiles = {"t322": [16], "t323": [16], "t324": [8, 8, 8], "t325": [9, 9, 9]}
