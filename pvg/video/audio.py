@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from fractions import Fraction
 from typing import Any
 
@@ -36,21 +36,37 @@ class SoundTrack(CarriedTrack):
         return stream
 
     def _produce(self, opened: av.container.InputContainer) -> Iterator[StampedPacket]:
-        copies = self.carried.encoder is None
-        for packet in opened.demux(self._source):
-            if copies:
-                if packet.size and not _is_cut_away(packet):
-                    yield stamped(packet)
-                continue
+        packets = opened.demux(self._source)
+        if self.carried.encoder is None:
+            yield from (stamped(packet) for packet in _heard(packets))
+            return
+        for packet in packets:
             for frame in packet.decode():
                 if frame.pts is not None:  # in samples: AVI counts in packets, and encoders want shorter ones
                     frame.pts = round(frame.pts * frame.time_base * frame.sample_rate)
                     frame.time_base = Fraction(1, frame.sample_rate)
                 for coded in self._target.encode(frame):
                     yield stamped(coded)
-        if not copies:
-            for coded in self._target.encode(None):
-                yield stamped(coded)
+        for coded in self._target.encode(None):
+            yield stamped(coded)
+
+
+def _heard(packets: Iterable[av.packet.Packet[Any]]) -> Iterator[av.packet.Packet[Any]]:
+    """The packets of a track that are heard by the source's edit list, and those that begin it; no time steps back.
+
+    A second edit begins with packets that its decoder needs, at times of the edit before; there is no place for these.
+    Equal times are those of packets shorter than a tick, as TrueHD's in Matroska.
+    """
+    begun, last = False, None
+    for packet in packets:
+        if not packet.size or (packet.is_discard and (begun or _is_cut_away(packet))):
+            continue
+        if packet.dts is not None:
+            if last is not None and packet.dts < last:
+                continue
+            last = packet.dts
+        begun = begun or not packet.is_discard
+        yield packet
 
 
 def _is_cut_away(packet: av.packet.Packet[Any]) -> bool:
