@@ -176,7 +176,8 @@ def _of_colors(clip: OpenClip, reading: Reading) -> tuple[str, ...]:
     named = next((name for pattern, name in _LOGARITHMS.items() if pattern.search(told)), None)
     if named is not None:
         return (f"its tags speak of a camera's logarithm, which is not guessed: name it as the input color, {named}",)
-    unstated = clip.stream.codec_context.color_trc in (0, UNSPECIFIED)
+    transfers = {clip.stream.codec_context.color_trc, clip.colors.transfer}
+    unstated = transfers <= {0, UNSPECIFIED}
     if unstated and reading.target.color is None and reading.target.depth > 8:
         return ("it does not say its transfer function and is read as SDR: if it is not, name the input color",)
     return ()

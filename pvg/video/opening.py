@@ -47,11 +47,25 @@ class MediaLimits:
 
 
 @dataclass(frozen=True)
+class StatedColors:
+    """What a container says of its pictures' colours: code points of ISO/IEC 23091-2, and the range.
+
+    2, of the range 0: not stated. A decoder writes over it what the pictures say, even where they say nothing.
+    """
+
+    primaries: int = 2
+    transfer: int = 2
+    matrix: int = 2
+    color_range: int = 0
+
+
+@dataclass(frozen=True)
 class OpenClip:
     """An open container and its picture stream; `name` is for messages.
 
     choices: how many picture streams there were. decoder: one of its own where the stream's drops alpha, or None.
     set_aside: indices of streams that the demuxer itself sets aside, such as the text of QuickTime's chapters.
+    colors: as they stood before anything was decoded.
     """
 
     name: str
@@ -60,6 +74,7 @@ class OpenClip:
     choices: int = 1
     decoder: av.video.codeccontext.VideoCodecContext | None = None
     set_aside: frozenset[int] = frozenset()
+    colors: StatedColors = StatedColors()
 
     @property
     def context(self) -> av.video.codeccontext.VideoCodecContext:
@@ -148,8 +163,10 @@ def open_clip(path: Path, limits: MediaLimits) -> Iterator[OpenClip]:
                 other.discard = av.stream.Discard.all
         stream.codec_context.options = {"max_pixels": _decoder_limit(limits.max_pixels)}
         stream.thread_type = "AUTO"
+        context = stream.codec_context
+        colors = StatedColors(context.color_primaries, context.color_trc, context.colorspace, context.color_range)
         decoder = _alpha_decoder(stream, limits.max_pixels)
-        yield OpenClip(path.name, container, stream, len(streams), decoder, aside)
+        yield OpenClip(path.name, container, stream, len(streams), decoder, aside, colors)
 
 
 def _picture_streams(container: av.container.InputContainer) -> list[av.video.stream.VideoStream]:

@@ -89,18 +89,26 @@ class Reading:
         return (height, width) if self.orientation.transpose else (width, height)
 
 
+def _first_stated(*tags: int) -> int:
+    """The first of some code points that says something; UNSPECIFIED where none does."""
+    return next((tag for tag in tags if tag not in _UNSTATED), UNSPECIFIED)
+
+
 def reading_of(clip: OpenClip, frame: av.video.frame.VideoFrame, input_color: str = "auto") -> Reading:
     """The plan for a clip whose first decoded picture is `frame`.
 
     input_color: one of `color.INPUT_COLORS`. Raises MediaError for unsupported colours.
     """
     context = clip.stream.codec_context
-    color_range = frame.color_range or context.color_range
+    color_range = frame.color_range or context.color_range or clip.colors.color_range
     matrix = context.colorspace if frame.colorspace == 2 else frame.colorspace
+    matrix = clip.colors.matrix if matrix == UNSPECIFIED else matrix
     try:
         if input_color == "auto":
-            tags = (frame.color_primaries, context.color_primaries), (frame.color_trc, context.color_trc)
-            color = color_space(*(next((tag for tag in both if tag not in _UNSTATED), UNSPECIFIED) for both in tags))
+            color = color_space(
+                _first_stated(frame.color_primaries, context.color_primaries, clip.colors.primaries),
+                _first_stated(frame.color_trc, context.color_trc, clip.colors.transfer),
+            )
         else:
             color = named_space(input_color)
         target = resolve_format(frame.format.name, frame.width, frame.height, matrix, color_range, color)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import struct
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -140,6 +141,39 @@ def encode_raw(
             output.mux(stream.encode(item))
         output.mux(stream.encode(None))
     return path
+
+
+_FOLDERS = (b"moov", b"trak", b"edts", b"mdia", b"minf", b"stbl")
+
+
+def change_boxes(path: Path, kind: bytes, change: Callable[[bytes], bytes]) -> Path:
+    """Give the boxes of a kind another body, in an MP4 whose index stands last."""
+    path.write_bytes(_changed_boxes(path.read_bytes(), kind, change))
+    return path
+
+
+def _changed_boxes(boxes: bytes, wanted: bytes, change: Callable[[bytes], bytes]) -> bytes:
+    out, at = b"", 0
+    while at < len(boxes):
+        size, kind = struct.unpack_from(">I4s", boxes, at)
+        body = boxes[at + 8 : at + size]
+        if kind == wanted:
+            body = change(body)
+        elif kind in _FOLDERS:
+            body = _changed_boxes(body, wanted, change)
+        out += struct.pack(">I4s", len(body) + 8, kind) + body
+        at += size
+    return out
+
+
+def color_container(path: Path, primaries: int, transfer: int, matrix: int) -> Path:
+    """Have the container of an MP4 of pictures alone state their colours, of limited range; the pictures stay."""
+
+    def colored(body: bytes) -> bytes:
+        box = struct.pack(">I4s4sHHHB", 19, b"colr", b"nclx", primaries, transfer, matrix, 0)
+        return body[:8] + struct.pack(">I", len(body) - 8 + len(box)) + body[12:] + box
+
+    return change_boxes(path, b"stsd", colored)
 
 
 def add_tone(path: Path, seconds: float, onset_s: float, target: Path) -> Path:

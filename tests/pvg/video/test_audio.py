@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import itertools
 import struct
-from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from pvg.video import (
     read_streams,
 )
 from tests.gallery.clips import (
+    change_boxes,
     libav_frame,
     rewrite_clip,
     sound_packets,
@@ -130,21 +130,6 @@ def test_sound_that_was_cut_away_is_not_heard_again(suffix: str, tmp_path: Path)
     assert starts[-1] - picture == pytest.approx(0.5, abs=0.05)
 
 
-def _with_edits(boxes: bytes, change: Callable[[bytes], bytes]) -> bytes:
-    """An MP4 whose index stands last, with other edit lists."""
-    out, at = b"", 0
-    while at < len(boxes):
-        size, kind = struct.unpack_from(">I4s", boxes, at)
-        body = boxes[at + 8 : at + size]
-        if kind in (b"moov", b"trak", b"edts"):
-            body = _with_edits(body, change)
-        elif kind == b"elst":
-            body = change(body)
-        out += struct.pack(">I4s", len(body) + 8, kind) + body
-        at += size
-    return out
-
-
 @pytest.mark.parametrize("suffix", [".mkv", ".mov", ".mp4", ".webm"])
 def test_sound_of_an_edit_list_of_two_parts_is_that_of_both(suffix: str, tmp_path: Path) -> None:
     """13 pictures from the beginning, and then as many from the second second on."""
@@ -154,7 +139,7 @@ def test_sound_of_an_edit_list_of_two_parts_is_that_of_both(suffix: str, tmp_pat
         (begin,) = struct.unpack_from(">i", edits, 12)
         return struct.pack(">IIIiIIiI", 0, 2, 520, begin, 1 << 16, 520, begin + next(scales), 1 << 16)
 
-    source.write_bytes(_with_edits(source.read_bytes(), halves))
+    change_boxes(source, b"elst", halves)
     with av.open(str(source)) as clip:
         stamps = [packet.dts for packet in clip.demux(audio=0) if packet.dts is not None]
         assert min(np.diff(stamps)) < 0, "the second part begins before the first one ends"

@@ -12,10 +12,11 @@ import pytest
 
 from pvg.errors import MediaError
 from pvg.video import frame_at, key_pictures, probe, read_frames
-from pvg.video.formats import resolve_format
+from pvg.video.formats import LUMA_WEIGHTS, resolve_format
 from pvg.video.reading import Reading, reading_of, to_frame
 from tests.gallery.clips import (
     SIZE,
+    color_container,
     encode_raw,
     every_frame,
     libav_frame,
@@ -140,6 +141,29 @@ def test_display_matrices_are_applied(degrees: int, hflip: bool, tmp_path: Path)
             np.testing.assert_array_equal(upright, expected[:, ::-1] if hflip else expected)
     if not hflip:
         assert info.rotation == -degrees % 360
+
+
+def _coded(path: Path, codec: str, layout: str = "yuv420p", **options: str) -> Path:
+    return encode_raw(path, [libav_frame(colorful(3, SIZE), layout)] * 3, codec, **options)
+
+
+@pytest.mark.parametrize("codec", ["libx264", "libx265"])
+def test_colors_that_the_container_alone_tells_are_read_and_kept(codec: str, tmp_path: Path) -> None:
+    """A decoder of HEVC writes "not stated" over them."""
+    options = {"x265-params": "log-level=none"} if codec == "libx265" else {}
+    clip = color_container(_coded(tmp_path / "i.mp4", codec, **options), 9, 18, 9)
+    info = probe(clip)
+    assert (info.color, info.color_primaries, info.color_transfer, info.color_matrix) == ("HLG BT.2020", 9, 18, 9)
+    assert info.format == next(read_frames(clip)).format
+    assert info.format.luma_weights == LUMA_WEIGHTS[9]
+    again = probe(write_clip(tmp_path / "o.mp4", list(read_frames(clip)), info))
+    assert (again.color, again.color_matrix) == (info.color, 9)
+
+
+def test_a_deep_clip_whose_container_tells_its_transfer_function_is_not_warned_of(tmp_path: Path) -> None:
+    clip = _coded(tmp_path / "i.mp4", "libx265", "yuv420p10le", **{"x265-params": "log-level=none"})
+    assert "transfer function" in "".join(probe(clip).warnings)
+    assert not probe(color_container(clip, 1, 1, 1)).warnings
 
 
 def test_a_sideways_422_clip_becomes_444(tmp_path: Path) -> None:
