@@ -26,7 +26,7 @@ from pvg.video.encoders import (
     planar_layout,
 )
 from pvg.video.fields import FieldMarks, field_of, rows_of
-from pvg.video.formats import RANGE_FULL, RANGE_LIMITED, Frame, Patch, PixelFormat
+from pvg.video.formats import RANGE_FULL, RANGE_LIMITED, UNSPECIFIED, UNSTATED, Frame, Patch, PixelFormat
 from pvg.video.info import MediaInfo
 from pvg.video.keeping import Plan
 from pvg.video.opening import reason
@@ -57,7 +57,8 @@ def _tags(info: MediaInfo, source: PixelFormat, target: PixelFormat) -> _Tags:
     color_range = RANGE_FULL if target.full_range else info.color_range
     if not target.full_range and (source.full_range or color_range == RANGE_FULL):
         color_range = RANGE_LIMITED
-    return _Tags(info.color_matrix, color_range, info.color_primaries, info.color_transfer)
+    matrix = UNSPECIFIED if info.color_matrix in UNSTATED else info.color_matrix  # 0: that of an R, G, B clip
+    return _Tags(matrix, color_range, info.color_primaries, info.color_transfer)
 
 
 def _set_decoding_times(packets: Sequence[CodedPacket]) -> None:

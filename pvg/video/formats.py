@@ -23,6 +23,9 @@ Planes = tuple[Plane, Plane, Plane]
 UNSPECIFIED = 2
 """The code point of ISO/IEC 23091-2 (H.273) for "not stated": matrix, primaries and transfer alike."""
 
+UNSTATED = (0, UNSPECIFIED, 3)
+"""Code points that say nothing, as the reserved ones do; matrix 0 is that of R, G, B, and ProRes's unknown."""
+
 RANGE_LIMITED, RANGE_FULL = 1, 2
 
 LUMA_WEIGHTS = {  # H.273 matrix code point -> (K_R, K_B)
@@ -265,7 +268,8 @@ def resolve_format(
 ) -> PixelFormat:
     """The supported format nearest to a decoder's.
 
-    av_name: libav pixel format; matrix, color_range: H.273 code points as coded (2 and 0: unspecified);
+    av_name: libav pixel format; matrix, color_range: H.273 code points as coded (2 and 0: unspecified, of the
+    matrix also 0 and 3, which Y'CbCr cannot have);
     color: what its R'G'B' stands for.
     Anything RGB-like becomes "gbrp", "gbrp10le", "gbrp12le" or "gbrp16le"; other depths and subsamplings go to the next
     one that loses nothing (Y'CbCr above 12 bits: 12). Raises MediaError for a matrix that is not a plain Y'CbCr one.
@@ -276,7 +280,7 @@ def resolve_format(
         depth = next((depth for depth in (8, 10, 12) if bits <= depth), 16)
         return PixelFormat("gbrp" if depth == 8 else f"gbrp{depth}le", depth, (0, 0), None, True, color)
     depth = 8 if bits <= 8 else 10 if bits <= 10 else 12
-    if matrix == UNSPECIFIED:
+    if matrix in UNSTATED:
         weights = LUMA_WEIGHTS[1 if is_high_definition(width, height) else 6]
     elif matrix in LUMA_WEIGHTS:
         weights = LUMA_WEIGHTS[matrix]

@@ -11,7 +11,7 @@ from typing import Literal
 
 from pvg.errors import MediaError, TooLargeError, TooLongError
 from pvg.video.display_order import packet_stamps
-from pvg.video.formats import RANGE_FULL, UNSPECIFIED, PixelFormat
+from pvg.video.formats import RANGE_FULL, UNSPECIFIED, UNSTATED, PixelFormat
 from pvg.video.images import color_of_picture, read_image
 from pvg.video.opening import MediaLimits, OpenClip, open_clip
 from pvg.video.picture_metadata import read_picture_metadata
@@ -147,11 +147,13 @@ def _probe_clip(clip: OpenClip, limits: MediaLimits, input_color: str) -> MediaI
     reading = reading_of(clip, first, input_color)
     width, height = reading.upright_size
     aspect = stream.sample_aspect_ratio or Fraction(1)
+    matrix = claims.color_matrix
     return replace(
         claims,
         width=width,
         height=height,
         pixel_format=first.format.name,
+        color_matrix=reading.matrix if matrix in UNSTATED and not reading.target.is_rgb else matrix,
         rotation=reading.orientation.degrees,
         format=reading.target,
         sample_aspect_ratio=1 / aspect if reading.orientation.transpose else aspect,

@@ -23,6 +23,7 @@ from pvg.video.formats import (
     RANGE_FULL,
     RANGE_LIMITED,
     UNSPECIFIED,
+    UNSTATED,
     Frame,
     PixelFormat,
     Plane,
@@ -35,7 +36,6 @@ from pvg.video.opening import MediaLimits, OpenClip, open_clip, reason
 from pvg.video.sniffing import IMAGE_KINDS, check_pixels, sniff
 
 _NO_END = 1 << 62
-_UNSTATED = (0, UNSPECIFIED, 3)  # code points: reserved ones say nothing
 _ONE_FRAME_A_PACKET = ("h264", "hevc", "mjpeg", "mpeg4", "prores", "png")
 
 
@@ -75,12 +75,16 @@ def orientation_of(frame: av.video.frame.VideoFrame) -> Orientation:
 
 @dataclass(frozen=True)
 class Reading:
-    """What the first frame fixes for all others of a clip."""
+    """What the first frame fixes for all others of a clip.
+
+    matrix: the code point of ISO/IEC 23091-2 that the clip states, by its pictures or its container (2: none).
+    """
 
     coded_size: tuple[int, int]
     coded_format: str
     target: PixelFormat
     orientation: Orientation
+    matrix: int = UNSPECIFIED
 
     @property
     def upright_size(self) -> tuple[int, int]:
@@ -91,7 +95,7 @@ class Reading:
 
 def _first_stated(*tags: int) -> int:
     """The first of some code points that says something; UNSPECIFIED where none does."""
-    return next((tag for tag in tags if tag not in _UNSTATED), UNSPECIFIED)
+    return next((tag for tag in tags if tag not in UNSTATED), UNSPECIFIED)
 
 
 def reading_of(clip: OpenClip, frame: av.video.frame.VideoFrame, input_color: str = "auto") -> Reading:
@@ -101,8 +105,7 @@ def reading_of(clip: OpenClip, frame: av.video.frame.VideoFrame, input_color: st
     """
     context = clip.stream.codec_context
     color_range = frame.color_range or context.color_range or clip.colors.color_range
-    matrix = context.colorspace if frame.colorspace == 2 else frame.colorspace
-    matrix = clip.colors.matrix if matrix == UNSPECIFIED else matrix
+    matrix = _first_stated(frame.colorspace, context.colorspace, clip.colors.matrix)
     try:
         if input_color == "auto":
             color = color_space(
@@ -119,7 +122,7 @@ def reading_of(clip: OpenClip, frame: av.video.frame.VideoFrame, input_color: st
         # A sideways 4:2:2 picture has no supported layout; 4:4:4 holds all of it
         name = target.name.replace("422", "444")
         target = replace(target, name=name, chroma_log2=(0, 0))
-    return Reading((frame.width, frame.height), frame.format.name, target, orientation)
+    return Reading((frame.width, frame.height), frame.format.name, target, orientation, matrix)
 
 
 @dataclass(frozen=True)

@@ -166,6 +166,31 @@ def test_a_deep_clip_whose_container_tells_its_transfer_function_is_not_warned_o
     assert not probe(color_container(clip, 1, 1, 1)).warnings
 
 
+@pytest.mark.parametrize("matrix", [0, 3])
+def test_a_matrix_that_no_luma_and_chroma_have_is_not_stated(matrix: int, tmp_path: Path) -> None:
+    clip = color_container(_coded(tmp_path / "i.mp4", "libx264"), 1, 1, matrix)
+    info = probe(clip)
+    assert (info.color_matrix, info.format.luma_weights) == (2, LUMA_WEIGHTS[6])
+    again = probe(write_clip(tmp_path / "o.mp4", list(read_frames(clip)), info))
+    assert (again.color_primaries, again.color_matrix) == (1, 2)
+
+
+@pytest.mark.parametrize("stated", [0, 1])
+def test_prores_whose_pictures_do_not_know_their_matrix_has_the_containers(stated: int, tmp_path: Path) -> None:
+    clip = _coded(tmp_path / "i.mov", "prores_ks", "yuv422p10le")
+    data, at = bytearray(clip.read_bytes()), -1
+    while (at := data.find(b"icpf", at + 1)) >= 0:
+        data[at + 18 : at + 21] = bytes(3)  # primaries, transfer, matrix: "unknown" (SMPTE RDD 36)
+    clip.write_bytes(data)
+    if stated:
+        color_container(clip, 1, 1, 1)
+    info = probe(clip)
+    assert info.color_matrix == (1 if stated else 2)
+    assert info.format.luma_weights == LUMA_WEIGHTS[1 if stated else 6]
+    again = probe(write_clip(tmp_path / "o.mp4", list(read_frames(clip)), info))
+    assert again.color_matrix == info.color_matrix
+
+
 def test_a_sideways_422_clip_becomes_444(tmp_path: Path) -> None:
     raw = [libav_frame(colorful(2), "yuv422p") for _ in range(2)]
     plain = next(read_frames(encode_raw(tmp_path / "plain.mp4", raw, "libx264", crf="0")))
