@@ -18,6 +18,7 @@ from pvg.video.picture_metadata import read_picture_metadata
 from pvg.video.reading import Reading, has_alpha, pictures, reading_of
 from pvg.video.sniffing import IMAGE_KINDS, check_pixels, claimed_bytes, cut_short, sniff
 
+_RATE_TOLERANCE = 1.01  # stamps are rounded, and the clocks of cameras run fast or slow
 _UNKNOWN_FRAMES = 0x3FFFFFFF  # the least of what muxers write in an AVI's header when they do not know yet
 
 
@@ -249,7 +250,7 @@ def _check_totals(name: str, info: MediaInfo, limits: MediaLimits) -> None:
     if info.duration_s > limits.max_duration_s:
         message = f"{name} lasts {info.duration_s:.1f} s; at most {limits.max_duration_s:.1f} s are accepted"
         raise TooLongError(message, limits.max_duration_s, "seconds")
-    if info.frame_rate is not None and info.frame_rate > limits.max_frame_rate:
+    if info.frame_rate is not None and info.frame_rate > _RATE_TOLERANCE * limits.max_frame_rate:
         rate = float(info.frame_rate)
         message = f"{name} has {rate:.2f} frames a second; at most {limits.max_frame_rate:g} are accepted"
         raise TooLargeError(message, limits.max_frame_rate, "frames per second")

@@ -35,7 +35,8 @@ _LENIENT: dict[str, Any] = {"metadata_errors": "replace"} if int(av.__version__.
 class MediaLimits:
     """What is accepted; beyond any of these a TooLongError (frames, duration) or TooLargeError names the number.
 
-    max_pixels: of one frame. max_frames, max_duration_s: of the clip. max_frame_rate: frames a second on average.
+    max_pixels: of one frame. max_frames, max_duration_s: of the clip. max_frame_rate: frames a second on average, of
+    which 1 % more passes.
     max_streams: video, sound, subtitles and all else in the container.
     """
 

@@ -125,7 +125,7 @@ def encode_raw(
     pictures: Sequence[av.VideoFrame],
     codec: str,
     *,
-    rate: int = 25,
+    rate: int | Fraction = 25,
     degrees: int = 0,
     hflip: bool = False,
     **options: str,
@@ -137,7 +137,7 @@ def encode_raw(
         if degrees or hflip:
             stream.set_display_rotation(degrees, hflip=hflip)
         for k, item in enumerate(pictures):
-            item.pts, item.time_base = k, Fraction(1, rate)
+            item.pts, item.time_base = k, 1 / Fraction(rate)
             output.mux(stream.encode(item))
         output.mux(stream.encode(None))
     return path

@@ -52,6 +52,16 @@ def test_a_browsers_recording_has_the_rate_of_its_time_stamps(tmp_path: Path, li
     assert len(list(read_frames(path))) == _FRAMES
 
 
+@pytest.mark.parametrize(("rate", "taken"), [(Fraction(24001, 100), True), (Fraction(245), False)])
+def test_a_rate_that_averages_a_hair_above_the_limit_is_within_it(rate: Fraction, taken: bool, tmp_path: Path) -> None:
+    path = encode_raw(tmp_path / "fast.mp4", [libav_frame(colorful(3, (96, 64)))] * 5, "mpeg4", rate=rate)
+    if taken:
+        assert probe(path).frame_rate == rate
+    else:
+        with pytest.raises(MediaError, match=r"245.00 frames a second; at most 240"):
+            probe(path)
+
+
 class _Pipe:
     """A target that cannot be gone back in."""
 
