@@ -220,7 +220,10 @@ def _decode_after_seek(clip: OpenClip, wanted: range, how: _Manner, order: Displ
     if opening is None:
         return
     reading = reading_of(clip, opening, how.input_color)
-    clip.seek(key)
+    try:
+        clip.seek(key)
+    except av.error.FFmpegError:
+        return  # as of an index that does not fit: the caller decodes from the beginning
     index, goal = wanted.start, order.stamps[wanted.start]
     for picture in pictures(clip, since=goal, strict=how.strict):
         if picture.pts is None or (index == wanted.start and picture.pts > goal):

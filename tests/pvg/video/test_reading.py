@@ -13,6 +13,7 @@ import pytest
 from pvg.errors import MediaError
 from pvg.video import frame_at, key_pictures, probe, read_frames
 from pvg.video.formats import LUMA_WEIGHTS, resolve_format
+from pvg.video.opening import OpenClip
 from pvg.video.reading import Reading, reading_of, to_frame
 from tests.gallery.clips import (
     SIZE,
@@ -234,6 +235,21 @@ def test_any_range_equals_that_part_of_the_whole(suffix: str, long_clip: Path, t
             (frame.index, frame.pts, frame.planes[0].tobytes()) for frame in read_frames(path, start=start, stop=stop)
         ]
         assert part == whole[start:stop]
+
+
+def test_a_clip_that_cannot_be_sought_in_is_decoded_from_its_beginning(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    clip = _coded(tmp_path / "i.mp4", "libx264", g="1")
+    frames = list(read_frames(clip))
+
+    def refuse(self: OpenClip, pts: int) -> None:
+        raise av.error.PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(OpenClip, "seek", refuse)
+    (seen,) = read_frames(clip, start=2)
+    assert (seen.index, seen.pts) == (2, frames[2].pts)
+    np.testing.assert_array_equal(seen.planes[0], frames[2].planes[0])
 
 
 def test_an_impossible_range_is_a_value_error(long_clip: Path) -> None:
