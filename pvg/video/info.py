@@ -16,7 +16,7 @@ from pvg.video.images import color_of_picture, read_image
 from pvg.video.opening import MediaLimits, OpenClip, open_clip
 from pvg.video.picture_metadata import read_picture_metadata
 from pvg.video.reading import Reading, has_alpha, pictures, reading_of
-from pvg.video.sniffing import IMAGE_KINDS, check_pixels, claimed_bytes, cut_short, sniff
+from pvg.video.sniffing import IMAGE_KINDS, check_pixels, claimed_bytes, cut_short, is_fragmented, sniff
 
 _RATE_TOLERANCE = 1.01  # stamps are rounded, and the clocks of cameras run fast or slow
 _UNKNOWN_FRAMES = 0x3FFFFFFF  # the least of what muxers write in an AVI's header when they do not know yet
@@ -80,6 +80,8 @@ def probe(
     with open_clip(path, limits) as clip:
         info = _probe_clip(clip, limits, input_color)
         claimed, size = max(claimed_bytes(path, kind), _last_sample(clip)), path.stat().st_size
+    if is_fragmented(path, kind):
+        info = replace(info, frame_count=0)
     if claimed > size:
         if strict:
             raise cut_short(path.name, claimed, size)

@@ -140,6 +140,14 @@ def claimed_bytes(path: Path, kind: Kind) -> int:
         return size if claim in (0, _UNKNOWN_RIFF_SIZE) else 7 + claim
 
 
+def is_fragmented(path: Path, kind: Kind) -> bool:
+    """Whether an MP4 goes on in fragments, whose frames its index does not count."""
+    if kind != "mp4":
+        return False
+    with path.open("rb") as file:
+        return any(box == b"moof" for box, _, _ in iso_boxes(file, 0, path.stat().st_size))
+
+
 def cut_short(name: str, claimed: int, size: int) -> MediaError:
     """The refusal of a file that ends before it should."""
     return MediaError(f"{name} is cut short: its header claims {claimed} bytes, the file has {size}; upload it whole")

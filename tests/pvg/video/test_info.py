@@ -62,6 +62,25 @@ def test_a_rate_that_averages_a_hair_above_the_limit_is_within_it(rate: Fraction
             probe(path)
 
 
+@pytest.mark.parametrize("flags", ["frag_keyframe", "frag_keyframe+empty_moov"])
+def test_a_clip_in_fragments_has_the_frames_of_all_of_them(flags: str, tmp_path: Path) -> None:
+    """The first fragment may be the index's own, which then counts its frames alone."""
+    path = tmp_path / "fragments.mp4"
+    with av.open(str(path), "w", options={"movflags": flags}) as output:
+        stream: Any = output.add_stream("mpeg4", rate=25, options={"g": "5"})
+        stream.width, stream.height, stream.pix_fmt = 96, 64, "yuv420p"
+        for k in range(20):
+            picture = libav_frame(colorful(3, (96, 64)))
+            picture.pts = k
+            output.mux(stream.encode(picture))
+        output.mux(stream.encode(None))
+    info = probe(path, strict=True)
+    assert (info.frame_count, info.frame_rate, info.duration_s, info.warnings) == (20, 25, 0.8, ())
+    assert len(list(read_frames(path))) == 20
+    with pytest.raises(MediaError, match="has 20 frames; at most 19"):
+        probe(path, MediaLimits(max_frames=19))
+
+
 class _Pipe:
     """A target that cannot be gone back in."""
 
