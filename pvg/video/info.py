@@ -236,13 +236,14 @@ def _audio_codec(clip: OpenClip) -> str | None:
 def _count_packets(path: Path, info: MediaInfo, limits: MediaLimits) -> MediaInfo:
     packets, time_base = packet_stamps(path, limits)
     stamps = [pts for pts, _ in packets if pts is not None]
+    span, steps = (max(stamps, default=0) - min(stamps, default=0)) * time_base, len(stamps) - 1
     rate = info.frame_rate
-    if rate is None and len(stamps) > 1 and max(stamps) > min(stamps):
-        rate = (len(stamps) - 1) / ((max(stamps) - min(stamps)) * time_base)
+    # with no length stated, a rate that leaves the stamps by more than a frame is not that of the whole clip
+    if span and (rate is None or (not info.duration_s and abs(span * rate - steps) > 1)):
+        rate = steps / span
     rate = rate or Fraction(25)
-    return replace(
-        info, frame_count=len(packets), frame_rate=rate, duration_s=info.duration_s or len(packets) / float(rate)
-    )
+    length = span + 1 / rate if len(stamps) == len(packets) else len(packets) / rate
+    return replace(info, frame_count=len(packets), frame_rate=rate, duration_s=info.duration_s or float(length))
 
 
 def _check_totals(name: str, info: MediaInfo, limits: MediaLimits) -> None:

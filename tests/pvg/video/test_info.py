@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -23,19 +23,25 @@ def test_the_digest_is_that_of_the_bytes(tmp_path: Path) -> None:
     assert sha256_file(tmp_path / "a") == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
 
 
-def recorded(*, live: bool) -> bytes:
-    """A WebM of about 30 frames a second, stamped in milliseconds as they came, that states neither rate nor length."""
-    written, ends = io.BytesIO(), np.round(np.arange(_FRAMES) * 1000 / 30 + np.random.default_rng(3).uniform(0, 9, 45))
+def _stamped_webm(stamps_ms: Sequence[int], *, live: bool) -> bytes:
+    """A WebM that states a rate of 30 frames a second, and where it is live no length."""
+    written = io.BytesIO()
     with av.open(written, "w", format="webm", options={"live": "1"} if live else {}) as output:
         stream = output.add_stream("libvpx-vp9", rate=30, options={"deadline": "realtime", "cpu-used": "8"})
         stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
         stream.codec_context.time_base = Fraction(1, 1000)
-        for k, at in enumerate(ends):
+        for k, at in enumerate(stamps_ms):
             frame = av.VideoFrame.from_ndarray(np.full((48, 64, 3), 4 * k, np.uint8), format="rgb24")
-            frame.pts, frame.time_base = int(at), Fraction(1, 1000)
+            frame.pts, frame.time_base = at, Fraction(1, 1000)
             output.mux(stream.encode(frame.reformat(format="yuv420p")))
         output.mux(stream.encode(None))
-    content = written.getvalue()
+    return written.getvalue()
+
+
+def recorded(*, live: bool) -> bytes:
+    """A WebM of about 30 frames a second, stamped in milliseconds as they came, that states neither rate nor length."""
+    stamps = np.round(np.arange(_FRAMES) * 1000 / 30 + np.random.default_rng(3).uniform(0, 9, 45)).astype(int)
+    content = _stamped_webm(stamps.tolist(), live=live)
     at = content.index(b"\x23\xe3\x83\x84")  # DefaultDuration, of four bytes
     return content[:at] + b"\xec\x86" + bytes(6) + content[at + 8 :]  # Void
 
@@ -79,6 +85,19 @@ def test_a_clip_in_fragments_has_the_frames_of_all_of_them(flags: str, tmp_path:
     assert len(list(read_frames(path))) == 20
     with pytest.raises(MediaError, match="has 20 frames; at most 19"):
         probe(path, MediaLimits(max_frames=19))
+
+
+def test_a_recording_of_a_rate_that_changes_has_the_length_of_its_stamps(tmp_path: Path) -> None:
+    """It states the rate that it began with."""
+    path = tmp_path / "slowing.webm"
+    path.write_bytes(_stamped_webm([0, 33, 67, 100, *range(300, 3000, 200)], live=True))
+    info = probe(path)
+    assert (info.frame_count, info.frame_rate) == (18, Fraction(17_000, 2900))
+    assert info.duration_s == pytest.approx(2.9 + 2.9 / 17)
+    path.write_bytes(_stamped_webm([round(k * 1000 / 30) for k in range(10)], live=True))
+    info = probe(path)
+    assert (info.frame_count, info.frame_rate) == (10, 30)
+    assert info.duration_s == pytest.approx(1 / 3, abs=0.001)
 
 
 class _Pipe:
