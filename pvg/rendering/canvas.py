@@ -117,7 +117,8 @@ def piped_canvas(video: VectorVideo, pictures: BinaryIO) -> Iterator[Canvas]:
     source = None if video.source is None else video.require_source()
     media, input_color = video.media, video.settings["input_color"]
     known = None if source is None else probe(source, video.limits, input_color=input_color)
-    color = (2, 0) if known is None else (known.color_matrix, known.color_range)
+    told = None if known is None or known.format.is_rgb else known  # R, G, B tell nothing of luma and chroma
+    color = (2, 0) if told is None else (told.color_matrix, told.color_range)
     tags = media.color_primaries, media.color_transfer
     space = color_space(*tags) if input_color == "auto" else named_space(input_color)
     with PipeReader(pictures, color, space, video.limits) as clip:

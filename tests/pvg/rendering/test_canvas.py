@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,8 +16,11 @@ import pytest
 import pvg
 from pvg.errors import MediaError
 from pvg.rendering import canvas
+from pvg.rendering.canvas import piped_canvas
 from pvg.video import PipeReader, VideoWriter, probe, read_frames
 from scripts.samples import Samples
+from tests.gallery.clips import encode_raw, libav_frame
+from tests.gallery.pictures import colorful
 
 _FRAMES = 5
 
@@ -72,6 +77,26 @@ def test_pictures_of_another_number_or_size_are_refused(clip: pvg.VectorVideo, l
         with pytest.raises(MediaError, match=words):
             pvg.render(clip, [look], [tmp_path / "out.mp4"], pictures=io.BytesIO(changed))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_luma_and_chroma_by_a_pipe_are_not_read_as_a_clip_of_red_green_and_blue_is_coded(tmp_path: Path) -> None:
+    """Its matrix and its full range are no Y'CbCr picture's."""
+    path = encode_raw(tmp_path / "rgb.mkv", [libav_frame(colorful(1, (96, 64)), "bgr0")], "ffv1")
+    info = probe(path)
+    assert info.format.is_rgb
+    video: Any = SimpleNamespace(
+        path=path,
+        source=path,
+        require_source=lambda: path,
+        media=info,
+        settings={"input_color": "auto"},
+        limits=pvg.MediaLimits(),
+        frame_count=1,
+    )
+    pictures = io.BytesIO(b"YUV4MPEG2 W96 H64 F25:1\nFRAME\n" + bytes(96 * 64 * 3 // 2))
+    with piped_canvas(video, pictures) as piped:
+        (frame,) = piped.frames()
+    assert (frame.format.luma_weights, frame.format.full_range) == ((0.299, 0.114), False)
 
 
 def test_a_pipe_holds_what_it_can(clip: pvg.VectorVideo, look: pvg.Look, tmp_path: Path) -> None:
