@@ -14,6 +14,7 @@ import pytest
 
 from pvg_client import ApiError, Client, DamagedError, UnreachableError
 from pvg_client.calls import API_PATH
+from service.api import tus
 from tests.client.lines import MEDIUM
 
 PIECE = 1000
@@ -59,8 +60,8 @@ class Tus(httpx.BaseTransport):
         return httpx.Response(status) if request.method == "HEAD" else httpx.Response(status, json=body)
 
     def _create(self, request: httpx.Request) -> httpx.Response:
-        pairs = [pair.split(" ") for pair in request.headers["upload-metadata"].split(",")]
-        self.about = {name: base64.b64decode(value).decode() for name, value in pairs}
+        pairs = [pair.partition(" ") for pair in request.headers["upload-metadata"].split(",")]
+        self.about = {name: base64.b64decode(value).decode() for name, _, value in pairs}
         key, said = request.headers["idempotency-key"], request.headers["upload-metadata"]
         if key in self.begun:
             path, before = self.begun[key]
@@ -142,6 +143,23 @@ def test_a_file_arrives_in_pieces_with_what_is_said_about_it(file: Path, tmp_pat
     assert server.methods == ["POST", *["PATCH"] * 6, "GET", "GET"]
     assert {"filename": file.name, "role": "video", "mask": "ycbcr"}.items() <= server.about.items()
     assert notes(tmp_path) == []
+
+
+def test_what_is_said_about_a_file_may_be_empty(file: Path) -> None:
+    headers: list[str] = []
+
+    class Noting(Tus):
+        def handle_request(self, request: httpx.Request) -> httpx.Response:
+            headers.extend(request.headers.get_list("upload-metadata"))
+            return super().handle_request(request)
+
+    server = Noting()
+    with Client(transport=server) as client:
+        client.upload(file, resume=True, metadata={"take": "", "shot": ""})
+    assert {"metadata.take": "", "metadata.shot": ""}.items() <= server.about.items()
+    (said,) = headers
+    assert said == said.strip()  # others are sent by no client of HTTP
+    assert tus.metadata(said) == server.about
 
 
 @pytest.mark.parametrize("fault", ["cut", "lost answer", "damaged", "busy"])
@@ -254,8 +272,19 @@ def test_faults_without_end_are_told(file: Path) -> None:
         client.upload(file, resume=True, mask="ycbcr")
 
 
-def test_without_a_home_to_write_in_it_works_all_the_same(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", "/proc/nowhere")
+@pytest.mark.parametrize("cache", ["/proc/nowhere", None])
+def test_without_a_home_to_write_in_it_works_all_the_same(
+    file: Path, monkeypatch: pytest.MonkeyPatch, cache: str | None
+) -> None:
+    if cache is None:
+
+        def home() -> Path:
+            raise RuntimeError("Could not determine home directory.")
+
+        monkeypatch.delenv("XDG_CACHE_HOME")
+        monkeypatch.setattr(Path, "home", home)
+    else:
+        monkeypatch.setenv("XDG_CACHE_HOME", cache)
     server = Tus("cut")
     with Client(transport=server) as client:
         client.upload(file, resume=True)

@@ -34,10 +34,17 @@ class _Note:
     """Where an upload that is under way is kept in mind between runs: its address, and nothing of the file."""
 
     def __init__(self, api: Api, sha256: str, about: Mapping[str, str], key: str | None) -> None:
-        cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
         named = [] if key is None else [key]
         what = json.dumps([str(api.base_url), api.key, sha256, dict(about), *named], sort_keys=True)
-        self._path = cache / "pvg-client" / "uploads" / hashlib.sha256(what.encode()).hexdigest()
+        self._name = hashlib.sha256(what.encode()).hexdigest()
+
+    @property
+    def _path(self) -> Path:
+        try:
+            cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        except RuntimeError as error:
+            raise FileNotFoundError("this user has no home") from error
+        return cache / "pvg-client" / "uploads" / self._name
 
     def read(self) -> str | None:
         try:
@@ -108,8 +115,9 @@ def _begun(
             if error.status not in _GONE:
                 raise
             note.drop()
+    # of an empty value there is the name alone: a header ends in no space
     said = ",".join(
-        f"{name} {base64.b64encode(value.encode(errors='replace')).decode()}" for name, value in about.items()
+        f"{name} {base64.b64encode(value.encode(errors='replace')).decode()}".rstrip() for name, value in about.items()
     )
     headers = _HEADERS | {"Upload-Length": str(size_bytes), "Upload-Metadata": said} | once(key)
     response = yield from answered(api, api.request("POST", "/uploads", headers=headers))
