@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from pvg_client.models import FieldError, Job, Problem
 
 
@@ -26,6 +28,10 @@ class ApiError(PvgClientError):
         self.status = status
         self.problem = problem
         self.retry_after_s = retry_after_s
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # without this a copy, and one for another process, would be made of the words alone
+        return type(self), (self.status, self.problem, self.retry_after_s), self.__dict__
 
     @property
     def code(self) -> str:
@@ -66,6 +72,9 @@ class JobFailed(PvgClientError):  # noqa: N818 - it is told of a job, as `state`
         super().__init__(f"{job.kind} {job.id} {job.state}: {problem.title}. {problem.detail}".rstrip(". "))
         self.job = job
         self.problem = problem
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.job,), self.__dict__
 
 
 class DamagedError(PvgClientError):
