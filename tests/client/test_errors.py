@@ -1,4 +1,4 @@
-"""Errors that go to another process."""
+"""Errors that go to another process, and what is refused before anything is sent."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ import pickle
 from collections.abc import Callable
 from typing import Any
 
+import httpx
 import pytest
 
-from pvg_client import ApiError, JobFailed
+from pvg_client import ApiError, AsyncClient, Client, JobFailed
 from pvg_client.models import Job, Problem
-from tests.client.test_retries import JOB
+from tests.client.test_retries import JOB, Script, good
 
 GONE = Problem("gone", "Gone", "its time was over", status=410, request_id="req_1")
 
@@ -33,3 +34,27 @@ def test_errors_are_the_same_elsewhere(way: Callable[[Any], Any]) -> None:
     other = way(failed)
     assert (type(other), str(other)) == (JobFailed, str(failed))
     assert (other.job, other.problem) == (failed.job, failed.problem)
+
+
+@pytest.mark.parametrize("kind", [Client, AsyncClient])
+@pytest.mark.parametrize("key", ["pvg_a\npvg_b", "pvg_a b", "pvg_ä", "pvg_\x00a", "", " \n"])
+def test_a_key_that_no_header_carries_is_refused_and_not_told(kind: type[Client | AsyncClient], key: str) -> None:
+    with pytest.raises(ValueError, match="key") as caught:
+        kind(key=key)
+    assert "pvg_" not in str(caught.value)
+
+
+def test_the_line_break_after_a_key_is_left_away() -> None:
+    script = Script(good())
+    with Client(key="pvg_a\n", transport=script) as client:
+        client.job("job_1")
+    assert script.requests[0].headers["authorization"] == "Bearer pvg_a"
+
+
+@pytest.mark.parametrize(
+    "url", ["http://me:secret@service.test", "https://secret@service.test/pvg", "ftp://a:secret@b"]
+)
+def test_an_address_with_a_password_is_refused_and_not_told(url: str) -> None:
+    with pytest.raises(ValueError, match="password") as caught:
+        Client(url, transport=httpx.MockTransport(lambda _: good()))
+    assert "secret" not in str(caught.value)

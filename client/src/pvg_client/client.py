@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import inspect
+import re
 import time
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from functools import wraps
@@ -26,14 +27,22 @@ Wrapper = TypeVar("Wrapper", bound=Callable[..., Any])
 LOCAL: Final = "http://127.0.0.1:8000"
 TIMEOUT_S: Final = 60.0
 RETRIES: Final = 8
+#: what a header can carry; keys have even less
+_VISIBLE: Final = re.compile(r"[\x21-\x7e]+")
 
 
 def _api(base_url: str, key: str | None, timeout: float, retries: int) -> Api:
     url = httpx.URL(base_url)
+    if url.userinfo:
+        raise ValueError("the address of a service has no user and no password in it: links to results would tell them")
     if url.scheme not in {"http", "https"} or not url.host:
         raise ValueError(f"{base_url!r} is no address of a service; it looks like {LOCAL}")
     # the interface's own path, as addresses in its documentation have it, is added to each call
     url = url.copy_with(path=url.path.rstrip("/").removesuffix(API_PATH) + "/")
+    if key is not None:
+        key = key.strip()  # as files end in a new line
+        if not _VISIBLE.fullmatch(key):
+            raise ValueError("the key is empty, or has spaces, line breaks or letters that are not ASCII within")
     return Api(url, key, timeout, retries)
 
 
@@ -96,7 +105,7 @@ def _listed_async(
 
 
 class Client:
-    """A service, spoken to in blocking calls. It may be shared between threads.
+    """A service, spoken to in blocking calls. It may be shared between threads. Its address has no password in it.
 
     ``key`` is one of `pvg-service keys create`, if the service has any. ``timeout``, in seconds, is that of each
     connection, read and write, not of a whole call. A call that fails for a passing reason (no connection, 429, 502,
