@@ -63,6 +63,10 @@ def test_a_name_may_be_as_long_as_the_file_system_takes(tmp_path: Path, name: st
         ("inline; filename*=UTF-8''frau%20l%C3%A4chelt-a.mp4", "frau lächelt-a.mp4"),
         ("inline; filename*=UTF-8''..%2F..%2Fetc%2Fpasswd", "passwd"),
         ("inline; filename*=UTF-8''..%2F..", "res_1"),
+        ("inline; filename*=UTF-8''C:%5Ctakes%5CD:12.mp4", "D_12.mp4"),
+        (f"inline; filename*=UTF-8''{'%E5%BE%AE' * 100}.mp4", "微" * 80 + ".mp4"),
+        (f"inline; filename*=UTF-8''{'%D0%B6' * 125}.mp4", "ж" * 125 + ".mp4"),
+        (f"inline; filename*=UTF-8''a.{'%D0%B6' * 200}", "a." + "ж" * 119),
         ("inline", "res_1"),
     ],
 )

@@ -14,7 +14,7 @@ import httpx
 
 from pvg_client.calls import Api, Flow, Patience, asked, attempt, headed, once, worked
 from pvg_client.errors import ApiError, DamagedError, UnreachableError
-from pvg_client.files import PartFile, sha256_of
+from pvg_client.files import PartFile, local_name, sha256_of
 from pvg_client.media import path_of
 from pvg_client.models import Extra, JobLook, Link, Medium, Result
 
@@ -102,10 +102,10 @@ def _located(api: Api, file: Result | Extra | JobLook | Medium | str, *, named: 
 
 
 def _name_in(headers: httpx.Headers, url: httpx.URL) -> str:
-    """The file's name (RFC 6266) without folders, or the last part of its address."""
+    """The file's name (RFC 6266) without folders, or the last part of its address; as a file here may be called."""
     said = unquote(headers.get("content-disposition", "").partition("filename*=UTF-8''")[2].partition(";")[0])
     names = (re.split(r"[/\\\0]", name)[-1] for name in (said, url.path))
-    return next(name for name in names if name not in {"", ".", ".."})
+    return local_name(next(name for name in names if name not in {"", ".", ".."}))
 
 
 def _fill(api: Api, remote: _Remote, part: PartFile) -> Flow[None]:

@@ -18,8 +18,11 @@ try:
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
+#: bytes of a name that file systems take
+_NAME_BYTES: Final = 255
 #: of a name that goes into another one
-_NAME_BYTES: Final = 200
+_PART_BYTES: Final = 200
+_SUFFIX_BYTES: Final = 15
 _RANGE_BEGIN: Final = re.compile(r"bytes (\d+)-")
 
 
@@ -44,6 +47,22 @@ def about_file(path: Path, size_bytes: int, sha256: str) -> dict[str, str]:
     }
 
 
+def local_name(name: str) -> str:
+    """A name from elsewhere as one of a file here: no longer than that may be, and without the colon of a drive."""
+    name = name.replace(":", "_")
+    if len(name.encode(errors="replace")) <= _NAME_BYTES:
+        return name
+    stem, suffix = os.path.splitext(name)
+    if len(suffix.encode(errors="replace")) > _SUFFIX_BYTES:
+        stem, suffix = name, ""
+    return _begun(stem, _NAME_BYTES - _SUFFIX_BYTES) + suffix
+
+
+def _begun(text: str, most_bytes: int) -> str:
+    """As many whole characters of a text as have room."""
+    return text.encode(errors="replace")[:most_bytes].decode(errors="ignore")
+
+
 class PartFile:
     """A download to ``target`` that is not whole yet, beside it under a hidden name. One at a time has the use of it.
 
@@ -53,8 +72,7 @@ class PartFile:
     """
 
     def __init__(self, target: Path, sha256: str) -> None:
-        # 255 bytes of a name is what file systems take
-        name = target.name.encode(errors="replace")[:_NAME_BYTES].decode(errors="ignore")
+        name = _begun(target.name, _PART_BYTES)
         self.path = target.with_name(f".{name}.{sha256[:16]}.part")
         self._file = _held(self.path)
         self._is_shared = self._file is not None
