@@ -68,6 +68,16 @@ def test_elsewhere_or_unasked_nothing_is_printed(monkeypatch: pytest.MonkeyPatch
     assert sys.stderr.getvalue() == ""  # type: ignore[attr-defined]
 
 
+@pytest.mark.parametrize("closed", [False, True], ids=["none", "closed"])
+def test_without_a_standard_error_a_wait_is_the_same(monkeypatch: pytest.MonkeyPatch, closed: bool) -> None:
+    monkeypatch.setattr("pvg_client.client.time.sleep", lambda seconds: None)
+    stream = Terminal()
+    stream.close()
+    monkeypatch.setattr(sys, "stderr", stream if closed else None)
+    with Client(transport=steps()) as client:
+        assert client.wait("job_1").done
+
+
 def test_without_tqdm_a_wait_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pvg_client.client.time.sleep", lambda seconds: None)
     monkeypatch.setattr(sys, "stderr", Terminal())

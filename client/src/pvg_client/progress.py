@@ -16,7 +16,7 @@ class Bar:
     """A bar of 100 parts; nothing at all where none can be shown."""
 
     def __init__(self, *, wanted: bool) -> None:
-        self._bar = _make() if wanted and sys.stderr.isatty() else None
+        self._bar = _make() if wanted and _is_watched() else None
 
     @property
     def shown(self) -> bool:
@@ -55,6 +55,13 @@ def _duration(seconds: float) -> str:
     if seconds < _IN_MINUTES_S:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < _IN_HOURS_S else f"{seconds / 3600:.1f} h"
+
+
+def _is_watched() -> bool:
+    try:
+        return sys.stderr is not None and sys.stderr.isatty()  # a program without a console has none
+    except ValueError:
+        return False  # it is closed
 
 
 def _make() -> Any:
