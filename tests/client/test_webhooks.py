@@ -55,6 +55,18 @@ def test_what_was_changed_on_the_way_is_not_believed() -> None:
             verify_webhook(body, sent, secret, now=NOW)
 
 
+def test_what_is_no_text_has_no_good_signature() -> None:
+    for wrong in ("\udc80", "\ud800"):
+        for sent in (headers(SIGNATURE[:-1] + wrong), headers(id="msg_" + wrong)):
+            with pytest.raises(WebhookError, match="no signature"):
+                verify_webhook(BODY, sent, SECRET, now=NOW)
+        with pytest.raises(WebhookError, match="no signature"):
+            verify_webhook(f'"{wrong}"', headers(), SECRET, now=NOW)
+        with pytest.raises(WebhookError, match="no number"):
+            verify_webhook(BODY, headers(timestamp=str(NOW) + wrong), SECRET, now=NOW)
+        assert verify_webhook(BODY, headers(f"{wrong} {SIGNATURE}"), SECRET, now=NOW)
+
+
 def test_five_minutes_are_believed_either_way() -> None:
     for off in (-300, 300):
         assert verify_webhook(BODY, headers(), SECRET, now=NOW + off)
