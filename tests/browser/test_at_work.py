@@ -543,6 +543,43 @@ def test_every_clip_is_reached_also_one_that_was_stopped(desk: Desk) -> None:
     page.locator("#picture .big").get_by_text("canceled").wait_for()
 
 
+def test_the_focus_of_a_portrait_that_is_deleted_is_its_neighbours(desk: Desk) -> None:
+    for n in range(25):
+        stopped(desk, "/references", f"{n}.png", PNG + bytes([n]))
+    page = desk.guarded.open()
+    page.locator("#tray").get_by_role("button", name="Show more").wait_for()
+    page.get_by_role("button", name="Delete 24.png").focus()
+    page.keyboard.press("Enter")
+    page.get_by_role("dialog").get_by_role("button", name="Delete").press("Enter")
+    page.get_by_role("button", name="24.png", exact=True).wait_for(state="detached")
+    assert page.evaluate(FOCUS) == "23.png"
+
+
+def test_of_two_pictures_the_one_that_was_asked_for_last_is_shown(desk: Desk) -> None:
+    page = desk.guarded.open()
+    shown = page.evaluate("""async () => {
+        const { showPicture } = await import(new URL("dom.js", document.querySelector("script[type=module]").src));
+        const held = [];
+        HTMLImageElement.prototype.decode = () => new Promise((resolve) => { held.push(resolve); });
+        const image = new Image();
+        const [one, other] = [1, 2].map(() => URL.createObjectURL(new Blob([], { type: "image/png" })));
+        const works = [showPicture(image, one), showPicture(image, other)];
+        held[1]();
+        await works[1];
+        const seen = [image.src === other];
+        held[0]();
+        await works[0];
+        seen.push(image.src === other);
+        // back to the one that is shown, while another one is decoded
+        const late = showPicture(image, one);
+        await showPicture(image, other);
+        held[2]();
+        await late;
+        return [...seen, image.src === other];
+    }""")
+    assert shown == [True, True, True]
+
+
 def test_every_portrait_is_reached_and_has_its_name_in_the_queue(desk: Desk) -> None:
     desk.asked(desk.portrait("old.png"))
     for n in range(24):

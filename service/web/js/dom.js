@@ -43,9 +43,12 @@ export function say(element, text) {
  */
 export function keyed(list, items, keyOf, create) {
   const before = new Map([...list.children].map((child) => [child.dataset.key, child]));
+  const wanted = new Set(items.map((item) => String(keyOf(item))));
   let place = list.firstElementChild;
   for (const item of items) {
-    const key = keyOf(item);
+    const key = String(keyOf(item));
+    // those that go are passed over: one that is moved loses its focus
+    while (place && !wanted.has(place.dataset.key)) place = place.nextElementSibling;
     let child = before.get(key);
     before.delete(key);
     if (!child) {
@@ -129,11 +132,15 @@ export function choice(label, options, take, { hidden = true } = {}) {
   return group;
 }
 
-/** Show a picture once it is decoded, so that nothing flickers. */
+/** image → the picture that it was to show last */
+const due = new WeakMap();
+
+/** Show a picture once it is decoded, so that nothing flickers; unless the image was given another one meanwhile. */
 export async function showPicture(image, url) {
+  due.set(image, url);
   if (image.src === url) return;
   const next = new Image();
   next.src = url;
   await next.decode().catch(() => undefined);
-  image.src = url;
+  if (due.get(image) === url) image.src = url;
 }
