@@ -580,6 +580,46 @@ def test_of_two_pictures_the_one_that_was_asked_for_last_is_shown(desk: Desk) ->
     assert shown == [True, True, True]
 
 
+def test_an_answer_that_comes_after_the_end_of_its_job_changes_nothing(desk: Desk) -> None:
+    job = desk.asked(desk.portrait("face.png"))
+    page = desk.edit()
+    page.locator(".job").get_by_text("Queued").wait_for()
+    held: list[Route] = []
+    page.route("**/cancel", lambda route: held.append(route))  # noqa: PLW0108  (Playwright marks its handlers)
+    before = desk.api.client.get(f"/jobs/{job}").json()
+    page.locator(".job").get_by_role("button", name="Cancel").click()
+    desk.guarded.heard(lambda: held)
+    assert desk.api.client.post(f"/jobs/{job}/cancel").status_code == 202
+    page.locator(".job[data-state=canceled]").wait_for()
+    held[0].fulfill(status=202, json=before | {"state": "canceling"})
+    page.locator("#polite").get_by_text("Canceled").wait_for(state="attached")
+    page.wait_for_timeout(200)
+    assert page.locator(".job").get_attribute("data-state") == "canceled"
+
+
+def test_a_job_that_comes_when_another_clip_is_open_is_not_in_its_queue(desk: Desk, tiny_clip: Path) -> None:
+    content = tiny_clip.read_bytes() + b"\0\0\0\x08free"
+    named = {"Content-Disposition": 'attachment; filename="other.mp4"'}
+    other = desk.api.client.post("/videos", content=content, headers=named).raise_for_status().json()
+    make_ready(desk.api.services, other["id"])
+    desk.portrait("face.png")
+    page = desk.edit()
+    held: list[Route] = []
+    page.route("**/v1/transfer", lambda route: held.append(route))  # noqa: PLW0108  (Playwright marks its handlers)
+    page.get_by_role("checkbox", name="Render face.png").check()
+    page.locator("#look").get_by_role("button", name="Render").click()
+    desk.guarded.heard(lambda: held)
+    page.evaluate("(id) => { location.hash = id; }", other["id"])
+    page.get_by_role("heading", name="other.mp4").wait_for()
+    desk.guarded.until(READY)
+    held[0].continue_()
+    page.locator("#polite").get_by_text("Rendering 1 look").wait_for(state="attached")
+    page.wait_for_timeout(200)
+    assert page.locator(".job").count() == 0
+    page.evaluate("(id) => { location.hash = id; }", desk.video["id"])
+    page.locator(".job").get_by_text("Queued").wait_for()
+
+
 def test_every_portrait_is_reached_and_has_its_name_in_the_queue(desk: Desk) -> None:
     desk.asked(desk.portrait("old.png"))
     for n in range(24):

@@ -38,6 +38,7 @@ function listed(jobs, next) {
 
 function put(job) {
   const at = state.jobs.findIndex((one) => one.id === job.id);
+  if (state.jobs[at]?.done && !job.done) return; // an answer that was slower than the events
   if (at >= 0) state.jobs[at] = job;
   changed();
 }
@@ -65,6 +66,15 @@ async function toItsEnd(job) {
   }
 }
 
+/** Put a job of a clip first in the queue, unless that is another clip's by now, and wait for its end. */
+function add(job, video) {
+  if (!state.clip || state.clip.medium?.id === video) {
+    state.jobs = [job, ...state.jobs.filter((one) => one.id !== job.id)];
+    changed();
+  }
+  return follow(job);
+}
+
 /** Render the chosen portraits on the clip; the first result is shown when nothing else is. */
 export async function start() {
   const { clip } = state;
@@ -78,19 +88,15 @@ export async function start() {
   }
   if (state.jobs.some((one) => one.id === job.id)) notice("This was rendered before; its result is in the queue");
   else announce(`Rendering ${count(looks.length, "look")}`);
-  state.jobs = [job, ...state.jobs.filter((one) => one.id !== job.id)];
-  changed();
-  await follow(job);
+  await add(job, clip.medium.id);
 }
 
 /** Make a job that has ended once more, as it was asked for. */
 export async function again(job) {
   const looks = job.looks.map(lookAgain);
+  const { video } = job.looks[0];
   try {
-    const made = await ask("transfer", { method: "POST", json: { video: job.looks[0].video, looks, output: outputAgain(job), force: true } });
-    state.jobs = [made, ...state.jobs];
-    changed();
-    await follow(made);
+    await add(await ask("transfer", { method: "POST", json: { video, looks, output: outputAgain(job), force: true } }), video);
   } catch (error) {
     failure(error, "The rendering was not started again");
   }
