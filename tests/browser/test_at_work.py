@@ -620,6 +620,28 @@ def test_a_job_that_comes_when_another_clip_is_open_is_not_in_its_queue(desk: De
     page.locator(".job").get_by_text("Queued").wait_for()
 
 
+@pytest.mark.parametrize("uploaded", [False, True], ids=["uploading", "vectorizing"])
+def test_a_portrait_that_is_deleted_on_its_way_is_no_failure(desk: Desk, tmp_path: Path, uploaded: bool) -> None:
+    desk.guarded.expected.append("status of 404")
+    page = desk.edit()
+    held: list[Route] = []
+    if not uploaded:
+        page.route("**/v1/references", lambda route: held.append(route))  # noqa: PLW0108  (Playwright marks its handlers)
+    picture = tmp_path / "face.png"
+    picture.write_bytes(PNG + b"on its way")
+    drop(page, "#tray", picture)
+    if uploaded:
+        page.locator(".card").get_by_text("Waiting for a worker").wait_for()
+    else:
+        desk.guarded.heard(lambda: held)
+    page.get_by_role("button", name="Delete face.png").click()
+    if uploaded:
+        page.get_by_role("dialog").get_by_role("button", name="Delete").click()
+    page.get_by_role("button", name="face.png", exact=True).wait_for(state="detached")
+    page.wait_for_timeout(1000)  # the end of its job is heard of, too
+    assert page.locator("#assertive").inner_text() == ""
+
+
 def test_every_portrait_is_reached_and_has_its_name_in_the_queue(desk: Desk) -> None:
     desk.asked(desk.portrait("old.png"))
     for n in range(24):

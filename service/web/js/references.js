@@ -1,6 +1,7 @@
 /**
  * The portraits of the tray. An item of medium.js with `included`, whether it is rendered, and `settings`, how its
- * colours are put on the clip; their names and ranges are those of `looks[]` of POST /transfer.
+ * colours are put on the clip; their names and ranges are those of `looks[]` of POST /transfer. One that is being
+ * deleted is `leaving`.
  */
 
 import { ask, page } from "./api.js";
@@ -62,6 +63,7 @@ function fallBack(item, others, before) {
 async function arrive(item) {
   const ready = await bring(item);
   if (item.medium) dropTwin(item);
+  if (item.leaving || !state.references.includes(item)) return ready;
   if (ready) {
     announce(`${item.name} is ready`);
   } else {
@@ -130,10 +132,12 @@ export async function remove(item) {
   if (item.medium) {
     const sure = await confirmed(`Delete ${item.name}?`, "The portrait, what was found in it and every result made with it are removed from the service for good.");
     if (!sure) return;
+    item.leaving = true; // the end of its job is no news
     try {
       await ask(`${PATH}/${item.medium.id}?cancel_jobs=true`, { method: "DELETE" });
     } catch (error) {
       if (error.status !== 404) {
+        item.leaving = false;
         failure(error, `${item.name} was not deleted`);
         return;
       }
@@ -141,6 +145,7 @@ export async function remove(item) {
     forget(item.medium.id);
     state.deleted.add(item.medium.id);
   } else {
+    item.leaving = true;
     await stop(item);
   }
   if (item.url) URL.revokeObjectURL(item.url);
