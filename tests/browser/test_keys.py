@@ -120,6 +120,32 @@ def test_a_key_that_comes_for_one_that_ended_begins_anew(api: Api, open_page: Op
     assert page.locator(".clip-card").count() == 0
 
 
+def test_a_key_that_is_kept_for_a_service_without_keys_is_let_go(api: Api, open_page: OpenPage) -> None:
+    api.client.post("/videos", content=MP4)
+    guarded = open_page(str(api.client.base_url).rstrip("/"))
+    guarded.expected.append("status of 401")
+    page = guarded.open()
+    page.evaluate("() => sessionStorage.setItem('pvg-key', 'pvg_of_before')")
+    page.reload()
+    guarded.until("() => 'ready' in document.documentElement.dataset")
+    assert page.locator(".clip-card").count() == 1
+    assert page.evaluate("() => sessionStorage.getItem('pvg-key')") is None
+    assert not page.get_by_role("dialog", name="This service needs a key").is_visible()
+    assert not page.get_by_role("button", name="Key", exact=True).is_visible()
+
+
+def test_a_file_is_sent_without_a_key_that_is_wanted_no_more(api: Api, open_page: OpenPage, tmp_path: Path) -> None:
+    guarded = open_page(str(api.client.base_url).rstrip("/"))
+    guarded.expected.append("status of 401")
+    page = guarded.open()
+    page.evaluate("() => sessionStorage.setItem('pvg-key', 'pvg_of_before')")
+    clip = tmp_path / "clip.mp4"
+    clip.write_bytes(MP4)
+    drop(page, "#picture", clip)
+    page.get_by_text("Waiting for a worker").wait_for()
+    assert page.evaluate("() => sessionStorage.getItem('pvg-key')") is None
+
+
 def test_another_key_is_asked_about_while_a_file_is_uploaded(api: Api, open_page: OpenPage, tmp_path: Path) -> None:
     key = holder(api)
     guarded = open_page(str(api.client.base_url).rstrip("/"))

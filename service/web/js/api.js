@@ -1,6 +1,6 @@
 /** Calls to the service: addresses, the key, errors as problems (RFC 9457), and asking again when it is busy. */
 
-import { askForKey, key } from "./key.js";
+import { askForKey, dropKey, key } from "./key.js";
 
 /** This module lies at <root>/web/js/api.js, wherever a proxy has put the root. */
 const ROOT = new URL("../../", import.meta.url);
@@ -48,6 +48,22 @@ export function onceKey() {
 
 export const authorization = () => (key() ? { Authorization: `Bearer ${key()}` } : {});
 
+let trying = null;
+
+/** Whether the service gives what is asked for without a key. */
+function isOpen() {
+  trying ??= fetch(address("videos?limit=1"), { credentials: "omit" })
+    .then((answer) => answer.ok, () => false)
+    .finally(() => { trying = null; });
+  return trying;
+}
+
+/** After a 401 to `used`, the key that was sent, have another one; or none, where a service is that has no keys. */
+export async function changeKey(used) {
+  if (used && (await isOpen())) dropKey(used);
+  else if (!used || key()) await askForKey(used ? "That key is not known here, or it was revoked." : "");
+}
+
 const pause = (seconds, signal) =>
   new Promise((resolve, reject) => {
     const timer = setTimeout(resolve, seconds * 1000);
@@ -66,6 +82,7 @@ export async function call(path, { method = "GET", json, body, headers = {}, sig
   if (json !== undefined) sent["Content-Type"] = "application/json";
   if (method === "POST") sent["Idempotency-Key"] = onceKey();
   for (let tries = 1; ; tries += 1) {
+    const used = key();
     let answer;
     try {
       answer = await fetch(address(path), {
@@ -82,7 +99,7 @@ export async function call(path, { method = "GET", json, body, headers = {}, sig
     if (answer.ok) return answer;
     const problem = problemOf(answer.status, await answer.text());
     if (answer.status === 401) {
-      await askForKey(key() ? "That key is not known here, or it was revoked." : "");
+      await changeKey(used);
       continue;
     }
     const after = Number(answer.headers.get("Retry-After"));

@@ -17,6 +17,13 @@ export const onNewKey = (listener) => listeners.push(listener);
 
 export const key = () => sessionStorage.getItem(PLACE);
 
+/** Forget a key that the service does not want any more, unless another one has come. What waited for one goes on. */
+export function dropKey(old) {
+  if (key() !== old) return;
+  sessionStorage.removeItem(PLACE);
+  document.getElementById("change-key").hidden = true;
+}
+
 /**
  * Ask for a key; `why` says what was wrong with the last one. The same question is not asked twice at a time. Where
  * one is `kept` meanwhile, the question may be left with that.
@@ -57,11 +64,11 @@ export function askForKey(why = "", { kept = false } = {}) {
       }
       const given = isGiven ? input.value.trim() : key();
       const isNew = given !== key();
-      sessionStorage.setItem(PLACE, given);
+      if (given !== null) sessionStorage.setItem(PLACE, given); // else it was dropped meanwhile
       input.value = "";
       if (isNew && listeners.some((listener) => listener())) return;
       asking = null;
-      document.getElementById("change-key").hidden = false;
+      document.getElementById("change-key").hidden = given === null;
       resolve();
     };
     show();

@@ -1,7 +1,7 @@
 /** Uploads with their progress, which `fetch` does not tell. */
 
-import { address, authorization, onceKey, problemOf, silence } from "./api.js";
-import { askForKey, key } from "./key.js";
+import { address, authorization, changeKey, onceKey, problemOf, silence } from "./api.js";
+import { key } from "./key.js";
 
 /**
  * Send a file to `/videos` or `/references` and give the medium. `onProgress` gets the share sent, 0–1.
@@ -10,10 +10,11 @@ import { askForKey, key } from "./key.js";
 export async function upload(path, file, { onProgress, signal }) {
   const once = onceKey();
   for (;;) {
+    const used = key();
     const { status, text } = await send(path, file, { once, onProgress, signal });
     if (status === 200 || status === 202) return JSON.parse(text);
     if (status !== 401) throw problemOf(status, text);
-    await askForKey(key() ? "That key is not known here, or it was revoked." : "");
+    await changeKey(used);
   }
 }
 
