@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -131,9 +132,21 @@ def test_a_clip_plays_after_a_reload_with_a_key(desk: Desk, tiny_clip: Path) -> 
     desk.guarded.until(PLAYS)
 
 
-def test_a_file_that_does_not_come_is_asked_for_again(desk: Desk) -> None:
+def refuse(route: Route) -> None:
+    """As a service that is not ready."""
+    route.fulfill(status=503, body="{}")
+
+
+def cut(route: Route) -> None:
+    """As a service that is not there."""
+    route.abort()
+
+
+@pytest.mark.parametrize("fail", [refuse, cut])
+def test_a_file_that_does_not_come_is_asked_for_again(desk: Desk, fail: Callable[[Route], None]) -> None:
+    desk.guarded.expected.append("ERR_FAILED")
     page = desk.edit()
-    page.route("**/file", lambda route: route.fulfill(status=503, body="{}"))
+    page.route("**/file", fail)
     play = page.get_by_role("button", name="Play", exact=True)
     play.click()
     page.get_by_text("The clip cannot be played just now").first.wait_for()
@@ -433,6 +446,23 @@ def test_a_look_that_is_compared_brings_its_clip_to_the_stage(desk: Desk, tiny_c
     )
     page.get_by_role("button", name="Back to the look").click()
     page.get_by_role("radio", name="Look", exact=True).wait_for(state="attached")
+
+
+@pytest.mark.parametrize("path", ["results/*", "videos/*/file"], ids=["result", "clip"])
+def test_a_comparison_whose_files_nobody_gives_is_tried_again(desk: Desk, tiny_clip: Path, path: str) -> None:
+    job = desk.asked(desk.portrait("face.png"))
+    make_results(desk.api.services, job, [tiny_clip.read_bytes()])
+    desk.guarded.expected.append("ERR_FAILED")
+    page = desk.edit()
+    page.route(f"**/v1/{path}", cut)
+    page.get_by_role("button", name="Compare face.png before and after").click()
+    page.locator(".note").get_by_text("The service does not answer").wait_for()
+    page.unroute(f"**/v1/{path}")
+    page.locator(".note").get_by_role("button", name="Try again").click()
+    desk.guarded.until(COMPARED)
+    assert not page.locator(".note").is_visible()
+    page.get_by_role("button", name="Play", exact=True).click()
+    desk.guarded.until("() => document.querySelectorAll('#picture video')[1].currentTime > 0")
 
 
 def test_a_look_whose_clip_was_deleted_meanwhile_is_told_of(desk: Desk, tiny_clip: Path) -> None:

@@ -5,7 +5,7 @@
 
 import { choice, el, showPicture } from "./dom.js";
 import { frame as frameOf, widthOf } from "./frames.js";
-import { isAbort } from "./api.js";
+import { isAbort, silence } from "./api.js";
 import { Latest } from "./latest.js";
 import { Note } from "./note.js";
 import { lookAgain } from "./references.js";
@@ -22,7 +22,7 @@ export class Comparing {
   /** The clip of `look` is on the stage; `compare` shows another look. */
   constructor({ bar, choices, compare }, { job, look }) {
     const { clip } = state;
-    Object.assign(this, { clip, look, at: 0, playsBefore: null, playsAfter: null, renewing: false, broken: false, closed: false });
+    Object.assign(this, { clip, look, at: 0, playsBefore: null, playsAfter: null, renewing: false, left: null, broken: false, closed: false });
     const media = clip.medium.media ?? {};
     this.frames = Math.max(1, media.frame_count ?? 1);
     this.rate = media.frame_rate || 25;
@@ -61,11 +61,21 @@ export class Comparing {
     this.player = new Player(before, after, { rate: this.rate, length });
     this.player.addEventListener("time", () => this.#moved());
     before.addEventListener("loadeddata", () => { this.playsBefore = true; this.#showSides(); });
-    before.addEventListener("error", () => { this.playsBefore = false; this.#showSides(); });
+    before.addEventListener("error", async () => {
+      const source = before.getAttribute("src");
+      if (!source) return;
+      if ((await isGood(source)) === "away") {
+        this.#away();
+        return;
+      }
+      this.playsBefore = false;
+      this.#showSides();
+    });
     after.addEventListener("loadeddata", () => {
       this.playsAfter = true;
       this.split.shape(after.videoWidth, after.videoHeight);
       this.#moved();
+      this.#resume();
     });
     after.addEventListener("error", async () => {
       const source = after.getAttribute("src");
@@ -86,26 +96,45 @@ export class Comparing {
     this.#moved();
   }
 
-  /** Give the player another link when that of the result has expired; true when it has one, or is closed. */
+  /**
+   * Give the player another link when that of the result has expired, and say so when nobody answers; false when it is
+   * the file that is no good.
+   */
   async #renewed(source) {
     const [, after] = this.videos;
-    const { playing, time } = this.player;
-    if (this.renewing || (await isGood(source))) return false;
+    this.left ??= { playing: this.player.playing, time: this.player.time };
+    const good = await isGood(source);
+    if (good === "away") {
+      this.player.pause();
+      this.#away();
+      return true;
+    }
+    if (this.renewing || good) return false;
     try {
       const url = await resultUrl(this.look.result);
       if (this.#letGo() || after.getAttribute("src") !== source) return true;
       this.renewing = true; // until it plays: one that is no good at once is not renewed again
-      after.addEventListener("loadeddata", () => {
-        this.renewing = false;
-        this.player.time = time;
-        if (playing) this.player.play();
-      }, { once: true });
       after.src = url;
       return true;
     } catch (error) {
       failure(error, "The result cannot be shown any more");
       return true;
     }
+  }
+
+  /** Go on where the result was when it broke. */
+  #resume() {
+    const { left } = this;
+    Object.assign(this, { renewing: false, left: null });
+    if (!left) return;
+    this.player.time = left.time;
+    if (left.playing) this.player.play();
+  }
+
+  /** Nobody gave a file: what did not come is asked for again by hand. */
+  #away() {
+    if (this.closed) return;
+    this.note.say(silence().text, () => this.videos.filter((video) => video.error).forEach((video) => video.load()));
   }
 
   async #load() {
@@ -134,7 +163,7 @@ export class Comparing {
   }
 
   toggle() {
-    if (!this.playsAfter) return;
+    if (!this.playsAfter || this.videos[1].error) return;
     this.player.toggle();
     if (this.playsBefore === false) this.note.say("Only the result plays here: this browser cannot play the clip.");
   }

@@ -128,10 +128,11 @@ export class Editing {
   async #broke() {
     const source = this.video.getAttribute("src");
     if (!source) return;
-    if (await isGood(source)) {
+    if ((await isGood(source)) === true) {
       this.player = null;
       if (this.uploaded) this.note.say("This browser cannot play this format; go through it frame by frame.");
     } else if (!this.closed) {
+      this.player?.pause();
       this.video.removeAttribute("src");
       failure({ title: "The service did not give its file", detail: "press Play once more in a moment" }, "The clip cannot be played just now");
     }

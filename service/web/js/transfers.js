@@ -158,13 +158,13 @@ const blobUrl = async (path) => URL.createObjectURL(await (await call(path)).blo
 
 export const resultUrl = (id) => fileUrl(id);
 
-/** Whether an address still leads to its file: a link is good for an hour. */
+/** Whether an address still leads to its file, as a link does for an hour; "away" when nobody answers. */
 export async function isGood(url) {
   if (url.startsWith("blob:")) return true;
   try {
     return (await fetch(url, { method: "HEAD", credentials: "omit" })).ok;
   } catch {
-    return true; // nobody answers: another link would not help
+    return "away"; // another link would not help
   }
 }
 
