@@ -72,7 +72,7 @@ class Channel(filesystem.Channel):
             try:
                 return json.loads(payload)
             except ValueError:  # a power cut may leave the name without the content; the reaper sends it again
-                log.warning("a message is damaged and passed over", message=name, bytes=len(payload))
+                log.warning("a message is damaged and passed over", file=name, bytes=len(payload))
         raise Empty
 
     def _next_of(self, queue: str) -> Iterator[str]:

@@ -217,12 +217,12 @@ def test_a_store_that_is_away_or_slow_keeps_no_round_of_the_reaper(
     assert deleted == (len(tries) if how == "slow" else 0)
     assert buried(api) == 100 - deleted
     if how == "hangs":
-        assert services.blobs.sweep() == 0  # nor does another thread hang on it
+        assert services.reaper.delete() == 0  # nor does another thread hang on it
         assert len(tries) == 1
     with services.database.read() as session:  # what it did not come to is put off little, or not at all
         assert session.query(Tombstone).filter(Tombstone.attempts == 0).count() >= 90
     answers.set()
-    until(lambda: not (services.blobs._sweeping and services.blobs._sweeping.is_alive()))
+    until(lambda: "sweep-blobs" not in {thread.name for thread in threading.enumerate()})
 
 
 @pytest.mark.parametrize("api", ["folder"], indirect=True)

@@ -182,10 +182,10 @@ def test_what_was_dated_by_a_clock_that_is_set_back_does_not_wait_for_it(
     services: Services, clock: FakeClock, machine: SimpleNamespace
 ) -> None:
     database, year_s = services.database, 365 * 24 * HOUR
-    queued, sent = (add_media(database).job_id for _ in range(2))
+    queued, sent, over = (add_media(database).job_id for _ in range(3))
     urls = [f"https://receiver.example/{name}" for name in ("new", "tried")]
     with services.background.write() as session:
-        job = session.get_one(Job, add_media(database).job_id)
+        job = session.get_one(Job, over)
         job.state = "failed"
         session.get_one(Job, sent).published_at = clock()
         for url in urls:
