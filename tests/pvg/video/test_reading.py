@@ -13,7 +13,7 @@ import pytest
 from pvg.errors import MediaError
 from pvg.video import frame_at, key_pictures, probe, read_frames
 from pvg.video.formats import LUMA_WEIGHTS, resolve_format
-from pvg.video.opening import OpenClip
+from pvg.video.opening import OpenClip, StatedColors
 from pvg.video.reading import Reading, reading_of, to_frame
 from tests.gallery.clips import (
     SIZE,
@@ -88,6 +88,7 @@ def _upright() -> Any:
     class Clip:
         name = "clip"
         stream = type("Stream", (), {"codec_context": Context})
+        colors = StatedColors()
 
     clip: Any = Clip
     return reading_of(clip, raw).orientation
