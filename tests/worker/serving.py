@@ -305,12 +305,13 @@ def running_service(
     before: Sequence[str] = (),
     arguments: Sequence[str] = (),
     patient: bool = True,
+    until_answers: str = "/readyz",
     **settings: str,
 ) -> Iterator[Service]:
     """Start the service with these settings (without their prefix), stop it with Ctrl-C's signal.
 
     ``before`` is a command that runs another, such as `strace`; ``arguments`` go to `serve`. Drills of outages have no
-    ``patient`` client.
+    ``patient`` client. One that is not to be ready is waited for ``until_answers`` "/livez".
     """
     data_dir, log, port = folder / "data", folder / "service.log", free_port()
     with (
@@ -321,7 +322,7 @@ def running_service(
             base_url=f"http://127.0.0.1:{port}", timeout=60, transport=Turns([port], patient=patient)
         ) as client,
     ):
-        _wait_until_ready([process], [port], log)
+        _wait_until_ready([process], [port], log, until_answers)
         yield Service(client, process, data_dir, log, (port,), settings=settings, patient=patient)
 
 
@@ -411,13 +412,15 @@ def started(
         kill_all(processes_of(data_dir))
 
 
-def _wait_until_ready(processes: Sequence[subprocess.Popen[bytes]], ports: Sequence[int], log: Path) -> None:
+def _wait_until_ready(
+    processes: Sequence[subprocess.Popen[bytes]], ports: Sequence[int], log: Path, path: str = "/readyz"
+) -> None:
     waiting, end = list(ports), time.monotonic() + _START_S
     while waiting:
         assert all(process.poll() is None for process in processes), log.read_text()
         assert time.monotonic() < end, log.read_text()
         try:
-            if httpx.get(f"http://127.0.0.1:{waiting[0]}/readyz", timeout=60).is_success:
+            if httpx.get(f"http://127.0.0.1:{waiting[0]}{path}", timeout=60).is_success:
                 waiting.pop(0)
         except httpx.TransportError:
             time.sleep(0.1)

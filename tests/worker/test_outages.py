@@ -45,7 +45,7 @@ def test_a_job_whose_database_is_away_for_longer_than_its_lease_goes_on(
 
 
 def test_a_worker_without_its_networks_takes_no_job_and_says_so(tmp_path: Path, samples: Samples) -> None:
-    with running_service(tmp_path, cache_dir=str(tmp_path / "empty"), **QUICK) as service:
+    with running_service(tmp_path, until_answers="/livez", cache_dir=str(tmp_path / "empty"), **QUICK) as service:
         job_id = service.upload("/references", samples.portrait)["job"]
         end = time.monotonic() + 180
         while (ready := service.client.get("/readyz")).json()["checks"]["workers"] == "none":
