@@ -27,3 +27,8 @@ def smoothstep(values: Floats, low: float, high: float) -> Floats:
     """0 up to `low`, 1 from `high` on, smooth between (the cubic t² (3 − 2 t))."""
     t = ramp(values, low, high)
     return np.asarray(t * t * (3.0 - 2.0 * t), np.float32)
+
+
+def turn(degrees: float) -> float:
+    """An angle between two directions the short way round, in [-180, 180) degrees."""
+    return (degrees + 180.0) % 360.0 - 180.0

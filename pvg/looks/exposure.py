@@ -69,9 +69,8 @@ class Exposure:
     new: float
 
     @classmethod
-    def between(cls, leading: KeyFrame, new: Doubles) -> Exposure:
-        """Of the leading key frame and the new colours (n, 3) of its skin, 0-255 RGB."""
-        own = leading.skin if len(leading.skin) else leading.colors[on_skin(leading)]
+    def between(cls, leading: KeyFrame, own: Floats, new: Doubles) -> Exposure:
+        """Of the leading key frame and colours (n, 3) of its skin, 0-255 RGB, before and after F."""
         return cls(leading, _highlights(own), _highlights(new))
 
     def of(self, key: KeyFrame) -> tuple[float, float]:
@@ -91,7 +90,7 @@ class Exposure:
             return gain
         room = max(_BRIGHTEST / self.new - 1.0, 0.0)
         bent = 1.0 + room * (1.0 - float(np.exp(-(gain - 1.0) / room))) if room > 0.0 else 1.0
-        return max(bent, min(gain, min(_WHITE, gain * self.own) / self.new))
+        return max(bent, min(gain, _WHITE / self.new, gain * self.own / self.new))
 
 
 def on_skin(key: KeyFrame) -> Bools:

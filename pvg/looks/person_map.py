@@ -69,8 +69,11 @@ class PersonMap:
         at_curves = all_colors_map(leading, goal.target, goal.steps) if skin is None else _at_curves(skin)
         exposure = None
         if follow_exposure:
-            new_skin = at_curves(leading)[on_skin(leading)] if skin is None else skin(leading.skin)
-            exposure = Exposure.between(leading, new_skin)
+            seen = on_skin(leading)
+            own, new = (
+                (leading.colors[seen], at_curves(leading)[seen]) if skin is None else (leading.skin, skin(leading.skin))
+            )
+            exposure = Exposure.between(leading, own, new)
         # light falls on the face alone
         whole = skin if skin is not None and plain is leading else _whole_map(plain, goal)
         return cls(skin, at_curves, exposure, whole)

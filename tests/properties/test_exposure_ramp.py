@@ -59,7 +59,7 @@ def test_a_ramp_of_exposure_neither_burns_out_nor_steps(
     for k, reference in enumerate(references):
         target, colors = leading_key(reference.records).skin, np.array([one[k] for one in after])
         moved = sliced_transport(lead.skin, target, beta=0.2, iterations=20, rng=np.random.default_rng(0))
-        exposure = Exposure.between(lead, SkinMap.between(lead.skin, moved)(lead.skin))
+        exposure = Exposure.between(lead, lead.skin, SkinMap.between(lead.skin, moved)(lead.skin))
         share = np.array([exposure.kept(gain / gains[lead.frame]) for gain in gains])
         wanted = np.median(target, axis=0) * share[:, None]
         assert np.linalg.norm(_lab(colors) - _lab(wanted), axis=1).max() <= 6.5

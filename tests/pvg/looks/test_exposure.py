@@ -57,7 +57,7 @@ def test_a_ramp_is_led_alike_whichever_way_it_runs() -> None:
 def test_exposure_survives_the_map_and_never_reaches_white() -> None:
     lead = key_at(0, 50)
     skin_map = SkinMap.between(lead.skin, lead.skin.astype(np.float64) * 1.6)
-    exposure = Exposure.between(lead, skin_map(lead.skin))
+    exposure = Exposure.between(lead, lead.skin, skin_map(lead.skin))
     assert exposure.of(lead) == (1.0, 1.0)
     new = {level: exposure.of(key_at(9, level)) for level in (10, 25, 40, 60, 80, 125)}
     for level, (gain, kept) in new.items():
@@ -73,7 +73,7 @@ def test_exposure_survives_the_map_and_never_reaches_white() -> None:
 @pytest.mark.parametrize("look", [1.0, 0.8], ids=["its own colours", "a darker look"])
 def test_a_look_that_brightens_nothing_keeps_all_of_the_light(look: float) -> None:
     lead = key_at(0, 80)
-    exposure = Exposure.between(lead, look * lead.skin.astype(np.float64))
+    exposure = Exposure.between(lead, lead.skin, look * lead.skin.astype(np.float64))
     brightest = float(lead.skin.max())
     for gain in (1.1, 1.25, 248 / brightest):
         assert exposure.kept(gain) == pytest.approx(gain, rel=1e-6)
@@ -85,7 +85,7 @@ def test_few_highlights_reach_white_in_more_light() -> None:
     lead = replace(key_at(0, 50), skin=skin)
     brightest = float(np.quantile(skin.max(axis=1), 0.98))
     moved = skin.astype(np.float64) * 240.0 / brightest
-    exposure = Exposure.between(lead, moved)
+    exposure = Exposure.between(lead, lead.skin, moved)
     for gain in (1.1, 1.25, 2.0):
         kept = exposure.kept(gain)
         assert kept > 1.0
