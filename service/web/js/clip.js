@@ -31,8 +31,7 @@ export async function openFiles([file, ...others]) {
 
 export async function openMedium(medium) {
   const item = ofMedium(PATH, medium);
-  put(item);
-  remember(medium.id);
+  put(item, medium.id);
   await arrive(item);
 }
 
@@ -72,8 +71,9 @@ async function arrive(item) {
   if (item.medium) await listJobs();
 }
 
-function put(item) {
-  clear();
+/** `id` is what the address names from now on, in one step: a reload may come at any time. */
+function put(item, id = null) {
+  clear(id);
   // those that were chosen are of the clip before
   for (const { settings } of state.references) settings.faces = "all";
   Object.assign(state, { clip: item, jobs: [], listed: false });
@@ -94,13 +94,13 @@ export function retry(item) {
   return item.again();
 }
 
-function clear() {
+function clear(id = null) {
   const { clip } = state;
   if (clip?.url) URL.revokeObjectURL(clip.url);
   if (clip?.sent !== null) clip?.canceling?.abort();
   Object.assign(state, { clip: null, compared: null });
   state.more.jobs = null;
-  remember(null);
+  remember(id);
   changed();
 }
 
@@ -193,8 +193,7 @@ export async function reopen(again) {
       await close();
       return;
     }
-    put({ ...ofMedium(PATH, { id, filename: "Clip" }), medium: null, error, again });
-    remember(id);
+    put({ ...ofMedium(PATH, { id, filename: "Clip" }), medium: null, error, again }, id);
     return;
   }
   if (state.clip === before) await openMedium(medium);

@@ -24,6 +24,8 @@ from tests.waiting import until
 
 #: of every clip here
 FRAMES = MEDIUM["media"]["frame_count"]
+#: what a worker has to do
+OPEN = (PreviewState.ASKED, PreviewState.TAKEN)
 PICTURE = b"\xff\xd8\xff the face of somebody"
 
 
@@ -45,6 +47,10 @@ def preview_worker(api: Api, error: dict[str, Any] | None = None) -> Iterator[Ma
 
     def work() -> None:
         while not stop.wait(0.01):
+            # it writes only where there is something to do: one that always does leaves SQLite's lock to nobody
+            with services.background.read() as session:
+                if session.query(Preview).filter(Preview.state.in_(OPEN)).first() is None:
+                    continue
             with services.background.write() as session:
                 now = services.background.now()
                 workers.beat(session, "previews", now=now, kind="previews")
