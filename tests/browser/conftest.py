@@ -5,82 +5,21 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 
 import pytest
-from playwright.sync_api import Browser, ConsoleMessage, Page, Playwright, Request, sync_playwright
+from playwright.sync_api import Browser, Playwright, sync_playwright
 
 from scripts.samples import Samples
+from tests.browser.desk import Desk
+from tests.browser.guarded import PATIENCE_S, Guarded, watch
 from tests.gallery.clips import cut_clip
-from tests.service.fixtures import api, plain_logs, settings
+from tests.service.fixtures import Api, api, make_ready, plain_logs, settings
 from tests.service.servers import missing
 from tests.worker.serving import Service, running_service
 
 __all__ = ["api", "plain_logs", "settings"]
-
-#: seconds that anything may take on a machine with much else to do
-PATIENCE_S = 180.0
-
-
-@dataclass
-class Guarded:
-    """A page of the browser, and whatever it should not have done."""
-
-    page: Page
-    root: str
-    #: parts of lines of the console that a test expects
-    expected: list[str] = field(default_factory=list)
-    wrongs: list[str] = field(default_factory=list)
-
-    def open(self, path: str = "/") -> Page:
-        self.page.goto(self.root + path)
-        self.until("() => 'ready' in document.documentElement.dataset")
-        return self.page
-
-    def until(self, script: str, argument: Any = None, seconds: float = PATIENCE_S) -> float:
-        """Wait until a function of the page is true; the seconds that took.
-
-        Playwright's own waiting evaluates text inside the page, which the page's policy forbids.
-        """
-        began = time.monotonic()
-        while not self.page.evaluate(script, argument):
-            assert time.monotonic() < began + seconds, f"not so after {seconds} s: {script}\n{self.wrongs}"
-            time.sleep(0.02)
-        return time.monotonic() - began
-
-    def heard(self, reached: Callable[[], object]) -> None:
-        """Wait until what the handlers of the page note is so; they run while Playwright waits."""
-        end = time.monotonic() + PATIENCE_S
-        while not reached():
-            assert time.monotonic() < end, f"not heard of after {PATIENCE_S} s\n{self.wrongs}"
-            self.page.wait_for_timeout(20)
-
-    def check(self) -> None:
-        """Fail when the page logged an error, asked another host or broke its policy."""
-        wrongs = [one for one in self.wrongs if not any(part in one for part in self.expected)]
-        assert wrongs == []
-
-
-def _watch(guarded: Guarded) -> None:
-    own = urlsplit(guarded.root).netloc
-
-    def logged(message: ConsoleMessage) -> None:
-        if message.type in {"error", "warning"}:
-            guarded.wrongs.append(f"{message.type}: {message.text}")
-
-    def asked(request: Request) -> None:
-        address = urlsplit(request.url)
-        if address.scheme in {"http", "https", "ws", "wss"} and address.netloc != own:
-            guarded.wrongs.append(f"asked {request.url}")
-        if "pvg_" in request.url:
-            guarded.wrongs.append(f"a key in {request.url}")
-
-    guarded.page.on("console", logged)
-    guarded.page.on("pageerror", lambda error: guarded.wrongs.append(f"thrown: {error}"))
-    guarded.page.on("request", asked)
 
 
 @pytest.fixture(scope="module")
@@ -120,7 +59,7 @@ def open_page(chromium: Browser) -> Iterator[OpenPage]:
         )
         context.set_default_timeout(PATIENCE_S * 1000)
         guarded = Guarded(context.new_page(), root)
-        _watch(guarded)
+        watch(guarded)
         opened.append(guarded)
         return guarded
 
@@ -163,3 +102,12 @@ def pages(service: Service, open_page: OpenPage) -> Callable[..., Guarded]:
         return guarded
 
     return make
+
+
+@pytest.fixture
+def desk(api: Api, open_page: OpenPage, tiny_clip: Path) -> Desk:
+    video = api.client.post("/videos", content=tiny_clip.read_bytes()).raise_for_status().json()
+    make_ready(api.services, video["id"])
+    guarded = open_page(str(api.client.base_url).rstrip("/"))
+    guarded.expected += ["status of 409", "status of 503"]  # pictures are made by a worker, which is not there
+    return Desk(api, video, guarded)

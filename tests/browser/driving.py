@@ -8,7 +8,7 @@ from typing import Any
 
 from playwright.sync_api import Page
 
-from tests.browser.conftest import Guarded
+from tests.browser.guarded import Guarded
 
 READY = "() => document.querySelector('.holder') !== null"
 

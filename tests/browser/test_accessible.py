@@ -11,8 +11,8 @@ import pytest
 from playwright.sync_api import FileChooser
 
 from scripts.samples import Samples
-from tests.browser.conftest import PATIENCE_S, Guarded
 from tests.browser.driving import READY, at_rest
+from tests.browser.guarded import PATIENCE_S, Guarded
 from tests.gallery.clips import cut_clip
 from tests.worker.serving import Service
 

@@ -9,8 +9,9 @@ from playwright.sync_api import Locator, Route
 
 from service.catalog import keys
 from service.catalog.keys import Limits
-from tests.browser.conftest import Guarded, OpenPage
+from tests.browser.conftest import OpenPage
 from tests.browser.driving import drop
+from tests.browser.guarded import Guarded
 from tests.service.api.test_authentication import holder
 from tests.service.fixtures import MP4, Api, make_ready
 

@@ -11,7 +11,8 @@ import pytest
 from playwright.sync_api import Page, Route
 
 from service.catalog import Progress, keys, leases
-from tests.browser.conftest import Guarded, OpenPage
+from tests.browser.conftest import OpenPage
+from tests.browser.guarded import Guarded
 from tests.service.api.test_authentication import Holder, holder
 from tests.service.fixtures import MP4, PNG, Api, claim, make_ready, make_results
 

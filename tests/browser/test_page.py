@@ -12,8 +12,8 @@ import pytest
 from playwright.sync_api import Download, Page
 
 from scripts.samples import Samples
-from tests.browser.conftest import PATIENCE_S, Guarded
 from tests.browser.driving import READY, at_rest, difference, drop, videos
+from tests.browser.guarded import PATIENCE_S, Guarded
 from tests.worker.serving import Service
 
 Pages = Callable[..., Guarded]

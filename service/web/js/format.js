@@ -41,3 +41,11 @@ export const count = (number, noun) => `${number} ${noun}${number === 1 ? "" : "
 
 /** A word with a capital, as a label has it. */
 export const capital = (word) => word.charAt(0).toUpperCase() + word.slice(1);
+
+/** When something was, by the clock of who reads it: "at 14:05", or "on 2 Nov, 14:05" where that is not today. */
+export function moment(iso) {
+  const then = new Date(iso);
+  const isToday = then.toDateString() === new Date().toDateString();
+  const day = isToday ? {} : { day: "numeric", month: "short" };
+  return `${isToday ? "at" : "on"} ${then.toLocaleString([], { hour: "2-digit", minute: "2-digit", ...day })}`;
+}

@@ -44,7 +44,7 @@ export async function bring(item) {
     }
     item.sent = null;
     changed();
-    if (item.medium.state === "vectorizing") await vectorized(item);
+    while (item.medium.state === "vectorizing") await vectorized(item); // again, when it was begun anew meanwhile
     if (item.medium.state === "failed") throw new Problem(item.medium.error ?? {});
   } catch (error) {
     item.sent = null;

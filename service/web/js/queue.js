@@ -1,7 +1,7 @@
 /** The queue: transfers under way and finished, with their progress, their files and what went wrong. */
 
 import { again, cancel, download, downloadAll, moreJobs } from "./transfers.js";
-import { bytes, count, duration, percent } from "./format.js";
+import { bytes, count, duration, moment, percent } from "./format.js";
 import { el, icon, iconButton, keyed, say } from "./dom.js";
 import { onChange, state } from "./store.js";
 import { compare } from "./stage.js";
@@ -22,7 +22,7 @@ function standing(job) {
     if (job.eta?.seconds > 1) parts.push(`about ${duration(job.eta.seconds)} left`);
     return parts.join(" · ");
   }
-  const at = job.finished_at ? ` at ${new Date(job.finished_at).toLocaleTimeString([], { hour: "2-digit", minute: "2-digit" })}` : "";
+  const at = job.finished_at ? ` ${moment(job.finished_at)}` : "";
   return { canceling: "Stopping…", canceled: "Canceled", succeeded: "Finished", failed: "Failed", expired: "Expired" }[job.state] + at;
 }
 

@@ -15,9 +15,14 @@ const SHOWN = 20;
 export async function listJobs() {
   const video = state.clip?.medium?.id;
   if (state.clip && !video) return;
+  const before = new Set(state.jobs.map((job) => job.id));
   const { data, next_cursor: next } = await page(listOf(video), Math.max(SHOWN, state.jobs.length));
   if (video !== state.clip?.medium?.id) return; // another clip came meanwhile
-  listed(data, next);
+  // asked for after the service had read the list
+  const there = new Set(data.map((job) => job.id));
+  const newest = new Date(data[0]?.created_at ?? 0);
+  const since = state.jobs.filter(({ id, created_at: made }) => !before.has(id) && !there.has(id) && new Date(made) >= newest);
+  listed([...since, ...data], next);
 }
 
 /** The jobs that come after those of the list. */

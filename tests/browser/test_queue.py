@@ -1,0 +1,240 @@
+"""The queue and what is rendered: jobs that wait, end, are tried again and compared."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import APIResponse, Route
+
+from tests.browser.desk import Desk, cut
+from tests.browser.driving import READY, drop
+from tests.service.fixtures import MP4, PNG, make_ready, make_results
+
+pytestmark = pytest.mark.timeout(300)
+
+
+@pytest.mark.parametrize("does", ["selects", "sets"])
+def test_what_is_done_to_a_look_is_seen_while_another_is_compared(desk: Desk, tiny_clip: Path, does: str) -> None:
+    job = desk.asked(desk.portrait("face.png"))
+    make_results(desk.api.services, job, [tiny_clip.read_bytes()])
+    page = desk.edit()
+    page.get_by_role("button", name="Compare face.png before and after").click()
+    back = page.get_by_role("button", name="Back to the look")
+    back.wait_for()
+    if does == "selects":
+        page.get_by_role("button", name="face.png", exact=True).click()
+    else:
+        page.get_by_role("slider", name="Strength").fill("0.5")
+    back.wait_for(state="detached")
+    page.get_by_role("radio", name="Look", exact=True).wait_for(state="attached")
+
+
+def test_the_panel_is_seen_whole_while_nothing_is_rendered(desk: Desk) -> None:
+    for name in ("one.png", "two.png"):
+        desk.portrait(name)
+    page = desk.edit()
+    assert page.evaluate(
+        "() => { const p = document.getElementById('panel'); return p.scrollHeight <= p.clientHeight; }"
+    )
+
+
+def test_the_queue_is_that_of_the_clip_on_the_stage(desk: Desk, tiny_clip: Path, tmp_path: Path) -> None:
+    desk.asked(desk.portrait("face.png"))
+    page = desk.edit()
+    page.locator(".job").wait_for()
+    other = tmp_path / "other.mp4"
+    other.write_bytes(tiny_clip.read_bytes() + b"\0\0\0\x08free")
+    drop(page, "#picture", other)
+    page.locator(".way").wait_for()
+    assert page.locator(".job").count() == 0
+
+
+def test_what_was_rendered_is_not_told_before_it_is_known(desk: Desk) -> None:
+    desk.asked(desk.portrait("face.png"))
+    page = desk.guarded.page
+    page.route("**/v1/jobs?*", lambda route: route.fulfill(status=503, json={"title": "Not just now", "status": 503}))
+    desk.guarded.open(f"/#{desk.video['id']}")
+    desk.guarded.until(READY)
+    page.get_by_text("Not just now").first.wait_for()
+    assert not page.get_by_text("Nothing rendered yet").is_visible()
+
+
+def test_messages_leave_the_button_that_renders_free(desk: Desk) -> None:
+    page = desk.edit()
+    page.evaluate("""async () => {
+        const { failure } = await import(new URL("notices.js", document.querySelector("script[type=module]").src));
+        for (const number of [1, 2, 3]) failure(new Error(`It did not work, for the reason with the number ${number}`));
+    }""")
+    page.locator(".toast").nth(2).wait_for()
+    desk.guarded.expected.append("It did not work")
+    shown, button = page.locator(".toasts"), page.get_by_role("button", name="Render", exact=True)
+    left, right = shown.bounding_box(), button.bounding_box()
+    assert left is not None
+    assert right is not None
+    assert left["x"] + left["width"] <= right["x"]
+
+
+COMPARED = """() => {
+  const both = [...document.querySelectorAll('#picture video')];
+  return both.length === 2 && both.every((one) => one.readyState > 1 && !one.hidden);
+}"""
+
+
+def test_a_look_that_is_compared_brings_its_clip_to_the_stage(desk: Desk, tiny_clip: Path) -> None:
+    job = desk.asked(desk.portrait("face.png"))
+    make_results(desk.api.services, job, [tiny_clip.read_bytes()])
+    page = desk.guarded.open()
+    page.get_by_role("button", name="Compare face.png before and after").click()
+    desk.guarded.until(COMPARED)
+    assert page.evaluate("() => location.hash") == f"#{desk.video['id']}"
+    assert page.locator("#transport .time").get_attribute("max") != "0"
+    assert not page.locator(".note").is_visible()
+    page.keyboard.press("Period")
+    desk.guarded.until("() => document.querySelectorAll('#picture video')[1].currentTime > 0")
+    desk.guarded.until(
+        """() => {
+          const [one, other] = document.querySelectorAll('#picture video');
+          return !one.seeking && !other.seeking && Math.abs(one.currentTime - other.currentTime) < 1e-3;
+        }"""
+    )
+    page.get_by_role("button", name="Back to the look").click()
+    page.get_by_role("radio", name="Look", exact=True).wait_for(state="attached")
+
+
+@pytest.mark.parametrize("path", ["results/*", "videos/*/file"], ids=["result", "clip"])
+def test_a_comparison_whose_files_nobody_gives_is_tried_again(desk: Desk, tiny_clip: Path, path: str) -> None:
+    job = desk.asked(desk.portrait("face.png"))
+    make_results(desk.api.services, job, [tiny_clip.read_bytes()])
+    desk.guarded.expected.append("ERR_FAILED")
+    page = desk.edit()
+    page.route(f"**/v1/{path}", cut)
+    page.get_by_role("button", name="Compare face.png before and after").click()
+    page.locator(".note").get_by_text("The service does not answer").wait_for()
+    page.unroute(f"**/v1/{path}")
+    page.locator(".note").get_by_role("button", name="Try again").click()
+    desk.guarded.until(COMPARED)
+    assert not page.locator(".note").is_visible()
+    page.get_by_role("button", name="Play", exact=True).click()
+    desk.guarded.until("() => document.querySelectorAll('#picture video')[1].currentTime > 0")
+
+
+def test_a_look_whose_clip_was_deleted_meanwhile_is_told_of(desk: Desk, tiny_clip: Path) -> None:
+    job = desk.asked(desk.portrait("face.png"))
+    make_results(desk.api.services, job, [tiny_clip.read_bytes()])
+    desk.guarded.expected.append("status of 404")
+    page = desk.guarded.open()
+    assert desk.api.client.delete(f"/videos/{desk.video['id']}").status_code == 204
+    page.get_by_role("button", name="Compare face.png before and after").click()
+    page.locator("#toasts").get_by_text("The clip of this result is no longer here").wait_for()
+    page.locator(".result").get_by_text("No longer kept").wait_for()
+    page.get_by_role("button", name="Choose a clip").wait_for()
+
+
+def test_an_answer_that_comes_after_the_end_of_its_job_changes_nothing(desk: Desk) -> None:
+    job = desk.asked(desk.portrait("face.png"))
+    page = desk.edit()
+    page.locator(".job").get_by_text("Queued").wait_for()
+    held: list[Route] = []
+    page.route("**/cancel", lambda route: held.append(route))  # noqa: PLW0108  (Playwright marks its handlers)
+    before = desk.api.client.get(f"/jobs/{job}").json()
+    page.locator(".job").get_by_role("button", name="Cancel").click()
+    desk.guarded.heard(lambda: held)
+    assert desk.api.client.post(f"/jobs/{job}/cancel").status_code == 202
+    page.locator(".job[data-state=canceled]").wait_for()
+    held[0].fulfill(status=202, json=before | {"state": "canceling"})
+    page.locator("#polite").get_by_text("Canceled").wait_for(state="attached")
+    page.wait_for_timeout(200)
+    assert page.locator(".job").get_attribute("data-state") == "canceled"
+
+
+def test_a_job_that_comes_when_another_clip_is_open_is_not_in_its_queue(desk: Desk, tiny_clip: Path) -> None:
+    content = tiny_clip.read_bytes() + b"\0\0\0\x08free"
+    named = {"Content-Disposition": 'attachment; filename="other.mp4"'}
+    other = desk.api.client.post("/videos", content=content, headers=named).raise_for_status().json()
+    make_ready(desk.api.services, other["id"])
+    desk.portrait("face.png")
+    page = desk.edit()
+    held: list[Route] = []
+    page.route("**/v1/transfer", lambda route: held.append(route))  # noqa: PLW0108  (Playwright marks its handlers)
+    page.get_by_role("checkbox", name="Render face.png").check()
+    page.locator("#look").get_by_role("button", name="Render").click()
+    desk.guarded.heard(lambda: held)
+    page.evaluate("(id) => { location.hash = id; }", other["id"])
+    page.get_by_role("heading", name="other.mp4").wait_for()
+    desk.guarded.until(READY)
+    held[0].continue_()
+    page.locator("#polite").get_by_text("Rendering 1 look").wait_for(state="attached")
+    page.wait_for_timeout(200)
+    assert page.locator(".job").count() == 0
+    page.evaluate("(id) => { location.hash = id; }", desk.video["id"])
+    page.locator(".job").get_by_text("Queued").wait_for()
+
+
+def test_a_job_that_is_asked_for_while_the_list_is_read_stays_in_it(desk: Desk) -> None:
+    desk.asked(desk.portrait("before.png"))
+    desk.portrait("face.png")
+    page = desk.guarded.page
+    held: list[tuple[Route, APIResponse]] = []
+    page.route("**/v1/jobs?kind=*", lambda route: held.append((route, route.fetch())))
+    page.goto(f"{desk.guarded.root}/#{desk.video['id']}")
+    desk.guarded.until(READY)
+    page.get_by_role("checkbox", name="Render face.png").check()
+    page.locator("#look").get_by_role("button", name="Render").click()
+    page.locator(".job").get_by_text("1 look: face.png").wait_for()
+    for route, answer in held:  # as the service had it before
+        route.fulfill(response=answer)
+    page.locator(".job").get_by_text("1 look: before.png").wait_for()
+    assert page.locator(".job h3").all_text_contents() == ["1 look: face.png", "1 look: before.png"]
+
+
+def test_a_job_of_another_day_is_told_with_its_day(desk: Desk) -> None:
+    job = desk.asked(desk.portrait("face.png"))
+    desk.api.client.post(f"/jobs/{job}/cancel")
+    page = desk.edit()
+    page.locator(".job").get_by_text(re.compile(r"^Canceled at [\d:]+ ?(AM|PM)?$")).wait_for()
+
+    def older(route: Route) -> None:
+        jobs = route.fetch().json()
+        jobs["data"][0]["finished_at"] = "2026-01-05T12:00:00Z"
+        route.fulfill(json=jobs)
+
+    page.route("**/v1/jobs?kind=*", older)
+    page.reload()
+    page.locator(".job").get_by_text(re.compile("^Canceled on .*(5 Jan|Jan 5)")).wait_for()
+
+
+def test_every_job_is_reached(desk: Desk) -> None:
+    look = {"reference": desk.portrait("face.png")}
+    for seed in range(21):
+        asked = {"video": desk.video["id"], "looks": [look | {"seed": seed}]}
+        job = desk.api.client.post("/transfer", json=asked).raise_for_status().json()
+        desk.api.client.post(f"/jobs/{job['id']}/cancel")
+    page = desk.edit()
+    page.locator("#queue").get_by_role("button", name="Show more").click()
+    desk.guarded.until("() => document.querySelectorAll('.job').length === 21")
+    page.locator("#queue").get_by_role("button", name="Show more").wait_for(state="hidden")
+
+
+@pytest.mark.parametrize(
+    ("content", "output"),
+    [(MP4 + b"again", {"container": "mov", "codec": "prores", "extras": ["matte"]}), (PNG, {"container": "tiff"})],
+    ids=["clip", "picture"],
+)
+def test_a_job_is_tried_again_as_it_was_asked_for(desk: Desk, content: bytes, output: dict[str, Any]) -> None:
+    client = desk.api.client
+    video = client.post("/videos", content=content).raise_for_status().json()
+    make_ready(desk.api.services, video["id"])
+    look = {"reference": desk.portrait("face.png"), "light": 0.3, "seed": 7, "beta": 0.5, "iterations": 9}
+    asked = {"video": video["id"], "looks": [look], "output": output}
+    job = client.post("/transfer", json=asked).raise_for_status().json()
+    client.post(f"/jobs/{job['id']}/cancel")
+    page = desk.guarded.open()  # no clip is on the stage
+    page.get_by_role("button", name="Try again").click()
+    desk.guarded.until("() => document.querySelectorAll('.job').length === 2")
+    made = client.get("/jobs?kind=transfer").json()["data"][0]
+    assert made["id"] != job["id"]
+    assert made["looks"][0]["options"] == job["looks"][0]["options"]
+    assert made["output"] == job["output"]
