@@ -11,7 +11,8 @@ import random
 import threading
 import time
 from collections import Counter, deque
-from typing import Final
+from collections.abc import Mapping
+from typing import Any, Final
 
 import structlog
 
@@ -182,7 +183,7 @@ class Deliverer:
         # the URL is the receiver's secret, often: the id tells which it is
         about = {"webhook": delivery.id, "job": attempt.job.id, "attempt": attempt.number}
         try:
-            status, error = self._send(attempt)
+            status, error = self._sent(attempt, about)
             if status in _TAKEN:
                 log.info("webhook delivered", status=status, **about)
             else:
@@ -191,9 +192,21 @@ class Deliverer:
         except StoppingError:
             self._give_back(attempt)
         except Exception:
-            log.exception("an attempt to deliver a webhook failed on our side", **about)
+            log.exception("the outcome of a webhook could not be recorded", **about)
         finally:
             self._leave(delivery.origin, delivery.owner)
+
+    def _sent(self, attempt: Attempt, about: Mapping[str, Any]) -> tuple[int | None, str]:
+        """As `_send`; what fails on our side is a failure as one of the receiver, so that there is an end to it."""
+        try:
+            return self._send(attempt)
+        except StoppingError:
+            raise
+        except Exception as error:
+            if is_outage(error):  # the claim runs out, and it is sent again
+                raise
+            log.exception("a webhook could not be sent", **about)
+            return None, "could not be sent: an error of the service"
 
     def _send(self, attempt: Attempt) -> tuple[int | None, str]:
         """The status of the receiver's answer, or None; and what is wrong, if anything is. Raises `StoppingError`."""

@@ -157,6 +157,21 @@ def test_a_receiver_that_is_down_is_told_once_it_is_back(
     assert only(database).state == "delivered"
 
 
+def test_what_cannot_be_sent_for_a_fault_of_our_own_has_an_end(
+    database: Database, deliverer: Deliverer, clock: FakeClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> bytes:
+        raise KeyError("a job that cannot be told")
+
+    monkeypatch.setattr("service.webhooks.deliverer.payload", fail)
+    ended_job(database, "https://receiver.test/")
+    for attempts in range(1, len(RETRIES_S) + 2):
+        assert attempt_all(deliverer) == 1
+        assert (only(database).attempts, only(database).last_status) == (attempts, None)
+        clock.forward(DAY_S)
+    assert (only(database).state, only(database).last_error) == ("failed", "could not be sent: an error of the service")
+
+
 def test_nothing_is_sent_into_private_networks(database: Database, tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path / "data")
     guarded = Deliverer(settings, database, Egress(settings))
