@@ -62,7 +62,9 @@ def open_service(folder: Path) -> Iterator[tuple[Api, str]]:
 
 
 def _running(folder: Path) -> Iterator[tuple[Api, str]]:
-    for api in serve(Settings(data_dir=folder / "data", reap_interval_s=3600, metrics_token=SecretStr(TOKEN))):
+    token = SecretStr(TOKEN)
+    settings = Settings(data_dir=folder / "data", reap_interval_s=3600, preview_timeout_s=60, metrics_token=token)
+    for api in serve(settings):
         database = api.services.database
         with database.write() as session:
             _, key = keys.create(session, "fuzz", keys.Limits(10**6, 10**6, 10**12), now=database.now())

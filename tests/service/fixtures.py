@@ -132,8 +132,8 @@ def make_tables(url: str) -> None:
 @pytest.fixture
 def settings(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Settings]:
     """Those of an embedded service, or with `--scaled` of one on PostgreSQL, Redis and S3."""
-    # rounds of the reaper are run by the tests themselves
-    embedded = Settings(data_dir=tmp_path / "data", reap_interval_s=3600)
+    # rounds of the reaper are run by the tests themselves; how soon pictures come is not tried here
+    embedded = Settings(data_dir=tmp_path / "data", reap_interval_s=3600, preview_timeout_s=60)
     if not request.config.getoption("--scaled"):
         yield embedded
         return
