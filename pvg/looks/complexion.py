@@ -45,12 +45,13 @@ _COLOURED = np.radians(25.0)  # beyond red and yellow, over which a hue becomes 
 def complexion(reference: Floats, own: Floats, scene: float) -> Floats:
     """The colours (m, 3) that open skin `own` (n, 3) is to take from a `reference`'s (k, 3), 0-255 RGB, m ≤ k.
 
-    scene: in [0, 1], how far the limits of `pvg.looks.scene` hold, and those on what is richer, redder or yellower than
-    skin is.
+    scene: in [0, 1], how far the limits of `pvg.looks.scene` hold, and those on what is greyer, richer, redder or
+    yellower than skin is.
     """
-    skin = in_key_light(reference)
-    if min(len(skin), len(own)) == 0:
-        return skin
+    if min(len(reference), len(own)) == 0:
+        return reference
+    # skin that is in two lights itself has shade for that of the reference
+    skin = in_key_light(reference) if len(in_key_light(own)) == len(own) else reference
     skin = in_scene(skin, own, scene)
     lab, bound = median_lab(skin), median_lab(own)
     if scene > 0.0 and (held := _held(lab, bound)) is not None:
@@ -59,7 +60,7 @@ def complexion(reference: Floats, own: Floats, scene: float) -> Floats:
     has, least = _saturation(lab), _usual(lab) * _borne(bound, lab)
     richer = max(has - max(_saturation(bound), least), 0.0)
     borne = has - scene * _film(bound) * (1.0 - _IN_FILM) * richer
-    gain = min(max(borne, least) / max(has, 1e-6), _GAIN)
+    gain = 1.0 + scene * (min(max(borne, least) / max(has, 1e-6), _GAIN) - 1.0)
     if gain == 1.0:
         return skin
     opponent = to_opponent(skin)

@@ -4,14 +4,15 @@ The map F of a person is made from one key frame. Another one, `gain` times as b
 exposure,
 
     g' = kept · F(g / gain),        kept = gain up to 1, above it bent so that the skin's highlights stay below white,
-                                    or where they are in the clip
+                                    or where that key frame has them
 
 so the clip's own light survives as light, instead of being moved up the tone curve once more, and never runs away.
+Where that light burns the clip's skin out, its highlights rise less than its exposure, and so do the new ones.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,7 +27,6 @@ _AS_BRIGHT = 1.1  # times: of key frames that are lit alike the one that serves 
 _GAINS = (0.05, 20.0)
 _HIGHLIGHTS = 0.98  # of the skin, whose brightest channel is to stay …
 _BRIGHTEST = 243.0  # … below this level
-_WHITE = 249.0  # level: brighter ones are burnt out in the clip, too
 _DARKEST = 1.0  # level of a median that a ratio is taken of
 
 
@@ -57,40 +57,42 @@ def at_exposure(key: KeyFrame, gain: float) -> KeyFrame:
     return replace(key, colors=colors, skin=skin, parts=parts)
 
 
+#: the colours of a key frame's skin (n, 3) before and after F, 0-255 RGB
+Moved = Callable[[KeyFrame], tuple[Floats, Floats | Doubles]]
+
+
 @dataclass(frozen=True, eq=False)
 class Exposure:
     """The exposure of a person's key frames relative to the leading one.
 
-    own, new: the level of the highlights of the leading one's skin, before and after F.
+    new: the level of the highlights of the leading one's skin after F.
     """
 
     leading: KeyFrame
-    own: float
+    moved: Moved
     new: float
 
     @classmethod
-    def between(cls, leading: KeyFrame, own: Floats, new: Doubles) -> Exposure:
-        """Of the leading key frame and colours (n, 3) of its skin, 0-255 RGB, before and after F."""
-        return cls(leading, _highlights(own), _highlights(new))
+    def of_person(cls, leading: KeyFrame, moved: Moved) -> Exposure:
+        """Of the key frame that F was made from, and F."""
+        return cls(leading, moved, _highlights(moved(leading)[1]))
 
     def of(self, key: KeyFrame) -> tuple[float, float]:
-        """How many times as bright as the leading one a key frame is, and how much of that its new colours keep."""
+        """How many times as bright as the leading one a key frame is, and how much of that its new colours keep.
+
+        All of it up to 1; above it rising ever slower until highlights come near white, but as much as leaves them no
+        darker than they are in the clip.
+        """
         if key is self.leading:
             return 1.0, 1.0
         by = "skin" if len(key.skin) and len(self.leading.skin) else "curves"
         gain = float(np.clip(_brightness(key, by) / _brightness(self.leading, by), *_GAINS))
-        return gain, self.kept(gain)
-
-    def kept(self, gain: float) -> float:
-        """`gain` up to 1; above it rising ever slower until highlights come near white.
-
-        But as much as leaves them no darker than they are in the clip.
-        """
         if gain <= 1.0:
-            return gain
+            return gain, gain
         room = max(_BRIGHTEST / self.new - 1.0, 0.0)
         bent = 1.0 + room * (1.0 - float(np.exp(-(gain - 1.0) / room))) if room > 0.0 else 1.0
-        return max(bent, min(gain, _WHITE / self.new, gain * self.own / self.new))
+        own, new = self.moved(at_exposure(key, 1.0 / gain))
+        return gain, max(bent, gain * min(1.0, _highlights(own) / _highlights(new)))
 
 
 def on_skin(key: KeyFrame) -> Bools:

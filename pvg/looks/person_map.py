@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pvg._arrays import Floats
+from pvg._arrays import Doubles, Floats
 from pvg.asset import FaceRecord, KeyFrame
 from pvg.curves import GROUPS, table_labels
 from pvg.looks.color_map import SMALLEST_GROUP, ColorMap, TransportSteps, all_colors_map
 from pvg.looks.complexion import complexion
 from pvg.looks.depth import depth_of_features
-from pvg.looks.exposure import Exposure, leading_key, on_skin
+from pvg.looks.exposure import Exposure, Moved, leading_key, on_skin
 from pvg.looks.key_light import with_lit_skin
 from pvg.looks.light import light_ratio, relit
 from pvg.looks.look import Contrast
@@ -67,13 +67,7 @@ class PersonMap:
         leading = goal.relit(plain)
         skin = _skin_map(leading, goal) if goal.semantic else None
         at_curves = all_colors_map(leading, goal.target, goal.steps) if skin is None else _at_curves(skin)
-        exposure = None
-        if follow_exposure:
-            seen = on_skin(leading)
-            own, new = (
-                (leading.colors[seen], at_curves(leading)[seen]) if skin is None else (leading.skin, skin(leading.skin))
-            )
-            exposure = Exposure.between(leading, own, new)
+        exposure = Exposure.of_person(leading, _skin_moved(skin, at_curves)) if follow_exposure else None
         # light falls on the face alone
         whole = skin if skin is not None and plain is leading else _whole_map(plain, goal)
         return cls(skin, at_curves, exposure, whole)
@@ -81,6 +75,18 @@ class PersonMap:
     def exposure_of(self, key: KeyFrame) -> tuple[float, float]:
         """The gain of a key frame, and how much of it its new colours keep; see `Exposure.of`."""
         return (1.0, 1.0) if self.exposure is None else self.exposure.of(key)
+
+
+def _skin_moved(skin: SkinMap | None, at_curves: ColorMap) -> Moved:
+    """F on the skin of a key frame: on its open skin, or on the curves there where it has none or F is theirs."""
+
+    def moved(key: KeyFrame) -> tuple[Floats, Floats | Doubles]:
+        if skin is not None and len(key.skin):
+            return key.skin, skin(key.skin)
+        seen = on_skin(key)
+        return key.colors[seen], at_curves(key)[seen]
+
+    return moved
 
 
 def _at_curves(skin: SkinMap) -> ColorMap:

@@ -94,7 +94,7 @@ class Renderer:
         self.video = video
         self.looks = tuple(looks)
         faces = sorted({face for look in looks for face in look.colors})
-        self._follows = video.settings["mask"] == "landmarks"  # the paper's rule has hard edges
+        self._follows = video.settings["mask"] == "landmarks"  # the paper's rule knows no soft edges
         # numbers, since one look may be asked for twice
         self._with_face = {face: [i for i, look in enumerate(looks) if face in look.colors] for face in faces}
         self._with_body: dict[int, list[int]] = {}

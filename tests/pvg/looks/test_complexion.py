@@ -31,27 +31,27 @@ def lightness_and_saturation(colors: np.ndarray) -> tuple[float, float]:
 
 def test_ashen_skin_gains_chroma_and_keeps_its_lightness() -> None:
     reference = skin(ASHEN)
-    before, after = lightness_and_saturation(reference), lightness_and_saturation(complexion(reference, skin(TAN), 0.0))
+    before, after = lightness_and_saturation(reference), lightness_and_saturation(complexion(reference, skin(TAN), 1.0))
     assert after[1] == pytest.approx(0.36, abs=0.015)
     assert after[0] == pytest.approx(before[0], abs=1.0)
 
 
 def test_the_clips_own_skin_bounds_it() -> None:
     own = skin(ASHEN, chroma=1.15)
-    _, saturation = lightness_and_saturation(complexion(skin(ASHEN), own, 0.0))
+    _, saturation = lightness_and_saturation(complexion(skin(ASHEN), own, 1.0))
     assert saturation == pytest.approx(lightness_and_saturation(own)[1], abs=0.01)
 
 
 @pytest.mark.parametrize(
     ("own", "saturation"),
-    [((70.0, 12.0, 14.0), 0.35), ((70.0, 7.0, 8.0), 0.27)],
+    [((70.0, 12.0, 14.0), 0.33), ((70.0, 7.0, 8.0), 0.23)],
     ids=["pale skin", "a grey film"],
 )
 def test_pale_skin_that_gets_darker_gets_the_chroma_of_darker_skin(
     own: tuple[float, float, float], saturation: float
 ) -> None:
     assert lightness_and_saturation(skin(own))[1] < 0.27
-    taken = complexion(skin(ASHEN), skin(own), 0.0)
+    taken = complexion(skin(ASHEN), skin(own), 1.0)
     assert lightness_and_saturation(taken)[1] == pytest.approx(saturation, abs=0.015)
 
 
@@ -68,7 +68,19 @@ def test_a_grey_film_takes_six_tenths_of_what_is_richer() -> None:
 @pytest.mark.parametrize("chroma", [0.0, 0.3, 1.0])
 def test_a_clips_own_colours_are_themselves(chroma: float) -> None:
     own = skin(ASHEN, chroma)
-    assert complexion(own, own, 0.0) is own
+    np.testing.assert_allclose(complexion(own, own, 1.0), own, atol=1e-3)
+
+
+def test_a_face_in_two_lights_keeps_both_of_its_own() -> None:
+    sun, sky = skin((62.0, 15.0, 20.0)), skin((45.0, 8.0, 2.0))
+    own = np.concatenate((sun, sky))
+    assert len(complexion(own, sun, 1.0)) < len(own)  # as a reference of other skin it gives that in the sun
+    np.testing.assert_allclose(complexion(own, own, 1.0), own, atol=1e-3)
+
+
+def test_a_scene_of_zero_leaves_grey_skin_grey() -> None:
+    reference = skin(ASHEN)
+    assert complexion(reference, skin(TAN), 0.0) is reference
 
 
 @pytest.mark.parametrize("lab", [TAN, (78.0, 14.0, 19.0), (40.0, 12.0, 14.0)], ids=["tan", "pale", "dark"])
