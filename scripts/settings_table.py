@@ -20,7 +20,8 @@ BEGIN: Final = "<!-- settings: made by `python -m scripts.settings_table --write
 END: Final = "<!-- end of settings -->"
 #: read by the library, which knows no service
 _OF_THE_LIBRARY: Final = (
-    "| `PVG_CACHE_DIR` | `~/.cache/pvg` | Network weights, as `python -m pvg.models` leaves them. |"
+    "| `PVG_CACHE_DIR` | `~/.cache/pvg` | Network weights, as `python -m pvg.models` leaves them, and compiled kernels "
+    "where they cannot be beside the modules. |"
 )
 
 

@@ -258,7 +258,7 @@ class Settings(BaseSettings):
 
     @property
     def spool_folder(self) -> Path:
-        """Uploads being received and files being written; on the same disk as the local blobs."""
+        """Uploads being received and files being written; the local blobs may be on another disk."""
         return self.folder / "spool"
 
     @property

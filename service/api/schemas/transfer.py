@@ -63,7 +63,8 @@ class _ColorOptions(Request):
     strength: float = Field(default=1.0, ge=0, le=1, description="0 leaves the clip as it is, 1 is the whole transfer")
     match: Match = Field(default="semantic", description="all colours together, or skin to skin and lips to lips")
     protect: Annotated[list[Feature], AS_SET] = Field(
-        default=["eyes", "teeth"], description="parts that keep their colour"
+        default=["eyes", "teeth"],
+        description="features that follow the skin in brightness and half its hue only; others take the look wholly",
     )
     faces: Faces = Field(default="all", description="indices of the faces to change, or all")
     makeup: Share | MakeupParts = Field(
