@@ -13,14 +13,13 @@ import sqlite3
 from contextlib import closing
 from typing import Final, Literal
 
+from service.ids import host_of, worker_id
 from service.settings import Settings
 
 Kind = Literal["jobs", "previews"]
 Part = Literal["api", "jobs", "previews"]
 
 _TIMEOUT_S: Final = 4.0
-#: how much of the machine's name is part of a worker's id, as in `worker.heartbeat`
-_NAME_CHARACTERS: Final = 60
 _QUERY: Final = "SELECT id, {age}, lacks FROM workers WHERE kind = {mark} ORDER BY seen_at DESC"
 _SQLITE_AGE: Final = "(julianday('now') - julianday(seen_at)) * 86400"
 _POSTGRESQL_AGE: Final = "extract(epoch FROM clock_timestamp() - seen_at)::float8"
@@ -80,9 +79,9 @@ def of_workers(settings: Settings, kind: Kind) -> tuple[bool, str]:
 
 def _beats(settings: Settings, kind: Kind) -> list[tuple[float, str | None]]:
     """Of each of this machine's workers: seconds since its heartbeat, by the database's clock, and what it lacks."""
-    host = socket.gethostname()[:_NAME_CHARACTERS]
-    # another machine's name may begin as this one's does: what is left of an id without its process is compared
-    return [(age, lacks) for worker, age, lacks in _every_beat(settings, kind) if worker.rpartition("-")[0] == host]
+    here = host_of(worker_id())
+    # the whole name: another machine's may begin as this one's does
+    return [(age, lacks) for worker, age, lacks in _every_beat(settings, kind) if host_of(worker) == here]
 
 
 def _every_beat(settings: Settings, kind: Kind) -> list[tuple[str, float, str | None]]:

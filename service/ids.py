@@ -1,9 +1,11 @@
-"""Prefixed UUIDv7 identifiers: sortable by creation time, and telling what they name."""
+"""Prefixed UUIDv7 identifiers, sortable by creation time and telling what they name; and the ids of workers."""
 
 from __future__ import annotations
 
+import os
 import re
 import secrets
+import socket
 import time
 from typing import Final, Literal
 
@@ -13,6 +15,8 @@ JOB_ID: Final = re.compile(r"job_[0-9a-f]{32}")
 DELIVERY_CURSOR: Final = re.compile(r"^msg_[0-9a-f]{32}$")
 JOB_CURSOR: Final = re.compile(r"^job_[0-9a-f]{32}$")
 MEDIA_ID: Final = re.compile(r"^(vid|ref)_[0-9a-f]{32}$")
+
+_HOST_CHARACTERS: Final = 60  # of the machine's name in a worker's id
 
 
 def uuid7_hex() -> str:
@@ -29,3 +33,13 @@ def uuid7_hex() -> str:
 def new_id(prefix: Prefix) -> str:
     """A new identifier such as ``vid_0192f0c1…``."""
     return f"{prefix}_{uuid7_hex()}"
+
+
+def worker_id() -> str:
+    """The name of this process among all workers."""
+    return f"{socket.gethostname()[:_HOST_CHARACTERS]}-{os.getpid()}"
+
+
+def host_of(worker: str) -> str:
+    """The name of a worker's machine, as its id has it."""
+    return worker.rpartition("-")[0]

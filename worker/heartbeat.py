@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import socket
 import threading
 import time
 from typing import Final
@@ -14,6 +12,7 @@ from pvg.models import ModelError, check
 from service.catalog import Database, workers
 from service.catalog.workers import Kind
 from service.drafts import Drafts
+from service.ids import worker_id
 from service.settings import Settings
 from service.storage import Storage
 from worker import connection
@@ -22,11 +21,6 @@ log = structlog.get_logger(__name__)
 
 #: what a worker without its networks lacks, as /readyz shows it
 WEIGHTS: Final = "network weights"
-
-
-def worker_id() -> str:
-    """The name of this process among all workers."""
-    return f"{socket.gethostname()[:60]}-{os.getpid()}"
 
 
 def wait_for_weights(settings: Settings) -> None:

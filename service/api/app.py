@@ -20,17 +20,16 @@ from service.api.origins import Cors, OwnHostAndOrigin
 from service.api.query import refuse_unknown
 from service.api.routers import OPEN_ROUTERS, ROOT_ROUTERS, ROUTERS
 from service.api.services import make_services
-from service.catalog import Clock
 from service.settings import Settings
 
 #: of the description of the interface; what its addresses begin with is `PREFIX`
 API_VERSION: Final = "0.1.0"
 
 
-def create_app(settings: Settings | None = None, *, clock: Clock | None = None) -> FastAPI:
+def create_app(settings: Settings | None = None) -> FastAPI:
     """The application. The database must be migrated; workers may come and go."""
     settings = settings or Settings()
-    services = make_services(settings, clock=clock)
+    services = make_services(settings)
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:

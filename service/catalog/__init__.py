@@ -82,6 +82,7 @@ from service.catalog.requests import (
     look_params,
     render_request,
     still_request,
+    vector_settings,
     vectorize_request,
 )
 from service.catalog.results import Output, PartName, PartOf, Report
@@ -176,6 +177,7 @@ __all__ = [
     "sweep",
     "tombstones",
     "utc_now",
+    "vector_settings",
     "vectorize_request",
     "webhooks",
     "workers",

@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import datetime, timedelta
 from types import MappingProxyType
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 from sqlalchemy import or_, select, union_all, update
 from sqlalchemy.orm import Session
@@ -15,14 +15,7 @@ from service.catalog import idempotency, jobs, leases, parts, previews, resumabl
 from service.catalog.database import changed
 from service.catalog.messages import Message
 from service.catalog.models import ACTIVE, Job, JobKind, JobState, Look, Media, MediaState, Result, Role
-from service.catalog.requests import (
-    DEFAULT_VECTOR_SETTINGS,
-    InputColor,
-    Mask,
-    Matching,
-    VectorizeRequest,
-    VectorSettings,
-)
+from service.catalog.requests import DEFAULT_VECTOR_SETTINGS, VectorizeRequest, VectorSettings, vector_settings
 from service.catalog.transitions import Lease, MediaStep, take_media_step
 
 
@@ -118,12 +111,6 @@ def find_content(
     same = (getattr(Media, name) == value for name, value in asdict(settings).items())
     query = select(Media).where(Media.owner == owner, Media.role == role, Media.sha256 == sha256, *same)
     return session.scalar(query.with_for_update() if lock else query)
-
-
-def settings_of(media: Media) -> VectorSettings:
-    """How a medium is vectorised."""
-    said = cast(Mask, media.mask), cast(Matching, media.matching), cast(InputColor, media.input_color)
-    return VectorSettings(*said)
 
 
 def page(
@@ -224,7 +211,7 @@ def name(session: Session, media: Media, metadata: Mapping[str, str]) -> None:
 
 def _job_of(session: Session, media: Media, *, now: datetime) -> Job:
     """Another job that vectorises a known medium."""
-    request = VectorizeRequest(Role(media.role), settings_of(media))
+    request = VectorizeRequest(Role(media.role), vector_settings(media))
     return jobs.create(
         session,
         JobKind.VECTORIZE,

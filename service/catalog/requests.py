@@ -7,9 +7,9 @@ version did not write reads as its default, and one that this version does not k
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, fields, replace
-from typing import Any, Final, Literal, TypeVar
+from typing import Any, Final, Literal, TypeVar, cast
 
-from service.catalog.models import Job, Look, Preview, Role
+from service.catalog.models import Job, Look, Media, Preview, ResumableUpload, Role
 
 Container = Literal["mp4", "mov", "mkv", "webm", "png", "jpg", "webp", "tiff"]
 Codec = Literal["auto", "h264", "hevc", "vp9", "av1", "prores", "prores4444", "dnxhr", "ffv1"]
@@ -146,6 +146,11 @@ _Stored = TypeVar("_Stored", LookParams, OutputOptions, StillRequest, VectorSett
 def to_json(value: Request | LookParams) -> dict[str, Any]:
     """What the column keeps."""
     return {name: list(item) if isinstance(item, tuple) else item for name, item in asdict(value).items()}
+
+
+def vector_settings(of: Media | ResumableUpload) -> VectorSettings:
+    """How a medium is vectorised, or will be once all of it is there."""
+    return VectorSettings(cast(Mask, of.mask), cast(Matching, of.matching), cast(InputColor, of.input_color))
 
 
 def vectorize_request(job: Job) -> VectorizeRequest:

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict
 from datetime import datetime, timedelta
-from typing import cast
 
 from sqlalchemy import delete, func, select, update
 from sqlalchemy.orm import Session
@@ -16,7 +15,7 @@ from sqlalchemy.orm import Session
 from service.catalog import idempotency, tombstones
 from service.catalog.database import changed
 from service.catalog.models import ResumableUpload, Role, UploadPart
-from service.catalog.requests import InputColor, Mask, Matching, VectorSettings
+from service.catalog.requests import VectorSettings
 from service.ids import new_id
 
 
@@ -64,12 +63,6 @@ def get(
     if found is None or owner not in {None, found.owner} or found.expires_at < now:
         return None
     return found
-
-
-def settings_of(upload: ResumableUpload) -> VectorSettings:
-    """How its medium is vectorised."""
-    said = cast(Mask, upload.mask), cast(Matching, upload.matching), cast(InputColor, upload.input_color)
-    return VectorSettings(*said)
 
 
 def begin(

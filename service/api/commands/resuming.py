@@ -28,7 +28,7 @@ from service.api.services import Services
 from service.api.storing import store
 from service.api.tus import Checksum
 from service.api.uploads import FileSink, Intake, ReceivedFile, clean_name
-from service.catalog import ResumableUpload, Role, UploadPart, VectorSettings, resumable
+from service.catalog import ResumableUpload, Role, UploadPart, VectorSettings, resumable, vector_settings
 from service.errors import (
     ChecksumError,
     ConflictError,
@@ -236,8 +236,7 @@ async def record(services: Services, upload: ResumableUpload, file: ReceivedFile
     """Make a medium of the file, which ends the upload."""
     once = Once(services, upload.owner, None, "")
     asked = Asked(upload.owner, once, dict(upload.metadata_), upload.webhook, upload=upload.id)
-    settings = resumable.settings_of(upload)
-    await register(services, Role(upload.role), file, settings, asked=asked)
+    await register(services, Role(upload.role), file, vector_settings(upload), asked=asked)
 
 
 def find(services: Services, upload_id: str, owner: str | None = None) -> ResumableUpload:

@@ -2,7 +2,7 @@
 
 import { ask, page } from "./api.js";
 import { forget } from "./frames.js";
-import { bring, isReady, ofFile, ofMedium, stop } from "./medium.js";
+import { bring, ofFile, ofMedium, stop } from "./medium.js";
 import { announce, confirmed, failure, notice } from "./notices.js";
 import { changed, state } from "./store.js";
 import { listJobs } from "./transfers.js";
@@ -198,5 +198,3 @@ export async function reopen(again) {
   }
   if (state.clip === before) await openMedium(medium);
 }
-
-export const readyClip = () => (isReady(state.clip) ? state.clip : null);
