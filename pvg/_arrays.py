@@ -1,4 +1,4 @@
-"""Names for the arrays that everything here is made of, and steps from 0 to 1, straight and smooth."""
+"""Names for the arrays that everything here is made of; steps from 0 to 1, straight and smooth; turns of angles."""
 
 from __future__ import annotations
 
@@ -23,12 +23,13 @@ def ramp(values: Values, low: float, high: float) -> Values:
     return clipped
 
 
-def smoothstep(values: Floats, low: float, high: float) -> Floats:
+def smoothstep(values: Reals, low: float, high: float) -> Reals:
     """0 up to `low`, 1 from `high` on, smooth between (the cubic t² (3 − 2 t))."""
     t = ramp(values, low, high)
-    return np.asarray(t * t * (3.0 - 2.0 * t), np.float32)
+    stepped: Reals = t * t * (3.0 - 2.0 * t)
+    return stepped
 
 
-def turn(degrees: float) -> float:
+def short_turn(degrees: float) -> float:
     """An angle between two directions the short way round, in [-180, 180) degrees."""
     return (degrees + 180.0) % 360.0 - 180.0

@@ -14,7 +14,7 @@ from pvg._targets import STANDARD, check_file, check_folder
 if TYPE_CHECKING:
     from pvg.asset import VectorVideo
 
-_IMAGES = ("png", "tiff", "jpg", "webp")
+IMAGES = ("png", "tiff", "jpg", "webp")
 
 
 def kind_of(path: Path) -> Literal["video", "image"]:
@@ -47,7 +47,7 @@ def suffix(kind: str, container: str | None = None) -> str:
     is_image = kind == "image"
     if container is None:
         return ".png" if is_image else ".mp4"
-    if (container in _IMAGES) != is_image:
+    if (container in IMAGES) != is_image:
         raise ValueError(f"{container} does not fit {'an image' if is_image else 'a clip'}")
     return f".{container}"
 
@@ -75,10 +75,12 @@ def check_coding(path: Path, kind: str, output: Path | None, asked: Mapping[str,
 
 def check_pipe(container: str | None, references: list[Path]) -> None:
     """What can be told of an output to a pipe before the clip is known."""
+    from pvg.video import PIPED  # noqa: PLC0415 - takes long, and the work needs it anyway
+
     if len(references) > 1:
         raise ValueError("-o - is one stream; several references need a folder")
-    if container not in (None, "nut", "y4m"):
-        raise ValueError(f"{container} cannot be written to a pipe; --container nut and y4m can")
+    if container not in (None, *PIPED):
+        raise ValueError(f"{container} cannot be written to a pipe; --container {' and '.join(PIPED)} can")
 
 
 def check_results_folder(output: Path, results: str) -> None:
@@ -94,7 +96,9 @@ def check_outputs(
     output: Path, references: list[Path], inputs: list[Path | None], container: str | None = None
 ) -> None:
     """What can be told of the outputs before the clip is known."""
-    if container in ("nut", "y4m"):
+    from pvg.video import PIPED  # noqa: PLC0415 - takes long, and the work needs it anyway
+
+    if container in PIPED:
         raise ValueError(f"{container} is written to a pipe: -o -")
     if container is not None and output.suffix and not output.is_dir() and len(references) == 1:
         named = {".m4v": "mp4", ".jpeg": "jpg", ".tif": "tiff"}.get(output.suffix.lower(), output.suffix.lower()[1:])

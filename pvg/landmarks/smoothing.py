@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
+from pvg._arrays import smoothstep
 from pvg.face import Landmarks
 from pvg.landmarks.tracking import FaceTrack, fill_gaps
 
@@ -41,7 +42,7 @@ _KERNEL = np.array([1, 4, 6, 4, 1]) / 16
 
 
 def smooth(track: FaceTrack) -> FaceTrack:
-    """Return the track with landmarks and pose smoothed in time; score and extent are unchanged.
+    """Return the track with landmarks and pose smoothed in time; its frames and scores are unchanged.
 
     Stretches between gaps (score 0) are smoothed on their own and the gaps interpolated anew.
     """
@@ -86,8 +87,7 @@ def _kept_share(energy: Array, cap: float) -> Array:
     """How much of a band to keep, in [0, 1], from its local energy (n, p)."""
     quiet = QUIET_TO_MEAN * np.percentile(energy, QUIET_QUANTILE, axis=0)
     jitter = np.clip(quiet, (JITTER_FLOOR * cap) ** 2, cap**2)
-    ramp = np.clip((energy / jitter - REMOVED_BELOW) / (KEPT_ABOVE - REMOVED_BELOW), 0, 1)
-    return np.asarray(ramp * ramp * (3 - 2 * ramp))
+    return smoothstep(energy / jitter, REMOVED_BELOW, KEPT_ABOVE)
 
 
 def _sharing(points: Array, width: float) -> sparse.csr_array:

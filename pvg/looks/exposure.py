@@ -21,12 +21,12 @@ from pvg._arrays import Bools, Doubles, Floats
 from pvg.asset import FaceRecord, KeyFrame
 from pvg.curves import table_labels
 from pvg.looks.opponent import to_opponent
+from pvg.looks.tone import HIGHLIGHT
 
 _LEADS_AT = 0.75  # of a person's frames, by rising exposure: brief light does not lead, brief dark neither [by eye]
 _AS_BRIGHT = 1.1  # times: of key frames that are lit alike the one that serves longest leads
 _GAINS = (0.05, 20.0)
-_HIGHLIGHTS = 0.98  # of the skin, whose brightest channel is to stay …
-_BRIGHTEST = 243.0  # … below this level
+_HIGHLIGHTS = 0.98  # of the skin, whose brightest channel is to stay below `HIGHLIGHT`
 _DARKEST = 1.0  # level of a median that a ratio is taken of
 
 
@@ -89,7 +89,7 @@ class Exposure:
         gain = float(np.clip(_brightness(key, by) / _brightness(self.leading, by), *_GAINS))
         if gain <= 1.0:
             return gain, gain
-        room = max(_BRIGHTEST / self.new - 1.0, 0.0)
+        room = max(HIGHLIGHT / self.new - 1.0, 0.0)
         bent = 1.0 + room * (1.0 - float(np.exp(-(gain - 1.0) / room))) if room > 0.0 else 1.0
         own, new = self.moved(at_exposure(key, 1.0 / gain))
         return gain, max(bent, gain * min(1.0, _highlights(own) / _highlights(new)))

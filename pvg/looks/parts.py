@@ -15,7 +15,7 @@ from functools import cache
 
 import numpy as np
 
-from pvg._arrays import Bools, Doubles, Floats, ramp, turn
+from pvg._arrays import Bools, Doubles, Floats, ramp, short_turn
 from pvg._checks import real_number
 from pvg.asset import KeyFrame
 from pvg.curves import CURVES, table_labels
@@ -154,7 +154,7 @@ def _shown_by_light(skin: Floats) -> float:
     nothing that is blue: lips would turn teal, orange or magenta.
     """
     _, a, b = (float(value) for value in median_lab(skin))
-    chroma, off = float(np.hypot(a, b)), abs(turn(float(np.degrees(np.arctan2(b, a))) - _SKIN_HUE))
+    chroma, off = float(np.hypot(a, b)), abs(short_turn(float(np.degrees(np.arctan2(b, a))) - _SKIN_HUE))
     return 1 - max(float(ramp(off, *_STRANGE) * ramp(chroma, *_HUELESS)), float(ramp(chroma, *_LIT)))
 
 
@@ -196,9 +196,9 @@ def _as_lips(lips: Doubles, own: Doubles, skin: SkinMap, key: KeyFrame, face: fl
         return lips
     kept = float(np.exp(-abs(np.log(face / before)) / _LIKE_SKIN))
     around = _hue(theirs)
-    least, most = _with_room(_LIP_TURN, turn(_hue(own[1:]) - _hue(ours)), kept)
+    least, most = _with_room(_LIP_TURN, short_turn(_hue(own[1:]) - _hue(ours)), kept)
     _, reddest = _with_room((0.0, _LIP_HUE), _hue(own[1:]), kept)
-    turned = np.clip(turn(_hue(lips[1:]) - around), least, max(least, min(most, reddest - around)))
+    turned = np.clip(short_turn(_hue(lips[1:]) - around), least, max(least, min(most, reddest - around)))
     richer = float(np.hypot(*own[1:])) / max(own[0], 1.0) - float(np.hypot(*ours)) / before
     bounds = _with_room((_LIP_LEAST_RICHER, max(_LIP_MOST_RICHER, _LIP_RICHER * face)), richer, kept)
     plain = float(np.hypot(*theirs)) / face
@@ -219,7 +219,7 @@ def _hue(chroma: Doubles) -> float:
 
     In [-90, 270): it jumps between cyan and green, where no skin is.
     """
-    return turn(float(np.degrees(np.arctan2(chroma[1], -chroma[0]))) - 90.0) + 90.0
+    return short_turn(float(np.degrees(np.arctan2(chroma[1], -chroma[0]))) - 90.0) + 90.0
 
 
 def _level(skin: Floats | Doubles) -> float:

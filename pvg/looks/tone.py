@@ -22,6 +22,8 @@ from pvg.looks.opponent import to_opponent, to_rgb
 CRISP = 0.8
 """p of `steeper` where T takes the place of λ. A face made bright by lifted shadows is flat, its brows and beard milky,
 its neck bright [by blind choice: 0.8 rather than 0.4 or 0]."""
+HIGHLIGHT = 243.0
+"""Level of the brightest channel in the brightest of the skin, at most."""
 
 _QUANTILES = (0.03, 0.10, 0.25, 0.50, 0.75, 0.90, 0.97)
 _SLOPES = (0.45, 2.0)  # of the tone curve between two quantiles [by eye: outside, blotches or a flat wash]
@@ -42,7 +44,6 @@ _FLATTEST = 0.4  # of what may be the most of k
 # where the saturation, levels of chroma a level of luma, moves by so much [by eye]
 _OTHER_HUE, _OTHER = 0.4, 0.08
 _OTHER_HUE_BROAD = 0.6  # the same of k at the curves, where it tells of patches: a flushed nose or chin [by eye]
-_HIGHLIGHT = 243.0  # level of the brightest channel in the brightest of the skin, at most
 _ROUNDS = 4  # in which it is found: chroma changes with luma
 _MIDDLE = 0.1  # of the middle luma: over which a curve gets steeper below it
 _SLOPE_RANGE = (0.6, 2.0)  # of F in luma as a whole [by eye]
@@ -168,7 +169,7 @@ def below_white(tone: Doubles, own: UsualChroma, goal: UsualChroma) -> Doubles:
     levels = np.arange(256.0)
     high = luma = np.maximum(np.interp([own.brightest], levels, tone), 1.0)
     for _ in range(_ROUNDS):
-        luma = luma * min(1.0, _HIGHLIGHT / float((luma + goal.at(luma).max(axis=1).clip(0.0))[0]))
+        luma = luma * min(1.0, HIGHLIGHT / float((luma + goal.at(luma).max(axis=1).clip(0.0))[0]))
     return np.asarray(np.maximum(tone * (luma / high), np.minimum(tone, levels)))
 
 

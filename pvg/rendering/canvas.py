@@ -15,6 +15,7 @@ from pvg.video import (
     CLIP_SUFFIXES,
     CONTAINERS,
     IMAGE_SUFFIXES,
+    PIPED,
     DisplayOrder,
     Frame,
     MediaInfo,
@@ -232,8 +233,8 @@ def check_picture(target: Path | BinaryIO, encoding: Encoding) -> None:
 
 def _container(target: Path | BinaryIO, container: str | None) -> str:
     if not isinstance(target, Path):
-        if container not in (None, "nut", "y4m"):
-            raise ValueError(f"{container} cannot be written to a pipe; nut and y4m can")
+        if container not in (None, *PIPED):
+            raise ValueError(f"{container} cannot be written to a pipe; {' and '.join(PIPED)} can")
         return container or "nut"
     suffix = target.suffix.lower()
     if container is not None:

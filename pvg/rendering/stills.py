@@ -131,7 +131,7 @@ class Stills:
         return sorted(found, key=lambda one: one.index)
 
     def _several(self, indices: Sequence[int]) -> Iterator[Frame]:
-        """Frames in ascending order: key pictures each by itself, the others by one reading."""
+        """These frames: first key pictures and those that are kept, each by itself, then the others by one reading."""
         keys = set(self._keys or ())
         others = [index for index in indices if index not in keys and index not in self._frames]
         for index in indices:

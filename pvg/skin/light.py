@@ -9,7 +9,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from pvg._arrays import Bools, Bytes, Floats, ramp, turn
+from pvg._arrays import Bools, Bytes, Floats, ramp, short_turn
 from pvg.skin.parameters import SKIN_PRIOR
 
 _LIGHT = SKIN_PRIOR.light
@@ -49,7 +49,7 @@ def _of_usual_hue(color: Floats) -> Floats:
     """A face's colour (3,), turned to a hue of skin as far as it has none."""
     lab = cv2.cvtColor(np.reshape(color / 255, (1, 1, 3)).astype(np.float32), cv2.COLOR_RGB2Lab)[0, 0]
     chroma, middle = float(np.hypot(*lab[1:])), np.radians(_LIGHT.hue)
-    off = turn(float(np.degrees(np.arctan2(lab[2], lab[1]))) - _LIGHT.hue)
+    off = short_turn(float(np.degrees(np.arctan2(lab[2], lab[1]))) - _LIGHT.hue)
     share = ramp(abs(off), *_LIGHT.strange) * ramp(chroma, *_LIGHT.hueless)
     if share == 0:
         return color

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pvg.video.color import INPUT_COLORS, ColorSpace, InputColor, color_space, named_space
 from pvg.video.describing import inspect, planned
 from pvg.video.display_order import DisplayOrder, display_order, frame_at, key_pictures
-from pvg.video.encoders import CLIP_SUFFIXES, CONTAINERS, check_scales
+from pvg.video.encoders import CLIP_SUFFIXES, CONTAINERS, PIPED, check_scales
 from pvg.video.encoding import PictureEncoder
 from pvg.video.formats import RGB24, RGB48, Frame, Patch, PixelFormat
 from pvg.video.images import IMAGE_SUFFIXES, read_image, write_image
@@ -28,6 +28,7 @@ __all__ = [
     "IMAGE_KINDS",
     "IMAGE_SUFFIXES",
     "INPUT_COLORS",
+    "PIPED",
     "RGB24",
     "RGB48",
     "ClipOfParts",

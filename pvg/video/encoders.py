@@ -22,9 +22,10 @@ CONTAINERS = {
     **{"mp4": "mp4", "mov": "mov", "mkv": "matroska", "matroska": "matroska", "webm": "webm"},
     **{"nut": "nut", "y4m": "y4m"},
 }
-"""Names and suffixes of containers, and what libav calls them; the last two are for pipes."""
+"""Names and suffixes of containers, and what libav calls them; the last two are `PIPED`."""
 CLIP_SUFFIXES = tuple(key for key in CONTAINERS if key.startswith("."))
 PIPED = ("nut", "y4m")
+"""The containers that are written to pipes."""
 
 _VP9, _AV1 = tuple(map(str, range(9))), tuple(map(str, range(14)))  # cpu-used, SVT-AV1's presets
 _NAMES = ("veryslow", "slower", "slow", "medium", "fast", "faster", "veryfast", "superfast", "ultrafast")

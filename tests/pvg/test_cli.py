@@ -16,11 +16,12 @@ import pytest
 
 import pvg
 from pvg import _options as cli
+from pvg import _outputs
 from pvg.cli import main
 from pvg.face import PARTS
 from pvg.looks import BETA, ITERATIONS, LIGHT, MAKEUP
 from pvg.rendering import LAYERS, MATTES
-from pvg.video import CONTAINERS, IMAGE_SUFFIXES, INPUT_COLORS, probe, read_frames, read_image
+from pvg.video import CONTAINERS, IMAGE_SUFFIXES, INPUT_COLORS, PIPED, probe, read_frames, read_image
 from pvg.video.encoders import ENCODERS, Codec
 from scripts.samples import Samples
 from tests.conftest import cut_clip
@@ -435,13 +436,14 @@ def test_the_choices_are_the_librarys() -> None:
     assert get_args(parameters["mask"]) == cli.MASKS
     assert get_args(parameters["matching"]) == cli.MATCHINGS
     assert get_args(Codec) == cli.CODECS
-    assert set(cli.CLIP_CONTAINERS) <= set(CONTAINERS)
+    assert set(PIPED) < set(cli.CLIP_CONTAINERS) <= set(CONTAINERS)
     assert (MAKEUP, LIGHT, BETA, ITERATIONS) == (cli.MAKEUP, cli.LIGHT, cli.BETA, cli.ITERATIONS)
     assert PARTS == cli.PARTS
     assert cli.LAYERS == LAYERS
     assert cli.MATTES == MATTES
     assert cli.INPUT_COLORS == INPUT_COLORS
     assert {f".{name}" for name in cli.IMAGE_CONTAINERS} <= set(IMAGE_SUFFIXES)
+    assert cli.IMAGE_CONTAINERS == _outputs.IMAGES
 
 
 def test_the_version() -> None:
