@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 Indices = NDArray[np.intp]
 
-MESH_COUNT: Final = 478
 LANDMARK_COUNT: Final = 106
 SKIN_COUNT: Final = 88
 
@@ -36,7 +35,6 @@ CONTOUR_WIDTHS: Final = ((0, 32), (4, 28), (8, 24), (11, 21))
 LEFT_BROW: Final = _points(33, 34, 35, 36, 37, 67, 66, 65, 64)
 RIGHT_BROW: Final = _points(38, 39, 40, 41, 42, 71, 70, 69, 68)
 UPPER_BROW_EDGES: Final = _points(range(33, 43))
-BROWS: Final = _points(range(33, 43), range(64, 72))
 LEFT_LOWER_BROW_EDGE: Final = _points(range(64, 68))
 RIGHT_LOWER_BROW_EDGE: Final = _points(range(68, 72))
 NOSE_RIDGE: Final = _points(43, 44, 45, 46)
@@ -62,7 +60,6 @@ LEFT_LIDS: Final = (72, 73)
 RIGHT_LIDS: Final = (75, 76)
 LIPS_OUTER: Final = _points(range(84, 96))
 LIPS_INNER: Final = _points(range(96, 104))
-LIPS: Final = _points(range(84, 104))
 MOUTH_CORNERS: Final = (84, 90)
 UPPER_LIP_TOP: Final = 87
 LIP_GAP: Final = (98, 102)

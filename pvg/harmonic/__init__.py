@@ -1,5 +1,5 @@
 """Harmonic B-splines on a quadtree (eq. 2), and the boundary colours g fitted in their space (eq. 3)."""
 
-from pvg.harmonic.fit import BoundaryFit, evaluate, fit_boundary_colors
+from pvg.harmonic.fit import BoundaryFit, fit_boundary_colors
 
-__all__ = ["BoundaryFit", "evaluate", "fit_boundary_colors"]
+__all__ = ["BoundaryFit", "fit_boundary_colors"]

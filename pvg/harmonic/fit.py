@@ -30,7 +30,7 @@ class BoundaryFit:
     Attributes:
         colors: (S, 3) float32, 0–255 RGB: g = u|γ, one colour a curve point.
         coefficients: (n_basis, 3) float64, λ of u = Σ λ_i ψ_i.
-        basis: the functions ψ_i, for `evaluate`.
+        basis: the functions ψ_i.
     """
 
     colors: Floats
@@ -83,22 +83,6 @@ def fit_boundary_colors(
     places = _move_inside(curve_points, domain)
     colors = np.clip(base + basis.design_matrix(places) @ shifts, 0.0, 255.0).astype(np.float32)  # eq. (2): g = u|γ
     return BoundaryFit(colors, base + shifts, basis)
-
-
-def evaluate(fit: BoundaryFit, points: NDArray[Any]) -> Floats:
-    """The fitted smooth field u at any points of the domain (eq. 2).
-
-    Args:
-        fit: of `fit_boundary_colors`.
-        points: (n, 2), (x, y) in pixels.
-
-    Returns:
-        (n, 3) float32, RGB, not clipped.
-
-    Raises:
-        ValueError: a point lies outside the domain of the fit.
-    """
-    return np.asarray(fit.basis.design_matrix(points) @ fit.coefficients).astype(np.float32)  # eq. (2)
 
 
 def _check_inputs(image: NDArray[Any], domain: NDArray[Any], samples: int, smoothness: float) -> None:

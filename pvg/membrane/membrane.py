@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,42 +24,20 @@ class Membrane:
     lattice: Lattice
     planes: Floats
 
-    def at(self, points: ArrayLike) -> Floats:
-        """Values at any source points, without the full-size field.
-
-        Args:
-            points: (N, 2) source pixels (x, y); those outside the lattice take the value of its border.
-
-        Returns:
-            (N, C) float32.
-        """
-        lattice = self.lattice
-        places = (np.asarray(points, np.float64).reshape(-1, 2) - (lattice.x, lattice.y)) / lattice.step
-        limits = np.array([lattice.width - 1, lattice.height - 1])
-        places = np.clip(places, 0.0, limits)
-        corner = np.minimum(places.astype(np.intp), limits - 1)
-        fx, fy = (places - corner).astype(np.float32).T
-        x, y = corner.T
-        upper = self.planes[:, y, x] + fx * (self.planes[:, y, x + 1] - self.planes[:, y, x])
-        lower = self.planes[:, y + 1, x] + fx * (self.planes[:, y + 1, x + 1] - self.planes[:, y + 1, x])
-        return np.ascontiguousarray((upper + fy * (lower - upper)).T)
-
-    def read(self, xs: ArrayLike, ys: ArrayLike, channels: slice | Sequence[int] = slice(None)) -> Floats:
+    def read(self, xs: ArrayLike, ys: ArrayLike) -> Floats:
         """Values over the product of source coordinates; a part reads the same numbers as the whole.
 
         Args:
             xs, ys: 1-D source coordinates in pixels, ascending; those outside the lattice repeat its border. For
                 chroma planes at half size pass the chroma sites.
-            channels: which of the C channels.
 
         Returns:
             (C, len(ys), len(xs)) float32.
         """
         columns = (np.asarray(xs, np.float64) - self.lattice.x) / self.lattice.step
         rows = (np.asarray(ys, np.float64) - self.lattice.y) / self.lattice.step
-        planes = self.planes[channels]
-        out = np.empty((len(planes), len(rows), len(columns)), np.float32)
-        for plane, to in zip(planes, out, strict=True):
+        out = np.empty((len(self.planes), len(rows), len(columns)), np.float32)
+        for plane, to in zip(self.planes, out, strict=True):
             read_grid(plane, columns, rows, to)
         return out
 

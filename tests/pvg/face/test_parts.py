@@ -60,9 +60,9 @@ def test_what_is_seen_of_a_cover_does_not_hang_on_the_cells_around_it(seed: int,
 def test_every_part_lies_where_its_features_are() -> None:
     face = made_up_landmarks()
     places = {
-        "lips": layout.LIPS,
+        "lips": [*layout.LIPS_OUTER, *layout.LIPS_INNER],
         "lids": layout.EYE_CONTOURS,
-        "brows": layout.BROWS,
+        "brows": [*layout.LEFT_BROW, *layout.RIGHT_BROW],
     }
     for part in PARTS:
         outlines = part_outlines(part, face)

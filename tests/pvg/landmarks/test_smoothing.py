@@ -10,6 +10,7 @@ from pvg.landmarks import FaceTrack, smooth
 from tests.gallery.faces import STACKED_COUNT
 from tests.gallery.tracks import track_of
 
+LIPS = np.concatenate([layout.LIPS_OUTER, layout.LIPS_INNER])
 UPPER_LID = layout.LEFT_EYE[1:4]  # between the corners
 
 
@@ -42,9 +43,9 @@ def test_speech_keeps_its_peaks_and_timing(shape: np.ndarray, amplitude_px: floa
     time_s = np.arange(100) / 25
     motion = amplitude_px * np.sin(2 * np.pi * 4 * time_s)
     points = np.tile(shape, (100, 1, 1))
-    points[:, layout.LIPS, 1] += motion[:, None]
+    points[:, LIPS, 1] += motion[:, None]
     noisy = points + 0.15 * np.random.default_rng(1).standard_normal(points.shape)
-    result = smooth(wobbling(noisy)).landmarks.points[:, layout.LIPS, 1].mean(axis=1) - shape[layout.LIPS, 1].mean()
+    result = smooth(wobbling(noisy)).landmarks.points[:, LIPS, 1].mean(axis=1) - shape[LIPS, 1].mean()
     gain = (result @ motion) / (motion @ motion)
     assert 0.96 < gain < 1.04
     shifts = [float(np.roll(motion, lag)[5:-5] @ result[5:-5]) for lag in (-1, 0, 1)]

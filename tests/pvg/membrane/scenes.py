@@ -6,7 +6,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from pvg.membrane import Lattice, MembraneOperator, build_membrane, cut_edges
+from pvg.membrane import Lattice, Membrane, MembraneOperator, build_membrane, cut_edges
 from pvg.membrane.lattice import TARGET_HEIGHT
 
 Layout = list[tuple[int, int, bool]]
@@ -77,6 +77,17 @@ def direct_on_lattice(operator: MembraneOperator, values: np.ndarray) -> np.ndar
     ties, load = ties[position].ravel(), load[position].reshape(count, -1)
     matrix = sparse.csc_array(sparse.diags_array(edges.sum(axis=0) + ties) - edges)
     return splu(matrix).solve(load).T.reshape(-1, rows, columns)
+
+
+def values_at(membrane: Membrane, points: np.ndarray) -> np.ndarray:
+    """What the nodes say between them at source points (n, 2), beyond them what the border says: (n, C)."""
+    lattice = membrane.lattice
+    limits = np.array([lattice.width - 1, lattice.height - 1])
+    places = np.clip((points - np.array([lattice.x, lattice.y])) / lattice.step, 0.0, limits)
+    corner = np.minimum(places.astype(int), limits - 1)
+    (fx, fy), (x, y) = (places - corner).T, corner.T
+    upper, lower = ((1 - fx) * membrane.planes[:, row, x] + fx * membrane.planes[:, row, x + 1] for row in (y, y + 1))
+    return ((1 - fy) * upper + fy * lower).T
 
 
 def random_curves(rng: np.random.Generator, width: int, height: int) -> tuple[np.ndarray, Layout, np.ndarray]:

@@ -20,7 +20,8 @@ from tests.gallery.scenes import mask_of
 MASKS = ("man_cap_beard_dim", "man_fringe_pale", "woman_earrings_bright", "woman_fringe_dark_background")
 INSIDE = (1, 2, 3, 4, 5, 6, 7, 8, 10, 11, 12, 13, 14)
 # eyes, nose and mouth; brows end at the temples, maybe under hair
-ON_SKIN = np.setdiff1d(np.arange(layout.LANDMARK_COUNT), [*layout.CONTOUR, *layout.BROWS, *layout.PUPILS])
+_ELSEWHERE = layout.CONTOUR, layout.LEFT_BROW, layout.RIGHT_BROW, layout.PUPILS
+ON_SKIN = np.setdiff1d(np.arange(layout.LANDMARK_COUNT), np.concatenate(_ELSEWHERE))
 
 
 @pytest.mark.parametrize("name", ["portrait", "dark_portrait", "pale_portrait"])
