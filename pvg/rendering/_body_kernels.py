@@ -14,7 +14,7 @@ def apply_tone(
     part: Samples, before: Samples, broad: Samples, alpha: Floats, tables: Floats, bend: Floats, top: np.float32
 ) -> None:
     """part += α (R(before + rise[broad] + fall[before]) − R(before)), in place, rounded and held to [0, top];
-    see `planes.not_beyond`.
+    see `rgb_planes.not_beyond`.
 
     part, before, broad: (h, w) samples of luma, broad the same or smoothed;  alpha: (h, w);
     tables: (2, top + 1), rise and fall: what a tone curve adds, by its slopes above 1 and by those below;
@@ -53,7 +53,7 @@ def apply_chroma(
     excess: np.float32,
     top: np.float32,
 ) -> None:
-    """part += α (shift[luma] + excess · broad), in place, rounded and held to [0, top]; see `planes.not_beyond`.
+    """part += α (shift[luma] + excess · broad), in place, rounded and held to [0, top]; see `rgb_planes.not_beyond`.
 
     part, before, broad: (h, w) samples of chroma, before those of the skin, broad the same or smoothed;
     luma: smoothed, where they are;  alpha: (h, w);  shift: (top + 1,).

@@ -167,7 +167,7 @@ def apply_map(
     """part += α (R(F(before) + w shift) − R(before)), in place: u' = F(I) + H(g' − F(g)), rounded and held to [0, top].
 
     F(before) = before + rise[by] + fall[before] + excess · broad.  R is `_roll_off`.  What is here is bounded by
-    what the skin in it becomes, see `planes.not_beyond`.
+    what the skin in it becomes, see `rgb_planes.not_beyond`.
     part, before, broad: (r, c) samples of a plane, as the frame came and smoothed;  by: smoothed luma where they are;
     shift: H(g' − F(g)), and alpha, columns, rows: see `apply_contrast`;  tables: (2, top + 1), rise and fall, or
     (1, top + 1), rise alone;  fade: (r, c) float32 w, see `fade_in_dark`, without rows it is 1;

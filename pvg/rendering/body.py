@@ -22,16 +22,8 @@ from pvg.rendering import _kernels
 from pvg.rendering.foreground import foreground
 from pvg.rendering.map_tables import MapTables
 from pvg.rendering.placed_body import PlacedBody
-from pvg.rendering.planes import (
-    at_chroma,
-    luma_bend,
-    not_beyond,
-    opponent_matrix,
-    over_chroma,
-    rgb_patches,
-    with_patches,
-    without_fine_detail,
-)
+from pvg.rendering.plane_samples import at_chroma, luma_bend, over_chroma, with_patches, without_fine_detail
+from pvg.rendering.rgb_planes import not_beyond, opponent_matrix, rgb_patches
 from pvg.rendering.tinge import tinge, tinge_of
 from pvg.video import Frame, Patch
 

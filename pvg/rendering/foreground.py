@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from pvg._arrays import Doubles, Floats
 from pvg.raster import sites
 from pvg.rendering import _kernels as kernels
-from pvg.rendering.planes import over_chroma
+from pvg.rendering.plane_samples import over_chroma
 from pvg.video import Frame
 
 _SURE = np.float32(0.97)  # of alpha, from which on a pixel is all skin [by eye]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvg._arrays import Floats
-from pvg.rendering.planes import opponent_matrix
+from pvg.rendering.rgb_planes import opponent_matrix
 from pvg.video import Frame
 
 

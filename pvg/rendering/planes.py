@@ -14,45 +14,32 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from pvg._arrays import Doubles, Floats
-from pvg.membrane import Lattice, Membrane
+from pvg.membrane import Lattice
 from pvg.raster import sites
 from pvg.rendering import _kernels as kernels
 from pvg.rendering.correction import Correction
 from pvg.rendering.guards import Guard
 from pvg.rendering.map_tables import MapTables
-from pvg.rendering.tinge import tinge, tinge_of
+from pvg.rendering.plane_samples import (
+    at_chroma,
+    luma_bend,
+    over_chroma,
+    with_guards,
+    with_patches,
+    without_fine_detail,
+)
+from pvg.rendering.rgb_planes import apply_to_rgb, opponent_of, stacked
+from pvg.rendering.tinge import tinge
 from pvg.video import Frame, Patch, PixelFormat
 
-_FINE_PX = 5  # side of the boxes that take fine detail out [by eye: white specks go, brows and lids stay]
-_TOE, _KNEE = 0.05, 0.88  # of the way from black to white, where luma begins to roll off [by eye]
 # of the skin around: from light like this on a pixel is skin, below it is a brow, a lash, a pupil [by eye]
 _DARK = np.float32(0.4), np.float32(0.8)
-_TINTED = np.float32(0.5)  # of the skin's change of chroma that eyes and teeth take [by eye: without, eyes look blue]
 _NO_FADE = np.empty((0, 0), np.float32)
 _NO_ROLL_OFF = np.empty(0, np.float32)
-
-
-def luma_bend(pixel_format: PixelFormat) -> Floats:
-    """The roll-off of luma, (4,) for `_kernels.roll_off`."""
-    black = float(pixel_format.offset[0])
-    span = float(pixel_format.matrix[0].sum()) * 255.0
-    return np.array([black + _TOE * span, _TOE * span, black + _KNEE * span, (1 - _KNEE) * span], np.float32)
-
-
-def without_fine_detail(plane: NDArray[Any], log2: int = 0) -> NDArray[Any]:
-    """A plane whose columns are 2^log2 pixels apart, smoothed by two boxes, nearly a bell; chroma at half size by one.
-
-    Slopes of F above 1 enlarge what is left: brows, lids and shades of skin go with the skin's brightness. Finer is
-    noise as well, and single bright pixels beside lips and in the corners of eyes, which would turn white.
-    """
-    if log2:
-        return cv2.blur(plane, (_FINE_PX >> log2 | 1,) * 2)  # rounded once: chroma is nearly even, twice would move it
-    return cv2.blur(cv2.blur(plane, (_FINE_PX, _FINE_PX)), (_FINE_PX, _FINE_PX))
 
 
 def apply_correction(
@@ -73,7 +60,7 @@ def apply_correction(
     skin: the planes of `foreground`, for F alone, those of the frame when None.
     """
     if frame.format.is_rgb:
-        return _apply_to_rgb(frame, corner, alpha, correction, under, guards, fade, skin)
+        return apply_to_rgb(frame, corner, alpha, correction, under, guards, fade, skin)
     left, upper = corner
     pixel_format, contrast = frame.format, correction.contrast
     log2x, _ = pixel_format.chroma_log2
@@ -88,7 +75,7 @@ def apply_correction(
         )
         by = at_chroma(luma, pixel_format)
         chroma_alpha = chroma_alpha * tinge(contrast, by, (blue, red))
-    chroma_alpha = _with_guards(chroma_alpha, guards, pixel_format)
+    chroma_alpha = with_guards(chroma_alpha, guards, pixel_format)
     for p in range(len(frame.planes)):
         log2 = pixel_format.chroma_log2 if p else (0, 0)
         weight = chroma_alpha if p else alpha
@@ -162,28 +149,11 @@ def _apply_number(
     kernels.apply_contrast(part, before, weight, *nodes, correction.shift[plane], excess, np.float32(level), top)
 
 
-def at_chroma(luma: NDArray[Any], pixel_format: PixelFormat) -> NDArray[Any]:
-    """Luma (h, w) at the first pixel of each chroma sample, (r, c)."""
-    log2x, log2y = pixel_format.chroma_log2
-    return np.ascontiguousarray(luma[:: 1 << log2y, :: 1 << log2x])
-
-
 def _samples(frame: Frame, p: int, corner: tuple[int, int], shape: tuple[int, ...]) -> NDArray[Any]:
     """Those of plane p over a face whose first pixel is at `corner` (x, y), (r, c)."""
     log2x, log2y = frame.format.chroma_log2 if p else (0, 0)
     x, y = corner[0] >> log2x, corner[1] >> log2y
     return frame.planes[p][y : y + shape[0], x : x + shape[1]]
-
-
-def _with_guards(weight: Floats, guards: Sequence[tuple[Guard, float]], pixel_format: PixelFormat) -> Floats:
-    """The weight of chroma with a part of what guards took out: in warm light white is a little warm."""
-    out = weight.copy() if guards else weight
-    log2x, log2y = pixel_format.chroma_log2
-    for guard, _ in guards:
-        held = _TINTED * over_chroma(guard.weight, pixel_format)
-        top, left = guard.y >> log2y, guard.x >> log2x
-        out[top : top + held.shape[0], left : left + held.shape[1]] += held
-    return out
 
 
 def fade_in_dark(
@@ -204,8 +174,8 @@ def fade_in_dark(
     window = slice(upper, upper + rows), slice(left, left + columns)
     luma: NDArray[Any] = skin[0] if skin else frame.planes[0][window]
     if frame.format.is_rgb:
-        shown = np.stack(skin, axis=-1) if skin else _stacked(frame, window)
-        luma = _opponent_of(shown, frame.format)[..., 0]
+        shown = np.stack(skin, axis=-1) if skin else stacked(frame, window)
+        luma = opponent_of(shown, frame.format)[..., 0]
     fade = np.ones(alpha.shape, np.float32)
     nodes = _in_nodes(one.lattice, corner, (columns, rows), (0, 0))
     black = np.float32(frame.format.offset[0])
@@ -238,145 +208,6 @@ def _scale(
     bend = _NO_ROLL_OFF if plane else luma_bend(pixel_format)
     least, most = np.float32(pixel_format.offset[plane]), np.float32(2**pixel_format.depth - 1)
     kernels.scale(part[window], before[window], weight, np.float32(gain - 1.0), least, bend, most)
-
-
-def over_chroma(alpha: Floats, pixel_format: PixelFormat) -> Floats:
-    """The matte (h, w) averaged over the pixels of each chroma sample, as (r, c)."""
-    log2x, log2y = pixel_format.chroma_log2
-    if not (log2x or log2y):
-        return alpha
-    rows, columns = (-(-size // 2**log2) for size, log2 in zip(alpha.shape, (log2y, log2x), strict=True))
-    out = np.empty((rows, columns), np.float32)
-    kernels.block_means(alpha, log2x, log2y, out)
-    return out
-
-
-def _apply_to_rgb(
-    frame: Frame,
-    corner: tuple[int, int],
-    alpha: Floats,
-    correction: Correction,
-    under: Sequence[Patch],
-    guards: Sequence[tuple[Guard, float]],
-    fade: Floats | None,
-    skin: Sequence[NDArray[Any]] | None,
-) -> list[Patch]:
-    """`apply_correction` for R, G, B planes, as stills have: what luma and chroma gain is added in RGB."""
-    (left, upper), (rows, columns) = corner, alpha.shape
-    opponent = frame.format.opponent
-    window = slice(upper, upper + rows), slice(left, left + columns)
-    before = _stacked(frame, window)
-    here = _opponent_of(before, frame.format)
-    guarded = _scaled_rgb(before, here[..., 0].copy(), guards, luma_bend(opponent))
-    source = _opponent_of(np.stack(skin, axis=-1), frame.format) if skin and correction.mapped else here
-    wanted = source.copy()
-
-    def over_pixels(nodes: Floats) -> Floats:
-        return Membrane(correction.lattice, nodes[None]).crop(left, upper, columns, rows)[..., 0]
-
-    contrast, weight = correction.contrast, alpha
-    if isinstance(contrast, MapTables):
-        own = source + np.asarray(opponent.offset, np.float32)
-        broad = without_fine_detail(own)
-        wanted += contrast.gained_of(own, broad)
-        weight = alpha * tinge_of(contrast, broad)
-    elif contrast != 1.0 and correction.low is not None and alpha.any():  # an empty matte weighs nothing
-        for p in range(3):
-            plane = source[..., p]
-            mean = np.average(plane - over_pixels(correction.low[p]), weights=alpha)
-            wanted[..., p] += (contrast - 1.0) * (plane - np.float32(mean))
-    for p in range(3):
-        wanted[..., p] += over_pixels(correction.shift[p]) * (1.0 if fade is None else fade)
-    gained = wanted - source
-    if correction.mapped:
-        bend = luma_bend(opponent)
-        gained[..., 0] = kernels.roll_off(wanted[..., 0], bend) - kernels.roll_off(source[..., 0], bend)
-    weights = np.stack([alpha, *[_with_guards(weight, guards, frame.format)] * 2], axis=-1)
-    weighted = weights * gained
-    gained = not_beyond(weighted, here, source + gained) if correction.mapped else weighted
-    gained = gained @ np.linalg.inv(opponent_matrix(frame.format)).T + guarded
-    return rgb_patches(before, gained, corner, under, frame.format)
-
-
-def rgb_patches(
-    before: NDArray[Any],
-    gained: NDArray[Any],
-    corner: tuple[int, int],
-    under: Sequence[Patch],
-    pixel_format: PixelFormat,
-) -> list[Patch]:
-    """The patches of R, G, B planes whose codes `before` (h, w, 3), the first at `corner` (x, y), gain `gained`.
-
-    under: patches that were laid before;  gained: (h, w, 3) codes, not rounded.
-    """
-    patches = []
-    for p in range(3):
-        part = with_patches(before[..., p], p, corner, under)
-        new = np.clip(np.rint(gained[..., p] + part), 0, 2**pixel_format.depth - 1).astype(pixel_format.dtype)
-        patches.append(Patch(p, corner[1], corner[0], new))
-    return patches
-
-
-def not_beyond(gained: Floats, here: Floats, skin: Floats) -> Floats:
-    """What samples of luma and chroma (…, 3) that were `here` gain, bounded by `skin`, what the skin in them becomes.
-
-    Where a matte reaches too far at its edge, the background would shine, or take the complement of the hue that the
-    skin loses. So luma never rises above the brighter of the two, and chroma stays between them. Luma may fall below
-    both: hairs over skin that is made dark keep their distance to it.
-    """
-    moved = np.minimum(here + gained, np.maximum(here, skin))
-    moved[..., 1:] = np.maximum(moved[..., 1:], np.minimum(here, skin)[..., 1:])
-    return np.asarray(moved - here, np.float32)
-
-
-def opponent_matrix(pixel_format: PixelFormat) -> Doubles:
-    """(3, 3) from R, G, B codes to those of luma and chroma, black aside."""
-    return np.asarray(pixel_format.opponent.matrix @ np.linalg.inv(pixel_format.matrix))
-
-
-def _stacked(frame: Frame, window: tuple[slice, slice]) -> NDArray[Any]:
-    """(h, w, 3) codes of R, G, B planes."""
-    return np.stack([plane[window] for plane in frame.planes], axis=-1)
-
-
-def _opponent_of(codes: NDArray[Any], pixel_format: PixelFormat) -> Floats:
-    """(h, w, 3) luma and chroma, black aside, of R, G, B codes (h, w, 3)."""
-    return np.asarray(codes @ opponent_matrix(pixel_format).T, np.float32)
-
-
-def _scaled_rgb(before: NDArray[Any], luma: Floats, guards: Sequence[tuple[Guard, float]], bend: Floats) -> Floats:
-    """(h, w, 3) what R, G, B (h, w, 3) of luma (h, w) gain within guards."""
-    gained = np.zeros(before.shape, np.float32)
-    for guard, gain in guards:
-        rows, columns = guard.weight.shape
-        window = slice(guard.y, guard.y + rows), slice(guard.x, guard.x + columns)
-        own = np.ascontiguousarray(luma[window])
-        change = guard.weight * (kernels.roll_off(np.float32(gain) * own, bend) - kernels.roll_off(own, bend))
-        if gain > 1.0:  # what luma gains, R, G and B gain alike: chroma never grows
-            gained[window] += change[..., None]
-        else:
-            gained[window] += (change / np.maximum(own, np.float32(1.0)))[..., None] * before[window]
-    return gained
-
-
-def with_patches(samples: NDArray[Any], plane: int, corner: tuple[int, int], patches: Sequence[Patch]) -> NDArray[Any]:
-    """A copy of samples of a plane, the first of them at `corner` (x, y), with what the patches lay over them."""
-    part = samples.copy()
-    for patch in patches:
-        if patch.plane == plane:
-            _lay(part, corner, patch)
-    return part
-
-
-def _lay(part: NDArray[Any], corner: tuple[int, int], patch: Patch) -> None:
-    """Copy what a patch shares with `part`, whose first sample is at `corner` (x, y), in place."""
-    x, y = corner
-    rows, columns = part.shape
-    height, width = patch.samples.shape
-    x0, x1 = max(x, patch.x), min(x + columns, patch.x + width)
-    y0, y1 = max(y, patch.y), min(y + rows, patch.y + height)
-    if x0 < x1 and y0 < y1:
-        part[y0 - y : y1 - y, x0 - x : x1 - x] = patch.samples[y0 - patch.y : y1 - patch.y, x0 - patch.x : x1 - patch.x]
 
 
 def _in_nodes(

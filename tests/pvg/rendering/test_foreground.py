@@ -8,7 +8,8 @@ import pytest
 from pvg.membrane import Lattice
 from pvg.rendering.correction import Correction
 from pvg.rendering.foreground import foreground
-from pvg.rendering.planes import apply_correction, over_chroma
+from pvg.rendering.plane_samples import over_chroma
+from pvg.rendering.planes import apply_correction
 from pvg.video import PixelFormat
 from tests.gallery.pictures import FORMATS, frame_of
 from tests.pvg.rendering.test_planes import tables

@@ -12,7 +12,8 @@ from pvg.rendering._kernels import roll_off
 from pvg.rendering.correction import Correction
 from pvg.rendering.guards import Guard
 from pvg.rendering.map_tables import MapTables
-from pvg.rendering.planes import apply_correction, fade_in_dark, luma_bend
+from pvg.rendering.plane_samples import luma_bend
+from pvg.rendering.planes import apply_correction, fade_in_dark
 from pvg.video import RGB24, Patch, PixelFormat
 from tests.gallery.pictures import FORMATS, YUV444, frame_of, patchwork
 

@@ -1,0 +1,127 @@
+"""R, G, B planes, as stills have: their luma and chroma, and a correction that is told in those and added in RGB."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pvg._arrays import Doubles, Floats
+from pvg.membrane import Membrane
+from pvg.rendering import _kernels as kernels
+from pvg.rendering.correction import Correction
+from pvg.rendering.guards import Guard
+from pvg.rendering.map_tables import MapTables
+from pvg.rendering.plane_samples import luma_bend, with_guards, with_patches, without_fine_detail
+from pvg.rendering.tinge import tinge_of
+from pvg.video import Frame, Patch, PixelFormat
+
+
+def apply_to_rgb(
+    frame: Frame,
+    corner: tuple[int, int],
+    alpha: Floats,
+    correction: Correction,
+    under: Sequence[Patch],
+    guards: Sequence[tuple[Guard, float]],
+    fade: Floats | None,
+    skin: Sequence[NDArray[Any]] | None,
+) -> list[Patch]:
+    """`planes.apply_correction` for R, G, B planes: what luma and chroma gain is added in RGB."""
+    (left, upper), (rows, columns) = corner, alpha.shape
+    opponent = frame.format.opponent
+    window = slice(upper, upper + rows), slice(left, left + columns)
+    before = stacked(frame, window)
+    here = opponent_of(before, frame.format)
+    guarded = _scaled_rgb(before, here[..., 0].copy(), guards, luma_bend(opponent))
+    source = opponent_of(np.stack(skin, axis=-1), frame.format) if skin and correction.mapped else here
+    wanted = source.copy()
+
+    def over_pixels(nodes: Floats) -> Floats:
+        return Membrane(correction.lattice, nodes[None]).crop(left, upper, columns, rows)[..., 0]
+
+    contrast, weight = correction.contrast, alpha
+    if isinstance(contrast, MapTables):
+        own = source + np.asarray(opponent.offset, np.float32)
+        broad = without_fine_detail(own)
+        wanted += contrast.gained_of(own, broad)
+        weight = alpha * tinge_of(contrast, broad)
+    elif contrast != 1.0 and correction.low is not None and alpha.any():  # an empty matte weighs nothing
+        for p in range(3):
+            plane = source[..., p]
+            mean = np.average(plane - over_pixels(correction.low[p]), weights=alpha)
+            wanted[..., p] += (contrast - 1.0) * (plane - np.float32(mean))
+    for p in range(3):
+        wanted[..., p] += over_pixels(correction.shift[p]) * (1.0 if fade is None else fade)
+    gained = wanted - source
+    if correction.mapped:
+        bend = luma_bend(opponent)
+        gained[..., 0] = kernels.roll_off(wanted[..., 0], bend) - kernels.roll_off(source[..., 0], bend)
+    weights = np.stack([alpha, *[with_guards(weight, guards, frame.format)] * 2], axis=-1)
+    weighted = weights * gained
+    gained = not_beyond(weighted, here, source + gained) if correction.mapped else weighted
+    gained = gained @ np.linalg.inv(opponent_matrix(frame.format)).T + guarded
+    return rgb_patches(before, gained, corner, under, frame.format)
+
+
+def rgb_patches(
+    before: NDArray[Any],
+    gained: NDArray[Any],
+    corner: tuple[int, int],
+    under: Sequence[Patch],
+    pixel_format: PixelFormat,
+) -> list[Patch]:
+    """The patches of R, G, B planes whose codes `before` (h, w, 3), the first at `corner` (x, y), gain `gained`.
+
+    under: patches that were laid before;  gained: (h, w, 3) codes, not rounded.
+    """
+    patches = []
+    for p in range(3):
+        part = with_patches(before[..., p], p, corner, under)
+        new = np.clip(np.rint(gained[..., p] + part), 0, 2**pixel_format.depth - 1).astype(pixel_format.dtype)
+        patches.append(Patch(p, corner[1], corner[0], new))
+    return patches
+
+
+def not_beyond(gained: Floats, here: Floats, skin: Floats) -> Floats:
+    """What samples of luma and chroma (…, 3) that were `here` gain, bounded by `skin`, what the skin in them becomes.
+
+    Where a matte reaches too far at its edge, the background would shine, or take the complement of the hue that the
+    skin loses. So luma never rises above the brighter of the two, and chroma stays between them. Luma may fall below
+    both: hairs over skin that is made dark keep their distance to it.
+    """
+    moved = np.minimum(here + gained, np.maximum(here, skin))
+    moved[..., 1:] = np.maximum(moved[..., 1:], np.minimum(here, skin)[..., 1:])
+    return np.asarray(moved - here, np.float32)
+
+
+def opponent_matrix(pixel_format: PixelFormat) -> Doubles:
+    """(3, 3) from R, G, B codes to those of luma and chroma, black aside."""
+    return np.asarray(pixel_format.opponent.matrix @ np.linalg.inv(pixel_format.matrix))
+
+
+def stacked(frame: Frame, window: tuple[slice, slice]) -> NDArray[Any]:
+    """(h, w, 3) codes of R, G, B planes."""
+    return np.stack([plane[window] for plane in frame.planes], axis=-1)
+
+
+def opponent_of(codes: NDArray[Any], pixel_format: PixelFormat) -> Floats:
+    """(h, w, 3) luma and chroma, black aside, of R, G, B codes (h, w, 3)."""
+    return np.asarray(codes @ opponent_matrix(pixel_format).T, np.float32)
+
+
+def _scaled_rgb(before: NDArray[Any], luma: Floats, guards: Sequence[tuple[Guard, float]], bend: Floats) -> Floats:
+    """(h, w, 3) what R, G, B (h, w, 3) of luma (h, w) gain within guards."""
+    gained = np.zeros(before.shape, np.float32)
+    for guard, gain in guards:
+        rows, columns = guard.weight.shape
+        window = slice(guard.y, guard.y + rows), slice(guard.x, guard.x + columns)
+        own = np.ascontiguousarray(luma[window])
+        change = guard.weight * (kernels.roll_off(np.float32(gain) * own, bend) - kernels.roll_off(own, bend))
+        if gain > 1.0:  # what luma gains, R, G and B gain alike: chroma never grows
+            gained[window] += change[..., None]
+        else:
+            gained[window] += (change / np.maximum(own, np.float32(1.0)))[..., None] * before[window]
+    return gained
