@@ -14,7 +14,8 @@ import pytest
 from click.testing import Result
 from typer.testing import CliRunner
 
-from service.cli import _have_keys, _named, cli
+from service.cli import _have_keys, cli
+from service.key_commands import _named
 from service.settings import Settings
 from tests.service.fixtures import make_tables
 from tests.service.servers import fresh_database, postgres_of_our_own

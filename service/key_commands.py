@@ -1,0 +1,148 @@
+"""`pvg-service keys`: who may use the service over the network, and how much."""
+
+from __future__ import annotations
+
+from typing import Annotated, Final
+
+import typer
+from sqlalchemy.engine import make_url
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.orm import Session
+
+from service.catalog import Key, keys, utc_now
+from service.catalog.keys import Limits
+from service.catalog.migrations import has_table, migrate
+from service.command_line import current_settings, read_settings, refuse, with_records
+from service.queue import make_folders
+
+MAX_KEY_NAME: Final = 100
+
+key_commands = typer.Typer(no_args_is_help=True, help="Who may use the service over the network, and how much.")
+
+KeyName = Annotated[str, typer.Argument(help="The key's name, or its id.")]
+Rate = Annotated[int, typer.Option(min=1, help="Requests a minute.")]
+ActiveJobs = Annotated[int, typer.Option(min=1, help="Unfinished jobs.")]
+StoredBytes = Annotated[int, typer.Option("--bytes", min=1, help="Bytes of media, assets and results.")]
+_DEFAULTS = Limits()
+
+
+@key_commands.command("create")
+def create_key(
+    name: Annotated[str, typer.Argument(help="A name for people, such as that of the application.")],
+    rate: Rate = _DEFAULTS.requests_per_minute,
+    active_jobs: ActiveJobs = _DEFAULTS.active_jobs,
+    stored_bytes: StoredBytes = _DEFAULTS.stored_bytes,
+) -> None:
+    """Make a key and print it: it is shown only now. With the first one, every call needs a key."""
+    if not 0 < len(name) <= MAX_KEY_NAME or not name.isprintable():
+        refuse(f"a name has 1 to {MAX_KEY_NAME} printable characters")
+    if name.startswith(("key_", "pvg_")):
+        refuse("names do not begin as ids and keys do, with key_ or pvg_")
+    settings = read_settings()
+    make_folders(settings)
+    is_new = not has_table(settings.database, Key.__tablename__)
+    migrate(settings.database)
+    limits = Limits(rate, active_jobs, stored_bytes)
+    try:
+        _, text = with_records(settings, lambda session: keys.create(session, name, limits, now=utc_now()))
+    except IntegrityError:
+        refuse(f"there is a key called {name}; `pvg-service keys rotate` gives it another secret")
+    # on a machine where the service runs with other settings, this is how one sees that the key is none of its own
+    typer.echo(f"a key in {_named(settings.database)}", err=True)
+    if is_new:
+        typer.echo(
+            "that database was made just now: a service that has run before has another one and stays open; then do "
+            "this again in the folder, and with the PVG_… settings, that it runs with",
+            err=True,
+        )
+    typer.echo(text)
+
+
+def _named(database: str) -> str:
+    """A database's URL without what is secret in it."""
+    return make_url(database).set(query={}).render_as_string(hide_password=True)
+
+
+@key_commands.command("list")
+def list_keys() -> None:
+    """All keys with their limits and what they use; secrets are not known here."""
+
+    def lines(session: Session) -> list[str]:
+        return [
+            "\t".join(
+                (
+                    *(
+                        key.id,
+                        key.name,
+                        "revoked" if key.revoked_at else "active",
+                        f"{key.created_at:%Y-%m-%dT%H:%M:%SZ}",
+                    ),
+                    f"{key.requests_per_minute}/min",
+                    f"{keys.active_jobs(session, key.id)}/{key.active_jobs} jobs",
+                    f"{keys.stored_bytes(session, key.id)}/{key.stored_bytes} bytes",
+                )
+            )
+            for key in keys.every(session)
+        ]
+
+    for line in with_records(current_settings(), lines, write=False):
+        typer.echo(line)
+
+
+@key_commands.command("revoke")
+def revoke_key(name: KeyName) -> None:
+    """End a key for good. What it owns stays until it expires, or until `assign` gives it to another."""
+    if not with_records(current_settings(), lambda session: keys.revoke(session, _key(session, name), now=utc_now())):
+        typer.echo(f"{name} was revoked before", err=True)
+
+
+@key_commands.command("rotate")
+def rotate_key(name: KeyName) -> None:
+    """Give a key another secret and print it; the former one stops working, what the key owns stays its own."""
+    typer.echo(with_records(current_settings(), lambda session: keys.rotate(_active_key(session, name))))
+
+
+@key_commands.command("limit")
+def limit_key(
+    name: KeyName,
+    rate: Annotated[int | None, typer.Option(min=1, help="Requests a minute.")] = None,
+    active_jobs: Annotated[int | None, typer.Option(min=1, help="Unfinished jobs.")] = None,
+    stored_bytes: Annotated[int | None, typer.Option("--bytes", min=1, help="Bytes of all it keeps.")] = None,
+) -> None:
+    """Change what a key may ask for and keep."""
+
+    def change(session: Session) -> None:
+        key = _key(session, name)
+        now = keys.limits_of(key)
+        keys.limit(
+            key,
+            Limits(rate or now.requests_per_minute, active_jobs or now.active_jobs, stored_bytes or now.stored_bytes),
+        )
+
+    with_records(current_settings(), change)
+
+
+@key_commands.command("assign")
+def assign_to_key(
+    name: KeyName,
+    former: Annotated[str | None, typer.Option("--from", help="A key to take everything from.")] = None,
+) -> None:
+    """Give a key what was made before there were keys, which nobody sees otherwise; or what another key has."""
+
+    def give(session: Session) -> tuple[int, int]:
+        owner = keys.NOBODY if former is None else _key(session, former).id
+        return keys.adopt(session, _active_key(session, name), owner=owner)
+
+    given, left = with_records(current_settings(), give)
+    typer.echo(f"{given} video(s) and reference(s) given, with their jobs and results", err=True)
+    if left:
+        typer.echo(f"{left} left, because {name} has the same bytes already", err=True)
+
+
+def _key(session: Session, name: str) -> Key:
+    return keys.by_name(session, name) or refuse(f"there is no key {name}")
+
+
+def _active_key(session: Session, name: str) -> Key:
+    key = _key(session, name)
+    return refuse(f"{name} was revoked, for good; make another key") if key.revoked_at else key
