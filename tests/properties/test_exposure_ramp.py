@@ -14,7 +14,7 @@ import pytest
 
 import pvg
 from benchmarks.quality.probes import write_lossless
-from pvg.looks.exposure import Exposure, leading_key
+from pvg.looks.exposure import Exposure, Moved, at_exposure, leading_key
 from pvg.looks.opponent import to_opponent
 from pvg.looks.tone import SkinMap
 from pvg.looks.transport import sliced_transport
@@ -29,6 +29,10 @@ FRAMES = 100
 def _lab(colors: np.ndarray) -> np.ndarray:
     """CIELAB of colours (n, 3), 0-255 RGB."""
     return cv2.cvtColor((colors[None] / 255).astype(np.float32), cv2.COLOR_RGB2Lab)[0]
+
+
+def _skin_by(skin_map: SkinMap) -> Moved:
+    return lambda key: (key.skin, skin_map(key.skin))
 
 
 @pytest.mark.parametrize("ends", [(0.4, 1.0), (1.0, 0.4)], ids=["up", "down"])
@@ -59,9 +63,24 @@ def test_a_ramp_of_exposure_neither_burns_out_nor_steps(
     for k, reference in enumerate(references):
         target, colors = leading_key(reference.records).skin, np.array([one[k] for one in after])
         moved = sliced_transport(lead.skin, target, beta=0.2, iterations=20, rng=np.random.default_rng(0))
-        exposure = Exposure.between(lead, lead.skin, SkinMap.between(lead.skin, moved)(lead.skin))
-        share = np.array([exposure.kept(gain / gains[lead.frame]) for gain in gains])
+        exposure = Exposure.of_person(lead, _skin_by(SkinMap.between(lead.skin, moved)))
+        share = np.array([exposure.of(at_exposure(lead, gain / gains[lead.frame]))[1] for gain in gains])
         wanted = np.median(target, axis=0) * share[:, None]
         assert np.linalg.norm(_lab(colors) - _lab(wanted), axis=1).max() <= 6.5
         steps = np.abs(np.diff([one[k] for one in lumas]))
         assert (steps - own_steps).max() <= 1.5
+
+
+def test_a_lamp_that_burns_skin_out_leaves_own_colours_as_they_are(samples: Samples, tmp_path: Path) -> None:
+    subject, dim, lit = resting_face(samples), 34, 10
+    pictures = [np.clip(np.rint(subject.rgb * gain), 0, 255).astype(np.uint8) for gain in (0.8, 1.8)]
+    assert (pictures[1][subject.inner].max(axis=1) == 255).mean() > 0.2
+    write_lossless(tmp_path / "lamp.mp4", [pictures[0]] * dim + [pictures[1]] * lit)
+    with pvg.vectorize(tmp_path / "lamp.mp4") as video:
+        assert len(video.records[0].key_frames) == 2
+        # make-up is that of the reference's own light, which burns out less
+        looks = [pvg.transfer(video, video, match=match, makeup=0.0) for match in ("semantic", "color")]
+        renderer = Renderer(video, looks)
+        (frame,) = read_frames(video.require_source(), start=dim + lit // 2, stop=dim + lit // 2 + 1)
+        for drawn in renderer.draw(frame):
+            np.testing.assert_allclose(drawn.rgb().astype(int), frame.rgb().astype(int), atol=1)
