@@ -133,6 +133,22 @@ def test_a_look_whose_clip_was_deleted_meanwhile_is_told_of(desk: Desk, tiny_cli
     page.get_by_role("button", name="Choose a clip").wait_for()
 
 
+def test_a_job_in_the_queue_is_canceled(desk: Desk) -> None:
+    desk.asked(desk.portrait("first.png"))
+    desk.portrait("face.png")
+    page = desk.edit()
+    page.get_by_role("checkbox", name="Render face.png").check()
+    page.get_by_role("slider", name="Make-up", exact=True).fill("0.31")
+    page.locator("#look").get_by_role("button", name="Render").click()
+    newest = page.locator(".job", has_text="face.png")
+    newest.get_by_role("button", name="Cancel").click()
+    newest.get_by_text("Canceled at").wait_for()
+    newest.get_by_role("button", name="Try again").wait_for()
+    first, other = reversed(desk.api.client.get("/jobs?kind=transfer").json()["data"])
+    assert (first["state"], other["state"]) == ("queued", "canceled")
+    assert other["looks"][0]["options"]["makeup"] == 0.31
+
+
 def test_an_answer_that_comes_after_the_end_of_its_job_changes_nothing(desk: Desk) -> None:
     job = desk.asked(desk.portrait("face.png"))
     page = desk.edit()
@@ -145,8 +161,7 @@ def test_an_answer_that_comes_after_the_end_of_its_job_changes_nothing(desk: Des
     assert desk.api.client.post(f"/jobs/{job}/cancel").status_code == 202
     page.locator(".job[data-state=canceled]").wait_for()
     held[0].fulfill(status=202, json=before | {"state": "canceling"})
-    page.locator("#polite").get_by_text("Canceled").wait_for(state="attached")
-    page.wait_for_timeout(200)
+    page.locator("#polite").get_by_text("Canceled").wait_for(state="attached")  # once the answer was taken
     assert page.locator(".job").get_attribute("data-state") == "canceled"
 
 
@@ -165,9 +180,9 @@ def test_a_job_that_comes_when_another_clip_is_open_is_not_in_its_queue(desk: De
     page.evaluate("(id) => { location.hash = id; }", other["id"])
     page.get_by_role("heading", name="other.mp4").wait_for()
     desk.guarded.until(READY)
-    held[0].continue_()
+    with page.expect_response("**/v1/jobs/*/events"):  # it is followed
+        held[0].continue_()
     page.locator("#polite").get_by_text("Rendering 1 look").wait_for(state="attached")
-    page.wait_for_timeout(200)
     assert page.locator(".job").count() == 0
     page.evaluate("(id) => { location.hash = id; }", desk.video["id"])
     page.locator(".job").get_by_text("Queued").wait_for()

@@ -97,9 +97,11 @@ def test_a_portrait_that_is_deleted_on_its_way_is_no_failure(desk: Desk, tmp_pat
         desk.guarded.heard(lambda: held)
     page.get_by_role("button", name="Delete face.png").click()
     if uploaded:
-        page.get_by_role("dialog").get_by_role("button", name="Delete").click()
+        with page.expect_response(lambda answer: answer.status == 404) as gone:  # the end of its job is heard of, too
+            page.get_by_role("dialog").get_by_role("button", name="Delete").click()
+        gone.value.finished()
     page.get_by_role("button", name="face.png", exact=True).wait_for(state="detached")
-    page.wait_for_timeout(1000)  # the end of its job is heard of, too
+    page.wait_for_timeout(100)
     assert page.locator("#assertive").inner_text() == ""
 
 
