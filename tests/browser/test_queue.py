@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import APIResponse, Route
 
+from scripts.samples import Samples
 from tests.browser.desk import Desk, cut
 from tests.browser.driving import READY, drop
 from tests.service.fixtures import MP4, PNG, make_ready, make_results
@@ -119,6 +120,58 @@ def test_a_comparison_whose_files_nobody_gives_is_tried_again(desk: Desk, tiny_c
     assert not page.locator(".note").is_visible()
     page.get_by_role("button", name="Play", exact=True).click()
     desk.guarded.until("() => document.querySelectorAll('#picture video')[1].currentTime > 0")
+
+
+#: where the clip before is put, and how fast it plays, when it was so many seconds from the one after
+_LED = """async (apart) => {
+  const { Player } = await import(new URL('player.js', document.querySelector('script[type=module]').src));
+  const made = () => Object.assign(new EventTarget(), {
+    currentTime: 0, playbackRate: 1, duration: 60, paused: false, ended: false, error: null,
+    async play() {}, pause() {}, requestVideoFrameCallback(step) { this.step = step; },
+  });
+  const [before, after] = [made(), made()];
+  new Player(before, after, { rate: 24, length: 60 });
+  for (const one of [before, after]) one.dispatchEvent(new Event('loadeddata'));
+  after.currentTime = 10;
+  return apart.map((by) => {
+    Object.assign(before, { currentTime: 10 + by, playbackRate: 1 });
+    after.step();
+    return [Number((before.currentTime - 10).toFixed(3)), Number(before.playbackRate.toFixed(3))];
+  });
+}"""
+#: put the clip before so far from the one after, once in each round of them; whether they are together soon after that
+_MET = """(by) => {
+  const [before, after] = document.querySelectorAll('#picture video');
+  const now = after.currentTime;
+  const isNext = !(now >= window.seenAt);
+  window.seenAt = now;
+  if (isNext) {
+    window.putAt = now;
+    before.currentTime = now + by;
+    return false;
+  }
+  const isSoon = window.putAt < 3 && now < window.putAt + 3 && !after.paused && !before.seeking;
+  return isSoon && Math.abs(before.currentTime - now) < 0.08;
+}"""
+
+
+def test_of_two_clips_that_play_as_one_that_before_is_held_to_that_after(desk: Desk, samples: Samples) -> None:
+    guarded, client = desk.guarded, desk.api.client
+    clip = samples.woman_clip.read_bytes()
+    video = client.post("/videos", content=clip).raise_for_status().json()
+    make_ready(desk.api.services, video["id"])
+    look = {"reference": desk.portrait("face.png")}
+    job = client.post("/transfer", json={"video": video["id"], "looks": [look]}).raise_for_status().json()
+    make_results(desk.api.services, job["id"], [clip])
+    page = guarded.open()
+    led = page.evaluate(_LED, [0, 0.05, 0.2, -0.2, 1, -1])
+    assert led == [[0, 1], [0.05, 0.9], [0.2, 0.85], [-0.2, 1.15], [0, 1], [0, 1]]
+    page.get_by_role("button", name="Compare face.png before and after").click()
+    guarded.until(COMPARED)
+    page.get_by_role("button", name="Play", exact=True).click()
+    for by in (0.2, 1):
+        page.evaluate("() => { window.seenAt = Infinity; }")
+        guarded.until(_MET, by)
 
 
 def test_a_look_whose_clip_was_deleted_meanwhile_is_told_of(desk: Desk, tiny_clip: Path) -> None:
