@@ -10,7 +10,7 @@ import pytest
 from playwright.sync_api import APIResponse, Route
 
 from scripts.samples import Samples
-from tests.browser.desk import Desk, cut
+from tests.browser.desk import PIXEL, Desk, cut
 from tests.browser.driving import READY, drop
 from tests.service.fixtures import MP4, PNG, make_ready, make_results
 
@@ -120,6 +120,36 @@ def test_a_comparison_whose_files_nobody_gives_is_tried_again(desk: Desk, tiny_c
     assert not page.locator(".note").is_visible()
     page.get_by_role("button", name="Play", exact=True).click()
     desk.guarded.until("() => document.querySelectorAll('#picture video')[1].currentTime > 0")
+
+
+def test_a_look_that_the_browser_cannot_play_is_compared_frame_by_frame(desk: Desk) -> None:
+    job = desk.asked(desk.portrait("face.png"))
+    make_results(desk.api.services, job, [MP4 + b"of a kind that no browser plays"])
+    (look,) = desk.api.client.get(f"/jobs/{job}").json()["looks"]
+    drawn: list[dict[str, Any]] = []
+
+    def draw(route: Route) -> None:
+        drawn.append(route.request.post_data_json)
+        route.fulfill(content_type="image/png", body=PIXEL)
+
+    page = desk.edit()
+    page.route("**/v1/preview", draw)
+    page.get_by_role("button", name="Compare face.png before and after").click()
+    page.locator(".note").get_by_text("This browser cannot play this format; you see single frames").wait_for()
+    page.get_by_role("button", name="Play", exact=True).wait_for(state="hidden")
+    desk.guarded.until(
+        "() => [...document.querySelectorAll('.side-of img')].every((one) => !one.hidden && one.naturalWidth > 0)"
+    )
+    assert page.locator("#picture video:visible").count() == 0
+    page.keyboard.press("Period")
+
+    def of_the_second_frame() -> list[dict[str, Any]]:
+        return [one for one in drawn if one["frame"] == 1]
+
+    desk.guarded.heard(lambda: len(of_the_second_frame()) == 2)
+    assert {one["video"] for one in of_the_second_frame()} == {desk.video["id"]}
+    looks = [one["look"] for one in of_the_second_frame() if "look" in one]
+    assert looks == [{"reference": look["reference"], **look["options"]}]
 
 
 #: where the clip before is put, and how fast it plays, when it was so many seconds from the one after

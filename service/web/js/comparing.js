@@ -189,10 +189,13 @@ export class Comparing {
     this.#showSides();
   }
 
-  /** Each side is a video if the browser plays it, else a still; while one plays alone there is nothing to part. */
+  /**
+   * Each side is a video if the browser plays it, else a still; while one plays alone there is nothing to part. The
+   * result leads: when it cannot be played, the clip is a still of the same frame, too.
+   */
   #showSides() {
     if (this.closed) return;
-    const plays = this.isClip ? [this.playsBefore, this.playsAfter] : [false, false];
+    const plays = this.isClip && this.playsAfter !== false ? [this.playsBefore, this.playsAfter] : [false, false];
     plays.forEach((on, side) => {
       this.videos[side].hidden = !on;
       this.images[side].hidden = on;
