@@ -1,8 +1,8 @@
 """`python -m tests.fuzz`: feed changed files to what reads untrusted bytes, and tell what it did not answer well.
 
 A find is an error of another kind than the reader's own, a process that dies, memory above 3 GB, or a case that takes
-more than 20 s. The first case of each is kept in --finds, named by target, seed and number; the exit status is 1 when
-there is one.
+more than 20 s of a processor, or 5 minutes. The first case of each is kept in --finds, named by target, seed and
+number; the exit status is 1 when there is one.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ from pathlib import Path
 from tests.fuzz.targets import MAKERS, seeded
 
 MOST_MEMORY_BYTES = 3 * 2**30
-MOST_SECONDS = 20
+#: of a processor, whatever else the machine does; and in all, for a case that waits
+MOST_PROCESSOR_S = 20
+MOST_S = 300
 FOUND = 3
 
 
@@ -30,22 +32,25 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=int(time.time()), help="the same seed gives the same cases")
     parser.add_argument("--target", choices=[*MAKERS], action="append", help="one or several; all without")
     parser.add_argument("--finds", type=Path, default=Path("finds"), help="folder for the cases that were found")
+    parser.add_argument("--cases", type=int, default=sys.maxsize, help="at most so many of a target, however long")
     parser.add_argument("--child", nargs=3, metavar=("TARGET", "FIRST", "FOLDER"), help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.child:
-        _child(given.child[0], given.seed, int(given.child[1]), 60 * given.minutes, Path(given.child[2]))
+        name, first, folder = given.child
+        _child(name, given.seed, range(int(first), given.cases), 60 * given.minutes, Path(folder))
         return 0
     targets = given.target or [*MAKERS]
-    found = sum(fuzzed(name, given.seed, 60 * given.minutes / len(targets), given.finds) for name in targets)
+    seconds = 60 * given.minutes / len(targets)
+    found = sum(fuzzed(name, given.seed, seconds, given.finds, cases=given.cases) for name in targets)
     return 1 if found else 0
 
 
-def fuzzed(name: str, seed: int, seconds: float, kept: Path) -> int:
+def fuzzed(name: str, seed: int, seconds: float, kept: Path, *, cases: int = sys.maxsize) -> int:
     """Run children one after the other, each from behind the case that ended the last; the number of finds."""
     spent, first, finds = 0.0, 0, set[str]()
-    while spent < seconds:
+    while spent < seconds and first < cases:
         with tempfile.TemporaryDirectory() as folder:
-            said, spent_now, last = _one_child(name, seed, first, seconds - spent, Path(folder))
+            said, spent_now, last = _one_child(name, seed, range(first, cases), seconds - spent, Path(folder))
         if said and last < 0:
             raise SystemExit(f"{name} could not begin:\n{said}")
         first, spent = last + 1, spent + max(spent_now, 0.01)
@@ -60,18 +65,25 @@ def fuzzed(name: str, seed: int, seconds: float, kept: Path) -> int:
     return len(finds)
 
 
-def _one_child(name: str, seed: int, first: int, seconds: float, folder: Path) -> tuple[str, float, int]:
+def _one_child(name: str, seed: int, numbers: range, seconds: float, folder: Path) -> tuple[str, float, int]:
     """(the find or nothing, seconds spent on cases, number of the last case) of one child."""
     command = [sys.executable, "-m", "tests.fuzz", "--seed", str(seed), "--minutes", str(seconds / 60)]
+    command += ["--cases", str(numbers.stop), "--child", name, str(numbers.start), str(folder)]
     at, output = folder / "at", folder / "output"
     with output.open("wb") as file:
-        child = subprocess.Popen([*command, "--child", name, str(first), str(folder)], stdout=file, stderr=file)
-    why = ""
+        child = subprocess.Popen(command, stdout=file, stderr=file)
+    why, case, used_before, since = "", "", 0.0, 0.0
     while child.poll() is None:
         time.sleep(0.2)
-        if at.exists() and time.time() - at.stat().st_mtime > MOST_SECONDS:
+        now, used = at.read_text() if at.exists() else "", processor_s(child.pid)
+        if now != case:
+            case, used_before, since = now, used, time.monotonic()
+        elif case and used - used_before > MOST_PROCESSOR_S:
+            why = f"more than {MOST_PROCESSOR_S} s of a processor"
+        elif case and time.monotonic() - since > MOST_S:
+            why = f"more than {MOST_S} s"
+        if why:
             child.kill()
-            why = f"more than {MOST_SECONDS} s"
     last, began = (int(at.read_text()), (folder / "began").stat().st_mtime) if at.exists() else (-1, time.time())
     if child.returncode and not why:
         lines = output.read_text(errors="replace").strip().splitlines() or [""]
@@ -79,7 +91,13 @@ def _one_child(name: str, seed: int, first: int, seconds: float, folder: Path) -
     return why, time.time() - began, last
 
 
-def _child(name: str, seed: int, number: int, seconds: float, folder: Path) -> None:
+def processor_s(pid: int) -> float:
+    """Seconds of a processor that a process has had."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK")
+
+
+def _child(name: str, seed: int, numbers: range, seconds: float, folder: Path) -> None:
     """Do cases until the time is over; the number of the one at hand stands in a file."""
     work = folder / "work"
     work.mkdir()
@@ -89,7 +107,9 @@ def _child(name: str, seed: int, number: int, seconds: float, folder: Path) -> N
     (folder / "began").touch()
     until = time.monotonic() + seconds
     at = os.open(folder / "at", os.O_RDWR | os.O_CREAT, 0o600)
-    while time.monotonic() < until:
+    for number in numbers:
+        if time.monotonic() >= until:
+            break
         os.pwrite(at, f"{number:012}".encode(), 0)
         try:
             target.do(seeded(target, seed, number))
@@ -100,7 +120,6 @@ def _child(name: str, seed: int, number: int, seconds: float, folder: Path) -> N
             print(f"\n{type(error).__name__} in {Path(place.filename).name}, {place.name}: {str(error)[:200]!r}")
             sys.stdout.flush()
             os._exit(FOUND)
-        number += 1
 
 
 if __name__ == "__main__":
