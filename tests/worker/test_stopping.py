@@ -40,8 +40,8 @@ GRACE = {"worker_stop_grace_s": "30"}
 
 @pytest.fixture(scope="module")
 def long_clip(samples: Samples, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A woman, 640x360, six times one after the other: 2832 frames, the work of a minute and more."""
-    return repeat_clip(samples.woman_full, tmp_path_factory.mktemp("clips") / "long.mp4", 6)
+    """A woman, 640x360, 24 times one after the other: 11,328 frames, more than the grace of work anywhere."""
+    return repeat_clip(samples.woman_full, tmp_path_factory.mktemp("clips") / "long.mp4", 24)
 
 
 @contextmanager
