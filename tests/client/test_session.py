@@ -152,8 +152,10 @@ def test_lists_are_gone_through_page_by_page(client: Client, url: str, drawn: Jo
     assert [job.id for job in everything] == sorted((job.id for job in everything), reverse=True)
     assert [job.id for job in client.jobs(kind=["transfer"], metadata={"order": "42"}, video=video)] == [drawn.id]
     assert [job.id for job in client.jobs(ids=[drawn.id, "job_unknown"])] == [drawn.id]
-    assert list(client.jobs(state=["queued", "running"], video=video)) == []
-    assert [job.id for job in client.jobs(reference=drawn.looks[0].reference, video=video)] == [drawn.id]
+    order, reference = {"order": "42"}, drawn.looks[0].reference
+    assert list(client.jobs(state=["queued", "running"], metadata=order, video=video)) == []
+    assert [job.id for job in client.jobs(reference=reference, metadata=order, video=video)] == [drawn.id]
+    assert list(client.jobs(reference="ref_unknown", metadata=order, video=video)) == []
     assert video.id in {one.id for one in client.videos()}
     assert video.id in {one.id for one in client.videos(state=["ready"])}
     assert list(client.videos(state=["ready"], metadata={"nobody": "has"})) == []
