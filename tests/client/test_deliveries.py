@@ -175,7 +175,7 @@ def test_a_file_as_large_as_what_came_by_the_link_meanwhile_has_not_arrived(
     assert client.upload_state(link) == line.sent
 
 
-def test_the_same_for_asyncio(url: str, tmp_path: Path) -> None:
+def test_the_same_for_asyncio(url: str, receiver: Remote, tmp_path: Path) -> None:
     picture = tmp_path / "face.png"
     picture.write_bytes(PNG + b"abc")
 
@@ -186,7 +186,8 @@ def test_the_same_for_asyncio(url: str, tmp_path: Path) -> None:
             assert sent == await client.upload_state(link)
             assert sent.media is not None
             video = await client.upload(picture)
-            job = await client.transfer(video, reference=sent.media, webhook="https://studio.example/hook")
+            hook = f"http://studio.example:{receiver.port}/hook"
+            job = await client.transfer(video, reference=sent.media, webhook=hook)
             (told,) = [one async for one in client.webhooks(job=job)]
             assert await client.webhook(told.id) == told
             await client.cancel(job)

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
+import httpx
 import pytest
 
 from scripts.samples import Samples
@@ -49,8 +50,9 @@ def test_a_store_that_is_away_for_half_a_minute_costs_no_job(
         wire.connect()
         back = time.monotonic()
         job = service.finished(job_id)
-        for _ in range(2):  # each API
-            until(lambda: service.client.post("/references", content=PNG + os.urandom(10)).status_code == 202)
+        for port in service.ports:
+            url = f"http://127.0.0.1:{port}/references"
+            until(lambda url=url: httpx.post(url, content=PNG + os.urandom(10), timeout=60).status_code == 202)
         mended = time.monotonic() - back
         assert service.client.get(f"/videos/{medium['id']}/file").content == kept
         states = [(one["state"], one["attempt"]) for one in (waited, job)]

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import socket
 import threading
+from contextlib import suppress
 
 import pytest
 
@@ -11,25 +12,24 @@ from tests.service.fixtures import Api
 
 
 def refused(api: Api, body: bytes, declared: int) -> tuple[str, int]:
-    """Post `body` slowly to a path that refuses it at once; the status line and how many bytes went out."""
+    """Post `body` slowly to a path that refuses it at once: the status line, if one comes, and how much went out."""
     host, port = api.client.base_url.host, api.client.base_url.port
-    sent = 0
+    sent, answer = min(len(body), 1000), b""
     with socket.create_connection((host, port), timeout=60) as connection:
         head = f"POST /nowhere HTTP/1.1\r\nHost: {host}\r\nContent-Length: {declared}\r\n\r\n"
-        connection.sendall(head.encode())
+        connection.sendall(head.encode() + body[:sent])
 
         def send() -> None:
             nonlocal sent
-            try:
-                for start in range(0, len(body), 65536):
-                    connection.sendall(body[start : start + 65536])
-                    sent = min(len(body), start + 65536)
-            except OSError:
-                pass  # cut off, as the caller expects
+            with suppress(OSError):  # cut off, as the caller expects
+                while sent < len(body):
+                    connection.sendall(body[sent : sent + 65536])
+                    sent = min(len(body), sent + 65536)
 
         sender = threading.Thread(target=send)
         sender.start()
-        answer = connection.recv(4096)
+        with suppress(ConnectionResetError):  # which may overtake the answer
+            answer = connection.recv(4096)
         sender.join()
     return answer.split(b"\r\n")[0].decode(), sent
 
@@ -52,15 +52,8 @@ def test_a_refused_request_without_a_body_keeps_its_connection(api: Api) -> None
 
 
 def test_a_client_that_sends_without_end_is_cut_off(api: Api) -> None:
-    _, sent = refused_quietly(api)
-    assert sent < 32 * DECLARED_BYTES
-
-
-def refused_quietly(api: Api) -> tuple[str, int]:
-    try:
-        return refused(api, b"x" * (32 * DECLARED_BYTES), 2**40)
-    except OSError:
-        return "", 0
+    _, sent = refused(api, b"x" * (32 * DECLARED_BYTES), 2**40)
+    assert 0 < sent < 32 * DECLARED_BYTES
 
 
 def test_a_client_that_stops_sending_is_answered_soon(api: Api) -> None:

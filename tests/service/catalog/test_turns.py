@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 
 import pytest
 
@@ -25,37 +26,44 @@ def _join(line: _Line, name: int, served: list[int]) -> threading.Thread:
     return thread
 
 
-def test_who_came_first_is_served_first() -> None:
-    line, served = _Line(), list[int]()
+@pytest.fixture
+def taken() -> _Line:
+    """One that somebody has."""
+    line = _Line()
     assert line.acquire(1.0)
-    threads = [_join(line, name, served) for name in range(8)]
-    line.release()
+    return line
+
+
+def test_who_came_first_is_served_first(taken: _Line) -> None:
+    served: list[int] = []
+    threads = [_join(taken, name, served) for name in range(8)]
+    taken.release()
     for thread in threads:
         thread.join(30)
     assert served == list(range(8))
 
 
-def test_who_gives_up_leaves_the_line() -> None:
-    line, served = _Line(), list[int]()
-    assert line.acquire(1.0)
-    assert not line.acquire(0.01)
-    thread = _join(line, 1, served)
-    line.release()
+def test_who_gives_up_leaves_the_line(taken: _Line) -> None:
+    served: list[int] = []
+    assert not taken.acquire(0.01)
+    thread = _join(taken, 1, served)
+    taken.release()
     thread.join(30)
     assert served == [1]
-    assert line.acquire(0.0)
+    assert taken.acquire(0.0)
 
 
 @pytest.mark.parametrize("threads", [2, 6])
 def test_one_at_a_time(threads: int) -> None:
-    line, inside, most = _Line(), [0], [0]
+    line, inside, seen = _Line(), list[int](), list[int]()
 
     def work() -> None:
         for _ in range(200):
             if line.acquire(0.0005):
-                inside[0] += 1
-                most[0] = max(most[0], inside[0])
-                inside[0] -= 1
+                inside.append(1)
+                time.sleep(0)  # others come meanwhile
+                seen.append(len(inside))
+                inside.pop()
                 line.release()
 
     workers = [threading.Thread(target=work) for _ in range(threads)]
@@ -63,5 +71,5 @@ def test_one_at_a_time(threads: int) -> None:
         worker.start()
     for worker in workers:
         worker.join(60)
-    assert most[0] == 1
+    assert set(seen) == {1}
     assert line.acquire(1.0)  # nobody has kept it
