@@ -108,9 +108,10 @@ def test_sound_of_any_layout_and_rate_is_coded_anew_in_one_that_the_codec_has(
     with av.open(str(path)) as clip:
         context = clip.streams.audio[0].codec_context
         assert (context.name.removeprefix("lib"), context.sample_rate, context.layout.name) == becomes
-        heard = [frame.to_ndarray() for frame in clip.decode(audio=0)] if context.layout.nb_channels < 8 else []
-        assert not heard or sum(block.shape[-1] for block in heard) / becomes[1] == pytest.approx(0.8, abs=0.1)
-        assert not heard or max(float(np.abs(block).max()) for block in heard) > 0.1
+        frames = list(clip.decode(audio=0))
+    assert sum(frame.samples for frame in frames) / becomes[1] == pytest.approx(0.8, abs=0.1)
+    if becomes[2] != "7.1":  # PyAV crashes where it copies eight channels
+        assert max(float(np.abs(frame.to_ndarray()).max()) for frame in frames) > 0.1
 
 
 def _starts_s(path: Path) -> list[float]:
