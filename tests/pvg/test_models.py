@@ -22,6 +22,7 @@ from pvg.models.fetching import fetch
 from pvg.models.networks import OWN
 from pvg.models.store import own, store
 from pvg.models.tflite_to_onnx import convert
+from tests.waiting import until
 
 # outputs of the TFLite runtime (ai-edge-litert 2.3.0) for `_pattern()`: 6 evenly spaced values, mean magnitude
 REFERENCE = {
@@ -219,22 +220,27 @@ def test_the_command_reports_the_installed_networks() -> None:
 
 
 def test_threads_that_ask_at_once_share_a_session(monkeypatch: pytest.MonkeyPatch) -> None:
-    made: list[object] = []
+    asked, made = list[int](), list[object]()
 
     class Options:
         def add_session_config_entry(self, name: str, value: str) -> None:
             """Taken."""
 
     def session(*_: object, **__: object) -> object:
-        time.sleep(0.05)  # long enough for the others to ask
+        until(lambda: len(asked) == 4)
+        time.sleep(0.05)  # long enough for the others to get there
         made.append(object())
         return made[-1]
+
+    def load(number: int) -> object:
+        asked.append(number)
+        return models.load("selfie_segmenter")
 
     ort = SimpleNamespace(SessionOptions=Options, InferenceSession=session)
     monkeypatch.setattr(sessions, "_silent_onnxruntime", lambda: ort)
     monkeypatch.setattr(sessions, "_sessions", {})
     with ThreadPoolExecutor(4) as pool:
-        found = list(pool.map(lambda _: models.load("selfie_segmenter"), range(4)))
+        found = list(pool.map(load, range(4)))
     assert len(made) == 1
     assert found == made * 4
 

@@ -16,6 +16,7 @@ import httpx
 import pytest
 import structlog
 from fastapi import FastAPI
+from sqlalchemy import text
 from sqlalchemy.engine import make_url
 from sqlalchemy.orm import Session
 
@@ -47,6 +48,7 @@ from service.catalog import (
     tombstones,
     utc_now,
 )
+from service.catalog.database import _WritersTurn
 from service.catalog.migrations import migrate
 from service.ids import new_id
 from service.reaper import Reaper
@@ -209,6 +211,15 @@ def _first_round(reaper: Reaper) -> threading.Event:
 
     reaper._rounds._work = noted
     return over
+
+
+def held_up(database: Database) -> int:
+    """How many writers wait until what another one is writing is recorded."""
+    if isinstance(database._turn, _WritersTurn):
+        return len(database._turn._line._waiting)
+    waiting = text("SELECT 1 FROM pg_stat_activity WHERE datname = current_database() AND wait_event_type = 'Lock'")
+    with database.read() as session:
+        return len(session.execute(waiting).all())
 
 
 # a worker's steps, done by hand on the records

@@ -67,12 +67,21 @@ def test_progress_reaches_the_record(database: Database, lease: Lease) -> None:
 def test_progress_is_written_as_seldom_as_is_wanted_and_a_cancel_is_noticed_at_once(
     database: Database, lease: Lease, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    tick, ticks = LeaseKeeper._tick, 0
+
+    def counted(keeper: LeaseKeeper, progress: Progress | None) -> None:
+        nonlocal ticks
+        tick(keeper, progress)
+        ticks += 1
+
+    monkeypatch.setattr(LeaseKeeper, "_tick", counted)
     monkeypatch.setattr(lease_module, "_LOOK_S", 0.05)
     with LeaseKeeper(database, lease, QUICK.model_copy(update={"lease_s": 60, "progress_interval_s": 600})) as keeper:
         keeper.report(Progress("skin", 0.5, 10, 20))
         until(lambda: job_of(database, lease).stage is not None)
         keeper.report(Progress("skin", 0.6, 12, 20))
-        time.sleep(0.5)
+        seen = ticks
+        until(lambda: ticks >= seen + 3)
         assert job_of(database, lease).frames_done == 10
         with database.write() as session:
             assert jobs.cancel(session, lease.job_id, now=utc_now())

@@ -27,7 +27,8 @@ from service.catalog import (
     media,
 )
 from service.catalog.messages import Message
-from tests.service.fixtures import FakeClock, add_media, add_transfer, announce, claim
+from tests.service.fixtures import FakeClock, add_media, add_transfer, announce, claim, held_up
+from tests.waiting import until
 
 PROBLEM = {"type": "no-face", "title": "No face was found", "detail": "no face found"}
 
@@ -166,7 +167,7 @@ def test_a_job_given_back_while_it_is_canceled_does_not_escape(
     def end_slowly(*args: Any, **options: Any) -> bool:
         ended = end(*args, **options)
         other.start()
-        given.wait(0.5)
+        until(lambda: held_up(database) or given.is_set())
         return ended
 
     monkeypatch.setattr(jobs, "end", end_slowly)

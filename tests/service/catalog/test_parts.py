@@ -34,7 +34,8 @@ from service.catalog import (
 )
 from service.catalog.models import Part, PartFile, Tombstone
 from service.catalog.parts import NewFile, NewPart
-from tests.service.fixtures import FakeClock, add_media, add_transfer, announce, claim
+from tests.service.fixtures import FakeClock, add_media, add_transfer, announce, claim, held_up
+from tests.waiting import until
 
 PROBLEM = {"type": "media-invalid", "title": "t", "detail": "d"}
 FRAMES = 100
@@ -618,7 +619,7 @@ def test_a_part_given_back_while_its_job_is_canceled_is_not_done(database: Datab
     with database.write() as session:
         assert jobs.cancel(session, job_id, now=clock())
         began.set()
-        given.wait(0.5)
+        until(lambda: held_up(database) or given.is_set())
     other.join()
     with database.write() as session:
         leases.confirm_cancel(session, lease, now=clock())

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import time
 from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
 
@@ -10,7 +9,8 @@ from service.catalog import Database, LookParams, Media, Preview, PreviewState, 
 from service.catalog import still_request as request_of
 from service.catalog.models import Tombstone
 from service.catalog.previews import KEPT_S, Still
-from tests.service.fixtures import FakeClock, add_media
+from tests.service.fixtures import FakeClock, add_media, held_up
+from tests.waiting import until
 
 REQUEST = StillRequest("jpeg", 640, frame=3, params=LookParams(faces=(0,), makeup={"lips": 1.0}), crop=(1, 2, 3, 4))
 
@@ -79,7 +79,7 @@ def test_who_asks_at_the_same_time_gets_the_same_and_is_counted(database: Databa
         with database.write() as session:
             first = ask_in(session, database, video)
             same, another = others.submit(ask, database, video), others.submit(ask, database, video, "b")
-            time.sleep(0.5)  # both have asked before the first one is recorded
+            until(lambda: held_up(database) == 2)  # both have asked before the first one is recorded
             assert not same.done()
             assert not another.done()
         assert same.result(60) == (first[0], False)

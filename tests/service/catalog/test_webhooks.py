@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import time
 from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
 from typing import Any
@@ -13,7 +12,8 @@ from service.catalog.keys import Limits
 from service.catalog.models import ENDED
 from service.catalog.transitions import JOB_TRANSITIONS, Lease, LeaseCheck, Step, take_step
 from service.catalog.webhooks import Attempt
-from tests.service.fixtures import FakeClock, add_media, add_transfer
+from tests.service.fixtures import FakeClock, add_media, add_transfer, held_up
+from tests.waiting import until
 
 URL = "https://studio.example/hooks?token=t"
 ENDS = sorted(step for step, row in JOB_TRANSITIONS.items() if row.target in ENDED)
@@ -106,7 +106,7 @@ def test_two_who_name_a_receiver_at_the_same_time_have_it_told_once(database: Da
             webhooks.announce(session, session.get_one(Job, job_id), URL, now=database.now())
             session.flush()
             other = others.submit(announce, database, job_id)
-            time.sleep(0.5)  # it has asked before this one is recorded
+            until(lambda: held_up(database) == 1)  # it has asked before this one is recorded
             assert not other.done()
         other.result(60)
     assert [one.state for one in deliveries(database)] == [DeliveryState.WAITING]
