@@ -5,12 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from service.catalog import Media
 from service.settings import Settings
 from service.storage import Storage
+from tests.waiting import until
 from tests.worker.sandbox.test_sandbox import server
 from worker.previews.open_clips import Clip, OpenClips
 from worker.sandbox import MethodError, Sandbox, SandboxServer
@@ -67,6 +69,23 @@ def test_as_many_as_may_be_stay_open_and_the_one_longest_unused_goes(clips: Open
     fifth = pid_of(clips, 4)
     assert [pid_of(clips, number) for number in (1, 2, 3, 4)] == [*pids[1:], fifth]
     assert pid_of(clips, 0) != pids[0]
+
+
+def test_a_clip_that_nobody_asks_about_for_a_while_is_closed(clips: OpenClips, monkeypatch: pytest.MonkeyPatch) -> None:
+    steady_s = time.monotonic()
+    monkeypatch.setattr("worker.previews.open_clips.time", SimpleNamespace(monotonic=lambda: steady_s))
+    monkeypatch.setattr(clips, "_present", lambda ids: {one: one.replace("vid_", "asset/") for one in ids})
+    first, second = pid_of(clips, 0), pid_of(clips, 1)
+    steady_s += Settings().preview_idle_s - 1
+    assert pid_of(clips, 1) == second
+    clips._close_unneeded()
+    assert pid_of(clips, 0) == first
+    steady_s += Settings().preview_idle_s - 1
+    assert pid_of(clips, 1) == second
+    steady_s += 2
+    clips._close_unneeded()
+    assert [entry.clip.medium.id for entry in clips._entries.values()] == ["vid_1"]
+    until(lambda: not Path(f"/proc/{first}").exists())
 
 
 def test_clips_in_use_count_among_those_that_may_be_open(clips: OpenClips) -> None:

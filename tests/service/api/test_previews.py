@@ -247,6 +247,7 @@ def test_what_is_unknown_is_404(api: Api, video: str, reference: str) -> None:
         ({"look": {"strength": 2}}, "/look/strength"),
         ({"crop": [0, 0, 0, 5]}, "/crop/2"),
         ({"max_width": 0}, "/max_width"),
+        ({"max_width": 8193}, "/max_width"),
         ({"format": "gif"}, "/format"),
         ({"frame": 0, "time_s": 0}, "/time_s"),
         ({"face": 0, "crop": [0, 0, 5, 5]}, "/face"),
@@ -257,6 +258,12 @@ def test_what_is_unknown_is_404(api: Api, video: str, reference: str) -> None:
 def test_what_does_not_fit_is_422(api: Api, video: str, reference: str, more: dict[str, Any], pointer: str) -> None:
     answer = api.client.post("/preview", json=body(video, reference, **more))
     assert (answer.status_code, answer.json()["errors"][0]["pointer"]) == (422, pointer), answer.text
+
+
+def test_a_picture_may_be_as_wide_as_8k(api: Api, video: str, reference: str) -> None:
+    with preview_worker(api) as worker:
+        assert api.client.post("/preview", json=body(video, reference, max_width=8192)).status_code == 200
+    assert [one["max_width"] for one in worker.requests] == [8192]
 
 
 def test_a_reference_is_not_recoloured(api: Api, reference: str) -> None:

@@ -136,6 +136,19 @@ def test_pieces_in_an_object_store(tmp_path: Path, bucket: S3) -> None:
         assert [key.split("/")[0] for key in api.blobs] == ["source"]
 
 
+def test_an_upload_has_no_more_pieces_than_there_may_be(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(resuming, "MAX_PARTS", 3)
+    data = content()
+    url = begin(api.client, len(data))
+    for start in (0, 100, 200):
+        assert send(api.client, url, start, data[start : start + 100]).status_code == 204
+    kept = api.blobs
+    answer = send(api.client, url, 300, data[300:400])
+    assert (answer.status_code, answer.json()["code"]) == (409, "conflict")
+    assert "has 3 pieces, the most there may be" in answer.json()["detail"]
+    assert (offset_of(api.client, url), api.blobs, api.drafts) == (300, kept, [])
+
+
 def test_bytes_that_are_not_the_next_ones_are_refused(api: Api) -> None:
     url = begin(api.client, 300_000)
     assert send(api.client, url, 5, b"x").status_code == 409

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from service.api.multipart import MAX_FRAMING_BYTES
+from service.api.multipart import MAX_FIELD_BYTES, MAX_FRAMING_BYTES, MAX_PARTS
 from service.api.uploads import clean_name
 from service.catalog import VectorSettings, jobs, vectorize_request
 from service.settings import Settings
@@ -394,6 +394,27 @@ def test_forms_with_anything_else_are_refused(api: Api) -> None:
         assert api.client.post("/videos", files=files, data=data).status_code == 400
     assert api.blobs == []
     assert api.drafts == []
+
+
+def test_a_form_has_no_more_parts_than_are_read(api: Api) -> None:
+    for more, detail in ((0, None), (1, f"the multipart body has more than {MAX_PARTS} parts")):
+        data = {"nobody asks": ["x"] * (MAX_PARTS - 1 + more)}
+        answer = api.client.post("/videos", files={"file": ("a.png", PNG)}, data=data)
+        assert answer.status_code == 400
+        assert (answer.json()["detail"] == detail) == (detail is not None)
+    assert (api.blobs, api.drafts) == ([], [])
+
+
+def test_a_field_of_a_form_has_no_more_bytes_than_are_kept(api: Api) -> None:
+    answers = [
+        api.client.post("/videos", files={"file": ("a.png", PNG)}, data={"webhook": "x" * (MAX_FIELD_BYTES + more)})
+        for more in (0, 1)
+    ]
+    assert [answer.status_code for answer in answers] == [422, 413]  # the former is no address
+    problem = answers[1].json()
+    assert (problem["code"], problem["limit"], problem["unit"]) == ("too-large", MAX_FIELD_BYTES, "bytes")
+    assert "'webhook'" in problem["detail"]
+    assert (api.blobs, api.drafts) == ([], [])
 
 
 def test_file_names_are_shown_without_folders_and_control_characters() -> None:

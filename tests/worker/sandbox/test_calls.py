@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
 
 from pvg.video import read_frames
 from scripts.samples import Samples
@@ -22,3 +27,31 @@ def test_a_clip_whose_tags_are_not_read_is_vectorised_by_the_colours_that_it_is_
     arguments |= {"limits": {}, "memory_bytes": 2**33, "options": settings}
     answer = calls.CALLS["vectorize"](arguments, lambda *_: None)
     assert answer["output"] == {"container": "mp4", "refused": None, "lost": []}
+
+
+class Crowd:
+    """Stills of one face more than have a picture of their own, the narrowest in the middle."""
+
+    def __init__(self) -> None:
+        widths = [40 + abs(number - 50) for number in range(calls.MOST_THUMBNAILS + 1)]
+        faces = [SimpleNamespace(index=index, width_px=width) for index, width in enumerate(widths)]
+        self.video = SimpleNamespace(faces=faces)
+
+    def usual_frame(self) -> int:
+        return 0
+
+    def drawn(self, look: None, frame: int) -> Any:
+        return np.zeros((90, 160, 3), np.uint8)
+
+    def seen_faces(self, faces: Sequence[int], size_px: int) -> list[Any]:
+        picture = np.zeros((size_px, size_px, 3), np.uint8)
+        return [SimpleNamespace(index=face, picture=picture, frame=0, box=(0, 0, 40, 40)) for face in sorted(faces)]
+
+
+def test_of_many_faces_the_widest_have_a_picture(tmp_path: Path) -> None:
+    seen, pictures = calls._show(Crowd(), tmp_path / "pictures")  # type: ignore[arg-type]
+    shown = [index for index in range(101) if index != 50]
+    assert calls.MOST_THUMBNAILS == 100
+    assert sorted(seen) == shown
+    assert [one["face"] for one in pictures] == [None, *shown]
+    assert pictures[-1]["end"] == (tmp_path / "pictures").stat().st_size
