@@ -14,7 +14,7 @@ import os
 import re
 import secrets
 import shutil
-from collections.abc import AsyncIterator, Callable, Collection, Iterable, Iterator
+from collections.abc import AsyncIterator, Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -29,7 +29,7 @@ from service.settings import Settings, store_secrets
 
 if TYPE_CHECKING:
     from obstore import SignCapableStore
-    from obstore.store import RetryConfig, S3Config
+    from obstore.store import ClientConfig, RetryConfig, S3Config
 
 Kind = Literal["source", "asset", "pictures", "result", "preview", "part", "drawn"]
 
@@ -51,6 +51,16 @@ _KEY: Final = re.compile(
 )
 _PROBE: Final = re.compile(r"probe/[0-9a-f]{16}")
 _RETRIES: Final[RetryConfig] = {"max_retries": 3, "retry_timeout": timedelta(seconds=5)}
+#: how long a whole transfer may take, its slow reader included (obstore's own limit is 30 s), and how long nothing may
+#: come. Sending is one wait: each part of a file has to be taken within the latter
+_PATIENCE: Final[ClientConfig] = {"timeout": "1day", "read_timeout": "30s"}
+#: what else obstore's client reads from `AWS_…`, and only where it is given no options
+_OF_CLIENT: Final = (
+    *("allow_http", "allow_invalid_certificates", "connect_timeout", "default_content_type", "http1_only"),
+    *("http2_keep_alive_interval", "http2_keep_alive_timeout", "http2_keep_alive_while_idle", "http2_only"),
+    *("pool_idle_timeout", "pool_max_idle_per_host", "proxy_ca_certificate", "proxy_excludes", "proxy_url"),
+    *("randomize_addresses", "read_timeout", "timeout", "user_agent"),
+)
 
 
 class BlobMissingError(Exception):
@@ -79,8 +89,14 @@ class Storage:
             self._store: ObjectStore = LocalStore(self._folder)
         else:
             # who waits for longer does so knowingly: obstore's own three minutes hold up requests and leases
-            config = store_secrets(os.environ) if settings.storage_url.startswith("s3") else {}
-            self._store = from_url(settings.storage_url, config=cast("S3Config", config) or None, retry_config=_RETRIES)
+            is_s3 = settings.storage_url.startswith("s3")
+            config = store_secrets(os.environ) if is_s3 else {}
+            self._store = from_url(
+                settings.storage_url,
+                config=cast("S3Config", config) or None,
+                client_options=client_options(os.environ) if is_s3 else None,
+                retry_config=_RETRIES,
+            )
 
     @staticmethod
     def key(kind: Kind, sha256: str, owner_id: str, suffix: str) -> str:
@@ -307,6 +323,12 @@ class Storage:
 def is_key(key: str) -> bool:
     """True of what `Storage.key` makes, and `Storage.ping`; what else a store holds is not of this service."""
     return _KEY.fullmatch(key) is not None or _PROBE.fullmatch(key) is not None
+
+
+def client_options(environment: Mapping[str, str]) -> ClientConfig:
+    """How to speak to S3: patiently, unless the environment's `AWS_…` say otherwise."""
+    given = {name: environment.get(f"AWS_{name.upper()}") for name in _OF_CLIENT}
+    return cast("ClientConfig", {**_PATIENCE, **{name: value for name, value in given.items() if value}})
 
 
 @contextmanager

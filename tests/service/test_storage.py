@@ -4,7 +4,9 @@ import asyncio
 import errno
 import os
 import shutil
+import socket
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Collection, Iterator
 from datetime import UTC, datetime, timedelta
@@ -14,9 +16,12 @@ import httpx
 import pytest
 from obstore.exceptions import BaseError
 
+from service import storage as module
 from service.outages import is_outage
 from service.settings import Settings
-from service.storage import BlobMissingError, Storage, file_sha256, part_bytes
+from service.storage import BlobMissingError, Storage, client_options, file_sha256, part_bytes
+from tests.service.remote import PRIVATE, Answer
+from tests.service.remote import remote as server
 from tests.service.s3 import PAGE, S3
 
 
@@ -132,6 +137,59 @@ def test_a_bucket_that_is_not_there_is_an_outage_and_no_lost_file(s3: S3, tmp_pa
                 call()
             assert is_outage(raised.value), (number, raised.value)
         assert draft.exists()
+
+
+def slowly(pieces: int, *, of: int, stays: threading.Event, status: str = "200 OK") -> Answer:
+    """An answer of a store that gives a piece of 1000 bytes now and then, and after so many of them nothing."""
+    size = 1000 * of
+    head = f'Content-Length: {size}\r\nLast-Modified: Wed, 21 Oct 2015 07:28:00 GMT\r\nETag: "1"\r\n'
+    if status.startswith("206"):
+        head += f"Content-Range: bytes 0-{size - 1}/{size}\r\n"
+
+    def answer(connection: socket.socket) -> None:
+        connection.sendall(f"HTTP/1.1 {status}\r\n{head}\r\n".encode())
+        for _ in range(pieces):
+            connection.sendall(bytes(1000))
+            time.sleep(0.2)
+        if pieces < of:
+            stays.wait(60)
+
+    return answer
+
+
+def test_a_transfer_may_take_as_long_as_it_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All that took longer than 30 s was cut; now what stands still for so long is."""
+    monkeypatch.setattr(module, "_PATIENCE", module._PATIENCE | {"read_timeout": "2s"})
+    stays = threading.Event()
+    with server(PRIVATE) as store:
+        for name, value in S3(f"http://{PRIVATE}:{store.port}").environment().items():
+            monkeypatch.setenv(name, value)
+        one = Storage(Settings(data_dir=tmp_path, storage_url="s3://faces"))
+        store.answers["/faces/whole"] = slowly(15, of=15, stays=stays)
+        store.answers["/faces/range"] = slowly(15, of=15, stays=stays, status="206 Partial Content")
+        store.answers["/faces/stands-still"] = slowly(1, of=15, stays=stays)
+        try:
+            with one.local_path("whole") as path:
+                assert path.stat().st_size == 15_000
+            assert len(read(one, "range", 0, 15_000)) == 15_000
+            began = time.monotonic()
+            with pytest.raises(BaseError) as caught, one.local_path("stands-still"):
+                pass
+            assert is_outage(caught.value)
+            assert time.monotonic() - began < 25
+        finally:
+            stays.set()
+
+
+def test_what_the_environment_says_of_speaking_to_a_store_holds() -> None:
+    usual = client_options({"AWS_ALLOW_HTTP": "", "AWS_REGION": "eu-central-1"})
+    assert usual == {"timeout": "1day", "read_timeout": "30s"}
+    said = {"AWS_ALLOW_HTTP": "true", "AWS_READ_TIMEOUT": "2min", "AWS_PROXY_URL": "http://proxy:3128"}
+    assert client_options(said) == usual | {
+        "allow_http": "true",
+        "read_timeout": "2min",
+        "proxy_url": "http://proxy:3128",
+    }
 
 
 def test_a_deleted_blob_is_missing_everywhere(storage: Storage) -> None:
