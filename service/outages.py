@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import re
 import sqlite3
 from typing import Final
 
@@ -20,6 +21,19 @@ _SERVER_FULL: Final = "53100"
 _FULL: Final = frozenset({errno.ENOSPC, errno.EDQUOT})
 #: a store whose credentials are being changed refuses for a while
 _STORE_AWAY: Final = (GenericError, JoinError, PermissionDeniedError, UnauthenticatedError)
+#: what a store that was asked answers, and its word for why
+_STATUS: Final = re.compile(r"status code: (\d{3}(?: [A-Z][A-Za-z]*)*)")
+_CODE: Final = re.compile(r"<Code>([A-Za-z]{1,64})</Code>")
+#: what may stand below the first line of a store's error, and what it means
+_CAUSES: Final = (
+    ("BadScheme", "http is allowed by AWS_ALLOW_HTTP=true alone"),
+    ("ConnectionRefused", "connection refused"),
+    ("dns error", "its name is not known"),
+    ("Certificate", "its certificate is not trusted"),
+    ("TimedOut", "no answer in time"),
+)
+#: a word that is no address, path, id or time
+_WORD: Final = re.compile(r"`?[A-Za-z][a-z'-]*`?[,.:;]?|[A-Z]{2,8}:?,?|S3|ETag|\.[a-z]+:")
 
 
 def is_outage(error: BaseException) -> bool:
@@ -43,6 +57,24 @@ def is_disk_full(error: BaseException) -> bool:
         code = _sqlite_code(error.orig)
         return code == sqlite3.SQLITE_FULL or getattr(error.orig, "sqlstate", None) == _SERVER_FULL
     return getattr(error, "errno", None) in _FULL
+
+
+def told(error: BaseException) -> dict[str, str]:
+    """How a log line tells an error: its kind, and of a store's also the reason.
+
+    That is the end of its first line and what lies below it, without addresses, secrets and names of files. Of an
+    answer that is quoted there, only the status and its code are told.
+    """
+    kind = {"error": type(error).__name__}
+    if not isinstance(error, BaseError):
+        return kind
+    first, _, details = str(error).partition("\n")
+    if status := _STATUS.search(first):
+        said = [status[1], *_CODE.findall(f"{first}\n{details}")[:1]]
+    else:
+        words = [word if _WORD.fullmatch(word) else "…" for word in first.rpartition(" - ")[2].split()[:40]]
+        said = [" ".join(words), *[meaning for word, meaning in _CAUSES if word in details][:1]]
+    return kind | {"reason": "; ".join(said)}
 
 
 def _is_away(error: BaseException | None) -> bool:

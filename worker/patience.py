@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import structlog
 
-from service.outages import is_outage
+from service.outages import is_outage, told
 
 log = structlog.get_logger(__name__)
 
@@ -40,7 +40,7 @@ class Patience:
                 if not is_outage(error) or time.monotonic() >= until:
                     raise
                 if pause == _FIRST_PAUSE_S:
-                    log.warning("waiting for what is away", error=type(error).__name__)
+                    log.warning("waiting for what is away", **told(error))
             else:
                 if pause > _FIRST_PAUSE_S:
                     log.info("what was away is back")

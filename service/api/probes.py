@@ -14,7 +14,7 @@ from typing import Final, Literal
 import structlog
 
 from service.api.calls import Calls
-from service.outages import is_disk_full
+from service.outages import is_disk_full, told
 
 State = Literal["ok", "full", "unavailable"]
 
@@ -37,6 +37,8 @@ class Probe:
         self._check = check
         self._running: asyncio.Task[State] | None = None
         self._ended = -math.inf
+        #: what the log says of the part as it is
+        self._said: dict[str, str] = {}
 
     async def state(self) -> State:
         """Whether the part answers, or did a moment ago. One that is full reads and deletes, and takes nothing new."""
@@ -49,9 +51,16 @@ class Probe:
         try:
             await self._calls.read(self._check)
         except Exception as error:
-            is_full = is_disk_full(error)
-            log.warning("full" if is_full else "not ready", part=self._name, error=type(error).__name__)
-            return FULL if is_full else UNAVAILABLE
+            state: State = FULL if is_disk_full(error) else UNAVAILABLE
+            self._say("full" if state == FULL else "not ready", **told(error))
+            return state
         finally:
             self._ended = asyncio.get_running_loop().time()
+        self._say("ready again")
         return OK
+
+    def _say(self, event: str, **why: str) -> None:
+        """Log how the part is, once for as long as it stays so."""
+        before, self._said = self._said, {"event": event, **why}
+        if self._said != before and (before or why):
+            (log.warning if why else log.info)(event, part=self._name, **why)

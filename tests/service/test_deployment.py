@@ -294,6 +294,15 @@ def test_the_compose_file_for_an_object_store_goes_over_the_main_one(
     assert store_secrets(os.environ) == {"access_key_id": "a" * 40, "secret_access_key": "a" * 40}
 
 
+def test_how_a_store_is_reached_is_handed_on_and_documented() -> None:
+    over = yaml.safe_load((ROOT / "deploy" / "compose.s3.yml").read_text())
+    page = (ROOT / "docs" / "operations.md").read_text()
+    for one in over["services"].values():
+        for name in ("AWS_ENDPOINT", "AWS_ALLOW_HTTP", "AWS_READ_TIMEOUT"):
+            assert one["environment"].get(name, "not there") is None, "handed on when it is set"
+            assert name in page
+
+
 @pytest.mark.parametrize("overlay", ["base", "keda", "shared-folder"])
 def test_the_manifests_are_put_together(overlay: str) -> None:
     if not shutil.which("kubectl") and not shutil.which("kustomize"):

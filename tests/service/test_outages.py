@@ -10,8 +10,13 @@ from sqlalchemy import text
 from sqlalchemy.exc import OperationalError, SQLAlchemyError
 
 from service.catalog import Database, Media, media
-from service.outages import is_disk_full, is_locked, is_outage
+from service.outages import is_disk_full, is_locked, is_outage, told
+from service.settings import Settings
+from service.storage import Storage
 from tests.service.fixtures import add_media
+from tests.service.remote import PRIVATE, answer, remote
+from tests.service.s3 import S3
+from tests.service.servers import free_port
 
 
 def test_a_lock_that_is_not_had_in_time_is_an_outage_and_a_lock(database: Database) -> None:
@@ -46,6 +51,34 @@ def test_a_store_that_fails_is_an_outage_and_a_missing_blob_is_none() -> None:
     assert is_outage(GenericError("connection refused"))
     assert not is_outage(NotFoundError("no such key"))
     assert not is_outage(ValueError())
+
+
+_REFUSAL = b"""<?xml version="1.0" encoding="UTF-8"?>
+<Error><Code>InvalidAccessKeyId</Code><AWSAccessKeyId>AKIAOURS</AWSAccessKeyId></Error>"""
+
+
+def test_the_log_says_why_a_store_is_away_and_neither_where_nor_with_what_secret(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    draft = tmp_path / "draft"
+    draft.write_bytes(b"x")
+    with remote(PRIVATE) as store:
+        store.answers["/faces/source/lena.mp4"] = answer(_REFUSAL, "403 Forbidden")
+        here, nobody = f"http://{PRIVATE}:{store.port}", f"http://{PRIVATE}:{free_port()}"
+        for address, allowed, reason in (
+            (here, "true", "403 Forbidden; InvalidAccessKeyId"),
+            (here, "false", "HTTP error: builder error; http is allowed by AWS_ALLOW_HTTP=true alone"),
+            (nobody, "true", "HTTP error: error sending request; connection refused"),
+        ):
+            for name, value in (S3(address).environment() | {"AWS_ALLOW_HTTP": allowed}).items():
+                monkeypatch.setenv(name, value)
+            with pytest.raises(Exception, match="source/lena") as caught:
+                Storage(Settings(data_dir=tmp_path, storage_url="s3://faces")).put(draft, "source/lena.mp4")
+            assert is_outage(caught.value)
+            assert told(caught.value) == {"error": type(caught.value).__name__, "reason": reason}
+    assert told(ValueError("lena")) == {"error": "ValueError"}
+    unknown = GenericError("Unable to open file /srv/lena.mp4 of key=AKIA1OURS")
+    assert told(unknown)["reason"] == "Unable to open file … of …"
 
 
 def test_a_full_disk_is_known_by_what_each_engine_says(tmp_path: Path) -> None:

@@ -189,7 +189,7 @@ def test_an_end_whose_answer_is_lost_is_recognised(run: Run, monkeypatch: pytest
 
 
 def test_a_job_waits_for_an_object_store_that_is_away(
-    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     port = free_port()
     for name, value in (("ACCESS_KEY_ID", "x"), ("SECRET_ACCESS_KEY", "x"), ("ALLOW_HTTP", "true")):
@@ -219,6 +219,8 @@ def test_a_job_waits_for_an_object_store_that_is_away(
     timer.join()
     assert taken == [b"a.mp4"]
     assert not file.exists()
+    (line,) = [record for record in caplog.records if record.msg == "waiting for what is away"]
+    assert vars(line)["reason"] == "HTTP error: error sending request; connection refused"
 
 
 @pytest.mark.parametrize("end", [LeaseLostError, CanceledError, StoppedError])

@@ -137,6 +137,26 @@ def test_without_its_bucket_the_service_is_not_ready_until_it_is_there(
     s3.client().delete_bucket(Bucket=name)
 
 
+def test_why_a_store_is_away_is_said_once(
+    settings: Settings, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A store at an http:// address was away for ever, and no line said why."""
+    monkeypatch.setattr(probes, "KEEP_S", 0.0)
+    caplog.set_level("INFO")
+    for name, value in S3("http://127.0.0.1:1").environment().items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.delenv("AWS_ALLOW_HTTP")
+    for api in serve(settings.model_copy(update={"storage_url": "s3://faces"})):
+        for _ in range(3):
+            assert api.client.get("/readyz").json()["checks"]["storage"] == "unavailable"
+        monkeypatch.setattr(api.services.probes[1], "_check", lambda: None)
+        for _ in range(2):
+            assert api.client.get("/readyz").json()["checks"]["storage"] == "ok"
+    said = [record for record in caplog.records if record.name == "service.api.probes"]
+    assert [record.msg for record in said] == ["not ready", "ready again"]
+    assert "AWS_ALLOW_HTTP=true" in vars(said[0])["reason"]
+
+
 def test_with_wrong_credentials_the_service_is_not_ready(
     bucket: S3, settings: Settings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
