@@ -1,7 +1,8 @@
 """Calls that use the records, in threads, and none of them for longer than it has something to do.
 
 Requests that wait for a lock hold no thread meanwhile, and those that only read do not queue behind those that write.
-What moves a file's bytes has threads of its own: a slow store holds up neither.
+What moves a file's bytes has threads of its own: a slow store holds up neither, and one that hangs keeps nobody waiting
+for a thread.
 """
 
 from __future__ import annotations
@@ -11,10 +12,13 @@ import random
 from collections.abc import Callable
 from typing import Final, ParamSpec, TypeVar
 
+import structlog
 from anyio import CapacityLimiter, to_thread
 
 from service.errors import UnavailableError
 from service.outages import is_locked
+
+log = structlog.get_logger(__name__)
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -27,6 +31,8 @@ _WRITERS: Final = 16
 _STORERS: Final = 16
 #: seconds after which a request gives up, and is answered 503
 _PATIENCE_S: Final = 6.0
+#: after which one that deletes leaves it to the reaper
+_SOON_S: Final = 1.0
 #: and after which one that reads tries no more for a lock
 _READ_AGAIN_S: Final = 2.0
 #: between two tries for a lock
@@ -39,6 +45,8 @@ class Calls:
     def __init__(self) -> None:
         self._writers = CapacityLimiter(_WRITERS)
         self._storers = CapacityLimiter(_STORERS)
+        #: to be one of them: who waits for this waits no longer than is said here
+        self._places = asyncio.Semaphore(_STORERS)
 
     async def read(self, call: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
         """Run a call that changes nothing, again where it met a lock: readers meet one only while SQLite tidies up.
@@ -82,6 +90,31 @@ class Calls:
                 self._writers.release()
             await asyncio.sleep(random.uniform(*_PAUSES_S))  # noqa: S311 - only to come apart
 
-    async def store(self, call: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
-        """Run a call that moves the bytes of a file, or removes them, once, for as long as the store takes for it."""
-        return await to_thread.run_sync(lambda: call(*args, **kwargs), limiter=self._storers)
+    async def store(self, call: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> None:
+        """Run a call that moves the bytes of a file once, for as long as the store takes for it.
+
+        Raises `UnavailableError` when there is no thread for it, as while the store hangs.
+        """
+        if not await self._has_place(_PATIENCE_S):
+            raise UnavailableError("too many files wait to be stored; try again")
+        await self._use_place(call, *args, **kwargs)
+
+    async def remove(self, call: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> None:
+        """Run a call that removes files whose tombstones are written; without a thread for it the reaper does it."""
+        if await self._has_place(_SOON_S):
+            await self._use_place(call, *args, **kwargs)
+        else:
+            log.warning("too many files are being stored; some are deleted later")
+
+    async def _has_place(self, within_s: float) -> bool:
+        try:
+            async with asyncio.timeout(within_s):
+                return await self._places.acquire()
+        except TimeoutError:
+            return False
+
+    async def _use_place(self, call: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> None:
+        try:
+            await to_thread.run_sync(lambda: call(*args, **kwargs), limiter=self._storers)
+        finally:
+            self._places.release()

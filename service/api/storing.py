@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import TypeVar
 
@@ -18,7 +19,8 @@ async def store(services: Services, path: Path, key: str, record: Callable[[], t
     """Store a received file under ``key`` and record it. Returns what ``record`` answers.
 
     ``record`` writes one transaction and says beside its answer whether a record names the key from now on; if not, the
-    blob is deleted again. Raises what it raises, and `UnavailableError` when the store took too long.
+    blob is deleted again. Raises what it raises, and `UnavailableError` when the store takes too long, for this file or
+    for those before it.
     """
     calls = services.calls
     await calls.write(services.blobs.expect, key)
@@ -28,13 +30,20 @@ async def store(services: Services, path: Path, key: str, record: Callable[[], t
     except Exception as error:
         # of a commit whose answer is lost it is not known whether the file has a record: its tombstone knows
         if not is_outage(error) or is_locked(error):
-            await calls.store(services.blobs.discard, [key])
+            await _discard(services, key)
         if isinstance(error, tombstones.LateError):
             raise UnavailableError("the file took too long to be stored; send it again") from error
         raise
     if not is_used:
-        await calls.store(services.blobs.discard, [key])
+        await _discard(services, key)
     return answer
+
+
+async def _discard(services: Services, key: str) -> None:
+    """Delete a blob that has no record, now or by the reaper. Never fails: its tombstone is there already."""
+    with suppress(UnavailableError):
+        if await services.calls.write(services.blobs.bury, [key]):
+            await services.calls.remove(services.blobs.delete, [key])
 
 
 def _put(services: Services, path: Path, key: str) -> None:

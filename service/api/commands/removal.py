@@ -22,7 +22,7 @@ async def remove(services: Services, owner: str, role: Role, media_id: str, *, c
     Raises `NotFoundError`, and `ConflictError` while jobs need it and ``cancel_jobs`` is false.
     """
     keys = await services.calls.write(_remove, services, owner, role, media_id, cancel_jobs=cancel_jobs)
-    await services.calls.store(services.blobs.delete, keys)
+    await services.calls.remove(services.blobs.delete, keys)
 
 
 def _remove(services: Services, owner: str, role: Role, media_id: str, *, cancel_jobs: bool) -> list[str]:
@@ -60,7 +60,7 @@ async def take_back(services: Services, owner: str, brought: Sequence[MediaBody]
         return
     try:
         keys = await services.calls.write(_take_back, services, owner, brought)
-        await services.calls.store(services.blobs.delete, keys)
+        await services.calls.remove(services.blobs.delete, keys)
     except Exception as error:
         log.warning("what a refused request has brought stays", count=len(brought), error=type(error).__name__)
 

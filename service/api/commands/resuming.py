@@ -283,7 +283,7 @@ async def remove(services: Services, upload_id: str, *, even_if_complete: bool =
     Raises `NotFoundError`, and `ConflictError` for one that is complete unless ``even_if_complete``.
     """
     keys = await services.calls.write(_remove, services, upload_id, even_if_complete=even_if_complete)
-    await services.calls.store(services.blobs.delete, keys)
+    await services.calls.remove(services.blobs.delete, keys)
 
 
 def _remove(services: Services, upload_id: str, *, even_if_complete: bool) -> list[str]:

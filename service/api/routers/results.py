@@ -123,7 +123,7 @@ async def create_result_link(
 async def delete_result(result_id: ResultId, services: ServicesDep, caller: CallerDep) -> None:
     """Delete the result with what was made beside it. The video, the reference and the job's record stay."""
     keys = await services.calls.write(_delete, services, caller.owner, result_id)
-    await services.calls.store(services.blobs.delete, keys)
+    await services.calls.remove(services.blobs.delete, keys)
 
 
 def _delete(services: Services, owner: str, result_id: str) -> list[str]:

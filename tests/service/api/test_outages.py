@@ -149,6 +149,38 @@ def test_twenty_files_that_are_stored_slowly_hold_up_no_writer(api: Api, monkeyp
         assert {one.result().status_code for one in uploads} == {202}
 
 
+def test_a_store_that_hangs_keeps_nobody_waiting_for_a_thread(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Uploads waited for each other, 16 at a time, for as long as the store hangs; so did deletions."""
+    video = upload(api, "/videos")
+    put, goes_on, begun = api.services.storage.put, threading.Event(), threading.Semaphore(0)
+
+    def hangs(path: Path, key: str) -> None:
+        begun.release()
+        goes_on.wait()
+        put(path, key)
+
+    monkeypatch.setattr(api.services.storage, "put", hangs)
+    with ThreadPoolExecutor(16) as clients:
+        contents = [MP4 + b"%d" % number for number in range(16)]
+        uploads = [clients.submit(api.client.post, "/videos", content=one, timeout=120) for one in contents]
+        try:
+            assert all(begun.acquire(timeout=60) for _ in range(16))
+            with monkeypatch.context() as patch:
+                patch.setattr(calls, "_PATIENCE_S", 2.0)
+                refused = api.client.post("/videos", content=MP4 + b"16", timeout=30)
+            assert is_unavailable(refused)
+            assert refused.json()["detail"] == "too many files wait to be stored; try again"
+            assert api.client.delete(f"/videos/{video['id']}?cancel_jobs=true", timeout=30).status_code == 204
+            assert api.client.get(f"/videos/{video['id']}").status_code == 404
+            assert len(api.blobs) == 1
+            api.services.reaper.round()
+            assert api.blobs == []
+        finally:
+            goes_on.set()
+        assert {one.result().status_code for one in uploads} == {202}
+    assert len(api.blobs) == 16
+
+
 @pytest.mark.embedded
 def test_a_lock_that_is_never_given_back_is_503(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(calls, "_PATIENCE_S", USUAL_PATIENCE_S)
