@@ -1,19 +1,21 @@
 """Checks of the parts a service needs, each made at most once every `KEEP_S` seconds however often it is asked for.
 
 Whoever asks whether the service is ready needs no key, and some checks write: all who ask meanwhile share one check and
-what it found.
+what it found. While a check hangs no other one is begun: each would keep one more thread for as long as the part hangs.
 """
 
 from __future__ import annotations
 
 import asyncio
 import math
+import threading
 from collections.abc import Callable
 from typing import Final, Literal
 
 import structlog
 
 from service.api.calls import Calls
+from service.errors import UnavailableError
 from service.outages import is_disk_full, told
 
 State = Literal["ok", "full", "unavailable"]
@@ -37,6 +39,8 @@ class Probe:
         self._check = check
         self._running: asyncio.Task[State] | None = None
         self._ended = -math.inf
+        #: held by the thread that checks, which may outlive the patience of all who ask
+        self._at_work = threading.Lock()
         #: what the log says of the part as it is
         self._said: dict[str, str] = {}
 
@@ -49,7 +53,12 @@ class Probe:
 
     async def _ask(self) -> State:
         try:
-            await self._calls.read(self._check)
+            if self._at_work.locked():
+                return UNAVAILABLE
+            await self._calls.read(self._work)
+        except UnavailableError as error:
+            self._say("not ready", error=type(error).__name__, reason="no answer in time")
+            return UNAVAILABLE
         except Exception as error:
             state: State = FULL if is_disk_full(error) else UNAVAILABLE
             self._say("full" if state == FULL else "not ready", **told(error))
@@ -58,6 +67,10 @@ class Probe:
             self._ended = asyncio.get_running_loop().time()
         self._say("ready again")
         return OK
+
+    def _work(self) -> None:
+        with self._at_work:
+            self._check()
 
     def _say(self, event: str, **why: str) -> None:
         """Log how the part is, once for as long as it stays so."""

@@ -1,13 +1,17 @@
 from __future__ import annotations
 
+import asyncio
 import shutil
+import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
 
 import pytest
 
-from service.api import probes
+from service.api import calls, probes
+from service.api.calls import Calls
+from service.api.probes import OK, UNAVAILABLE, Probe
 from service.catalog import collecting, workers
 from service.settings import Settings
 from service.storage import Storage
@@ -57,6 +61,35 @@ def test_a_hundred_who_ask_at_once_share_one_check(settings: Settings, monkeypat
         monkeypatch.setattr(probes, "KEEP_S", 0.0)
         assert api.client.get("/readyz").json()["checks"]["storage"] == "ok"
         assert len(pings) == 2
+
+
+def test_a_part_that_hangs_keeps_one_thread_however_often_it_is_asked_for(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Each /readyz left one more thread, until the container had no more."""
+    monkeypatch.setattr(probes, "KEEP_S", 0.0)
+    goes_on, begun = threading.Event(), []
+
+    def hangs() -> None:
+        begun.append(threading.get_ident())
+        goes_on.wait(60)
+
+    async def ask() -> None:
+        probe = Probe("storage", Calls(), hangs)
+        try:
+            with monkeypatch.context() as patch:
+                patch.setattr(calls, "_PATIENCE_S", 0.2)
+                assert [await probe.state() for _ in range(5)] == [UNAVAILABLE] * 5
+            assert len(begun) == 1
+        finally:
+            goes_on.set()
+        while await probe.state() != OK:
+            await asyncio.sleep(0.01)
+
+    asyncio.run(ask())
+    assert len(begun) == 2
+    (line,) = [record for record in caplog.records if record.msg == "not ready"]
+    assert vars(line)["reason"] == "no answer in time"
 
 
 def test_a_service_without_workers_takes_jobs_and_says_so(api: Api) -> None:
