@@ -27,6 +27,8 @@ PATIENCE_S: Final = 5.0
 #: how many are looked for in a round, and how many are taken at a time: those that it does not come to stay due
 _BATCH: Final = 200
 _AT_ONCE: Final = 10
+#: threads that delete for those who ask; while a store hangs they stay
+_THREADS: Final = 16
 
 
 def was_marked(database: Database) -> bool:
@@ -43,6 +45,7 @@ class Blobs:
         self._storage = storage
         self._within_s = within_s
         self._sweeping: threading.Thread | None = None
+        self._deleting = threading.Semaphore(_THREADS)
 
     def put(self, path: Path, key: str, *, lease: Lease | None = None) -> None:
         """Store a finished file under its key. The file at ``path`` goes away.
@@ -77,11 +80,15 @@ class Blobs:
     def delete(self, keys: Collection[str]) -> None:
         """Delete blobs whose tombstones are written, now if the store answers in time, else later.
 
-        Never fails and waits `PATIENCE_S` at most: what is left is found by `sweep`.
+        Never fails and waits `PATIENCE_S` at most: what is left is found by `sweep`. While a store hangs on what
+        earlier calls asked of it, nothing more is asked.
         """
         if not keys:
             return
-        thread = threading.Thread(target=self._delete, args=(keys,), name="delete-blobs", daemon=True)
+        if not self._deleting.acquire(blocking=False):
+            log.warning("the store takes its time to delete; more is deleted later", count=len(keys))
+            return
+        thread = threading.Thread(target=self._delete_beside, args=(keys,), name="delete-blobs", daemon=True)
         thread.start()
         thread.join(PATIENCE_S)
         if thread.is_alive():
@@ -109,6 +116,12 @@ class Blobs:
         if self._sweeping.is_alive():
             log.warning("the store hangs; what is left is deleted later", count=len(keys))
         return sum(gone)
+
+    def _delete_beside(self, keys: Collection[str]) -> None:
+        try:
+            self._delete(keys)
+        finally:
+            self._deleting.release()
 
     def _delete(self, keys: Collection[str], *, until: float = math.inf) -> int:
         """Delete these, a few at a time, until the store is away or it is ``until``. Returns how many are gone."""

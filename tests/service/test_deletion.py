@@ -22,6 +22,7 @@ import httpx
 import pytest
 from obstore.exceptions import GenericError
 
+from service.blobs import Blobs
 from service.catalog import Asset, Database, Report, Role, leases, media, parts, tombstones
 from service.catalog.models import Tombstone
 from service.catalog.parts import NewFile, NewPart
@@ -229,6 +230,26 @@ def test_a_store_that_is_away_or_slow_keeps_no_round_of_the_reaper(
         assert session.query(Tombstone).filter(Tombstone.attempts == 0).count() >= 90
     answers.set()
     until(lambda: "sweep-blobs" not in {thread.name for thread in threading.enumerate()})
+
+
+@pytest.mark.parametrize("api", ["folder"], indirect=True)
+def test_deletions_from_a_store_that_hangs_keep_a_few_threads(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each left one more thread, for ever on a folder whose server is gone."""
+    services, answers = api.services, threading.Event()
+    blobs = Blobs(services.background, services.storage)
+    monkeypatch.setattr("service.blobs.PATIENCE_S", 0.0)
+    keys = [f"result/{number}" for number in range(40)]
+    with monkeypatch.context() as patch:
+        patch.setattr(services.storage, "delete", lambda _: answers.wait(60))
+        for key in keys:
+            blobs.discard([key])
+        deleting = [thread.name for thread in threading.enumerate()].count("delete-blobs")
+        answers.set()
+        until(lambda: "delete-blobs" not in {thread.name for thread in threading.enumerate()})
+    assert deleting == 16
+    assert buried(api) == 24
+    blobs.discard(keys)
+    until(lambda: not buried(api))
 
 
 @pytest.mark.parametrize("api", ["folder"], indirect=True)
