@@ -11,12 +11,12 @@ from datetime import timedelta
 from typing import Any, Final
 
 from sqlalchemy.orm import Session
-from starlette.responses import Response
+from starlette.responses import Response, StreamingResponse
 
 from service.api.absences import no_face, no_frame, no_medium
 from service.api.ranges import matches
 from service.api.services import Services
-from service.catalog import Media, MediaState, Preview, PreviewState, Role, StillRequest, media, previews, workers
+from service.catalog import Media, MediaState, PreviewState, Role, StillRequest, media, previews, workers
 from service.catalog.requests import to_json
 from service.errors import (
     PROBLEMS,
@@ -108,9 +108,13 @@ async def picture(
         raise _unavailable("the picture was not made in time; try again")
     if made.state == PreviewState.FAILED and made.error is not None:
         raise StillFailedError(made.error)
-    content = await _content(services, made)
+    assert made.blob_key is not None  # noqa: S101 - a picture that is made has both
+    assert made.size_bytes is not None  # noqa: S101
     headers[FRAME_HEADER] = str(made.frame)
-    return Response(content, headers=headers, media_type=MEDIA_TYPES[wanted.request.format])
+    try:
+        return await _stream(services, made.blob_key, 0, made.size_bytes, headers, wanted.request.format)
+    except BlobMissingError as error:  # deleted with its medium, or after its time
+        raise _unavailable("the picture is gone; ask again") from error
 
 
 def _check(services: Services, owner: str, wanted: WantedStill) -> tuple[str, list[str]]:
@@ -180,14 +184,17 @@ def _drop(services: Services, preview_id: str) -> None:
     services.publisher.withdraw_preview(preview_id)
 
 
-async def _content(services: Services, made: Preview) -> bytes:
-    assert made.blob_key is not None  # noqa: S101 - a picture that is made has both
-    assert made.size_bytes is not None  # noqa: S101
-    try:
-        pieces = await services.storage.stream(made.blob_key, 0, made.size_bytes)
-        return b"".join([piece async for piece in pieces])
-    except BlobMissingError as error:  # deleted with its medium, or after its time
-        raise _unavailable("the picture is gone; ask again") from error
+async def _stream(
+    services: Services, key: str, start: int, end: int, headers: Mapping[str, str], kind: str
+) -> StreamingResponse:
+    """The bytes [start, end) of a blob as they are read: who takes them slowly keeps no copy of the whole in memory.
+
+    Raises `BlobMissingError`.
+    """
+    pieces = await services.storage.stream(key, start, end)
+    return StreamingResponse(
+        pieces, headers={**headers, "Content-Length": str(end - start)}, media_type=MEDIA_TYPES[kind]
+    )
 
 
 def _unavailable(detail: str) -> UnavailableError:
@@ -214,9 +221,7 @@ async def small_picture(
         if matches(if_none_match, etag):
             return Response(status_code=304, headers=headers)
         with suppress(BlobMissingError):
-            pieces = await services.storage.stream(key, start, end)
-            content = b"".join([piece async for piece in pieces])
-            return Response(content, headers=headers, media_type=MEDIA_TYPES["jpeg"])
+            return await _stream(services, key, start, end, headers, "jpeg")
     request = StillRequest("jpeg", THUMBNAIL_PX if face is not None else POSTER_PX, face=face)
     wanted = WantedStill(media_id, None, request, {media_id: ""})
     return await picture(services, owner, wanted, if_none_match=if_none_match, is_use=False)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import socket
+import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
@@ -20,6 +22,7 @@ from service.catalog.models import Preview
 from service.catalog.previews import KEPT_S, Still
 from service.errors import Limit, stored_problem
 from service.settings import Settings
+from service.storage import BlobMissingError
 from tests.service.fixtures import MP4, PNG, Api, FakeClock, make_ready, serve
 from tests.waiting import until
 
@@ -298,6 +301,75 @@ def test_a_medium_of_before_or_whose_own_are_lost_gets_its_small_pictures_on_req
         poster, face = api.client.get(shown["poster"]), api.client.get(shown["faces"][0]["thumbnail"])
     assert (poster.status_code, face.status_code) == (200, 200)
     assert [(one["face"], one["max_width"]) for one in worker.requests] == [(None, 640), (0, 160)]
+
+
+def add_poster(api: Api, video: str, content: bytes) -> None:
+    """What a worker stores beside an asset."""
+    draft = api.services.storage.draft()
+    draft.write_bytes(content)
+    key = api.services.storage.key("pictures", "cd" * 32, video, ".jpgs")
+    Blobs(api.services.background, api.services.storage).put(draft, key)
+    with api.services.background.write() as session:
+        medium = session.get_one(Media, video)
+        medium.pictures_key, medium.pictures = key, [[None, 0, len(content)]]
+
+
+@pytest.mark.parametrize("place", ["frames/0", "poster"])
+def test_who_takes_a_picture_slowly_keeps_no_copy_of_it(
+    api: Api, video: str, monkeypatch: pytest.MonkeyPatch, place: str
+) -> None:
+    """Each connection kept a whole one in memory, and a key may have 250."""
+    content = bytes(64 * 1024**2)
+    monkeypatch.setattr(sys.modules[__name__], "PICTURE", content)
+    add_poster(api, video, content)
+    stream, taken = api.services.storage.stream, []
+
+    async def counted(key: str, start: int, end: int) -> AsyncIterator[bytes]:
+        pieces = await stream(key, start, end)
+
+        async def each() -> AsyncIterator[bytes]:
+            async for piece in pieces:
+                taken.append(len(piece))
+                yield piece
+
+        return each()
+
+    monkeypatch.setattr(api.services.storage, "stream", counted)
+    with preview_worker(api), socket.create_connection(api.address, timeout=60) as reader:
+        reader.sendall(f"GET /videos/{video}/{place} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n".encode())
+        head = b""
+        while b"\r\n\r\n" not in head:
+            head += reader.recv(1)
+        time.sleep(1)
+        assert sum(taken) < len(content) // 2
+        rest = reader.makefile("rb").read()
+    assert f"content-length: {len(content)}\r\n".encode() in head.lower()
+    assert (len(rest), sum(taken)) == (len(content), len(content))
+
+
+def test_a_picture_that_is_gone_before_its_first_byte_is_503(
+    api: Api, video: str, reference: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def gone(key: str, start: int, end: int) -> AsyncIterator[bytes]:
+        raise BlobMissingError(key)
+
+    monkeypatch.setattr(api.services.storage, "stream", gone)
+    with preview_worker(api):
+        answer = api.client.post("/preview", json=body(video, reference))
+    assert (answer.status_code, answer.headers["retry-after"]) == (503, "1")
+    assert answer.json()["detail"] == "the picture is gone; ask again"
+
+
+@pytest.mark.parametrize("place", ["frames/0", "poster"])
+def test_pictures_have_a_length_an_etag_and_a_head(api: Api, video: str, place: str) -> None:
+    add_poster(api, video, PICTURE)
+    with preview_worker(api):
+        answer, head = api.client.get(f"/videos/{video}/{place}"), api.client.head(f"/videos/{video}/{place}")
+        etag = {"If-None-Match": answer.headers["etag"]}
+        unchanged = api.client.get(f"/videos/{video}/{place}", headers=etag)
+    assert (answer.status_code, answer.content, answer.headers["content-length"]) == (200, PICTURE, str(len(PICTURE)))
+    assert (head.status_code, head.content, head.headers["content-length"]) == (200, b"", str(len(PICTURE)))
+    assert (unchanged.status_code, unchanged.content) == (304, b"")
 
 
 @pytest.mark.parametrize("role", ["videos", "references"])
