@@ -14,11 +14,11 @@ import os
 import re
 import secrets
 import shutil
-from collections.abc import AsyncIterator, Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Final, Literal, cast, get_args
+from typing import IO, TYPE_CHECKING, Final, Literal, TypeVar, cast, get_args
 
 import obstore
 from obstore.exceptions import GenericError
@@ -31,9 +31,15 @@ if TYPE_CHECKING:
     from obstore import SignCapableStore
     from obstore.store import ClientConfig, RetryConfig, S3Config
 
+T = TypeVar("T")
+
 Kind = Literal["source", "asset", "pictures", "result", "preview", "part", "drawn"]
 
 CHUNK_BYTES = 256 * 1024
+#: of a file that is read or copied: who has it done may end it between two
+_PIECE_BYTES: Final = 4 * 1024**2
+#: seconds between two looks at whether to go on, while a store is waited for
+_LOOK_S: Final = 0.25
 _PART_BYTES: Final = 5 * 1024**2
 #: S3 takes no more parts of one upload
 _MAX_PARTS: Final = 10_000
@@ -61,6 +67,10 @@ _OF_CLIENT: Final = (
     *("pool_idle_timeout", "pool_max_idle_per_host", "proxy_ca_certificate", "proxy_excludes", "proxy_url"),
     *("randomize_addresses", "read_timeout", "timeout", "user_agent"),
 )
+
+
+def _go_on() -> None:
+    """Nobody ends it."""
 
 
 class BlobMissingError(Exception):
@@ -204,11 +214,14 @@ class Storage:
         return str(obstore.sign(cast("SignCapableStore", self._store), "GET", key, expires_in))
 
     @contextmanager
-    def local_path(self, key: str, *, job_id: str = "", folder: Path | None = None) -> Iterator[Path]:
+    def local_path(
+        self, key: str, *, job_id: str = "", folder: Path | None = None, check: Callable[[], None] = _go_on
+    ) -> Iterator[Path]:
         """The blob as a local file: the very file in a local folder, else a copy for the time of the block.
 
-        The copy carries the id of the job that it is made for, or is in a ``folder`` that is kept. Raises
-        `BlobMissingError`. The file must not be changed.
+        The copy carries the id of the job that it is made for, or is in a ``folder`` that is kept. ``check`` is called
+        all the while that it is made, also while the store is silent, and ends it by raising. Raises what that raises,
+        and `BlobMissingError`. The file must not be changed. Not to be called by an event loop.
         """
         if self._folder is not None:
             path = self._folder / key
@@ -225,8 +238,7 @@ class Storage:
         try:
             try:
                 with path.open("wb") as file, _bucket_known():
-                    for piece in obstore.get(self._store, key).stream(min_chunk_size=CHUNK_BYTES):
-                        file.write(piece)
+                    asyncio.run(_receive(self._store, key, file, check))
             except FileNotFoundError as error:
                 raise BlobMissingError(key) from error
             yield path
@@ -415,12 +427,36 @@ async def _pieces(found: obstore.GetResult) -> AsyncIterator[bytes]:
         await asyncio.sleep(0)  # a fast disk must not starve the other requests
 
 
+async def _receive(store: ObjectStore, key: str, file: IO[bytes], check: Callable[[], None]) -> None:
+    """Write a blob of an object store into a file, as long as ``check`` lets it."""
+    found = await _watched(obstore.get_async(store, key), check)
+    pieces = aiter(found.stream(min_chunk_size=_PIECE_BYTES))
+    while (piece := await _watched(anext(pieces, None), check)) is not None:
+        file.write(piece)
+
+
+async def _watched(answer: Awaitable[T], check: Callable[[], None]) -> T:
+    """What an object store answers. ``check`` is called while it is waited for, and ends that by raising."""
+    waiting = asyncio.ensure_future(answer)
+    try:
+        while True:
+            check()
+            if (await asyncio.wait([waiting], timeout=_LOOK_S))[0]:
+                return waiting.result()
+    finally:
+        waiting.cancel()
+
+
 def part_bytes(size: int) -> int:
     """How large the parts are in which a file of this size goes to an object store."""
     return max(_PART_BYTES, -(-size // _MAX_PARTS))
 
 
-def file_sha256(path: Path) -> str:
-    """The sha256 of a file as hex."""
+def file_sha256(path: Path, check: Callable[[], None] = _go_on) -> str:
+    """The sha256 of a file as hex. ``check`` is called every few MiB, and ends it by raising."""
+    digest = hashlib.sha256()
     with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+        while piece := file.read(_PIECE_BYTES):
+            digest.update(piece)
+            check()
+    return digest.hexdigest()

@@ -15,7 +15,7 @@ import redis
 from sqlalchemy.engine import make_url
 
 from tests.service.s3 import S3, s3_server
-from tests.service.servers import PACKAGES, fresh_database, postgres_server, redis_server
+from tests.service.servers import PACKAGES, Wire, fresh_database, postgres_server, redis_server, wired
 
 
 @pytest.fixture(scope="session")
@@ -54,6 +54,14 @@ def bucket(s3: S3, monkeypatch: pytest.MonkeyPatch) -> Iterator[S3]:
         for name, value in one.environment().items():
             monkeypatch.setenv(name, value)
         yield one
+
+
+@pytest.fixture
+def wire(bucket: S3, monkeypatch: pytest.MonkeyPatch) -> Iterator[Wire]:
+    """What storage in the bucket goes over that this process opens."""
+    with wired(bucket.url) as (wire, url):
+        monkeypatch.setenv("AWS_ENDPOINT", url)
+        yield wire
 
 
 @pytest.fixture(scope="session")

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -83,9 +84,13 @@ class Run:
 
     @contextmanager
     def local_path(self, key: str) -> Iterator[Path]:
-        """A blob as a local file; a copy of it carries the job's id. A storage that is away is waited for."""
+        """A blob as a local file; a copy of it carries the job's id. A storage that is away is waited for.
+
+        Raises `BlobMissingError`, and what ends this run, also while the copy is made.
+        """
         with ExitStack() as stack:
-            path = self.patience(lambda: stack.enter_context(self.storage.local_path(key, job_id=self.job.id)))
+            local = partial(self.storage.local_path, key, job_id=self.job.id, check=self.keeper.check)
+            path = self.patience(lambda: stack.enter_context(local()))
             self.keys[path] = key
             yield path
 

@@ -49,7 +49,7 @@ class Unpublished:
         """Store a file, which goes away. Raises what ends the run."""
         run = self._run
         run.keeper.check()
-        sha256, size = file_sha256(path), path.stat().st_size
+        sha256, size = file_sha256(path, run.keeper.check), path.stat().st_size
         key = run.storage.key(kind, sha256, name, suffix)
         self._keys.append(key)  # first: what is stored halfway is deleted as well
         run.patience(lambda: run.blobs.put(path, key, lease=run.lease))

@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final, NoReturn
+from urllib.parse import urlsplit
 
 import psycopg
 import pytest
@@ -247,10 +248,25 @@ def wire_to(url: str) -> Iterator[tuple[Wire, str]]:
     """A wire to the server of a database, and the URL that leads over it."""
     parsed = make_url(url)
     assert parsed.port is not None
-    wire = Wire(parsed.port)
+    with _connected(parsed.port) as wire:
+        yield wire, parsed.set(port=wire.port).render_as_string(hide_password=False)
+
+
+@contextmanager
+def wired(url: str) -> Iterator[tuple[Wire, str]]:
+    """A wire to a web server of this machine, and the URL that leads over it."""
+    port = urlsplit(url).port
+    assert port is not None
+    with _connected(port) as wire:
+        yield wire, f"http://127.0.0.1:{wire.port}"
+
+
+@contextmanager
+def _connected(port: int) -> Iterator[Wire]:
+    wire = Wire(port)
     wire.connect()
     try:
-        yield wire, parsed.set(port=wire.port).render_as_string(hide_password=False)
+        yield wire
     finally:
         wire.connect()
         wire.cut()

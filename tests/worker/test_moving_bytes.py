@@ -1,0 +1,78 @@
+"""A job that has to end while the bytes of its files are on their way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from service.blobs import Blobs
+from service.storage import Storage
+from tests.service.s3 import S3
+from tests.service.servers import Wire
+from tests.worker.test_publishing import run
+from worker.lease import CanceledError
+from worker.run import Run
+from worker.unpublished import Unpublished
+
+__all__ = ["run"]
+
+KEY = "source/ab/clip.mp4"
+CONTENT = bytes(24 * 2**20)
+
+
+@pytest.fixture
+def remote(run: Run, bucket: S3, wire: Wire) -> Run:
+    """The same run with its files in a bucket, one of them there already."""
+    storage = Storage(run.settings.model_copy(update={"storage_url": bucket.storage_url}))
+    draft = storage.draft()
+    draft.write_bytes(CONTENT)
+    storage.put(draft, KEY)
+    return replace(run, storage=storage, blobs=Blobs(run.database, storage))
+
+
+def ends_at(look: int) -> Callable[[], None]:
+    """A check that says at this look, and from then on, that the job is canceled."""
+    looks = []
+
+    def check() -> None:
+        looks.append(len(looks))
+        if len(looks) >= look:
+            raise CanceledError
+
+    return check
+
+
+def drafts(run: Run) -> list[Path]:
+    return [path for path in run.settings.spool_folder.iterdir() if path.is_file()]
+
+
+@pytest.mark.timeout(60)  # a store is silent for longer before it is away
+@pytest.mark.parametrize("silent", [False, True])
+def test_a_file_is_not_fetched_to_its_end(
+    remote: Run, wire: Wire, monkeypatch: pytest.MonkeyPatch, *, silent: bool
+) -> None:
+    monkeypatch.setattr(remote.keeper, "check", ends_at(4))
+    if silent:
+        wire.hang()
+    with pytest.raises(CanceledError), remote.local_path(KEY):
+        pass
+    assert drafts(remote) == []
+
+
+def test_a_file_that_is_fetched_while_the_job_goes_on_is_whole(remote: Run) -> None:
+    with remote.local_path(KEY) as path:
+        assert path.read_bytes() == CONTENT
+    assert drafts(remote) == []
+
+
+def test_a_large_file_is_not_read_to_its_end_before_it_is_stored(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run.keeper, "check", ends_at(4))
+    made = run.draft_folder() / "look.mp4"
+    made.write_bytes(CONTENT)
+    with pytest.raises(CanceledError), Unpublished(run) as unpublished:
+        unpublished.store("result", made, "res_1", ".mp4")
+    assert made.exists()
+    assert list(run.storage.entries()) == []
