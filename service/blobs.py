@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Final
 
@@ -47,14 +47,16 @@ class Blobs:
         self._sweeping: threading.Thread | None = None
         self._deleting = threading.Semaphore(_THREADS)
 
-    def put(self, path: Path, key: str, *, lease: Lease | None = None) -> None:
-        """Store a finished file under its key. The file at ``path`` goes away.
+    def put(
+        self, path: Path, key: str, *, lease: Lease | None = None, check: Callable[[], None] = lambda: None
+    ) -> None:
+        """Store a finished file under its key. The file at ``path`` goes away. ``check`` may end it; see `Storage.put`.
 
         Whoever records the blob says so with `tombstones.recorded` in the same transaction; else it is deleted again,
         and at once when the ``lease`` under which it is written is lost.
         """
         self.expect(key, lease=lease)
-        self._storage.put(path, key)
+        self._storage.put(path, key, check=check)
 
     def expect(self, key: str, *, lease: Lease | None = None) -> None:
         """The first half of `put`, for those who store the bytes by themselves: a blob of this key is about to come."""

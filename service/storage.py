@@ -40,6 +40,8 @@ CHUNK_BYTES = 256 * 1024
 _PIECE_BYTES: Final = 4 * 1024**2
 #: seconds between two looks at whether to go on, while a store is waited for
 _LOOK_S: Final = 0.25
+#: seconds for which a store that is given up on may take to end an upload
+_LAST_S: Final = 5.0
 _PART_BYTES: Final = 5 * 1024**2
 #: S3 takes no more parts of one upload
 _MAX_PARTS: Final = 10_000
@@ -132,12 +134,17 @@ class Storage:
         fcntl.flock(descriptor, fcntl.LOCK_EX)
         return path, descriptor
 
-    def put(self, path: Path, key: str) -> None:
-        """Publish a finished file under its key, complete or not at all. The file at ``path`` goes away."""
+    def put(self, path: Path, key: str, *, check: Callable[[], None] = _go_on) -> None:
+        """Publish a finished file under its key, complete or not at all. The file at ``path`` goes away.
+
+        ``check`` is called all the while that it is sent or copied, also while the store is silent, and ends it by
+        raising. The store is told to forget what it has of it; once the last parts are on their way, they are waited
+        for instead. One that has not done so within `_LAST_S` may keep unfinished parts, as of a process that is
+        killed. Not to be called by an event loop.
+        """
         if self._folder is None:
             with _bucket_known():
-                part = part_bytes(path.stat().st_size)
-                obstore.put(self._store, key, path, chunk_size=part, max_concurrency=_PARTS_AT_ONCE)
+                asyncio.run(_send(self._store, key, path, check))
             path.unlink()
             return
         with _folder_known():
@@ -155,7 +162,7 @@ class Storage:
                 if error.errno != errno.EXDEV:
                     raise
                 with _staged(self._folder) as copy:
-                    shutil.copyfile(path, copy)
+                    _copy(path, copy, check)
                     _sync(copy)
                     copy.replace(target)
             _sync(target.parent)
@@ -435,6 +442,29 @@ async def _receive(store: ObjectStore, key: str, file: IO[bytes], check: Callabl
         file.write(piece)
 
 
+async def _send(store: ObjectStore, key: str, path: Path, check: Callable[[], None]) -> None:
+    """Write a file into an object store, as long as ``check`` lets it."""
+    part = part_bytes(path.stat().st_size)
+    writer = obstore.open_writer_async(store, key, buffer_size=part, max_concurrency=_PARTS_AT_ONCE)
+    try:
+        for piece in _pieces_of(path, part, check):
+            await _watched(writer.write(piece), check)
+    except BaseException as error:
+        with suppress(Exception):  # it has the store forget the parts that it has
+            await asyncio.wait_for(writer.__aexit__(type(error), error, error.__traceback__), _LAST_S)
+        raise
+    # an upload that is cut off here would leave its parts: the last few are sent
+    closing = asyncio.ensure_future(writer.close())
+    try:
+        await _watched(asyncio.shield(closing), check)
+    except FileNotFoundError:
+        raise
+    except OSError as error:  # obstore's errors come as such from here
+        raise GenericError(str(error)) from error
+    finally:
+        await asyncio.wait([closing], timeout=_LAST_S)
+
+
 async def _watched(answer: Awaitable[T], check: Callable[[], None]) -> T:
     """What an object store answers. ``check`` is called while it is waited for, and ends that by raising."""
     waiting = asyncio.ensure_future(answer)
@@ -455,8 +485,20 @@ def part_bytes(size: int) -> int:
 def file_sha256(path: Path, check: Callable[[], None] = _go_on) -> str:
     """The sha256 of a file as hex. ``check`` is called every few MiB, and ends it by raising."""
     digest = hashlib.sha256()
-    with path.open("rb") as file:
-        while piece := file.read(_PIECE_BYTES):
-            digest.update(piece)
-            check()
+    for piece in _pieces_of(path, _PIECE_BYTES, check):
+        digest.update(piece)
     return digest.hexdigest()
+
+
+def _copy(source: Path, target: Path, check: Callable[[], None]) -> None:
+    with target.open("wb") as file:
+        for piece in _pieces_of(source, _PIECE_BYTES, check):
+            file.write(piece)
+
+
+def _pieces_of(path: Path, size: int, check: Callable[[], None]) -> Iterator[bytes]:
+    """A file in pieces of so many bytes. ``check`` is called before each, and may raise."""
+    with path.open("rb") as file:
+        while piece := file.read(size):
+            check()
+            yield piece

@@ -52,7 +52,7 @@ class Unpublished:
         sha256, size = file_sha256(path, run.keeper.check), path.stat().st_size
         key = run.storage.key(kind, sha256, name, suffix)
         self._keys.append(key)  # first: what is stored halfway is deleted as well
-        run.patience(lambda: run.blobs.put(path, key, lease=run.lease))
+        run.patience(lambda: run.blobs.put(path, key, lease=run.lease, check=run.keeper.check))
         return StoredFile(key, sha256, size)
 
     def record(self, step: Callable[[], T]) -> T:

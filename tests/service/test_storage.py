@@ -3,7 +3,6 @@ from __future__ import annotations
 import asyncio
 import errno
 import os
-import shutil
 import socket
 import tempfile
 import threading
@@ -16,7 +15,7 @@ import httpx
 import pytest
 from obstore.exceptions import BaseError
 
-from service import storage as module
+from service import storage as storage_module
 from service.outages import is_outage
 from service.settings import Settings
 from service.storage import BlobMissingError, Storage, client_options, file_sha256, part_bytes
@@ -159,7 +158,7 @@ def slowly(pieces: int, *, of: int, stays: threading.Event, status: str = "200 O
 
 def test_a_transfer_may_take_as_long_as_it_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """All that took longer than 30 s was cut; now what stands still for so long is."""
-    monkeypatch.setattr(module, "_PATIENCE", module._PATIENCE | {"read_timeout": "2s"})
+    monkeypatch.setattr(storage_module, "_PATIENCE", storage_module._PATIENCE | {"read_timeout": "2s"})
     stays = threading.Event()
     with server(PRIVATE) as store:
         for name, value in S3(f"http://{PRIVATE}:{store.port}").environment().items():
@@ -360,12 +359,12 @@ def test_a_write_to_another_disk_that_is_killed_leaves_nothing_that_is_not_clear
     blobs = other_disk / "blobs"
     storage, draft = drafted(blobs, tmp_path)
 
-    def stopped(source: Path, target: Path) -> None:
+    def stopped(source: Path, target: Path, _: object) -> None:
         target.write_bytes(source.read_bytes()[:3])
         monkeypatch.setattr(Path, "unlink", lambda *_, **__: None)  # who is killed clears nothing up
         raise Killed
 
-    monkeypatch.setattr(shutil, "copyfile", stopped)
+    monkeypatch.setattr(storage_module, "_copy", stopped)
     with pytest.raises(Killed):
         storage.put(draft, KEY)
     monkeypatch.undo()

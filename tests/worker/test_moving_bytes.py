@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 
 import pytest
@@ -35,14 +37,23 @@ def remote(run: Run, bucket: S3, wire: Wire) -> Run:
 
 def ends_at(look: int) -> Callable[[], None]:
     """A check that says at this look, and from then on, that the job is canceled."""
-    looks = []
+    looks = count(1)
+    return ends_when(lambda: next(looks) >= look)
+
+
+def ends_when(reached: Callable[[], bool]) -> Callable[[], None]:
+    """A check that says so as soon as this is true."""
 
     def check() -> None:
-        looks.append(len(looks))
-        if len(looks) >= look:
+        if reached():
             raise CanceledError
 
     return check
+
+
+def uploads(bucket: S3) -> list[str]:
+    """What has begun to be stored, by its key."""
+    return [one["Key"] for one in bucket.client().list_multipart_uploads(Bucket=bucket.bucket).get("Uploads", [])]
 
 
 def drafts(run: Run) -> list[Path]:
@@ -76,3 +87,62 @@ def test_a_large_file_is_not_read_to_its_end_before_it_is_stored(run: Run, monke
         unpublished.store("result", made, "res_1", ".mp4")
     assert made.exists()
     assert list(run.storage.entries()) == []
+
+
+@pytest.mark.timeout(60)
+def test_a_file_that_is_not_sent_to_its_end_leaves_nothing_in_the_store(
+    remote: Run, bucket: S3, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(remote.keeper, "check", ends_when(lambda: uploads(bucket) != []))
+    nothing_is_stored(remote, bucket)
+
+
+@pytest.mark.timeout(60)
+def test_nor_does_one_on_whose_way_the_store_falls_silent(
+    remote: Run, bucket: S3, wire: Wire, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looks = count(1)
+
+    def silent_for_a_while() -> bool:
+        if not uploads(bucket):
+            return False
+        wire.hang()
+        if next(looks) < 6:
+            return False
+        wire.connect()
+        return True
+
+    monkeypatch.setattr(remote.keeper, "check", ends_when(silent_for_a_while))
+    nothing_is_stored(remote, bucket)
+
+
+@pytest.mark.timeout(60)
+def test_nor_does_one_whose_last_parts_are_on_their_way(
+    remote: Run, bucket: S3, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shield, closing = asyncio.shield, []
+
+    def noted(waiting: asyncio.Future[None]) -> asyncio.Future[None]:
+        closing.append(waiting)
+        return shield(waiting)
+
+    monkeypatch.setattr(asyncio, "shield", noted)
+    monkeypatch.setattr(remote.keeper, "check", ends_when(lambda: closing != []))
+    nothing_is_stored(remote, bucket)
+
+
+def nothing_is_stored(run: Run, bucket: S3) -> None:
+    made = run.draft_folder() / "look.mp4"
+    made.write_bytes(CONTENT)
+    with pytest.raises(CanceledError), Unpublished(run) as unpublished:
+        unpublished.store("result", made, "res_1", ".mp4")
+    assert uploads(bucket) == []
+    assert bucket.listed() == [f"faces/{KEY}"]
+
+
+def test_a_file_that_is_sent_while_the_job_goes_on_is_whole(remote: Run, bucket: S3) -> None:
+    made = remote.draft_folder() / "look.mp4"
+    made.write_bytes(CONTENT)
+    file = Unpublished(remote).store("result", made, "res_1", ".mp4")
+    assert bucket.read(f"faces/{file.key}") == CONTENT
+    assert not made.exists()

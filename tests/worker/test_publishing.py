@@ -144,8 +144,8 @@ def test_nothing_stays_of_a_job_that_lost_its_lease(run: Run, when: str, monkeyp
     stored = []
     put = run.storage.put
 
-    def counted(path: Path, key: str) -> None:
-        put(path, key)
+    def counted(path: Path, key: str, **more: Any) -> None:
+        put(path, key, **more)
         stored.append(key)
         if len(stored) == 3:
             if when == "while":
@@ -234,8 +234,8 @@ def test_nothing_stays_of_a_vectorisation_that_ends_between_its_two_files(
         medium = session.query(Media).one()
     stored, put = [], run.storage.put
 
-    def noted(path: Path, key: str) -> None:
-        put(path, key)
+    def noted(path: Path, key: str, **more: Any) -> None:
+        put(path, key, **more)
         stored.append(key)
 
     def stops() -> None:
