@@ -184,6 +184,10 @@ class Settings(BaseSettings):
     """How long a clip stays open for the next picture."""
     preview_open_clips: int = Field(default=4, gt=0)
     """Clips that are open at once."""
+    preview_copy_idle_s: float = Field(default=600.0, gt=0)
+    """How long the worker of previews keeps a file that it has fetched from an object store, from its last use."""
+    preview_copy_bytes: int = Field(default=4 * GIB, ge=0)
+    """Bytes of such files; those in use, or used just before, are kept beyond that."""
     preview_polling_interval_s: float = Field(default=0.02, gt=0)
     """How often the worker of previews looks at the embedded broker."""
     max_open_previews: int = Field(default=8, gt=0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +65,16 @@ def preview(service: Service, wanted: dict[str, Any], **headers: str) -> httpx.R
 def pictures(service: Service) -> list[str]:
     """The keys of the small pictures that were asked for."""
     return [key for key in service.blobs() if "preview/" in key and key.endswith(".jpg")]
+
+
+def copies(service: Service) -> list[bytes]:
+    """What is in the files that are not its own, but copies, or not finished."""
+    found = []
+    for path in service.files():
+        if path.parent.parent.name == "spool":
+            with suppress(FileNotFoundError):
+                found.append(path.read_bytes())
+    return found
 
 
 def test_frames_looks_and_small_pictures(
@@ -134,11 +145,15 @@ def test_a_clip_stays_open_until_its_medium_is_deleted(service: Service, clip: P
         assert preview(service, {**wanted, "look": look}).status_code == 200
     assert len(sandboxed(service)) == opened
     assert pictures(service)
+    # an object store's file is here as a copy
+    content = clip.read_bytes()
+    assert copies(service).count(content) == (service.s3 is not None)
     assert service.client.delete(f"/videos/{video['id']}").status_code == 204
     # a busy database has them deleted a little later
     until(lambda: not [path for path in service.files() if ".jpg" in path.name and video["id"] in path.name])
     until(lambda: pictures(service) == [])
     until(lambda: len(sandboxed(service)) < opened)
+    until(lambda: content not in copies(service))
     assert service.client.post("/preview", json=wanted).status_code == 404
 
 

@@ -18,6 +18,7 @@ from service.catalog import Media
 from service.settings import Settings
 from service.storage import Storage
 from worker.failures import without_files
+from worker.previews.copies import Blob, Copies
 from worker.run import media_limits
 from worker.sandbox import CrashError, LimitError, Limits, MethodError, Sandbox, Session, View
 
@@ -81,6 +82,8 @@ class OpenClips:
         self._storage = storage
         self._sandbox = sandbox
         self._present = present
+        # files of a folder are used where they are
+        self._copies = Copies(settings, storage) if settings.local_storage_folder is None else None
         self._entries: dict[tuple[str | None, ...], _Entry] = {}
         self._lock = threading.Lock()
         self._stop = threading.Event()
@@ -96,11 +99,14 @@ class OpenClips:
         self._thread.join()
         for entry in self._idle(lambda _: True):
             self._close(entry)
+        if self._copies is not None:
+            self._copies.close()
 
     def ask(self, clip: Clip, question: Mapping[str, Any], name: str, until: float) -> tuple[Any, Path]:
         """The answer to a question about a clip, not checked, and where the file ``name`` that it makes is.
 
-        The file is the caller's. Raises what `Session.ask` and `Storage.local_path` raise.
+        The file is the caller's. Raises what `Session.ask` and `Storage.local_path` raise, and `TimeLimitError` too
+        when the clip's files have not come from an object store ``until`` then; they are kept for the next question.
         """
         with self._lock:
             entry = self._entries.setdefault(clip.key, _Entry(clip))
@@ -141,12 +147,12 @@ class OpenClips:
         for other in sorted(idle, key=lambda one: one.used_at)[:too_many]:
             self._close(other)
         with ExitStack() as stack:
+            blobs = _blobs(entry.clip)
+            paths = self._files(stack, blobs, until)
+            entry.keys = dict(zip(paths, (blob.key for blob in blobs), strict=True))
             folder, descriptor = self._storage.new_folder()
             stack.callback(shutil.rmtree, folder, ignore_errors=True)
             stack.callback(os.close, descriptor)
-            keys = _blobs(entry.clip)
-            paths = [self._local(stack, key, folder) for key in keys]
-            entry.keys = dict(zip(paths, keys, strict=True))
             source, asset, *reference = paths
             limits = Limits(self._settings.job_memory_bytes, _CPU_S, _FILE_BYTES)
             arguments = {
@@ -161,8 +167,10 @@ class OpenClips:
             entry.folder, entry.held = folder.resolve(), stack.pop_all()
         return entry.session
 
-    def _local(self, stack: ExitStack, key: str, folder: Path) -> Path:
-        return stack.enter_context(self._storage.local_path(key, folder=folder)).resolve()
+    def _files(self, stack: ExitStack, blobs: list[Blob], until: float) -> list[Path]:
+        if self._copies is not None:
+            return stack.enter_context(self._copies.held(blobs, until))
+        return [stack.enter_context(self._storage.local_path(blob.key)).resolve() for blob in blobs]
 
     def _run(self) -> None:
         while not self._stop.wait(_LOOK_S):
@@ -174,15 +182,21 @@ class OpenClips:
     def _close_unneeded(self) -> None:
         with self._lock:
             ids = {media_id for entry in self._entries.values() for media_id in entry.clip.media}
+        if self._copies is not None:
+            ids |= self._copies.media_ids
         if not ids:
             return
         before = time.monotonic() - self._settings.preview_idle_s
         late = self._idle(lambda entry: entry.used_at < before)
         for entry in late:
             self._close(entry)
+        if self._copies is not None:
+            self._copies.drop_old()
         present = self._present(ids)
         for entry in self._idle(lambda entry: any(present.get(id_) != key for id_, key in entry.clip.media.items())):
             self._close(entry)
+        if self._copies is not None:
+            self._copies.drop_deleted(present)
 
     def _idle(self, wanted: Callable[[_Entry], bool]) -> list[_Entry]:
         """Those of the clips that nobody uses right now."""
@@ -203,7 +217,10 @@ class OpenClips:
         entry.session = None
 
 
-def _blobs(clip: Clip) -> list[str]:
+def _blobs(clip: Clip) -> list[Blob]:
     """Source and asset of the medium, and the asset of the reference."""
-    keys = [clip.medium.source_key, clip.medium.asset_key, *([clip.reference.asset_key] if clip.reference else ())]
-    return [key for key in keys if key is not None]
+    medium, reference = clip.medium, clip.reference
+    found = [(medium.source_key, medium), (medium.asset_key, medium)]
+    if reference is not None:
+        found.append((reference.asset_key, reference))
+    return [Blob(key, one.id, one.asset_key) for key, one in found if key is not None]
