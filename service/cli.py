@@ -205,11 +205,21 @@ def migrate(
         migrate_database(settings.database)
         return
     if has_table(settings.database, Worker.__tablename__):
-        since = utc_now() - timedelta(seconds=settings.silent_s)
-        running = with_records(settings, lambda session: workers.heard_of(session, since=since), write=False)
+        running = _workers_heard_of(settings)
         if running:
             refuse(f"{running} worker(s) are running: stop every process of the service first", CANNOT_START)
     migrate_to(settings.database, to)
+
+
+def _workers_heard_of(settings: Settings) -> int:
+    """How many workers have said lately, by the database's clock as they do, that they are alive."""
+    database = Database(settings.database)
+    try:
+        since = database.now() - timedelta(seconds=settings.silent_s)
+        with database.read() as session:
+            return workers.heard_of(session, since=since)
+    finally:
+        database.close()
 
 
 @cli.command()

@@ -8,10 +8,11 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from datetime import timedelta
 from pathlib import Path
+from types import MappingProxyType
 
 import httpx
 import pytest
@@ -23,6 +24,7 @@ from service.catalog import Database, Job, JobState, jobs, leases, workers
 from service.catalog.database import make_engine
 from service.catalog.migrations import migrate, migrate_to
 from service.settings import Settings
+from tests.faults.test_clocks import clock_that_is_off
 from tests.service.catalog.test_parts import finish, parted
 from tests.service.fixtures import MP4, PNG, Api, claim, make_ready, make_results, serve
 from tests.service.servers import fresh_database, missing
@@ -169,8 +171,10 @@ def test_the_tables_go_down_and_up_with_what_is_in_them(kept: Settings) -> None:
 _FIRST = ("media", "jobs", "looks", "results")
 
 
-def _migrate(settings: Settings, version: str | None, code: int = 0) -> str:
-    environment = os.environ | {"PVG_DATA_DIR": str(settings.folder), "PVG_DATABASE_URL": settings.database_url}
+def _migrate(
+    settings: Settings, version: str | None, code: int = 0, more: Mapping[str, str] = MappingProxyType({})
+) -> str:
+    environment = os.environ | {"PVG_DATA_DIR": str(settings.folder), "PVG_DATABASE_URL": settings.database_url} | more
     command = [str(Path(sys.executable).with_name("pvg-service")), "migrate", *(["--to", version] if version else [])]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == code, done.stderr
@@ -226,6 +230,20 @@ def test_tables_are_not_changed_below_a_running_worker(kept: Settings) -> None:
     _migrate(kept, "0012")
     assert _version(database) == "0012"
     database.close()
+
+
+def test_a_running_worker_is_seen_from_a_machine_whose_clock_is_ahead(postgres_url: str, tmp_path: Path) -> None:
+    """Workers are alive by the database's clock."""
+    with fresh_database(postgres_url) as url:
+        migrate_to(url, "0013")
+        database = Database(url)
+        with database.write() as session:
+            workers.beat(session, "worker-1", now=database.now() + timedelta(seconds=60))
+        settings = Settings(data_dir=tmp_path / "data", database_url=url)
+        said = _migrate(settings, "0012", code=1, more=clock_that_is_off(tmp_path, 3600))
+        assert "1 worker(s) are running" in said
+        assert _version(database) == "0013"
+        database.close()
 
 
 def test_what_is_done_in_parts_begins_anew_in_the_version_before_there_were_parts(kept: Settings) -> None:
