@@ -53,6 +53,7 @@ class Heartbeat:
     def __init__(self, settings: Settings, *, kind: Kind = "jobs") -> None:
         self._settings = settings
         self._kind = kind
+        self._drafts: Drafts | None = None
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="heartbeat", daemon=True)
 
@@ -67,14 +68,21 @@ class Heartbeat:
 
     def _run(self) -> None:
         database = Database(self._settings.database)
-        drafts = Drafts(database, Storage(self._settings), self._settings)
         while True:
             _beat(database, lacks=workers.BROKER if connection.is_missed() else None, kind=self._kind)
-            _clear(drafts)
+            self._clear(database)
             if self._stop.wait(self._settings.heartbeat_s):
                 break
         _leave(database)
         database.close()
+
+    def _clear(self, database: Database) -> None:
+        try:
+            if self._drafts is None:  # the folder of the files may be away as this process begins
+                self._drafts = Drafts(database, Storage(self._settings), self._settings)
+            self._drafts.clear()
+        except Exception as error:  # after the next beat
+            log.warning("drafts not cleared", error=type(error).__name__)
 
 
 def _beat(database: Database, lacks: str | None = None, kind: Kind = "jobs") -> None:
@@ -83,13 +91,6 @@ def _beat(database: Database, lacks: str | None = None, kind: Kind = "jobs") -> 
             workers.beat(session, worker_id(), now=database.now(), lacks=lacks, kind=kind)
     except Exception as error:  # the next one may arrive
         log.warning("heartbeat not written", error=type(error).__name__)
-
-
-def _clear(drafts: Drafts) -> None:
-    try:
-        drafts.clear()
-    except Exception as error:  # after the next beat
-        log.warning("drafts not cleared", error=type(error).__name__)
 
 
 def _leave(database: Database) -> None:

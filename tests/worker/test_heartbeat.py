@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import time
 from pathlib import Path
 
+from sqlalchemy import select
+
 from service.catalog import Database, workers
+from service.catalog.models import Worker
 from service.ids import new_id
 from service.queue import make_folders
 from service.settings import Settings
@@ -36,3 +41,31 @@ def test_an_idle_worker_removes_what_a_killed_process_was_writing(database: Data
             return workers.lacking(session, since=database.now().replace(year=2000)) == []
 
     until(left)
+
+
+def test_a_worker_that_begins_while_the_folder_of_the_files_is_away_says_that_it_is_alive(
+    database: Database, tmp_path: Path
+) -> None:
+    mount = tmp_path / "mount"
+    settings = Settings(
+        data_dir=tmp_path / "data", database_url=database.url, storage_url=str(mount / "blobs"), heartbeat_s=0.05
+    )
+    settings.spool_folder.mkdir(parents=True)
+    draft = settings.spool_folder / "drawn.mp4"
+    draft.write_bytes(b"a face")
+    os.utime(draft, times=(time.time() - 3600,) * 2)
+    mount.touch()  # no folder can be made there
+    heartbeat = Heartbeat(settings)
+    heartbeat.start()
+    beats = set()
+
+    def beat_again() -> bool:
+        with database.read() as session:
+            beats.update(session.scalars(select(Worker.seen_at)))
+        return len(beats) > 1
+
+    until(beat_again)
+    assert draft.exists()
+    mount.unlink()
+    until(lambda: not draft.exists())
+    heartbeat.stop()
