@@ -17,7 +17,7 @@ from obstore.exceptions import BaseError
 from sqlalchemy.exc import ArgumentError, DBAPIError, OperationalError
 
 from service import health
-from service.catalog import Key, keys, utc_now, workers
+from service.catalog import Database, Key, keys, workers
 from service.catalog.migrations import VersionError, has_table, is_current, migrate_to
 from service.catalog.migrations import migrate as migrate_database
 from service.catalog.models import Worker

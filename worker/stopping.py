@@ -7,12 +7,17 @@ from __future__ import annotations
 
 import logging
 import mmap
+import os
 import signal
 import struct
+import threading
 import time
 from typing import Final
 
+import structlog
 from billiard.exceptions import WorkerLostError
+
+log = structlog.get_logger(__name__)
 
 #: when the worker was told to stop, by the steady clock; a page that every process forked from here shares
 _page: Final = mmap.mmap(-1, 8)
@@ -23,6 +28,9 @@ _TIME: Final = struct.Struct("d")
 _SETTLED_S: Final = 2.2
 #: how far a job is from which on this tells how long the rest takes
 _BEGUN: Final = 0.05
+#: of a worker that does not end in time: seconds until its last line is given up, and until the kernel ends it
+_TOLD_S: Final = 0.5
+_KERNEL_S: Final = 1.0
 
 
 class StoppedError(Exception):
@@ -55,12 +63,25 @@ def settle() -> None:
 
 
 def end_within(seconds: float) -> None:
-    """Have the kernel end this process after so many seconds, and its children with it (`worker.lifeline`).
+    """End this process after so many seconds, with status 0, and its children with it (`worker.lifeline`).
 
-    It does nothing for a process that ends by itself before.
+    Their jobs are given back by then. It does nothing for a process that ends by itself before. A thread does it, since
+    the kernel passes over a signal without a handler that is for the first process of a container, and gives others
+    the status of a failure. Should the thread not run, it is the kernel all the same, a second later.
     """
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    signal.setitimer(signal.ITIMER_REAL, seconds + _KERNEL_S)
+    threading.Thread(target=_end_after, args=(seconds,), name="deadline", daemon=True).start()
+
+
+def _end_after(seconds: float) -> None:
+    time.sleep(seconds)
+    # in a thread of its own: who reads the log may be what hangs
+    line = "the worker does not end by itself, and is ended; what it still has is queued again"
+    told = threading.Thread(target=log.warning, args=(line,), daemon=True)
+    told.start()
+    told.join(_TOLD_S)
+    os._exit(0)  # the log is written line by line, and nothing else waits to be written
 
 
 def is_no_loss(record: logging.LogRecord) -> bool:

@@ -6,6 +6,7 @@ import json
 import logging
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -22,20 +23,32 @@ import pytest
 from billiard.exceptions import WorkerLostError
 
 from scripts.samples import Samples
+from service import health
 from service.api.services import make_services
 from service.catalog import Database, jobs
+from service.processes import worker_command, worker_environment
 from service.settings import Settings
 from tests.gallery.clips import repeat_clip
 from tests.promises import Drill
-from tests.service.fixtures import MP4, make_ready, make_results
+from tests.service.fixtures import MP4, make_ready, make_results, make_tables
+from tests.service.servers import missing
 from tests.waiting import until
-from tests.worker.serving import Service, kill_all, processes_of, running_service, wait_until_gone
+from tests.worker.serving import (
+    Service,
+    kill_all,
+    processes_of,
+    running_service,
+    wait_until_gone,
+    worker_processes,
+)
 from worker import stopping
 
 QUICK = {"heartbeat_s": "1", "progress_interval_s": "0.2", "worker_concurrency": "1"}
 #: a worker is not ended (`worker.stopping.end_within`) because the machine stands still for some seconds; it gives back
 #: only jobs that take longer than this
 GRACE = {"worker_stop_grace_s": "30"}
+#: runs a command as the first process of a container
+FIRST = ("unshare", "--user", "--map-root-user", "--pid", "--fork", "--kill-child")
 
 
 @pytest.fixture(scope="module")
@@ -177,6 +190,64 @@ def test_a_child_that_ends_is_an_error_unless_its_worker_was_told_to_stop(
     stopped = "INFO" if asked_at is not None else "ERROR"
     assert [record.levelname for record in caplog.records] == [stopped, "ERROR"]
     assert ("WorkerLostError" in caplog.text) == (asked_at is None)
+
+
+#: a process that hangs, with a child that is tied to it and says when it is there
+_HANGS = """
+import os, sys, threading
+from service.logs import configure
+from worker import lifeline, stopping
+configure("INFO")
+if os.fork() == 0:
+    lifeline.die_with_parent()
+    print(flush=True)
+    threading.Event().wait()
+stopping.end_within(float(sys.argv[1]))
+threading.Event().wait()
+"""
+
+
+@pytest.mark.parametrize("before", [(), FIRST], ids=["a-process", "the-first-of-a-container"])
+def test_a_worker_that_hangs_ends_with_status_0(before: tuple[str, ...]) -> None:
+    if before:
+        if shutil.which(before[0]) is None:
+            missing("unshare is not installed")
+        alone = subprocess.run([*before, "/bin/true"], capture_output=True, text=True, check=False)
+        if alone.returncode != 0:
+            pytest.skip(f"namespaces are not to be had here: {alone.stderr.strip()}")
+    command = [*before, sys.executable, "-c", _HANGS, "0.5"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            said, told = process.communicate(timeout=60)  # the child has the output open for as long as it lives
+        except subprocess.TimeoutExpired:
+            process.kill()
+            raise
+    assert (process.returncode, said) == (0, "\n"), told
+    assert "does not end by itself" in told
+
+
+@pytest.mark.slow
+def test_a_worker_of_which_a_process_hangs_ends_in_time(tmp_path: Path, promise: Callable[..., Drill]) -> None:
+    drill = promise("R7", wanted="a pool process that hangs: exit 0 within 30 s")
+    settings = Settings(data_dir=tmp_path / "data", worker_concurrency=1)
+    settings.folder.mkdir()
+    make_tables(settings.database)
+    environment = worker_environment(settings) | {"PVG_WORKER_CONCURRENCY": "1"}
+    with (tmp_path / "log").open("wb") as log:
+        process = subprocess.Popen(worker_command(settings), env=environment, stdout=log, stderr=log)
+    try:
+        until(lambda: health.of_workers(settings, "jobs")[0], 180, said=(tmp_path / "log").read_text)
+        kill_all(worker_processes(settings.folder, 2) - {process.pid}, signal.SIGSTOP)
+        told = time.monotonic()
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(60) == 0
+        ended_s = time.monotonic() - told
+        assert wait_until_gone(settings.folder, 30) == {}
+    finally:
+        process.kill()
+        process.wait()
+    drill.measured = f"exit 0 after {ended_s:.1f} s"
+    drill.keep_to(ended_s, 30)
 
 
 def being_answered(service: Service) -> int:
