@@ -12,6 +12,8 @@ from service.catalog.models import Base
 
 # any constant: it only has to differ from other users of the same database
 LOCK = 7_301_984
+#: milliseconds to wait for those who use a table. Whoever wants it later waits behind the one who wants to change it
+TABLE_WAIT_MS = 2000
 
 
 def _leave_rows_alone(connection: DBAPIConnection, _: ConnectionPoolEntry) -> None:
@@ -30,9 +32,10 @@ def run() -> None:
         with writer.begin() as connection:
             # several API processes may start at once; SQLite's write lock is taken by BEGIN IMMEDIATE
             if connection.dialect.name == "postgresql":
-                # one that is at it takes as long as its tables are large, and so may a reader of them
+                # one that is at it takes as long as its tables are large
                 connection.execute(text("SET LOCAL lock_timeout = 0"))
                 connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": LOCK})
+                connection.execute(text(f"SET LOCAL lock_timeout = {TABLE_WAIT_MS:d}"))
             context.configure(
                 connection=connection, target_metadata=Base.metadata, render_as_batch=True, compare_type=True
             )

@@ -12,7 +12,7 @@ from alembic import command
 from alembic.autogenerate import compare_metadata
 from alembic.runtime.migration import MigrationContext
 from sqlalchemy import inspect, text
-from sqlalchemy.exc import IntegrityError
+from sqlalchemy.exc import IntegrityError, OperationalError
 
 from service.catalog import (
     Asset,
@@ -31,9 +31,10 @@ from service.catalog import (
     webhooks,
 )
 from service.catalog.database import make_engine
-from service.catalog.migrations import _config, is_current, migrate
+from service.catalog.migrations import _config, is_current, migrate, migrate_to
 from service.catalog.models import Base
 from tests.service.fixtures import FakeClock, add_media, add_transfer, announce, claim
+from tests.service.servers import fresh_database
 from tests.waiting import until
 
 
@@ -73,6 +74,52 @@ def test_who_migrates_waits_for_another_as_long_as_it_takes(
             assert not second.done(), "it waits for its turn"
         second.result(120)
     first.dispose()
+
+
+def _locks(url: str, *, granted: bool) -> list[str]:
+    """Of whom the locks of `parts` are, or who waits for one."""
+    engine = make_engine(url)
+    query = text("SELECT mode FROM pg_locks WHERE relation = 'parts'::regclass AND granted = :granted")
+    with engine.connect() as connection:
+        found = list(connection.scalars(query, {"granted": granted}))
+    engine.dispose()
+    return found
+
+
+def test_who_migrates_beside_a_backup_keeps_nobody_else_from_the_tables(
+    postgres_url: str, postgres_tables: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("service.catalog.migrations._PAUSE_S", 0.2)
+    with fresh_database(postgres_url, postgres_tables) as url, ThreadPoolExecutor() as pool:
+        command.downgrade(_config(url), "0018")
+        dump, other = make_engine(url), make_engine(url, lock_wait_s=10)
+        with dump.begin() as backup:
+            backup.execute(text("LOCK TABLE parts IN ACCESS SHARE MODE"))  # as pg_dump does, until its end
+            migrated = pool.submit(migrate, url)
+            for _ in range(2):
+                until(lambda: migrated.done() or "AccessExclusiveLock" in _locks(url, granted=False), 120)
+                with other.connect() as reader:
+                    reader.execute(text("SELECT count(*) FROM parts"))
+            assert not migrated.done(), "the backup goes on"
+        migrated.result(120)
+        assert is_current(url)
+        dump.dispose()
+        other.dispose()
+    assert "others use the tables" in caplog.text
+
+
+def test_who_migrates_does_not_wait_for_others_without_end(
+    postgres_url: str, postgres_tables: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("service.catalog.migrations._PATIENCE_S", 0.0)
+    with fresh_database(postgres_url, postgres_tables) as url:
+        engine = make_engine(url)
+        with engine.begin() as backup:
+            backup.execute(text("LOCK TABLE parts IN ACCESS SHARE MODE"))
+            with pytest.raises(OperationalError, match="lock timeout"):
+                migrate_to(url, "0018")
+        engine.dispose()
+        assert is_current(url)
 
 
 def test_several_processes_may_migrate_at_once(database: Database) -> None:
