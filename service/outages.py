@@ -14,8 +14,8 @@ from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 _SQLITE_LOCKED: Final = frozenset({sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED})
 _SQLITE_AWAY: Final = _SQLITE_LOCKED | {sqlite3.SQLITE_IOERR, sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_PROTOCOL}
 #: SQLSTATEs, by their beginning: connection lost, no resources, server stops or starts, serialisation and deadlocks,
-#: a lock that is not had in time, a server that only reads since another took over
-_SERVER_AWAY: Final = ("08", "53", "57", "40", "55P03", "25006")
+#: a lock that is not had in time, a server that only reads since another took over, a transaction that stood still
+_SERVER_AWAY: Final = ("08", "53", "57", "40", "55P03", "25006", "25P03")
 _SERVER_LOCKED: Final = "55P03"
 _SERVER_FULL: Final = "53100"
 _FULL: Final = frozenset({errno.ENOSPC, errno.EDQUOT})
@@ -49,6 +49,11 @@ def is_locked(error: BaseException) -> bool:
         return False
     code = _sqlite_code(error.orig)
     return code in _SQLITE_LOCKED if code is not None else getattr(error.orig, "sqlstate", None) == _SERVER_LOCKED
+
+
+def is_partly_locked(error: BaseException) -> bool:
+    """The same of a server, where others keep some rows, or a table, and no more; SQLite is locked as a whole."""
+    return is_locked(error) and _sqlite_code(getattr(error, "orig", None)) is None
 
 
 def is_disk_full(error: BaseException) -> bool:

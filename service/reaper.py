@@ -12,7 +12,7 @@ import structlog
 from service.blobs import WRITE_S, Blobs
 from service.catalog import Database, Message, idempotency, jobs, leases, previews, set_back, sweep, webhooks
 from service.drafts import Drafts
-from service.outages import is_outage
+from service.outages import is_outage, is_partly_locked
 from service.queue import QUEUES, Publisher, clear_remains
 from service.room import Room
 from service.rounds import Rounds
@@ -62,6 +62,7 @@ class Reaper:
         """One round. A step that fails is logged and does not keep the others from running."""
         steps: tuple[Callable[[], object], ...] = (
             self.revive,
+            self.release,
             self.republish,
             self.expire,
             self.delete,
@@ -73,7 +74,9 @@ class Reaper:
                 step()
             except Exception as error:
                 is_whole = False
-                if is_outage(error):
+                if is_partly_locked(error) and step != self.revive:  # workers renew their leases all the same
+                    log.warning("others keep what the reaper waits for", step=step.__name__)
+                elif is_outage(error):
                     self._spare_leases()
                     log.warning("the database or the storage is away", step=step.__name__, error=type(error).__name__)
                 else:
@@ -111,7 +114,7 @@ class Reaper:
         return now
 
     def revive(self) -> list[Message]:
-        """Queue lapsed jobs again, end those out of attempts or time, release waiting jobs."""
+        """Queue lapsed jobs again, end those out of attempts."""
         now = self._time()
         spared = time.monotonic() < self._spared_until
         with self._database.write() as session:
@@ -119,15 +122,24 @@ class Reaper:
                 lease_s, write_s = self._settings.lease_s, max(WRITE_S, self._settings.job_hard_limit_s)
                 set_back.mend(session, now=now, lease_s=lease_s, write_s=write_s)
             again = [] if spared else leases.reap(session, now=now, max_attempts=self._settings.max_attempts)
-            queued_since = now - timedelta(seconds=self._settings.max_queued_s)
-            jobs.expire(session, before=queued_since, now=now)
-            again += jobs.release(session, now=now)
-            webhooks.wake(session, now=now)
         self._is_set_back = False
         for message in again:
             log.info("job queued again", job=message.job_id, queue=message.queue)
         self._publisher.publish(again)
         return again
+
+    def release(self) -> list[Message]:
+        """End queued jobs out of time, release those whose media are ready, and webhooks whose jobs have ended."""
+        now = self._database.now()
+        with self._database.write() as session:
+            queued_since = now - timedelta(seconds=self._settings.max_queued_s)
+            jobs.expire(session, before=queued_since, now=now)
+            released = jobs.release(session, now=now)
+            webhooks.wake(session, now=now)
+        for message in released:
+            log.info("job released", job=message.job_id, queue=message.queue)
+        self._publisher.publish(released)
+        return released
 
     def republish(self) -> list[Message]:
         """Send messages again that never reached the broker or that it lost.

@@ -10,7 +10,7 @@ from contextlib import contextmanager, nullcontext
 from datetime import datetime
 from functools import partial
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Final, cast
 
 from sqlalchemy import Connection, CursorResult, Engine, Executable, create_engine, event, text
 from sqlalchemy.engine import make_url
@@ -23,6 +23,16 @@ from service.catalog.clock import Clock, ServerClock, utc_now
 
 #: seconds that a writer waits for another one
 LOCK_WAIT_S = 15.0
+#: what a server is told of each session, in milliseconds, and seconds for the keepalives: it notices that a machine has
+#: lost its power or its network, and what that had locked is free again before the leases that it renewed last are
+#: over. No transaction here stands still for as long
+_OF_SESSIONS: Final = {
+    "idle_in_transaction_session_timeout": 20_000,
+    "tcp_keepalives_idle": 10,
+    "tcp_keepalives_interval": 5,
+    "tcp_keepalives_count": 2,
+    "tcp_user_timeout": 20_000,
+}
 #: seconds to connect to a database server, and to get one of the connections that are open
 _CONNECT_S = 3
 _POOL_S = 5.0
@@ -223,7 +233,8 @@ def make_engine(url: str, *, lock_wait_s: float = LOCK_WAIT_S) -> Engine:
 
 def _prepare_server(lock_wait_ms: int, connection: DBAPIConnection, _: ConnectionPoolEntry) -> None:
     cursor = connection.cursor()
-    cursor.execute(f"SET lock_timeout = {lock_wait_ms:d}")
+    wanted = {"lock_timeout": lock_wait_ms, **_OF_SESSIONS}
+    cursor.execute("; ".join(f"SET {name} = {value:d}" for name, value in wanted.items()))
     cursor.close()
     connection.commit()
 

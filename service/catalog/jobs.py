@@ -255,11 +255,14 @@ def _waited(since: datetime, now: datetime) -> dict[str, float]:
 def release(session: Session, *, now: datetime) -> list[Message]:
     """Release the waiting jobs whose media are all ready, and fail those with a failed medium.
 
-    Returns the released jobs, to be published. Run after a medium is done, and by the reaper.
+    Returns the released jobs, to be published. Run after a medium is done, and by the reaper. What another transaction
+    has locked is left to it, or to the next time.
     """
     found = session.execute(_DECIDED).all()
     released: list[Message] = []
     for one in found:  # each step looks at the media once more: others may vectorise one again at the same time
+        if not parts.lock_free(session, one.id):
+            continue
         if one.fails:
             error = _media_error(session, one.id)
             if error is not None:
@@ -332,7 +335,11 @@ def expire(session: Session, *, before: datetime, now: datetime) -> int:
     """
     late = Job.queued_at < before
     ids = session.scalars(select(Job.id).where(Job.state == JobState.QUEUED, late, OF_CLIENTS)).all()
-    ended = sum(end(session, Step.EXPIRE, job_id, now=now, error=_EXPIRED, only_if=late) for job_id in ids)
+    ended = sum(
+        end(session, Step.EXPIRE, job_id, now=now, error=_EXPIRED, only_if=late)
+        for job_id in ids
+        if parts.lock_free(session, job_id)
+    )
     return ended + parts.expire(session, before=before, now=now, error=_EXPIRED)
 
 

@@ -150,16 +150,20 @@ def draw_again(session: Session, lease: Lease, *, now: datetime, max_attempts: i
 
 
 def reap(session: Session, *, now: datetime, max_attempts: int) -> list[Message]:
-    """Deal with jobs whose worker went silent. Returns those queued again, to be published."""
+    """Deal with jobs whose worker went silent. Returns those queued again, to be published.
+
+    What another transaction has locked is left to the next time.
+    """
     again: list[Message] = []
     lapsed = (Job.lease_expires_at < now, Job.state.in_(HELD))
     rows = session.execute(
         select(Job.id, Job.queue, Job.lease_token, Job.state, Job.attempt)
         .where(*lapsed)
-        .order_by(func.coalesce(Job.parent_id, Job.id), Job.id)  # two reapers wait for each other in one direction
+        .order_by(func.coalesce(Job.parent_id, Job.id), Job.id)
     )
     for job_id, queue, token, state, attempt in rows.all():
-        parts.lock_whole(session, job_id)  # before the first of its parts
+        if not parts.lock_free(session, job_id):
+            continue
         # each step checks the lease once more: a beat may have arrived in between
         lease = Lease(job_id, token or "")
         if state == JobState.CANCELING:

@@ -1,4 +1,4 @@
-"""A database that goes away under load: R22."""
+"""A database that goes away under load, and machines that go away from it: R22, R2."""
 
 from __future__ import annotations
 
@@ -6,16 +6,18 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import httpx
 import pytest
+from sqlalchemy.exc import SQLAlchemyError
 
 from scripts.samples import Samples
+from service.catalog import Database, leases
 from tests.promises import Drill
 from tests.service.fixtures import PNG
-from tests.service.servers import fresh_database, postgres_of_our_own
+from tests.service.servers import fresh_database, postgres_of_our_own, wire_to
 from tests.waiting import until
 from tests.worker.serving import Service, running_service
 
@@ -93,3 +95,34 @@ def test_a_database_that_is_away_for_half_a_minute_under_load_costs_no_job(
     assert set(away) == {503}
     assert (job["state"], job["attempt"]) == ("succeeded", 1)
     assert {attempt for _, attempt in kept.values()} == {1}
+
+
+@pytest.mark.slow
+def test_what_a_machine_that_loses_its_power_keeps_locked_is_free_again(
+    postgres_url: str, tmp_path: Path, promise: Callable[..., Drill]
+) -> None:
+    drill = promise("R2", wanted="power lost in the middle of a transaction: another may take over within 45 s")
+    with (
+        fresh_database(postgres_url, patient=False) as url,
+        wire_to(url) as (wire, far),
+        running_service(tmp_path, arguments=["--no-worker"], database_url=url, patient=False) as service,
+    ):
+        ids = [service.client.post("/references", content=PNG + name).json()["job"] for name in (b"a", b"b")]
+        # the worker of the machine that is lost; PostgreSQL is told of its end by nobody
+        lost = Database(far)
+        with lost.write() as session:
+            held = [leases.claim(session, job_id, now=lost.now(), lease_s=30) for job_id in ids]
+        with suppress(SQLAlchemyError), lost.write() as session:
+            assert held[0] is not None
+            assert leases.renew(session, held[0], now=lost.now(), lease_s=30)
+            wire.hang()
+            gone, again_s = time.monotonic(), dict.fromkeys(ids, 0.0)
+            try:
+                for job_id in reversed(ids):
+                    until(lambda job_id=job_id: service.job(job_id)["attempt"] == 2, 180)
+                    again_s[job_id] = time.monotonic() - gone
+            finally:
+                wire.connect()
+        lost.close()
+    drill.measured = "; ".join(f"queued again after {again_s[job_id]:.0f} s" for job_id in ids)
+    drill.keep_to(max(again_s.values()), 45)

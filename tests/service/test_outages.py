@@ -10,7 +10,7 @@ from sqlalchemy import text
 from sqlalchemy.exc import OperationalError, SQLAlchemyError
 
 from service.catalog import Database, Media, media
-from service.outages import is_disk_full, is_locked, is_outage, told
+from service.outages import is_disk_full, is_locked, is_outage, is_partly_locked, told
 from service.settings import Settings
 from service.storage import Storage
 from tests.service.fixtures import add_media
@@ -29,6 +29,18 @@ def test_a_lock_that_is_not_had_in_time_is_an_outage_and_a_lock(database: Databa
     other.close()
     assert is_locked(caught.value)
     assert is_outage(caught.value)
+
+
+def test_only_a_server_is_locked_in_part(database: Database) -> None:
+    medium = add_media(database)
+    other = Database(database.url, lock_wait_s=0.05)
+    with database.write() as session:
+        session.get(Media, medium.id, with_for_update=True)
+        with pytest.raises(SQLAlchemyError) as caught, other.write() as second:
+            media.get(second, medium.id, lock="update")
+    other.close()
+    assert is_partly_locked(caught.value) == (not database.url.startswith("sqlite"))
+    assert not is_partly_locked(ValueError())
 
 
 def test_a_mistake_of_ours_is_no_outage(database: Database) -> None:

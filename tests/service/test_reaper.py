@@ -3,17 +3,21 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from sqlalchemy import text
 
 from service import blobs, reaper
 from service.api import Services, make_services
 from service.catalog import (
+    Database,
     Delivery,
     Job,
+    Media,
     collecting,
     idempotency,
     jobs,
@@ -28,6 +32,7 @@ from service.catalog import (
 from service.catalog.models import Collection, IdempotentRequest, Worker
 from service.queue import RENDER, VECTORIZE
 from service.settings import Settings
+from tests.service.catalog.test_parts import parted
 from tests.service.fixtures import (
     FakeClock,
     add_media,
@@ -39,6 +44,7 @@ from tests.service.fixtures import (
     make_tables,
 )
 from tests.service.queue.test_broker import messages, take
+from tests.service.servers import fresh_database
 from tests.waiting import until
 
 HOUR = 3600.0
@@ -56,6 +62,19 @@ def services(tmp_path: Path, clock: FakeClock) -> Iterator[Services]:
     yield services
     services.publisher.stop()
     services.database.close()
+
+
+@pytest.fixture
+def on_server(tmp_path: Path, postgres_url: str, postgres_tables: str, clock: FakeClock) -> Iterator[Services]:
+    """The same with PostgreSQL, where others may keep rows; the reaper waits a second for them."""
+    with fresh_database(postgres_url, postgres_tables) as url:
+        settings = Settings(data_dir=tmp_path / "data", database_url=url)
+        made, own = make_services(settings, clock=clock), Database(url, clock=clock, lock_wait_s=1)
+        deleting = blobs.Blobs(own, made.storage)
+        impatient = reaper.Reaper(settings, own, made.storage, made.room, deleting, made.publisher)
+        yield replace(made, reaper=impatient)
+        own.close()
+        made.close()
 
 
 def published(services: Services, job_id: str) -> bool:
@@ -147,6 +166,67 @@ def test_a_long_round_puts_no_lost_worker_off(
     medium = add_media(services.database)
     claim(services.database, medium.job_id)
     assert rounds_until_queued(services, clock, machine, medium.job_id) <= 20  # the first is held up after its look
+
+
+def states(services: Services, *job_ids: str) -> list[tuple[str, int]]:
+    with services.database.read() as session:
+        return [(job.state, job.attempt) for job in (session.get_one(Job, job_id) for job_id in job_ids)]
+
+
+def test_a_job_that_another_transaction_keeps_holds_up_no_others(on_server: Services, clock: FakeClock) -> None:
+    """As that of a worker does whose machine has lost its power in the middle of it."""
+    kept, lost = (add_media(on_server.database).job_id for _ in range(2))
+    for job_id in (kept, lost):
+        claim(on_server.database, job_id)
+    whole, (part, _) = parted(on_server.database, 2)
+    claim(on_server.database, part)
+    ready = add_media(on_server.database)
+    make_ready(on_server, ready.id)
+    held, waiting = (add_transfer(on_server.database, ready, ready) for _ in range(2))
+    clock.forward(31)
+    with on_server.background.write() as session:
+        for job_id in (kept, whole, held):
+            session.get_one(Job, job_id, with_for_update=True)
+        on_server.reaper.round()
+        assert states(on_server, kept, part, lost) == [("running", 1), ("running", 1), ("queued", 2)]
+        with on_server.database.read() as other:
+            assert [other.get_one(Job, job_id).waiting for job_id in (held, waiting)] == [True, False]
+    on_server.reaper.round()
+    assert states(on_server, kept, part, lost) == [("queued", 2), ("queued", 2), ("queued", 2)]
+
+
+def test_lost_jobs_do_not_wait_because_another_step_waits_for_a_row(
+    on_server: Services, clock: FakeClock, machine: SimpleNamespace, caplog: pytest.LogCaptureFixture
+) -> None:
+    medium = add_media(on_server.database)
+    make_ready(on_server, medium.id)
+    job_id = add_media(on_server.database).job_id
+    claim(on_server.database, job_id)
+    with on_server.background.write() as session:
+        session.get_one(Media, medium.id).expires_at = clock()
+    for _ in range(4):
+        clock.forward(10)
+        machine.steady_s += 10
+        with on_server.background.write() as session:
+            session.get_one(Media, medium.id, with_for_update=True)
+            on_server.reaper.round()
+    assert states(on_server, job_id) == [("queued", 2)]
+    assert caplog.text.count("others keep what the reaper waits for") == 4
+
+
+def test_workers_that_cannot_renew_because_of_a_lock_have_time_afterwards(
+    on_server: Services, clock: FakeClock, machine: SimpleNamespace
+) -> None:
+    """While a table is changed nobody else has it."""
+    job_id = add_media(on_server.database).job_id
+    claim(on_server.database, job_id)
+    clock.forward(31)
+    with on_server.background.write() as session:
+        session.execute(text("LOCK TABLE jobs IN ACCESS EXCLUSIVE MODE"))
+        on_server.reaper.round()
+    on_server.reaper.round()
+    assert states(on_server, job_id) == [("running", 1)]
+    assert rounds_until_queued(on_server, clock, machine, job_id) <= 30
 
 
 @pytest.mark.parametrize("steady_s", [10, 600], ids=["the machine sleeps", "its processes are paused"])

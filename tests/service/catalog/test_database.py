@@ -7,12 +7,14 @@ import psycopg
 import pytest
 import structlog
 from sqlalchemy import text
-from sqlalchemy.exc import IntegrityError
+from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
-from service.catalog import Database
+from service.catalog import Database, Media
+from service.catalog.database import _OF_SESSIONS
 from service.catalog.models import WebhookSecret
-from tests.service.fixtures import make_tables
-from tests.service.servers import fresh_database
+from service.outages import is_outage
+from tests.service.fixtures import add_media, make_tables
+from tests.service.servers import fresh_database, wire_to
 
 SECRET = "whsec_which-no-log-may-have"
 
@@ -51,6 +53,43 @@ def test_a_connection_waits_for_locks_as_before_though_what_is_removed_is_not_fo
         database.forget()
     connection.set_authorizer(None)
     assert wait_ms() == before == 7000
+    database.close()
+
+
+def test_a_machine_that_is_lost_in_a_transaction_keeps_no_row_locked(
+    postgres_tables: str, postgres_url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(_OF_SESSIONS, "idle_in_transaction_session_timeout", 1000)
+    with fresh_database(postgres_url, postgres_tables) as url, wire_to(url) as (wire, far):
+        near, lost = Database(url), Database(far)
+        medium = add_media(near)
+        had: list[Media | None] = []
+
+        def be_away() -> None:
+            with lost.write() as session:
+                session.get(Media, medium.id, with_for_update=True)
+                wire.hang()
+                try:
+                    with near.write() as other:
+                        had.append(other.get(Media, medium.id, with_for_update=True))
+                finally:
+                    wire.connect()
+                session.execute(text("SELECT 1"))
+
+        with pytest.raises(SQLAlchemyError) as caught:
+            be_away()
+        assert len(had) == 1
+        assert is_outage(caught.value)
+        near.close()
+        lost.close()
+
+
+def test_a_server_looks_whether_a_session_is_still_there(postgres_url: str) -> None:
+    database = Database(postgres_url)
+    with database.read() as session:
+        for name, value in _OF_SESSIONS.items():
+            query = text("SELECT setting FROM pg_settings WHERE name = :name")
+            assert session.execute(query, {"name": name}).scalar_one() == str(value)
     database.close()
 
 
