@@ -50,6 +50,7 @@ app.conf.update(
     task_time_limit=settings.job_hard_limit_s,
     # a render goes on while the broker is away: the database is the source of truth
     worker_cancel_long_running_tasks_on_connection_loss=False,
+    worker_consumer="worker.connection:PatientConsumer",
     broker_connection_retry=True,
     broker_connection_max_retries=None,
     worker_send_task_events=False,

@@ -8,9 +8,12 @@ import time
 from typing import Any, Final
 
 from celery import bootsteps
+from celery.worker.consumer import Consumer
 
 #: seconds for which a broker may be away before a worker says that it lacks it: restarts take less, and lose nothing
 TOLERATED_S: Final = 60.0
+#: seconds between two tries to use a broker that can be reached
+_PAUSE_S: Final = 2.0
 
 #: since when there has been no connection, by the steady clock; a page that every process forked from here shares
 _page: Final = mmap.mmap(-1, 8)
@@ -32,6 +35,19 @@ def lose() -> None:
 def find() -> None:
     """The consumer asks its broker for messages."""
     _TIME.pack_into(_page, 0, 0.0)
+
+
+class PatientConsumer(Consumer):  # type: ignore[misc]
+    """Celery's consumer, which waits a moment after a broker that can be reached and does not do what it is asked.
+
+    Celery connects again at once. A Redis that only reads, as after a failover or on a full disk, would be asked some
+    times a second for as long as that lasts, with as many lines in the log.
+    """
+
+    def on_connection_error_before_connected(self, exc: Exception) -> None:
+        """There is no connection: one that cannot be had at all is waited for elsewhere."""
+        super().on_connection_error_before_connected(exc)
+        time.sleep(_PAUSE_S)
 
 
 class Watched(bootsteps.StartStopStep):  # type: ignore[misc]

@@ -114,6 +114,8 @@ def celery_settings(settings: Settings) -> dict[str, Any]:
     shared: dict[str, Any] = {
         "broker_url": f"{_FILES}://localhost" if settings.uses_broker_of_files else settings.broker_url,
         "broker_connection_retry_on_startup": True,
+        # what Redis says that only reads for a while, since another took over or its disk is full, is of this kind
+        "broker_channel_error_retry": True,
         "task_serializer": "json",
         "result_serializer": "json",
         "accept_content": ["json"],

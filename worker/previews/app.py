@@ -42,6 +42,7 @@ app.conf.update(
         **app.conf.broker_transport_options,
         **({"polling_interval": settings.preview_polling_interval_s} if settings.uses_broker_of_files else {}),
     },
+    worker_consumer="worker.connection:PatientConsumer",
     broker_connection_retry=True,
     broker_connection_max_retries=None,
     worker_send_task_events=False,
