@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
 import time
 from urllib.parse import urlsplit, urlunsplit
@@ -15,7 +16,7 @@ from service import tracing
 from service.api.meters import Meters
 from service.api.places import Places
 from service.api.problems import problem_response
-from service.errors import ServiceError
+from service.errors import ServiceError, StoppingError
 from service.ids import new_id
 
 log = structlog.get_logger(__name__)
@@ -40,9 +41,16 @@ def _only(values: list[str]) -> str | None:
     return values[0] if len(values) == 1 else None
 
 
+def _cut_off() -> StoppingError:
+    error = StoppingError("the service stops; try again")
+    error.headers["Connection"] = "close"
+    return error
+
+
 class RequestContext:
     """ASGI middleware around everything else: X-Request-ID, a log line, and a problem for any unhandled error.
 
+    A request that the server cancels, since its time is over when the service stops, is answered as unavailable.
     ``root_path`` is the path prefix that a proxy in front has removed.
     """
 
@@ -91,6 +99,12 @@ class RequestContext:
         except ClientDisconnect:
             log.info("client went away", method=scope["method"], path=scope["path"])
             return
+        except asyncio.CancelledError:
+            log.warning("request cut off: the service stops", method=scope["method"], path=scope["path"])
+            if status:
+                raise
+            # its task ends with this answer; uvicorn would give one of its own for the error
+            await problem_response(Request(scope), _cut_off())(scope, receive, send_with_id)
         except Exception:
             log.exception("unhandled error", method=scope["method"], path=scope["path"])
             if status:

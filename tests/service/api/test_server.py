@@ -1,13 +1,22 @@
 from __future__ import annotations
 
+import asyncio
+import json
 import resource
 import socket
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 
 import pytest
+from starlette.types import Message, Receive, Scope, Send
 
-from service.api.server import connection_limit, listen, with_room
+from service.api import create_app
+from service.api.middleware import RequestContext
+from service.api.server import connection_limit, listen, make_server, with_room
 from service.settings import Settings
+from tests.promises import Drill
+from tests.service.fixtures import MP4, Api, make_tables
+from tests.waiting import until
 
 
 @pytest.fixture
@@ -50,3 +59,61 @@ def test_the_soft_limit_of_descriptors_is_raised_and_some_are_kept(descriptors: 
 def test_an_application_is_made_for_the_connections_that_there_is_room_for(descriptors: None) -> None:
     assert with_room(Settings(max_connections=20)).max_connections == 20
     assert with_room(Settings(max_connections=10**6)).max_connections == connection_limit(10**6) < 10**6
+
+
+def test_an_upload_that_is_not_whole_when_the_service_has_to_stop_is_told_so(
+    settings: Settings, promise: Callable[..., Drill]
+) -> None:
+    drill = promise("R8", wanted="an upload that takes longer: 503 with Retry-After and the request's id")
+    make_tables(settings.database)
+    server = make_server(create_app(settings), settings, drain_s=1)
+    with listen("127.0.0.1", 0)[0] as listener:
+        thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
+        thread.start()
+        try:
+            until(lambda: server.started)
+            with socket.create_connection(listener.getsockname(), timeout=60) as connection:
+                head = "POST /v1/videos HTTP/1.1\r\nHost: localhost\r\nX-Request-ID: mine\r\nContent-Length: 3000000"
+                connection.sendall(f"{head}\r\n\r\n".encode() + MP4)
+                until(lambda: list(settings.spool_folder.iterdir()))
+                server.should_exit = True
+                answer = b""
+                while data := connection.recv(65536):
+                    answer += data
+        finally:
+            server.should_exit = True
+            thread.join(60)
+    first, *lines = answer.partition(b"\r\n\r\n")[0].decode().lower().splitlines()
+    drill.measured = first.partition(" ")[2]
+    assert first == "http/1.1 503 service unavailable"
+    problem = json.loads(answer.partition(b"\r\n\r\n")[2])
+    assert {"content-type: application/problem+json", "connection: close", "retry-after: 5"} <= set(lines)
+    assert "x-request-id: mine" in lines
+    assert (problem["code"], problem["request_id"], problem["instance"]) == ("unavailable", "mine", "/v1/videos")
+    assert list(settings.spool_folder.iterdir()) == []
+
+
+def test_an_answer_that_has_begun_when_the_service_has_to_stop_breaks_off(api: Api) -> None:
+    sent: list[Message] = []
+
+    async def begins(scope: Scope, receive: Receive, send: Send) -> None:
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+        await asyncio.sleep(60)
+
+    async def receive() -> Message:
+        return {"type": "http.disconnect"}
+
+    async def send(message: Message) -> None:
+        sent.append(message)
+
+    async def cancel() -> None:
+        app = RequestContext(begins, meters=api.services.meters, places=api.services.places)
+        task = asyncio.create_task(app({"type": "http", "method": "GET", "path": "/", "headers": []}, receive, send))
+        while not sent:
+            await asyncio.sleep(0)
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+
+    asyncio.run(cancel())
+    assert [message["type"] for message in sent] == ["http.response.start"]
