@@ -18,6 +18,8 @@ MAX_HEADERS = 8
 MAX_HEADER_BYTES = 8 * 1024
 #: what the frame of a multipart body may add to the files
 MAX_FRAMING_BYTES = 256 * 1024
+#: what may stand before its first part and after its last one, which nobody reads
+MAX_OUTSIDE_BYTES = 64 * 1024
 
 
 @dataclass
@@ -44,7 +46,8 @@ async def read_form(intake: Intake, *, max_files: int = 1) -> Form:
     """Receive the request's body as a form. The size limit is each file's own.
 
     Raises `BadRequestError` for a malformed body, `TooManyFilesError` at the first file over ``max_files``,
-    `TooLargeError`, and `UnsupportedMediaError` for a file that is none.
+    `TooLargeError` for a file, a field or a body that is over its limit, and `UnsupportedMediaError` for a file that is
+    none.
     """
     if "repr-digest" in intake.request.headers:
         raise BadRequestError("Repr-Digest is checked when the body is the file itself, not when it is a form")
@@ -72,6 +75,7 @@ class _FormReader:
         self._finished: list[tuple[str, FileSink]] = []
         self._parts = 0
         self._complete = False
+        self._read_bytes = self._outside_bytes = 0
         self._parser = MultipartParser(
             boundary,
             {
@@ -91,13 +95,26 @@ class _FormReader:
     async def read(self, chunks: AsyncIterator[bytes]) -> Form:
         try:
             async for chunk in chunks:
+                is_after = self._complete
                 self._parser.write(chunk)
+                self._count(len(chunk), is_outside=is_after or not self._parts)
                 await self._drain()
         except MultipartParseError as error:
             raise BadRequestError("the multipart body is malformed") from error
         if not self._complete:
             raise BadRequestError("the multipart body ends before its closing boundary")
         return self._form
+
+    def _count(self, size_bytes: int, *, is_outside: bool) -> None:
+        """Raise `TooLargeError` when the body is larger than one of its length could be, had it been declared."""
+        self._read_bytes += size_bytes
+        self._outside_bytes += size_bytes if is_outside else 0
+        limit = self._intake.limit_bytes * self._max_files + MAX_FRAMING_BYTES
+        if self._read_bytes > limit:
+            raise TooLargeError(f"the form is larger than {limit} bytes", limit_bytes=limit)
+        if self._outside_bytes > MAX_OUTSIDE_BYTES:
+            detail = f"more than {MAX_OUTSIDE_BYTES} bytes stand before the form's first part or after its last one"
+            raise TooLargeError(detail, limit_bytes=MAX_OUTSIDE_BYTES)
 
     async def _drain(self) -> None:
         for name, sink in self._finished:

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from service.api.multipart import MAX_FIELD_BYTES, MAX_FRAMING_BYTES, MAX_PARTS
+from service.api.multipart import MAX_FIELD_BYTES, MAX_FRAMING_BYTES, MAX_OUTSIDE_BYTES, MAX_PARTS
 from service.api.uploads import clean_name
 from service.catalog import VectorSettings, jobs, vectorize_request
 from service.settings import Settings
@@ -297,16 +297,15 @@ def test_a_file_at_the_limit_is_taken_and_one_byte_more_is_not(small: Api) -> No
     assert small.drafts == []
 
 
-def send_until_answered(api: Api, head: str, total: int, enough: int) -> tuple[str, int]:
-    """Send a body of zeros piece by piece until the server answers; (answer, bytes of the body sent).
+def send_until_answered(api: Api, head: str, body: bytes, enough: int) -> tuple[str, int]:
+    """Send a body piece by piece until the server answers; (answer, bytes of the body sent).
 
     Once more than ``enough`` is sent each further piece waits for the answer, for as long as a slow machine takes.
     """
-    piece = bytes(64 * 1024)
     sent = 0
     with socket.create_connection(api.address, timeout=60) as connection:
         connection.sendall(head.encode() + b"\r\n\r\n")
-        while sent < total:
+        while sent < len(body):
             connection.settimeout(0.02 if sent <= enough else 20)
             try:
                 answer = connection.recv(65536)
@@ -316,7 +315,7 @@ def send_until_answered(api: Api, head: str, total: int, enough: int) -> tuple[s
             except ConnectionResetError:
                 return "", sent
             try:
-                data = MP4 + piece[len(MP4) :] if sent == 0 else piece
+                data = piece = body[sent : sent + 64 * 1024]
                 if "chunked" in head:
                     data = f"{len(data):x}\r\n".encode() + data + b"\r\n"
                 connection.settimeout(60)
@@ -332,7 +331,7 @@ def send_until_answered(api: Api, head: str, total: int, enough: int) -> tuple[s
 def test_a_declared_oversize_is_refused_before_any_of_it_is_read(small: Api, promise: Callable[..., Drill]) -> None:
     drill = promise("R11", wanted="declared: 413 before the limit + 1 MiB is read")
     head = "POST /videos HTTP/1.1\r\nHost: localhost\r\nContent-Type: video/mp4\r\nContent-Length: 5000000000"
-    answer, sent = send_until_answered(small, head, 10 * LIMIT, enough=0)
+    answer, sent = send_until_answered(small, head, MP4 + bytes(10 * LIMIT), enough=0)
     assert answer.startswith("HTTP/1.1 413 ")
     assert "connection: close" in answer.lower()
     drill.measured = f"{answer[9:12]} after {sent / 1024:.0f} KiB of 5 GB"
@@ -344,12 +343,45 @@ def test_an_undeclared_oversize_is_cut_off_within_a_mebibyte_of_the_limit(
 ) -> None:
     drill = promise("R11", wanted="of no length: 413 before the limit + 1 MiB is read")
     head = "POST /videos HTTP/1.1\r\nHost: localhost\r\nContent-Type: video/mp4\r\nTransfer-Encoding: chunked"
-    answer, sent = send_until_answered(small, head, 10 * LIMIT, enough=LIMIT)
+    answer, sent = send_until_answered(small, head, MP4 + bytes(10 * LIMIT), enough=LIMIT)
     assert answer.startswith("HTTP/1.1 413 ")
     drill.measured = f"{answer[9:12]} after the limit + {(sent - LIMIT) / 1024:.0f} KiB"
     # what fits into socket buffers may have left us without having been read
     assert sent <= LIMIT + 1024**2
     assert small.drafts == []
+
+
+FILE = b'--x\r\nContent-Disposition: form-data; name="file"; filename="a.mp4"\r\n\r\n' + MP4 + b"\r\n"
+FIELD = b'--x\r\nContent-Disposition: form-data; name="a"\r\n\r\n' + b"b" * 60_000 + b"\r\n"
+
+
+@pytest.mark.parametrize(
+    ("body", "enough"),
+    [
+        pytest.param(FILE + b"--x--\r\n" + bytes(10 * LIMIT), 4 * MAX_OUTSIDE_BYTES, id="after its end"),
+        pytest.param(b"\r\n" * 5 * LIMIT, 4 * MAX_OUTSIDE_BYTES, id="before its beginning"),
+        pytest.param(FILE + FIELD * 60, LIMIT + MAX_FRAMING_BYTES, id="in fields"),
+    ],
+)
+def test_a_form_of_no_length_is_cut_off_within_a_mebibyte_of_the_limit_wherever_its_bytes_stand(
+    small: Api, promise: Callable[..., Drill], body: bytes, enough: int
+) -> None:
+    drill = promise("R11", wanted="a form of no length: 413 before the limit + 1 MiB is read")
+    head = (
+        "POST /videos HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n"
+        "Content-Type: multipart/form-data; boundary=x"
+    )
+    answer, sent = send_until_answered(small, head, body, enough)
+    assert answer.startswith("HTTP/1.1 413 ")
+    drill.measured = f"{answer[9:12]} after {sent / 1024:.0f} KiB, at a limit of {LIMIT / 1024:.0f} KiB"
+    assert sent <= LIMIT + 1024**2
+    assert small.blobs == small.drafts == []
+
+
+def test_a_form_may_have_a_little_before_and_after_its_parts(api: Api) -> None:
+    body = b"\r\n" * 100 + FILE + b"--x--\r\n" + bytes(10_000)
+    form = {"content-type": "multipart/form-data; boundary=x"}
+    assert api.client.post("/videos", content=body, headers=form).status_code == 202
 
 
 def test_a_client_that_goes_away_leaves_nothing(api: Api) -> None:
