@@ -9,6 +9,7 @@ from typing import TypeVar
 from pydantic import BaseModel, ValidationError
 from starlette.requests import Request
 
+from service.api.draining import note_limit
 from service.api.problems import invalid
 from service.api.uploads import check_digest, expected_digest
 from service.errors import TooLargeError, UnsupportedMediaError
@@ -48,6 +49,7 @@ async def read_json(request: Request, model: type[Model], *, limit_bytes: int, a
 
 
 async def _body(request: Request, *, limit_bytes: int) -> bytes:
+    note_limit(request, limit_bytes)
     body = bytearray()
     async for chunk in request.stream():
         body += chunk

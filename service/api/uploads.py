@@ -17,6 +17,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 
 from service.api.arriving import Share
+from service.api.draining import note_limit
 from service.api.sniffing import HEAD_BYTES, sniff
 from service.catalog import FileType
 from service.egress import Egress
@@ -198,9 +199,13 @@ class Intake:
                 await sink.drain()
         return await sink.finish()
 
-    def check_declared(self, limit: int) -> None:
-        """Raise `TooLargeError`, with the limit of a file, when more than ``limit`` bytes are declared."""
-        if self._declared_bytes is not None and self._declared_bytes > limit:
+    def check_declared(self, limit: int, *, framing: int = 0) -> None:
+        """Raise `TooLargeError`, with the limit of a file, when more than ``limit`` bytes are declared.
+
+        Of a form, ``framing`` is what may be around its files.
+        """
+        note_limit(self.request, limit)
+        if self._declared_bytes is not None and self._declared_bytes > limit + framing:
             raise TooLargeError(f"the file is larger than {self.limit_bytes} bytes", limit_bytes=self.limit_bytes)
 
     @property

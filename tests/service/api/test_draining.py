@@ -2,21 +2,26 @@ from __future__ import annotations
 
 import socket
 import threading
+from collections.abc import Callable
 from contextlib import suppress
 
 import pytest
 
 from service.api import draining
-from service.api.draining import DECLARED_BYTES
-from tests.service.fixtures import Api
+from service.api.connections import BoundedProtocol
+from service.api.draining import DECLARED_BYTES, OVER_BYTES
+from tests.promises import Drill
+from tests.service.fixtures import MP4, Api
 
 
-def refused(api: Api, body: bytes, declared: int) -> tuple[str, int]:
-    """Post `body` slowly to a path that refuses it at once: the status line, if one comes, and how much went out."""
+def refused(
+    api: Api, body: bytes, declared: int, *, call: str = "POST /nowhere", content_type: str = "video/mp4"
+) -> tuple[str, int]:
+    """Send `body` slowly to what refuses it: the status line, if one comes, and how much went out."""
     host, port = api.client.base_url.host, api.client.base_url.port
     sent, answer = min(len(body), 1000), b""
     with socket.create_connection((host, port), timeout=60) as connection:
-        head = f"POST /nowhere HTTP/1.1\r\nHost: {host}\r\nContent-Length: {declared}\r\n\r\n"
+        head = f"{call} HTTP/1.1\r\nHost: {host}\r\nContent-Length: {declared}\r\nContent-Type: {content_type}\r\n\r\n"
         connection.sendall(head.encode() + body[:sent])
 
         def send() -> None:
@@ -43,6 +48,55 @@ def test_the_answer_reaches_a_client_that_is_still_sending(
         status, sent = refused(api, b"x" * size, size)
         assert status == "HTTP/1.1 404 Not Found"
         assert sent == size
+
+
+LIMIT = 1024**2
+
+
+def calls(api: Api) -> dict[str, str]:
+    """What takes a mebibyte, by the type of its body."""
+    link = api.client.post("/uploads/link", json={"max_bytes": LIMIT}).json()["url"]
+    return {"application/json": "POST /transfer", "video/mp4": f"PUT {link}"}
+
+
+@pytest.fixture
+def read(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """How many bytes the server has taken of its clients, each time that it has taken some."""
+    taken: list[int] = []
+    receive = BoundedProtocol.data_received
+
+    def counted(self: BoundedProtocol, data: bytes) -> None:
+        taken.append(len(data))
+        receive(self, data)
+
+    monkeypatch.setattr(BoundedProtocol, "data_received", counted)
+    monkeypatch.setattr(draining, "DRAIN_S", 60.0)  # by when a busy machine has sent it all
+    return taken
+
+
+@pytest.mark.parametrize("content_type", ["application/json", "video/mp4"])
+def test_of_a_body_that_is_too_large_less_than_a_mebibyte_over_its_limit_is_read(
+    api: Api, read: list[int], content_type: str, promise: Callable[..., Drill]
+) -> None:
+    drill = promise("R11", wanted="a little over a limit of 1 MiB: 413 before 1 MiB more is read")
+    call = calls(api)[content_type]
+    read.clear()
+    body = MP4 + bytes(DECLARED_BYTES - len(MP4))
+    status, _ = refused(api, body, len(body), call=call, content_type=content_type)
+    drill.measured = f"{status[9:12]} after {sum(read) / 1024:.0f} KiB of {len(body) / 1024:.0f}"
+    assert status.startswith("HTTP/1.1 413 ")
+    assert sum(read) <= LIMIT + 1024**2
+
+
+@pytest.mark.parametrize("content_type", ["application/json", "video/mp4"])
+def test_a_body_that_is_a_little_too_large_is_read_to_its_end(api: Api, read: list[int], content_type: str) -> None:
+    call = calls(api)[content_type]
+    body = MP4 + bytes(LIMIT + OVER_BYTES - len(MP4))
+    for _ in range(5):
+        status, sent = refused(api, body, len(body), call=call, content_type=content_type)
+        assert status.startswith("HTTP/1.1 413 ")
+        assert sent == len(body)
+        read.clear()
 
 
 def test_a_refused_request_without_a_body_keeps_its_connection(api: Api) -> None:
