@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from datetime import timedelta
+from dataclasses import dataclass
+from datetime import datetime, timedelta
 from urllib.parse import urlencode
 
 from fastapi import APIRouter, Request, Response
@@ -24,6 +25,15 @@ from service.errors import GoneError, NotFoundError
 router = APIRouter(prefix="/results", tags=["results"])
 #: what a link opens as well as a key does
 open_router = APIRouter(prefix="/results", tags=["results"])
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """A result or a part of one whose bytes are in the storage under ``key``."""
+
+    result: Result
+    key: str
+    until: datetime
 
 
 @open_router.get(
@@ -63,18 +73,17 @@ async def get_result_matte(
     return await _answer(services, asked, part)
 
 
-async def _answer(services: Services, asked: BytesAsked, result: Result) -> Response:
+async def _answer(services: Services, asked: BytesAsked, kept: _Kept) -> Response:
+    result = kept.result
     services.places.take(asked.state, result.owner)
     whose = result.part_of or result.id
-    file = File(
-        _key(services, result), result.sha256, result.size_bytes, result.content_type, result.filename, of=whose
-    )
+    file = File(kept.key, result.sha256, result.size_bytes, result.content_type, result.filename, of=whose)
     return await send_file(services, asked, file)
 
 
-def _find(services: Services, access: Access, result_id: str) -> Result:
+def _find(services: Services, access: Access, result_id: str) -> _Kept:
     access.to(services, "result", result_id)
-    return _result(services, access, result_id)
+    return _kept(services, _result(services, access, result_id))
 
 
 def _result(services: Services, access: Access, result_id: str) -> Result:
@@ -86,14 +95,14 @@ def _result(services: Services, access: Access, result_id: str) -> Result:
     return result
 
 
-def _find_part(services: Services, access: Access, result_id: str, part: PartName, person: int) -> Result:
+def _find_part(services: Services, access: Access, result_id: str, part: PartName, person: int) -> _Kept:
     access.to(services, "result", result_id, part, str(person))
     result = _result(services, access, result_id)
     with services.database.read() as session:
         there = [one for one in results.parts(session, [result.id]) if one.part == part]
     for one in there:
         if one.person == person:
-            return one
+            return _kept(services, one)
     if not there:
         name = {"look.cube": "cube", "matte": "matte"}[part]
         raise NotFoundError(f'{result_id} has no {part}; run the transfer with "output": {{"extras": ["{name}"]}}')
@@ -140,14 +149,12 @@ def _make_link(services: Services, caller: Caller, once: Once, result_id: str, w
     else:
         found = _find_part(services, access, result_id, wanted.part, wanted.person)
         what, place = [result_id, wanted.part, str(wanted.person)], f"{result_id}/{wanted.part}"
-    key = _key(services, found)
-    with services.database.read() as session:
-        kept = results.kept_until(session, [found])[found.id]
-    wait = timedelta(seconds=wanted.expires_in_s)
-    expires_at = min(services.database.now() + wait, kept).replace(microsecond=0)
-    url = services.storage.link(key, expires_in=wait) if services.settings.links_to_store else None
+    now = services.database.now()
+    wait = min(timedelta(seconds=wanted.expires_in_s), max(found.until - now, timedelta(seconds=1)))
+    expires_at = min(now + wait, found.until).replace(microsecond=0)
+    url = services.storage.link(found.key, expires_in=wait) if services.settings.links_to_store else None
     if url is None:
-        query = services.signer.sign("result", *what, by=found.owner, expires_at=expires_at)
+        query = services.signer.sign("result", *what, by=found.result.owner, expires_at=expires_at)
         query |= {"person": str(wanted.person)} if wanted.part is not None and wanted.person > 1 else {}
         url = f"{addresses.of_result(services.settings, place)}?{urlencode(query)}"
     body = LinkBody(url=url, expires_at=expires_at)
@@ -156,8 +163,10 @@ def _make_link(services: Services, caller: Caller, once: Once, result_id: str, w
     return body
 
 
-def _key(services: Services, result: Result) -> str:
-    """The blob of a result or a part of one. Raises `GoneError` after its retention."""
-    if result.blob_key is None or result.expires_at < services.database.now():
+def _kept(services: Services, result: Result) -> _Kept:
+    """A result or a part of one as it is kept. Raises `GoneError` after its retention, or that of one of its media."""
+    with services.database.read() as session:
+        until = results.kept_until(session, [result])[result.id]
+    if result.blob_key is None or until <= services.database.now():
         raise GoneError(f"{result.part_of or result.id} has expired; run the transfer again to make it once more")
-    return result.blob_key
+    return _Kept(result, result.blob_key, until)

@@ -11,9 +11,10 @@ from urllib.parse import parse_qs, urlsplit
 import httpx
 import pytest
 from pydantic import ValidationError
+from sqlalchemy import update
 
 from service.api.advice import ADVICE
-from service.catalog import keys, utc_now
+from service.catalog import Media, keys, utc_now
 from service.settings import Settings
 from tests.service.fixtures import MP4, PNG, Api, make_ready, make_results, serve
 from tests.service.s3 import S3
@@ -206,6 +207,10 @@ def test_links_may_lead_to_the_object_store(tmp_path: Path, bucket: S3) -> None:
         assert httpx.get(url, timeout=60).content == FILE
         part = httpx.get(url, headers={"Range": "bytes=4-7"}, timeout=60)
         assert (part.status_code, part.content) == (206, FILE[4:8])
+        with api.services.background.write() as session:
+            session.execute(update(Media).values(expires_at=api.services.database.now() + timedelta(seconds=50)))
+        url = api.client.post(f"/results/{result}/link", json={"expires_in_s": 60}).json()["url"]
+        assert 0 < int(parse_qs(urlsplit(url).query)["X-Amz-Expires"][0]) < 50
 
 
 # uploads

@@ -7,7 +7,7 @@ from datetime import datetime, timedelta
 from typing import Any
 
 import pytest
-from sqlalchemy import delete
+from sqlalchemy import delete, update
 
 from service.catalog import Media, Output, PartName, PartOf, Result, jobs, results, sweep
 from tests.service.api.test_authentication import holder
@@ -250,6 +250,32 @@ def test_a_result_is_said_to_be_kept_no_longer_than_its_video(api: Api, job: dic
         api.client.post(f"/results/{look['result']}/link", json=wanted).json() for wanted in ({}, {"part": "matte"})
     ]
     assert {datetime.fromisoformat(one["expires_at"]) for one in (shown, *shown["extras"], *links)} == {until}
+
+
+@pytest.mark.parametrize("of_media", [True, False])
+def test_a_result_is_gone_from_the_time_on_until_which_it_is_said_to_be_kept(
+    api: Api, job: dict[str, Any], of_media: bool
+) -> None:
+    look, services = job["looks"][0], api.services
+    link = api.client.post(f"/results/{look['result']}/link").json()["url"]
+    with services.background.write() as session:
+        if of_media:
+            session.get_one(Media, look["video"]).expires_at = services.database.now()
+        else:
+            session.execute(update(Result).values(expires_at=services.database.now()))
+    for url in (look["url"], f"{look['url']}/matte", f"{look['url']}/look.cube", link):
+        for answer in (api.client.get(url), api.client.get(url, headers={"if-none-match": f'"{look["sha256"]}"'})):
+            assert (answer.status_code, answer.json()["code"]) == (410, "gone")
+        assert api.client.head(url).status_code == 410
+    for wanted in ({}, {"part": "matte"}):
+        answer = api.client.post(f"/results/{look['result']}/link", json=wanted)
+        assert (answer.status_code, answer.json()["code"]) == (410, "gone")
+    again = api.client.post("/transfer", json={"video": look["video"], "looks": [{"reference": look["video"]}] * 2})
+    if of_media:  # a use of it, from which on it is kept again
+        assert (again.status_code, again.json()["id"]) == (200, job["id"])
+        assert api.client.get(look["url"]).content == b"one"
+    else:
+        assert (again.status_code, again.json()["id"] != job["id"]) == (202, True)
 
 
 def test_results_of_which_one_has_expired_are_not_kept_on(api: Api, job: dict[str, Any]) -> None:
