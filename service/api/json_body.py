@@ -22,6 +22,11 @@ def media_type(request: Request) -> str:
     return request.headers.get("content-type", "").partition(";")[0].strip().lower()
 
 
+def has_body(request: Request) -> bool:
+    """False when nothing follows the head of a request, as it says itself (RFC 9112, 6.3)."""
+    return "transfer-encoding" in request.headers or int(request.headers.get("content-length", "0")) > 0
+
+
 def unsupported(request: Request, *taken: str) -> UnsupportedMediaError:
     """The error for a body of another type than those that are taken."""
     sent = media_type(request)

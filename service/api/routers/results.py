@@ -14,7 +14,7 @@ from service.api.authentication import Caller, CallerDep
 from service.api.dependencies import PersonNumber, ResultId, ServicesDep, problems
 from service.api.downloads import CLIPS, PICTURES, BytesAsked, BytesAskedDep, File, file_answers, send_file
 from service.api.idempotency import Once, OnceDep
-from service.api.json_body import media_type, read_json
+from service.api.json_body import has_body, read_json
 from service.api.links import Access, AccessDep
 from service.api.openapi import json_body
 from service.api.schemas import LinkBody, ResultLinkRequest
@@ -119,7 +119,7 @@ async def create_result_link(
     request: Request, result_id: ResultId, services: ServicesDep, caller: CallerDep, once: OnceDep
 ) -> LinkBody:
     """A link to the file, or to a part of it, that a browser may use without a key until it expires."""
-    if media_type(request):
+    if has_body(request):
         wanted = await read_json(request, ResultLinkRequest, limit_bytes=services.settings.max_json_bytes)
     else:
         wanted = ResultLinkRequest()

@@ -192,6 +192,24 @@ def test_what_a_link_may_not_be(api: Api) -> None:
     assert first.json() == second.json()
 
 
+def test_what_is_sent_to_make_a_link_is_read_or_refused(api: Api) -> None:
+    call, wanted = f"/results/{make_result(api)}/link", b'{"expires_in_s": 60}'
+    typed, text = {"content-type": "application/json"}, {"content-type": "text/plain"}
+    for content, headers in ((wanted, {}), (iter([wanted]), {}), (iter([b""]), {}), (wanted, text)):
+        answer = api.client.post(call, content=content, headers=headers)
+        assert (answer.status_code, answer.json()["code"]) == (415, "unsupported-media-type")
+    key = {"Idempotency-Key": "a"}
+    made = api.client.post(call, content=wanted, headers=typed | key)
+    for content in (wanted, iter([wanted])):
+        again = api.client.post(call, content=content, headers=typed | key)
+        assert (again.json(), again.headers["idempotent-replayed"]) == (made.json(), "true")
+    # nothing at all stands for the defaults, whatever type it has
+    for headers in ({}, typed):
+        assert api.client.post(call, headers=headers).status_code == 200
+        other = api.client.post(call, headers=headers | key)
+        assert (other.status_code, other.json()["code"]) == (422, "idempotency-key-reused")
+
+
 def test_links_may_lead_to_the_object_store(tmp_path: Path, bucket: S3) -> None:
     settings = Settings(
         data_dir=tmp_path / "data", reap_interval_s=3600, storage_url=bucket.storage_url, links_to_store=True
