@@ -3,7 +3,8 @@
 A page can have its own name resolve to this machine and then read what it likes (DNS rebinding); the Host of its
 requests is still its own name. It can also post a form to any address (cross-site request forgery); its browser then
 says so in Origin and Sec-Fetch-Site, which no page can change (Fetch Standard, 3.2; W3C Fetch Metadata). Clients that
-are no browsers send neither and are not held up.
+are no browsers send neither and are not held up. Reads are for the browser to guard; a route that writes when it is
+read depends on `write_of_own_site`.
 """
 
 from __future__ import annotations
@@ -63,21 +64,21 @@ class OwnHostAndOrigin:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        refusal = self._refusal(scope["method"], Headers(scope=scope))
+        headers = Headers(scope=scope)
+        may_write = self._may_write(headers)
+        scope.setdefault("state", {})["may_write"] = may_write
+        refusal = self._refusal(headers, may_write=may_write or scope["method"] in _SAFE)
         if refusal is None:
             await self._app(scope, receive, send)
         else:
             await problem_response(Request(scope), refusal)(scope, receive, send)
 
-    def _refusal(self, method: str, headers: Headers) -> ServiceError | None:
-        host = headers.get("host", "")
-        if self._hosts is not None and host_name(host) not in self._hosts:
+    def _refusal(self, headers: Headers, *, may_write: bool) -> ServiceError | None:
+        if self._hosts is not None and host_name(headers.get("host", "")) not in self._hosts:
             return MisdirectedError("this service does not answer to that Host; PVG_ALLOWED_HOSTS names more")
-        if method in _SAFE or self._may_write(headers, host):
-            return None
-        return ForbiddenError("a page of another site may not write here; PVG_ALLOWED_ORIGINS names those that may")
+        return None if may_write else _of_another_site()
 
-    def _may_write(self, headers: Headers, host: str) -> bool:
+    def _may_write(self, headers: Headers) -> bool:
         origin = headers.get("origin")
         if origin is not None and origin.lower() in self._origins:
             return True
@@ -85,7 +86,17 @@ class OwnHostAndOrigin:
         site = headers.get("sec-fetch-site")
         if site is not None:
             return site in {"same-origin", "none"}
-        return origin is None or _is_own(origin, host)
+        return origin is None or _is_own(origin, headers.get("host", ""))
+
+
+def _of_another_site() -> ForbiddenError:
+    return ForbiddenError("a page of another site may not write here; PVG_ALLOWED_ORIGINS names those that may")
+
+
+async def write_of_own_site(request: Request) -> None:
+    """What a route depends on that writes though its method asks for no change. Raises `ForbiddenError`."""
+    if not request.state.may_write:
+        raise _of_another_site()
 
 
 def host_name(host: str) -> str | None:

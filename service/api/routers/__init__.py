@@ -44,6 +44,7 @@ def _answer_head(router: APIRouter) -> None:
                 response_model=route.response_model,
                 response_class=route.response_class,
                 status_code=route.status_code,
+                dependencies=route.dependencies,
                 include_in_schema=False,
             )
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Depends, Query, Response
 from sqlalchemy.orm import Session
 
 from service.api.authentication import Caller, CallerDep
 from service.api.dependencies import DeliveryCursor, DeliveryId, PageSize, ServicesDep, problems
 from service.api.idempotency import Once, OnceDep
+from service.api.origins import write_of_own_site
 from service.api.services import Services
 from service.api.webhook_bodies import DeliveryBody, DeliveryPage, SecretBody, delivery_body, secret_body
 from service.catalog import Delivery, DeliveryState, jobs, webhooks
@@ -44,7 +45,7 @@ def _page(
     return DeliveryPage(data=shown, next_cursor=shown[-1].id if len(found) > limit else None)
 
 
-@router.get("/secret", responses=problems(507))
+@router.get("/secret", dependencies=[Depends(write_of_own_site)], responses=problems(403, 507))
 async def get_webhook_secret(response: Response, services: ServicesDep, caller: CallerDep) -> SecretBody:
     """What webhooks are signed with; made at the first call."""
     response.headers["Cache-Control"] = "no-store"

@@ -4,9 +4,11 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
+from sqlalchemy import func, select
 
 from service.api.middleware import relative
 from service.api.origins import host_name
+from service.catalog.models import WebhookSecret
 from service.settings import Settings
 from tests.promises import Drill
 from tests.service.api.test_problems import check
@@ -122,6 +124,34 @@ def test_pages_of_other_sites_write_nothing(api: Api, headers: dict[str, str], b
     assert (answer.status_code, answer.json()["code"]) == (403, "forbidden")
     assert api.blobs == api.drafts == []
     assert api.client.get("/references", headers=headers).status_code == 200  # reads are the browser's to guard
+
+
+def secrets(api: Api) -> int:
+    with api.services.database.read() as session:
+        return session.scalar(select(func.count()).select_from(WebhookSecret)) or 0
+
+
+def test_a_picture_on_a_page_of_another_site_makes_no_secret(api: Api, promise: Callable[..., Drill]) -> None:
+    drill = promise("R23", wanted="a GET that writes: 403; nothing written")
+    picture = {"sec-fetch-site": "cross-site", "sec-fetch-mode": "no-cors", "sec-fetch-dest": "image"}
+    answers = [
+        api.client.request(method, path, headers=headers)
+        for method in ("GET", "HEAD")
+        for path in ("/v1/webhooks/secret", "/webhooks/secret", "/webhooks/%73ecret", "/webhooks/secret/")
+        for headers in (picture, {"sec-fetch-site": "same-site"}, {"origin": "https://evil.example"})
+    ]
+    drill.measured = f"{answers[0].status_code}; {secrets(api)} secrets"
+    assert {answer.status_code for answer in answers} - {307} == {403}  # one address leads to another
+    assert check(answers[0], 403)["code"] == "forbidden"
+    assert secrets(api) == 0
+    for own in ({}, {"sec-fetch-site": "same-origin"}, {"sec-fetch-site": "none"}):
+        assert api.client.get("/webhooks/secret", headers=own).status_code == 200
+    assert secrets(api) == 1
+
+
+def test_an_allowed_origin_may_ask_for_the_secret(named: Api) -> None:
+    page = {"origin": "https://studio.example", "sec-fetch-site": "cross-site"}
+    assert named.client.get("/webhooks/secret", headers=page).status_code == 200
 
 
 @pytest.mark.parametrize("method", ["POST", "PUT", "PATCH", "DELETE", "QUERY"])
