@@ -6,10 +6,12 @@ import math
 import threading
 import time
 from collections.abc import Callable
+from datetime import datetime
 from types import TracebackType
 from typing import Self
 
 import structlog
+from sqlalchemy.orm import Session
 
 from service.catalog import Database, JobState, Lease, Progress, leases
 from service.settings import Settings
@@ -76,7 +78,7 @@ class LeaseKeeper:
         if self._latest is not None:
             try:
                 with self._database.write() as session:
-                    leases.report(session, self._lease, self._latest, now=self._database.now())
+                    self._write(session, self._latest, self._database.now())
             except Exception as error:  # progress never fails a job
                 log.warning("progress not written", job=self._lease.job_id, error=type(error).__name__)
 
@@ -121,12 +123,16 @@ class LeaseKeeper:
                 if time.monotonic() - self._renewed > self._settings.max_outage_s:
                     self._verdict = LeaseLostError
 
+    def _write(self, session: Session, progress: Progress, now: datetime) -> None:
+        every_s = self._settings.progress_interval_s
+        leases.report(session, self._lease, progress, now=now, whole_every_s=every_s)
+
     def _tick(self, progress: Progress | None) -> None:
         now = self._database.now()
         due = time.monotonic() - self._renewed >= self._settings.heartbeat_s
         with self._database.write() if due or progress is not None else self._database.read() as session:
             if progress is not None:
-                leases.report(session, self._lease, progress, now=now)
+                self._write(session, progress, now)
             if due:
                 leases.renew(session, self._lease, now=now, lease_s=self._settings.lease_s)
             state = leases.held_state(session, self._lease)

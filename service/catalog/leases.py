@@ -65,9 +65,12 @@ def held_state(session: Session, lease: Lease) -> JobState | None:
     return JobState(state) if state is not None else None
 
 
-def report(session: Session, lease: Lease, progress: Progress, *, now: datetime) -> bool:
-    """Write the progress. False when the lease is lost."""
-    whole_id = parts.lock_whole(session, lease.job_id)
+def report(session: Session, lease: Lease, progress: Progress, *, now: datetime, whole_every_s: float = 0.0) -> bool:
+    """Write the progress. False when the lease is lost.
+
+    That of a part is told of the whole as well, at most every ``whole_every_s`` seconds for all parts together.
+    """
+    whole_id = parts.lock_to_tell(session, lease.job_id, now=now, every_s=whole_every_s)
     values = {
         "stage": progress.stage,
         "fraction": progress.fraction,

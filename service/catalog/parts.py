@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import datetime, timedelta
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -175,6 +175,29 @@ def lock_whole(session: Session, job_id: str) -> str | None:
     if whole_id is not None:
         session.execute(select(Job.id).where(Job.id == whole_id).with_for_update())
     return whole_id
+
+
+def lock_to_tell(session: Session, job_id: str, *, now: datetime, every_s: float) -> str | None:
+    """The same, but None also where the progress of the whole need not be told with that of this share of it.
+
+    That of a part is told by a later report, while the whole was last changed less than ``every_s`` seconds ago.
+    """
+    whole = aliased(Job)
+    shares = select(Job.kind, whole.id, whole.updated_at).join(whole, whole.id == Job.parent_id)
+    share = session.execute(shares.where(Job.id == job_id)).one_or_none()
+    if share is None or (share.kind == PartKind.PART and _is_near(share.updated_at, now, every_s)):
+        return None
+    locked = select(Job.updated_at).where(Job.id == share.id).with_for_update()
+    updated_at = session.scalar(locked)
+    # another part may have told it, or the whole have ended, meanwhile
+    if updated_at is None or (share.kind == PartKind.PART and _is_near(updated_at, now, every_s)):
+        return None
+    return str(share.id)
+
+
+def _is_near(time: datetime, now: datetime, seconds: float) -> bool:
+    """On either side: of two parts one may come a little late, and a time far ahead is of a clock that was set back."""
+    return abs(now - time) < timedelta(seconds=seconds)
 
 
 def lock_free(session: Session, job_id: str) -> bool:

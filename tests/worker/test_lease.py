@@ -6,7 +6,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from service.catalog import Database, Job, Lease, Progress, jobs, leases, utc_now
+from service.catalog import Database, Job, Lease, Progress, jobs, leases, parts, utc_now
+from service.catalog.parts import NewPart
 from service.settings import Settings
 from tests.service.fixtures import add_media, claim
 from tests.waiting import until
@@ -86,6 +87,21 @@ def test_progress_is_written_as_seldom_as_is_wanted_and_a_cancel_is_noticed_at_o
         with database.write() as session:
             assert jobs.cancel(session, lease.job_id, now=utc_now())
         assert stopped_by(keeper) is CanceledError
+
+
+def test_a_job_in_parts_is_told_of_as_seldom_as_is_wanted(database: Database, lease: Lease) -> None:
+    with database.write() as session:
+        wanted = [NewPart("vid_1", start, start + 10) for start in (0, 10)]
+        made = parts.split(session, lease, wanted, now=utc_now(), timings={}) or []
+    part = claim(database, made[0].job_id)
+    with LeaseKeeper(database, part, QUICK.model_copy(update={"lease_s": 60, "progress_interval_s": 600})) as keeper:
+        keeper.report(Progress("render", 0.5, 5, 10))
+        keeper.flush()
+    assert (job_of(database, part).fraction, job_of(database, lease).fraction) == (0.5, 0.0)
+    with LeaseKeeper(database, part, QUICK.model_copy(update={"lease_s": 60, "progress_interval_s": 0})) as keeper:
+        keeper.report(Progress("render", 0.6, 6, 10))
+        keeper.flush()
+    assert job_of(database, lease).fraction == 0.291
 
 
 def test_a_job_shorter_than_a_tick_shows_its_frames(database: Database, lease: Lease) -> None:

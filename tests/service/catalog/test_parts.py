@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from datetime import timedelta
+from datetime import datetime, timedelta
 
 import pytest
 from sqlalchemy import func, select
+from sqlalchemy.orm import Session
 
 from service.catalog import (
     Asset,
@@ -412,6 +413,89 @@ def test_the_progress_of_the_parts_is_that_of_the_job_and_never_falls(database: 
     assert finish(database, first) == []
     finish(database, claim(database, part_ids[1]))
     assert read(database, job_id).frames_done == 200
+
+
+@pytest.fixture
+def told(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The wholes whose progress was told, each time that it was."""
+    wholes: list[str] = []
+    tell = parts.tell
+
+    def noted(session: Session, whole_id: str, *, now: datetime) -> None:
+        wholes.append(whole_id)
+        tell(session, whole_id, now=now)
+
+    monkeypatch.setattr(parts, "tell", noted)
+    return wholes
+
+
+def tell_of(database: Database, lease: Lease, fraction: float, stage: str = "render") -> None:
+    """As a worker does."""
+    with database.write() as session:
+        progress = Progress(stage, fraction, 0, 0)
+        assert leases.report(session, lease, progress, now=database.now(), whole_every_s=1.0)
+
+
+def test_a_job_is_told_of_once_a_second_however_many_parts_it_has(
+    database: Database, clock: FakeClock, told: list[str]
+) -> None:
+    job_id, part_ids = parted(database, 4)
+    held = [claim(database, part_id) for part_id in part_ids]
+    for tenths in range(1, 101):
+        clock.forward(0.1)
+        for number in range(4):
+            if tenths % 10 == 2 * number:  # each once a second
+                tell_of(database, held[number], tenths / 200)
+                assert read(database, held[number].job_id).fraction == tenths / 200
+    assert 8 <= len(told) <= 10
+    assert 0.97 * 0.4 < read(database, job_id).fraction < 0.97 * 0.5
+    # the end of a part is told at once, and all that the others have done with it
+    before = len(told)
+    finish(database, held[0])
+    assert len(told) == before + 1
+    assert read(database, job_id).fraction == round(0.97 * (1 + sum((96, 92, 94)) / 200) / 4, 4)
+    tell_of(database, held[1], 0.6)
+    assert len(told) == before + 1
+    joins = [finish(database, lease) for lease in held[1:]][-1] or []
+    assert (read(database, job_id).fraction, read(database, job_id).frames_done) == (0.97, 400)
+    # the join is one alone
+    join = claim(database, joins[0].job_id)
+    tell_of(database, join, 0.5, "join")
+    assert (read(database, job_id).stage, read(database, job_id).fraction) == ("join", 0.985)
+
+
+def test_of_parts_that_report_at_the_same_moment_one_tells(
+    database: Database, clock: FakeClock, told: list[str]
+) -> None:
+    for _ in range(5):
+        _, part_ids = parted(database, 4)
+        held = [claim(database, part_id) for part_id in part_ids]
+        clock.forward(5)
+        told.clear()
+        ready = threading.Barrier(len(held))
+
+        def report(lease: Lease, ready: threading.Barrier = ready) -> None:
+            ready.wait()
+            tell_of(database, lease, 0.5)
+
+        threads = [threading.Thread(target=report, args=(lease,)) for lease in held]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert len(told) == 1
+        assert [read(database, part_id).fraction for part_id in part_ids] == [0.5] * 4
+
+
+def test_after_a_clock_was_set_back_a_job_in_parts_is_told_of(
+    database: Database, clock: FakeClock, told: list[str]
+) -> None:
+    _, part_ids = parted(database, 2)
+    lease = claim(database, part_ids[0])
+    clock.forward(-600)
+    for fraction in (0.1, 0.2):
+        tell_of(database, lease, fraction)
+    assert len(told) == 1
 
 
 def test_parts_do_not_expire_but_a_job_nobody_works_on_does(database: Database, clock: FakeClock) -> None:
