@@ -14,6 +14,7 @@ import os
 import re
 import secrets
 import shutil
+import tempfile
 from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from datetime import datetime, timedelta
@@ -118,6 +119,11 @@ class Storage:
     def draft(self, suffix: str = "", *, job_id: str = "") -> Path:
         """A fresh temporary path to write a file, or a folder of files, at. Nobody sees it until `put` publishes it."""
         return self._spool / f"{job_id}{'-' if job_id else ''}{secrets.token_hex(16)}{suffix}"
+
+    def check_drafts(self) -> None:
+        """Raise `OSError` when no draft can be written. What is tried with has no name, where the disk can do that."""
+        with tempfile.TemporaryFile(dir=self._spool) as file:
+            file.write(b"ok")
 
     def new_draft(self) -> tuple[Path, IO[bytes]]:
         """A draft without a job, opened for writing. It is kept for as long as it is open; see `clear_drafts`."""

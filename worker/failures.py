@@ -98,7 +98,7 @@ def problem_of(error: Exception) -> dict[str, Any]:
         return stored_problem("worker-crashed", _CRASHED)
     if lacks_room(error):
         return stored_problem("insufficient-storage", "no room was left for this job, on every attempt")
-    if is_outage(error):
+    if is_outage(error) or isinstance(error, OSError):  # the supervisor's own
         return stored_problem("unavailable", "the records or the files could not be reached for too long")
     return stored_problem("internal-error", "the job failed on our side; the log has it under this job's id")
 

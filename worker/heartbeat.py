@@ -13,6 +13,7 @@ from service.catalog import Database, workers
 from service.catalog.workers import Kind
 from service.drafts import Drafts
 from service.ids import worker_id
+from service.outages import is_disk_full
 from service.settings import Settings
 from service.storage import Storage
 from worker import connection
@@ -53,7 +54,7 @@ class Heartbeat:
     def __init__(self, settings: Settings, *, kind: Kind = "jobs") -> None:
         self._settings = settings
         self._kind = kind
-        self._drafts: Drafts | None = None
+        self._storage: Storage | None = None
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="heartbeat", daemon=True)
 
@@ -68,19 +69,35 @@ class Heartbeat:
 
     def _run(self) -> None:
         database = Database(self._settings.database)
+        before = None
         while True:
-            _beat(database, lacks=workers.BROKER if connection.is_missed() else None, kind=self._kind)
+            lacks = self._lacks()
+            if lacks is not None and lacks != before:
+                log.warning("this process can do no work", lacks=lacks)
+            _beat(database, lacks=lacks, kind=self._kind)
+            before = lacks
             self._clear(database)
             if self._stop.wait(self._settings.heartbeat_s):
                 break
         _leave(database)
         database.close()
 
+    def _lacks(self) -> str | None:
+        """What keeps this process from work; a full disk is told with the jobs that wait for room."""
+        if connection.is_missed():
+            return workers.BROKER
+        try:
+            if self._storage is not None:
+                self._storage.check_drafts()
+        except OSError as error:
+            return None if is_disk_full(error) else workers.DISK
+        return None
+
     def _clear(self, database: Database) -> None:
         try:
-            if self._drafts is None:  # the folder of the files may be away as this process begins
-                self._drafts = Drafts(database, Storage(self._settings), self._settings)
-            self._drafts.clear()
+            if self._storage is None:  # the folder of the files may be away as this process begins
+                self._storage = Storage(self._settings)
+            Drafts(database, self._storage, self._settings).clear()
         except Exception as error:  # after the next beat
             log.warning("drafts not cleared", error=type(error).__name__)
 

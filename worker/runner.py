@@ -29,7 +29,7 @@ from service.catalog import (
     tombstones,
 )
 from service.catalog.fairness import Taken
-from service.outages import is_outage
+from service.outages import is_disk_full, is_outage
 from service.queue import send, withdraw
 from service.room import Room
 from service.settings import Settings
@@ -41,13 +41,19 @@ from worker.parts import draw_part, join, render_or_split
 from worker.patience import Patience
 from worker.progress import ProgressScale
 from worker.run import Run
-from worker.sandbox import CrashError, MethodError, Sandbox
+from worker.sandbox import CrashError, MethodError, Sandbox, UnforkedError
 from worker.stopping import StoppedError
 from worker.vectorizing import vectorize
 
 #: seconds for which a worker with a message waits for room on its disk, and between two looks
 ROOM_WAIT_S: Final = 8.0
 ROOM_POLL_S: Final = 0.5
+#: for which a worker keeps a job that failed for its own machine: it is not to outrun those that are well
+FAULT_PAUSE_S: Final = 8.0
+
+#: why no job is begun
+_NO_ROOM: Final = "no room for jobs on the disk"
+_NOT_WRITTEN: Final = "no job is begun while the disk cannot be written"
 
 log = structlog.get_logger(__name__)
 
@@ -136,15 +142,19 @@ class Runner:
             log.warning("left to the reaper", error=type(error).__name__)
 
     def _has_room(self, job_id: str) -> bool:
-        """Wait a little for room on the disk. False when there is none: the job is left to be sent again later."""
+        """Wait a little for a disk with room that can be written. False when there is none: the job is left for later.
+
+        Its message is sent again, and may come to another worker.
+        """
         until = time.monotonic() + ROOM_WAIT_S
         waited = False
-        while self._room.is_short():
+        while (why := self._unfit()) is not None:
             if not waited:
                 waited = True
-                log.warning("no room for jobs on the disk", job=job_id)
+                log.warning(why, job=job_id)
+                stage = leases.NO_ROOM if why == _NO_ROOM else None
                 with self._database.write() as session:
-                    if not leases.put_off(session, job_id, now=self._database.now()):
+                    if not leases.put_off(session, job_id, now=self._database.now(), stage=stage):
                         return True  # nothing to wait for: the claim finds out
             if time.monotonic() >= until:
                 return False
@@ -152,9 +162,19 @@ class Runner:
             time.sleep(ROOM_POLL_S)
         return True
 
+    def _unfit(self) -> str | None:
+        """Why no job can be begun on this machine's disk; None when one can."""
+        try:
+            if self._room.is_short():
+                return _NO_ROOM
+            self._storage.check_drafts()
+        except OSError as error:
+            return _NO_ROOM if is_disk_full(error) else _NOT_WRITTEN
+        return None
+
     def _work(self, run: Run) -> None:
         try:
-            published = _WORK[run.job.kind](run)
+            published = _done(run)
             log.info("job ends" if published else "job ends unpublished: its lease is lost", **run.timings)
             if not published:
                 self._confirm_cancel(run.lease)
@@ -274,6 +294,22 @@ class Runner:
                 return
 
 
+def _done(run: Run) -> bool:
+    """Do a job. False when its lease was lost. After a fault of this machine its error is raised a while later.
+
+    Raises what the work does, and what ends a run that waits.
+    """
+    try:
+        return _WORK[run.job.kind](run)
+    except (OSError, UnforkedError) as error:
+        if not lacks_room(error):
+            until = time.monotonic() + FAULT_PAUSE_S
+            while (left := until - time.monotonic()) > 0:
+                run.keeper.check()
+                time.sleep(min(left, ROOM_POLL_S))
+        raise
+
+
 def _worth_another_attempt(error: Exception) -> str | None:
     """Why a job that failed so is tried again; None when it would fail again."""
     if isinstance(error, CrashError):
@@ -282,6 +318,8 @@ def _worth_another_attempt(error: Exception) -> str | None:
         return "no room was left for the job"
     if isinstance(error, tombstones.LateError):
         return "its files were stored too late to be kept"
+    if isinstance(error, OSError):  # the supervisor's: those of media are errors of the method
+        return "the disk of this machine failed"
     return "the database or the storage stays away" if is_outage(error) else None
 
 

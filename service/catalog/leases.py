@@ -109,9 +109,12 @@ def confirm_cancel(session: Session, lease: Lease, *, now: datetime) -> bool:
     return jobs.end(session, Step.CONFIRM_CANCEL, lease.job_id, now=now, error=parts.CANCELED, lease=lease)
 
 
-def put_off(session: Session, job_id: str, *, now: datetime) -> bool:
-    """Leave a queued job for later: there is no room for it. Its message is used up and is sent again."""
-    return take_step(session, Step.PUT_OFF, job_id, now=now, values={"stage": NO_ROOM, "published_at": None})
+def put_off(session: Session, job_id: str, *, now: datetime, stage: str | None = NO_ROOM) -> bool:
+    """Leave a queued job for later, at this ``stage``: `NO_ROOM` where there is none for it, None for no fault of it.
+
+    Its message is used up and is sent again.
+    """
+    return take_step(session, Step.PUT_OFF, job_id, now=now, values={"stage": stage, "published_at": None})
 
 
 def give_back(session: Session, lease: Lease, *, now: datetime, costs_attempt: bool = False) -> bool:

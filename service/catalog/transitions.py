@@ -134,7 +134,7 @@ JOB_TRANSITIONS: Final = {
         Transition(Step.CONFIRM_CANCEL, _CANCELING, _S.CANCELED, "its worker has stopped", _C.HELD, _E.DROPPED),
         Transition(Step.GIVE_BACK, _RUNNING, _S.QUEUED, "its worker cannot go on", _C.HELD, _E.DROPPED),
         Transition(Step.WAIT_AGAIN, _RUNNING, _S.QUEUED, "an asset is made again", _C.HELD, _E.DROPPED),
-        Transition(Step.PUT_OFF, _QUEUED, None, "its worker's disk has no room", waiting=False),
+        Transition(Step.PUT_OFF, _QUEUED, None, "its worker's disk has no room, or cannot be written", waiting=False),
         # of a job that is done in parts: it is running, and its parts have the leases
         Transition(Step.SPLIT, _RUNNING, None, "its worker has cut it into parts", _C.HELD, _E.DROPPED),
         Transition(Step.PARTS_REPORT, HELD, None, "a worker of a part reports progress", _C.FREE),

@@ -17,6 +17,8 @@ _FORGOTTEN_S: Final = 3600.0
 
 #: what a worker lacks whose broker is away: it can do jobs as soon as that is back
 BROKER: Final = "broker"
+#: what one lacks that cannot write on the disk of its own drafts
+DISK: Final = "writable disk"
 
 #: jobs: vectorises and renders; previews: makes single pictures while somebody waits
 Kind = Literal["jobs", "previews"]

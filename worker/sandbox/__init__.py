@@ -18,6 +18,7 @@ from worker.sandbox.client import (
     Sandbox,
     Session,
     TimeLimitError,
+    UnforkedError,
     Watch,
 )
 from worker.sandbox.confinement import Limits, View
@@ -35,6 +36,7 @@ __all__ = [
     "SandboxServer",
     "Session",
     "TimeLimitError",
+    "UnforkedError",
     "View",
     "Watch",
 ]

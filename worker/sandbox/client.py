@@ -75,6 +75,10 @@ class CrashError(Exception):
     """The job's process ended without an answer, or with one that it cannot have given by itself."""
 
 
+class UnforkedError(CrashError):
+    """The process that jobs are forked from could not fork, or is gone."""
+
+
 @dataclass(frozen=True)
 class Watch:
     """How a call is watched.
@@ -277,7 +281,7 @@ class _Waiting:
 def judge_end(end: dict[str, Any] | None, limits: Limits) -> None:
     """Raise what the end of a process means, as the server tells it: None where that is gone too, or could not fork."""
     if end is None:
-        raise CrashError("the process that jobs are forked from is gone, or could not fork")
+        raise UnforkedError("the process that jobs are forked from is gone, or could not fork")
     number, code = int(end["signal"]), int(end["code"])
     if number == signal.SIGXCPU or (number and end["cpu_s"] >= limits.cpu_s):
         raise TimeLimitError("the job took more processor time than the service allows")

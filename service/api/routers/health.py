@@ -20,7 +20,10 @@ from service.errors import UnavailableError
 router = APIRouter(tags=["health"])
 
 NO_WORKER: Final = "none"
-NO_BROKER: Final = f"no {workers.BROKER}"
+#: what workers may lack for a while, and jobs wait for
+_LACKED: Final = (workers.BROKER, workers.DISK)
+#: the states of workers with which jobs are taken in
+_WAITED_FOR: Final = frozenset({OK, NO_WORKER, *(f"no {lacked}" for lacked in _LACKED)})
 
 
 @router.get("/livez")
@@ -38,8 +41,9 @@ async def get_liveness() -> Liveness:
 async def get_readiness(services: ServicesDep, response: Response) -> Readiness:
     """Whether requests should come here, and which parts answer.
 
-    `degraded`: jobs are accepted, and run once the broker, or a worker, is back; or the `storage` is `full`: all goes
-    on but what needs room; or the `collector` keeps files without a record, since they may be another database's.
+    `degraded`: jobs are accepted, and run once the broker, a worker, or the disk of one, is back; or the `storage` is
+    `full`: all goes on but what needs room; or the `collector` keeps files without a record, since they may be another
+    database's.
     """
     if services.watch.is_closed:
         response.status_code = 503
@@ -52,7 +56,7 @@ async def get_readiness(services: ServicesDep, response: Response) -> Readiness:
             checks["workers"], checks["collector"] = await services.calls.read(_others, services)
         except (SQLAlchemyError, UnavailableError):  # since the check
             checks["database"] = UNAVAILABLE
-    if UNAVAILABLE in (checks["database"], storage) or checks["workers"] not in {OK, NO_WORKER, NO_BROKER}:
+    if UNAVAILABLE in (checks["database"], storage) or checks["workers"] not in _WAITED_FOR:
         response.status_code = 503
         return Readiness(status="unavailable", checks=checks)
     return Readiness(status="ok" if set(checks.values()) == {OK} else "degraded", checks=checks)
@@ -71,6 +75,7 @@ def _able(lacking: Collection[str | None]) -> str:
     """What workers can do, by what each of them lacks."""
     if None in lacking:
         return OK
-    if workers.BROKER in lacking:
-        return NO_BROKER
+    for lacked in _LACKED:
+        if lacked in lacking:
+            return f"no {lacked}"
     return f"no {min(filter(None, lacking))}" if lacking else NO_WORKER

@@ -107,11 +107,12 @@ def test_a_service_whose_workers_can_do_nothing_is_not_ready(api: Api) -> None:
     assert api.client.get("/readyz").status_code == 200
 
 
-def test_workers_without_their_broker_are_told_and_work_is_taken(api: Api) -> None:
-    beat(api, workers.BROKER)
+@pytest.mark.parametrize("lacks", [workers.BROKER, workers.DISK])
+def test_workers_without_their_broker_or_disk_are_told_and_work_is_taken(api: Api, lacks: str) -> None:
+    beat(api, lacks)
     ready = api.client.get("/readyz")
     assert (ready.status_code, ready.json()["status"]) == (200, "degraded")
-    assert ready.json()["checks"]["workers"] == "no broker"
+    assert ready.json()["checks"]["workers"] == f"no {lacks}"
 
 
 def test_a_service_whose_files_may_be_of_another_database_says_so(api: Api) -> None:

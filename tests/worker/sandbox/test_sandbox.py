@@ -28,11 +28,11 @@ from tests.service.servers import missing
 from tests.waiting import until
 from worker.runner import Runner
 from worker.sandbox import (
-    CrashError,
     Limits,
     MethodError,
     Sandbox,
     SandboxServer,
+    UnforkedError,
     View,
     Watch,
     keeper,
@@ -168,9 +168,9 @@ def test_a_job_that_could_not_be_forked_has_crashed(monkeypatch: pytest.MonkeyPa
     lobby, entrance = socket.socketpair()
     with lobby, entrance:
         sandbox = Sandbox(ForklessLobby(lobby, entrance))  # type: ignore[arg-type]
-        with pytest.raises(CrashError, match="could not fork"):
+        with pytest.raises(UnforkedError, match="could not fork"):
             sandbox.call("x", {}, limits=LIMITS, view=view, watch=watch)
-        with pytest.raises(CrashError, match="could not fork"):
+        with pytest.raises(UnforkedError, match="could not fork"):
             sandbox.open("x", {}, limits=LIMITS, view=view, until=until_s)
 
 
