@@ -24,8 +24,12 @@ of pictures are of before a row's body was looked for in a thread of its own (+6
 
 One look of 8 bits 4:2:0 by other encoders, at 1920×1080 and 3840×2160: HEVC 1172 (1380) and 2532 (2608), AV1 1337
 (1378) and 2877 (3291), VP9 978 (1073) and 2055 (2071); DNxHR, FFV1 and ProRes less. Before the body's matte and people
-were looked for, 7680×4320 took 5239 for one look. More cores decode and encode more frames at once, so that there it
-takes more.
+were looked for, 7680×4320 took 5239 for one look.
+
+More processors encode more frames at once. Of what each beyond two adds for one look, by encoder, measured are with
+eight in 640×360, 1920×1080 and 3840×2160: H.264 21, 68 and 168; HEVC of 8 bits 30 and 49 (the latter two), of 10 bits
+24, 31 and 77; AV1 30, 109 and 372, and up to 509 with four; VP9 10, 12 and 22. What is refused is told by two, on any
+machine; a pass uses as many as there is memory for (`processors_at_once`).
 """
 
 from __future__ import annotations
@@ -51,10 +55,17 @@ class _Held(NamedTuple):
     bytes: int  # of each, whatever the frame
     frames: int  # of each
     ahead: int  # bytes a pixel of each, whatever the samples: small luma pictures that HEVC looks ahead in
+    more_bytes: int  # of each, for each processor that it has beyond those of a machine of two
+    more_frames: float  # the same
 
 
-_ENCODERS: Final = {"hevc": _Held(20, 280_000_000, 55, 85), "av1": _Held(20, 50_000_000, 185, 0)}
-_OTHERWISE: Final = _Held(63, 50_000_000, 44, 0)
+_ENCODERS: Final = {
+    "hevc": _Held(20, 280_000_000, 55, 85, 30_000_000, 3.5),
+    "av1": _Held(20, 50_000_000, 185, 0, 35_000_000, 38.5),
+}
+_OTHERWISE: Final = _Held(63, 50_000_000, 44, 0, 35_000_000, 11)
+#: processors that all of this was measured with
+_MEASURED_WITH: Final = 2
 
 
 def vectorizing_bytes(media: MediaInfo) -> int:
@@ -63,10 +74,11 @@ def vectorizing_bytes(media: MediaInfo) -> int:
     return _VECTORIZING_BYTES + held * frame_bytes(media)
 
 
-def rendering_bytes(media: MediaInfo, looks: int, codec: str = "auto") -> int:
+def rendering_bytes(media: MediaInfo, looks: int, codec: str = "auto", processors: int = _MEASURED_WITH) -> int:
     """Bytes that `render` takes at most with so many looks in one pass over the clip; a picture has them in one.
 
-    codec: of the clips that are written, see `pvg.video.planned`; "auto" is for those in MP4.
+    codec: of the clips that are written, see `pvg.video.planned`; "auto" is for those in MP4. processors: that all of
+    their encoders share.
     """
     if media.kind == "image":
         return _RENDERING_BYTES + (_DRAWN_PICTURES + 2 * (looks - 1)) * frame_bytes(media)
@@ -74,6 +86,8 @@ def rendering_bytes(media: MediaInfo, looks: int, codec: str = "auto") -> int:
         codec = "h264" if media.format.depth == 8 else "hevc"
     held = _ENCODERS.get(codec, _OTHERWISE)
     one = held.bytes + held.frames * frame_bytes(media) + held.ahead * media.width * media.height
+    more = max(0, max(1, processors // looks) - max(1, _MEASURED_WITH // looks))
+    one += more * (held.more_bytes + int(held.more_frames * frame_bytes(media)))
     return _RENDERING_BYTES + held.read * frame_bytes(media) + looks * one
 
 
@@ -81,6 +95,19 @@ def looks_at_once(media: MediaInfo, memory_bytes: int, *, most: int, codec: str 
     """How many looks, from 1 to ``most``, are drawn in one pass within so many bytes."""
     fitting = (looks for looks in range(most, 1, -1) if rendering_bytes(media, looks, codec) <= memory_bytes)
     return next(fitting, 1)
+
+
+def processors_at_once(media: MediaInfo, looks: int, memory_bytes: int, *, most: int, codec: str = "auto") -> int:
+    """How many processors, of ``most``, the encoders of so many looks in one pass use within so many bytes.
+
+    Two are used in any case, if there are.
+    """
+    fitting = (
+        count
+        for count in range(most, _MEASURED_WITH, -1)
+        if rendering_bytes(media, looks, codec, count) <= memory_bytes
+    )
+    return next(fitting, min(most, _MEASURED_WITH))
 
 
 def frame_bytes(media: MediaInfo) -> int:

@@ -7,7 +7,6 @@ the clip and one operator.
 from __future__ import annotations
 
 import inspect
-import os
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass
@@ -18,13 +17,14 @@ import numpy as np
 
 from pvg._arrays import Bytes
 from pvg._checks import whole_number
+from pvg._processors import processors
 from pvg._targets import check_files
 from pvg._threads import one_blas_thread
 from pvg.asset import VectorVideo
 from pvg.curves import table_labels
 from pvg.errors import AssetError
 from pvg.looks import Contrast, Look, contrast_of_both, exchange, transfer
-from pvg.memory import looks_at_once
+from pvg.memory import looks_at_once, processors_at_once
 from pvg.rendering.canvas import (
     Canvas,
     Encoding,
@@ -77,7 +77,7 @@ def render(
     Tracks, chapters, tags, timecode, HDR10 metadata and fields of the clip go along as far as the container and the
     codec hold them. Returns for each path what is not as in the clip or picture, a line each.
     memory_bytes: what a pass over the clip is to take at most; where three looks would take more by `pvg.memory`, a
-    pass has two or one.
+    pass has two or one, and its encoders have fewer threads.
     progress: called as ("render", frames done, frames), counted over all passes, once for a picture; what it raises
     ends the work and passes through. Files appear under their names only when all are complete. Raises `AssetError`
     when the source clip is missing or another one, `MediaError` when it cannot be read, and before anything is drawn
@@ -141,7 +141,8 @@ def _draw_and_publish(
                 lost += _render_image(job, canvas, own)
                 told("render", 1, 1)
                 continue
-            _render_clip(job, canvas, own, planned, encoding, at_once[k], told)
+            threads = _threads(len(job.looks), at_once[k], canvas, planned, memory_bytes)
+            _render_clip(job, canvas, own, planned, encoding, at_once[k], threads, told)
             lost += [canvas.info.warnings + plan.warnings for plan in planned]
     return lost
 
@@ -150,6 +151,16 @@ def _at_once(job: _Job, canvas: Canvas, plans: Sequence[Plan], memory_bytes: int
     """How many looks a pass draws; all of a picture, which has no plans."""
     most = (looks_at_once(canvas.info, memory_bytes, most=LOOKS_AT_ONCE, codec=plan.codec) for plan in plans)
     return min(most, default=len(job.looks))
+
+
+def _threads(count: int, at_once: int, canvas: Canvas, plans: Sequence[Plan], memory_bytes: int) -> int:
+    """Of each encoder; 0 for as many as suit the machine.
+
+    One may use all processors; several share them, which costs less memory and processor time.
+    """
+    together, most = min(count, at_once), processors()
+    used = min(processors_at_once(canvas.info, together, memory_bytes, most=most, codec=plan.codec) for plan in plans)
+    return 0 if count == 1 and used == most else max(1, used // together)
 
 
 def _part_of(progress: Progress | None, before: int, frames: int) -> Progress:
@@ -192,12 +203,9 @@ def _render_clip(
     plans: Sequence[Plan],
     encoding: Encoding,
     at_once: int,
+    threads: int,
     progress: Progress,
 ) -> None:
-    # one encoder may use all cores; several share them, which costs less memory and processor time
-    count = len(job.looks)
-    threads = 0 if count == 1 else max(1, (os.cpu_count() or 1) // min(count, at_once))
-
     def writer(k: int) -> VideoWriter | Y4mWriter:
         return writer_of(drafts[k], canvas.info, plans[k], encoding, threads)
 

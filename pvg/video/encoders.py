@@ -10,6 +10,7 @@ from typing import Literal
 
 import av.codec
 
+from pvg._processors import are_more_seen, processors
 from pvg.video.formats import PixelFormat
 from pvg.video.mastering import ContentLight, MasteringDisplay
 
@@ -307,6 +308,25 @@ def format_options(
         parts.append(f"{key}={light.max_content},{light.max_average}")
     key = {"h264": "x264-params", "hevc": "x265-params", "av1": "svtav1-params"}.get(codec, "")
     return {key: ":".join(parts)} if parts else {}
+
+
+def encoder_threads(codec: str, threads: int) -> tuple[int, dict[str, str]]:
+    """libav's number of threads for an encoder that may have ``threads``, 0 for as many as suit the machine, and
+    further options; to be joined to the others.
+
+    Encoders count the machine's processors, and take memory by them. Where this process may use fewer they are told a
+    number, which x265 and SVT-AV1 do not take from libav.
+    """
+    told = are_more_seen()
+    if threads == 0 and told:
+        threads = processors()
+    if codec == "hevc" and (told or threads > 1):
+        at_once = 3 if threads >= 8 else 2 if threads >= 4 else 1  # frames, by x265's own rule
+        return at_once, {"x265-params": f"pools={threads}"}
+    if codec == "av1" and (told or threads > 1):
+        level = sum(threads >= least for least in (1, 2, 4, 6))  # SVT-AV1's own, again
+        return threads, {"svtav1-params": f"lp={level}"}
+    return threads, {}
 
 
 def part_options(codec: str) -> dict[str, str]:

@@ -19,6 +19,7 @@ from pvg.errors import MediaError
 from pvg.video.encoders import (
     ENCODERS,
     encoder_options,
+    encoder_threads,
     format_options,
     joined,
     layout_of,
@@ -109,10 +110,9 @@ class PictureEncoder:
         )
         self.plan, self.time_base, self.frames = plan, info.time_base, 0
         self._options = joined(encoder_options(plan.codec, crf, preset), further)
-        if part:
-            self._options = joined(self._options, part_options(plan.codec))
-        self._source_format, self._info, self._name = format, info, name
-        self._threads, self._part = 1 if part else threads, part
+        self._threads, by_threads = (1, part_options(plan.codec)) if part else encoder_threads(plan.codec, threads)
+        self._options = joined(self._options, by_threads)
+        self._source_format, self._info, self._name, self._part = format, info, name, part
         self._tags = _tags(info, format, plan.format)
         self._marked = None if plan.fields is None else FieldMarks(plan.fields)
         self._last_pts: int | None = None

@@ -19,6 +19,7 @@ import av.video.codeccontext
 import av.video.frame
 import av.video.stream
 
+from pvg._processors import decoding_threads
 from pvg.errors import MediaError, TooLargeError
 from pvg.video.indexes import check_index
 from pvg.video.sniffing import IMAGE_KINDS, check_structure, sniff
@@ -165,6 +166,7 @@ def open_clip(path: Path, limits: MediaLimits) -> Iterator[OpenClip]:
         stream.codec_context.options = {"max_pixels": _decoder_limit(limits.max_pixels)}
         stream.thread_type = "AUTO"
         context = stream.codec_context
+        context.thread_count = decoding_threads()
         colors = StatedColors(context.color_primaries, context.color_trc, context.colorspace, context.color_range)
         decoder = _alpha_decoder(stream, limits.max_pixels)
         yield OpenClip(path.name, container, stream, len(streams), decoder, aside, colors)
@@ -188,7 +190,7 @@ def _alpha_decoder(
         return None
     assert isinstance(context, av.video.codeccontext.VideoCodecContext)  # noqa: S101 - narrows the binding's union
     context.options = {"max_pixels": _decoder_limit(max_pixels)}
-    context.thread_type = "AUTO"
+    context.thread_type, context.thread_count = "AUTO", decoding_threads()
     return context
 
 

@@ -20,6 +20,7 @@ import av.container
 import av.error
 import numpy as np
 
+from pvg._processors import decoding_threads
 from pvg.errors import MediaError
 from pvg.video.color import ColorSpace
 from pvg.video.encoders import FieldOrder
@@ -198,6 +199,7 @@ class PipeReader:
         stream.thread_type = "AUTO"
         clip = OpenClip("standard input", container, stream)
         context = stream.codec_context
+        context.thread_count = decoding_threads()
         check_pixels(clip.name, context.width, context.height, self._limits.max_pixels)
         matrix, stated = self._color
         if context.colorspace == UNSPECIFIED:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from pvg.memory import frame_bytes, looks_at_once, rendering_bytes, vectorizing_bytes
+from pvg.memory import frame_bytes, looks_at_once, processors_at_once, rendering_bytes, vectorizing_bytes
 from pvg.video import MediaInfo, PixelFormat, probe
 from scripts.samples import Samples
 
@@ -47,6 +47,16 @@ ENCODED = [
     ((3840, 2160), "vp9", 2055),
 ]
 
+# the same where encoders share eight processors, or were told of so many
+MANY = [
+    ((1920, 1080), "h264", 1, 1223),
+    ((1920, 1080), "hevc", 1, 1092),
+    ((1920, 1080), "av1", 1, 1721),
+    ((3840, 2160), "h264", 1, 2865),
+    ((3840, 2160), "h264", 3, 3609),
+    ((3840, 2160), "vp9", 1, 1922),
+]
+
 
 @pytest.fixture(scope="module")
 def clip(samples: Samples) -> MediaInfo:
@@ -70,6 +80,19 @@ def test_other_encoders_count_as_they_were_measured(
 ) -> None:
     media = replace(clip, width=size[0], height=size[1], format=FORMATS["yuv420p"])
     assert measured * 1e6 <= rendering_bytes(media, 1, codec) <= measured * 4e6 / 3
+
+
+@pytest.mark.parametrize(("size", "codec", "looks", "measured"), MANY)
+def test_more_processors_count_as_they_were_measured(
+    clip: MediaInfo, size: tuple[int, int], codec: str, looks: int, measured: int
+) -> None:
+    media = replace(clip, width=size[0], height=size[1], format=FORMATS["yuv420p"])
+    said = rendering_bytes(media, looks, codec, 8)
+    assert measured * 1e6 <= said <= measured * 1.7e6
+    assert said > rendering_bytes(media, looks, codec)
+    assert processors_at_once(media, looks, said, most=8, codec=codec) == 8
+    assert processors_at_once(media, looks, 1, most=8, codec=codec) == 2
+    assert processors_at_once(media, looks, 1, most=1, codec=codec) == 1
 
 
 def test_a_pass_draws_fewer_looks_of_larger_frames(clip: MediaInfo) -> None:
