@@ -258,6 +258,21 @@ class Storage:
         finally:
             path.unlink(missing_ok=True)
 
+    def read_through(self, path: Path) -> None:
+        """Read a file of `local_path` to its end.
+
+        Raises `OSError` where that fails; of a local folder that does not answer an outage, and `BlobMissingError`.
+        """
+        if self._folder is None:
+            _read_through(path)
+            return
+        try:
+            with _folder_known():
+                _read_through(path)
+        except FileNotFoundError as error:
+            self.check_mounted()
+            raise BlobMissingError(path.name) from error
+
     def entries(self) -> Iterator[tuple[str, datetime]]:
         """Every blob's key and when it was written."""
         for batch in obstore.list(self._store):
@@ -420,6 +435,12 @@ def _folder_known() -> Iterator[None]:
         if error.errno not in _AWAY:
             raise
         raise GenericError(f"the folder of the files does not answer: {error.strerror}") from error
+
+
+def _read_through(path: Path) -> None:
+    with path.open("rb") as file:
+        while file.read(CHUNK_BYTES):
+            pass
 
 
 def _is_open(path: Path) -> bool:

@@ -98,7 +98,7 @@ def problem_of(error: Exception) -> dict[str, Any]:
         return stored_problem("worker-crashed", _CRASHED)
     if lacks_room(error):
         return stored_problem("insufficient-storage", "no room was left for this job, on every attempt")
-    if is_outage(error) or isinstance(error, OSError):  # the supervisor's own
+    if is_outage(error) or isinstance(error, OSError):  # of no medium: those are of the method
         return stored_problem("unavailable", "the records or the files could not be reached for too long")
     return stored_problem("internal-error", "the job failed on our side; the log has it under this job's id")
 
@@ -110,18 +110,20 @@ def _limit_of(error: Exception) -> Limit | None:
 
 
 def problem_of_picture(error: Exception) -> dict[str, Any]:
-    """The problem to store with a preview. A crash or a timeout is temporary here; for a job it is final."""
+    """The problem to store with a preview. A crash, a timeout and a disk's error are temporary here."""
     if isinstance(error, TimeLimitError):
         return stored_problem("unavailable", "the picture was not made in time; try again")
     if isinstance(error, CrashError):
         return stored_problem("unavailable", "the process that made the picture has ended; try again")
+    if isinstance(error, MethodError) and error.fault:  # a medium that was vectorised is whole
+        return stored_problem("unavailable", "the files could not be reached; try again")
     return problem_of(error)
 
 
 def is_expected(error: Exception) -> bool:
     """True for errors that tell of the input, not of a fault of ours."""
     if isinstance(error, MethodError):
-        return error.kind in EXPECTED
+        return error.kind in EXPECTED and error.fault is None
     return isinstance(error, OptionError | SourceLostError | AssetLostError | LimitError)
 
 
@@ -145,7 +147,13 @@ def without_files(error: MethodError, media: Iterable[Media], keys: Mapping[Path
         names[medium.source_key] = medium.id
         if medium.asset_key is not None:
             names[medium.asset_key] = f"the vectorised {medium.id}"
-    text = str(error)
-    for path, key in keys.items():
-        text = re.sub(rf"[^\s'\"]*{re.escape(path.name)}", names.get(key, "a file"), text)
-    return error.saying(text)
+    return error.saying(without_paths(str(error), {path: names.get(key, "a file") for path, key in keys.items()}))
+
+
+def without_paths(text: str, names: Mapping[Path, str]) -> str:
+    """A text with these names in place of their files, with the folders that they are in."""
+    for path, name in names.items():
+        for whole in (path.resolve(), path.absolute(), path):
+            text = text.replace(str(whole), name)
+        text = re.sub(rf"[^\s'\"]*{re.escape(path.name)}", name, text)
+    return text

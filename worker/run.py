@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import time
@@ -21,7 +22,7 @@ from service.storage import Storage
 from worker.lease import LeaseKeeper
 from worker.patience import Patience
 from worker.progress import ProgressScale
-from worker.sandbox import Limits, Sandbox, View, Watch
+from worker.sandbox import Limits, MethodError, Sandbox, View, Watch
 
 T = TypeVar("T")
 
@@ -105,7 +106,8 @@ class Run:
         """Make a call of `worker.sandbox.calls` in a process that sees these files and writes into this folder alone.
 
         It is told besides what memory it may take and what clips must keep. Its answer is not checked. Raises what
-        `Sandbox.call` raises, and what ends this run: its time limit too.
+        `Sandbox.call` raises, what ends this run, its time limit too, `BlobMissingError`, and `OSError` for a fault of
+        the disk or the shared folder that the files are on, once they can be read again.
         """
         settings = self.settings
         limits = Limits(
@@ -116,4 +118,23 @@ class Run:
         watch = Watch(self.keeper.check, self.progress, self.began + settings.job_soft_limit_s)
         view = View(tuple(path.resolve() for path in read), folder.resolve())
         shared = {"memory_bytes": limits.memory_bytes, "limits": media_limits(settings)}
-        return self.sandbox.call(name, {**arguments, **shared}, limits=limits, view=view, watch=watch)
+        try:
+            return self.sandbox.call(name, {**arguments, **shared}, limits=limits, view=view, watch=watch)
+        except MethodError as error:
+            if error.fault and (self._wait_for(read) or error.fault == "certain"):
+                raise OSError(errno.EIO, "a file of the job could not be read or written") from error
+            error.fault = None  # it is of the file, which is there
+            raise
+
+    def _wait_for(self, paths: Sequence[Path]) -> bool:
+        """Read files to their ends, and wait for a storage that does not answer. Whether it was waited for."""
+        tries = 0
+
+        def once() -> None:
+            nonlocal tries
+            tries += 1
+            for path in paths:
+                self.storage.read_through(path)
+
+        self.patience(once)
+        return tries > 1

@@ -318,8 +318,8 @@ def _worth_another_attempt(error: Exception) -> str | None:
         return "no room was left for the job"
     if isinstance(error, tombstones.LateError):
         return "its files were stored too late to be kept"
-    if isinstance(error, OSError):  # the supervisor's: those of media are errors of the method
-        return "the disk of this machine failed"
+    if isinstance(error, OSError):  # of no medium: those are of the method
+        return "a disk or a shared folder failed"
     return "the database or the storage stays away" if is_outage(error) else None
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from service.catalog import Asset, Media, Pictures, Role, media, vectorize_request
 from service.storage import BlobMissingError
 from worker.answers import FaceAnswer, OutputAnswer, PictureAnswer, VectorizeAnswer, checked, made
-from worker.failures import SourceLostError
+from worker.failures import SourceLostError, without_paths
 from worker.lease import LeaseLostError
 from worker.run import Run
 from worker.sandbox import CrashError, MethodError
@@ -94,7 +94,7 @@ def _vectorize(run: Run, medium: Media, source: Path, folder: Path) -> Vectorize
     except MethodError as error:
         # the blob's name means nothing to the client, and the file's own stays with its medium: what is said here is
         # kept with jobs and in the log when that is deleted
-        raise error.saying(str(error).replace(source.name, "the file")) from error
+        raise error.saying(without_paths(str(error), {source: "the file"})) from error
 
 
 def _of_the_file(output: OutputAnswer | None) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import stat
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -57,10 +58,12 @@ def sniff(path: str | Path) -> Kind:
 
 def _read_head(path: Path) -> bytes:
     try:
-        if not path.is_file():
-            raise MediaError(f"{path} is not a file" if path.exists() else f"{path} does not exist")
+        if not stat.S_ISREG(path.stat().st_mode):
+            raise MediaError(f"{path} is not a file")
         with path.open("rb") as file:
             return file.read(4096)
+    except (FileNotFoundError, NotADirectoryError, ValueError) as error:  # the last: a zero byte in it
+        raise MediaError(f"{path} does not exist") from error
     except OSError as error:
         raise MediaError(f"{path} cannot be read: {error.strerror}") from error
 

@@ -86,3 +86,7 @@ def test_a_picture_that_was_not_made_this_time_may_be_asked_for_again() -> None:
         assert problem["type"] == "unavailable"
         assert "secret" not in str(problem)
     assert problem_of_picture(MemoryLimitError("it needs more than 4 GB"))["type"] == "too-large"
+    error = MethodError("MediaError", "/srv/secret is damaged (input/output error)", fault="possible")
+    assert not is_expected(error)
+    assert problem_of_picture(error)["type"] == "unavailable"
+    assert "secret" not in str(problem_of_picture(error))

@@ -24,6 +24,7 @@ from pvg.rendering import Stills, around, cropped, encoded, fitted, join_parts, 
 from pvg.vectorization import VECTORIZER_VERSION, vectorize
 from pvg.video import MediaLimits, inspect, planned, probe
 from pvg.warmup import warm_up
+from worker.sandbox.faults import fault_of
 
 Progress = Callable[[str, int, int], None]
 
@@ -310,12 +311,17 @@ def _timed(timings: dict[str, float], name: str) -> Iterator[None]:
 
 
 def _verify(arguments: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
-    """Whether ``asset`` can be read, every byte of it, and no earlier vectoriser made it, see `_check_vectorizer`."""
+    """Whether ``asset`` can be read, every byte of it, and no earlier vectoriser made it, see `_check_vectorizer`.
+
+    Raises `AssetError` where that cannot be told, as its disk does not answer.
+    """
     try:
         with VectorVideo(arguments["asset"]) as video:
             _check_vectorizer(video, arguments)
             video.verify()
-    except AssetError:
+    except AssetError as error:
+        if fault_of(error) == "certain":
+            raise
         return {"usable": False}
     return {"usable": True}
 

@@ -17,6 +17,7 @@ from typing import Any, NoReturn
 
 from worker.sandbox.channel import Receiver, send
 from worker.sandbox.confinement import Limits, View, confine
+from worker.sandbox.faults import chain, fault_of
 
 _PROGRESS_S = 0.1  # between two reports of one stage
 _SHOWN_CHARACTERS = 4000
@@ -103,20 +104,17 @@ def _progress_to(channel: socket.socket) -> Callable[[str, int, int], None]:
 
 def _described(error: BaseException) -> dict[str, Any]:
     """What the supervisor is told. Which limit was met is only seen here, where the libraries say so."""
-    chain: list[BaseException] = []
-    one: BaseException | None = error
-    while one is not None and one not in chain:
-        chain.append(one)
-        one = one.__cause__ or one.__context__
-    numbers = {getattr(link, "errno", None) for link in chain}
+    links = chain(error)
+    numbers = {getattr(link, "errno", None) for link in links}
     shown = "".join(traceback.format_exception(error))
     return {
         "class": type(error).__name__,
         "message": str(error)[:_SHOWN_CHARACTERS],
         "trace": shown[-_SHOWN_CHARACTERS:],
-        "out_of_memory": errno.ENOMEM in numbers or any(map(_is_out_of_memory, chain)),
+        "out_of_memory": errno.ENOMEM in numbers or any(map(_is_out_of_memory, links)),
         "file_too_long": errno.EFBIG in numbers,
         "no_room": not numbers.isdisjoint({errno.ENOSPC, errno.EDQUOT}),
+        "fault": fault_of(error),
         "limit": _limit_of(error),
     }
 

@@ -15,6 +15,7 @@ import structlog
 
 from worker.sandbox.channel import ProtocolError, Receiver, send
 from worker.sandbox.confinement import Limits, View
+from worker.sandbox.faults import Fault
 
 log = structlog.get_logger(__name__)
 
@@ -33,18 +34,27 @@ _END_S: Final = 10.0
 class MethodError(Exception):
     """The call raised: the name of the error's class and its message, as the job's process tells them.
 
-    ``limit`` is the most that is accepted of what the input is over, and its unit.
+    ``limit`` is the most that is accepted of what the input is over, and its unit. ``fault``: it is, or may be, that
+    of a disk or a shared folder.
     """
 
-    def __init__(self, kind: str, message: str, trace: str = "", limit: tuple[float, str] | None = None) -> None:
+    def __init__(
+        self,
+        kind: str,
+        message: str,
+        trace: str = "",
+        limit: tuple[float, str] | None = None,
+        fault: Fault | None = None,
+    ) -> None:
         super().__init__(message)
         self.kind = kind
         self.trace = trace
         self.limit = limit
+        self.fault = fault
 
     def saying(self, message: str) -> MethodError:
         """The same error in other words."""
-        return MethodError(self.kind, message, self.trace, self.limit)
+        return MethodError(self.kind, message, self.trace, self.limit, self.fault)
 
 
 class LimitError(Exception):
@@ -307,7 +317,7 @@ def answer_of(message: dict[str, Any], limits: Limits) -> Any:
                 )
             if flags.get("no_room") is True:
                 raise NoRoomError(text)
-            raise MethodError(kind, text, trace, _limit_of(flags.get("limit")))
+            raise MethodError(kind, text, trace, _limit_of(flags.get("limit")), _fault_of(flags.get("fault")))
     raise CrashError("its process sent something else than an answer")
 
 
@@ -317,6 +327,10 @@ def _limit_of(told: object) -> tuple[float, str] | None:
         case [int() | float() as limit, str(unit)] if unit in _UNITS and 0 <= limit <= _MOST:
             return limit, unit
     return None
+
+
+def _fault_of(told: object) -> Fault | None:
+    return told if told in ("certain", "possible") else None
 
 
 def _out_of_memory(limits: Limits) -> MemoryLimitError:

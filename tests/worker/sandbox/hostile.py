@@ -20,6 +20,17 @@ from typing import Any
 Progress = Callable[[str, int, int], None]
 
 
+class MediaError(Exception):
+    """As the method's own."""
+
+
+class LibavError(OSError):
+    """As libav's."""
+
+
+LibavError.__module__ = "av.error"
+
+
 def preload() -> None:
     pass
 
@@ -187,6 +198,10 @@ def act(arguments: Mapping[str, Any], progress: Progress) -> dict[str, Any]:  # 
             except OSError:
                 continue
         time.sleep(60)
+    elif what == "fail":  # to read its file
+        library, number = rest.split()
+        failed = (LibavError if library == "libav" else OSError)(int(number), os.strerror(int(number)))
+        raise MediaError(f"{arguments['source']} cannot be read: {failed.strerror}") from failed
     elif what == "raise":
         raise RuntimeError("/srv/secret")
     elif what == "answer":
