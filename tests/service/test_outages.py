@@ -72,8 +72,6 @@ _REFUSAL = b"""<?xml version="1.0" encoding="UTF-8"?>
 def test_the_log_says_why_a_store_is_away_and_neither_where_nor_with_what_secret(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    draft = tmp_path / "draft"
-    draft.write_bytes(b"x")
     with remote(PRIVATE) as store:
         store.answers["/faces/source/lena.mp4"] = answer(_REFUSAL, "403 Forbidden")
         here, nobody = f"http://{PRIVATE}:{store.port}", f"http://{PRIVATE}:{free_port()}"
@@ -84,8 +82,9 @@ def test_the_log_says_why_a_store_is_away_and_neither_where_nor_with_what_secret
         ):
             for name, value in (S3(address).environment() | {"AWS_ALLOW_HTTP": allowed}).items():
                 monkeypatch.setenv(name, value)
-            with pytest.raises(Exception, match="source/lena") as caught:
-                Storage(Settings(data_dir=tmp_path, storage_url="s3://faces")).put(draft, "source/lena.mp4")
+            away = Storage(Settings(data_dir=tmp_path, storage_url="s3://faces"))
+            with pytest.raises(Exception, match="source/lena") as caught, away.local_path("source/lena.mp4"):
+                pass
             assert is_outage(caught.value)
             assert told(caught.value) == {"error": type(caught.value).__name__, "reason": reason}
     assert told(ValueError("lena")) == {"error": "ValueError"}
