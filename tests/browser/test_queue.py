@@ -294,12 +294,9 @@ def test_a_job_of_another_day_is_told_with_its_day(desk: Desk) -> None:
     page = desk.edit()
     page.locator(".job").get_by_text(re.compile(r"^Canceled at [\d:]+ ?(AM|PM)?$")).wait_for()
 
-    def older(route: Route) -> None:
-        jobs = route.fetch().json()
-        jobs["data"][0]["finished_at"] = "2026-01-05T12:00:00Z"
-        route.fulfill(json=jobs)
-
-    page.route("**/v1/jobs?kind=*", older)
+    jobs = desk.api.client.get("/jobs?kind=transfer").json()
+    jobs["data"][0]["finished_at"] = "2026-01-05T12:00:00Z"
+    page.route("**/v1/jobs?kind=*", lambda route: route.fulfill(json=jobs))
     page.reload()
     page.locator(".job").get_by_text(re.compile("^Canceled on .*(5 Jan|Jan 5)")).wait_for()
 
