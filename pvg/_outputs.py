@@ -14,7 +14,9 @@ from pvg._targets import STANDARD, check_file, check_folder
 if TYPE_CHECKING:
     from pvg.asset import VectorVideo
 
+# as `pvg.video` and `_options` have them: what these would load takes long, and a refusal is to be quick
 IMAGES = ("png", "tiff", "jpg", "webp")
+PIPED = ("nut", "y4m")
 
 
 def kind_of(path: Path) -> Literal["video", "image"]:
@@ -75,8 +77,6 @@ def check_coding(path: Path, kind: str, output: Path | None, asked: Mapping[str,
 
 def check_pipe(container: str | None, references: list[Path]) -> None:
     """What can be told of an output to a pipe before the clip is known."""
-    from pvg.video import PIPED  # noqa: PLC0415 - takes long, and the work needs it anyway
-
     if len(references) > 1:
         raise ValueError("-o - is one stream; several references need a folder")
     if container not in (None, *PIPED):
@@ -96,8 +96,6 @@ def check_outputs(
     output: Path, references: list[Path], inputs: list[Path | None], container: str | None = None
 ) -> None:
     """What can be told of the outputs before the clip is known."""
-    from pvg.video import PIPED  # noqa: PLC0415 - takes long, and the work needs it anyway
-
     if container in PIPED:
         raise ValueError(f"{container} is written to a pipe: -o -")
     if container is not None and output.suffix and not output.is_dir() and len(references) == 1:

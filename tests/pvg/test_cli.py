@@ -367,16 +367,19 @@ def test_an_asset_is_written_to_no_clip_and_no_pipe(run: Run, clip: Path, tmp_pa
     assert (tmp_path / "keep.mp4").read_bytes() == clip.read_bytes()
 
 
-def test_the_help_loads_no_library() -> None:
-    """It is there at once: neither NumPy nor anything as heavy is imported for it."""
+def test_the_help_and_a_refusal_load_no_library(clip: Path, samples: Samples) -> None:
+    """They are there at once: neither NumPy nor anything as heavy is imported for them."""
     script = (
         "import sys, contextlib, io, pvg.cli\n"
-        "with contextlib.suppress(SystemExit), contextlib.redirect_stdout(io.StringIO()) as out:\n"
+        "out = io.StringIO()\n"
+        "with contextlib.suppress(SystemExit), contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):\n"
         "    pvg.cli.main(sys.argv[1:])\n"
         "assert out.getvalue()\n"
         "print(sorted({'numpy', 'cv2', 'av', 'numba', 'scipy', 'onnxruntime', 'typer', 'tqdm'} & set(sys.modules)))"
     )
-    for arguments in (["--help"], ["transfer", "--help"], ["--version"]):
+    references = ["--reference", str(samples.portrait), "--reference", str(samples.dark_portrait)]
+    refused = ["transfer", str(clip), *references, "-o", "a.mp4"]
+    for arguments in (["--help"], ["transfer", "--help"], ["--version"], refused):
         done = subprocess.run([sys.executable, "-c", script, *arguments], capture_output=True, text=True, check=True)
         assert done.stdout == "[]\n"
 
@@ -444,6 +447,7 @@ def test_the_choices_are_the_librarys() -> None:
     assert cli.INPUT_COLORS == INPUT_COLORS
     assert {f".{name}" for name in cli.IMAGE_CONTAINERS} <= set(IMAGE_SUFFIXES)
     assert cli.IMAGE_CONTAINERS == _outputs.IMAGES
+    assert _outputs.PIPED == PIPED
 
 
 def test_the_version() -> None:
