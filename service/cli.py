@@ -17,12 +17,12 @@ from obstore.exceptions import BaseError
 from sqlalchemy.exc import ArgumentError, DBAPIError, OperationalError
 
 from service import health
-from service.catalog import Database, Key, keys, workers
+from service.catalog import Key, keys, workers
 from service.catalog.migrations import VersionError, has_table, is_current, migrate_to
 from service.catalog.migrations import migrate as migrate_database
 from service.catalog.models import Worker
 from service.collector import HaltedError
-from service.command_line import CANNOT_START, current_settings, read_settings, refuse, with_records
+from service.command_line import CANNOT_START, current_settings, open_records, read_settings, refuse, with_records
 from service.key_commands import key_commands
 from service.logs import configure
 from service.outages import is_outage
@@ -213,13 +213,8 @@ def migrate(
 
 def _workers_heard_of(settings: Settings) -> int:
     """How many workers have said lately, by the database's clock as they do, that they are alive."""
-    database = Database(settings.database)
-    try:
-        since = database.now() - timedelta(seconds=settings.silent_s)
-        with database.read() as session:
-            return workers.heard_of(session, since=since)
-    finally:
-        database.close()
+    with open_records(settings) as database, database.read() as session:
+        return workers.heard_of(session, since=database.now() - timedelta(seconds=settings.silent_s))
 
 
 @cli.command()

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Final, NoReturn, TypeVar
 
 import typer
@@ -50,11 +51,17 @@ def current_settings() -> Settings:
     return settings
 
 
-def with_records(settings: Settings, work: Callable[[Session], Answer], *, write: bool = True) -> Answer:
-    """What a step with the records gives, in one transaction."""
+@contextmanager
+def open_records(settings: Settings) -> Iterator[Database]:
+    """The records, for the time of the block."""
     database = Database(settings.database)
     try:
-        with database.write() if write else database.read() as session:
-            return work(session)
+        yield database
     finally:
         database.close()
+
+
+def with_records(settings: Settings, work: Callable[[Session], Answer], *, write: bool = True) -> Answer:
+    """What a step with the records gives, in one transaction."""
+    with open_records(settings) as database, database.write() if write else database.read() as session:
+        return work(session)
