@@ -7,6 +7,7 @@ from datetime import datetime, timedelta
 from urllib.parse import urlencode
 
 from fastapi import APIRouter, Request, Response
+from sqlalchemy.orm import Session
 from starlette.responses import StreamingResponse
 
 from service import addresses
@@ -83,26 +84,26 @@ async def _answer(services: Services, asked: BytesAsked, kept: _Kept) -> Respons
 
 def _find(services: Services, access: Access, result_id: str) -> _Kept:
     access.to(services, "result", result_id)
-    return _kept(services, _result(services, access, result_id))
-
-
-def _result(services: Services, access: Access, result_id: str) -> Result:
     with services.database.read() as session:
-        result = results.get(session, result_id, owner=access.owner)
-        if result is None:
-            raise NotFoundError(f"there is no result {result_id}")
-        access.check_owner(session, result.owner)
+        return _kept(session, _result(session, access, result_id), services.database.now())
+
+
+def _result(session: Session, access: Access, result_id: str) -> Result:
+    result = results.get(session, result_id, owner=access.owner)
+    if result is None:
+        raise NotFoundError(f"there is no result {result_id}")
+    access.check_owner(session, result.owner)
     return result
 
 
 def _find_part(services: Services, access: Access, result_id: str, part: PartName, person: int) -> _Kept:
     access.to(services, "result", result_id, part, str(person))
-    result = _result(services, access, result_id)
     with services.database.read() as session:
+        result = _result(session, access, result_id)
         there = [one for one in results.parts(session, [result.id]) if one.part == part]
-    for one in there:
-        if one.person == person:
-            return _kept(services, one)
+        for one in there:
+            if one.person == person:
+                return _kept(session, one, services.database.now())
     if not there:
         name = {"look.cube": "cube", "matte": "matte"}[part]
         raise NotFoundError(f'{result_id} has no {part}; run the transfer with "output": {{"extras": ["{name}"]}}')
@@ -163,10 +164,9 @@ def _make_link(services: Services, caller: Caller, once: Once, result_id: str, w
     return body
 
 
-def _kept(services: Services, result: Result) -> _Kept:
+def _kept(session: Session, result: Result, now: datetime) -> _Kept:
     """A result or a part of one as it is kept. Raises `GoneError` after its retention, or that of one of its media."""
-    with services.database.read() as session:
-        until = results.kept_until(session, [result])[result.id]
-    if result.blob_key is None or until <= services.database.now():
+    until = results.kept_until(session, [result])[result.id]
+    if result.blob_key is None or until <= now:
         raise GoneError(f"{result.part_of or result.id} has expired; run the transfer again to make it once more")
     return _Kept(result, result.blob_key, until)
