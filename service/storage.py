@@ -438,9 +438,8 @@ def _folder_known() -> Iterator[None]:
 
 
 def _read_through(path: Path) -> None:
-    with path.open("rb") as file:
-        while file.read(CHUNK_BYTES):
-            pass
+    for _ in _pieces_of(path, _PIECE_BYTES, _go_on):
+        pass
 
 
 def _is_open(path: Path) -> bool:
