@@ -19,7 +19,8 @@ from tests.service.s3 import S3
 from tests.service.servers import free_port
 
 
-def test_a_lock_that_is_not_had_in_time_is_an_outage_and_a_lock(database: Database) -> None:
+def met_lock(database: Database) -> SQLAlchemyError:
+    """The error of who wants what another one has locked."""
     medium = add_media(database)
     other = Database(database.url, lock_wait_s=0.05)
     with database.write() as session:
@@ -27,19 +28,17 @@ def test_a_lock_that_is_not_had_in_time_is_an_outage_and_a_lock(database: Databa
         with pytest.raises(SQLAlchemyError) as caught, other.write() as second:
             media.get(second, medium.id, lock="update")
     other.close()
-    assert is_locked(caught.value)
-    assert is_outage(caught.value)
+    return caught.value
+
+
+def test_a_lock_that_is_not_had_in_time_is_an_outage_and_a_lock(database: Database) -> None:
+    error = met_lock(database)
+    assert is_locked(error)
+    assert is_outage(error)
 
 
 def test_only_a_server_is_locked_in_part(database: Database) -> None:
-    medium = add_media(database)
-    other = Database(database.url, lock_wait_s=0.05)
-    with database.write() as session:
-        session.get(Media, medium.id, with_for_update=True)
-        with pytest.raises(SQLAlchemyError) as caught, other.write() as second:
-            media.get(second, medium.id, lock="update")
-    other.close()
-    assert is_partly_locked(caught.value) == (not database.url.startswith("sqlite"))
+    assert is_partly_locked(met_lock(database)) == (not database.url.startswith("sqlite"))
     assert not is_partly_locked(ValueError())
 
 

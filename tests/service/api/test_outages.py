@@ -7,7 +7,8 @@ import sqlite3
 import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 
 import httpx
@@ -126,32 +127,9 @@ def test_sixty_writers_that_wait_for_a_lock_hold_up_no_reader(api: Api) -> None:
     assert statuses == {202}
 
 
-def test_twenty_files_that_are_stored_slowly_hold_up_no_writer(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
-    video = upload(api, "/videos")
-    put, goes_on, begun = api.services.storage.put, threading.Event(), threading.Semaphore(0)
-
-    def slowly(path: Path, key: str) -> None:
-        begun.release()
-        goes_on.wait()
-        put(path, key)
-
-    monkeypatch.setattr(api.services.storage, "put", slowly)
-    with ThreadPoolExecutor(20) as clients:
-        contents = [MP4 + b"%d" % number for number in range(20)]
-        uploads = [clients.submit(api.client.post, "/videos", content=one, timeout=120) for one in contents]
-        try:
-            assert all(begun.acquire(timeout=60) for _ in range(16))  # as many as there are threads for it
-            assert api.client.post(f"/jobs/{video['job']}/cancel").status_code == 202
-            assert api.client.get(f"/jobs/{video['job']}").json()["state"] == "canceled"
-            assert not any(one.done() for one in uploads)
-        finally:
-            goes_on.set()
-        assert {one.result().status_code for one in uploads} == {202}
-
-
-def test_a_store_that_hangs_keeps_nobody_waiting_for_a_thread(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Uploads waited for each other, 16 at a time, for as long as the store hangs; so did deletions."""
-    video = upload(api, "/videos")
+@contextmanager
+def uploads_that_hang(api: Api, monkeypatch: pytest.MonkeyPatch, count: int) -> Iterator[list[Future[httpx.Response]]]:
+    """So many files for a store that hangs for the time of the block; 16 are being stored. All are taken in then."""
     put, goes_on, begun = api.services.storage.put, threading.Event(), threading.Semaphore(0)
 
     def hangs(path: Path, key: str) -> None:
@@ -160,24 +138,39 @@ def test_a_store_that_hangs_keeps_nobody_waiting_for_a_thread(api: Api, monkeypa
         put(path, key)
 
     monkeypatch.setattr(api.services.storage, "put", hangs)
-    with ThreadPoolExecutor(16) as clients:
-        contents = [MP4 + b"%d" % number for number in range(16)]
+    with ThreadPoolExecutor(count) as clients:
+        contents = [MP4 + b"%d" % number for number in range(count)]
         uploads = [clients.submit(api.client.post, "/videos", content=one, timeout=120) for one in contents]
         try:
-            assert all(begun.acquire(timeout=60) for _ in range(16))
-            with monkeypatch.context() as patch:
-                patch.setattr(calls, "_PATIENCE_S", 2.0)
-                refused = api.client.post("/videos", content=MP4 + b"16", timeout=30)
-            assert is_unavailable(refused)
-            assert refused.json()["detail"] == "too many files wait to be stored; try again"
-            assert api.client.delete(f"/videos/{video['id']}?cancel_jobs=true", timeout=30).status_code == 204
-            assert api.client.get(f"/videos/{video['id']}").status_code == 404
-            assert len(api.blobs) == 1
-            api.services.reaper.round()
-            assert api.blobs == []
+            assert all(begun.acquire(timeout=60) for _ in range(16))  # as many as there are threads for it
+            yield uploads
         finally:
             goes_on.set()
         assert {one.result().status_code for one in uploads} == {202}
+
+
+def test_twenty_files_that_are_stored_slowly_hold_up_no_writer(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    video = upload(api, "/videos")
+    with uploads_that_hang(api, monkeypatch, 20) as uploads:
+        assert api.client.post(f"/jobs/{video['job']}/cancel").status_code == 202
+        assert api.client.get(f"/jobs/{video['job']}").json()["state"] == "canceled"
+        assert not any(one.done() for one in uploads)
+
+
+def test_a_store_that_hangs_keeps_nobody_waiting_for_a_thread(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Uploads waited for each other, 16 at a time, for as long as the store hangs; so did deletions."""
+    video = upload(api, "/videos")
+    with uploads_that_hang(api, monkeypatch, 16):
+        with monkeypatch.context() as patch:
+            patch.setattr(calls, "_PATIENCE_S", 2.0)
+            refused = api.client.post("/videos", content=MP4 + b"16", timeout=30)
+        assert is_unavailable(refused)
+        assert refused.json()["detail"] == "too many files wait to be stored; try again"
+        assert api.client.delete(f"/videos/{video['id']}?cancel_jobs=true", timeout=30).status_code == 204
+        assert api.client.get(f"/videos/{video['id']}").status_code == 404
+        assert len(api.blobs) == 1
+        api.services.reaper.round()
+        assert api.blobs == []
     assert len(api.blobs) == 16
 
 
