@@ -9,22 +9,22 @@ from __future__ import annotations
 import asyncio
 import errno
 import fcntl
-import hashlib
 import os
 import re
 import secrets
 import shutil
 import tempfile
-from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import AsyncIterator, Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Final, Literal, TypeVar, cast, get_args
+from typing import IO, TYPE_CHECKING, Final, Literal, cast, get_args
 
 import obstore
 from obstore.exceptions import GenericError
 from obstore.store import LocalStore, ObjectStore, from_url
 
+from service import copying
 from service.ids import JOB_ID
 from service.settings import Settings, store_secrets
 
@@ -32,22 +32,9 @@ if TYPE_CHECKING:
     from obstore import SignCapableStore
     from obstore.store import ClientConfig, RetryConfig, S3Config
 
-T = TypeVar("T")
-
 Kind = Literal["source", "asset", "pictures", "result", "preview", "part", "drawn"]
 
 CHUNK_BYTES = 256 * 1024
-#: of a file that is read or copied: who has it done may end it between two
-_PIECE_BYTES: Final = 4 * 1024**2
-#: seconds between two looks at whether to go on, while a store is waited for
-_LOOK_S: Final = 0.25
-#: seconds for which a store that is given up on may take to end an upload
-_LAST_S: Final = 5.0
-_PART_BYTES: Final = 5 * 1024**2
-#: S3 takes no more parts of one upload
-_MAX_PARTS: Final = 10_000
-#: each is held in memory while it is sent: together less than 50 MB
-_PARTS_AT_ONCE: Final = 4
 #: what the store has beside the blobs begins with this
 _OUR_OWN: Final = "."
 #: in a local folder, what is being written: on the disk of the blobs, where the spool may not be
@@ -70,10 +57,6 @@ _OF_CLIENT: Final = (
     *("pool_idle_timeout", "pool_max_idle_per_host", "proxy_ca_certificate", "proxy_excludes", "proxy_url"),
     *("randomize_addresses", "read_timeout", "timeout", "user_agent"),
 )
-
-
-def _go_on() -> None:
-    """Nobody ends it."""
 
 
 class BlobMissingError(Exception):
@@ -140,17 +123,17 @@ class Storage:
         fcntl.flock(descriptor, fcntl.LOCK_EX)
         return path, descriptor
 
-    def put(self, path: Path, key: str, *, check: Callable[[], None] = _go_on) -> None:
+    def put(self, path: Path, key: str, *, check: Callable[[], None] = copying.go_on) -> None:
         """Publish a finished file under its key, complete or not at all. The file at ``path`` goes away.
 
         ``check`` is called all the while that it is sent or copied, also while the store is silent, and ends it by
         raising. The store is told to forget what it has of it; once the last parts are on their way, they are waited
-        for instead. One that has not done so within `_LAST_S` may keep unfinished parts, as of a process that is
+        for instead. One that has not done so within five seconds may keep unfinished parts, as of a process that is
         killed. Not to be called by an event loop.
         """
         if self._folder is None:
             with _bucket_known():
-                asyncio.run(_send(self._store, key, path, check))
+                asyncio.run(copying.send(self._store, key, path, check))
             path.unlink()
             return
         with _folder_known():
@@ -167,10 +150,10 @@ class Storage:
             except OSError as error:
                 if error.errno != errno.EXDEV:
                     raise
-                with _staged(self._folder) as copy:
-                    _copy(path, copy, check)
-                    _sync(copy)
-                    copy.replace(target)
+                with _staged(self._folder) as staged:
+                    copying.copy(path, staged, check)
+                    _sync(staged)
+                    staged.replace(target)
             _sync(target.parent)
             path.unlink(missing_ok=True)  # it was on another disk
 
@@ -228,7 +211,7 @@ class Storage:
 
     @contextmanager
     def local_path(
-        self, key: str, *, job_id: str = "", folder: Path | None = None, check: Callable[[], None] = _go_on
+        self, key: str, *, job_id: str = "", folder: Path | None = None, check: Callable[[], None] = copying.go_on
     ) -> Iterator[Path]:
         """The blob as a local file: the very file in a local folder, else a copy for the time of the block.
 
@@ -251,7 +234,7 @@ class Storage:
         try:
             try:
                 with path.open("wb") as file, _bucket_known():
-                    asyncio.run(_receive(self._store, key, file, check))
+                    asyncio.run(copying.receive(self._store, key, file, check))
             except FileNotFoundError as error:
                 raise BlobMissingError(key) from error
             yield path
@@ -264,11 +247,11 @@ class Storage:
         Raises `OSError` where that fails; of a local folder that does not answer an outage, and `BlobMissingError`.
         """
         if self._folder is None:
-            _read_through(path)
+            copying.read_through(path)
             return
         try:
             with _folder_known():
-                _read_through(path)
+                copying.read_through(path)
         except FileNotFoundError as error:
             self.check_mounted()
             raise BlobMissingError(path.name) from error
@@ -437,11 +420,6 @@ def _folder_known() -> Iterator[None]:
         raise GenericError(f"the folder of the files does not answer: {error.strerror}") from error
 
 
-def _read_through(path: Path) -> None:
-    for _ in _pieces_of(path, _PIECE_BYTES, _go_on):
-        pass
-
-
 def _is_open(path: Path) -> bool:
     """Some process has the draft open that `new_draft` or `new_folder` made, under this name or another."""
     descriptor = os.open(path, os.O_RDONLY)
@@ -458,73 +436,3 @@ async def _pieces(found: obstore.GetResult) -> AsyncIterator[bytes]:
     async for piece in found.stream(min_chunk_size=CHUNK_BYTES):
         yield bytes(piece)
         await asyncio.sleep(0)  # a fast disk must not starve the other requests
-
-
-async def _receive(store: ObjectStore, key: str, file: IO[bytes], check: Callable[[], None]) -> None:
-    """Write a blob of an object store into a file, as long as ``check`` lets it."""
-    found = await _watched(obstore.get_async(store, key), check)
-    pieces = aiter(found.stream(min_chunk_size=_PIECE_BYTES))
-    while (piece := await _watched(anext(pieces, None), check)) is not None:
-        file.write(piece)
-
-
-async def _send(store: ObjectStore, key: str, path: Path, check: Callable[[], None]) -> None:
-    """Write a file into an object store, as long as ``check`` lets it."""
-    part = part_bytes(path.stat().st_size)
-    writer = obstore.open_writer_async(store, key, buffer_size=part, max_concurrency=_PARTS_AT_ONCE)
-    try:
-        for piece in _pieces_of(path, part, check):
-            await _watched(writer.write(piece), check)
-    except BaseException as error:
-        with suppress(Exception):  # it has the store forget the parts that it has
-            await asyncio.wait_for(writer.__aexit__(type(error), error, error.__traceback__), _LAST_S)
-        raise
-    # an upload that is cut off here would leave its parts: the last few are sent
-    closing = asyncio.ensure_future(writer.close())
-    try:
-        await _watched(asyncio.shield(closing), check)
-    except FileNotFoundError:
-        raise
-    except OSError as error:  # obstore's errors come as such from here
-        raise GenericError(str(error)) from error
-    finally:
-        await asyncio.wait([closing], timeout=_LAST_S)
-
-
-async def _watched(answer: Awaitable[T], check: Callable[[], None]) -> T:
-    """What an object store answers. ``check`` is called while it is waited for, and ends that by raising."""
-    waiting = asyncio.ensure_future(answer)
-    try:
-        while True:
-            check()
-            if (await asyncio.wait([waiting], timeout=_LOOK_S))[0]:
-                return waiting.result()
-    finally:
-        waiting.cancel()
-
-
-def part_bytes(size: int) -> int:
-    """How large the parts are in which a file of this size goes to an object store."""
-    return max(_PART_BYTES, -(-size // _MAX_PARTS))
-
-
-def file_sha256(path: Path, check: Callable[[], None] = _go_on) -> str:
-    """The sha256 of a file as hex. ``check`` is called every few MiB, and ends it by raising."""
-    digest = hashlib.sha256()
-    for piece in _pieces_of(path, _PIECE_BYTES, check):
-        digest.update(piece)
-    return digest.hexdigest()
-
-
-def _copy(source: Path, target: Path, check: Callable[[], None]) -> None:
-    with target.open("wb") as file:
-        for piece in _pieces_of(source, _PIECE_BYTES, check):
-            file.write(piece)
-
-
-def _pieces_of(path: Path, size: int, check: Callable[[], None]) -> Iterator[bytes]:
-    """A file in pieces of so many bytes. ``check`` is called before each, and may raise."""
-    with path.open("rb") as file:
-        while piece := file.read(size):
-            check()
-            yield piece

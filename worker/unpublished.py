@@ -8,7 +8,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self, TypeVar
 
-from service.storage import Kind, file_sha256
+from service.copying import file_sha256
+from service.storage import Kind
 from worker.run import Run
 
 T = TypeVar("T")

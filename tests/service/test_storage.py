@@ -15,10 +15,12 @@ import httpx
 import pytest
 from obstore.exceptions import BaseError
 
+from service import copying
 from service import storage as storage_module
+from service.copying import file_sha256, part_bytes
 from service.outages import is_outage
 from service.settings import Settings
-from service.storage import BlobMissingError, Storage, client_options, file_sha256, part_bytes
+from service.storage import BlobMissingError, Storage, client_options
 from tests.service.remote import PRIVATE, Answer
 from tests.service.remote import remote as server
 from tests.service.s3 import PAGE, S3
@@ -364,7 +366,7 @@ def test_a_write_to_another_disk_that_is_killed_leaves_nothing_that_is_not_clear
         monkeypatch.setattr(Path, "unlink", lambda *_, **__: None)  # who is killed clears nothing up
         raise Killed
 
-    monkeypatch.setattr(storage_module, "_copy", stopped)
+    monkeypatch.setattr(copying, "copy", stopped)
     with pytest.raises(Killed):
         storage.put(draft, KEY)
     monkeypatch.undo()

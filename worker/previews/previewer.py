@@ -18,10 +18,11 @@ import structlog
 from service.blobs import Blobs, was_marked
 from service.catalog import Database, Preview, media, previews, still_request
 from service.catalog.previews import KEPT_S, Still
+from service.copying import file_sha256
 from service.ids import new_id
 from service.room import Room
 from service.settings import Settings
-from service.storage import BlobMissingError, Storage, file_sha256
+from service.storage import BlobMissingError, Storage
 from worker.answers import StillAnswer, checked, made
 from worker.failures import AssetLostError, SourceLostError, is_expected, problem_of_picture
 from worker.previews.open_clips import Clip, OpenClips

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from pvg.errors import MediaError
+from service import copying
 from service import storage as storage_module
 from service.catalog import Database, JobState
 from service.settings import Settings
@@ -100,7 +101,7 @@ def test_a_file_that_does_not_answer_is_waited_for_and_not_blamed(
     runner: Runner, database: Database, settings: Settings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     medium, tries = add(database, settings, f"fail libav {errno.EIO}"), list[Path]()
-    read_through: Callable[[Path], None] = storage_module._read_through
+    read_through: Callable[[Path], None] = copying.read_through
 
     def fails_twice(path: Path) -> None:
         tries.append(path)
@@ -108,7 +109,7 @@ def test_a_file_that_does_not_answer_is_waited_for_and_not_blamed(
             raise OSError(errno.ESTALE, os.strerror(errno.ESTALE))
         read_through(path)
 
-    monkeypatch.setattr(storage_module, "_read_through", fails_twice)
+    monkeypatch.setattr(copying, "read_through", fails_twice)
     job = done(runner, database, medium.job_id)
     assert (job.state, job.attempt, len(tries)) == (JobState.QUEUED, 2, 3)
 
