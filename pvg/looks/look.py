@@ -45,8 +45,12 @@ class LookMap:
         """
         skin, levels = self.skin, np.arange(256.0)
         usual = to_rgb(np.column_stack([levels, skin.own.at(levels)]))
-        tone = skin.tone if region == "face" else skin.beside
-        return usual, to_rgb(np.column_stack([tone, skin.goal.at(tone)]))
+        if region == "face":
+            tone, goal = skin.tone, skin.goal
+        else:  # a neck may be brighter than the brightest of the face
+            tone = skin.beside
+            goal = skin.goal.up_to(float(np.interp(skin.own.brightest, levels, tone)))
+        return usual, to_rgb(np.column_stack([tone, goal.at(tone)]))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

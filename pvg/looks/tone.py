@@ -12,7 +12,7 @@ Brows, sockets and the shadow of a fringe lie on the same curve as the skin, so 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -91,6 +91,10 @@ class UsualChroma:
     def middle(self) -> float:
         """Luma half way through the skin's."""
         return 0.5 * (self.low + self.brightest)
+
+    def up_to(self, luma: float) -> UsualChroma:
+        """The same line, seen up to a luma at least: what is as bright as that is skin, and no glare."""
+        return replace(self, high=min(max(self.high, luma), 254.0))
 
     def at(self, luma: Doubles) -> Doubles:
         """(n, 2) at lumas (n,)."""
@@ -222,6 +226,7 @@ class SkinMap:
         chroma = [float(np.hypot(*one[:, 1:].mean(axis=0))) + _LEAST_CHROMA for one in (target, source)]
         middle = max(float(np.median(source[:, 0])), 1.0)
         tone = steeper(tone_curve(source[:, 0], target[:, 0], depth), min(middle, own.middle), crisp)
+        goal = goal.up_to(float(np.interp(own.brightest, np.arange(256.0), tone)))
         tone = tone + bounded * (below_white(tone, own, goal) - tone)
         brighter = float(np.interp(middle, np.arange(256.0), tone)) / middle
         most = min(1.0, brighter, chroma[0] / chroma[1])
