@@ -28,8 +28,8 @@ HIGHLIGHT = 243.0
 _QUANTILES = (0.03, 0.10, 0.25, 0.50, 0.75, 0.90, 0.97)
 _SLOPES = (0.45, 2.0)  # of the tone curve between two quantiles [by eye: outside, blotches or a flat wash]
 # the same over T/Y, the slope of the same skin in more or less light: what contrast of the reference may add to the
-# shading that is there, and take of it [by eye: above, faint shading turns to soot where skin is made dark]
-_GAINS = (0.55, 1.5)
+# shading that is there, and take of it [the most by blind choice: 1.2 rather than 1, and 1.5 was soot]
+_GAINS = (0.55, 1.2)
 _FEATURES = 0.45  # of the skin's median luma, below which what is seen in a face is no skin [by eye]
 _STEEPEST = 3.5  # slope from there to the darkest skin: features stay dark beside shadows that are lifted [by eye]
 _EVEN = 0.35  # power of the whole curve's slope in each, against blotches where one stretch alone is steep [by eye]
