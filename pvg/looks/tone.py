@@ -27,9 +27,12 @@ HIGHLIGHT = 243.0
 
 _QUANTILES = (0.03, 0.10, 0.25, 0.50, 0.75, 0.90, 0.97)
 _SLOPES = (0.45, 2.0)  # of the tone curve between two quantiles [by eye: outside, blotches or a flat wash]
-# the same over T/Y, the slope of the same skin in more or less light: what contrast of the reference may add to the
-# shading that is there, and take of it [the most by blind choice: 1.2 rather than 1, and 1.5 was soot]
-_GAINS = (0.55, 1.2)
+_LEAST_GAIN = 0.55
+"""The least slope over T/Y, the slope of the same skin in more or less light: what a reference may take of the shading
+that is there [by eye]."""
+# the most of it, what a reference may add, by the median luma of its own skin: in a dark portrait hard light is the
+# look, in a bright one it is soot on a cheek [by blind choice: 1.2 rather than 1 or 1.5, in the low key 1.5]
+_MOST_GAIN = ((105.0, 135.0), (1.5, 1.2))
 _FEATURES = 0.45  # of the skin's median luma, below which what is seen in a face is no skin [by eye]
 _STEEPEST = 3.5  # slope from there to the darkest skin: features stay dark beside shadows that are lifted [by eye]
 _EVEN = 0.35  # power of the whole curve's slope in each, against blotches where one stretch alone is steep [by eye]
@@ -113,11 +116,16 @@ class UsualChroma:
         return np.asarray((along + LEAST_TINGE) / (size + LEAST_TINGE))
 
 
-def tone_curve(source: Doubles, target: Doubles, depth: float = 1.0) -> Doubles:
+def most_gain(reference: Doubles) -> float:
+    """What a reference, by the luma (n,) of its own skin, may make of shading at most, see `tone_curve`."""
+    return float(np.interp(np.median(reference), *_MOST_GAIN))
+
+
+def tone_curve(source: Doubles, target: Doubles, depth: float = 1.0, most: float = 1.2) -> Doubles:
     """T as a table (256,): luma of `source` (n,) to that of `target` (m,), quantile by quantile, slopes bounded.
 
-    depth: in (0, 1], what the luma of features, darker than any skin, is multiplied by besides. Where either is wholly
-    black T is the identity.
+    depth: in (0, 1], what the luma of features, darker than any skin, is multiplied by besides;  most: of the slope
+    over T/Y. Where either is wholly black T is the identity.
     """
     s, t = np.quantile(source, _QUANTILES), np.quantile(target, _QUANTILES)
     middle = len(s) // 2
@@ -127,7 +135,7 @@ def tone_curve(source: Doubles, target: Doubles, depth: float = 1.0) -> Doubles:
     slopes = np.clip(each ** (1.0 - _EVEN) * whole**_EVEN, *_SLOPES)
     down, up = slice(middle, None, -1), slice(middle, None)
     for way, steps in ((down, slopes[:middle][::-1]), (up, slopes[middle:])):
-        t[way] = _climb(s[way], float(t[middle]), steps)
+        t[way] = _climb(s[way], float(t[middle]), steps, most)
     s_middle, t_middle = min(max(float(s[middle]), 1.0), 254.0), float(t[middle])
     dark, ratio = _FEATURES * s_middle, t_middle / s_middle
     if dark < s[0]:  # brows, lashes and pupils are darker than any skin: they keep their distance to it in light
@@ -177,13 +185,13 @@ def below_white(tone: Doubles, own: UsualChroma, goal: UsualChroma) -> Doubles:
     return np.asarray(np.maximum(tone * (luma / high), np.minimum(tone, levels)))
 
 
-def _climb(s: Doubles, start: float, slopes: Doubles) -> Doubles:
-    """T at lumas `s` (n,) from the first on, where it is `start`, by slopes (n - 1,) that are bounded by `_GAINS`."""
+def _climb(s: Doubles, start: float, slopes: Doubles, most: float) -> Doubles:
+    """T at lumas `s` (n,) from the first on, where it is `start`, by slopes (n - 1,) of bounded gain."""
     t = [start]
     for here, there, slope in zip(s, s[1:], slopes, strict=False):
         same_light = t[-1] / max(here, 1.0)
-        least = _GAINS[0] * same_light if there < here else 0.0  # what gets near to white has no room for shading
-        t.append(t[-1] + (there - here) * float(np.clip(slope, least, _GAINS[1] * same_light)))
+        least = _LEAST_GAIN * same_light if there < here else 0.0  # what gets near to white has no room for shading
+        t.append(t[-1] + (there - here) * float(np.clip(slope, least, most * same_light)))
     return np.array(t)
 
 
@@ -212,12 +220,18 @@ class SkinMap:
 
     @classmethod
     def between(
-        cls, skin: Floats, moved: Doubles, depth: float = 1.0, crisp: float = 0.0, bounded: float = 0.0
+        cls,
+        skin: Floats,
+        moved: Doubles,
+        depth: float = 1.0,
+        crisp: float = 0.0,
+        bounded: float = 0.0,
+        most: float = 1.2,
     ) -> SkinMap:
         """F for open-skin colours `skin` (n, 3) that the transport moved to `moved` (n, 3), 0-255 RGB.
 
         depth: of features, see `tone_curve`;  crisp: of shade, see `steeper`;  bounded: in [0, 1], how far highlights
-        are held below white, see `below_white`.
+        are held below white, see `below_white`;  most: of shading, see `most_gain`.
         """
         source, target = to_opponent(skin), to_opponent(moved)
         own, goal = UsualChroma.of(source), UsualChroma.of(target)
@@ -225,8 +239,7 @@ class SkinMap:
         spread = np.sqrt(((wanted**2).sum(axis=1).mean() + 1.0) / ((around**2).sum(axis=1).mean() + 1.0))
         chroma = [float(np.hypot(*one[:, 1:].mean(axis=0))) + _LEAST_CHROMA for one in (target, source)]
         middle = max(float(np.median(source[:, 0])), 1.0)
-        tone = steeper(tone_curve(source[:, 0], target[:, 0], depth), min(middle, own.middle), crisp)
-        goal = goal.up_to(float(np.interp(own.brightest, np.arange(256.0), tone)))
+        tone = steeper(tone_curve(source[:, 0], target[:, 0], depth, most), min(middle, own.middle), crisp)
         tone = tone + bounded * (below_white(tone, own, goal) - tone)
         brighter = float(np.interp(middle, np.arange(256.0), tone)) / middle
         most = min(1.0, brighter, chroma[0] / chroma[1])

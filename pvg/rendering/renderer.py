@@ -21,6 +21,7 @@ from pvg.rendering.guards import Guard, guard_gain, guarded_alpha
 from pvg.rendering.makeup import with_parts
 from pvg.rendering.map_tables import MapTables
 from pvg.rendering.mouth import see_mouth
+from pvg.rendering.neck import without_chest
 from pvg.rendering.placed_body import PlacedBody, place_body
 from pvg.rendering.placed_face import PlacedFace, divide_overlaps, place_face
 from pvg.rendering.planes import apply_correction, fade_in_dark
@@ -140,6 +141,7 @@ class Renderer:
             for face, one, _ in placed:
                 if face in faces:
                     alpha, guards = guarded_alpha(one, self.looks[look].protect)
+                    alpha = alpha if face in self.looks[look].body else without_chest(one, alpha)
                     _add(total, one.x, one.y, alpha)
                     for guard in guards:
                         _add(total, one.x + guard.x, one.y + guard.y, _GUARDED * guard.weight)
@@ -229,12 +231,17 @@ class Renderer:
             skin = foreground(frame, corner, placed.alpha, placed.data.matte.raster.step)
         fade = fade_in_dark(frame, corner, placed.alpha, corrections, skin)
         guarded: dict[tuple[str, ...], tuple[Floats, list[Guard]]] = {}
+        to_the_neck: dict[tuple[str, ...], Floats] = {}
         alike = len({self.looks[i].protect for i in which}) == 1
         for i, correction, luma in zip(which, corrections, lumas, strict=True):
             protect = self.looks[i].protect
             if protect not in guarded:
                 guarded[protect] = guarded_alpha(placed, protect, mouth.skin, in_place=alike, align=align)
             alpha, guards = guarded[protect]
+            if face not in self.looks[i].body:
+                if protect not in to_the_neck:
+                    to_the_neck[protect] = without_chest(placed, alpha)
+                alpha = to_the_neck[protect]
             gains: list[tuple[Guard, float]] = []
             # λ as a number is the paper's: what changes in the clip survives exactly, in eyes and teeth too
             if correction.mapped:

@@ -12,10 +12,12 @@ import pytest
 import pvg
 from pvg.asset import FaceInFrame
 from pvg.curves import table_labels
+from pvg.face import layout
 from pvg.looks import LookMap, SkinMap
 from pvg.rendering import Renderer, source_frame
 from pvg.rendering.body import apply_body
 from pvg.rendering.map_tables import MapTables
+from pvg.rendering.neck import without_chest
 from pvg.rendering.placed_body import PlacedBody, place_body
 from pvg.rendering.placed_face import PlacedFace, place_face
 from pvg.skin import Matte
@@ -192,9 +194,26 @@ def test_the_extent_face_leaves_the_body_alone(video: pvg.VectorVideo, dark_refe
     assert data is not None
     xs, ys = np.arange(frame.width, dtype=np.float32), np.arange(frame.height, dtype=np.float32)
     alpha = data.matte.alpha_at(xs, ys)
-    outside, inner = shrunk(alpha == 0, 7), shrunk(alpha == 1, 7)  # chroma is shared by neighbours
+    axes, chin = data.landmarks.axes, data.landmarks.points[layout.CHIN]
+    below = ((xs - chin[0]) * axes.down[0] + (ys[:, None] - chin[1]) * axes.down[1]) / axes.width
+    outside, inner = shrunk(alpha == 0, 7), shrunk((alpha == 1) & (below < 0.4), 7)  # chroma is shared by neighbours
     np.testing.assert_array_equal(face[outside], source[outside])
     np.testing.assert_array_equal(face[inner], skin[inner])
+
+
+def test_the_extent_face_ends_at_the_foot_of_the_neck(video: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> None:
+    """A chest that lies in the face's own matte stays as it is, and nothing steps where the neck ends."""
+    data = video.face_at(0, 20)
+    assert data is not None
+    placed = place_face(data, table_labels(), 640, 360)
+    assert placed is not None
+    open_chest = np.ones((400, placed.alpha.shape[1]), np.float32)
+    axes, (_, chin) = data.landmarks.axes, data.landmarks.points[layout.CHIN]
+    ends = without_chest(placed, open_chest)[:, placed.alpha.shape[1] // 2]
+    below = (np.arange(400) + placed.y - chin) / axes.width  # of a face that is nearly upright
+    assert (ends[below < 0.3] == 1.0).all()
+    assert (ends[below > 0.95] == 0.0).all()
+    assert np.abs(np.diff(ends)).max() < 4.0 / axes.width
 
 
 def test_an_unknown_extent_is_refused(video: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> None:
