@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from celery import bootsteps
 from celery.worker.consumer import Consumer
+from kombu.asynchronous import set_event_loop
 
 #: seconds for which a broker may be away before a worker says that it lacks it: restarts take less, and lose nothing
 TOLERATED_S: Final = 60.0
@@ -40,9 +41,17 @@ def find() -> None:
 class PatientConsumer(Consumer):  # type: ignore[misc]
     """Celery's consumer, which waits a moment after a broker that can be reached and does not do what it is asked.
 
+    It knows its event loop after a lost connection too, which `worker.acknowledging` asks for.
+
     Celery connects again at once. A Redis that only reads, as after a failover or on a full disk, would be asked some
     times a second for as long as that lasts, with as many lines in the log.
     """
+
+    def connect(self) -> Any:
+        """Connect to the broker; the event loop is this worker's again: kombu forgets it with each lost connection."""
+        if self.hub is not None:
+            set_event_loop(self.hub)
+        return super().connect()
 
     def on_connection_error_before_connected(self, exc: Exception) -> None:
         """There is no connection: one that cannot be had at all is waited for elsewhere."""

@@ -116,6 +116,36 @@ def test_a_worker_goes_on_when_another_redis_takes_over_and_its_own_only_reads(
     drill.keep_to(taken_s, 30)
 
 
+def test_a_busy_worker_notices_each_time_that_its_broker_is_lost(tmp_path: Path) -> None:
+    """Its only slot is taken while Redis goes away, again and again: it is the acknowledgement that fails."""
+    port, began = free_port(), tmp_path / "began"
+    broker_url = f"redis://127.0.0.1:{port}/0"
+    began.mkdir()
+    settings = Settings(data_dir=tmp_path / "data", broker_url=broker_url, worker_concurrency=1)
+    settings.folder.mkdir()
+    make_tables(settings.database)
+    kind = KINDS[0]
+    command = [sys.executable, "-P", "-c", LASTING, str(began), kind.module, *worker_command(settings, kind)[4:]]
+    environment = worker_environment(settings) | {"PVG_BROKER_URL": broker_url, "PVG_WORKER_CONCURRENCY": "1"}
+    with ExitStack() as stack:
+        log = stack.enter_context((tmp_path / "log").open("wb"))
+        broker = stack.enter_context(ExitStack())
+        broker.enter_context(redis_server(tmp_path, port))
+        process = subprocess.Popen(command, env=environment, stdout=log, stderr=log, start_new_session=True)
+        stack.callback(stop, process)
+        stack.callback((began / "end").touch)
+        said = (tmp_path / "log").read_text
+        for outage in range(3):
+            (began / "end").unlink(missing_ok=True)
+            send(make_producer(settings), Message(f"number-{outage}", kind.queues[-1]), TASK)
+            until(lambda outage=outage: (began / f"number-{outage}.begun").exists(), 120, said=said)
+            broker.close()
+            (began / "end").touch()
+            until(lambda outage=outage: said().count("Couldn't ack") > outage, 60, said=said)
+            broker.enter_context(redis_server(tmp_path, port))
+        assert said().count("Connection to broker lost") >= 2
+
+
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
 def test_a_worker_without_its_broker_is_not_well_until_the_broker_is_there(kind: WorkerKind, tmp_path: Path) -> None:
     port = free_port()
