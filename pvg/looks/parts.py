@@ -63,9 +63,10 @@ _LIKE_SKIN = 0.3  # of log luma between two skins, over which a clip's own lips 
 _MOUSTACHE, _BESIDE_MOUSTACHE = 0.62, 0.6
 # of the skin's luma, that lips may be darker by where they are that much redder than the skin, levels of R − Y [by eye]
 _DEEPER, _DEEP_RED = 0.2, (15.0, 40.0)
-# power of the strength where the reference's lips are less red than the clip's, beside their skins: half strength
-# gives a lipstick by half and takes it away by an eighth, for drained lips look ill; full strength does both [by eye]
-_KEPT = 3.0
+# powers of the strength where the reference's lips are redder than the clip's, beside their skins, and where they are
+# less red: half strength gives a lipstick by a quarter and takes it away by an eighth, for painted lips and drained
+# ones look ill; full strength does both [by blind choice: 2 rather than 1 or 3 for redder ones; by eye]
+_TAKEN, _KEPT = 2.0, 3.0
 _LEAST_CHROMA = 4.0  # levels: greyer skin has no hue
 # of CIELAB [measured: skin of 15 clips and 16 portraits has 13 to 62 degrees]: a skin's hue, how far off it is the
 # light's, and the chroma below which it is chance
@@ -141,7 +142,7 @@ class PartChanges:
             share = shown * float(strength[p])
             if part == "lips":
                 lips = _as_lips(ours + out[p], own[p], skin, key, face)
-                share **= _KEPT if _redder(lips, skin) < _redder(ours, skin) else 1.0
+                share **= _KEPT if _redder(lips, skin) < _redder(ours, skin) else _TAKEN
                 out[p] = lips - ours
             out[p] = kept + share * out[p]
         return out

@@ -101,7 +101,7 @@ def test_half_the_strength_takes_less_red_from_lips_than_it_gives() -> None:
     (given, all_given), (taken, all_taken) = changes
     assert all_given > 4.0
     assert all_taken < -4.0
-    assert given == pytest.approx(all_given / 2, rel=0.01)
+    assert given == pytest.approx(all_given / 4, rel=0.01)
     assert taken == pytest.approx(all_taken / 8, rel=0.01)
 
 
