@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
@@ -251,9 +252,10 @@ def suffix_of(video: Media, output: OutputOptions) -> str:
 
 def publish(run: Run, drawn: list[DrawnLook], present: dict[str, Media]) -> bool:
     """Store the looks and end the job with them. False when its lease was lost: nothing was published."""
+    names = names_of_files(drawn, present)
     with Unpublished(run) as unpublished:
         with run.timed("store_s"):
-            outputs = [output for one in drawn for output in _store(unpublished, one, present)]
+            outputs = [output for one in drawn for output in _store(unpublished, one, names[one.look.position])]
         return unpublished.record(lambda: _record(run, outputs))
 
 
@@ -270,15 +272,45 @@ def _record(run: Run, outputs: list[Output]) -> bool:
         ) or (bool(outputs) and results.get(session, outputs[0].result_id) is not None)
 
 
-def _store(unpublished: Unpublished, drawn: DrawnLook, present: dict[str, Media]) -> Iterator[Output]:
-    """Store a look and what was made beside it."""
+def names_of_files(drawn: Collection[DrawnLook], present: dict[str, Media]) -> dict[int, tuple[str, ...]]:
+    """What the files of a job's looks are called, by the looks' positions: each result's, then those of its extras.
+
+    They are made of the names of video and reference. Of looks that would share a name the first in order has it, and
+    those after it have a number, which no other look's own name ends with. All of a job are distinct, also where a
+    folder tells no case.
+    """
+    looks = sorted(drawn, key=lambda one: one.look.position)
+    stems = [f"{_stem(present[one.look.video_id])}-{_stem(present[one.look.reference_id])}" for one in looks]
+    own = set().union(*(_as_compared(_names(one, stem)) for one, stem in zip(looks, stems, strict=True)))
+    names: dict[int, tuple[str, ...]] = {}
+    taken: set[str] = set()
+    for one, stem in zip(looks, stems, strict=True):
+        found, number = _names(one, stem), 1
+        while not taken.isdisjoint(_as_compared(found)) or (number > 1 and not own.isdisjoint(_as_compared(found))):
+            number += 1
+            found = _names(one, f"{stem}-{number}")
+        names[one.look.position] = found
+        taken |= _as_compared(found)
+    return names
+
+
+def _names(drawn: DrawnLook, stem: str) -> tuple[str, ...]:
+    return f"{stem}{drawn.path.suffix}", *(f"{stem}-{extra.path.name}" for extra in drawn.extras)
+
+
+def _as_compared(names: Collection[str]) -> set[str]:
+    """As file systems compare names that tell neither case nor how a letter is composed."""
+    return {unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold()) for name in names}
+
+
+def _store(unpublished: Unpublished, drawn: DrawnLook, names: tuple[str, ...]) -> Iterator[Output]:
+    """Store a look and what was made beside it, under these names."""
     look = drawn.look
-    stem = f"{_stem(present[look.video_id])}-{_stem(present[look.reference_id])}"
-    main = _stored(unpublished, look, drawn.path, f"{stem}{drawn.path.suffix}", report=drawn.report)
+    main = _stored(unpublished, look, drawn.path, names[0], report=drawn.report)
     yield main
-    for extra in drawn.extras:
+    for extra, name in zip(drawn.extras, names[1:], strict=True):
         part_of = PartOf(main.result_id, extra.part, extra.person)
-        yield _stored(unpublished, look, extra.path, f"{stem}-{extra.path.name}", part_of=part_of)
+        yield _stored(unpublished, look, extra.path, name, part_of=part_of)
 
 
 def _stored(

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import asyncio
+import errno
 import hashlib
 import os
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from urllib.parse import quote
 
 import httpx
 import pytest
 
-from pvg_client import ApiError, Client
+from pvg_client import ApiError, AsyncClient, Client
 from pvg_client.files import PartFile
 from pvg_client.models import Result
 
@@ -80,6 +83,91 @@ def test_in_a_folder_a_file_has_its_own_name_and_stays_there(tmp_path: Path, sai
         assert client.download(RESULT, tmp_path) == tmp_path / name
     assert [path.name for path in tmp_path.iterdir()] == [name]
     assert (tmp_path / name).read_bytes() == CONTENT
+
+
+class Named(httpx.BaseTransport):
+    """Has files of one name, each under the path of its result."""
+
+    def __init__(self, name: str, *contents: bytes) -> None:
+        self._said = f"inline; filename*=UTF-8''{quote(name)}"
+        self._contents = {f"/v1/results/res_{number}": content for number, content in enumerate(contents, start=1)}
+        self.bodies = 0
+
+    def handle_request(self, request: httpx.Request) -> httpx.Response:
+        content = self._contents[request.url.path]
+        headers = {"ETag": f'"{hashlib.sha256(content).hexdigest()}"', "Content-Disposition": self._said}
+        if request.method == "HEAD":
+            return httpx.Response(200, headers=headers)
+        self.bodies += 1
+        begin = int(request.headers.get("range", "bytes=0-")[6:-1])
+        headers |= {"Content-Range": f"bytes {begin}-{len(content) - 1}/{len(content)}"} if begin else {}
+        return httpx.Response(206 if begin else 200, headers=headers, stream=httpx.ByteStream(content[begin:]))
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_in_a_folder_no_other_file_is_replaced(tmp_path: Path) -> None:
+    (tmp_path / "look (2).mp4").mkdir()
+    store = Named("look.mp4", b"one", b"two", b"three")
+    with Client(transport=store) as client:
+        paths = [client.download(f"res_{number}", tmp_path) for number in (1, 2, 3)]
+        assert [path.name for path in paths] == ["look.mp4", "look (3).mp4", "look (4).mp4"]
+        (tmp_path / "look (2).mp4").rmdir()
+        assert contents(tmp_path) == {"look.mp4": b"one", "look (3).mp4": b"two", "look (4).mp4": b"three"}
+
+
+def test_in_a_folder_what_is_there_already_is_found_again(tmp_path: Path) -> None:
+    store = Named("look.mp4", b"one", b"two")
+    with Client(transport=store) as client:
+        paths = [client.download(f"res_{number}", tmp_path) for number in (1, 2)]
+        assert [client.download(f"res_{number}", tmp_path) for number in (1, 2)] == paths
+        assert store.bodies == 2
+        paths[1].write_bytes(b"edited")
+        assert client.download("res_2", tmp_path).name == "look (3).mp4"
+    assert contents(tmp_path) == {"look.mp4": b"one", "look (2).mp4": b"edited", "look (3).mp4": b"two"}
+
+
+def test_in_a_folder_a_download_goes_on_whatever_came_under_its_name(tmp_path: Path) -> None:
+    sha256 = hashlib.sha256(CONTENT).hexdigest()
+    (tmp_path / f".look.mp4.{sha256[:16]}.part").write_bytes(CONTENT[:150_000])
+    (tmp_path / "look.mp4").write_bytes(b"another")
+    with Client(transport=Named("look.mp4", CONTENT)) as client:
+        path = client.download("res_1", tmp_path)
+    assert contents(tmp_path) == {"look.mp4": b"another", "look (2).mp4": CONTENT}
+    assert path == tmp_path / "look (2).mp4"
+
+
+@pytest.mark.parametrize("links", [True, False], ids=("links", "no links"))
+def test_results_of_one_name_that_come_at_once_all_stay(
+    tmp_path: Path, links: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(errno.EPERM, "this file system has no links")
+
+    if not links:
+        monkeypatch.setattr(os, "link", refuse)
+    names = ["res_1", "res_2", "res_3", "res_1"]
+
+    async def all_at_once() -> list[Path]:
+        made = Named("look.mp4", b"one", b"two", b"three")
+
+        async with AsyncClient(transport=httpx.MockTransport(made.handle_request)) as client:
+            return list(await asyncio.gather(*(client.download(name, tmp_path) for name in names)))
+
+    paths = asyncio.run(all_at_once())
+    assert [path.read_bytes() for path in paths] == [b"one", b"two", b"three", b"one"]
+    if links:
+        assert sorted(contents(tmp_path)) == ["look (2).mp4", "look (3).mp4", "look.mp4"]
+
+
+def test_a_long_name_has_room_for_its_number(tmp_path: Path) -> None:
+    store = Named("微" * 100 + ".mp4", b"one", b"two")
+    with Client(transport=store) as client:
+        paths = [client.download(f"res_{number}", tmp_path) for number in (1, 2)]
+    assert [path.name for path in paths] == ["微" * 80 + ".mp4", "微" * 80 + " (2).mp4"]
+    assert len(paths[1].name.encode()) <= 255
 
 
 def test_two_downloads_to_one_path_do_not_mix(tmp_path: Path) -> None:

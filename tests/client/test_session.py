@@ -91,6 +91,21 @@ def test_a_download_is_the_file_and_leaves_nothing_else(client: Client, drawn: J
     assert sorted(path.name for path in tmp_path.iterdir()) == ["by-id.mp4", "look.cube", "look.mp4", "of-a-look.mp4"]
 
 
+def test_files_of_one_job_stand_beside_each_other_in_a_folder(
+    client: Client, drawn: Job, clip: Path, samples: Samples, tmp_path: Path
+) -> None:
+    files = [file for result in drawn.results for file in (result, *result.extras)]
+    paths = [client.download(file, tmp_path) for file in files]
+    stem = f"{clip.stem}-{samples.dark_portrait.stem}"
+    assert [path.name for path in paths] == [
+        f"{stem}.mp4",
+        f"{stem}-look.cube",
+        f"{stem}-2.mp4",
+        f"{stem}-2-look.cube",
+    ]
+    assert [hashlib.sha256(path.read_bytes()).hexdigest() for path in paths] == [file.sha256 for file in files]
+
+
 def test_a_broken_download_goes_on_where_it_broke(url: str, drawn: Job, tmp_path: Path) -> None:
     size = drawn.results[0].size_bytes
     assert size is not None

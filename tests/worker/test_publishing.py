@@ -6,6 +6,7 @@ import socket
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 from typing import Any
@@ -29,7 +30,7 @@ from worker.failures import OptionError, problem_of
 from worker.lease import CanceledError, LeaseKeeper, LeaseLostError
 from worker.patience import Patience
 from worker.progress import ProgressScale
-from worker.rendering import DrawnLook, _Extra, publish, wanted
+from worker.rendering import DrawnLook, _Extra, names_of_files, publish, wanted
 from worker.run import Run
 from worker.sandbox import Sandbox
 from worker.stopping import StoppedError
@@ -85,6 +86,67 @@ def drawn(run: Run) -> tuple[list[DrawnLook], dict[str, Media]]:
     )
     report = Report("landmarks", "table")
     return [DrawnLook(look, write(folder / "look-0.mp4"), report, extras)], {medium.id: medium}
+
+
+def test_two_looks_of_one_portrait_are_published_under_two_names(run: Run) -> None:
+    (first,), present = drawn(run)
+    (again,), _ = drawn(run)
+    with run.database.write() as session:
+        second = Look(job_id=run.job.id, position=1, params=first.look.params)
+        second.video_id, second.reference_id = first.look.video_id, first.look.reference_id
+        session.add(second)
+    assert publish(run, [first, replace(again, look=second)], present)
+    with run.database.read() as session:
+        names = [result.filename for result in session.query(Result).order_by(Result.position, Result.id)]
+    assert [names[0], names[4]] == ["clip-clip.mp4", "clip-clip-2.mp4"]
+    assert names[5:] == [name.replace("clip-clip", "clip-clip-2") for name in names[1:4]]
+
+
+def names_of(run: Run, looks: list[tuple[str, str]], *, extras: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
+    """What the files of looks are called, of media with these names: each result's, then those of its extras."""
+    folder, made, present = run.draft_folder(), [], {}
+    for position, names in enumerate(looks):
+        ids = [f"{role}_{name}" for role, name in zip(("vid", "ref"), names, strict=True)]
+        present |= {one: Media(id=one, filename=name) for one, name in zip(ids, names, strict=True)}
+        look = Look(position=position, video_id=ids[0], reference_id=ids[1])
+        files = tuple(_Extra("matte", 1, folder / name) for name in extras)
+        made.append(DrawnLook(look, folder / f"look-{position}.mkv", Report("landmarks", "table"), files))
+    named = names_of_files(made[::-1], present)  # by the order of the looks, not by that of the videos
+    return [named[position] for position in range(len(looks))]
+
+
+def test_files_of_one_job_have_names_of_their_own_in_the_order_of_the_looks(run: Run) -> None:
+    one, other = ("clip.mp4", "portrait.jpg"), ("clip.mp4", "other.jpg")
+    assert names_of(run, [one]) == [("clip-portrait.mkv",)]
+    assert names_of(run, [one, other, one, one]) == [
+        ("clip-portrait.mkv",),
+        ("clip-other.mkv",),
+        ("clip-portrait-2.mkv",),
+        ("clip-portrait-3.mkv",),
+    ]
+    assert names_of(run, [one, one], extras=("look.cube", "matte.mkv")) == [
+        ("clip-portrait.mkv", "clip-portrait-look.cube", "clip-portrait-matte.mkv"),
+        ("clip-portrait-2.mkv", "clip-portrait-2-look.cube", "clip-portrait-2-matte.mkv"),
+    ]
+
+
+def test_a_number_leads_to_no_name_that_another_look_has_of_itself(run: Run) -> None:
+    names = [("clip.mp4", name) for name in ("a.jpg", "A.png", "a-2.jpg", "a-matte.jpg")]
+    assert [files[0] for files in names_of(run, names)] == [
+        "clip-a.mkv",
+        "clip-A-3.mkv",  # folders there are that tell no case
+        "clip-a-2.mkv",
+        "clip-a-matte.mkv",
+    ]
+    assert [files[0] for files in names_of(run, names, extras=("matte.mkv",))][3] == "clip-a-matte-2.mkv"
+    composed, apart = "\u00e9", "e\u0301"
+    assert names_of(run, [("clip.mp4", composed), ("clip.mp4", apart)])[1] == (f"clip-{apart}-2.mkv",)
+
+
+def test_names_that_are_the_same_once_they_are_cut_have_a_number(run: Run) -> None:
+    looks = [("微" * 100 + ".mp4", "ж" * 81 + letter) for letter in "ab"]
+    stem = f"{'微' * 80}-{'ж' * 80}"
+    assert names_of(run, looks) == [(f"{stem}.mkv",), (f"{stem}-2.mkv",)]
 
 
 def write(path: Path) -> Path:

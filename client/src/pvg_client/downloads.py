@@ -14,7 +14,7 @@ import httpx
 
 from pvg_client.calls import Api, Flow, Patience, asked, attempt, headed, once, worked
 from pvg_client.errors import ApiError, DamagedError, UnreachableError
-from pvg_client.files import PartFile, local_name, sha256_of
+from pvg_client.files import PartFile, local_name, sha256_of, there_already
 from pvg_client.media import path_of
 from pvg_client.models import Extra, JobLook, Link, Medium, Result
 
@@ -34,9 +34,12 @@ class _Remote:
 def download(api: Api, file: Result | Extra | JobLook | Medium | str, path: str | os.PathLike[str]) -> Flow[Path]:
     """Fetch a result, an extra of one, or the file that a medium was made of, to ``path``; where it is then.
 
-    In a folder it has the name that the service has for it. It appears when it is whole and its sha256 is right, in
-    place of what was there. Until then its bytes are beside it under a hidden name, from which the next attempt, or the
-    next run, goes on. Of two at a time to one path the one that ends last stays.
+    It appears when it is whole and its sha256 is right, in place of what was there. Until then its bytes are beside it
+    under a hidden name, from which the next attempt, or the next run, goes on. Of two at a time to one path the one
+    that ends last stays.
+
+    In a folder it has the name that the service has for it, and replaces nothing: where another file has that name it
+    gets a number, as ``look (2).mp4``; a file of that name, or that with a number, which has its bytes already is it.
 
     Raises `ApiError` (410 after its retention), `DamagedError` when its bytes are wrong twice, `UnreachableError`,
     `ValueError` for a look that has no result.
@@ -45,11 +48,16 @@ def download(api: Api, file: Result | Extra | JobLook | Medium | str, path: str 
     remote = yield from _located(api, file, named=target.is_dir())
     if remote.name is not None:
         target /= remote.name
+        found = yield from worked(lambda: there_already(target, remote.sha256))
+        if found is not None:
+            return found
     part = PartFile(target, remote.sha256)
     try:
         for _ in range(_FETCHES):
             yield from _fill(api, remote, part)
             if (yield from worked(lambda: sha256_of(part.path))) == remote.sha256:
+                if remote.name is not None:
+                    return (yield from worked(lambda: part.put_beside(target)))
                 part.put(target)
                 return target
             part.clear()

@@ -7,6 +7,8 @@ import hashlib
 import os
 import re
 import secrets
+from collections.abc import Iterator
+from itertools import chain, count, takewhile
 from pathlib import Path
 from typing import IO, Final
 from urllib.parse import quote
@@ -52,15 +54,63 @@ def local_name(name: str) -> str:
     name = name.replace(":", "_")
     if len(name.encode(errors="replace")) <= _NAME_BYTES:
         return name
-    stem, suffix = os.path.splitext(name)
-    if len(suffix.encode(errors="replace")) > _SUFFIX_BYTES:
-        stem, suffix = name, ""
+    stem, suffix = _split(name)
     return _begun(stem, _NAME_BYTES - _SUFFIX_BYTES) + suffix
+
+
+def _numbered(name: str, number: int) -> str:
+    """The name of a further file of this name, as browsers have it: ``look (2).mp4``. No longer than that may be."""
+    stem, suffix = _split(name)
+    tail = f" ({number}){suffix}"
+    return _begun(stem, _NAME_BYTES - len(tail.encode(errors="replace"))) + tail
+
+
+def _split(name: str) -> tuple[str, str]:
+    """What comes before the suffix of a name, and the suffix, if it can be one."""
+    stem, suffix = os.path.splitext(name)
+    return (stem, suffix) if len(suffix.encode(errors="replace")) <= _SUFFIX_BYTES else (name, "")
 
 
 def _begun(text: str, most_bytes: int) -> str:
     """As many whole characters of a text as have room."""
     return text.encode(errors="replace")[:most_bytes].decode(errors="ignore")
+
+
+def there_already(target: Path, sha256: str) -> Path | None:
+    """The file with these bytes that is called as ``target``, or that with a number; None when there is none."""
+    taken = takewhile(os.path.lexists, _names_from(target))
+    return next((path for path in taken if _has(path, sha256)), None)
+
+
+def _names_from(target: Path) -> Iterator[Path]:
+    return chain((target,), (target.with_name(_numbered(target.name, number)) for number in count(2)))
+
+
+def _has(path: Path, sha256: str) -> bool:
+    return path.is_file() and sha256_of(path) == sha256
+
+
+def _placed(path: Path, target: Path) -> bool:
+    """Give a file another name if that is free, and whether it was: nobody else's file is replaced."""
+    try:
+        os.link(path, target)
+    except FileExistsError:
+        return False
+    except FileNotFoundError:
+        raise
+    except OSError:  # a file system without links: an empty file keeps the name meanwhile
+        try:
+            target.touch(exist_ok=False)
+        except FileExistsError:
+            return False
+        try:
+            path.replace(target)
+        except OSError:
+            target.unlink()
+            raise
+        return True
+    path.unlink()
+    return True
 
 
 class PartFile:
@@ -72,6 +122,7 @@ class PartFile:
     """
 
     def __init__(self, target: Path, sha256: str) -> None:
+        self._sha256 = sha256
         name = _begun(target.name, _PART_BYTES)
         self.path = target.with_name(f".{name}.{sha256[:16]}.part")
         self._file = _held(self.path)
@@ -111,6 +162,19 @@ class PartFile:
             self._let_go()  # what is open cannot be renamed everywhere
         self.path.replace(target)
         self._let_go()
+
+    def put_beside(self, target: Path) -> Path:
+        """Let it take its place, whole, or where another file has that name, one with a number; where it is then.
+
+        No file is replaced, also when several come at once. Of one with the same bytes there is no second.
+        """
+        if fcntl is None:
+            self._let_go()
+        names = _names_from(target)
+        found = next(name for name in names if _placed(self.path, name) or _has(name, self._sha256))
+        self.path.unlink(missing_ok=True)
+        self._let_go()
+        return found
 
     def close(self) -> None:
         """Let others have it. What only this download has had goes, and what is empty."""
