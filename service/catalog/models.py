@@ -437,6 +437,8 @@ class WebhookSecret(Base):
     #: the one before, signed with as well until then
     former: Mapped[str | None] = mapped_column(String(80))
     former_until: Mapped[datetime | None]
+    #: those before it, the newest first: [secret, until when (ISO 8601)]
+    older: Mapped[list[Any] | None]
 
 
 class IdempotentRequest(Base):

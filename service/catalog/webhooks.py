@@ -29,8 +29,17 @@ from service.ids import new_id
 #: of a signing secret: 24 to 64 bytes (Standard Webhooks 1.0.0)
 _SECRET_BYTES: Final = 32
 SECRET_PREFIX: Final = "whsec_"  # noqa: S105 - no secret
-#: seconds for which a replaced secret is signed with as well
+#: seconds for which a replaced secret is signed with as well, and of how many at a time that is promised
 FORMER_SECRET_S: Final = 86_400.0
+FORMER_SECRETS: Final = 4
+
+
+class TooManySecretsError(Exception):
+    """An owner has replaced as many secrets as are signed with beside the current one; ``until`` then."""
+
+    def __init__(self, until: datetime) -> None:
+        super().__init__(f"{FORMER_SECRETS} former secrets are signed with")
+        self.until = until
 
 
 def announce(session: Session, job: Job, url: str, *, now: datetime) -> None:
@@ -231,10 +240,19 @@ def secret(session: Session, owner: str, *, now: datetime) -> WebhookSecret:
 
 
 def rotate(session: Session, owner: str, *, now: datetime) -> WebhookSecret:
-    """Give an owner another secret. For `FORMER_SECRET_S` messages are signed with the former one too."""
+    """Give an owner another secret. For `FORMER_SECRET_S` messages are signed with the former one too.
+
+    Those before keep the time that was promised for them. Raises `TooManySecretsError` when they are
+    `FORMER_SECRETS`: nothing was changed.
+    """
     held = session.get(WebhookSecret, owner, with_for_update=True, populate_existing=True)
     if held is None:
         return secret(session, owner, now=now)
+    still = _former(held, now=now)
+    if len(still) >= FORMER_SECRETS:
+        raise TooManySecretsError(min(until for _, until in still))
+    # the last one in columns of its own, where versions that know one alone look for it
+    held.older = [[former, until.isoformat()] for former, until in still]
     held.former, held.former_until = held.secret, now + timedelta(seconds=FORMER_SECRET_S)
     held.secret, held.created_at = _new_secret(), now
     session.flush()
@@ -244,8 +262,15 @@ def rotate(session: Session, owner: str, *, now: datetime) -> WebhookSecret:
 def signing_secrets(session: Session, owner: str, *, now: datetime) -> tuple[str, ...]:
     """The secrets that a message of an owner is signed with now, the newest first."""
     held = secret(session, owner, now=now)
-    lives = held.former is not None and held.former_until is not None and held.former_until > now
-    return (held.secret, held.former) if lives and held.former is not None else (held.secret,)
+    return held.secret, *(former for former, _ in _former(held, now=now))
+
+
+def _former(held: WebhookSecret, *, now: datetime) -> list[tuple[str, datetime]]:
+    """The replaced secrets that are signed with still, the newest first, and until when."""
+    told = [(former, datetime.fromisoformat(until)) for former, until in held.older or ()]
+    if held.former is not None and held.former_until is not None:
+        told.insert(0, (held.former, held.former_until))
+    return [(former, until) for former, until in told if until > now]
 
 
 def _new_secret() -> str:

@@ -38,5 +38,8 @@ def webhook_secret(api: Api) -> Flow[WebhookSecret]:
 
 
 def rotate_webhook_secret(api: Api, *, idempotency_key: str | None = None) -> Flow[WebhookSecret]:
-    """Have another secret made; for 24 h messages are signed with the one before, too."""
+    """Have another secret made; for 24 h messages are signed with the one before, too.
+
+    Raises `ApiError` (409) while four former ones are good; its ``retry_after_s`` says for how long.
+    """
     return WebhookSecret.of((yield from asked(api, "POST", "/webhooks/secret/rotate", headers=once(idempotency_key))))

@@ -393,7 +393,10 @@ class Webhook:
 
 @dataclass(frozen=True, slots=True)
 class WebhookSecret:
-    """What webhooks are signed with, for `verify_webhook`; until `former_valid_until` with the one before as well."""
+    """What webhooks are signed with, for `verify_webhook`; until `former_valid_until` with the one before as well.
+
+    Of those before that each is good until the time that was said of it.
+    """
 
     secret: str = field(repr=False)
     created_at: datetime

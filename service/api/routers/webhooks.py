@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from datetime import datetime
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query, Response
@@ -62,7 +64,7 @@ def _secret(services: Services, caller: Caller) -> SecretBody:
 async def rotate_webhook_secret(
     response: Response, services: ServicesDep, caller: CallerDep, once: OnceDep
 ) -> SecretBody:
-    """Another secret. For 24 h messages are signed with the former one too."""
+    """Another secret. For 24 h messages are signed with the former one too; 409 while there are four such."""
     async with once:
         once.compare(None)
         body = await services.calls.write(_rotate, services, caller, once)
@@ -73,9 +75,19 @@ async def rotate_webhook_secret(
 def _rotate(services: Services, caller: Caller, once: Once) -> SecretBody:
     now = services.database.now()
     with services.database.write() as session:
-        body = secret_body(webhooks.rotate(session, caller.owner, now=now), now=now)
+        try:
+            rotated = webhooks.rotate(session, caller.owner, now=now)
+        except webhooks.TooManySecretsError as error:
+            raise _too_many_secrets(error.until, now=now) from error
+        body = secret_body(rotated, now=now)
         once.keep(session, 200, body, location=None, resource_id=_SECRET)
     return body
+
+
+def _too_many_secrets(until: datetime, *, now: datetime) -> ConflictError:
+    wait_s = math.ceil((until - now).total_seconds())
+    detail = f"{webhooks.FORMER_SECRETS} former secrets are signed with still; one of them ends in {wait_s} s"
+    return ConflictError(detail, headers={"Retry-After": str(wait_s)})
 
 
 @router.get("/{webhook_id}", responses=problems(404))

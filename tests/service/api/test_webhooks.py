@@ -9,6 +9,7 @@ import httpx
 import pytest
 
 from service.catalog import leases
+from service.catalog.webhooks import FORMER_SECRET_S, FORMER_SECRETS
 from service.settings import Settings
 from tests.service.api.test_authentication import holder
 from tests.service.api.test_media import PROBLEM, upload
@@ -266,6 +267,23 @@ def test_secrets_are_rotated_once_for_an_idempotency_key_and_not_to_be_kept_by_c
         receiver.wait_for(1)
     for one in (first, second):
         assert receiver.got[0].verified(one.json()["secret"])["type"] == "job.canceled"
+
+
+def test_a_secret_that_was_replaced_twice_is_good_still_and_too_many_are_refused(api: Api) -> None:
+    rotate = "/webhooks/secret/rotate"
+    secrets = [api.client.get("/webhooks/secret").json()["secret"]]
+    secrets += [api.client.post(rotate).json()["secret"] for _ in range(FORMER_SECRETS)]
+    refused = api.client.post(rotate)
+    assert (refused.status_code, refused.json()["type"].rpartition("#")[2]) == (409, "conflict")
+    assert f"{FORMER_SECRETS} former secrets are signed with still" in refused.json()["detail"]
+    assert FORMER_SECRET_S - 120 < int(refused.headers["retry-after"]) <= FORMER_SECRET_S
+    assert api.client.get("/webhooks/secret").json()["secret"] == secrets[-1]
+    with Receiver().listening() as receiver:
+        job = transfer(api, ready(api), receiver.url)
+        api.client.post(f"/jobs/{job['id']}/cancel").raise_for_status()
+        receiver.wait_for(1)
+    for secret in secrets:
+        assert receiver.got[0].verified(secret)["type"] == "job.canceled"
 
 
 def test_lists_have_pages(api: Api) -> None:

@@ -11,7 +11,7 @@ import pytest
 from alembic import command
 from alembic.autogenerate import compare_metadata
 from alembic.runtime.migration import MigrationContext
-from sqlalchemy import inspect, text
+from sqlalchemy import inspect, text, update
 from sqlalchemy.exc import IntegrityError, OperationalError
 
 from service.catalog import (
@@ -32,7 +32,7 @@ from service.catalog import (
 )
 from service.catalog.database import make_engine
 from service.catalog.migrations import _config, is_current, migrate, migrate_to
-from service.catalog.models import Base
+from service.catalog.models import Base, WebhookSecret
 from tests.service.fixtures import FakeClock, add_media, add_transfer, announce, claim
 from tests.service.servers import fresh_database
 from tests.waiting import until
@@ -278,6 +278,28 @@ def test_a_version_that_tells_a_receiver_once_keeps_the_first_delivery(database:
     assert rows(database, told) == [first, other]
     migrate(database.url)
     assert rows(database, told) == [first, other]
+
+
+def test_a_version_of_one_former_secret_keeps_the_last_and_may_rotate_beside_others(
+    database: Database, clock: FakeClock
+) -> None:
+    with database.write() as session:
+        first = webhooks.secret(session, "", now=clock()).secret
+        second = webhooks.rotate(session, "", now=clock()).secret
+        third = webhooks.rotate(session, "", now=clock()).secret
+    kept = "SELECT secret, former FROM webhook_secrets"
+    assert rows(database, kept) == [(third, second)]
+    with database.write() as session:  # as that version does, to these tables
+        until = clock() + timedelta(seconds=webhooks.FORMER_SECRET_S)
+        session.execute(update(WebhookSecret).values(former=third, former_until=until, secret="whsec_4"))
+        assert webhooks.signing_secrets(session, "", now=clock()) == ("whsec_4", third, first)
+    command.downgrade(_config(database.url), "0019")
+    assert rows(database, kept) == [("whsec_4", third)]
+    migrate(database.url)
+    with database.write() as session:
+        assert webhooks.signing_secrets(session, "", now=clock()) == ("whsec_4", third)
+        fifth = webhooks.rotate(session, "", now=clock()).secret
+        assert webhooks.signing_secrets(session, "", now=clock()) == (fifth, "whsec_4", third)
 
 
 def test_looks_of_a_version_that_did_not_say_why_results_are_gone_say_it(database: Database) -> None:

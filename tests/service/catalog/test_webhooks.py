@@ -248,3 +248,34 @@ def test_a_replaced_secret_signs_for_a_day_more(database: Database, clock: FakeC
     assert now() == (second, first)
     clock.forward(2)
     assert now() == (second,)
+
+
+def test_every_replaced_secret_signs_for_as_long_as_was_promised(database: Database, clock: FakeClock) -> None:
+    """Also when another replaces the next one meanwhile, and then as many as there is room for."""
+
+    def now() -> tuple[str, ...]:
+        with database.write() as session:
+            return webhooks.signing_secrets(session, "", now=clock())
+
+    def rotate() -> str:
+        with database.write() as session:
+            return webhooks.rotate(session, "", now=clock()).secret
+
+    made = [*now()]
+    for _ in range(webhooks.FORMER_SECRETS):
+        made.append(rotate())
+        clock.forward(3600)
+        assert now() == tuple(reversed(made))
+    with pytest.raises(webhooks.TooManySecretsError) as caught:
+        rotate()
+    first_ends = clock() + timedelta(seconds=webhooks.FORMER_SECRET_S - 3600 * webhooks.FORMER_SECRETS)
+    assert caught.value.until == first_ends
+    assert now() == tuple(reversed(made))
+    clock.forward((first_ends - clock()).total_seconds() - 1)
+    assert now() == tuple(reversed(made))
+    clock.forward(1)
+    assert now() == tuple(reversed(made[1:]))
+    made.append(rotate())
+    assert now() == tuple(reversed(made[1:]))
+    clock.forward(webhooks.FORMER_SECRET_S)
+    assert now() == (made[-1],)
