@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Literal
 
@@ -77,7 +78,7 @@ _PLAIN_IN_MP4 = {"album_artist", "composer", "description"}
 
 _TIMECODE = re.compile(r"-?\d\d:\d\d:\d\d([:;.])\d\d+$")
 _CHROMA = {(1, 1): "4:2:0", (1, 0): "4:2:2", (0, 0): "4:4:4"}
-_ASPECT_IN_PICTURES, _SAY_ASPECT = ("matroska", "webm", "nut"), ("h264", "hevc")
+_ASPECT_APART, _SAY_ASPECT = ("matroska", "webm"), ("h264", "hevc")
 """Containers whose own place for a pixel's aspect PyAV does not fill, and codecs that say it in their pictures."""
 _FIELDS_SAID = {"tff": "top field first", "bff": "bottom field first"}
 
@@ -95,7 +96,8 @@ class Plan:
     """What a new clip is made of, and in words what is kept, changed and dropped of the source's.
 
     container: as libav names it. format: of the encoded pictures, width, height: their size. source: the file that
-    sounds, subtitles and attachments come from; None when there are none.
+    sounds, subtitles and attachments come from; None when there are none. aspect: of a pixel, where neither encoder nor
+    muxer says it and the finished file is to; else 1.
     """
 
     container: str
@@ -104,6 +106,7 @@ class Plan:
     width: int
     height: int
     alpha: bool = False
+    aspect: Fraction = Fraction(1)
     fields: FieldOrder | None = None
     mastering: MasteringDisplay | None = None
     light: ContentLight | None = None
@@ -224,14 +227,16 @@ def _with_picture_facts(plan: Plan, lines: _Lines, info: MediaInfo, streams: Str
         elif there is not None:
             lines.dropped.append(f"{what} is not kept: {name} has no place for it here")
     lines.dropped += [f"{what} cannot be written here" for what in streams.embedded]
-    if info.sample_aspect_ratio != 1 and plan.container in _ASPECT_IN_PICTURES and plan.codec not in _SAY_ASPECT:
-        shape = f"{info.sample_aspect_ratio.numerator}:{info.sample_aspect_ratio.denominator}"
-        lines.dropped.append(f"pixels of {shape} are not kept: {name} cannot say so in {said(plan.container)}")
+    aspect = info.sample_aspect_ratio
+    if aspect != 1 and plan.container == "nut":
+        shape = f"{aspect.numerator}:{aspect.denominator}"
+        lines.dropped.append(f"pixels of {shape} are not kept: they are not written to {said(plan.container)}")
     if plan.container in PIPED:
         _piped_facts(plan, lines, info)
     return replace(
         plan,
         alpha=alpha,
+        aspect=aspect if plan.container in _ASPECT_APART and plan.codec not in _SAY_ASPECT else Fraction(1),
         fields=streams.fields,
         mastering=streams.mastering if encoder.mastering else None,
         light=streams.light if encoder.mastering else None,

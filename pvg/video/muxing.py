@@ -17,6 +17,7 @@ from pvg.video.audio import SoundTrack
 from pvg.video.carrying import CarriedTrack, attach
 from pvg.video.encoding import CodedPacket
 from pvg.video.keeping import Plan, needs_general_tags
+from pvg.video.pixel_aspect import say_pixel_aspect
 from pvg.video.subtitles import SubtitleTrack
 
 _CHAPTER_STEP = Fraction(1, 1_000_000)
@@ -135,6 +136,8 @@ class ClipMuxer:
             track.close()
         if self._output is not None:
             self._output.close()
+        if self._path is not None and self._plan.aspect != 1:
+            say_pixel_aspect(self._path, self._plan.aspect)
 
     def abandon(self) -> None:
         """Throw away what was written."""

@@ -6,6 +6,7 @@ source: every difference must be named, and nothing named as kept may differ.
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -18,6 +19,7 @@ from av.stream import Disposition
 from pvg.errors import MediaError
 from pvg.video import Frame, MediaInfo, Plan, Streams, VideoWriter, make_plan, probe, read_frames, read_streams
 from pvg.video.formats import PixelFormat, resolve_format
+from pvg.video.pixel_aspect import say_pixel_aspect
 from pvg.video.reading import has_alpha
 from pvg.video.streams import Track, fields_of, take_stock
 from tests.gallery.clips import media_info, rewrite_clip, smooth_frames
@@ -209,6 +211,93 @@ def packets(path: Path) -> list[list[tuple[bytes, Fraction]]]:
             coded = opened.demux(opened.streams.audio[index])
             found.append([(bytes(one), (one.pts or 0) * one.time_base) for one in coded if one.size])
     return found
+
+
+@pytest.mark.parametrize("name", ["shared", "HDR10", "phone"])
+@pytest.mark.parametrize(("container", "codec"), [("mkv", "ffv1"), ("mkv", "av1"), ("webm", "vp9")])
+@pytest.mark.parametrize("aspect", [Fraction(4, 3), Fraction(99, 70), Fraction(1, 40), Fraction(300)])
+def test_a_file_that_is_told_its_pixel_aspect_is_the_same_otherwise(
+    name: str, container: str, codec: str, aspect: Fraction, clips: dict[str, Path], tmp_path: Path
+) -> None:
+    plan = planned(clips[name], container, codec)
+    square, told = (
+        rewrite_clip(clips[name], tmp_path / f"{word}.{container}", replace(plan, aspect=shape))
+        for word, shape in (("square", Fraction(1)), ("told", aspect))
+    )
+    seen = probe(told)
+    assert seen.sample_aspect_ratio == pytest.approx(float(aspect), rel=0.5 / min(seen.width, seen.height))
+    assert replace(seen, sample_aspect_ratio=Fraction(1)) == probe(square)
+    assert stock_of(told) == stock_of(square)
+    assert told.stat().st_size == square.stat().st_size
+    ours, theirs = segment_of(told), segment_of(square)
+    for identity in (INFO, TRACKS, CUES):  # the list of parts leads to each
+        body, _ = element_at(ours, place_of(ours, identity), identity)
+        if identity != TRACKS:
+            assert body == element_at(theirs, place_of(theirs, identity), identity)[0]
+        if body[0] == CHECKSUM:
+            assert body[2:6] == zlib.crc32(body[6:]).to_bytes(4, "little")
+    listed, _ = element_at(ours, 0, LIST)
+    assert listed[0] != CHECKSUM or listed[2:6] == zlib.crc32(listed[6:]).to_bytes(4, "little")
+    _, end = element_at(ours, place_of(ours, TRACKS), TRACKS)
+    assert end == element_at(theirs, place_of(theirs, TRACKS), TRACKS)[1]
+    assert ours[end:] == theirs[end:]
+    with av.open(str(told)) as ours_opened, av.open(str(square)) as theirs_opened:
+        for opened in (ours_opened, theirs_opened):
+            opened.seek(300_000, backward=True)
+        one, other = next(ours_opened.decode(video=0)), next(theirs_opened.decode(video=0))
+        assert one.pts == other.pts
+        assert np.array_equal(one.to_ndarray(), other.to_ndarray())
+
+
+def test_an_odd_clip_keeps_the_shape_of_its_pixels(media_dir: Path, tmp_path: Path) -> None:
+    source = media_dir / "odd" / "odd_641x479_vp9.webm"
+    assert probe(source).sample_aspect_ratio == Fraction(479, 641)
+    for container, codec in (("webm", "vp9"), ("mkv", "ffv1")):
+        plan = planned(source, container, codec)
+        assert not [line for line in plan.warnings if "pixels of" in line]
+        assert probe(rewrite_clip(source, tmp_path / f"o.{container}", plan)).sample_aspect_ratio == Fraction(479, 641)
+
+
+def test_a_pixel_aspect_is_called_dropped_where_it_is_not_written() -> None:
+    info = info_of((96, 64), sample_aspect_ratio=Fraction(4, 3))
+    said = {name: make_plan(info, container=name, codec="raw").dropped for name in ("nut", "y4m")}
+    assert "pixels of 4:3 are not kept: they are not written to NUT" in said["nut"]
+    assert not any("pixels" in line for line in said["y4m"])
+
+
+def test_a_file_that_is_not_as_libav_makes_it_is_not_touched(tmp_path: Path) -> None:
+    for content in (b"", b"\x1a\x45\xdf\xa3\x80", bytes(range(1, 200))):
+        (path := tmp_path / "o.webm").write_bytes(content)
+        with pytest.raises(MediaError, match=r"o\.webm"):
+            say_pixel_aspect(path, Fraction(4, 3))
+        assert path.read_bytes() == content
+
+
+LIST, INFO, TRACKS, CUES = b"\x11\x4d\x9b\x74", b"\x15\x49\xa9\x66", b"\x16\x54\xae\x6b", b"\x1c\x53\xbb\x6b"
+CHECKSUM = 0xBF
+"""Elements of Matroska (RFC 9559)."""
+
+
+def segment_of(path: Path) -> bytes:
+    """The body of a Matroska file's segment, from which places are counted."""
+    data = path.read_bytes()
+    return data[data.index(b"\x18\x53\x80\x67") + 12 :]
+
+
+def place_of(segment: bytes, identity: bytes) -> int:
+    """Where the list of a segment's parts says that this one is."""
+    entry = segment.index(b"\x53\xab\x84" + identity + b"\x53\xac") + 9
+    return int.from_bytes(segment[entry + 1 : entry + 1 + (segment[entry] & 0x7F)], "big")
+
+
+def element_at(segment: bytes, place: int, identity: bytes) -> tuple[bytes, int]:
+    """The body of the element there, which has this identity, and where it ends."""
+    at = place + len(identity)
+    assert segment[place:at] == identity
+    width = 9 - segment[at].bit_length()
+    body = at + width
+    end = body + (int.from_bytes(segment[at:body], "big") & (1 << 7 * width) - 1)
+    return segment[body:end], end
 
 
 def test_lossless_sound_stays_lossless_where_pcm_goes(clips: dict[str, Path], tmp_path: Path) -> None:
