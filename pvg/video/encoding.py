@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TypeAlias
@@ -62,15 +62,23 @@ def _tags(info: MediaInfo, source: PixelFormat, target: PixelFormat) -> _Tags:
     return _Tags(matrix, color_range, info.color_primaries, info.color_transfer)
 
 
-def _set_decoding_times(packets: Sequence[CodedPacket]) -> None:
-    """The latest decoding times that rise and precede all presentation times, for the packets of a whole clip.
+def decoding_times(stamps: Sequence[int], delay: int) -> Iterator[int]:
+    """Decode time stamps of all packets of a clip in coding order, as x264 and x265 give them.
 
-    x265 leaves those of a clip with no more frames than its reordering delay uninitialised.
+    stamps: of the frames in order of display;  delay: see `reordering_delay`.
+
+    The i-th packet has the stamp s[i - d] of the frame that is shown d places before, the first d s[i] - (s[d] - s[0]).
+    They rise, and none is later than its packet's frame, since no packet stands more than d places behind that.
     """
-    shown = [packet.pts for packet in packets if packet.pts is not None]
-    delay = max((time - pts for time, pts in zip(sorted(shown), shown, strict=True)), default=0)
-    for packet, time in zip(packets, sorted(shown), strict=True):
-        packet.dts = time - delay
+    ahead = stamps[min(delay, len(stamps) - 1)] - stamps[0]
+    for k in range(len(stamps)):
+        yield stamps[k - delay] if k >= delay else stamps[k] - ahead
+
+
+def reordering_delay(shown: Sequence[int]) -> int:
+    """By how many places a packet stands behind its frame's at most;  shown: the frames' time stamps as coded."""
+    place = {pts: k for k, pts in enumerate(sorted(shown))}
+    return max((k - place[pts] for k, pts in enumerate(shown)), default=0)
 
 
 class PictureEncoder:
@@ -182,7 +190,10 @@ class PictureEncoder:
         none_before = not self._coded
         packets = self._encoded(None)
         if self.plan.codec == "hevc" and none_before:
-            _set_decoding_times(packets)
+            # x265 leaves those of a clip with no more frames than its reordering delay uninitialised
+            shown = [packet.pts for packet in packets if packet.pts is not None]
+            for packet, time in zip(packets, decoding_times(sorted(shown), reordering_delay(shown)), strict=True):
+                packet.dts = time
         return packets
 
     def _encoded(self, picture: av.video.frame.VideoFrame | None) -> list[CodedPacket]:

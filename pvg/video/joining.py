@@ -10,7 +10,7 @@ import av.error
 
 from pvg.errors import PartError
 from pvg.video.encoders import CONTAINERS, ENCODERS, PIPED
-from pvg.video.encoding import CodedPacket, PictureEncoder
+from pvg.video.encoding import CodedPacket, PictureEncoder, decoding_times
 from pvg.video.info import MediaInfo
 from pvg.video.keeping import Plan
 from pvg.video.muxing import ClipMuxer
@@ -37,7 +37,8 @@ def join(parts: Sequence[Path], path: Path, info: MediaInfo, plan: Plan, clip: C
     try:
         wanted = head_of(clip, encoder, 0, clip.frame_count)
         stamps, end, delay = _timed(parts, wanted)
-        decoded = _decode_stamps(stamps, delay)
+        # a part's encoder, which does not know what was shown before, gives its first packets others
+        decoded = decoding_times(stamps, delay)
         for part in parts:
             muxer.write(_packets(part, decoded))
         muxer.finish(stamps[0], end)
@@ -66,19 +67,6 @@ def _timed(parts: Sequence[Path], wanted: PartHead) -> tuple[list[int], int, int
     if len(stamps) != wanted.frame_count or not stamps:
         raise PartError(f"the parts have {len(stamps)} frames of {wanted.frame_count}: draw what is missing")
     return stamps, end, delay
-
-
-def _decode_stamps(stamps: Sequence[int], delay: int) -> Iterator[int]:
-    """Decode time stamps of all packets in coding order, as x264 and x265 give them to a clip encoded whole.
-
-    The i-th packet has the stamp s[i - d] of the frame that is shown d places before, the first d s[i] - (s[d] - s[0]).
-    They rise, and none is later than its packet's frame, since no packet stands more than d places behind that. The
-    encoder of a part, which does not know what was shown before, gives its first d others; with an even frame rate they
-    are the same.
-    """
-    ahead = stamps[min(delay, len(stamps) - 1)] - stamps[0]
-    for k in range(len(stamps)):
-        yield stamps[k - delay] if k >= delay else stamps[k] - ahead
 
 
 def _packets(part: Path, decoded: Iterator[int]) -> Iterator[CodedPacket]:

@@ -28,7 +28,7 @@ import av
 import av.packet
 
 from pvg.errors import MediaError, PartError
-from pvg.video.encoding import CodedPacket, PictureEncoder
+from pvg.video.encoding import CodedPacket, PictureEncoder, reordering_delay
 from pvg.video.formats import Frame, Patch
 
 _MAGIC = b"PVGPART1"
@@ -144,10 +144,8 @@ class PartWriter:
 
     def _put_end(self) -> None:
         stamps = sorted(self._coded)
-        place = {pts: k for k, pts in enumerate(stamps)}
-        delay = max(k - place[pts] for k, pts in enumerate(self._coded))
         self._put(_IS_END + struct.pack(f"<{len(stamps)}q", *stamps))
-        self._put(_END.pack(self._encoder.end_pts, delay, len(stamps)))
+        self._put(_END.pack(self._encoder.end_pts, reordering_delay(self._coded), len(stamps)))
         self._file.write(self._digest.digest())
 
     def __exit__(

@@ -79,6 +79,23 @@ def test_an_hevc_clip_may_be_shorter_than_the_reordering_delay(count: int, suffi
         assert probe(path).duration_s == pytest.approx(count * 0.04, abs=2e-3)
 
 
+@pytest.mark.parametrize("suffix", [".mp4", ".mov"])
+@pytest.mark.parametrize(("count", "start"), [(6, 0.02), (13, 0.02), (13, 0.3)])
+def test_pictures_of_a_short_hevc_clip_start_late_and_pause_when_they_did(
+    count: int, start: float, suffix: str, tmp_path: Path
+) -> None:
+    fmt, base = pixel_format(), Fraction(1, 15360)
+    for pause_at in range(1, count):
+        stamps = [round((start + k / 30 + 0.5 * (k >= pause_at)) / base) for k in range(count)]
+        frames = [
+            replace(frame, pts=pts, duration=0) for frame, pts in zip(smooth_frames(count, fmt), stamps, strict=True)
+        ]
+        path = write_clip(tmp_path / f"clip{suffix}", frames, media_info(fmt, time_base=base), codec="hevc")
+        seen = probe(path)
+        assert seen.time_base is not None
+        assert [frame.pts * seen.time_base for frame in read_frames(path)] == [pts * base for pts in stamps], pause_at
+
+
 @pytest.mark.parametrize(("suffix", "codec"), [(".mp4", "auto"), (".webm", "vp9"), (".mkv", "hevc"), (".mp4", "av1")])
 @pytest.mark.parametrize("tags", [(1, 1, 1, 1), (6, 2, 6, 6), (9, 1, 9, 14), (9, 1, 9, 16), (9, 1, 9, 18)])
 def test_colour_tags_are_kept(suffix: str, codec: str, tags: tuple[int, int, int, int], tmp_path: Path) -> None:
