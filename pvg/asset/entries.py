@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import bz2
 import copy
+import errno
 import io
 import lzma
 import os
@@ -38,14 +39,35 @@ _MANIFEST_BYTES, _MANIFEST_BYTES_PER_ENTRY = 1024**2, 256
 
 
 class _File(io.FileIO):
-    """A file that is never read whole by mistake: zipfile reads as much at once as the file itself says."""
+    """A file that is never read whole by mistake: zipfile reads as much at once as the file itself says.
+
+    It has a place of its own: that of the system is shared with forked processes, which read at the same time.
+    """
+
+    _at = 0
+
+    def tell(self) -> int:
+        return self._at
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET, /) -> int:
+        start = {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: self._size}[whence]
+        if start + offset < 0:
+            raise OSError(errno.EINVAL, os.strerror(errno.EINVAL))
+        self._at = start + offset
+        return self._at
+
+    @property
+    def _size(self) -> int:
+        return os.fstat(self.fileno()).st_size
 
     def read(self, size: int | None = -1, /) -> bytes:
         if size is None or size < 0:
-            size = max(0, os.fstat(self.fileno()).st_size - self.tell())
+            size = max(0, self._size - self._at)
         if size > _MAX_DIRECTORY_BYTES:
             raise zipfile.BadZipFile("its directory is too large")
-        return super().read(size) or b""
+        data = os.pread(self.fileno(), size, self._at)
+        self._at += len(data)
+        return data
 
 
 class Entries:

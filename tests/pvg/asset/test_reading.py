@@ -3,6 +3,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import multiprocessing
 import sys
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
@@ -113,6 +114,32 @@ def test_frames_are_read_by_several_threads_at_once(asset: Path, monkeypatch: py
             sys.setswitchinterval(before)
 
 
+_OF_FORKS = "ignore:.*multi-threaded, use of fork:DeprecationWarning"
+
+
+@pytest.mark.filterwarnings(_OF_FORKS)
+def test_frames_are_read_by_forked_processes_at_once(asset: Path) -> None:
+    """They share the parent's open file, and with it the place in it that the system keeps."""
+    with open_asset(asset) as video, multiprocessing.get_context("fork").Pool(3, _share, [video]) as pool:
+        assert pool.map_async(_verified, range(6), chunksize=1).get(timeout=120) == [""] * 6
+
+
+_shared: list[VectorVideo] = []
+
+
+def _share(video: VectorVideo) -> None:
+    _shared[:] = [video]
+
+
+def _verified(_: int) -> str:
+    try:
+        for _ in range(40):
+            _shared[0].verify()
+    except AssetError as error:
+        return str(error)
+    return ""
+
+
 def test_fixed_point_errors_do_not_accumulate_over_frames(asset: Path) -> None:
     with open_asset(asset) as video:
         errors = [np.abs(video.landmarks(0)[i] - frame_arrays(i)["points"]).max() for i in range(FRAMES)]
@@ -216,6 +243,7 @@ def test_rendering_needs_the_very_clip_it_was_made_from(asset: Path, source: Pat
         video.require_source()
 
 
+@pytest.mark.filterwarnings(_OF_FORKS)
 def test_a_temporary_asset_goes_with_its_object(asset: Path) -> None:
     video = VectorVideo(asset, temporary=True)
     saved = asset.with_name("saved.pvg")
