@@ -6,6 +6,7 @@ import contextlib
 import hashlib
 import itertools
 import json
+import os
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, fields
@@ -45,7 +46,8 @@ def _face_from_json(values: Mapping[str, Any]) -> FaceSummary:
 class VectorVideo:
     """A vectorised clip or image: its geometry, boundary colours and mattes, open for reading by frame.
 
-    Made by `pvg.vectorize` and `pvg.open_asset`. A context manager; closing it removes a temporary asset.
+    Made by `pvg.vectorize` and `pvg.open_asset`. A context manager; closing it removes a temporary asset, but for a
+    process that was forked from the one that made it.
     limits: what the source clip must keep whenever it is read, as when it was vectorised; None for the usual ones.
 
     path: of the asset;  source: of the clip, None where nothing is known of it;  media: what the clip is;
@@ -64,7 +66,7 @@ class VectorVideo:
         self.path = Path(path)
         self.source = None if source is None else Path(source)
         self.limits = limits or MediaLimits()
-        self._temporary = temporary
+        self._removed_by = os.getpid() if temporary else None
         self._cache: dict[str, NDArray[Any]] = {}  # the one read longest ago first
         self._lock = Lock()  # of the cache: frames may be read by several threads
         try:
@@ -120,9 +122,9 @@ class VectorVideo:
             self.close()
 
     def close(self) -> None:
-        """Close the file; a temporary asset is removed. Twice is harmless."""
+        """Close the file; a temporary asset is removed by the process that made it. Twice is harmless."""
         self._file.close()
-        if self._temporary:
+        if self._removed_by == os.getpid():
             self.path.unlink(missing_ok=True)
 
     def save(self, path: str | Path) -> None:

@@ -4,6 +4,7 @@ import hashlib
 import io
 import json
 import multiprocessing
+import os
 import sys
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
@@ -138,6 +139,22 @@ def _verified(_: int) -> str:
     except AssetError as error:
         return str(error)
     return ""
+
+
+@pytest.mark.filterwarnings(_OF_FORKS)
+def test_a_temporary_asset_goes_with_the_process_that_made_it(asset: Path) -> None:
+    video = VectorVideo(asset, temporary=True)
+    child = os.fork()
+    if child == 0:
+        try:
+            video.close()
+        finally:
+            os._exit(0)
+    assert os.waitpid(child, 0)[1] == 0
+    video.verify()
+    assert asset.exists()
+    video.close()
+    assert not asset.exists()
 
 
 def test_fixed_point_errors_do_not_accumulate_over_frames(asset: Path) -> None:
