@@ -8,6 +8,8 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Literal
 
+import av
+
 from pvg.video.encoders import (
     CONTAINERS,
     ENCODERS,
@@ -77,7 +79,9 @@ _PLAIN_TAGS = {"title", "artist", "album", "date", "comment", "genre", "copyrigh
 _PLAIN_IN_MP4 = {"album_artist", "composer", "description"}
 
 _TIMECODE = re.compile(r"-?\d\d:\d\d:\d\d([:;.])\d\d+$")
-_CHROMA = {(1, 1): "4:2:0", (1, 0): "4:2:2", (0, 0): "4:4:4"}
+_CHROMA = {(0, 0): "4:4:4", (1, 0): "4:2:2", (2, 0): "4:1:1", (0, 1): "4:4:0", (1, 1): "4:2:0", (2, 2): "4:1:0"}
+_COLORED = 3  # components
+_WIDE = 64  # pixels of a side, to measure the chroma's by
 _ASPECT_APART, _SAY_ASPECT = ("matroska", "webm"), ("h264", "hevc")
 """Containers whose own place for a pixel's aspect PyAV does not fill, and codecs that say it in their pictures."""
 _FIELDS_SAID = {"tff": "top field first", "bff": "bottom field first"}
@@ -189,17 +193,32 @@ def _pictures(
     lines: _Lines, info: MediaInfo, frames: PixelFormat, target: PixelFormat, size: tuple[int, int], codec: str
 ) -> None:
     name = ENCODERS[codec].said
-    before, after = _layout_said(frames), _layout_said(target)
-    if before != after:
-        lines.changed.append(f"pictures become {after} (the clip's are {before}), as {name} has it")
-    else:
+    coded = av.VideoFormat(info.pixel_format if frames == info.format else frames.name)
+    before, after = _coded_said(coded, frames), _layout_said(target)
+    if before == after:
         lines.kept.append(f"pictures: {after}")
+    elif before == f"grey, {target.depth} bits":
+        lines.kept.append(f"pictures: {before}, in {after}")
+    else:
+        why = "the nearest that looks are drawn in" if _layout_said(frames) == after else f"as {name} has it"
+        lines.changed.append(f"pictures become {after} (the clip's are {before}), {why}")
     if frames.full_range and not target.full_range and not frames.is_rgb:
         lines.changed.append(f"full-range code values become studio range, {name}'s only one")
     if size != (info.width, info.height):
         lines.changed.append(
             f"the size becomes {size[0]}x{size[1]} (the clip's is {info.width}x{info.height}): {name} has no odd ones"
         )
+
+
+def _coded_said(coded: av.VideoFormat, frames: PixelFormat) -> str:
+    """The layout of the clip's own pictures in words, as `_layout_said`; frames: what they are read as."""
+    depth = max(component.bits for component in coded.components)
+    if frames.is_rgb:  # what has fewer bits loses none
+        return f"R'G'B', {max(depth, frames.depth)} bits"
+    if len(coded.components) < _COLORED:
+        return f"grey, {depth} bits"
+    shares = coded.chroma_width(_WIDE), coded.chroma_height(_WIDE)
+    return f"Y'CbCr {_CHROMA[_WIDE // shares[0] // 2, _WIDE // shares[1] // 2]}, {depth} bits"
 
 
 def _layout_said(pixel_format: PixelFormat) -> str:

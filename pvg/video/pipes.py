@@ -84,6 +84,7 @@ class Y4mWriter:
 class PipedClip:
     """A clip that is read once, as it comes.
 
+    pixel_format: the libav name as coded, of what the frames come in `format`;
     fields: as the pipe says, None for progressive or not said;  progressive: whether it says that;  has_alpha: whether
     its frames come with an alpha plane;  stamped: whether they come with time stamps, and not at an even rate.
     """
@@ -93,6 +94,7 @@ class PipedClip:
     height: int
     frame_rate: Fraction
     time_base: Fraction
+    pixel_format: str
     format: PixelFormat
     frames: Iterator[Frame]
     fields: FieldOrder | None = None
@@ -158,7 +160,7 @@ class PipeReader:
         fields: Any = _INTERLACED.get(told.get("I", "p"))
         frames = self._y4m_frames(target, (width, height), 1 / rate, rest)
         return PipedClip(
-            *("standard input", width, height, rate, 1 / rate, target, frames),
+            *("standard input", width, height, rate, 1 / rate, name, target, frames),
             fields=fields,
             sample_aspect_ratio=aspect,
             progressive=told.get("I") == "p",
@@ -215,7 +217,7 @@ class PipeReader:
         aspect = stream.sample_aspect_ratio or Fraction(1)
         width, height = reading.upright_size
         return PipedClip(
-            *(clip.name, width, height, rate, clip.time_base, reading.target, frames),
+            *(clip.name, width, height, rate, clip.time_base, reading.coded_format, reading.target, frames),
             sample_aspect_ratio=aspect,
             has_alpha=has_alpha(first),
         )

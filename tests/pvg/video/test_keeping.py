@@ -17,12 +17,12 @@ import pytest
 from av.stream import Disposition
 
 from pvg.errors import MediaError
-from pvg.video import Frame, MediaInfo, Plan, Streams, VideoWriter, make_plan, probe, read_frames, read_streams
+from pvg.video import Frame, MediaInfo, Plan, Streams, VideoWriter, inspect, make_plan, probe, read_frames, read_streams
 from pvg.video.formats import PixelFormat, resolve_format
 from pvg.video.pixel_aspect import say_pixel_aspect
 from pvg.video.reading import has_alpha
 from pvg.video.streams import Track, fields_of, take_stock
-from tests.gallery.clips import media_info, rewrite_clip, smooth_frames
+from tests.gallery.clips import encode_raw, media_info, rewrite_clip, smooth_frames
 from tests.gallery.rich_clips import FRAMES, Other, Rich
 
 _DEFAULT, _COMMENT = Disposition.default, Disposition.comment
@@ -424,6 +424,48 @@ def test_rgb_stays_rgb_in_ffv1(tmp_path: Path) -> None:
         with av.open(str(path)) as opened:
             seen = next(opened.decode(video=0)).reformat(format=name).to_ndarray()
         np.testing.assert_array_equal(seen, np.stack(planes, axis=-1))
+
+
+@pytest.mark.parametrize(
+    ("layout", "codec", "line"),
+    [
+        (
+            "yuv420p16le",
+            "ffv1",
+            "become Y'CbCr 4:2:0, 12 bits (the clip's are Y'CbCr 4:2:0, 16 bits), the nearest that",
+        ),
+        ("yuv422p14le", "h264", "become Y'CbCr 4:2:2, 10 bits (the clip's are Y'CbCr 4:2:2, 14 bits), as H.264 has it"),
+        ("yuv420p9le", "h264", "become Y'CbCr 4:2:0, 10 bits (the clip's are Y'CbCr 4:2:0, 9 bits), the nearest that"),
+        ("yuv411p", "h264", "become Y'CbCr 4:2:2, 8 bits (the clip's are Y'CbCr 4:1:1, 8 bits), the nearest that"),
+        ("yuv410p", "ffv1", "become Y'CbCr 4:2:0, 8 bits (the clip's are Y'CbCr 4:1:0, 8 bits), the nearest that"),
+        ("yuv440p", "h264", "become Y'CbCr 4:4:4, 8 bits (the clip's are Y'CbCr 4:4:0, 8 bits), the nearest that"),
+        ("gray16le", "ffv1", "become Y'CbCr 4:2:0, 12 bits (the clip's are grey, 16 bits), the nearest that"),
+        ("gray", "ffv1", ""),
+        ("bgr0", "ffv1", ""),
+        ("gbrp14le", "ffv1", ""),
+    ],
+)
+def test_a_depth_or_chroma_that_no_look_is_drawn_in_is_said(layout: str, codec: str, line: str, tmp_path: Path) -> None:
+    pictures = [av.VideoFrame(96, 64, layout) for _ in range(2)]
+    source = encode_raw(tmp_path / "source.mkv", pictures, "ffv1", level="3", strict="experimental")
+    plan = planned(source, "mkv", codec)
+    assert [text for text in plan.changed if "pictures become" in text] == [
+        text for text in plan.changed if line and line in text
+    ]
+    assert any(text.startswith("pictures") for text in plan.kept) == (not line)
+    assert inspect(source, container="mkv", codec=codec)["output"]["changed"] == list(plan.changed)
+
+
+def test_a_sideways_clip_keeps_its_chroma_where_the_codec_has_no_other(tmp_path: Path) -> None:
+    info = replace(info_of((64, 64), rotation=90), pixel_format="yuv422p10le", format=_SIDEWAYS)
+    assert any(
+        "become Y'CbCr 4:4:4, 10 bits (the clip's are Y'CbCr 4:2:2, 10 bits)" in line
+        for line in make_plan(info, container="mkv", codec="ffv1").changed
+    )
+    assert "pictures: Y'CbCr 4:2:2, 10 bits" in make_plan(info, container="mov", codec="prores").kept
+
+
+_SIDEWAYS = PixelFormat("yuv444p10le", 10, (0, 0), (0.2126, 0.0722), False)
 
 
 def info_of(size: tuple[int, int], **changes: object) -> MediaInfo:
