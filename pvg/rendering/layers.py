@@ -13,7 +13,9 @@ from pvg.errors import UncutError
 from pvg.landmarks import draw_landmarks
 from pvg.raster import SUBPIXEL_BITS, fixed_point
 from pvg.rendering.clip import placed_faces, source_frame
-from pvg.rendering.placed_face import PlacedFace
+from pvg.rendering.edges import follow_edges
+from pvg.rendering.placed_body import PlacedBody, place_body
+from pvg.rendering.placed_face import PlacedFace, divide_overlaps
 from pvg.video import Frame
 
 LAYERS = ("image", "landmarks", "mask", "matte", "curves", "low", "high")
@@ -23,14 +25,22 @@ _MID_GREY = 128
 def layer(video: VectorVideo, index: int, name: str, *, frame: Frame | None = None) -> Bytes:
     """Draw layer `name` of frame `index`: (H, W, 3) uint8 RGB.
 
-    image: the source;  landmarks: the 106 points on it;  mask, matte: skin in white;  curves: the diffusion curves in
-    their boundary colours g over the dimmed source;  low: LF = H(g);  high: HF = I - H(g) around mid grey.
-    frame: frame `index` of the source, where it was read before. Raises `ValueError` on an unknown layer or frame.
+    image: the source;  landmarks: the 106 points on it;  mask: the skin of faces in white, hard, as the paper's method
+    has it;  matte: all that looks may change in white, soft, chest, arms and hands too;  curves: the diffusion curves
+    in their boundary colours g over the dimmed source;  low: LF = H(g);  high: HF = I - H(g) around mid grey, both of
+    faces.  frame: frame `index` of the source, where it was read before. Raises `ValueError` on an unknown layer or
+    frame.
     """
     if name not in LAYERS:
         raise ValueError(f"no layer {name!r}; known are {', '.join(LAYERS)}")
-    image = (source_frame(video, index) if frame is None else frame).rgb()
-    if name in ("mask", "matte"):
+    frame = source_frame(video, index) if frame is None else frame
+    if name == "matte":
+        faces = [placed for _, placed in placed_faces(video, index)]
+        if video.settings["mask"] == "landmarks":
+            faces = [follow_edges(placed, frame) for placed in faces]
+        return _matte(frame, divide_overlaps(faces))
+    image = frame.rgb()
+    if name == "mask":
         out: Bytes = np.zeros_like(image)
     elif name == "high":
         out = np.full_like(image, _MID_GREY)
@@ -44,6 +54,21 @@ def layer(video: VectorVideo, index: int, name: str, *, frame: Frame | None = No
         elif name != "image":
             _draw_face(out, image, video, face, placed, index, name)
     return out
+
+
+def _matte(frame: Frame, faces: list[PlacedFace]) -> Bytes:
+    """The mattes of faces and of the other skin of their persons, which gives way to them."""
+    total = np.zeros((frame.height, frame.width), np.float32)
+    bodies: list[PlacedBody] = []
+    for face in faces:
+        bodies += place_body(frame, face.data.body, faces, bodies)
+    every: list[PlacedFace | PlacedBody] = [*faces, *bodies]
+    for placed in every:
+        h, w = placed.alpha.shape
+        part = total[placed.y : placed.y + h, placed.x : placed.x + w]
+        part += placed.alpha[: part.shape[0], : part.shape[1]]  # which may reach beyond an odd last row or column
+    white = np.rint(255 * np.minimum(total, 1)).astype(np.uint8)
+    return np.repeat(white[..., None], 3, axis=-1)
 
 
 def _boundary_colors(video: VectorVideo, face: int, index: int) -> Floats:
@@ -66,9 +91,8 @@ def _draw_face(
 ) -> None:
     h, w = placed.alpha.shape
     window = (slice(placed.y, placed.y + h), slice(placed.x, placed.x + w))
-    if name in ("mask", "matte"):
-        shown = placed.alpha if name == "matte" else (placed.alpha >= 0.5).astype(np.float32)
-        out[window] = np.maximum(out[window], np.rint(255 * shown)[..., None].astype(np.uint8))
+    if name == "mask":
+        out[window][placed.alpha >= 0.5] = 255
         return
     try:
         low = placed.membrane(_boundary_colors(video, face, index)).crop(placed.x, placed.y, w, h)
