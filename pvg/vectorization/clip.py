@@ -115,7 +115,10 @@ def vectorize(
             advised_face_px=advised_face_px,
             undo=undo,
         )
-        done = work.key_views(writer) if reference else work.whole_clip(writer)
+        try:
+            done = work.key_views(writer) if reference else work.whole_clip(writer)
+        except _EndedByCallerError as ended:
+            raise ended.error from None
         faces, left_out = work.with_skin(done, writer)
         records = [face.record(index) for index, face in enumerate(faces)]
         persons = link_persons([face.shape() for face in faces], [record.summary.skin_rgb for record in records])
@@ -159,6 +162,14 @@ def _temporary_name() -> Path:
     handle, name = tempfile.mkstemp(suffix=".pvg")
     os.close(handle)
     return Path(name)
+
+
+class _EndedByCallerError(Exception):
+    """What `progress` raised, on its way through generators."""
+
+    def __init__(self, error: StopIteration) -> None:
+        super().__init__(error)
+        self.error = error
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +228,10 @@ class _Work:
             for index, picture in pictures:
                 yield index, picture
                 done = index + 1 - start
-                self.report(stage, done, max(expected, done))
+                try:
+                    self.report(stage, done, max(expected, done))
+                except StopIteration as error:  # of which a generator makes another error
+                    raise _EndedByCallerError(error) from error
 
     def face(self, number: int, rows: FaceTrack, key: KeyView) -> VectorFace:
         """A face that begins with these rows."""

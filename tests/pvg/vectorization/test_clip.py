@@ -204,6 +204,16 @@ def test_an_abort_leaves_no_asset(brief_clip: Path, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("end", ["landmarks", "best frame"])
+def test_what_progress_raises_passes_through_whatever_it_is(end: str, brief_clip: Path) -> None:
+    def enough(stage: str, done: int, total: int) -> None:
+        if (stage, done) == (end, 2):
+            raise StopIteration(stage)
+
+    with pytest.raises(StopIteration, match=end):
+        pvg.vectorize(brief_clip, reference=True, progress=enough)
+
+
 @pytest.mark.parametrize(
     "options",
     [
