@@ -17,6 +17,11 @@ if TYPE_CHECKING:
 # as `pvg.video` and `_options` have them: what these would load takes long, and a refusal is to be quick
 IMAGES = ("png", "tiff", "jpg", "webp")
 PIPED = ("nut", "y4m")
+NAMED_AS_FILES = (
+    *(".mp4", ".m4v", ".mov", ".mkv", ".webm"),
+    *(".png", ".tif", ".tiff", ".jpg", ".jpeg", ".webp"),
+    ".pvg",
+)
 
 
 def kind_of(path: Path) -> Literal["video", "image"]:
@@ -84,11 +89,13 @@ def check_pipe(container: str | None, references: list[Path]) -> None:
 
 
 def check_results_folder(output: Path, results: str) -> None:
-    """Refuse a folder for these results, in words, that is a stream or named as a file, or that cannot be made."""
+    """Refuse a folder for these results, in words, that is a stream, a file or named as one, or that cannot be made."""
     if output == STANDARD:
         raise ValueError(f"-o {output} is a stream; {results} need a folder")
-    if (output.suffix or output.exists()) and not output.is_dir():
+    if output.exists() and not output.is_dir():
         raise ValueError(f"-o {output} is a file; {results} need a folder")
+    if output.suffix.lower() in NAMED_AS_FILES and not output.is_dir():
+        raise ValueError(f"-o {output} is named as a file is; {results} need a folder")
     check_folder(output)
 
 

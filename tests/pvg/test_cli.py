@@ -539,9 +539,9 @@ def test_outputs_are_refused_before_the_work_begins(
         (["transfer", asset, *look, "-o", clip], 2, "while it is read"),
         (["transfer", asset, *look, "-o", tmp_path / "o.png"], 2, "must end in"),
         (["swap", text, text, "-o", text / "swapped"], 3, "Not a directory"),
-        (["swap", text, text, "-o", tmp_path / "o.mp4"], 2, "is a file"),
+        (["swap", text, text, "-o", tmp_path / "o.mp4"], 2, "is named as a file is"),
         (["swap", text, text, "-o", "-"], 2, "is a stream"),
-        (["export", text, *look, "-o", tmp_path / "o.mp4"], 2, "is a file"),
+        (["export", text, *look, "-o", tmp_path / "o.mp4"], 2, "is named as a file is"),
         (["export", text, *look, "-o", "-"], 2, "is a stream"),
         (["inspect", asset, "--layer", "mask", "-o", tmp_path / "o.mp4"], 2, "must end in"),
     ]

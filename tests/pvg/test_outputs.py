@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from pvg._outputs import check_outputs, outputs
+from pvg._outputs import NAMED_AS_FILES, check_outputs, check_results_folder, outputs
+from pvg.video import CLIP_SUFFIXES, IMAGE_SUFFIXES
 
 
 @pytest.mark.parametrize(
@@ -34,3 +35,17 @@ def test_a_file_may_be_named_as_its_container_is_by_others(name: str, container:
     check_outputs(tmp_path / name, [Path("a.jpg")], [], container)
     with pytest.raises(ValueError, match="is not named as webp is"):
         check_outputs(tmp_path / name, [Path("a.jpg")], [], "webp")
+
+
+def test_a_folder_may_have_a_point_in_its_name_but_not_that_of_a_file(tmp_path: Path) -> None:
+    assert {*NAMED_AS_FILES} == {*CLIP_SUFFIXES, *IMAGE_SUFFIXES, ".pvg"}
+    references = [Path("a.jpg"), Path("b.jpg")]
+    check_outputs(tmp_path / "folder.v1", references, [])
+    for name in ("o.mp4", "o.PNG", "o.pvg"):
+        with pytest.raises(ValueError, match=f"{name} is named as a file is; several references need a folder"):
+            check_outputs(tmp_path / name, references, [])
+        (tmp_path / name).mkdir()
+        check_results_folder(tmp_path / name, "both results")
+    (tmp_path / "file.v1").touch()
+    with pytest.raises(ValueError, match=r"file\.v1 is a file"):
+        check_outputs(tmp_path / "file.v1", references, [])
