@@ -121,6 +121,7 @@ def _draw_and_publish(
     progress: Progress | None,
 ) -> list[tuple[str, ...]]:
     """Draw all jobs, each planned before the first is drawn, and publish them together; the lines of their targets."""
+    memory_bytes = whole_number("memory_bytes", memory_bytes, 1)
     lost = []
     for job in jobs:
         for look in job.looks:

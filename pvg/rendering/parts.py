@@ -12,6 +12,7 @@ from typing import Literal
 
 import av
 
+from pvg._checks import whole_number
 from pvg._targets import check_files
 from pvg._threads import one_blas_thread
 from pvg._version import __version__
@@ -45,6 +46,7 @@ def render_part(
     for frames that the clip does not have.
     """
     targets = _targets(video, looks, paths)
+    memory_bytes = whole_number("memory_bytes", memory_bytes, 1)
     for look in looks:
         look.check_fits(video)
     if not 0 <= start < stop <= video.frame_count:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import pvg
-from pvg.rendering import Renderer, source_frame
+from pvg.rendering import Renderer, render_part, source_frame
 from pvg.video import (
     Frame,
     PictureMetadata,
@@ -102,6 +102,16 @@ def own_clip(video: pvg.VectorVideo, tmp_path: Path) -> Iterator[pvg.VectorVideo
         yield opened
 
 
+@pytest.mark.parametrize("given", [float("nan"), -5, 0, True, "1", None])
+def test_memory_is_a_number_of_bytes(given: Any, video: pvg.VectorVideo, tmp_path: Path) -> None:
+    looks = [pvg.transfer(video, video)]
+    with pytest.raises(ValueError, match="memory_bytes must be a whole number from 1, not"):
+        pvg.render(video, looks, [tmp_path / "o.mp4"], memory_bytes=given, progress=never)
+    with pytest.raises(ValueError, match="memory_bytes must be a whole number from 1, not"):
+        render_part(video, looks, [tmp_path / "o"], start=0, stop=2, container="mp4", memory_bytes=given)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_paths_are_looked_at_before_anything_is_drawn(
     own_clip: pvg.VectorVideo, dark_reference: pvg.VectorVideo, tmp_path: Path
 ) -> None:
@@ -117,6 +127,7 @@ def test_paths_are_looked_at_before_anything_is_drawn(
         ([first, tmp_path / "dir.mp4"], IsADirectoryError, "dir.mp4"),
         ([first, tmp_path / "none" / "x.mp4"], FileNotFoundError, "none"),
         ([first, tmp_path / "x.avi"], ValueError, "x.avi"),
+        ([first, tmp_path / "a\0b.mp4"], ValueError, "has a NUL in it"),
     ]
     for paths, error, words in cases:
         with pytest.raises(error, match=words):
