@@ -26,6 +26,7 @@ def draft_of(path: Path) -> Path:
 
 def check_file(path: Path, inputs: Iterable[Path | None]) -> None:
     """Refuse a file that cannot be written or would replace one of the `inputs`."""
+    _check_name(path)
     if path.is_dir():
         raise _os_error(errno.EISDIR, path)
     if path.exists():
@@ -51,6 +52,7 @@ def check_files(paths: Iterable[Path], inputs: Iterable[Path | None]) -> None:
 
 def check_folder(path: Path) -> None:
     """Refuse a folder that cannot be made or written to."""
+    _check_name(path)
     found = next(one for one in (path, *path.absolute().parents) if one.exists())
     if not found.is_dir():
         raise _os_error(errno.ENOTDIR, found)
@@ -63,6 +65,12 @@ def check_folder_of_files(path: Path, inputs: Iterable[Path | None]) -> None:
     check_folder(path)
     if any(other is not None and other.parent.resolve() == path.resolve() for other in inputs):
         raise ValueError(f"files in {path} would be replaced while they are read; write to another folder")
+
+
+def _check_name(path: Path) -> None:
+    """Refuse what no file can be called, of which is told elsewhere that it is not there."""
+    if "\0" in str(path):
+        raise ValueError(f"{str(path)!r} has a NUL in it, which no name of a file has")
 
 
 def _os_error(number: int, path: Path) -> OSError:

@@ -3,7 +3,9 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from pvg._targets import draft_of
+import pytest
+
+from pvg._targets import check_file, check_folder, draft_of
 
 
 def test_two_drafts_of_one_file_are_two_files(tmp_path: Path) -> None:
@@ -25,3 +27,10 @@ def test_drafts_of_the_longest_names_can_be_written(tmp_path: Path) -> None:
         draft.write_bytes(b"")
         draft.name.encode()
         draft.replace(tmp_path / name)
+
+
+def test_what_no_file_can_be_called_is_refused(tmp_path: Path) -> None:
+    for check in (check_file, lambda path, _: check_folder(path)):
+        for path in (tmp_path / "a\0b.mp4", tmp_path / "a\0b" / "o.mp4"):
+            with pytest.raises(ValueError, match="has a NUL in it"):
+                check(path, [])
