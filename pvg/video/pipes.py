@@ -12,6 +12,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import chain
+from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO
 
@@ -107,6 +108,7 @@ class PipedClip:
 class PipeReader:
     """Opens NUT or YUV4MPEG2 that comes by a binary stream; a context manager that gives a `PipedClip`.
 
+    source: called by its name in messages, or standard input, if it is that;
     color: (matrix, range) by H.273 where the pipe does not say, which it rarely does; space: what R'G'B' stands for.
     Raises MediaError for other formats and damaged data, also while frames are taken.
     """
@@ -119,6 +121,7 @@ class PipeReader:
         limits: MediaLimits | None = None,
     ) -> None:
         self._source, self._color, self._space, self._limits = source, color, space, limits or MediaLimits()
+        self._name = _name_of(source)
 
     def __enter__(self) -> PipedClip:
         with ExitStack() as stack:
@@ -134,7 +137,7 @@ class PipeReader:
             return self._y4m(start)
         if start == _NUT_START:
             return self._nut(start, stack)
-        raise MediaError("standard input is neither NUT nor YUV4MPEG2")
+        raise MediaError(f"{self._name} is neither NUT nor YUV4MPEG2")
 
     def _y4m(self, start: bytes) -> PipedClip:
         line = start + _line(self._source) if b"\n" not in start else start
@@ -148,11 +151,11 @@ class PipeReader:
             if rate <= 0 or width < 1 or height < 1:
                 raise ValueError("nothing to see")
         except (KeyError, ValueError, TypeError, ZeroDivisionError) as error:
-            raise MediaError("standard input: the first line of YUV4MPEG2 cannot be read") from error
+            raise MediaError(f"{self._name}: the first line of YUV4MPEG2 cannot be read") from error
         layout = _LAYOUT.match(told.get("C", "420"))
         if layout is None:
-            raise MediaError(f"standard input is YUV4MPEG2 {told['C']}; taken are 420, 422 and 444 of 8, 10 or 12 bits")
-        check_pixels("standard input", width, height, self._limits.max_pixels)
+            raise MediaError(f"{self._name} is YUV4MPEG2 {told['C']}; taken are 420, 422 and 444 of 8, 10 or 12 bits")
+        check_pixels(self._name, width, height, self._limits.max_pixels)
         matrix, stated = self._color
         stated = RANGE_FULL if "XCOLORRANGE=FULL" in words else 1 if "XCOLORRANGE=LIMITED" in words else stated
         name = f"yuv{layout[1]}p" + (f"{layout[3]}le" if layout[3] else "")
@@ -160,7 +163,7 @@ class PipeReader:
         fields: Any = _INTERLACED.get(told.get("I", "p"))
         frames = self._y4m_frames(target, (width, height), 1 / rate, rest)
         return PipedClip(
-            *("standard input", width, height, rate, 1 / rate, name, target, frames),
+            *(self._name, width, height, rate, 1 / rate, name, target, frames),
             fields=fields,
             sample_aspect_ratio=aspect,
             progressive=told.get("I") == "p",
@@ -176,16 +179,16 @@ class PipeReader:
             if not mark:
                 return
             if not mark.startswith(b"FRAME") or not mark.endswith(b"\n"):
-                raise MediaError(f"standard input is damaged after frame {index}")
+                raise MediaError(f"{self._name} is damaged after frame {index}")
             first, second, third = (self._plane(shape, target, index) for shape in shapes)
             frame = Frame(index, index, float(index * step), target, (first, second, third), duration=1)
-            yield within_depth("standard input", frame)
+            yield within_depth(self._name, frame)
             index += 1
 
     def _plane(self, shape: tuple[int, int], target: PixelFormat, index: int) -> Plane:
         data = _exactly(self._source, shape[0] * shape[1] * np.dtype(target.dtype).itemsize)
         if not data:
-            raise MediaError(f"standard input ends within frame {index}")
+            raise MediaError(f"{self._name} ends within frame {index}")
         plane: Plane = np.frombuffer(data, dtype=target.dtype).reshape(shape)  # type: ignore[assignment]
         return plane
 
@@ -193,13 +196,13 @@ class PipeReader:
         try:
             opened = av.open(_Joined(start, self._source), "r", format="nut")
         except (av.error.FFmpegError, ValueError) as error:
-            raise MediaError(f"standard input is damaged: its header cannot be read ({reason(error)})") from error
+            raise MediaError(f"{self._name} is damaged: its header cannot be read ({reason(error)})") from error
         container: av.container.InputContainer = stack.enter_context(opened)
         if not container.streams.video:
-            raise MediaError("standard input has no pictures")
+            raise MediaError(f"{self._name} has no pictures")
         stream = container.streams.video[0]
         stream.thread_type = "AUTO"
-        clip = OpenClip("standard input", container, stream)
+        clip = OpenClip(self._name, container, stream)
         context = stream.codec_context
         context.thread_count = decoding_threads()
         check_pixels(clip.name, context.width, context.height, self._limits.max_pixels)
@@ -209,7 +212,7 @@ class PipeReader:
         decoded = pictures(clip)
         first = next(decoded, None)
         if first is None:
-            raise MediaError("standard input holds no frame that can be decoded")
+            raise MediaError(f"{self._name} holds no frame that can be decoded")
         reading = reading_of(clip, first, "sdr")
         reading = replace(reading, target=replace(reading.target, color=self._space))
         rate = stream.average_rate or stream.guessed_rate or Fraction(25)
@@ -226,11 +229,19 @@ class PipeReader:
         last: int | None = None
         for index, picture in enumerate(decoded):
             if (picture.width, picture.height, picture.format.name) != (*reading.coded_size, reading.coded_format):
-                raise MediaError(f"standard input changes its pictures' size or format at frame {index}")
+                raise MediaError(f"{self._name} changes its pictures' size or format at frame {index}")
             pts = picture.pts if picture.pts is not None else index
             pts = pts if last is None or pts > last else last + 1
             last = pts
             yield within_depth(clip.name, to_frame(picture, reading, index, pts, clip.time_base))
+
+
+def _name_of(source: BinaryIO) -> str:
+    """What a stream is called in messages."""
+    name = getattr(source, "name", None)
+    if name in (0, "<stdin>"):
+        return "standard input"
+    return Path(name).name if isinstance(name, str) else "the stream of pictures"
 
 
 class _Joined:

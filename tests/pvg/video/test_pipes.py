@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from dataclasses import replace
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 import av
@@ -91,6 +92,21 @@ def test_the_shortest_first_line_is_read() -> None:
 )
 def test_what_is_no_clip_is_refused(content: bytes, words: str) -> None:
     with pytest.raises(MediaError, match=words), PipeReader(io.BytesIO(content), limits=MediaLimits()):
+        pass
+
+
+def test_a_stream_is_called_by_its_name(tmp_path: Path) -> None:
+    path = tmp_path / "clip.y4m"
+    path.write_bytes(b"no clip")
+    with path.open("rb") as file, pytest.raises(MediaError, match=r"^clip\.y4m is neither"), PipeReader(file):
+        pass
+    with pytest.raises(MediaError, match=r"^the stream of pictures is neither"), PipeReader(io.BytesIO(b"")):
+        pass
+
+    class Standard(io.BytesIO):
+        name = "<stdin>"
+
+    with pytest.raises(MediaError, match=r"^standard input is neither"), PipeReader(Standard()):
         pass
 
 
