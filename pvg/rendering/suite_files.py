@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Collection, Iterable, Sequence
-from contextlib import ExitStack, closing
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -69,6 +69,8 @@ def export(
     a look of another clip and files in the place of the clip or asset or of `keep`, further files that are not to be
     replaced; `OSError` where the files cannot be written. Numbered pictures of an export before are removed.
     """
+    _check_sequence("parts", parts)
+    _check_sequence("keep", keep)
     if unknown := [part for part in parts if part not in SUITE_FILES]:
         raise ValueError(f"part {unknown[0]!r} is not one of {', '.join(SUITE_FILES)}")
     if matte not in MATTES:
@@ -83,8 +85,7 @@ def export(
     names = [f"look{end}.cube" for end in ends if "cube" in parts]
     names += [_matte_name(end, matte, canvas.info) for end in ends if "matte" in parts]
     _check_targets(folder, [*names, _README], [video.source, video.path, *map(Path, keep)])
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".look-", dir=folder) as name:
+    with _made(folder), tempfile.TemporaryDirectory(prefix=".look-", dir=folder) as name:
         drafts = Path(name)
         cubes = [drafts / f"look{end}.cube" for end in ends] if "cube" in parts else []
         for faces, path in zip(persons, cubes, strict=False):
@@ -96,6 +97,26 @@ def export(
         readme = drafts / _README
         readme.write_text(_readme(cubes, mattes, canvas.info.color), encoding="utf-8")
         return [_published(path, folder) for path in (*cubes, *mattes, readme)]
+
+
+def _check_sequence(option: str, given: object) -> None:
+    if isinstance(given, (str, Path)) or not isinstance(given, Iterable):
+        example = f", such as [{str(given)!r}]" if isinstance(given, (str, Path)) else ""
+        raise ValueError(f"{option} must be a sequence of names{example}, not {given!r}")
+
+
+@contextmanager
+def _made(folder: Path) -> Iterator[None]:
+    """The folder, made where it is not there; what was made and is empty goes when the block fails."""
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        yield
+    except BaseException:
+        with suppress(OSError):  # not empty, or gone
+            for path in missing:
+                path.rmdir()
+        raise
 
 
 def _published(draft: Path, folder: Path) -> Path:

@@ -166,6 +166,28 @@ def test_pictures_of_a_longer_export_do_not_stay_among_the_new(
     assert read_image(folder / "000000.png").width == video.media.width
 
 
+def test_an_export_that_fails_leaves_no_folder(
+    video: pvg.VectorVideo, dark_reference: pvg.VectorVideo, tmp_path: Path
+) -> None:
+    def cancel(stage: str, done: int, total: int) -> None:
+        raise KeyboardInterrupt
+
+    look = pvg.transfer(video, dark_reference)
+    for folder in (tmp_path / "suite", tmp_path / "looks" / "suite"):
+        with pytest.raises(KeyboardInterrupt):
+            pvg.export(video, look, folder, parts=["matte"], progress=cancel)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_names_are_given_as_a_sequence(video: pvg.VectorVideo, dark_reference: pvg.VectorVideo, tmp_path: Path) -> None:
+    look = pvg.transfer(video, dark_reference)
+    with pytest.raises(ValueError, match=r"parts must be a sequence of names, such as \['cube'\], not 'cube'"):
+        pvg.export(video, look, tmp_path / "suite", parts="cube")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"keep must be a sequence of names, such as \['clip\.mp4'\]"):
+        pvg.export(video, look, tmp_path / "suite", keep="clip.mp4")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_an_unknown_matte_is_refused(video: pvg.VectorVideo, dark_reference: pvg.VectorVideo, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="not one of ffv1, prores, png"):
         pvg.export(video, pvg.transfer(video, dark_reference), tmp_path, matte="gif")  # type: ignore[arg-type]
