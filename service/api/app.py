@@ -17,7 +17,7 @@ from service.api.authentication import authenticate
 from service.api.draining import DrainBeforeRefusal
 from service.api.middleware import RequestContext
 from service.api.origins import Cors, OwnHostAndOrigin
-from service.api.query import refuse_unknown
+from service.api.query import check_parameters
 from service.api.routers import OPEN_ROUTERS, ROOT_ROUTERS, ROUTERS
 from service.api.services import make_services
 from service.settings import Settings
@@ -85,7 +85,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         # a route's own body is read after this
         dependencies = [] if router in OPEN_ROUTERS else [Depends(authenticate)]
         # what watches a process may add what it likes to an address that has no parameters
-        dependencies += [] if router in ROOT_ROUTERS else [Depends(refuse_unknown)]
+        dependencies += [] if router in ROOT_ROUTERS else [Depends(check_parameters)]
         first, alias = ("", PREFIX) if router in ROOT_ROUTERS else (PREFIX, "")
         app.include_router(router, prefix=first, dependencies=dependencies)
         app.include_router(router, prefix=alias, dependencies=dependencies, include_in_schema=False)

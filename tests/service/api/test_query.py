@@ -1,4 +1,4 @@
-"""A parameter of a query that an operation does not know is refused and named."""
+"""A parameter of a query that an operation does not know, or that is given twice, is refused and named."""
 
 from __future__ import annotations
 
@@ -54,6 +54,36 @@ def test_what_is_wrong_with_a_parameter_is_told_of_the_query(api: Api) -> None:
     assert upload.json()["errors"][0]["pointer"] == "/query/metadata"
     form = api.client.post("/videos/form", files={"file": ("a.mp4", MP4)}, data={"metadata": ["a:1", "a:2"]})
     assert form.json()["errors"][0]["pointer"] == "/metadata"
+
+
+@pytest.mark.parametrize(
+    ("method", "path"),
+    [
+        ("POST", "/videos?webhook=https://a.example/&webhook=https://b.example/"),
+        ("POST", "/references?mask=ycbcr&mask=landmarks"),
+        ("GET", f"/jobs?id=job_{NO_ID}&id=job_{NO_ID}"),
+        ("GET", f"/v1/jobs?video=vid_{NO_ID}&video=vid_{NO_ID}"),
+        ("GET", "/videos?limit=2&limit=2"),
+        ("DELETE", f"/videos/vid_{NO_ID}?cancel_jobs=true&cancel_jobs=false"),
+        ("GET", f"/results/res_{NO_ID}/matte?person=1&person=2"),
+        ("GET", f"/results/res_{NO_ID}?expires=1&expires=2&signature=x&signature=y"),
+    ],
+)
+def test_a_parameter_that_is_no_list_is_given_once(api: Api, method: str, path: str) -> None:
+    answer = api.client.request(method, path, content=MP4 if method == "POST" else b"")
+    name = path.partition("?")[2].partition("=")[0]
+    body = check(answer, 422)
+    assert body["errors"][0] == {"pointer": f"/query/{name}", "detail": "it is given more than once"}
+    assert api.client.get("/videos").json()["data"] == []
+
+
+def test_lists_are_given_again(api: Api) -> None:
+    lists = "state=queued&state=running&kind=swap&kind=transfer&metadata=a:1&metadata=b:2"
+    assert api.client.get(f"/jobs?{lists}").status_code == 200
+    assert api.client.get("/videos?state=ready&state=failed&metadata=a:1&metadata=b:2").status_code == 200
+    assert api.client.get("/webhooks?state=failed&state=pending").status_code == 200
+    made = api.client.post("/videos?metadata=a:1&metadata=b:2", content=MP4)
+    assert made.json()["metadata"] == {"a": "1", "b": "2"}
 
 
 def test_links_and_parts_open_as_they_were_made(api: Api) -> None:
