@@ -33,7 +33,7 @@ async def check_parameters(request: Request) -> None:
             errors[name] = f"there is no such parameter here; known are: {', '.join(known) or 'none'}"
         elif not known[name] and given.count(name) > 1:
             errors[name] = "it is given more than once"
-    if "signature" in given:
+    if "signature" in known and "signature" in given:
         errors = {name: detail for name, detail in errors.items() if name in known}
     if errors:
         raise invalid_values({f"/query/{name}": detail for name, detail in errors.items()})

@@ -100,6 +100,14 @@ def test_links_and_parts_open_as_they_were_made(api: Api) -> None:
     assert api.client.put(upload_link, content=MP4 + b"by link").status_code == 200
 
 
+def test_a_signature_says_nothing_where_no_link_leads(api: Api) -> None:
+    for path in ("/jobs?signature=x&stat=queued", "/v1/videos?stat=ready&signature=x", "/limits?signature=x"):
+        errors = check(api.client.get(path), 422)["errors"]
+        assert "/query/signature" in {one["pointer"] for one in errors}
+        assert len(errors) == path.count("=")
+    assert api.client.post("/transfer?signature=x", json={}).json()["errors"][0]["pointer"] == "/query/signature"
+
+
 def test_what_watches_the_service_may_ask_as_it_likes(api: Api) -> None:
     for path in ("/livez?probe=7", "/v1/readyz?probe=7", "/metrics?collect[]=jobs", "/?from=mail", "/docs?x=1"):
         assert api.client.get(path).status_code == 200, path
