@@ -64,6 +64,11 @@ def references_of(form: Form) -> list[str | ReceivedFile]:
     return [part for name, part in form.parts() if name == "reference"]
 
 
+def reference_at(number: int) -> str:
+    """Where a form has one of its references, counted from 0, as a JSON pointer."""
+    return f"/reference/{number}"
+
+
 def _joined(form: Form) -> list[tuple[str, str]]:
     """The fields but for references; those of a list that is given more than once are one."""
     lists: dict[str, list[str]] = {}
@@ -88,8 +93,9 @@ def _named_by_field(error: ValidationError) -> ServiceError:
     named: dict[str, str] = {}
     for item in invalid(error).errors:
         parts = item["pointer"].split("/")[1:]
-        # /looks/0/strength -> /strength, /output/crf -> /crf
+        # /looks/0/strength -> /strength, /looks/1/reference -> /reference/1, /output/crf -> /crf
         shown = parts[2:] if parts[0] == "looks" else parts[1:] if parts[0] == "output" else parts
         shown = ["webhook"] if parts[0] == "webhook" else shown
-        named.setdefault("/" + ("/".join(shown) or "reference"), item["detail"])
+        where = reference_at(int(parts[1])) if shown == ["reference"] else "/" + ("/".join(shown) or "reference")
+        named.setdefault(where, item["detail"])
     return invalid_values(named)

@@ -33,29 +33,30 @@ def check(
     known: Mapping[str, Media],
     looks: Sequence[Wanted],
     output: OutputRequest,
-    pointers: Mapping[str, str],
+    places: Mapping[str, str],
     output_at: str,
 ) -> None:
     """Raise what `request_looks` raises of looks and an output that do not fit their media.
 
     ``known`` are the media by id; all others are as there.
     """
-    _check_usable(known, pointers)
+    _check_usable(known, places)
     _check_output({known[look.video_id] for look in looks}, output, output_at)
     for look in looks:
         _check_container(known[look.video_id], output, output_at)
-        check_look(known[look.video_id], known.get(look.reference_id), look, pointers[look.video_id])
+        video_at = next(where for where, media_id in places.items() if media_id == look.video_id)
+        check_look(known[look.video_id], known.get(look.reference_id), look, video_at)
 
 
-def _check_usable(known: Mapping[str, Media], pointers: Mapping[str, str]) -> None:
-    """Name all media that are not there or, when all are, all that have failed."""
-    missing = {where: no_medium(media_id) for media_id, where in pointers.items() if media_id not in known}
+def _check_usable(known: Mapping[str, Media], places: Mapping[str, str]) -> None:
+    """Name all places of media that are not there or, when all are, of those that have failed."""
+    missing = {where: no_medium(media_id) for where, media_id in places.items() if media_id not in known}
     if missing:
         errors = [{"pointer": where, "detail": detail} for where, detail in missing.items()]
         raise NotFoundError(errors[0]["detail"], errors=errors)
     failed = {
         where: error
-        for media_id, where in pointers.items()
+        for where, media_id in places.items()
         if known[media_id].state == MediaState.FAILED and (error := known[media_id].error) is not None
     }
     if failed:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from service import addresses
 from service.api import lookups, quotas
@@ -30,13 +30,13 @@ def check_looks(
     owner: str,
     looks: Sequence[Wanted],
     output: OutputRequest,
-    pointers: dict[str, str],
+    places: Mapping[str, str],
     *,
     output_at: str = "/output",
 ) -> None:
     """Raise what `request_looks` would raise for such media and options, and record nothing."""
     with services.database.read() as session:
-        check(media.several(session, owner, pointers), looks, output, pointers, output_at)
+        check(media.several(session, owner, {*places.values()}), looks, output, places, output_at)
 
 
 def request_looks(
@@ -44,7 +44,7 @@ def request_looks(
     kind: JobKind,
     looks: Sequence[Wanted],
     output: OutputRequest,
-    pointers: dict[str, str],
+    places: Mapping[str, str],
     asked: Asked,
     *,
     output_at: str = "/output",
@@ -52,10 +52,10 @@ def request_looks(
     """Record a job that makes these looks and publish it once its media are ready. Returns it, and True when it is new.
 
     The owner's job of the same looks is returned instead while it goes on, or while its results are kept, for a full
-    retention more, unless ``asked.force``. ``pointers`` says where in the request each id stands, ``output_at`` where
-    the options of the output do, for errors. Raises `NotFoundError` for an unknown id, `MediaFailedError` for a medium
-    that failed, `ValidationFailedError` for what does not fit the video, `QuotaExceededError`, and `StorageFullError`
-    when there is too little room to do the job.
+    retention more, unless ``asked.force``. ``places`` are the ids by where in the request they stand, that of a video
+    first, and ``output_at`` is where the options of the output do, for errors. Raises `NotFoundError` for an unknown
+    id, `MediaFailedError` for a medium that failed, `ValidationFailedError` for what does not fit the video,
+    `QuotaExceededError`, and `StorageFullError` when there is too little room to do the job.
     """
     services.room.require()
     database, owner = services.database, asked.owner
@@ -65,8 +65,8 @@ def request_looks(
         now = database.now()
         # until the end of the transaction: no other request of this key is counted, nor asks for the same of this video
         keys.lock(session, owner)
-        known = media.several(session, owner, pointers, lock=True)
-        check(known, looks, output, pointers, output_at)
+        known = media.several(session, owner, {*places.values()}, lock=True)
+        check(known, looks, output, places, output_at)
         if kind is JobKind.SWAP:
             check_apart(known, looks[0])
         mark = jobs.fingerprint(kind, request, outputs, asked.metadata)
@@ -90,7 +90,7 @@ def request_looks(
             )
         if asked.webhook is not None:
             webhooks.announce(session, job, asked.webhook, now=now)
-        media.keep(session, list(pointers), now=now, ttl_s=services.settings.media_ttl_s)
+        media.keep(session, list(known), now=now, ttl_s=services.settings.media_ttl_s)
         body = lookups.of_job(services.settings, services.room, session, job, forecasts=services.forecasts)
         location = addresses.of_job(services.settings, job.id)
         asked.once.keep(session, 202 if new else 200, body, location=location, resource_id=job.id)

@@ -20,7 +20,7 @@ from service.api.problems import invalid_values
 from service.api.receivers import receiver
 from service.api.schemas import USUAL_CONTAINERS, JobBody, MediaBody, OutputRequest, SwapRequest, TransferRequest
 from service.api.services import Services
-from service.api.transfer_form import references_of, to_request
+from service.api.transfer_form import reference_at, references_of, to_request
 from service.api.uploads import Intake
 from service.catalog import JobKind, Role
 from service.errors import Limit, ValidationFailedError
@@ -53,11 +53,11 @@ async def create_transfer(
                 wanted = await _read_form(request, services, caller, once, brought)
             else:
                 wanted = await _read(request, services, TransferRequest, once)
-            looks, pointers = _looks_of(wanted, services, is_form=is_form)
+            looks, places = _looks_of(wanted, services, is_form=is_form)
             webhook = receiver(services, wanted.webhook, "/webhook" if is_form else "/webhook/url")
             asked = Asked(caller.owner, once, wanted.metadata, webhook, wanted.force)
             output_at = "" if is_form else "/output"
-            return await _accept(services, response, JobKind.TRANSFER, looks, wanted.output, pointers, asked, output_at)
+            return await _accept(services, response, JobKind.TRANSFER, looks, wanted.output, places, asked, output_at)
         except Exception:
             await commands.take_back(services, caller.owner, list(brought.values()))
             raise
@@ -95,9 +95,9 @@ async def create_swap(
     async with once:
         wanted = await _read(request, services, SwapRequest, once)
         looks = _sides_of(wanted)
-        pointers = {wanted.a: "/a"} if wanted.b in {None, wanted.a} else {wanted.a: "/a", str(wanted.b): "/b"}
+        places = {"/a": wanted.a} | ({} if wanted.b is None else {"/b": wanted.b})
         asked = Asked(caller.owner, once, wanted.metadata, receiver(services, wanted.webhook), wanted.force)
-        return await _accept(services, response, JobKind.SWAP, looks, wanted.output, pointers, asked)
+        return await _accept(services, response, JobKind.SWAP, looks, wanted.output, places, asked)
 
 
 async def _accept(
@@ -106,12 +106,12 @@ async def _accept(
     kind: JobKind,
     looks: list[Wanted],
     output: OutputRequest,
-    pointers: dict[str, str],
+    places: dict[str, str],
     asked: Asked,
     output_at: str = "/output",
 ) -> JobBody:
     record = partial(commands.request_looks, output_at=output_at)
-    body, new = await services.calls.write(record, services, kind, looks, output, pointers, asked)
+    body, new = await services.calls.write(record, services, kind, looks, output, places, asked)
     response.status_code = 202 if new else 200
     response.headers["Location"] = addresses.of_job(services.settings, body.id)
     return body
@@ -131,13 +131,14 @@ def _sides_of(wanted: SwapRequest) -> list[Wanted]:
 
 
 def _looks_of(wanted: TransferRequest, services: Services, *, is_form: bool) -> tuple[list[Wanted], dict[str, str]]:
-    """The looks, if not too many, and where in the request each id stands: a form's options stand at its top."""
+    """The looks, if not too many, and the ids by where in the request they stand: a form's options stand at its top."""
     if len(wanted.looks) > services.settings.max_looks:
         raise _too_many_looks(services.settings.max_looks, "/reference" if is_form else "/looks")
-    places = ["" if is_form else f"/looks/{i}" for i in range(len(wanted.looks))]
-    pairs = list(zip(wanted.looks, places, strict=True))
-    pointers = {look.reference: f"{place}/reference" for look, place in pairs} | {wanted.video: "/video"}
-    return [Wanted(wanted.video, look.reference, look, place) for look, place in pairs], pointers
+    places, looks = {"/video": wanted.video}, []
+    for i, look in enumerate(wanted.looks):
+        places[reference_at(i) if is_form else f"/looks/{i}/reference"] = look.reference
+        looks.append(Wanted(wanted.video, look.reference, look, "" if is_form else f"/looks/{i}"))
+    return looks, places
 
 
 def _too_many_looks(most: int, where: str) -> ValidationFailedError:
@@ -188,11 +189,11 @@ async def _read_form(
         draft = to_request(form, [_UPLOADED] * len(form.files))
         once.compare(_asked_by_form(draft, form))
         # everything is checked before the first reference is recorded
-        looks, pointers = _looks_of(draft, services, is_form=True)
-        pointers = {one: place for one, place in pointers.items() if one != _UPLOADED or place == "/video"}
+        looks, places = _looks_of(draft, services, is_form=True)
+        places = {where: one for where, one in places.items() if one != _UPLOADED or where == "/video"}
         receiver(services, draft.webhook, "/webhook")
         check = partial(commands.check_looks, output_at="")
-        await services.calls.read(check, services, caller.owner, looks, draft.output, pointers)
+        await services.calls.read(check, services, caller.owner, looks, draft.output, places)
         asked = Asked(caller.owner, once)
         ids = []
         for _, file in form.files:

@@ -236,7 +236,8 @@ def test_a_form_with_a_bad_field_records_nothing(api: Api, fields: dict[str, str
     [
         ({"video": "vid_" + "1" * 32}, 404, "/video"),
         ({"video": "ref_" + "0" * 32}, 404, "/video"),
-        ({"reference": "ref_" + "1" * 32}, 404, "/reference"),
+        ({"reference": "ref_" + "1" * 32}, 404, "/reference/0"),
+        ({"reference": "ref_1"}, 422, "/reference/0"),
         ({"faces": "0,1"}, 422, "/faces"),
         ({"container": "png"}, 422, "/container"),
         ({"reference": ["ref_" + "1" * 32] * 16}, 422, "/reference"),
@@ -401,6 +402,24 @@ def test_unknown_media_are_not_found(api: Api) -> None:
     answer = api.client.post("/transfer", json={"video": video["id"], "looks": looks(video["id"], unknown)})
     assert answer.status_code == 404
     assert answer.json()["errors"][0]["pointer"] == "/looks/1/reference"
+
+
+def test_a_medium_that_is_named_several_times_is_reported_at_every_place(api: Api) -> None:
+    video, unknown = upload(api, "/videos")["id"], "ref_" + "0" * 32
+
+    def places(path: str, **request: Any) -> list[str]:
+        return [error["pointer"] for error in api.client.post(path, **request).json()["errors"]]
+
+    twice = ["/looks/0/reference", "/looks/2/reference"]
+    assert places("/transfer", json={"video": video, "looks": looks(unknown, video, unknown)}) == twice
+    as_both = {"video": unknown, "looks": looks(unknown, video)}
+    assert places("/transfer", json=as_both) == ["/video", "/looks/0/reference"]
+    assert places("/swap", json={"a": unknown, "b": unknown, "faces": [0, 1]}) == ["/a", "/b"]
+    form = [("video", (None, video)), *(("reference", (None, one)) for one in (unknown, video, unknown))]
+    assert places("/transfer", files=form) == ["/reference/0", "/reference/2"]
+    bad = upload(api, "/references")
+    fail(api, bad)
+    assert places("/transfer", json={"video": video, "looks": looks(bad["id"], video, bad["id"])}) == twice
 
 
 def test_what_does_not_fit_the_video_is_refused(api: Api) -> None:
