@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import hmac
 import secrets
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -150,17 +151,29 @@ async def append(
         services.arriving.place(upload.owner, free=upload.id) as share,  # its size was counted when it was announced
         Intake(services.storage, services.room, request, limit_bytes=left, share=share) as intake,
     ):
-        intake.check_declared(left)
+        with _no_more_than(upload.size_bytes):
+            intake.check_declared(left)
         piece = _Piece(services, intake, upload, checksum)
         try:
-            async for chunk in request.stream():
-                await piece.feed(chunk)
+            with _no_more_than(upload.size_bytes):
+                async for chunk in request.stream():
+                    await piece.feed(chunk)
         except ClientDisconnect:
             if checksum is None:
                 await piece.keep()
             raise
         await piece.keep()
     return await services.calls.read(find, services, upload.id)
+
+
+@contextmanager
+def _no_more_than(size_bytes: int) -> Iterator[None]:
+    """Inside the block what is over the limit is what is over the length that was announced of the whole file."""
+    try:
+        yield
+    except TooLargeError as error:
+        detail = f"more bytes came than the {size_bytes} that Upload-Length announced"
+        raise TooLargeError(detail, limit_bytes=size_bytes) from error
 
 
 class _Piece:

@@ -303,6 +303,17 @@ def test_pieces_keep_to_the_protocol(api: Api) -> None:
     assert api.drafts == []
 
 
+def test_a_file_that_is_longer_than_announced_is_told_what_was_announced(api: Api) -> None:
+    url = begin(api.client, 1000)
+    assert send(api.client, url, 0, b"x" * 600).status_code == 204
+    declared = send(api.client, url, 600, b"x" * 401)
+    lying = api.client.patch(url, content=iter([b"x" * 300, b"x" * 200]), headers=PIECE | {"Upload-Offset": "600"})
+    for longer in (declared, lying):
+        told = "more bytes came than the 1000 that Upload-Length announced", 1000
+        assert (longer.status_code, longer.json()["detail"], longer.json()["limit"]) == (413, *told)
+    assert offset_of(api.client, url) == 600
+
+
 def test_what_is_no_film_is_refused_at_its_end_and_nothing_is_kept(api: Api) -> None:
     url = begin(api.client, 2000)
     assert send(api.client, url, 0, b"<html>" + b"x" * 994).status_code == 204
