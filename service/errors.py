@@ -306,5 +306,7 @@ def stored_problem(
 
 
 def message_of(detail: ErrorDetails) -> str:
-    """What pydantic says is wrong with a value, without its name for our own checks."""
+    """What pydantic says is wrong with a value, without its name for our own checks, or ours for what is an object."""
+    if detail["type"] == "model_type":
+        return "Input should be an object"
     return detail["msg"].removeprefix("Value error, ")

@@ -19,6 +19,8 @@ _LOOK_FIELDS = frozenset(LookOptions.model_fields)
 #: comma-separated, or given again
 _LISTS = frozenset({"protect", "faces", "extras"})
 
+_MAKEUP = "it is a number from 0 to 1, or one of each part: lips=1,lids=0.3"
+
 
 def to_request(form: Form, uploaded: Sequence[str]) -> TransferRequest:
     """The request that a form stands for; ``uploaded`` are the ids of its files, in their order.
@@ -80,12 +82,20 @@ def _joined(form: Form) -> list[tuple[str, str]]:
 
 
 def _option(name: str, text: str) -> str | list[str] | dict[str, str]:
-    """The value of a field: a list or, as in `lips=1,lids=0.3`, a mapping where the option may be one."""
+    """The value of a field: a list or, as in `lips=1,lids=0.3`, a mapping where the option may be one.
+
+    Raises `ValidationFailedError` for a part of a mapping that is given more than once.
+    """
+    parts = [part.strip() for part in text.split(",") if part.strip()]
     if name == "makeup" and "=" in text:
-        return {part.strip(): value.strip() for part, _, value in (one.partition("=") for one in text.split(","))}
-    if name in _LISTS and text != "all":
-        return [part.strip() for part in text.split(",") if part.strip()]
-    return text
+        pairs = [(part.strip(), value.strip()) for part, _, value in (one.partition("=") for one in parts)]
+        names = [part for part, _ in pairs]
+        if not all(names):
+            return text  # which is no number either
+        if twice := {part for part in names if names.count(part) > 1}:
+            raise invalid_values({f"/{name}/{part}": "it is given more than once" for part in sorted(twice)})
+        return dict(pairs)
+    return parts if name in _LISTS and text != "all" else text
 
 
 def _named_by_field(error: ValidationError) -> ServiceError:
@@ -97,5 +107,5 @@ def _named_by_field(error: ValidationError) -> ServiceError:
         shown = parts[2:] if parts[0] == "looks" else parts[1:] if parts[0] == "output" else parts
         shown = ["webhook"] if parts[0] == "webhook" else shown
         where = reference_at(int(parts[1])) if shown == ["reference"] else "/" + ("/".join(shown) or "reference")
-        named.setdefault(where, item["detail"])
+        named.setdefault(where, _MAKEUP if where == "/makeup" else item["detail"])
     return invalid_values(named)

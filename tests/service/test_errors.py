@@ -4,9 +4,11 @@ import re
 from pathlib import Path
 
 import pytest
+from pydantic import ValidationError
 
 from service import errors
-from service.errors import ALSO_OF_FAILED, PROBLEMS, Limit, MediaFailedError, ServiceError, stored_problem
+from service.api.schemas import TransferRequest
+from service.errors import ALSO_OF_FAILED, PROBLEMS, Limit, MediaFailedError, ServiceError, message_of, stored_problem
 
 API = Path(__file__).parents[2] / "docs" / "api.md"
 
@@ -31,6 +33,12 @@ def test_the_documentation_lists_every_kind_with_its_status() -> None:
     # stored problems of these kinds are told of with 422, whatever the status of such an answer is
     stored = {(kind, 422) for kind in ALSO_OF_FAILED}
     assert listed == {(problem.type, problem.status) for problem in PROBLEMS.values()} | stored
+
+
+def test_no_name_of_the_code_is_told() -> None:
+    with pytest.raises(ValidationError) as refused:
+        TransferRequest.model_validate({"video": [], "looks": ["a"], "output": 1})
+    assert "Request" not in str([message_of(one) for one in refused.value.errors()])
 
 
 def test_the_problem_of_a_failed_medium_keeps_its_own_kind() -> None:

@@ -210,6 +210,7 @@ def test_a_form_may_name_references_by_id(api: Api) -> None:
         ({"makeup": "much"}, "/makeup"),
         ({"makeup": "lips=2"}, "/makeup/lips"),
         ({"makeup": "nose=1"}, "/makeup/nose"),
+        ({"makeup": "lips=1,lids=1,lips=0"}, "/makeup/lips"),
         ({"light": "2"}, "/light"),
         ({"extent": "arms"}, "/extent"),
         ({"extras": "cube,mask"}, "/extras/1"),
@@ -229,6 +230,25 @@ def test_a_form_with_a_bad_field_records_nothing(api: Api, fields: dict[str, str
     assert [error["pointer"] for error in answer.json()["errors"]] == [pointer]
     assert api.client.get("/references").json()["data"] == []
     assert api.drafts == []
+
+
+@pytest.mark.parametrize("given", ["", "lips", "much", "2", "=1", "lips=1,=1"])
+def test_how_make_up_is_written_in_a_form_is_said(api: Api, given: str) -> None:
+    ids = {name: (None, upload(api, f"/{name}s")["id"]) for name in ("video", "reference")}
+    (error,) = api.client.post("/transfer", files=ids | {"makeup": (None, given)}).json()["errors"]
+    assert error == {
+        "pointer": "/makeup",
+        "detail": "it is a number from 0 to 1, or one of each part: lips=1,lids=0.3",
+    }
+
+
+def test_a_part_is_given_make_up_once(api: Api) -> None:
+    ids = {name: (None, upload(api, f"/{name}s")["id"]) for name in ("video", "reference")}
+    (error,) = api.client.post("/transfer", files=ids | {"makeup": (None, "lips=1,lips=0")}).json()["errors"]
+    assert error == {"pointer": "/makeup/lips", "detail": "it is given more than once"}
+    made = api.client.post("/transfer", files=ids | {"makeup": (None, "lips=1, lids=0,")}).json()
+    makeup = made["looks"][0]["options"]["makeup"]
+    assert (makeup["lips"], makeup["lids"]) == (1, 0)
 
 
 @pytest.mark.parametrize(
