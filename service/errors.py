@@ -64,8 +64,8 @@ PROBLEMS: Final = {
         ProblemType("source-lost", "The uploaded file is lost", 422),
         ProblemType("worker-crashed", "The job crashed its worker repeatedly", 422),
         ProblemType("time-limit", "The job took longer than allowed", 422),
-        ProblemType("canceled", "The job was canceled", 422),
-        ProblemType("expired", "The job waited too long in the queue", 422),
+        ProblemType("canceled", "The work was canceled", 422),
+        ProblemType("expired", "The work waited too long in the queue", 422),
         ProblemType("quota-exceeded", "A quota of this key is used up", 429),
         ProblemType("internal-error", "Something went wrong on our side", 500),
         ProblemType("not-implemented", "The transfer coding is not supported", 501),
@@ -274,6 +274,17 @@ def type_of(code: str, root_path: str = "") -> str:
 def shown(stored: dict[str, Any] | None, root_path: str) -> dict[str, Any] | None:
     """Why a job or a medium failed, from how it is kept: the address of its type depends on where the service is."""
     return None if stored is None else {**stored, "code": stored["type"], "type": type_of(stored["type"], root_path)}
+
+
+def of_medium(stored: Mapping[str, Any], media_id: str) -> dict[str, Any]:
+    """Why a medium failed, for whoever names it in a request: "the job" would be taken for that of the request."""
+    details = {
+        "canceled": f"the vectorising of {media_id} was canceled; upload the file again",
+        "expired": f"no worker took up the vectorising of {media_id} in time; upload the file again",
+    }
+    kind = stored["type"]
+    told = {"title": PROBLEMS[kind].title, "detail": details[kind]} if kind in details else {}
+    return {**stored, **told}
 
 
 def limit_of(stored: Mapping[str, Any]) -> Limit | None:

@@ -112,7 +112,10 @@ ADVICE: Final[dict[str, tuple[str, str]]] = {
         "The file may be made to do so. Convert it anew, or tell the operator, whose log has the cause.",
     ),
     "time-limit": ("The job took longer than a job may.", "Use a shorter or smaller file, or fewer looks in a job."),
-    "canceled": ("The job was canceled, or its medium was deleted.", "Ask for it again if it is wanted."),
+    "canceled": (
+        "The job, or the vectorising of a medium that it needs, was canceled, or its medium was deleted.",
+        "Ask for it again if it is wanted, and upload again the file whose vectorising was canceled.",
+    ),
     "expired": (
         "No worker took the job in time.",
         "Ask for it again when `/readyz` says that there are workers.",

@@ -23,7 +23,7 @@ from service.catalog.messages import QUEUE_OF, Message
 from service.catalog.models import ENDED, Job, JobKind, JobState, Look, Media, MediaState, Result
 from service.catalog.requests import LookParams, Request, to_json
 from service.catalog.transitions import JOB_TRANSITIONS, Lease, MediaStep, Step, take_media_step, take_step
-from service.errors import stored_problem
+from service.errors import of_medium, stored_problem
 from service.ids import new_id
 
 _EXPIRED = stored_problem("expired", "no worker took the job in time")
@@ -282,7 +282,7 @@ def _media_error(session: Session, job_id: str) -> dict[str, Any] | None:
     job = session.get_one(Job, job_id)
     named = media_places(JobKind(job.kind), looks(session, job_id))
     query = select(Media.id, Media.error).where(Media.id.in_(named.values()), Media.state == MediaState.FAILED)
-    failed = {row.id: row.error for row in session.execute(query) if row.error is not None}
+    failed = {row.id: of_medium(row.error, row.id) for row in session.execute(query) if row.error is not None}
     at = {place: failed[media_id] for place, media_id in named.items() if media_id in failed}
     if not at:
         return None

@@ -183,7 +183,7 @@ def test_a_job_in_parts_is_canceled_mid_way(service: Service, wanted: dict[str, 
     service.at_work(job_id)
     assert service.client.post(f"/jobs/{job_id}/cancel").status_code == 202
     done = service.finished(job_id)
-    assert (done["state"], done["error"]["title"]) == ("canceled", "The job was canceled")
+    assert (done["state"], done["error"]["title"]) == ("canceled", "The work was canceled")
     until_gone(service)
     until(lambda: not sandboxed(service))
     assert not [name for name in begun(service, job_id) if name.startswith("join")]

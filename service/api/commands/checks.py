@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from service.api.absences import no_face, no_medium
 from service.api.schemas import Contrast, LookOptions, OutputRequest
 from service.catalog import CLIP_CONTAINERS, IMAGE_CONTAINERS, Media, MediaState, Role
-from service.errors import MediaFailedError, NotFoundError, ValidationFailedError
+from service.errors import MediaFailedError, NotFoundError, ValidationFailedError, of_medium
 
 #: options of an output that still pictures do not have
 _OF_CLIPS = frozenset({"codec", "crf", "preset", "audio", "matte"})
@@ -55,7 +55,7 @@ def _check_usable(known: Mapping[str, Media], places: Mapping[str, str]) -> None
         errors = [{"pointer": where, "detail": detail} for where, detail in missing.items()]
         raise NotFoundError(errors[0]["detail"], errors=errors)
     failed = {
-        where: error
+        where: of_medium(error, media_id)
         for where, media_id in places.items()
         if known[media_id].state == MediaState.FAILED and (error := known[media_id].error) is not None
     }

@@ -29,6 +29,7 @@ from service.errors import (
     UnavailableError,
     ValidationFailedError,
     limit_of,
+    of_medium,
     problem_body,
 )
 from service.storage import BlobMissingError
@@ -78,7 +79,7 @@ def usable(session: Session, owner: str, media_id: str, where: str | None = None
         detail = no_medium(media_id)
         raise NotFoundError(detail, errors=[] if where is None else [{"pointer": where, "detail": detail}])
     if found.state == MediaState.FAILED and found.error is not None:
-        raise MediaFailedError(found.error, where or "")
+        raise MediaFailedError(of_medium(found.error, media_id), where or "")
     if found.state != MediaState.READY:
         raise ConflictError(f"{media_id} is still being vectorised; wait for its job {found.job_id}")
     return found

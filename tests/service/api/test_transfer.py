@@ -105,6 +105,27 @@ def fail(api: Api, *media: dict[str, Any]) -> None:
         jobs.release(session, now=database.now())
 
 
+def test_a_medium_whose_vectorising_was_canceled_is_named_as_such(api: Api) -> None:
+    video, reference = upload(api, "/videos"), upload(api, "/references")
+    make_ready(api.services, video["id"])
+    body = {"video": video["id"], "looks": looks(reference["id"])}
+    waiting = api.client.post("/transfer", json=body).json()
+    assert api.client.post(f"/jobs/{reference['job']}/cancel").status_code == 202
+    detail = f"the vectorising of {reference['id']} was canceled; upload the file again"
+    errors = [{"pointer": "/looks/0/reference", "detail": detail}]
+    with api.services.database.write() as session:
+        jobs.release(session, now=api.services.database.now())
+    refused = api.client.post("/transfer", json=body)
+    assert refused.status_code == 422
+    for problem in (refused.json(), api.client.get(f"/jobs/{waiting['id']}").json()["error"]):
+        assert (problem["code"], problem["detail"], problem["errors"]) == ("canceled", detail, errors)
+        assert "job" not in problem["title"]
+    preview = api.client.post("/preview", json={"video": video["id"], "look": body["looks"][0]})
+    assert (preview.status_code, preview.json()["detail"]) == (422, detail)
+    assert upload(api, "/references")["id"] == reference["id"]
+    assert api.client.post("/transfer", json=body).status_code == 202
+
+
 def test_all_media_that_fail_a_job_are_named_where_they_were_asked_for(api: Api) -> None:
     video, good = upload(api, "/videos"), upload(api, "/references")
     bad, worse = (upload(api, "/references", name) for name in (b"bad", b"worse"))
