@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import AsyncIterator, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from python_multipart.exceptions import MultipartParseError
 from python_multipart.multipart import MultipartParser, parse_options_header
 
+from service.api.problems import pointer
 from service.api.uploads import FileSink, Intake, ReceivedFile
-from service.errors import BadRequestError, TooLargeError
+from service.errors import BadRequestError, TooLargeError, UnsupportedMediaError
 
 MAX_PARTS = 64
 MAX_FIELD_BYTES = 64 * 1024
@@ -47,7 +50,7 @@ async def read_form(intake: Intake, *, max_files: int = 1) -> Form:
 
     Raises `BadRequestError` for a malformed body, `TooManyFilesError` at the first file over ``max_files``,
     `TooLargeError` for a file, a field or a body that is over its limit, and `UnsupportedMediaError` for a file that is
-    none.
+    none: those of files have a pointer, which counts those of one name from 0 where there may be several files.
     """
     if "repr-digest" in intake.request.headers:
         raise BadRequestError("Repr-Digest is checked when the body is the file itself, not when it is a form")
@@ -58,6 +61,16 @@ async def read_form(intake: Intake, *, max_files: int = 1) -> Form:
     if not boundary or len(boundary) > 70:  # RFC 2046, 5.1.1
         raise BadRequestError("the multipart body has no usable boundary")
     return await _FormReader(intake, boundary, max_files).read(intake.request.stream())
+
+
+@contextmanager
+def _placed(place: str) -> Iterator[None]:
+    """Inside the block a file of the form is refused with its place there."""
+    try:
+        yield
+    except (TooLargeError, UnsupportedMediaError) as error:
+        error.errors = [{"pointer": place, "detail": error.detail}]
+        raise
 
 
 class _FormReader:
@@ -73,7 +86,10 @@ class _FormReader:
         self._name = ""
         self._text: bytearray | None = None
         self._sink: FileSink | None = None
-        self._finished: list[tuple[str, FileSink]] = []
+        #: the present part's place, as a JSON pointer
+        self._place = ""
+        self._finished: list[tuple[str, str, FileSink]] = []
+        self._names: Counter[str] = Counter()
         self._parts = 0
         self._complete = False
         self._read_bytes = self._outside_bytes = 0
@@ -118,8 +134,9 @@ class _FormReader:
             raise TooLargeError(detail, limit_bytes=MAX_OUTSIDE_BYTES)
 
     async def _drain(self) -> None:
-        for name, sink in self._finished:
-            self._form.files.append((name, await sink.finish()))
+        for name, place, sink in self._finished:
+            with _placed(place):
+                self._form.files.append((name, await sink.finish()))
         self._finished.clear()
         if self._sink is not None:
             await self._sink.drain()
@@ -146,6 +163,8 @@ class _FormReader:
         if b"name" not in options:
             raise BadRequestError("a part of the multipart body has no name")
         self._name = options[b"name"].decode("utf-8", "replace")
+        self._place = pointer((self._name, *([self._names[self._name]] if self._max_files > 1 else [])))
+        self._names[self._name] += 1
         # a file may have no name (RFC 7578, 4.2)
         is_file = b"filename" in options or self._is_file()
         self._form.order.append(is_file)
@@ -162,7 +181,8 @@ class _FormReader:
 
     def _on_data(self, data: bytes, start: int, end: int) -> None:
         if self._sink is not None:
-            self._sink.feed(data[start:end])
+            with _placed(self._place):
+                self._sink.feed(data[start:end])
         elif self._text is not None:
             self._text += data[start:end]
             if len(self._text) > MAX_FIELD_BYTES:
@@ -171,7 +191,7 @@ class _FormReader:
 
     def _end(self) -> None:
         if self._sink is not None:
-            self._finished.append((self._name, self._sink))
+            self._finished.append((self._name, self._place, self._sink))
             self._sink = None
         elif self._text is not None:
             try:

@@ -10,9 +10,10 @@ from service.api import commands
 from service.api.preview_request import PreviewRequest
 from service.catalog import OutputOptions, Report, jobs, leases, render_request
 from service.catalog.keys import Limits
+from service.settings import Settings
 from tests.service.api.test_authentication import Bearer, holder
 from tests.service.api.test_media import PROBLEM, SHOWN, upload
-from tests.service.fixtures import MP4, PNG, Api, claim, make_ready, make_results
+from tests.service.fixtures import MP4, PNG, Api, claim, make_ready, make_results, serve
 
 
 def looks(*references: str, **options: Any) -> list[dict[str, Any]]:
@@ -361,8 +362,23 @@ def test_a_form_without_reference_or_with_a_file_that_is_none_is_refused(api: Ap
     without = api.client.post("/transfer", files={"video": (None, video["id"])})
     assert without.status_code == 422
     files = [("reference", ("a.png", PNG + b"a")), ("reference", ("b.txt", b"hello"))]
-    assert api.client.post("/transfer", data={"video": video["id"]}, files=files).status_code == 415
+    answers = [
+        api.client.post("/transfer", data={"video": video["id"]}, files=files),
+        api.client.post("/transfer", data={"reference": video["id"]}, files=files[1:]),
+        api.client.post("/videos", files={"file": ("b.txt", b"hello")}),
+    ]
+    for answer, pointer in zip(answers, ("/reference/1", "/reference/1", "/file"), strict=True):
+        assert answer.status_code == 415
+        assert answer.json()["errors"] == [{"pointer": pointer, "detail": answer.json()["detail"]}]
     assert api.client.get("/references").json()["data"] == []
+
+
+def test_a_file_of_a_form_that_is_too_large_is_named(settings: Settings) -> None:
+    for api in serve(settings.model_copy(update={"max_upload_bytes": 1000})):
+        video = upload(api, "/videos")["id"]
+        files = [("reference", ("a.png", PNG)), ("reference", ("b.png", PNG + b"x" * 1000))]
+        answer = api.client.post("/transfer", data={"video": video}, files=files)
+        assert (answer.status_code, answer.json()["errors"][0]["pointer"]) == (413, "/reference/1")
 
 
 GOOD = "vid_" + "0" * 32
