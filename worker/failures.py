@@ -71,9 +71,12 @@ EXPECTED: Final = {
     "MediaError": "media-invalid",
     "AssetError": "asset-invalid",
     "OptionError": "validation-failed",
+    "AbsentFaceError": "validation-failed",
     "TooLongError": "too-long",
     "TooLargeError": "too-large",
 }
+#: where the request of a picture has what such an error is about
+_PLACES: Final = {"AbsentFaceError": "/face"}
 #: those of our own errors whose text is shown
 _SHOWN: Final[dict[type[Exception], str]] = {
     OptionError: "validation-failed",
@@ -93,7 +96,9 @@ def problem_of(error: Exception) -> dict[str, Any]:
         errors = error.errors if isinstance(error, OptionError) else ()
         return stored_problem(_SHOWN[type(error)], str(error), errors, _limit_of(error))
     if isinstance(error, MethodError) and error.kind in EXPECTED:
-        return stored_problem(EXPECTED[error.kind], one_line(str(error)), limit=_limit_of(error))
+        detail = one_line(str(error))
+        errors = [{"pointer": _PLACES[error.kind], "detail": detail}] if error.kind in _PLACES else []
+        return stored_problem(EXPECTED[error.kind], detail, errors, _limit_of(error))
     if isinstance(error, CrashError):
         return stored_problem("worker-crashed", _CRASHED)
     if lacks_room(error):

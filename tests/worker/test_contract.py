@@ -451,7 +451,7 @@ def test_every_error_of_the_method_is_a_problem_of_the_service() -> None:
     for error in errors:
         problem = problem_of(MethodError(error.__name__, "x"))
         assert problem["title"] == PROBLEMS[problem["type"]].title
-    known = {error.__name__ for error in [*errors, calls.OptionError]}
+    known = {error.__name__ for error in [*errors, calls.OptionError, calls.AbsentFaceError]}
     assert known >= EXPECTED.keys()
 
 

@@ -80,6 +80,13 @@ def test_a_limit_that_was_gone_over_is_kept_with_the_problem(error: Exception) -
     assert "limit" not in problem_of(MethodError("TooLongError", "it lasts 9.0 s"))
 
 
+def test_a_face_that_is_not_in_the_frame_of_a_picture_is_said_where_it_was_asked_for() -> None:
+    detail = "face 0 is not in frame 5; it is in frames 7 to 9"
+    problem = problem_of_picture(MethodError("AbsentFaceError", detail))
+    assert (problem["type"], problem["detail"]) == ("validation-failed", detail)
+    assert problem["errors"] == [{"pointer": "/face", "detail": detail}]
+
+
 def test_a_picture_that_was_not_made_this_time_may_be_asked_for_again() -> None:
     for error in (TimeLimitError("it took longer"), CrashError("/srv/secret")):
         problem = problem_of_picture(error)

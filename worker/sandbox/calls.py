@@ -38,6 +38,10 @@ class OptionError(Exception):
     """An option of the request does not fit the medium it is used on."""
 
 
+class AbsentFaceError(OptionError):
+    """The face that is to be shown alone is not in the frame."""
+
+
 def preload() -> None:
     """Load all that the calls need, once for all jobs, without starting a thread: threads do not survive a fork."""
     cv2.setNumThreads(1)
@@ -344,12 +348,20 @@ def _open_stills(arguments: Mapping[str, Any]) -> Callable[[Mapping[str, Any]], 
                 rgb = stills.drawn(look, index)
             box = question["crop"]
             if question["face"] is not None:
-                box = around(stills.face_box(question["face"], index))
+                box = around(_face_box(stills, question["face"], index))
             rgb = fitted(cropped(rgb, box), question["max_width"])
         Path(question["path"]).write_bytes(encoded(rgb, question["format"]))
         return {"frame": index, "width": rgb.shape[1], "height": rgb.shape[0]}
 
     return answer_to
+
+
+def _face_box(stills: Stills, face: int, index: int) -> tuple[int, int, int, int]:
+    """Raise `AbsentFaceError` where the frame does not show the face."""
+    try:
+        return stills.face_box(face, index)
+    except ValueError as error:
+        raise AbsentFaceError(str(error)) from error
 
 
 def _frame_of(stills: Stills, question: Mapping[str, Any]) -> int:

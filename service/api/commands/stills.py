@@ -65,11 +65,11 @@ class StillFailedError(ServiceError):
         self._known = known if known.status >= _FIRST_OF_OURS else replace(known, status=of_medium)
         again = self._known.status == UnavailableError.kind.status
         headers = {"Retry-After": _RETRY_S} if again else None
-        super().__init__(str(error["detail"]), headers=headers, limit=limit_of(error))
+        super().__init__(str(error["detail"]), errors=error.get("errors", ()), headers=headers, limit=limit_of(error))
 
     def problem(self) -> dict[str, Any]:
         """The problem as the worker names it."""
-        return problem_body(self._known, self.detail, limit=self.limit)
+        return problem_body(self._known, self.detail, self.errors, self.limit)
 
 
 def usable(session: Session, owner: str, media_id: str, where: str | None = None) -> Media:

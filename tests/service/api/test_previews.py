@@ -195,10 +195,12 @@ def test_one_that_is_not_made_in_time_is_dropped(settings: Settings) -> None:
 
 
 def test_why_there_is_none_is_told(api: Api, video: str, reference: str) -> None:
-    with preview_worker(api, stored_problem("validation-failed", "face 0 is not in frame 5")):
+    detail = "face 0 is not in frame 5"
+    errors = [{"pointer": "/face", "detail": detail}]
+    with preview_worker(api, stored_problem("validation-failed", detail, errors)):
         answer = api.client.post("/preview", json=body(video, reference, face=0))
     assert (answer.status_code, answer.json()["code"]) == (422, "validation-failed")
-    assert answer.json()["detail"] == "face 0 is not in frame 5"
+    assert (answer.json()["detail"], answer.json()["errors"]) == (detail, errors)
 
 
 def test_one_that_needs_too_much_memory_is_422(api: Api, video: str, reference: str) -> None:

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 
 from pvg.video import read_frames
 from scripts.samples import Samples
@@ -46,6 +47,14 @@ class Crowd:
     def seen_faces(self, faces: Sequence[int], size_px: int) -> list[Any]:
         picture = np.zeros((size_px, size_px, 3), np.uint8)
         return [SimpleNamespace(index=face, picture=picture, frame=0, box=(0, 0, 40, 40)) for face in sorted(faces)]
+
+
+def test_a_face_that_a_frame_does_not_show_is_an_error_of_its_own() -> None:
+    def absent(face: int, index: int) -> None:
+        raise ValueError(f"face {face} is not in frame {index}")
+
+    with pytest.raises(calls.AbsentFaceError, match="face 2 is not in frame 7"), calls._options_that_fit():
+        calls._face_box(SimpleNamespace(face_box=absent), 2, 7)  # type: ignore[arg-type]
 
 
 def test_of_many_faces_the_widest_have_a_picture(tmp_path: Path) -> None:
