@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import AsyncIterator, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from python_multipart.exceptions import MultipartParseError
 from python_multipart.multipart import MultipartParser, parse_options_header
 
-from service.api.problems import pointer
+from service.api.problems import file_at, pointer
 from service.api.uploads import FileSink, Intake, ReceivedFile
-from service.errors import BadRequestError, TooLargeError, UnsupportedMediaError
+from service.errors import BadRequestError, TooLargeError
 
 MAX_PARTS = 64
 MAX_FIELD_BYTES = 64 * 1024
@@ -61,16 +60,6 @@ async def read_form(intake: Intake, *, max_files: int = 1) -> Form:
     if not boundary or len(boundary) > 70:  # RFC 2046, 5.1.1
         raise BadRequestError("the multipart body has no usable boundary")
     return await _FormReader(intake, boundary, max_files).read(intake.request.stream())
-
-
-@contextmanager
-def _placed(place: str) -> Iterator[None]:
-    """Inside the block a file of the form is refused with its place there."""
-    try:
-        yield
-    except (TooLargeError, UnsupportedMediaError) as error:
-        error.errors = [{"pointer": place, "detail": error.detail}]
-        raise
 
 
 class _FormReader:
@@ -135,7 +124,7 @@ class _FormReader:
 
     async def _drain(self) -> None:
         for name, place, sink in self._finished:
-            with _placed(place):
+            with file_at(place):
                 self._form.files.append((name, await sink.finish()))
         self._finished.clear()
         if self._sink is not None:
@@ -181,7 +170,7 @@ class _FormReader:
 
     def _on_data(self, data: bytes, start: int, end: int) -> None:
         if self._sink is not None:
-            with _placed(self._place):
+            with file_at(self._place):
                 self._sink.feed(data[start:end])
         elif self._text is not None:
             self._text += data[start:end]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from http import HTTPStatus
 from typing import Any, Final
 
@@ -25,10 +27,14 @@ from service.errors import (
     PROBLEM_JSON,
     PROBLEMS,
     BadRequestError,
+    FetchFailedError,
     ProblemType,
     ServiceError,
     StorageFullError,
+    TooLargeError,
     UnavailableError,
+    UnsupportedMediaError,
+    UrlNotAllowedError,
     ValidationFailedError,
     message_of,
     problem_body,
@@ -89,6 +95,16 @@ def invalid_values(errors: dict[str, str]) -> ServiceError:
     where, detail = next(iter(errors.items()))
     items = [{"pointer": pointer, "detail": text} for pointer, text in errors.items()]
     return ValidationFailedError(f"{where or 'body'}: {detail}", errors=items)
+
+
+@contextmanager
+def file_at(place: str) -> Iterator[None]:
+    """Inside the block a file that is refused, or cannot be had, is named by where the request has it."""
+    try:
+        yield
+    except (TooLargeError, UnsupportedMediaError, UrlNotAllowedError, FetchFailedError) as error:
+        error.errors = [{"pointer": place, "detail": error.detail}]
+        raise
 
 
 def allowed(app: FastAPI, scope: Scope) -> list[str]:

@@ -21,7 +21,7 @@ from service.api.idempotency import Once
 from service.api.json_body import media_type, read_json, unsupported
 from service.api.metadata import to_metadata
 from service.api.multipart import read_form
-from service.api.problems import invalid, invalid_values
+from service.api.problems import file_at, invalid, invalid_values
 from service.api.receivers import receiver, receiver_of_fields
 from service.api.schemas import MediaBody, MediaPage, ReferenceByUrl, ReferenceOptions, VideoByUrl, WebhookRequest
 from service.api.services import Services
@@ -141,7 +141,7 @@ async def _fetch(services: Services, caller: Caller, intake: Intake, once: Once,
     metadata = given.metadata_with([f"{name}:{value}" for name, value in wanted.metadata.items()])
     webhook = given.receiver(services, receiver(services, wanted.webhook))
     once.compare([wanted.url, asdict(settings), metadata, webhook])
-    with services.fetches.place(caller.owner):
+    with services.fetches.place(caller.owner), file_at("/url"):
         file = await while_connected(intake.request, intake.fetch(services.egress, wanted.url, owner=caller.owner))
     return _Received(file, settings, metadata, webhook)
 

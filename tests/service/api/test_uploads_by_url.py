@@ -104,6 +104,7 @@ def test_what_cannot_be_had_says_why_and_leaves_nothing(
     }
     refused = api.client.post("/videos", json={"url": at(here, path)}, headers={"Idempotency-Key": "a"})
     assert (refused.status_code, refused.json()["code"]) == (status, kind)
+    assert refused.json()["errors"] == [{"pointer": "/url", "detail": refused.json()["detail"]}]
     assert api.blobs == []
     assert api.drafts == []
     # the key is free again
@@ -150,7 +151,9 @@ def test_no_url_of_an_upload_leads_inside(
         here.answers["/again"] = answer(b"", "302 Found", Location="/")
         urls = [*leads, *(at(here, f"/{number}") for number in range(len(leads)))]
         urls.append(f"http://rebinding.example:{port}/again")
-        kinds = {api.client.post("/videos", json={"url": url}).json()["code"] for url in urls}
+        answers = [api.client.post("/videos/url", json={"url": url}).json() for url in urls]
+        kinds = {one["code"] for one in answers}
+        assert {one["errors"][0]["pointer"] for one in answers} == {"/url"}
         drill.measured = f"{len(urls)} uploads, {inside.connections} connections inside"
         assert kinds == {"url-not-allowed"}
         assert inside.connections == 0
