@@ -40,7 +40,7 @@ def check(
 
     ``known`` are the media by id; all others are as there.
     """
-    _check_usable(known, places)
+    check_usable(known, places)
     _check_output({known[look.video_id] for look in looks}, output, output_at)
     for look in looks:
         _check_container(known[look.video_id], output, output_at)
@@ -48,7 +48,7 @@ def check(
         check_look(known[look.video_id], known.get(look.reference_id), look, video_at)
 
 
-def _check_usable(known: Mapping[str, Media], places: Mapping[str, str]) -> None:
+def check_usable(known: Mapping[str, Media], places: Mapping[str, str]) -> None:
     """Name all places of media that are not there or, when all are, of those that have failed."""
     missing = {where: no_medium(media_id) for where, media_id in places.items() if media_id not in known}
     if missing:
@@ -69,13 +69,18 @@ def check_look(video: Media, reference: Media | None, look: Wanted, where: str) 
 
     ``where`` the video stands in the request, as a JSON pointer.
     """
-    if video.role != Role.VIDEO:
-        detail = f"{video.id} is a reference; upload the file to /videos to change its colours"
-        raise ValidationFailedError.at(where, detail)
+    check_role(video, where)
     faces = look.options.faces
     if video.state == MediaState.READY and faces != "all" and max(faces) >= len(video.faces):
         raise ValidationFailedError.at(f"{look.place}/faces", no_face(video))
     _check_reference(reference, look)
+
+
+def check_role(video: Media, where: str) -> None:
+    """Raise `ValidationFailedError` for a reference, whose colours are not changed."""
+    if video.role != Role.VIDEO:
+        detail = f"{video.id} is a reference; upload the file to /videos to change its colours"
+        raise ValidationFailedError.at(where, detail)
 
 
 def _check_container(video: Media, output: OutputRequest, output_at: str) -> None:

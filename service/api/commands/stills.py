@@ -80,9 +80,14 @@ def usable(session: Session, owner: str, media_id: str, where: str | None = None
         raise NotFoundError(detail, errors=[] if where is None else [{"pointer": where, "detail": detail}])
     if found.state == MediaState.FAILED and found.error is not None:
         raise MediaFailedError(of_medium(found.error, media_id), where or "")
-    if found.state != MediaState.READY:
-        raise ConflictError(f"{media_id} is still being vectorised; wait for its job {found.job_id}")
+    check_ready(found)
     return found
+
+
+def check_ready(found: Media) -> None:
+    """Raise `ConflictError` for a medium that is not ready."""
+    if found.state != MediaState.READY:
+        raise ConflictError(f"{found.id} is still being vectorised; wait for its job {found.job_id}")
 
 
 async def picture(

@@ -18,7 +18,7 @@ from service.api.openapi import file_content, json_body
 from service.api.preview_request import PreviewRequest
 from service.api.problems import invalid_values
 from service.api.services import Services
-from service.catalog import Media, Role, StillRequest
+from service.catalog import Media, StillRequest, media
 
 router = APIRouter(tags=["preview"])
 
@@ -62,13 +62,20 @@ def _keep(services: Services, once: OnceDep, video_id: str) -> None:
 
 
 def _check(services: Services, owner: str, wanted: PreviewRequest) -> stills.WantedStill:
-    """What is to be drawn. Raises what `stills.usable` raises, and `ValidationFailedError` for what does not fit."""
-    look, pointers = wanted.look, {wanted.video: "/video"}
-    if look is not None:
-        pointers.setdefault(look.reference, "/look/reference")
+    """What is to be drawn.
+
+    Raises what `commands.check_usable` and `stills.check_ready` do, and `ValidationFailedError` for what does not fit.
+    """
+    look = wanted.look
+    places = {"/video": wanted.video} | ({} if look is None else {"/look/reference": look.reference})
     with services.database.read() as session:
-        known = {media_id: stills.usable(session, owner, media_id, where) for media_id, where in pointers.items()}
+        known = media.several(session, owner, {*places.values()})
+    commands.check_usable(known, places)
     video = known[wanted.video]
+    # nothing that is waited for would change that
+    commands.check_role(video, "/video")
+    for media_id in places.values():
+        stills.check_ready(known[media_id])
     if errors := _misfits(video, wanted):
         raise invalid_values(errors)
     params = None
@@ -87,6 +94,7 @@ def _check(services: Services, owner: str, wanted: PreviewRequest) -> stills.Wan
         crop=wanted.crop,
         face=wanted.face,
     )
+    pointers = {media_id: where for where, media_id in reversed(places.items())}
     return stills.WantedStill(wanted.video, None if look is None else look.reference, request, pointers)
 
 
@@ -94,8 +102,6 @@ def _misfits(video: Media, wanted: PreviewRequest) -> dict[str, str]:
     """What of a request is not in the video, by JSON pointer."""
     info, errors = video.info or {}, {}
     count = stills.frame_count(video)
-    if video.role != Role.VIDEO:
-        errors["/video"] = f"{video.id} is a reference; upload the file to /videos to change its colours"
     if wanted.frame is not None and wanted.frame >= count:
         errors["/frame"] = no_frame(video, count)
     duration_s = float(info.get("duration_s", 0.0))

@@ -234,6 +234,8 @@ def test_what_is_unknown_is_404(api: Api, video: str, reference: str) -> None:
     assert api.client.post("/preview", json=body(video, "ref_" + "0" * 32)).json()["errors"] == [
         {"pointer": "/look/reference", "detail": f"there is no reference ref_{'0' * 32}"}
     ]
+    both = api.client.post("/preview", json=body(absent, absent)).json()["errors"]
+    assert [one["pointer"] for one in both] == ["/video", "/look/reference"]
     for path in ("frames/0", "poster", "faces/0/thumbnail"):
         assert api.client.get(f"/videos/{absent}/{path}").status_code == 404
         assert api.client.get(f"/references/{video}/{path}").status_code == 404  # it is a video
@@ -274,6 +276,10 @@ def test_a_picture_may_be_as_wide_as_8k(api: Api, video: str, reference: str) ->
 def test_a_reference_is_not_recoloured(api: Api, reference: str) -> None:
     answer = api.client.post("/preview", json={"video": reference})
     assert (answer.status_code, answer.json()["errors"][0]["pointer"]) == (422, "/video")
+    late = api.client.post("/references", content=PNG).json()["id"]
+    answer = api.client.post("/preview", json={"video": late})  # nor when it is vectorised: that is not waited for
+    assert (answer.status_code, answer.json()["errors"][0]["pointer"]) == (422, "/video")
+    assert answer.json()["detail"].startswith(f"{late} is a reference")
 
 
 def test_unknown_layers_are_422_and_known_ones_asked_for(api: Api, video: str, reference: str) -> None:
