@@ -11,7 +11,7 @@ from starlette.requests import Request
 
 from service.api.draining import note_limit
 from service.api.problems import invalid
-from service.api.uploads import check_digest, expected_digest
+from service.api.uploads import check_coding, check_digest, expected_digest
 from service.errors import TooLargeError, UnsupportedMediaError
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -38,11 +38,12 @@ def unsupported(request: Request, *taken: str) -> UnsupportedMediaError:
 async def read_json(request: Request, model: type[Model], *, limit_bytes: int, also: Sequence[str] = ()) -> Model:
     """The body of a request, validated. ``also`` are the other types that its address takes.
 
-    Raises `UnsupportedMediaError` for another type, `TooLargeError`, `BadRequestError` for what is no JSON or not what
-    its digest says, and `ValidationFailedError`.
+    Raises `UnsupportedMediaError` for another type or a compressed body, `TooLargeError`, `BadRequestError` for what is
+    no JSON or not what its digest says, and `ValidationFailedError`.
     """
     if media_type(request) != "application/json":
         raise unsupported(request, "application/json", *also)
+    check_coding(request)
     expected = expected_digest(request.headers.getlist("repr-digest"))
     body = await _body(request, limit_bytes=limit_bytes)
     check_digest(expected, hashlib.sha256(body).hexdigest())

@@ -113,6 +113,7 @@ _FIELDS: Final[dict[str, tuple[dict[str, Any], str]]] = {
     "RateLimit-Policy": (_TEXT, "a key's quota (draft-ietf-httpapi-ratelimit-headers-10)"),
     "Retry-After": (_INTEGER, "seconds after which it is worth another try"),
     "WWW-Authenticate": (_TEXT, "how to say who asks (RFC 6750)"),
+    "Accept-Encoding": (_TEXT, "`identity`, where the body was compressed (RFC 9110, 15.5.16)"),
     "Location": ({"type": "string", "format": "uri-reference"}, "where it is"),
     "Idempotent-Replayed": ({"type": "string", "const": "true"}, "it was answered before, and is answered so again"),
     "Preference-Applied": (_TEXT, "the `Prefer: wait=` that was followed (RFC 7240)"),
@@ -330,6 +331,8 @@ def _fields_of(status: int, method: str, operation: dict[str, Any], answer: dict
         names += ["Content-Range"]
     if status in {409, 429, 503} and PROBLEM_JSON in content:
         names += ["Retry-After"]
+    if status == 415 and "requestBody" in operation:
+        names += ["Accept-Encoding"]
     if status == 401:
         names += ["WWW-Authenticate"]
     return names + _fields_of_uploads(status, operation) + _fields_of_pictures(status, operation)

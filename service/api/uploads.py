@@ -135,7 +135,11 @@ class Intake:
         self._sinks: list[FileSink] = []
 
     async def __aenter__(self) -> Self:
-        """Raises `QuotaExceededError` when the body says that it is too large for its owner."""
+        """Begin, and look at what the head says of the body.
+
+        Raises `UnsupportedMediaError` when it is compressed, `QuotaExceededError` when it is too large for its owner.
+        """
+        check_coding(self.request)
         if self._share is not None:
             size_bytes = self._declared_bytes or 0
             is_form = self.request.headers.get("content-type", "").lower().startswith("multipart/")
@@ -231,6 +235,17 @@ def clean_name(filename: str | None) -> str | None:
     name = re.split(r"[/\\]", filename)[-1]
     name = "".join(character for character in name if character.isprintable()).strip()
     return name[-200:] or None
+
+
+def check_coding(request: Request) -> None:
+    """Raise `UnsupportedMediaError` for a body that is compressed: its bytes are taken as they come."""
+    named = ",".join(request.headers.getlist("content-encoding")).split(",")
+    codings = sorted({coding for one in named if (coding := one.strip().lower()) not in {"", "identity"}})
+    if codings:
+        raise UnsupportedMediaError(
+            f"send the body as it is: its Content-Encoding is {', '.join(codings)}, and none is taken",
+            headers={"Accept-Encoding": "identity"},
+        )
 
 
 def expected_digest(lines: Sequence[str]) -> str | None:

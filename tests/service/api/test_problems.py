@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import gzip
 import re
 from typing import Any
 
@@ -159,3 +160,47 @@ def test_the_schema_resolves_and_lists_every_endpoint(api: Api) -> None:
         _, _, kind, name = ref.split("/")
         assert name in schema["components"][kind]
     assert api.client.get("/docs").status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("method", "path"),
+    [
+        ("POST", "/videos"),
+        ("POST", "/videos/url"),
+        ("POST", "/references/form"),
+        ("POST", "/transfer"),
+        ("POST", "/transfer/form"),
+        ("POST", "/swap"),
+        ("POST", "/preview"),
+        ("POST", "/uploads/link"),
+        ("POST", f"/results/res_{'0' * 32}/link"),
+        ("PUT", "upload"),
+        ("PATCH", "upload"),
+    ],
+)
+def test_a_compressed_body_is_415_and_says_what_is_taken(api: Api, method: str, path: str) -> None:
+    sent: dict[str, Any] = {"content": gzip.compress(b"{}"), "headers": {"content-type": "application/json"}}
+    if path.endswith("form"):
+        sent["headers"] = {"content-type": "multipart/form-data; boundary=x"}
+    if path == "upload":
+        path = api.client.post("/uploads/link", json={}).json()["url"]
+        sent["headers"] = {"content-type": "application/octet-stream"}
+    if method == "PATCH":
+        announced = api.client.post(path, headers={"tus-resumable": "1.0.0", "upload-length": "100"})
+        assert announced.status_code == 201
+        sent["headers"] = {"content-type": "application/offset+octet-stream", "tus-resumable": "1.0.0"}
+        sent["headers"] |= {"upload-offset": "0"}
+    for coding in ("gzip", "identity, BR"):
+        sent["headers"] |= {"content-encoding": coding}
+        answer = api.client.request(method, path, **sent)
+        body = check(answer, 415)
+        assert answer.headers["accept-encoding"] == "identity"
+        assert f"Content-Encoding is {coding.split()[-1].lower()}" in body["detail"]
+    assert (api.blobs, api.drafts) == ([], [])
+
+
+def test_a_body_that_says_it_is_as_it_is_is_taken(api: Api) -> None:
+    as_it_is = {"content-encoding": "Identity"}
+    assert api.client.post("/videos", content=PNG, headers=as_it_is).status_code == 202
+    assert api.client.post("/uploads/link", json={}, headers=as_it_is).status_code == 201
+    assert "accept-encoding" not in api.client.post("/videos", content=b"no film").headers
