@@ -8,7 +8,7 @@ import json
 import re
 import secrets
 from types import TracebackType
-from typing import Annotated, Any, Final, Self
+from typing import Annotated, Final, Self
 
 import structlog
 from fastapi import Depends, FastAPI, Header, Request
@@ -32,11 +32,15 @@ _KEY: Final = re.compile(r"[\x21-\x7e]{1,255}")
 
 
 class Replay(Exception):  # noqa: N818 - no error: the request was done before
-    """The request has been answered before: this is the answer."""
+    """The request has been answered before: this is the answer.
+
+    ``headers`` are those fields of it that are not kept, if a route adds them.
+    """
 
     def __init__(self, answer: Answer) -> None:
         super().__init__()
         self.answer = answer
+        self.headers: dict[str, str] = {}
 
 
 class Once:
@@ -169,7 +173,7 @@ def install(app: FastAPI) -> None:
     async def on_replay(_: Request, replay: Replay) -> JSONResponse:
         answer = replay.answer
         # which of them hold a secret is not known here, and no answer to a POST is worth keeping
-        headers: dict[str, Any] = {"Idempotent-Replayed": "true", "Cache-Control": "no-store"}
+        headers = {**replay.headers, "Idempotent-Replayed": "true", "Cache-Control": "no-store"}
         if answer.location is not None:
             headers["Location"] = answer.location
         return JSONResponse(answer.body, status_code=answer.status, headers=headers)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import timedelta
+from datetime import datetime, timedelta
 from email.utils import format_datetime
 from typing import Annotated, Final
 from urllib.parse import urlencode
@@ -14,7 +14,7 @@ from service.api import quotas, tus
 from service.api.authentication import Caller, CallerDep
 from service.api.commands import resuming
 from service.api.dependencies import Responses, ServicesDep, UploadId, problems
-from service.api.idempotency import Once, OnceDep
+from service.api.idempotency import Once, OnceDep, Replay
 from service.api.json_body import media_type, read_json
 from service.api.links import Access, AccessDep
 from service.api.multipart import read_form
@@ -71,12 +71,20 @@ async def create_upload(
     size_bytes, said, raw = _announced(request)
     resuming.check_size(size_bytes, services.settings.max_upload_bytes)
     async with once:
-        once.compare([size_bytes, said])
+        try:
+            once.compare([size_bytes, said])
+        except Replay as replay:
+            replay.headers["Upload-Expires"] = _http_date(UploadBody.model_validate(replay.answer.body).expires_at)
+            raise
         services.room.require(size_bytes)
         body = await services.calls.write(resuming.create, services, caller.owner, once, size_bytes, said, raw)
     response.headers["Location"] = addresses.of_upload(services.settings, body.id)
-    response.headers["Upload-Expires"] = format_datetime(body.expires_at, usegmt=True)
+    response.headers["Upload-Expires"] = _http_date(body.expires_at)
     return body
+
+
+def _http_date(time: datetime) -> str:
+    return format_datetime(time, usegmt=True)
 
 
 def _announced(request: Request) -> tuple[int, dict[str, str], str]:
@@ -184,7 +192,7 @@ def _progress(upload: ResumableUpload) -> dict[str, str]:
     if upload.media_id is not None:
         headers["Pvg-Media"] = upload.media_id
     else:
-        headers["Upload-Expires"] = format_datetime(upload.expires_at, usegmt=True)
+        headers["Upload-Expires"] = _http_date(upload.expires_at)
     return headers
 
 

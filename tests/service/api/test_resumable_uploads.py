@@ -433,6 +433,15 @@ def test_an_upload_is_its_keys_own_and_counts_in_its_quota(api: Api) -> None:
         assert begin(studio, 399_000)
 
 
+def test_an_upload_that_is_begun_again_by_its_key_is_told_of_with_all_its_fields(api: Api) -> None:
+    headers = TUS | {"Upload-Length": "10", "Idempotency-Key": "a"}
+    first, second = (api.client.post("/uploads", headers=headers) for _ in range(2))
+    passing = {"date", "x-request-id", "idempotent-replayed", "cache-control"}
+    kept = [{name: value for name, value in one.headers.items() if name not in passing} for one in (first, second)]
+    assert kept[0] == kept[1]
+    assert {"location", "upload-expires", "tus-resumable"} <= kept[1].keys()
+
+
 def test_an_upload_is_begun_once_for_an_idempotency_key(api: Api) -> None:
     headers = TUS | {"Upload-Length": "10", "Idempotency-Key": "a"}
     first, second = (api.client.post("/uploads", headers=headers) for _ in range(2))
