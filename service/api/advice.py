@@ -41,8 +41,8 @@ ADVICE: Final[dict[str, tuple[str, str]]] = {
     ),
     "gone": (
         "The thing was there, and its bytes have been removed after their retention; or the link to it has expired.",
-        "Of a link, have another one made. Of a result, run the transfer again, with the same video and references if "
-        "they are there still; of an upload, begin it again.",
+        "Of a link, have another one made. Of a result, run the transfer again, without its Idempotency-Key or with a "
+        "new one, with the same video and references if they are there still; of an upload, begin it again.",
     ),
     "precondition-failed": (
         "The request speaks another version of tus than 1.0.0, or none where one is needed.",

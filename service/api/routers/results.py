@@ -168,5 +168,6 @@ def _kept(session: Session, result: Result, now: datetime) -> _Kept:
     """A result or a part of one as it is kept. Raises `GoneError` after its retention, or that of one of its media."""
     until = results.kept_until(session, [result])[result.id]
     if result.blob_key is None or until <= now:
-        raise GoneError(f"{result.part_of or result.id} has expired; run the transfer again to make it once more")
+        detail = f"{result.part_of or result.id} has expired; run the transfer again to make it once more, "
+        raise GoneError(f"{detail}without its Idempotency-Key or with a new one")
     return _Kept(result, result.blob_key, until)

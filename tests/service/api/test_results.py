@@ -125,6 +125,22 @@ def test_a_look_says_why_its_result_is_gone(api: Api) -> None:
     assert [look["result"] for look in looks] == [made[0][2], None, None, None]
 
 
+def test_a_result_that_is_gone_is_made_again_without_its_key(api: Api) -> None:
+    video = upload(api, "/videos")["id"]
+    make_ready(api.services, video)
+    body, key = {"video": video, "looks": [{"reference": video}]}, {"Idempotency-Key": "order-42"}
+    job = api.client.post("/transfer", json=body, headers=key).json()["id"]
+    (result,) = make_results(api.services, job, [b"made"])
+    with api.services.background.write() as session:
+        session.get_one(Result, result).expires_at = api.services.background.now() - timedelta(seconds=1)
+    gone = api.client.get(f"/results/{result}")
+    assert gone.status_code == 410
+    assert gone.json()["detail"].endswith("without its Idempotency-Key or with a new one")
+    assert api.client.delete(f"/results/{result}").status_code == 204
+    assert api.client.post("/transfer", json=body, headers=key).json()["id"] == job
+    assert api.client.post("/transfer", json=body, headers={"Idempotency-Key": "order-43"}).json()["id"] != job
+
+
 def test_a_result_is_deleted_alone(api: Api, job: dict[str, Any]) -> None:
     one, two = (look["result"] for look in job["looks"])
     key = {"Idempotency-Key": "link"}
