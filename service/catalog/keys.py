@@ -198,9 +198,9 @@ def stored_bytes(session: Session, owner: str) -> int:
 
 
 def next_expiry(session: Session, owner: str) -> datetime | None:
-    """When the first of an owner's bytes go by themselves."""
+    """When the first of an owner's bytes go by themselves: of an upload whose size is not known none count."""
     kept = (Result.owner == owner, Result.blob_key.is_not(None))
-    open_ = (ResumableUpload.owner == owner, ResumableUpload.media_id.is_(None))
+    open_ = (ResumableUpload.owner == owner, ResumableUpload.media_id.is_(None), ResumableUpload.size_bytes > 0)
     ends: Sequence[datetime | None] = (
         session.scalar(select(func.min(ResumableUpload.expires_at)).where(*open_)),
         session.scalar(select(func.min(Media.expires_at)).where(Media.owner == owner)),

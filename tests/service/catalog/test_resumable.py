@@ -130,6 +130,8 @@ def test_what_is_arriving_counts_with_its_whole_length_until_it_is_a_medium(data
     with database.write() as session:
         key, _ = keys.create(session, "studio", limits, now=database.now())
     begin(database, None, owner=key.id)
+    with database.read() as session:  # nothing is free when it ends
+        assert (keys.stored_bytes(session, key.id), keys.next_expiry(session, key.id)) == (0, None)
     upload = begin(database, owner=key.id)
     with database.read() as session:
         assert keys.stored_bytes(session, key.id) == 300
