@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 from dataclasses import dataclass
 from typing import Annotated, Any, Final
 from urllib.parse import quote
@@ -19,6 +20,9 @@ from service.storage import BlobMissingError
 
 CLIPS: Final = ("video/mp4", "video/quicktime", "video/x-matroska", "video/webm")
 PICTURES: Final = ("image/png", "image/jpeg", "image/webp", "image/tiff")
+
+#: of a name what is not ASCII, ends its quotes or is read as an escape, and what begins a name in UTF-8
+_NOT_PLAIN: Final = re.compile(r"""[^ -~]|["%'*\\]""")
 
 
 def file_answers(*content_types: str) -> Responses:
@@ -57,6 +61,12 @@ class File:
     of: str
 
 
+def disposition(filename: str) -> str:
+    """What an answer calls its file (RFC 6266, 4.3): for old clients in ASCII, without what they take for an escape."""
+    plain = _NOT_PLAIN.sub("_", filename)
+    return f"inline; filename=\"{plain}\"; filename*=UTF-8''{quote(filename, safe='')}"
+
+
 async def send_file(services: Services, asked: BytesAsked, file: File) -> Response:
     """The bytes that are asked for, or 304. Raises `RangeError`, and `GoneError` when the storage has none of it."""
     etag = f'"{file.sha256}"'
@@ -74,7 +84,7 @@ async def send_file(services: Services, asked: BytesAsked, file: File) -> Respon
     start, end = part or (0, file.size_bytes)
     headers["Content-Type"] = file.content_type
     headers["Content-Length"] = str(end - start)
-    headers["Content-Disposition"] = f"inline; filename*=UTF-8''{quote(file.filename)}"
+    headers["Content-Disposition"] = disposition(file.filename)
     if part:
         headers["Content-Range"] = f"bytes {start}-{end - 1}/{file.size_bytes}"
     status = 206 if part else 200

@@ -64,6 +64,7 @@ def test_a_name_may_be_as_long_as_the_file_system_takes(tmp_path: Path, name: st
     ("said", "name"),
     [
         ("inline; filename*=UTF-8''frau%20l%C3%A4chelt-a.mp4", "frau lächelt-a.mp4"),
+        ("inline; filename=\"frau l_chelt-a.mp4\"; filename*=UTF-8''frau%20l%C3%A4chelt-a.mp4", "frau lächelt-a.mp4"),
         ("inline; filename*=UTF-8''..%2F..%2Fetc%2Fpasswd", "passwd"),
         ("inline; filename*=UTF-8''..%2F..", "res_1"),
         ("inline; filename*=UTF-8''C:%5Ctakes%5CD:12.mp4", "D_12.mp4"),

@@ -9,6 +9,8 @@ from typing import Any
 import pytest
 from sqlalchemy import delete, update
 
+from service.api.downloads import disposition
+from service.api.uploads import declared_name
 from service.catalog import Media, Output, PartName, PartOf, Result, jobs, results, sweep
 from tests.service.api.test_authentication import holder
 from tests.service.api.test_media import transfer, upload
@@ -362,3 +364,20 @@ def test_a_lost_lease_publishes_no_parts(api: Api) -> None:
     with database.write() as session:
         assert not results.publish(session, lease, [main, part], now=database.now(), timings={}, ttl_s=1)
         assert session.query(Result).count() == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "plain"),
+    [
+        ("clip-a b.mp4", "clip-a b.mp4"),
+        ("frau lächelt–微.mp4", "frau l_chelt__.mp4"),
+        ('a"b\\c.mp4', "a_b_c.mp4"),
+        ("100%41.mp4", "100_41.mp4"),
+        ("x; filename*=UTF-8''y.exe", "x; filename_=UTF-8__y.exe"),
+        ("a\r\nb", "a__b"),
+    ],
+)
+def test_a_name_is_told_in_ascii_too(name: str, plain: str) -> None:
+    told = disposition(name)
+    assert told.startswith(f'inline; filename="{plain}"; ')
+    assert declared_name(told) == name
