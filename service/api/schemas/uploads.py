@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Annotated, Final, Literal, get_args
 
-from pydantic import BaseModel, BeforeValidator, Field, WithJsonSchema
+from pydantic import BaseModel, BeforeValidator, Field, ValidationInfo, WithJsonSchema, field_validator
 
 from service.api.schemas._values import RECEIVER_URL, WHOLE, Metadata, Request, WebhookRequest, Whole
 from service.api.schemas.media import ReferenceOptions, VideoOptions
@@ -56,6 +56,14 @@ class ResultLinkRequest(Request):
     expires_in_s: LinkSeconds = LINK_S
     part: Part | None = Field(default=None, description="what was made beside it; the result itself when not given")
     person: Whole = Field(default=1, ge=1, le=1000, description="of the part: which of the persons")
+
+    @field_validator("person")
+    @classmethod
+    def _of_a_part(cls, person: int, info: ValidationInfo) -> int:
+        # a default that is said is as one that is not
+        if person > 1 and info.data.get("part", "") is None:
+            raise ValueError("a person is of a part: say which, matte or look.cube")
+        return person
 
 
 class UploadLinkRequest(VideoOptions):

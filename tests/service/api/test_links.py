@@ -70,6 +70,16 @@ def test_a_result_is_had_by_a_link_without_a_key(api: Api, stranger: httpx.Clien
     assert stranger.get(cube["url"]).content == b"cube"
 
 
+def test_a_person_is_of_a_part(api: Api) -> None:
+    address = f"/results/{make_result(api)}/link"
+    refused = api.client.post(address, json={"person": 7})
+    errors = [{"pointer": "/person", "detail": "a person is of a part: say which, matte or look.cube"}]
+    assert (refused.status_code, refused.json()["errors"]) == (422, errors)
+    wrong = api.client.post(address, json={"part": "mask", "person": 7})
+    assert [one["pointer"] for one in wrong.json()["errors"]] == ["/part"]
+    assert api.client.post(address, json={"person": 1}).status_code == 200  # the default, said
+
+
 def test_a_link_is_for_what_it_was_made_for(api: Api, stranger: httpx.Client) -> None:
     use_key(api)
     first, second = (make_result(api, content) for content in (FILE, b"another"))
