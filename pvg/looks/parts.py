@@ -67,6 +67,9 @@ _DEEPER, _DEEP_RED = 0.2, (15.0, 40.0)
 # less red: half strength gives a lipstick by a quarter and takes it away by an eighth, for painted lips and drained
 # ones look ill; full strength does both [by blind choice: 2 rather than 1 or 3 for redder ones; by eye]
 _TAKEN, _KEPT = 2.0, 3.0
+# the same for lids: what is dark of a reference's is mostly the shade of its sockets, which on another face looks like
+# tired eyes or smoky eye shadow [by blind choice: 8 rather than 3, and 3 rather than 1]
+_SHADED = 6.0
 _LEAST_CHROMA = 4.0  # levels: greyer skin has no hue
 # of CIELAB [measured: skin of 15 clips and 16 portraits has 13 to 62 degrees]: a skin's hue, how far off it is the
 # light's, and the chroma below which it is chance
@@ -144,6 +147,8 @@ class PartChanges:
                 lips = _as_lips(ours + out[p], own[p], skin, key, face)
                 share **= _KEPT if _redder(lips, skin) < _redder(ours, skin) else _TAKEN
                 out[p] = lips - ours
+            elif part == "lids":
+                share **= _SHADED
             out[p] = kept + share * out[p]
         return out
 

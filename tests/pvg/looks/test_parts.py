@@ -105,6 +105,17 @@ def test_half_the_strength_takes_less_red_from_lips_than_it_gives() -> None:
     assert taken == pytest.approx(all_taken / 8, rel=0.01)
 
 
+def test_lids_take_little_of_a_reference_below_full_strength() -> None:
+    own, reference = (_face((190, 150, 135), {"lids": (share, 0.0, 0.0)}) for share in (1.0, 0.8))
+    half, most, full = (
+        PartChanges.of(reference).on(_map(own, reference), own, strength)[PARTS.index("lids"), 0]
+        for strength in (strengths(0.5), strengths(0.75), FULL)
+    )
+    assert full < -10.0
+    assert half == pytest.approx(full / 64, rel=0.01)
+    assert most == pytest.approx(0.178 * full, rel=0.01)
+
+
 @pytest.mark.parametrize(
     ("part", "color"),
     [
