@@ -19,14 +19,18 @@ from pvg.rendering import part_bounds
 
 @dataclass(frozen=True)
 class Costs:
-    """Seconds of one core, unless a name says otherwise; a frame is 1080×1920. Beside each: where it was measured."""
+    """Seconds of one core, unless a name says otherwise; a frame is 1080×1920. Beside each: where it was measured.
 
-    vectorize_frame: float = 0.022  # docs/performance.md: 18 ms, and a fifth more since all skin is looked for
-    vectorize_once: float = 0.45
-    look_once: float = 0.10  # opening, transport: docs/performance.md, Previews
+    The first six: docs/performance.md, "Where it stands", whole runs of 200 frames, of which 0.4 s are the clip's fit.
+    """
+
+    vectorize_frame: float = 0.0354
+    vectorize_once: float = 0.40
     decode_frame: float = 0.0045
-    draw_frame: float = 0.020  # between 15 and 26 ms a look on a busy machine, a further one less
-    encode_frame: float = 0.023
+    draw_frame: float = 0.013  # of the first look of a request
+    draw_further_frame: float = 0.0055
+    encode_frame: float = 0.0178
+    look_once: float = 0.10  # opening, transport: docs/performance.md, Previews
     join_second: float = 0.002  # of a second of the clip and a look
     claim: float = 0.020  # of the database server: a short job in all 11 ms with 500 queued, 33 with 5000
     report: float = 0.003  # once a second of a job at work
@@ -68,7 +72,8 @@ def steps_of(demand: Demand, costs: Costs) -> tuple[Step, list[Step], Step]:
     vectorize = step(costs.vectorize_once + costs.vectorize_frame * frames, 2 * clip + asset)  # sent, read, asset
     parts = len(part_bounds(round(frames), demand.frame_rate)) - 1
     each = frames / parts
-    drawn = costs.decode_frame + demand.looks * (costs.draw_frame + costs.encode_frame)
+    drawing = costs.draw_frame + (demand.looks - 1) * costs.draw_further_frame
+    drawn = costs.decode_frame + drawing + demand.looks * costs.encode_frame
     part = step(costs.look_once * demand.looks + drawn * each, clip + asset + demand.looks * clip / parts)
     join = step(costs.join_second * demand.length_s * demand.looks, clip + 3 * demand.looks * clip)  # read, kept, taken
     return vectorize, [part] * parts, join
