@@ -1,10 +1,11 @@
 """Parts are differences to the skin: lips, lids, cheeks and brows take what sets the reference's apart from its skin.
 
 Skin goes to skin by one smooth map F. A part goes with it, as it would in another light; lips keep what sets them apart
-from the skin, which F lessens as if it were a stain. From there a part goes some way towards the reference's difference
-between part and skin: how much darker it is, and how far its chroma is from what the reference's skin has at that luma,
-so that shading is not taken for make-up. Both are bounded by what such a part can be, and a part that the reference
-shows under a beard, in shadow or not at all stays with the skin; so do all in light of nearly one colour.
+from the skin, which F lessens as if it were a stain, and brows are hair, which keeps its own hue. From there a part
+goes some way towards the reference's difference between part and skin: how much darker it is, and how far its chroma is
+from what the reference's skin has at that luma, so that shading is not taken for make-up. Both are bounded by what such
+a part can be, and a part that the reference shows under a beard, in shadow or not at all stays with the skin; so do all
+in light of nearly one colour.
 """
 
 from __future__ import annotations
@@ -70,6 +71,7 @@ _TAKEN, _KEPT = 2.0, 3.0
 # the same for lids: what is dark of a reference's is mostly the shade of its sockets, which on another face looks like
 # tired eyes or smoky eye shadow [by blind choice: 8 rather than 3, and 3 rather than 1]
 _SHADED = 6.0
+_HAIR = (0.5, 0.95)  # of the skin's luma: a brow that is darker shows hair, a lighter one skin [by eye]
 _LEAST_CHROMA = 4.0  # levels: greyer skin has no hue
 # of CIELAB [measured: skin of 15 clips and 16 portraits has 13 to 62 degrees]: a skin's hue, how far off it is the
 # light's, and the chroma below which it is chance
@@ -131,6 +133,8 @@ class PartChanges:
             bounds, ours = _BOUNDS[part], moved[p]
             if part == "lips":
                 ours = _as_lips(ours + _lost(own[p], skin, key, face), own[p], skin, key, face)
+            if part == "brows":
+                ours = ours + shown * _hair_lacks(ours, own[p], key)
             kept = ours - moved[p]
             if np.isnan(self.luma[p]):
                 out[p] = kept
@@ -171,6 +175,15 @@ def _lost(lips: Doubles, skin: SkinMap, key: KeyFrame, face: float) -> Doubles:
     """
     beyond = lips[1:] - skin.own.at(lips[:1])[0]
     return np.concatenate([[0.0], (min(1.0, face / _level(key.skin)) - skin.spread) * beyond])
+
+
+def _hair_lacks(moved: Doubles, own: Doubles, key: KeyFrame) -> Doubles:
+    """(3,) what a brow that F has `moved` lacks to its own hue and saturation, as far as it is darker than the skin.
+
+    Hair does not take the skin's colour: F would turn grey brows ginger on tanned skin, and red ones grey on pale skin.
+    """
+    hair = 1.0 - float(ramp(own[0] / _level(key.skin), *_HAIR))
+    return np.concatenate([[0.0], hair * (own[1:] * moved[0] / max(own[0], 1.0) - moved[1:])])
 
 
 def _redder(part: Doubles, skin: SkinMap) -> float:

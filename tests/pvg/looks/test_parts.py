@@ -39,10 +39,10 @@ FULL = strengths(1.0)
 
 
 def _asked_nothing(skin: SkinMap, own: KeyFrame) -> np.ndarray:
-    """What a clip's parts gain beside a reference that shows none: lips what F takes away of them, others nothing."""
+    """What a clip's parts gain beside a reference that shows none: what F takes of lips and brows, else nothing."""
     count = len(PARTS)
     change = PartChanges(np.full(count, np.nan), np.zeros((count, 2))).on(skin, own, FULL)
-    assert (np.delete(change, PARTS.index("lips"), axis=0) == 0).all()
+    assert not np.delete(change, [PARTS.index("lips"), PARTS.index("brows")], axis=0).any()
     return change
 
 
@@ -103,6 +103,17 @@ def test_half_the_strength_takes_less_red_from_lips_than_it_gives() -> None:
     assert all_taken < -4.0
     assert given == pytest.approx(all_given / 4, rel=0.01)
     assert taken == pytest.approx(all_taken / 8, rel=0.01)
+
+
+@pytest.mark.parametrize(("share", "keeps"), [(0.3, 1.0), (0.725, 0.5), (1.0, 0.0)])
+def test_a_brow_keeps_the_hue_of_its_hair_as_far_as_it_is_dark(share: float, keeps: float) -> None:
+    """A grey brow stays grey on skin made red, one as light as the skin goes with it."""
+    own, red = _face((150, 150, 150), {"brows": (share, 0.0, 0.0)}), _face((190, 140, 120), {})
+    skin = _map(own, red)
+    moved = to_opponent(skin(own.parts))[PARTS.index("brows")]
+    gains = PartChanges.of(red).on(skin, own, strengths(0.0))[PARTS.index("brows")]
+    assert gains[0] == 0.0
+    np.testing.assert_allclose(gains[1:], -keeps * moved[1:], atol=0.05 * np.abs(moved[1:]).max())
 
 
 def test_lids_take_little_of_a_reference_below_full_strength() -> None:

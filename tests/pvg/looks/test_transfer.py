@@ -31,17 +31,17 @@ def test_makeup_takes_lips_towards_the_references_and_their_shades_stay(
     video: pvg.VectorVideo, pale_reference: pvg.VectorVideo
 ) -> None:
     """Lips go as F takes them, and their cover gains one change, of which `makeup` is the share or a power of it."""
-    lips, lids = PARTS.index("lips"), PARTS.index("lids")
+    lips, lids, brows = (PARTS.index(part) for part in ("lips", "lids", "brows"))
     none, half, full = (pvg.transfer(video, pale_reference, makeup=share) for share in (0.0, 0.5, 1.0))
     np.testing.assert_array_equal(none.colors[0], full.colors[0])
-    assert not np.delete(none.parts[0], lips, axis=1).any()
+    assert not np.delete(none.parts[0], [lips, brows], axis=1).any()
     taken = np.full((len(PARTS), 1), 1 / 2, np.float32)
     taken[lips], taken[lids] = 1 / 4, 1 / 64  # these lips are redder than the clip's
     np.testing.assert_allclose(half.parts[0], none.parts[0] + taken * (full.parts[0] - none.parts[0]), atol=1e-5)
     assert np.abs((full.parts[0] - none.parts[0])[0, lips]).max() > 2.0
     assert not pvg.transfer(video, pale_reference, match="color").parts
     only = pvg.transfer(video, pale_reference, makeup={"lips": 1.0, "lids": 0.0, "cheeks": 0.0, "brows": 0.0})
-    assert np.flatnonzero(only.parts[0].any(axis=(0, 2))).tolist() == [lips]
+    assert np.flatnonzero(only.parts[0].any(axis=(0, 2))).tolist() == sorted([lips, brows])
 
 
 def test_of_all_colours_together_the_rest_of_the_skin_goes_where_the_face_does(
