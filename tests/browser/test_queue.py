@@ -284,6 +284,7 @@ def test_a_job_that_is_asked_for_while_the_list_is_read_stays_in_it(desk: Desk) 
     page.locator(".job").get_by_text("1 look: face.png").wait_for()
     for route, answer in held:  # as the service had it before
         route.fulfill(response=answer)
+    page.unroute_all(behavior="ignoreErrors")  # a question that is open at the end belongs to no test
     page.locator(".job").get_by_text("1 look: before.png").wait_for()
     assert page.locator(".job h3").all_text_contents() == ["1 look: face.png", "1 look: before.png"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Annotated, Final, Literal, get_args
 
-from pydantic import BaseModel, BeforeValidator, Field, ValidationInfo, WithJsonSchema, field_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, WithJsonSchema, field_validator
 
 from service.api.schemas._values import RECEIVER_URL, WHOLE, Metadata, Request, WebhookRequest, Whole
 from service.api.schemas.media import ReferenceOptions, VideoOptions
@@ -52,6 +52,16 @@ Part = Annotated[
 
 class ResultLinkRequest(Request):
     """A link to a result, or to a part of one."""
+
+    # as `_of_a_part` has it
+    model_config = ConfigDict(
+        json_schema_extra={
+            "anyOf": [
+                {"properties": {"person": {"const": 1}}},
+                {"required": ["part"], "properties": {"part": {"type": "string"}}},
+            ]
+        }
+    )
 
     expires_in_s: LinkSeconds = LINK_S
     part: Part | None = Field(default=None, description="what was made beside it; the result itself when not given")
