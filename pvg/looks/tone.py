@@ -32,7 +32,8 @@ _LEAST_GAIN = 0.55
 that is there [by eye]."""
 # the most of it, what a reference may add, by the median luma of its own skin: in a dark portrait hard light is the
 # look, in a bright one it is soot on a cheek [by blind choice: 1.2 rather than 1 or 1.5, in the low key 1.5]
-_MOST_GAIN = ((105.0, 135.0), (1.5, 1.2))
+_USUAL_MOST = 1.2
+_MOST_GAIN = ((105.0, 135.0), (1.5, _USUAL_MOST))
 _FEATURES = 0.45  # of the skin's median luma, below which what is seen in a face is no skin [by eye]
 _STEEPEST = 3.5  # slope from there to the darkest skin: features stay dark beside shadows that are lifted [by eye]
 _EVEN = 0.35  # power of the whole curve's slope in each, against blotches where one stretch alone is steep [by eye]
@@ -121,7 +122,7 @@ def most_gain(reference: Doubles) -> float:
     return float(np.interp(np.median(reference), *_MOST_GAIN))
 
 
-def tone_curve(source: Doubles, target: Doubles, depth: float = 1.0, most: float = 1.2) -> Doubles:
+def tone_curve(source: Doubles, target: Doubles, depth: float = 1.0, most: float = _USUAL_MOST) -> Doubles:
     """T as a table (256,): luma of `source` (n,) to that of `target` (m,), quantile by quantile, slopes bounded.
 
     depth: in (0, 1], what the luma of features, darker than any skin, is multiplied by besides;  most: of the slope
@@ -226,7 +227,7 @@ class SkinMap:
         depth: float = 1.0,
         crisp: float = 0.0,
         bounded: float = 0.0,
-        most: float = 1.2,
+        most: float = _USUAL_MOST,
     ) -> SkinMap:
         """F for open-skin colours `skin` (n, 3) that the transport moved to `moved` (n, 3), 0-255 RGB.
 
@@ -242,11 +243,11 @@ class SkinMap:
         tone = steeper(tone_curve(source[:, 0], target[:, 0], depth, most), min(middle, own.middle), crisp)
         tone = tone + bounded * (below_white(tone, own, goal) - tone)
         brighter = float(np.interp(middle, np.arange(256.0), tone)) / middle
-        most = min(1.0, brighter, chroma[0] / chroma[1])
+        largest = min(1.0, brighter, chroma[0] / chroma[1])
         lumas = np.array([middle, middle * brighter])
         shift = (goal.at(lumas[1:])[0] - own.at(lumas[:1])[0] * brighter) / max(lumas[1], 1.0)
         other = min(1.0, float(np.hypot(*shift)) / _OTHER)
-        k = min(max(float(spread), _LEAST_SPREAD), max(most * (1.0 - _OTHER_HUE * other), _FLATTEST))
+        k = min(max(float(spread), _LEAST_SPREAD), max(largest * (1.0 - _OTHER_HUE * other), _FLATTEST))
         alike = float(np.quantile(own.likeness(source), _LEAST_ALIKE))
         return cls(tone, own, goal, k, k * (1.0 - _OTHER_HUE_BROAD * other), alike)
 
