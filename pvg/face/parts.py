@@ -57,7 +57,7 @@ def taken(part: str, landmarks: Landmarks) -> tuple[float, ...]:
     closed eye it would be paint: lids take less the more they close, by the eye aspect ratio (Soukupová & Čech 2016).
     """
     if part != "lids":
-        return (1.0,) * len(part_outlines(part, landmarks))
+        return (1.0,) if part == "lips" else (1.0, 1.0)
     eyes = landmarks.points[[layout.LEFT_EYE_CONTOUR, layout.RIGHT_EYE_CONTOUR]]
     first, upper, second, lower = eyes[:, 0], eyes[:, 1:3], eyes[:, 3], eyes[:, 5:3:-1]
     height = np.linalg.norm(upper - lower, axis=-1).mean(axis=1)
