@@ -15,7 +15,7 @@ from pvg.raster import SUBPIXEL_BITS, fixed_point
 from pvg.rendering.clip import placed_faces, source_frame
 from pvg.rendering.edges import follow_edges
 from pvg.rendering.placed_body import PlacedBody, place_body
-from pvg.rendering.placed_face import PlacedFace, divide_overlaps
+from pvg.rendering.placed_face import PlacedFace, add_alpha, divide_overlaps
 from pvg.video import Frame
 
 LAYERS = ("image", "landmarks", "mask", "matte", "curves", "low", "high")
@@ -64,9 +64,7 @@ def _matte(frame: Frame, faces: list[PlacedFace]) -> Bytes:
         bodies += place_body(frame, face.data.body, faces, bodies)
     every: list[PlacedFace | PlacedBody] = [*faces, *bodies]
     for placed in every:
-        h, w = placed.alpha.shape
-        part = total[placed.y : placed.y + h, placed.x : placed.x + w]
-        part += placed.alpha[: part.shape[0], : part.shape[1]]  # which may reach beyond an odd last row or column
+        add_alpha(total, placed.x, placed.y, placed.alpha)
     white = np.rint(255 * np.minimum(total, 1)).astype(np.uint8)
     return np.repeat(white[..., None], 3, axis=-1)
 

@@ -121,6 +121,12 @@ def divide_overlaps(faces: Sequence[PlacedFace]) -> list[PlacedFace]:
     return out
 
 
+def add_alpha(total: Floats, x: int, y: int, alpha: Floats) -> None:
+    """Add alpha (h, w) at column x and row y to a whole picture's, in place; what lies beyond is dropped."""
+    part = total[y : y + alpha.shape[0], x : x + alpha.shape[1]]
+    part += alpha[: part.shape[0], : part.shape[1]]
+
+
 def _meet(a: PlacedFace, b: PlacedFace) -> bool:
     (ax0, ay0, ax1, ay1), (bx0, by0, bx1, by1) = a.window, b.window
     return max(ax0, bx0) < min(ax1, bx1) and max(ay0, by0) < min(ay1, by1)

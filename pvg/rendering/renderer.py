@@ -23,7 +23,7 @@ from pvg.rendering.map_tables import MapTables
 from pvg.rendering.mouth import see_mouth
 from pvg.rendering.neck import without_chest
 from pvg.rendering.placed_body import PlacedBody, place_body
-from pvg.rendering.placed_face import PlacedFace, divide_overlaps, place_face
+from pvg.rendering.placed_face import PlacedFace, add_alpha, divide_overlaps, place_face
 from pvg.rendering.planes import apply_correction, fade_in_dark
 from pvg.video import Frame, Patch
 
@@ -142,12 +142,12 @@ class Renderer:
                 if face in faces:
                     alpha, guards = guarded_alpha(one, self.looks[look].protect)
                     alpha = alpha if face in self.looks[look].body else without_chest(one, alpha)
-                    _add(total, one.x, one.y, alpha)
+                    add_alpha(total, one.x, one.y, alpha)
                     for guard in guards:
-                        _add(total, one.x + guard.x, one.y + guard.y, _GUARDED * guard.weight)
+                        add_alpha(total, one.x + guard.x, one.y + guard.y, _GUARDED * guard.weight)
             for face, body in bodies:
                 if face in faces and face in self.looks[look].body:
-                    _add(total, body.x, body.y, body.alpha)
+                    add_alpha(total, body.x, body.y, body.alpha)
             out.append(np.minimum(total, np.float32(1.0)))
         return out
 
@@ -250,9 +250,3 @@ class Renderer:
             out[i] += apply_correction(
                 frame, corner, alpha, correction, under=out[i], guards=gains, fade=faded, skin=shown
             )
-
-
-def _add(total: Floats, x: int, y: int, alpha: Floats) -> None:
-    """Add alpha (h, w) at column x and row y to a whole picture's, in place; what lies beyond is dropped."""
-    part = total[y : y + alpha.shape[0], x : x + alpha.shape[1]]
-    part += alpha[: part.shape[0], : part.shape[1]]
