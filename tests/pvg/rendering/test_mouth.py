@@ -18,6 +18,7 @@ from tests.gallery.pictures import YUV444, frame_of
 from tests.gallery.scenes import filled
 
 SKIN, LIPS, PALE_LIPS = (190.0, 150.0, 130.0), (160.0, 95.0, 95.0), (150.0, 118.0, 108.0)
+HAND = (168.0, 131.0, 112.0)  # in its own shade
 LATTICE = Lattice.over((0, 0, 640, 360))
 
 
@@ -80,9 +81,14 @@ def test_a_finger_over_the_mouth_is_no_lip(
     assert shown[within].max() < 0.05
 
 
-def test_lips_like_the_skin_are_not_told(face: FaceInFrame) -> None:
-    picture, _ = mouth(face, SKIN)
-    assert see_mouth(frame_of(picture, YUV444), face.landmarks, key_of(SKIN), LATTICE).lips is None
+@pytest.mark.parametrize("behind", [SKIN, HAND])
+def test_a_key_frame_with_a_hand_before_the_mouth_shows_no_lips(
+    face: FaceInFrame, behind: tuple[float, float, float]
+) -> None:
+    picture, _ = mouth(face, behind)
+    shown = see_mouth(frame_of(picture, YUV444), face.landmarks, key_of(behind), LATTICE).lips
+    assert shown is not None
+    assert not shown.any()
 
 
 def test_lips_that_the_key_frame_did_not_see_are_not_told(face: FaceInFrame) -> None:

@@ -13,7 +13,7 @@ import pytest
 from pvg.face import Landmarks, layout
 from pvg.raster import Raster
 from pvg.skin import BodyTracker, Matte, Scene, SceneReader, SkinTracker, fit_skin_model, person_mask, scene_raster
-from pvg.skin.body import _fill_gaps, _parts, _told_against, color_tables, leave_out_hair
+from pvg.skin.body import _fill_gaps, _fill_holes, _parts, _told_against, color_tables, leave_out_hair
 from pvg.skin.network import Told
 from pvg.skin.prior import head_shape
 from pvg.video import read_frames
@@ -186,6 +186,24 @@ def test_a_gap_between_the_mattes_of_face_and_body_is_their_skin(
     assert (probability[gap] > 0.5).all() == (probability[gap] > 0.5).any() == filled
     assert probability[:40].max() < 0.5
     assert probability[40:, :10].max() < 0.5
+
+
+@pytest.mark.parametrize(
+    ("side", "at", "filled"),
+    [(5, 30, True), (20, 30, False), (5, 0, False)],
+    ids=["an ear's inside", "a wall behind an arm", "a corner of the picture"],
+)
+def test_what_little_a_persons_skin_encloses_is_skin(side: int, at: int, filled: bool) -> None:
+    probability = np.full((80, 80), 0.8, np.float32)
+    face = np.zeros_like(probability)
+    probability[:, 40:], face[:, 40:] = 0.0, 1.0  # half of what is around is the face's own matte
+    hole = slice(at, at + side), slice(at, at + side)
+    probability[hole], face[hole] = 0.1, 0.0
+    before = probability.copy()
+    _fill_holes(probability, face, 70.0)
+    assert bool((probability[hole] > 0.5).all()) is filled
+    probability[hole] = before[hole]
+    np.testing.assert_array_equal(probability, before)
 
 
 @pytest.mark.parametrize(
