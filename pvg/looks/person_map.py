@@ -93,7 +93,7 @@ def _skin_moved(skin: SkinMap | None, at_curves: ColorMap) -> Moved:
 def _at_curves(skin: SkinMap) -> ColorMap:
     """F at the curves: on skin with its k for patches, which H(g' − F(g)) then evens."""
     of_skin = (table_labels().group == GROUPS.index("skin"))[:, None]
-    return lambda key: np.where(of_skin, skin(key.colors, skin.broad), skin(key.colors))
+    return lambda key: np.where(of_skin, skin.at_patches(key.colors), skin(key.colors))
 
 
 def _skin_map(key: KeyFrame, goal: Goal) -> SkinMap | None:

@@ -251,16 +251,25 @@ class SkinMap:
         alike = float(np.quantile(own.likeness(source), _LEAST_ALIKE))
         return cls(tone, own, goal, k, k * (1.0 - _OTHER_HUE_BROAD * other), alike)
 
-    def __call__(self, colors: Floats, spread: float | None = None) -> Doubles:
-        """Map (n, 3) colours, 0-255 RGB; the result may leave that range.
-
-        spread: k; None means `self.spread`, the gain for single pixels.
-        """
+    def __call__(self, colors: Floats) -> Doubles:
+        """Map (n, 3) colours, 0-255 RGB, with k for single pixels; the result may leave that range."""
         opponent = to_opponent(colors)
         luma = np.interp(opponent[:, 0], np.arange(256.0), self.tone)
-        k = self.spread if spread is None else spread
-        chroma = self.goal.at(luma) + k * (opponent[:, 1:] - self.own.at(opponent[:, 0]))
+        chroma = self.goal.at(luma) + self.spread * (opponent[:, 1:] - self.own.at(opponent[:, 0]))
         return to_rgb(np.column_stack([luma, chroma]))
+
+    def at_patches(self, colors: Floats) -> Doubles:
+        """Map (n, 3) colours, 0-255 RGB, of patches that are no finer than the curves, with k of `broad`.
+
+        Blood and rouge redden a skin by the green light that they take, and leave its red: luma lacks what R − Y has
+        beyond the usual. What a patch loses of that makes it lighter, or a flushed cheek would become a grey smudge.
+        """
+        opponent = to_opponent(colors)
+        beyond = opponent[:, 1:] - self.own.at(opponent[:, 0])
+        lost = (1.0 - self.broad) * np.maximum(beyond[:, 1], 0.0)
+        luma = np.interp(opponent[:, 0], np.arange(256.0), self.tone)
+        luma *= 1.0 + lost / np.maximum(opponent[:, 0], 1.0)
+        return to_rgb(np.column_stack([luma, self.goal.at(luma) + self.broad * beyond]))
 
     @property
     def beside(self) -> Doubles:

@@ -171,10 +171,34 @@ def test_patches_differ_less_on_skin_of_another_hue_and_as_much_on_its_own(seed:
     pink[:60] += np.float32((8, -4, 0))  # a flushed nose
     for color, least, most in (((150, 110, 70), 0.3, 0.45), ((190, 150, 140), 0.8, 1.0)):
         change = SkinMap.between(pink, rng.normal(color, 4, (300, 3)))
-        mapped = [change(pink, k) for k in (change.broad, None)]
-        flush = [to_opponent((each[:60].mean(axis=0) - each[60:].mean(axis=0))[None])[0, 1:] for each in mapped]
+        mapped = [to_opponent(each) for each in (change.at_patches(pink), change(pink))]
+        beyond = [each[:, 1:] - change.goal.at(each[:, 0]) for each in mapped]  # the usual chroma of its own luma
+        flush = [each[:60].mean(axis=0) - each[60:].mean(axis=0) for each in beyond]
         patch, texture = (float(np.hypot(*each)) for each in flush)
         assert least * texture < patch < most * texture
+
+
+@pytest.mark.parametrize("broad", [0.25, 0.6, 1.0])
+def test_a_flush_that_is_lost_leaves_no_shade(broad: float) -> None:
+    """Blood takes green light: a cheek that gets less red gets as much lighter, and its red stays what it is."""
+    even = UsualChroma(np.array([-20.0, 25.0]), np.zeros(2), 60.0, 200.0)  # the same at every luma
+    change = SkinMap(np.arange(256.0), even, even, 1.0, broad, 1.0)
+    cheek = np.array([[190.0, 150.0, 130.0], [190.0, 130.0, 120.0], [190.0, 115.0, 112.0]], np.float32)  # ever redder
+    after = change.at_patches(cheek)
+    beyond = to_opponent(cheek)[:, 2] - 25.0
+    assert (beyond[1:] > 10.0).all()
+    np.testing.assert_allclose(after[1:, 0], cheek[1:, 0], atol=1e-6)
+    left = to_opponent(after)[:, 2] - 25.0
+    np.testing.assert_allclose(left, broad * beyond, atol=1e-6)
+
+
+@pytest.mark.parametrize("broad", [0.25, 1.0])
+def test_what_is_less_red_than_the_rest_gets_no_darker(broad: float) -> None:
+    even = UsualChroma(np.array([-20.0, 25.0]), np.zeros(2), 60.0, 200.0)
+    change = SkinMap(np.arange(256.0), even, even, 1.0, broad, 1.0)
+    pale = np.array([[170.0, 160.0, 140.0]], np.float32)
+    assert to_opponent(pale)[0, 2] < 25.0
+    np.testing.assert_allclose(to_opponent(change.at_patches(pale))[0, 0], to_opponent(pale)[0, 0], atol=1e-6)
 
 
 @given(seeds)
