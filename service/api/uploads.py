@@ -30,7 +30,7 @@ BUFFER_BYTES = 1024**2
 #: of a form, what it may be longer by than the files in it
 _FORM_BYTES = 64 * 1024
 # one member of a dictionary whose values are byte sequences; parameters say nothing here
-_DIGEST = re.compile(r"([a-z*][a-z0-9_.*-]*)=:([A-Za-z0-9+/=]*):(?:[ \t]*;[ \t]*[a-z*][a-z0-9_.*-]*(?:=[^,;\"]*)?)*")
+_DIGEST = re.compile(r"([a-z*][a-z0-9_.*-]*)=:([A-Za-z0-9+/=]*):(?:[ \t]*;[ \t]*[a-z*][a-z0-9_.*-]*(?:=[^,;\" \t]*)?)*")
 _NAME_IN_UTF8 = re.compile(r";\s*filename\*\s*=\s*utf-8'[^']*'([^;\s]+)", re.IGNORECASE)
 _NAME = re.compile(r';\s*filename\s*=\s*(?:"((?:[^"\\]|\\.)*)"|([^;"\s]+))', re.IGNORECASE)
 

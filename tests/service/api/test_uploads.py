@@ -6,14 +6,16 @@ import os
 import re
 import socket
 import threading
+import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 
 from service.api.multipart import MAX_FIELD_BYTES, MAX_FRAMING_BYTES, MAX_OUTSIDE_BYTES, MAX_PARTS
-from service.api.uploads import clean_name
+from service.api.uploads import clean_name, expected_digest
 from service.catalog import VectorSettings, jobs, vectorize_request
+from service.errors import BadRequestError
 from service.settings import Settings
 from tests.promises import Drill
 from tests.service.fixtures import MP4, PNG, Api, make_ready, serve
@@ -256,12 +258,20 @@ def test_a_malformed_digest_is_refused(api: Api, header: str) -> None:
     assert api.blobs == api.drafts == []
 
 
+def test_a_long_malformed_digest_is_refused_at_once() -> None:
+    for parameters in (";a= " * 3000, "; a" * 3000, ";a" + " " * 12_000, ";a=" + " " * 12_000):
+        began = time.thread_time()
+        with pytest.raises(BadRequestError):
+            expected_digest([f'sha-256=::{parameters}"'])
+        assert time.thread_time() - began < 1
+
+
 def test_digests_of_other_kinds_and_of_several_lines_are_read(api: Api) -> None:
     right = base64.b64encode(hashlib.sha256(PNG).digest()).decode()
     for lines in (
         ["sha-512=:YWJj:"],
         ["sha-512=:YWJj:", f"sha-256=:{right}:"],
-        [f"md5=:YWJj:;a=1 , sha-256=:{right}:"],
+        [f"md5=:YWJj:;a=1 ;\tb; c= , sha-256=:{right}:"],
     ):
         answer = api.client.post("/references", content=PNG, headers=[("repr-digest", line) for line in lines])
         assert answer.status_code in {200, 202}
