@@ -160,5 +160,5 @@ def without_paths(text: str, names: Mapping[Path, str]) -> str:
     for path, name in names.items():
         for whole in (path.resolve(), path.absolute(), path):
             text = text.replace(str(whole), name)
-        text = re.sub(rf"[^\s'\"]*{re.escape(path.name)}", name, text)
+        text = re.sub(rf"(?<![^\s'\"])[^\s'\"]*{re.escape(path.name)}", name, text)
     return text

@@ -49,7 +49,7 @@ _NO_ALPHA = (".jpg", ".jpeg")
 _OVERHEAD_BYTES = 64 * 2**20  # profiles, previews and text beside the samples
 _STANDALONE_MARKERS = {0x01, *range(0xD0, 0xD9)}
 _SIZE_MARKERS = set(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
-_MARKER = re.compile(rb"\xff+[^\x00\xd0-\xd7\xff]")  # in a scan's data: neither a stuffed byte nor a restart
+_MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")  # in a scan's data: neither a stuffed byte nor a restart
 _MOST_SCANS = 100  # encoders make 10 of a progressive picture; each is gone through in full size
 
 

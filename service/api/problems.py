@@ -44,7 +44,7 @@ from service.outages import is_disk_full, is_outage
 log = structlog.get_logger(__name__)
 
 _METHODS: Final = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS")
-_UNION_MEMBER = re.compile(r"literal\[.*|constrained-\w+|list\[.*|function-\w+.*|MakeupParts")
+_UNION_MEMBER = re.compile(r"literal\[.*|constrained-\w+|list\[.*|function-\w.*|MakeupParts")
 
 
 def problem_response(request: Request, error: ServiceError) -> JSONResponse:

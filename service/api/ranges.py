@@ -7,7 +7,7 @@ import re
 from service.errors import RangeError
 
 # no file needs more digits, and Python refuses to read thousands of them
-_RANGE = re.compile(r"bytes\s*=\s*(\d{0,20})\s*-\s*(\d{0,20})\s*", re.IGNORECASE)
+_RANGE = re.compile(r"bytes\s*+=\s*+(\d{0,20})\s*+-\s*+(\d{0,20})\s*+", re.IGNORECASE)
 
 
 def parse_range(header: str | None, size: int) -> tuple[int, int] | None:

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import struct
+import time
 import zlib
+from contextlib import suppress
 from pathlib import Path
 
 import cv2
@@ -102,6 +104,17 @@ def test_the_code_points_of_a_png_come_before_its_profile(tags: tuple[int, int],
         path, np.full((8, 8, 3), 120, np.uint8), metadata=PictureMetadata(png=chunks, icc=profile(P3, srgb_curve()))
     )
     assert probe(path).color == color
+
+
+def test_a_jpeg_full_of_fill_bytes_is_looked_through_once(tmp_path: Path) -> None:
+    path = tmp_path / "filled.jpg"
+    write_image(path, np.full((64, 64, 3), 120, np.uint8))
+    data = path.read_bytes()
+    path.write_bytes(data[:-2] + b"\xff" * 30_000 + b"\x00" + data[-2:])
+    began = time.thread_time()
+    with suppress(MediaError):
+        probe(path)
+    assert time.thread_time() - began < 2
 
 
 @pytest.mark.parametrize("grey", [False, True])

@@ -2,11 +2,13 @@ from __future__ import annotations
 
 import gzip
 import re
+import time
 from typing import Any
 
 import pytest
 from sqlalchemy import Connection, event
 
+from service.api import problems
 from service.storage import Storage
 from tests.service.fixtures import PNG, Api
 
@@ -204,3 +206,10 @@ def test_a_body_that_says_it_is_as_it_is_is_taken(api: Api) -> None:
     assert api.client.post("/videos", content=PNG, headers=as_it_is).status_code == 202
     assert api.client.post("/uploads/link", json={}, headers=as_it_is).status_code == 201
     assert "accept-encoding" not in api.client.post("/videos", content=b"no film").headers
+
+
+def test_a_long_name_of_a_field_is_looked_at_once() -> None:
+    name = "function-" + "a" * 20_000 + "\n"
+    began = time.thread_time()
+    assert problems._place((name,)) == (name,)
+    assert time.thread_time() - began < 1

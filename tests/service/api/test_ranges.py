@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import time
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -41,6 +43,14 @@ def test_absurdly_long_numbers_are_ignored() -> None:
     digits = "9" * 5000
     for header in (f"bytes=0-{digits}", f"bytes={digits}-", f"bytes=-{digits}"):
         assert parse_range(header, 10) is None
+
+
+def test_long_blanks_in_a_malformed_range_are_passed_over_at_once() -> None:
+    blanks = " " * 5000
+    began = time.thread_time()
+    assert parse_range(f"bytes{blanks}={blanks}-{blanks}x", 10) is None
+    assert time.thread_time() - began < 1
+    assert parse_range(f"bytes{blanks}={blanks}1{blanks}-{blanks}2{blanks}", 10) == (1, 3)
 
 
 def test_conditions_compare_as_the_rfc_says() -> None:
