@@ -26,7 +26,8 @@ def configure(level: str) -> None:
     )
     final: list[structlog.typing.Processor] = [structlog.stdlib.ProcessorFormatter.remove_processors_meta]
     if sys.stderr.isatty():
-        final.append(structlog.dev.ConsoleRenderer())
+        # rich's tracebacks, its own choice, show the values of variables: keys and passwords among them
+        final.append(structlog.dev.ConsoleRenderer(exception_formatter=structlog.dev.plain_traceback))
     else:
         final += [structlog.processors.format_exc_info, structlog.processors.JSONRenderer()]
     handler = logging.StreamHandler()
