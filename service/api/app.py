@@ -15,7 +15,7 @@ from service.addresses import PREFIX
 from service.api import docs, idempotency, openapi, page, problems
 from service.api.authentication import authenticate
 from service.api.draining import DrainBeforeRefusal
-from service.api.middleware import RequestContext
+from service.api.middleware import AnswerUnhandled, RequestContext
 from service.api.origins import Cors, OwnHostAndOrigin
 from service.api.query import check_parameters
 from service.api.routers import OPEN_ROUTERS, ROOT_ROUTERS, ROUTERS
@@ -62,6 +62,9 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     )
     app.state.services = services
     # each surrounds those before it
+    app.add_middleware(OwnHostAndOrigin, hosts=settings.host_names, origins=settings.origins)
+    app.add_middleware(DrainBeforeRefusal)
+    app.add_middleware(AnswerUnhandled)
     if settings.origins:
         app.add_middleware(
             Cors,
@@ -76,8 +79,6 @@ def create_app(settings: Settings | None = None) -> FastAPI:
                 *("Upload-Offset", "Upload-Length", "Upload-Metadata", "Upload-Expires", "Pvg-Media"),
             ],
         )
-    app.add_middleware(OwnHostAndOrigin, hosts=settings.host_names, origins=settings.origins)
-    app.add_middleware(DrainBeforeRefusal)
     app.add_middleware(RequestContext, meters=services.meters, places=services.places, root_path=settings.root_path)
     problems.install(app)
     idempotency.install(app)

@@ -48,9 +48,8 @@ def _cut_off() -> StoppingError:
 
 
 class RequestContext:
-    """ASGI middleware around everything else: X-Request-ID, a log line, and a problem for any unhandled error.
+    """ASGI middleware around everything else: X-Request-ID and a log line.
 
-    A request that the server cancels, since its time is over when the service stops, is answered as unavailable.
     ``root_path`` is the path prefix that a proxy in front has removed.
     """
 
@@ -99,18 +98,6 @@ class RequestContext:
         except ClientDisconnect:
             log.info("client went away", method=scope["method"], path=scope["path"])
             return
-        except asyncio.CancelledError:
-            log.warning("request cut off: the service stops", method=scope["method"], path=scope["path"])
-            if status:
-                raise
-            # its task ends with this answer; uvicorn would give one of its own for the error
-            await problem_response(Request(scope), _cut_off())(scope, receive, send_with_id)
-        except Exception:
-            log.exception("unhandled error", method=scope["method"], path=scope["path"])
-            if status:
-                raise  # too late for an answer: the connection has to break
-            error = ServiceError("the request failed on our side; the log has it under this request id")
-            await problem_response(Request(scope), error)(scope, receive, send_with_id)
         finally:
             self._places.leave(scope["state"])
             self._meters.end(scope, status, time.perf_counter() - began)
@@ -121,3 +108,42 @@ class RequestContext:
             status=status,
             ms=round((time.perf_counter() - began) * 1000, 1),
         )
+
+
+class AnswerUnhandled:
+    """ASGI middleware: a problem for any unhandled error.
+
+    A request that the server cancels, since its time is over when the service stops, is answered as unavailable.
+    """
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        has_begun = False
+
+        async def noted(message: Message) -> None:
+            nonlocal has_begun
+            has_begun = True
+            await send(message)
+
+        try:
+            await self._app(scope, receive, noted)
+        except ClientDisconnect:
+            raise
+        except asyncio.CancelledError:
+            log.warning("request cut off: the service stops", method=scope["method"], path=scope["path"])
+            if has_begun:
+                raise
+            # its task ends with this answer; uvicorn would give one of its own for the error
+            await problem_response(Request(scope), _cut_off())(scope, receive, send)
+        except Exception:
+            log.exception("unhandled error", method=scope["method"], path=scope["path"])
+            if has_begun:
+                raise  # too late for an answer: the connection has to break
+            error = ServiceError("the request failed on our side; the log has it under this request id")
+            await problem_response(Request(scope), error)(scope, receive, send)

@@ -1,13 +1,17 @@
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Iterator
 from typing import Any
+from unittest.mock import Mock
 
+import httpx
 import pytest
 from sqlalchemy import func, select
 
 from service.api.middleware import relative
 from service.api.origins import host_name
+from service.api.routers import usage
 from service.catalog.models import WebhookSecret
 from service.settings import Settings
 from tests.promises import Drill
@@ -201,6 +205,32 @@ def test_an_allowed_origin_writes_and_its_browser_is_told(named: Api) -> None:
     tracing = page | {"access-control-request-method": "TRACE"}
     assert "CORS method" in check(named.client.options("/transfer", headers=tracing), 403)["detail"]
     assert named.client.post("/references", content=PNG, headers=other).status_code == 403
+
+
+def test_errors_that_no_route_has_made_are_told_an_allowed_origin_too(
+    named: Api, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = {"origin": "https://studio.example", "sec-fetch-site": "cross-site"}
+
+    def told(answer: httpx.Response, status: int) -> None:
+        check(answer, status)
+        assert answer.headers["access-control-allow-origin"] == "https://studio.example"
+        assert "X-Request-ID" in answer.headers["access-control-expose-headers"]
+        assert answer.headers["x-content-type-options"] == "nosniff"
+
+    told(named.client.get("/videos", headers=page | {"host": "evil.example"}), 421)
+    for error, status in ((RuntimeError("broken"), 500), (asyncio.CancelledError(), 503)):
+        monkeypatch.setattr(usage.statistics, "made_since", Mock(side_effect=error))
+        told(named.client.get("/usage", headers=page), status)
+
+
+def test_a_preflight_has_what_every_answer_has(named: Api) -> None:
+    for origin, status in (("https://studio.example", 200), ("https://evil.example", 403)):
+        asked = {"origin": origin, "access-control-request-method": "POST", "x-request-id": "mine"}
+        answer = named.client.options("/transfer", headers=asked)
+        assert answer.status_code == status
+        assert answer.headers["x-request-id"] == "mine"
+        assert answer.headers["x-content-type-options"] == "nosniff"
 
 
 def test_nobody_else_is_told_anything(api: Api) -> None:

@@ -11,7 +11,7 @@ import pytest
 from starlette.types import Message, Receive, Scope, Send
 
 from service.api import create_app
-from service.api.middleware import RequestContext
+from service.api.middleware import AnswerUnhandled, RequestContext
 from service.api.server import connection_limit, listen, make_server, with_room
 from service.settings import Settings
 from tests.promises import Drill
@@ -107,7 +107,7 @@ def test_an_answer_that_has_begun_when_the_service_has_to_stop_breaks_off(api: A
         sent.append(message)
 
     async def cancel() -> None:
-        app = RequestContext(begins, meters=api.services.meters, places=api.services.places)
+        app = RequestContext(AnswerUnhandled(begins), meters=api.services.meters, places=api.services.places)
         task = asyncio.create_task(app({"type": "http", "method": "GET", "path": "/", "headers": []}, receive, send))
         while not sent:
             await asyncio.sleep(0)
