@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from http import HTTPStatus
+from itertools import islice
 from typing import Any, Final
 
 import structlog
@@ -43,6 +44,10 @@ from service.outages import is_disk_full, is_outage
 
 log = structlog.get_logger(__name__)
 
+#: places in a request that an answer names as wrong
+MAX_ERRORS: Final = 100
+#: as many as pydantic names in some 10 ms
+_MOST_DETAILS: Final = 5000
 _METHODS: Final = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS")
 _UNION_MEMBER = re.compile(r"literal\[.*|constrained-\w+|list\[.*|function-\w.*|MakeupParts")
 
@@ -65,7 +70,9 @@ def pointer(location: tuple[int | str, ...]) -> str:
 
 
 def invalid(error: ValidationError) -> ServiceError:
-    """The problem for a body that pydantic refused."""
+    """The problem for a body that pydantic refused. Of one that is wrong in thousands of places it names none."""
+    if (count := error.error_count()) > _MOST_DETAILS:
+        return ValidationFailedError(f"the body is wrong in {count} places")
     return _from_details(error.errors(include_url=False, include_context=False, include_input=False))
 
 
@@ -79,7 +86,8 @@ def _from_details(details: list[ErrorDetails]) -> ServiceError:
         if message not in messages:
             messages.append(message)
     # of a list that may also be a word, only what is wrong inside the list is worth saying
-    inner = [where for where in by_pointer if not any(other.startswith(f"{where}/") for other in by_pointer)]
+    around = {where[:end] for where in by_pointer for end, character in enumerate(where) if character == "/"}
+    inner = [where for where in by_pointer if where not in around]
     return invalid_values({where: ", or ".join(by_pointer[where]) for where in inner})
 
 
@@ -91,10 +99,11 @@ def _place(location: tuple[int | str, ...]) -> tuple[int | str, ...]:
 
 
 def invalid_values(errors: dict[str, str]) -> ServiceError:
-    """The problem for values that are not allowed: what is wrong, by JSON pointer."""
+    """The problem for values that are not allowed: what is wrong, by JSON pointer. It lists the first `MAX_ERRORS`."""
     where, detail = next(iter(errors.items()))
-    items = [{"pointer": pointer, "detail": text} for pointer, text in errors.items()]
-    return ValidationFailedError(f"{where or 'body'}: {detail}", errors=items)
+    items = [{"pointer": pointer, "detail": text} for pointer, text in islice(errors.items(), MAX_ERRORS)]
+    cut = f"; errors has the first {MAX_ERRORS} of {len(errors)}" if len(errors) > MAX_ERRORS else ""
+    return ValidationFailedError(f"{where or 'body'}: {detail}{cut}", errors=items)
 
 
 @contextmanager

@@ -101,7 +101,10 @@ def _option(name: str, text: str) -> str | list[str] | dict[str, str]:
 def _named_by_field(error: ValidationError) -> ServiceError:
     """The same problem, with the fields named as the form names them."""
     named: dict[str, str] = {}
-    for item in invalid(error).errors:
+    refused = invalid(error)
+    if not refused.errors:
+        return refused
+    for item in refused.errors:
         parts = item["pointer"].split("/")[1:]
         # /looks/0/strength -> /strength, /looks/1/reference -> /reference/1, /output/crf -> /crf
         shown = parts[2:] if parts[0] == "looks" else parts[1:] if parts[0] == "output" else parts

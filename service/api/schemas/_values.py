@@ -31,6 +31,8 @@ Contrast = Literal["auto"] | Annotated[float, Field(ge=0.7, le=1.5)]
 Share = Annotated[float, Field(ge=0, le=1)]
 ContrastOfEach = Annotated[list[Contrast], Field(min_length=2, max_length=2)]
 Faces = Literal["all"] | Annotated[list[Index], Field(min_length=1, max_length=64)]
+#: of a list of words, each of which may be there again
+MAX_WORDS = 64
 
 #: names that a thing may have
 MAX_METADATA = 16

@@ -28,7 +28,7 @@ class Problem(BaseModel):
     detail: str
     instance: str = Field(description="the path of the request")
     request_id: str
-    errors: list[Error] | None = Field(default=None, description="what is wrong, value by value")
+    errors: list[Error] | None = Field(default=None, description="what is wrong, value by value: the first 100")
     limit: float | None = Field(default=None, description="the most that is allowed, of what was gone over")
     unit: str | None = Field(
         default=None,

@@ -8,6 +8,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, fie
 
 from service.api.schemas._values import (
     AS_SET,
+    MAX_WORDS,
     WHOLE,
     Contrast,
     ContrastOfEach,
@@ -64,6 +65,7 @@ class _ColorOptions(Request):
     match: Match = Field(default="semantic", description="all colours together, or skin to skin and lips to lips")
     protect: Annotated[list[Feature], AS_SET] = Field(
         default=["eyes", "teeth"],
+        max_length=MAX_WORDS,
         description="features that follow the skin in brightness and half its hue only; others take the look wholly",
     )
     faces: Faces = Field(default="all", description="indices of the faces to change, or all")
@@ -115,7 +117,9 @@ class OutputRequest(Request):
     preset: Preset | None = None
     audio: Audio = Field(default="copy", description="all sound tracks of the clip, or none")
     extras: Annotated[list[Extra], AS_SET] = Field(
-        default=[], description="made beside each result: cube, its colours as a 3D LUT, and matte, where they lie"
+        default=[],
+        max_length=MAX_WORDS,
+        description="made beside each result: cube, its colours as a 3D LUT, and matte, where they lie",
     )
     matte: MatteFormat = Field(
         default="ffv1", description="grey in mkv, or ProRes 4444 with alpha in mov; that of a picture is a png"

@@ -6,9 +6,11 @@ import time
 from typing import Any
 
 import pytest
+from pydantic import ValidationError
 from sqlalchemy import Connection, event
 
 from service.api import problems
+from service.api.schemas import TransferRequest
 from service.storage import Storage
 from tests.service.fixtures import PNG, Api
 
@@ -213,3 +215,51 @@ def test_a_long_name_of_a_field_is_looked_at_once() -> None:
     began = time.thread_time()
     assert problems._place((name,)) == (name,)
     assert time.thread_time() - began < 1
+
+
+def test_of_many_errors_the_first_are_listed(api: Api) -> None:
+    body = {"video": "vid_" + "0" * 32, "looks": [0] * 4000}
+    problem = check(api.client.post("/transfer", json=body), 422)
+    assert problem["detail"].endswith("; errors has the first 100 of 4000")
+    assert [error["pointer"] for error in problem["errors"]] == [f"/looks/{i}" for i in range(100)]
+    unknown = check(api.client.post("/preview", json={f"k{i}": 0 for i in range(2000)}), 422)
+    assert len(unknown["errors"]) == 100
+    assert len(check(api.client.get("/jobs?" + "&".join(["state=x"] * 1500)), 422)["errors"]) == 100
+    assert len(check(api.client.get("/jobs?" + "&".join(f"x{i}" for i in range(1500))), 422)["errors"]) == 100
+
+
+def test_of_a_body_that_is_all_wrong_nothing_is_listed(api: Api) -> None:
+    body = {"video": "vid_" + "0" * 32, "looks": [0] * 100_000}
+    problem = check(api.client.post("/transfer", json=body), 422)
+    assert problem["detail"] == "the body is wrong in 100000 places"
+    assert "errors" not in problem
+    form = {"video": "vid_" + "0" * 32, "reference": ["x"] * 60, "protect": ",".join("x" * 60), "faces": "y," * 60}
+    fields = [
+        (name, (None, text)) for name, given in form.items() for text in ([given] if isinstance(given, str) else given)
+    ]
+    assert "errors" not in check(api.client.post("/transfer/form", files=fields), 422)
+
+
+def test_errors_take_a_time_that_grows_with_their_number() -> None:
+    with pytest.raises(ValidationError) as refused:
+        TransferRequest.model_validate({"video": "vid_" + "0" * 32, "looks": [0] * 4900})
+    began = time.thread_time()
+    problems.invalid(refused.value)
+    assert time.thread_time() - began < 1
+
+
+def test_of_a_union_only_what_is_wrong_inside_is_said() -> None:
+    with pytest.raises(ValidationError) as refused:
+        TransferRequest.model_validate(
+            {"video": "vid_" + "0" * 32, "looks": [{"reference": "ref_" + "0" * 32, "faces": [0, -1], "match": "x"}]}
+        )
+    assert [error["pointer"] for error in problems.invalid(refused.value).errors] == [
+        "/looks/0/match",
+        "/looks/0/faces/1",
+    ]
+
+
+def test_words_are_given_again_a_few_times_only(api: Api) -> None:
+    look = {"reference": "ref_" + "0" * 32, "protect": ["eyes"] * 65}
+    problem = check(api.client.post("/transfer", json={"video": "vid_" + "0" * 32, "looks": [look]}), 422)
+    assert [error["pointer"] for error in problem["errors"]] == ["/looks/0/protect"]
