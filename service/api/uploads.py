@@ -190,7 +190,7 @@ class Intake:
 
         Raises `UrlNotAllowedError`, `FetchFailedError`, `TooLargeError` and `UnsupportedMediaError`.
         """
-        name = unquote(egress.check(url).path).rsplit("/", 1)[-1]
+        name = unquote(egress.check(url).raw_path.decode().partition("?")[0].rsplit("/", 1)[-1])
         async with egress.stream(url, owner=owner) as file:
             size_bytes = file.size_bytes or 0
             if size_bytes > self.limit_bytes:

@@ -61,6 +61,13 @@ def test_a_file_may_be_named_by_its_url(api: Api, here: Remote, caplog: pytest.L
     assert (reference.status_code, reference.json()["content_type"]) == (202, "image/png")
 
 
+def test_a_name_in_a_url_is_decoded_once(api: Api, here: Remote) -> None:
+    for path, name in (("/50%2525.mp4", "50%25.mp4"), ("/in/a%2Fb%20c.mp4", "b c.mp4"), ("/%C3%A9.mp4", "é.mp4")):
+        here.answers[path] = answer(MP4 + path.encode())
+        made = api.client.post("/videos", json={"url": at(here, path + "?a=/x")})
+        assert (made.status_code, made.json()["filename"]) == (202, name)
+
+
 def test_a_url_is_fetched_once_for_an_idempotency_key(api: Api, here: Remote) -> None:
     key = {"Idempotency-Key": "order-42"}
     body = {"url": at(here, "/face.png")}
