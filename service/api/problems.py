@@ -12,6 +12,7 @@ from typing import Any, Final
 import structlog
 from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
+from fastapi.routing import iter_route_contexts
 from obstore.exceptions import BaseError
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
@@ -23,7 +24,6 @@ from starlette.responses import JSONResponse
 from starlette.routing import Match
 from starlette.types import Scope
 
-from service.addresses import PREFIX
 from service.errors import (
     PROBLEM_JSON,
     PROBLEMS,
@@ -118,12 +118,11 @@ def file_at(place: str) -> Iterator[None]:
 
 def allowed(app: FastAPI, scope: Scope) -> list[str]:
     """The methods that the address of a request takes: a route knows its own alone."""
-    described, path = app.openapi()["paths"], get_route_path(scope)
-    # a word that has a meaning of its own, as in /videos/form, is no id
-    for place in (path, f"{PREFIX}{path}"):
-        if place in described:
-            methods = {name.upper() for name in described[place]}
-            return [method for method in _METHODS if method in methods or (method == "HEAD" and "GET" in methods)]
+    path = get_route_path(scope)
+    # a word that has a meaning of its own, as in /videos/form, is no id. The schema knows too, and takes long to make
+    named = [route for route in iter_route_contexts(app.routes) if route.path == path]
+    if named:
+        return [method for method in _METHODS if any(method in (route.methods or ()) for route in named)]
     return [
         method
         for method in _METHODS

@@ -6,10 +6,12 @@ import json
 import re
 from collections.abc import Iterator
 from typing import Any
+from unittest.mock import Mock
 
 import jsonschema_rs
 import pytest
 
+from service.api import problems
 from service.api.advice import ADVICE
 from service.errors import PROBLEM_JSON, PROBLEMS
 from service.settings import Settings
@@ -179,6 +181,13 @@ def test_a_method_that_an_address_does_not_take_is_answered_with_those_it_does(
     answer = api.client.request("PATCH", path)
     assert (answer.status_code, answer.json()["code"]) == (405, "method-not-allowed")
     assert answer.headers["allow"] == allowed
+
+
+def test_the_methods_of_an_address_are_told_without_the_schema(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(api.app, "openapi", Mock(side_effect=AssertionError))
+    scope = {"type": "http", "method": "PATCH", "headers": []}
+    assert problems.allowed(api.app, {**scope, "path": "/v1/videos/form"}) == ["POST"]
+    assert problems.allowed(api.app, {**scope, "path": "/videos/vid_1"}) == ["GET", "HEAD", "DELETE"]
 
 
 def test_what_is_too_much_says_how_much_is_allowed(api: Api) -> None:
