@@ -182,7 +182,9 @@ class Reaper:
         now = self._database.now()
         with self._database.write() as session:
             removed = len(sweep.expire_results(session, now=now))
-            removed += len(sweep.expire_media(session, now=now))
+            late = sweep.late_media(session, now=now)
+        removed += sum(self._expire_medium(media_id, now) for media_id in late)
+        with self._database.write() as session:
             removed += sweep.expire_uploads(session, now=now)
             removed += sweep.expire_jobs(session, before=now - timedelta(seconds=self._settings.job_ttl_s))
             removed += previews.expire(session, now=now)
@@ -190,6 +192,17 @@ class Reaper:
         self._drafts.clear()
         clear_remains(self._settings)
         return removed
+
+    def _expire_medium(self, media_id: str, now: datetime) -> int:
+        """In a transaction of its own: one that cannot be removed keeps no others. Returns the number of its blobs."""
+        try:
+            with self._database.write() as session:
+                return len(sweep.expire_medium(session, media_id, now=now))
+        except Exception as error:
+            if is_outage(error):
+                raise
+            log.exception("a medium past its retention could not be removed", medium=media_id)
+            return 0
 
     def delete(self) -> int:
         """Delete the blobs that no record names any more, and leave no trace of the records that did.

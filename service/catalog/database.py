@@ -5,10 +5,11 @@ from __future__ import annotations
 import sqlite3
 import threading
 from collections import defaultdict, deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext
 from datetime import datetime
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any, Final, cast
 
@@ -36,6 +37,8 @@ _OF_SESSIONS: Final = {
 #: seconds to connect to a database server, and to get one of the connections that are open
 _CONNECT_S = 3
 _POOL_S = 5.0
+#: values in one statement
+_BATCH: Final = 500
 
 
 class _Line:
@@ -260,6 +263,13 @@ def _prepare_sqlite(connection: DBAPIConnection, _: ConnectionPoolEntry) -> None
 def _begin_sqlite(connection: Connection) -> None:
     writes = connection.get_execution_options().get("pvg_writes", False)
     connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+
+
+def in_batches(values: Iterable[str]) -> Iterator[list[str]]:
+    """Values for a statement, some at a time: a server takes 65,535 parameters in one."""
+    left = iter(values)
+    while batch := list(islice(left, _BATCH)):
+        yield batch
 
 
 def changed(session: Session, statement: Executable) -> int:

@@ -8,6 +8,7 @@ from datetime import datetime, timedelta
 from types import MappingProxyType
 from typing import Any, Literal
 
+from sqlalchemy import delete as delete_rows
 from sqlalchemy import or_, select, union_all, update
 from sqlalchemy.orm import Session
 
@@ -341,13 +342,10 @@ def delete(
 
     Returns the keys of the blobs to delete after the commit. Their tombstones are written by the same transaction.
     """
-    results: Sequence[Result] = session.scalars(
-        select(Result).where(or_(Result.video_id == media.id, Result.reference_id == media.id))
-    ).all()
-    keys = [key for result in results if (key := result.blob_key)]
-    keys += [key for key in (media.asset_key, media.pictures_key, media.source_key) if key]
+    keys = [key for key in (media.asset_key, media.pictures_key, media.source_key) if key]
     keys += previews.delete_of(session, media.id)
-    gone = [result.id for result in results]
+    theirs = or_(Result.video_id == media.id, Result.reference_id == media.id)
+    gone = select(Result.id).where(theirs)  # they may be more than a statement has parameters
     changed(session, update(Look).where(Look.result_id.in_(gone)).values(result_id=None, result_gone=why))
     drawn = or_(Look.video_id == media.id, Look.reference_id == media.id)
     changed(session, update(Look).where(drawn).values(report=None))
@@ -357,8 +355,9 @@ def delete(
     for told in ([media.id], gone, of_jobs):
         idempotency.forget(session, told)
     resumable.forget(session, media.id)
-    for result in results:
-        session.delete(result)
+    blobs = session.scalars(select(Result.blob_key).where(theirs).order_by(Result.id).with_for_update())
+    keys += [key for key in blobs if key]
+    changed(session, delete_rows(Result).where(theirs))
     session.delete(media)
     session.flush()
     tombstones.bury(session, keys, now=now)

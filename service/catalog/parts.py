@@ -21,7 +21,7 @@ from sqlalchemy import Exists, delete, exists, func, or_, select
 from sqlalchemy.orm import Session, aliased
 
 from service.catalog import tombstones
-from service.catalog.database import changed
+from service.catalog.database import changed, in_batches
 from service.catalog.messages import QUEUE_OF, Message
 from service.catalog.models import ACTIVE, HELD, Job, JobState, Look, Media, Part, PartFile, PartKind
 from service.catalog.transitions import Lease, Step, take_step
@@ -242,14 +242,16 @@ def timings_of(session: Session, whole_id: str) -> dict[str, float]:
 
 def messages(session: Session, whole_ids: Collection[str]) -> list[Message]:
     """Of the parts of these jobs that wait for a worker."""
-    queued = (Job.parent_id.in_(whole_ids), Job.state == JobState.QUEUED)
-    return [Message(*row) for row in session.execute(select(Job.id, Job.queue).where(*queued).order_by(Job.id))]
+    query = select(Job.id, Job.queue).where(Job.state == JobState.QUEUED).order_by(Job.id)
+    found = (session.execute(query.where(Job.parent_id.in_(batch))) for batch in in_batches(whole_ids))
+    return [Message(*row) for rows in found for row in rows]
 
 
 def files_of(session: Session, whole_ids: Collection[str]) -> list[str]:
     """The blobs that the parts of these jobs have drawn."""
-    kept = select(PartFile.blob_key).join(Job, Job.id == PartFile.part_id).where(Job.parent_id.in_(whole_ids))
-    return list(session.scalars(kept))
+    kept = select(PartFile.blob_key).join(Job, Job.id == PartFile.part_id)
+    found = (session.scalars(kept.where(Job.parent_id.in_(batch))) for batch in in_batches(whole_ids))
+    return [key for keys in found for key in keys]
 
 
 def tell(session: Session, whole_id: str, *, now: datetime) -> None:

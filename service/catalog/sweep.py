@@ -54,18 +54,22 @@ def expire_results(session: Session, *, now: datetime) -> list[str]:
     return [key for key in keys if key]
 
 
-def expire_media(session: Session, *, now: datetime) -> list[str]:
-    """Delete media past their retention that no active job needs. Returns the blobs to delete after the commit."""
+def late_media(session: Session, *, now: datetime) -> list[str]:
+    """Ids of media past their retention that no active job needs."""
     of_looks = (select(column).join(Job, Job.id == Look.job_id) for column in (Look.video_id, Look.reference_id))
     of_jobs = select(Job.media_id).where(Job.media_id.is_not(None))
     needed = union_all(*(query.where(Job.state.in_(ACTIVE)) for query in (of_jobs, *of_looks)))
-    # those that are needed must not keep the others waiting; the order is that in which others lock several
-    late = select(Media).where(Media.expires_at < now, Media.id.not_in(needed)).order_by(Media.id).limit(BATCH)
-    keys: list[str] = []
-    for medium in session.scalars(late.with_for_update()).all():
-        if not media.active_jobs(session, medium.id):
-            keys += media.delete(session, medium, now=now, why="expired")
-    return keys
+    # those that are needed must not keep the others waiting
+    late = select(Media.id).where(Media.expires_at < now, Media.id.not_in(needed)).order_by(Media.id).limit(BATCH)
+    return list(session.scalars(late))
+
+
+def expire_medium(session: Session, media_id: str, *, now: datetime) -> list[str]:
+    """Delete a medium of `late_media`, unless it is needed again. Returns the blobs to delete after the commit."""
+    medium = media.get(session, media_id, lock="update")
+    if medium is None or medium.expires_at >= now or media.active_jobs(session, media_id):
+        return []
+    return media.delete(session, medium, now=now, why="expired")
 
 
 def expire_uploads(session: Session, *, now: datetime) -> int:

@@ -13,10 +13,10 @@ from collections.abc import Collection
 from datetime import datetime, timedelta
 from typing import Final
 
-from sqlalchemy import and_, delete, or_, select, update
+from sqlalchemy import and_, delete, insert, or_, select, update
 from sqlalchemy.orm import Session
 
-from service.catalog.database import changed
+from service.catalog.database import changed, in_batches
 from service.catalog.models import HELD, Job, Tombstone
 from service.catalog.transitions import Lease
 
@@ -25,8 +25,6 @@ FIRST_WAIT_S: Final = 5.0
 LONGEST_WAIT_S: Final = 3600.0
 #: after the deletion of what a worker without a lease may still be writing, until it is deleted once more
 WRITER_S: Final = 900.0
-#: keys in one statement
-_BATCH: Final = 500
 
 
 class LateError(Exception):
@@ -50,15 +48,12 @@ def expect(session: Session, key: str, *, now: datetime, within_s: float, lease:
 
 def bury(session: Session, keys: Collection[str], *, now: datetime) -> None:
     """Nothing names these blobs any more, from this transaction on: they are to be deleted."""
-    wanted = list(dict.fromkeys(keys))
     values = {"due_at": now, "attempts": 0, "lease_token": None}
-    for start in range(0, len(wanted), _BATCH):
-        batch = wanted[start : start + _BATCH]
+    for batch in in_batches(dict.fromkeys(keys)):
         known = set(session.scalars(select(Tombstone.blob_key).where(Tombstone.blob_key.in_(batch)).with_for_update()))
         changed(session, update(Tombstone).where(Tombstone.blob_key.in_(known)).values(**values))
-        new = [key for key in batch if key not in known]
-        session.add_all(Tombstone(blob_key=key, created_at=now, **values) for key in new)
-    session.flush()
+        if new := [{"blob_key": key, "created_at": now, **values} for key in batch if key not in known]:
+            session.execute(insert(Tombstone), new)
 
 
 def recorded(session: Session, keys: Collection[str]) -> bool:
@@ -77,9 +72,12 @@ def due(session: Session, *, now: datetime, limit: int) -> list[str]:
 
 def written_for(session: Session, job_ids: Collection[str]) -> list[str]:
     """The blobs that workers are writing for these jobs and their parts."""
-    of_them = Job.id.in_(job_ids) | Job.parent_id.in_(job_ids)
-    tokens = select(Job.lease_token).where(of_them, Job.lease_token.is_not(None))
-    return list(session.scalars(select(Tombstone.blob_key).where(Tombstone.lease_token.in_(tokens))))
+    keys: list[str] = []
+    for batch in in_batches(job_ids):
+        of_them = Job.id.in_(batch) | Job.parent_id.in_(batch)
+        tokens = select(Job.lease_token).where(of_them, Job.lease_token.is_not(None))
+        keys += session.scalars(select(Tombstone.blob_key).where(Tombstone.lease_token.in_(tokens)))
+    return keys
 
 
 def take(session: Session, keys: Collection[str], *, now: datetime) -> list[str]:

@@ -7,9 +7,11 @@ from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from sqlalchemy import text
+from sqlalchemy.orm import Session
 
 from service import blobs, reaper
 from service.api import Services, make_services
@@ -166,6 +168,27 @@ def test_a_long_round_puts_no_lost_worker_off(
     medium = add_media(services.database)
     claim(services.database, medium.job_id)
     assert rounds_until_queued(services, clock, machine, medium.job_id) <= 20  # the first is held up after its look
+
+
+def test_a_medium_that_cannot_be_removed_keeps_no_others(
+    services: Services, clock: FakeClock, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    stuck, late = (add_media(services.database).id for _ in range(2))
+    for medium_id in (stuck, late):
+        make_ready(services, medium_id)
+    delete = media.delete
+
+    def fails(session: Session, medium: Media, **how: Any) -> list[str]:
+        if medium.id == stuck:
+            raise ValueError("there is more of it than fits")
+        return delete(session, medium, **how)
+
+    monkeypatch.setattr(media, "delete", fails)
+    clock.forward(1001)
+    services.reaper.round()
+    with services.database.read() as session:
+        assert [one.id for one in session.query(Media)] == [stuck]
+    assert "a medium past its retention could not be removed" in caplog.text
 
 
 def states(services: Services, *job_ids: str) -> list[tuple[str, int]]:

@@ -240,7 +240,7 @@ def test_a_request_for_media_that_are_gone_is_not_answered_as_before(api: Api, e
         assert api.client.delete(f"/references/{reference}").status_code == 204
     else:
         with api.services.background.write() as session:
-            sweep.expire_media(session, now=utc_now() + timedelta(days=365))
+            assert sweep.expire_medium(session, reference, now=utc_now() + timedelta(days=365))
     assert requests(api) == []
     assert post(api, "/transfer", "transfer", json=body).status_code == 404
     assert post(api, f"/results/{result}/link", "link").status_code == 404

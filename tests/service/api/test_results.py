@@ -119,7 +119,7 @@ def test_a_look_says_why_its_result_is_gone(api: Api) -> None:
         session.get_one(Result, made[1][2]).expires_at = now - timedelta(seconds=1)
         assert len(sweep.expire_results(session, now=now)) == 1
         session.get_one(Media, made[3][0]).expires_at = now - timedelta(seconds=1)
-        sweep.expire_media(session, now=now)
+        assert sweep.expire_medium(session, made[3][0], now=now)
     assert api.client.delete(f"/videos/{made[2][0]}").status_code == 204
     assert api.client.delete(f"/videos/{made[1][0]}").status_code == 204  # what had expired has expired
     looks = [api.client.get(f"/jobs/{job_id}").json()["looks"][0] for _, job_id, _ in made]

@@ -1,12 +1,13 @@
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
 from sqlalchemy import event
 
-from service.catalog import Database, Media, leases, media, sweep, tombstones
-from service.catalog.models import Role
+from service.catalog import Database, Media, leases, media, parts, sweep, tombstones
+from service.catalog.models import Result, Role, Tombstone
 from tests.service.fixtures import FakeClock, add_media, add_transfer, claim
 
 
@@ -22,9 +23,64 @@ def test_media_that_are_needed_do_not_keep_others_waiting(
     add_transfer(database, video, reference)
     clock.forward(10_000_000)
     with database.write() as session:
-        assert sweep.expire_media(session, now=clock()) == [late.source_key]
-        assert sweep.expire_media(session, now=clock()) == []
+        assert sweep.late_media(session, now=clock()) == [late.id]
+        assert sweep.expire_medium(session, late.id, now=clock()) == [late.source_key]
+        assert sweep.late_media(session, now=clock()) == []
+        assert sweep.expire_medium(session, video.id, now=clock()) == []
         assert {one.id for one in session.query(Media)} == {video.id, reference.id, vectorizing.id}
+
+
+@pytest.fixture
+def statements(database: Database) -> Iterator[list[int]]:
+    """How many parameters each statement has that was sent."""
+    sent: list[int] = []
+
+    def note(*said: Any) -> None:
+        many = said[5]
+        sent.append(max(map(len, said[3]), default=0) if many else len(said[3]))
+
+    event.listen(database._engine, "before_cursor_execute", note)
+    yield sent
+    event.remove(database._engine, "before_cursor_execute", note)
+
+
+def add_results(database: Database, medium: Media, count: int) -> None:
+    """Results of a medium, as if a job had made that many of them."""
+    with database.write() as session:
+        for number in range(count):
+            name = f"{medium.id}-{number}"
+            session.add(
+                Result(
+                    **{"id": name, "job_id": medium.job_id, "position": number, "blob_key": f"result/{name}"},
+                    **{"video_id": medium.id, "reference_id": medium.id, "sha256": "0" * 64, "size_bytes": 1},
+                    **{"content_type": "video/mp4", "filename": "a.mp4", "created_at": database.now()},
+                    expires_at=database.now(),
+                )
+            )
+
+
+def test_a_medium_of_many_results_goes_by_few_statements(database: Database, statements: list[int]) -> None:
+    """A server refuses one of more than 65,535 parameters, and SQLite has one writer at a time."""
+    medium, other = (add_media(database, content=name) for name in (b"many", b"few"))
+    add_results(database, medium, 700)
+    add_results(database, other, 1)
+    statements.clear()
+    with database.write() as session:
+        keys = media.delete(session, session.merge(medium), now=database.now())
+    assert len(keys) == 701
+    assert max(statements) <= 510
+    assert len(statements) < 40
+    with database.read() as session:
+        assert [one.video_id for one in session.query(Result)] == [other.id]
+        assert session.query(Tombstone).count() == 701
+
+
+def test_the_blobs_of_many_jobs_are_asked_for_some_at_a_time(database: Database, statements: list[int]) -> None:
+    ids = [f"job_{number}" for number in range(2000)]
+    with database.read() as session:
+        assert tombstones.written_for(session, ids) == parts.files_of(session, ids) == []
+        assert parts.messages(session, ids) == []
+    assert max(statements) <= 1010
 
 
 def test_a_key_that_is_recorded_while_the_sweep_looks_is_known(database: Database) -> None:
