@@ -39,7 +39,7 @@ _WORD: Final = re.compile(r"`?[A-Za-z][a-z'-]*`?[,.:;]?|[A-Z]{2,8}:?,?|S3|ETag|\
 def is_outage(error: BaseException) -> bool:
     """True when the same call may succeed later, without anybody changing it."""
     if isinstance(error, DBAPIError):
-        return error.connection_invalidated or _is_away(error.orig)
+        return error.connection_invalidated or _is_away(error.orig, in_statement=error.statement is not None)
     return isinstance(error, PoolTimeoutError) or (isinstance(error, BaseError) and isinstance(error, _STORE_AWAY))
 
 
@@ -82,19 +82,25 @@ def told(error: BaseException) -> dict[str, str]:
     return kind | {"reason": "; ".join(said)}
 
 
-def _is_away(error: BaseException | None) -> bool:
+def _is_away(error: BaseException | None, *, in_statement: bool) -> bool:
     code = _sqlite_code(error)
     if code is not None:
         return code in _SQLITE_AWAY
     state: str | None = getattr(error, "sqlstate", None)
     if state is not None:
         return state.startswith(_SERVER_AWAY)
-    # psycopg's errors without a state are of the connection itself
-    return type(error).__module__.startswith("psycopg") and type(error).__name__ in {
-        "OperationalError",
-        "InterfaceError",
-        "ConnectionTimeout",
-    }
+    # psycopg's errors without a state are of the connection itself, or of a statement that it does not send, as one of
+    # too many parameters: the connection that such a one leaves is as good as before
+    return (
+        not in_statement
+        and type(error).__module__.startswith("psycopg")
+        and type(error).__name__
+        in {
+            "OperationalError",
+            "InterfaceError",
+            "ConnectionTimeout",
+        }
+    )
 
 
 def _sqlite_code(error: BaseException | None) -> int | None:

@@ -10,7 +10,7 @@ from datetime import datetime, timedelta
 import structlog
 
 from service.blobs import WRITE_S, Blobs
-from service.catalog import Database, Message, idempotency, jobs, leases, previews, set_back, sweep, webhooks
+from service.catalog import Database, Lease, Message, idempotency, jobs, leases, previews, set_back, sweep, webhooks
 from service.drafts import Drafts
 from service.outages import is_outage, is_partly_locked
 from service.queue import QUEUES, Publisher, clear_remains
@@ -70,6 +70,7 @@ class Reaper:
         )
         is_whole = True
         for step in steps:
+            began = time.monotonic()
             try:
                 step()
             except Exception as error:
@@ -77,7 +78,8 @@ class Reaper:
                 if is_partly_locked(error) and step != self.revive:  # workers renew their leases all the same
                     log.warning("others keep what the reaper waits for", step=step.__name__)
                 elif is_outage(error):
-                    self._spare_leases()
+                    if step == self.revive or not self._answered_since(began):
+                        self._spare_leases()
                     log.warning("the database or the storage is away", step=step.__name__, error=type(error).__name__)
                 else:
                     log.exception("a step of the reaper failed", step=step.__name__)
@@ -94,6 +96,15 @@ class Reaper:
         """Take no lease for over before its worker had time to renew it: while the database was away, it could not."""
         # it was away until the next round at most, and a worker renews within a heartbeat
         self._spared_until = time.monotonic() + self._settings.reap_interval_s + 2 * self._settings.heartbeat_s
+
+    def _answered_since(self, began: float) -> bool:
+        """The database answers, and was away since then for less than a heartbeat: that is too short to do harm."""
+        try:
+            with self._database.write() as session:  # as those who renew theirs do
+                leases.renew(session, Lease("", ""), now=self._database.now(), lease_s=0)
+        except Exception:
+            return False
+        return time.monotonic() - began < self._settings.heartbeat_s
 
     def _time(self) -> datetime:
         """The database's time. Leases are spared when a clock was set, or when this process was held up.

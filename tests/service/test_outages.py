@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from obstore.exceptions import GenericError, NotFoundError
 from psycopg.errors import DiskFull
-from sqlalchemy import text
+from sqlalchemy import select, text
 from sqlalchemy.exc import OperationalError, SQLAlchemyError
 
 from service.catalog import Database, Media, media
@@ -16,7 +16,7 @@ from service.storage import Storage
 from tests.service.fixtures import add_media
 from tests.service.remote import PRIVATE, answer, remote
 from tests.service.s3 import S3
-from tests.service.servers import free_port
+from tests.service.servers import free_port, wire_to
 
 
 def met_lock(database: Database) -> SQLAlchemyError:
@@ -56,6 +56,23 @@ def test_a_database_that_is_not_there_is_an_outage(tmp_path: object) -> None:
             database.ping()
         assert is_outage(caught.value)
         assert not is_locked(caught.value)
+
+
+def test_a_connection_that_is_lost_is_an_outage_and_a_statement_that_is_not_sent_is_none(postgres_url: str) -> None:
+    """Neither has a state of the server's: it did not answer."""
+    with wire_to(postgres_url) as (wire, url):
+        database = Database(url)
+        with database.read() as session:
+            with pytest.raises(SQLAlchemyError, match="number of parameters") as caught:
+                session.execute(select(Media.id).where(Media.id.in_(map(str, range(65_536)))))
+            assert not is_outage(caught.value)
+            session.rollback()
+            session.execute(text("SELECT 1"))
+            wire.cut()
+            with pytest.raises(SQLAlchemyError) as caught:
+                session.execute(text("SELECT 1"))
+            assert is_outage(caught.value)
+        database.close()
 
 
 def test_a_store_that_fails_is_an_outage_and_a_missing_blob_is_none() -> None:

@@ -10,7 +10,9 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from psycopg.errors import DeadlockDetected
 from sqlalchemy import text
+from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
 from service import blobs, reaper
@@ -168,6 +170,39 @@ def test_a_long_round_puts_no_lost_worker_off(
     medium = add_media(services.database)
     claim(services.database, medium.job_id)
     assert rounds_until_queued(services, clock, machine, medium.job_id) <= 20  # the first is held up after its look
+
+
+def test_a_step_that_fails_while_the_database_answers_puts_no_lost_worker_off(
+    services: Services, clock: FakeClock, machine: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def expire() -> None:
+        raise OperationalError("DELETE", None, DeadlockDetected("deadlock detected"))
+
+    monkeypatch.setattr(services.reaper, "expire", expire)
+    services.reaper.round()
+    medium = add_media(services.database)
+    claim(services.database, medium.job_id)
+    assert rounds_until_queued(services, clock, machine, medium.job_id) <= 40
+
+
+def test_workers_have_time_after_a_database_that_went_away_during_a_round(
+    services: Services, clock: FakeClock, machine: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It answers again by the round's end; for how long it was away is not known."""
+
+    def expire() -> None:
+        clock.forward(31)
+        machine.steady_s += 31
+        raise OperationalError("DELETE", None, ConnectionError(), connection_invalidated=True)
+
+    medium = add_media(services.database)
+    claim(services.database, medium.job_id)
+    with monkeypatch.context() as patch:
+        patch.setattr(services.reaper, "expire", expire)
+        services.reaper.round()
+    services.reaper.round()
+    assert states(services, medium.job_id) == [("running", 1)]
+    assert rounds_until_queued(services, clock, machine, medium.job_id) <= 30
 
 
 def test_a_medium_that_cannot_be_removed_keeps_no_others(
