@@ -148,13 +148,13 @@ class Media(Base):
     size_bytes: Mapped[int] = mapped_column(BigInteger)
     content_type: Mapped[str] = mapped_column(String(64))
     filename: Mapped[str | None] = mapped_column(String(255))
-    job_id: Mapped[str] = mapped_column(String(40))
-    source_key: Mapped[str] = mapped_column(String(255))
-    asset_key: Mapped[str | None] = mapped_column(String(255))
+    job_id: Mapped[str] = mapped_column(String(40), index=True)
+    source_key: Mapped[str] = mapped_column(String(255), index=True)
+    asset_key: Mapped[str | None] = mapped_column(String(255), index=True)
     #: of all that was made of it: asset and small pictures
     asset_bytes: Mapped[int | None] = mapped_column(BigInteger)
     #: a blob of JPEG pictures, one after the other, and where each is, see `service.catalog.media.Pictures`
-    pictures_key: Mapped[str | None] = mapped_column(String(255))
+    pictures_key: Mapped[str | None] = mapped_column(String(255), index=True)
     pictures: Mapped[list[Any] | None]
     info: Mapped[dict[str, Any] | None]
     faces: Mapped[list[Any]] = mapped_column(default=list)
@@ -269,7 +269,7 @@ class Look(Base):
     params: Mapped[dict[str, Any]]
     #: what was found while it was drawn, see `service.catalog.results.Report`
     report: Mapped[dict[str, Any] | None]
-    result_id: Mapped[str | None] = mapped_column(String(40))
+    result_id: Mapped[str | None] = mapped_column(String(40), index=True)
     #: why it has a result no longer: it has `expired`, or was `deleted` with one of its media
     result_gone: Mapped[str | None] = mapped_column(String(16))
 
@@ -288,7 +288,7 @@ class Result(Base):
     position: Mapped[int]
     video_id: Mapped[str] = mapped_column(String(40), index=True)
     reference_id: Mapped[str] = mapped_column(String(40), index=True)
-    blob_key: Mapped[str | None] = mapped_column(String(255))
+    blob_key: Mapped[str | None] = mapped_column(String(255), index=True)
     sha256: Mapped[str] = mapped_column(String(64))
     size_bytes: Mapped[int] = mapped_column(BigInteger)
     content_type: Mapped[str] = mapped_column(String(64))

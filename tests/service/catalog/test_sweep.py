@@ -1,12 +1,14 @@
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import pytest
-from sqlalchemy import event
+from sqlalchemy import Connection, event
 
-from service.catalog import Database, Media, leases, media, parts, sweep, tombstones
+from service.catalog import Database, Media, leases, media, parts, results, sweep, tombstones
 from service.catalog.models import Result, Role, Tombstone
 from tests.service.fixtures import FakeClock, add_media, add_transfer, claim
 
@@ -42,6 +44,43 @@ def statements(database: Database) -> Iterator[list[int]]:
     event.listen(database._engine, "before_cursor_execute", note)
     yield sent
     event.remove(database._engine, "before_cursor_execute", note)
+
+
+@contextmanager
+def scans(database: Database) -> Iterator[list[str]]:
+    """Where the plans of the statements that are sent read a whole table of records, and those of a row each time."""
+    found: list[str] = []
+    engine = database._engine
+    is_server = engine.dialect.name == "postgresql"
+    explain = "EXPLAIN" if is_server else "EXPLAIN QUERY PLAN"
+    wholes = re.compile(
+        r"Seq Scan on (?:looks|results|media)\b|SubPlan" if is_server else r"SCAN (?:looks|results|media)\b"
+    )
+
+    def note(connection: Connection, cursor: Any, statement: str, parameters: Any, *_: Any) -> None:
+        if statement.startswith(("SELECT", "UPDATE", "DELETE")):
+            look = connection.connection.cursor()
+            if is_server:  # small tables are read as a whole where there is a choice
+                look.execute("SET LOCAL enable_seqscan = off")
+            look.execute(f"{explain} {statement}", parameters)
+            found.extend(f"{row}: {statement}" for row in look.fetchall() if wholes.search(str(row)))
+
+    event.listen(engine, "before_cursor_execute", note)
+    yield found
+    event.remove(engine, "before_cursor_execute", note)
+
+
+def test_what_goes_is_found_without_reading_all_records(database: Database, clock: FakeClock) -> None:
+    medium, other = (add_media(database, content=name) for name in (b"one", b"other"))
+    for one in (medium, other):
+        add_results(database, one, 2)
+    with database.write() as session, scans(database) as found:
+        late = session.get_one(Result, f"{medium.id}-0")
+        assert results.drop_bytes(session, late, now=clock()) == late.blob_key
+        assert len(results.delete(session, f"{medium.id}-1", now=clock())) == 1
+        assert len(media.delete(session, session.get_one(Media, other.id), now=clock())) == 3
+        assert sweep.known_keys(session, [medium.source_key, "source/none"]) == {medium.source_key}
+    assert found == []
 
 
 def add_results(database: Database, medium: Media, count: int) -> None:
