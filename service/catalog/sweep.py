@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from datetime import datetime
 
-from sqlalchemy import ColumnElement, delete, select, union_all
+from sqlalchemy import ColumnElement, delete, exists, select, union_all
 from sqlalchemy.orm import Session
 
 from service.catalog import jobs, media, results, resumable, statistics
@@ -79,14 +79,12 @@ def expire_uploads(session: Session, *, now: datetime) -> int:
 
 def expire_jobs(session: Session, *, before: datetime) -> int:
     """Delete the records of jobs that ended before ``before`` and whose results are deleted. Returns their number."""
-    kept = select(Result.job_id).where(Result.blob_key.is_not(None))
-    vectorised = select(Media.job_id)
     old = [
         jobs.OF_CLIENTS,
         Job.state.in_(ENDED),
         Job.finished_at < before,
-        Job.id.not_in(kept),
-        Job.id.not_in(vectorised),
+        ~exists().where(Result.job_id == Job.id, Result.blob_key.is_not(None)),
+        ~exists().where(Media.job_id == Job.id),
     ]
     ids = session.scalars(select(Job.id).where(*old).limit(BATCH)).all()
     changed(session, delete(Result).where(Result.job_id.in_(ids)))

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from sqlalchemy import Connection, event
 
-from service.catalog import Database, Media, leases, media, parts, results, sweep, tombstones
+from service.catalog import Database, Lease, Media, leases, media, parts, results, sweep, tombstones
 from service.catalog.models import Result, Role, Tombstone
 from tests.service.fixtures import FakeClock, add_media, add_transfer, claim
 
@@ -81,6 +81,31 @@ def test_what_goes_is_found_without_reading_all_records(database: Database, cloc
         assert len(media.delete(session, session.get_one(Media, other.id), now=clock())) == 3
         assert sweep.known_keys(session, [medium.source_key, "source/none"]) == {medium.source_key}
     assert found == []
+
+
+def test_old_jobs_are_told_from_those_of_kept_results_and_media_one_by_one(
+    database: Database, clock: FakeClock
+) -> None:
+    """A list of all that is kept fits into a server's memory no more at some hundred thousand results."""
+    kept, made = (add_media(database, content=name) for name in (b"kept", b"made"))
+    for one in (kept, made):
+        assert end(database, claim(database, one.job_id))
+    add_results(database, made, 1)
+    with database.write() as session:
+        session.delete(session.get_one(Media, made.id))
+    clock.forward(1)
+    with scans(database) as found:
+        with database.write() as session:
+            assert sweep.expire_jobs(session, before=clock()) == 0
+        with database.write() as session:
+            results.drop_bytes(session, session.get_one(Result, f"{made.id}-0"), now=clock())
+            assert sweep.expire_jobs(session, before=clock()) == 1
+    assert found == []
+
+
+def end(database: Database, lease: Lease) -> bool:
+    with database.write() as session:
+        return leases.succeed(session, lease, now=database.now(), timings={})
 
 
 def add_results(database: Database, medium: Media, count: int) -> None:
