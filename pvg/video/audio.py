@@ -9,10 +9,12 @@ from typing import Any
 import av
 import av.audio.stream
 import av.container
+import av.filter
 import av.packet
 
 from pvg.video.carrying import CarriedTrack, StampedPacket
 from pvg.video.keeping import Carried, sound_shape
+from pvg.video.streams import Track
 
 #: seconds of sound before the first one heard that codecs may need: Opus wants 0.08
 _LEAD_IN_S = Fraction(1, 10)
@@ -40,15 +42,40 @@ class SoundTrack(CarriedTrack):
         if self.carried.encoder is None:
             yield from (stamped(packet) for packet in _heard(packets))
             return
-        for packet in packets:
-            for frame in packet.decode():
-                if frame.pts is not None:  # in samples: AVI counts in packets, and encoders want shorter ones
-                    frame.pts = round(frame.pts * frame.time_base * frame.sample_rate)
-                    frame.time_base = Fraction(1, frame.sample_rate)
-                for coded in self._target.encode(frame):
-                    yield stamped(coded)
+        for frame in self._decoded(packets):
+            if frame.pts is not None:  # in samples: AVI counts in packets, and encoders want shorter ones
+                frame.pts = round(frame.pts * frame.time_base * frame.sample_rate)
+                frame.time_base = Fraction(1, frame.sample_rate)
+            for coded in self._target.encode(frame):
+                yield stamped(coded)
         for coded in self._target.encode(None):
             yield stamped(coded)
+
+    def _decoded(self, packets: Iterable[av.packet.Packet[Any]]) -> Iterator[Any]:
+        """The sound itself, the channels in the order of their layout."""
+        track, sorter = self.carried.track, None
+        if track.order:  # PyAV frees the list of channels in this order twice: frames are to come without it
+            self._source.codec_context.layout = f"{track.channels} channels"
+        for packet in packets:
+            for frame in packet.decode():
+                if track.order and track.codec.startswith("pcm_") and not track.layout.endswith(" channels"):
+                    sorter = sorter or _sorter(frame, track)
+                    sorter.push(frame)
+                    yield sorter.pull()
+                else:
+                    yield frame
+
+
+def _sorter(frame: Any, track: Track) -> av.filter.Graph:
+    """Gives the channels of a track's frames in the order of their layout."""
+    graph = av.filter.Graph()
+    source = graph.add_abuffer(
+        sample_rate=frame.sample_rate, format=frame.format.name, layout=frame.layout.name, time_base=frame.time_base
+    )
+    places = "|".join(f"{k}-{name}" for k, name in enumerate(track.order))
+    sorts = graph.add("channelmap", f"map={places}:channel_layout={track.layout}")
+    graph.link_nodes(source, sorts, graph.add("abuffersink")).configure()
+    return graph
 
 
 def _heard(packets: Iterable[av.packet.Packet[Any]]) -> Iterator[av.packet.Packet[Any]]:

@@ -333,13 +333,17 @@ def _lost_of(track: Track, container: str) -> list[str]:
 
 def _sound(track: Track, container: str) -> tuple[str | None, str | None]:
     """(what it becomes or "itself", the encoder or None); (None, None) when it cannot go along."""
-    if track.codec.removeprefix("lib") in _CARRIES[container]:
+    # PCM says in MOV alone which channel is which; elsewhere they come in the order of their layout
+    ordered = not track.order or container == "mov" or not track.codec.startswith("pcm_")
+    if ordered and track.codec.removeprefix("lib") in _CARRIES[container]:
         return "itself", None
     if track.codec == "unknown" or container == "y4m":
         return None, None
     exact = _EXACT.get((track.sample or "").removesuffix("p"))
     lossless = track.codec.startswith("pcm_") or track.codec in _LOSSLESS
     if container in _WITH_PCM and exact is not None and (lossless or container == "nut"):
+        if not ordered:
+            return f"PCM of the same samples, its channels in the order that {said(container)} has them in", exact
         return f"PCM of the same samples, which {said(container)} holds", exact
     encoder, name = ("libopus", "Opus") if container == "webm" else ("aac", "AAC")
     rate, layout = sound_shape(track, encoder)

@@ -50,6 +50,8 @@ _OF_THE_FILE = frozenset(
     | {"number_of_frames", "number_of_bytes", "source_id", "creation_time_of_track", "alpha_mode", "encoding_params"}
 )
 _OF_A_PLACE = ("location", "xyz", "gps", "latitude", "longitude", "altitude", "geotag")
+_PLACES = tuple(channel.name for channel in av.AudioLayout("22.2").channels)
+"""Names of channels in the order that layouts with a name have them in."""
 _PLAIN_HANDLERS = ("handler", "core media", "iso media", "gpac", "mainconcept")
 
 
@@ -61,7 +63,8 @@ class Track:
     (ISO 639-2, or BCP 47 in Matroska), title: None when not stated. handler: QuickTime's name of what it is, None for
     one that only names the kind. dispositions: libav's names ("default", "forced", "comment", …). sample: libav's
     name of a sound's sample format. rate: of its samples in a second, layout, channels: libav's name of where they are
-    heard and how many there are; 0 and "" when not stated. tags: others that it carries. name: of an attachment's file.
+    heard and how many there are; 0 and "" when not stated. order: names of the channels, where that is not the order
+    of their layout. tags: others that it carries. name: of an attachment's file.
     """
 
     index: int
@@ -75,6 +78,7 @@ class Track:
     rate: int = 0
     layout: str = ""
     channels: int = 0
+    order: tuple[str, ...] = ()
     tags: tuple[tuple[str, str], ...] = ()
     name: str | None = None
 
@@ -199,6 +203,7 @@ def _track(stream: av.stream.Stream) -> Track:
     sounds = kind == "sound" and context is not None
     handler = tags.get("handler_name", "").strip("\0 \t")
     language = tags.get("language")
+    layout, channels, order = _channels(context) if sounds else ("", 0, ())
     listed = {"language", "title", "name", "handler_name", "timecode", "creation_time", "filename", "mimetype"}
     others = {k: v for k, v in tags.items() if k not in listed | _OF_THE_FILE and not _tells_a_place(k)}
     return Track(
@@ -211,11 +216,30 @@ def _track(stream: av.stream.Stream) -> Track:
         dispositions=tuple(one.name or "" for one in av.stream.Disposition if stream.disposition & one),
         sample=context.format.name if sounds and context.format else None,
         rate=context.sample_rate or 0 if sounds else 0,
-        layout=context.layout.name if sounds else "",
-        channels=context.layout.nb_channels if sounds else 0,
+        layout=layout,
+        channels=channels,
+        order=order,
         tags=tuple((k, v) for k, v in others.items() if not k.startswith("_statistics")),
         name=tags.get("filename"),
     )
+
+
+def _channels(context: Any) -> tuple[str, int, tuple[str, ...]]:
+    """The layout, number and, where it is not that of the layout, order of a track's channels; see `Track`.
+
+    PyAV's object shares a list of channels with what it was read from, and frees it: it is read once and then replaced.
+    """
+    stated = context.layout
+    if not stated.nb_channels:
+        return "", 0, ()
+    context.layout = f"{stated.nb_channels} channels"
+    if " channels (" not in stated.name:
+        return stated.name, stated.nb_channels, ()
+    order = tuple(channel.name for channel in stated.channels)
+    if len({*order} & {*_PLACES}) < len(order):
+        return f"{len(order)} channels", len(order), order
+    usual = tuple(sorted(order, key=_PLACES.index))
+    return av.AudioLayout("+".join(usual)).name, len(order), () if order == usual else order
 
 
 def _chapters(stored: Iterable[Mapping[str, Any]]) -> Iterator[Chapter]:

@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import itertools
 import struct
+import subprocess
+import sys
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -112,6 +114,59 @@ def test_sound_of_any_layout_and_rate_is_coded_anew_in_one_that_the_codec_has(
     assert sum(frame.samples for frame in frames) / becomes[1] == pytest.approx(0.8, abs=0.1)
     if becomes[2] != "7.1":  # PyAV crashes where it copies eight channels
         assert max(float(np.abs(frame.to_ndarray()).max()) for frame in frames) > 0.1
+
+
+_WRITTEN_ANEW = """
+import sys
+from pathlib import Path
+from pvg.video import read_streams
+from tests.gallery.clips import rewrite_clip
+source = Path(sys.argv[1])
+read_streams(source)
+for suffix in (".mp4", ".mov", ".mkv", ".webm"):
+    rewrite_clip(source, source.with_name("o").with_suffix(suffix))
+"""
+
+
+@pytest.mark.parametrize(("layout", "tag"), [("6.1", 125 << 16 | 7), ("7.1", 128 << 16 | 8)])
+def test_pcm_whose_channels_a_mov_has_in_an_order_of_its_own_is_read_and_kept(
+    layout: str, tag: int, tmp_path: Path
+) -> None:
+    """In a process of its own, which PyAV once ended. tag: QuickTime's, of L R C LFE Ls Rs and those at the back."""
+    source = tmp_path / "many.mov"
+    channels = av.AudioLayout(layout).nb_channels
+    with av.open(str(source), "w") as output:
+        video: Any = output.add_stream("mpeg4", rate=25)
+        video.width, video.height, video.pix_fmt = 96, 64, "yuv420p"
+        sound: Any = output.add_stream("pcm_s16le", rate=48000)
+        sound.codec_context.layout = layout
+        block = av.AudioFrame.from_ndarray(
+            np.tile(np.arange(channels, dtype=np.int16), 9600)[None], format="s16", layout=layout
+        )
+        block.sample_rate, block.pts, block.time_base = 48000, 0, Fraction(1, 48000)
+        for k in range(5):
+            picture = libav_frame(colorful(1, (96, 64)))
+            picture.pts, picture.time_base = k, Fraction(1, 25)
+            output.mux(video.encode(picture))
+        output.mux([*video.encode(None), *sound.encode(block), *sound.encode(None)])
+    data = source.read_bytes()
+    at = data.index(b"chan", data.index(b"moov")) + 8
+    source.write_bytes(data[:at] + struct.pack(">III", tag, 0, 0) + data[at + 12 :])
+    done = subprocess.run([sys.executable, "-c", _WRITTEN_ANEW, source], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    (track,) = read_streams(source).tracks
+    assert (track.layout, track.channels) == (layout, channels)
+    assert track.order, "a layout of which MOV has the channels in another order"
+    (same,) = read_streams(tmp_path / "o.mov").tracks
+    assert same.order == track.order
+    assert (sound_packets(tmp_path / "o.mov"))[0] == sound_packets(source)[0]
+    first = np.frombuffer(sound_packets(tmp_path / "o.mkv")[0][0], np.int16)[:channels]
+    names = [channel.name for channel in av.AudioLayout(layout).channels]
+    assert [track.order[k] for k in first] == names, "Matroska's order is that of the layout"
+    line = "PCM of the same samples, its channels in the order that Matroska has them in"
+    assert line in make_plan(probe(source), container="mkv", source=source, streams=read_streams(source)).changed[0]
+    for suffix in (".mp4", ".webm"):
+        assert read_streams(tmp_path / f"o{suffix}").tracks[0].channels == channels
 
 
 def _starts_s(path: Path) -> list[float]:
