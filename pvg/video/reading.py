@@ -245,7 +245,7 @@ def pictures(clip: OpenClip, since: int | None = None, *, strict: bool = False) 
     since: a time stamp; pictures before it that no other picture needs are not decoded. strict: see `read_frames`.
     """
     count = packets = 0
-    interlaced = False
+    interlaced = begun = False
     context = clip.context
     try:
         for packet in clip.packets(strict=strict):
@@ -255,6 +255,11 @@ def pictures(clip: OpenClip, since: int | None = None, *, strict: bool = False) 
             packets += bool(packet.size and not packet.is_discard)
             for picture in clip.decode(packet):
                 interlaced = interlaced or picture.interlaced_frame
+                begun = begun or picture.key_frame  # at a cut between key pictures those before may lack others
+                if begun and picture.is_corrupt:
+                    raise MediaError(
+                        f"{clip.name} is damaged after frame {count} (a part of a picture is missing); upload it again"
+                    )
                 yield picture
                 count += 1
     except (av.error.FFmpegError, ValueError, MemoryError) as error:

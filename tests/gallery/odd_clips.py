@@ -241,6 +241,39 @@ def damaged_middle(folder: Path) -> Path:
     return path
 
 
+def damaged_picture(folder: Path) -> Path:
+    """An MP4 of 24 frames with the middle of one's bytes overwritten, which its decoder goes on after."""
+    path = _encode(folder / "damaged_picture.mp4", range(0, FRAMES * _STEP, _STEP))
+    with av.open(str(path)) as clip:
+        packet = [packet for packet in clip.demux(clip.streams.video[0]) if packet.size][8]
+    assert packet.pos is not None
+    data = bytearray(path.read_bytes())
+    middle = packet.pos + packet.size // 2
+    data[middle : middle + 200] = np.random.default_rng(1).bytes(200)
+    path.write_bytes(bytes(data))
+    return path
+
+
+def open_group(folder: Path) -> Path:
+    """An MP4 of 24 frames cut between key pictures, so that the first ones lean on others that are gone."""
+    path = folder / "open_group_whole.mp4"
+    with av.open(str(path), "w") as output:
+        stream: Any = output.add_stream(
+            "libx264", rate=25, options={"bf": "2", "x264-params": "keyint=8:open-gop=1:scenecut=0"}
+        )
+        stream.width, stream.height, stream.pix_fmt = 96, 64, "yuv420p"
+        for picture in _pictures():
+            output.mux(stream.encode(picture))
+        output.mux(stream.encode(None))
+    keys: list[bool] = []
+
+    def later(packet: Any) -> bool:
+        keys.append(packet.is_keyframe)
+        return sum(keys) > 1
+
+    return _copied(path, folder / "open_group.mp4", later)
+
+
 MADE: dict[str, Callable[[Path], Path]] = {
     "edit list": edit_list,
     "negative start": negative_start,
@@ -258,5 +291,6 @@ MADE: dict[str, Callable[[Path], Path]] = {
     "cut mkv": cut_mkv,
     "cut avi": cut_avi,
     "damaged middle": damaged_middle,
+    "damaged picture": damaged_picture,
 }
 """Every odd clip by what is odd about it."""

@@ -16,7 +16,7 @@ import pvg
 from pvg.errors import MediaError
 from pvg.video import MediaInfo, MediaLimits, probe, read_frames, read_image, write_image
 from tests.gallery.clips import encode_raw, libav_frame, write_clip
-from tests.gallery.odd_clips import MADE
+from tests.gallery.odd_clips import MADE, open_group
 
 
 @dataclass(frozen=True)
@@ -128,6 +128,7 @@ TABLE: dict[str, Read | Refused] = {
         (96, 64), 16, last_s=0.6, warns="its first 16 of 24 frames are read", strict="is cut short: its header claims"
     ),
     "damaged middle": Refused("is damaged after frame \\d+ .*; upload it again", late=True),
+    "damaged picture": Refused("is damaged after frame \\d+ .*; upload it again", late=True),
 }
 
 
@@ -204,6 +205,13 @@ def test_time_stamps_of_odd_clips_are_written_as_they_were_read(name: str, tmp_p
 def test_a_cut_clip_is_refused_in_reading_when_nothing_may_be_missing(name: str, tmp_path: Path) -> None:
     with pytest.raises(MediaError, match="cut short"):
         list(read_frames(MADE[name](tmp_path), strict=True))
+
+
+def test_pictures_that_lean_on_others_before_a_cut_are_no_damage(tmp_path: Path) -> None:
+    path = open_group(tmp_path)
+    frames = list(read_frames(path, strict=True))
+    assert len(frames) >= 14
+    assert list(read_frames(path, start=len(frames) - 3))[-1].pts == frames[-1].pts
 
 
 def test_a_clip_without_its_tail_is_vectorised_and_rendered_as_far_as_it_goes(media_dir: Path, tmp_path: Path) -> None:
