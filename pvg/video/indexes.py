@@ -146,7 +146,7 @@ def _of_sound(trak: bytes) -> int:
 
 # --- Matroska -------------------------------------------------------------------------------------------------
 
-_SEGMENT, _CLUSTER, _SEEK_HEAD, _ATTACHMENTS = (
+SEGMENT, CLUSTER, _SEEK_HEAD, _ATTACHMENTS = (
     b"\x18\x53\x80\x67",
     b"\x1f\x43\xb6\x75",
     b"\x11\x4d\x9b\x74",
@@ -161,7 +161,7 @@ _HEADERS = (
     b"\x12\x54\xc3\x67",
 )
 """Elements of a segment that are read as a whole: SeekHead, Info, Tracks, Cues, Chapters, Tags."""
-_OUTER = re.compile(b"|".join(map(re.escape, (_SEGMENT, _CLUSTER, _ATTACHMENTS, *_HEADERS))))
+_OUTER = re.compile(b"|".join(map(re.escape, (SEGMENT, CLUSTER, _ATTACHMENTS, *_HEADERS))))
 _SEEK_POSITION = b"\x53\xac"
 _MOST_BYTES = {_ATTACHMENTS: _MOST_HEADER_BYTES, b"\x1c\x53\xbb\x6b": 8 * 2**20}
 _MOST_OTHER_BYTES = 2**20
@@ -184,7 +184,7 @@ def _matroska_entries(name: str, file: BinaryIO, size: int) -> int:
             _check_attachments(name, file, body, end)
 
     for identity, body, end in _elements(name, file, 0, size):
-        if identity == _SEGMENT:
+        if identity == SEGMENT:
             segment = body
         hold(identity, body, min(end, size))
         if identity == _SEEK_HEAD:
@@ -208,17 +208,25 @@ def _elements(name: str, file: BinaryIO, at: int, end: int) -> Iterator[tuple[by
         number += 1
         if number > _MOST_ELEMENTS:
             raise MediaError(f"{name} has more than {_MOST_ELEMENTS} outer elements; export it again")
-        file.seek(at)
-        head = file.read(12)
-        width = 9 - head[0].bit_length() if head[0] >= 16 else 0
-        length, unknown, size_width = _length(head[width:]) if width else (0, False, 0)
-        if not size_width:
-            at = _next_outer(file, at + 1, end)
+        found = element_at(file, at)
+        if found is None:
+            at = next_outer(file, at + 1, end)
             continue
-        identity, body = head[:width], at + width + size_width
-        stop = end if unknown else body + length
-        yield identity, body, stop
-        at = body if unknown or identity == _SEGMENT else stop
+        identity, body, stop = found
+        yield identity, body, end if stop is None else stop
+        at = body if stop is None or identity == SEGMENT else stop
+
+
+def element_at(file: BinaryIO, at: int) -> tuple[bytes, int, int | None] | None:
+    """(identity, body, end) of the element that begins at a place, its end None when unknown; None for what is none."""
+    file.seek(at)
+    head = file.read(12)
+    width = 9 - head[0].bit_length() if head and head[0] >= 16 else 0
+    length, unknown, size_width = _length(head[width:]) if width else (0, False, 0)
+    if not size_width:
+        return None
+    body = at + width + size_width
+    return head[:width], body, None if unknown else body + length
 
 
 def _length(data: bytes) -> tuple[int, bool, int]:
@@ -230,7 +238,8 @@ def _length(data: bytes) -> tuple[int, bool, int]:
     return value, value == (1 << 7 * width) - 1, width
 
 
-def _next_outer(file: BinaryIO, at: int, end: int) -> int:
+def next_outer(file: BinaryIO, at: int, end: int) -> int:
+    """Where the next of the outermost elements begins; end where there is none."""
     step = 4096
     while at < end:
         file.seek(at)

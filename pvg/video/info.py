@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from pvg.errors import MediaError, TooLargeError, TooLongError
+from pvg.video.blocks import Blocks, read_blocks
 from pvg.video.display_order import packet_stamps
 from pvg.video.formats import RANGE_FULL, UNSPECIFIED, UNSTATED, PixelFormat
 from pvg.video.images import color_of_picture, read_image
@@ -82,10 +83,17 @@ def probe(
         claimed, size = max(claimed_bytes(path, kind), _last_sample(clip)), path.stat().st_size
     if is_fragmented(path, kind):
         info = replace(info, frame_count=0)
+    blocks = read_blocks(path) if kind == "matroska" else Blocks(size)
+    if blocks.gap is not None:
+        raise MediaError(f"{path.name} is damaged at byte {blocks.gap}: pictures may be missing; upload it again")
     if claimed > size:
         if strict:
             raise cut_short(path.name, claimed, size)
-        info = _of_cut_file(path, info, limits, size / claimed)
+        info = _of_cut_file(path, info, limits, f"{size / claimed:.0%} of its bytes are there")
+    elif blocks.end > size:  # recorded live: how long it was is not known
+        if strict:
+            raise MediaError(f"{path.name} is cut short: its last block is damaged or not whole; upload it whole")
+        info = _of_cut_file(path, info, limits, "its last block is damaged or not whole")
     if info.frame_count == 0 or info.frame_rate is None:
         info = _count_packets(path, info, limits)
     _check_totals(path.name, info, limits)
@@ -205,11 +213,11 @@ def _last_sample(clip: OpenClip) -> int:
     return max((entry.pos + entry.size for entry in clip.stream.index_entries), default=0)
 
 
-def _of_cut_file(path: Path, info: MediaInfo, limits: MediaLimits, share: float) -> MediaInfo:
-    """What is left of a clip whose end is missing; share: of its bytes, in [0, 1]."""
+def _of_cut_file(path: Path, info: MediaInfo, limits: MediaLimits, why: str) -> MediaInfo:
+    """What is left of a clip whose end is missing; why: what tells that, in words."""
     counted = _count_packets(path, info, limits)
     of = f" of {info.frame_count}" if info.frame_count > counted.frame_count else ""
-    line = f"the file is cut short: {share:.0%} of its bytes are there"
+    line = f"the file is cut short: {why}"
     line += f"; its first {counted.frame_count}{of} frames are read"
     seconds = counted.frame_count / float(counted.frame_rate or 25)
     return replace(counted, duration_s=min(info.duration_s or seconds, seconds), warnings=(*info.warnings, line))

@@ -225,6 +225,11 @@ def cut_mkv(folder: Path) -> Path:
     return _cut(_encode(folder / "whole.mkv", range(0, FRAMES * _STEP, _STEP)), "cut.mkv", 16)
 
 
+def cut_live_mkv(folder: Path) -> Path:
+    """The same as a live recording, which says neither its own length nor that of its clusters."""
+    return _cut(_encode(folder / "whole_live.mkv", range(0, FRAMES * _STEP, _STEP), live="1"), "cut_live.mkv", 16)
+
+
 def cut_avi(folder: Path) -> Path:
     """An AVI without its last tenth."""
     return _cut(raw_stamps_missing(folder), "cut.avi", 16)
@@ -250,6 +255,18 @@ def damaged_picture(folder: Path) -> Path:
     data = bytearray(path.read_bytes())
     middle = packet.pos + packet.size // 2
     data[middle : middle + 200] = np.random.default_rng(1).bytes(200)
+    path.write_bytes(bytes(data))
+    return path
+
+
+def lost_blocks(folder: Path) -> Path:
+    """A Matroska file of 24 frames, a block's head in the middle overwritten: readers go on at the next cluster."""
+    path = _encode(folder / "lost_blocks.mkv", range(0, FRAMES * _STEP, _STEP), cluster_time_limit="400")
+    with av.open(str(path)) as clip:
+        packet = [packet for packet in clip.demux(clip.streams.video[0]) if packet.size][10]
+    assert packet.pos is not None
+    data = bytearray(path.read_bytes())
+    data[packet.pos - 2 : packet.pos + 10] = bytes(12)
     path.write_bytes(bytes(data))
     return path
 
@@ -289,6 +306,7 @@ MADE: dict[str, Callable[[Path], Path]] = {
     "cut mp4": cut_mp4,
     "cut fragments": cut_fragments,
     "cut mkv": cut_mkv,
+    "cut live mkv": cut_live_mkv,
     "cut avi": cut_avi,
     "damaged middle": damaged_middle,
     "damaged picture": damaged_picture,

@@ -16,7 +16,7 @@ import pvg
 from pvg.errors import MediaError
 from pvg.video import MediaInfo, MediaLimits, probe, read_frames, read_image, write_image
 from tests.gallery.clips import encode_raw, libav_frame, write_clip
-from tests.gallery.odd_clips import MADE, open_group
+from tests.gallery.odd_clips import FRAMES, MADE, late_start_mkv, lost_blocks, open_group
 
 
 @dataclass(frozen=True)
@@ -124,6 +124,9 @@ TABLE: dict[str, Read | Refused] = {
     "cut mkv": Read(
         (96, 64), 16, last_s=0.6, warns="its first 16 frames are read", strict="is cut short: its header claims"
     ),
+    "cut live mkv": Read(
+        (96, 64), 16, last_s=0.6, warns="its first 16 frames are read", strict="its last block is damaged or not whole"
+    ),
     "cut avi": Read(
         (96, 64), 16, last_s=0.6, warns="its first 16 of 24 frames are read", strict="is cut short: its header claims"
     ),
@@ -205,6 +208,19 @@ def test_time_stamps_of_odd_clips_are_written_as_they_were_read(name: str, tmp_p
 def test_a_cut_clip_is_refused_in_reading_when_nothing_may_be_missing(name: str, tmp_path: Path) -> None:
     with pytest.raises(MediaError, match="cut short"):
         list(read_frames(MADE[name](tmp_path), strict=True))
+
+
+def test_a_matroska_clip_whose_blocks_are_lost_is_refused(tmp_path: Path) -> None:
+    path = lost_blocks(tmp_path)
+    assert len(list(read_frames(path))) < FRAMES, "nothing else tells"
+    with pytest.raises(MediaError, match=r"is damaged at byte \d+: pictures may be missing; upload it again"):
+        probe(path)
+
+
+def test_zeros_behind_a_matroska_clip_are_no_damage(tmp_path: Path) -> None:
+    path = late_start_mkv(tmp_path)
+    path.write_bytes(path.read_bytes() + bytes(100))
+    assert probe(path, strict=True).warnings == ()
 
 
 def test_pictures_that_lean_on_others_before_a_cut_are_no_damage(tmp_path: Path) -> None:
