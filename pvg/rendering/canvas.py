@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from pathlib import Path
 from typing import BinaryIO, Literal
 
@@ -132,11 +133,15 @@ def piped_canvas(video: VectorVideo, pictures: BinaryIO) -> Iterator[Canvas]:
         # what says how pictures were coded is the pipe's
         fields = clip.fields if clip.fields or clip.progressive else streams.fields
         streams = replace(streams, fields=fields, alpha=False, embedded=())
-        order = None
+        order = start_s = None
         if source is not None and not clip.stamped:  # beside its sound
             order = display_order(source, video.limits, video.frame_count)
+        elif source is not None and known is not None and known.time_base is not None:
+            # NUT has no time before zero: all is moved where the sound begins so
+            first = next(read_frames(source, stop=1, limits=video.limits, input_color=input_color))
+            start_s = first.pts * known.time_base
         info, missing = _info(clip, known, order, video), _missing(clip, known, order)
-        yield Canvas(info, source, streams, lambda: _counted(clip, order, video), missing)
+        yield Canvas(info, source, streams, lambda: _counted(clip, order, start_s, video), missing)
 
 
 def _missing(clip: PipedClip, known: MediaInfo | None, order: DisplayOrder | None) -> tuple[str, ...]:
@@ -180,15 +185,24 @@ def _info(clip: PipedClip, known: MediaInfo | None, order: DisplayOrder | None, 
     )
 
 
-def _counted(clip: PipedClip, order: DisplayOrder | None, video: VectorVideo) -> Iterator[Frame]:
-    count = 0
+def _counted(
+    clip: PipedClip, order: DisplayOrder | None, start_s: Fraction | None, video: VectorVideo
+) -> Iterator[Frame]:
+    """The pipe's frames, shown when the clip shows its own; start_s: when that is of the first one, None for any."""
+    count = shift = 0
     for frame in clip.frames:
+        if start_s is not None and count == 0:
+            shift = round(start_s / clip.time_base) - frame.pts
         count += 1
         if count > video.frame_count:
             raise MediaError(f"{clip.name} has more frames than the {video.frame_count} of {video.path.name}")
-        yield frame if order is None else _shown(frame, order)
+        yield _moved(frame, shift, clip.time_base) if order is None else _shown(frame, order)
     if count < video.frame_count:
         raise MediaError(f"{clip.name} ends after {count} frames; {video.path.name} has {video.frame_count}")
+
+
+def _moved(frame: Frame, shift: int, time_base: Fraction) -> Frame:
+    return replace(frame, pts=frame.pts + shift, time_s=float((frame.pts + shift) * time_base)) if shift else frame
 
 
 def _shown(frame: Frame, order: DisplayOrder) -> Frame:

@@ -17,9 +17,9 @@ import pvg
 from pvg.errors import MediaError
 from pvg.rendering import canvas
 from pvg.rendering.canvas import piped_canvas
-from pvg.video import PipeReader, VideoWriter, probe, read_frames
+from pvg.video import PipeReader, VideoWriter, make_plan, probe, read_frames, read_streams
 from scripts.samples import Samples
-from tests.gallery.clips import encode_raw, libav_frame
+from tests.gallery.clips import add_tone, encode_raw, libav_frame
 from tests.gallery.pictures import colorful
 
 _FRAMES = 5
@@ -79,20 +79,41 @@ def test_pictures_of_another_number_or_size_are_refused(clip: pvg.VectorVideo, l
     assert list(tmp_path.iterdir()) == []
 
 
-def test_luma_and_chroma_by_a_pipe_are_not_read_as_a_clip_of_red_green_and_blue_is_coded(tmp_path: Path) -> None:
-    """Its matrix and its full range are no Y'CbCr picture's."""
-    path = encode_raw(tmp_path / "rgb.mkv", [libav_frame(colorful(1, (96, 64)), "bgr0")], "ffv1")
+def _plain(path: Path) -> Any:
+    """A clip that nobody vectorised."""
     info = probe(path)
-    assert info.format.is_rgb
-    video: Any = SimpleNamespace(
+    return SimpleNamespace(
         path=path,
         source=path,
         require_source=lambda: path,
         media=info,
         settings={"input_color": "auto"},
         limits=pvg.MediaLimits(),
-        frame_count=1,
+        frame_count=info.frame_count,
     )
+
+
+def test_pictures_that_nut_moves_because_sound_begins_before_zero_stay_beside_it(tmp_path: Path) -> None:
+    """As AAC's does, by what its decoder needs."""
+    raw = [libav_frame(np.roll(colorful(1, (96, 64)), k, 1)) for k in range(_FRAMES)]
+    path = add_tone(encode_raw(tmp_path / "silent.mp4", raw, "libx264"), 1.0, 0.1, tmp_path / "clip.mp4")
+    pipe, video = io.BytesIO(), _plain(path)
+    plan = make_plan(video.media, container="nut", source=path, streams=read_streams(path))
+    with VideoWriter(pipe, video.media, video.media.format, plan=plan) as writer:
+        for frame in read_frames(path):
+            writer.write(frame)
+    with PipeReader(io.BytesIO(pipe.getvalue())) as moved:
+        assert next(moved.frames).time_s == pytest.approx(1024 / 44100, abs=3e-3), "NUT has no time before zero"
+    with piped_canvas(video, io.BytesIO(pipe.getvalue())) as piped:
+        times = [frame.time_s for frame in piped.frames()]
+    assert times == [frame.time_s for frame in read_frames(path)]
+
+
+def test_luma_and_chroma_by_a_pipe_are_not_read_as_a_clip_of_red_green_and_blue_is_coded(tmp_path: Path) -> None:
+    """Its matrix and its full range are no Y'CbCr picture's."""
+    path = encode_raw(tmp_path / "rgb.mkv", [libav_frame(colorful(1, (96, 64)), "bgr0")], "ffv1")
+    video = _plain(path)
+    assert video.media.format.is_rgb
     pictures = io.BytesIO(b"YUV4MPEG2 W96 H64 F25:1\nFRAME\n" + bytes(96 * 64 * 3 // 2))
     with piped_canvas(video, pictures) as piped:
         (frame,) = piped.frames()
