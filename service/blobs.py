@@ -72,7 +72,7 @@ class Blobs:
     def bury(self, keys: Collection[str]) -> bool:
         """The first half of `discard`: they are due from now on. Never fails; False when they are due later."""
         try:
-            with self._database.write() as session:
+            with self._database.write(frees=True) as session:
                 tombstones.bury(session, keys, now=self._database.now())
         except Exception as error:
             log.warning("blobs are deleted later", count=len(keys), error=type(error).__name__)
@@ -131,10 +131,10 @@ class Blobs:
         try:
             while left and goes_on and time.monotonic() < until:
                 batch, left = left[:_AT_ONCE], left[_AT_ONCE:]
-                with self._database.write() as session:
+                with self._database.write(frees=True) as session:
                     taken = tombstones.take(session, batch, now=self._database.now())
                 done, goes_on = self._delete_taken(taken, until)
-                with self._database.write() as session:
+                with self._database.write(frees=True) as session:
                     tombstones.gone(session, done, now=self._database.now())
                 count += len(done)
         except Exception as error:  # the tombstones stay

@@ -8,11 +8,12 @@ from collections.abc import Callable
 from datetime import datetime, timedelta
 
 import structlog
+from sqlalchemy.exc import DBAPIError
 
 from service.blobs import WRITE_S, Blobs
 from service.catalog import Database, Lease, Message, idempotency, jobs, leases, previews, set_back, sweep, webhooks
 from service.drafts import Drafts
-from service.outages import is_outage, is_partly_locked
+from service.outages import is_disk_full, is_outage, is_partly_locked
 from service.queue import QUEUES, Publisher, clear_remains
 from service.room import Room
 from service.rounds import Rounds
@@ -190,8 +191,19 @@ class Reaper:
 
         At most `sweep.BATCH` of a kind. Returns a number that is 0 when nothing was past its retention.
         """
+        try:
+            removed = self._expire_records()
+        except DBAPIError as error:
+            if not is_disk_full(error):
+                raise
+            removed = self._expire_records(frees=True)  # the reserve is for what is past its retention, not for a look
+        self._drafts.clear()
+        clear_remains(self._settings)
+        return removed
+
+    def _expire_records(self, *, frees: bool = False) -> int:
         now = self._database.now()
-        with self._database.write() as session:
+        with self._database.write(frees=frees) as session:
             removed = len(sweep.expire_results(session, now=now))
             late = sweep.late_media(session, now=now)
         removed += sum(self._expire_medium(media_id, now) for media_id in late)
@@ -200,8 +212,6 @@ class Reaper:
             removed += sweep.expire_jobs(session, before=now - timedelta(seconds=self._settings.job_ttl_s))
             removed += previews.expire(session, now=now)
             removed += idempotency.expire(session, now=now, limit=sweep.BATCH)
-        self._drafts.clear()
-        clear_remains(self._settings)
         return removed
 
     def _expire_medium(self, media_id: str, now: datetime) -> int:

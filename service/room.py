@@ -28,7 +28,7 @@ class Room:
 
     Below ``min_free_bytes`` of the settings nothing is begun that would need more: uploads, new jobs, work on jobs.
     What others write may still fill the disk. SQLite then could not even delete, as that is written to its log first;
-    so a file of some size is kept, and given back when a record is to be written on a full disk.
+    so a file of some size is kept, and given back when something is to be deleted, or a job canceled, on a full disk.
 
     A shared folder that hangs holds whoever asks it, and an event loop must not be held: between `watch` and `unwatch`
     the answers are those of the last look of a thread, less what was written since, and no caller waits for a disk.
@@ -100,9 +100,10 @@ class Room:
             os.posix_fallocate(file.fileno(), 0, self._reserve_bytes)
 
     def give_back(self) -> None:
-        """Give a part of the reserve back when less than that is free: a record is to be written."""
+        """Give a part of the reserve back when less than half of that is free: something is to be deleted."""
         part = self._reserve_bytes // _PARTS
-        if _free(self._reserve.parent) >= part or not (left := self._reserve_left()):
+        # one part is for many: they do not take another each, as soon as the first has written a page
+        if _free(self._reserve.parent) >= part // 2 or not (left := self._reserve_left()):
             return
         with suppress(FileNotFoundError):
             os.truncate(self._reserve, max(0, left - part))

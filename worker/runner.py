@@ -10,6 +10,7 @@ from typing import Final, TypeVar
 
 import structlog
 from celery import Celery
+from sqlalchemy.exc import DBAPIError
 from sqlalchemy.orm import Session
 
 from service import tracing
@@ -68,7 +69,7 @@ class Runner:
         self._app = app
         self._sandbox = sandbox
         self._room = Room(settings)
-        self._database = Database(settings.database, before_write=self._room.give_back)
+        self._database = Database(settings.database, before_freeing=self._room.give_back)
         self._storage = Storage(settings, was_marked=partial(was_marked, self._database))
         # recorded when all of a job's are written, and stores may be away in between
         self._blobs = Blobs(self._database, self._storage, within_s=settings.job_hard_limit_s)
@@ -152,15 +153,23 @@ class Runner:
             if not waited:
                 waited = True
                 log.warning(why, job=job_id)
-                stage = leases.NO_ROOM if why == _NO_ROOM else None
-                with self._database.write() as session:
-                    if not leases.put_off(session, job_id, now=self._database.now(), stage=stage):
-                        return True  # nothing to wait for: the claim finds out
+                if not self._put_off(job_id, leases.NO_ROOM if why == _NO_ROOM else None):
+                    return True  # nothing to wait for: the claim finds out
             if time.monotonic() >= until:
                 return False
             stopping.check()
             time.sleep(ROOM_POLL_S)
         return True
+
+    def _put_off(self, job_id: str, stage: str | None) -> bool:
+        """Record that a job waits for this machine's disk; False for one that cannot be claimed."""
+        try:
+            with self._database.write() as session:
+                return leases.put_off(session, job_id, now=self._database.now(), stage=stage)
+        except DBAPIError as error:
+            if not is_disk_full(error):
+                raise
+            return True  # there is no room for that either; the reaper sends its message again
 
     def _unfit(self) -> str | None:
         """Why no job can be begun on this machine's disk; None when one can."""
@@ -265,14 +274,14 @@ class Runner:
             self._confirm_cancel(lease)
 
     def _confirm_cancel(self, lease: Lease) -> None:
-        if self._at_last(lambda session, now: leases.confirm_cancel(session, lease, now=now)):
+        if self._at_last(lambda session, now: leases.confirm_cancel(session, lease, now=now), frees=True):
             log.info("job canceled")
 
-    def _at_last(self, step: Callable[[Session, datetime], T]) -> T:
+    def _at_last(self, step: Callable[[Session, datetime], T], *, frees: bool = False) -> T:
         """Take a last step of a job, when the database is there to take it: until then its lease is kept."""
 
         def once() -> T:
-            with self._database.write() as session:
+            with self._database.write(frees=frees) as session:
                 return step(session, self._database.now())
 
         return Patience(stopping.check, limit_s=self._settings.max_outage_s)(once)

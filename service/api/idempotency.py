@@ -55,6 +55,8 @@ class Once:
         self._claim: Claim | None = None
         self._answered: Answer | None = None
         self._beats: asyncio.Task[None] | None = None
+        #: it cancels something: on a full disk its key has a part of the reserve
+        self.frees = False
 
     async def __aenter__(self) -> Self:
         if self._key is not None:
@@ -96,7 +98,7 @@ class Once:
     def _begin(self, claim: Claim) -> Answer | None:
         database, ttl_s = self._services.database, self._services.settings.idempotency_ttl_s
         try:
-            with database.write() as session:
+            with database.write(frees=self.frees) as session:
                 return idempotency.begin(session, claim, now=database.now(), lock_s=LOCK_S, ttl_s=ttl_s)
         except idempotency.InUseError as error:
             detail = "another request with this Idempotency-Key is being worked on; ask again for its answer"

@@ -14,8 +14,11 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from typing import Final
 
+from sqlalchemy.exc import DBAPIError
+
 from service.catalog import Database, keys
-from service.catalog.keys import WINDOW_S
+from service.catalog.keys import WINDOW_S, Share
+from service.outages import is_disk_full
 
 _SHARES: Final = 20
 
@@ -83,10 +86,21 @@ class Rates:
             if held.is_stale(window):
                 held.window, held.mine, held.others = window, 0, limit
             if held.mine == 0 and held.others > 0:
-                with self._database.write() as session:
-                    share = keys.take_share(session, key_id, window=held.window, wanted=math.ceil(limit / _SHARES))
+                share = self._share(key_id, held, limit)
                 held.window, held.mine, held.others = share.window, share.granted, max(0, limit - share.taken)
             return _count(held, limit, now_s)
+
+    def _share(self, key_id: str, held: _Held, limit: int) -> Share:
+        wanted = math.ceil(limit / _SHARES)
+        try:
+            with self._database.write() as session:
+                return keys.take_share(session, key_id, window=held.window, wanted=wanted)
+        except DBAPIError as error:
+            if not is_disk_full(error):
+                raise
+            # reading and deleting go on: until there is room this process counts by itself
+            granted = min(wanted, held.others)
+            return Share(held.window, granted, limit - held.others + granted)
 
 
 def _count(held: _Held, limit: int, now_s: float) -> Standing:

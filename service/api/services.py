@@ -84,8 +84,8 @@ def make_services(settings: Settings, *, clock: Clock | None = None) -> Services
     """The parts of an API, not started yet. Raises `OSError` when its folders cannot be made."""
     make_folders(settings)
     room = Room(settings)
-    database = Database(settings.database, clock=clock, lock_wait_s=LOCK_WAIT_S, before_write=room.give_back)
-    background = Database(settings.database, clock=clock, before_write=room.give_back)
+    database = Database(settings.database, clock=clock, lock_wait_s=LOCK_WAIT_S, before_freeing=room.give_back)
+    background = Database(settings.database, clock=clock, before_freeing=room.give_back)
     storage = Storage(settings, was_marked=partial(was_marked, database))
     publisher = Publisher(settings, background)
     calls = Calls()

@@ -112,7 +112,7 @@ class Database:
     `read` and `write` open one transaction each; `write` commits at the end of the block and rolls back on an
     error. On SQLite a writer takes its lock at once (BEGIN IMMEDIATE): one that starts as a reader and upgrades
     fails without waiting when another writes. A writer waits ``lock_wait_s`` for others, then raises.
-    ``before_write`` runs before it, and may make room for it.
+    ``before_freeing`` runs before one that ``frees``: that deletes, cancels or expires. It may make room for it.
 
     `now` is the database's time: a server's own; that of this machine for SQLite, all of whose users are on it. Tests
     give a ``clock`` that moves when told to.
@@ -124,7 +124,7 @@ class Database:
         *,
         clock: Clock | None = None,
         lock_wait_s: float = LOCK_WAIT_S,
-        before_write: Callable[[], None] = lambda: None,
+        before_freeing: Callable[[], None] = lambda: None,
     ) -> None:
         self.url = url
         self._engine = make_engine(url, lock_wait_s=lock_wait_s)
@@ -132,7 +132,7 @@ class Database:
         is_sqlite = self._engine.dialect.name == "sqlite"
         self._server = None if is_sqlite else ServerClock()
         self.now: Clock = clock or self._now
-        self._before_write = before_write
+        self._before_freeing = before_freeing
         self._turn = _WritersTurn(url, lock_wait_s) if is_sqlite else nullcontext()
         self._lock_wait_s = lock_wait_s
         self._closed = False
@@ -146,9 +146,10 @@ class Database:
             yield session
 
     @contextmanager
-    def write(self) -> Iterator[Session]:
+    def write(self, *, frees: bool = False) -> Iterator[Session]:
         """A transaction that is committed when the block ends."""
-        self._before_write()
+        if frees:
+            self._before_freeing()
         with self._turn, Session(self._writer, expire_on_commit=False) as session, session.begin():
             self._set_clock(session)
             yield session

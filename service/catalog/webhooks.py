@@ -223,9 +223,14 @@ def replay(session: Session, delivery_id: str, *, now: datetime) -> bool:
 # secrets
 
 
+def known_secret(session: Session, owner: str) -> WebhookSecret | None:
+    """What an owner's webhooks are signed with; None when there is none yet."""
+    return session.get(WebhookSecret, owner, populate_existing=True)
+
+
 def secret(session: Session, owner: str, *, now: datetime) -> WebhookSecret:
     """What an owner's webhooks are signed with; made when there is none yet."""
-    found = session.get(WebhookSecret, owner, populate_existing=True)
+    found = known_secret(session, owner)
     if found is not None:
         return found
     made = WebhookSecret(owner=owner, secret=_new_secret(), created_at=now)
@@ -233,7 +238,7 @@ def secret(session: Session, owner: str, *, now: datetime) -> WebhookSecret:
         with session.begin_nested():
             session.add(made)
     except IntegrityError:  # another process made it at the same time
-        found = session.get(WebhookSecret, owner, populate_existing=True)
+        found = known_secret(session, owner)
         assert found is not None, "secrets are never deleted"  # noqa: S101
         return found
     return made

@@ -12,7 +12,8 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.catalog import JobKind, Role, jobs
+from service.catalog import JobKind, Role, jobs, keys
+from service.catalog.keys import Limits
 from service.settings import Settings
 from tests.promises import Drill
 from tests.service.fixtures import PNG, Api, add_media, claim, make_ready, serve
@@ -171,3 +172,32 @@ def test_a_job_that_runs_out_of_room_is_tried_again_and_fails_at_last(
     assert seen == [("queued", 2, None), ("queued", 3, None), *[("failed", 3, "insufficient-storage")] * 2]
     assert api.drafts == []
     claim(database, add_media(database).job_id)
+
+
+def test_the_reserve_is_for_deletions_alone(api: Api, small_disk: Path) -> None:
+    reserve = small_disk / "data" / "reserve"
+    database = api.services.database
+    with database.write() as session:
+        _, secret = keys.create(session, "studio", Limits(), now=database.now())
+    api.client.headers["Authorization"] = f"Bearer {secret}"
+    made = [upload(api, 200_000).json()["id"] for _ in range(4)]
+    assert api.client.get("/webhooks/secret").status_code == 200
+    api.services.reaper.round()
+    whole = reserve.stat().st_size
+    others = fill(small_disk)
+    until(lambda: fill(small_disk) == others and api.services.room.free_bytes() == 0)
+
+    for _ in range(10):
+        fill(small_disk)
+        for post in ("/uploads/link", "/webhooks/secret/rotate"):
+            json = {"role": "reference"} if post == "/uploads/link" else None
+            assert api.client.post(post, json=json, headers={"Idempotency-Key": post}).status_code == 507
+        assert api.client.get("/webhooks/secret").status_code == 200
+        api.services.rates._held.clear()  # another minute
+        assert api.client.get(f"/references/{made[0]}").status_code == 200
+        api.services.reaper.round()
+    assert reserve.stat().st_size == whole
+    for medium in made:
+        fill(small_disk)
+        assert api.client.delete(f"/references/{medium}?cancel_jobs=true").status_code == 204
+    assert reserve.stat().st_size < whole

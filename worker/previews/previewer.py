@@ -39,7 +39,7 @@ class Previewer:
 
     def __init__(self, settings: Settings, sandbox: Sandbox) -> None:
         self._settings = settings
-        self._database = Database(settings.database, before_write=Room(settings).give_back)
+        self._database = Database(settings.database, before_freeing=Room(settings).give_back)
         self._storage = Storage(settings, was_marked=partial(was_marked, self._database))
         # never recorded as a result: the tombstone ends it
         self._blobs = Blobs(self._database, self._storage, within_s=KEPT_S)

@@ -28,7 +28,7 @@ async def remove(services: Services, owner: str, role: Role, media_id: str, *, c
 def _remove(services: Services, owner: str, role: Role, media_id: str, *, cancel_jobs: bool) -> list[str]:
     """Remove the records. Returns the blobs that are to go."""
     database = services.database
-    with database.write() as session:
+    with database.write(frees=True) as session:
         found = media.get(session, media_id, owner=owner, lock="update")
         if found is None or found.role != role:
             raise NotFoundError(f"there is no {role.value} {media_id}")
@@ -68,7 +68,7 @@ async def take_back(services: Services, owner: str, brought: Sequence[MediaBody]
 def _take_back(services: Services, owner: str, brought: Sequence[MediaBody]) -> list[str]:
     keys: list[str] = []
     messages: list[Message] = []
-    with services.database.write() as session:
+    with services.database.write(frees=True) as session:
         for body in sorted(brought, key=lambda body: body.id):
             found = media.get(session, body.id, owner=owner, lock="update")
             # whoever asks for it, or uses it, counts its retention anew

@@ -300,7 +300,7 @@ async def remove(services: Services, upload_id: str, *, even_if_complete: bool =
 
 
 def _remove(services: Services, upload_id: str, *, even_if_complete: bool) -> list[str]:
-    with services.database.write() as session:
+    with services.database.write(frees=True) as session:
         now = services.database.now()
         upload = resumable.get(session, upload_id, now=now, lock=True)
         if upload is None:

@@ -120,6 +120,7 @@ async def cancel_job(
     job_id: JobId, response: Response, services: ServicesDep, caller: CallerDep, once: OnceDep
 ) -> JobBody:
     """Stop a job. A queued one ends at once; a running one when its worker has stopped."""
+    once.frees = True
     async with once:
         once.compare(None)
         done_now, body = await services.calls.write(_cancel, services, caller, once, job_id)
@@ -130,7 +131,7 @@ async def cancel_job(
 def _cancel(services: Services, caller: Caller, once: Once, job_id: str) -> tuple[bool, JobBody]:
     """Cancel a job; False when it was canceled before. Raises `NotFoundError` and `ConflictError`."""
     now = services.database.now()
-    with services.database.write() as session:
+    with services.database.write(frees=True) as session:
         job = jobs.get(session, job_id, owner=caller.owner)
         if job is None:
             raise NotFoundError(f"there is no job {job_id}")

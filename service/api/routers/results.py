@@ -137,7 +137,7 @@ async def delete_result(result_id: ResultId, services: ServicesDep, caller: Call
 
 
 def _delete(services: Services, owner: str, result_id: str) -> list[str]:
-    with services.database.write() as session:
+    with services.database.write(frees=True) as session:
         if results.get(session, result_id, owner=owner) is None:
             raise NotFoundError(f"there is no result {result_id}")
         return results.delete(session, result_id, now=services.database.now())

@@ -105,6 +105,7 @@ async def create_upload_link(
     wanted = await read_json(request, UploadLinkRequest, limit_bytes=services.settings.max_json_bytes)
     async with once:
         once.compare(wanted.model_dump(mode="json"))
+        services.room.require()
         return await services.calls.write(_make_link, services, caller, once, wanted)
 
 
