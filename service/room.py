@@ -44,6 +44,8 @@ class Room:
         self._written = 0
         #: what was free at the last look, and what had been written by its beginning
         self._seen: tuple[int, int] | None = None
+        #: the log says that there is too little
+        self._said_short = False
         self._stop = threading.Event()
 
     def watch(self) -> None:
@@ -63,6 +65,18 @@ class Room:
     def _look(self) -> None:
         written = self._written
         self._seen = (self._free(), written)
+        self._say()
+
+    def _say(self) -> None:
+        """Log that there is too little room, and that there is some again, once each."""
+        if (is_short := self.is_short()) == self._said_short:
+            return
+        self._said_short = is_short
+        about = {"free_bytes": self.free_bytes(), "min_free_bytes": self._min_free_bytes}
+        if is_short:
+            log.warning("too little room on the disk: uploads and new jobs are refused", **about)
+        else:
+            log.info("there is room on the disk again", **about)
 
     def _free(self) -> int:
         return min(_free(folder) for folder in self._folders)

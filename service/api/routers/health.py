@@ -11,7 +11,7 @@ from fastapi import APIRouter, Response
 from sqlalchemy.exc import SQLAlchemyError
 
 from service.api.dependencies import ServicesDep
-from service.api.probes import OK, UNAVAILABLE
+from service.api.probes import FULL, OK, UNAVAILABLE
 from service.api.schemas import Liveness, Readiness
 from service.api.services import Services
 from service.catalog import collecting, workers
@@ -49,6 +49,8 @@ async def get_readiness(services: ServicesDep, response: Response) -> Readiness:
         response.status_code = 503
         return Readiness(status="stopping", checks={})
     database, storage, broker = await asyncio.gather(*(probe.state() for probe in services.probes))
+    if storage == OK and services.room.is_short():
+        storage = FULL
     checks: dict[str, str] = {"database": database, "storage": storage, "broker": broker}
     checks |= {"workers": UNAVAILABLE, "collector": UNAVAILABLE}
     if database == OK:

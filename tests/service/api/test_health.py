@@ -15,7 +15,7 @@ from service.api.probes import OK, UNAVAILABLE, Probe
 from service.catalog import collecting, workers
 from service.settings import Settings
 from service.storage import Storage
-from tests.service.fixtures import MP4, Api, serve
+from tests.service.fixtures import MP4, PNG, Api, serve
 from tests.service.s3 import S3
 from tests.waiting import until
 
@@ -34,6 +34,25 @@ def test_a_running_service_is_live_and_ready(api: Api) -> None:
     checks = {"database": "ok", "storage": "ok", "broker": "ok", "workers": "ok", "collector": "ok"}
     assert ready.json() == {"status": "ok", "checks": checks}
     assert api.blobs == []
+
+
+def test_a_service_with_little_room_is_ready_and_says_so_once(
+    api: Api, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    beat(api)
+    monkeypatch.setattr("service.room._free", lambda _: 1000)
+    until(api.services.room.is_short)
+    api.services.room._look()
+    ready = api.client.get("/readyz")
+    assert (ready.status_code, ready.json()["status"], ready.json()["checks"]["storage"]) == (200, "degraded", "full")
+    assert api.client.post("/references", content=PNG, headers={"content-type": "image/png"}).status_code == 507
+    monkeypatch.undo()
+    until(lambda: not api.services.room.is_short())
+    assert api.client.get("/readyz").json()["checks"]["storage"] == "ok"
+    said = [record for record in caplog.records if record.name == "service.room"]
+    assert [record.message for record in said if record.levelname == "WARNING"] == [
+        "too little room on the disk: uploads and new jobs are refused"
+    ]
 
 
 def beat(api: Api, lacks: str | None = None, *, late_s: float = 0) -> None:
