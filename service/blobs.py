@@ -15,7 +15,7 @@ from typing import Final
 import structlog
 
 from service.catalog import Database, Lease, collecting, tombstones
-from service.outages import is_outage
+from service.outages import is_disk_full, is_outage
 from service.storage import Storage
 
 log = structlog.get_logger(__name__)
@@ -138,7 +138,7 @@ class Blobs:
                     tombstones.gone(session, done, now=self._database.now())
                 count += len(done)
         except Exception as error:  # the tombstones stay
-            say = log.warning if is_outage(error) else log.exception
+            say = log.warning if is_outage(error) or is_disk_full(error) else log.exception
             say("blobs are deleted later", count=len(keys) - count, error=type(error).__name__)
         return count
 

@@ -25,9 +25,10 @@ from service.collector import HaltedError
 from service.command_line import CANNOT_START, current_settings, open_records, read_settings, refuse, with_records
 from service.key_commands import key_commands
 from service.logs import configure
-from service.outages import is_outage
+from service.outages import is_disk_full, is_outage
 from service.processes import JOBS, KINDS, WorkerProcess, worker_command, worker_environment
 from service.queue import make_folders
+from service.room import Room
 from service.settings import Settings
 
 log = structlog.get_logger(__name__)
@@ -224,17 +225,35 @@ def gc(
     """Remove what is past its retention, and files that no record names."""
     from service.api import make_services  # noqa: PLC0415 - half of the start, and other commands do without
 
+    settings = read_settings()
+    make_folders(settings)
+    Room(settings).give_back()  # without a page of room SQLite cannot be opened
     settings = current_settings()
     configure(settings.log_level)
     services = make_services(settings)
-    deleted = services.reaper.clear()
+    left: list[str] = []
+    deleted = _unless_full(services.reaper.clear, "expiry", left)
     try:
-        orphans = services.collector.collect(even_most=even_most)
+        orphans = _unless_full(lambda: services.collector.collect(even_most=even_most), "the search", left)
     except HaltedError as error:
         typer.echo(f"{deleted} file(s) removed", err=True)
         refuse(str(error), CANNOT_START)
-    deleted += services.reaper.clear()
+    deleted += _unless_full(services.reaper.clear, "deletion", left)
+    _unless_full(services.background.forget, "clearing the log of SQLite", left)
     typer.echo(f"{deleted} file(s) removed; {orphans} had no record", err=True)
+    if left:
+        refuse(f"the disk is full, not done: {', '.join(left)}; run it again once there is room", CANNOT_START)
+
+
+def _unless_full(step: Callable[[], int | None], name: str, left: list[str]) -> int:
+    """What a step counts. One for which a full disk has no room counts nothing, and is ``left``."""
+    try:
+        return step() or 0
+    except (DBAPIError, OSError) as error:
+        if not is_disk_full(error):
+            raise
+        left.append(name)
+        return 0
 
 
 @cli.command()

@@ -100,7 +100,7 @@ class Collector:
             self._check_mark()
             found = self._check_share(before, even_most=even_most)
         except HaltedError as error:
-            with self._database.write() as session:
+            with self._database.write(frees=True) as session:
                 collecting.halt(session, error.why)
             raise
         self._set_mark()
@@ -116,7 +116,7 @@ class Collector:
     def _check_mark(self) -> None:
         text = self._storage.mark()
         # read after the store's: it never carries a number that was not written here before
-        with self._database.write() as session:
+        with self._database.write(frees=True) as session:
             own = collecting.mark(session)
         if text is None:
             there, unknown = self._count(_END_OF_TIME)
@@ -153,7 +153,7 @@ class Collector:
         return unknown
 
     def _set_mark(self, *, after: int = 0) -> None:
-        with self._database.write() as session:
+        with self._database.write(frees=True) as session:
             mark = collecting.next_mark(session, after=after)
         self._storage.set_mark(str(mark))
 
@@ -169,7 +169,7 @@ class Collector:
         buried = 0
         for _, orphans in self._pages(before):
             if orphans:
-                with self._database.write() as session:
+                with self._database.write(frees=True) as session:
                     # somebody may have begun to write one again
                     still = set(orphans) - sweep.known_keys(session, orphans)
                     tombstones.bury(session, still, now=self._database.now())

@@ -47,6 +47,8 @@ class Reaper:
         self._rested_at = math.inf
         self._is_set_back = False
         self._short: set[Message] = set()
+        #: steps that had no room in the last round
+        self._full: list[str] = []
         self._whole_at = time.monotonic()
         self._rounds = Rounds("reaper", self.round, settings.reap_interval_s)
 
@@ -70,6 +72,7 @@ class Reaper:
             self._room.keep_reserve,
         )
         is_whole = True
+        full: list[str] = []
         for step in steps:
             began = time.monotonic()
             try:
@@ -78,15 +81,25 @@ class Reaper:
                 is_whole = False
                 if is_partly_locked(error) and step != self.revive:  # workers renew their leases all the same
                     log.warning("others keep what the reaper waits for", step=step.__name__)
+                elif is_disk_full(error):  # workers cannot renew their leases either
+                    self._spare_leases()
+                    full.append(step.__name__)
                 elif is_outage(error):
                     if step == self.revive or not self._answered_since(began):
                         self._spare_leases()
                     log.warning("the database or the storage is away", step=step.__name__, error=type(error).__name__)
                 else:
                     log.exception("a step of the reaper failed", step=step.__name__)
+        self._say_full(full)
         self._rested_at = time.monotonic()
         if is_whole:
             self._whole_at = self._rested_at
+
+    def _say_full(self, steps: list[str]) -> None:
+        """Log which steps had no room on the disk, once for as long as they are the same."""
+        before, self._full = self._full, steps
+        if steps and steps != before:
+            log.warning("the disk is full: steps of the reaper wait for room", steps=steps)
 
     @property
     def idle_s(self) -> float:
@@ -235,10 +248,10 @@ class Reaper:
         return deleted
 
     def clear(self) -> int:
-        """Do at once what the rounds do little by little. Returns how many files are gone.
+        """Do at once what the rounds do little by little, but for `Database.forget`. Returns how many files are gone.
 
         What the storage does not delete now is left to the rounds.
         """
         while self.expire():
             pass
-        return sum(iter(self.delete, 0))
+        return sum(iter(self._blobs.sweep, 0))

@@ -12,8 +12,10 @@ from pathlib import Path
 
 import pytest
 from click.testing import Result
+from sqlalchemy.exc import OperationalError
 from typer.testing import CliRunner
 
+from service.catalog import Database
 from service.cli import _have_keys, cli
 from service.key_commands import _named
 from service.settings import Settings
@@ -99,6 +101,32 @@ def test_files_of_another_database_go_only_once_they_are_adopted_and_though_they
     assert len(list(folder.iterdir())) == 30
     assert "30 file(s) removed; 30 had no record" in run("second", "gc", "--even-most")
     assert list(folder.iterdir()) == []
+
+
+def test_gc_goes_on_where_there_is_no_room_and_says_what_it_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_tables(f"sqlite:///{tmp_path}/data/catalog.sqlite3")
+    full = sqlite3.OperationalError("database or disk is full")
+    full.sqlite_errorcode = sqlite3.SQLITE_FULL
+
+    def forget(_: Database) -> None:
+        raise OperationalError("PRAGMA wal_checkpoint(TRUNCATE)", None, full)
+
+    monkeypatch.setattr(Database, "forget", forget)
+    monkeypatch.setattr("service.cli.configure", lambda _: None)  # of this process, which is the tests'
+    folder = tmp_path / "data" / "blobs" / "source" / "00"
+    folder.mkdir(parents=True)
+    (folder / f"{0:064x}-vid_{0:032x}.mp4").write_bytes(b"x")
+    os.utime(folder / f"{0:064x}-vid_{0:032x}.mp4", (0, 0))
+    environment = {"PVG_DATA_DIR": str(tmp_path / "data")}
+    assert CliRunner().invoke(cli, ["adopt"], env=environment).exit_code == 0
+    said = CliRunner().invoke(cli, ["gc"], env=environment)
+    assert said.exit_code == 1
+    assert said.output.splitlines()[-2:] == [
+        "1 file(s) removed; 1 had no record",
+        "pvg-service: the disk is full, not done: clearing the log of SQLite; run it again once there is room",
+    ]
 
 
 def test_a_key_is_all_that_is_printed(tmp_path: Path) -> None:

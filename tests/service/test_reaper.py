@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import sqlite3
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -120,6 +121,29 @@ def test_everything_queued_is_published_again_when_the_broker_lost_messages(
     until(lambda: len(messages(services.settings)) == 5)
     services.publisher.stop()
     assert set(take(services.settings, VECTORIZE)) == set(ids)
+
+
+def test_a_full_disk_is_said_once_and_keeps_no_worker_from_its_job(
+    services: Services, clock: FakeClock, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    full = sqlite3.OperationalError("database or disk is full")
+    full.sqlite_errorcode = sqlite3.SQLITE_FULL
+
+    def forget() -> None:
+        raise OperationalError("PRAGMA wal_checkpoint(TRUNCATE)", None, full)
+
+    medium = add_media(services.database)
+    monkeypatch.setattr(services.background, "forget", forget)
+    for _ in range(3):
+        services.reaper.round()
+    said = [record for record in caplog.records if record.name == "service.reaper"]
+    assert [(one.levelname, one.message, one.exc_info) for one in said] == [
+        ("WARNING", "the disk is full: steps of the reaper wait for room", None)
+    ]
+    claim(services.database, medium.job_id)
+    clock.forward(31)  # it could not renew its lease
+    services.reaper.round()
+    assert states(services, medium.job_id) == [("running", 1)]
 
 
 def test_a_lapsed_job_is_queued_and_published_again(services: Services, clock: FakeClock) -> None:
