@@ -8,7 +8,7 @@ from numbers import Integral, Real
 
 def real_number(name: str, value: object, low: float, high: float) -> float:
     """The option as a number in [low, high]. Raises ValueError."""
-    if isinstance(value, bool) or not isinstance(value, Real) or not low <= float(value) <= high:
+    if isinstance(value, bool) or not isinstance(value, Real) or not low <= value <= high:  # of any size
         raise ValueError(f"{name} must be a number from {low:g} to {high:g}, not {value!r}")
     return float(value)
 

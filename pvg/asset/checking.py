@@ -92,6 +92,17 @@ def check_decoded(name: str, values: NDArray[Any], side: int) -> None:
         raise ValueError("its values are far from the picture")
 
 
+def shortest_side(boxes: NDArray[Any]) -> float:
+    """Of boxes (n, 4), pixels; not above 0 for what is no box."""
+    return float((boxes[:, 2:] - boxes[:, :2]).min(initial=np.inf))
+
+
+def check_side(side: float) -> None:
+    """Raise `ValueError` for the `shortest_side` of boxes that have no pixel."""
+    if side < 1:
+        raise ValueError("its boxes have no pixel")
+
+
 def check_keys(name: str, array: NDArray[Any], count: int) -> None:
     """Raise `ValueError` when an array of key frames, or of the skin colours of one, has not `count` rows."""
     dtype, shape = _OF_KEYS[name]

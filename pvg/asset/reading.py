@@ -22,7 +22,15 @@ from pvg._arrays import Floats
 from pvg._checks import whole_number
 from pvg._targets import check_file, draft_of
 from pvg.asset.arrays import CHUNK_FRAMES, FORMAT_VERSION, FRAME_ARRAYS, decode, from_bytes
-from pvg.asset.checking import check_chunk, check_decoded, check_keys, check_manifest, entry_limit
+from pvg.asset.checking import (
+    check_chunk,
+    check_decoded,
+    check_keys,
+    check_manifest,
+    check_side,
+    entry_limit,
+    shortest_side,
+)
 from pvg.asset.entries import DAMAGE, Entries
 from pvg.asset.records import FaceInFrame, FaceRecord, FaceSummary, KeyFrame, MediaSummary
 from pvg.asset.source import find_source as found_source
@@ -273,6 +281,8 @@ class VectorVideo:
         values = decode(name, self._array(entry, lambda stored: check_chunk(name, stored, rows)))
         try:
             check_decoded(name, values, max(self.media.width, self.media.height))
+            if name == "box":
+                check_side(shortest_side(values))
         except ValueError as error:
             raise AssetError(f"entry {entry} of {self.path.name} cannot be used ({error})") from None
         return values

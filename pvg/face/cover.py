@@ -25,8 +25,8 @@ def soft_cover(
     draws every polygon a pixel too wide, so that closed ones would keep a cover, and trembles; drawn finer, both are
     too small to see.
     """
-    reach = int(np.ceil(_REACH * sigma))
     asked = np.array(within[::-1])
+    reach = min(int(np.ceil(_REACH * sigma)), int(asked.max()))
     low = np.maximum(np.floor(polygon.min(axis=0)).astype(int), -asked) - reach
     high = np.minimum(np.ceil(polygon.max(axis=0)).astype(int), 2 * asked) + reach + 1
     columns, rows = (int(n) for n in high - low)

@@ -32,7 +32,7 @@ _SURE = np.float32(0.97)  # of alpha, from which on a pixel is all skin [by eye]
 _CELLS = 2  # of the matte to a cell of means
 _SAMPLES = 4  # a side of such a cell that its mean is taken of, at least
 _SPREAD = 1.0  # such cells, sigma of the mean [by eye: an edge is some cells wide]
-_UNKNOWN = np.float32(-1e6)  # a mean that is read beside one is negative
+_UNKNOWN = np.float32(-1e9)  # a mean that is read beside one is negative, by a share of it that is as small as 1/64 too
 _LEAST = np.float32(3e-4)  # of a mean's weight where all around is sure: with less there is none
 
 

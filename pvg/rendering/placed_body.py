@@ -33,6 +33,7 @@ _LEAST = 1e-3  # of alpha: less is nothing
 _THIN, _BESIDE = 1.7, 2.0  # of the body's cells: a rim is thinner and lies as near to a face's matte [by eye]
 _RIM = 25  # of a cell's alpha: a piece of which no cell has more, faces and rims aside, is dropped [by eye]
 _WORTH = 40_000  # pixels whose work is about that of one window more [measured]
+_MOST_PIECES = 64  # of a matte; a person's have some ten
 _Labelled = tuple[tuple[int, ...], tuple[int, int, int, int]]  # components, and x0, y0, x1, y1 of the cells around
 
 
@@ -79,6 +80,8 @@ def _pieces(body: Matte, faces: Sequence[PlacedFace]) -> list[_Piece]:
     boxes: list[_Labelled] = [
         ((k,), (x, y, x + w, y + h)) for k, (x, y, w, h, _) in enumerate(stats.tolist()) if k and counted[k]
     ]
+    if len(boxes) > _MOST_PIECES:  # noise: what becomes of them all is less work than to tell which to join
+        boxes = [(tuple(range(1, len(stats))), (0, 0, body.alpha.shape[1], body.alpha.shape[0]))]
     worth = _WORTH / body.raster.step**2
     pieces = []
     for which, box in _joined(boxes, worth):

@@ -16,6 +16,8 @@ from pvg.video.color import SRGB, ColorSpace, Curve, Transfer, srgb_to_d50_xyz
 
 _HEADER, _ENTRY, _MOST_TAGS = 128, 12, 200
 _MOST_POINTS = 65536
+_MOST_TAG_BYTES = 12 + 2 * _MOST_POINTS  # of a curve
+_XYZ, _CURVES = ("rXYZ", "gXYZ", "bXYZ"), ("rTRC", "gTRC", "bTRC")
 _ALIKE = 0.75  # levels: profiles nearer to sRGB than this are sRGB, whose values are taken as they are
 _PARAMETERS = {0: 1, 1: 3, 2: 4, 3: 5, 4: 7}  # of parametric curves, by function type [ICC.1:2022, 10.18]
 
@@ -28,9 +30,9 @@ def profile_space(profile: bytes) -> ColorSpace | None:
     """
     try:
         tags = _tags(profile)
-        matrix = np.stack([_xyz(tags[name]) for name in ("rXYZ", "gXYZ", "bXYZ")], axis=1)
+        matrix = np.stack([_xyz(tags[name]) for name in _XYZ], axis=1)
         name = "ICC profile"
-        curves = tuple(_curve(tags[tag], name) for tag in ("rTRC", "gTRC", "bTRC"))
+        curves = tuple(_curve(tags[tag], name) for tag in _CURVES)
         to_srgb = np.asarray(np.linalg.solve(srgb_to_d50_xyz(), matrix), np.float64)
     except KeyError as error:
         raise ValueError(
@@ -56,8 +58,10 @@ def _tags(profile: bytes) -> dict[str, bytes]:
     (count,) = struct.unpack_from(">I", profile, _HEADER)
     out = {}
     for k in range(min(count, _MOST_TAGS)):
-        name, offset, size = struct.unpack_from(">4sII", profile, _HEADER + 4 + k * _ENTRY)
-        out[name.decode("latin-1")] = profile[offset : offset + size]
+        tag, offset, size = struct.unpack_from(">4sII", profile, _HEADER + 4 + k * _ENTRY)
+        name = tag.decode("latin-1")
+        if name in (*_XYZ, *_CURVES) and name not in out:  # each may claim all of the profile for itself
+            out[name] = profile[offset : offset + min(size, _MOST_TAG_BYTES)]
     return out
 
 

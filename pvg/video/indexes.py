@@ -16,12 +16,11 @@ from pathlib import Path
 from typing import BinaryIO
 
 from pvg.errors import MediaError
-from pvg.video.sniffing import Kind, iso_boxes
+from pvg.video.sniffing import MOST_OUTER, Kind, iso_boxes
 
 MOST_ENTRIES = 2_000_000
 """Samples that the indexes of all tracks together may name; two hours of pictures and sound have 800,000."""
 _MOST_HEADER_BYTES = 64 * 2**20
-_MOST_ELEMENTS = 500_000  # of the outermost: fragments, clusters; in live recordings every block
 
 
 def check_index(path: Path, kind: Kind) -> None:
@@ -60,8 +59,8 @@ def _iso_entries(name: str, file: BinaryIO, size: int) -> int:
     """
     entries = 0
     for number, (kind, body, end) in enumerate(iso_boxes(file, 0, size)):
-        if number >= _MOST_ELEMENTS:
-            raise MediaError(f"{name} has more than {_MOST_ELEMENTS} outer boxes; export it again")
+        if number >= MOST_OUTER:
+            raise MediaError(f"{name} has more than {MOST_OUTER} outer boxes; export it again")
         length = min(end, size) - body
         file.seek(body)
         # libav takes a free box that begins as an index does for one
@@ -206,8 +205,8 @@ def _elements(name: str, file: BinaryIO, at: int, end: int) -> Iterator[tuple[by
     number = 0
     while at < end:
         number += 1
-        if number > _MOST_ELEMENTS:
-            raise MediaError(f"{name} has more than {_MOST_ELEMENTS} outer elements; export it again")
+        if number > MOST_OUTER:
+            raise MediaError(f"{name} has more than {MOST_OUTER} outer elements; export it again")
         found = element_at(file, at)
         if found is None:
             at = next_outer(file, at + 1, end)

@@ -143,7 +143,7 @@ def _of_png(name: str, data: bytes) -> PictureMetadata:
     shown: dict[bytes, bytes] = {}
     for kind, body in _png_chunks(data):
         has_alpha |= kind == b"tRNS"
-        if kind == b"iCCP":
+        if kind == b"iCCP" and icc is None:
             icc = _inflated(body.partition(b"\0")[2][1:])
         elif kind == b"eXIf":
             exif = body

@@ -148,7 +148,7 @@ class PipeReader:
             width, height = int(told["W"]), int(told["H"])
             rate = Fraction(*map(int, told["F"].split(":")))
             aspect = Fraction(*map(int, told["A"].split(":"))) if told.get("A", "0:0") != "0:0" else Fraction(1)
-            if rate <= 0 or width < 1 or height < 1:
+            if rate <= 0 or aspect <= 0 or width < 1 or height < 1:
                 raise ValueError("nothing to see")
         except (KeyError, ValueError, TypeError, ZeroDivisionError) as error:
             raise MediaError(f"{self._name}: the first line of YUV4MPEG2 cannot be read") from error

@@ -43,6 +43,10 @@ _KNOWN_STARTS = (
 )
 
 
+MOST_OUTER = 500_000
+"""The most outermost boxes or elements of a file: fragments, clusters; in live recordings every block."""
+
+
 def sniff(path: str | Path) -> Kind:
     """The kind of a file by its first bytes; its name plays no part.
 
@@ -178,7 +182,9 @@ def iso_boxes(file: BinaryIO, start: int, end: int) -> Iterator[tuple[bytes, int
 
 def _check_iso(name: str, file: BinaryIO, size: int, max_pixels: int) -> None:
     seen = set()
-    for kind, body, end in iso_boxes(file, 0, size):
+    for number, (kind, body, end) in enumerate(iso_boxes(file, 0, size)):
+        if number >= MOST_OUTER:
+            raise MediaError(f"{name} has more than {MOST_OUTER} outer boxes; export it again")
         seen.add(kind)
         if kind == b"moov":
             if end > size:

@@ -16,6 +16,7 @@ import numpy as np
 
 from tests.gallery.clips import libav_frame
 from tests.gallery.pictures import colorful
+from tests.gallery.profiles import P3, gamma_curve, profile
 
 MANY = 80_000_000
 
@@ -248,6 +249,12 @@ def _png(path: Path, chunks: bytes) -> Path:
 
 def many_chunks(folder: Path) -> Path:
     return _png(folder / "chunks.png", _chunk(b"teSt", b"") * 200_000)
+
+
+def many_profiles(folder: Path) -> Path:
+    """A PNG of profiles, of which it may have one."""
+    chunks = (_chunk(b"iCCP", b"name\0\0" + zlib.compress(profile(P3, gamma_curve(1.8 + k / 300)))) for k in range(300))
+    return _png(folder / "profiles.png", b"".join(chunks))
 
 
 def many_chunks_of_webp(folder: Path) -> Path:

@@ -143,6 +143,11 @@ ENTRIES: dict[str, tuple[str, Callable[[bytes], bytes]]] = {
     "places beyond the moon": ("box/000000", lambda _: to_bytes(np.full((32, 4), 2**31 - 1, np.int32))),
     "a face of ten pictures": ("points/000000", lambda _: to_bytes(places(10 * SIDE))),
     "a face far to the left": ("skin_points/000000", lambda _: to_bytes(places(-9 * SIDE, layout.SKIN_COUNT))),
+    "a box of no width": ("box/000000", lambda _: to_bytes(encode("box", np.full((32, 4), 50.0, np.float32)))),
+    "a box of no height": (
+        "box/000000",
+        lambda _: to_bytes(encode("box", np.tile(np.array([50, 60, 90, 60], np.float32), (32, 1)))),
+    ),
     "a matte without cells": ("matte/000000", lambda _: to_bytes(np.zeros((32, 0, 5), np.uint8))),
     "samples that there are not": ("skin_at/000000", lambda _: to_bytes(np.full(64, 30_000, np.int16))),
     "key frames that there are not": ("colors", lambda _: to_bytes(np.zeros((9, 694, 3), np.float32))),

@@ -117,6 +117,7 @@ def test_a_face_left_out_of_the_look_is_not_in_it(video: pvg.VectorVideo, dark_r
         ({"iterations": -1}, "iterations"),
         ({"iterations": 10_001}, "iterations must be a whole number from 0 to 10000"),
         ({"strength": "0.5"}, "strength must be a number"),
+        ({"strength": 10**400}, "strength must be a number"),
         ({"light": None}, "light must be a number"),
         ({"scene": True}, "scene must be a number"),
         ({"contrast": None}, "contrast must be"),

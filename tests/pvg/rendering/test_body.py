@@ -131,6 +131,17 @@ def test_hands_far_apart_are_drawn_apart_and_as_they_would_be_together(monkeypat
     np.testing.assert_allclose(_alpha(apart, wide.shape), _alpha(together, wide.shape), atol=1e-6)
 
 
+def test_a_matte_of_many_specks_is_drawn_as_one() -> None:
+    """Of an asset that somebody made, or of noise: each joins the next, and none ends the drawing."""
+    specks = np.zeros((480, 480), np.uint8)
+    for offset in (8, 9):
+        specks[8::16, offset::16] = specks[9::16, offset::16] = 255
+    matte = Matte.over(np.array([0, 0, 960, 960], np.float32), specks)
+    grey = np.full((960, 960), 128, np.uint8)
+    (body,) = place_body(Frame(0, 0, 0.0, RGB24, (grey, grey, grey)), matte, [], [])
+    assert body.alpha.max() > 0.5
+
+
 def _placed(video: pvg.VectorVideo, face: FaceInFrame) -> tuple[Frame, PlacedFace, np.ndarray]:
     """A frame, the face where it is there, and its alpha over the whole frame."""
     frame = source_frame(video, 20)

@@ -55,6 +55,18 @@ def test_inside_and_outside_of_a_matte_everything_is_as_it_was(pixel_format: Pix
         np.testing.assert_array_equal(shown, plane)
 
 
+@pytest.mark.parametrize("step", [3.0, 8.0, 16.0])
+@pytest.mark.parametrize("pixel_format", FORMATS, ids=lambda f: f.name)
+def test_even_skin_stays_even_wherever_nothing_tells_of_skin_nearby(pixel_format: PixelFormat, step: float) -> None:
+    """In large pictures cells are large, and of 16 bits a mean is: next to an unknown one it is not known."""
+    side = 6 * SIDE
+    alpha = np.tile(np.clip((side / 2 - np.arange(side)) / (6 * step), 0, 1), (side, 1)).astype(np.float32)
+    alpha[: side // 3] *= 0.9  # nowhere sure
+    frame = frame_of(np.full((side, side, 3), 200.0), pixel_format)
+    shown = replace(frame, planes=foreground(frame, (0, 0), alpha, step)).rgb()
+    assert np.abs(shown.astype(int) - frame.rgb()).max() <= 1
+
+
 @pytest.mark.parametrize("pixel_format", FORMATS, ids=lambda f: f.name)
 def test_an_edge_changes_by_its_share_of_what_the_skin_changes(pixel_format: PixelFormat) -> None:
     """Skin that a map dims is dimmed between the hairs of a fringe too, which the map by itself would brighten."""

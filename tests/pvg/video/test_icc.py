@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import struct
+import tracemalloc
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -65,6 +68,19 @@ def test_damage_is_never_worse_than_a_refusal(noise: bytes, at: int, value: int)
         except ValueError:
             continue
         assert space is None or np.isfinite(space.to_sdr(np.full((1, 3), 128.0))).all()
+
+
+@pytest.mark.parametrize("name", [b"desc", b"rTRC"])
+def test_tags_that_each_claim_the_whole_profile_are_not_copied_out(name: bytes) -> None:
+    size = 8 * 2**20
+    tags = struct.pack(">I", 200) + struct.pack(">4sII", name, 0, size) * 200
+    data = profile(P3, srgb_curve())[:128] + tags + bytes(size)
+    tracemalloc.start()
+    with pytest.raises(ValueError, match="has no"):
+        profile_space(data)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 2**20
 
 
 def test_few_profiles_are_kept() -> None:

@@ -15,6 +15,7 @@ from pvg.errors import MediaError
 from pvg.video import (
     PictureMetadata,
     lost_in_picture,
+    picture_metadata,
     probe,
     read_image,
     read_picture_metadata,
@@ -22,7 +23,7 @@ from pvg.video import (
 )
 from pvg.video.exif import ORIENTATION, read_exif
 from pvg.video.ifd import HEADER, Block, Directory, Entry, longs, opaque, shorts, written
-from tests.gallery import hostile
+from tests.gallery import hostile, profiles
 
 ALL = [".png", ".tiff", ".jpg", ".webp"]
 
@@ -486,6 +487,15 @@ def test_damaged_metadata_gives_a_picture_or_one_line(suffix: str, seed: int, tm
             read(path)
         except MediaError as error:
             assert "\n" not in str(error)  # noqa: PT017 - either outcome is right
+
+
+def test_of_many_profiles_in_a_png_the_first_alone_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = hostile.many_profiles(tmp_path)
+    read = list[bytes]()
+    inflated = picture_metadata._inflated
+    monkeypatch.setattr(picture_metadata, "_inflated", lambda body: read.append(body) or inflated(body))
+    assert read_picture_metadata(path).icc == profiles.profile(profiles.P3, profiles.gamma_curve(1.8))
+    assert len(read) == 1
 
 
 @pytest.mark.parametrize("make", [hostile.many_chunks, hostile.many_chunks_of_webp, hostile.many_segments])
