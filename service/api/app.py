@@ -18,7 +18,8 @@ from service.api.draining import DrainBeforeRefusal
 from service.api.middleware import AnswerUnhandled, RequestContext
 from service.api.origins import Cors, OwnHostAndOrigin
 from service.api.query import check_parameters
-from service.api.routers import OPEN_ROUTERS, ROOT_ROUTERS, ROUTERS
+from service.api.routers import OPEN_ROUTERS, ROOT_ROUTERS, ROUTERS, TUS_ROUTERS
+from service.api.routers.uploads import speak
 from service.api.services import make_services
 from service.settings import Settings
 
@@ -83,8 +84,10 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     problems.install(app)
     idempotency.install(app)
     for router in ROUTERS:
+        # refusals of a key are of tus too
+        dependencies = [Depends(speak)] if router in TUS_ROUTERS else []
         # a route's own body is read after this
-        dependencies = [] if router in OPEN_ROUTERS else [Depends(authenticate)]
+        dependencies += [] if router in OPEN_ROUTERS else [Depends(authenticate)]
         # what watches a process may add what it likes to an address that has no parameters
         dependencies += [] if router in ROOT_ROUTERS else [Depends(check_parameters)]
         first, alias = ("", PREFIX) if router in ROOT_ROUTERS else (PREFIX, "")

@@ -54,9 +54,6 @@ _RECEIVER = {
 }
 _REF = "#/components/schemas/{model}"
 _JSON: Final = "application/json"
-_SPEAK_TUS: Final = frozenset(
-    {"get_upload_protocol", "create_upload", "append_to_upload", "delete_upload", "send_upload_as_form"}
-)
 #: those whose pictures are made on request; small ones that are kept are not, and say no frame
 _SHOW_FRAMES: Final = frozenset(
     {
@@ -351,7 +348,7 @@ def _fields_of_pictures(status: int, operation: dict[str, Any]) -> list[str]:
 def _fields_of_uploads(status: int, operation: dict[str, Any]) -> list[str]:
     """Those of tus."""
     operation_id = operation["operationId"]
-    speaks = operation_id in _SPEAK_TUS
+    speaks = "uploads" in operation["tags"]
     names = ["Tus-Resumable"] if speaks and status != 421 else []
     if speaks and status == 412:
         names += ["Tus-Version"]

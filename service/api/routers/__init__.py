@@ -23,6 +23,8 @@ from service.api.routers import (
 
 #: those that ask for no key, for another, or for one unless there is a link
 OPEN_ROUTERS = (results.open_router, uploads.open_router, health.router, metrics.router)
+#: every answer of these says the version of tus
+TUS_ROUTERS = (uploads.router, uploads.open_router)
 _MODULES = (videos, references, uploads, pictures, transfer, preview, jobs, events, webhooks, results, usage)
 ROUTERS = (*(module.router for module in _MODULES), *OPEN_ROUTERS)
 
@@ -55,4 +57,4 @@ for _router in ROUTERS:
 #: those whose first address has no version; like all they are at both
 ROOT_ROUTERS = (health.router, metrics.router)
 
-__all__ = ["OPEN_ROUTERS", "ROOT_ROUTERS", "ROUTERS"]
+__all__ = ["OPEN_ROUTERS", "ROOT_ROUTERS", "ROUTERS", "TUS_ROUTERS"]

@@ -38,16 +38,13 @@ _PIECE: Final = {
 }
 
 
-def _speak(request: Request) -> None:
-    """Every answer says its version, errors too."""
-    before = getattr(request.state, "answer_headers", {})
-    request.state.answer_headers = {**before, "Tus-Resumable": tus.VERSION}
+async def speak(request: Request) -> None:
+    """What stands before all else: every answer says the version of tus, errors too."""
+    # not a plain function: FastAPI would call that in a thread of its own
+    request.state.answer_headers = {"Tus-Resumable": tus.VERSION}
 
 
-Speaks = Depends(_speak)
-
-
-@router.options("", status_code=204, dependencies=[Speaks], responses=problems())
+@router.options("", status_code=204, responses=problems())
 async def get_upload_protocol(response: Response, services: ServicesDep) -> None:
     """What of tus is spoken."""
     response.headers["Tus-Version"] = tus.VERSION
@@ -59,7 +56,6 @@ async def get_upload_protocol(response: Response, services: ServicesDep) -> None
 @router.post(
     "",
     status_code=201,
-    dependencies=[Speaks],
     responses=problems(400, 409, 412, 413, 415, 507),
     openapi_extra=_ANNOUNCED,
 )
@@ -160,7 +156,7 @@ async def get_upload(upload: UploadDep) -> UploadBody:
     return resuming.body_of(upload)
 
 
-@open_router.head("/{upload_id}", dependencies=[Speaks], include_in_schema=False)
+@open_router.head("/{upload_id}", include_in_schema=False)
 async def get_upload_offset(request: Request, upload: UploadDep) -> Response:
     """Where to go on (tus)."""
     tus.check_version(request.headers)
@@ -175,7 +171,6 @@ async def get_upload_offset(request: Request, upload: UploadDep) -> Response:
 @open_router.patch(
     "/{upload_id}",
     status_code=204,
-    dependencies=[Speaks],
     responses=problems(400, 403, 404, 409, 410, 412, 413, 415, 460, 507),
     openapi_extra=_PIECE,
 )
@@ -197,7 +192,7 @@ def _progress(upload: ResumableUpload) -> dict[str, str]:
     return headers
 
 
-@open_router.delete("/{upload_id}", status_code=204, dependencies=[Speaks], responses=problems(403, 404, 410, 412, 507))
+@open_router.delete("/{upload_id}", status_code=204, responses=problems(403, 404, 410, 412, 507))
 async def delete_upload(request: Request, upload: UploadDep, services: ServicesDep) -> Response:
     """Remove what is there of a file (tus termination). A medium that it has become stays."""
     if "tus-resumable" in request.headers:
@@ -229,7 +224,6 @@ async def send_upload_as_form(request: Request, upload: UploadDep, services: Ser
     """
     override = request.headers.get("x-http-method-override", "").upper()
     if override in {"PATCH", "DELETE", "HEAD"}:
-        _speak(request)
         if override == "PATCH":
             return await append_to_upload(request, upload, services)
         return await (
@@ -243,7 +237,6 @@ async def send_upload_as_form(request: Request, upload: UploadDep, services: Ser
 
 
 async def _begin(request: Request, upload: ResumableUpload, services: Services) -> Response:
-    _speak(request)
     tus.check_version(request.headers)
     size_bytes, said, raw = _announced(request)
     resuming.check_size(size_bytes, upload.limit_bytes)

@@ -538,7 +538,7 @@ def test_tus_js_client_uploads_by_a_link(api: Api, tus_js: str, tmp_path: Path) 
 
 
 def test_with_a_key_too_every_answer_of_tus_says_its_version(api: Api) -> None:
-    key = holder(api)
+    key = holder(api, keys.Limits(requests_per_minute=10))
     said = {"Tus-Resumable": "1.0.0"}
     made = key.post("/v1/uploads", headers=said | {"Upload-Length": "20"})
     place = made.headers["location"]
@@ -548,3 +548,11 @@ def test_with_a_key_too_every_answer_of_tus_says_its_version(api: Api) -> None:
     for answer in answers:
         assert answer.headers["tus-resumable"] == "1.0.0"
         assert "ratelimit" in answer.headers
+    paths = ("/v1/uploads", "/v1/uploads?x=1", place, "/uploads/link")
+    refused = [api.client.request(method, path) for method in ("POST", "OPTIONS") for path in paths]
+    refused = [answer for answer in refused if answer.status_code != 405]
+    assert {answer.status_code for answer in refused} == {401}
+    refused += [key.post("/v1/uploads?x=1", headers=said), key.send("OPTIONS", "/v1/uploads")]
+    refused += [key.post("/v1/uploads", headers=said) for _ in range(20)]
+    assert {answer.status_code for answer in refused} == {401, 422, 204, 400, 429}
+    assert {answer.headers.get("tus-resumable") for answer in refused} == {"1.0.0"}
