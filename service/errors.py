@@ -44,7 +44,7 @@ PROBLEMS: Final = {
         ProblemType("conflict", "The resource is in use or already finished", 409),
         ProblemType("idempotency-key-in-use", "The first request of this Idempotency-Key is still worked on", 409),
         ProblemType("gone", "The resource has been removed", 410),
-        ProblemType("precondition-failed", "The request is of another version of the protocol", 412),
+        ProblemType("precondition-failed", "A condition of the request does not hold", 412),
         ProblemType("too-large", "The file is too large", 413),
         ProblemType("unsupported-media-type", "The media type is not supported", 415),
         ProblemType("range-not-satisfiable", "The range cannot be satisfied", 416),
@@ -158,7 +158,7 @@ class GoneError(ServiceError):
 
 
 class PreconditionError(ServiceError):
-    """The request speaks a version of a protocol that the service does not."""
+    """The request is for another state of the thing, or speaks a version of a protocol that the service does not."""
 
     kind = PROBLEMS["precondition-failed"]
 

@@ -45,8 +45,9 @@ ADVICE: Final[dict[str, tuple[str, str]]] = {
         "new one, with the same video and references if they are there still; of an upload, begin it again.",
     ),
     "precondition-failed": (
-        "The request speaks another version of tus than 1.0.0, or none where one is needed.",
-        "Send `Tus-Resumable: 1.0.0`.",
+        "The thing is not, or no longer, what the request's If-Match names; or the request speaks another version of "
+        "tus than 1.0.0, or none where one is needed.",
+        "Get the thing again and send its ETag as If-Match, or none; to tus send `Tus-Resumable: 1.0.0`.",
     ),
     "checksum-mismatch": (
         "The bytes are not those of the field Upload-Checksum: they were damaged on the way, and are not kept.",

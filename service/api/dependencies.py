@@ -66,6 +66,7 @@ InputColorOf = Annotated[
     Query(description="how the file is coded: auto believes its tags, logarithms of cameras must be named"),
 ]
 IfNoneMatch = Annotated[str | None, Header(description="ETags that the client has: 304 when one is the answer's")]
+IfMatch = Annotated[str | None, Header(description="ETags, or `*`: 412 when none is that of what is there")]
 WaitSeconds = Annotated[
     float | None, Query(ge=0, le=MAX_WAIT_S, description="hold the answer until the job is done; or `Prefer: wait=`")
 ]

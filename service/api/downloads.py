@@ -11,9 +11,9 @@ from urllib.parse import quote
 from fastapi import Depends, Header, Request, Response
 from starlette.responses import StreamingResponse
 
-from service.api.dependencies import Responses
+from service.api.dependencies import IfMatch, Responses
 from service.api.openapi import file_content
-from service.api.ranges import matches, parse_range
+from service.api.ranges import matches, parse_range, require_match
 from service.api.services import Services
 from service.errors import GoneError
 from service.storage import BlobMissingError
@@ -39,11 +39,13 @@ class BytesAsked:
         request: Request,
         range_: Annotated[str | None, Header(alias="Range")] = None,
         if_range: Annotated[str | None, Header()] = None,
+        if_match: IfMatch = None,
         if_none_match: Annotated[str | None, Header()] = None,
     ) -> None:
         self.head_only = request.method == "HEAD"
         self.state = request.scope["state"]
-        self.range, self.if_range, self.if_none_match = range_, if_range, if_none_match
+        self.range, self.if_range = range_, if_range
+        self.if_match, self.if_none_match = if_match, if_none_match
 
 
 BytesAskedDep = Annotated[BytesAsked, Depends()]
@@ -67,9 +69,18 @@ def disposition(filename: str) -> str:
     return f"inline; filename=\"{plain}\"; filename*=UTF-8''{quote(filename, safe='')}"
 
 
+def etag_of_file(sha256: str) -> str:
+    """The strong ETag of a file."""
+    return f'"{sha256}"'
+
+
 async def send_file(services: Services, asked: BytesAsked, file: File) -> Response:
-    """The bytes that are asked for, or 304. Raises `RangeError`, and `GoneError` when the storage has none of it."""
-    etag = f'"{file.sha256}"'
+    """The bytes that are asked for, or 304.
+
+    Raises `PreconditionError`, `RangeError`, and `GoneError` when the storage has none of it.
+    """
+    etag = etag_of_file(file.sha256)
+    require_match(asked.if_match, etag)
     headers = {
         "ETag": etag,
         "Accept-Ranges": "bytes",

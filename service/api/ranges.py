@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from service.errors import RangeError
+from service.errors import PreconditionError, RangeError
 
 # no file needs more digits, and Python refuses to read thousands of them
 _RANGE = re.compile(r"bytes\s*+=\s*+(\d{0,20})\s*+-\s*+(\d{0,20})\s*+", re.IGNORECASE)
@@ -41,3 +41,9 @@ def matches(header: str | None, etag: str, *, weak: bool = True) -> bool:
     if weak:
         return "*" in tags or etag in {tag.removeprefix("W/") for tag in tags}
     return tags == [etag]
+
+
+def require_match(if_match: str | None, etag: str) -> None:
+    """Raise `PreconditionError` when an If-Match (RFC 9110, 13.1.1) names neither this strong entity tag nor `*`."""
+    if if_match is not None and not {tag.strip() for tag in if_match.split(",")} & {"*", etag}:
+        raise PreconditionError(f"its ETag is {etag}, which If-Match does not name")

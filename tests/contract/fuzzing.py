@@ -37,7 +37,7 @@ BETWEEN_FIELDS = (
     *("create_reference", "create_reference_from_form", "create_reference_from_url"),
     *("append_to_upload", "list_jobs", "list_videos", "list_references"),
 )
-ACCEPTED = ["2xx", "3xx", "401", "403", "404", "409", "410", "416", "422"]
+ACCEPTED = ["2xx", "3xx", "401", "403", "404", "409", "410", "412", "416", "422"]
 #: tus has answers of its own to a version that is not its own, and to damaged bytes; sizes are a setting
 OF_TUS = ("create_upload", "append_to_upload")
 REFUSED = ["400", "401", "403", "404", "405", "406", "409", "412", "413", "415", "422", "429"]

@@ -8,24 +8,34 @@ from datetime import datetime
 import structlog
 from sqlalchemy.orm import Session
 
+from service.api.conditional import etag_of
+from service.api.ranges import require_match
 from service.api.schemas import MediaBody
 from service.api.services import Services
+from service.api.views import media_body
 from service.catalog import Media, Message, Role, jobs, media, parts, tombstones
 from service.errors import ConflictError, NotFoundError
 
 log = structlog.get_logger(__name__)
 
 
-async def remove(services: Services, owner: str, role: Role, media_id: str, *, cancel_jobs: bool) -> None:
+async def remove(
+    services: Services, owner: str, role: Role, media_id: str, *, cancel_jobs: bool, if_match: str | None
+) -> None:
     """Delete a medium with everything derived from it: asset, results, and the file itself.
 
-    Raises `NotFoundError`, and `ConflictError` while jobs need it and ``cancel_jobs`` is false.
+    Raises `NotFoundError`, `ConflictError` while jobs need it and ``cancel_jobs`` is false, and `PreconditionError`
+    when ``if_match`` does not name it as it is.
     """
-    keys = await services.calls.write(_remove, services, owner, role, media_id, cancel_jobs=cancel_jobs)
+    keys = await services.calls.write(
+        _remove, services, owner, role, media_id, cancel_jobs=cancel_jobs, if_match=if_match
+    )
     await services.calls.remove(services.blobs.delete, keys)
 
 
-def _remove(services: Services, owner: str, role: Role, media_id: str, *, cancel_jobs: bool) -> list[str]:
+def _remove(
+    services: Services, owner: str, role: Role, media_id: str, *, cancel_jobs: bool, if_match: str | None
+) -> list[str]:
     """Remove the records. Returns the blobs that are to go."""
     database = services.database
     with database.write(frees=True) as session:
@@ -36,6 +46,7 @@ def _remove(services: Services, owner: str, role: Role, media_id: str, *, cancel
         if active and not cancel_jobs:
             detail = f"{len(active)} job(s) still use {media_id}: {', '.join(active[:10])}"
             raise ConflictError(f"{detail}; wait for them, or delete with ?cancel_jobs=true")
+        require_match(if_match, etag_of(media_body(found, services.settings).model_dump_json().encode()))
         keys, ended = _delete(session, found, active, now=database.now())
     services.publisher.withdraw(ended)
     return keys

@@ -10,6 +10,7 @@ from service.api.authentication import CallerDep
 from service.api.dependencies import (
     UNCHANGED,
     CancelJobs,
+    IfMatch,
     IfNoneMatch,
     InputColorOf,
     MaskOf,
@@ -101,7 +102,7 @@ async def get_reference(
 @router.get(
     "/{reference_id}/file",
     response_class=StreamingResponse,
-    responses={**file_answers(*CLIPS, "video/x-msvideo", *PICTURES), **problems(404, 410, 416)},
+    responses={**file_answers(*CLIPS, "video/x-msvideo", *PICTURES), **problems(404, 410, 412, 416)},
 )
 async def get_reference_file(
     reference_id: ReferenceId, services: ServicesDep, caller: CallerDep, asked: BytesAskedDep
@@ -110,9 +111,15 @@ async def get_reference_file(
     return await _media.send(services, caller, Role.REFERENCE, reference_id, asked)
 
 
-@router.delete("/{reference_id}", status_code=204, responses=problems(404, 409, 507))
+@router.delete("/{reference_id}", status_code=204, responses=problems(404, 409, 412, 507))
 async def delete_reference(
-    reference_id: ReferenceId, services: ServicesDep, caller: CallerDep, cancel_jobs: CancelJobs = False
+    reference_id: ReferenceId,
+    services: ServicesDep,
+    caller: CallerDep,
+    cancel_jobs: CancelJobs = False,
+    if_match: IfMatch = None,
 ) -> None:
     """Delete the reference with everything derived from it: landmarks, asset and results."""
-    await commands.remove(services, caller.owner, Role.REFERENCE, reference_id, cancel_jobs=cancel_jobs)
+    await commands.remove(
+        services, caller.owner, Role.REFERENCE, reference_id, cancel_jobs=cancel_jobs, if_match=if_match
+    )

@@ -12,12 +12,22 @@ from starlette.responses import StreamingResponse
 
 from service import addresses
 from service.api.authentication import Caller, CallerDep
-from service.api.dependencies import PersonNumber, ResultId, ServicesDep, problems
-from service.api.downloads import CLIPS, PICTURES, BytesAsked, BytesAskedDep, File, file_answers, send_file
+from service.api.dependencies import IfMatch, PersonNumber, ResultId, ServicesDep, problems
+from service.api.downloads import (
+    CLIPS,
+    PICTURES,
+    BytesAsked,
+    BytesAskedDep,
+    File,
+    etag_of_file,
+    file_answers,
+    send_file,
+)
 from service.api.idempotency import Once, OnceDep
 from service.api.json_body import has_body, read_json
 from service.api.links import Access, AccessDep
 from service.api.openapi import json_body
+from service.api.ranges import require_match
 from service.api.schemas import LinkBody, ResultLinkRequest
 from service.api.services import Services
 from service.catalog import PartName, Result, results
@@ -40,7 +50,7 @@ class _Kept:
 @open_router.get(
     "/{result_id}",
     response_class=StreamingResponse,
-    responses={**file_answers(*CLIPS, *PICTURES), **problems(403, 404, 410, 416)},
+    responses={**file_answers(*CLIPS, *PICTURES), **problems(403, 404, 410, 412, 416)},
 )
 async def get_result(result_id: ResultId, services: ServicesDep, access: AccessDep, asked: BytesAskedDep) -> Response:
     """The file. Its ETag is the sha256 of the content, so ranges and caches are safe."""
@@ -51,7 +61,7 @@ async def get_result(result_id: ResultId, services: ServicesDep, access: AccessD
 @open_router.get(
     "/{result_id}/look.cube",
     response_class=StreamingResponse,
-    responses={**file_answers("text/plain"), **problems(403, 404, 410, 416)},
+    responses={**file_answers("text/plain"), **problems(403, 404, 410, 412, 416)},
 )
 async def get_result_cube(
     result_id: ResultId, services: ServicesDep, access: AccessDep, asked: BytesAskedDep, person: PersonNumber = 1
@@ -64,7 +74,7 @@ async def get_result_cube(
 @open_router.get(
     "/{result_id}/matte",
     response_class=StreamingResponse,
-    responses={**file_answers("video/x-matroska", "video/quicktime", "image/png"), **problems(403, 404, 410, 416)},
+    responses={**file_answers("video/x-matroska", "video/quicktime", "image/png"), **problems(403, 404, 410, 412, 416)},
 )
 async def get_result_matte(
     result_id: ResultId, services: ServicesDep, access: AccessDep, asked: BytesAskedDep, person: PersonNumber = 1
@@ -129,17 +139,21 @@ async def create_result_link(
         return await services.calls.write(_make_link, services, caller, once, result_id, wanted)
 
 
-@router.delete("/{result_id}", status_code=204, responses=problems(404, 507))
-async def delete_result(result_id: ResultId, services: ServicesDep, caller: CallerDep) -> None:
+@router.delete("/{result_id}", status_code=204, responses=problems(404, 412, 507))
+async def delete_result(
+    result_id: ResultId, services: ServicesDep, caller: CallerDep, if_match: IfMatch = None
+) -> None:
     """Delete the result with what was made beside it. The video, the reference and the job's record stay."""
-    keys = await services.calls.write(_delete, services, caller.owner, result_id)
+    keys = await services.calls.write(_delete, services, caller.owner, result_id, if_match)
     await services.calls.remove(services.blobs.delete, keys)
 
 
-def _delete(services: Services, owner: str, result_id: str) -> list[str]:
+def _delete(services: Services, owner: str, result_id: str, if_match: str | None) -> list[str]:
     with services.database.write(frees=True) as session:
-        if results.get(session, result_id, owner=owner) is None:
+        result = results.get(session, result_id, owner=owner)
+        if result is None:
             raise NotFoundError(f"there is no result {result_id}")
+        require_match(if_match, etag_of_file(result.sha256))
         return results.delete(session, result_id, now=services.database.now())
 
 

@@ -10,6 +10,7 @@ from service.api.authentication import CallerDep
 from service.api.dependencies import (
     UNCHANGED,
     CancelJobs,
+    IfMatch,
     IfNoneMatch,
     InputColorOf,
     MaskOf,
@@ -99,16 +100,20 @@ async def get_video(
 @router.get(
     "/{video_id}/file",
     response_class=StreamingResponse,
-    responses={**file_answers(*CLIPS, "video/x-msvideo", *PICTURES), **problems(404, 410, 416)},
+    responses={**file_answers(*CLIPS, "video/x-msvideo", *PICTURES), **problems(404, 410, 412, 416)},
 )
 async def get_video_file(video_id: VideoId, services: ServicesDep, caller: CallerDep, asked: BytesAskedDep) -> Response:
     """The file that was uploaded, byte for byte, whole or in ranges. Its ETag is the sha256 of the content."""
     return await _media.send(services, caller, Role.VIDEO, video_id, asked)
 
 
-@router.delete("/{video_id}", status_code=204, responses=problems(404, 409, 507))
+@router.delete("/{video_id}", status_code=204, responses=problems(404, 409, 412, 507))
 async def delete_video(
-    video_id: VideoId, services: ServicesDep, caller: CallerDep, cancel_jobs: CancelJobs = False
+    video_id: VideoId,
+    services: ServicesDep,
+    caller: CallerDep,
+    cancel_jobs: CancelJobs = False,
+    if_match: IfMatch = None,
 ) -> None:
     """Delete the video with everything derived from it: landmarks, asset and results."""
-    await commands.remove(services, caller.owner, Role.VIDEO, video_id, cancel_jobs=cancel_jobs)
+    await commands.remove(services, caller.owner, Role.VIDEO, video_id, cancel_jobs=cancel_jobs, if_match=if_match)

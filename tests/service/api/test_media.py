@@ -174,6 +174,19 @@ def test_the_same_bytes_in_another_role_survive_a_delete(api: Api) -> None:
     assert reference["id"] in key
 
 
+def test_a_medium_is_deleted_only_as_what_it_was(api: Api) -> None:
+    for path in ("/videos", "/references"):
+        place = f"{path}/{upload(api, path)['id']}"
+        former = api.client.get(place).headers["etag"]
+        make_ready(api.services, place.rpartition("/")[2])
+        refused = api.client.delete(place, headers={"if-match": former})
+        assert (refused.status_code, refused.json()["code"]) == (412, "precondition-failed")
+        assert api.client.get(f"{place}/file", headers={"if-match": former}).status_code == 412
+        now = api.client.get(place, headers={"if-none-match": former}).headers["etag"]
+        assert api.client.delete(place, headers={"if-match": now}).status_code == 204
+        assert api.client.get(place).status_code == 404
+
+
 def test_delete_is_refused_while_jobs_need_the_medium(api: Api) -> None:
     video, reference = upload(api, "/videos"), upload(api, "/references")
     vectorizing = api.client.delete(f"/videos/{video['id']}")

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from service.api.ranges import matches, parse_range
-from service.errors import RangeError
+from service.api.ranges import matches, parse_range, require_match
+from service.errors import PreconditionError, RangeError
 
 SIZES = st.integers(1, 10_000)
 
@@ -61,3 +61,14 @@ def test_conditions_compare_as_the_rfc_says() -> None:
     assert not matches(None, '"a"')
     assert matches('"a"', '"a"', weak=False)
     assert not matches('W/"a"', '"a"', weak=False)
+
+
+@pytest.mark.parametrize("header", [None, "*", '"a"', '"b", "a"'])
+def test_an_if_match_holds_that_names_the_tag(header: str | None) -> None:
+    require_match(header, '"a"')
+
+
+@pytest.mark.parametrize("header", ["", '"b"', 'W/"a"', "a", '"b", W/"a"'])
+def test_an_if_match_compares_strongly(header: str) -> None:
+    with pytest.raises(PreconditionError):
+        require_match(header, '"a"')

@@ -72,6 +72,23 @@ def test_a_known_file_is_not_sent_again(api: Api, path: str) -> None:
     assert answer.headers["etag"] == etag
 
 
+def test_a_file_or_a_part_of_it_is_sent_only_as_what_it_was(api: Api, path: str) -> None:
+    etag = api.client.get(path).headers["etag"]
+    for more, status in (({}, 200), ({"range": "bytes=5-9"}, 206), ({"if-none-match": etag}, 304)):
+        assert api.client.get(path, headers=more | {"if-match": etag}).status_code == status
+        refused = api.client.get(path, headers=more | {"if-match": '"other"'})
+        assert (refused.status_code, refused.json()["code"]) == (412, "precondition-failed")
+        assert api.client.head(path, headers=more | {"if-match": '"other"'}).status_code == 412
+
+
+def test_a_result_is_deleted_only_as_what_it_was(api: Api, path: str) -> None:
+    etag = api.client.get(path).headers["etag"]
+    assert api.client.delete(path, headers={"if-match": f"W/{etag}"}).status_code == 412
+    assert api.client.get(path).status_code == 200
+    assert api.client.delete(path, headers={"if-match": f'"other", {etag}'}).status_code == 204
+    assert api.client.delete(path, headers={"if-match": "*"}).status_code == 404
+
+
 def test_head_has_the_headers_only(api: Api, path: str) -> None:
     answer = api.client.head(path)
     assert (answer.status_code, answer.content) == (200, b"")
