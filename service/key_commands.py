@@ -14,15 +14,18 @@ from service.catalog.keys import Limits
 from service.catalog.migrations import has_table, migrate
 from service.command_line import current_settings, read_settings, refuse, with_records
 from service.queue import make_folders
+from service.settings import MAX_BYTES
 
 MAX_KEY_NAME: Final = 100
+#: what a server's column of an integer takes
+MAX_COUNT: Final = 2**31 - 1
 
 key_commands = typer.Typer(no_args_is_help=True, help="Who may use the service over the network, and how much.")
 
 KeyName = Annotated[str, typer.Argument(help="The key's name, or its id.")]
-Rate = Annotated[int, typer.Option(min=1, help="Requests a minute.")]
-ActiveJobs = Annotated[int, typer.Option(min=1, help="Unfinished jobs.")]
-StoredBytes = Annotated[int, typer.Option("--bytes", min=1, help="Bytes of media, assets and results.")]
+Rate = Annotated[int, typer.Option(min=1, max=MAX_COUNT, help="Requests a minute.")]
+ActiveJobs = Annotated[int, typer.Option(min=1, max=MAX_COUNT, help="Unfinished jobs.")]
+StoredBytes = Annotated[int, typer.Option("--bytes", min=1, max=MAX_BYTES, help="Bytes of media, assets and results.")]
 _DEFAULTS = Limits()
 
 
@@ -105,9 +108,11 @@ def rotate_key(name: KeyName) -> None:
 @key_commands.command("limit")
 def limit_key(
     name: KeyName,
-    rate: Annotated[int | None, typer.Option(min=1, help="Requests a minute.")] = None,
-    active_jobs: Annotated[int | None, typer.Option(min=1, help="Unfinished jobs.")] = None,
-    stored_bytes: Annotated[int | None, typer.Option("--bytes", min=1, help="Bytes of all it keeps.")] = None,
+    rate: Annotated[int | None, typer.Option(min=1, max=MAX_COUNT, help="Requests a minute.")] = None,
+    active_jobs: Annotated[int | None, typer.Option(min=1, max=MAX_COUNT, help="Unfinished jobs.")] = None,
+    stored_bytes: Annotated[
+        int | None, typer.Option("--bytes", min=1, max=MAX_BYTES, help="Bytes of all it keeps.")
+    ] = None,
 ) -> None:
     """Change what a key may ask for and keep."""
 

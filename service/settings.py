@@ -16,6 +16,8 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 
 GIB = 1024**3
 DAY_S = 86_400
+#: what a number in the database, and a limit of a process, can be
+MAX_BYTES: Final = 2**63 - 1
 
 _PREFIX: Final = "PVG_"
 #: settings that are secrets: the path of a file that holds one is given in a variable of the same name and this ending
@@ -110,7 +112,7 @@ class Settings(BaseSettings):
     """Room on the disk below which nothing new is begun; see "A full disk"."""
 
     # limits of uploads and requests
-    max_upload_bytes: int = Field(default=2 * GIB, gt=0)
+    max_upload_bytes: int = Field(default=2 * GIB, gt=0, le=MAX_BYTES)
     """Bytes of one uploaded file."""
     max_json_bytes: int = Field(default=1024**2, gt=0)
     """Bytes of a JSON body."""
@@ -152,9 +154,9 @@ class Settings(BaseSettings):
     """A job that takes longer is killed and fails with `time-limit`, at once and for good."""
     job_hard_limit_s: float = Field(default=7800.0, gt=0)
     """A supervisor that hangs for longer is killed."""
-    job_memory_bytes: int = Field(default=6 * GIB, ge=3 * GIB // 2)
+    job_memory_bytes: int = Field(default=6 * GIB, ge=3 * GIB // 2, le=MAX_BYTES)
     """Memory of one job's process, at least 1.5 GiB; what needs more fails with `too-large` (docs/security.md)."""
-    job_file_bytes: int = Field(default=128 * GIB, gt=0)
+    job_file_bytes: int = Field(default=128 * GIB, gt=0, le=MAX_BYTES)
     """Bytes of one file that a job writes."""
     part_s: float = Field(default=7.5, ge=5.0)
     """Length of the parts that a long clip is drawn in; the bytes of results depend on it: the same for all workers."""

@@ -142,6 +142,19 @@ def test_a_key_is_all_that_is_printed(tmp_path: Path) -> None:
     assert f"a key in sqlite:///{folder / 'catalog.sqlite3'}" in made.stderr
 
 
+@pytest.mark.parametrize(
+    ("limit", "most"), [("--rate", 2**31 - 1), ("--active-jobs", 2**31 - 1), ("--bytes", 2**63 - 1)]
+)
+def test_a_key_s_limits_are_numbers_that_every_database_takes(limit: str, most: int, tmp_path: Path) -> None:
+    environment = {"PVG_DATA_DIR": str(tmp_path / "data")}
+    for arguments in (["create", "studio", limit, str(most)], ["limit", "studio", limit, str(most)]):
+        larger = [*arguments[:-1], str(most + 1)]
+        assert CliRunner().invoke(cli, ["keys", *larger], env=environment).exit_code == 2
+        assert CliRunner().invoke(cli, ["keys", *arguments], env=environment).exit_code == 0
+    listed = CliRunner().invoke(cli, ["keys", "list"], env=environment).output
+    assert re.search(rf"\b{most}\b", listed)
+
+
 def test_a_database_is_named_without_its_password() -> None:
     for where in ("u:secret@h:5/d", "u@h:5/d?password=secret", "u:secret@h:5/d?sslmode=require"):
         named = _named(Settings(database_url=f"postgresql://{where}").database)

@@ -43,6 +43,13 @@ def test_postgres_addresses_use_the_installed_driver() -> None:
         assert Settings(database_url=given).database == "postgresql+psycopg://u@h/d"
 
 
+@pytest.mark.parametrize("setting", ["max_upload_bytes", "job_memory_bytes", "job_file_bytes"])
+def test_bytes_are_no_more_than_a_column_or_a_limit_of_a_process_can_be(setting: str) -> None:
+    assert getattr(Settings.model_validate({setting: 2**63 - 1}), setting) == 2**63 - 1
+    with pytest.raises(ValidationError, match=setting):
+        Settings.model_validate({setting: 2**63})
+
+
 @pytest.mark.parametrize(
     ("given", "nearest"),
     [
