@@ -13,6 +13,8 @@ from urllib.request import url2pathname
 
 from pydantic import AfterValidator, Field, SecretStr, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
+from sqlalchemy.engine import make_url
+from sqlalchemy.exc import ArgumentError
 
 GIB = 1024**3
 DAY_S = 86_400
@@ -42,13 +44,29 @@ def _log_level(name: str) -> str:
     return level
 
 
+def _database_url(url: str) -> str:
+    """The same. Raises `ValueError`, which does not quote it, for what is no URL: it may have a password."""
+    try:
+        if url:
+            make_url(url)
+    except (ArgumentError, ValueError):
+        raise ValueError("not a database's address, such as postgresql://user:password@host:5432/name") from None
+    return url
+
+
 class Settings(BaseSettings):
     """Settings with their defaults: one machine, SQLite, a local folder and a broker made of files.
 
     The sentence below a setting is what docs/operations.md says of it: `python -m scripts.settings_table --write`.
     """
 
-    model_config = SettingsConfigDict(env_prefix=_PREFIX, extra="ignore", frozen=True, use_attribute_docstrings=True)
+    model_config = SettingsConfigDict(
+        env_prefix=_PREFIX,
+        extra="ignore",
+        frozen=True,
+        use_attribute_docstrings=True,
+        hide_input_in_errors=True,  # some are secrets
+    )
 
     # where the API listens
     host: str = "127.0.0.1"
@@ -98,7 +116,7 @@ class Settings(BaseSettings):
     # where data is kept
     data_dir: Path = Path("var/data")
     """SQLite file, blobs, broker files and drafts, unless placed elsewhere."""
-    database_url: str = ""
+    database_url: Annotated[str, AfterValidator(_database_url)] = ""
     """`postgresql://user:password@host/name`. Without one, SQLite in the data folder."""
     broker_url: str = ""
     """`redis://host:6379/0`, of Valkey or Redis. Without one, files in the data folder."""

@@ -175,6 +175,12 @@ def test_a_bad_setting_is_one_line_that_names_it() -> None:
         (["serve"], {"PVG_LEASE_S": "5"}, 2, "lease_s must be at least twice"),
         (["worker"], {"PVG_WORKER_CONCURENCY": "5"}, 2, "the nearest is PVG_WORKER_CONCURRENCY"),
         (["migrate"], {"PVG_DATABASE_URL": "nonsense"}, 2, "PVG_DATABASE_URL"),
+        (
+            ["migrate"],
+            {"PVG_DATABASE_URL": "postgresql://u:secret@host:abc/d"},
+            2,
+            "PVG_DATABASE_URL: not a database's",
+        ),
         (["migrate"], {"PVG_DATABASE_URL": "postgresql://u:secret@127.0.0.1:1/d"}, 1, "database"),
         (["gc"], {}, 2, "pvg-service migrate"),
         (["adopt"], {}, 2, "pvg-service migrate"),

@@ -43,6 +43,14 @@ def test_postgres_addresses_use_the_installed_driver() -> None:
         assert Settings(database_url=given).database == "postgresql+psycopg://u@h/d"
 
 
+def test_an_address_of_a_database_that_is_none_is_refused_and_not_quoted() -> None:
+    for given in ("nonsense", "postgresql://u:secret@h:abc/d", "postgresql://u:secret@h:5432x/d"):
+        with pytest.raises(ValidationError, match="database_url") as caught:
+            Settings(database_url=given)
+        assert "secret" not in str(caught.value)
+        assert "nonsense" not in str(caught.value)
+
+
 @pytest.mark.parametrize("setting", ["max_upload_bytes", "job_memory_bytes", "job_file_bytes"])
 def test_bytes_are_no_more_than_a_column_or_a_limit_of_a_process_can_be(setting: str) -> None:
     assert getattr(Settings.model_validate({setting: 2**63 - 1}), setting) == 2**63 - 1
