@@ -20,7 +20,7 @@ from service.storage import Storage
 
 log = structlog.get_logger(__name__)
 
-#: seconds in which a blob is written and recorded, when nobody says otherwise; longer than any store takes for one
+#: seconds in which a blob is recorded from when it was last seen to be written, when nobody says otherwise
 WRITE_S: Final = 900.0
 #: seconds for which a request, or a round of the reaper, waits for a store to delete; later rounds see to the rest
 PATIENCE_S: Final = 5.0
@@ -56,13 +56,33 @@ class Blobs:
         and at once when the ``lease`` under which it is written is lost.
         """
         self.expect(key, lease=lease)
-        self._storage.put(path, key, check=check)
+        self.send(path, key, check=check)
 
     def expect(self, key: str, *, lease: Lease | None = None) -> None:
         """The first half of `put`, for those who store the bytes by themselves: a blob of this key is about to come."""
         with self._database.write() as session:
             now = self._database.now()
             tombstones.expect(session, key, now=now, within_s=self._within_s, lease=lease)
+
+    def send(self, path: Path, key: str, *, check: Callable[[], None] = lambda: None) -> None:
+        """The second half: store the file, and expect it for as long as that goes on."""
+        held_at = time.monotonic()
+
+        def go_on() -> None:
+            nonlocal held_at
+            check()
+            if time.monotonic() - held_at > self._within_s / 3:
+                held_at = time.monotonic()
+                self._hold(key)
+
+        self._storage.put(path, key, check=go_on)
+
+    def _hold(self, key: str) -> None:
+        try:
+            with self._database.write() as session:
+                tombstones.hold(session, key, now=self._database.now(), within_s=self._within_s)
+        except Exception as error:  # it is tried again before it is due
+            log.warning("a blob that is being written could not be held", error=type(error).__name__)
 
     def discard(self, keys: Collection[str]) -> None:
         """Delete blobs that were put and will not be recorded. Never fails: their tombstones are there already."""

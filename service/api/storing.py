@@ -51,6 +51,6 @@ def _put(services: Services, path: Path, key: str) -> None:
     draft = path.with_suffix(".publish")
     draft.hardlink_to(path)
     try:
-        services.storage.put(draft, key)
+        services.blobs.send(draft, key)
     finally:
         draft.unlink(missing_ok=True)

@@ -46,6 +46,12 @@ def expect(session: Session, key: str, *, now: datetime, within_s: float, lease:
         session.flush()
 
 
+def hold(session: Session, key: str, *, now: datetime, within_s: float) -> None:
+    """A blob is still being written: it goes unless it is recorded within so many seconds. One that was taken goes."""
+    row = update(Tombstone).where(Tombstone.blob_key == key, Tombstone.attempts == 0, Tombstone.due_at > now)
+    changed(session, row.values(due_at=now + timedelta(seconds=within_s)))
+
+
 def bury(session: Session, keys: Collection[str], *, now: datetime) -> None:
     """Nothing names these blobs any more, from this transaction on: they are to be deleted."""
     values = {"due_at": now, "attempts": 0, "lease_token": None}

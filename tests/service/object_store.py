@@ -15,11 +15,13 @@ BUCKET = "faces"
 
 @dataclass
 class ObjectStore:
-    """What it holds, by key, and whether it answers to DELETE."""
+    """What it holds, by key, whether it answers to PUT and DELETE, and how many PUTs have begun."""
 
     url: str = ""
     blobs: dict[str, bytes] = field(default_factory=dict)
+    puts: threading.Event = field(default_factory=threading.Event)
     deletes: threading.Event = field(default_factory=threading.Event)
+    begun: int = 0
 
     def environment(self) -> dict[str, str]:
         """The credentials and the address, as `AWS_*` variables."""
@@ -31,6 +33,7 @@ class ObjectStore:
 def object_store() -> Iterator[ObjectStore]:
     """One of our own at a free port."""
     store = ObjectStore()
+    store.puts.set()
     store.deletes.set()
 
     class Handler(BaseHTTPRequestHandler):
@@ -51,7 +54,11 @@ def object_store() -> Iterator[ObjectStore]:
             self.wfile.write(body)
 
         def do_PUT(self) -> None:
-            store.blobs[self.key] = self.rfile.read(int(self.headers["Content-Length"]))
+            content = self.rfile.read(int(self.headers["Content-Length"]))
+            store.begun += 1
+            if not store.puts.wait(30):
+                return
+            store.blobs[self.key] = content
             self.answer(200, ETag='"1"')
 
         def do_POST(self) -> None:
@@ -72,6 +79,7 @@ def object_store() -> Iterator[ObjectStore]:
     try:
         yield store
     finally:
+        store.puts.set()
         store.deletes.set()
         server.shutdown()
         server.server_close()

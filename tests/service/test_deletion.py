@@ -173,6 +173,33 @@ def test_what_a_hanging_store_does_not_delete_is_deleted_later(
     assert (store.blobs, buried(api)) == ({}, 0)
 
 
+@pytest.mark.parametrize("api", ["hanging store"], indirect=True)
+def test_a_file_for_which_a_store_takes_long_is_kept_while_it_is_sent(
+    api: Api, store: ObjectStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    services, began, passed_s = api.services, api.services.database.now(), 0.0
+    for database in (services.database, services.background):
+        monkeypatch.setattr(database, "now", lambda: began + timedelta(seconds=passed_s))
+    monkeypatch.setattr("service.blobs.time", SimpleNamespace(monotonic=lambda: passed_s))
+
+    def is_held() -> bool:
+        with services.database.read() as session:
+            return session.query(Tombstone).one().due_at > began + timedelta(seconds=passed_s + 600)
+
+    begun = store.begun
+    store.puts.clear()
+    with ThreadPoolExecutor() as pool:
+        sent = pool.submit(upload, api, PNG + b"x")
+        until(lambda: store.begun > begun)
+        for _ in range(4):
+            passed_s += 600
+            until(is_held, 10)
+            assert services.reaper.delete() == 0
+        store.puts.set()
+    assert sent.result().status_code == 202
+    assert (len(store.blobs), buried(api)) == (1, 0)
+
+
 @pytest.mark.parametrize("api", ["folder"], indirect=True)
 def test_failed_deletions_are_tried_again_ever_later(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
     services, tries = api.services, []
@@ -287,7 +314,7 @@ def test_of_two_who_bring_a_lost_file_back_the_one_that_fails_takes_nothing_away
         monkeypatch.setattr(services.storage, "put", fails)
         return False
 
-    def fails(path: Path, key: str) -> None:
+    def fails(path: Path, key: str, **_: object) -> None:
         put(path, key)
         raise GenericError("the answer of the store is lost")
 
@@ -311,7 +338,7 @@ def test_two_who_bring_a_lost_file_back_leave_one_file(api: Api, monkeypatch: py
     services.storage.delete(api.blobs[0])
     put, both = services.storage.put, threading.Barrier(2, timeout=60)
 
-    def together(path: Path, key: str) -> None:
+    def together(path: Path, key: str, **_: object) -> None:
         both.wait()
         put(path, key)
 

@@ -132,7 +132,7 @@ def uploads_that_hang(api: Api, monkeypatch: pytest.MonkeyPatch, count: int) -> 
     """So many files for a store that hangs for the time of the block; 16 are being stored. All are taken in then."""
     put, goes_on, begun = api.services.storage.put, threading.Event(), threading.Semaphore(0)
 
-    def hangs(path: Path, key: str) -> None:
+    def hangs(path: Path, key: str, **_: object) -> None:
         begun.release()
         goes_on.wait()
         put(path, key)
