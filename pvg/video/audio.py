@@ -13,7 +13,7 @@ import av.filter
 import av.packet
 
 from pvg.video.carrying import CarriedTrack, StampedPacket
-from pvg.video.keeping import Carried, sound_shape
+from pvg.video.keeping import WITH_EDITS, Carried, sound_shape
 from pvg.video.streams import Track
 
 #: seconds of sound before the first one heard that codecs may need: Opus wants 0.08
@@ -37,10 +37,18 @@ class SoundTrack(CarriedTrack):
             stream.codec_context.bit_rate = 64_000 * max(1, stream.codec_context.layout.nb_channels)
         return stream
 
+    def lead_s(self) -> Fraction:
+        """How long before zero it begins, beyond what the container itself tells a decoder to skip."""
+        if self.carried.encoder is not None:
+            return Fraction(0)
+        head: bytes = b"" if self._container == "nut" else self._source.codec_context.extradata or b""
+        skipped = int.from_bytes(head[10:12], "little") if head.startswith(b"OpusHead") else 0
+        return max(Fraction(0), -self.begins_s() - Fraction(skipped, 48000))
+
     def _produce(self, opened: av.container.InputContainer) -> Iterator[StampedPacket]:
         packets = opened.demux(self._source)
         if self.carried.encoder is None:
-            yield from (stamped(packet) for packet in _heard(packets))
+            yield from (stamped(packet) for packet in _heard(packets, marked=self._container in WITH_EDITS))
             return
         for frame in self._decoded(packets):
             if frame.pts is not None:  # in samples: AVI counts in packets, and encoders want shorter ones
@@ -78,13 +86,15 @@ def _sorter(frame: Any, track: Track) -> av.filter.Graph:
     return graph
 
 
-def _heard(packets: Iterable[av.packet.Packet[Any]]) -> Iterator[av.packet.Packet[Any]]:
+def _heard(packets: Iterable[av.packet.Packet[Any]], *, marked: bool) -> Iterator[av.packet.Packet[Any]]:
     """The packets of a track that are heard by the source's edit list, and those that begin it; no time steps back.
 
+    marked: the new clip tells what begins it from what is heard; where it does not one packet begins it, as most
+    codecs need, which is then heard.
     A second edit begins with packets that its decoder needs, at times of the edit before; there is no place for these.
     Equal times are those of packets shorter than a tick, as TrueHD's in Matroska.
     """
-    begun, last = False, None
+    begun, last, held = False, None, None
     for packet in packets:
         if not packet.size or (packet.is_discard and (begun or _is_cut_away(packet))):
             continue
@@ -93,6 +103,12 @@ def _heard(packets: Iterable[av.packet.Packet[Any]]) -> Iterator[av.packet.Packe
                 continue
             last = packet.dts
         begun = begun or not packet.is_discard
+        if not begun and not marked:
+            held = packet
+            continue
+        if held is not None:
+            yield held
+            held = None
         yield packet
 
 

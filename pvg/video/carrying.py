@@ -32,7 +32,7 @@ class CarriedTrack(ABC):
 
     def __init__(self, source: Path, output: av.container.OutputContainer, container: str, carried: Carried) -> None:
         self._stack = ExitStack()
-        self._output = output
+        self._output, self._container = output, container
         self.name = source.name
         self.carried = carried
         try:
@@ -42,7 +42,7 @@ class CarriedTrack(ABC):
                 if other.index != self._source.index:
                     other.discard = av.stream.Discard.all
             self._target: Any = self._add_stream(output, carried)
-            self._describe(container)
+            self._describe()
         except BaseException:
             self._stack.close()
             raise
@@ -58,8 +58,8 @@ class CarriedTrack(ABC):
     def _produce(self, opened: av.container.InputContainer) -> Iterator[StampedPacket]:
         """The new clip's packets, in the order of their due times."""
 
-    def _describe(self, container: str) -> None:
-        track = self.carried.track
+    def _describe(self) -> None:
+        track, container = self.carried.track, self._container
         tags: dict[str, str] = {}
         if container in ("matroska", "webm"):
             tags |= dict(track.tags)
@@ -70,6 +70,13 @@ class CarriedTrack(ABC):
             self._target.metadata.update(tags)
         if track.dispositions:
             self._target.disposition = sum(av.stream.Disposition[one] for one in track.dispositions)
+
+    def begins_s(self) -> Fraction:
+        """When its first packet begins; 0 where there is none. Raises MediaError."""
+        if self._pending is None and not self._ended:
+            self._pending = self._take()
+        packet = None if self._pending is None else self._pending[1]
+        return Fraction(0) if packet is None or packet.pts is None else packet.pts * packet.time_base
 
     def feed(self, until_s: Fraction | None) -> None:
         """Write the packets that start at or before until_s; None: all that are left. Raises MediaError."""

@@ -41,6 +41,8 @@ _CARRIES = {
 """Sound codecs (names of libav decoders) that a muxer takes and common players then play."""
 _EXACT = {"s16": "pcm_s16le", "s32": "pcm_s32le", "flt": "pcm_f32le", "dbl": "pcm_f64le", "u8": "pcm_u8"}
 _LOSSLESS = {"flac", "alac", "truehd", "mlp", "wavpack", "tta", "ape", "tak"}
+WITH_EDITS = ("mp4", "mov")
+"""Containers that tell what is before the beginning; in others all is moved until nothing is before zero."""
 _WITH_PCM = ("mov", "matroska", "nut")
 _USUAL_LAYOUTS = {1: "mono", 2: "stereo", 3: "2.1", 4: "quad", 5: "5.0", 6: "5.1", 7: "6.1", 8: "7.1"}
 _OPUS_RATE, _OPUS_LAYOUTS = 48000, _USUAL_LAYOUTS | {3: "3.0"}

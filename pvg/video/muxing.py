@@ -16,7 +16,7 @@ import av.video.stream
 from pvg.video.audio import SoundTrack
 from pvg.video.carrying import CarriedTrack, attach
 from pvg.video.encoding import CodedPacket
-from pvg.video.keeping import Plan, needs_general_tags
+from pvg.video.keeping import WITH_EDITS, Plan, needs_general_tags
 from pvg.video.pixel_aspect import say_pixel_aspect
 from pvg.video.subtitles import SubtitleTrack
 
@@ -68,12 +68,13 @@ class ClipMuxer:
                         self._tracks.append(kind(plan.source, output, plan.container, one))
                 if plan.attachments:
                     attach(plan.source, output, plan.attachments)
+            self._set_chapters(output)
         except BaseException:
             self.abandon()
             raise
 
     def _describe(self, output: av.container.OutputContainer) -> None:
-        """Tags, timecode and chapters."""
+        """Tags and timecode."""
         plan = self._plan
         output.metadata.update(plan.metadata)
         own: dict[str, str] = {}
@@ -89,19 +90,26 @@ class ClipMuxer:
             own["timecode"] = plan.timecode
         if own:
             self._stream.metadata.update(own)
-        if plan.chapters:
-            output.set_chapters(
-                [
-                    {
-                        "id": k,
-                        "start": round(chapter.start_s / _CHAPTER_STEP),
-                        "end": round(chapter.end_s / _CHAPTER_STEP),
-                        "time_base": _CHAPTER_STEP,
-                        "metadata": {} if chapter.title is None else {"title": chapter.title},
-                    }
-                    for k, chapter in enumerate(plan.chapters)
-                ]
-            )
+
+    def _set_chapters(self, output: av.container.OutputContainer) -> None:
+        """The chapters, moved as libav moves the packets where the container has no time before zero."""
+        if not self._plan.chapters:
+            return
+        moved = Fraction(0)
+        if self._plan.container not in WITH_EDITS:
+            moved = max((track.lead_s() for track in self._tracks if isinstance(track, SoundTrack)), default=moved)
+        output.set_chapters(
+            [
+                {
+                    "id": k,
+                    "start": round((chapter.start_s + moved) / _CHAPTER_STEP),
+                    "end": round((chapter.end_s + moved) / _CHAPTER_STEP),
+                    "time_base": _CHAPTER_STEP,
+                    "metadata": {} if chapter.title is None else {"title": chapter.title},
+                }
+                for k, chapter in enumerate(self._plan.chapters)
+            ]
+        )
 
     def write(self, packets: Iterable[CodedPacket]) -> None:
         """Write the next packets, and of the other tracks what is due before them."""

@@ -4,6 +4,7 @@ import itertools
 import struct
 import subprocess
 import sys
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from pvg.video import (
     read_frames,
     read_streams,
 )
+from pvg.video.streams import Chapter
 from tests.gallery.clips import (
     change_boxes,
     libav_frame,
@@ -184,6 +186,22 @@ def test_sound_that_was_cut_away_is_not_heard_again(suffix: str, tmp_path: Path)
     starts = _starts_s(target)
     assert -0.2 < starts[0] - picture < 0.01
     assert starts[-1] - picture == pytest.approx(0.5, abs=0.05)
+
+
+@pytest.mark.parametrize(("ahead_s", "moved_s"), [(0.0, 0.021), (0.5, 0.021)])
+def test_a_container_without_edit_lists_begins_a_packet_before_what_is_heard(
+    ahead_s: float, moved_s: float, tmp_path: Path
+) -> None:
+    """All is moved by it, chapters too."""
+    source = _humming_clip(tmp_path / "cut.mp4", "aac", seconds=1.0, ahead_s=ahead_s)
+    plan = make_plan(probe(source), container="mkv", source=source, streams=read_streams(source))
+    chapters = (Chapter(Fraction(0), Fraction(1, 2), "One"), Chapter(Fraction(1, 2), Fraction(1), "Two"))
+    target = rewrite_clip(source, tmp_path / "o.mkv", replace(plan, chapters=chapters))
+    picture = next(read_frames(target)).time_s
+    assert picture == pytest.approx(moved_s, abs=0.011)
+    assert _starts_s(target)[0] == 0
+    found = [float(chapter.start_s) for chapter in read_streams(target).chapters]
+    assert found == pytest.approx([picture, picture + 0.5], abs=1e-3)
 
 
 @pytest.mark.parametrize("suffix", [".mkv", ".mov", ".mp4", ".webm"])
