@@ -39,6 +39,10 @@ _FIELD_ORDERS = {"h264": {"tff": 2, "bff": 3}}  # AVFieldOrder as x264's own mar
 _FIELD_ORDER = {"tff": 4, "bff": 5}  # interleaved lines, as libav's tools write it
 
 
+_COLOR_VOLUME = 0x2C  # the byte of a DNxHR picture's head, of which two bits say it (SMPTE ST 2019-1)
+_COLOR_VOLUMES = {1: 0, 9: 1, 10: 2}  # BT.709, BT.2020 non-constant and constant luminance by H.273; else 3
+
+
 @dataclass(frozen=True)
 class _Tags:
     """Colour code points of ISO/IEC 23091-2 as they are written."""
@@ -60,6 +64,12 @@ def _tags(info: MediaInfo, source: PixelFormat, target: PixelFormat) -> _Tags:
         color_range = RANGE_LIMITED
     matrix = UNSPECIFIED if info.color_matrix in UNSTATED else info.color_matrix  # 0: that of an R, G, B clip
     return _Tags(matrix, color_range, info.color_primaries, info.color_transfer)
+
+
+def _say_matrix(packet: CodedPacket, matrix: int) -> None:
+    """Write a DNxHR picture's matrix into it: libav leaves those bits as they are for BT.709."""
+    data = memoryview(packet)  # type: ignore[arg-type]
+    data[_COLOR_VOLUME] = data[_COLOR_VOLUME] & ~6 | _COLOR_VOLUMES.get(matrix, 3) << 1
 
 
 def decoding_times(stamps: Sequence[int], delay: int) -> Iterator[int]:
@@ -202,6 +212,9 @@ class PictureEncoder:
             packets = self._context.encode(picture)
         except av.error.FFmpegError as error:
             raise self.failure(error) from error
+        if self.plan.codec == "dnxhr":
+            for packet in packets:
+                _say_matrix(packet, self._tags.matrix)
         self._coded = self._coded or bool(packets)
         return packets
 

@@ -35,6 +35,7 @@ from pvg.video.images import read_image
 from pvg.video.opening import MediaLimits, OpenClip, open_clip, reason
 from pvg.video.sniffing import IMAGE_KINDS, check_pixels, sniff
 
+_BT709 = 1
 _NO_END = 1 << 62
 _ONE_FRAME_A_PACKET = ("h264", "hevc", "mjpeg", "mpeg4", "prores", "png")
 
@@ -106,6 +107,8 @@ def reading_of(clip: OpenClip, frame: av.video.frame.VideoFrame, input_color: st
     context = clip.stream.codec_context
     color_range = frame.color_range or context.color_range or clip.colors.color_range
     matrix = _first_stated(frame.colorspace, context.colorspace, clip.colors.matrix)
+    if context.name == "dnxhd" and matrix == _BT709:  # encoders leave it so where they do not say a picture's matrix
+        matrix = _first_stated(clip.colors.matrix, matrix)
     try:
         if input_color == "auto":
             color = color_space(

@@ -21,6 +21,9 @@ from tests.gallery.clips import (
     encode_raw,
     every_frame,
     libav_frame,
+    media_info,
+    pixel_format,
+    smooth_frames,
     write_clip,
 )
 from tests.gallery.pictures import colorful
@@ -191,6 +194,26 @@ def test_prores_whose_pictures_do_not_know_their_matrix_has_the_containers(state
     assert info.format.luma_weights == LUMA_WEIGHTS[1 if stated else 6]
     again = probe(write_clip(tmp_path / "o.mp4", list(read_frames(clip)), info))
     assert again.color_matrix == info.color_matrix
+
+
+@pytest.mark.parametrize("said", [True, False])
+@pytest.mark.parametrize("matrix", [1, 9, 6])
+def test_dnxhr_has_the_matrix_of_its_clip_in_its_pictures_too(matrix: int, said: bool, tmp_path: Path) -> None:
+    """Encoders that do not write it say BT.709 there; the container knows better."""
+    fmt = pixel_format("yuv422p10le", matrix)
+    info = media_info(fmt, (256, 128), color_matrix=matrix, color_primaries=matrix, color_transfer=matrix % 8)
+    path = write_clip(tmp_path / "o.mov", smooth_frames(2, fmt, (256, 128)), info, codec="dnxhr")
+    with av.open(str(path)) as clip:
+        assert [picture.colorspace for picture in clip.decode(video=0)] == [matrix, matrix]
+    with av.open(str(path)) as clip:
+        places = [packet.pos for packet in clip.demux(video=0) if packet.pos is not None]
+    if not said:
+        data = bytearray(path.read_bytes())
+        for place in places:
+            data[place + 0x2C] &= ~6
+        path.write_bytes(bytes(data))
+    assert probe(path).color_matrix == matrix
+    assert next(read_frames(path)).format.luma_weights == LUMA_WEIGHTS[matrix]
 
 
 def test_a_sideways_422_clip_becomes_444(tmp_path: Path) -> None:
