@@ -16,7 +16,7 @@ import av.packet
 import av.stream
 
 from pvg.errors import MediaError
-from pvg.video.keeping import Carried
+from pvg.video.keeping import Carried, language_in
 from pvg.video.opening import open_container, reason
 from pvg.video.streams import Track
 
@@ -65,7 +65,8 @@ class CarriedTrack(ABC):
             tags |= dict(track.tags)
         elif track.handler is not None:
             tags["handler_name"] = track.handler
-        tags |= {key: text for key, text in (("language", track.language), ("title", track.title)) if text is not None}
+        language = None if track.language is None else language_in(container, track.language)
+        tags |= {key: text for key, text in (("language", language), ("title", track.title)) if text is not None}
         if tags:
             self._target.metadata.update(tags)
         if track.dispositions:

@@ -23,6 +23,7 @@ from pvg.video.encoders import (
 )
 from pvg.video.formats import UNSPECIFIED, PixelFormat
 from pvg.video.info import MediaInfo
+from pvg.video.languages import mov_language
 from pvg.video.mastering import ContentLight, MasteringDisplay
 from pvg.video.streams import NOTHING, Chapter, Streams, Track
 
@@ -320,7 +321,7 @@ def _lost_of(track: Track, container: str) -> list[str]:
     """Facts of a carried track that its new container has no place for."""
     lost = []
     iso = container in ("mp4", "mov")
-    if track.language and iso and not re.fullmatch(r"[a-z]{3}", track.language):
+    if track.language and language_in(container, track.language) is None:
         lost.append("language")
     handler = track.handler if track.handler != track.title else None
     if handler and not iso:
@@ -331,6 +332,13 @@ def _lost_of(track: Track, container: str) -> list[str]:
     if track.tags and container not in ("matroska", "webm"):
         lost.append(f"tags ({', '.join(name for name, _ in track.tags)})")
     return lost
+
+
+def language_in(container: str, language: str) -> str | None:
+    """A track's language as the container's muxer takes it, None where it has no place for it."""
+    if container == "mov":
+        return mov_language(language)
+    return language if container != "mp4" or re.fullmatch(r"[a-z]{3}", language) else None
 
 
 def _sound(track: Track, container: str) -> tuple[str | None, str | None]:

@@ -16,7 +16,7 @@ import av.video.stream
 from pvg.video.audio import SoundTrack
 from pvg.video.carrying import CarriedTrack, attach
 from pvg.video.encoding import CodedPacket
-from pvg.video.keeping import WITH_EDITS, Plan, needs_general_tags
+from pvg.video.keeping import WITH_EDITS, Plan, language_in, needs_general_tags
 from pvg.video.pixel_aspect import say_pixel_aspect
 from pvg.video.subtitles import SubtitleTrack
 
@@ -80,7 +80,9 @@ class ClipMuxer:
         own: dict[str, str] = {}
         if plan.picture is not None:
             own = dict(plan.picture.tags) if plan.container in ("matroska", "webm") else {}
-            for key, text in (("language", plan.picture.language), ("title", plan.picture.title)):
+            spoken = plan.picture.language
+            language = None if spoken is None else language_in(plan.container, spoken)
+            for key, text in (("language", language), ("title", plan.picture.title)):
                 own |= {key: text} if text is not None else {}
         if plan.picture is None or "default" in plan.picture.dispositions:
             self._stream.disposition = av.stream.Disposition.default

@@ -17,6 +17,7 @@ import av.video.frame
 import numpy as np
 
 from pvg.video.encoders import FieldOrder
+from pvg.video.languages import stated_language
 from pvg.video.mastering import ContentLight, MasteringDisplay
 from pvg.video.opening import MediaLimits, open_clip, open_container
 from pvg.video.reading import has_alpha, pictures
@@ -210,7 +211,7 @@ def _track(stream: av.stream.Stream) -> Track:
         index=stream.index,
         kind=kind,
         codec=_SAME_CODEC.get(name, name),
-        language=None if language in (None, "und") else language,
+        language=None if language in (None, "und") else stated_language(language),
         title=tags.get("title") or tags.get("name"),
         handler=handler if handler and not any(word in handler.lower() for word in _PLAIN_HANDLERS) else None,
         dispositions=tuple(one.name or "" for one in av.stream.Disposition if stream.disposition & one),

@@ -537,6 +537,21 @@ def test_tags_come_back_whatever_their_names(container: str, tmp_path: Path) -> 
         assert read_streams(tmp_path / f"o.{container}").metadata == ((name, "7"),)
 
 
+@pytest.mark.parametrize(
+    ("language", "stored"),
+    [("deu", "ger"), ("nld", "dut"), ("ces", "ces"), ("cze", "ces"), ("swe", "swe"), ("hrv", "hrv"), ("gsw", None)],
+)
+def test_a_language_is_that_of_quicktime_in_mov_or_called_lost(
+    language: str, stored: str | None, tmp_path: Path
+) -> None:
+    source = Rich(".mkv", sounds=[Other("aac", language)]).write(tmp_path, "spoken")
+    plan = planned(source, "mov", "h264")
+    (track,) = of_kind(read_streams(rewrite_clip(source, tmp_path / "o.mov", plan)), "sound")
+    assert track.language == stored
+    assert any("goes without its language" in line for line in plan.dropped) == (stored is None)
+    assert planned(source, "mp4", "h264").dropped == ()
+
+
 def test_streams_of_a_file_that_is_none_are_refused(tmp_path: Path) -> None:
     (tmp_path / "text.mp4").write_text("hello")
     with pytest.raises(MediaError, match=r"text\.mp4"):
