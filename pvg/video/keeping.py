@@ -125,6 +125,7 @@ class Plan:
     metadata: tuple[tuple[str, str], ...] = ()
     picture: Track | None = None
     timecode: str | None = None
+    reel: str | None = None
     kept: tuple[str, ...] = ()
     changed: tuple[str, ...] = ()
     dropped: tuple[str, ...] = ()
@@ -416,9 +417,14 @@ def _with_tags(plan: Plan, lines: _Lines, info: MediaInfo, streams: Streams) -> 
         else:
             lines.dropped.append(f"timecode {timecode} is not kept: {why}")
             timecode = None
+    reel = streams.reel if plan.container == "mov" and timecode is not None else None
+    if reel is not None:
+        lines.kept.append(f"reel name {reel}")
+    elif streams.reel is not None:
+        lines.dropped.append(f"reel name {streams.reel} is not kept: a timecode in MOV alone has one")
     if streams.location:
         lines.dropped.append(f"tags that tell a place are left out on purpose ({', '.join(streams.location)})")
-    return replace(plan, chapters=chapters, metadata=metadata, picture=picture, timecode=timecode)
+    return replace(plan, chapters=chapters, metadata=metadata, picture=picture, timecode=timecode, reel=reel)
 
 
 def _lost_of_picture(picture: Track, container: str) -> list[str]:

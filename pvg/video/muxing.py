@@ -90,6 +90,7 @@ class ClipMuxer:
             output.metadata["timecode"] = plan.timecode
         elif plan.timecode is not None:
             own["timecode"] = plan.timecode
+            own |= {} if plan.reel is None else {"reel_name": plan.reel}
         if own:
             self._stream.metadata.update(own)
 

@@ -109,6 +109,7 @@ class Streams:
     tracks: every other stream but those that chapters and a timecode are stored in. metadata: tags of the file,
     without those a muxer makes itself; location: names of the tags that tell a place. picture: the language, title and
     other tags of the pictures' own track. timecode: of the first frame, "hh:mm:ss:ff" or with ";" for drop frame.
+    reel: the name of the tape or card that the timecode is of.
     fields: None for progressive pictures. alpha: the pictures come with it. embedded: what rides inside the
     coded pictures, in words.
     """
@@ -119,6 +120,7 @@ class Streams:
     location: tuple[str, ...] = ()
     picture: Track | None = None
     timecode: str | None = None
+    reel: str | None = None
     fields: FieldOrder | None = None
     alpha: bool = False
     mastering: MasteringDisplay | None = None
@@ -166,6 +168,7 @@ def take_stock(
     for tags in (own, *(_normal(stream.metadata) for stream in streams)):
         timecode = timecode or tags.get("timecode")
         places += [name for name in tags if _tells_a_place(name)]
+    reels = [_normal(stream.metadata).get("reel_name") for stream in streams if stream.type == "data"]
     timecoded = {stream.index for stream in streams if stream.type == "data" and "timecode" in _normal(stream.metadata)}
     return Streams(
         tracks=tuple(track for track in tracks if track.index != chosen and track.index not in timecoded),
@@ -174,6 +177,7 @@ def take_stock(
         location=tuple(dict.fromkeys(places)),
         picture=next(track for track in tracks if track.index == chosen),
         timecode=timecode,
+        reel=next((reel for reel in reels if reel), None),
         fields=fields,
         alpha=alpha,
         mastering=MasteringDisplay.of_side_data(found.get("MASTERING_DISPLAY_METADATA", b"")),

@@ -552,6 +552,19 @@ def test_a_language_is_that_of_quicktime_in_mov_or_called_lost(
     assert planned(source, "mp4", "h264").dropped == ()
 
 
+def test_a_reel_name_goes_with_the_timecode_of_mov_or_is_called_lost(tmp_path: Path) -> None:
+    plain = Rich(".mov", timecode="01:00:00:00").write(tmp_path, "plain")
+    plan = planned(plain, "mov", "h264")
+    source = rewrite_clip(plain, tmp_path / "source.mov", replace(plan, reel="A001C003"))
+    assert read_streams(source).reel == "A001C003"
+    for container, codec in (("mov", "prores"), ("mp4", "h264"), ("mkv", "ffv1")):
+        plan = planned(source, container, codec)
+        after = read_streams(rewrite_clip(source, tmp_path / f"o.{container}", plan))
+        assert after.timecode == "01:00:00:00"
+        assert after.reel == ("A001C003" if container == "mov" else None)
+        assert any("reel name A001C003 is not kept" in line for line in plan.dropped) == (container != "mov")
+
+
 def test_streams_of_a_file_that_is_none_are_refused(tmp_path: Path) -> None:
     (tmp_path / "text.mp4").write_text("hello")
     with pytest.raises(MediaError, match=r"text\.mp4"):
