@@ -169,7 +169,7 @@ def _probe_clip(clip: OpenClip, limits: MediaLimits, input_color: str) -> MediaI
         format=reading.target,
         sample_aspect_ratio=1 / aspect if reading.orientation.transpose else aspect,
         has_alpha=has_alpha(first),
-        warnings=_of_streams(clip) + (_of_colors(clip, reading) if input_color == "auto" else ()),
+        warnings=_of_streams(clip) + _of_turn(reading) + (_of_colors(clip, reading) if input_color == "auto" else ()),
     )
 
 
@@ -204,6 +204,13 @@ def _of_streams(clip: OpenClip) -> tuple[str, ...]:
         f"the file has {clip.choices} video streams: number {number} is used, the first marked default, or else the "
         "first; the others are not kept",
     )
+
+
+def _of_turn(reading: Reading) -> tuple[str, ...]:
+    turn = reading.orientation
+    if not turn.is_rounded:
+        return ()
+    return (f"it asks to be turned by {turn.asked:.1f} degrees and is turned by {turn.degrees}: by quarters alone",)
 
 
 def _last_sample(clip: OpenClip) -> int:

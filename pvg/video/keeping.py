@@ -293,8 +293,9 @@ def _with_tracks(plan: Plan, lines: _Lines, streams: Streams, audio: str) -> Pla
             lines.kept.append(track.said())
         else:
             lines.dropped.append(f"{track.said()} is not kept")
-    if subtitles and plan.container in ("mp4", "mov") and not any(_is_default(one.track) for one in subtitles):
-        lines.changed.append(f"{subtitles[0].track.said()} is marked as default, as {said(plan.container)} asks of one")
+    for kin in (sounds, subtitles):
+        if kin and plan.container in ("mp4", "mov") and not any(_is_default(one.track) for one in kin):
+            lines.changed.append(f"{kin[0].track.said()} is marked as default, as {said(plan.container)} asks of one")
     return replace(plan, sounds=tuple(sounds), subtitles=tuple(subtitles), attachments=tuple(attachments))
 
 

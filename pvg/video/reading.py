@@ -44,13 +44,20 @@ _ONE_FRAME_A_PACKET = ("h264", "hevc", "mjpeg", "mpeg4", "prores", "png")
 class Orientation:
     """How a stored picture is turned upright: transpose, then flip rows, then flip columns.
 
-    degrees: the clockwise turn, for people to read.
+    degrees: the clockwise turn, for people to read. asked: the one that the clip states, in [0, 360).
     """
 
     transpose: bool = False
     flip_rows: bool = False
     flip_columns: bool = False
     degrees: int = 0
+    asked: float = 0.0
+
+    @property
+    def is_rounded(self) -> bool:
+        """Whether the clip asks for no quarter turn; half a degree passes for one."""
+        off = abs(self.asked - self.degrees) % 360
+        return min(off, 360 - off) > 0.5
 
     def apply(self, plane: Plane) -> Plane:
         """The plane upright: itself when it is stored so, else contiguous."""
@@ -68,10 +75,11 @@ def orientation_of(frame: av.video.frame.VideoFrame) -> Orientation:
     if raw is None:
         return Orientation()
     a, b, _, c, d = (int(value) for value in np.frombuffer(bytes(raw), dtype=np.int32)[:5])
-    degrees = round(math.degrees(math.atan2(b, a)) / 90.0) * 90 % 360
+    asked = math.degrees(math.atan2(b, a)) % 360
+    degrees = round(asked / 90.0) * 90 % 360
     if abs(a) + abs(d) >= abs(b) + abs(c):
-        return Orientation(False, d < 0, a < 0, degrees)
-    return Orientation(True, b < 0, c < 0, degrees)
+        return Orientation(False, d < 0, a < 0, degrees, asked)
+    return Orientation(True, b < 0, c < 0, degrees, asked)
 
 
 @dataclass(frozen=True)

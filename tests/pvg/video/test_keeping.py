@@ -144,7 +144,7 @@ def differences(before: Streams, after: Streams, moved_s: float) -> list[str]:
                 found.append(f"{kind} track {one.index}")
             if set(one.dispositions) - {"default"} != set(other.dispositions) - {"default"}:
                 found.append("its mark (")
-            if "default" in {*one.dispositions} ^ {*other.dispositions} and kind == "subtitle":
+            if "default" in {*one.dispositions} ^ {*other.dispositions}:
                 found.append("marked as default")
     found += ["attachment"] * (of_kind(before, "attachment") != of_kind(after, "attachment"))
     found += ["chapters"] * (not same_chapters(before, after, moved_s))
@@ -550,6 +550,16 @@ def test_a_language_is_that_of_quicktime_in_mov_or_called_lost(
     assert track.language == stored
     assert any("goes without its language" in line for line in plan.dropped) == (stored is None)
     assert planned(source, "mp4", "h264").dropped == ()
+
+
+@pytest.mark.parametrize("container", ["mp4", "mov", "mkv"])
+def test_a_sound_track_that_becomes_the_default_one_is_named(container: str, tmp_path: Path) -> None:
+    source = Rich(".mkv", sounds=[Other("aac")]).write(tmp_path, "unmarked")
+    assert of_kind(read_streams(source), "sound")[0].dispositions == ()
+    plan = planned(source, container, "h264")
+    (track,) = of_kind(read_streams(rewrite_clip(source, tmp_path / f"o.{container}", plan)), "sound")
+    assert ("default" in track.dispositions) == (container != "mkv")
+    assert any("is marked as default" in line for line in plan.changed) == (container != "mkv")
 
 
 def test_a_reel_name_goes_with_the_timecode_of_mov_or_is_called_lost(tmp_path: Path) -> None:

@@ -502,3 +502,11 @@ def test_of_many_profiles_in_a_png_the_first_alone_is_read(tmp_path: Path, monke
 def test_pictures_of_many_parts_are_refused_before_their_samples(make: Callable[[Path], Path], tmp_path: Path) -> None:
     with pytest.raises(MediaError, match="more than 100000"):
         read_picture_metadata(make(tmp_path))
+
+
+@pytest.mark.parametrize(("components", "lost"), [(1, ()), (3, ()), (4, ("coding in four inks (CMYK)",))])
+def test_a_jpeg_of_four_inks_is_said_to_lose_them(components: int, lost: tuple[str, ...], tmp_path: Path) -> None:
+    path = tmp_path / "inks.jpg"
+    header = struct.pack(">BHHB", 8, 64, 96, components) + bytes(3 * components)
+    path.write_bytes(b"\xff\xd8\xff\xc0" + struct.pack(">H", len(header) + 2) + header + b"\xff\xd9")
+    assert read_picture_metadata(path).lost == lost

@@ -148,6 +148,15 @@ def test_display_matrices_are_applied(degrees: int, hflip: bool, tmp_path: Path)
         assert info.rotation == -degrees % 360
 
 
+@pytest.mark.parametrize(
+    ("degrees", "said"), [(7, "353.0 degrees and is turned by 0"), (-100, "100.0 degrees and is turned by 90")]
+)
+def test_a_turn_that_is_no_quarter_is_warned_of(degrees: int, said: str, tmp_path: Path) -> None:
+    path = encode_raw(tmp_path / "o.mp4", [libav_frame(colorful(1))], "libx264", degrees=degrees)
+    (warning,) = probe(path).warnings
+    assert said in warning
+
+
 def _coded(path: Path, codec: str, layout: str = "yuv420p", **options: str) -> Path:
     return encode_raw(path, [libav_frame(colorful(3, SIZE), layout)] * 3, codec, **options)
 
