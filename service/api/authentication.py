@@ -10,6 +10,7 @@ from typing import Annotated
 
 from fastapi import Depends, Request, Security
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
+from sqlalchemy.orm import Session
 
 from service.api.dependencies import ServicesDep
 from service.api.services import Services
@@ -67,16 +68,29 @@ async def check_again(services: Services, caller: Caller) -> None:
     await services.calls.read(_key_of, services, caller.credentials)
 
 
+def have_keys(services: Services) -> bool:
+    """Whether there are keys."""
+    with services.database.read() as session:
+        return _exist(services, session)
+
+
+def _exist(services: Services, session: Session) -> bool:
+    """The same, kept for when the records are away."""
+    services.known.has_keys = keys.exist(session)
+    return services.known.has_keys
+
+
 def _key_of(services: Services, given: HTTPAuthorizationCredentials | None) -> Key | None:
     with services.database.read() as session:
         if given is None:
-            if keys.exist(session):
+            if _exist(services, session):
                 raise UnauthorizedError("send a key as `Authorization: Bearer pvg_…`", invalid=False)
             return None
         key = keys.find(session, given.credentials)
         # refused all the same: who sends a key means its own things, and would share them with everybody here
-        if key is None and not keys.exist(session):
+        if key is None and not _exist(services, session):
             raise UnauthorizedError("this service has no keys and wants none: send no Authorization", invalid=True)
     if key is None:
         raise UnauthorizedError("this key is malformed, unknown, replaced or revoked", invalid=True)
+    services.known.has_keys = True
     return key

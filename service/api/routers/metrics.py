@@ -11,9 +11,10 @@ from fastapi import APIRouter, Response, Security
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 from prometheus_client import CONTENT_TYPE_LATEST
 
+from service.api.authentication import have_keys
 from service.api.dependencies import ServicesDep, problems
 from service.api.services import Services
-from service.catalog import keys, statistics
+from service.catalog import statistics
 from service.catalog.statistics import Statistics
 from service.errors import ServiceError, UnauthorizedError
 from service.outages import is_outage
@@ -55,26 +56,21 @@ async def _check(services: Services, given: HTTPAuthorizationCredentials | None)
         if given is None or not hmac.compare_digest(given.credentials.encode(), token.encode()):
             raise UnauthorizedError("send PVG_METRICS_TOKEN as `Authorization: Bearer …`", invalid=given is not None)
     elif await _has_keys(services):
-        raise UnauthorizedError("a service with keys shows them once PVG_METRICS_TOKEN is set", invalid=False)
+        raise UnauthorizedError("without PVG_METRICS_TOKEN only a service that has no keys shows them", invalid=False)
 
 
 async def _has_keys(services: Services) -> bool:
     """Whether there are keys; while the records are away, whether there were any when they were last read."""
     try:
-        services.known.has_keys = await services.calls.read(_read_keys, services)
+        return await services.calls.read(have_keys, services)
     except Exception as error:  # who asks learns no more of an outage than of anything else
         if not _is_away(error):
             raise
-    return services.known.has_keys
+        return services.known.has_keys
 
 
 def _is_away(error: Exception) -> bool:
     return isinstance(error, ServiceError) or is_outage(error)
-
-
-def _read_keys(services: Services) -> bool:
-    with services.database.read() as session:
-        return keys.exist(session)
 
 
 def _collect(services: Services) -> Statistics:

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import json
 import re
+import sqlite3
 from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import timedelta
 from pathlib import Path
 
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 from pydantic import SecretStr
+from sqlalchemy.exc import OperationalError
+from sqlalchemy.orm import Session
 
-from service.catalog import keys, leases, sweep, workers
+from service.catalog import Database, keys, leases, sweep, workers
 from service.settings import Settings
 from tests.service.api.test_media import PROBLEM, transfer, upload
 from tests.service.fixtures import Api, claim, make_ready, make_results, serve
@@ -142,6 +146,26 @@ def test_with_keys_nobody_sees_them_but_who_has_the_token(closed: tuple[Api, str
     answer = api.client.get("/metrics", headers={"Authorization": f"Bearer {token or 'x'}"})
     assert answer.status_code == (200 if token else 401)
     assert "studio" not in answer.text
+
+
+def test_without_keys_they_are_shown_while_the_database_is_away_whatever_was_asked_before(
+    api: Api, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert api.client.get("/v1/videos").status_code == 200
+
+    @contextmanager
+    def away(_: Database) -> Iterator[Session]:
+        raise OperationalError("BEGIN", None, _cannot_open())
+        yield
+
+    monkeypatch.setattr(Database, "read", away)
+    assert figure(figures(api), "pvg_database_up") == 0
+
+
+def _cannot_open() -> sqlite3.OperationalError:
+    error = sqlite3.OperationalError("unable to open database file")
+    error.sqlite_errorcode = sqlite3.SQLITE_CANTOPEN
+    return error
 
 
 def test_usage_and_limits_of_a_key(closed: tuple[Api, str, str]) -> None:
