@@ -32,6 +32,9 @@ _CAUSES: Final = (
     ("Certificate", "its certificate is not trusted"),
     ("TimedOut", "no answer in time"),
 )
+#: the modules of what the broker's errors are, and how Redis' own begin
+_BROKERS: Final = ("kombu.", "redis.")
+_REDIS_CODE: Final = re.compile(r"[A-Z]{4,}\b")
 #: a word that is no address, path, id or time
 _WORD: Final = re.compile(r"`?[A-Za-z][a-z'-]*`?[,.:;]?|[A-Z]{2,8}:?,?|S3|ETag|\.[a-z]+:")
 
@@ -65,12 +68,15 @@ def is_disk_full(error: BaseException) -> bool:
 
 
 def told(error: BaseException) -> dict[str, str]:
-    """How a log line tells an error: its kind, and of a store's also the reason.
+    """How a log line tells an error: its kind, and of a store's or the broker's also the reason.
 
     That is the end of its first line and what lies below it, without addresses, secrets and names of files. Of an
-    answer that is quoted there, only the status and its code are told.
+    answer that is quoted there, only the status and its code are told. Of a
+    broker's error it is what led to it.
     """
     kind = {"error": type(error).__name__}
+    if type(error).__module__.startswith(_BROKERS):
+        return kind | {"reason": _cause(error)}
     if not isinstance(error, BaseError):
         return kind
     first, _, details = str(error).partition("\n")
@@ -80,6 +86,20 @@ def told(error: BaseException) -> dict[str, str]:
         words = [word if _WORD.fullmatch(word) else "…" for word in first.rpartition(" - ")[2].split()[:40]]
         said = [" ".join(words), *[meaning for word, meaning in _CAUSES if word in details][:1]]
     return kind | {"reason": "; ".join(said)}
+
+
+def _cause(error: BaseException) -> str:
+    """What led to an error: the words of the system, or its kind and the word of Redis for it, such as WRONGPASS."""
+    seen: BaseException | None = error
+    told = type(error).__name__
+    while seen is not None:
+        if isinstance(seen, OSError) and seen.strerror:
+            return seen.strerror
+        if type(seen).__module__.startswith(_BROKERS):
+            code = _REDIS_CODE.match(str(seen))
+            told = f"{type(seen).__name__} {code[0]}" if code else type(seen).__name__
+        seen = seen.__cause__ or seen.__context__
+    return told
 
 
 def _is_away(error: BaseException | None, *, in_statement: bool) -> bool:

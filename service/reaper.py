@@ -13,7 +13,7 @@ from sqlalchemy.exc import DBAPIError
 from service.blobs import WRITE_S, Blobs
 from service.catalog import Database, Lease, Message, idempotency, jobs, leases, previews, set_back, sweep, webhooks
 from service.drafts import Drafts
-from service.outages import is_disk_full, is_outage, is_partly_locked
+from service.outages import is_disk_full, is_outage, is_partly_locked, told
 from service.queue import QUEUES, Publisher, clear_remains
 from service.room import Room
 from service.rounds import Rounds
@@ -191,7 +191,7 @@ class Reaper:
             held = self._publisher.sent(name)
             depth = self._publisher.depth(name) if held is None else 0
         except Exception as error:
-            log.warning("broker does not answer", queue=name, error=type(error).__name__)
+            log.warning("broker does not answer", queue=name, **told(error))
             return []
         with self._database.read() as session:
             expected = sweep.published(session, name, before=before)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import ipaddress
 import os
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final, Self
@@ -30,6 +31,8 @@ _STORE_SECRETS: Final = ("access_key_id", "secret_access_key", "session_token")
 #: variables of the same prefix that are read elsewhere: by the library, from `serve` to its worker, by the tests
 _READ_ELSEWHERE: Final = ("PVG_CACHE_DIR", "PVG_STARTER_PID", "PVG_REQUIRE_SERVERS", "PVG_TEST_DATABASE_URL")
 _MIN_SECRET: Final = 32
+#: psycopg 3 is the driver that is installed
+_DATABASES: Final = ("postgresql", "postgres", "postgresql+psycopg", "sqlite")
 _LOG_LEVELS: Final = ("DEBUG", "INFO", "WARNING", "ERROR", "CRITICAL")
 #: names by which only this machine itself can mean this machine
 _LOOPBACK_NAMES: Final = frozenset({"localhost", "127.0.0.1", "::1"})
@@ -44,13 +47,30 @@ def _log_level(name: str) -> str:
     return level
 
 
-def _database_url(url: str) -> str:
-    """The same. Raises `ValueError`, which does not quote it, for what is no URL: it may have a password."""
+def _broker_url(url: str) -> str:
+    """An address of Redis, or none. Raises `ValueError` for any other, which is not told: it may hold a password."""
+    if not url or url.startswith("filesystem://"):
+        return url
+    parts = urlsplit(url)
     try:
-        if url:
-            make_url(url)
+        is_one = parts.scheme in {"redis", "rediss"} and parts.hostname and (parts.port or True)
+    except ValueError:  # its port is no number
+        is_one = False
+    if not is_one or not re.fullmatch(r"/?\d*", parts.path):
+        raise ValueError(
+            "it is not of the form redis://host:6379/0, or rediss:// for TLS, with the number of a database"
+        )
+    return url
+
+
+def _database_url(url: str) -> str:
+    """An address of a database that the service knows, or none. Raises `ValueError` for any other, which is not told."""
+    try:
+        is_one = not url or (url.partition("://")[0] in _DATABASES and make_url(url) is not None)
     except (ArgumentError, ValueError):
-        raise ValueError("not a database's address, such as postgresql://user:password@host:5432/name") from None
+        is_one = False
+    if not is_one:
+        raise ValueError("it is not of the form postgresql://user:password@host:5432/name; without one it is SQLite")
     return url
 
 
@@ -65,7 +85,7 @@ class Settings(BaseSettings):
         extra="ignore",
         frozen=True,
         use_attribute_docstrings=True,
-        hide_input_in_errors=True,  # some are secrets
+        hide_input_in_errors=True,  # addresses hold passwords
     )
 
     # where the API listens
@@ -118,8 +138,8 @@ class Settings(BaseSettings):
     """SQLite file, blobs, broker files and drafts, unless placed elsewhere."""
     database_url: Annotated[str, AfterValidator(_database_url)] = ""
     """`postgresql://user:password@host/name`. Without one, SQLite in the data folder."""
-    broker_url: str = ""
-    """`redis://host:6379/0`, of Valkey or Redis. Without one, files in the data folder."""
+    broker_url: Annotated[str, AfterValidator(_broker_url)] = ""
+    """`redis://host:6379/0`, of Valkey or Redis, `rediss://` with TLS. Without one, files in the data folder."""
     storage_url: str = ""
     """A folder, or `s3://bucket/prefix` (credentials from `AWS_*`). Without one, `blobs/` in the data folder."""
     broker_polling_interval_s: float = Field(default=0.2, gt=0)

@@ -137,7 +137,7 @@ def celery_settings(settings: Settings) -> dict[str, Any]:
             "control_folder": str(folder / "control"),
             "polling_interval": settings.broker_polling_interval_s,
         }
-    elif settings.broker_url.startswith(("redis", "rediss", "valkey", "sentinel")):
+    else:
         shared["broker_transport_options"] = {
             # well above the longest job, or Redis hands a running job to a second worker
             "visibility_timeout": int(settings.job_hard_limit_s * 2) + 3600,

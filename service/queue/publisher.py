@@ -12,7 +12,7 @@ import structlog
 from celery import Celery
 
 from service.catalog import Database, Message, jobs
-from service.outages import is_outage
+from service.outages import is_outage, told
 from service.queue.broker import JOB_HEADER, PREVIEW, PREVIEW_TASK, TASK, celery_settings, sent_jobs, withdraw
 from service.settings import Settings
 
@@ -109,7 +109,7 @@ class Publisher:
                     send(self._producer, message)
                     sent.append(message)
                 except Exception as error:
-                    log.warning("publish failed", job=message.job_id, error=type(error).__name__)
+                    log.warning("publish failed", job=message.job_id, **told(error))
                 if len(sent) >= _BATCH:
                     break
                 try:

@@ -4,6 +4,7 @@ import errno
 from pathlib import Path
 
 import pytest
+from kombu.exceptions import OperationalError as BrokerError
 from obstore.exceptions import GenericError, NotFoundError
 from psycopg.errors import DiskFull
 from sqlalchemy import select, text
@@ -11,6 +12,7 @@ from sqlalchemy.exc import OperationalError, SQLAlchemyError
 
 from service.catalog import Database, Media, media
 from service.outages import is_disk_full, is_locked, is_outage, is_partly_locked, told
+from service.queue import make_producer
 from service.settings import Settings
 from service.storage import Storage
 from tests.service.fixtures import add_media
@@ -79,6 +81,13 @@ def test_a_store_that_fails_is_an_outage_and_a_missing_blob_is_none() -> None:
     assert is_outage(GenericError("connection refused"))
     assert not is_outage(NotFoundError("no such key"))
     assert not is_outage(ValueError())
+
+
+def test_the_log_says_why_a_broker_is_away(tmp_path: Path) -> None:
+    producer = make_producer(Settings(data_dir=tmp_path, broker_url=f"redis://:secret@127.0.0.1:{free_port()}/0"))
+    with pytest.raises(BrokerError) as caught, producer.connection_for_read() as connection:
+        connection.ensure_connection(max_retries=1, timeout=2)
+    assert told(caught.value) == {"error": "OperationalError", "reason": "Connection refused"}
 
 
 _REFUSAL = b"""<?xml version="1.0" encoding="UTF-8"?>

@@ -59,6 +59,18 @@ def test_bytes_are_no_more_than_a_column_or_a_limit_of_a_process_can_be(setting:
 
 
 @pytest.mark.parametrize(
+    "given",
+    ["redis:/127.0.0.1", "redis://", "redis://:secret@/0", "redis://h:x", "redis://h/a", "amqp://u:secret@h", "h:6379"],
+)
+def test_a_broker_is_redis_with_a_host(given: str) -> None:
+    with pytest.raises(ValidationError, match="redis://host:6379/0") as refused:
+        Settings(broker_url=given)
+    assert "secret" not in str(refused.value)
+    for one in ("", "redis://h", "redis://:secret@h:6379/0", "rediss://u:secret@[::1]/3"):
+        assert Settings(broker_url=one).broker_url == one
+
+
+@pytest.mark.parametrize(
     ("given", "nearest"),
     [
         ("PVG_MAX_UPLOAD_BYTE", "PVG_MAX_UPLOAD_BYTES"),
@@ -109,6 +121,8 @@ def test_the_documentation_says_of_every_setting_what_the_class_does() -> None:
 @pytest.mark.parametrize("setting", FROM_FILES)
 def test_a_secret_may_be_in_a_file(setting: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     secret, variable = "postgresql://u:p%40@h/d-and-so-on-and-on", f"PVG_{setting.upper()}"
+    if setting == "broker_url":
+        secret = "redis://u:p%40@h/0"
     file = tmp_path / "secret"
     file.write_text(secret + "\n")
     monkeypatch.setenv(f"{variable}_FILE", str(file))
