@@ -64,7 +64,7 @@ def _broker_url(url: str) -> str:
 
 
 def _database_url(url: str) -> str:
-    """An address of a database that the service knows, or none. Raises `ValueError` for any other, which is not told."""
+    """An address of a database that the service knows, or none. Raises `ValueError` for others, which are not told."""
     try:
         is_one = not url or (url.partition("://")[0] in _DATABASES and make_url(url) is not None)
     except (ArgumentError, ValueError):
