@@ -37,7 +37,12 @@ BETWEEN_FIELDS = (
     *("create_reference", "create_reference_from_form", "create_reference_from_url"),
     *("append_to_upload", "list_jobs", "list_videos", "list_references"),
 )
-ACCEPTED = ["2xx", "3xx", "401", "403", "404", "409", "410", "412", "416", "422"]
+#: any If-Match is as it should be, and few are the ETag of what is there
+CONDITIONAL = (
+    *("get_video_file", "get_reference_file", "get_result", "get_result_cube", "get_result_matte"),
+    *("delete_video", "delete_reference", "delete_result"),
+)
+ACCEPTED = ["2xx", "3xx", "401", "403", "404", "409", "410", "416"]
 #: tus has answers of its own to a version that is not its own, and to damaged bytes; sizes are a setting
 OF_TUS = ("create_upload", "append_to_upload")
 REFUSED = ["400", "401", "403", "404", "405", "406", "409", "412", "413", "415", "422", "429"]
@@ -98,10 +103,11 @@ def things(api: Api, key: str) -> dict[str, str]:
 def configured(key: str) -> str:
     """The tool's configuration: keys of both kinds, and which answers are right beyond those it knows."""
     text = f'[auth.openapi.key]\nbearer = "{key}"\n[auth.openapi.metrics]\nbearer = "{TOKEN}"\n'
-    for one in sorted({*BETWEEN_FIELDS, *OF_TUS}):
+    for one in sorted({*BETWEEN_FIELDS, *CONDITIONAL, *OF_TUS}):
         text += f'[[operations]]\ninclude-operation-id = "{one}"\n'
-        if one in BETWEEN_FIELDS:
-            accepted = [*ACCEPTED, "400", "413", "460"] if one in OF_TUS else ACCEPTED
+        if one in BETWEEN_FIELDS or one in CONDITIONAL:
+            accepted = [*ACCEPTED, "422" if one in BETWEEN_FIELDS else "412"]
+            accepted += ["400", "413", "460"] if one in OF_TUS else []
             text += f"checks.positive_data_acceptance.expected-statuses = {json.dumps(accepted)}\n"
         if one in OF_TUS:
             text += f"checks.negative_data_rejection.expected-statuses = {json.dumps(REFUSED)}\n"

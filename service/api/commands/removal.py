@@ -46,7 +46,8 @@ def _remove(
         if active and not cancel_jobs:
             detail = f"{len(active)} job(s) still use {media_id}: {', '.join(active[:10])}"
             raise ConflictError(f"{detail}; wait for them, or delete with ?cancel_jobs=true")
-        require_match(if_match, etag_of(media_body(found, services.settings).model_dump_json().encode()))
+        if if_match is not None:
+            require_match(if_match, etag_of(media_body(found, services.settings).model_dump_json().encode()))
         keys, ended = _delete(session, found, active, now=database.now())
     services.publisher.withdraw(ended)
     return keys
