@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import stat
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import Final
 
@@ -33,6 +34,8 @@ _CONTENTS: Final = (
     "catalog.sqlite3*",
     "reserve",
 )
+#: what a disk of its own has before anything is written
+_OF_A_DISK: Final = {"lost+found"}
 
 
 def keep_to_ourselves() -> None:
@@ -44,11 +47,13 @@ def private_folder(folder: Path) -> None:
     """Make a folder that only its owner can enter, or see to it that the one that is there is such.
 
     What other users could enter is closed to them when it is ours, with what the service keeps in it. Raises
-    `PermissionError` when it is another user's or meant for all, and `OSError` when it cannot be made.
+    `PermissionError` when it is another user's or meant for all, and `OSError` when it cannot be made, or has files and
+    none of the service's.
     """
     folder.mkdir(mode=_OWN, parents=True, exist_ok=True)
     found = folder.stat()
     if not found.st_mode & OTHERS:
+        _check_contents(folder)
         return
     if found.st_uid != os.geteuid() or found.st_mode & stat.S_ISVTX:
         raise PermissionError(
@@ -57,6 +62,7 @@ def private_folder(folder: Path) -> None:
             "or choose a folder inside it",
             str(folder),
         )
+    _check_contents(folder)
     # from the top: once it is closed, nobody else reaches what is inside
     _close(folder)
     for name in _CONTENTS:
@@ -65,6 +71,17 @@ def private_folder(folder: Path) -> None:
             for inner in path.rglob("*") if path.is_dir() else ():
                 _close(inner)
     log.warning("other users could enter this folder; it is closed now", folder=str(folder))
+
+
+def _check_contents(folder: Path) -> None:
+    """Raise `OSError` for a folder of something else, such as one whose name was mistyped."""
+    names = {path.name for path in folder.iterdir()} - _OF_A_DISK
+    if names and not any(fnmatch(name, ours) for name in names for ours in _CONTENTS):
+        raise OSError(
+            errno.ENOTEMPTY,
+            "has files and none of the service's: choose an empty folder, or one inside it that is not there yet",
+            str(folder),
+        )
 
 
 def _close(path: Path) -> None:

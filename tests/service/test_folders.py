@@ -82,6 +82,21 @@ def test_a_folder_meant_for_all_is_refused(tmp_path: Path) -> None:
     private_folder(folder / "data")
 
 
+@pytest.mark.parametrize("permissions", [0o755, 0o700])
+def test_a_folder_of_something_else_is_left_as_it_is(permissions: int, tmp_path: Path) -> None:
+    folder = tmp_path / "srv"
+    (folder / "www").mkdir(parents=True)
+    folder.chmod(permissions)
+    with pytest.raises(OSError, match="none of the service's"):
+        make_folders(Settings(data_dir=folder))
+    assert [path.name for path in folder.iterdir()] == ["www"]
+    assert mode(folder) == permissions
+    (folder / "www").rename(folder / "lost+found")  # a disk of its own
+    make_folders(Settings(data_dir=folder))
+    make_folders(Settings(data_dir=folder))
+    assert mode(folder) == 0o700
+
+
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder away")
 def test_the_open_folder_of_another_user_is_refused_in_one_line(tmp_path: Path) -> None:
     folder = tmp_path / "data"
