@@ -11,7 +11,7 @@ import contextlib
 import os
 import tempfile
 from collections.abc import Callable, Generator, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -124,7 +124,7 @@ def vectorize(
         persons = link_persons([face.shape() for face in faces], [record.summary.skin_rgb for record in records])
         for face, record, person in zip(faces, records, persons, strict=True):
             writer.add_face(replace(record, summary=replace(record.summary, person=person)), face.number)
-        summary = MediaSummary.of(media, done.frame_count)
+        summary, noticed = MediaSummary.of(media, done.frame_count), tuple(dict.fromkeys(work.notices))
         writer.finish(
             {
                 "vectorizer": VECTORIZER_VERSION,
@@ -134,7 +134,7 @@ def vectorize(
                 },
                 **source_note(path, None if asset is None else target),
                 "source_sha256": sha256_file(path),
-                "media": {**asdict(summary), "warnings": summary.warnings + left_out},
+                "media": {**asdict(summary), "warnings": summary.warnings + noticed + left_out},
                 "shots": list(done.shots),
             }
         )
@@ -183,7 +183,8 @@ class _Done:
 
 @dataclass(frozen=True)
 class _Work:
-    """One clip being vectorised: its file and the settings;  undo: what is to be done after an error."""
+    """One clip being vectorised: its file and the settings;  undo: what is to be done after an error;  notices: what
+    reading it told of, a line each."""
 
     path: Path
     media: MediaInfo
@@ -197,6 +198,7 @@ class _Work:
     min_face_px: float
     advised_face_px: float
     undo: contextlib.ExitStack
+    notices: list[str] = field(default_factory=list)
 
     @property
     def rate(self) -> float:
@@ -207,7 +209,14 @@ class _Work:
         """frame_count: of the clip, where it has been read to its end."""
         limits, color, strict = self.limits, self.input_color, self.strict
         return read_frames(
-            self.path, start=start, stop=stop, limits=limits, input_color=color, strict=strict, frame_count=frame_count
+            self.path,
+            start=start,
+            stop=stop,
+            limits=limits,
+            input_color=color,
+            strict=strict,
+            frame_count=frame_count,
+            notice=self.notices.append,
         )
 
     def pictures(

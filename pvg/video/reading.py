@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
@@ -36,6 +36,7 @@ from pvg.video.opening import MediaLimits, OpenClip, open_clip, reason
 from pvg.video.sniffing import IMAGE_KINDS, check_pixels, sniff
 
 _BT709 = 1
+_RANGE = 3  # its place among the colour tags
 _NO_END = 1 << 62
 _ONE_FRAME_A_PACKET = ("h264", "hevc", "mjpeg", "mpeg4", "prores", "png")
 
@@ -143,6 +144,7 @@ class _Manner:
     limits: MediaLimits
     input_color: str
     strict: bool
+    notice: Callable[[str], None] | None = None
 
 
 def read_frames(
@@ -154,6 +156,7 @@ def read_frames(
     input_color: str = "auto",
     strict: bool = False,
     frame_count: int | None = None,
+    notice: Callable[[str], None] | None = None,
 ) -> Iterator[Frame]:
     """Yield the upright frames [start, stop) of a clip in display order, or the one frame of a picture.
 
@@ -161,14 +164,16 @@ def read_frames(
     12 bits are converted to the nearest of these or to R, G, B planes of 8, 10, 12 or 16 bits; alpha comes along;
     interlaced frames come as coded. Time stamps are the container's (one that does not increase is raised to its
     predecessor's + 1).
-    A clip whose end is cut off gives its whole frames up to there; strict: it is refused.
+    A clip whose end is cut off gives its whole frames up to there; strict: it is refused, and so is one that changes
+    its colour tags, or from progressive to interlaced pictures, which are all read as the first one. notice: is told
+    of that, in a line, where frames are read from the start.
     frame_count: how many frames reading from the start gives, where that is known: where packets tell of another
     number, as some decoders skip pictures, frames are counted by decoding all before them.
     input_color: one of `color.INPUT_COLORS`, for clips whose tags do not say how they are coded.
     Raises MediaError, also in mid-clip: damaged data, a changed picture size, a limit passed.
     """
     path = Path(path)
-    how = _Manner(limits or MediaLimits(), input_color, strict)
+    how = _Manner(limits or MediaLimits(), input_color, strict, notice)
     if start < 0 or (stop is not None and stop < start):
         raise ValueError(f"frames [{start}, {stop}) are not a range")
     if stop == start:
@@ -190,9 +195,16 @@ def read_frames(
 def _decode(clip: OpenClip, wanted: range, how: _Manner) -> Iterator[Frame]:
     reading: Reading | None = None
     index, last, first = 0, None, None
+    stated: _Stated | None = None
     for picture in pictures(clip, strict=how.strict):
         if reading is None:
-            reading = reading_of(clip, picture, how.input_color)
+            reading, stated = reading_of(clip, picture, how.input_color), _Stated.of(picture)
+        if stated is not None and (change := stated.change_to(_Stated.of(picture))) is not None:
+            line, stated = f"{change} at frame {index}", None
+            if how.strict:
+                raise MediaError(f"{clip.name} {line}; re-encode it in one way")
+            if how.notice is not None:
+                how.notice(f"it {line}: all is read as its first picture")
         _check_picture(clip.name, picture, reading, index, how.limits)
         pts = _stamp(clip, picture, last)
         first = pts if first is None else first
@@ -206,6 +218,27 @@ def _decode(clip: OpenClip, wanted: range, how: _Manner) -> Iterator[Frame]:
             return
     if index == 0:
         raise MediaError(f"{clip.name} holds no frame that can be decoded; it is damaged or empty")
+
+
+@dataclass(frozen=True)
+class _Stated:
+    """What a picture says of itself that a whole clip is read by."""
+
+    colors: tuple[int, ...]
+    interlaced: bool
+
+    @classmethod
+    def of(cls, picture: av.video.frame.VideoFrame) -> _Stated:
+        colors = picture.colorspace, picture.color_primaries, picture.color_trc, picture.color_range
+        return cls(colors, picture.interlaced_frame)
+
+    def change_to(self, other: _Stated) -> str | None:
+        """How a later picture differs, in words; what either does not state, and a change to progressive, are none."""
+        for k, (was, now) in enumerate(zip(self.colors, other.colors, strict=True)):
+            unstated = (0,) if k == _RANGE else UNSTATED
+            if was != now and was not in unstated and now not in unstated:
+                return "changes its colour tags"
+        return "changes from progressive to interlaced" if other.interlaced and not self.interlaced else None
 
 
 def _read_from(path: Path, wanted: range, how: _Manner, order: DisplayOrder) -> Iterator[Frame]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import av
+import av.codec.context
 import av.stream
 import cv2
 import numpy as np
@@ -25,14 +26,21 @@ def _pictures(count: int = FRAMES, size: tuple[int, int] = (96, 64)) -> list[av.
     return [libav_frame(np.roll(base, 3 * k, 1)) for k in range(count)]
 
 
-def _packets(pictures: Sequence[av.VideoFrame], stamps: Sequence[int] | None = None) -> list[Any]:
+def _packets(
+    pictures: Sequence[av.VideoFrame], stamps: Sequence[int] | None = None, *, matrix: int = 2, interlaced: bool = False
+) -> list[Any]:
     """H.264 packets, in ticks, whose key pictures carry their own headers."""
     context: Any = av.CodecContext.create("libx264", "w")
     context.width, context.height, context.pix_fmt = pictures[0].width, pictures[0].height, pictures[0].format.name
     context.time_base, context.framerate, context.options = TICK, Fraction(25), {"g": "8", "bf": "2"}
+    context.colorspace = matrix
+    if interlaced:
+        context.flags |= av.codec.context.Flags.interlaced_dct
+        context.options = {**context.options, "x264-params": "tff=1"}
     out = []
     for k, picture in enumerate(pictures):
         picture.pts, picture.time_base = (stamps[k] if stamps else k * _STEP), TICK
+        picture.colorspace = matrix
         out += context.encode(picture)
     return [*out, *context.encode(None)]
 
@@ -143,9 +151,26 @@ def raw_stamps_missing(folder: Path) -> Path:
 
 def changed_resolution(folder: Path) -> Path:
     """12 frames of 96x64 and then 12 of 128x80, in one Matroska track whose key pictures carry their own headers."""
-    path = folder / "changed_resolution.mkv"
     before = _packets(_pictures(12))
     after = _packets(_pictures(12, (128, 80)), stamps=range(12 * _STEP, 24 * _STEP, _STEP))
+    return _joined(folder / "changed_resolution.mkv", before, after)
+
+
+def changed_tags(folder: Path) -> Path:
+    """12 frames of BT.709 and then 12 of BT.601."""
+    before = _packets(_pictures(12), matrix=1)
+    after = _packets(_pictures(12), stamps=range(12 * _STEP, 24 * _STEP, _STEP), matrix=6)
+    return _joined(folder / "changed_tags.mkv", before, after)
+
+
+def changed_fields(folder: Path) -> Path:
+    """12 progressive frames and then 12 interlaced ones."""
+    before = _packets(_pictures(12))
+    after = _packets(_pictures(12), stamps=range(12 * _STEP, 24 * _STEP, _STEP), interlaced=True)
+    return _joined(folder / "changed_fields.mkv", before, after)
+
+
+def _joined(path: Path, before: list[Any], after: list[Any]) -> Path:
     with av.open(str(path), "w") as output:
         stream: Any = output.add_stream("libx264", rate=25)
         stream.width, stream.height, stream.pix_fmt = 96, 64, "yuv420p"

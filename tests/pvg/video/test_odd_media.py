@@ -6,6 +6,7 @@ The files of shared/media/odd are named; those made on the spot are described. A
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +17,7 @@ import pvg
 from pvg.errors import MediaError
 from pvg.video import MediaInfo, MediaLimits, probe, read_frames, read_image, write_image
 from tests.gallery.clips import encode_raw, libav_frame, write_clip
-from tests.gallery.odd_clips import FRAMES, MADE, late_start_mkv, lost_blocks, open_group
+from tests.gallery.odd_clips import FRAMES, MADE, changed_fields, changed_tags, late_start_mkv, lost_blocks, open_group
 
 
 @dataclass(frozen=True)
@@ -221,6 +222,20 @@ def test_zeros_behind_a_matroska_clip_are_no_damage(tmp_path: Path) -> None:
     path = late_start_mkv(tmp_path)
     path.write_bytes(path.read_bytes() + bytes(100))
     assert probe(path, strict=True).warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("made", "words"),
+    [(changed_tags, "changes its colour tags"), (changed_fields, "changes from progressive to interlaced")],
+)
+def test_a_clip_that_changes_what_it_says_of_its_pictures_is_warned_of(
+    made: Callable[[Path], Path], words: str, tmp_path: Path
+) -> None:
+    path, told = made(tmp_path), list[str]()
+    assert len(list(read_frames(path, notice=told.append))) == FRAMES
+    assert told == [f"it {words} at frame 12: all is read as its first picture"]
+    with pytest.raises(MediaError, match=f"{words} at frame 12"):
+        list(read_frames(path, strict=True))
 
 
 def test_pictures_that_lean_on_others_before_a_cut_are_no_damage(tmp_path: Path) -> None:
