@@ -44,6 +44,8 @@ cli = typer.Typer(
 DRAIN_S = 14
 #: for a database that does not answer yet
 START_WAIT_S = 30
+#: versions of the tables before this one have no keys
+_FIRST_WITH_KEYS = "0008"
 
 
 def main() -> None:
@@ -197,6 +199,9 @@ def migrate(
         str | None,
         typer.Option(metavar="VERSION", help="Such as 0011; an older one loses what is newer."),
     ] = None,
+    open_to_all: Annotated[
+        bool, typer.Option("--open-to-all", help="Though there are keys, and the older version knows none.")
+    ] = False,
 ) -> None:
     """Bring the database to the version of this code, or to another one of which this code knows."""
     settings = read_settings()
@@ -209,6 +214,12 @@ def migrate(
         running = _workers_heard_of(settings)
         if running:
             refuse(f"{running} worker(s) are running: stop every process of the service first", CANNOT_START)
+    if to < _FIRST_WITH_KEYS and not open_to_all and _have_keys(settings):
+        refuse(
+            f"there are keys, and a service of version {to} knows none: whoever reaches it sees and deletes what "
+            "they have made. If that is meant, add --open-to-all",
+            CANNOT_START,
+        )
     migrate_to(settings.database, to)
 
 

@@ -129,6 +129,24 @@ def test_gc_goes_on_where_there_is_no_room_and_says_what_it_left(
     ]
 
 
+def test_tables_that_know_no_keys_are_gone_back_to_only_when_it_is_said(tmp_path: Path) -> None:
+    environment = os.environ | {"PVG_DATA_DIR": str(tmp_path / "data")}
+
+    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+        command = [*COMMAND, *arguments]
+        return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300, check=False)
+
+    assert run("keys", "create", "studio").returncode == 0
+    assert run("keys", "revoke", "studio").returncode == 0
+    assert run("migrate", "--to", "0008").returncode == 0
+    refused = run("migrate", "--to", "0007")
+    assert (refused.returncode, refused.stderr.count("\n")) == (1, 1)
+    assert "--open-to-all" in refused.stderr
+    with sqlite3.connect(tmp_path / "data" / "catalog.sqlite3") as connection:
+        assert connection.execute("SELECT version_num FROM alembic_version").fetchone() == ("0008",)
+    assert run("migrate", "--to", "0007", "--open-to-all").returncode == 0
+
+
 def test_a_key_is_all_that_is_printed(tmp_path: Path) -> None:
     folder = tmp_path / "data"
     folder.mkdir()
