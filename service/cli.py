@@ -25,7 +25,7 @@ from service.collector import HaltedError
 from service.command_line import CANNOT_START, current_settings, open_records, read_settings, refuse, with_records
 from service.key_commands import key_commands
 from service.logs import configure
-from service.outages import is_disk_full, is_outage
+from service.outages import is_disk_full, is_outage, is_refusal
 from service.processes import JOBS, KINDS, WorkerProcess, worker_command, worker_environment
 from service.queue import make_folders
 from service.room import Room
@@ -117,10 +117,15 @@ def _once_it_answers(step: Callable[[], None]) -> None:
         try:
             return step()
         except OperationalError as error:
-            if not is_outage(error) or time.monotonic() > until:
+            if not is_outage(error) or is_refusal(error) or time.monotonic() > until:
                 raise
-            log.warning("the database does not answer yet")
+            log.warning("the database does not answer yet", reason=_first_line(error))
             time.sleep(1)
+
+
+def _first_line(error: OperationalError) -> str:
+    """What the database's driver says, which names no password."""
+    return str(error.orig).strip().partition("\n")[0]
 
 
 def _have_keys(settings: Settings) -> bool:
@@ -176,9 +181,9 @@ def _has_own_tables(settings: Settings) -> bool:
     try:
         return is_current(settings.database)
     except OperationalError as error:
-        if not is_outage(error):
+        if not is_outage(error) or is_refusal(error):
             raise
-        log.warning("the database does not answer yet")
+        log.warning("the database does not answer yet", reason=_first_line(error))
         return True
 
 

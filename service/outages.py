@@ -16,6 +16,8 @@ _SQLITE_AWAY: Final = _SQLITE_LOCKED | {sqlite3.SQLITE_IOERR, sqlite3.SQLITE_CAN
 #: SQLSTATEs, by their beginning: connection lost, no resources, server stops or starts, serialisation and deadlocks,
 #: a lock that is not had in time, a server that only reads since another took over, a transaction that stood still
 _SERVER_AWAY: Final = ("08", "53", "57", "40", "55P03", "25006", "25P03")
+#: what a server that speaks English says of them; a connection that fails has no SQLSTATE
+_REFUSED: Final = re.compile(r"FATAL:.*(authentication failed|does not exist)|no password supplied")
 _SERVER_LOCKED: Final = "55P03"
 _SERVER_FULL: Final = "53100"
 _FULL: Final = frozenset({errno.ENOSPC, errno.EDQUOT})
@@ -44,6 +46,11 @@ def is_outage(error: BaseException) -> bool:
     if isinstance(error, DBAPIError):
         return error.connection_invalidated or _is_away(error.orig, in_statement=error.statement is not None)
     return isinstance(error, PoolTimeoutError) or (isinstance(error, BaseError) and isinstance(error, _STORE_AWAY))
+
+
+def is_refusal(error: DBAPIError) -> bool:
+    """True when a server knows no such user, password or database: it answers, and will not answer otherwise."""
+    return _REFUSED.search(str(error.orig)) is not None
 
 
 def is_locked(error: BaseException) -> bool:

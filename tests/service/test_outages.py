@@ -6,12 +6,13 @@ from pathlib import Path
 import pytest
 from kombu.exceptions import OperationalError as BrokerError
 from obstore.exceptions import GenericError, NotFoundError
+from psycopg import OperationalError as PsycopgError
 from psycopg.errors import DiskFull
 from sqlalchemy import select, text
 from sqlalchemy.exc import OperationalError, SQLAlchemyError
 
 from service.catalog import Database, Media, media
-from service.outages import is_disk_full, is_locked, is_outage, is_partly_locked, told
+from service.outages import is_disk_full, is_locked, is_outage, is_partly_locked, is_refusal, told
 from service.queue import make_producer
 from service.settings import Settings
 from service.storage import Storage
@@ -81,6 +82,21 @@ def test_a_store_that_fails_is_an_outage_and_a_missing_blob_is_none() -> None:
     assert is_outage(GenericError("connection refused"))
     assert not is_outage(NotFoundError("no such key"))
     assert not is_outage(ValueError())
+
+
+@pytest.mark.parametrize(
+    ("said", "refuses"),
+    [
+        ('FATAL:  password authentication failed for user "pvg"', True),
+        ('FATAL:  database "pvg" does not exist', True),
+        ("fe_sendauth: no password supplied", True),
+        ("FATAL:  the database system is starting up", False),
+        ("Connection refused", False),
+    ],
+)
+def test_a_server_that_knows_no_such_user_or_database_is_not_waited_for(said: str, refuses: bool) -> None:
+    orig = PsycopgError(f'connection failed: connection to server at "127.0.0.1", port 5432 failed: {said}')
+    assert is_refusal(OperationalError("", None, orig)) == refuses
 
 
 def test_the_log_says_why_a_broker_is_away(tmp_path: Path) -> None:
