@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
+from contextlib import suppress
 from numbers import Integral, Real
 
 
 def real_number(name: str, value: object, low: float, high: float) -> float:
     """The option as a number in [low, high]. Raises ValueError."""
-    if isinstance(value, bool) or not isinstance(value, Real) or not low <= value <= high:  # of any size
+    number = math.nan
+    if isinstance(value, Real) and not isinstance(value, bool):
+        with suppress(OverflowError):  # of whole numbers
+            number = float(value)
+    if not low <= number <= high:
         raise ValueError(f"{name} must be a number from {low:g} to {high:g}, not {value!r}")
-    return float(value)
+    return number
 
 
 def whole_number(name: str, value: object, low: int | None = 0, high: int | None = None) -> int:

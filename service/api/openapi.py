@@ -7,6 +7,7 @@ one's. So a form has an address of its own, besides that of the file or the JSON
 from __future__ import annotations
 
 import re
+import threading
 from collections.abc import Iterator
 from typing import Any, Final, get_args
 
@@ -237,11 +238,12 @@ def form(schema: dict[str, Any]) -> dict[str, Any]:
 
 def install(app: FastAPI) -> None:
     """Complete the schema that FastAPI makes."""
-    generate = app.openapi
+    generate, one_at_a_time = app.openapi, threading.Lock()
 
     def openapi() -> dict[str, Any]:
-        if app.openapi_schema is None:
-            _complete(generate())
+        with one_at_a_time:  # others would get it half done
+            if app.openapi_schema is None:
+                _complete(generate())
         assert app.openapi_schema is not None  # noqa: S101 - filled by generate()
         return app.openapi_schema
 
