@@ -31,7 +31,8 @@ def read_blocks(path: Path) -> Blocks:
 
 def _read(file: BinaryIO, size: int) -> Blocks:
     at = 0
-    segment_end = cluster_end = None
+    segment_end: int | None = None
+    cluster_end: int | None = None
     for _ in range(_MOST_ELEMENTS):
         cluster_end = None if at == cluster_end else cluster_end
         if at >= size or at == segment_end:

@@ -68,7 +68,7 @@ def _tags(info: MediaInfo, source: PixelFormat, target: PixelFormat) -> _Tags:
 
 def _say_matrix(packet: CodedPacket, matrix: int) -> None:
     """Write a DNxHR picture's matrix into it: libav leaves those bits as they are for BT.709."""
-    data = memoryview(packet)  # type: ignore[arg-type]
+    data = memoryview(packet)
     data[_COLOR_VOLUME] = data[_COLOR_VOLUME] & ~6 | _COLOR_VOLUMES.get(matrix, 3) << 1
 
 

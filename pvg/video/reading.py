@@ -116,7 +116,7 @@ def reading_of(clip: OpenClip, frame: av.video.frame.VideoFrame, input_color: st
     context = clip.stream.codec_context
     color_range = frame.color_range or context.color_range or clip.colors.color_range
     matrix = _first_stated(frame.colorspace, context.colorspace, clip.colors.matrix)
-    if context.name == "dnxhd" and matrix == _BT709:  # encoders leave it so where they do not say a picture's matrix
+    if matrix == _BT709 and context.name == "dnxhd":  # encoders leave it so where they do not say a picture's matrix
         matrix = _first_stated(clip.colors.matrix, matrix)
     try:
         if input_color == "auto":

@@ -86,6 +86,7 @@ def _upright() -> Any:
     raw = av.VideoFrame(*SIZE, "yuv420p")
 
     class Context:
+        name = "h264"
         color_range, colorspace, color_primaries, color_trc = 1, 1, 1, 1
 
     class Clip:
