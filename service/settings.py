@@ -14,8 +14,6 @@ from urllib.request import url2pathname
 
 from pydantic import AfterValidator, Field, SecretStr, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
-from sqlalchemy.engine import make_url
-from sqlalchemy.exc import ArgumentError
 
 GIB = 1024**3
 DAY_S = 86_400
@@ -31,8 +29,11 @@ _STORE_SECRETS: Final = ("access_key_id", "secret_access_key", "session_token")
 #: variables of the same prefix that are read elsewhere: by the library, from `serve` to its worker, by the tests
 _READ_ELSEWHERE: Final = ("PVG_CACHE_DIR", "PVG_STARTER_PID", "PVG_REQUIRE_SERVERS", "PVG_TEST_DATABASE_URL")
 _MIN_SECRET: Final = 32
-#: psycopg 3 is the driver that is installed
-_DATABASES: Final = ("postgresql", "postgres", "postgresql+psycopg", "sqlite")
+#: of a kind that is installed, with a port that is one; as SQLAlchemy reads it, which takes long to load
+_DATABASE_URL = re.compile(
+    r"(?:postgresql(?:\+psycopg)?|postgres|sqlite)://"
+    r"(?:[^:/@]*(?::[^@]*)?@)?(?:\[[^\]/?]+\]|[^:/?\[\]]*)(?::\d+)?(?:[/?].*)?"
+)
 _LOG_LEVELS: Final = ("DEBUG", "INFO", "WARNING", "ERROR", "CRITICAL")
 #: names by which only this machine itself can mean this machine
 _LOOPBACK_NAMES: Final = frozenset({"localhost", "127.0.0.1", "::1"})
@@ -65,11 +66,7 @@ def _broker_url(url: str) -> str:
 
 def _database_url(url: str) -> str:
     """An address of a database that the service knows, or none. Raises `ValueError` for others, which are not told."""
-    try:
-        is_one = not url or (url.partition("://")[0] in _DATABASES and make_url(url) is not None)
-    except (ArgumentError, ValueError):
-        is_one = False
-    if not is_one:
+    if url and not _DATABASE_URL.fullmatch(url):
         raise ValueError("it is not of the form postgresql://user:password@host:5432/name; without one it is SQLite")
     return url
 

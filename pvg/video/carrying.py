@@ -16,7 +16,8 @@ import av.packet
 import av.stream
 
 from pvg.errors import MediaError
-from pvg.video.keeping import Carried, language_in
+from pvg.video.keeping import Carried
+from pvg.video.languages import language_in
 from pvg.video.opening import open_container, reason
 from pvg.video.streams import Track
 

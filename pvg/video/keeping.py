@@ -23,7 +23,7 @@ from pvg.video.encoders import (
 )
 from pvg.video.formats import UNSPECIFIED, PixelFormat
 from pvg.video.info import MediaInfo
-from pvg.video.languages import mov_language
+from pvg.video.languages import language_in
 from pvg.video.mastering import ContentLight, MasteringDisplay
 from pvg.video.streams import NOTHING, Chapter, Streams, Track
 
@@ -334,13 +334,6 @@ def _lost_of(track: Track, container: str) -> list[str]:
     if track.tags and container not in ("matroska", "webm"):
         lost.append(f"tags ({', '.join(name for name, _ in track.tags)})")
     return lost
-
-
-def language_in(container: str, language: str) -> str | None:
-    """A track's language as the container's muxer takes it, None where it has no place for it."""
-    if container == "mov":
-        return mov_language(language)
-    return language if container != "mp4" or re.fullmatch(r"[a-z]{3}", language) else None
 
 
 def _sound(track: Track, container: str) -> tuple[str | None, str | None]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 _LISTED = (
     "alb amh ara arm asm aym aze baq bel ben bul bur cat ces chi dan dut dzo eng epo est fin fra geo ger gre grn "
     "guj heb hin hun ice ind ita jav jpn kan kas kaz khm kin kir kor kur lao lat lav lit mac mal mar may mlg mlt "
@@ -17,6 +19,13 @@ _SAME = {
 """The other code of the same language in ISO 639-2."""
 _MISNAMED = {"fao": "fo ", "gle": "iri", "hrv": "hr ", "pan": "pa ", "srp": "sr ", "swe": "sve"}
 """What libav calls some, by their code."""
+
+
+def language_in(container: str, language: str) -> str | None:
+    """A track's language as the container's muxer takes it, None where it has no place for it."""
+    if container == "mov":
+        return mov_language(language)
+    return language if container != "mp4" or re.fullmatch(r"[a-z]{3}", language) else None
 
 
 def mov_language(language: str) -> str | None:

@@ -16,7 +16,8 @@ import av.video.stream
 from pvg.video.audio import SoundTrack
 from pvg.video.carrying import CarriedTrack, attach
 from pvg.video.encoding import CodedPacket
-from pvg.video.keeping import WITH_EDITS, Plan, language_in, needs_general_tags
+from pvg.video.keeping import WITH_EDITS, Plan, needs_general_tags
+from pvg.video.languages import language_in
 from pvg.video.pixel_aspect import say_pixel_aspect
 from pvg.video.subtitles import SubtitleTrack
 

@@ -34,9 +34,9 @@ from pvg.video.formats import (
 from pvg.video.images import read_image
 from pvg.video.opening import MediaLimits, OpenClip, open_clip, reason
 from pvg.video.sniffing import IMAGE_KINDS, check_pixels, sniff
+from pvg.video.stated import Stated
 
 _BT709 = 1
-_RANGE = 3  # its place among the colour tags
 _NO_END = 1 << 62
 _ONE_FRAME_A_PACKET = ("h264", "hevc", "mjpeg", "mpeg4", "prores", "png")
 
@@ -195,11 +195,11 @@ def read_frames(
 def _decode(clip: OpenClip, wanted: range, how: _Manner) -> Iterator[Frame]:
     reading: Reading | None = None
     index, last, first = 0, None, None
-    stated: _Stated | None = None
+    stated: Stated | None = None
     for picture in pictures(clip, strict=how.strict):
         if reading is None:
-            reading, stated = reading_of(clip, picture, how.input_color), _Stated.of(picture)
-        if stated is not None and (change := stated.change_to(_Stated.of(picture))) is not None:
+            reading, stated = reading_of(clip, picture, how.input_color), Stated.of(picture)
+        if stated is not None and (change := stated.change_to(Stated.of(picture))) is not None:
             line, stated = f"{change} at frame {index}", None
             if how.strict:
                 raise MediaError(f"{clip.name} {line}; re-encode it in one way")
@@ -218,27 +218,6 @@ def _decode(clip: OpenClip, wanted: range, how: _Manner) -> Iterator[Frame]:
             return
     if index == 0:
         raise MediaError(f"{clip.name} holds no frame that can be decoded; it is damaged or empty")
-
-
-@dataclass(frozen=True)
-class _Stated:
-    """What a picture says of itself that a whole clip is read by."""
-
-    colors: tuple[int, ...]
-    interlaced: bool
-
-    @classmethod
-    def of(cls, picture: av.video.frame.VideoFrame) -> _Stated:
-        colors = picture.colorspace, picture.color_primaries, picture.color_trc, picture.color_range
-        return cls(colors, picture.interlaced_frame)
-
-    def change_to(self, other: _Stated) -> str | None:
-        """How a later picture differs, in words; what either does not state, and a change to progressive, are none."""
-        for k, (was, now) in enumerate(zip(self.colors, other.colors, strict=True)):
-            unstated = (0,) if k == _RANGE else UNSTATED
-            if was != now and was not in unstated and now not in unstated:
-                return "changes its colour tags"
-        return "changes from progressive to interlaced" if other.interlaced and not self.interlaced else None
 
 
 def _read_from(path: Path, wanted: range, how: _Manner, order: DisplayOrder) -> Iterator[Frame]:

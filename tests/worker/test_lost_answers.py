@@ -47,9 +47,9 @@ def loses_an_answer(database: Database, monkeypatch: pytest.MonkeyPatch) -> None
     write = database.write
 
     @contextmanager
-    def once() -> Iterator[Session]:
+    def once(**named: bool) -> Iterator[Session]:
         monkeypatch.setattr(database, "write", write)
-        with write() as session:
+        with write(**named) as session:
             yield session
         raise away()
 

@@ -66,7 +66,7 @@ def test_a_request_id_is_kept_when_it_is_harmless(api: Api) -> None:
 
 
 def test_internals_stay_in_the_log(api: Api, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
-    def fail(*_: object) -> None:
+    def fail(*_: object, **__: object) -> None:
         raise RuntimeError("secret path /srv/pvg")
 
     monkeypatch.setattr(Storage, "put", fail)
@@ -80,7 +80,7 @@ def test_internals_stay_in_the_log(api: Api, monkeypatch: pytest.MonkeyPatch, ca
 
 
 def test_a_full_disk_is_507_and_leaves_nothing(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*_: object) -> None:
+    def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Storage, "put", full)
