@@ -47,13 +47,12 @@ def private_folder(folder: Path) -> None:
     """Make a folder that only its owner can enter, or see to it that the one that is there is such.
 
     What other users could enter is closed to them when it is ours, with what the service keeps in it. Raises
-    `PermissionError` when it is another user's or meant for all, and `OSError` when it cannot be made, or has files and
-    none of the service's.
+    `PermissionError` when it is another user's or meant for all, and `OSError` when it cannot be made, or would be
+    closed though it has folders and nothing of the service's.
     """
     folder.mkdir(mode=_OWN, parents=True, exist_ok=True)
     found = folder.stat()
     if not found.st_mode & OTHERS:
-        _check_contents(folder)
         return
     if found.st_uid != os.geteuid() or found.st_mode & stat.S_ISVTX:
         raise PermissionError(
@@ -74,12 +73,14 @@ def private_folder(folder: Path) -> None:
 
 
 def _check_contents(folder: Path) -> None:
-    """Raise `OSError` for a folder of something else, such as one whose name was mistyped."""
-    names = {path.name for path in folder.iterdir()} - _OF_A_DISK
-    if names and not any(fnmatch(name, ours) for name in names for ours in _CONTENTS):
+    """Raise `OSError` for a folder of something else, such as one whose name was mistyped; a log lies in many."""
+    found = list(folder.iterdir())
+    others = any(path.is_dir() and path.name not in _OF_A_DISK for path in found)
+    if others and not any(fnmatch(path.name, ours) for path in found for ours in _CONTENTS):
         raise OSError(
             errno.ENOTEMPTY,
-            "has files and none of the service's: choose an empty folder, or one inside it that is not there yet",
+            "has folders and nothing of the service's, and would be closed to others: choose an empty folder, or one "
+            "inside it that is not there yet",
             str(folder),
         )
 

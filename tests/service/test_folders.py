@@ -82,19 +82,29 @@ def test_a_folder_meant_for_all_is_refused(tmp_path: Path) -> None:
     private_folder(folder / "data")
 
 
-@pytest.mark.parametrize("permissions", [0o755, 0o700])
-def test_a_folder_of_something_else_is_left_as_it_is(permissions: int, tmp_path: Path) -> None:
+def test_a_folder_of_something_else_is_left_as_it_is(tmp_path: Path) -> None:
     folder = tmp_path / "srv"
     (folder / "www").mkdir(parents=True)
-    folder.chmod(permissions)
-    with pytest.raises(OSError, match="none of the service's"):
+    folder.chmod(0o755)
+    with pytest.raises(OSError, match="nothing of the service's"):
         make_folders(Settings(data_dir=folder))
     assert [path.name for path in folder.iterdir()] == ["www"]
-    assert mode(folder) == permissions
+    assert mode(folder) == 0o755
     (folder / "www").rename(folder / "lost+found")  # a disk of its own
     make_folders(Settings(data_dir=folder))
     make_folders(Settings(data_dir=folder))
     assert mode(folder) == 0o700
+
+
+def test_a_folder_that_is_closed_already_or_has_a_log_is_taken(tmp_path: Path) -> None:
+    closed, logged = tmp_path / "closed", tmp_path / "logged"
+    (closed / "settings").mkdir(parents=True)
+    closed.chmod(0o700)
+    logged.mkdir(mode=0o755)
+    (logged / "service.log").touch()
+    for folder in (closed, logged):
+        make_folders(Settings(data_dir=folder))
+        assert mode(folder) == 0o700
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder away")
