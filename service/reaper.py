@@ -219,21 +219,21 @@ class Reaper:
         with self._database.write(frees=frees) as session:
             removed = len(sweep.expire_results(session, now=now))
             late = sweep.late_media(session, now=now)
-        removed += sum(self._expire_medium(media_id, now) for media_id in late)
-        with self._database.write() as session:
+        removed += sum(self._expire_medium(media_id, now, frees=frees) for media_id in late)
+        with self._database.write(frees=frees) as session:
             removed += sweep.expire_uploads(session, now=now)
             removed += sweep.expire_jobs(session, before=now - timedelta(seconds=self._settings.job_ttl_s))
             removed += previews.expire(session, now=now)
             removed += idempotency.expire(session, now=now, limit=sweep.BATCH)
         return removed
 
-    def _expire_medium(self, media_id: str, now: datetime) -> int:
+    def _expire_medium(self, media_id: str, now: datetime, *, frees: bool) -> int:
         """In a transaction of its own: one that cannot be removed keeps no others. Returns the number of its blobs."""
         try:
-            with self._database.write() as session:
+            with self._database.write(frees=frees) as session:
                 return len(sweep.expire_medium(session, media_id, now=now))
         except Exception as error:
-            if is_outage(error):
+            if is_outage(error) or is_disk_full(error):  # of all, and not of this one
                 raise
             log.exception("a medium past its retention could not be removed", medium=media_id)
             return 0

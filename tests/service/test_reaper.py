@@ -250,6 +250,28 @@ def test_a_medium_that_cannot_be_removed_keeps_no_others(
     assert "a medium past its retention could not be removed" in caplog.text
 
 
+def test_a_medium_past_its_retention_goes_on_a_full_disk_with_what_is_kept_for_that(
+    services: Services, clock: FakeClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    full = sqlite3.OperationalError("database or disk is full")
+    full.sqlite_errorcode = sqlite3.SQLITE_FULL
+    make_ready(services, add_media(services.database).id)
+    given: list[str] = []
+    monkeypatch.setattr(services.background, "_before_freeing", lambda: given.append("a part"))
+    delete = media.delete
+
+    def needs_room(session: Session, medium: Media, **how: Any) -> list[str]:
+        if not given:
+            raise OperationalError("DELETE", None, full)
+        return delete(session, medium, **how)
+
+    monkeypatch.setattr(media, "delete", needs_room)
+    clock.forward(1001)
+    services.reaper.expire()
+    with services.database.read() as session:
+        assert session.query(Media).all() == []
+
+
 def states(services: Services, *job_ids: str) -> list[tuple[str, int]]:
     with services.database.read() as session:
         return [(job.state, job.attempt) for job in (session.get_one(Job, job_id) for job_id in job_ids)]
