@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -83,24 +83,25 @@ def check_chunk(name: str, stored: NDArray[Any], rows: int) -> None:
 
 
 def check_decoded(name: str, values: NDArray[Any], side: int) -> None:
-    """Raise `ValueError` when places or lengths are far from a picture whose longer side has `side` pixels."""
+    """Raise `ValueError` when places or lengths are far from a picture whose longer side has `side` pixels.
+
+    And when sides of boxes are shorter than a pixel.  name, values: see `measured`.
+    """
     if (
         name in PLACES
         and values.size
         and not -_FARTHEST * side <= values.min() <= values.max() <= (1 + _FARTHEST) * side
     ):
         raise ValueError("its values are far from the picture")
-
-
-def shortest_side(boxes: NDArray[Any]) -> float:
-    """Of boxes (n, 4), pixels; not above 0 for what is no box."""
-    return float((boxes[:, 2:] - boxes[:, :2]).min(initial=np.inf))
-
-
-def check_side(side: float) -> None:
-    """Raise `ValueError` for the `shortest_side` of boxes that have no pixel."""
-    if side < 1:
+    if name == "sides" and values.size and values.min() < 1:
         raise ValueError("its boxes have no pixel")
+
+
+def measured(name: str, values: NDArray[Any]) -> Iterator[tuple[str, NDArray[Any]]]:
+    """What `check_decoded` looks at of a frame array's values, by name: they, and of boxes (n, 4) the sides (n, 2)."""
+    yield name, values
+    if name == "box":
+        yield "sides", values[:, 2:] - values[:, :2]
 
 
 def check_keys(name: str, array: NDArray[Any], count: int) -> None:

@@ -22,15 +22,7 @@ from pvg._arrays import Floats
 from pvg._checks import whole_number
 from pvg._targets import check_file, draft_of
 from pvg.asset.arrays import CHUNK_FRAMES, FORMAT_VERSION, FRAME_ARRAYS, decode, from_bytes
-from pvg.asset.checking import (
-    check_chunk,
-    check_decoded,
-    check_keys,
-    check_manifest,
-    check_side,
-    entry_limit,
-    shortest_side,
-)
+from pvg.asset.checking import check_chunk, check_decoded, check_keys, check_manifest, entry_limit, measured
 from pvg.asset.entries import DAMAGE, Entries
 from pvg.asset.records import FaceInFrame, FaceRecord, FaceSummary, KeyFrame, MediaSummary
 from pvg.asset.source import find_source as found_source
@@ -280,9 +272,8 @@ class VectorVideo:
     def _decoded(self, entry: str, name: str, rows: int) -> NDArray[Any]:
         values = decode(name, self._array(entry, lambda stored: check_chunk(name, stored, rows)))
         try:
-            check_decoded(name, values, max(self.media.width, self.media.height))
-            if name == "box":
-                check_side(shortest_side(values))
+            for what, each in measured(name, values):
+                check_decoded(what, each, max(self.media.width, self.media.height))
         except ValueError as error:
             raise AssetError(f"entry {entry} of {self.path.name} cannot be used ({error})") from None
         return values

@@ -15,16 +15,7 @@ from numpy.typing import NDArray
 
 from pvg._targets import draft_of
 from pvg.asset.arrays import CHUNK_FRAMES, FORMAT_VERSION, FRAME_ARRAYS, MATTES, decode, encode, to_bytes
-from pvg.asset.checking import (
-    PLACES,
-    check_chunk,
-    check_decoded,
-    check_keys,
-    check_manifest,
-    check_side,
-    entry_limit,
-    shortest_side,
-)
+from pvg.asset.checking import PLACES, check_chunk, check_decoded, check_keys, check_manifest, entry_limit, measured
 from pvg.asset.records import FaceRecord
 
 MANIFEST = "manifest.json"
@@ -47,7 +38,6 @@ class AssetWriter:
         self._pending: dict[int, dict[str, list[NDArray[Any]]]] = {}
         self._chunks: dict[int, int] = {}
         self._extremes: dict[tuple[int, str], list[Any]] = {}  # of the places that were written, by track and array
-        self._sides: dict[int, float] = {}  # the shortest of a box, by track
         self._faces: list[dict[str, Any]] = []
 
     def __enter__(self) -> Self:
@@ -79,7 +69,6 @@ class AssetWriter:
         for name in [name for name in self._entries if name.startswith(f"track{track}/")]:
             del self._entries[name]
         self._extremes = {key: values for key, values in self._extremes.items() if key[0] != track}
-        self._sides.pop(track, None)
 
     def add_face(self, record: FaceRecord, track: int | None = None) -> None:
         """Close a face: flush its frames and write its key frames. Faces are added in the order of their indices.
@@ -106,7 +95,6 @@ class AssetWriter:
         check_manifest(json.loads(json.dumps(body)))  # as it will be read
         for (_, name), values in self._extremes.items():
             check_decoded(name, np.array(values), max(body["media"]["width"], body["media"]["height"]))
-        check_side(min(self._sides.values(), default=np.inf))
         _write_manifest(self._zip, body)
         self._zip.close()
         self._temporary.replace(self.path)
@@ -118,11 +106,9 @@ class AssetWriter:
             check_chunk(name, values, len(rows))
             self._array(f"track{track}/{name}/{chunk:06d}", values)
             if name in PLACES:
-                places = decode(name, values)
-                if name == "box":
-                    self._sides[track] = min(shortest_side(places), self._sides.get(track, np.inf))
-                before = self._extremes.get((track, name), [])
-                self._extremes[track, name] = [min([places.min(), *before]), max([places.max(), *before])]
+                for what, each in measured(name, decode(name, values)):
+                    before = self._extremes.get((track, what), [])
+                    self._extremes[track, what] = [min([each.min(), *before]), max([each.max(), *before])]
             rows.clear()
         self._chunks[track] = chunk + 1
 

@@ -66,7 +66,7 @@ class CarriedTrack(ABC):
             tags |= dict(track.tags)
         elif track.handler is not None:
             tags["handler_name"] = track.handler
-        language = None if track.language is None else language_in(container, track.language)
+        language = language_in(container, track.language)
         tags |= {key: text for key, text in (("language", language), ("title", track.title)) if text is not None}
         if tags:
             self._target.metadata.update(tags)

@@ -24,6 +24,7 @@ from pvg.video.formats import RGB24, RGB48, Frame
 from pvg.video.icc import profile_space
 from pvg.video.opening import MediaLimits
 from pvg.video.picture_metadata import (
+    JPEG_FRAMES,
     MOST_PARTS,
     PictureMetadata,
     TooManyPartsError,
@@ -48,7 +49,6 @@ _DEEP = (".png", ".tif", ".tiff")
 _NO_ALPHA = (".jpg", ".jpeg")
 _OVERHEAD_BYTES = 64 * 2**20  # profiles, previews and text beside the samples
 _STANDALONE_MARKERS = {0x01, *range(0xD0, 0xD9)}
-_SIZE_MARKERS = set(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")  # in a scan's data: neither a stuffed byte nor a restart
 _MOST_SCANS = 100  # encoders make 10 of a progressive picture; each is gone through in full size
 
@@ -251,7 +251,7 @@ def _jpeg_size(data: bytes) -> tuple[int, int] | None:
             at += 2
             continue
         (length,) = struct.unpack(">H", data[at + 2 : at + 4])
-        if marker in _SIZE_MARKERS:
+        if marker in JPEG_FRAMES:
             height, width = struct.unpack(">HH", data[at + 5 : at + 9])
             size = (width, height)
         at += 2 + length

@@ -21,8 +21,10 @@ _MISNAMED = {"fao": "fo ", "gle": "iri", "hrv": "hr ", "pan": "pa ", "srp": "sr 
 """What libav calls some, by their code."""
 
 
-def language_in(container: str, language: str) -> str | None:
-    """A track's language as the container's muxer takes it, None where it has no place for it."""
+def language_in(container: str, language: str | None) -> str | None:
+    """A track's language as the container's muxer takes it, None for none and where it has no place for it."""
+    if language is None:
+        return None
     if container == "mov":
         return mov_language(language)
     return language if container != "mp4" or re.fullmatch(r"[a-z]{3}", language) else None

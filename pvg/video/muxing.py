@@ -81,8 +81,7 @@ class ClipMuxer:
         own: dict[str, str] = {}
         if plan.picture is not None:
             own = dict(plan.picture.tags) if plan.container in ("matroska", "webm") else {}
-            spoken = plan.picture.language
-            language = None if spoken is None else language_in(plan.container, spoken)
+            language = language_in(plan.container, plan.picture.language)
             for key, text in (("language", language), ("title", plan.picture.title)):
                 own |= {key: text} if text is not None else {}
         if plan.picture is None or "default" in plan.picture.dispositions:

@@ -22,7 +22,9 @@ MOST_PARTS = 100_000
 """Chunks or segments of a picture; an encoder makes some hundreds at most."""
 _MOST_ICC_BYTES = 16 * 2**20
 _MOST_JPEG_EXIF_BYTES = 65535 - 2 - 6
-_FRAME_HEADERS, _INKS = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}, 4
+JPEG_FRAMES = set(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+"""Markers of the segments that say a JPEG's size and its components."""
+_INKS = 4
 _ICC_SEGMENT = b"ICC_PROFILE\0"
 _EXIF_SEGMENT = b"Exif\0\0"
 _JFIF_SEGMENT = b"JFIF\0"
@@ -235,7 +237,7 @@ def _of_jpeg(name: str, data: bytes) -> PictureMetadata:
             lost.append("IPTC")
         elif marker == 0xFE:
             lost.append("text")
-        elif marker in _FRAME_HEADERS and len(body) > 5 and body[5] == _INKS:
+        elif marker in JPEG_FRAMES and len(body) > 5 and body[5] == _INKS:
             lost.append("coding in four inks (CMYK)")
         elif 0xE0 < marker <= 0xEF and marker != 0xEE:
             lost.append(f"the segment APP{marker - 0xE0}")
