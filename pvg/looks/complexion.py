@@ -10,8 +10,8 @@ Skin that is richer, redder or yellower than skin is, flushed, burnt out or unde
 another face to salmon, orange or olive. Its chroma is held to what skin has and its hue turned until it is no redder
 and no yellower, though never beyond the clip's own.
 
-In a grey film, skin as rich as a reference's would be the only colour and look painted: it takes only a part of the
-chroma that the reference's skin has beyond the clip's own.
+In a grey film or a faded picture, skin as rich as a reference's would be the only colour and look painted: it takes
+only a part of the chroma that the reference's skin has beyond the clip's own.
 """
 
 from __future__ import annotations
@@ -28,12 +28,14 @@ from pvg.picture import median_lab
 # saturation, C*/L* of CIELAB, below which skin looks grey: at L* 60, its fall a level of L*, and the most of it
 # [by blind choice: less or more of it was chosen less often, at L* 60, 64, 71 and 77]
 _USUAL, _FALL, _MOST = 0.36, 0.004, 0.40
-_GREY = (0.72, 0.55)  # of the usual saturation: skin with more is of no grey film, with less of one [by eye]
+# of the usual saturation. Skin with more than the first of _GREY is of no grey film, with less than the second of one
+# [by eye]; of _DULL, rich skin is borne where the clip's has more, and looks painted where it has less [by blind choice]
+_GREY, _DULL = (0.72, 0.55), (0.90, 0.72)
 # of L*: skin that gets darker by _DARKENED takes the chroma of darker skin: all of it where it ends below the second of
 # _DARK, nothing where it stays above the first [by eye: pale skin is not to be tanned]
 _DARKENED, _DARK = 8.0, (66.0, 60.0)
 _PALE, _PALER, _PALEST = 68.0, 0.005, 0.05  # L* from which on skin has less chroma, saturation a level and at most
-_IN_FILM = 0.6  # of what is richer than the clip's own skin, in a grey film
+_IN_DULL = 0.6  # of what is richer than the clip's own skin, where that is dull
 _GAIN = 1.3  # of chroma, at most [by blind choice]: a grade in black and white is meant
 _RICHEST, _REDDEST = 32.0, 23.0  # C* and a* of CIELAB, at most [by blind choice: C* of 32 rather than 28 or any]
 _YELLOWEST = np.radians(62.0)  # hue of CIELAB, at most [by eye]
@@ -59,7 +61,7 @@ def complexion(reference: Floats, own: Floats, scene: float) -> Floats:
         skin, lab = _moved(skin, lab, goal), goal
     has, least = _saturation(lab), _usual(lab) * _borne(bound, lab)
     richer = max(has - max(_saturation(bound), least), 0.0)
-    borne = has - scene * _film(bound) * (1.0 - _IN_FILM) * richer
+    borne = has - scene * _greyness(bound, *_DULL) * (1.0 - _IN_DULL) * richer
     gain = 1.0 + scene * (min(max(borne, least) / max(has, 1e-6), _GAIN) - 1.0)
     if gain == 1.0:
         return skin
@@ -80,13 +82,13 @@ def _borne(own: Doubles, goal: Doubles) -> float:
     """
     has = min(_saturation(own) / _usual(own), 1.0)
     darker = ramp(float(own[0] - goal[0]), 0.0, _DARKENED) * ramp(float(goal[0]), *_DARK)
-    return has + darker * (1.0 - _film(own)) * (1.0 - has)
+    return has + darker * (1.0 - _greyness(own, *_GREY)) * (1.0 - has)
 
 
-def _film(own: Doubles) -> float:
-    """How surely a clip's skin is that of a grey film: 1 where it has little of the saturation that such skin has."""
+def _greyness(own: Doubles, none: float, whole: float) -> float:
+    """Rises from 0 to 1 where a clip's skin has from `none` to `whole` of the saturation that such skin usually has."""
     pale = min(_PALER * max(float(own[0]) - _PALE, 0.0), _PALEST)
-    return ramp(_saturation(own) / (_usual(own) - pale), *_GREY)
+    return ramp(_saturation(own) / (_usual(own) - pale), none, whole)
 
 
 def _held(lab: Doubles, own: Doubles) -> Doubles | None:

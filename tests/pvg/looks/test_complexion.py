@@ -55,13 +55,14 @@ def test_pale_skin_that_gets_darker_gets_the_chroma_of_darker_skin(
     assert lightness_and_saturation(taken)[1] == pytest.approx(saturation, abs=0.015)
 
 
-def test_a_grey_film_takes_six_tenths_of_what_is_richer() -> None:
-    film, plain, rich = skin((60.0, 7.0, 8.0)), skin(TAN), skin((60.0, 15.0, 23.0))
-    (_, grey), (_, wanted) = lightness_and_saturation(film), lightness_and_saturation(in_scene(rich, film, 1.0))
-    assert lightness_and_saturation(complexion(rich, film, 1.0))[1] == pytest.approx(
+@pytest.mark.parametrize("own", [(60.0, 7.0, 8.0), (60.0, 9.0, 11.5)], ids=["a grey film", "a faded picture"])
+def test_dull_skin_takes_six_tenths_of_what_is_richer(own: tuple[float, float, float]) -> None:
+    dull, plain, rich = skin(own), skin(TAN), skin((60.0, 15.0, 23.0))
+    (_, grey), (_, wanted) = lightness_and_saturation(dull), lightness_and_saturation(in_scene(rich, dull, 1.0))
+    assert lightness_and_saturation(complexion(rich, dull, 1.0))[1] == pytest.approx(
         0.4 * grey + 0.6 * wanted, abs=0.01
     )
-    assert complexion(rich, film, 0.0) is rich
+    assert complexion(rich, dull, 0.0) is rich
     np.testing.assert_allclose(complexion(rich, plain, 1.0), rich, atol=1e-3)
 
 
