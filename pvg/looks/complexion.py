@@ -29,7 +29,7 @@ from pvg.picture import median_lab
 # [by blind choice: less or more of it was chosen less often, at L* 60, 64, 71 and 77]
 _USUAL, _FALL, _MOST = 0.36, 0.004, 0.40
 # of the usual saturation. Skin with more than the first of _GREY is of no grey film, with less than the second of one
-# [by eye]; of _DULL, rich skin is borne where the clip's has more, and looks painted where it has less [by blind choice]
+# [by eye]; of _DULL, skin with more bears rich skin, which looks painted where there is less [by blind choice]
 _GREY, _DULL = (0.72, 0.55), (0.90, 0.72)
 # of L*: skin that gets darker by _DARKENED takes the chroma of darker skin: all of it where it ends below the second of
 # _DARK, nothing where it stays above the first [by eye: pale skin is not to be tanned]
