@@ -252,9 +252,12 @@ class SkinMap:
         return cls(tone, own, goal, k, k * (1.0 - _OTHER_HUE_BROAD * other), alike)
 
     def __call__(self, colors: Floats) -> Doubles:
-        """Map (n, 3) colours, 0-255 RGB, with k for single pixels; the result may leave that range."""
+        """Map (n, 3) colours, 0-255 RGB, with k for single pixels; the result may leave that range.
+
+        What shines brighter than white, in HDR and camera logarithms, gains what white does.
+        """
         opponent = to_opponent(colors)
-        luma = np.interp(opponent[:, 0], np.arange(256.0), self.tone)
+        luma = self._toned(opponent[:, 0])
         chroma = self.goal.at(luma) + self.spread * (opponent[:, 1:] - self.own.at(opponent[:, 0]))
         return to_rgb(np.column_stack([luma, chroma]))
 
@@ -267,9 +270,13 @@ class SkinMap:
         opponent = to_opponent(colors)
         beyond = opponent[:, 1:] - self.own.at(opponent[:, 0])
         lost = (1.0 - self.broad) * np.maximum(beyond[:, 1], 0.0)
-        luma = np.interp(opponent[:, 0], np.arange(256.0), self.tone)
+        luma = self._toned(opponent[:, 0])
         luma *= 1.0 + lost / np.maximum(opponent[:, 0], 1.0)
         return to_rgb(np.column_stack([luma, self.goal.at(luma) + self.broad * beyond]))
+
+    def _toned(self, luma: Doubles) -> Doubles:
+        """T of lumas (n,)."""
+        return np.asarray(np.interp(luma, np.arange(256.0), self.tone) + np.maximum(luma - 255.0, 0.0))
 
     @property
     def beside(self) -> Doubles:

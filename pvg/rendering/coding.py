@@ -31,6 +31,17 @@ class Coding:
         own = colors if self.format.color is None else self.format.color.from_sdr(colors)
         return np.asarray(own, np.float32) @ self.format.opponent.matrix.astype(np.float32).T
 
+    def in_sdr(self, codes: Floats) -> Floats:
+        """What luma and chroma (..., 3), black aside, would be if the same colours were coded as SDR.
+
+        Ratios of them mean the same in all clips then: a logarithm makes chroma a third of what it is beside luma.
+        """
+        if self.format.color is None:
+            return codes
+        matrix = self.format.opponent.matrix
+        own = codes.reshape(-1, 3) @ np.linalg.inv(matrix).T
+        return np.asarray(self.format.color.to_sdr(own) @ matrix.T, np.float32).reshape(codes.shape)
+
     def changes(self, changes: Floats, around: Floats) -> Doubles:
         """Luma and chroma (P, 3) that parts gain by `Look.parts` (P, 3) on a skin of mean colour `around` (n, 3)."""
         gained, matrix = to_rgb(changes.astype(np.float64)), self.format.opponent.matrix

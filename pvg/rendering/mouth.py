@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from pvg._arrays import Bools, Floats, smoothstep
+from pvg._arrays import Bools, Floats, ramp, smoothstep
 from pvg.asset import KeyFrame
 from pvg.face import PARTS, Landmarks, layout
 from pvg.membrane import Lattice
@@ -28,9 +28,10 @@ from pvg.rendering.coding import Coding
 from pvg.rendering.node_means import mean_codes
 from pvg.video import Frame
 
-# of the tint: nearer to the skin than this is a hand before the lips, or lips hidden by make-up [measured, lips seen in
-# 15 clips and on 16 portraits: 0.093 to 0.47; behind a hand: 0.048]
-_APART = 0.07
+# of the tint: how far lips are off the skin, from which they may be lips, and are: nearer is a hand before them, or
+# make-up that hides them [measured, lips seen in 16 clips and on 16 portraits: 0.067, in a grey film, to 0.40; behind a
+# hand in that film: 0.046 to 0.048]
+_APART = (0.048, 0.065)
 _SHOWN = (0.0, 0.4)  # t from which lips begin, and are all lips: highlights on them are pale [by eye]
 _AROUND = 0.02  # of the face's width: spread of the mean that t is taken of, against noise [by eye]
 _MARGIN = 0.06  # of the face's width around the outline
@@ -66,10 +67,12 @@ def see_mouth(frame: Frame, landmarks: Landmarks, key: KeyFrame, lattice: Lattic
         return Mouth()
     level = np.float32(2.0 ** (frame.format.depth - 8))
     colors = np.stack([lips, key.skin_median]).astype(np.float32)
-    own, skin = _tints(Coding(frame.format).colors(colors), level)
+    coding = Coding(frame.format)
+    own, skin = _tints(coding.in_sdr(coding.colors(colors)), level)
     apart = own - skin
     width = max(landmarks.axes.width, 1.0)
-    if float(np.linalg.norm(apart)) < _APART:
+    are_lips = ramp(float(np.linalg.norm(apart)), *_APART)
+    if are_lips == 0.0:
         return Mouth(lips=np.zeros((lattice.height, lattice.width), np.float32))
     outline, opening = (landmarks.points[part] for part in (layout.LIPS_OUTER, layout.LIPS_INNER))
     low, high = outline.min(axis=0) - _MARGIN * width, outline.max(axis=0) + _MARGIN * width
@@ -85,7 +88,7 @@ def see_mouth(frame: Frame, landmarks: Landmarks, key: KeyFrame, lattice: Lattic
     codes = mean_codes(frame, (*begin.tolist(), *end.tolist()), (rows, columns))
     codes -= np.asarray(frame.format.opponent.offset, np.float32)
     sigma = max(0.5, _AROUND * width / lattice.step)
-    tints = _tints(np.asarray(cv2.GaussianBlur(codes, (0, 0), sigma), np.float32), level)
+    tints = _tints(coding.in_sdr(np.asarray(cv2.GaussianBlur(codes, (0, 0), sigma), np.float32)), level)
     beside = _beside(tints[..., 2], _MARGIN * width / lattice.step)
     off_skin = _off_skin(tints, skin, beside)
     tints[..., 2] += np.clip(skin[2] - beside, -_OTHER, _OTHER)
@@ -99,7 +102,8 @@ def see_mouth(frame: Frame, landmarks: Landmarks, key: KeyFrame, lattice: Lattic
         likely = 1.0 - smoothstep(off_skin, *_IS_SKIN)
         crossing = _crossing(likely, lips_shown, outer, inner, _FINGER * width / lattice.step)
     here = slice(first[1], last[1]), slice(first[0], last[0])
-    return Mouth(*(_on_lattice(part, here, lattice, away) for part, away in ((lips_shown, 1.0), (crossing, 0.0))))
+    known = ((np.float32(are_lips) * lips_shown, 1.0), (crossing, 0.0))
+    return Mouth(*(_on_lattice(part, here, lattice, away) for part, away in known))
 
 
 def _on_lattice(part: Floats | None, here: tuple[slice, slice], lattice: Lattice, away: float) -> Floats | None:

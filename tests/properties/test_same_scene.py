@@ -6,11 +6,13 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from skimage.color import deltaE_ciede2000, rgb2lab
 
 import pvg
+from pvg.face import layout
 from pvg.rendering import source_frame
 from pvg.video import ColorSpace, Frame, PixelFormat, VideoWriter, color_space, named_space, probe, read_frames
 
@@ -45,7 +47,7 @@ def coded(source: Path, folder: Path, way: str) -> Path:
 def looked_at(
     dark_reference: pvg.VectorVideo, short_clip: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> Callable[[str], tuple[np.ndarray, np.ndarray]]:
-    """For a way of coding: the first frame as an SDR display shows it, with and without a dark portrait's look."""
+    """For a way of coding: a frame as an SDR display shows it, without and with a dark portrait's look and make-up."""
     folder = tmp_path_factory.mktemp("same")
     done: dict[str, tuple[np.ndarray, np.ndarray]] = {}
 
@@ -55,7 +57,7 @@ def looked_at(
             color = WAYS[way][2] if way in WAYS else "auto"
             with pvg.vectorize(path, input_color=color) as video:
                 plain = source_frame(video, 2).rgb()
-                done[way] = plain, pvg.render_frame(video, pvg.transfer(video, dark_reference), 2)
+                done[way] = plain, pvg.render_frame(video, pvg.transfer(video, dark_reference, makeup=1.0), 2)
         return done[way]
 
     return look_at
@@ -68,6 +70,17 @@ def skin(looked_at: Callable[[str], tuple[np.ndarray, np.ndarray]]) -> np.ndarra
     return np.asarray(np.abs(plain - drawn).sum(axis=-1) > 12.0)
 
 
+@pytest.fixture(scope="module")
+def lips(short_clip: Path, skin: np.ndarray) -> np.ndarray:
+    """(H, W) bool: pixels between the outlines of the lips."""
+    drawn = np.zeros(skin.shape, np.uint8)
+    with pvg.vectorize(short_clip) as video:
+        points = video.face_at(0, 2).landmarks.points
+    for outline, inside in ((layout.LIPS_OUTER, 1), (layout.LIPS_INNER, 0)):
+        cv2.fillPoly(drawn, [np.rint(points[outline]).astype(np.int32)], inside)
+    return np.asarray(drawn > 0)
+
+
 @pytest.mark.parametrize("way", WAYS)
 def test_the_same_scene_gets_the_same_skin(
     way: str, looked_at: Callable[[str], tuple[np.ndarray, np.ndarray]], skin: np.ndarray
@@ -76,6 +89,14 @@ def test_the_same_scene_gets_the_same_skin(
     assert skin.mean() > 0.05
     assert float(deltaE_ciede2000(np.median(wanted, axis=0), np.median(drawn, axis=0))) < 2.0
     assert float(np.median(deltaE_ciede2000(wanted, drawn))) < 2.0
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_the_same_scene_gets_the_same_lips(
+    way: str, looked_at: Callable[[str], tuple[np.ndarray, np.ndarray]], lips: np.ndarray
+) -> None:
+    wanted, drawn = (np.median(rgb2lab(looked_at(one)[1][lips]), axis=0) for one in ("sdr", way))
+    assert float(deltaE_ciede2000(wanted, drawn)) < 1.5
 
 
 @pytest.mark.parametrize("way", ["pq", "hlg"])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pvg.looks import SkinMap, look_cube, write_cube
-from pvg.video import color_space
+from pvg.video import ColorSpace, color_space, named_space
 from tests.gallery.cubes import apply_cube, read_cube
 
 
@@ -37,6 +37,17 @@ def test_a_cube_of_an_hdr_clip_works_on_its_own_values() -> None:
     error = np.abs(drawn - skin(colors.astype(np.float32)))  # nodes of PQ lie wider apart in SDR
     assert error.mean() < 0.3
     assert error.max() < 4.0
+
+
+@pytest.mark.parametrize(
+    "space", [color_space(9, 16), color_space(9, 18), named_space("slog3")], ids=["pq", "hlg", "slog3"]
+)
+def test_what_shines_brighter_than_white_stays_as_bright(space: ColorSpace) -> None:
+    greys = np.repeat(np.linspace(0.0, 255.0, 33)[:, None], 3, axis=1)
+    shining = greys[space.to_sdr(greys)[:, 1] > 255.0]
+    assert len(shining) > 3
+    # the map takes a little of white, too
+    np.testing.assert_allclose(apply_cube(look_cube(a_map(), 1.0, space), shining), shining, atol=4.0)
 
 
 def test_a_file_holds_the_table(tmp_path: Path) -> None:
