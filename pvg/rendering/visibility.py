@@ -84,7 +84,7 @@ def see(data: FaceInFrame, labels: CurveLabels, positions: Floats, width: int, h
     """Which samples at `positions` (S, 2), source pixels, are seen in a picture of `width` x `height`."""
     axes = data.landmarks.axes
     unit = max(axes.width, 1.0)
-    away = np.abs(_azimuth(labels) + data.pose[0])
+    away = np.abs(_azimuth(labels) + _turn(data.pose))
     weight = 1.0 - smoothstep(away, *_TURNED_AWAY)
     margin = np.minimum(positions, np.array([width - 1, height - 1], np.float32) - positions).min(axis=1)
     weight *= smoothstep(margin / unit, 0.0, _PICTURE_EDGE)
@@ -94,6 +94,16 @@ def see(data: FaceInFrame, labels: CurveLabels, positions: Floats, width: int, h
     weight[on_skin] *= smoothstep(_matte_at(data, positions[on_skin], unit), *_MATTE)
     fading = np.flatnonzero(weight < 1.0)
     return Visibility(weight, fading, _shares(labels, positions / np.float32(unit), weight, fading))
+
+
+def _turn(pose: Floats) -> float:
+    """Degrees by which a head of pose (3,) is turned about its own axis, from crown to chin, to its own left.
+
+    Yaw is about the picture's: of a head that lies on its side, what it nods counts there, too.
+    """
+    yaw, pitch, roll = np.radians(pose.astype(np.float64))
+    across = np.sin(yaw) * np.cos(roll) + np.sin(pitch) * np.cos(yaw) * np.sin(roll)
+    return float(np.degrees(np.arctan2(across, np.cos(yaw) * np.cos(pitch))))
 
 
 @lru_cache(maxsize=2)

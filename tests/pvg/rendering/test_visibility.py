@@ -7,11 +7,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from pvg.asset import FaceInFrame
 from pvg.curves import BOUNDARY, CURVES, GROUPS, table_labels
+from pvg.face import layout
+from pvg.landmarks import Mesh, head_pose
 from pvg.rendering.placed_face import PlacedFace, place_face
-from pvg.rendering.visibility import see
+from pvg.rendering.visibility import _turn, see
 from pvg.skin import Matte
 from tests.gallery.faces import turned
 
@@ -62,6 +65,24 @@ def test_turning_left_hides_what_turning_right_shows(straight: FaceInFrame) -> N
     for a, b in (("cheek_right", "cheek_left"), ("eye_right", "eye_left"), ("nose_right", "nose_left")):
         assert right[on(a)].mean() == pytest.approx(left[on(b)].mean(), abs=0.1)
         assert right[on(a)].mean() < right[on(b)].mean()
+
+
+@pytest.mark.parametrize("roll", [-90.0, 30.0, 90.0, 180.0])
+@pytest.mark.parametrize(("yaw", "pitch"), [(0.0, 18.0), (22.0, 13.0), (-50.0, -10.0)])
+def test_a_head_that_leans_is_turned_as_far_as_it_is_held_upright(roll: float, yaw: float, pitch: float) -> None:
+    def head(lean: float) -> np.ndarray:
+        """The pose of a made-up mesh turned by yaw and pitch, then in the picture's plane."""
+        points = np.random.default_rng(0).normal(size=(478, 3)) * 0.01  # of a flat face: mirror pairs, chin, forehead
+        for left, right in layout.MESH_MIRROR_PAIRS:
+            points[left, 0], points[right, 0] = -1.0, 1.0
+        points[list(layout.MESH_CHIN), 1], points[list(layout.MESH_FOREHEAD), 1] = 1.0, -1.0
+        spin = Rotation.from_euler("xyz", [pitch, -yaw, lean], degrees=True).as_matrix()
+        x, y, depth = spin @ points.T
+        return head_pose(Mesh(np.stack([x, y], axis=1).astype(np.float32), depth.astype(np.float32), 1.0))
+
+    upright = head(0.0)
+    np.testing.assert_allclose(upright[:2], [yaw, pitch], atol=2.0)
+    assert _turn(head(roll)) == pytest.approx(_turn(upright), abs=0.5)
 
 
 def test_samples_outside_the_picture_have_no_say(straight: FaceInFrame) -> None:
