@@ -23,11 +23,12 @@ from pvg.looks.tone import SkinMap
 _AROUND: Mapping[str, tuple[str, ...]] = {"lips": ("upper_lip", "chin")}  # curves of the skin beside each part
 
 
-def parts_apart(key: KeyFrame, skin: SkinMap, moved: Doubles) -> tuple[Doubles, Floats]:
+def parts_apart(key: KeyFrame, skin: SkinMap, moved: Doubles, contrast: float) -> tuple[Doubles, Floats]:
     """New boundary colours without those of parts, and what each part lacks then.
 
-    moved: (S, 3) F of the key frame's colours. Returns them anew, and (P, 3) luma, B − Y and R − Y in levels that parts
-    are to gain, zero where a part is not seen.
+    moved: (S, 3) F of the key frame's colours;  contrast: λ, by which chroma is drawn: the skin's change of it is what
+    the membrane carries, g' − λg. Luma keeps F's slope, or steep contrast would make a dark ring.
+    Returns them anew, and (P, 3) luma, B − Y and R − Y in levels that parts are to gain, zero where a part is not seen.
     """
     lacks = np.zeros((len(PARTS), 3), np.float32)
     own, goal = to_opponent(key.parts), to_opponent(skin(key.parts))
@@ -36,9 +37,8 @@ def parts_apart(key: KeyFrame, skin: SkinMap, moved: Doubles) -> tuple[Doubles, 
         p, seen = PARTS.index(part), around[key.visible[around]]
         if np.isnan(own[p, 0]) or not len(seen):
             continue
-        slopes = skin.slopes(key.colors[seen])
-        slope = slopes.mean(axis=0)[[0, 1, 1]].astype(np.float64)
-        shift = (to_opponent(moved[seen]) - slopes[:, [0, 1, 1]] * to_opponent(key.colors[seen])).mean(axis=0)
+        slope = np.array([skin.slopes(key.colors[seen])[:, 0].mean(dtype=np.float64), contrast, contrast])
+        shift = (to_opponent(moved[seen]) - slope * to_opponent(key.colors[seen])).mean(axis=0)
         new[on] = to_rgb(slope * to_opponent(key.colors[on]) + shift)
         lacks[p] = goal[p] - (slope * own[p] + shift)
     return new, lacks

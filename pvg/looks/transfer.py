@@ -176,7 +176,7 @@ def _new_key(key: KeyFrame, person: PersonMap, goal: Goal) -> _NewKey:
     if person.skin is not None:
         lacks = np.zeros((len(PARTS), 3), np.float32)
         if goal.contrast != "auto":  # F, where it draws pixels, takes parts along
-            moved, lacks = parts_apart(lit, person.skin, moved)
+            moved, lacks = parts_apart(lit, person.skin, moved, goal.contrast)
         if goal.changes is not None:
             parts = strength * np.float32(kept) * (lacks + goal.changes.on(person.skin, lit, goal.makeup))
     colors = key.colors + strength * (_into_gamut(kept * moved).astype(np.float32) - key.colors)

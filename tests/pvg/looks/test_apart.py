@@ -3,6 +3,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from pvg.asset import KeyFrame
 from pvg.curves import CURVES, GROUPS, table_labels
@@ -25,15 +26,17 @@ def _face() -> KeyFrame:
     return replace(key_frame(), colors=colors, skin=colors[~_LIPS], parts=np.tile(lips, (len(PARTS), 1)))
 
 
-def test_lips_are_what_the_map_makes_of_them_and_the_skin_beside_them_is_not_changed_by_them() -> None:
+@pytest.mark.parametrize("contrast", [0.8, 1.0, 1.5])
+def test_lips_are_what_the_map_makes_of_them_and_the_skin_beside_them_is_not_changed_by_them(contrast: float) -> None:
     key = _face()
     skin = SkinMap.between(key.skin, 0.6 * key.skin.astype(np.float64) ** 1.05)
-    moved, slopes = skin(key.colors), skin.slopes(key.colors)
-    new, lacks = parts_apart(key, skin, moved)
+    moved = skin(key.colors)
+    slopes = np.array([skin.slopes(key.colors[:1])[0, 0], contrast, contrast])  # chroma as the membrane has it
+    new, lacks = parts_apart(key, skin, moved, contrast)
     np.testing.assert_array_equal(new[~_LIPS], moved[~_LIPS])
 
     def shifts(colors: np.ndarray) -> np.ndarray:
-        return to_opponent(colors) - slopes[:, [0, 1, 1]] * to_opponent(key.colors)
+        return to_opponent(colors) - slopes * to_opponent(key.colors)
 
     beside = shifts(moved)[_BESIDE & key.visible].mean(axis=0)
     np.testing.assert_allclose(shifts(new)[_LIPS], np.broadcast_to(beside, (int(_LIPS.sum()), 3)), atol=1e-3)
@@ -46,7 +49,7 @@ def test_lips_that_are_not_seen_stay_as_they_are() -> None:
     hidden = replace(_face(), parts=np.full((len(PARTS), 3), np.nan, np.float32))
     skin = SkinMap.between(hidden.skin, 0.6 * hidden.skin.astype(np.float64))
     moved = skin(hidden.colors)
-    new, lacks = parts_apart(hidden, skin, moved)
+    new, lacks = parts_apart(hidden, skin, moved, 1.0)
     np.testing.assert_array_equal(new, moved)
     assert not lacks.any()
 
@@ -54,6 +57,6 @@ def test_lips_that_are_not_seen_stay_as_they_are() -> None:
 def test_own_colours_lack_nothing() -> None:
     key = _face()
     skin = SkinMap.between(key.skin, key.skin.astype(np.float64))
-    new, lacks = parts_apart(key, skin, skin(key.colors))
+    new, lacks = parts_apart(key, skin, skin(key.colors), 1.0)
     np.testing.assert_allclose(new, key.colors, atol=1e-3)
     np.testing.assert_allclose(lacks, 0, atol=1e-3)
