@@ -24,20 +24,22 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 
 #: these start no processes of the service, and no seconds count in them
 _BESIDE = ("pvg/", "properties/", "benchmarks/", "gallery/", "fuzz/", "service/catalog/", "service/test_backup.py")
-#: all of these start processes; the client's are here so that the groups take more equally long
-_WORKER = ("worker/", "client/")
+#: all of these start processes, of which the worker's wait most
+_WORKER = ("worker/",)
+_SERVICE = ("service/",)
 
 
 @pytest.hookimpl(tryfirst=True)  # xdist looks at the groups in a hook of its own
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """With three processes (`-n 3 --dist loadgroup`): the worker's tests, the service's and the others, each in order.
+    """With four processes (`-n 4 --dist loadgroup`): of the worker, the API, the whole and the method, each in order.
 
-    What the first two start, break and measure are processes, ports and seconds, which they would take from each other;
-    most of their time is waiting, so the two of them bear each other.
+    What the first three start, break and measure are processes, ports and seconds, which they would take from each
+    other; most of their time is waiting, so the three of them bear each other.
     """
     for item in items:
         place = item.path.relative_to(REPOSITORY / "tests").as_posix()
-        group = "beside" if place.startswith(_BESIDE) else "worker" if place.startswith(_WORKER) else "service"
+        groups = (("beside", _BESIDE), ("worker", _WORKER), ("service", _SERVICE))
+        group = next((name for name, places in groups if place.startswith(places)), "whole")
         item.add_marker(pytest.mark.xdist_group(group))
 
 
