@@ -8,6 +8,7 @@ from typing import Literal
 from pvg_client.calls import Api, Flow, Params, asked, once
 from pvg_client.models import Job, Webhook, WebhookSecret, id_of
 from pvg_client.pages import Listing
+from pvg_client.paths import path_to
 
 
 def webhooks(
@@ -23,12 +24,12 @@ def webhooks(
 
 def webhook(api: Api, webhook_id: str) -> Flow[Webhook]:
     """A webhook by its id, as it is now."""
-    return Webhook.of((yield from asked(api, "GET", f"/webhooks/{webhook_id}")))
+    return Webhook.of((yield from asked(api, "GET", path_to("webhooks", webhook_id))))
 
 
 def replay(api: Api, webhook: Webhook | str, *, idempotency_key: str | None = None) -> Flow[Webhook]:
     """Have it told again, with the same id. Raises `ApiError` 409 while its job goes on."""
-    path = f"/webhooks/{id_of(webhook)}/replay"
+    path = path_to("webhooks", id_of(webhook), "replay")
     return Webhook.of((yield from asked(api, "POST", path, headers=once(idempotency_key))))
 
 

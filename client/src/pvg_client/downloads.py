@@ -17,6 +17,7 @@ from pvg_client.errors import ApiError, DamagedError, UnreachableError
 from pvg_client.files import PartFile, local_name, sha256_of, there_already
 from pvg_client.media import path_of
 from pvg_client.models import Extra, JobLook, Link, Medium, Result
+from pvg_client.paths import path_to
 
 #: how often a file is fetched from its beginning because its bytes were not right
 _FETCHES: Final = 2
@@ -82,7 +83,7 @@ def link(
     given: dict[str, Any] = {"expires_in_s": expires_in_s, "part": part, "person": person}
     body = {name: value for name, value in given.items() if value is not None}
     result_id = result if isinstance(result, str) else _of_look(result).id
-    made = yield from asked(api, "POST", f"/results/{result_id}/link", body=body, headers=once(idempotency_key))
+    made = yield from asked(api, "POST", path_to("results", result_id, "link"), body=body, headers=once(idempotency_key))
     return Link(str(api.named(made["url"])), datetime.fromisoformat(made["expires_at"]))
 
 
@@ -98,9 +99,9 @@ def _located(api: Api, file: Result | Extra | JobLook | Medium | str, *, named: 
     if isinstance(file, JobLook):
         file = _of_look(file)
     if isinstance(file, str):
-        url = api.at(f"/results/{file}" if file.startswith("res_") else f"{path_of(file)}/file")
+        url = api.at(path_to("results", file) if file.startswith("res_") else path_of(file) + "/file")
     else:
-        url = api.at(f"{path_of(file.id)}/file") if isinstance(file, Medium) else api.named(file.url)
+        url = api.at(path_of(file.id) + "/file") if isinstance(file, Medium) else api.named(file.url)
         if file.sha256 is not None and not named:
             return _Remote(url, file.sha256)
     # its ETag is the hash of its bytes

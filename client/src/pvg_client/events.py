@@ -10,6 +10,7 @@ import httpx
 from pvg_client.calls import Api, Flow, Patience, attempt, unreachable
 from pvg_client.errors import ApiError, UnreachableError
 from pvg_client.models import Job
+from pvg_client.paths import path_to
 
 #: seconds of silence after which the line is thought to be broken; the service sends something every 15
 _SILENCE_S = 45.0
@@ -69,5 +70,5 @@ class Following:
 
     def _request(self) -> httpx.Request:
         headers = {"Accept": "text/event-stream"} | ({"Last-Event-ID": self._last_id} if self._last_id else {})
-        path = f"/jobs/{self._job_id}/events"
+        path = path_to("jobs", self._job_id, "events")
         return self._api.request("GET", path, headers=headers, least_timeout_s=_SILENCE_S)

@@ -11,6 +11,7 @@ from pvg_client.calls import Api, Flow, Params, Pause, asked, once
 from pvg_client.errors import JobFailed
 from pvg_client.models import Job, Look, Medium, id_of
 from pvg_client.pages import Listing
+from pvg_client.paths import path_to
 from pvg_client.progress import Bar
 
 #: seconds that one question for a job's end may take
@@ -88,7 +89,7 @@ def _rest(
 
 def job(api: Api, job_id: str) -> Flow[Job]:
     """A job by its id, as it is now."""
-    return Job.of((yield from asked(api, "GET", f"/jobs/{job_id}")))
+    return Job.of((yield from asked(api, "GET", path_to("jobs", job_id))))
 
 
 def jobs(
@@ -129,7 +130,7 @@ def wait(api: Api, job: Job | Medium | str, *, progress: bool = True, timeout: f
             began = time.monotonic()
             wait_s = max(0.0, min(poll_s, api.timeout_s / 2, until - began))
             params = [("wait", f"{wait_s:.1f}")]
-            seen = Job.of((yield from asked(api, "GET", f"/jobs/{job_id}", params=params, until=until)))
+            seen = Job.of((yield from asked(api, "GET", path_to("jobs", job_id), params=params, until=until)))
             bar.show(seen)
             if seen.done:
                 break
@@ -144,5 +145,5 @@ def wait(api: Api, job: Job | Medium | str, *, progress: bool = True, timeout: f
 
 def cancel(api: Api, job: Job | str, *, idempotency_key: str | None = None) -> Flow[Job]:
     """Stop a job; it is `canceling` while its worker stops. Raises `ApiError` 409 when it has ended in another way."""
-    path = f"/jobs/{id_of(job)}/cancel"
+    path = path_to("jobs", id_of(job), "cancel")
     return Job.of((yield from asked(api, "POST", path, headers=once(idempotency_key))))

@@ -14,6 +14,7 @@ from pvg_client.calls import Api, FilePart, Flow, Patience, answered, asked, att
 from pvg_client.errors import ApiError, UnreachableError
 from pvg_client.files import about_file, sha256_of
 from pvg_client.models import Role, Upload, UploadLink
+from pvg_client.paths import path_to
 
 #: seconds in which the service hashes, reads and records the whole file
 _LONGEST_RECORD_S: Final = 600.0
@@ -77,7 +78,7 @@ def upload_state(api: Api, upload: UploadLink | Upload | httpx.URL | str) -> Flo
     if isinstance(upload, Upload):
         upload = upload.id
     is_id = isinstance(upload, str) and "/" not in upload
-    url = api.at(f"/uploads/{upload}") if is_id else _address(api, upload)
+    url = api.at(path_to("uploads", upload)) if is_id else _address(api, upload)
     return Upload.of(body_of((yield from answered(api, api.request("GET", url)))))
 
 

@@ -11,6 +11,7 @@ from pvg_client.calls import Api, Flow, Params, Patience, asked, attempt
 from pvg_client.errors import ApiError, UnreachableError
 from pvg_client.models import Medium, Result, id_of, role_of
 from pvg_client.pages import Listing
+from pvg_client.paths import path_to
 
 _GATEWAYS: Final = frozenset({httpx.codes.BAD_GATEWAY, httpx.codes.GATEWAY_TIMEOUT})
 
@@ -42,7 +43,7 @@ def delete(api: Api, thing: Medium | Result | str, *, cancel_jobs: bool = False)
     """
     params = [("cancel_jobs", "true")] if cancel_jobs else []
     thing_id = id_of(thing)
-    path = f"/results/{thing_id}" if thing_id.startswith("res_") else path_of(thing_id)
+    path = path_to("results", thing_id) if thing_id.startswith("res_") else path_of(thing_id)
     request = api.request("DELETE", path, params=params)
     patience, unsure = Patience(api), False
     while True:
@@ -62,5 +63,5 @@ def delete(api: Api, thing: Medium | Result | str, *, cancel_jobs: bool = False)
 
 
 def path_of(medium_id: str) -> str:
-    """Where a medium is."""
-    return f"/{role_of(medium_id)}s/{medium_id}"
+    """Where a medium is. Raises `ValueError` for what is no id."""
+    return path_to(f"{role_of(medium_id)}s", medium_id)

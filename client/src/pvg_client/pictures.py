@@ -7,6 +7,7 @@ from typing import Any, Literal
 from pvg_client.calls import Api, Flow, answered
 from pvg_client.media import path_of
 from pvg_client.models import Look, Medium, id_of
+from pvg_client.paths import path_to
 
 Layer = Literal["image", "landmarks", "mask", "matte", "curves", "low", "high"]
 
@@ -50,16 +51,16 @@ def preview(
 
 def frame(api: Api, medium: Medium | str, number: int, *, layer: Layer = "image") -> Flow[bytes]:
     """A frame of a video or a reference that is ready, from 0, or a layer of it, as the bytes of a PNG."""
-    where = f"{path_of(id_of(medium))}/frames/{number}"
+    where = path_of(id_of(medium)) + path_to("frames", str(number))
     return (yield from answered(api, api.request("GET", where, params=[("layer", layer)]))).content
 
 
 def poster(api: Api, medium: Medium | str) -> Flow[bytes]:
     """A small picture of a medium that is ready, as the bytes of a JPEG: its longer side is 640 px at most."""
-    return (yield from answered(api, api.request("GET", f"{path_of(id_of(medium))}/poster"))).content
+    return (yield from answered(api, api.request("GET", path_of(id_of(medium)) + "/poster"))).content
 
 
 def thumbnail(api: Api, medium: Medium | str, face: int) -> Flow[bytes]:
     """A face of a medium that is ready, by its index, as the bytes of a JPEG of 160 by 160 px."""
-    where = f"{path_of(id_of(medium))}/faces/{face}/thumbnail"
+    where = path_of(id_of(medium)) + path_to("faces", str(face), "thumbnail")
     return (yield from answered(api, api.request("GET", where))).content

@@ -1,0 +1,66 @@
+"""Ids on their way into addresses: one id is one segment, and what is none goes nowhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from pvg_client import Client
+from tests.client.test_retries import Script
+
+#: every call that has an id in its address
+CALLS: dict[str, Callable[[Client, Any], Any]] = {
+    "medium": lambda client, some: client.medium(some),
+    "delete": lambda client, some: client.delete(some),
+    "job": lambda client, some: client.job(some),
+    "wait": lambda client, some: client.wait(some),
+    "cancel": lambda client, some: client.cancel(some),
+    "events": lambda client, some: list(client.events(some)),
+    "download": lambda client, some: client.download(some, Path("look.mp4")),
+    "link": lambda client, some: client.link(some),
+    "upload_state": lambda client, some: client.upload_state(some),
+    "webhook": lambda client, some: client.webhook(some),
+    "replay": lambda client, some: client.replay(some),
+    "frame": lambda client, some: client.frame(some, 0),
+    "poster": lambda client, some: client.poster(some),
+    "thumbnail": lambda client, some: client.thumbnail(some, 0),
+}
+#: of those that have an address for an id that is none
+ADDRESSED = {"upload_state"}
+
+
+def ids() -> Iterator[str]:
+    yield from ("", ".", "..", "job_1\n", "job_1?wait=1", "job_1#a", "job_1%2F..", "job_1;a", "job 1", "jöb_1", "\x00")
+    for prefix in ("res_1", "ref_1", "vid_1"):
+        yield from (f"{prefix}/../../videos/vid_2", f"{prefix}/", f"{prefix}\\..")
+
+
+@pytest.mark.parametrize("call", CALLS)
+def test_what_is_no_id_is_refused_before_anything_is_sent(call: str) -> None:
+    for some in ids():
+        if call in ADDRESSED and "/" in some:
+            continue
+        with Client(transport=Script()) as client, pytest.raises(ValueError, match="is no id"):
+            CALLS[call](client, some)
+
+
+@pytest.mark.parametrize("index", ["../../..", "0/../../poster", "0?layer=mask", ""])
+def test_a_number_is_one_segment_too(index: Any) -> None:
+    with Client(transport=Script()) as client:
+        for call in (client.frame, client.thumbnail):
+            with pytest.raises(ValueError, match="is no id"):
+                call("vid_1", index)
+
+
+def test_ids_are_in_addresses_as_they_are() -> None:
+    script = Script(*[httpx.Response(204) for _ in range(3)])
+    ids = ["vid_0192f0c1a2b37c8d9e0f1a2b3c4d5e6f", "ref_A-z_9", "res_1"]
+    with Client("http://service.test/pvg", transport=script) as client:
+        for some in ids:
+            client.delete(some)
+    paths = [f"/pvg/v1/{kind}/{some}" for kind, some in zip(("videos", "references", "results"), ids, strict=True)]
+    assert [request.url.path for request in script.requests] == paths
