@@ -8,9 +8,9 @@ from pvg_client.models import Limits, Usage
 
 def usage(api: Api) -> Flow[Usage]:
     """What the key has used of its limits; without keys, what everybody has used."""
-    return Usage.of((yield from asked(api, "GET", "/usage")))
+    return (yield from asked(api, Usage.of, "GET", "/usage"))
 
 
 def limits(api: Api) -> Flow[Limits]:
     """All limits that the caller is under, with the formats and options that the service has."""
-    return Limits.of((yield from asked(api, "GET", "/limits")))
+    return (yield from asked(api, Limits.of, "GET", "/limits"))

@@ -35,6 +35,7 @@ _LAST_ANSWER_S: Final = 2.0
 _TRY_AGAIN: Final = frozenset({429, 502, 503, 504})
 _CHUNK_BYTES: Final = 256 * 1024
 
+A = TypeVar("A")
 T = TypeVar("T")
 Params: TypeAlias = list[tuple[str, str]]
 
@@ -262,30 +263,40 @@ def headed(
     return response.headers
 
 
-def asked(api: Api, method: str, path: str, *, until: float = math.inf, **given: Any) -> Flow[Any]:
-    """The JSON object that a request is answered with. Raises also `UnreachableError` when it is something else."""
+def asked(
+    api: Api, read: Callable[[dict[str, Any]], T], method: str, path: str, *, until: float = math.inf, **given: Any
+) -> Flow[T]:
+    """What ``read`` makes of the JSON object that a request is answered with."""
     response = yield from answered(api, api.request(method, path, **given), until=until)
-    return body_of(response)
+    return body_of(response, read)
 
 
-def body_of(response: httpx.Response) -> dict[str, Any]:
-    """The JSON object of a good answer. Raises `UnreachableError` when there is none: somebody else has answered."""
-    body = _object(response)
-    if body is None:
-        raise UnreachableError(f"{response.url.host} answers, but not as this service does", worth_another=False)
+def body_of(response: httpx.Response, read: Callable[[dict[str, Any]], T]) -> T:
+    """What ``read`` makes of the JSON object of a good answer."""
+    return understood(response.url, lambda content: read(object_of(content)), response.content)
+
+
+def understood(url: httpx.URL, read: Callable[[A], T], answer: A) -> T:
+    """What ``read`` makes of a part of an answer. Raises `UnreachableError` when it cannot: somebody else answers."""
+    try:
+        return read(answer)
+    except (AttributeError, LookupError, RecursionError, TypeError, ValueError, httpx.InvalidURL) as error:
+        raise UnreachableError(f"{url.host} answers, but not as this service does", worth_another=False) from error
+
+
+def object_of(content: str | bytes) -> dict[str, Any]:
+    """A JSON object. Raises `ValueError` for what is none, and `RecursionError`."""
+    body = json.loads(content)
+    if not isinstance(body, dict):
+        raise ValueError("it is JSON, but no object")
     return body
 
 
-def _object(response: httpx.Response) -> dict[str, Any] | None:
-    try:
-        body = response.json()
-    except ValueError:
-        return None
-    return body if isinstance(body, dict) else None
-
-
 def _problem(response: httpx.Response) -> Problem:
-    told = Problem.of(_object(response) or {})  # of a proxy in between there is none
+    try:
+        told = Problem.of(object_of(response.content))
+    except (RecursionError, ValueError):
+        told = Problem.of({})  # a proxy in between has none
     return replace(told, title=told.title or response.reason_phrase, status=told.status or response.status_code)
 
 

@@ -24,18 +24,18 @@ def webhooks(
 
 def webhook(api: Api, webhook_id: str) -> Flow[Webhook]:
     """A webhook by its id, as it is now."""
-    return Webhook.of((yield from asked(api, "GET", path_to("webhooks", webhook_id))))
+    return (yield from asked(api, Webhook.of, "GET", path_to("webhooks", webhook_id)))
 
 
 def replay(api: Api, webhook: Webhook | str, *, idempotency_key: str | None = None) -> Flow[Webhook]:
     """Have it told again, with the same id. Raises `ApiError` 409 while its job goes on."""
     path = path_to("webhooks", id_of(webhook), "replay")
-    return Webhook.of((yield from asked(api, "POST", path, headers=once(idempotency_key))))
+    return (yield from asked(api, Webhook.of, "POST", path, headers=once(idempotency_key)))
 
 
 def webhook_secret(api: Api) -> Flow[WebhookSecret]:
     """What webhooks are signed with; each key has its own."""
-    return WebhookSecret.of((yield from asked(api, "GET", "/webhooks/secret")))
+    return (yield from asked(api, WebhookSecret.of, "GET", "/webhooks/secret"))
 
 
 def rotate_webhook_secret(api: Api, *, idempotency_key: str | None = None) -> Flow[WebhookSecret]:
@@ -43,4 +43,4 @@ def rotate_webhook_secret(api: Api, *, idempotency_key: str | None = None) -> Fl
 
     Raises `ApiError` (409) while four former ones are good; its ``retry_after_s`` says for how long.
     """
-    return WebhookSecret.of((yield from asked(api, "POST", "/webhooks/secret/rotate", headers=once(idempotency_key))))
+    return (yield from asked(api, WebhookSecret.of, "POST", "/webhooks/secret/rotate", headers=once(idempotency_key)))

@@ -12,13 +12,15 @@ from urllib.parse import unquote
 
 import httpx
 
-from pvg_client.calls import Api, Flow, Patience, asked, attempt, headed, once, worked
+from pvg_client.calls import Api, Flow, Patience, asked, attempt, headed, once, understood, worked
 from pvg_client.errors import ApiError, DamagedError, UnreachableError
 from pvg_client.files import PartFile, local_name, sha256_of, there_already
 from pvg_client.media import path_of
-from pvg_client.models import Extra, JobLook, Link, Medium, Result
+from pvg_client.models import Body, Extra, JobLook, Link, Medium, Result
 from pvg_client.paths import path_to
 
+#: of a file: its sha256; a proxy that packs answers makes it a weak one
+_ETAG: Final = re.compile(r'(?:W/)?"([0-9a-f]{64})"')
 #: how often a file is fetched from its beginning because its bytes were not right
 _FETCHES: Final = 2
 
@@ -43,7 +45,7 @@ def download(api: Api, file: Result | Extra | JobLook | Medium | str, path: str 
     gets a number, as ``look (2).mp4``; a file of that name, or that with a number, which has its bytes already is it.
 
     Raises `ApiError` (410 after its retention), `DamagedError` when its bytes are wrong twice, `UnreachableError`,
-    `ValueError` for a look that has no result.
+    `ValueError` for a look that has no result, `TypeError` for what is no file, such as a link, which is for others.
     """
     target = Path(path)
     remote = yield from _located(api, file, named=target.is_dir())
@@ -83,8 +85,12 @@ def link(
     given: dict[str, Any] = {"expires_in_s": expires_in_s, "part": part, "person": person}
     body = {name: value for name, value in given.items() if value is not None}
     result_id = result if isinstance(result, str) else _of_look(result).id
-    made = yield from asked(api, "POST", path_to("results", result_id, "link"), body=body, headers=once(idempotency_key))
-    return Link(str(api.named(made["url"])), datetime.fromisoformat(made["expires_at"]))
+    path = path_to("results", result_id, "link")
+
+    def read(made: Body) -> Link:
+        return Link(str(api.named(made["url"])), datetime.fromisoformat(made["expires_at"]))
+
+    return (yield from asked(api, read, "POST", path, body=body, headers=once(idempotency_key)))
 
 
 def _of_look(result: Result | JobLook) -> Result:
@@ -100,14 +106,23 @@ def _located(api: Api, file: Result | Extra | JobLook | Medium | str, *, named: 
         file = _of_look(file)
     if isinstance(file, str):
         url = api.at(path_to("results", file) if file.startswith("res_") else path_of(file) + "/file")
+    elif not isinstance(file, Result | Extra | Medium):
+        raise TypeError(f"a {type(file).__name__} is no file: give a result, an extra, a look of a job, or a medium")
     else:
         url = api.at(path_of(file.id) + "/file") if isinstance(file, Medium) else api.named(file.url)
         if file.sha256 is not None and not named:
             return _Remote(url, file.sha256)
     # its ETag is the hash of its bytes
     headers = yield from headed(api, url, to_get={"Range": "bytes=0-0"})
-    sha256 = headers.get("etag", "").removeprefix("W/").strip('"')
+    sha256 = understood(url, _sha256_in, headers)
     return _Remote(url, sha256, _name_in(headers, url) if named else None)
+
+
+def _sha256_in(headers: httpx.Headers) -> str:
+    found = _ETAG.fullmatch(headers["etag"])
+    if found is None:
+        raise ValueError("its ETag is no hash")
+    return found[1]
 
 
 def _name_in(headers: httpx.Headers, url: httpx.URL) -> str:

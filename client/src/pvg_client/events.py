@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 
 import httpx
 
-from pvg_client.calls import Api, Flow, Patience, attempt, unreachable
+from pvg_client.calls import Api, Flow, Patience, attempt, object_of, understood, unreachable
 from pvg_client.errors import ApiError, UnreachableError
 from pvg_client.models import Job
 from pvg_client.paths import path_to
@@ -45,7 +44,7 @@ class Following:
         """The jobs that a piece of the body tells of."""
         *lines, self._rest = (self._rest + data).split(b"\n")
         for line in lines:
-            name, _, value = line.rstrip(b"\r").decode().partition(":")
+            name, _, value = understood(self._api.base_url, bytes.decode, line.rstrip(b"\r")).partition(":")
             if not line.strip():
                 yield from self._dispatched()
             elif name == "":
@@ -57,7 +56,7 @@ class Following:
         fields, self._fields = self._fields, {}
         if "data" not in fields:
             return
-        job = Job.of(json.loads(fields["data"]))
+        job = understood(self._api.base_url, lambda data: Job.of(object_of(data)), fields["data"])
         self._last_id = fields.get("id", self._last_id)
         self._patience.renew()
         self.ended = job.done

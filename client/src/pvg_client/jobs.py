@@ -51,7 +51,7 @@ def transfer(
     all_looks = [one if isinstance(one, Look) else Look(one) for one in asked_for]
     body = {"video": id_of(video), "looks": [look.body() for look in all_looks]}
     body |= _rest(output=output, webhook=webhook, metadata=metadata, force=force)
-    return Job.of((yield from asked(api, "POST", "/transfer", body=body, headers=once(idempotency_key))))
+    return (yield from asked(api, Job.of, "POST", "/transfer", body=body, headers=once(idempotency_key)))
 
 
 def swap(
@@ -72,7 +72,7 @@ def swap(
     """
     body = {"a": id_of(a)} | ({} if b is None else {"b": id_of(b)}) | dict(options or {})
     body |= _rest(output=output, webhook=webhook, metadata=metadata, force=force)
-    return Job.of((yield from asked(api, "POST", "/swap", body=body, headers=once(idempotency_key))))
+    return (yield from asked(api, Job.of, "POST", "/swap", body=body, headers=once(idempotency_key)))
 
 
 def _rest(
@@ -89,7 +89,7 @@ def _rest(
 
 def job(api: Api, job_id: str) -> Flow[Job]:
     """A job by its id, as it is now."""
-    return Job.of((yield from asked(api, "GET", path_to("jobs", job_id))))
+    return (yield from asked(api, Job.of, "GET", path_to("jobs", job_id)))
 
 
 def jobs(
@@ -130,7 +130,7 @@ def wait(api: Api, job: Job | Medium | str, *, progress: bool = True, timeout: f
             began = time.monotonic()
             wait_s = max(0.0, min(poll_s, api.timeout_s / 2, until - began))
             params = [("wait", f"{wait_s:.1f}")]
-            seen = Job.of((yield from asked(api, "GET", path_to("jobs", job_id), params=params, until=until)))
+            seen = yield from asked(api, Job.of, "GET", path_to("jobs", job_id), params=params, until=until)
             bar.show(seen)
             if seen.done:
                 break
@@ -146,4 +146,4 @@ def wait(api: Api, job: Job | Medium | str, *, progress: bool = True, timeout: f
 def cancel(api: Api, job: Job | str, *, idempotency_key: str | None = None) -> Flow[Job]:
     """Stop a job; it is `canceling` while its worker stops. Raises `ApiError` 409 when it has ended in another way."""
     path = path_to("jobs", id_of(job), "cancel")
-    return Job.of((yield from asked(api, "POST", path, headers=once(idempotency_key))))
+    return (yield from asked(api, Job.of, "POST", path, headers=once(idempotency_key)))

@@ -13,7 +13,7 @@ import httpx
 from pvg_client.calls import Api, FilePart, Flow, Patience, answered, asked, attempt, body_of, once, worked
 from pvg_client.errors import ApiError, UnreachableError
 from pvg_client.files import about_file, sha256_of
-from pvg_client.models import Role, Upload, UploadLink
+from pvg_client.models import Body, Role, Upload, UploadLink
 from pvg_client.paths import path_to
 
 #: seconds in which the service hashes, reads and records the whole file
@@ -49,9 +49,12 @@ def upload_link(
         "input_color": input_color,
     }
     body = {name: value for name, value in given.items() if value is not None}
-    made = yield from asked(api, "POST", "/uploads/link", body=body, headers=once(idempotency_key))
-    url, expires_at = str(api.named(made["url"])), datetime.fromisoformat(made["expires_at"])
-    return UploadLink(made["id"], url, expires_at, made.get("max_bytes"))
+
+    def read(made: Body) -> UploadLink:
+        url, expires_at = str(api.named(made["url"])), datetime.fromisoformat(made["expires_at"])
+        return UploadLink(made["id"], url, expires_at, made.get("max_bytes"))
+
+    return (yield from asked(api, read, "POST", "/uploads/link", body=body, headers=once(idempotency_key)))
 
 
 def send_upload(api: Api, link: UploadLink | str, file: str | os.PathLike[str]) -> Flow[Upload]:
@@ -68,7 +71,7 @@ def send_upload(api: Api, link: UploadLink | str, file: str | os.PathLike[str]) 
     while True:
         request = api.request("PUT", url, headers=headers, stream=FilePart(path), least_timeout_s=_LONGEST_RECORD_S)
         try:
-            return Upload.of(body_of((yield from attempt(request))))
+            return body_of((yield from attempt(request)), Upload.of)
         except (UnreachableError, ApiError) as error:
             yield from patience.after(error)  # of a file that has arrived before, the answer is the same
 
@@ -77,9 +80,11 @@ def upload_state(api: Api, upload: UploadLink | Upload | httpx.URL | str) -> Flo
     """How much of a file is there, by its link, or by its id for who has the key: `media` is what it has become."""
     if isinstance(upload, Upload):
         upload = upload.id
-    is_id = isinstance(upload, str) and "/" not in upload
-    url = api.at(path_to("uploads", upload)) if is_id else _address(api, upload)
-    return Upload.of(body_of((yield from answered(api, api.request("GET", url)))))
+    if isinstance(upload, str) and "/" not in upload:
+        url = api.at(path_to("uploads", upload))
+    else:
+        url = _address(api, upload)
+    return body_of((yield from answered(api, api.request("GET", url))), Upload.of)
 
 
 def _address(api: Api, link: UploadLink | httpx.URL | str) -> httpx.URL:

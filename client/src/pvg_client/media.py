@@ -18,7 +18,7 @@ _GATEWAYS: Final = frozenset({httpx.codes.BAD_GATEWAY, httpx.codes.GATEWAY_TIMEO
 
 def medium(api: Api, medium_id: str) -> Flow[Medium]:
     """A video or a reference by its id."""
-    return Medium.of((yield from asked(api, "GET", path_of(medium_id))))
+    return (yield from asked(api, Medium.of, "GET", path_of(medium_id)))
 
 
 def videos(api: Api, *, state: Sequence[str] = (), metadata: Mapping[str, str] | None = None) -> Listing[Medium]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from pvg_client.calls import Api, Flow, Params, asked
+from pvg_client.models import Body
 
 T = TypeVar("T")
 
@@ -22,5 +23,7 @@ class Listing(Generic[T]):
     def page(self, api: Api, cursor: str | None) -> Flow[tuple[list[T], str | None]]:
         """The things of one page, and the cursor of the next."""
         params = [*self.params, ("cursor", cursor)] if cursor is not None else self.params
-        body = yield from asked(api, "GET", self.path, params=params)
+        return (yield from asked(api, self._page, "GET", self.path, params=params))
+
+    def _page(self, body: Body) -> tuple[list[T], str | None]:
         return [self.read(one) for one in body["data"]], body.get("next_cursor")

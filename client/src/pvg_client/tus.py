@@ -12,7 +12,7 @@ from typing import Final
 
 import httpx
 
-from pvg_client.calls import Api, Flow, Patience, answered, attempt, body_of, headed, once, worked
+from pvg_client.calls import Api, Flow, Patience, answered, attempt, body_of, headed, once, understood, worked
 from pvg_client.errors import ApiError, DamagedError, UnreachableError
 from pvg_client.files import in_base64
 
@@ -95,7 +95,7 @@ def send(
             yield from _before_another(patience, error)
             offset = yield from _offset(api, url)
     response = yield from answered(api, api.request("GET", url, headers=_STATE))
-    medium_id = body_of(response).get("media")
+    medium_id = body_of(response, lambda body: body.get("media"))
     note.drop()
     if medium_id is None:
         raise UnreachableError(f"all of {path} has arrived, and the service made nothing of it", worth_another=False)
@@ -121,16 +121,26 @@ def _begun(
     )
     headers = _HEADERS | {"Upload-Length": str(size_bytes), "Upload-Metadata": said} | once(key)
     response = yield from answered(api, api.request("POST", "/uploads", headers=headers))
-    location = response.headers["location"]
+    location, url = understood(response.url, lambda headers: _place(api, headers), response.headers)
     note.write(location)
-    url = api.named(location)
     begun_before = "idempotent-replayed" in response.headers
     return url, (yield from _offset(api, url)) if begun_before else 0
 
 
 def _offset(api: Api, url: httpx.URL) -> Flow[int]:
     headers = yield from headed(api, url, headers=_HEADERS, to_get=_STATE)
-    return int(headers["upload-offset"])
+    return understood(url, _arrived, headers)
+
+
+def _place(api: Api, headers: httpx.Headers) -> tuple[str, httpx.URL]:
+    return headers["location"], api.named(headers["location"])
+
+
+def _arrived(headers: httpx.Headers) -> int:
+    count = int(headers["upload-offset"])
+    if count < 0:
+        raise ValueError("it is less than nothing")
+    return count
 
 
 def _patch(api: Api, url: httpx.URL, offset: int, piece: bytes, *, is_last: bool) -> Flow[int]:
@@ -143,7 +153,7 @@ def _patch(api: Api, url: httpx.URL, offset: int, piece: bytes, *, is_last: bool
     least_s = _LONGEST_JOIN_S if is_last else 0.0
     request = api.request("PATCH", url, headers=headers, content=piece, least_timeout_s=least_s)
     response = yield from attempt(request)
-    return int(response.headers["upload-offset"])
+    return understood(url, _arrived, response.headers)
 
 
 def _before_another(patience: Patience, error: ApiError | UnreachableError) -> Flow[None]:

@@ -76,7 +76,7 @@ def _from_url(api: Api, url: str | None, given: _Asked, key: str | None) -> Flow
     told = {} if given.webhook is None else {"webhook": {"url": given.webhook}}
     body = {"url": url, **given.settings, "metadata": dict(given.metadata), **told}
     request = api.request("POST", f"/{given.role}s/url", body=body, headers=once(key), least_timeout_s=_LONGEST_FETCH_S)
-    return Medium.of(body_of((yield from answered(api, request))))
+    return body_of((yield from answered(api, request)), Medium.of)
 
 
 def _at_once(api: Api, path: Path, size_bytes: int, sha256: str, given: _Asked, key: str | None) -> Flow[Medium]:
@@ -88,7 +88,7 @@ def _at_once(api: Api, path: Path, size_bytes: int, sha256: str, given: _Asked, 
     headers = about_file(path, size_bytes, sha256)
     request = api.request("POST", f"/{given.role}s", params=params, headers=headers | once(key), stream=FilePart(path))
     response = yield from answered(api, request)
-    return Medium.of(body_of(response))
+    return body_of(response, Medium.of)
 
 
 def _in_pieces(api: Api, path: Path, size_bytes: int, sha256: str, given: _Asked, key: str | None) -> Flow[Medium]:
