@@ -80,10 +80,8 @@ def upload_state(api: Api, upload: UploadLink | Upload | httpx.URL | str) -> Flo
     """How much of a file is there, by its link, or by its id for who has the key: `media` is what it has become."""
     if isinstance(upload, Upload):
         upload = upload.id
-    if isinstance(upload, str) and "/" not in upload:
-        url = api.at(path_to("uploads", upload))
-    else:
-        url = _address(api, upload)
+    by_id = path_to("uploads", upload) if isinstance(upload, str) and "/" not in upload else None
+    url = _address(api, upload) if by_id is None else api.at(by_id)
     return body_of((yield from answered(api, api.request("GET", url))), Upload.of)
 
 
