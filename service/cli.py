@@ -30,6 +30,7 @@ from service.processes import JOBS, KINDS, WorkerProcess, worker_command, worker
 from service.queue import make_folders
 from service.room import Room
 from service.settings import Settings
+from service.version import VERSION
 
 log = structlog.get_logger(__name__)
 
@@ -64,6 +65,21 @@ def main() -> None:
         refuse(f"the database cannot be used: {error.orig}", CANNOT_START)
     except BaseError as error:
         refuse(f"the storage cannot be used: {error}", CANNOT_START)
+
+
+def _tell_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"pvg-service {VERSION}")
+        raise typer.Exit
+
+
+@cli.callback()
+def _before(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_tell_version, is_eager=True, help="Tell its number, and end.")
+    ] = False,
+) -> None:
+    pass
 
 
 @cli.command()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import Final
 
 from fastapi import Depends, FastAPI
 from fastapi.routing import APIRoute
@@ -22,9 +21,7 @@ from service.api.routers import OPEN_ROUTERS, ROOT_ROUTERS, ROUTERS, TUS_ROUTERS
 from service.api.routers.uploads import speak
 from service.api.services import make_services
 from service.settings import Settings
-
-#: of the description of the interface; what its addresses begin with is `PREFIX`
-API_VERSION: Final = "0.1.0"
+from service.version import VERSION
 
 
 def create_app(settings: Settings | None = None) -> FastAPI:
@@ -50,7 +47,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app = FastAPI(
         title="Face colour transfer for portrait video",
         description="Upload a clip once; it is vectorised once. Each transfer only recolours it.",
-        version=API_VERSION,
+        version=VERSION,
         lifespan=lifespan,
         # FastAPI would send traces, with bodies and messages in them, where the environment says so
         telemetry={"tracing": False, "metrics": False, "logs": False, "auto_configure": False},
