@@ -35,3 +35,12 @@ def test_pages_and_sections_that_are_named_exist() -> None:
             if section not in heads:
                 missing.append((path.name, f"{page}, {section}"))
     assert missing == []
+
+
+def test_every_warning_of_a_face_is_explained() -> None:
+    folder = ROOT / "pvg" / "vectorization"
+    texts = [(folder / name).read_text() for name in ("vector_face.py", "plausible.py")]
+    given = [said for text in texts for said in re.findall(r'\.append\(\s*f?"([^"{,:;]+)', text)]
+    table = (ROOT / "docs" / "api.md").read_text().partition("\n| a warning of its face |")[2].partition("\n\n")[0]
+    explained = [said.partition(" …")[0] for said in re.findall(r"`([^`]+)`", table)]
+    assert sorted(said.strip() for said in given) == sorted(explained)
