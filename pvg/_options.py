@@ -234,7 +234,11 @@ def _add_reading(parser: argparse.ArgumentParser) -> None:
         default="auto",
         help="how the clip is coded; auto believes its tags, logarithms of cameras must be named",
     )
-    parser.add_argument("--strict", action="store_true", help="refuse a clip whose end is cut off")
+    parser.add_argument(
+        "--strict",
+        action="store_true",
+        help="refuse a clip whose end is cut off, whose colour tags or range change, or that goes on interlaced",
+    )
 
 
 def _add_source(parser: argparse.ArgumentParser) -> None:
@@ -261,7 +265,7 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="quality, lower is better: h264 0-51 (default 18), hevc 0-51 (20), vp9 0-63 (28), av1 0-63 (26)",
     )
-    parser.add_argument("--preset", choices=PRESETS, help="effort of h264 and hevc (default veryfast), vp9 and av1")
+    parser.add_argument("--preset", choices=PRESETS, help="effort of h264, hevc, vp9 and av1 (default veryfast)")
     parser.add_argument("--audio", choices=AUDIOS, default="copy", help="all sound tracks of the clip, or none")
 
 

@@ -70,8 +70,9 @@ def render(
     .webp for an image, which keeps its profile, EXIF, alpha and, in PNG and TIFF, its 16 bits. A binary stream in the
     place of a path is written to as "nut" (None) or "y4m".
     codec: "auto", "h264", "hevc", "vp9" or "av1", or for editing "prores" (422 HQ), "prores4444", "dnxhr", "ffv1";
-    crf, preset: the encoder's own scales;  audio: "copy" or "none", all sound tracks or no sound. A picture has none of
-    these four, which are then those of clips that the same options are for.
+    crf, preset: the encoder's own scales, by default 18 (h264), 20 (hevc), 28 (vp9) or 26 (av1), and "veryfast";
+    audio: "copy" or "none", all sound tracks or no sound. A picture has none of these four, which are then those of
+    clips that the same options are for.
     pictures: NUT or YUV4MPEG2, whose frames are drawn on instead of the clip's, of the same size and number; tracks
     and tags are then those of the clip, where it is there.
     Tracks, chapters, tags, timecode, HDR10 metadata and fields of the clip go along as far as the container and the

@@ -81,7 +81,8 @@ def vectorize(
     "landmarks" and "best frame".
     limits: what is accepted, whenever the clip is read; to `open_asset` they are said again.
     min_face_px: of faces that are followed;  advised_face_px: narrower ones get a warning;  seed: of the pixels that
-    the least-squares fit draws.  strict: a clip whose end is cut off is refused; else its frames up to there are used.
+    the least-squares fit draws.  strict: a clip whose end is cut off, whose colour tags or range change, or that goes
+    on interlaced, is refused; else its frames up to there are used, and all are read as the first one, with a warning.
     Raises `MediaError` (not a video or image, damaged, over a limit), `NoFaceError`, and `FaceTooSmallError` when
     every face is narrower than `min_face_px`. Before any frame is read: `ValueError` for an option that is none of
     these and for an asset in the place of the source, `OSError` where the asset cannot be written. A file that is there

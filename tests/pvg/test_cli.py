@@ -395,7 +395,7 @@ def test_the_help_says_the_qualities_and_efforts_that_are_taken(run: Run) -> Non
     (name, most, crf), *others = scales
     line = ", ".join([f"{name} 0-{most} (default {crf})", *(f"{name} 0-{most} ({crf})" for name, most, crf in others)])
     assert f"quality, lower is better: {line}" in said
-    assert f"effort of h264 and hevc (default {ENCODERS['h264'].preset})" in said
+    assert f"effort of h264, hevc, vp9 and av1 (default {ENCODERS['h264'].preset})" in said
     assert ENCODERS["h264"].preset == ENCODERS["hevc"].preset
 
 

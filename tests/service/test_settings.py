@@ -118,6 +118,23 @@ def test_the_documentation_says_of_every_setting_what_the_class_does() -> None:
     assert all(field.description for field in Settings.model_fields.values())
 
 
+def test_the_documentation_of_uploads_has_the_limits_that_hold_by_default() -> None:
+    text = (PAGE.parent / "api.md").read_text()
+    table = text.partition("| limit of an upload | by default |\n|---|---|\n")[2].partition("\n\n")[0]
+    figures = [int(one.replace(",", "")) for one in re.findall(r"^\| [^|]+ \| ([0-9,]+)", table, re.MULTILINE)]
+    told = Settings()
+    assert figures == [
+        told.max_upload_bytes,
+        told.max_pixels,
+        told.max_frames,
+        told.max_duration_s,
+        told.max_frame_rate,
+        told.max_streams,
+        told.min_face_px,
+        told.warn_face_px,
+    ]
+
+
 @pytest.mark.parametrize("setting", FROM_FILES)
 def test_a_secret_may_be_in_a_file(setting: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     secret, variable = "postgresql://u:p%40@h/d-and-so-on-and-on", f"PVG_{setting.upper()}"

@@ -272,6 +272,18 @@ def test_the_codecs_are_the_methods_but_for_those_of_pipes() -> None:
     assert {name: one.crf_most for name, one in encoders.ENCODERS.items() if one.crf is not None} == MAX_CRF
 
 
+def test_the_qualities_and_efforts_that_are_usual_are_said_in_numbers() -> None:
+    scales = {name: one for name, one in encoders.ENCODERS.items() if one.crf is not None}
+    qualities = ", ".join(f"{one.crf} ({name})" for name, one in scales.items())
+    assert qualities in (Path(__file__).parents[2] / "docs" / "api.md").read_text()
+    assert qualities in str(OutputRequest.model_fields["crf"].description)
+    assert qualities.replace(", 26", " or 26") in " ".join(str(pvg.render.__doc__).split())
+    for codec in scales:
+        said = encoders.encoder_options(codec, None, "veryfast")
+        assert said == encoders.encoder_options(codec, None, None), "veryfast is the effort that is not asked for"
+    assert "veryfast" in str(OutputRequest.model_fields["preset"].description)
+
+
 def test_parts_are_as_long_as_the_method_says_and_all_that_clips_are_written_as_can_be_joined() -> None:
     assert Settings().part_s == PART_S
     assert all(can_join(container, codec) for container in HELD for codec in ("auto", *HELD[container]))

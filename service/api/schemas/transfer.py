@@ -112,9 +112,10 @@ class OutputRequest(Request):
     container: ContainerName | None = Field(default=None, description="mp4 for clips and png for images when not given")
     codec: Codec = Field(default="auto", description="one that the container holds; auto: by the clip's depth")
     crf: Annotated[int, Field(ge=0, le=63), WHOLE] | None = Field(
-        default=None, description="quality: lower is better and larger"
+        default=None,
+        description="quality, lower is better and larger; 18 (h264), 20 (hevc), 28 (vp9), 26 (av1) when not given",
     )
-    preset: Preset | None = None
+    preset: Preset | None = Field(default=None, description="effort; veryfast when not given")
     audio: Audio = Field(default="copy", description="all sound tracks of the clip, or none")
     extras: Annotated[list[Extra], AS_SET] = Field(
         default=[],
@@ -170,7 +171,7 @@ class TransferRequest(Request):
 
 
 class SwapRequest(_ColorOptions):
-    """The colours of ``a`` on ``b`` and of ``b`` on ``a``; without ``b``, two ``faces`` of ``a`` exchange theirs."""
+    """``a`` with the colours of ``b``, then ``b`` with those of ``a``; without ``b``, two ``faces`` exchange theirs."""
 
     a: MediaId
     b: MediaId | None = Field(default=None, description="another video; without it, two faces of `a` are exchanged")
