@@ -205,8 +205,12 @@ def _has_own_tables(settings: Settings) -> bool:
 
 @cli.command("health")
 def tell_health(
-    worker: Annotated[bool, typer.Option("--worker", help="Of this machine's workers of jobs.")] = False,
-    previews: Annotated[bool, typer.Option("--previews", help="Of this machine's workers of previews.")] = False,
+    worker: Annotated[
+        bool, typer.Option("--worker", help="Check this machine's workers of jobs instead of the API.")
+    ] = False,
+    previews: Annotated[
+        bool, typer.Option("--previews", help="Check this machine's workers of previews instead of the API.")
+    ] = False,
 ) -> None:
     """Say whether the API at this machine's port, or a worker, is well; exit code 1 when it is not."""
     if worker and previews:
@@ -221,7 +225,11 @@ def migrate(
         typer.Option(metavar="VERSION", help="Such as 0011; an older one loses what is newer."),
     ] = None,
     open_to_all: Annotated[
-        bool, typer.Option("--open-to-all", help="Though there are keys, and the older version knows none.")
+        bool,
+        typer.Option(
+            "--open-to-all",
+            help="Allow a version without keys, although keys exist: everything becomes visible to everyone.",
+        ),
     ] = False,
 ) -> None:
     """Bring the database to the version of this code, or to another one of which this code knows."""
@@ -252,7 +260,9 @@ def _workers_heard_of(settings: Settings) -> int:
 
 @cli.command()
 def gc(
-    even_most: Annotated[bool, typer.Option("--even-most", help="Though more than half of all files go.")] = False,
+    even_most: Annotated[
+        bool, typer.Option("--even-most", help="Go on even if more than half of all files would be deleted.")
+    ] = False,
 ) -> None:
     """Remove what is past its retention, and files that no record names."""
     from service.api import make_services  # noqa: PLC0415 - half of the start, and other commands do without
