@@ -36,6 +36,14 @@ CALLS: dict[str, Callable[[Client], Any]] = {
     "usage": lambda client: client.usage(),
     "limits": lambda client: client.limits(),
 }
+#: of those whose answers are no JSON
+OTHERS: dict[str, Callable[[Client], Any]] = {
+    "delete": lambda client: client.delete("vid_1"),
+    "preview": lambda client: client.preview("vid_1"),
+    "frame": lambda client: client.frame("vid_1", 0),
+    "poster": lambda client: client.poster("vid_1"),
+    "thumbnail": lambda client: client.thumbnail("vid_1", 0),
+}
 #: what no call takes for its answer
 BODIES = (b"<html>log in</html>", b"", b"\xff", b"[1]", b"null", b'{"hello": 1}', b"[" * 100_000, b'{"data": [1]}')
 
@@ -46,12 +54,12 @@ def told_by(call: Callable[[], object]) -> None:
     assert not caught.value.worth_another
 
 
-@pytest.mark.parametrize("call", CALLS)
+@pytest.mark.parametrize("call", [*CALLS, *OTHERS])
 def test_a_body_of_somebody_else_is_told(call: str) -> None:
     for body in BODIES:
         script = Script(httpx.Response(200, content=body))
         with Client("http://service.test", transport=script) as client:
-            told_by(lambda client=client: CALLS[call](client))  # type: ignore[misc]
+            told_by(lambda client=client: (CALLS | OTHERS)[call](client))  # type: ignore[misc]
         assert len(script.requests) == 1
 
 

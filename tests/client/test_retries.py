@@ -281,7 +281,8 @@ def test_members_of_later_versions_are_passed_over() -> None:
 
 
 def test_a_preview_is_asked_for_as_it_is_wanted() -> None:
-    script = Script(*[httpx.Response(200, content=b"picture") for _ in range(2)])
+    shown = {"Content-Type": "image/png"}
+    script = Script(*[httpx.Response(200, content=b"picture", headers=shown) for _ in range(2)])
     with Client(transport=script) as client:
         look = Look("ref_1", strength=0.5)
         assert client.preview("vid_1", look, frame=0, crop=(0, 0, 64, 64), format="png", before=True) == b"picture"

@@ -7,7 +7,7 @@ from typing import Final
 
 import httpx
 
-from pvg_client.calls import Api, Flow, Params, Patience, asked, attempt
+from pvg_client.calls import Api, Flow, Params, Patience, asked, attempt, understood
 from pvg_client.errors import ApiError, UnreachableError
 from pvg_client.models import Medium, Result, id_of, role_of
 from pvg_client.pages import Listing
@@ -48,7 +48,7 @@ def delete(api: Api, thing: Medium | Result | str, *, cancel_jobs: bool = False)
     patience, unsure = Patience(api), False
     while True:
         try:
-            yield from attempt(request)
+            understood(request.url, _deleted, (yield from attempt(request)))
         except UnreachableError as error:
             unsure = True
             yield from patience.after(error)
@@ -60,6 +60,11 @@ def delete(api: Api, thing: Medium | Result | str, *, cancel_jobs: bool = False)
             yield from patience.after(error)
         else:
             return
+
+
+def _deleted(response: httpx.Response) -> None:
+    if response.status_code != httpx.codes.NO_CONTENT:
+        raise ValueError("this service answers a deletion with 204")
 
 
 def path_of(medium_id: str) -> str:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-from pvg_client.calls import Api, Flow, answered
+import httpx
+
+from pvg_client.calls import Api, Flow, answered, understood
 from pvg_client.media import path_of
 from pvg_client.models import Look, Medium, id_of
 from pvg_client.paths import path_to
@@ -46,21 +48,31 @@ def preview(
     }
     body = {"video": id_of(video)} | {name: value for name, value in given.items() if value is not None}
     # it changes nothing, so that it may be sent again without a key
-    return (yield from answered(api, api.request("POST", "/preview", body=body))).content
+    return (yield from _asked(api, api.request("POST", "/preview", body=body)))
 
 
 def frame(api: Api, medium: Medium | str, number: int, *, layer: Layer = "image") -> Flow[bytes]:
     """A frame of a video or a reference that is ready, from 0, or a layer of it, as the bytes of a PNG."""
     where = path_of(id_of(medium)) + path_to("frames", str(number))
-    return (yield from answered(api, api.request("GET", where, params=[("layer", layer)]))).content
+    return (yield from _asked(api, api.request("GET", where, params=[("layer", layer)])))
 
 
 def poster(api: Api, medium: Medium | str) -> Flow[bytes]:
     """A small picture of a medium that is ready, as the bytes of a JPEG: its longer side is 640 px at most."""
-    return (yield from answered(api, api.request("GET", path_of(id_of(medium)) + "/poster"))).content
+    return (yield from _asked(api, api.request("GET", path_of(id_of(medium)) + "/poster")))
 
 
 def thumbnail(api: Api, medium: Medium | str, face: int) -> Flow[bytes]:
     """A face of a medium that is ready, by its index, as the bytes of a JPEG of 160 by 160 px."""
     where = path_of(id_of(medium)) + path_to("faces", str(face), "thumbnail")
-    return (yield from answered(api, api.request("GET", where))).content
+    return (yield from _asked(api, api.request("GET", where)))
+
+
+def _asked(api: Api, request: httpx.Request) -> Flow[bytes]:
+    return understood(request.url, _picture, (yield from answered(api, request)))
+
+
+def _picture(response: httpx.Response) -> bytes:
+    if not response.headers["content-type"].startswith("image/"):
+        raise ValueError("it is no picture")
+    return response.content
