@@ -8,7 +8,8 @@ from pvg.landmarks.identity import FaceShape, face_proportions, frontal_ratios, 
 from pvg.landmarks.mesh import Mesh, Region, fit_landmarks, region_of_detection, region_of_points
 from pvg.landmarks.pose import head_pose
 from pvg.landmarks.smoothing import smooth
-from pvg.landmarks.tracking import FaceTrack, FaceTracker, FaceTracks, OpenTrack, track_faces
+from pvg.landmarks.tracking import FaceTracker, track_faces
+from pvg.landmarks.tracks import FaceTrack, FaceTracks, OpenTrack
 
 __all__ = [
     "Detection",

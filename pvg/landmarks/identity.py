@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from pvg._arrays import Doubles, Floats
 from pvg.face import layout
-from pvg.landmarks.tracking import FaceTrack
+from pvg.landmarks.tracks import FaceTrack
 
 _FRONTAL_DEG = (20.0, 30.0)  # yaw, pitch
 _LEAST_FRAMES = 5

@@ -16,7 +16,7 @@ from scipy import sparse
 
 from pvg._arrays import smoothstep
 from pvg.face import Landmarks
-from pvg.landmarks.tracking import FaceTrack, fill_gaps
+from pvg.landmarks.tracks import FaceTrack, fill_gaps
 
 Array = npt.NDArray[np.float64]
 

@@ -2,35 +2,30 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
 from operator import itemgetter
 
 import numpy as np
 import numpy.typing as npt
 
-from pvg._arrays import Bools, Floats, Ints
-from pvg.face import Landmarks, layout
+from pvg._arrays import Floats
+from pvg.face import Landmarks
 from pvg.landmarks.cuts import CutDetector
 from pvg.landmarks.detector import Detection, box_iou, detect_faces
 from pvg.landmarks.mesh import Mesh, Region, fit_landmarks, region_of_points
 from pvg.landmarks.motion import carried, share_inside
 from pvg.landmarks.pose import head_pose
 from pvg.landmarks.replacing import EVERY, LAG, FaceViews
+from pvg.landmarks.tracks import FACE_GATE, FaceTracks, OpenTrack, box_of
 from pvg.picture import Picture, as_picture
 
 ByteArray = npt.NDArray[np.uint8]
 
-FACE_GATE = 0.5
 DETECT_EVERY = 6
 """Frames from one run of the detector to the next: until then the skin of who comes in may count as another person's.
 It costs half a millisecond a frame."""
 MIN_SEEN, MIN_SEEN_IN_SHOT = 5, 2
-CONFIRMED_SCORE = 0.95
-"""A track counts as a face when its median score and MIN_SEEN frames reach this, or all of a shorter shot. Faces of the
-test clips have medians above 0.97 however small or dark; lettering and cartoons that pass the frame gate stay below
-0.93 or are brief."""
+"""Frames that show a face with confidence before its track counts, or all of a shorter shot."""
 SAME_FACE_IOU, SAME_FACE_WITHIN = 0.4, 0.8
 REJOIN_DISTANCE = 1.0
 REJOIN_SIZE_RATIO = 1.6
@@ -40,152 +35,6 @@ second the mesh fits worse than its points go with the picture, with fewer than 
 _CLEARLY_LIKER, _SURELY_LIKE = 0.2, 0.8  # correlations of views of a face
 BLIND_FITS = 5
 """How many frames a lost face is still looked for where it was last; after that only the detector looks."""
-
-
-@dataclass(frozen=True)
-class FaceTrack:
-    """One face over consecutive frames of one shot.
-
-    first: index of its first frame; landmarks: of n frames, source pixels; score: (n,) float32 in [0, 1], 0 where the
-    face was not seen and its points are interpolated;
-    pose: (n, 3) float32 yaw, pitch, roll in degrees.
-    """
-
-    first: int
-    landmarks: Landmarks
-    score: Floats
-    pose: Floats
-
-    @property
-    def last(self) -> int:
-        """Index of the last frame."""
-        return self.first + len(self.score) - 1
-
-    @property
-    def width_px(self) -> float:
-        """Median extent of the face contour, in source pixels, over the frames that show it.
-
-        The longer of its extents in x and y, so that a turned or leaning head does not count as a small face.
-        """
-        return float(np.median(self.extents[self.score > 0]))
-
-    @property
-    def extents(self) -> Floats:
-        """(n,) the longer extent of the face contour in x or y in every frame, source pixels."""
-        return np.asarray(np.ptp(self.landmarks.points[:, layout.CONTOUR], axis=1).max(axis=1), np.float32)
-
-
-@dataclass(frozen=True)
-class FaceTracks:
-    """All faces of a clip.
-
-    tracks: ordered by first frame, then from left to right; cuts: first frame of every shot but the first;
-    frame_count: how many frames were looked at.
-    """
-
-    tracks: tuple[FaceTrack, ...]
-    cuts: tuple[int, ...]
-    frame_count: int
-
-
-@dataclass(frozen=True, eq=False)
-class Seen:
-    """A face in one frame: its landmarks, the mesh's score in [0, 1], and (3,) yaw, pitch, roll in degrees."""
-
-    landmarks: Landmarks
-    score: float
-    pose: Floats
-
-
-@dataclass(eq=False)
-class OpenTrack:
-    """A face being followed. `frames` and `seen` run parallel and skip the frames where it was not seen.
-
-    first: its first frame, also once the beginning is forgotten; last_mesh: where it was last seen; scores: of all
-    frames that showed it whole; has_left: whether it left the picture after them.
-    """
-
-    first: int
-    last_mesh: Mesh
-    frames: list[int] = field(default_factory=list)
-    seen: list[Seen] = field(default_factory=list)
-    scores: list[float] = field(default_factory=list)
-    has_left: bool = False
-
-    def add(self, index: int, mesh: Mesh) -> None:
-        """The face was seen in frame `index`."""
-        self.scores.append(mesh.score)
-        self._append(index, mesh)
-
-    def carry(self, index: int, mesh: Mesh) -> None:
-        """Part of the face is in frame `index`, its points moved with the picture: this says nothing of what it is."""
-        self._append(index, replace(mesh, score=FACE_GATE))
-
-    def _append(self, index: int, mesh: Mesh) -> None:
-        self.has_left = False
-        self.frames.append(index)
-        self.seen.append(Seen(Landmarks.from_mesh(mesh.points), mesh.score, head_pose(mesh)))
-        self.last_mesh = mesh
-
-    @property
-    def last(self) -> int:
-        """The last frame that showed it."""
-        return self.frames[-1]
-
-    @property
-    def is_carried(self) -> bool:
-        """Whether where it was last seen its points went with the picture."""
-        return self.seen[-1].score <= FACE_GATE
-
-    @property
-    def box(self) -> Floats:
-        """(4,) x0, y0, x1, y1 of the mesh where it was last seen."""
-        return _box(self.last_mesh.points)
-
-    def is_confident(self, enough: int) -> bool:
-        """Whether at least `enough` of its frames, and most of them, were seen with confidence."""
-        scores = np.array(self.scores)
-        confident = scores >= CONFIRMED_SCORE
-        return int(confident.sum()) >= enough and float(np.median(scores)) >= CONFIRMED_SCORE
-
-    def raw(self, start: int | None = None) -> FaceTrack:
-        """The track so far, gaps filled linearly, from the last frame at or before `start` that showed the face."""
-        begin = 0 if start is None else max(0, bisect_right(self.frames, start) - 1)
-        seen = np.array(self.frames[begin:])
-        every = np.arange(seen[0], seen[-1] + 1)
-        rows = self.seen[begin:]
-        score = np.zeros(len(every), np.float32)
-        score[seen - seen[0]] = [row.score for row in rows]
-        stacked = np.stack([row.landmarks.stacked for row in rows])
-        return FaceTrack(
-            first=int(seen[0]),
-            landmarks=Landmarks.unstack(fill_gaps(stacked, seen, every)),
-            score=score,
-            pose=fill_gaps(np.stack([row.pose for row in rows]), seen, every),
-        )
-
-    def forget(self, frame: int) -> None:
-        """Drop what came before the last frame at or before `frame` that showed the face."""
-        begin = max(0, bisect_right(self.frames, frame) - 1)
-        del self.frames[:begin], self.seen[:begin]
-
-    def shows(self, start: int, stop: int) -> Bools:
-        """(stop − start,) whether each frame showed the face; it must not be forgotten."""
-        shown = np.zeros(stop - start, np.bool_)
-        shown[np.array(self.frames[bisect_left(self.frames, start) : bisect_left(self.frames, stop)], int) - start] = (
-            True
-        )
-        return shown
-
-
-def fill_gaps(values: Floats, seen: Ints, every: Ints) -> Floats:
-    """Interpolate values (n, …) known at frames `seen` linearly to the frames `every`."""
-    if len(seen) == len(every):
-        return values
-    after = np.clip(np.searchsorted(seen, every), 1, len(seen) - 1)
-    share = (every - seen[after - 1]) / (seen[after] - seen[after - 1])
-    share = share.reshape(-1, *[1] * (values.ndim - 1))
-    return np.asarray(values[after - 1] * (1 - share) + values[after] * share, np.float32)
 
 
 def track_faces(
@@ -290,7 +139,7 @@ class FaceTracker:
                     continue
             if mesh is not None:
                 found.append((track, mesh))
-        boxes = np.stack([_box(mesh.points) for _, mesh in found]) if found else np.empty((0, 4), np.float32)
+        boxes = np.stack([box_of(mesh.points) for _, mesh in found]) if found else np.empty((0, 4), np.float32)
         for (_, mesh), box in zip(found, boxes, strict=True):
             if not self._taken(index, box):
                 same = [found[k][0] for k in np.flatnonzero(box_iou(box, boxes) > SAME_FACE_IOU)]
@@ -345,7 +194,7 @@ class FaceTracker:
             if self._taken(index, detection.box):
                 continue
             mesh = self._fit(picture, detection)
-            if mesh is None or self._taken(index, _box(mesh.points)):
+            if mesh is None or self._taken(index, box_of(mesh.points)):
                 continue
             track = self._continued(index, mesh, picture)
             if track is None:
@@ -386,7 +235,7 @@ class FaceTracker:
     def _lost_near(self, index: int, mesh: Mesh) -> list[tuple[float, OpenTrack]]:
         """The open tracks not seen in this frame that are near a face in place and size, and how far in its sizes."""
         near: list[tuple[float, OpenTrack]] = []
-        box = _box(mesh.points)
+        box = box_of(mesh.points)
         side = float((box[2:] - box[:2]).max())
         for track in self.open:
             if track.last == index:
@@ -418,7 +267,3 @@ def _share_within(box: Floats, other: Floats) -> float:
     """Share of a box (4,) x0, y0, x1, y1 that lies in another."""
     both = np.minimum(box[2:], other[2:]) - np.maximum(box[:2], other[:2])
     return float(np.prod(np.maximum(both, 0)) / max(np.prod(box[2:] - box[:2]), 1e-6))
-
-
-def _box(points: Floats) -> Floats:
-    return np.concatenate([points.min(axis=0), points.max(axis=0)])

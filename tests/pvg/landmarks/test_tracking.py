@@ -10,7 +10,7 @@ import pytest
 from pvg.landmarks import FaceTracker, Mesh, smooth, track_faces
 from pvg.landmarks.detector import box_iou
 from pvg.landmarks.motion import share_inside
-from pvg.landmarks.tracking import FACE_GATE, OpenTrack
+from pvg.landmarks.tracks import FACE_GATE, OpenTrack
 from pvg.picture import as_picture
 from scripts.samples import Samples
 from tests.gallery.faces import fit_surest, read_rgb
