@@ -28,7 +28,7 @@ RECOLORED, RECOLORED_CHANGE, RECOLORED_UNLIKENESS = 0.5, 20.0, 0.15
 """Share of the pixels that change their colour bin, with the least change and unlikeness that must come with it: two
 shots framed alike, which a change of exposure is not."""
 DISSOLVE_REACH = 8
-"""Frames on either side of the middle of a dissolve, which is seen when the last of them is."""
+"""Steps on either side of the middle of a dissolve, which is seen when the last of them is."""
 DISSOLVE_SHARE, DISSOLVE_LEFT = (0.45, 0.7), 0.25
 """Of the picture after in the one in the middle, and what of their difference is neither, rms. [measured: dissolves
 leave 0.07 to 0.18; zooms, pans and moving people 0.4 at least]"""
@@ -44,10 +44,13 @@ class CutDetector:
     cut some frames after its middle: there the picture is a mean of two that have nothing in common.
     """
 
-    def __init__(self, remembered: int = 0) -> None:
-        """remembered: how many frames back `is_another_since` is to look."""
+    def __init__(self, remembered: int = 0, step: int = 1) -> None:
+        """remembered: how many steps back `is_another_since` is to look;  step: see `frames_a_step`."""
+        self._step = step
+        self._taken = 0  # frames
         self._histogram: npt.NDArray[np.float32] | None = None  # of the frame before
-        # luma of the frames before, of this shot
+        self._last: npt.NDArray[np.float32] | None = None  # its luma
+        # luma of the frames before, one a step, of this shot
         self._recent: deque[npt.NDArray[np.float32]] = deque(maxlen=max(2 * DISSOLVE_REACH, remembered) + 1)
 
     def is_cut(self, frame: Picture | Bytes) -> bool:
@@ -55,38 +58,39 @@ class CutDetector:
         small = as_picture(frame).thumbnail(THUMBNAIL)
         luma = np.asarray(cv2.cvtColor(small, cv2.COLOR_RGB2GRAY), np.float32)
         cut = self._is_hard_cut(small, luma)
-        if not cut:
+        self._last = luma
+        if not cut and self._taken % self._step == 0:
             self._recent.append(luma)
             cut = len(self._recent) > 2 * DISSOLVE_REACH and _dissolved(
                 self._recent[-1 - 2 * DISSOLVE_REACH], self._recent[-1 - DISSOLVE_REACH], luma
             )
+        self._taken += 1
         if cut:
-            self._recent.append(luma)
             self.forget()
         return cut
 
-    def is_another_since(self, frames: int) -> bool:
-        """Whether the last picture has nothing in common with the one so many frames before it, of the same shot."""
-        if len(self._recent) <= frames:
+    def is_another_since(self, steps: int) -> bool:
+        """Whether the last picture has nothing in common with the one so many steps before it, of the same shot."""
+        if self._last is None or len(self._recent) <= steps:
             return False
-        before, now = self._recent[-1 - frames], self._recent[-1]
+        before, now = self._recent[-1 - steps], self._last
         changed = float(np.abs(now - before).mean()) > REPLACED_CHANGE
         return changed and _unlikeness(now, before) > REPLACED_UNLIKENESS and not _moved(now, before)
 
     def forget(self) -> None:
         """Start a new shot with the last picture."""
-        last = self._recent[-1]
         self._recent.clear()
-        self._recent.append(last)
+        if self._last is not None:
+            self._recent.append(self._last)
 
     def _is_hard_cut(self, small: Bytes, luma: npt.NDArray[np.float32]) -> bool:
         histogram = cv2.calcHist(
             [small], [0, 1, 2], None, [HISTOGRAM_BINS] * 3, [0, 256, 0, 256, 0, 256]
         ).ravel() / float(luma.size)
         histogram_before, self._histogram = self._histogram, np.asarray(histogram, np.float32)
-        if histogram_before is None:
+        before = self._last
+        if histogram_before is None or before is None:
             return False
-        before = self._recent[-1]
         change = float(np.abs(luma - before).mean())
         if change < MIN_CHANGE:
             return False

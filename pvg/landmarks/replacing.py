@@ -18,7 +18,7 @@ from pvg.picture import Picture
 from pvg.raster import scaled
 
 LAG, EVERY = 24, 3
-"""Frames from a view of a face to the one that it is compared with, and from one view to the next."""
+"""Steps from a view of a face to the one that it is compared with, and from one view to the next."""
 _LIKENESS = 0.5
 """Correlation of two views below which they show different people. [measured: one person in 24 frames 0.57 at least,
 but where heads turn or hands pass; frontal faces of different people 0.28 in the median, 0.71 at most for 95 %]"""
@@ -38,8 +38,12 @@ class _View:
 
 @dataclass
 class FaceViews:
-    """The views of one face over the last LAG frames, each EVERY frames from the one before."""
+    """The views of one face over the last LAG steps, each EVERY steps from the one before.
 
+    step: frames, see `frames_a_step`.
+    """
+
+    step: int = 1
     _views: deque[tuple[int, _View]] = field(default_factory=lambda: deque(maxlen=LAG // EVERY + 1))
 
     def add(self, frame: int, picture: Picture, landmarks: Landmarks, pose: Floats) -> None:
@@ -54,8 +58,8 @@ class FaceViews:
         return float((oldest.pixels * seen.pixels).sum()) if _comparable(oldest, seen) else None
 
     def show_another(self) -> bool:
-        """Whether the last two views show another person than the first two of LAG frames ago."""
-        if len(self._views) < LAG // EVERY + 1 or self._views[-1][0] - self._views[0][0] != LAG:
+        """Whether the last two views show another person than the first two of LAG steps ago."""
+        if len(self._views) < LAG // EVERY + 1 or self._views[-1][0] - self._views[0][0] != LAG * self.step:
             return False
         (first, second), (last_but_one, last) = ([self._views[k][1] for k in pair] for pair in ((0, 1), (-2, -1)))
         return _comparable(first, last) and all(

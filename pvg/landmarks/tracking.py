@@ -14,18 +14,25 @@ from pvg.landmarks.cuts import CutDetector
 from pvg.landmarks.detector import Detection, box_iou, detect_faces
 from pvg.landmarks.mesh import Mesh, Region, fit_landmarks, region_of_points
 from pvg.landmarks.motion import carried, share_inside
+from pvg.landmarks.pace import frames_a_step
 from pvg.landmarks.pose import head_pose
 from pvg.landmarks.replacing import EVERY, LAG, FaceViews
-from pvg.landmarks.tracks import FACE_GATE, FaceTracks, OpenTrack, box_of
+from pvg.landmarks.tracks import CONFIRMED_SCORE, FACE_GATE, FaceTracks, OpenTrack, box_of
 from pvg.picture import Picture, as_picture
 
 ByteArray = npt.NDArray[np.uint8]
 
-DETECT_EVERY = 6
-"""Frames from one run of the detector to the next: until then the skin of who comes in may count as another person's.
-It costs half a millisecond a frame."""
-MIN_SEEN, MIN_SEEN_IN_SHOT = 5, 2
-"""Frames that show a face with confidence before its track counts, or all of a shorter shot."""
+MAX_FACES = 16
+"""Followed at a time, since each costs its time in every frame."""
+FOLLOWED_PX = 24.0
+"""Narrower faces are followed only where they are asked for."""
+_LARGER = 1.5  # times as wide as who gives its place to it: less, and two faces would take turns
+DETECT_EVERY, _DETECTIONS_A_SECOND = 6, 4
+"""Frames from one run of the detector to the next, and how many runs a second there are at least, where every frame has
+no more: until then the skin of who comes in may count as another person's. It costs half a millisecond a frame."""
+MIN_SEEN, MIN_SEEN_IN_SHOT, _SHOWN_S = 5, 2, 1 / 12
+"""Frames that show a face with confidence before its track counts, or all of a shorter shot: of one frame where that
+lasts as long. A shot of one frame at 25 a second is a flash or a fault."""
 SAME_FACE_IOU, SAME_FACE_WITHIN = 0.4, 0.8
 REJOIN_DISTANCE = 1.0
 REJOIN_SIZE_RATIO = 1.6
@@ -40,16 +47,18 @@ BLIND_FITS = 5
 def track_faces(
     frames: Iterable[tuple[int, Picture | ByteArray]],
     *,
-    max_faces: int = 8,
-    min_face_px: float = 24.0,
+    max_faces: int = MAX_FACES,
+    min_face_px: float = FOLLOWED_PX,
     frame_rate: float = 25.0,
 ) -> FaceTracks:
     """Follow up to max_faces faces at a time through consecutive frames.
 
     frames: (index, picture or (H, W, 3) uint8 RGB), indices rising by one. The detector runs on the first frame of a
-    shot, while a face is lost and every 6 frames; otherwise each face's crop follows its last landmarks. A track
-    ends at a cut or when its face stays away for more than a second (frame_rate frames). Faces whose mesh measures
-    less than min_face_px across its longer side are not followed. The points are raw: see `smooth`. Raises ModelError
+    shot, while a face is lost and every 6 frames, of slow clips four times a second; otherwise each face's crop
+    follows its last landmarks. A track ends at a cut or when its face stays away for more than a second (frame_rate
+    frames). Of more faces than max_faces the narrowest gives its place to one that is half as wide again, or at least
+    min_face_px wide where it is not; the others are counted. Faces whose mesh measures less than 24 px, or min_face_px
+    where that is less, across its longer side are not followed. The points are raw: see `smooth`. Raises ModelError
     without weights, ValueError when an index is skipped.
     """
     tracker = FaceTracker(max_faces=max_faces, min_face_px=min_face_px, frame_rate=frame_rate)
@@ -62,20 +71,26 @@ class FaceTracker:
     """Follows faces through frames given one at a time; see `track_faces`.
 
     open: the faces being followed, oldest first;  closed: those that ended;  cuts: first frames of the shots but the
-    first;  frame_count: frames seen.
+    first;  frame_count: frames seen;  left_out: see `FaceTracks`.
     """
 
-    def __init__(self, *, max_faces: int = 8, min_face_px: float = 24.0, frame_rate: float = 25.0) -> None:
+    def __init__(
+        self, *, max_faces: int = MAX_FACES, min_face_px: float = FOLLOWED_PX, frame_rate: float = 25.0
+    ) -> None:
         self._max_faces = max_faces
         self._min_face_px = min_face_px
         self._max_lost = round(frame_rate)
-        self._cut_detector = CutDetector(remembered=LAG)
+        self._detect_every = max(1, min(DETECT_EVERY, round(frame_rate / _DETECTIONS_A_SECOND)))
+        self._min_seen_in_shot = max(1, min(MIN_SEEN_IN_SHOT, round(frame_rate * _SHOWN_S)))
+        self._step = frames_a_step(frame_rate)
+        self._cut_detector = CutDetector(remembered=LAG, step=self._step)
         self._views: dict[OpenTrack, FaceViews] = {}
         self._replaced = False  # whether another person took a face's place in the frame before
         self.cuts: list[int] = []
         self.open: list[OpenTrack] = []
         self.closed: list[OpenTrack] = []
         self.frame_count = 0
+        self.left_out = 0
         self._last_detection: int | None = None
         self._expected: int | None = None
         self._before: Picture | None = None
@@ -97,7 +112,7 @@ class FaceTracker:
             self._before = None
         self._follow(index, picture)
         lost = any(track.last != index for track in self.open)
-        due = self._last_detection is None or index - self._last_detection >= DETECT_EVERY
+        due = self._last_detection is None or index - self._last_detection >= self._detect_every
         if due or lost or not self.open:
             # tiles cost four more runs, so a clip without faces pays for them only now and then
             self._acquire(index, detect_faces(picture, tiles=due and not self.open), picture)
@@ -107,12 +122,12 @@ class FaceTracker:
         self.closed += [track for track in self.open if index - track.last > self._max_lost]
         self.open = kept
         self._before = picture if kept else None
-        if index % EVERY == 0:
+        if index % (EVERY * self._step) == 0:
             self._look(index, picture)
 
     def _look(self, index: int, picture: Picture) -> None:
         """See whether another person has taken a face's place."""
-        self._views = {track: self._views.get(track, FaceViews()) for track in self.open}
+        self._views = {track: self._views.get(track, FaceViews(self._step)) for track in self.open}
         seen = [track for track in self.open if track.last == index and not track.is_carried]
         for track in seen:
             self._views[track].add(index, picture, track.seen[-1].landmarks, track.seen[-1].pose)
@@ -189,7 +204,8 @@ class FaceTracker:
         return carried(track.last_mesh, self._before, picture)
 
     def _acquire(self, index: int, detections: tuple[Detection, ...], picture: Picture) -> None:
-        """Give detections nobody follows to lost tracks nearby, or to new ones."""
+        """Give detections nobody follows to lost tracks nearby, or to new ones, and count those left out."""
+        left_out = 0
         for detection in detections:
             if self._taken(index, detection.box):
                 continue
@@ -198,11 +214,30 @@ class FaceTracker:
                 continue
             track = self._continued(index, mesh, picture)
             if track is None:
-                if len(self.open) >= self._max_faces:
+                crowded_out = self._crowded_out(index, mesh) if len(self.open) >= self._max_faces else None
+                left_out += crowded_out is not None and self._is_wanted(crowded_out)
+                if crowded_out is mesh:
                     continue
                 track = OpenTrack(index, mesh)
                 self.open.append(track)
             track.add(index, mesh)
+        self.left_out = max(self.left_out, left_out)
+
+    def _crowded_out(self, index: int, mesh: Mesh) -> Mesh:
+        """Who has no place now that a new face needs one: that face itself, or the narrowest, whose track ends."""
+        narrowest = min(self.open, key=lambda track: _width(track.last_mesh))
+        width, least = _width(mesh), _width(narrowest.last_mesh)
+        gives_way = width >= _LARGER * least or width >= self._min_face_px > least
+        if not gives_way or mesh.score < CONFIRMED_SCORE:
+            return mesh
+        self.open.remove(narrowest)
+        if narrowest.first < index:
+            self.closed.append(narrowest)
+        return narrowest.last_mesh
+
+    def _is_wanted(self, mesh: Mesh) -> bool:
+        """Whether a mesh is a face for sure, and wide enough."""
+        return mesh.score >= CONFIRMED_SCORE and _width(mesh) >= self._min_face_px
 
     def _fit(self, picture: Picture, region: Region | Detection) -> Mesh | None:
         """The mesh, if it is a face, large enough, and has its centre in the picture."""
@@ -210,7 +245,7 @@ class FaceTracker:
         height, width = picture.size
         x, y = mesh.points.mean(axis=0)
         inside = 0 <= x < width and 0 <= y < height
-        if mesh.score < FACE_GATE or not inside or np.ptp(mesh.points, axis=0).max() < self._min_face_px:
+        if mesh.score < FACE_GATE or not inside or _width(mesh) < min(FOLLOWED_PX, self._min_face_px):
             return None
         return mesh
 
@@ -253,14 +288,21 @@ class FaceTracker:
         """Whether a track is neither too short nor too doubtful to be a face; finished: whether the clip has ended."""
         begin = max((cut for cut in self.cuts if cut <= track.first), default=0)
         end = next((cut for cut in self.cuts if cut > track.first), self.frame_count if finished else None)
-        enough = MIN_SEEN if end is None else min(MIN_SEEN, max(MIN_SEEN_IN_SHOT, end - begin))
+        enough = MIN_SEEN if end is None else min(MIN_SEEN, max(self._min_seen_in_shot, end - begin))
         return track.is_confident(min(enough, self.frame_count) if finished else enough)
 
     def result(self) -> FaceTracks:
         """All tracks without those too short or too doubtful to be a face."""
-        done = [track.raw() for track in self.closed + self.open if self.is_face(track, finished=True)]
+        every = self.closed + self.open
+        done = [track.raw() for track in every if self.is_face(track, finished=True)]
+        glimpsed = not done and any(track.is_confident(1) for track in every)
         done.sort(key=lambda track: (track.first, float(track.landmarks.points[0, :, 0].mean())))
-        return FaceTracks(tuple(done), tuple(self.cuts), self.frame_count)
+        return FaceTracks(tuple(done), tuple(self.cuts), self.frame_count, self.left_out, glimpsed)
+
+
+def _width(mesh: Mesh) -> float:
+    """The longer extent of a mesh in x or y, px."""
+    return float(np.ptp(mesh.points, axis=0).max())
 
 
 def _share_within(box: Floats, other: Floats) -> float:

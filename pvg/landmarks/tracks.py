@@ -57,12 +57,15 @@ class FaceTracks:
     """All faces of a clip.
 
     tracks: ordered by first frame, then from left to right; cuts: first frame of every shot but the first;
-    frame_count: how many frames were looked at.
+    frame_count: how many frames were looked at;  left_out: how many faces that were wide enough had no place, in the
+    frame with most of them;  glimpsed: whether there are no tracks, but something that was a face for too short a time.
     """
 
     tracks: tuple[FaceTrack, ...]
     cuts: tuple[int, ...]
     frame_count: int
+    left_out: int = 0
+    glimpsed: bool = False
 
 
 @dataclass(frozen=True, eq=False)

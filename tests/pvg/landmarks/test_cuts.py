@@ -41,6 +41,25 @@ def test_a_dissolve_is_one_cut_after_its_middle(length: int) -> None:
     assert shares[cut] >= 0.75
 
 
+@pytest.mark.parametrize("step", [2, 5])
+def test_a_dissolve_of_more_frames_in_the_same_time_is_one_cut(step: int) -> None:
+    before, after = background(7).astype(float), background(8).astype(float)
+    shares = np.clip((np.arange(80 * step) / step - 40 + 10) / 20, 0, 1)
+    detector = CutDetector(step=step)
+    (cut,) = [
+        k for k, share in enumerate(shares) if detector.is_cut((before + share * (after - before)).astype(np.uint8))
+    ]
+    assert 40 * step < cut <= (40 + DISSOLVE_REACH + 2) * step
+
+
+@pytest.mark.parametrize("step", [1, 2, 5])
+def test_a_cut_is_found_at_its_frame_at_any_pace(step: int) -> None:
+    """Also the one after a cut, and a picture of one frame."""
+    scenes = [7] * 12 + [8] * 3 + [9] + [7] * 7
+    detector = CutDetector(step=step)
+    assert [k for k, seed in enumerate(scenes) if detector.is_cut(background(seed))] == [12, 15, 16]
+
+
 def test_a_moving_picture_and_a_fade_are_no_dissolves() -> None:
     scene, detector = background(7), CutDetector()
     assert not any(detector.is_cut(np.roll(scene, 6 * k, axis=1)) for k in range(60))

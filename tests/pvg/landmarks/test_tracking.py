@@ -10,7 +10,7 @@ import pytest
 from pvg.landmarks import FaceTracker, Mesh, smooth, track_faces
 from pvg.landmarks.detector import box_iou
 from pvg.landmarks.motion import share_inside
-from pvg.landmarks.tracks import FACE_GATE, OpenTrack
+from pvg.landmarks.tracks import CONFIRMED_SCORE, FACE_GATE, OpenTrack
 from pvg.picture import as_picture
 from scripts.samples import Samples
 from tests.gallery.faces import fit_surest, read_rgb
@@ -65,6 +65,18 @@ def test_a_face_of_a_part_of_a_short_shot_is_none(head: np.ndarray) -> None:
     pictures = [pasted(background(3), head, 40, 60)] * 8 + [background(4)] * 2 + [pasted(background(4), head, 90, 60)]
     pictures += [background(4), *[background(5)] * 8]
     assert [(track.first, track.last) for track in track_faces(enumerate(pictures)).tracks] == [(0, 7)]
+
+
+def test_a_shot_of_one_frame_is_a_shot_where_a_frame_lasts(head: np.ndarray) -> None:
+    """And a flash or a fault elsewhere."""
+    shots = [(3, 40), (4, 200), (5, 120), (6, 260), (7, 60)]
+    pictures = [pasted(background(seed), head, x, 60) for seed, x in shots]
+    slow, fast = (track_faces(enumerate(pictures), frame_rate=rate) for rate in (12, 25))
+    assert slow.cuts == fast.cuts == (1, 2, 3, 4)
+    assert [(track.first, track.last) for track in slow.tracks] == [(k, k) for k in range(5)]
+    assert not slow.glimpsed
+    assert fast.tracks == ()
+    assert fast.glimpsed
 
 
 def hidden_in(head: np.ndarray, count: int, hidden: range) -> Iterator[tuple[int, np.ndarray]]:
@@ -153,8 +165,72 @@ def test_faces_that_pass_each_other_keep_their_tracks(head: np.ndarray, other_he
 
 
 def test_at_most_max_faces_are_followed(head: np.ndarray) -> None:
-    frames = ((i, pasted(pasted(background(5), head, 10, 50), head, 270, 70)) for i in range(4))
-    assert len(track_faces(frames, max_faces=1).tracks) == 1
+    frames = ((i, pasted(pasted(background(5), head, 10, 50), head, 270, 70)) for i in range(20))
+    result = track_faces(frames, max_faces=1)
+    assert [(track.first, track.last) for track in result.tracks] == [(0, 19)]
+    assert result.left_out == 1
+
+
+def test_nobody_is_left_out_while_there_is_room(head: np.ndarray) -> None:
+    frames = ((i, pasted(pasted(background(5), head, 10, 50), head, 270, 70)) for i in range(8))
+    assert track_faces(frames, max_faces=2).left_out == 0
+
+
+def joined_by(head: np.ndarray, growth: float, since: int) -> Iterator[tuple[int, np.ndarray]]:
+    """A face of some 100 px from the first of 20 frames on, and a larger one from another."""
+    small = pasted(background(5, 640, 480), head, 10, 50)
+    both = pasted(small, cv2.resize(head, None, fx=growth, fy=growth, interpolation=cv2.INTER_CUBIC), 250, 20)
+    for index in range(20):
+        yield index, both if index >= since else small
+
+
+@pytest.mark.parametrize(
+    ("growth", "min_face_px", "gives_place"), [(1.8, 24, True), (1.3, 24, False), (1.3, 145, True), (1.8, 250, True)]
+)
+def test_a_full_tracker_gives_the_narrowest_faces_place_to_a_larger_one(
+    head: np.ndarray, growth: float, min_face_px: float, gives_place: bool
+) -> None:
+    """One half as wide again, or one that is wide enough where the other is not."""
+    result = track_faces(joined_by(head, growth, 7), max_faces=1, min_face_px=min_face_px)
+    spans = [(track.first, track.last) for track in result.tracks]
+    assert spans == ([(0, 12), (12, 19)] if gives_place else [(0, 19)])
+    assert result.left_out == (min_face_px == 24)  # the narrow ones are none that anybody misses
+
+
+def test_of_a_picture_with_too_many_faces_the_widest_are_kept(head: np.ndarray) -> None:
+    ((_, picture),) = list(joined_by(head, 1.8, 0))[:1]
+    for mirrored in (picture, np.ascontiguousarray(picture[:, ::-1])):
+        result = track_faces([(0, mirrored)], max_faces=1)
+        (track,) = result.tracks
+        assert track.width_px > 150
+        assert result.left_out == 1
+
+
+def test_what_may_be_no_face_takes_no_place(head: np.ndarray, mesh: Mesh) -> None:
+    tracker = FaceTracker(max_faces=1)
+    tracker.open = [OpenTrack(0, replace(mesh, points=mesh.points / 4))]
+    tracker.open[0].add(0, tracker.open[0].last_mesh)
+    doubtful = replace(mesh, score=CONFIRMED_SCORE - 0.01)
+    assert tracker._crowded_out(1, doubtful) is doubtful
+    assert len(tracker.open) == 1
+
+
+def test_narrower_faces_than_usual_are_followed_where_they_are_asked_for(head: np.ndarray) -> None:
+    scale = 0.16
+    small = cv2.resize(head, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    picture = pasted(background(5, 160, 120), small, 60, 40)
+    assert track_faces([(0, picture)]).tracks == ()
+    (track,) = track_faces([(0, picture)], min_face_px=12).tracks
+    assert 16 < track.width_px < 24
+    assert track_faces([(0, picture)], min_face_px=23.5).tracks == ()
+
+
+@pytest.mark.parametrize(("frame_rate", "late"), [(1, 0), (4, 0), (8, 1), (25, 5)])
+def test_who_comes_in_is_found_within_a_quarter_of_a_second(head: np.ndarray, frame_rate: float, late: int) -> None:
+    alone = pasted(background(5), head, 10, 50)
+    both = pasted(alone, head, 270, 70)
+    tracks = track_faces(((i, both if i >= 7 else alone) for i in range(20)), frame_rate=frame_rate).tracks
+    assert [track.first for track in tracks] == [0, 7 + late]
 
 
 def test_frames_without_a_face_are_fine() -> None:
@@ -162,6 +238,7 @@ def test_frames_without_a_face_are_fine() -> None:
     result = track_faces((i, background(6)) for i in range(20))
     assert result.tracks == ()
     assert result.frame_count == 20
+    assert not result.glimpsed
 
 
 def test_skipped_frames_are_refused() -> None:
@@ -219,13 +296,15 @@ def wiped(before: np.ndarray, after: np.ndarray, length: int = 24, hold: int = 3
         yield index, np.concatenate([after[:, :edge], before[:, edge:]], axis=1)
 
 
-def test_who_comes_with_a_wipe_is_another_person(portrait: np.ndarray, samples: Samples) -> None:
+@pytest.mark.parametrize("frame_rate", [25, 50, 120])
+def test_who_comes_with_a_wipe_is_another_person(portrait: np.ndarray, samples: Samples, frame_rate: int) -> None:
     pale = read_rgb(samples.pale_portrait)
     before, after = (window(one, fit_surest(one).points.mean(axis=0)) for one in (portrait, pale))
-    result = track_faces(wiped(before, after))
+    step = round(frame_rate / 25)
+    result = track_faces(wiped(before, after, 24 * step, 30 * step), frame_rate=frame_rate)
     (cut,) = result.cuts
-    assert 30 + 12 < cut <= 30 + 24 + 3
-    assert [(track.first, track.last) for track in result.tracks] == [(0, cut - 1), (cut, 83)]
+    assert (30 + 12) * step < cut <= (30 + 24 + 3) * step
+    assert [(track.first, track.last) for track in result.tracks] == [(0, cut - 1), (cut, 84 * step - 1)]
 
 
 def test_the_same_person_before_another_wall_is_the_same(portrait: np.ndarray, head: np.ndarray) -> None:
