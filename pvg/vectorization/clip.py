@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import os
 import tempfile
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Literal, get_args
@@ -21,12 +21,14 @@ from pvg._threads import ahead, one_blas_thread
 from pvg.asset import AssetWriter, MediaSummary, VectorVideo, source_note
 from pvg.curves import CHAIN_RESET_FRAMES
 from pvg.errors import FaceTooSmallError, NoFaceError
-from pvg.landmarks import FaceTrack, FaceTracks, link_persons, smooth, track_faces
+from pvg.landmarks import FaceTrack, FaceTracks, frames_a_step, link_persons, smooth, track_faces
 from pvg.picture import Picture
 from pvg.skin import MaskMethod, Matte, Scene, SceneReader
 from pvg.vectorization.fading import opacity
 from pvg.vectorization.following import CHUNK, Following, KeyView, LeftTrack, Stretch, key_view, rows_between
+from pvg.vectorization.helpers import Helpers
 from pvg.vectorization.key_frames import best_row
+from pvg.vectorization.telling import left_out, refusal
 from pvg.vectorization.vector_face import ADVISED_FACE_PX, VectorFace
 from pvg.video import (
     INPUT_COLORS,
@@ -43,7 +45,7 @@ from pvg.video import (
 Progress = Callable[[str, int, int], None]
 Matching = Literal["table", "chain"]
 
-VECTORIZER_VERSION = 16  # raised when the same clip would give another asset
+VECTORIZER_VERSION = 17  # raised when the same clip would give another asset
 MIN_FACE_PX = 64
 _WIDEST_PX = 65_535  # no picture has more
 STAGES = ("vectorize", "second reading", "landmarks", "best frame")  # of the progress callback, in their order
@@ -98,7 +100,7 @@ def vectorize(
     report: Progress = progress or (lambda stage, done, total: None)
     media = probe(path, limits, input_color=input_color, strict=strict)
     target = Path(asset) if asset is not None else _temporary_name()
-    with one_blas_thread(), contextlib.ExitStack() as undo:
+    with one_blas_thread(), contextlib.ExitStack() as undo, Helpers() as helpers:
         if asset is None:
             undo.callback(target.unlink)
         writer = undo.enter_context(AssetWriter(target))
@@ -114,7 +116,7 @@ def vectorize(
             seed=seed,
             min_face_px=min_face_px,
             advised_face_px=advised_face_px,
-            undo=undo,
+            helpers=helpers,
         )
         try:
             done = work.key_views(writer) if reference else work.whole_clip(writer)
@@ -184,8 +186,7 @@ class _Done:
 
 @dataclass(frozen=True)
 class _Work:
-    """One clip being vectorised: its file and the settings;  undo: what is to be done after an error;  notices: what
-    reading it told of, a line each."""
+    """One clip being vectorised: its file and the settings;  notices: what reading it told of, a line each."""
 
     path: Path
     media: MediaInfo
@@ -198,7 +199,7 @@ class _Work:
     seed: int
     min_face_px: float
     advised_face_px: float
-    undo: contextlib.ExitStack
+    helpers: Helpers
     notices: list[str] = field(default_factory=list)
 
     @property
@@ -246,11 +247,17 @@ class _Work:
     def face(self, number: int, rows: FaceTrack, key: KeyView) -> VectorFace:
         """A face that begins with these rows."""
         reset = CHAIN_RESET_FRAMES if self.matching == "chain" else None
-        face = VectorFace(
-            number, rows, key, method=self.mask, seed=self.seed, reset=reset, advised_px=self.advised_face_px
+        return VectorFace(
+            number,
+            rows,
+            key,
+            self.helpers,
+            method=self.mask,
+            seed=self.seed,
+            reset=reset,
+            advised_px=self.advised_face_px,
+            step=frames_a_step(self.rate),
         )
-        self.undo.callback(face.abandon)
-        return face
 
     def whole_clip(self, writer: AssetWriter) -> _Done:
         """Follow every face of the clip and write all its frames."""
@@ -275,13 +282,14 @@ class _Work:
                     if stretch.last:
                         faces[stretch.number].finish(writer)
         shots, frame_count = (0, *following.cuts), following.frame_count
+        self.notices.extend(left_out(following.left_out))
         left, widest = following.left()
         if left:
             first = max(faces, default=-1) + 1
             others = tuple(faces.values())
             faces |= self._second_reading(following, dict(enumerate(left, first)), others, shots, writer)
         if not faces:
-            raise self._refusal(widest, frame_count)
+            raise self._refusal(widest, frame_count, following.glimpsed)
         return _Done(tuple(faces.values()), shots, frame_count)
 
     def _second_reading(
@@ -339,8 +347,9 @@ class _Work:
     def _all_faces(self, writer: AssetWriter) -> _Done:
         """Write all faces of an image that are wide enough."""
         ((index, picture),) = self.pictures()
-        result = track_faces([(index, picture)], frame_rate=self.rate)
+        result = self._track([(index, picture)])
         self._check_width(result)
+        self.notices.extend(left_out(result.left_out))
         scene = None
         if self.mask == "landmarks":  # an image can be drawn as well
             scene = SceneReader().step(picture, [track.landmarks[0] for track in result.tracks])
@@ -353,10 +362,10 @@ class _Work:
 
     def _best_frame(self, writer: AssetWriter) -> _Done:
         """Find the best frame of a clip's largest face and write it alone."""
-        result = track_faces(self.reported(_LANDMARKS, 0, _REFERENCE_FRAMES), frame_rate=self.rate)
+        result = self._track(self.reported(_LANDMARKS, 0, _REFERENCE_FRAMES))
         whole = result.frame_count < _REFERENCE_FRAMES
         if not whole and _widest(result) < self.min_face_px:  # no usable face so early: look further
-            result, whole = track_faces(self.reported(_LANDMARKS), frame_rate=self.rate), True
+            result, whole = self._track(self.reported(_LANDMARKS)), True
         self._check_width(result)
         frame_count = result.frame_count if whole else None
         track = smooth(max(result.tracks, key=lambda track: track.width_px))
@@ -389,20 +398,22 @@ class _Work:
         lines = (f"no skin found on a face seen from frame {face.first} on, which is left out{advice}" for face in bare)
         return [face for face in faces if face not in bare], tuple(lines)
 
+    def _track(self, frames: Iterable[tuple[int, Picture]]) -> FaceTracks:
+        return track_faces(frames, min_face_px=self.min_face_px, frame_rate=self.rate)
+
     def _check_width(self, found: FaceTracks) -> None:
         """Raise `NoFaceError` or `FaceTooSmallError` unless one face is wide enough."""
         widest = _widest(found)
         if widest < self.min_face_px:
-            raise self._refusal(widest, found.frame_count)
+            raise self._refusal(widest, found.frame_count, found.glimpsed)
 
-    def _refusal(self, widest: float, frame_count: int) -> NoFaceError | FaceTooSmallError:
-        """Why a clip without a usable face is refused; widest: of those found, 0 without any."""
-        if not widest:
-            what = "in the picture" if self.media.kind == "image" else f"in any of {frame_count} frames"
-            return NoFaceError(
-                f"no face found {what} of {self.path.name}; a face at least {self.min_face_px:g} px wide is needed"
-            )
-        return FaceTooSmallError(
-            f"the largest face in {self.path.name} is {widest:.0f} px wide; it must be at least {self.min_face_px:g} "
-            f"px, and {self.advised_face_px:g} px is advised"
+    def _refusal(self, widest: float, frame_count: int, glimpsed: bool) -> NoFaceError | FaceTooSmallError:
+        return refusal(
+            self.path.name,
+            frame_count,
+            widest=widest,
+            glimpsed=glimpsed,
+            image=self.media.kind == "image",
+            min_px=self.min_face_px,
+            advised_px=self.advised_face_px,
         )

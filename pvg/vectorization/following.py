@@ -93,7 +93,7 @@ class LeftTrack:
 class Following:
     """Follows all faces of a clip; `advances` is to be run through once.
 
-    Then `cuts`, `frame_count` and `left` tell of the whole clip.
+    Then `cuts`, `frame_count`, `left_out`, `glimpsed` and `left` tell of the whole clip.
     """
 
     def __init__(
@@ -104,7 +104,7 @@ class Following:
         self._scenes: dict[int, Scene] = {}
         self._contrasts: dict[int, float] = {}  # of all of them, also of those that are gone
         self._looked = -1  # the last frame with a scene
-        self._tracker = FaceTracker(frame_rate=frame_rate)
+        self._tracker = FaceTracker(min_face_px=min_face_px, frame_rate=frame_rate)
         self._min_face_px = min_face_px
         self._from_first_row = from_first_row
         self._courses: list[_Course] = []
@@ -121,6 +121,16 @@ class Following:
     def frame_count(self) -> int:
         """Frames that were read."""
         return self._tracker.frame_count
+
+    @property
+    def left_out(self) -> int:
+        """How many faces that are wide enough had no place, in the frame with most of them."""
+        return self._tracker.left_out
+
+    @property
+    def glimpsed(self) -> bool:
+        """Whether something left was a face for too short a time, or too doubtful in its other frames."""
+        return any(track.is_confident(1) for track, _ in self._later)
 
     def left(self) -> tuple[tuple[LeftTrack, ...], float]:
         """After all frames: the tracks for a second reading, and the width in px of the widest face that is too small.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, wait
 from dataclasses import replace
 from typing import Any
 
@@ -30,6 +30,7 @@ from pvg.skin import (
 )
 from pvg.vectorization.exposure import DueKey, ExposureWatch, FacePatch
 from pvg.vectorization.following import KeyView, Stretch, rows_between
+from pvg.vectorization.helpers import Helpers
 from pvg.vectorization.key_colors import fit_key_frame
 from pvg.vectorization.key_frames import good_rows
 from pvg.vectorization.open_skin import skin_sample
@@ -56,15 +57,18 @@ class VectorFace:
         number: int,
         begin: FaceTrack,
         key: KeyView,
+        helpers: Helpers,
         *,
         method: MaskMethod,
         seed: int,
         reset: int | None,
         advised_px: float = ADVISED_FACE_PX,
+        step: int = 1,
     ) -> None:
-        """begin: the track's first rows or all;  reset: a new key frame after so many frames, None for never.
+        """begin: the track's first rows or all;  helpers: of all faces of the clip, open until `record` was called;
+        reset: a new key frame after so many frames, None for never.
 
-        advised_px: narrower faces get a warning.
+        advised_px: narrower faces get a warning;  step: rows from one whose light is judged to the next.
         """
         self.number = number
         self.first = begin.first
@@ -87,8 +91,7 @@ class VectorFace:
         self._consensus = MatteConsensus()
         # rows that wait for the frames after them: one of some rows, its opacity, the body's alpha
         self._unwritten: deque[tuple[FaceTrack, int, float, Future[Bytes]]] = deque()
-        self._fits: list[ThreadPoolExecutor] = []
-        self._bodies = ThreadPoolExecutor(1)  # a row's body is looked for while the next row's face is
+        self._helpers = helpers
         self._key_row = key.row
         self._key: KeyView | None = key
         skin = SkinTracker(model)
@@ -98,7 +101,8 @@ class VectorFace:
         self._watch: ExposureWatch | None = None
         if reset is None:
             whole = None if key.scene is None else key.scene.contrast
-            self._watch = ExposureWatch(key.row, FacePatch.of(key.picture, key.landmarks, self.key_matte), whole)
+            patch = FacePatch.of(key.picture, key.landmarks, self.key_matte)
+            self._watch = ExposureWatch(key.row, patch, whole, step=step)
 
     def add(self, stretch: Stretch, writer: AssetWriter) -> None:
         """Follow the skin through the next rows and write them."""
@@ -118,7 +122,7 @@ class VectorFace:
             if self._lips is None and row % _LIPS_EVERY == 0 and good_rows(rows)[k]:
                 self._look_for_lips(_seen_skin(picture, rows.landmarks[k], matte))
             seen = matte, self._skin.light, self._skin.told
-            body = self._bodies.submit(self._body_alpha, scene, rows.landmarks[k], *seen)
+            body = self._helpers.bodies.submit(self._body_alpha, scene, rows.landmarks[k], *seen)
             self._unwritten.append((rows, k, visible, body))
             steady = matte if self._skin.seen is None else self._consensus.add(self._skin.seen)
             if steady is not None:
@@ -133,15 +137,8 @@ class VectorFace:
         if self._watch is not None:
             self._fit_due(self._watch.end())
             self._since[self._key_row] = self._watch.main_since
-        for threads in (self._bodies, *self._fits):  # tracks may end faster than their colours are fitted
-            threads.shutdown()
-        self._fits.clear()
+        wait(self._keys.values())  # tracks may end faster than their colours are fitted
         del self._skin, self._key_skin, self.key_matte, self._body, self._no_body, self._consensus, self._watch
-
-    def abandon(self) -> None:
-        """Begin nothing more and wait for what was begun, after an error: twice, or once all is done, is harmless."""
-        for threads in (self._bodies, *self._fits):
-            threads.shutdown(cancel_futures=True)
 
     def add_key_frame_only(self, track: FaceTrack, writer: AssetWriter) -> None:
         """Write just the key frame of the track, which is all that a reference needs."""
@@ -232,15 +229,12 @@ class VectorFace:
                 self._main_from = key.main_from
 
     def _fit(self, row: int, picture: Picture, landmarks: Landmarks, matte: Matte) -> None:
-        """Fit a row's colours in a thread of its own: half a second that nothing before `finish` waits for."""
-        fitting = ThreadPoolExecutor(1)
+        """Begin to fit a row's colours."""
         frame = self.first + row
         seen = _seen_skin(picture, landmarks, matte)
         if self._lips is None:
             self._look_for_lips(seen)
-        self._keys[row] = fitting.submit(_key_frame, frame, picture, landmarks, matte, seen, self._seed)
-        fitting.shutdown(wait=False)
-        self._fits.append(fitting)
+        self._keys[row] = self._helpers.fits.submit(_key_frame, frame, picture, landmarks, matte, seen, self._seed)
 
     def _look_for_lips(self, seen: _SeenSkin) -> None:
         """Keep the lips of a row, if it shows some."""
