@@ -16,7 +16,7 @@ import numpy as np
 from pvg._arrays import Floats
 from pvg.face import Landmarks
 from pvg.landmarks import FaceTrack, FaceTracker, OpenTrack, smooth
-from pvg.picture import Picture
+from pvg.picture import Box, Picture, clipped
 from pvg.skin import Scene, SceneReader
 from pvg.vectorization.fading import FADE_REACH, faded
 from pvg.vectorization.key_frames import first_good_row, good_rows, surroundings
@@ -148,10 +148,16 @@ class Following:
             self._tracker.step(index, picture)
             stretches = self._close()
             self._look_around(index, picture)
-            for track in self._tracker.open:
-                course = self._course(track)
+            followed = [(track, self._course(track)) for track in self._tracker.open]
+            around = {
+                course.number: surroundings(track.seen[-1].landmarks, course.aspect)
+                for track, course in followed
+                if not course.left
+            }
+            whole = _take_more(around.values(), picture.size)
+            for track, course in followed:
                 if not course.left:
-                    course.pictures[index] = picture.part(surroundings(track.seen[-1].landmarks, course.aspect))
+                    course.pictures[index] = picture if whole else picture.part(around[course.number])
                     if track.last - LOOKAHEAD - course.done >= CHUNK:
                         stretches += self._settle(course, course.done + CHUNK)
             settled = self._settled(index + 1)
@@ -255,6 +261,12 @@ class Following:
         if contrasts[row] >= _FADED * contrasts.max():
             return row
         return first_good_row(window, np.asarray(contrasts >= _CLEAR * contrasts.max()))
+
+
+def _take_more(boxes: Iterable[Box], size: tuple[int, int]) -> bool:
+    """Whether parts of a picture, (height, width), take more than the whole: of many faces or large ones."""
+    held = [clipped(box, (0, 0, size[1], size[0])) for box in boxes]
+    return sum((x1 - x0) * (y1 - y0) for x0, y0, x1, y1 in held) > size[0] * size[1]
 
 
 def key_view(track: FaceTrack, row: int, picture: Picture, scene: Scene | None = None) -> KeyView:

@@ -91,6 +91,17 @@ def test_pictures_are_kept_for_a_bounded_time_only(clip: Frames) -> None:
                 assert (x1 - x0) * (y1 - y0) < 0.9 * 360 * 640
 
 
+def test_faces_side_by_side_share_the_pictures_that_are_kept(clip: Frames) -> None:
+    """Parts of their own would take the more memory the more faces there are."""
+    points = track_faces(clip[:1]).tracks[0].landmarks.points[0]
+    (x0, y0), (x1, y1) = points.min(axis=0).astype(int) - 20, points.max(axis=0).astype(int) + 20
+    heads = [picture.rgb()[y0:y1, x0:x1] for _, picture in clip[:8]]
+    frames: Frames = [(k, RgbPicture(np.concatenate([head] * 3, axis=1))) for k, head in enumerate(heads)]
+    stretches, _ = follow(frames)
+    assert len({stretch.number for stretch in stretches}) == 3
+    assert len({id(picture) for stretch in stretches for picture in stretch.pictures}) == len(frames)
+
+
 def test_visibility_is_that_of_the_whole_track(clip: Frames) -> None:
     gone = range(70, 82)
     frames = [(i, blank(picture) if i in gone else picture) for i, picture in clip[:110]]
