@@ -22,8 +22,8 @@ from pvg.picture import Picture, as_picture
 
 ByteArray = npt.NDArray[np.uint8]
 
-MAX_FACES = 16
-"""Followed at a time, since each costs its time in every frame."""
+MAX_FACES = 12
+"""Followed at a time: each costs its time in every frame, and 10 to 30 MB."""
 FOLLOWED_PX = 24.0
 """Narrower faces are followed only where they are asked for."""
 _LARGER = 1.5  # times as wide as who gives its place to it: less, and two faces would take turns
