@@ -14,7 +14,8 @@ from service.api.uploads import FileSink, Intake, ReceivedFile
 from service.errors import BadRequestError, TooLargeError
 
 MAX_PARTS = 64
-MAX_FIELD_BYTES = 64 * 1024
+#: of all text fields together, with their names: these are kept in memory
+MAX_TEXT_BYTES = 64 * 1024
 #: of a part's header: lines, and bytes of one
 MAX_HEADERS = 8
 MAX_HEADER_BYTES = 8 * 1024
@@ -44,12 +45,13 @@ class TooManyFilesError(BadRequestError):
     """The form has more files than are taken of it."""
 
 
-async def read_form(intake: Intake, *, max_files: int = 1) -> Form:
+async def read_form(intake: Intake, *, max_files: int = 1, text: bool = True) -> Form:
     """Receive the request's body as a form. The size limit is each file's own.
 
-    Raises `BadRequestError` for a malformed body, `TooManyFilesError` at the first file over ``max_files``,
-    `TooLargeError` for a file, a field or a body that is over its limit, and `UnsupportedMediaError` for a file that is
-    none: those of files have a pointer, which counts those of one name from 0 where there may be several files.
+    Raises `BadRequestError` for a malformed body and, without ``text``, at the first field that is no file,
+    `TooManyFilesError` at the first file over ``max_files``, `TooLargeError` for a file, text or a body that is over its
+    limit, and `UnsupportedMediaError` for a file that is none: those of files have a pointer, which counts those of one
+    name from 0 where there may be several files.
     """
     if "repr-digest" in intake.request.headers:
         raise BadRequestError("Repr-Digest is checked when the body is the file itself, not when it is a form")
@@ -59,15 +61,17 @@ async def read_form(intake: Intake, *, max_files: int = 1) -> Form:
     boundary = options.get(b"boundary", b"")
     if not boundary or len(boundary) > 70:  # RFC 2046, 5.1.1
         raise BadRequestError("the multipart body has no usable boundary")
-    return await _FormReader(intake, boundary, max_files).read(intake.request.stream())
+    return await _FormReader(intake, boundary, max_files, text=text).read(intake.request.stream())
 
 
 class _FormReader:
     """Feeds the parser and turns its callbacks into fields and files."""
 
-    def __init__(self, intake: Intake, boundary: bytes, max_files: int) -> None:
+    def __init__(self, intake: Intake, boundary: bytes, max_files: int, *, text: bool) -> None:
         self._intake = intake
         self._max_files = max_files
+        self._takes_text = text
+        self._text_bytes = 0
         self._form = Form()
         self._headers: dict[str, bytes] = {}
         self._header_name = b""
@@ -158,7 +162,10 @@ class _FormReader:
         is_file = b"filename" in options or self._is_file()
         self._form.order.append(is_file)
         if not is_file:
+            if not self._takes_text:
+                raise BadRequestError(f"the form must hold files alone; {self._name!r} is none")
             self._text = bytearray()
+            self._count_text(len(options[b"name"]))
             return
         if len(self._form.files) + len(self._finished) >= self._max_files:
             raise TooManyFilesError(f"the multipart body has more files than the {self._max_files} allowed")
@@ -173,10 +180,14 @@ class _FormReader:
             with file_at(self._place):
                 self._sink.feed(data[start:end])
         elif self._text is not None:
+            self._count_text(end - start)
             self._text += data[start:end]
-            if len(self._text) > MAX_FIELD_BYTES:
-                detail = f"the field {self._name!r} is larger than {MAX_FIELD_BYTES} bytes"
-                raise TooLargeError(detail, limit_bytes=MAX_FIELD_BYTES)
+
+    def _count_text(self, size_bytes: int) -> None:
+        self._text_bytes += size_bytes
+        if self._text_bytes > MAX_TEXT_BYTES:
+            detail = f"the fields of text up to {self._name!r} have more than {MAX_TEXT_BYTES} bytes with their names"
+            raise TooLargeError(detail, limit_bytes=MAX_TEXT_BYTES)
 
     def _end(self) -> None:
         if self._sink is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
@@ -34,8 +35,8 @@ def to_request(form: Form, uploaded: Sequence[str]) -> TransferRequest:
     top: dict[str, Any] = {}
     pairs: list[str] = []
     unknown = [name for name, _ in form.files if name != "reference"]
-    names = [name for name, _ in form.fields if name not in {"reference", "metadata", *_LISTS}]
-    if twice := {name for name in names if names.count(name) > 1}:
+    given = Counter(name for name, _ in form.fields if name not in {"reference", "metadata", *_LISTS})
+    if twice := {name for name, times in given.items() if times > 1}:
         raise invalid_values({f"/{name}": "the field is given more than once" for name in sorted(twice)})
     for name, text in _joined(form):
         if name in {"video", "force"}:
@@ -89,10 +90,10 @@ def _option(name: str, text: str) -> str | list[str] | dict[str, str]:
     parts = [part.strip() for part in text.split(",") if part.strip()]
     if name == "makeup" and "=" in text:
         pairs = [(part.strip(), value.strip()) for part, _, value in (one.partition("=") for one in parts)]
-        names = [part for part, _ in pairs]
-        if not all(names):
+        given = Counter(part for part, _ in pairs)
+        if "" in given:
             return text  # which is no number either
-        if twice := {part for part in names if names.count(part) > 1}:
+        if twice := {part for part, times in given.items() if times > 1}:
             raise invalid_values({f"/{name}/{part}": "it is given more than once" for part in sorted(twice)})
         return dict(pairs)
     return parts if name in _LISTS and text != "all" else text

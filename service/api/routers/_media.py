@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import PurePath
@@ -44,8 +45,8 @@ class Given:
     def settings(self, fields: Sequence[tuple[str, str]] = ()) -> VectorSettings:
         """The settings of query and form together. Raises `ValidationFailedError` for one that is unknown or twice."""
         said = {name: value for name, value in self.query.items() if value is not None}
-        names = [*said, *(name for name, _ in fields)]
-        if twice := {name for name in names if names.count(name) > 1}:
+        given = Counter([*said, *(name for name, _ in fields)])
+        if twice := {name for name, times in given.items() if times > 1}:
             raise invalid_values({f"/{name}": "the setting is given more than once" for name in sorted(twice)})
         try:
             checked = self.options.model_validate(said | dict(fields))

@@ -261,8 +261,8 @@ async def _whole(services: Services, request: Request, upload: ResumableUpload) 
         Intake(services.storage, services.room, request, limit_bytes=limit_bytes, share=share) as intake,
     ):
         if media_type(request) == "multipart/form-data":
-            form = await read_form(intake)
-            if [name for name, _ in form.files] != ["file"] or form.fields:
+            form = await read_form(intake, text=False)
+            if [name for name, _ in form.files] != ["file"]:
                 raise BadRequestError("the form must hold one file, in the field `file`, and nothing else")
             received = form.files[0][1]
         else:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import hashlib
+import socket
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -319,6 +320,16 @@ def test_a_link_keeps_an_upload_to_what_it_was_made_for(api: Api, stranger: http
     # the link is good still
     assert stranger.put(url, content=MP4).status_code == 200
     assert api.drafts == []
+
+
+def test_a_form_by_a_link_holds_no_text_and_is_refused_at_the_head_of_it(api: Api, stranger: httpx.Client) -> None:
+    use_key(api)
+    at = urlsplit(str(api.client.base_url))
+    head = f"POST {upload_link(api)} HTTP/1.1\r\nHost: {at.netloc}\r\nContent-Length: 100000\r\n"
+    body = "Content-Type: multipart/form-data; boundary=b\r\n\r\n--b\r\nContent-Disposition: form-data; name=a\r\n\r\n"
+    with socket.create_connection((at.hostname, at.port), timeout=30) as sender:
+        sender.sendall((head + body).encode())  # nothing of the field has come
+        assert sender.recv(4096).startswith(b"HTTP/1.1 400 ")
 
 
 def test_a_file_in_pieces_by_a_link(api: Api, stranger: httpx.Client) -> None:

@@ -1,15 +1,19 @@
 from __future__ import annotations
 
 import json
+import time
 from typing import Any
 
 import httpx
 import pytest
 
 from service.api import commands
+from service.api.multipart import Form
 from service.api.preview_request import PreviewRequest
+from service.api.transfer_form import to_request
 from service.catalog import OutputOptions, Report, jobs, leases, render_request
 from service.catalog.keys import Limits
+from service.errors import ValidationFailedError
 from service.settings import Settings
 from tests.service.api.test_authentication import Bearer, holder
 from tests.service.api.test_media import PROBLEM, SHOWN, upload
@@ -271,6 +275,16 @@ def test_a_part_is_given_make_up_once(api: Api) -> None:
     made = api.client.post("/transfer", files=ids | {"makeup": (None, "lips=1, lids=0,")}).json()
     makeup = made["looks"][0]["options"]["makeup"]
     assert (makeup["lips"], makeup["lids"]) == (1, 0)
+
+
+@pytest.mark.parametrize("part", ["{0}=1", "{0}=,{0}="])
+def test_make_up_of_thousands_of_parts_is_refused_at_once(part: str) -> None:
+    parts = ",".join(part.format(number) for number in range(10_000))
+    form = Form([("video", "vid_1"), ("reference", "ref_1"), ("makeup", parts)], [], [False] * 3)
+    began = time.process_time()
+    with pytest.raises(ValidationFailedError):
+        to_request(form, [])
+    assert time.process_time() - began < 0.5  # it was seconds
 
 
 @pytest.mark.parametrize(

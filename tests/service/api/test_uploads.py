@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from service.api.multipart import MAX_FIELD_BYTES, MAX_FRAMING_BYTES, MAX_OUTSIDE_BYTES, MAX_PARTS
+from service.api.multipart import MAX_FRAMING_BYTES, MAX_OUTSIDE_BYTES, MAX_PARTS, MAX_TEXT_BYTES
 from service.api.uploads import clean_name, expected_digest
 from service.catalog import VectorSettings, jobs, vectorize_request
 from service.errors import BadRequestError
@@ -447,14 +447,20 @@ def test_a_form_has_no_more_parts_than_are_read(api: Api) -> None:
     assert (api.blobs, api.drafts) == ([], [])
 
 
-def test_a_field_of_a_form_has_no_more_bytes_than_are_kept(api: Api) -> None:
+@pytest.mark.parametrize("others", [0, 1, 20])
+def test_the_text_of_a_form_has_no_more_bytes_than_are_kept(api: Api, others: int) -> None:
+    size = MAX_TEXT_BYTES - len("webhook") - others * len("metadata" + "a:b")
     answers = [
-        api.client.post("/videos", files={"file": ("a.png", PNG)}, data={"webhook": "x" * (MAX_FIELD_BYTES + more)})
+        api.client.post(
+            "/videos",
+            files={"file": ("a.png", PNG)},
+            data={"metadata": ["a:b"] * others, "webhook": "x" * (size + more)},
+        )
         for more in (0, 1)
     ]
     assert [answer.status_code for answer in answers] == [422, 413]  # the former is no address
     problem = answers[1].json()
-    assert (problem["code"], problem["limit"], problem["unit"]) == ("too-large", MAX_FIELD_BYTES, "bytes")
+    assert (problem["code"], problem["limit"], problem["unit"]) == ("too-large", MAX_TEXT_BYTES, "bytes")
     assert "'webhook'" in problem["detail"]
     assert (api.blobs, api.drafts) == ([], [])
 
