@@ -15,8 +15,8 @@ ADVICE: Final[dict[str, tuple[str, str]]] = {
         "Send `Authorization: Bearer` with a key that `pvg-service keys create` has printed.",
     ),
     "forbidden": (
-        "A page of another site wants to write; or a signed link is not as it was made, is of a key that is revoked, "
-        "or is to what belongs to another key by now.",
+        "A page of another site wants to write; or a signed link is not as it was made, is of a key that is revoked or "
+        "has another secret by now, or is to what belongs to another key by now.",
         "Let the page's origin write by PVG_ALLOWED_ORIGINS, or call from a program. Have another link made.",
     ),
     "not-found": (

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import MutableMapping
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import Depends, Query, Request, Security
 from fastapi.security import HTTPAuthorizationCredentials
@@ -31,11 +32,21 @@ class Access:
         """True without a key."""
         return self.owner is None
 
-    def to(self, services: Services, *what: str) -> datetime | None:
+    def to(self, services: Services, session: Session, *what: str) -> datetime | None:
         """When the link to this expires; None for a caller with a key. Raises `ForbiddenError` and `GoneError`."""
         if not self.by_link:
             return None
-        return services.signer.check(*what, by=self.by, expires=self.expires, signature=self.signature)
+        seal = keys.seal(session, self.by)
+        return services.signer.check(*what, by=self.by, seal=seal, expires=self.expires, signature=self.signature)
+
+    def count(self, services: Services, state: MutableMapping[str, Any], owner: str, what: str) -> None:
+        """Count a request for what is an owner's, and has this id, in its minute and until it is answered.
+
+        One with a key has been counted. Raises `QuotaExceededError`.
+        """
+        if self.by_link and owner:
+            services.link_rates.take(what)
+            services.places.take(state, owner, link=what)
 
     def check_owner(self, session: Session, owner: str) -> None:
         """Raise `ForbiddenError` for a link that was made by another owner than what it is for has now.

@@ -49,9 +49,9 @@ async def read_form(intake: Intake, *, max_files: int = 1, text: bool = True) ->
     """Receive the request's body as a form. The size limit is each file's own.
 
     Raises `BadRequestError` for a malformed body and, without ``text``, at the first field that is no file,
-    `TooManyFilesError` at the first file over ``max_files``, `TooLargeError` for a file, text or a body that is over its
-    limit, and `UnsupportedMediaError` for a file that is none: those of files have a pointer, which counts those of one
-    name from 0 where there may be several files.
+    `TooManyFilesError` at the first file over ``max_files``, `TooLargeError` for a file, text or a body that is over
+    its limit, and `UnsupportedMediaError` for a file that is none: those of files have a pointer, which counts those of
+    one name from 0 where there may be several files.
     """
     if "repr-digest" in intake.request.headers:
         raise BadRequestError("Repr-Digest is checked when the body is the file itself, not when it is a form")

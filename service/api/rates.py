@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import math
 import threading
-from collections import defaultdict
+import time
+from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -18,9 +19,12 @@ from sqlalchemy.exc import DBAPIError
 
 from service.catalog import Database, keys
 from service.catalog.keys import WINDOW_S, Share
+from service.errors import Limit, QuotaExceededError
 from service.outages import is_disk_full
 
 _SHARES: Final = 20
+#: in a window, by one link
+LINK_REQUESTS: Final = 600
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,31 @@ class Standing:
             "RateLimit-Policy": f'"requests";q={self.limit};w={WINDOW_S}',
             "RateLimit": f'"requests";r={self.left};t={self.resets_s}',
         }
+
+
+class LinkRates:
+    """The requests of this minute by each link, as far as this process answers them.
+
+    They are apart from those of its key, which whoever has a link could use up. For an event loop alone.
+    """
+
+    def __init__(self) -> None:
+        self._now = time.monotonic
+        self._window = -1
+        self._of: Counter[str] = Counter()
+
+    def take(self, link: str) -> None:
+        """Count a request. Raises `QuotaExceededError` when there are too many."""
+        now_s = self._now()
+        if (window := int(now_s // WINDOW_S)) != self._window:
+            self._window, self._of = window, Counter()
+        if self._of[link] >= LINK_REQUESTS:
+            raise QuotaExceededError(
+                f"{LINK_REQUESTS} requests a minute may come by a link",
+                headers={"Retry-After": str(math.ceil((window + 1) * WINDOW_S - now_s))},
+                limit=Limit(LINK_REQUESTS, "requests per minute"),
+            )
+        self._of[link] += 1
 
 
 @dataclass

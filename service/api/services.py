@@ -15,7 +15,7 @@ from service.api.meters import Meters
 from service.api.places import Places
 from service.api.preview_watch import PreviewWatch
 from service.api.probes import Probe
-from service.api.rates import Rates
+from service.api.rates import LinkRates, Rates
 from service.api.signing import Signer
 from service.api.streams import Streams
 from service.api.waiting import JobWatch, Snapshot
@@ -57,6 +57,7 @@ class Services:
     reaper: Reaper
     collector: Collector
     rates: Rates
+    link_rates: LinkRates
     arriving: Arriving
     calls: Calls
     watch: JobWatch
@@ -110,6 +111,7 @@ def make_services(settings: Settings, *, clock: Clock | None = None) -> Services
         reaper=Reaper(settings, background, storage, room, Blobs(background, storage), publisher),
         collector=Collector(settings, background, storage),
         rates=Rates(database),
+        link_rates=LinkRates(),
         arriving=Arriving(calls, database),
         calls=calls,
         watch=JobWatch(calls, stand, load),

@@ -20,7 +20,9 @@ _FILE = "link-secret"
 
 
 class Signer:
-    """HMAC-SHA256 (RFC 2104) over what a link is for, whose it is and its last second.
+    """HMAC-SHA256 (RFC 2104) over what a link is for, whose it is, the seal of its maker's key and its last second.
+
+    A key's seal changes with its secret (`service.catalog.keys.seal`), and ends its links with it.
 
     The secret is that of the settings, or else a file of the data folder, made when it is first missed.
     """
@@ -30,27 +32,30 @@ class Signer:
         self._secret = given.encode() if given else _secret_of(settings.folder / _FILE)
         self._now = now
 
-    def sign(self, *what: str, by: str, expires_at: datetime) -> dict[str, str]:
+    def sign(self, *what: str, by: str, seal: str, expires_at: datetime) -> dict[str, str]:
         """The query of a link to this, made by an owner; whole seconds count."""
         expires = str(int(expires_at.timestamp()))
         whose = {"by": by} if by else {}
-        return {"expires": expires, **whose, "signature": self._signature(what, by, expires)}
+        return {"expires": expires, **whose, "signature": self._signature(what, by, seal, expires)}
 
-    def check(self, *what: str, by: str, expires: str, signature: str) -> datetime:
+    def check(self, *what: str, by: str, seal: str, expires: str, signature: str) -> datetime:
         """When a link to this expires.
 
-        Raises `ForbiddenError` for one that was not signed here, `GoneError` for one that was and has expired.
+        Raises `ForbiddenError` for one that was not signed here, or with another secret of its key, `GoneError` for one
+        that was and has expired.
         """
-        expected = self._signature(what, by, expires)
+        expected = self._signature(what, by, seal, expires)
         if not hmac.compare_digest(expected.encode(), signature.encode()):
-            raise ForbiddenError("this link is not as it was made; ask for another")
+            raise ForbiddenError(
+                "this link is not as it was made, or its key has another secret by now; ask for another"
+            )
         until = datetime.fromtimestamp(int(expires), UTC)
         if until < self._now():
             raise GoneError("this link has expired; ask for another")
         return until
 
-    def _signature(self, what: tuple[str, ...], by: str, expires: str) -> str:
-        said = json.dumps([*what, expires, *([by] if by else [])]).encode()
+    def _signature(self, what: tuple[str, ...], by: str, seal: str, expires: str) -> str:
+        said = json.dumps([*what, expires, *([by, seal] if by else [])]).encode()
         digest = hmac.digest(self._secret, said, hashlib.sha256)
         return base64.urlsafe_b64encode(digest).decode().rstrip("=")
 

@@ -39,7 +39,10 @@ NOBODY: Final = ""
 WINDOW_S: Final = 60
 
 _TEXT: Final = re.compile(r"pvg_([0-9a-f]{32})_([A-Za-z0-9_-]{43})")
+_ID: Final = re.compile(r"key_[0-9a-f]{32}")
 _SECRET_BYTES: Final = 32
+#: hex digits of a hashed secret
+_SEAL_DIGITS: Final = 32
 _NO_HASH: Final = "0" * 64
 
 
@@ -168,6 +171,12 @@ _SETTINGS: Final = ("mask", "matching", "input_color")
 def get(session: Session, owner: str) -> Key | None:
     """The key of this owner; None for nobody."""
     return session.get(Key, owner) if owner != NOBODY else None
+
+
+def seal(session: Session, owner: str) -> str:
+    """What is signed into the links of a key, which end when its secret is another; empty for nobody, or no key."""
+    key = get(session, owner) if _ID.fullmatch(owner) else None
+    return key.secret_sha256[:_SEAL_DIGITS] if key is not None else ""
 
 
 def lock(session: Session, owner: str) -> Key | None:

@@ -20,3 +20,5 @@ class Asked:
     force: bool = False
     #: the resumable upload whose bytes it is, which ends with it
     upload: str | None = None
+    #: by whoever has a link to that: nothing that is there already gets another name of it
+    by_link: bool = False

@@ -156,9 +156,9 @@ class _Arrival:
             is_used = key is not None and found.source_key == known.source_key
             if key is not None and is_used:
                 media.replace_source(session, found, key, now=now)
-            if asked.metadata and self.answers:
+            if asked.metadata and self.answers and not asked.by_link:
                 media.name(session, found, asked.metadata)
-            if self.file.filename is not None:
+            if self.file.filename is not None and not asked.by_link:
                 found.filename = self.file.filename
             again = media.vectorize_again(session, found, now=now)
             media.keep(session, [found.id], now=now, ttl_s=services.settings.media_ttl_s)

@@ -136,9 +136,15 @@ def settings_of(role: Role, given: Mapping[str, str]) -> VectorSettings:
 
 
 async def append(
-    services: Services, request: Request, upload: ResumableUpload, offset: int, checksum: Checksum | None
+    services: Services,
+    request: Request,
+    upload: ResumableUpload,
+    offset: int,
+    checksum: Checksum | None,
+    *,
+    by_link: bool,
 ) -> ResumableUpload:
-    """Take the bytes that begin at ``offset``. Returns the upload as it then is.
+    """Take the bytes that begin at ``offset``, by a link to the upload or not. Returns the upload as it then is.
 
     When the connection breaks, what has come is kept, unless it has a checksum. Raises `ConflictError` when others are
     expected, `ChecksumError`, `TooLargeError`, and for the last bytes all that an upload raises: of a file that can
@@ -153,7 +159,7 @@ async def append(
     ):
         with _no_more_than(upload.size_bytes):
             intake.check_declared(left)
-        piece = _Piece(services, intake, upload, checksum)
+        piece = _Piece(services, intake, upload, checksum, by_link=by_link)
         try:
             with _no_more_than(upload.size_bytes):
                 async for chunk in request.stream():
@@ -179,11 +185,20 @@ def _no_more_than(size_bytes: int) -> Iterator[None]:
 class _Piece:
     """The body of one request, as it comes."""
 
-    def __init__(self, services: Services, intake: Intake, upload: ResumableUpload, checksum: Checksum | None) -> None:
+    def __init__(
+        self,
+        services: Services,
+        intake: Intake,
+        upload: ResumableUpload,
+        checksum: Checksum | None,
+        *,
+        by_link: bool,
+    ) -> None:
         self._services = services
         self._intake = intake
         self._upload = upload
         self._checksum = checksum
+        self._by_link = by_link
         self._start = upload.offset_bytes
         self._size = upload.size_bytes or 0
         self._sink = self._open(None)
@@ -219,7 +234,7 @@ class _Piece:
         except UnsupportedMediaError:
             await remove(self._services, self._upload.id, even_if_complete=False)
             raise
-        await record(self._services, self._upload, file)
+        await record(self._services, self._upload, file, by_link=self._by_link)
 
     async def _joined(self, last: FileSink) -> ReceivedFile:
         whole = self._intake.open(self._upload.filename, size_bytes=self._size, limit_bytes=self._size)
@@ -245,10 +260,10 @@ class _Piece:
         return found
 
 
-async def record(services: Services, upload: ResumableUpload, file: ReceivedFile) -> None:
+async def record(services: Services, upload: ResumableUpload, file: ReceivedFile, *, by_link: bool) -> None:
     """Make a medium of the file, which ends the upload."""
     once = Once(services, upload.owner, None, "")
-    asked = Asked(upload.owner, once, dict(upload.metadata_), upload.webhook, upload=upload.id)
+    asked = Asked(upload.owner, once, dict(upload.metadata_), upload.webhook, upload=upload.id, by_link=by_link)
     await register(services, Role(upload.role), file, vector_settings(upload), asked=asked)
 
 

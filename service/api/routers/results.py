@@ -30,7 +30,7 @@ from service.api.openapi import json_body
 from service.api.ranges import require_match
 from service.api.schemas import LinkBody, ResultLinkRequest
 from service.api.services import Services
-from service.catalog import PartName, Result, results
+from service.catalog import PartName, Result, keys, results
 from service.errors import GoneError, NotFoundError
 
 router = APIRouter(prefix="/results", tags=["results"])
@@ -54,7 +54,7 @@ class _Kept:
 )
 async def get_result(result_id: ResultId, services: ServicesDep, access: AccessDep, asked: BytesAskedDep) -> Response:
     """The file. Its ETag is the sha256 of the content, so ranges and caches are safe."""
-    return await _answer(services, asked, await services.calls.read(_find, services, access, result_id))
+    return await _answer(services, asked, access, await services.calls.read(_find, services, access, result_id))
 
 
 @open_router.get("/{result_id}/cube", response_class=StreamingResponse, include_in_schema=False)
@@ -68,7 +68,7 @@ async def get_result_cube(
 ) -> Response:
     """The look's colours as a 3D LUT of 33 nodes a side, for the clip's own values, if `output.extras` asked for it."""
     part = await services.calls.read(_find_part, services, access, result_id, "look.cube", person)
-    return await _answer(services, asked, part)
+    return await _answer(services, asked, access, part)
 
 
 @open_router.get(
@@ -81,20 +81,20 @@ async def get_result_matte(
 ) -> Response:
     """Where the look lies, white on black, frame by frame as the clip, if `output.extras` asked for it."""
     part = await services.calls.read(_find_part, services, access, result_id, "matte", person)
-    return await _answer(services, asked, part)
+    return await _answer(services, asked, access, part)
 
 
-async def _answer(services: Services, asked: BytesAsked, kept: _Kept) -> Response:
+async def _answer(services: Services, asked: BytesAsked, access: Access, kept: _Kept) -> Response:
     result = kept.result
-    services.places.take(asked.state, result.owner)
     whose = result.part_of or result.id
+    access.count(services, asked.state, result.owner, whose)
     file = File(kept.key, result.sha256, result.size_bytes, result.content_type, result.filename, of=whose)
     return await send_file(services, asked, file)
 
 
 def _find(services: Services, access: Access, result_id: str) -> _Kept:
-    access.to(services, "result", result_id)
     with services.database.read() as session:
+        access.to(services, session, "result", result_id)
         return _kept(session, _result(session, access, result_id), services.database.now())
 
 
@@ -107,8 +107,8 @@ def _result(session: Session, access: Access, result_id: str) -> Result:
 
 
 def _find_part(services: Services, access: Access, result_id: str, part: PartName, person: int) -> _Kept:
-    access.to(services, "result", result_id, part, str(person))
     with services.database.read() as session:
+        access.to(services, session, "result", result_id, part, str(person))
         result = _result(session, access, result_id)
         there = [one for one in results.parts(session, [result.id]) if one.part == part]
         for one in there:
@@ -144,8 +144,8 @@ async def delete_result(
     result_id: ResultId, services: ServicesDep, caller: CallerDep, if_match: IfMatch = None
 ) -> None:
     """Delete the result with what was made beside it. The video, the reference and the job's record stay."""
-    keys = await services.calls.write(_delete, services, caller.owner, result_id, if_match)
-    await services.calls.remove(services.blobs.delete, keys)
+    gone = await services.calls.write(_delete, services, caller.owner, result_id, if_match)
+    await services.calls.remove(services.blobs.delete, gone)
 
 
 def _delete(services: Services, owner: str, result_id: str, if_match: str | None) -> list[str]:
@@ -169,7 +169,9 @@ def _make_link(services: Services, caller: Caller, once: Once, result_id: str, w
     expires_at = min(now + wait, found.until).replace(microsecond=0)
     url = services.storage.link(found.key, expires_in=wait) if services.settings.links_to_store else None
     if url is None:
-        query = services.signer.sign("result", *what, by=found.result.owner, expires_at=expires_at)
+        with services.database.read() as session:
+            seal = keys.seal(session, found.result.owner)
+        query = services.signer.sign("result", *what, by=found.result.owner, seal=seal, expires_at=expires_at)
         query |= {"person": str(wanted.person)} if wanted.part is not None and wanted.person > 1 else {}
         url = f"{addresses.of_result(services.settings, place)}?{urlencode(query)}"
     body = LinkBody(url=url, expires_at=expires_at)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 from email.utils import format_datetime
 from typing import Annotated, Final
@@ -23,7 +24,7 @@ from service.api.receivers import receiver
 from service.api.schemas import UploadBody, UploadLinkBody, UploadLinkRequest, VideoOptions
 from service.api.services import Services
 from service.api.uploads import Intake
-from service.catalog import ResumableUpload, Role, media, resumable
+from service.catalog import ResumableUpload, Role, keys, media, resumable
 from service.errors import BadRequestError, ConflictError, UnsupportedMediaError
 
 router = APIRouter(prefix="/uploads", tags=["uploads"])
@@ -125,42 +126,66 @@ def _make_link(services: Services, caller: Caller, once: Once, wanted: UploadLin
             webhook=webhook,
         )
         expires_at = (now + timedelta(seconds=wanted.expires_in_s)).replace(microsecond=0)
-        query = urlencode(services.signer.sign("upload", made.id, by=caller.owner, expires_at=expires_at))
+        seal = keys.seal(session, caller.owner)
+        query = urlencode(services.signer.sign("upload", made.id, by=caller.owner, seal=seal, expires_at=expires_at))
         url = f"{addresses.of_upload(services.settings, made.id)}?{query}"
         body = UploadLinkBody(id=made.id, url=url, expires_at=expires_at, max_bytes=limit)
         once.keep(session, 201, body, location=None, resource_id=made.id)
     return body
 
 
-async def _opened(request: Request, upload_id: UploadId, services: ServicesDep, access: AccessDep) -> ResumableUpload:
-    """The upload, for a caller whose it is or the holder of a link to it."""
+@dataclass(frozen=True)
+class _Opened:
+    """An upload, for a caller whose it is or the holder of a link to it."""
+
+    upload: ResumableUpload
+    by_link: bool
+
+    def body(self, now: ResumableUpload | None = None) -> UploadBody:
+        """The answer that shows it, as it is now; the medium is its owner's alone to see."""
+        body = resuming.body_of(now or self.upload)
+        return body.model_copy(update={"media": None}) if self.by_link else body
+
+    def progress(self, now: ResumableUpload | None = None) -> dict[str, str]:
+        """The same for tus."""
+        upload = now or self.upload
+        headers = {"Upload-Offset": str(upload.offset_bytes)}
+        if upload.media_id is None:
+            headers["Upload-Expires"] = _http_date(upload.expires_at)
+        elif not self.by_link:
+            headers["Pvg-Media"] = upload.media_id
+        return headers
+
+
+async def _opened(request: Request, upload_id: UploadId, services: ServicesDep, access: AccessDep) -> _Opened:
     found = await services.calls.read(_open, services, upload_id, access)
-    services.places.take(request.scope["state"], found.owner)
-    return found
+    access.count(services, request.scope["state"], found.owner, found.id)
+    return _Opened(found, access.by_link)
 
 
 def _open(services: Services, upload_id: str, access: Access) -> ResumableUpload:
-    access.to(services, "upload", upload_id)
     with services.database.read() as session:
+        access.to(services, session, "upload", upload_id)
         found = resuming.find_in(session, services, upload_id, access.owner)
         access.check_owner(session, found.owner)
     return found
 
 
-UploadDep = Annotated[ResumableUpload, Depends(_opened)]
+UploadDep = Annotated[_Opened, Depends(_opened)]
 
 
 @open_router.get("/{upload_id}", responses=problems(403, 404, 410))
-async def get_upload(upload: UploadDep) -> UploadBody:
+async def get_upload(opened: UploadDep) -> UploadBody:
     """How much of a file is there, and which medium it has become."""
-    return resuming.body_of(upload)
+    return opened.body()
 
 
 @open_router.head("/{upload_id}", include_in_schema=False)
-async def get_upload_offset(request: Request, upload: UploadDep) -> Response:
+async def get_upload_offset(request: Request, opened: UploadDep) -> Response:
     """Where to go on (tus)."""
     tus.check_version(request.headers)
-    headers = _progress(upload) | {"Cache-Control": "no-store"}
+    upload = opened.upload
+    headers = opened.progress() | {"Cache-Control": "no-store"}
     if upload.size_bytes is not None:
         headers["Upload-Length"] = str(upload.size_bytes)
     if upload.said:
@@ -174,30 +199,21 @@ async def get_upload_offset(request: Request, upload: UploadDep) -> Response:
     responses=problems(400, 403, 404, 409, 410, 412, 413, 415, 460, 507),
     openapi_extra=_PIECE,
 )
-async def append_to_upload(request: Request, upload: UploadDep, services: ServicesDep) -> Response:
+async def append_to_upload(request: Request, opened: UploadDep, services: ServicesDep) -> Response:
     """The bytes from Upload-Offset on (tus). With the last ones the file is a medium, which `Pvg-Media` names."""
     tus.check_version(request.headers)
     tus.check_content_type(request.headers)
     offset, checksum = tus.number(request.headers, "upload-offset"), tus.checksum(request.headers)
-    now = await resuming.append(services, request, upload, offset, checksum)
-    return Response(status_code=204, headers=_progress(now))
-
-
-def _progress(upload: ResumableUpload) -> dict[str, str]:
-    headers = {"Upload-Offset": str(upload.offset_bytes)}
-    if upload.media_id is not None:
-        headers["Pvg-Media"] = upload.media_id
-    else:
-        headers["Upload-Expires"] = _http_date(upload.expires_at)
-    return headers
+    now = await resuming.append(services, request, opened.upload, offset, checksum, by_link=opened.by_link)
+    return Response(status_code=204, headers=opened.progress(now))
 
 
 @open_router.delete("/{upload_id}", status_code=204, responses=problems(403, 404, 410, 412, 507))
-async def delete_upload(request: Request, upload: UploadDep, services: ServicesDep) -> Response:
+async def delete_upload(request: Request, opened: UploadDep, services: ServicesDep) -> Response:
     """Remove what is there of a file (tus termination). A medium that it has become stays."""
     if "tus-resumable" in request.headers:
         tus.check_version(request.headers)
-    await resuming.remove(services, upload.id)
+    await resuming.remove(services, opened.upload.id)
     return Response(status_code=204)
 
 
@@ -206,9 +222,9 @@ async def delete_upload(request: Request, upload: UploadDep, services: ServicesD
     responses=problems(400, 403, 404, 409, 410, 413, 415, 507),
     openapi_extra=file_body("The file"),
 )
-async def send_upload(request: Request, upload: UploadDep, services: ServicesDep) -> UploadBody:
+async def send_upload(request: Request, opened: UploadDep, services: ServicesDep) -> UploadBody:
     """The whole file as the body, for an upload of which nothing is there; the same file may come again."""
-    return await _whole(services, request, upload)
+    return await _whole(services, request, opened)
 
 
 @open_router.post(
@@ -217,7 +233,7 @@ async def send_upload(request: Request, upload: UploadDep, services: ServicesDep
     responses=_ALSO | problems(400, 403, 404, 409, 410, 412, 413, 415, 460, 507),
     openapi_extra={**fields("X-HTTP-Method-Override"), **file_form("The file as a form")},
 )
-async def send_upload_as_form(request: Request, upload: UploadDep, services: ServicesDep) -> Response:
+async def send_upload_as_form(request: Request, opened: UploadDep, services: ServicesDep) -> Response:
     """By a link: the whole file, as the field `file` of a form, or the announcement of one in pieces (tus creation).
 
     With X-HTTP-Method-Override: PATCH, DELETE or HEAD of tus, for clients that have only POST.
@@ -225,29 +241,31 @@ async def send_upload_as_form(request: Request, upload: UploadDep, services: Ser
     override = request.headers.get("x-http-method-override", "").upper()
     if override in {"PATCH", "DELETE", "HEAD"}:
         if override == "PATCH":
-            return await append_to_upload(request, upload, services)
+            return await append_to_upload(request, opened, services)
         return await (
-            delete_upload(request, upload, services) if override == "DELETE" else get_upload_offset(request, upload)
+            delete_upload(request, opened, services) if override == "DELETE" else get_upload_offset(request, opened)
         )
     if "tus-resumable" in request.headers:
-        return await _begin(request, upload, services)
+        return await _begin(request, opened, services)
     if media_type(request) != "multipart/form-data":
         raise UnsupportedMediaError("send the file as the field `file` of a form, by PUT as the body, or by tus")
-    return Response((await _whole(services, request, upload)).model_dump_json(), media_type="application/json")
+    return Response((await _whole(services, request, opened)).model_dump_json(), media_type="application/json")
 
 
-async def _begin(request: Request, upload: ResumableUpload, services: Services) -> Response:
+async def _begin(request: Request, opened: _Opened, services: Services) -> Response:
+    upload = opened.upload
     tus.check_version(request.headers)
     size_bytes, said, raw = _announced(request)
     resuming.check_size(size_bytes, upload.limit_bytes)
     services.room.require(size_bytes)
     await services.calls.write(resuming.begin, services, upload.id, size_bytes, said, raw)
     query = f"?{request.url.query}" if request.url.query else ""
-    headers = _progress(upload) | {"Location": addresses.of_upload(services.settings, upload.id) + query}
+    headers = opened.progress() | {"Location": addresses.of_upload(services.settings, upload.id) + query}
     return Response(status_code=201, headers=headers)
 
 
-async def _whole(services: Services, request: Request, upload: ResumableUpload) -> UploadBody:
+async def _whole(services: Services, request: Request, opened: _Opened) -> UploadBody:
+    upload = opened.upload
     # what was sent before may be sent again: the answer may have been lost
     declared = request.headers.get("content-length", "")
     is_other = media_type(request) != "multipart/form-data" and declared not in {"", str(upload.size_bytes)}
@@ -270,7 +288,7 @@ async def _whole(services: Services, request: Request, upload: ResumableUpload) 
         media_id = upload.media_id
         if media_id is None:
             try:
-                await resuming.record(services, upload, received)
+                await resuming.record(services, upload, received, by_link=opened.by_link)
             except ConflictError:
                 # the same file may have come by another request meanwhile
                 media_id = (await services.calls.read(resuming.find, services, upload.id)).media_id
@@ -278,7 +296,7 @@ async def _whole(services: Services, request: Request, upload: ResumableUpload) 
                     raise
         if media_id is not None and not await services.calls.read(_is_of, services, media_id, received.sha256):
             raise ConflictError(f"{upload.id} is complete, with another file")
-    return resuming.body_of(await services.calls.read(resuming.find, services, upload.id))
+    return opened.body(await services.calls.read(resuming.find, services, upload.id))
 
 
 def _is_of(services: Services, media_id: str, sha256: str) -> bool:

@@ -14,6 +14,7 @@ import pytest
 from pydantic import ValidationError
 from sqlalchemy import update
 
+from service.api import rates
 from service.api.advice import ADVICE
 from service.catalog import Media, keys, utc_now
 from service.settings import Settings
@@ -108,7 +109,9 @@ def test_a_link_ends_with_its_time_its_result_and_its_key(api: Api, stranger: ht
     result = make_result(api)
     url = api.client.post(f"/results/{result}/link").json()["url"]
     now = api.services.database.now()
-    old = api.services.signer.sign("result", result, by=owner, expires_at=now - timedelta(seconds=2))
+    with api.services.database.read() as session:
+        seal = keys.seal(session, owner)
+    old = api.services.signer.sign("result", result, by=owner, seal=seal, expires_at=now - timedelta(seconds=2))
     gone = stranger.get(f"/results/{result}", params=old)
     assert (gone.status_code, gone.json()["code"]) == (410, "gone")
     with api.services.background.write() as session:
@@ -116,6 +119,28 @@ def test_a_link_ends_with_its_time_its_result_and_its_key(api: Api, stranger: ht
         assert key is not None
         assert keys.revoke(session, key, now=now)
     assert stranger.get(url).status_code == 403
+
+
+def test_links_end_with_the_secret_of_their_key(api: Api, stranger: httpx.Client) -> None:
+    owner = use_key(api)
+    result = make_result(api)
+    urls = [api.client.post(f"/results/{result}/link").json()["url"], upload_link(api)]
+    parts = api.client.post(f"/results/{result}/link", json={"part": "look.cube", "person": 2}).json()["url"]
+    assert [stranger.get(url).status_code for url in (*urls, parts)] == [200] * 3
+    with api.services.background.write() as session:
+        key = keys.get(session, owner)
+        assert key is not None
+        api.client.headers["Authorization"] = f"Bearer {keys.rotate(key)}"
+    assert [stranger.get(url).status_code for url in (*urls, parts)] == [403] * 3
+    assert stranger.put(urls[1], content=MP4).status_code == 403
+    for url in (api.client.post(f"/results/{result}/link").json()["url"], upload_link(api)):
+        assert stranger.get(url).status_code == 200
+
+
+@pytest.mark.parametrize("by", ["key_%00", "key_" + "0" * 32, "key_" + "g" * 32, "%ed%a0%80"])
+def test_a_link_of_no_key_there_is_is_none(api: Api, stranger: httpx.Client, by: str) -> None:
+    use_key(api)
+    assert stranger.get(f"/uploads/upl_{'0' * 32}?expires=9999999999&by={by}&signature=a").status_code == 403
 
 
 @pytest.mark.parametrize("revoked", [True, False])
@@ -251,6 +276,11 @@ def upload_link(api: Api, **wanted: object) -> str:
     return str(made.json()["url"])
 
 
+def medium_of(api: Api, url: str) -> str:
+    """What has come by a link, as its maker sees it."""
+    return str(api.client.get(urlsplit(url).path).json()["media"])
+
+
 def test_one_file_is_uploaded_by_a_link_without_a_key(api: Api, stranger: httpx.Client) -> None:
     use_key(api)
     data = PNG + b"a" * 1000
@@ -258,7 +288,7 @@ def test_one_file_is_uploaded_by_a_link_without_a_key(api: Api, stranger: httpx.
     assert stranger.post("/uploads/link", json={}).status_code == 401
     put = stranger.put(url, content=data, headers={"Content-Disposition": 'attachment; filename="a.png"'})
     assert put.status_code == 200, put.text
-    reference = api.client.get(f"/references/{put.json()['media']}").json()
+    reference = api.client.get(f"/references/{medium_of(api, url)}").json()
     assert reference["sha256"] == hashlib.sha256(data).hexdigest()
     assert (reference["settings"]["mask"], reference["metadata"]) == ("ycbcr", {"order": "42"})
     assert stranger.get(url).json() == put.json()
@@ -275,9 +305,46 @@ def test_one_file_is_uploaded_by_a_link_without_a_key(api: Api, stranger: httpx.
     assert stranger.post(form, files={"file": ("a.mp4", MP4)}).json() == sent.json()
     assert stranger.post(form, files={"file": ("a.mp4", MP4 + b"b")}).status_code == 409
     assert api.drafts == []
-    assert api.client.get(f"/videos/{sent.json()['media']}").json()["filename"] == "a.mp4"
+    assert api.client.get(f"/videos/{medium_of(api, form)}").json()["filename"] == "a.mp4"
     # what came by a link is its maker's alone
-    assert stranger.get(f"/videos/{sent.json()['media']}").status_code == 401
+    assert put.json()["media"] is sent.json()["media"] is stranger.get(form).json()["media"] is None
+    assert put.json()["offset_bytes"] == put.json()["size_bytes"] == len(data)
+    assert stranger.get(f"/videos/{medium_of(api, form)}").status_code == 401
+
+
+@pytest.mark.parametrize("pieces", [False, True])
+def test_a_link_names_nothing_anew_that_is_there_already(api: Api, stranger: httpx.Client, *, pieces: bool) -> None:
+    use_key(api)
+    named = {"Content-Disposition": 'attachment; filename="mine.mp4"'}
+    mine = api.client.post("/videos?metadata=consent:2026", content=MP4, headers=named).json()
+    url = upload_link(api, metadata={"from": "a link"})
+    if pieces:
+        said = {"Tus-Resumable": "1.0.0", "Upload-Length": str(len(MP4)), "Upload-Metadata": "filename YS5tcDQ="}
+        assert stranger.post(url, headers=said).status_code == 201
+        offset = {"Tus-Resumable": "1.0.0", "Content-Type": "application/offset+octet-stream", "Upload-Offset": "0"}
+        sent = stranger.patch(url, content=MP4, headers=offset)
+        assert (sent.status_code, sent.headers.get("pvg-media")) == (204, None)
+    else:
+        theirs = {"Content-Disposition": 'attachment; filename="theirs.mp4"'}
+        assert stranger.put(url, content=MP4, headers=theirs).json()["media"] is None
+    assert medium_of(api, url) == mine["id"]
+    now = api.client.get(f"/videos/{mine['id']}").json()
+    assert (now["filename"], now["metadata"]) == ("mine.mp4", {"consent": "2026"})
+
+
+def test_a_link_has_a_rate_that_is_not_its_keys(
+    api: Api, stranger: httpx.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    use_key(api)
+    urls = [upload_link(api), api.client.post(f"/results/{make_result(api)}/link").json()["url"]]
+    monkeypatch.setattr(rates, "LINK_REQUESTS", 3)
+    monkeypatch.setattr(api.services.link_rates, "_now", lambda: 1e6)  # no minute ends meanwhile
+    for url in urls:
+        assert [stranger.get(url).status_code for _ in range(3)] == [200] * 3
+        refused = stranger.get(url)
+        assert (refused.status_code, refused.json()["limit"]) == (429, 3)
+        assert (refused.json()["unit"], refused.headers["retry-after"]) == ("requests per minute", "20")
+    assert api.client.get(urlsplit(urls[0]).path).status_code == 200
 
 
 def test_a_file_that_is_sent_twice_at_a_time_by_a_link_gets_the_same_answer_twice(
@@ -349,13 +416,15 @@ def test_a_file_in_pieces_by_a_link(api: Api, stranger: httpx.Client) -> None:
     assert stranger.head(url, headers=tus).headers["upload-length"] == "600000"
     rest = b"x" * (600_000 - len(MP4))
     last = stranger.patch(url, content=rest, headers=piece | {"Upload-Offset": str(len(MP4))})
-    assert api.client.get(f"/videos/{last.headers['pvg-media']}").status_code == 200
+    assert "pvg-media" not in last.headers
+    assert api.client.get(f"/videos/{medium_of(api, url)}").status_code == 200
 
 
 def test_a_link_for_an_upload_expires(api: Api, stranger: httpx.Client) -> None:
     made = api.client.post("/uploads/link", json={}).json()
     now = api.services.database.now()
-    old = api.services.signer.sign("upload", made["id"], by=keys.NOBODY, expires_at=now - timedelta(seconds=2))
+    late = now - timedelta(seconds=2)
+    old = api.services.signer.sign("upload", made["id"], by=keys.NOBODY, seal="", expires_at=late)
     assert stranger.put(f"/uploads/{made['id']}", params=old, content=MP4).status_code == 410
 
 
@@ -375,7 +444,7 @@ def test_a_file_that_is_on_its_way_when_its_link_expires_is_taken(
 
     sent = stranger.put(url, content=slowly())
     assert sent.status_code == 200, sent.text
-    assert api.client.get(f"/videos/{sent.json()['media']}").json()["size_bytes"] == len(MP4) + 8
+    assert api.client.get(f"/videos/{medium_of(api, url)}").json()["size_bytes"] == len(MP4) + 8
 
 
 # pages of other sites

@@ -21,6 +21,12 @@ def narrow(tmp_path: Path) -> Iterator[Api]:
     yield from serve(Settings(data_dir=tmp_path / "data", reap_interval_s=3600, max_connections=12))
 
 
+@pytest.fixture
+def wide(tmp_path: Path) -> Iterator[Api]:
+    """One of 64 connections: 16 for a key, 8 for its links, 2 for one of them."""
+    yield from serve(Settings(data_dir=tmp_path / "data", reap_interval_s=3600, max_connections=64))
+
+
 def send_slowly(api: Api, stack: ExitStack, method: str, path: str, key: Holder | None = None) -> socket.socket:
     """A request whose body has come in part."""
     sender = stack.enter_context(socket.create_connection(api.address, timeout=60))
@@ -54,6 +60,32 @@ def test_a_key_has_a_quarter_of_the_connections_and_others_have_the_rest(narrow:
     until(lambda: one.get("/videos").status_code == 200)
     assert narrow.client.get(download).status_code == 200
     assert [one.get("/videos").status_code for _ in range(6)] == [200] * 6  # each leaves its place
+
+
+def test_who_has_a_link_leaves_its_owner_work_and_the_end_of_it(wide: Api) -> None:
+    one = holder(wide)
+    links = [one.post("/uploads/link", json={}).json()["url"] for _ in range(6)]
+
+    def send(method: str, path: str, key: Holder | None = None) -> None:
+        before = len(wide.drafts)
+        send_slowly(wide, stack, method, path, key)
+        until(lambda: len(wide.drafts) == before + 1)
+
+    with ExitStack() as stack:
+        for number, link in enumerate(links[:4]):
+            for _ in range(2):
+                send("PUT", link)
+            refused = wide.client.get(link)  # an eighth of them
+            assert (refused.status_code, refused.json()["limit"]) == (429, 8 if number == 3 else 2)
+        refused = wide.client.get(links[4])  # half of them
+        assert (refused.status_code, refused.json()["limit"]) == (429, 8)
+        for _ in range(7):
+            send("POST", "/videos", one)
+        assert one.delete(links[0].partition("?")[0]).status_code == 204
+        send("POST", "/videos", one)
+        assert one.get("/usage").json()["limit"] == 16  # of all, those by links too
+    until(lambda: wide.client.get(links[4]).status_code == 200)
+    assert [wide.client.get(links[5]).status_code for _ in range(9)] == [200] * 9  # each leaves its places
 
 
 def test_without_keys_nothing_is_counted(narrow: Api) -> None:
