@@ -19,6 +19,8 @@ GIB = 1024**3
 DAY_S = 86_400
 #: what a number in the database, and a limit of a process, can be
 MAX_BYTES: Final = 2**63 - 1
+#: of one transfer, whatever is set: all of them are read before they are counted
+MAX_LOOKS: Final = 1000
 
 _PREFIX: Final = "PVG_"
 #: settings that are secrets: the path of a file that holds one is given in a variable of the same name and this ending
@@ -151,7 +153,7 @@ class Settings(BaseSettings):
     """Bytes of one uploaded file."""
     max_json_bytes: int = Field(default=1024**2, gt=0)
     """Bytes of a JSON body."""
-    max_looks: int = Field(default=16, gt=0)
+    max_looks: int = Field(default=16, gt=0, le=MAX_LOOKS)
     """Looks of one transfer."""
     max_pixels: int = Field(default=33_554_432, gt=0)
     """Pixels of one frame."""

@@ -23,6 +23,7 @@ import structlog
 import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from service.api.places import has_place
 from service.errors import PROBLEM_JSON, PROBLEMS, ProblemType, problem_body, type_of
 from service.ids import new_id
 from service.settings import Settings
@@ -37,6 +38,9 @@ LINGER_S: Final = 2.0
 #: between two looks at a connection
 TICK_S: Final = 1.0
 LOG_EVERY_S: Final = 10.0
+#: chunks of a body, after which they have so many bytes on average: each costs as much as a kilobyte does
+FREE_CHUNKS: Final = 1000
+MIN_CHUNK_BYTES: Final = 64
 _END_OF_HEAD: Final = re.compile(rb"\n\r?\n")
 
 # what uvicorn warns of is what any client can send; that is counted here
@@ -108,12 +112,18 @@ class Phase(Enum):
     REFUSED = auto()  # the client, to read why
 
 
+class _TinyChunksError(h11.RemoteProtocolError):
+    """The chunks of a body are too many for its bytes."""
+
+
 class _Parser(h11.Connection):
     """h11's parser, which refuses more: heads of many lines, and framing that two readers could understand differently.
 
     The latter is how one request is smuggled inside another: a request with both lengths is answered by closing the
-    connection, and so is a transfer coding in HTTP/1.0 (RFC 9112, 6.1).
+    connection, and so is a transfer coding in HTTP/1.0 (RFC 9112, 6.1). And bodies of thousands of tiny chunks.
     """
+
+    _chunks = _chunk_bytes = 0
 
     def next_event(self) -> h11.Event | type[h11.NEED_DATA] | type[h11.PAUSED]:
         """The next event. Raises `h11.RemoteProtocolError`."""
@@ -124,11 +134,21 @@ class _Parser(h11.Connection):
             if len(head) > MAX_HEAD_BYTES or head.count(b"\n") > MAX_HEAD_LINES:
                 raise h11.RemoteProtocolError("the head is too large", error_status_hint=431)
         event = super().next_event()
-        if isinstance(event, h11.Request):
+        if isinstance(event, h11.Data):
+            self._count(event)
+        elif isinstance(event, h11.Request):
+            self._chunks = self._chunk_bytes = 0
             names = [name for name, _ in event.headers]
             if b"transfer-encoding" in names and (b"content-length" in names or event.http_version < b"1.1"):
                 raise h11.RemoteProtocolError("the length of the body is ambiguous")
         return event
+
+    def _count(self, data: h11.Data) -> None:
+        self._chunks += data.chunk_start
+        self._chunk_bytes += len(data.data)
+        # the last one may not have come whole
+        if self._chunks > FREE_CHUNKS and self._chunk_bytes < MIN_CHUNK_BYTES * (self._chunks - 1):
+            raise _TinyChunksError(f"the chunks of the body have fewer than {MIN_CHUNK_BYTES} bytes on average")
 
 
 class BoundedProtocol(H11Protocol):
@@ -193,7 +213,8 @@ class BoundedProtocol(H11Protocol):
             431: f"the head of a request has at most {MAX_HEAD_LINES} lines and {MAX_HEAD_BYTES} bytes",
             501: "the only transfer coding is chunked",
         }
-        self.refuse(kind, details.get(status, "this is not HTTP/1.1 as RFC 9112 has it"))
+        detail = details.get(status, "this is not HTTP/1.1 as RFC 9112 has it")
+        self.refuse(kind, str(error) if isinstance(error, _TinyChunksError) else detail)
 
     def shutdown(self) -> None:
         """The server stops."""
@@ -209,12 +230,25 @@ class BoundedProtocol(H11Protocol):
         """True when closing the connection harms no request that has come whole."""
         return self._now_in() in {Phase.IDLE, Phase.HEAD, Phase.REFUSED}
 
+    @property
+    def is_unread(self) -> bool:
+        """True when a client who has no key, or link of one, takes his time to take an answer."""
+        cycle = self.cycle
+        state = cycle.scope.get("state", {}) if cycle is not None else {}
+        return self._now_in() in {Phase.SEND, Phase.CLOSE} and not has_place(state)
+
     def _make_room(self) -> bool:
-        """Close the connection that has kept us waiting longest for a request. False when all of them work."""
-        others = [one for one in self.connections if isinstance(one, BoundedProtocol) and one is not self and one.waits]
-        if not others:
-            return False
-        longest = min(others, key=lambda one: one._since)
+        """Close the connection that has kept us waiting longest for a request. False when all of them work.
+
+        Unread answers to nobody are no work where they have more than half of the connections: keys have the others.
+        """
+        others = [one for one in self.connections if isinstance(one, BoundedProtocol) and one is not self]
+        idle = [one for one in others if one.waits]
+        if not idle:
+            idle = [one for one in others if one.is_unread]
+            if len(idle) <= self._limits.connections // 2:
+                return False
+        longest = min(idle, key=lambda one: one._since)
         self._tally.count("evicted")
         self.connections.discard(longest)
         longest.transport.abort()

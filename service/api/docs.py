@@ -26,7 +26,8 @@ _FOLDER: Final = Path(str(files("fastapi_offline"))) / "static"
 # the browser itself refuses whatever a page or its scripts would load from elsewhere
 _HEADERS: Final = {
     "Content-Security-Policy": "default-src 'self'; script-src 'self' 'unsafe-inline'; "
-    "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; worker-src 'self' blob:"
+    "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; worker-src 'self' blob:; "
+    "object-src 'none'; base-uri 'none'; frame-ancestors 'none'"
 }
 
 

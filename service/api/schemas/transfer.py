@@ -36,6 +36,7 @@ from service.catalog import (
     MatteFormat,
     Preset,
 )
+from service.settings import MAX_LOOKS
 
 #: one of them has two names
 ContainerName = Annotated[
@@ -163,7 +164,7 @@ class TransferRequest(Request):
     """Colours of one or more references on one video."""
 
     video: MediaId
-    looks: list[LookRequest] = Field(min_length=1)
+    looks: list[LookRequest] = Field(min_length=1, max_length=MAX_LOOKS)
     output: OutputRequest = OutputRequest()
     webhook: WebhookRequest | None = None
     metadata: Metadata = Field(default={})

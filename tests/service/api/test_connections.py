@@ -292,6 +292,58 @@ def test_what_is_no_http_is_a_problem_and_the_connection_closes(service: Service
     assert {"type", "title", "detail", "instance", "request_id"} <= problem.keys()
 
 
+CHUNKED = b"POST /livez HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"
+
+
+@pytest.mark.parametrize(
+    ("size", "number", "status"), [(1, 3000, 400), (63, 3000, 400), (64, 3000, 405), (1, 900, 405)]
+)
+def test_a_body_of_thousands_of_tiny_chunks_is_refused(service: Service, size: int, number: int, status: int) -> None:
+    chunk = b"%x\r\n%s\r\n" % (size, b"a" * size)
+    with connect(service) as connection:
+        connection.sendall(CHUNKED + chunk * number + b"0\r\n\r\n")
+        answer = connection.recv(65536)
+    assert answer.startswith(b"HTTP/1.1 %d " % status)
+    assert (b"fewer than 64 bytes on average" in answer) == (status == 400)
+
+
+@pytest.fixture
+def full(tmp_path: Path) -> Iterator[Api]:
+    """An API of few connections, which waits long for who takes no answer."""
+    yield from serve(Settings(data_dir=tmp_path, reap_interval_s=3600, max_connections=20, send_timeout_s=3600))
+
+
+def leave_unread(api: Api, stack: ExitStack, number: int) -> None:
+    for _ in range(number):
+        reader = stack.enter_context(socket.socket())
+        reader.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        reader.connect(api.address)
+        reader.sendall(b"GET /docs/assets/redoc.standalone.js HTTP/1.1\r\nHost: localhost\r\n\r\n" * 20)
+        assert reader.recv(1) == b"H"
+
+
+def is_served(api: Api) -> bool:
+    with httpx.Client(base_url=api.client.base_url, timeout=60) as client:
+        return client.get("/livez").status_code == 200
+
+
+def test_who_takes_no_answer_makes_room_for_others(full: Api) -> None:
+    with ExitStack() as stack:
+        leave_unread(full, stack, 20)
+        until(lambda: is_served(full))
+
+
+def test_unread_answers_make_room_where_they_have_more_than_half_of_it(full: Api) -> None:
+    with ExitStack() as stack:
+        for number in range(10):
+            sender = stack.enter_context(socket.create_connection(full.address, timeout=60))
+            sender.sendall(b"POST /videos HTTP/1.1\r\nHost: localhost\r\nContent-Length: 99999\r\n\r\n" + MP4)
+            until(lambda number=number: len(full.drafts) == number + 1)
+        leave_unread(full, stack, 10)
+        time.sleep(1)
+        assert [is_served(full) for _ in range(3)] == [False] * 3
+
+
 def test_the_log_stays_small(service: Service) -> None:
     before = service.log.stat().st_size
     for _ in range(300):

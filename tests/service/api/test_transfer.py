@@ -6,10 +6,12 @@ from typing import Any
 
 import httpx
 import pytest
+from pydantic import ValidationError
 
 from service.api import commands
 from service.api.multipart import Form
 from service.api.preview_request import PreviewRequest
+from service.api.schemas import TransferRequest
 from service.api.transfer_form import to_request
 from service.catalog import OutputOptions, Report, jobs, leases, render_request
 from service.catalog.keys import Limits
@@ -351,6 +353,15 @@ def test_a_form_over_the_quota_takes_back_its_references(api: Api) -> None:
         assert (refused.status_code, refused.json()["code"]) == (429, "quota-exceeded")
         assert client.get("/references").json()["data"] == []
         assert client.post("/transfer", data={"video": video["id"]}, files=files[:1]).status_code == 202
+
+
+def test_hundreds_of_thousands_of_looks_are_refused_at_once() -> None:
+    body = f'{{"video": "vid_1", "looks": [{",".join(["{}"] * 300_000)}]}}'
+    began = time.process_time()
+    with pytest.raises(ValidationError) as refused:
+        TransferRequest.model_validate_json(body, strict=True)
+    assert refused.value.error_count() == 2
+    assert time.process_time() - began < 0.3  # it was over a second
 
 
 def test_a_form_that_asks_for_the_same_again_needs_no_further_job(api: Api) -> None:

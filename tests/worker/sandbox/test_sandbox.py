@@ -108,8 +108,11 @@ def test_what_a_machine_lacks_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     assert any("s390x" in line for line in lines), lines
 
 
-#: which headers of before Linux 6.6, 6.13 and 6.17 lack: the same on all processors
-NEW_CALLS = {"fchmodat2": 452, "setxattrat": 463, "removexattrat": 466, "file_setattr": 469}
+#: which headers of before Linux 6.6, 6.8, 6.13, 6.15 and 6.17 lack: the same on all processors
+NEW_CALLS = {
+    **{"fchmodat2": 452, "statmount": 457, "listmount": 458, "setxattrat": 463, "removexattrat": 466},
+    **{"open_tree_attr": 467, "file_setattr": 469},
+}
 
 
 @pytest.mark.parametrize(
