@@ -26,6 +26,7 @@ from urllib.parse import urlsplit
 
 import httpx
 
+from service.answers import BoundedTransport, pieces
 from service.errors import FetchFailedError, StoppingError, UrlNotAllowedError
 from service.settings import Settings
 
@@ -171,7 +172,7 @@ class Egress:
             ):
                 status = response.status_code
                 dropped = 0
-                async for chunk in response.aiter_raw():
+                async for chunk in pieces(response):
                     dropped += len(chunk)
                     if dropped > _DROPPED_BYTES:
                         break
@@ -221,7 +222,7 @@ class Egress:
         window_s, least = self._settings.body_timeout_s, self._settings.min_body_bytes_per_s
         now = asyncio.get_running_loop().time
         began, received = now(), 0
-        async for chunk in response.aiter_raw():
+        async for chunk in pieces(response):
             received += len(chunk)
             if (passed := now() - began) >= window_s:
                 if received < least * passed:
@@ -250,7 +251,7 @@ class Egress:
         sent |= {**(headers or {}), "Host": target.netloc.decode("ascii")}
         limits = httpx.Timeout(silence_s, connect=_CONNECT_S).as_dict()
         # the transport alone: what a client adds, redirects, cookies and proxies, is what is not wanted here
-        async with httpx.AsyncHTTPTransport(verify=self._tls, trust_env=False) as transport:
+        async with BoundedTransport(self._tls) as transport:
             async with asyncio.timeout(head_s):
                 addresses = await self._addresses(target, owner)
                 while True:

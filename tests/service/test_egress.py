@@ -268,6 +268,46 @@ def test_a_file_that_comes_too_slowly_is_given_up(
     egress.close()
 
 
+def sends(head: bytes, again: bytes, megabytes: float) -> Callable[[socket], None]:
+    def send(connection: socket) -> None:
+        connection.sendall(head)
+        for _ in range(int(megabytes * 100)):
+            connection.sendall(again * (10_000 // len(again)))
+        connection.sendall(b"0\r\n\r\n")
+
+    return send
+
+
+CHUNKED = b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n"
+INTERIM = b"HTTP/1.1 100 \r\n\r\n"
+
+
+@pytest.mark.parametrize(("head", "again"), [(CHUNKED, b"1\r\na\r\n"), (b"", INTERIM)])
+def test_an_answer_of_countless_small_pieces_is_given_up_at_once(
+    egress: Egress, here: Remote, names: Names, public_loopback: None, head: bytes, again: bytes
+) -> None:
+    names.tell("public.example", PUBLIC)
+    here.answers["/"] = sends(head, again, 3)
+    at = f"http://public.example:{here.port}/"
+    began = time.thread_time()  # the server's threads are others
+    with pytest.raises(FetchFailedError, match="does not answer as HTTP has it"):
+        fetch(egress, at)
+    if head:
+        assert egress.post(at, headers={}, content=b"", timeout_s=60) == 200
+    else:
+        with pytest.raises(FetchFailedError, match="does not answer as HTTP has it"):
+            egress.post(at, headers={}, content=b"", timeout_s=60)
+    assert time.thread_time() - began < 1  # it was seconds
+
+
+def test_an_answer_may_have_some_interim_ones_before_it_and_small_chunks(
+    egress: Egress, here: Remote, names: Names, public_loopback: None
+) -> None:
+    names.tell("public.example", PUBLIC)
+    here.answers["/"] = sends(INTERIM * 100 + CHUNKED, b"40\r\n" + b"a" * 64 + b"\r\n", 1)
+    assert len(fetch(egress, f"http://public.example:{here.port}/")) == 64 * 100 * (10_000 // 70)
+
+
 @pytest.mark.parametrize(
     ("given", "said"),
     [
