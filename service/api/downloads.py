@@ -74,8 +74,8 @@ def etag_of_file(sha256: str) -> str:
     return f'"{sha256}"'
 
 
-async def send_file(services: Services, asked: BytesAsked, file: File) -> Response:
-    """The bytes that are asked for, or 304.
+async def send_file(services: Services, asked: BytesAsked, file: File, *, may_keep: bool = True) -> Response:
+    """The bytes that are asked for, or 304; unless the client ``may_keep`` them, for this time alone.
 
     Raises `PreconditionError`, `RangeError`, and `GoneError` when the storage has none of it.
     """
@@ -84,7 +84,7 @@ async def send_file(services: Services, asked: BytesAsked, file: File) -> Respon
     headers = {
         "ETag": etag,
         "Accept-Ranges": "bytes",
-        "Cache-Control": "private, no-cache",
+        "Cache-Control": "private, no-cache" if may_keep else "no-store",
         "Repr-Digest": f"sha-256=:{base64.b64encode(bytes.fromhex(file.sha256)).decode()}:",
     }
     if matches(asked.if_none_match, etag):

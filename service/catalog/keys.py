@@ -30,6 +30,7 @@ from service.catalog.models import (
     PartFile,
     Result,
     ResumableUpload,
+    UploadPart,
 )
 from service.ids import new_id
 
@@ -37,6 +38,8 @@ from service.ids import new_id
 NOBODY: Final = ""
 #: seconds of the window in which requests are counted
 WINDOW_S: Final = 60
+#: what a piece of a file takes on a disk at least
+PIECE_BYTES: Final = 4096
 
 _TEXT: Final = re.compile(r"pvg_([0-9a-f]{32})_([A-Za-z0-9_-]{43})")
 _ID: Final = re.compile(r"key_[0-9a-f]{32}")
@@ -193,7 +196,7 @@ def active_jobs(session: Session, owner: str) -> int:
 def stored_bytes(session: Session, owner: str) -> int:
     """How many bytes an owner's media, assets, results and what its jobs in parts have drawn take.
 
-    With them those that arrive in pieces will take.
+    With them those that arrive in pieces will take, of which none counts for less than `PIECE_BYTES`.
     """
     of_media = func.sum(Media.size_bytes + func.coalesce(Media.asset_bytes, 0))
     media = session.scalar(select(of_media).where(Media.owner == owner)) or 0
@@ -201,9 +204,11 @@ def stored_bytes(session: Session, owner: str) -> int:
     results = session.scalar(select(func.sum(Result.size_bytes)).where(*kept)) or 0
     open_ = (ResumableUpload.owner == owner, ResumableUpload.media_id.is_(None))
     arriving = session.scalar(select(func.sum(ResumableUpload.size_bytes)).where(*open_)) or 0
+    pieces = select(func.sum(PIECE_BYTES - UploadPart.size_bytes)).join(ResumableUpload).where(*open_)
+    blocks = session.scalar(pieces.where(UploadPart.size_bytes < PIECE_BYTES)) or 0
     of_parts = select(func.sum(PartFile.size_bytes)).join(Job, Job.id == PartFile.part_id).where(Job.owner == owner)
     drawn = session.scalar(of_parts) or 0
-    return int(media) + int(results) + int(arriving) + int(drawn)
+    return int(media) + int(results) + int(arriving) + int(blocks) + int(drawn)
 
 
 def next_expiry(session: Session, owner: str) -> datetime | None:

@@ -29,7 +29,7 @@ from service.api.services import Services
 from service.api.storing import store
 from service.api.tus import Checksum
 from service.api.uploads import FileSink, Intake, ReceivedFile, clean_name
-from service.catalog import ResumableUpload, Role, UploadPart, VectorSettings, resumable, vector_settings
+from service.catalog import ResumableUpload, Role, UploadPart, VectorSettings, keys, resumable, vector_settings
 from service.errors import (
     ChecksumError,
     ConflictError,
@@ -224,7 +224,7 @@ class _Piece:
         if self._start + sink.size_bytes == self._size:
             await self._finish(sink)
         else:
-            await _keep_part(self._services, self._upload.id, self._start, sink)
+            await _keep_part(self._services, self._upload, self._start, sink)
             self._intake.drop(sink)
         self._start += sink.size_bytes
 
@@ -310,8 +310,8 @@ async def remove(services: Services, upload_id: str, *, even_if_complete: bool =
 
     Raises `NotFoundError`, and `ConflictError` for one that is complete unless ``even_if_complete``.
     """
-    keys = await services.calls.write(_remove, services, upload_id, even_if_complete=even_if_complete)
-    await services.calls.remove(services.blobs.delete, keys)
+    gone = await services.calls.write(_remove, services, upload_id, even_if_complete=even_if_complete)
+    await services.calls.remove(services.blobs.delete, gone)
 
 
 def _remove(services: Services, upload_id: str, *, even_if_complete: bool) -> list[str]:
@@ -330,19 +330,25 @@ def _parts(services: Services, upload_id: str) -> list[UploadPart]:
         return resumable.parts(session, upload_id)
 
 
-async def _keep_part(services: Services, upload_id: str, start: int, sink: FileSink) -> None:
+async def _keep_part(services: Services, upload: ResumableUpload, start: int, sink: FileSink) -> None:
     """Store the bytes of a sink and record them."""
-    await services.calls.read(_check_count, services, upload_id)
-    key = services.storage.key("part", sink.sha256, f"{upload_id}-{secrets.token_hex(8)}", "")
-    await store(services, sink.path, key, partial(_record_part, services, upload_id, start, sink.size_bytes, key))
+    await services.calls.read(_check_room, services, upload, sink.size_bytes)
+    key = services.storage.key("part", sink.sha256, f"{upload.id}-{secrets.token_hex(8)}", "")
+    await store(services, sink.path, key, partial(_record_part, services, upload.id, start, sink.size_bytes, key))
 
 
-def _check_count(services: Services, upload_id: str) -> None:
+def _check_room(services: Services, upload: ResumableUpload, size_bytes: int) -> None:
+    """Raise `ConflictError` for one piece too many, `QuotaExceededError` for a small one that takes more than is left.
+
+    The bytes of an upload are counted already; what a piece takes beyond its own is not.
+    """
     with services.database.read() as session:
-        if resumable.count(session, upload_id) >= MAX_PARTS:
+        if resumable.count(session, upload.id) >= MAX_PARTS:
             raise ConflictError(
-                f"{upload_id} has {MAX_PARTS} pieces, the most there may be; begin again with larger ones"
+                f"{upload.id} has {MAX_PARTS} pieces, the most there may be; begin again with larger ones"
             )
+        if (more := keys.PIECE_BYTES - size_bytes) > 0:
+            quotas.check(session, upload.owner, now=services.database.now(), jobs=0, size_bytes=more, lock=False)
 
 
 def _record_part(services: Services, upload_id: str, start: int, size_bytes: int, key: str) -> tuple[None, bool]:

@@ -89,7 +89,8 @@ async def _answer(services: Services, asked: BytesAsked, access: Access, kept: _
     whose = result.part_of or result.id
     access.count(services, asked.state, result.owner, whose)
     file = File(kept.key, result.sha256, result.size_bytes, result.content_type, result.filename, of=whose)
-    return await send_file(services, asked, file)
+    # a link is opened by a browser, which would leave faces among its files
+    return await send_file(services, asked, file, may_keep=not access.by_link)
 
 
 def _find(services: Services, access: Access, result_id: str) -> _Kept:

@@ -52,7 +52,7 @@ let trying = null;
 
 /** Whether the service gives what is asked for without a key. */
 function isOpen() {
-  trying ??= fetch(address("videos?limit=1"), { credentials: "omit" })
+  trying ??= fetch(address("videos?limit=1"), { credentials: "omit", cache: "no-store" })
     .then((answer) => answer.ok, () => false)
     .finally(() => { trying = null; });
   return trying;
@@ -91,6 +91,7 @@ export async function call(path, { method = "GET", json, body, headers = {}, sig
         body: json === undefined ? body : JSON.stringify(json),
         signal,
         credentials: "omit",
+        cache: "no-store", // faces are not left in the browser's files
       });
     } catch (error) {
       if (isAbort(error)) throw error;

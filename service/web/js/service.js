@@ -16,7 +16,7 @@ async function look(element) {
   let status = "unavailable";
   let checks = {};
   try {
-    const answer = await fetch(address("readyz"), { credentials: "omit" });
+    const answer = await fetch(address("readyz"), { credentials: "omit", cache: "no-store" });
     ({ status, checks = {} } = await answer.json());
   } catch {
     // the words for it are those of a part that is away

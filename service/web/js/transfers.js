@@ -167,7 +167,7 @@ export const resultUrl = (id) => fileUrl(id);
 export async function isGood(url) {
   if (url.startsWith("blob:")) return true;
   try {
-    return (await fetch(url, { method: "HEAD", credentials: "omit" })).ok;
+    return (await fetch(url, { method: "HEAD", credentials: "omit", cache: "no-store" })).ok;
   } catch {
     return "away"; // another link would not help
   }

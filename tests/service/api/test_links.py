@@ -64,6 +64,9 @@ def test_a_result_is_had_by_a_link_without_a_key(api: Api, stranger: httpx.Clien
     assert (whole.status_code, whole.content) == (200, FILE)
     part = stranger.get(url, headers={"Range": "bytes=4-7"})
     assert (part.status_code, part.content) == (206, FILE[4:8])
+    # a browser leaves nothing of it among its files
+    assert {one.headers["cache-control"] for one in (whole, part)} == {"no-store"}
+    assert api.client.get(f"/results/{result}").headers["cache-control"] == "private, no-cache"
     assert stranger.get(url, headers={"If-None-Match": whole.headers["etag"]}).status_code == 304
     assert stranger.head(url).headers["content-length"] == str(len(FILE))
     cube = api.client.post(

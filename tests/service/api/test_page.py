@@ -9,6 +9,7 @@ from pathlib import Path
 import httpx
 import pytest
 
+import service
 from service.catalog import keys
 from service.catalog.keys import Limits
 from tests.service.fixtures import Api
@@ -61,6 +62,13 @@ def test_nothing_is_written_into_the_page_that_the_policy_forbids(api: Api) -> N
     assert not page.inline
     assert "style" not in page.attributes
     assert not {name for name in page.attributes if name.startswith("on")}
+
+
+def test_what_the_page_asks_for_is_not_left_in_the_browsers_files() -> None:
+    scripts = [path.read_text() for path in sorted(Path(service.__file__).parent.glob("web/js/*.js"))]
+    calls = [call for script in scripts for call in re.findall(r"\bfetch\(.*?\}\)", script, re.DOTALL)]
+    assert len(calls) == sum(len(re.findall(r"\bfetch\(", script)) for script in scripts) > 2
+    assert [call for call in calls if 'cache: "no-store"' not in call] == []
 
 
 def test_the_browser_is_told_to_load_nothing_from_elsewhere(api: Api) -> None:

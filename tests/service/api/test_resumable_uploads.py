@@ -28,7 +28,7 @@ from service.catalog import keys, resumable, utc_now
 from service.catalog.models import IdempotentRequest
 from service.settings import Settings
 from service.storage import Storage
-from tests.service.api.test_authentication import holder
+from tests.service.api.test_authentication import Bearer, holder
 from tests.service.fixtures import MP4, PNG, Api, serve
 from tests.service.s3 import S3
 from tests.waiting import until
@@ -431,6 +431,26 @@ def test_an_upload_is_its_keys_own_and_counts_in_its_quota(api: Api) -> None:
         assert send(studio, url, 0, data[:300_000]).status_code == 204
         assert send(studio, url, 300_000, data[300_000:]).headers["pvg-media"]
         assert begin(studio, 399_000)
+
+
+def test_a_small_piece_counts_as_what_it_takes_on_the_disk(api: Api) -> None:
+    key = holder(api, keys.Limits(stored_bytes=30_000))
+    with httpx.Client(base_url=api.client.base_url, auth=Bearer(key.text), timeout=60) as client:
+
+        def used() -> int:
+            return int(client.get("/usage").json()["stored_bytes"]["used"])
+
+        data = content(20_000)
+        url = begin(client, len(data))
+        for start in (0, 1):
+            assert used() == 20_000 + start * 4095
+            assert send(client, url, start, data[start : start + 1]).status_code == 204
+        refused = send(client, url, 2, data[2:3])
+        assert (refused.status_code, refused.json()["unit"], offset_of(client, url)) == (429, "bytes", 2)
+        assert api.drafts == []
+        for start, end in ((2, 8_000), (8_000, 20_000)):  # these take no more than they are
+            assert send(client, url, start, data[start:end]).status_code == 204
+        assert used() == 20_000
 
 
 def test_an_upload_that_is_begun_again_by_its_key_is_told_of_with_all_its_fields(api: Api) -> None:
