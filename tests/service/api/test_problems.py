@@ -218,9 +218,9 @@ def test_a_long_name_of_a_field_is_looked_at_once() -> None:
 
 
 def test_of_many_errors_the_first_are_listed(api: Api) -> None:
-    body = {"video": "vid_" + "0" * 32, "looks": [0] * 4000}
+    body = {"video": "vid_" + "0" * 32, "looks": [0] * 1000}
     problem = check(api.client.post("/transfer", json=body), 422)
-    assert problem["detail"].endswith("; errors has the first 100 of 4000")
+    assert problem["detail"].endswith("; errors has the first 100 of 1000")
     assert [error["pointer"] for error in problem["errors"]] == [f"/looks/{i}" for i in range(100)]
     unknown = check(api.client.post("/preview", json={f"k{i}": 0 for i in range(2000)}), 422)
     assert len(unknown["errors"]) == 100
@@ -229,9 +229,9 @@ def test_of_many_errors_the_first_are_listed(api: Api) -> None:
 
 
 def test_of_a_body_that_is_all_wrong_nothing_is_listed(api: Api) -> None:
-    body = {"video": "vid_" + "0" * 32, "looks": [0] * 100_000}
+    body = {"video": "vid_" + "0" * 32, "looks": [0]} | {f"k{i}": 0 for i in range(50_000)}
     problem = check(api.client.post("/transfer", json=body), 422)
-    assert problem["detail"] == "the body is wrong in 100000 places"
+    assert problem["detail"] == "the body is wrong in 50001 places"
     assert "errors" not in problem
     form = {"video": "vid_" + "0" * 32, "reference": ["x"] * 60, "protect": ",".join("x" * 60), "faces": "y," * 60}
     fields = [
@@ -242,7 +242,8 @@ def test_of_a_body_that_is_all_wrong_nothing_is_listed(api: Api) -> None:
 
 def test_errors_take_a_time_that_grows_with_their_number() -> None:
     with pytest.raises(ValidationError) as refused:
-        TransferRequest.model_validate({"video": "vid_" + "0" * 32, "looks": [0] * 4900})
+        TransferRequest.model_validate({"video": "vid_" + "0" * 32} | {f"k{i}": 0 for i in range(4900)})
+    assert refused.value.error_count() == 4901
     began = time.thread_time()
     problems.invalid(refused.value)
     assert time.thread_time() - began < 1
