@@ -99,7 +99,7 @@ def test_what_is_told_arrives_and_is_drawn_is_counted(api: Api) -> None:
     assert figure(found, "pvg_previews", state="asked") == 0
     assert (figure(found, "pvg_preview_workers"), figure(found, "pvg_workers", state="ready")) == (1, 0)
     used = api.client.get("/v1/usage").json()
-    assert used["stored_bytes"]["used"] == 20 + figure(found, "pvg_stored_bytes", what="source")
+    assert used["stored_bytes"]["used"] == 20 + 4092 + figure(found, "pvg_stored_bytes", what="source")
     assert api.client.delete(place, headers={"Tus-Resumable": "1.0.0"}).status_code == 204
     assert figure(figures(api), "pvg_uploads") == 0
 
