@@ -205,7 +205,7 @@ class FaceTracker:
 
     def _acquire(self, index: int, detections: tuple[Detection, ...], picture: Picture) -> None:
         """Give detections nobody follows to lost tracks nearby, or to new ones, and count those left out."""
-        left_out = 0
+        left_out: list[Floats] = []  # boxes: who has given its place is detected once more
         for detection in detections:
             if self._taken(index, detection.box):
                 continue
@@ -215,13 +215,16 @@ class FaceTracker:
             track = self._continued(index, mesh, picture)
             if track is None:
                 crowded_out = self._crowded_out(index, mesh) if len(self.open) >= self._max_faces else None
-                left_out += crowded_out is not None and self._is_wanted(crowded_out)
+                if crowded_out is not None and self._is_wanted(crowded_out):
+                    box = box_of(crowded_out.points)
+                    if not left_out or float(box_iou(box, np.stack(left_out)).max()) <= SAME_FACE_IOU:
+                        left_out.append(box)
                 if crowded_out is mesh:
                     continue
                 track = OpenTrack(index, mesh)
                 self.open.append(track)
             track.add(index, mesh)
-        self.left_out = max(self.left_out, left_out)
+        self.left_out = max(self.left_out, len(left_out))
 
     def _crowded_out(self, index: int, mesh: Mesh) -> Mesh:
         """Who has no place now that a new face needs one: that face itself, or the narrowest, whose track ends."""
@@ -231,9 +234,11 @@ class FaceTracker:
         if not gives_way or mesh.score < CONFIRMED_SCORE:
             return mesh
         self.open.remove(narrowest)
+        mesh = narrowest.last_mesh
         if narrowest.first < index:
+            narrowest.take_back(index)
             self.closed.append(narrowest)
-        return narrowest.last_mesh
+        return mesh
 
     def _is_wanted(self, mesh: Mesh) -> bool:
         """Whether a mesh is a face for sure, and wide enough."""

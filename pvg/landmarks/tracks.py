@@ -101,6 +101,14 @@ class OpenTrack:
         """Part of the face is in frame `index`, its points moved with the picture: this says nothing of what it is."""
         self._append(index, replace(mesh, score=FACE_GATE))
 
+    def take_back(self, index: int) -> None:
+        """The face was not seen in frame `index` after all, the last of its frames but not the only one."""
+        if self.last == index:
+            if not self.is_carried:
+                self.scores.pop()
+            self.frames.pop()
+            self.seen.pop()
+
     def _append(self, index: int, mesh: Mesh) -> None:
         self.has_left = False
         self.frames.append(index)

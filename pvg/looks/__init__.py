@@ -5,7 +5,7 @@ from __future__ import annotations
 from pvg.looks.cube import CUBE_SIZE, check_size, look_cube, remainder_by_luma, write_cube
 from pvg.looks.exchange import contrast_of_both, exchange
 from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, Contrast, Look, LookMap, Region
-from pvg.looks.opponent import to_rgb
+from pvg.looks.opponent import to_opponent, to_rgb
 from pvg.looks.parts import MAKEUP, Makeup
 from pvg.looks.tone import LEAST_TINGE, SkinMap
 from pvg.looks.transfer import LIGHT, reference_face_of, transfer
@@ -35,6 +35,7 @@ __all__ = [
     "remainder_by_luma",
     "sliced_transport",
     "sliced_wasserstein",
+    "to_opponent",
     "to_rgb",
     "transfer",
     "write_cube",

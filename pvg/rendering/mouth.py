@@ -23,15 +23,19 @@ import numpy as np
 from pvg._arrays import Bools, Floats, ramp, smoothstep
 from pvg.asset import KeyFrame
 from pvg.face import PARTS, Landmarks, layout
+from pvg.looks import to_opponent
 from pvg.membrane import Lattice
 from pvg.rendering.coding import Coding
 from pvg.rendering.node_means import mean_codes
 from pvg.video import Frame
 
-# of the tint: how far lips are off the skin, from which they may be lips, and are: nearer is a hand before them, or
-# make-up that hides them [measured, lips seen in 16 clips and on 16 portraits: 0.067, in a grey film, to 0.40; behind a
-# hand in that film: 0.046 to 0.048]
-_APART = (0.048, 0.065)
+# how far lips are off the skin, from where they may be lips to where they are: in tint, and in hue beside what the
+# skin's own differs by. What is near in both is a hand, or make-up that hides them [measured: lips seen in 16 clips and
+# on 16 portraits 0.067 to 0.40, 1.3 to 13 in hue; with black lifted 0.022 to 0.16, and 2.0 to 12; a hand 0.046, and 1.7
+# or 2.0 with black lifted]
+_APART, _BESIDE_SKIN = (0.048, 0.065), (2.0, 2.5)
+_ONE_SIGMA, _LEAST_SPREAD = 0.68, 0.005  # quantile, and tint: what has hardly any hue is off nothing
+_FEW = 256  # of the key frame's skin that tell its spread
 _SHOWN = (0.0, 0.4)  # t from which lips begin, and are all lips: highlights on them are pale [by eye]
 _AROUND = 0.02  # of the face's width: spread of the mean that t is taken of, against noise [by eye]
 _MARGIN = 0.06  # of the face's width around the outline
@@ -71,7 +75,7 @@ def see_mouth(frame: Frame, landmarks: Landmarks, key: KeyFrame, lattice: Lattic
     own, skin = _tints(coding.in_sdr(coding.colors(colors)), level)
     apart = own - skin
     width = max(landmarks.axes.width, 1.0)
-    are_lips = ramp(float(np.linalg.norm(apart)), *_APART)
+    are_lips = max(ramp(float(np.linalg.norm(apart)), *_APART), ramp(_beside_skin(key, lips), *_BESIDE_SKIN))
     if are_lips == 0.0:
         return Mouth(lips=np.zeros((lattice.height, lattice.width), np.float32))
     outline, opening = (landmarks.points[part] for part in (layout.LIPS_OUTER, layout.LIPS_INNER))
@@ -104,6 +108,20 @@ def see_mouth(frame: Frame, landmarks: Landmarks, key: KeyFrame, lattice: Lattic
     here = slice(first[1], last[1]), slice(first[0], last[0])
     known = ((np.float32(are_lips) * lips_shown, 1.0), (crossing, 0.0))
     return Mouth(*(_on_lattice(part, here, lattice, away) for part, away in known))
+
+
+def _beside_skin(key: KeyFrame, lips: Floats) -> float:
+    """How far the hue of lips (3,) is off the skin's on the key frame, in spreads of the skin's own along that way.
+
+    It is the same in a faded picture, where all tints lie nearer to each other.
+    """
+    few = key.skin[:: max(1, len(key.skin) // _FEW)]
+    luma, *chroma = to_opponent(np.vstack([lips[None], key.skin_median[None], few])).T
+    tints = np.stack(chroma, axis=1) / np.maximum(luma, float(_DARKEST))[:, None]
+    off = tints - tints[1]
+    far = float(np.linalg.norm(off[0]))
+    spread = float(np.quantile(np.abs(off[2:] @ off[0]), _ONE_SIGMA)) / max(far, 1e-6)
+    return far / max(spread, _LEAST_SPREAD)
 
 
 def _on_lattice(part: Floats | None, here: tuple[slice, slice], lattice: Lattice, away: float) -> Floats | None:

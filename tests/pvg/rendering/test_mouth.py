@@ -25,7 +25,9 @@ LATTICE = Lattice.over((0, 0, 640, 360))
 def key_of(lips: tuple[float, float, float]) -> KeyFrame:
     parts = np.tile(np.array(SKIN, np.float32), (len(PARTS), 1))
     parts[PARTS.index("lips")] = lips
-    return replace(key_frame(), skin=np.tile(np.array(SKIN, np.float32), (64, 1)), parts=parts)
+    differs = np.random.default_rng(0).normal(0, 4, (32, 3))  # as skin does
+    skin = (np.array(SKIN) + np.vstack([differs, -differs])).astype(np.float32)
+    return replace(key_frame(), skin=skin, parts=parts)
 
 
 def mouth(face: FaceInFrame, lips: tuple[float, float, float], light: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
@@ -89,6 +91,19 @@ def test_a_key_frame_with_a_hand_before_the_mouth_shows_no_lips(
     shown = see_mouth(frame_of(picture, YUV444), face.landmarks, key_of(behind), LATTICE).lips
     assert shown is not None
     assert not shown.any()
+
+
+@pytest.mark.parametrize("lips", [LIPS, PALE_LIPS])
+def test_lips_of_a_faded_picture_are_shown(face: FaceInFrame, lips: tuple[float, float, float]) -> None:
+    def faded(colors: np.ndarray) -> np.ndarray:
+        return np.asarray(0.5 * colors + 100, colors.dtype)
+
+    picture, within = mouth(face, lips)
+    key = key_of(lips)
+    key = replace(key, skin=faded(key.skin), parts=faded(key.parts))
+    shown = see_mouth(frame_of(faded(picture), YUV444), face.landmarks, key, LATTICE).lips
+    assert shown is not None
+    assert shown[within].min() > 0.9
 
 
 def test_lips_that_the_key_frame_did_not_see_are_not_told(face: FaceInFrame) -> None:

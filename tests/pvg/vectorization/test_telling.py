@@ -9,10 +9,11 @@ import pytest
 
 import pvg
 from benchmarks.quality.probes import write_lossless
-from pvg.landmarks import MAX_FACES
+from pvg.landmarks import MAX_FACES, FaceTracker
 from pvg.video import write_image
 from scripts.samples import Samples
 from tests.gallery.faces import fit_surest, read_rgb
+from tests.gallery.pictures import background, pasted
 
 
 @pytest.fixture(scope="module")
@@ -69,3 +70,21 @@ def test_a_limit_below_usual_widths_is_the_one_that_is_named(samples: Samples, t
     write_image(tmp_path / "small.png", small)
     with pvg.vectorize(tmp_path / "small.png", min_face_px=12) as video:
         assert 14 < video.faces[0].width_px < 22
+
+
+def test_who_gives_a_place_to_a_larger_face_keeps_the_frames_before(
+    head: np.ndarray, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert FaceTracker.__init__.__kwdefaults__ is not None
+    monkeypatch.setitem(FaceTracker.__init__.__kwdefaults__, "max_faces", 1)
+    large = cv2.resize(head, (240, 256), interpolation=cv2.INTER_CUBIC)
+    small = pasted(background(5, 900, 480), head, 10, 50)  # the larger face is no cut
+    frames = [small if k < 14 else pasted(small, large, 300, 60) for k in range(24)]
+    write_lossless(tmp_path / "crowd.mp4", iter(frames))
+    with pvg.vectorize(tmp_path / "crowd.mp4") as video:
+        spans = sorted((face.first_frame, face.last_frame) for face in video.faces)
+        assert video.media.warnings == ("1 more face is left out: at most 12 are followed at a time",)
+    (_, until), (since, last) = spans
+    assert until == since - 1
+    assert 14 <= since <= 20
+    assert last == 23
