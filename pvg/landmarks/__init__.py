@@ -6,7 +6,6 @@ from pvg.landmarks.detector import Detection, detect_faces
 from pvg.landmarks.drawing import draw_landmarks
 from pvg.landmarks.identity import FaceShape, face_proportions, frontal_ratios, link_persons
 from pvg.landmarks.mesh import Mesh, Region, fit_landmarks, region_of_detection, region_of_points
-from pvg.landmarks.pace import frames_a_step
 from pvg.landmarks.pose import head_pose
 from pvg.landmarks.smoothing import smooth
 from pvg.landmarks.tracking import MAX_FACES, FaceTracker, track_faces
@@ -26,7 +25,6 @@ __all__ = [
     "draw_landmarks",
     "face_proportions",
     "fit_landmarks",
-    "frames_a_step",
     "frontal_ratios",
     "head_pose",
     "link_persons",

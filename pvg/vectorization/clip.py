@@ -21,7 +21,7 @@ from pvg._threads import ahead, one_blas_thread
 from pvg.asset import AssetWriter, MediaSummary, VectorVideo, source_note
 from pvg.curves import CHAIN_RESET_FRAMES
 from pvg.errors import FaceTooSmallError, NoFaceError
-from pvg.landmarks import FaceTrack, FaceTracks, frames_a_step, link_persons, smooth, track_faces
+from pvg.landmarks import FaceTrack, FaceTracks, link_persons, smooth, track_faces
 from pvg.picture import Picture
 from pvg.skin import MaskMethod, Matte, Scene, SceneReader
 from pvg.vectorization.fading import opacity
@@ -256,7 +256,6 @@ class _Work:
             seed=self.seed,
             reset=reset,
             advised_px=self.advised_face_px,
-            step=frames_a_step(self.rate),
         )
 
     def whole_clip(self, writer: AssetWriter) -> _Done:

@@ -29,10 +29,9 @@ _CHANGE = 0.182  # of log luma against the key's, ±20 %: a new key frame is due
 _SAME = 0.047  # of log luma: still the key's own light
 _SETTLED = 0.068  # of log luma: what a change that has come to rest may be off its last key
 _REST = 0.01  # of log luma over the rows looked ahead: the light is at rest
-_NO_REST = 2  # steps after a key that count as light which leaves it at once
-# rows, of those that are judged: of fast clips one a step, see `frames_a_step`
-LOOKAHEAD = 8  # that a change must last; a flash is light and no key
-_LEAST_GAP = 6  # steps between two keys: between them colours go over linearly, as a ramp does
+_NO_REST = 2  # rows after a key that count as light which leaves it at once
+LOOKAHEAD = 8  # rows that a change must last; a flash is light and no key
+_LEAST_GAP = 6  # rows between two keys: between them colours go over linearly, as a ramp does
 _FREE_KEYS, _ROWS_A_KEY = 6, 250  # keys that a track may have beside its first: and one every so many rows
 _PATIENCE = 100  # rows that a change must have lasted once they are spent: flicker stops, a new level is still found
 
@@ -121,17 +120,14 @@ class DueKey:
 class ExposureWatch:
     """Watches a track's light, rows in order, and tells when a key frame is due.
 
-    step: rows from one that is judged to the next, beside the main key's;
     main_row, main: the track's main key frame, which may lie ahead;  main_picture: the contrast of its whole picture,
-    None where that is not known;  shows: how far the face shows through in the row that was seen last, see `veil`;
-    step: rows from one that is judged to the next, the main key's beside them.
+    None where that is not known;  shows: how far the face shows through in the row that was seen last, see `veil`.
     """
 
     main_row: int
     main: FacePatch
     main_picture: float | None = None
     shows: float = 1.0
-    step: int = 1
     main_since: int | None = None  # of the main key, once its row has passed
     _waiting: deque[Sight] = field(default_factory=deque)
     _key: FacePatch | None = None
@@ -166,8 +162,6 @@ class ExposureWatch:
         sure = bool(shows_well(np.array(score, np.float32), pose))
         patch = FacePatch.of(picture, landmarks, matte) if sure else None
         self.shows = self._shows(patch, whole)
-        if row % self.step and row != self.main_row:
-            return []
         if self.shows < 1.0:  # a veil is no light
             patch = None
         self._waiting.append(Sight(row, picture, landmarks, matte, patch))
@@ -226,10 +220,10 @@ class ExposureWatch:
             return self._same
         key_row = self._key_row or 0
         began = self._same - round((row - self._same) * self._moved / (gain - self._moved))
-        return began if began > key_row + _NO_REST * self.step else key_row
+        return began if began > key_row + _NO_REST else key_row
 
     def _is_due(self, row: int, gain: float, key: FacePatch) -> bool:
-        if self._key_row is not None and row - self._key_row < _LEAST_GAP * self.step:
+        if self._key_row is not None and row - self._key_row < _LEAST_GAP:
             return False
         if self._made >= _FREE_KEYS + self._passed / _ROWS_A_KEY and self._changed < _PATIENCE:
             return False

@@ -63,12 +63,11 @@ class VectorFace:
         seed: int,
         reset: int | None,
         advised_px: float = ADVISED_FACE_PX,
-        step: int = 1,
     ) -> None:
         """begin: the track's first rows or all;  helpers: of all faces of the clip, open until `record` was called;
         reset: a new key frame after so many frames, None for never.
 
-        advised_px: narrower faces get a warning;  step: rows from one whose light is judged to the next.
+        advised_px: narrower faces get a warning.
         """
         self.number = number
         self.first = begin.first
@@ -102,7 +101,7 @@ class VectorFace:
         if reset is None:
             whole = None if key.scene is None else key.scene.contrast
             patch = FacePatch.of(key.picture, key.landmarks, self.key_matte)
-            self._watch = ExposureWatch(key.row, patch, whole, step=step)
+            self._watch = ExposureWatch(key.row, patch, whole)
 
     def add(self, stretch: Stretch, writer: AssetWriter) -> None:
         """Follow the skin through the next rows and write them."""

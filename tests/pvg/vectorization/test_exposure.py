@@ -17,14 +17,12 @@ Keys = list[tuple[int, int | None]]
 FRONTAL = np.zeros(3, np.float32)
 
 
-def keys_of(
-    scenes: Sequence[Scene], main_row: int = 0, yaw: Callable[[int], float] = lambda row: 0.0, step: int = 1
-) -> Keys:
+def keys_of(scenes: Sequence[Scene], main_row: int = 0, yaw: Callable[[int], float] = lambda row: 0.0) -> Keys:
     """(row, since) of the key frames that a watch asks for, the main one among them; since None: from the beginning."""
     main = scenes[main_row]
     model = fit_skin_model(main.rgb, main.landmarks)
     matte = SkinTracker(model).step(main.rgb, main.landmarks)
-    watch = ExposureWatch(main_row, FacePatch.of(as_picture(main.rgb), main.landmarks, matte), step=step)
+    watch = ExposureWatch(main_row, FacePatch.of(as_picture(main.rgb), main.landmarks, matte))
     tracker, due = SkinTracker(model), []
     for row, scene in enumerate(scenes):
         matte = tracker.step(scene.rgb, scene.landmarks)
@@ -49,25 +47,6 @@ def test_a_flash_makes_no_key() -> None:
     gains = np.ones(30)
     gains[10 : 10 + LOOKAHEAD // 2] = 0.5
     assert keys_of(lit(gains)) == [(0, None)]
-
-
-def often(gains: Sequence[float] | np.ndarray, step: int) -> list[Scene]:
-    """The same light in the same time, in more frames."""
-    return lit(np.repeat(gains, step))
-
-
-@pytest.mark.parametrize("step", [1, 2, 4])
-def test_the_same_light_gives_the_same_keys_at_any_frame_rate(step: int) -> None:
-    """A flash, and a change that stays."""
-    flash, change = np.ones(24), np.ones(24)
-    flash[8 : 8 + LOOKAHEAD // 2] = change[8:] = 0.5
-    assert keys_of(often(flash, step), step=step) == [(0, None)]
-    assert keys_of(often(change, step), step=step) == [(0, None), (8 * step, 7 * step)]
-
-
-def test_a_main_key_between_the_rows_that_are_judged_serves_from_its_light_on() -> None:
-    gains = np.repeat([0.5] * 8 + [1.0] * 16, 2)
-    assert keys_of(lit(gains), main_row=19, step=2) == [(0, None), (16, 14), (19, 18)]
 
 
 def test_a_step_of_light_makes_a_key_at_the_step_that_goes_over_at_once() -> None:
