@@ -13,6 +13,7 @@ import pytest
 
 from pvg_client import ApiError, AsyncClient, Client, verify_webhook
 from tests.client.lines import Line
+from tests.service.api.test_links import use_key
 from tests.service.fixtures import MP4, PNG, Api, api, make_ready, make_results, settings
 from tests.service.remote import PUBLIC, Names, Remote, answer, names, public_loopback, remote
 from tests.waiting import until
@@ -122,6 +123,20 @@ def test_who_has_a_link_uploads_without_a_key(client: Client, url: str, clip: Pa
     with pytest.raises(ApiError) as caught:
         client.send_upload(small, clip)
     assert (caught.value.status, caught.value.problem.limit) == (413, 1000)
+
+
+def test_what_came_by_a_link_is_shown_to_the_key_that_made_it_alone(api: Api, url: str, clip: Path) -> None:
+    use_key(api)
+    key = api.client.headers["Authorization"].removeprefix("Bearer ")
+    with Client(url, key=key) as maker, Client(url) as somebody:
+        link = maker.upload_link()
+        for sent in (somebody.send_upload(link, clip), maker.send_upload(link, clip), somebody.upload_state(link)):
+            assert (sent.media, sent.offset_bytes) == (None, clip.stat().st_size)
+        assert maker.upload_state(link.url).media is None
+        seen = [maker.upload_state(one).media for one in (link, link.id, sent)]
+        assert seen[0] is not None
+        assert seen == seen[:1] * 3
+        assert maker.medium(seen[0]).filename == clip.name
 
 
 @pytest.mark.parametrize("lost", ["request", "answer"])

@@ -58,7 +58,9 @@ def upload_link(
 
 
 def send_upload(api: Api, link: UploadLink | str, file: str | os.PathLike[str]) -> Flow[Upload]:
-    """Send the file that a link is for; what has become of it. No key is needed.
+    """Send the file that a link is for; how much of it is there then. No key is needed.
+
+    Where the service has keys, `media` of the answer is None: who made the link sees it, by `upload_state`.
 
     The same file may be sent again. Raises `ApiError` (403 and 410 when the link may not be used, or not any more; 409
     when it was used with another file; 413; 415), `UnreachableError`, `OSError` when the file cannot be read.
@@ -77,8 +79,12 @@ def send_upload(api: Api, link: UploadLink | str, file: str | os.PathLike[str]) 
 
 
 def upload_state(api: Api, upload: UploadLink | Upload | httpx.URL | str) -> Flow[Upload]:
-    """How much of a file is there, by its link, or by its id for who has the key: `media` is what it has become."""
-    if isinstance(upload, Upload):
+    """How much of a file is there, and in `media` what it has become.
+
+    By the address of a link, and by a link without a key, `media` is None where the service has keys: it is for the key
+    that made the link. With a key give the link, the upload or its id.
+    """
+    if isinstance(upload, Upload) or (isinstance(upload, UploadLink) and api.key is not None):
         upload = upload.id
     by_id = path_to("uploads", upload) if isinstance(upload, str) and "/" not in upload else None
     url = _address(api, upload) if by_id is None else api.at(by_id)

@@ -343,7 +343,8 @@ class UploadLink:
 class Upload:
     """A file that arrives in pieces, or by a link. `media` is what it has become, once all of it is there.
 
-    `size_bytes` is None as long as its sender has not said it.
+    `size_bytes` is None as long as its sender has not said it, and `media` to whom a link alone shows it: it is for the
+    key that made the link.
     """
 
     id: str

@@ -144,7 +144,7 @@ class _Opened:
     def body(self, now: ResumableUpload | None = None) -> UploadBody:
         """The answer that shows it, as it is now; the medium is its owner's alone to see."""
         body = resuming.body_of(now or self.upload)
-        return body.model_copy(update={"media": None}) if self.by_link else body
+        return body if self._shows_medium else body.model_copy(update={"media": None})
 
     def progress(self, now: ResumableUpload | None = None) -> dict[str, str]:
         """The same for tus."""
@@ -152,9 +152,14 @@ class _Opened:
         headers = {"Upload-Offset": str(upload.offset_bytes)}
         if upload.media_id is None:
             headers["Upload-Expires"] = _http_date(upload.expires_at)
-        elif not self.by_link:
+        elif self._shows_medium:
             headers["Pvg-Media"] = upload.media_id
         return headers
+
+    @property
+    def _shows_medium(self) -> bool:
+        """Without keys everybody sees all media, so there is nothing to hide."""
+        return not self.by_link or self.upload.owner == keys.NOBODY
 
 
 async def _opened(request: Request, upload_id: UploadId, services: ServicesDep, access: AccessDep) -> _Opened:
@@ -176,7 +181,7 @@ UploadDep = Annotated[_Opened, Depends(_opened)]
 
 @open_router.get("/{upload_id}", responses=problems(403, 404, 410))
 async def get_upload(opened: UploadDep) -> UploadBody:
-    """How much of a file is there, and which medium it has become."""
+    """How much of a file is there, and, but by a link, which medium it has become."""
     return opened.body()
 
 
@@ -200,7 +205,10 @@ async def get_upload_offset(request: Request, opened: UploadDep) -> Response:
     openapi_extra=_PIECE,
 )
 async def append_to_upload(request: Request, opened: UploadDep, services: ServicesDep) -> Response:
-    """The bytes from Upload-Offset on (tus). With the last ones the file is a medium, which `Pvg-Media` names."""
+    """The bytes from Upload-Offset on (tus). With the last ones the file is a medium.
+
+    `Pvg-Media` names it, to its maker alone: by a link only on a service without keys.
+    """
     tus.check_version(request.headers)
     tus.check_content_type(request.headers)
     offset, checksum = tus.number(request.headers, "upload-offset"), tus.checksum(request.headers)

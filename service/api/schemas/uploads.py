@@ -110,6 +110,9 @@ class UploadBody(BaseModel):
     filename: str | None
     size_bytes: int | None = Field(description="null as long as its sender has not said it")
     offset_bytes: int = Field(description="how much of it is there")
-    media: str | None = Field(description="the video or reference that it has become, once all of it is there")
+    media: str | None = Field(
+        description="the video or reference that it has become, once all of it is there; by a link null where there "
+        "are keys"
+    )
     created_at: datetime
     expires_at: datetime = Field(description="when what is there of it goes")
