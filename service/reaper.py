@@ -81,8 +81,9 @@ class Reaper:
                 is_whole = False
                 if is_partly_locked(error) and step != self.revive:  # workers renew their leases all the same
                     log.warning("others keep what the reaper waits for", step=step.__name__)
-                elif is_disk_full(error):  # workers cannot renew their leases either
-                    self._spare_leases()
+                elif is_disk_full(error):
+                    if step == self.revive and isinstance(error, DBAPIError):  # workers cannot renew theirs either
+                        self._spare_leases()
                     full.append(step.__name__)
                 elif is_outage(error):
                     if step == self.revive or not self._answered_since(began):
@@ -147,6 +148,7 @@ class Reaper:
                 lease_s, write_s = self._settings.lease_s, max(WRITE_S, self._settings.job_hard_limit_s)
                 set_back.mend(session, now=now, lease_s=lease_s, write_s=write_s)
             again = [] if spared else leases.reap(session, now=now, max_attempts=self._settings.max_attempts)
+            leases.rewrite_one(session)
         self._is_set_back = False
         for message in again:
             log.info("job queued again", job=message.job_id, queue=message.queue)

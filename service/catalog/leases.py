@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, Final
 
-from sqlalchemy import func, select
+from sqlalchemy import func, select, update
 from sqlalchemy.orm import Session
 
 from service.catalog import jobs, parts
@@ -56,6 +56,15 @@ def claimed(session: Session, token: str) -> Lease | None:
 def renew(session: Session, lease: Lease, *, now: datetime, lease_s: float) -> bool:
     """Prolong a lease to ``lease_s`` seconds from now. False when it is lost."""
     return take_step(session, Step.RENEW, lease.job_id, now=now, lease=lease, lease_s=lease_s)
+
+
+def rewrite_one(session: Session) -> None:
+    """Write a lease that somebody holds as it is: that fails on a full disk, as renewing it does.
+
+    Without one, and of those that other transactions have locked, nothing is written.
+    """
+    held = select(Job.id).where(Job.state.in_(HELD)).limit(1).with_for_update(skip_locked=True)
+    session.execute(update(Job).where(Job.id == held.scalar_subquery()).values(lease_expires_at=Job.lease_expires_at))
 
 
 def held_state(session: Session, lease: Lease) -> JobState | None:

@@ -1,9 +1,11 @@
 from __future__ import annotations
 
+import errno
 import os
 import sqlite3
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
@@ -12,7 +14,7 @@ from typing import Any
 
 import pytest
 from psycopg.errors import DeadlockDetected
-from sqlalchemy import text
+from sqlalchemy import Engine, event, text
 from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
@@ -123,27 +125,70 @@ def test_everything_queued_is_published_again_when_the_broker_lost_messages(
     assert set(take(services.settings, VECTORIZE)) == set(ids)
 
 
-def test_a_full_disk_is_said_once_and_keeps_no_worker_from_its_job(
-    services: Services, clock: FakeClock, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+def is_full(statement: str) -> OperationalError:
     full = sqlite3.OperationalError("database or disk is full")
     full.sqlite_errorcode = sqlite3.SQLITE_FULL
+    return OperationalError(statement, None, full)
 
-    def forget() -> None:
-        raise OperationalError("PRAGMA wal_checkpoint(TRUNCATE)", None, full)
 
+@contextmanager
+def full_disk() -> Iterator[None]:
+    """The disk of the database takes no more of what its jobs become."""
+
+    def refuse(_connection: object, _cursor: object, statement: str, *_more: object) -> None:
+        if statement.startswith("UPDATE jobs"):
+            raise is_full(statement)
+
+    event.listen(Engine, "before_cursor_execute", refuse)
+    try:
+        yield
+    finally:
+        event.remove(Engine, "before_cursor_execute", refuse)
+
+
+def test_a_full_disk_is_said_once_and_keeps_no_worker_from_its_job(
+    services: Services, clock: FakeClock, machine: SimpleNamespace, caplog: pytest.LogCaptureFixture
+) -> None:
+    services.reaper.round()
     medium = add_media(services.database)
-    monkeypatch.setattr(services.background, "forget", forget)
-    for _ in range(3):
-        services.reaper.round()
+    claim(services.database, medium.job_id)
+    caplog.clear()
+    with full_disk():
+        for _ in range(2):
+            clock.forward(10)
+            machine.steady_s += 10
+            services.reaper.round()
     said = [record for record in caplog.records if record.name == "service.reaper"]
     assert [(one.levelname, one.message, one.exc_info) for one in said] == [
         ("WARNING", "the disk is full: steps of the reaper wait for room", None)
     ]
-    claim(services.database, medium.job_id)
-    clock.forward(31)  # it could not renew its lease
+    clock.forward(11)  # it could not renew its lease
+    machine.steady_s += 11
     services.reaper.round()
     assert states(services, medium.job_id) == [("running", 1)]
+    assert rounds_until_queued(services, clock, machine, medium.job_id) <= 20
+
+
+@pytest.mark.parametrize("what", ["forget", "reserve"])
+def test_what_else_has_no_room_puts_no_lost_worker_off(
+    services: Services, clock: FakeClock, machine: SimpleNamespace, monkeypatch: pytest.MonkeyPatch, what: str
+) -> None:
+    """As the reserve, where the quota of a user is used up, round after round: workers renew their leases."""
+
+    def forget() -> None:
+        raise is_full("PRAGMA wal_checkpoint(TRUNCATE)")
+
+    def posix_fallocate(*_what: int) -> None:
+        raise OSError(errno.EDQUOT, "Disk quota exceeded")
+
+    if what == "forget":
+        monkeypatch.setattr(services.background, "forget", forget)
+    else:
+        monkeypatch.setattr(os, "posix_fallocate", posix_fallocate)
+    services.reaper.round()
+    medium = add_media(services.database)
+    claim(services.database, medium.job_id)
+    assert rounds_until_queued(services, clock, machine, medium.job_id) <= 40
 
 
 def test_a_lapsed_job_is_queued_and_published_again(services: Services, clock: FakeClock) -> None:
