@@ -38,6 +38,8 @@ LINGER_S: Final = 2.0
 #: between two looks at a connection
 TICK_S: Final = 1.0
 LOG_EVERY_S: Final = 10.0
+#: who takes nothing of an answer for so long does not read it: a full buffer alone is what slow clients always have
+UNREAD_S: Final = 5.0
 #: chunks of a body, after which they have so many bytes on average: each costs as much as a kilobyte does
 FREE_CHUNKS: Final = 1000
 MIN_CHUNK_BYTES: Final = 64
@@ -232,7 +234,10 @@ class BoundedProtocol(H11Protocol):
 
     @property
     def is_unread(self) -> bool:
-        """True when a client who has no key, or link of one, takes his time to take an answer."""
+        """True when a client who has no key, or link of one, has taken nothing of an answer for some seconds."""
+        # `_since` is of the phase at the last look: one that has just begun has no time yet
+        if self._phase not in {Phase.SEND, Phase.CLOSE} or self.loop.time() - self._since < UNREAD_S:
+            return False
         cycle = self.cycle
         state = cycle.scope.get("state", {}) if cycle is not None else {}
         return self._now_in() in {Phase.SEND, Phase.CLOSE} and not has_place(state)
