@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from typing import Any, Final, TypeVar
 
 from fastapi import APIRouter, Request, Response
+from pydantic import ValidationError
 
 from service import addresses
 from service.api import commands
@@ -145,9 +148,22 @@ def _too_many_looks(most: int, where: str) -> ValidationFailedError:
     return ValidationFailedError.at(where, f"a transfer has at most {most} looks", limit=Limit(most, "looks"))
 
 
+@contextmanager
+def _counted(most: int) -> Iterator[None]:
+    """Inside the block a request of more looks than are read is refused as one of more than are allowed."""
+    try:
+        yield
+    except ValidationFailedError as error:
+        found = error.__cause__.errors(include_input=False) if isinstance(error.__cause__, ValidationError) else []
+        if any((one["type"], one["loc"]) == ("too_long", ("looks",)) for one in found):
+            raise _too_many_looks(most, "/looks") from error
+        raise
+
+
 async def _read(request: Request, services: Services, model: type[Model], once: Once) -> Model:
     also = (_FORM,) if model is TransferRequest else ()
-    wanted = await read_json(request, model, limit_bytes=services.settings.max_json_bytes, also=also)
+    with _counted(services.settings.max_looks):
+        wanted = await read_json(request, model, limit_bytes=services.settings.max_json_bytes, also=also)
     once.compare(_asked(wanted))
     return wanted
 

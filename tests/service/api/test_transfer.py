@@ -16,7 +16,7 @@ from service.api.transfer_form import to_request
 from service.catalog import OutputOptions, Report, jobs, leases, render_request
 from service.catalog.keys import Limits
 from service.errors import ValidationFailedError
-from service.settings import Settings
+from service.settings import MAX_LOOKS, Settings
 from tests.service.api.test_authentication import Bearer, holder
 from tests.service.api.test_media import PROBLEM, SHOWN, upload
 from tests.service.fixtures import MP4, PNG, Api, claim, make_ready, make_results, serve
@@ -205,6 +205,8 @@ def test_too_many_looks_are_refused_alike_in_json_and_forms(api: Api) -> None:
     forms = [[("video", (None, video)), *references] for references in (files, ids, [*ids[:9], *files[:8]])]
     refused = [api.client.post("/transfer", json={"video": video, "looks": looks(*[video] * (most + 1))})]
     refused += [api.client.post("/transfer", files=form) for form in forms]
+    # those that are too many to be read are refused as those that are counted
+    refused.append(api.client.post("/transfer", json={"looks": [{}] * (MAX_LOOKS + 1)}))
     for answer in refused:
         problem = answer.json()
         assert (answer.status_code, problem["code"], problem["limit"], problem["unit"]) == (
@@ -213,7 +215,7 @@ def test_too_many_looks_are_refused_alike_in_json_and_forms(api: Api) -> None:
             most,
             "looks",
         )
-    assert [one.json()["errors"][0]["pointer"] for one in refused] == ["/looks", *["/reference"] * 3]
+    assert [one.json()["errors"][0]["pointer"] for one in refused] == ["/looks", *["/reference"] * 3, "/looks"]
     assert api.client.get("/references").json()["data"] == []
     assert api.drafts == []
 
