@@ -34,6 +34,8 @@ _CONTENTS: Final = (
     "catalog.sqlite3*",
     "reserve",
 )
+#: what nobody else calls so; with PostgreSQL and Redis a data folder may have `spool` alone
+_OWN_NAMES: Final = (".incoming", ".database", "link-secret*", "catalog.sqlite3*")
 #: what a disk of its own has before anything is written
 _OF_A_DISK: Final = {"lost+found"}
 
@@ -74,9 +76,10 @@ def private_folder(folder: Path) -> None:
 
 def _check_contents(folder: Path) -> None:
     """Raise `OSError` for a folder of something else, such as one whose name was mistyped; a log lies in many."""
-    found = list(folder.iterdir())
-    others = any(path.is_dir() and path.name not in _OF_A_DISK for path in found)
-    if others and not any(fnmatch(path.name, ours) for path in found for ours in _CONTENTS):
+    found = [path.name for path in folder.iterdir()]
+    folders = {name for name in found if (folder / name).is_dir()} - _OF_A_DISK
+    is_ours = any(fnmatch(name, own) for name in found for own in _OWN_NAMES)
+    if folders and not is_ours and not ("spool" in folders and folders <= set(_CONTENTS)):
         raise OSError(
             errno.ENOTEMPTY,
             "has folders and nothing of the service's, and would be closed to others: choose an empty folder, or one "

@@ -68,6 +68,7 @@ def test_blobs_of_every_kind_are_closed(tmp_path: Path) -> None:
     for kind in get_args(Kind):
         (folder / kind / "ab").mkdir(parents=True)
         (folder / kind / "ab" / "face").write_bytes(b"x")
+    (folder / ".incoming").mkdir()
     private_folder(folder)
     assert open_to_others(folder) == []
 
@@ -94,6 +95,25 @@ def test_a_folder_of_something_else_is_left_as_it_is(tmp_path: Path) -> None:
     make_folders(Settings(data_dir=folder))
     make_folders(Settings(data_dir=folder))
     assert mode(folder) == 0o700
+
+
+@pytest.mark.parametrize("names", [("source", "docs"), ("source",), ("spool", "log"), ("pictures", "reserve")])
+def test_a_folder_of_something_else_may_have_names_that_ours_have(tmp_path: Path, names: tuple[str, ...]) -> None:
+    for name in names:
+        (tmp_path / "srv" / name).mkdir(parents=True)
+    (tmp_path / "srv").chmod(0o755)
+    with pytest.raises(OSError, match="nothing of the service's"):
+        private_folder(tmp_path / "srv")
+    assert mode(tmp_path / "srv") == 0o755
+
+
+@pytest.mark.parametrize("names", [("spool",), ("spool", "broker", "blobs"), ("spool", "other", "link-secret")])
+def test_a_folder_that_a_service_on_a_server_has_left_open_is_taken(tmp_path: Path, names: tuple[str, ...]) -> None:
+    """Without SQLite there may be little in it."""
+    for name in names:
+        (tmp_path / "data" / name).mkdir(parents=True)
+    private_folder(tmp_path / "data")
+    assert mode(tmp_path / "data") == 0o700
 
 
 def test_a_folder_that_is_closed_already_or_has_a_log_is_taken(tmp_path: Path) -> None:
