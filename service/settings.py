@@ -33,8 +33,8 @@ _READ_ELSEWHERE: Final = ("PVG_CACHE_DIR", "PVG_STARTER_PID", "PVG_REQUIRE_SERVE
 _MIN_SECRET: Final = 32
 #: of a kind that is installed, with a port that is one; as SQLAlchemy reads it, which takes long to load
 _DATABASE_URL = re.compile(
-    r"(?:postgresql(?:\+psycopg)?|postgres|sqlite)://"
-    r"(?:[^:/@]*(?::[^@]*)?@)?(?:\[[^\]/?]+\]|[^:/?\[\]]*)(?::\d+)?(?:[/?].*)?"
+    r"(?:postgresql(?:\+psycopg)?|postgres|sqlite(?:\+pysqlite)?)://"
+    r"(?>(?:[^:/]*(?::[^@]*)?@)?)(?:\[[^\]/?]+\]|[^:/?\[\]]*)(?::\d+)?(?:[/?].*)?"
 )
 _LOG_LEVELS: Final = ("DEBUG", "INFO", "WARNING", "ERROR", "CRITICAL")
 #: names by which only this machine itself can mean this machine
@@ -57,6 +57,8 @@ def _broker_url(url: str) -> str:
     parts = urlsplit(url)
     try:
         is_one = parts.scheme in {"redis", "rediss"} and parts.hostname and (parts.port or True)
+        if parts.scheme == "redis+socket" and parts.path.strip("/"):  # of this machine, by the path of a socket
+            return url
     except ValueError:  # its port is no number
         is_one = False
     if not is_one or not re.fullmatch(r"/?\d*", parts.path):

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import re
+import time
 from pathlib import Path
 
 import pytest
@@ -43,6 +44,22 @@ def test_postgres_addresses_use_the_installed_driver() -> None:
         assert Settings(database_url=given).database == "postgresql+psycopg://u@h/d"
 
 
+def test_addresses_that_sqlalchemy_reads_are_taken() -> None:
+    for given in (
+        "postgresql+psycopg://user@server:pw@host:5432/db",
+        "sqlite+pysqlite:////srv/db",
+        "sqlite:////srv/db",
+    ):
+        assert Settings(database_url=given).database == given
+
+
+def test_a_long_address_of_a_database_is_refused_at_once() -> None:
+    began = time.process_time()
+    with pytest.raises(ValidationError, match="database_url"):
+        Settings(database_url=f"postgresql://{'a@' * 20_000}h:x")
+    assert time.process_time() - began < 1
+
+
 def test_an_address_of_a_database_that_is_none_is_refused_and_not_quoted() -> None:
     for given in ("nonsense", "postgresql://u:secret@h:abc/d", "postgresql://u:secret@h:5432x/d"):
         with pytest.raises(ValidationError, match="database_url") as caught:
@@ -60,13 +77,28 @@ def test_bytes_are_no_more_than_a_column_or_a_limit_of_a_process_can_be(setting:
 
 @pytest.mark.parametrize(
     "given",
-    ["redis:/127.0.0.1", "redis://", "redis://:secret@/0", "redis://h:x", "redis://h/a", "amqp://u:secret@h", "h:6379"],
+    [
+        "redis:/127.0.0.1",
+        "redis://",
+        "redis://:secret@/0",
+        "redis://h:x",
+        "redis://h/a",
+        "amqp://u:secret@h",
+        "h:6379",
+        "redis+socket://",
+    ],
 )
 def test_a_broker_is_redis_with_a_host(given: str) -> None:
     with pytest.raises(ValidationError, match="redis://host:6379/0") as refused:
         Settings(broker_url=given)
     assert "secret" not in str(refused.value)
-    for one in ("", "redis://h", "redis://:secret@h:6379/0", "rediss://u:secret@[::1]/3"):
+    for one in (
+        "",
+        "redis://h",
+        "redis://:secret@h:6379/0",
+        "rediss://u:secret@[::1]/3",
+        "redis+socket:///run/redis.sock",
+    ):
         assert Settings(broker_url=one).broker_url == one
 
 
