@@ -79,7 +79,9 @@ def _check_contents(folder: Path) -> None:
     found = [path.name for path in folder.iterdir()]
     folders = {name for name in found if (folder / name).is_dir()} - _OF_A_DISK
     is_ours = any(fnmatch(name, own) for name in found for own in _OWN_NAMES)
-    if folders and not is_ours and not ("spool" in folders and folders <= set(_CONTENTS)):
+    # blobs of before 0.2 have none of these names
+    is_like_ours = folders <= set(_CONTENTS) and ("spool" in folders or {"source", "asset"} <= folders)
+    if folders and not is_ours and not is_like_ours:
         raise OSError(
             errno.ENOTEMPTY,
             "has folders and nothing of the service's, and would be closed to others: choose an empty folder, or one "

@@ -107,7 +107,9 @@ def test_a_folder_of_something_else_may_have_names_that_ours_have(tmp_path: Path
     assert mode(tmp_path / "srv") == 0o755
 
 
-@pytest.mark.parametrize("names", [("spool",), ("spool", "broker", "blobs"), ("spool", "other", "link-secret")])
+@pytest.mark.parametrize(
+    "names", [("spool",), ("spool", "broker", "blobs"), ("spool", "other", "link-secret"), ("source", "asset")]
+)
 def test_a_folder_that_a_service_on_a_server_has_left_open_is_taken(tmp_path: Path, names: tuple[str, ...]) -> None:
     """Without SQLite there may be little in it."""
     for name in names:
