@@ -364,24 +364,7 @@ def _parts(
         whose = float(person[box][cells].mean()) / 255
         sure = _BODY.sure if whose > (_BODY.kept_person if stood else _BODY.part_person) else _BODY.sure_alone
         kept[part] = float(probability[box][cells].mean()) > sure
-    return _without_specks(np.asarray(likely & kept[labels]), face, before, head)
-
-
-def _without_specks(mask: Bools, face: Bytes, before: Floats | None, head: HeadShape) -> Bools:
-    """The mask (h, w) without specks beside the head: what lies behind it has its person's colour in places.
-
-    face: (h, w), 1 on the face's own mask;  before: (h, w) the mask before, whose specks are held to half the size.
-    """
-    parts = (mask & (face == 0)).astype(np.uint8)
-    count, labels, stats, middles = cv2.connectedComponentsWithStats(parts, connectivity=8)
-    area = stats[:, cv2.CC_STAT_AREA].astype(np.float64)
-    stood = np.zeros(count)
-    if before is not None:
-        stood = np.bincount(labels.ravel(), weights=(before > 0.5).ravel(), minlength=count) / np.maximum(area, 1)
-    least = np.where(stood > _STOOD, 0.5, 1.0) * _BODY.speck * head.size**2
-    specks = (area < least) & ((middles - head.chin) @ head.axes.down < 0)
-    specks[0] = False
-    return np.asarray(mask & ~specks[labels])
+    return np.asarray(likely & kept[labels])
 
 
 def _square(side: int) -> Bytes:

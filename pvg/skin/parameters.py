@@ -408,7 +408,6 @@ class BodyNumbers:
     gap_hair: float = 1.0  # nats for hair at most [by eye]
     hole: float = 0.01  # squared face sizes [by eye]: larger holes in a person's skin show what is behind
     hole_said: float = 0.9  # probability of skin in smaller ones [by eye]
-    speck: float = 0.01  # squared face sizes [measured: wood 0.009, ears 0.015]: smaller parts beside the head are none
     owner: float = 6.0  # power by which a nearer face owns a cell more [by eye]
     others_face: Range = (1.0, 1.2)  # of another's face's oval [by eye]: within it nothing is this person's
     neck_end: float = 0.5  # face sizes below the chin [by eye]: where a body begins

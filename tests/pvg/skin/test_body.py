@@ -13,15 +13,7 @@ import pytest
 from pvg.face import Landmarks, layout
 from pvg.raster import Raster
 from pvg.skin import BodyTracker, Matte, Scene, SceneReader, SkinTracker, fit_skin_model, person_mask, scene_raster
-from pvg.skin.body import (
-    _fill_gaps,
-    _fill_holes,
-    _parts,
-    _told_against,
-    _without_specks,
-    color_tables,
-    leave_out_hair,
-)
+from pvg.skin.body import _fill_gaps, _fill_holes, _parts, _told_against, color_tables, leave_out_hair
 from pvg.skin.network import Told
 from pvg.skin.prior import head_shape
 from pvg.video import read_frames
@@ -212,31 +204,6 @@ def test_what_little_a_persons_skin_encloses_is_skin(side: int, at: int, filled:
     assert bool((probability[hole] > 0.5).all()) is filled
     probability[hole] = before[hole]
     np.testing.assert_array_equal(probability, before)
-
-
-@pytest.mark.parametrize(
-    ("side", "down", "stood", "kept"),
-    [
-        (0.08, -0.5, False, False),
-        (0.08, -0.5, True, True),
-        (0.05, -0.5, True, False),
-        (0.15, -0.5, False, True),
-        (0.08, 0.3, False, True),
-    ],
-    ids=["wood behind an ear", "was there before", "hardly was there", "an ear", "on the neck"],
-)
-def test_specks_beside_the_head_are_what_is_behind_it(side: float, down: float, stood: bool, kept: bool) -> None:
-    drawn = _drawn()
-    scene = drawn.scene()
-    head = head_shape(drawn.landmarks.in_cells(scene.raster))
-    face = np.zeros(scene.raster.shape, np.uint8)
-    x, y = (int(v) for v in head.chin + down * head.size * head.axes.down)
-    face[:, :x] = 1
-    part = np.zeros(face.shape, bool)
-    part[y : y + round(side * head.size), x : x + round(side * head.size)] = True
-    mask = _without_specks(part | (face > 0), face, part.astype(np.float32) if stood else None, head)
-    assert mask[part].all() == mask[part].any() == kept
-    assert mask[face > 0].all()
 
 
 @pytest.mark.parametrize(
