@@ -75,7 +75,9 @@ def see_mouth(frame: Frame, landmarks: Landmarks, key: KeyFrame, lattice: Lattic
     own, skin = _tints(coding.in_sdr(coding.colors(colors)), level)
     apart = own - skin
     width = max(landmarks.axes.width, 1.0)
-    are_lips = max(ramp(float(np.linalg.norm(apart)), *_APART), ramp(_beside_skin(key, lips), *_BESIDE_SKIN))
+    are_lips = ramp(float(np.linalg.norm(apart)), *_APART)
+    if are_lips < 1.0:  # else the spread of the skin would be looked at in every frame for nothing
+        are_lips = max(are_lips, ramp(_beside_skin(key, lips), *_BESIDE_SKIN))
     if are_lips == 0.0:
         return Mouth(lips=np.zeros((lattice.height, lattice.width), np.float32))
     outline, opening = (landmarks.points[part] for part in (layout.LIPS_OUTER, layout.LIPS_INNER))
