@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from http import HTTPStatus
 from itertools import islice
@@ -96,6 +97,11 @@ def _place(location: tuple[int | str, ...]) -> tuple[int | str, ...]:
     if "metadata" in location:  # its names are the client's
         return location[:-1] if location[-1] == "[key]" else location
     return tuple(part for part in location if not _UNION_MEMBER.fullmatch(str(part)))
+
+
+def given_twice(names: Iterable[str]) -> list[str]:
+    """The names that are given more than once, each one time, sorted."""
+    return sorted(name for name, times in Counter(names).items() if times > 1)
 
 
 def invalid_values(errors: dict[str, str]) -> ServiceError:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,7 +9,7 @@ from pydantic import ValidationError
 
 from service.api.metadata import to_metadata
 from service.api.multipart import Form
-from service.api.problems import invalid, invalid_values
+from service.api.problems import given_twice, invalid, invalid_values
 from service.api.schemas import LookOptions, OutputRequest, TransferRequest
 from service.api.uploads import ReceivedFile
 from service.errors import ServiceError
@@ -35,9 +34,9 @@ def to_request(form: Form, uploaded: Sequence[str]) -> TransferRequest:
     top: dict[str, Any] = {}
     pairs: list[str] = []
     unknown = [name for name, _ in form.files if name != "reference"]
-    given = Counter(name for name, _ in form.fields if name not in {"reference", "metadata", *_LISTS})
-    if twice := {name for name, times in given.items() if times > 1}:
-        raise invalid_values({f"/{name}": "the field is given more than once" for name in sorted(twice)})
+    once = (name for name, _ in form.fields if name not in {"reference", "metadata", *_LISTS})
+    if twice := given_twice(once):
+        raise invalid_values({f"/{name}": "the field is given more than once" for name in twice})
     for name, text in _joined(form):
         if name in {"video", "force"}:
             top[name] = text
@@ -90,11 +89,11 @@ def _option(name: str, text: str) -> str | list[str] | dict[str, str]:
     parts = [part.strip() for part in text.split(",") if part.strip()]
     if name == "makeup" and "=" in text:
         pairs = [(part.strip(), value.strip()) for part, _, value in (one.partition("=") for one in parts)]
-        given = Counter(part for part, _ in pairs)
-        if "" in given:
+        names = [part for part, _ in pairs]
+        if not all(names):
             return text  # which is no number either
-        if twice := {part for part, times in given.items() if times > 1}:
-            raise invalid_values({f"/{name}/{part}": "it is given more than once" for part in sorted(twice)})
+        if twice := given_twice(names):
+            raise invalid_values({f"/{name}/{part}": "it is given more than once" for part in twice})
         return dict(pairs)
     return parts if name in _LISTS and text != "all" else text
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import PurePath
@@ -22,7 +21,7 @@ from service.api.idempotency import Once
 from service.api.json_body import media_type, read_json, unsupported
 from service.api.metadata import to_metadata
 from service.api.multipart import read_form
-from service.api.problems import file_at, invalid, invalid_values
+from service.api.problems import file_at, given_twice, invalid, invalid_values
 from service.api.receivers import receiver, receiver_of_fields
 from service.api.schemas import MediaBody, MediaPage, ReferenceByUrl, ReferenceOptions, VideoByUrl, WebhookRequest
 from service.api.services import Services
@@ -45,9 +44,8 @@ class Given:
     def settings(self, fields: Sequence[tuple[str, str]] = ()) -> VectorSettings:
         """The settings of query and form together. Raises `ValidationFailedError` for one that is unknown or twice."""
         said = {name: value for name, value in self.query.items() if value is not None}
-        given = Counter([*said, *(name for name, _ in fields)])
-        if twice := {name for name, times in given.items() if times > 1}:
-            raise invalid_values({f"/{name}": "the setting is given more than once" for name in sorted(twice)})
+        if twice := given_twice([*said, *(name for name, _ in fields)]):
+            raise invalid_values({f"/{name}": "the setting is given more than once" for name in twice})
         try:
             checked = self.options.model_validate(said | dict(fields))
         except ValidationError as error:
