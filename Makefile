@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: setup demo test test-scaled test-faults test-install fuzz soak audit lock serve lint bench bench-quality blind blind-score clean
+.PHONY: setup demo test test-scaled test-faults test-install fuzz soak audit lock serve lint bench bench-quality blind blind-score grades grades-score clean
 
 setup: $(STAMP)
 	$(BIN)/python -m pvg.models
@@ -89,6 +89,14 @@ blind: setup $(VENV)/.bench-installed
 # ARGS='DIR/key/key.json choices.csv [more.csv ...]'
 blind-score: $(STAMP)
 	$(BIN)/python -m benchmarks.blind.score $(ARGS)
+
+# sheets of looks with far references, some of them untouched frames, to be graded one by one
+grades: setup $(VENV)/.bench-installed
+	$(BIN)/python -m benchmarks.grades $(ARGS)
+
+# ARGS='DIR/key/key.json verdicts.csv [more.csv ...]'
+grades-score: $(STAMP)
+	$(BIN)/python -m benchmarks.grades.score $(ARGS)
 
 $(VENV)/.bench-installed: pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[bench]'

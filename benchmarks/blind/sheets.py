@@ -17,7 +17,7 @@ _FULL_SHARE = 0.42  # of a strip's height for its full frames
 _TEXT = 1.1
 
 
-def _put(sheet: Image, picture: Image, box: tuple[int, int, int, int]) -> None:
+def put(sheet: Image, picture: Image, box: tuple[int, int, int, int]) -> None:
     """Lay a picture into the middle of a box (x, y, width, height), as large as fits."""
     x, y, width, height = box
     h, w = picture.shape[:2]
@@ -28,7 +28,8 @@ def _put(sheet: Image, picture: Image, box: tuple[int, int, int, int]) -> None:
     sheet[top : top + size[1], left : left + size[0]] = fitted
 
 
-def _write(sheet: Image, text: str, at: tuple[int, int]) -> None:
+def write(sheet: Image, text: str, at: tuple[int, int]) -> None:
+    """Write white letters with a dark rim, their lower left corner at a pixel (x, y)."""
     cv2.putText(sheet, text, at, cv2.FONT_HERSHEY_SIMPLEX, _TEXT, (0, 0, 0), 6, cv2.LINE_AA)
     cv2.putText(sheet, text, at, cv2.FONT_HERSHEY_SIMPLEX, _TEXT, (255, 255, 255), 2, cv2.LINE_AA)
 
@@ -42,23 +43,23 @@ def draw_sheet(
     """(1000, 1500, 3): the reference on the left; of one frame A beside B, of several a strip of A above one of B."""
     width, height = SIZE
     sheet = np.full((height, width, 3), _GROUND, np.uint8)
-    _put(sheet, reference, (_GAP, 70, _SIDE - 2 * _GAP, _SIDE))
-    _write(sheet, f"No {number}", (_GAP + 4, 50))
-    _write(sheet, "reference", (_GAP + 4, 110 + _SIDE))
+    put(sheet, reference, (_GAP, 70, _SIDE - 2 * _GAP, _SIDE))
+    write(sheet, f"No {number}", (_GAP + 4, 50))
+    write(sheet, "reference", (_GAP + 4, 110 + _SIDE))
     count, room = len(crops), width - _SIDE
     for k, (side, pictures) in enumerate(zip("AB", sides, strict=True)):
         if count == 1:
             column, half = room // 2, height // 2
             x = _SIDE + k * column
-            _put(sheet, pictures[0], (x, 0, column - _GAP, half - _GAP))
-            _put(sheet, pictures[0][crops[0]], (x, half, column - _GAP, half))
-            _write(sheet, side, (x + 8, 36))
+            put(sheet, pictures[0], (x, 0, column - _GAP, half - _GAP))
+            put(sheet, pictures[0][crops[0]], (x, half, column - _GAP, half))
+            write(sheet, side, (x + 8, 36))
             continue
         column, row = room // count, height // 2
         top, full = k * row, round(_FULL_SHARE * row)
         for i, (picture, crop) in enumerate(zip(pictures, crops, strict=True)):
             x = _SIDE + i * column
-            _put(sheet, picture, (x, top, column - _GAP, full - _GAP))
-            _put(sheet, picture[crop], (x, top + full, column - _GAP, row - full - _GAP))
-        _write(sheet, side, (_SIDE - 34, top + (40 if k else row - 40)))
+            put(sheet, picture, (x, top, column - _GAP, full - _GAP))
+            put(sheet, picture[crop], (x, top + full, column - _GAP, row - full - _GAP))
+        write(sheet, side, (_SIDE - 34, top + (40 if k else row - 40)))
     return sheet

@@ -1,0 +1,1 @@
+"""Looks graded one by one, among frames that nobody touched."""
