@@ -9,9 +9,11 @@ A look's map of colour is not linear, so it must be read at S. Read at I, skin b
 as it was beside a face made bright, and what is brighter than the skin in front of it would shine.
 S is not known where α is small; there the mean of the sure skin nearby stands for it:
 
-    S ≈ α² I + (1 − α²) mean
+    S ≈ β² I + (1 − β²) mean
 
-of which less than a sixth is B. S is I inside and outside of the matte, and where no sure skin is near.
+with β the least α among a pixel and those around it: lenses and codecs mix neighbours, so the outermost pixel of sure
+skin holds some of B, and a map that brightens skin would draw a rim of it. S is I deeper inside and outside of the
+matte, and where no sure skin is near.
 """
 
 from __future__ import annotations
@@ -33,6 +35,8 @@ _CELLS = 2  # of the matte to a cell of means
 _SAMPLES = 4  # a side of such a cell that its mean is taken of, at least
 _SPREAD = 1.0  # such cells, sigma of the mean [by eye: an edge is some cells wide]
 _UNKNOWN = np.float32(-1e9)  # a mean that is read beside one is negative, by a share of it that is as small as 1/64 too
+_NEIGHBOURS = np.ones((3, 3), np.uint8)
+_HARDLY = np.float32(1e-4)  # of β, where there is any skin
 _LEAST = np.float32(3e-4)  # of a mean's weight where all around is sure: with less there is none
 
 
@@ -44,6 +48,7 @@ def foreground(frame: Frame, corner: tuple[int, int], alpha: Floats, step: float
     """
     left, upper = corner
     out = []
+    alpha = np.maximum(cv2.erode(alpha, _NEIGHBOURS), np.minimum(alpha, _HARDLY))
     chroma_alpha = over_chroma(alpha, frame.format)
     for p, plane in enumerate(frame.planes[:3]):
         log2x, log2y = (0, 0) if p == 0 or frame.format.is_rgb else frame.format.chroma_log2

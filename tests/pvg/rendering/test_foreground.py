@@ -45,14 +45,29 @@ def test_inside_and_outside_of_a_matte_everything_is_as_it_was(pixel_format: Pix
     rng = np.random.default_rng(0)
     frame = frame_of(rng.uniform(20, 230, (SIDE, SIDE, 3)), pixel_format)
     for p, (plane, shown) in enumerate(zip(frame.planes, foreground(frame, (0, 0), alpha, STEP), strict=True)):
-        weight = over_chroma(alpha, pixel_format) if p and not pixel_format.is_rgb else alpha
-        whole = (weight == 0) | (weight >= 0.97)
+        outwards = np.roll(alpha, -1, axis=1)  # of a pixel and those around it, the one with least of skin
+        whole, deep = (
+            over_chroma(each, pixel_format) if p and not pixel_format.is_rgb else each for each in (alpha, outwards)
+        )
+        whole = (whole == 0) | (deep >= 0.97)
         np.testing.assert_array_equal(shown[whole], plane[whole])
         assert (shown != plane)[~whole].mean() > 0.8
     island = np.zeros((SIDE, SIDE), np.float32)
     island[40:44, 40:44] = 0.6  # nothing near it is surely skin
     for plane, shown in zip(frame.planes, foreground(frame, (0, 0), island, STEP), strict=True):
         np.testing.assert_array_equal(shown, plane)
+
+
+@pytest.mark.parametrize("pixel_format", FORMATS, ids=lambda f: f.name)
+def test_the_outermost_sure_skin_shows_nothing_of_a_wall_that_a_lens_mixed_in(pixel_format: PixelFormat) -> None:
+    alpha = np.tile((np.arange(SIDE) < 50).astype(np.float32), (SIDE, 1))
+    true = alpha.copy()
+    true[:, 49] = 0.8
+    frame = frame_of(mixed(true, np.full(3, 240.0)), pixel_format)
+    shown = replace(frame, planes=foreground(frame, (0, 0), alpha, STEP)).rgb()[48, 49].astype(float)
+    luma = np.array((0.299, 0.587, 0.114))
+    assert abs((frame.rgb()[48, 49] - SKIN) @ luma) > 15
+    assert abs((shown - SKIN) @ luma) < 3
 
 
 @pytest.mark.parametrize("step", [3.0, 8.0, 16.0])
