@@ -14,6 +14,7 @@ import av.packet
 
 from pvg.video.carrying import CarriedTrack, StampedPacket
 from pvg.video.keeping import WITH_EDITS, Carried, sound_shape
+from pvg.video.steady import steady_frames, steady_pcm
 from pvg.video.streams import Track
 
 #: seconds of sound before the first one heard that codecs may need: Opus wants 0.08
@@ -48,12 +49,11 @@ class SoundTrack(CarriedTrack):
     def _produce(self, opened: av.container.InputContainer) -> Iterator[StampedPacket]:
         packets = opened.demux(self._source)
         if self.carried.encoder is None:
-            yield from (stamped(packet) for packet in _heard(packets, marked=self._container in WITH_EDITS))
+            heard = _heard(packets, marked=self._container in WITH_EDITS)
+            steps = self._container == "mov" and self.carried.track.codec.startswith("pcm_")
+            yield from map(stamped, steady_pcm(heard, self.carried.track) if steps else heard)
             return
-        for frame in self._decoded(packets):
-            if frame.pts is not None:  # in samples: AVI counts in packets, and encoders want shorter ones
-                frame.pts = round(frame.pts * frame.time_base * frame.sample_rate)
-                frame.time_base = Fraction(1, frame.sample_rate)
+        for frame in steady_frames(self._decoded(packets)):
             for coded in self._target.encode(frame):
                 yield stamped(coded)
         for coded in self._target.encode(None):

@@ -1,0 +1,100 @@
+"""Sound in even steps, with silence in its gaps: for encoders, and for PCM in MOV, which has no place for gaps.
+
+Time stamps of containers are rounded, to a millisecond in Matroska, whose TrueHD has shorter packets. As long as sound
+is within `_LATE_S` of its stamps it follows what came before without a seam.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from fractions import Fraction
+from typing import Any
+
+import av
+import av.packet
+
+from pvg.video.streams import Track
+
+#: seconds by which sound may be early before it is noticed (EBU R 37)
+_LATE_S = Fraction(1, 25)
+#: the longest gap that is filled: beyond it time stamps are taken for damaged, and followed
+_LONGEST_S = 3600
+#: bytes of PCM that stand for silence, where these are not 0
+_SILENT = {"pcm_u8": 0x80, "pcm_mulaw": 0xFF, "pcm_alaw": 0xD5}
+_LAW_BITS = 8
+
+
+class _Clock:
+    """When the next sample of a track is due, in seconds; None before the first."""
+
+    def __init__(self) -> None:
+        self.due_s: Fraction | None = None
+
+    def gap(self, stamped_s: Fraction | None, rate: int) -> int | None:
+        """Samples of silence that come before sound of this stamp; None where it comes too late to be heard."""
+        if self.due_s is None:
+            self.due_s = Fraction(round((stamped_s or Fraction(0)) * rate), rate)
+        ahead_s = Fraction(0) if stamped_s is None else stamped_s - self.due_s
+        if ahead_s < -_LATE_S:
+            return None
+        if ahead_s > _LONGEST_S:
+            self.due_s += Fraction(round(ahead_s * rate), rate)
+            return 0
+        return round(ahead_s * rate) if ahead_s > _LATE_S else 0
+
+    def stamp(self, item: Any, samples: int, rate: int) -> Any:
+        """The frame or packet of so many samples, due now."""
+        assert self.due_s is not None  # noqa: S101 - `gap` comes first
+        item.pts, item.time_base = round(self.due_s * rate), Fraction(1, rate)
+        self.due_s += Fraction(samples, rate)
+        return item
+
+
+def steady_frames(frames: Iterable[Any]) -> Iterator[Any]:
+    """Decoded sound, each frame where the one before ends; what lies in the time of those before is left out."""
+    clock = _Clock()
+    for frame in frames:
+        rate = frame.sample_rate
+        gap = clock.gap(None if frame.pts is None else frame.pts * frame.time_base, rate)
+        if gap is None:
+            continue
+        for samples in _seconds(gap, rate):
+            yield clock.stamp(_silence(frame, samples), samples, rate)
+        yield clock.stamp(frame, frame.samples, rate)
+
+
+def _silence(like: Any, samples: int) -> Any:
+    frame: Any = av.AudioFrame(like.format.name, like.layout, samples)
+    frame.sample_rate = like.sample_rate
+    silent = b"\x80" if like.format.name.startswith("u8") else b"\0"
+    for plane in frame.planes:
+        plane.update(silent * plane.buffer_size)
+    return frame
+
+
+def steady_pcm(packets: Iterable[av.packet.Packet[Any]], track: Track) -> Iterator[av.packet.Packet[Any]]:
+    """The packets of a track of PCM in the same way."""
+    clock, rate = _Clock(), track.rate
+    bits = re.search(r"\d+", track.codec)
+    width = track.channels * (_LAW_BITS if bits is None else int(bits[0])) // 8
+    for packet in packets:
+        gap = clock.gap(None if packet.pts is None else packet.pts * packet.time_base, rate)
+        if gap is None:
+            continue
+        for samples in _seconds(gap, rate):
+            silent = av.Packet(bytes([_SILENT.get(track.codec, 0)]) * (samples * width))
+            yield _stamped(silent, samples, clock, rate)
+        yield _stamped(packet, packet.size // width, clock, rate)
+
+
+def _stamped(packet: av.packet.Packet[Any], samples: int, clock: _Clock, rate: int) -> av.packet.Packet[Any]:
+    clock.stamp(packet, samples, rate)
+    packet.dts, packet.duration = packet.pts, samples
+    return packet
+
+
+def _seconds(samples: int, rate: int) -> Iterator[int]:
+    """So many samples, at most a second's at a time."""
+    for start in range(0, samples, rate):
+        yield min(rate, samples - start)
