@@ -238,6 +238,8 @@ def _claims(clip: OpenClip) -> tuple[int, float]:
     if frames and len(entries) == frames:
         frames = sum(not entry.is_discard for entry in entries)
     length = float(stream.duration * clip.time_base) if stream.duration else 0.0
+    if "matroska" in clip.container.format.name and (clip.container.start_time or 0) > 0:
+        return frames, 0.0  # some writers count the time before the first packet in, as of a cut live stream, others not
     return frames, length or (clip.container.duration or 0) / 1e6
 
 

@@ -58,6 +58,13 @@ def test_a_browsers_recording_has_the_rate_of_its_time_stamps(tmp_path: Path, li
     assert len(list(read_frames(path))) == _FRAMES
 
 
+def test_a_clip_lasts_from_its_first_frame_on(tmp_path: Path) -> None:
+    """Stamps that begin after two hours, as of a piece of a live stream: the header counts from zero."""
+    path = tmp_path / "late.mkv"
+    path.write_bytes(_stamped_webm(range(7_200_000, 7_200_400, 40), live=False))
+    assert probe(path).duration_s == pytest.approx(0.4, abs=0.05)
+
+
 @pytest.mark.parametrize(("rate", "taken"), [(Fraction(24001, 100), True), (Fraction(245), False)])
 def test_a_rate_that_averages_a_hair_above_the_limit_is_within_it(rate: Fraction, taken: bool, tmp_path: Path) -> None:
     path = encode_raw(tmp_path / "fast.mp4", [libav_frame(colorful(3, (96, 64)))] * 5, "mpeg4", rate=rate)
