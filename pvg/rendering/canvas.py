@@ -182,6 +182,7 @@ def _info(clip: PipedClip, known: MediaInfo | None, order: DisplayOrder | None, 
         format=clip.format,
         sample_aspect_ratio=clip.sample_aspect_ratio if known is None else known.sample_aspect_ratio,
         has_alpha=clip.has_alpha,
+        even_rate=None if timed is None else timed.even_rate,
     )
 
 

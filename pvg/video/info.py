@@ -12,6 +12,7 @@ from typing import Literal
 from pvg.errors import MediaError, TooLargeError, TooLongError
 from pvg.video.blocks import Blocks, read_blocks
 from pvg.video.display_order import packet_stamps
+from pvg.video.even_rate import even_rate_of
 from pvg.video.formats import RANGE_FULL, UNSPECIFIED, UNSTATED, PixelFormat
 from pvg.video.images import color_of_picture, read_image
 from pvg.video.opening import MediaLimits, OpenClip, open_clip
@@ -32,7 +33,8 @@ class MediaInfo:
     name as coded. color_matrix, color_primaries, color_transfer: code points of ISO/IEC 23091-2 (2: not stated);
     color_range: 0 not stated, 1 limited, 2 full. rotation: degrees clockwise that make the stored picture
     upright. sample_aspect_ratio: width over height of an upright pixel. format: what `read_frames` delivers.
-    has_alpha: whether its frames come with an alpha plane.
+    has_alpha: whether its frames come with an alpha plane. even_rate: that of frames whose time stamps the container
+    has rounded to its steps; None where they are exact, or the rate is variable.
     warnings: what of the file is not read, a line each: an end that is missing, further picture streams.
     """
 
@@ -55,6 +57,7 @@ class MediaInfo:
     format: PixelFormat
     sample_aspect_ratio: Fraction = Fraction(1)
     has_alpha: bool = False
+    even_rate: Fraction | None = None
     warnings: tuple[str, ...] = ()
 
     @property
@@ -239,7 +242,7 @@ def _claims(clip: OpenClip) -> tuple[int, float]:
         frames = sum(not entry.is_discard for entry in entries)
     length = float(stream.duration * clip.time_base) if stream.duration else 0.0
     if "matroska" in clip.container.format.name and (clip.container.start_time or 0) > 0:
-        return frames, 0.0  # some writers count the time before the first packet in, as of a cut live stream, others not
+        return frames, 0.0  # some writers count in what lies before the first packet, others do not
     return frames, length or (clip.container.duration or 0) / 1e6
 
 
@@ -260,7 +263,9 @@ def _count_packets(path: Path, info: MediaInfo, limits: MediaLimits) -> MediaInf
         rate = steps / span
     rate = rate or Fraction(25)
     length = span + 1 / rate if len(stamps) == len(packets) else len(packets) / rate
-    return replace(info, frame_count=len(packets), frame_rate=rate, duration_s=info.duration_s or float(length))
+    even = even_rate_of(sorted(stamps), time_base, rate) if len(stamps) == len(packets) else None
+    counted = replace(info, frame_count=len(packets), frame_rate=rate, even_rate=even)
+    return replace(counted, duration_s=info.duration_s or float(length))
 
 
 def _check_totals(name: str, info: MediaInfo, limits: MediaLimits) -> None:

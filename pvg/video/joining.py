@@ -32,7 +32,7 @@ def join(parts: Sequence[Path], path: Path, info: MediaInfo, plan: Plan, clip: C
     is missing, damaged or of another clip, place or manner, and where frames are not as many as the clip's.
     """
     encoder = PictureEncoder(info, info.format, plan, crf=clip.crf, preset=clip.preset, part=True, name=path.name)
-    muxer = ClipMuxer(path, plan, encoder.time_base, encoder.stream_of)
+    muxer = ClipMuxer(path, plan, encoder.time_base, encoder.stream_of, info.even_rate)
     muxer.open()
     try:
         wanted = head_of(clip, encoder, 0, clip.frame_count)

@@ -16,6 +16,7 @@ import av.video.stream
 from pvg.video.audio import SoundTrack
 from pvg.video.carrying import CarriedTrack, attach
 from pvg.video.encoding import CodedPacket
+from pvg.video.even_rate import EvenTimes
 from pvg.video.keeping import WITH_EDITS, Plan, needs_general_tags
 from pvg.video.languages import language_in
 from pvg.video.pixel_aspect import say_pixel_aspect
@@ -28,7 +29,8 @@ class ClipMuxer:
     """Writes packets of pictures, in coding order, as a clip with all that its plan keeps.
 
     target: a path, or a binary stream. time_base: of the packets, in seconds a tick. add_stream: makes the stream of
-    the pictures in the new file.
+    the pictures in the new file. even_rate: of pictures whose time stamps are rounded, see `MediaInfo`: MP4 and MOV get
+    those of the rate itself.
 
     `open`, then `write` any number of packets, then `finish`; `abandon` instead closes what is there and removes the
     file. Raises MediaError for tracks that are damaged; libav's own errors pass through.
@@ -40,6 +42,7 @@ class ClipMuxer:
         plan: Plan,
         time_base: Fraction,
         add_stream: Callable[[av.container.OutputContainer], av.video.stream.VideoStream],
+        even_rate: Fraction | None = None,
     ) -> None:
         self._path = target if isinstance(target, Path) else None
         self._target: BinaryIO | str = f"file:{target.absolute()}" if isinstance(target, Path) else target
@@ -48,13 +51,15 @@ class ClipMuxer:
         self._tracks: list[CarriedTrack] = []
         self._held: CodedPacket | None = None
         self._first_dts: int | None = None
+        self._even_rate = even_rate if plan.container in WITH_EDITS else None
+        self._times: EvenTimes | None = None
 
     def open(self) -> None:
         """Open the file and describe it. When that fails nothing of it is left."""
         plan, options = self._plan, {}
-        if plan.container in ("mp4", "mov"):
+        if plan.container in WITH_EDITS:
             # Edit lists count in the movie's time scale: the clip's own keeps a late first frame exact
-            scale = str(max(1000, self._time_base.denominator))
+            scale = str(max(1000, self._written_base.denominator))
             flags = "+faststart+use_metadata_tags" if needs_general_tags(plan) else "+faststart"
             options = {"movflags": flags, "movie_timescale": scale}
         if plan.container in ("matroska", "webm"):
@@ -62,6 +67,7 @@ class ClipMuxer:
         output = self._output = av.open(self._target, "w", format=plan.container, options=options)
         try:
             self._stream = self._add_stream(output)
+            self._stream.time_base = self._written_base
             self._describe(output)
             if plan.source is not None:
                 for kind, wanted in ((SoundTrack, plan.sounds), (SubtitleTrack, plan.subtitles)):
@@ -73,6 +79,13 @@ class ClipMuxer:
         except BaseException:
             self.abandon()
             raise
+
+    @property
+    def _written_base(self) -> Fraction:
+        """Seconds a tick of the pictures' time stamps in the new file."""
+        if self._even_rate is None:
+            return self._time_base
+        return EvenTimes(self._even_rate, self._time_base).time_base
 
     def _describe(self, output: av.container.OutputContainer) -> None:
         """Tags and timecode."""
@@ -118,7 +131,17 @@ class ClipMuxer:
         """Write the next packets, and of the other tracks what is due before them."""
         for packet in packets:
             self._flush_held()
-            self._held = packet
+            self._held = self._evenly(packet)
+
+    def _evenly(self, packet: CodedPacket) -> CodedPacket:
+        """The packet with time stamps of the even rate, if there is one."""
+        if self._even_rate is None or packet.pts is None or packet.dts is None:
+            return packet
+        if self._times is None:
+            self._times = EvenTimes(self._even_rate, self._time_base, packet.pts)
+        pts, dts, end = (self._times.ticks(at) for at in (packet.pts, packet.dts, packet.pts + (packet.duration or 0)))
+        packet.pts, packet.dts, packet.duration, packet.time_base = pts, dts, end - pts, self._times.time_base
+        return packet
 
     def _flush_held(self) -> None:
         packet, self._held = self._held, None
@@ -136,8 +159,10 @@ class ClipMuxer:
     def finish(self, first_pts: int, end_pts: int) -> None:
         """Write what is left, and the index. first_pts, end_pts: where the pictures start and end, in ticks."""
         last = self._held
-        sums = self._plan.container in ("mp4", "mov")
-        if sums and last is not None and last.dts is not None and last.time_base == self._time_base:
+        sums = self._plan.container in WITH_EDITS
+        if self._times is not None:
+            first_pts, end_pts = self._times.ticks(first_pts), self._times.ticks(end_pts)
+        if sums and last is not None and last.dts is not None and last.time_base == self._written_base:
             # MP4 sums durations in coding order, so the last packet coded ends the clip, whichever it shows
             first_dts = last.dts if self._first_dts is None else self._first_dts
             last.duration = max(1, end_pts - first_pts - (last.dts - first_dts))

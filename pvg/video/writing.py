@@ -30,10 +30,11 @@ class VideoWriter:
     where the container cannot hold it; None, or a clip without sound, gives a silent clip.
     plan: all that is to be kept, see `make_plan`; then container, codec and audio_from are its own.
 
-    Time stamps are exact in MP4 and MOV. Matroska and WebM count milliseconds and have no negative ones: sound
-    that leads in moves all tracks by the same amount. Subsampled H.264 and HEVC need even sizes: a last odd
-    column or row is dropped; VP9, AV1 and FFV1 keep it. When the block is left by an exception the partial file is
-    removed. Raises ValueError for options that do not fit, MediaError when encoding fails.
+    Time stamps are exact in MP4 and MOV, those of an even rate where the source's are rounded (`MediaInfo.even_rate`).
+    Matroska and WebM count milliseconds and have no negative ones: sound that leads in moves all tracks by the same
+    amount. Subsampled H.264 and HEVC need even sizes: a last odd column or row is dropped; VP9, AV1 and FFV1 keep it.
+    When the block is left by an exception the partial file is removed. Raises ValueError for options that do not fit,
+    MediaError when encoding fails.
     """
 
     def __init__(
@@ -64,7 +65,7 @@ class VideoWriter:
         self.codec, self.format, self.width, self.height = plan.codec, plan.format, plan.width, plan.height
         self._encoder = PictureEncoder(info, format, plan, crf=crf, preset=preset, threads=threads, name=self._name)
         target = Path(path) if isinstance(path, (str, Path)) else path
-        self._muxer = ClipMuxer(target, plan, info.time_base, self._encoder.stream_of)
+        self._muxer = ClipMuxer(target, plan, info.time_base, self._encoder.stream_of, info.even_rate)
 
     def __enter__(self) -> VideoWriter:
         self._muxer.open()

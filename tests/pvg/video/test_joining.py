@@ -101,6 +101,24 @@ def _pixels(path: Path) -> list[bytes]:
     return [b"".join(plane.tobytes() for plane in frame.planes) for frame in read_frames(path)]
 
 
+@pytest.mark.parametrize("codec", ["h264", "hevc"])
+def test_parts_of_an_even_rate_that_a_container_rounded_have_its_times(codec: str, tmp_path: Path) -> None:
+    rate = Fraction(24000, 1001)
+    info = replace(_info("yuv420p"), time_base=Fraction(1, 1000), frame_rate=rate, even_rate=rate)
+    stamps = [round(k * 1000 / rate) for k in range(_BOUNDS[-1] + 1)]
+    frames = [
+        replace(frame, pts=start, duration=end - start)
+        for frame, (start, end) in zip(_frames("yuv420p"), pairwise(stamps), strict=True)
+    ]
+    plan = make_plan(info, container="mp4", codec=codec)
+    joined = _join(_write_parts(tmp_path, frames, info, plan), tmp_path / "joined.mp4", info, plan)
+    whole = _whole(tmp_path / "whole.mp4", frames, info, plan)
+    shown = [sorted(pts for pts, _, _ in _packets(path) if pts is not None) for path in (joined, whole)]
+    assert shown[0] == shown[1]
+    assert {later - start for start, later in pairwise(shown[0])} == {1001}
+    assert probe(joined).duration_s == probe(whole).duration_s
+
+
 @pytest.mark.parametrize(("container", "codec", "layout"), WAYS)
 def test_a_joined_clip_has_the_stamps_and_the_head_of_one_encoded_whole(
     container: str, codec: str, layout: str, tmp_path: Path
