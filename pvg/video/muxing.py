@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from fractions import Fraction
 from pathlib import Path
 from typing import BinaryIO
@@ -13,12 +13,14 @@ import av.container
 import av.error
 import av.video.stream
 
+from pvg.errors import MediaError
 from pvg.video.audio import SoundTrack
 from pvg.video.carrying import CarriedTrack, attach
 from pvg.video.encoding import CodedPacket
 from pvg.video.even_rate import EvenTimes
 from pvg.video.keeping import WITH_EDITS, Plan, needs_general_tags
 from pvg.video.languages import language_in
+from pvg.video.opening import reason
 from pvg.video.pixel_aspect import say_pixel_aspect
 from pvg.video.subtitles import SubtitleTrack
 
@@ -130,8 +132,20 @@ class ClipMuxer:
     def write(self, packets: Iterable[CodedPacket]) -> None:
         """Write the next packets, and of the other tracks what is due before them."""
         for packet in packets:
-            self._flush_held()
+            with self._damage_told():
+                self._flush_held()
             self._held = self._evenly(packet)
+
+    @contextmanager
+    def _damage_told(self) -> Iterator[None]:
+        """Data that libav's muxer calls invalid is not that of the pictures, which an encoder has just made."""
+        try:
+            yield
+        except av.error.InvalidDataError as error:
+            if not self._tracks:
+                raise
+            what = f"{self._tracks[0].name}: its sound or subtitles are damaged ({reason(error)})"
+            raise MediaError(f"{what}; render without sound or upload it again") from error
 
     def _evenly(self, packet: CodedPacket) -> CodedPacket:
         """The packet with time stamps of the even rate, if there is one."""
@@ -166,12 +180,13 @@ class ClipMuxer:
             # MP4 sums durations in coding order, so the last packet coded ends the clip, whichever it shows
             first_dts = last.dts if self._first_dts is None else self._first_dts
             last.duration = max(1, end_pts - first_pts - (last.dts - first_dts))
-        self._flush_held()
-        for track in self._tracks:
-            track.feed(None)
-            track.close()
-        if self._output is not None:
-            self._output.close()
+        with self._damage_told():
+            self._flush_held()
+            for track in self._tracks:
+                track.feed(None)
+                track.close()
+            if self._output is not None:
+                self._output.close()
         if self._path is not None and self._plan.aspect != 1:
             say_pixel_aspect(self._path, self._plan.aspect)
 

@@ -13,6 +13,7 @@ import av
 import numpy as np
 import pytest
 
+from pvg.errors import MediaError
 from pvg.video import (
     make_plan,
     probe,
@@ -232,3 +233,16 @@ def test_sound_that_an_avi_counts_in_blocks_has_even_steps(codec: str, suffix: s
     steps = np.diff(_starts_s(target))
     assert len(steps) > 20
     assert steps[1:-1] == pytest.approx(float(np.median(steps)), abs=0.002)
+
+
+@pytest.mark.parametrize(("suffix", "at"), [(".mp4", 3), (".mov", 20)])
+def test_sound_that_a_muxer_calls_damaged_is_what_the_error_names(suffix: str, at: int, tmp_path: Path) -> None:
+    source = _humming_clip(tmp_path / "i.mkv", "ac3", seconds=1.0)
+    data, spoilt = bytearray(source.read_bytes()), -1
+    for _ in range(at):
+        spoilt = data.index(b"\x0b\x77", spoilt + 1)  # AC-3's sync word
+    data[spoilt : spoilt + 8] = bytes(8)
+    source.write_bytes(data)
+    with pytest.raises(MediaError, match=r"i\.mkv: its sound or subtitles are damaged \(invalid data"):
+        rewrite_clip(source, tmp_path / f"o{suffix}")
+    assert not (tmp_path / f"o{suffix}").exists()
