@@ -14,7 +14,7 @@ import av.packet
 
 from pvg.video.carrying import CarriedTrack, StampedPacket
 from pvg.video.keeping import WITH_EDITS, Carried, sound_shape
-from pvg.video.steady import steady_frames, steady_pcm
+from pvg.video.steady import samples_of_packets, steady_frames, steady_packets, steady_pcm
 from pvg.video.streams import Track
 
 #: seconds of sound before the first one heard that codecs may need: Opus wants 0.08
@@ -49,15 +49,22 @@ class SoundTrack(CarriedTrack):
     def _produce(self, opened: av.container.InputContainer) -> Iterator[StampedPacket]:
         packets = opened.demux(self._source)
         if self.carried.encoder is None:
-            heard = _heard(packets, marked=self._container in WITH_EDITS)
-            steps = self._container == "mov" and self.carried.track.codec.startswith("pcm_")
-            yield from map(stamped, steady_pcm(heard, self.carried.track) if steps else heard)
+            yield from map(stamped, self._copied(_heard(packets, marked=self._container in WITH_EDITS)))
             return
         for frame in steady_frames(self._decoded(packets)):
             for coded in self._target.encode(frame):
                 yield stamped(coded)
         for coded in self._target.encode(None):
             yield stamped(coded)
+
+    def _copied(self, heard: Iterator[av.packet.Packet[Any]]) -> Iterator[av.packet.Packet[Any]]:
+        """Packets in the even steps that MP4 and MOV can tell."""
+        track = self.carried.track
+        if self._container == "mov" and track.codec.startswith("pcm_"):
+            return steady_pcm(heard, track)
+        samples = samples_of_packets(track, self._source.codec_context.frame_size)
+        rounded = self._container in WITH_EDITS and self._source.time_base > Fraction(1, track.rate or 1)
+        return steady_packets(heard, samples, track.rate) if rounded and samples else heard
 
     def _decoded(self, packets: Iterable[av.packet.Packet[Any]]) -> Iterator[Any]:
         """The sound itself, the channels in the order of their layout."""

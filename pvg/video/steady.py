@@ -1,7 +1,8 @@
-"""Sound in even steps, with silence in its gaps: for encoders, and for PCM in MOV, which has no place for gaps.
+"""Sound in even steps: time stamps of containers are rounded, to a millisecond in Matroska.
 
-Time stamps of containers are rounded, to a millisecond in Matroska, whose TrueHD has shorter packets. As long as sound
-is within `_LATE_S` of its stamps it follows what came before without a seam.
+Coded packets that are copied are put where they are when that is no farther off than by rounding. For encoders, and for
+PCM in MOV, which has no place for gaps, sound follows what came before without a seam as long as it is within `_LATE_S`
+of its stamps, and gaps become silence.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ _LONGEST_S = 3600
 #: bytes of PCM that stand for silence, where these are not 0
 _SILENT = {"pcm_u8": 0x80, "pcm_mulaw": 0xFF, "pcm_alaw": 0xD5}
 _LAW_BITS = 8
+_OF_ONE_LENGTH = ("aac", "mp3", "mp3float", "mp2")
+_SAMPLES = {"ac3": 1536, "eac3": 1536}
 
 
 class _Clock:
@@ -86,6 +89,31 @@ def steady_pcm(packets: Iterable[av.packet.Packet[Any]], track: Track) -> Iterat
             silent = av.Packet(bytes([_SILENT.get(track.codec, 0)]) * (samples * width))
             yield _stamped(silent, samples, clock, rate)
         yield _stamped(packet, packet.size // width, clock, rate)
+
+
+def samples_of_packets(track: Track, frame_size: int) -> int:
+    """Samples in each packet of a codec whose packets are of one length, 0 of others;  frame_size: libav's."""
+    return _SAMPLES.get(track.codec, 0) or (frame_size if track.codec in _OF_ONE_LENGTH else 0)
+
+
+def steady_packets(
+    packets: Iterable[av.packet.Packet[Any]], samples: int, rate: int
+) -> Iterator[av.packet.Packet[Any]]:
+    """Coded packets of so many samples each: where the one before ends, if the stamp is that but for its rounding."""
+    due_s: Fraction | None = None
+    for packet in packets:
+        if packet.pts is None or packet.pts != packet.dts:
+            yield packet
+            continue
+        tick, length_s = packet.time_base, Fraction(samples, rate)
+        stamped_s, stated_s = packet.pts * tick, (packet.duration or 0) * tick or length_s
+        if due_s is None or abs(stamped_s - due_s) > tick:
+            due_s = Fraction(round(stamped_s * rate), rate)
+        heard_s = length_s if abs(stated_s - length_s) <= tick else stated_s  # the last may be heard in part
+        packet.pts = packet.dts = round(due_s * rate)
+        packet.time_base, packet.duration = Fraction(1, rate), round(heard_s * rate)
+        due_s += length_s
+        yield packet
 
 
 def _stamped(packet: av.packet.Packet[Any], samples: int, clock: _Clock, rate: int) -> av.packet.Packet[Any]:

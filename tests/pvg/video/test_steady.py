@@ -9,7 +9,7 @@ import av
 import numpy as np
 import pytest
 
-from pvg.video.steady import steady_frames, steady_pcm
+from pvg.video.steady import steady_frames, steady_packets, steady_pcm
 from pvg.video.streams import Track
 from tests.gallery.clips import libav_frame, rewrite_clip, sound_packets
 from tests.gallery.pictures import colorful
@@ -19,24 +19,26 @@ _GAP_S = (0.2, 0.5)
 _ONSET_S = 0.6
 
 
-def _gapped_clip(path: Path, codec: str, block: int = 960, gap_s: tuple[float, float] = _GAP_S) -> Path:
+def _gapped_clip(
+    path: Path, codec: str, block: int = 960, gap_s: tuple[float, float] = _GAP_S, rate: int = _RATE
+) -> Path:
     """Pictures for 0.8 s, and sound without what lies in the gap: silence, then a tone from 0.6 s on."""
     picture = libav_frame(colorful(1, (96, 64)))
-    time = np.arange(round(0.8 * _RATE)) / _RATE
+    time = np.arange(round(0.8 * rate)) / rate
     wave = (np.sin(2 * np.pi * 440 * time) * (time >= _ONSET_S) * 0.5 * 2**15).astype(np.int16)
     with av.open(str(path), "w") as output:
         video: Any = output.add_stream("mpeg4", rate=25)
         video.width, video.height, video.pix_fmt = 96, 64, "yuv420p"
-        sound: Any = output.add_stream(codec, rate=_RATE)
+        sound: Any = output.add_stream(codec, rate=rate)
         sound.codec_context.layout = "mono"
         for k in range(20):
             picture.pts, picture.time_base = k, Fraction(1, 25)
             output.mux(video.encode(picture))
         output.mux(video.encode(None))
         for start in range(0, len(wave), block):
-            if not gap_s[0] <= start / _RATE < gap_s[1]:
+            if not gap_s[0] <= start / rate < gap_s[1]:
                 part = av.AudioFrame.from_ndarray(wave[None, start : start + block], format="s16", layout="mono")
-                part.sample_rate, part.pts, part.time_base = _RATE, start, Fraction(1, _RATE)
+                part.sample_rate, part.pts, part.time_base = rate, start, Fraction(1, rate)
                 output.mux(sound.encode(part))
         output.mux(sound.encode(None))
     return path
@@ -113,3 +115,26 @@ def test_decoded_sound_is_filled_as_its_packets_are() -> None:
     filled = list(steady_frames(frames))
     assert [(frame.pts, frame.samples) for frame in filled] == [(0, 10), (10, 4800), (4810, 10)]
     assert set(filled[1].to_ndarray()[0]) == {128}
+
+
+@pytest.mark.parametrize(("codec", "samples"), [("aac", 1024), ("libmp3lame", 1152), ("ac3", 1536)])
+def test_packets_whose_stamps_matroska_has_rounded_have_even_steps_in_an_mp4(
+    codec: str, samples: int, tmp_path: Path
+) -> None:
+    source = _gapped_clip(tmp_path / "i.mkv", codec, gap_s=(0.0, 0.0), rate=44100)
+    rounded, even = (
+        {later - start for (_, start), (_, later) in itertools.pairwise(sound_packets(path))}
+        for path in (source, rewrite_clip(source, tmp_path / "o.mp4"))
+    )
+    assert len(rounded) > 1
+    assert even == {Fraction(samples, 44100)}
+
+
+def test_packets_that_are_off_by_more_than_rounding_stay_when_they_are() -> None:
+    packets = [av.Packet(b"\0") for _ in range(5)]
+    for packet, ms in zip(packets, (5, 26, 48, 70, 85), strict=True):
+        packet.pts = packet.dts = ms
+        packet.time_base, packet.duration = Fraction(1, 1000), 21 if ms < 85 else 10
+    steady = list(steady_packets(packets, 1024, _RATE))
+    assert [(packet.pts or 0) - 240 for packet in steady] == [0, 1024, 2048, 3072, 85 * 48 - 240]
+    assert [packet.duration for packet in steady] == [1024, 1024, 1024, 1024, 480]
