@@ -27,9 +27,9 @@ from pvg.video.encoders import (
     planar_layout,
 )
 from pvg.video.fields import FieldMarks, field_of, rows_of
-from pvg.video.formats import RANGE_FULL, RANGE_LIMITED, UNSPECIFIED, UNSTATED, Frame, Patch, PixelFormat
+from pvg.video.formats import RANGE_FULL, RANGE_LIMITED, Frame, Patch, PixelFormat
 from pvg.video.info import MediaInfo
-from pvg.video.keeping import Plan
+from pvg.video.keeping import Plan, stated_colors
 from pvg.video.opening import reason
 from pvg.video.scheduling import kept_scheduling
 
@@ -53,7 +53,7 @@ class _Tags:
     transfer: int
 
 
-def _tags(info: MediaInfo, source: PixelFormat, target: PixelFormat) -> _Tags:
+def _tags(info: MediaInfo, source: PixelFormat, target: PixelFormat, codec: str) -> _Tags:
     if target.is_rgb:
         return _Tags(0, RANGE_FULL, info.color_primaries, info.color_transfer)
     if source.is_rgb:
@@ -62,8 +62,8 @@ def _tags(info: MediaInfo, source: PixelFormat, target: PixelFormat) -> _Tags:
     color_range = RANGE_FULL if target.full_range else info.color_range
     if not target.full_range and (source.full_range or color_range == RANGE_FULL):
         color_range = RANGE_LIMITED
-    matrix = UNSPECIFIED if info.color_matrix in UNSTATED else info.color_matrix  # 0: that of an R, G, B clip
-    return _Tags(matrix, color_range, info.color_primaries, info.color_transfer)
+    stated = stated_colors(info, codec)
+    return _Tags(stated.matrix, color_range, stated.primaries, stated.transfer)
 
 
 def _say_matrix(packet: CodedPacket, matrix: int) -> None:
@@ -131,7 +131,7 @@ class PictureEncoder:
         self._threads, by_threads = (1, part_options(plan.codec)) if part else encoder_threads(plan.codec, threads)
         self._options = joined(self._options, by_threads)
         self._source_format, self._info, self._name, self._part = format, info, name, part
-        self._tags = _tags(info, format, plan.format)
+        self._tags = _tags(info, format, plan.format, plan.codec)
         self._marked = None if plan.fields is None else FieldMarks(plan.fields)
         self._last_pts: int | None = None
         self._coded = False

@@ -21,10 +21,11 @@ from pvg.video.encoders import (
     holds_alpha,
     said,
 )
-from pvg.video.formats import UNSPECIFIED, PixelFormat
+from pvg.video.formats import LUMA_WEIGHTS, UNSPECIFIED, UNSTATED, PixelFormat
 from pvg.video.info import MediaInfo
 from pvg.video.languages import language_in
 from pvg.video.mastering import ContentLight, MasteringDisplay
+from pvg.video.opening import StatedColors
 from pvg.video.streams import NOTHING, Chapter, Streams, Track
 
 _PCM = {f"pcm_s{bits}{end}" for bits in (16, 24, 32) for end in ("le", "be")} | {"pcm_f32le", "pcm_f64le", "pcm_u8"}
@@ -84,6 +85,7 @@ _PLAIN_IN_MP4 = {"album_artist", "composer", "description"}
 _TIMECODE = re.compile(r"-?\d\d:\d\d:\d\d([:;.])\d\d+$")
 _CHROMA = {(0, 0): "4:4:4", (1, 0): "4:2:2", (2, 0): "4:1:1", (0, 1): "4:4:0", (1, 1): "4:2:0", (2, 2): "4:1:0"}
 _COLORED = 3  # components
+_BT709, _BT601 = 1, 6  # code points of ISO/IEC 23091-2: a transfer function; primaries and matrix
 _WIDE = 64  # pixels of a side, to measure the chroma's by
 _ASPECT_APART, _SAY_ASPECT = ("matroska", "webm"), ("h264", "hevc")
 """Containers whose own place for a pixel's aspect PyAV does not fill, and codecs that say it in their pictures."""
@@ -208,10 +210,29 @@ def _pictures(
         lines.changed.append(f"pictures become {after} (the clip's are {before}), {why}")
     if frames.full_range and not target.full_range and not frames.is_rgb:
         lines.changed.append(f"full-range code values become studio range, {name}'s only one")
+    if codec == "dnxhr" and not frames.is_rgb and stated_colors(info, codec) != stated_colors(info, "auto"):
+        lines.changed.append(
+            f"colour tags that the clip leaves out are written as BT.601's: {name} has BT.709 without them"
+        )
     if size != (info.width, info.height):
         lines.changed.append(
             f"the size becomes {size[0]}x{size[1]} (the clip's is {info.width}x{info.height}): {name} has no odd ones"
         )
+
+
+def stated_colors(info: MediaInfo, codec: str) -> StatedColors:
+    """The colour tags of Y'CbCr pictures that are made from a clip's; the range is left open.
+
+    What a clip does not say stays unsaid, and players go by the pictures' size. But DNxHR's are taken for BT.709 then,
+    and MOV has no place for the matrix alone.
+    """
+    matrix = UNSPECIFIED if info.color_matrix in UNSTATED else info.color_matrix  # 0: that of an R, G, B clip
+    primaries, transfer = info.color_primaries, info.color_transfer
+    if codec == "dnxhr" and info.format.luma_weights == LUMA_WEIGHTS[_BT601]:
+        matrix = _BT601 if matrix == UNSPECIFIED else matrix
+        primaries = _BT601 if primaries in UNSTATED else primaries
+        transfer = _BT709 if transfer in UNSTATED else transfer
+    return StatedColors(primaries, transfer, matrix)
 
 
 def _coded_said(coded: av.VideoFormat, frames: PixelFormat) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pvg.errors import MediaError
-from pvg.video import frame_at, key_pictures, probe, read_frames
+from pvg.video import frame_at, key_pictures, make_plan, probe, read_frames
 from pvg.video.formats import LUMA_WEIGHTS, resolve_format
 from pvg.video.opening import OpenClip, StatedColors
 from pvg.video.reading import Reading, reading_of, to_frame
@@ -224,6 +224,21 @@ def test_dnxhr_has_the_matrix_of_its_clip_in_its_pictures_too(matrix: int, said:
         path.write_bytes(bytes(data))
     assert probe(path).color_matrix == matrix
     assert next(read_frames(path)).format.luma_weights == LUMA_WEIGHTS[matrix]
+
+
+@pytest.mark.parametrize("matrix", [2, 6])
+def test_dnxhr_says_the_matrix_that_a_clip_without_tags_was_read_by(matrix: int, tmp_path: Path) -> None:
+    """Small pictures are BT.601's; DNxHR's without a matrix are taken for BT.709."""
+    tags = {"x264-params": f"colormatrix={'smpte170m' if matrix == 6 else 'undef'}"}
+    clip = encode_raw(tmp_path / "i.mp4", [libav_frame(colorful(2, (256, 128)))] * 2, "libx264", **tags)
+    info = probe(clip)
+    assert (info.color_primaries, info.color_matrix, info.format.luma_weights) == (2, matrix, LUMA_WEIGHTS[6])
+    path = write_clip(tmp_path / "o.mov", list(read_frames(clip)), info, codec="dnxhr")
+    with av.open(str(path)) as written:
+        assert next(written.decode(video=0)).colorspace == 6
+    assert next(read_frames(path)).format.luma_weights == LUMA_WEIGHTS[6]
+    told = [make_plan(info, container="mov", codec=codec).changed for codec in ("dnxhr", "prores")]
+    assert [any("BT.601" in line for line in lines) for lines in told] == [True, False]
 
 
 def test_a_sideways_422_clip_becomes_444(tmp_path: Path) -> None:
