@@ -417,6 +417,8 @@ def _with_tags(plan: Plan, lines: _Lines, info: MediaInfo, streams: Streams) -> 
         chapters = ()
     elif chapters:
         lines.kept.append(f"{len(chapters)} chapters")
+    if streams.chapters_after:
+        lines.dropped.append(f"{streams.chapters_after} chapters that begin after the clip's end are not kept")
     names = [key for key, _ in metadata]
     if metadata and plan.container not in _WITH_TAGS:
         lines.dropped.append(f"tags are not kept: they are not written to {name} ({', '.join(names)})")

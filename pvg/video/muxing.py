@@ -113,8 +113,8 @@ class ClipMuxer:
         """The chapters, moved as libav moves the packets where the container has no time before zero."""
         if not self._plan.chapters:
             return
-        moved = Fraction(0)
-        if self._plan.container not in WITH_EDITS:
+        moved, iso = Fraction(0), self._plan.container in WITH_EDITS
+        if not iso:
             moved = max((track.lead_s() for track in self._tracks if isinstance(track, SoundTrack)), default=moved)
         output.set_chapters(
             [
@@ -123,7 +123,8 @@ class ClipMuxer:
                     "start": round((chapter.start_s + moved) / _CHAPTER_STEP),
                     "end": round((chapter.end_s + moved) / _CHAPTER_STEP),
                     "time_base": _CHAPTER_STEP,
-                    "metadata": {} if chapter.title is None else {"title": chapter.title},
+                    # MP4 has them as text in a track: one without any would be none
+                    "metadata": {} if chapter.title is None and not iso else {"title": chapter.title or ""},
                 }
                 for k, chapter in enumerate(self._plan.chapters)
             ]

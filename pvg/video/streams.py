@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, Literal, cast
@@ -95,7 +95,7 @@ class Track:
 
 @dataclass(frozen=True)
 class Chapter:
-    """A named stretch of the clip, in seconds of its own time."""
+    """A stretch of the clip, in seconds of its own time, and its name, if it has one."""
 
     start_s: Fraction
     end_s: Fraction
@@ -106,16 +106,18 @@ class Chapter:
 class Streams:
     """All that a clip's file holds beside its pictures.
 
-    tracks: every other stream but those that chapters and a timecode are stored in. metadata: tags of the file,
-    without those a muxer makes itself; location: names of the tags that tell a place. picture: the language, title and
-    other tags of the pictures' own track. timecode: of the first frame, "hh:mm:ss:ff" or with ";" for drop frame.
-    reel: the name of the tape or card that the timecode is of.
+    tracks: every other stream but those that chapters and a timecode are stored in. chapters: none ends after the clip,
+    and `chapters_after` that begin after it are left out. metadata: tags of the file, without those a muxer makes
+    itself; location: names of the tags that tell a place. picture: the language, title and other tags of the pictures'
+    own track. timecode: of the first frame, "hh:mm:ss:ff" or with ";" for drop frame. reel: the name of the tape or
+    card that the timecode is of.
     fields: None for progressive pictures. alpha: the pictures come with it. embedded: what rides inside the
     coded pictures, in words.
     """
 
     tracks: tuple[Track, ...] = ()
     chapters: tuple[Chapter, ...] = ()
+    chapters_after: int = 0
     metadata: tuple[tuple[str, str], ...] = ()
     location: tuple[str, ...] = ()
     picture: Track | None = None
@@ -169,10 +171,13 @@ def take_stock(
         timecode = timecode or tags.get("timecode")
         places += [name for name in tags if _tells_a_place(name)]
     reels = [_normal(stream.metadata).get("reel_name") for stream in streams if stream.type == "data"]
+    chapters = tuple(_chapters(cast("Iterable[Mapping[str, Any]]", container.chapters())))
+    within = tuple(_until(_end_s(container), chapters))
     timecoded = {stream.index for stream in streams if stream.type == "data" and "timecode" in _normal(stream.metadata)}
     return Streams(
         tracks=tuple(track for track in tracks if track.index != chosen and track.index not in timecoded),
-        chapters=tuple(_chapters(cast("Iterable[Mapping[str, Any]]", container.chapters()))),
+        chapters=within,
+        chapters_after=len(chapters) - len(within),
         metadata=tuple((name, value) for name, value in own.items() if _is_kept(name)),
         location=tuple(dict.fromkeys(places)),
         picture=next(track for track in tracks if track.index == chosen),
@@ -250,7 +255,25 @@ def _channels(context: Any) -> tuple[str, int, tuple[str, ...]]:
 def _chapters(stored: Iterable[Mapping[str, Any]]) -> Iterator[Chapter]:
     for chapter in stored:
         step = chapter["time_base"] or Fraction(1, 1000)
-        yield Chapter(chapter["start"] * step, chapter["end"] * step, _normal(chapter["metadata"]).get("title"))
+        title = _normal(chapter["metadata"]).get("title")
+        yield Chapter(chapter["start"] * step, chapter["end"] * step, title or None)
+
+
+def _end_s(container: av.container.InputContainer) -> Fraction | None:
+    """When the last of a file's tracks ends at the latest, if it says so: some count from zero, others from its begin.
+
+    libav's NUT tells when the last packets begin.
+    """
+    if not container.duration or container.format.name == "nut":
+        return None
+    return Fraction(max(0, container.start_time or 0) + container.duration, 1_000_000)
+
+
+def _until(end_s: Fraction | None, chapters: Iterable[Chapter]) -> Iterator[Chapter]:
+    """Chapters up to then: MP4 has them in a track, and a clip lasts as long as its longest one."""
+    for chapter in chapters:
+        if end_s is None or chapter.start_s < end_s:
+            yield chapter if end_s is None else replace(chapter, end_s=min(chapter.end_s, end_s))
 
 
 def _side_data(picture: av.video.frame.VideoFrame) -> Iterator[tuple[str, bytes]]:
