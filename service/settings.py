@@ -165,7 +165,7 @@ class Settings(BaseSettings):
     """Length of one clip."""
     max_frame_rate: float = Field(default=240.0, gt=0)
     """Frames a second."""
-    max_streams: int = Field(default=16, gt=0)
+    max_streams: int = Field(default=32, gt=0)
     """Streams in one file."""
     min_face_px: int = Field(default=64, gt=0)
     """Narrower faces are refused."""

@@ -45,7 +45,7 @@ class MediaLimits:
     max_frames: int = 200_000
     max_duration_s: float = 3600.0
     max_frame_rate: float = 240.0
-    max_streams: int = 16
+    max_streams: int = 32
 
 
 @dataclass(frozen=True)
