@@ -8,7 +8,7 @@ from sqlalchemy.orm import Session
 
 from service.api.forecasts import Forecasts
 from service.api.schemas import JobBody
-from service.api.views import job_body
+from service.api.views import by_result, job_body
 from service.catalog import Job, JobState, jobs, results
 from service.catalog.forecast import Forecast
 from service.room import Room
@@ -24,12 +24,13 @@ def of_jobs(
     made = [look.result_id for of_one in looks.values() for look in of_one if look.result_id]
     files = results.files(session, made)
     kept = results.kept_until(session, files)
+    of_results = by_result(files)
     no_room = any(job.state == JobState.QUEUED for job in found) and room.is_short()
     return [
         job_body(
             job,
             looks.get(job.id, ()),
-            files,
+            of_results,
             kept,
             settings,
             no_room=no_room,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from datetime import datetime, timedelta
 from typing import Any, Final, Literal, cast
@@ -71,7 +72,7 @@ def media_body(media: Media, settings: Settings) -> MediaBody:
 def job_body(
     job: Job,
     looks: Sequence[Look],
-    files: Sequence[Result],
+    files: Mapping[str, Sequence[Result]],
     kept: Mapping[str, datetime],
     settings: Settings,
     *,
@@ -80,8 +81,9 @@ def job_body(
 ) -> JobBody:
     """The answer that shows a job.
 
-    ``files`` are its results and their parts, and ``kept`` says until when they are kept, by their ids. ``no_room``
-    says that the disk is full, so that jobs wait, and ``forecast`` is what is likely of it.
+    ``files`` are its results, each with its parts, by the result's id, as `by_result` has them; they may be those of
+    other jobs too. ``kept`` says until when results and parts are kept, by their ids. ``no_room`` says that the disk is
+    full, so that jobs wait, and ``forecast`` is what is likely of it.
 
     A look shares its job's state: all are rendered together.
     """
@@ -146,11 +148,20 @@ def _settings(report: dict[str, Any]) -> VectorBody:
     return VectorBody(mask=report["mask"], matching=report["matching"], input_color=report.get("input_color", "auto"))
 
 
+def by_result(files: Iterable[Result]) -> dict[str, list[Result]]:
+    """Results and parts of results, in their order, by the id of the result that each is or belongs to."""
+    found: defaultdict[str, list[Result]] = defaultdict(list)
+    for one in files:
+        found[one.part_of or one.id].append(one)
+    return found
+
+
 def _look_body(
-    job: Job, look: Look, files: Sequence[Result], kept: Mapping[str, datetime], settings: Settings
+    job: Job, look: Look, files: Mapping[str, Sequence[Result]], kept: Mapping[str, datetime], settings: Settings
 ) -> LookBody:
     report = look.report
-    result = next((one for one in files if one.id == look.result_id), None)
+    mine = files.get(look.result_id, ()) if look.result_id else ()
+    result = next((one for one in mine if one.part_of is None), None)
     url = addresses.of_result(settings, look.result_id) if look.result_id else None
     return LookBody(
         state=cast("State", job.state),
@@ -170,8 +181,8 @@ def _look_body(
         # bytes of a result and its parts go in one sweep, or in two
         extras=[
             _extra_body(part, url, kept[part.id])
-            for part in files
-            if url and part.part_of == look.result_id and part.blob_key
+            for part in mine
+            if url and part.part_of is not None and part.blob_key
         ],
     )
 

@@ -2,11 +2,16 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Collection, Iterator, Sequence
 from datetime import timedelta
 
-from service.catalog import Job, Progress, leases
+import pytest
+from sqlalchemy.orm import Session
+
+from service.api import lookups
+from service.catalog import Job, Progress, Result, leases, results
 from tests.service.api.test_media import upload
-from tests.service.fixtures import MP4, Api, claim, make_ready
+from tests.service.fixtures import MP4, Api, claim, make_ready, make_results
 
 
 def test_progress_is_shown_as_reported(api: Api) -> None:
@@ -208,3 +213,46 @@ def test_a_job_says_how_its_results_are_written(api: Api) -> None:
         job = api.client.post("/transfer", json=asked).raise_for_status().json()
         assert job["output"] == usual | {"matte": "ffv1"} | stored
         assert api.client.get(f"/jobs/{job['id']}").json()["output"] == job["output"]
+
+
+class Reads:
+    """A page's results that count how often one of them is looked at."""
+
+    def __init__(self, results: Sequence[Result]) -> None:
+        self.count = 0
+        self._results = results
+
+    def __iter__(self) -> Iterator[Result]:
+        for one in self._results:
+            self.count += 1
+            yield one
+
+
+def test_a_page_looks_at_each_result_a_few_times_however_many_there_are(
+    api: Api, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of 200 jobs of 16 looks each, to look for every file among all of them took half a minute."""
+    video, reference = upload(api, "/videos"), upload(api, "/references")
+    for one in (video, reference):
+        make_ready(api.services, one["id"])
+    jobs_made = [
+        api.client.post(
+            "/transfer",
+            json={"video": video["id"], "looks": [{"reference": reference["id"], "seed": 2 * k + j} for j in range(2)]},
+        ).json()["id"]
+        for k in range(8)
+    ]
+    made = {job: make_results(api.services, job, [f"{job}{i}".encode() for i in range(2)]) for job in jobs_made}
+    read: list[Reads] = []
+
+    def files(session: Session, result_ids: Collection[str]) -> Reads:
+        read.append(Reads(found(session, result_ids)))
+        return read[-1]
+
+    found = results.files
+    monkeypatch.setattr(lookups.results, "files", files)
+    monkeypatch.setattr(lookups.results, "kept_until", lambda _, of: {one.id: one.expires_at for one in of})
+    page = api.client.get("/jobs?kind=transfer&limit=8").json()["data"]
+    assert {job["id"]: [look["result"] for look in job["looks"]] for job in page} == made
+    assert all(look["size_bytes"] for job in page for look in job["looks"])
+    assert [one.count for one in read] == [2 * 16]

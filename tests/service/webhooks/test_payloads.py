@@ -21,7 +21,7 @@ def test_a_failure_and_an_address_are_told_as_the_job_itself_shows_them(database
         job.state, job.finished_at = JobState.FAILED, database.now()
         job.error = stored_problem("no-face", "no face was found in the clip")
         said = json.loads(payload(job, [], settings=settings))
-        shown = job_body(job, [], [], {}, settings).model_dump(mode="json")
+        shown = job_body(job, [], {}, {}, settings).model_dump(mode="json")
     assert (said["type"], said["data"]["url"]) == ("job.failed", f"/pvg/v1/jobs/{job_id}")
     assert (
         said["data"]["error"]
