@@ -180,9 +180,7 @@ def _look_body(
         expires_at=None if result is None else kept[result.id],
         # bytes of a result and its parts go in one sweep, or in two
         extras=[
-            _extra_body(part, url, kept[part.id])
-            for part in mine
-            if url and part.part_of is not None and part.blob_key
+            _extra_body(part, url, kept[part.id]) for part in mine if url and part.part_of is not None and part.blob_key
         ],
     )
 

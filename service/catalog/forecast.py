@@ -73,8 +73,10 @@ def history(session: Session) -> History:
     paces: defaultdict[str, list[float]] = defaultdict(list)
     durations: defaultdict[str, list[float]] = defaultdict(list)
     for kind in JobKind:
-        recent = select(Job).where(Job.kind == kind, Job.state == JobState.SUCCEEDED, Job.started_at.is_not(None))
-        found = list(session.scalars(recent.order_by(Job.id.desc()).limit(_MEASURED)))
+        done = (Job.kind == kind, Job.state == JobState.SUCCEEDED, Job.parent_id.is_(None))
+        timed = (Job.started_at.is_not(None), Job.finished_at.is_not(None))
+        recent = select(Job).where(*done, *timed).order_by(Job.finished_at.desc())
+        found = list(session.scalars(recent.limit(_MEASURED)))
         works = _works(session, found)
         for job in found:
             if job.started_at is None or job.finished_at is None:

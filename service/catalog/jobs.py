@@ -14,13 +14,14 @@ from datetime import datetime
 from types import MappingProxyType
 from typing import Any, Final
 
-from sqlalchemy import ColumnElement, and_, bindparam, exists, or_, select
+from sqlalchemy import ColumnElement, and_, bindparam, exists, or_, select, union_all
 from sqlalchemy.orm import Session
 
 from service import tracing
 from service.catalog import parts
 from service.catalog.messages import QUEUE_OF, Message
 from service.catalog.models import ENDED, Job, JobKind, JobState, Look, Media, MediaState, Result
+from service.catalog.paging import newest
 from service.catalog.requests import LookParams, Request, to_json
 from service.catalog.transitions import JOB_TRANSITIONS, Lease, MediaStep, Step, take_media_step, take_step
 from service.errors import of_medium, stored_problem
@@ -132,22 +133,19 @@ class Filter:
 
 def page(session: Session, owner: str, wanted: Filter, *, before: str | None, limit: int) -> list[Job]:
     """Jobs of an owner, newest first, older than the id ``before``; ids sort by creation."""
-    query = select(Job).where(Job.owner == owner, OF_CLIENTS).order_by(Job.id.desc()).limit(limit)
+    chosen = [Job.owner == owner, OF_CLIENTS]
     if before is not None:
-        query = query.where(Job.id < before)
+        chosen.append(Job.id < before)
     if wanted.ids is not None:
-        query = query.where(Job.id.in_(wanted.ids))
+        chosen.append(Job.id.in_(wanted.ids))
     for column, media_id in ((Look.video_id, wanted.video_id), (Look.reference_id, wanted.reference_id)):
         if media_id is not None:
-            in_a_look = exists(select(Look.job_id).where(Look.job_id == Job.id, column == media_id))
-            query = query.where(or_(Job.media_id == media_id, in_a_look))
-    if wanted.states:
-        query = query.where(Job.state.in_(wanted.states))
+            of_it = select(Job.id).where(Job.media_id == media_id)
+            chosen.append(Job.id.in_(union_all(of_it, select(Look.job_id).where(column == media_id))))
     if wanted.kinds:
-        query = query.where(Job.kind.in_(wanted.kinds))
-    for name, value in wanted.metadata.items():
-        query = query.where(Job.metadata_[name].as_string() == value)
-    return list(session.scalars(query))
+        chosen.append(Job.kind.in_(wanted.kinds))
+    chosen += [Job.metadata_[name].as_string() == value for name, value in wanted.metadata.items()]
+    return newest(session, Job, chosen, wanted.states, limit=limit)
 
 
 def fingerprint(kind: JobKind, request: Request, outputs: Sequence[NewLook], metadata: Mapping[str, str]) -> str:

@@ -206,8 +206,9 @@ def stored_bytes(session: Session, owner: str) -> int:
     arriving = session.scalar(select(func.sum(ResumableUpload.size_bytes)).where(*open_)) or 0
     pieces = select(func.sum(PIECE_BYTES - UploadPart.size_bytes)).join(ResumableUpload).where(*open_)
     blocks = session.scalar(pieces.where(UploadPart.size_bytes < PIECE_BYTES)) or 0
-    of_parts = select(func.sum(PartFile.size_bytes)).join(Job, Job.id == PartFile.part_id).where(Job.owner == owner)
-    drawn = session.scalar(of_parts) or 0
+    # few files, of jobs that go on: each asks for its job, not each of the owner's jobs for files
+    is_mine = exists(select(Job.id).where(Job.id == PartFile.part_id, Job.owner == owner))
+    drawn = session.scalar(select(func.sum(PartFile.size_bytes)).where(is_mine)) or 0
     return int(media) + int(results) + int(arriving) + int(blocks) + int(drawn)
 
 

@@ -16,6 +16,7 @@ from service.catalog import idempotency, jobs, leases, parts, previews, resumabl
 from service.catalog.database import changed
 from service.catalog.messages import Message
 from service.catalog.models import ACTIVE, Job, JobKind, JobState, Look, Media, MediaState, Result, Role
+from service.catalog.paging import newest
 from service.catalog.requests import DEFAULT_VECTOR_SETTINGS, VectorizeRequest, VectorSettings, vector_settings
 from service.catalog.transitions import Lease, MediaStep, take_media_step
 
@@ -128,14 +129,11 @@ def page(
 
     In one of these states, if any are named, and with all of this metadata.
     """
-    query = select(Media).where(Media.owner == owner, Media.role == role).order_by(Media.id.desc()).limit(limit)
+    chosen = [Media.owner == owner, Media.role == role]
     if before is not None:
-        query = query.where(Media.id < before)
-    if states:
-        query = query.where(Media.state.in_(states))
-    for name, value in metadata.items():
-        query = query.where(Media.metadata_[name].as_string() == value)
-    return list(session.scalars(query))
+        chosen.append(Media.id < before)
+    chosen += [Media.metadata_[name].as_string() == value for name, value in metadata.items()]
+    return newest(session, Media, chosen, states, limit=limit)
 
 
 def create(session: Session, upload: Upload, *, now: datetime, ttl_s: float) -> Media:

@@ -88,6 +88,13 @@ ACTIVE: Final = (JobState.QUEUED, *HELD)
 ENDED: Final = (JobState.SUCCEEDED, JobState.FAILED, JobState.CANCELED, JobState.EXPIRED)
 
 
+#: of an index of jobs: those that clients asked for and that have ended, and those that are shares of another
+_OVER: Final = text("parent_id IS NULL AND finished_at IS NOT NULL")
+_IS_PART: Final = text("parent_id IS NOT NULL")
+#: of an index of results: those whose bytes are there
+_KEPT: Final = text("blob_key IS NOT NULL")
+
+
 class UtcDateTime(TypeDecorator[datetime]):
     """Aware UTC times on every engine; SQLite itself forgets the zone."""
 
@@ -133,6 +140,9 @@ class Media(Base):
     __table_args__ = (
         UniqueConstraint("owner", "role", "sha256", "mask", "matching", "input_color"),
         Index(None, "owner", "id"),
+        Index(None, "owner", "role", "state", "id"),
+        # what an owner's bytes are counted by, and when the first of them go
+        Index(None, "owner", "expires_at", "size_bytes", "asset_bytes"),
     )
 
     id: Mapped[str] = mapped_column(String(40), primary_key=True)
@@ -180,14 +190,18 @@ class Job(Base):
         Index(None, "queue", "state", "waiting", "owner"),
         Index(None, "queue", "owner", "started_at"),
         Index(None, "owner", "id"),
-        Index(None, "owner", "fingerprint"),
+        Index(None, "owner", "state", "id"),
+        Index(None, "owner", "fingerprint", "id"),
+        Index(None, "kind", "state", "finished_at", "owner", "id", sqlite_where=_OVER, postgresql_where=_OVER),
+        # most have none, and an engine without statistics takes an index of all for a way to those
+        Index(None, "parent_id", sqlite_where=_IS_PART, postgresql_where=_IS_PART),
     )
 
     id: Mapped[str] = mapped_column(String(40), primary_key=True)
     #: the key that asked for it, see `service.catalog.keys`
     owner: Mapped[str] = mapped_column(String(40), default="")
     #: the job that this is a share of; None of those that clients ask for
-    parent_id: Mapped[str | None] = mapped_column(String(40), index=True)
+    parent_id: Mapped[str | None] = mapped_column(String(40))
     kind: Mapped[str] = mapped_column(String(16))
     queue: Mapped[str] = mapped_column(String(32))
     state: Mapped[str] = mapped_column(String(16))
@@ -281,6 +295,7 @@ class Result(Base):
     """
 
     __tablename__ = "results"
+    __table_args__ = (Index(None, "owner", "expires_at", "size_bytes", sqlite_where=_KEPT, postgresql_where=_KEPT),)
 
     id: Mapped[str] = mapped_column(String(40), primary_key=True)
     owner: Mapped[str] = mapped_column(String(40), default="", index=True)

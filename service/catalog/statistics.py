@@ -19,6 +19,7 @@ from service.catalog.models import (
     Delivery,
     DeliveryState,
     Job,
+    JobKind,
     JobState,
     Look,
     Media,
@@ -86,9 +87,8 @@ def collect(session: Session, *, now: datetime, alive_since: datetime) -> Statis
     shares = select(Job.state, func.count()).where(Job.parent_id.is_not(None), Job.state.in_(ACTIVE))
     oldest = {queue: (now - since).total_seconds() for queue, since in session.execute(waits.group_by(Job.queue))}
     ended: Counter[tuple[str, str]] = Counter()
-    kept = (
-        select(Job.kind, Job.state, func.count()).where(Job.state.in_(ENDED), OF_CLIENTS).group_by(Job.kind, Job.state)
-    )
+    over = (Job.kind.in_(tuple(JobKind)), Job.state.in_(ENDED), Job.finished_at.is_not(None), OF_CLIENTS)
+    kept = select(Job.kind, Job.state, func.count()).where(*over).group_by(Job.kind, Job.state)
     removed = select(RemovedJobs.kind, RemovedJobs.state, RemovedJobs.count)
     for kind, state, count in (*session.execute(kept), *session.execute(removed)):
         ended[kind, state] += count
@@ -147,7 +147,7 @@ class Made:
 
 def made_since(session: Session, owner: str, since: datetime) -> Made:
     """What an owner's jobs that ended since then have made."""
-    mine = (Job.owner == owner, Job.finished_at >= since, OF_CLIENTS)
+    mine = (Job.owner == owner, Job.finished_at >= since, Job.kind.in_(tuple(JobKind)), OF_CLIENTS)
     looks = select(func.count()).select_from(Look).join(Job, Job.id == Look.job_id)
     jobs = select(Job.state, func.count()).where(*mine, Job.state.in_(ENDED)).group_by(Job.state)
     return Made(

@@ -16,6 +16,7 @@ from service.catalog.models import (
     ENDED,
     HELD,
     Job,
+    JobKind,
     JobState,
     Look,
     Media,
@@ -47,9 +48,12 @@ def _queued() -> list[ColumnElement[bool]]:
 
 def expire_results(session: Session, *, now: datetime) -> list[str]:
     """Drop the bytes of results past their retention. Returns the blobs to delete after the commit."""
-    late = select(Result).where(Result.expires_at < now, Result.blob_key.is_not(None)).order_by(Result.id).limit(BATCH)
+    late = (Result.expires_at < now, Result.blob_key.is_not(None))
+    # the first that went over, by the index of that, and locked as others lock them
+    first = select(Result.id).where(*late).order_by(Result.expires_at).limit(BATCH).subquery()
+    locked = select(Result).where(Result.id.in_(select(first.c.id)), *late).order_by(Result.id).with_for_update()
     # one that is asked for again at this moment is late no more, or is seen to be gone
-    found = session.scalars(late.with_for_update()).all()
+    found = session.scalars(locked).all()
     keys = (results.drop_bytes(session, result, now=now) for result in found)
     return [key for key in keys if key]
 
@@ -60,8 +64,8 @@ def late_media(session: Session, *, now: datetime) -> list[str]:
     of_jobs = select(Job.media_id).where(Job.media_id.is_not(None))
     needed = union_all(*(query.where(Job.state.in_(ACTIVE)) for query in (of_jobs, *of_looks)))
     # those that are needed must not keep the others waiting
-    late = select(Media.id).where(Media.expires_at < now, Media.id.not_in(needed)).order_by(Media.id).limit(BATCH)
-    return list(session.scalars(late))
+    late = select(Media.id).where(Media.expires_at < now, Media.id.not_in(needed))
+    return list(session.scalars(late.order_by(Media.expires_at).limit(BATCH)))
 
 
 def expire_medium(session: Session, media_id: str, *, now: datetime) -> list[str]:
@@ -81,6 +85,7 @@ def expire_jobs(session: Session, *, before: datetime) -> int:
     """Delete the records of jobs that ended before ``before`` and whose results are deleted. Returns their number."""
     old = [
         jobs.OF_CLIENTS,
+        Job.kind.in_(tuple(JobKind)),
         Job.state.in_(ENDED),
         Job.finished_at < before,
         ~exists().where(Result.job_id == Job.id, Result.blob_key.is_not(None)),

@@ -1,12 +1,15 @@
 from __future__ import annotations
 
+import re
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from datetime import timedelta
 from functools import partial
 from typing import Any
 
 import pytest
+from sqlalchemy import Connection, event
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
@@ -23,8 +26,10 @@ from service.catalog import (
     Role,
     VectorizeRequest,
     jobs,
+    keys,
     leases,
     media,
+    sweep,
 )
 from service.catalog.messages import Message
 from tests.service.fixtures import FakeClock, add_media, add_transfer, announce, claim, held_up
@@ -454,3 +459,72 @@ def meanwhile(database: Database, monkeypatch: pytest.MonkeyPatch, before: str, 
         return usual(*given, **named)
 
     monkeypatch.setattr(jobs, before, interrupted)
+
+
+def test_what_an_owner_has_is_found_and_counted_by_indexes(database: Database) -> None:
+    """Of some hundred thousand jobs and media of one key, each request read all of them: seconds, for a transfer."""
+    medium = add_media(database)
+    add_transfer(database, medium, medium)
+    with database.read() as session, plans(database) as seen:
+        for wanted in (Filter(states=["queued"]), Filter(states=["queued", "failed"]), Filter(video_id=medium.id)):
+            jobs.page(session, "", wanted, before=None, limit=2)
+        media.page(session, Role.VIDEO, owner="", states=["failed", "ready"], before=None, limit=2)
+        jobs.find_same(session, "", "0" * 64, now=database.now())
+        keys.active_jobs(session, "")
+        keys.stored_bytes(session, "")
+        keys.next_expiry(session, "")
+        sweep.expire_jobs(session, before=database.now())
+        sweep.late_media(session, now=database.now())
+        leases.reap(session, now=database.now(), max_attempts=3)
+    for statement, plan in seen:
+        assert not re.search(r"SCAN (?:jobs|media|looks|results)\b|Seq Scan", plan), (statement, plan)
+    if database.url.startswith("sqlite"):  # it has no statistics, and these are read often
+        for statement, plan in seen:
+            assert not re.search(r"INDEX ix_(?:jobs|media|results)_owner(?:_id)? \(owner=\?\)", plan), (statement, plan)
+        used = {word for _, plan in seen for word in re.findall(r"ix_\w+", plan)}
+        assert used >= {
+            "ix_jobs_owner_state_id",
+            "ix_jobs_owner_fingerprint_id",
+            "ix_jobs_kind_state_finished_at_owner_id",
+            "ix_media_owner_role_state_id",
+            "ix_media_owner_expires_at_size_bytes_asset_bytes",
+            "ix_results_owner_expires_at_size_bytes",
+        }
+
+
+@contextmanager
+def plans(database: Database) -> Iterator[list[tuple[str, str]]]:
+    """The statements that are sent, each with its plan."""
+    seen: list[tuple[str, str]] = []
+    engine = database._engine
+    is_server = engine.dialect.name == "postgresql"
+
+    def note(connection: Connection, cursor: Any, statement: str, parameters: Any, *_: Any) -> None:
+        if statement.startswith("SELECT"):
+            look = connection.connection.cursor()
+            if is_server:  # small tables are read as a whole where there is a choice
+                look.execute("SET LOCAL enable_seqscan = off")
+            look.execute(f"{'EXPLAIN' if is_server else 'EXPLAIN QUERY PLAN'} {statement}", parameters)
+            seen.append((statement, "\n".join(str(row) for row in look.fetchall())))
+
+    event.listen(engine, "before_cursor_execute", note)
+    yield seen
+    event.remove(engine, "before_cursor_execute", note)
+
+
+def test_a_page_of_several_states_is_the_newest_of_all_of_them(database: Database) -> None:
+    made = [add_media(database, content=bytes([k])) for k in range(6)]
+    for medium in made[::2]:
+        step(database, "cancel", medium.job_id)
+    with database.read() as session:
+
+        def page(*states: str, before: str | None = None) -> list[str | None]:
+            found = jobs.page(session, "", Filter(states=states), before=before, limit=2)
+            return [one.media_id for one in found]
+
+        assert page("queued", "canceled") == [made[5].id, made[4].id]
+        assert page("queued", "canceled", before=made[4].job_id) == [made[3].id, made[2].id]
+        assert page("canceled") == page("canceled", "canceled", "failed") == [made[4].id, made[2].id]
+        assert page("failed", "expired") == []
+        failed = media.page(session, Role.VIDEO, owner="", states=["failed", "ready"], before=None, limit=2)
+        assert [one.id for one in failed] == [made[4].id, made[2].id]

@@ -166,8 +166,10 @@ def test_jobs_of_the_former_version_know_when_they_were_queued(database: Databas
     engine.dispose()
     assert names == {
         "ix_jobs_media_id",
-        "ix_jobs_owner_fingerprint",
+        "ix_jobs_kind_state_finished_at_owner_id",
+        "ix_jobs_owner_fingerprint_id",
         "ix_jobs_owner_id",
+        "ix_jobs_owner_state_id",
         "ix_jobs_parent_id",
         "ix_jobs_queue_owner_started_at",
         "ix_jobs_queue_state_waiting_owner",
