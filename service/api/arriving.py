@@ -11,7 +11,7 @@ from typing import Final
 
 from service.api import quotas
 from service.api.calls import Calls
-from service.catalog import Database
+from service.catalog import Database, keys
 from service.errors import UnavailableError
 from service.outages import is_outage
 
@@ -43,18 +43,29 @@ class Share:
         self._owner = owner
         self._account = account
         self._size_bytes = 0
+        #: of them, those that are announced and not here yet
+        self._ahead_bytes = 0
 
-    async def fits(self, size_bytes: int) -> None:
-        """Raise `QuotaExceededError` when so many bytes more are too many."""
+    async def reserve(self, size_bytes: int) -> None:
+        """So many bytes are announced: they count from now on. Raises `QuotaExceededError` when they are too many.
+
+        So of files that do not fit together the first are taken whole, and the others refused before they come.
+        """
         if not self._is_free:
-            await self._arriving.check(self._owner, self._account, size_bytes)
+            await self._admit(size_bytes)
+            self._ahead_bytes += size_bytes
 
     async def take(self, size_bytes: int) -> None:
-        """So many more bytes are here. Raises `QuotaExceededError` when they are too many."""
+        """So many more bytes are here. Raises `QuotaExceededError` when those not announced are too many."""
         if not self._is_free:
-            self._size_bytes += size_bytes
-            self._account.size_bytes += size_bytes
-            await self.fits(0)
+            announced = min(size_bytes, self._ahead_bytes)
+            self._ahead_bytes -= announced
+            if size_bytes > announced:
+                await self._admit(size_bytes - announced)
+
+    async def _admit(self, size_bytes: int) -> None:
+        await self._arriving.admit(self._owner, self._account, size_bytes, own_bytes=self._size_bytes)
+        self._size_bytes += size_bytes
 
     def give_back(self, size_bytes: int | None = None) -> None:
         """So many of the bytes, or all, are recorded by now or gone: they arrive no longer."""
@@ -101,8 +112,20 @@ class Arriving:
             if not account.places:
                 del self._of[owner]
 
-    async def check(self, owner: str, account: _Account, more_bytes: int) -> None:
-        """Raise `QuotaExceededError` when what arrives, and so many bytes more, are too many for an owner."""
+    async def admit(self, owner: str, account: _Account, more_bytes: int, *, own_bytes: int = 0) -> None:
+        """Count so many bytes more of an owner, of whose bytes ``own_bytes`` are of the same request.
+
+        Raises `QuotaExceededError` when they are too many with what arrives already, and counts none.
+        """
+        while not await self._has_room(owner, account, more_bytes):
+            await asyncio.sleep(_SECOND_LOOK_S)
+            others = account.size_bytes - own_bytes
+            await self._calls.read(self._check, owner, own_bytes + more_bytes, others)
+            account.read_at = -math.inf
+        account.size_bytes += more_bytes
+
+    async def _has_room(self, owner: str, account: _Account, more_bytes: int) -> bool:
+        """Whether so many bytes more fit, by what was recorded of an owner when it was last read."""
         now = asyncio.get_running_loop().time
         if now() - account.read_at > _READ_AGAIN_S:
             account.read_at = now()
@@ -113,16 +136,14 @@ class Arriving:
                 # an outage ends no request that was under way: what was read last holds meanwhile
                 if not account.is_known or not (isinstance(error, UnavailableError) or is_outage(error)):
                     raise
-        if account.left is None or account.size_bytes + more_bytes <= account.left:
-            return
-        await asyncio.sleep(_SECOND_LOOK_S)
-        await self._calls.read(self._check, owner, account.size_bytes + more_bytes)
-        account.read_at = -math.inf
+        return account.left is None or account.size_bytes + more_bytes <= account.left
 
     def _left(self, owner: str) -> int | None:
         with self._database.read() as session:
             return quotas.left_bytes(session, owner)
 
-    def _check(self, owner: str, size_bytes: int) -> None:
+    def _check(self, owner: str, size_bytes: int, others_bytes: int) -> None:
         with self._database.read() as session:
-            quotas.check(session, owner, now=self._database.now(), jobs=0, size_bytes=size_bytes, lock=False)
+            quotas.check_bytes(
+                session, owner, keys.get(session, owner), size_bytes, now=self._database.now(), arriving=others_bytes
+            )

@@ -8,13 +8,15 @@ from typing import Final
 
 from sqlalchemy.orm import Session
 
-from service.catalog import keys, resumable
+from service.catalog import Key, keys, resumable
 from service.errors import Limit, QuotaExceededError
 
 #: of files that are announced and have not arrived, the same for every owner: nobody sends so many at a time
 MAX_OPEN_UPLOADS: Final = 1000
 #: seconds after which a key with too many jobs may ask again: a guess, no job's end is known
 _JOBS_RETRY_S: Final = 10
+#: the same while other files arrive
+_ARRIVING_RETRY_S: Final = 5
 _LONGEST_RETRY_S: Final = 86_400
 _UNITS: Final = {"active-jobs": "jobs", "stored-bytes": "bytes", "open-uploads": "uploads"}
 
@@ -45,11 +47,29 @@ def check(
     if jobs and keys.active_jobs(session, owner) + jobs > key.active_jobs:
         detail = f"this key may have {key.active_jobs} unfinished jobs; wait for some, or cancel them"
         raise _exceeded("active-jobs", key.active_jobs, detail, _JOBS_RETRY_S)
-    if keys.stored_bytes(session, owner) + size_bytes > key.stored_bytes:
+    check_bytes(session, owner, key, size_bytes, now=now)
+
+
+def check_bytes(
+    session: Session, owner: str, key: Key | None, size_bytes: int, *, now: datetime, arriving: int = 0
+) -> None:
+    """Raise `QuotaExceededError` when so many bytes more are too many for an owner's key, if there is one.
+
+    ``arriving`` are bytes that are on their way by other requests: where it is only with them too much, room may be
+    soon, for they may not come whole, or be known already.
+    """
+    if key is None:
+        return
+    wanted = keys.stored_bytes(session, owner) + size_bytes
+    may = f"this key may keep {key.stored_bytes} bytes of media, assets and results"
+    if wanted > key.stored_bytes:
         end = keys.next_expiry(session, owner)
         wait_s = math.ceil((end - now).total_seconds()) if end is not None else _LONGEST_RETRY_S
-        detail = f"this key may keep {key.stored_bytes} bytes of media, assets and results; delete some"
-        raise _exceeded("stored-bytes", key.stored_bytes, detail, min(max(1, wait_s), _LONGEST_RETRY_S))
+        wait_s = min(max(1, wait_s), _LONGEST_RETRY_S)
+        raise _exceeded("stored-bytes", key.stored_bytes, f"{may}; delete some", wait_s)
+    if wanted + arriving > key.stored_bytes:
+        detail = f"{may}, and {arriving} others are on their way; wait for them, or delete some"
+        raise _exceeded("stored-bytes", key.stored_bytes, detail, _ARRIVING_RETRY_S)
 
 
 def left_bytes(session: Session, owner: str) -> int | None:

@@ -143,7 +143,7 @@ class Intake:
         if self._share is not None:
             size_bytes = self._declared_bytes or 0
             is_form = self.request.headers.get("content-type", "").lower().startswith("multipart/")
-            await self._share.fits(max(0, size_bytes - _FORM_BYTES) if is_form else size_bytes)
+            await self._share.reserve(max(0, size_bytes - _FORM_BYTES) if is_form else size_bytes)
         return self
 
     async def __aexit__(
@@ -196,7 +196,7 @@ class Intake:
             if size_bytes > self.limit_bytes:
                 raise TooLargeError(f"the file is larger than {self.limit_bytes} bytes", limit_bytes=self.limit_bytes)
             if self._share is not None:
-                await self._share.fits(size_bytes)
+                await self._share.reserve(size_bytes)
             sink = self.open(name, size_bytes=size_bytes)
             async for chunk in file.chunks:
                 sink.feed(chunk)
