@@ -110,6 +110,7 @@ class Egress:
 
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
+        self._networks = settings.networks
         self._resolver = _Resolver()
 
     @cached_property
@@ -286,10 +287,16 @@ class Egress:
 
     def _checked(self, found: Found) -> list[str]:
         addresses = [ipaddress.ip_address(one[4][0]) for one in found]
-        private = self._settings.allow_private_networks
-        if not all((private and not _has_zone(one)) or is_public(one) for one in addresses):
+        if not all(self._may_reach(one) for one in addresses):
             raise UrlNotAllowedError("the host of the URL is not at a public address")
         return list(dict.fromkeys(map(str, addresses)))
+
+    def _may_reach(self, address: Address) -> bool:
+        """A public address, or one that the settings allow; none that needs the name of an interface."""
+        if is_public(address):
+            return True
+        allowed = self._settings.allow_private_networks or any(address in network for network in self._networks)
+        return allowed and not _has_zone(address)
 
 
 @dataclass(frozen=True, eq=False)

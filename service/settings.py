@@ -108,6 +108,8 @@ class Settings(BaseSettings):
     # what it asks for itself: files by URL, receivers of webhooks
     allow_private_networks: bool = False
     """URLs that are fetched or sent to may lead to addresses that are not public; for closed networks."""
+    allowed_networks: str = ""
+    """Networks to which such URLs may lead though they are not public, such as `10.1.2.0/24`, with commas."""
     fetch_timeout_s: float = Field(default=3600.0, gt=0)
     """Time for a file that is given by its URL."""
 
@@ -284,7 +286,17 @@ class Settings(BaseSettings):
                 or not parts.netloc
             ):
                 raise ValueError(f"allowed_origins: {origin} is not an origin, such as https://studio.example")
+        for network in _listed(self.allowed_networks):
+            try:
+                ipaddress.ip_network(network)
+            except ValueError as error:
+                raise ValueError(f"allowed_networks: {network} is not a network, such as 10.1.2.0/24") from error
         return self
+
+    @property
+    def networks(self) -> tuple[ipaddress.IPv4Network | ipaddress.IPv6Network, ...]:
+        """Networks that are not public and that URLs of others may lead to all the same."""
+        return tuple(ipaddress.ip_network(network) for network in _listed(self.allowed_networks))
 
     @property
     def worker_stop_limit_s(self) -> float:

@@ -55,7 +55,7 @@ ADVICE: Final[dict[str, tuple[str, str]]] = {
     ),
     "url-not-allowed": (
         "The URL is no address of the public internet by http or https, or leads to one that is not.",
-        "Give a URL that anybody may open; for a closed network its operator sets PVG_ALLOW_PRIVATE_NETWORKS.",
+        "Give a URL that anybody may open; its operator names networks of his own in PVG_ALLOWED_NETWORKS.",
     ),
     "fetch-failed": (
         "The file at the URL could not be had: its server does not answer, answers with an error, or is too slow.",

@@ -352,6 +352,21 @@ def test_a_closed_network_may_be_opened(tmp_path: Path, inside: Remote) -> None:
         fetch(egress, "file:///etc/passwd")
 
 
+def test_one_network_may_be_opened_and_no_other(tmp_path: Path, inside: Remote, names: Names) -> None:
+    """For an application's own receivers, beside which there are others, and what a cloud tells its machines."""
+    egress = Egress(Settings(data_dir=tmp_path, allowed_networks=f"{PRIVATE}/32, fd00:1::/64"))
+    assert fetch(egress, f"http://{PRIVATE}:{inside.port}/secret") == b"secret"
+    names.tell("backend.internal", PRIVATE)
+    assert fetch(egress, f"http://backend.internal:{inside.port}/secret") == b"secret"
+    names.tell("two.internal", [PRIVATE, "10.0.0.5"])
+    for host in ("two.internal", "127.0.0.77", "10.0.0.5", "169.254.169.254", "[fd00:2::1]", f"[::ffff:{PRIVATE}]"):
+        with pytest.raises(UrlNotAllowedError):
+            fetch(egress, f"http://{host}:{inside.port}/secret")
+    egress.check("http://[fd00:1::7]/")
+    with pytest.raises(ValueError, match=r"10\.1\.2\.3/24 is not a network"):
+        Settings(data_dir=tmp_path, allowed_networks="10.1.2.3/24")
+
+
 def test_a_certificate_must_be_of_the_name(
     egress: Egress, names: Names, public_loopback: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

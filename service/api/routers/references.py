@@ -111,7 +111,7 @@ async def get_reference_file(
     return await _media.send(services, caller, Role.REFERENCE, reference_id, asked)
 
 
-@router.delete("/{reference_id}", status_code=204, responses=problems(404, 409, 412, 507))
+@router.delete("/{reference_id}", status_code=204, response_class=Response, responses=problems(404, 409, 412, 507))
 async def delete_reference(
     reference_id: ReferenceId,
     services: ServicesDep,

@@ -140,7 +140,7 @@ async def create_result_link(
         return await services.calls.write(_make_link, services, caller, once, result_id, wanted)
 
 
-@router.delete("/{result_id}", status_code=204, responses=problems(404, 412, 507))
+@router.delete("/{result_id}", status_code=204, response_class=Response, responses=problems(404, 412, 507))
 async def delete_result(
     result_id: ResultId, services: ServicesDep, caller: CallerDep, if_match: IfMatch = None
 ) -> None:

@@ -107,7 +107,7 @@ async def get_video_file(video_id: VideoId, services: ServicesDep, caller: Calle
     return await _media.send(services, caller, Role.VIDEO, video_id, asked)
 
 
-@router.delete("/{video_id}", status_code=204, responses=problems(404, 409, 412, 507))
+@router.delete("/{video_id}", status_code=204, response_class=Response, responses=problems(404, 409, 412, 507))
 async def delete_video(
     video_id: VideoId,
     services: ServicesDep,
