@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import timedelta
 from typing import Annotated, Final
 
 import typer
@@ -14,11 +15,13 @@ from service.catalog.keys import Limits
 from service.catalog.migrations import has_table, migrate
 from service.command_line import current_settings, read_settings, refuse, with_records
 from service.queue import make_folders
-from service.settings import MAX_BYTES
+from service.settings import DAY_S, MAX_BYTES
 
 MAX_KEY_NAME: Final = 100
 #: what a server's column of an integer takes
 MAX_COUNT: Final = 2**31 - 1
+#: for which a former secret of a key may be good: long enough for who changes it by hand everywhere
+MAX_OVERLAP_S: Final = 30 * DAY_S
 
 key_commands = typer.Typer(no_args_is_help=True, help="Who may use the service over the network, and how much.")
 
@@ -100,9 +103,20 @@ def revoke_key(name: KeyName) -> None:
 
 
 @key_commands.command("rotate")
-def rotate_key(name: KeyName) -> None:
-    """Give a key another secret and print it; the former one stops working, what the key owns stays its own."""
-    typer.echo(with_records(current_settings(), lambda session: keys.rotate(_active_key(session, name))))
+def rotate_key(
+    name: KeyName,
+    overlap_s: Annotated[
+        float, typer.Option(min=0, max=MAX_OVERLAP_S, help="Seconds for which the former secret is good as well.")
+    ] = 0.0,
+) -> None:
+    """Give a key another secret and print it; what the key owns stays its own.
+
+    The former one stops working, at once or after the overlap.
+    """
+    until = utc_now() + timedelta(seconds=overlap_s) if overlap_s else None
+    typer.echo(
+        with_records(current_settings(), lambda session: keys.rotate(_active_key(session, name), former_until=until))
+    )
 
 
 @key_commands.command("limit")

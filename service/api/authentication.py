@@ -86,7 +86,7 @@ def _key_of(services: Services, given: HTTPAuthorizationCredentials | None) -> K
             if _exist(services, session):
                 raise UnauthorizedError("send a key as `Authorization: Bearer pvg_…`", invalid=False)
             return None
-        key = keys.find(session, given.credentials)
+        key = keys.find(session, given.credentials, now=services.database.now())
         # refused all the same: who sends a key means its own things, and would share them with everybody here
         if key is None and not _exist(services, session):
             raise UnauthorizedError("this service has no keys and wants none: send no Authorization", invalid=True)

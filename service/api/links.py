@@ -36,8 +36,8 @@ class Access:
         """When the link to this expires; None for a caller with a key. Raises `ForbiddenError` and `GoneError`."""
         if not self.by_link:
             return None
-        seal = keys.seal(session, self.by)
-        return services.signer.check(*what, by=self.by, seal=seal, expires=self.expires, signature=self.signature)
+        seals = keys.seals(session, self.by, now=services.database.now())
+        return services.signer.check(*what, by=self.by, seals=seals, expires=self.expires, signature=self.signature)
 
     def count(self, services: Services, state: MutableMapping[str, Any], owner: str, what: str) -> None:
         """Count a request for what is an owner's, and has this id, in its minute and until it is answered.

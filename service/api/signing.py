@@ -8,6 +8,7 @@ import hmac
 import json
 import os
 import secrets
+from collections.abc import Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -22,7 +23,7 @@ _FILE = "link-secret"
 class Signer:
     """HMAC-SHA256 (RFC 2104) over what a link is for, whose it is, the seal of its maker's key and its last second.
 
-    A key's seal changes with its secret (`service.catalog.keys.seal`), and ends its links with it.
+    A key's seal changes with its secret (`service.catalog.keys.seals`), and ends its links with it.
 
     The secret is that of the settings, or else a file of the data folder, made when it is first missed.
     """
@@ -38,14 +39,14 @@ class Signer:
         whose = {"by": by} if by else {}
         return {"expires": expires, **whose, "signature": self._signature(what, by, seal, expires)}
 
-    def check(self, *what: str, by: str, seal: str, expires: str, signature: str) -> datetime:
-        """When a link to this expires.
+    def check(self, *what: str, by: str, seals: Sequence[str], expires: str, signature: str) -> datetime:
+        """When a link to this expires, which has one of these seals of its key.
 
         Raises `ForbiddenError` for one that was not signed here, or with another secret of its key, `GoneError` for one
         that was and has expired.
         """
-        expected = self._signature(what, by, seal, expires)
-        if not hmac.compare_digest(expected.encode(), signature.encode()):
+        expected = [self._signature(what, by, seal, expires).encode() for seal in seals]
+        if not any(hmac.compare_digest(one, signature.encode()) for one in expected):
             raise ForbiddenError(
                 "this link is not as it was made, or its key has another secret by now; ask for another"
             )

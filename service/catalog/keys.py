@@ -71,8 +71,13 @@ def create(session: Session, name: str, limits: Limits, *, now: datetime) -> tup
     return key, text
 
 
-def rotate(key: Key) -> str:
-    """Give a key another secret, returned here and never again. The former one stops working; what it owns stays."""
+def rotate(key: Key, *, former_until: datetime | None = None) -> str:
+    """Give a key another secret, returned here and never again; what it owns stays.
+
+    The former one is good ``former_until`` then, or ends now; one before that ends now.
+    """
+    key.former_sha256 = None if former_until is None else key.secret_sha256
+    key.former_until = former_until
     return _new_secret(key)
 
 
@@ -102,15 +107,22 @@ def limit(key: Key, limits: Limits) -> None:
     _set_limits(key, limits)
 
 
-def find(session: Session, text: str) -> Key | None:
-    """The key of this text; None for one that is malformed, unknown, of a former secret, or revoked."""
+def find(session: Session, text: str, *, now: datetime) -> Key | None:
+    """The key of this text; None for one that is malformed, unknown, of a former secret that has ended, or revoked."""
     parts = _TEXT.fullmatch(text)
     if parts is None:
         return None
     key = session.get(Key, f"key_{parts[1]}")
     # compared in the same time whether or not there is such a key
-    fits = hmac.compare_digest(_hash(parts[2]), key.secret_sha256 if key is not None else _NO_HASH)
+    hashes = _hashes(key, now) if key is not None else [_NO_HASH]
+    fits = any(hmac.compare_digest(_hash(parts[2]), one) for one in hashes)
     return key if key is not None and fits and key.revoked_at is None else None
+
+
+def _hashes(key: Key, now: datetime) -> list[str]:
+    """Of the secrets of a key that are good: the present one first."""
+    former = key.former_sha256 if key.former_until is not None and now < key.former_until else None
+    return [key.secret_sha256, *([former] if former is not None else [])]
 
 
 def by_name(session: Session, name: str) -> Key | None:
@@ -176,10 +188,13 @@ def get(session: Session, owner: str) -> Key | None:
     return session.get(Key, owner) if owner != NOBODY else None
 
 
-def seal(session: Session, owner: str) -> str:
-    """What is signed into the links of a key, which end when its secret is another; empty for nobody, or no key."""
+def seals(session: Session, owner: str, *, now: datetime) -> list[str]:
+    """What may be signed into the links of a key, which end with its secret; into new ones goes the first.
+
+    One that is empty for nobody, or no key.
+    """
     key = get(session, owner) if _ID.fullmatch(owner) else None
-    return key.secret_sha256[:_SEAL_DIGITS] if key is not None else ""
+    return [one[:_SEAL_DIGITS] for one in _hashes(key, now)] if key is not None else [""]
 
 
 def lock(session: Session, owner: str) -> Key | None:

@@ -396,6 +396,9 @@ class Key(Base):
     id: Mapped[str] = mapped_column(String(40), primary_key=True)
     name: Mapped[str] = mapped_column(String(100))
     secret_sha256: Mapped[str] = mapped_column(String(64))
+    #: the secret before it, which is good until then as well
+    former_sha256: Mapped[str | None] = mapped_column(String(64))
+    former_until: Mapped[datetime | None]
     requests_per_minute: Mapped[int]
     active_jobs: Mapped[int]
     stored_bytes: Mapped[int] = mapped_column(BigInteger)

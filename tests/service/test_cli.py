@@ -15,7 +15,7 @@ from click.testing import Result
 from sqlalchemy.exc import OperationalError
 from typer.testing import CliRunner
 
-from service.catalog import Database
+from service.catalog import Database, keys, utc_now
 from service.cli import _have_keys, cli
 from service.key_commands import _named
 from service.settings import Settings
@@ -53,7 +53,12 @@ def test_keys_are_made_listed_limited_rotated_and_revoked(tmp_path: Path) -> Non
     listed = run("list")
     assert all(part in listed for part in ("studio", "active", "5/min", "0/7 jobs"))
     assert text[-43:] not in listed
-    assert run("rotate", "studio").strip() not in {text, ""}
+    other = run("rotate", "studio").strip()
+    assert other not in {text, ""}
+    third = run("rotate", "studio", "--overlap-s", "3600").strip()
+    with Database(Settings(data_dir=tmp_path / "data").database).read() as session:
+        found = [keys.find(session, one, now=utc_now()) for one in (text, other, third)]
+    assert [key is not None and key.name for key in found] == [False, "studio", "studio"]
     assert "0 video(s)" in run("assign", "studio")
     assert "just now" not in run("create", "former")
     run("revoke", "former")

@@ -169,14 +169,14 @@ def _make_link(services: Services, caller: Caller, once: Once, result_id: str, w
     wait = min(timedelta(seconds=wanted.expires_in_s), max(found.until - now, timedelta(seconds=1)))
     expires_at = min(now + wait, found.until).replace(microsecond=0)
     url = services.storage.link(found.key, expires_in=wait) if services.settings.links_to_store else None
-    if url is None:
-        with services.database.read() as session:
-            seal = keys.seal(session, found.result.owner)
-        query = services.signer.sign("result", *what, by=found.result.owner, seal=seal, expires_at=expires_at)
-        query |= {"person": str(wanted.person)} if wanted.part is not None and wanted.person > 1 else {}
-        url = f"{addresses.of_result(services.settings, place)}?{urlencode(query)}"
-    body = LinkBody(url=url, expires_at=expires_at)
     with services.database.write() as session:
+        if url is None:
+            # the key as it is when the answer is kept: a link of a secret that is replaced meanwhile would be void
+            seal = keys.seals(session, found.result.owner, now=now)[0]
+            query = services.signer.sign("result", *what, by=found.result.owner, seal=seal, expires_at=expires_at)
+            query |= {"person": str(wanted.person)} if wanted.part is not None and wanted.person > 1 else {}
+            url = f"{addresses.of_result(services.settings, place)}?{urlencode(query)}"
+        body = LinkBody(url=url, expires_at=expires_at)
         once.keep(session, 200, body, location=None, resource_id=result_id)
     return body
 

@@ -126,7 +126,7 @@ def _make_link(services: Services, caller: Caller, once: Once, wanted: UploadLin
             webhook=webhook,
         )
         expires_at = (now + timedelta(seconds=wanted.expires_in_s)).replace(microsecond=0)
-        seal = keys.seal(session, caller.owner)
+        seal = keys.seals(session, caller.owner, now=now)[0]
         query = urlencode(services.signer.sign("upload", made.id, by=caller.owner, seal=seal, expires_at=expires_at))
         url = f"{addresses.of_upload(services.settings, made.id)}?{query}"
         body = UploadLinkBody(id=made.id, url=url, expires_at=expires_at, max_bytes=limit)

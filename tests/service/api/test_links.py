@@ -16,7 +16,7 @@ from sqlalchemy import update
 
 from service.api import rates
 from service.api.advice import ADVICE
-from service.catalog import Media, keys, utc_now
+from service.catalog import Key, Media, keys, utc_now
 from service.settings import Settings
 from tests.service.fixtures import MP4, PNG, Api, make_ready, make_results, serve
 from tests.service.s3 import S3
@@ -113,7 +113,7 @@ def test_a_link_ends_with_its_time_its_result_and_its_key(api: Api, stranger: ht
     url = api.client.post(f"/results/{result}/link").json()["url"]
     now = api.services.database.now()
     with api.services.database.read() as session:
-        seal = keys.seal(session, owner)
+        seal = keys.seals(session, owner, now=now)[0]
     old = api.services.signer.sign("result", result, by=owner, seal=seal, expires_at=now - timedelta(seconds=2))
     gone = stranger.get(f"/results/{result}", params=old)
     assert (gone.status_code, gone.json()["code"]) == (410, "gone")
@@ -138,6 +138,25 @@ def test_links_end_with_the_secret_of_their_key(api: Api, stranger: httpx.Client
     assert stranger.put(urls[1], content=MP4).status_code == 403
     for url in (api.client.post(f"/results/{result}/link").json()["url"], upload_link(api)):
         assert stranger.get(url).status_code == 200
+
+
+def test_links_and_requests_of_a_former_secret_are_good_while_it_is(api: Api, stranger: httpx.Client) -> None:
+    owner = use_key(api)
+    result = make_result(api)
+    urls = [api.client.post(f"/results/{result}/link").json()["url"], upload_link(api)]
+    until = api.services.database.now() + timedelta(seconds=60)
+    with api.services.background.write() as session:
+        key = keys.get(session, owner)
+        assert key is not None
+        text = keys.rotate(key, former_until=until)
+    assert [stranger.get(url).status_code for url in urls] == [200] * 2
+    urls.append(api.client.post(f"/results/{result}/link").json()["url"])  # with the former one, by the present one
+    with api.services.background.write() as session:
+        session.get_one(Key, owner).former_until = api.services.database.now()
+    assert api.client.get("/usage").status_code == 401
+    assert [stranger.get(url).status_code for url in urls] == [403, 403, 200]
+    api.client.headers["Authorization"] = f"Bearer {text}"
+    assert api.client.get("/usage").status_code == 200
 
 
 @pytest.mark.parametrize("by", ["key_%00", "key_" + "0" * 32, "key_" + "g" * 32, "%ed%a0%80"])

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from datetime import timedelta
 
 import pytest
 from sqlalchemy.exc import IntegrityError
@@ -18,7 +19,7 @@ def make(database: Database, name: str = "studio", limits: Limits | None = None)
 
 def found(database: Database, text: str) -> str | None:
     with database.read() as session:
-        key = keys.find(session, text)
+        key = keys.find(session, text, now=database.now())
     return key and key.id
 
 
@@ -47,6 +48,33 @@ def test_a_rotated_key_is_the_same_key_and_a_revoked_one_still_counts(database: 
         assert not keys.revoke(session, key, now=database.now())
         assert keys.exist(session)
     assert found(database, text) is None
+
+
+def test_a_former_secret_is_good_for_as_long_as_is_said(database: Database, clock: FakeClock) -> None:
+    """An application of many machines has its key changed on one after the other."""
+    key, first = make(database)
+
+    def rotate(overlap_s: float | None) -> str:
+        until = None if overlap_s is None else clock() + timedelta(seconds=overlap_s)
+        with database.write() as session:
+            return keys.rotate(session.get_one(Key, key.id), former_until=until)
+
+    def good(*texts: str) -> list[bool]:
+        return [found(database, text) == key.id for text in texts]
+
+    second = rotate(60)
+    with database.read() as session:
+        both = keys.seals(session, key.id, now=clock())
+    assert good(first, second) == [True, True]
+    third = rotate(60)
+    assert good(first, second, third) == [False, True, True]
+    clock.forward(61)
+    assert good(second, third) == [False, True]
+    with database.read() as session:
+        assert len(keys.seals(session, key.id, now=clock())) == 1 < len(both)
+    fourth = rotate(60)
+    fifth = rotate(None)  # a secret that others know ends at once, and so does the one before
+    assert good(third, fourth, fifth) == [False, False, True]
 
 
 def test_what_belongs_to_nobody_is_given_to_a_key_but_for_what_it_has(database: Database) -> None:
