@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterable
 from datetime import datetime
 
-from sqlalchemy import ColumnElement, delete, exists, select, union_all
+from sqlalchemy import ColumnElement, delete, exists, select, union_all, update
 from sqlalchemy.orm import Session
 
-from service.catalog import jobs, media, results, resumable, statistics
+from service.catalog import idempotency, jobs, media, results, resumable, statistics, tombstones
 from service.catalog.database import changed
 from service.catalog.messages import Message
 from service.catalog.models import (
     ACTIVE,
     ENDED,
     HELD,
+    Delivery,
     Job,
     JobKind,
     JobState,
@@ -94,6 +95,27 @@ def expire_jobs(session: Session, *, before: datetime) -> int:
     ids = session.scalars(select(Job.id).where(*old).limit(BATCH)).all()
     changed(session, delete(Result).where(Result.job_id.in_(ids)))
     return statistics.remove_jobs(session, list(ids))
+
+
+def delete_job(session: Session, job_id: str, *, now: datetime) -> list[str]:
+    """Delete the record of a job that has ended, with its results and what tells of it: deliveries and kept answers.
+
+    Returns the blobs to delete after the commit, whose tombstones are written. What ended jobs are counted by stays.
+    """
+    # in the order in which others lock them: looks, then results
+    changed(session, update(Look).where(Look.job_id == job_id).values(result_id=None, result_gone="deleted"))
+    of_job = Result.job_id == job_id
+    found = session.execute(
+        select(Result.id, Result.blob_key).where(of_job).order_by(Result.id).with_for_update()
+    ).all()
+    told = select(Delivery.id).where(Delivery.job_id == job_id)
+    for ids in ([job_id, *(row.id for row in found)], told):
+        idempotency.forget(session, ids)
+    changed(session, delete(Result).where(of_job))
+    statistics.remove_jobs(session, [job_id])
+    keys = [row.blob_key for row in found if row.blob_key]
+    tombstones.bury(session, keys, now=now)
+    return keys
 
 
 def held(session: Session, job_ids: Iterable[str]) -> set[str]:

@@ -95,6 +95,9 @@ def test_a_result_is_deleted_alone(api: Api, client: Client, clip: Path) -> None
     client.delete(client.job(job.id).results[0])
     assert [look.result_gone for look in client.job(job.id).looks] == ["deleted"]
     assert client.medium(video.id).state == "ready"
+    client.delete(job)
+    assert [one.kind for one in client.jobs()] == ["vectorize"]
+    assert client.medium(video.id).state == "ready"
 
 
 def test_who_has_a_link_uploads_without_a_key(client: Client, url: str, clip: Path) -> None:

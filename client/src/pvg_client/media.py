@@ -9,10 +9,12 @@ import httpx
 
 from pvg_client.calls import Api, Flow, Params, Patience, asked, attempt, understood
 from pvg_client.errors import ApiError, UnreachableError
-from pvg_client.models import Medium, Result, id_of, role_of
+from pvg_client.models import Job, Medium, Result, id_of, role_of
 from pvg_client.pages import Listing
 from pvg_client.paths import path_to
 
+#: what is deleted without more, by how its ids begin
+_ALONE: Final = {"res_": "results", "job_": "jobs"}
 _GATEWAYS: Final = frozenset({httpx.codes.BAD_GATEWAY, httpx.codes.GATEWAY_TIMEOUT})
 
 
@@ -36,14 +38,15 @@ def _filter(state: Sequence[str], metadata: Mapping[str, str] | None) -> Params:
     return [*params, *(("metadata", f"{name}:{value}") for name, value in (metadata or {}).items())]
 
 
-def delete(api: Api, thing: Medium | Result | str, *, cancel_jobs: bool = False) -> Flow[None]:
-    """Delete a video or a reference with everything derived from it, or a result alone.
+def delete(api: Api, thing: Medium | Result | Job | str, *, cancel_jobs: bool = False) -> Flow[None]:
+    """Delete a video or reference with everything derived from it, a job that has ended with its results, or a result.
 
     Jobs that need a medium refuse, or are canceled with ``cancel_jobs``.
     """
     params = [("cancel_jobs", "true")] if cancel_jobs else []
     thing_id = id_of(thing)
-    path = path_to("results", thing_id) if thing_id.startswith("res_") else path_of(thing_id)
+    kind = _ALONE.get(thing_id[:4])
+    path = path_of(thing_id) if kind is None else path_to(kind, thing_id)
     request = api.request("DELETE", path, params=params)
     patience, unsure = Patience(api), False
     while True:

@@ -5,7 +5,7 @@ from service.api.commands.asked import Asked
 from service.api.commands.checks import Wanted, check_look, check_role, check_usable
 from service.api.commands.looks import check_looks, params_of, request_looks
 from service.api.commands.registering import Registered, register
-from service.api.commands.removal import remove, take_back
+from service.api.commands.removal import remove, remove_job, take_back
 
 __all__ = [
     "Asked",
@@ -18,6 +18,7 @@ __all__ = [
     "params_of",
     "register",
     "remove",
+    "remove_job",
     "request_looks",
     "resuming",
     "stills",

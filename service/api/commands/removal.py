@@ -1,4 +1,4 @@
-"""Media are deleted with all that is derived from them, and what a refused request brought is taken back."""
+"""Media and jobs are deleted with all that comes of them, and what a refused request brought is taken back."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from service.api.ranges import require_match
 from service.api.schemas import MediaBody
 from service.api.services import Services
 from service.api.views import media_body
-from service.catalog import Media, Message, Role, jobs, media, parts, tombstones
+from service.catalog import ENDED, Media, Message, Role, jobs, keys, media, parts, sweep, tombstones
 from service.errors import ConflictError, NotFoundError
 
 log = structlog.get_logger(__name__)
@@ -27,10 +27,10 @@ async def remove(
     Raises `NotFoundError`, `ConflictError` while jobs need it and ``cancel_jobs`` is false, and `PreconditionError`
     when ``if_match`` does not name it as it is.
     """
-    keys = await services.calls.write(
+    gone = await services.calls.write(
         _remove, services, owner, role, media_id, cancel_jobs=cancel_jobs, if_match=if_match
     )
-    await services.calls.remove(services.blobs.delete, keys)
+    await services.calls.remove(services.blobs.delete, gone)
 
 
 def _remove(
@@ -48,9 +48,9 @@ def _remove(
             raise ConflictError(f"{detail}; wait for them, or delete with ?cancel_jobs=true")
         if if_match is not None:
             require_match(if_match, etag_of(media_body(found, services.settings).model_dump_json().encode()))
-        keys, ended = _delete(session, found, active, now=database.now())
+        gone, ended = _delete(session, found, active, now=database.now())
     services.publisher.withdraw(ended)
-    return keys
+    return gone
 
 
 def _delete(session: Session, found: Media, active: Sequence[str], *, now: datetime) -> tuple[list[str], list[Message]]:
@@ -63,6 +63,31 @@ def _delete(session: Session, found: Media, active: Sequence[str], *, now: datet
     return media.delete(session, found, now=now) + drawn, ended
 
 
+async def remove_job(services: Services, owner: str, job_id: str) -> None:
+    """Delete the record of a job that has ended, with its results.
+
+    Raises `NotFoundError`, and `ConflictError` while it goes on, or the medium that it vectorised is there.
+    """
+    gone = await services.calls.write(_remove_job, services, owner, job_id)
+    await services.calls.remove(services.blobs.delete, gone)
+
+
+def _remove_job(services: Services, owner: str, job_id: str) -> list[str]:
+    database = services.database
+    with database.write(frees=True) as session:
+        # no other request of this key is answered with it meanwhile
+        keys.lock(session, owner)
+        job = jobs.get(session, job_id, owner=owner, lock=True)
+        if job is None:
+            raise NotFoundError(f"there is no job {job_id}")
+        if job.state not in ENDED:
+            raise ConflictError(f"{job_id} is {job.state}; cancel it, and delete it when it has ended")
+        medium = None if job.media_id is None else media.get(session, job.media_id)
+        if medium is not None and medium.job_id == job_id:
+            raise ConflictError(f"{job_id} goes with {job.media_id}, which it has vectorised; delete that")
+        return sweep.delete_job(session, job_id, now=database.now())
+
+
 async def take_back(services: Services, owner: str, brought: Sequence[MediaBody]) -> None:
     """Delete the media that a refused request has brought, but for those that others have asked for since.
 
@@ -71,14 +96,14 @@ async def take_back(services: Services, owner: str, brought: Sequence[MediaBody]
     if not brought:
         return
     try:
-        keys = await services.calls.write(_take_back, services, owner, brought)
-        await services.calls.remove(services.blobs.delete, keys)
+        gone = await services.calls.write(_take_back, services, owner, brought)
+        await services.calls.remove(services.blobs.delete, gone)
     except Exception as error:
         log.warning("what a refused request has brought stays", count=len(brought), error=type(error).__name__)
 
 
 def _take_back(services: Services, owner: str, brought: Sequence[MediaBody]) -> list[str]:
-    keys: list[str] = []
+    gone: list[str] = []
     messages: list[Message] = []
     with services.database.write(frees=True) as session:
         for body in sorted(brought, key=lambda body: body.id):
@@ -87,7 +112,7 @@ def _take_back(services: Services, owner: str, brought: Sequence[MediaBody]) -> 
             if found is None or found.expires_at != body.expires_at:
                 continue
             blobs, ended = _delete(session, found, media.active_jobs(session, found.id), now=services.database.now())
-            keys += blobs
+            gone += blobs
             messages += ended
     services.publisher.withdraw(messages)
-    return keys
+    return gone

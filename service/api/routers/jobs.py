@@ -6,7 +6,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 
-from service.api import lookups
+from service.api import commands, lookups
 from service.api.authentication import Caller, CallerDep, check_again
 from service.api.conditional import conditional
 from service.api.dependencies import (
@@ -126,6 +126,12 @@ async def cancel_job(
         done_now, body = await services.calls.write(_cancel, services, caller, once, job_id)
     response.status_code = 202 if done_now else 200
     return body
+
+
+@router.delete("/{job_id}", status_code=204, response_class=Response, responses=problems(404, 409, 507))
+async def delete_job(job_id: JobId, services: ServicesDep, caller: CallerDep) -> None:
+    """Delete the record of a job that has ended, with its results, its metadata and the deliveries of its webhooks."""
+    await commands.remove_job(services, caller.owner, job_id)
 
 
 def _cancel(services: Services, caller: Caller, once: Once, job_id: str) -> tuple[bool, JobBody]:

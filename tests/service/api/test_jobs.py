@@ -6,10 +6,13 @@ from collections.abc import Collection, Iterator, Sequence
 from datetime import timedelta
 
 import pytest
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from service.api import lookups
 from service.catalog import Job, Progress, Result, leases, results
+from service.catalog.models import Base
+from tests.service.api.test_authentication import holder
 from tests.service.api.test_media import upload
 from tests.service.fixtures import MP4, Api, claim, make_ready, make_results
 
@@ -256,3 +259,48 @@ def test_a_page_looks_at_each_result_a_few_times_however_many_there_are(
     assert {job["id"]: [look["result"] for look in job["looks"]] for job in page} == made
     assert all(look["size_bytes"] for job in page for look in job["looks"])
     assert [one.count for one in read] == [2 * 16]
+
+
+def test_the_record_of_a_job_is_deleted_with_all_that_tells_of_it(api: Api) -> None:
+    video, reference = upload(api, "/videos"), upload(api, "/references")
+    for one in (video, reference):
+        make_ready(api.services, one["id"])
+    asked = {
+        **{"video": video["id"], "looks": [{"reference": reference["id"]}], "metadata": {"user": "somebody-42"}},
+        "webhook": {"url": "https://studio.example/hooks?token=secret-42"},
+    }
+    once = {"Idempotency-Key": "order-42"}
+    job = api.client.post("/transfer", json=asked, headers=once).json()["id"]
+    going_on = api.client.delete(f"/jobs/{job}")
+    assert (going_on.status_code, going_on.json()["code"]) == (409, "conflict")
+    (result,) = make_results(api.services, job, [b"a look"])
+    (told,) = api.client.get(f"/webhooks?job={job}").json()["data"]
+    assert api.client.post(f"/webhooks/{told['id']}/replay", headers={"Idempotency-Key": "again"}).status_code == 202
+    ended = [line for line in api.client.get("/metrics").text.splitlines() if line.startswith("pvg_jobs_ended_total")]
+    made = api.client.delete(f"/jobs/{video['job']}")
+    assert (made.status_code, video["id"] in made.json()["detail"]) == (409, True)
+
+    assert api.client.delete(f"/jobs/{job}").status_code == 204
+    for path in (f"/jobs/{job}", f"/results/{result}", f"/webhooks/{told['id']}"):
+        assert api.client.get(path).status_code == 404, path
+    assert api.client.delete(f"/jobs/{job}").status_code == 404
+    assert set(ended) <= set(api.client.get("/metrics").text.splitlines())  # what has ended stays counted
+    storage, database = api.services.storage, api.services.database
+    with database.read() as session:
+        tables = [session.execute(select(table)).all() for table in Base.metadata.sorted_tables]
+    assert not any(word in repr(tables) for word in ("somebody-42", "secret-42", job, result))
+    assert not [key for key, _ in storage.entries() if key.startswith("result/")]
+    assert api.client.get(f"/videos/{video['id']}").json()["state"] == "ready"
+    again = api.client.post("/transfer", json=asked, headers=once)
+    assert (again.status_code, again.json()["id"] != job) == (202, True)
+
+
+def test_a_key_deletes_its_own_jobs_alone(api: Api) -> None:
+    one, other = holder(api), holder(api)
+    job = one.upload("/videos").json()["job"]
+    assert one.post(f"/jobs/{job}/cancel").status_code == 202
+    assert other.delete(f"/jobs/{job}").status_code == 404
+    video = one.get(f"/jobs/{job}").json()["media"]
+    assert one.delete(f"/videos/{video}").status_code == 204
+    assert one.delete(f"/jobs/{job}").status_code == 204
+    assert one.get("/jobs").json()["data"] == []
