@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from datetime import datetime
 from typing import Final
 
@@ -17,8 +18,29 @@ MAX_OPEN_UPLOADS: Final = 1000
 _JOBS_RETRY_S: Final = 10
 #: the same while other files arrive
 _ARRIVING_RETRY_S: Final = 5
+#: seconds for which what an owner keeps is not counted again for a job, whose results are of a size that nobody knows
+_LATELY_S: Final = 2.0
 _LONGEST_RETRY_S: Final = 86_400
 _UNITS: Final = {"active-jobs": "jobs", "stored-bytes": "bytes", "open-uploads": "uploads"}
+
+
+class Lately:
+    """What owners were found to keep a moment ago: to count it takes the longer the more it is.
+
+    Safe to use from several threads.
+    """
+
+    def __init__(self) -> None:
+        self._found: dict[str, tuple[float, int]] = {}
+
+    def note(self, owner: str, size_bytes: int) -> None:
+        """An owner keeps so many bytes now."""
+        self._found[owner] = (time.monotonic(), size_bytes)
+
+    def was_within(self, owner: str, most_bytes: int) -> bool:
+        """An owner kept no more than that, at most `_LATELY_S` ago."""
+        at, size_bytes = self._found.get(owner, (-math.inf, 0))
+        return time.monotonic() - at < _LATELY_S and size_bytes <= most_bytes
 
 
 def check(
@@ -30,13 +52,15 @@ def check(
     size_bytes: int = 0,
     uploads: int = 0,
     lock: bool = True,
+    lately: Lately | None = None,
 ) -> None:
     """Raise `QuotaExceededError` when a key may not have so many more jobs, bytes or open uploads.
 
     Without keys only the uploads are counted.
 
     With ``lock`` the key is kept from others until the transaction ends, before any medium is, so that two requests
-    cannot both have the last of it; without, the answer is a first one, for what only reads.
+    cannot both have the last of it; without, the answer is a first one, for what only reads. With ``lately``, bytes
+    that nobody wants more of are not counted again for a moment, in which jobs of before may make some.
     """
     key = keys.lock(session, owner) if lock else keys.get(session, owner)
     if uploads and resumable.count_open(session, owner, now=now) + uploads > MAX_OPEN_UPLOADS:
@@ -47,20 +71,29 @@ def check(
     if jobs and keys.active_jobs(session, owner) + jobs > key.active_jobs:
         detail = f"this key may have {key.active_jobs} unfinished jobs; wait for some, or cancel them"
         raise _exceeded("active-jobs", key.active_jobs, detail, _JOBS_RETRY_S)
-    check_bytes(session, owner, key, size_bytes, now=now)
+    if size_bytes or lately is None or not lately.was_within(owner, key.stored_bytes):
+        check_bytes(session, owner, key, size_bytes, now=now, lately=lately)
 
 
 def check_bytes(
-    session: Session, owner: str, key: Key | None, size_bytes: int, *, now: datetime, arriving: int = 0
+    session: Session,
+    owner: str,
+    key: Key | None,
+    size_bytes: int,
+    *,
+    now: datetime,
+    arriving: int = 0,
+    lately: Lately | None = None,
 ) -> None:
     """Raise `QuotaExceededError` when so many bytes more are too many for an owner's key, if there is one.
 
     ``arriving`` are bytes that are on their way by other requests: where it is only with them too much, room may be
-    soon, for they may not come whole, or be known already.
+    soon, for they may not come whole, or be known already. What is found is noted in ``lately``.
     """
     if key is None:
         return
-    wanted = keys.stored_bytes(session, owner) + size_bytes
+    stored = keys.stored_bytes(session, owner)
+    wanted = stored + size_bytes
     may = f"this key may keep {key.stored_bytes} bytes of media, assets and results"
     if wanted > key.stored_bytes:
         end = keys.next_expiry(session, owner)
@@ -70,6 +103,8 @@ def check_bytes(
     if wanted + arriving > key.stored_bytes:
         detail = f"{may}, and {arriving} others are on their way; wait for them, or delete some"
         raise _exceeded("stored-bytes", key.stored_bytes, detail, _ARRIVING_RETRY_S)
+    if lately is not None:
+        lately.note(owner, wanted)
 
 
 def left_bytes(session: Session, owner: str) -> int | None:

@@ -15,6 +15,7 @@ from service.api.meters import Meters
 from service.api.places import Places
 from service.api.preview_watch import PreviewWatch
 from service.api.probes import Probe
+from service.api.quotas import Lately
 from service.api.rates import LinkRates, Rates
 from service.api.signing import Signer
 from service.api.streams import Streams
@@ -69,6 +70,8 @@ class Services:
     deliverer: Deliverer
     signer: Signer
     forecasts: Forecasts
+    #: what keys were found to keep
+    lately: Lately
     meters: Meters
     known: Known
     #: what /readyz asks
@@ -124,6 +127,7 @@ def make_services(settings: Settings, *, clock: Clock | None = None) -> Services
         deliverer=Deliverer(settings, background, Egress(settings)),
         signer=Signer(settings, database.now),
         forecasts=forecasts,
+        lately=Lately(),
         meters=Meters(),
         known=Known(),
         probes=(

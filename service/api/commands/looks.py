@@ -75,7 +75,7 @@ def request_looks(
             job = None
         new = job is None
         if job is None:
-            quotas.check(session, owner, now=now)
+            quotas.check(session, owner, now=now, lately=services.lately)
             # they stay as they are until the job is recorded: one that is ready later lets it go then
             ready = all(one.state == MediaState.READY for one in known.values())
             job = jobs.create(

@@ -130,7 +130,7 @@ class _Arrival:
         try:
             with services.database.write() as session:
                 self._close_upload(session, media_id, now=now)
-                quotas.check(session, owner, now=now, size_bytes=file.size_bytes)
+                quotas.check(session, owner, now=now, size_bytes=file.size_bytes, lately=services.lately)
                 created = media.create(session, upload, now=now, ttl_s=services.settings.media_ttl_s)
                 registered = self._registered(session, created, pending=True, new=True)
         except IntegrityError:

@@ -12,8 +12,11 @@ from contextlib import suppress
 
 import httpx
 import pytest
+from sqlalchemy.orm import Session
 
+from service.api import quotas
 from service.api.arriving import Arriving
+from service.catalog import keys
 from service.catalog.keys import Limits
 from service.errors import QuotaExceededError
 from tests.service.api.test_authentication import Bearer, Holder, holder
@@ -199,3 +202,27 @@ def test_what_is_too_much_only_with_what_arrives_may_be_sent_again_soon(api: Api
         assert arriving._of == {}
 
     asyncio.run(send())
+
+
+def test_jobs_that_follow_each_other_count_what_a_key_keeps_once(
+    api: Api, limited: Holder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    counted: list[str] = []
+
+    def count(session: Session, owner: str) -> int:
+        counted.append(owner)
+        return len(counted) * QUOTA
+
+    medium = limited.upload().json()["id"]
+    monkeypatch.setattr(keys, "stored_bytes", count)
+    api.services.lately.note(limited.id, QUOTA)
+
+    def ask(seed: int) -> int:
+        body = {"video": medium, "looks": [{"reference": medium, "seed": seed}]}
+        return limited.post("/transfer", json=body).status_code
+
+    assert [ask(1), ask(2), counted] == [202, 202, []]
+    api.services.lately.note(limited.id, QUOTA + 1)  # too much is looked at again
+    assert [ask(3), counted] == [202, [limited.id]]
+    monkeypatch.setattr(quotas, "_LATELY_S", 0.0)
+    assert [ask(4), counted] == [429, [limited.id] * 2]
