@@ -19,35 +19,37 @@ from numpy.typing import NDArray
 from pvg._arrays import Floats
 from pvg.rendering import _body_kernels as kernels
 from pvg.rendering import _kernels
-from pvg.rendering.foreground import foreground
+from pvg.rendering.foreground import Foreground
 from pvg.rendering.map_tables import MapTables
 from pvg.rendering.placed_body import PlacedBody
-from pvg.rendering.plane_samples import at_chroma, luma_bend, over_chroma, with_patches, without_fine_detail
+from pvg.rendering.plane_samples import luma_bend, with_patches, without_fine_detail
 from pvg.rendering.rgb_planes import not_beyond, opponent_matrix, rgb_patches
 from pvg.rendering.tinge import tinge, tinge_of
 from pvg.video import Frame, Patch
 
 
-def apply_body(frame: Frame, body: PlacedBody, tables: MapTables, under: Sequence[Patch] = ()) -> list[Patch]:
-    """The new samples of a body in every plane;  under: patches that were laid before."""
-    skin = foreground(frame, (body.x, body.y), body.alpha, body.step)
+def apply_body(
+    frame: Frame, body: PlacedBody, shown: Foreground, tables: MapTables, under: Sequence[Patch] = ()
+) -> list[Patch]:
+    """The new samples of a body in every plane.
+
+    shown: what its pixels show of skin, the same for all looks;  under: patches that were laid before.
+    """
     if frame.format.is_rgb:
-        return _apply_to_rgb(frame, body, skin, tables, under)
-    pixel_format, (left, upper) = frame.format, (body.x, body.y)
+        return _apply_to_rgb(frame, body, shown.planes, tables, under)
+    pixel_format, (left, upper), skin = frame.format, (body.x, body.y), shown.planes
     top = np.float32(2**pixel_format.depth - 1)
     h, w = body.alpha.shape
     luma = frame.planes[0][upper : upper + h, left : left + w]
-    broad = without_fine_detail(skin[0])
+    broad, *smooth = shown.smooth
     part = with_patches(luma, 0, (left, upper), under)
     kernels.apply_tone(part, skin[0], broad, body.alpha, tables.tone, luma_bend(pixel_format), top)
     patches = [Patch(0, upper, left, part)]
     log2x, log2y = pixel_format.chroma_log2
-    weight = over_chroma(body.alpha, pixel_format)
-    rows, columns = weight.shape
+    rows, columns = shown.chroma_alpha.shape
     x, y = left >> log2x, upper >> log2y
-    smooth = without_fine_detail(skin[1], log2x), without_fine_detail(skin[2], log2x)
-    by = at_chroma(broad, pixel_format)
-    weight = weight * tinge(tables, by, smooth)
+    by = shown.luma_at_chroma
+    weight = shown.chroma_alpha * tinge(tables, by, (smooth[0], smooth[1]))
     for p in (1, 2):
         before = frame.planes[p][y : y + rows, x : x + columns]
         wide = smooth[p - 1] if tables.excess > 0 else skin[p]

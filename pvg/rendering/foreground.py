@@ -18,6 +18,9 @@ matte, and where no sure skin is near.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import cv2
@@ -27,8 +30,8 @@ from numpy.typing import NDArray
 from pvg._arrays import Doubles, Floats
 from pvg.raster import sites
 from pvg.rendering import _kernels as kernels
-from pvg.rendering.plane_samples import over_chroma
-from pvg.video import Frame
+from pvg.rendering.plane_samples import at_chroma, over_chroma, without_fine_detail
+from pvg.video import Frame, PixelFormat
 
 _SURE = np.float32(0.97)  # of alpha, from which on a pixel is all skin [by eye]
 _CELLS = 2  # of the matte to a cell of means
@@ -40,33 +43,86 @@ _HARDLY = np.float32(1e-4)  # of β, where there is any skin
 _LEAST = np.float32(3e-4)  # of a mean's weight where all around is sure: with less there is none
 
 
-def foreground(frame: Frame, corner: tuple[int, int], alpha: Floats, step: float) -> tuple[NDArray[Any], ...]:
+@dataclass(frozen=True, eq=False)
+class Foreground:
+    """What the pixels of a matte's window show of skin, for any number of looks.
+
+    planes: contiguous samples of the window;  chroma_alpha: the matte over those of chroma, (r, c).
+    """
+
+    planes: tuple[NDArray[Any], ...]
+    chroma_alpha: Floats
+    format: PixelFormat
+
+    @cached_property
+    def smooth(self) -> tuple[NDArray[Any], ...]:
+        """The planes without fine detail, for what enlarges slopes."""
+        log2x, _ = self.format.chroma_log2
+        return tuple(without_fine_detail(plane, log2x if p else 0) for p, plane in enumerate(self.planes))
+
+    @cached_property
+    def luma_at_chroma(self) -> NDArray[Any]:
+        """Smoothed luma where the samples of chroma are, (r, c)."""
+        return at_chroma(self.smooth[0], self.format)
+
+
+def foreground(frame: Frame, corner: tuple[int, int], alpha: Floats, step: float) -> Foreground:
     """Copies of the frame's planes over a matte's window, in which the pixels of its edge show the skin in them.
 
     corner: x, y of the window's first pixel, multiples of the chroma step;  alpha: (h, w) of the matte;
     step: pixels a cell of the matte.
     """
-    left, upper = corner
-    out = []
-    alpha = np.maximum(cv2.erode(alpha, _NEIGHBOURS), np.minimum(alpha, _HARDLY))
+    shown = as_they_are(frame, corner, alpha)
+    luma, *chroma = shown.planes
+    least = np.maximum(cv2.erode(alpha, _NEIGHBOURS), np.minimum(alpha, _HARDLY))
+    _show_skin([luma], least, step, 0)
+    log2x = 0 if frame.format.is_rgb else frame.format.chroma_log2[0]
+    _show_skin(chroma, over_chroma(least, frame.format), step, log2x)
+    return shown
+
+
+def as_they_are(frame: Frame, corner: tuple[int, int], alpha: Floats) -> Foreground:
+    """The same without anything shown: copies of the planes over the window."""
     chroma_alpha = over_chroma(alpha, frame.format)
+    parts = []
     for p, plane in enumerate(frame.planes[:3]):
         log2x, log2y = (0, 0) if p == 0 or frame.format.is_rgb else frame.format.chroma_log2
-        weight = chroma_alpha if p else alpha
-        (rows, columns), x, y = weight.shape, left >> log2x, upper >> log2y
-        part = plane[y : y + rows, x : x + columns].copy()
-        cell = max(2, round(_CELLS * step) >> log2x)
-        apart = max(1, cell // _SAMPLES)
-        across = cell // apart
-        cell = across * apart
-        sums = np.zeros((2, max(2, -(-rows // cell)), max(2, -(-columns // cell))), np.float32)
+        (rows, columns), x, y = (chroma_alpha if p else alpha).shape, corner[0] >> log2x, corner[1] >> log2y
+        parts.append(plane[y : y + rows, x : x + columns].copy())
+    return Foreground(tuple(parts), chroma_alpha, frame.format)
+
+
+def _show_skin(parts: list[NDArray[Any]], weight: Floats, step: float, log2x: int) -> None:
+    """Let samples (r, c) at the edge of a matte over them show the skin in them, in place.
+
+    step: pixels a cell of the matte;  log2x: of the pixels along a sample.
+    """
+    rows, columns = weight.shape
+    cell = max(2, round(_CELLS * step) >> log2x)
+    apart = max(1, cell // _SAMPLES)
+    cell = cell // apart * apart
+    xs, ys = _in_cells(columns, cell), _in_cells(rows, cell)
+    for part, mean in zip(parts, _means(parts, weight, cell, apart), strict=True):
+        kernels.show_skin(part, weight, xs, ys, mean, _SURE)
+
+
+def _means(parts: list[NDArray[Any]], weight: Floats, cell: int, apart: int) -> Iterator[Floats]:
+    """The mean of the sure skin around each cell of `cell` samples a side, of each of some planes alike (r, c).
+
+    apart: samples from one that is read to the next.
+    """
+    across = cell // apart
+    rows, columns = (max(2, -(-size // cell)) for size in weight.shape)
+    sparse = np.ascontiguousarray(weight[::apart, ::apart])
+    mass: Floats | None = None
+    for part in parts:
+        sums = np.zeros((2, rows, columns), np.float32)
         few: NDArray[Any] = np.ascontiguousarray(part[::apart, ::apart])
-        kernels.sum_sure(few, np.ascontiguousarray(weight[::apart, ::apart]), _SURE, across, sums)
-        held, mass = (cv2.GaussianBlur(each, (0, 0), _SPREAD) for each in sums)
-        mean = np.where(mass > _LEAST * across * across, held / np.maximum(mass, np.float32(1e-6)), _UNKNOWN)
-        kernels.show_skin(part, weight, _in_cells(columns, cell), _in_cells(rows, cell), mean, _SURE)
-        out.append(part)
-    return tuple(out)
+        kernels.sum_sure(few, sparse, _SURE, across, sums)
+        held = cv2.GaussianBlur(sums[0], (0, 0), _SPREAD)
+        if mass is None:  # the same for all of them
+            mass = np.asarray(cv2.GaussianBlur(sums[1], (0, 0), _SPREAD), np.float32)
+        yield np.where(mass > _LEAST * across * across, held / np.maximum(mass, np.float32(1e-6)), _UNKNOWN)
 
 
 def _in_cells(size: int, cell: int) -> Doubles:

@@ -22,16 +22,10 @@ from pvg.membrane import Lattice
 from pvg.raster import sites
 from pvg.rendering import _kernels as kernels
 from pvg.rendering.correction import Correction
+from pvg.rendering.foreground import Foreground, as_they_are
 from pvg.rendering.guards import Guard
 from pvg.rendering.map_tables import MapTables
-from pvg.rendering.plane_samples import (
-    at_chroma,
-    luma_bend,
-    over_chroma,
-    with_guards,
-    with_patches,
-    without_fine_detail,
-)
+from pvg.rendering.plane_samples import luma_bend, over_chroma, with_guards, with_patches
 from pvg.rendering.rgb_planes import apply_to_rgb, opponent_of, stacked
 from pvg.rendering.tinge import tinge
 from pvg.video import Frame, Patch, PixelFormat
@@ -50,31 +44,27 @@ def apply_correction(
     under: Sequence[Patch] = (),
     guards: Sequence[tuple[Guard, float]] = (),
     fade: Floats | None = None,
-    skin: Sequence[NDArray[Any]] | None = None,
+    skin: Foreground | None = None,
 ) -> list[Patch]:
     """The new samples of one face in every plane.
 
     corner: x, y of the source pixel that alpha (h, w) starts at, multiples of the chroma step;  alpha: the face's
     matte, guards taken out;  under: patches of other faces that were laid before;  guards: what was taken out, each
     with what its colours are multiplied by;  fade: (h, w) of `fade_in_dark`, 1 everywhere when None, for F alone;
-    skin: the planes of `foreground`, for F alone, those of the frame when None.
+    skin: of `foreground`, for F alone, what the frame shows when None.
     """
     if frame.format.is_rgb:
-        return apply_to_rgb(frame, corner, alpha, correction, under, guards, fade, skin)
+        return apply_to_rgb(frame, corner, alpha, correction, under, guards, fade, skin.planes if skin else None)
     left, upper = corner
     pixel_format, contrast = frame.format, correction.contrast
     log2x, _ = pixel_format.chroma_log2
     patches = []
     chroma_alpha = over_chroma(alpha, pixel_format)
     fades = [_NO_FADE] * 3 if fade is None else [fade, *[over_chroma(fade, pixel_format)] * 2]
+    shown = skin
     if isinstance(contrast, MapTables):
-        luma = without_fine_detail(skin[0] if skin else _samples(frame, 0, corner, alpha.shape))
-        blue, red = (
-            without_fine_detail(skin[p] if skin else _samples(frame, p, corner, chroma_alpha.shape), log2x)
-            for p in (1, 2)
-        )
-        by = at_chroma(luma, pixel_format)
-        chroma_alpha = chroma_alpha * tinge(contrast, by, (blue, red))
+        shown = skin or as_they_are(frame, corner, alpha)
+        chroma_alpha = chroma_alpha * tinge(contrast, shown.luma_at_chroma, (shown.smooth[1], shown.smooth[2]))
     chroma_alpha = with_guards(chroma_alpha, guards, pixel_format)
     for p in range(len(frame.planes)):
         log2 = pixel_format.chroma_log2 if p else (0, 0)
@@ -82,16 +72,14 @@ def apply_correction(
         rows, columns = weight.shape
         x, y = left >> log2[0], upper >> log2[1]
         before = _samples(frame, p, corner, weight.shape)
-        if skin is None:
-            before = before.copy()  # contiguous as what is smoothed is: compiled once
         part = with_patches(before, p, (x, y), under)
         nodes = _in_nodes(correction.lattice, corner, (columns, rows), log2)
-        if isinstance(contrast, MapTables):
-            own = skin[p] if skin else before
-            wide = (luma, blue, red)[p] if p == 0 or contrast.excess > 0 else own
-            shown = own, wide, by if p else luma
-            _apply_map(part, shown, weight, nodes, correction.shift[p], contrast, fades[p], pixel_format, p)
-        else:
+        if shown is not None and isinstance(contrast, MapTables):
+            own, smooth = shown.planes[p], shown.smooth[p]
+            samples = own, smooth if p == 0 or contrast.excess > 0 else own, shown.luma_at_chroma if p else smooth
+            _apply_map(part, samples, weight, nodes, correction.shift[p], contrast, fades[p], pixel_format, p)
+        elif not isinstance(contrast, MapTables):
+            before = before.copy()  # contiguous: compiled once
             _apply_number(part, before, weight, nodes, correction, contrast, pixel_format, p)
         _scale_all(part, before, guards, pixel_format, p)
         patches.append(Patch(p, y, x, part))
@@ -161,7 +149,7 @@ def fade_in_dark(
     corner: tuple[int, int],
     alpha: Floats,
     corrections: Sequence[Correction],
-    skin: Sequence[NDArray[Any]] | None = None,
+    skin: Foreground | None = None,
 ) -> Floats | None:
     """w over a face, (h, w), the same for all its corrections by F; None without any.
 
@@ -172,9 +160,9 @@ def fade_in_dark(
         return None
     (left, upper), (rows, columns) = corner, alpha.shape
     window = slice(upper, upper + rows), slice(left, left + columns)
-    luma: NDArray[Any] = skin[0] if skin else frame.planes[0][window]
+    luma: NDArray[Any] = skin.planes[0] if skin else frame.planes[0][window]
     if frame.format.is_rgb:
-        shown = np.stack(skin, axis=-1) if skin else stacked(frame, window)
+        shown = np.stack(skin.planes, axis=-1) if skin else stacked(frame, window)
         luma = opponent_of(shown, frame.format)[..., 0]
     fade = np.ones(alpha.shape, np.float32)
     nodes = _in_nodes(one.lattice, corner, (columns, rows), (0, 0))

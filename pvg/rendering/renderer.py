@@ -123,9 +123,10 @@ class Renderer:
             if colors is not None:
                 self._draw_face(frame, face, placed, colors, out)
         for face, body in bodies:
+            shown = foreground(frame, (body.x, body.y), body.alpha, body.step)
             for i in self._with_body[face]:
                 tables = self._tables_of(i, face, frame, "beside")
-                out[i] += apply_body(frame, body, tables, under=out[i])
+                out[i] += apply_body(frame, body, shown, tables, under=out[i])
         return out
 
     def mattes(self, frame: Frame, look: int, persons: Sequence[Collection[int]]) -> list[Floats]:

@@ -44,7 +44,8 @@ def warm_up(frames: Sequence[Frame], membrane: Membrane, colors: Floats) -> None
         refine(alpha, (8, 8), matte, frame)
         body = Matte.over(np.array([0, 0, frame.width, frame.height], np.float32), _spot())
         for placed in place_body(frame, body, (), ()):
-            apply_body(frame, placed, tables)
+            shown = foreground(frame, (placed.x, placed.y), placed.alpha, placed.step)
+            apply_body(frame, placed, shown, tables)
 
 
 def _spot() -> Bytes:

@@ -16,6 +16,7 @@ from pvg.face import layout
 from pvg.looks import LookMap, SkinMap
 from pvg.rendering import Renderer, source_frame
 from pvg.rendering.body import apply_body
+from pvg.rendering.foreground import foreground
 from pvg.rendering.map_tables import MapTables
 from pvg.rendering.neck import without_chest
 from pvg.rendering.placed_body import PlacedBody, place_body
@@ -60,7 +61,8 @@ def _matte(cell: int = 4) -> Matte:
 
 def _drawn(frame: Frame, look: LookMap) -> Frame:
     (body,) = place_body(frame, _matte(), [], [])
-    return frame.patched(apply_body(frame, body, MapTables.of(look, frame.format)))
+    shown = foreground(frame, (body.x, body.y), body.alpha, body.step)
+    return frame.patched(apply_body(frame, body, shown, MapTables.of(look, frame.format)))
 
 
 def _alpha(bodies: list[PlacedBody], shape: tuple[int, int]) -> np.ndarray:

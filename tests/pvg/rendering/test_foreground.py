@@ -32,7 +32,7 @@ def mixed(alpha: np.ndarray, behind: np.ndarray) -> np.ndarray:
 def test_what_an_edge_shows_is_the_skin_beside_it(pixel_format: PixelFormat, behind: np.ndarray) -> None:
     alpha = edge()
     frame = frame_of(mixed(alpha, behind), pixel_format)
-    shown = replace(frame, planes=foreground(frame, (0, 0), alpha, STEP)).rgb()
+    shown = replace(frame, planes=foreground(frame, (0, 0), alpha, STEP).planes).rgb()
     band = (alpha > 0.1) & (alpha < 0.97)
     off, before = np.abs(shown - SKIN)[band], np.abs(frame.rgb() - SKIN)[band]
     assert off.max() < 0.2 * np.abs(behind - SKIN).max()
@@ -44,7 +44,7 @@ def test_inside_and_outside_of_a_matte_everything_is_as_it_was(pixel_format: Pix
     alpha = edge()
     rng = np.random.default_rng(0)
     frame = frame_of(rng.uniform(20, 230, (SIDE, SIDE, 3)), pixel_format)
-    for p, (plane, shown) in enumerate(zip(frame.planes, foreground(frame, (0, 0), alpha, STEP), strict=True)):
+    for p, (plane, shown) in enumerate(zip(frame.planes, foreground(frame, (0, 0), alpha, STEP).planes, strict=True)):
         outwards = np.roll(alpha, -1, axis=1)  # of a pixel and those around it, the one with least of skin
         whole, deep = (
             over_chroma(each, pixel_format) if p and not pixel_format.is_rgb else each for each in (alpha, outwards)
@@ -54,7 +54,7 @@ def test_inside_and_outside_of_a_matte_everything_is_as_it_was(pixel_format: Pix
         assert (shown != plane)[~whole].mean() > 0.8
     island = np.zeros((SIDE, SIDE), np.float32)
     island[40:44, 40:44] = 0.6  # nothing near it is surely skin
-    for plane, shown in zip(frame.planes, foreground(frame, (0, 0), island, STEP), strict=True):
+    for plane, shown in zip(frame.planes, foreground(frame, (0, 0), island, STEP).planes, strict=True):
         np.testing.assert_array_equal(shown, plane)
 
 
@@ -64,7 +64,7 @@ def test_the_outermost_sure_skin_shows_nothing_of_a_wall_that_a_lens_mixed_in(pi
     true = alpha.copy()
     true[:, 49] = 0.8
     frame = frame_of(mixed(true, np.full(3, 240.0)), pixel_format)
-    shown = replace(frame, planes=foreground(frame, (0, 0), alpha, STEP)).rgb()[48, 49].astype(float)
+    shown = replace(frame, planes=foreground(frame, (0, 0), alpha, STEP).planes).rgb()[48, 49].astype(float)
     luma = np.array((0.299, 0.587, 0.114))
     assert abs((frame.rgb()[48, 49] - SKIN) @ luma) > 15
     assert abs((shown - SKIN) @ luma) < 3
@@ -78,7 +78,7 @@ def test_even_skin_stays_even_wherever_nothing_tells_of_skin_nearby(pixel_format
     alpha = np.tile(np.clip((side / 2 - np.arange(side)) / (6 * step), 0, 1), (side, 1)).astype(np.float32)
     alpha[: side // 3] *= 0.9  # nowhere sure
     frame = frame_of(np.full((side, side, 3), 200.0), pixel_format)
-    shown = replace(frame, planes=foreground(frame, (0, 0), alpha, step)).rgb()
+    shown = replace(frame, planes=foreground(frame, (0, 0), alpha, step).planes).rgb()
     assert np.abs(shown.astype(int) - frame.rgb()).max() <= 1
 
 
