@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from pvg._arrays import Doubles, Floats
+from pvg._compiled import kernel
 from pvg.face import PARTS, Landmarks, add_cover, feather, part_outlines, taken
 from pvg.rendering.correction import Correction
 
@@ -44,7 +45,17 @@ def with_parts(
                     add_cover(covers[p], outlines, (lattice.x, lattice.y), lattice.step, soft, shares)
                     if PARTS[p] == "lips" and lips is not None:
                         covers[p] *= lips
-                for plane in range(3):
-                    shift[plane] += np.float32(change[p, plane]) * covers[p]
+                _add(shift, np.asarray(change[p], np.float32), covers[p])
         out.append(replace(correction, shift=shift))
     return out
+
+
+@kernel()
+def _add(shift: Floats, change: Floats, cover: Floats) -> None:
+    """shift (3, h, w) += change (3,) · cover (h, w), in place."""
+    for i in range(cover.shape[0]):
+        share = cover[i]
+        for plane in range(3):
+            gained, to = change[plane], shift[plane, i]
+            for j in range(len(share)):
+                to[j] += gained * share[j]

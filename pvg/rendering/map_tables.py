@@ -10,11 +10,13 @@ What luma gains is kept apart by slopes of T above 1 and below: the first see a 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from pvg._arrays import Doubles, Floats
-from pvg.looks import LookMap, Region
+from pvg._compiled import kernel
+from pvg.looks import LEAST_TINGE, LookMap, Region
 from pvg.rendering.coding import Coding
 from pvg.video import PixelFormat
 
@@ -75,6 +77,15 @@ class MapTables:
         tables = [one.astype(np.float32) for one in (tone, np.stack(chroma), own)]
         return cls(tables[0], tables[1], float(excess), offset, tables[2], look_map.skin.alike)
 
+    @cached_property
+    def alikeness(self) -> tuple[Floats, Floats, Floats]:
+        """r of `tinge` as c₁ a[Y] + c₂ b[Y] + d[Y]: a, b and d, (n,) by luma's code."""
+        codes = self.usual.shape[1]
+        least = np.float32(LEAST_TINGE * codes / 256.0)
+        size = np.hypot(*self.usual)
+        a, b = self.usual / np.maximum(size * (size + least), np.float32(1e-6))
+        return a, b, least / (size + least)
+
     def gained(self, colors: Floats) -> Floats:
         """What luma and chroma (n, 3), black aside, gain."""
         own = np.asarray(colors + self.offset, np.float32)
@@ -83,20 +94,43 @@ class MapTables:
     def gained_more_by(self, other: MapTables, own: Floats) -> Floats:
         """What codes of luma and chroma (n, 3) gain more by another map of the same format than by this one: (3, n)."""
         tables = [other.tone.sum(axis=0) - self.tone.sum(axis=0), *(other.chroma - self.chroma)]
-        codes = np.arange(self.tone.shape[1], dtype=np.float32)
-        gained = np.stack([np.interp(own[:, 0], codes, table) for table in tables])
+        gained = np.stack([_at_codes(own[:, 0], table) for table in tables])
         gained[1:] += (other.excess - self.excess) * own[:, 1:].T
         return np.asarray(gained, np.float32)
 
     def gained_of(self, own: Floats, broad: Floats) -> Floats:
         """What codes of luma and chroma (…, 3) gain;  broad: the same, smoothed as `planes` has it."""
-        codes, (rise, fall) = np.arange(self.tone.shape[1], dtype=np.float32), self.tone
-        luma = np.interp(broad[..., 0], codes, rise) + np.interp(own[..., 0], codes, fall)
+        rise, fall = self.tone
+        luma = _at_codes(broad[..., 0], rise) + _at_codes(own[..., 0], fall)
         wide = broad if self.excess > 0 else own
-        chroma = [np.interp(broad[..., 0], codes, self.chroma[p - 1]) + self.excess * wide[..., p] for p in (1, 2)]
+        chroma = [_at_codes(broad[..., 0], self.chroma[p - 1]) + self.excess * wide[..., p] for p in (1, 2)]
         return np.asarray(np.stack([luma, *chroma], axis=-1), np.float32)
 
 
 def _read(codes: Doubles, at: Doubles, values: Doubles) -> Doubles:
     """Values (n,) known at increasing `at` (n,), read at `codes`; constant beyond."""
     return np.asarray(np.interp(codes, np.maximum.accumulate(at), values))
+
+
+def _at_codes(codes: Floats, table: Floats) -> Doubles:
+    """A table (n,) by code, read between codes (…) and constant beyond."""
+    places = np.ascontiguousarray(codes, np.float32)
+    out = np.empty(places.size, np.float64)
+    _interpolate(places.reshape(-1), np.ascontiguousarray(table), out)
+    return out.reshape(places.shape)
+
+
+@kernel()
+def _interpolate(places: Floats, table: Floats, out: Doubles) -> None:
+    """out (m,) = a table (n,) of even steps read at places (m,), as `numpy.interp` does, which looks for each step."""
+    last = len(table) - 1
+    for i in range(len(places)):
+        place = np.float64(places[i])
+        if place >= last:
+            out[i] = table[last]
+        elif place > 0.0:
+            k = int(place)
+            low = np.float64(table[k])
+            out[i] = (np.float64(table[k + 1]) - low) * (place - k) + low
+        else:
+            out[i] = place if np.isnan(place) else table[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -19,6 +20,7 @@ _TOE, _KNEE = 0.05, 0.88  # of the way from black to white, where luma begins to
 _TINTED = np.float32(0.5)  # of the skin's change of chroma that eyes and teeth take [by eye: without, eyes look blue]
 
 
+@lru_cache(maxsize=8)
 def luma_bend(pixel_format: PixelFormat) -> Floats:
     """The roll-off of luma, (4,) for `_kernels.roll_off`."""
     black = float(pixel_format.offset[0])
@@ -54,12 +56,15 @@ def over_chroma(alpha: Floats, pixel_format: PixelFormat) -> Floats:
     return out
 
 
-def with_guards(weight: Floats, guards: Sequence[tuple[Guard, float]], pixel_format: PixelFormat) -> Floats:
-    """The weight of chroma with a part of what guards took out: in warm light white is a little warm."""
+def with_guards(weight: Floats, guards: Sequence[tuple[Guard, Floats]], pixel_format: PixelFormat) -> Floats:
+    """The weight of chroma with a part of what guards took out: in warm light white is a little warm.
+
+    guards: each with its weight over chroma.
+    """
     out = weight.copy() if guards else weight
     log2x, log2y = pixel_format.chroma_log2
-    for guard, _ in guards:
-        held = _TINTED * over_chroma(guard.weight, pixel_format)
+    for guard, over in guards:
+        held = _TINTED * over
         top, left = guard.y >> log2y, guard.x >> log2x
         out[top : top + held.shape[0], left : left + held.shape[1]] += held
     return out

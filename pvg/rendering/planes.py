@@ -65,7 +65,8 @@ def apply_correction(
     if isinstance(contrast, MapTables):
         shown = skin or as_they_are(frame, corner, alpha)
         chroma_alpha = chroma_alpha * tinge(contrast, shown.luma_at_chroma, (shown.smooth[1], shown.smooth[2]))
-    chroma_alpha = with_guards(chroma_alpha, guards, pixel_format)
+    over = [over_chroma(guard.weight, pixel_format) for guard, _ in guards]
+    chroma_alpha = with_guards(chroma_alpha, list(zip((guard for guard, _ in guards), over, strict=True)), pixel_format)
     for p in range(len(frame.planes)):
         log2 = pixel_format.chroma_log2 if p else (0, 0)
         weight = chroma_alpha if p else alpha
@@ -81,7 +82,8 @@ def apply_correction(
         elif not isinstance(contrast, MapTables):
             before = before.copy()  # contiguous: compiled once
             _apply_number(part, before, weight, nodes, correction, contrast, pixel_format, p)
-        _scale_all(part, before, guards, pixel_format, p)
+        for (guard, gain), held in zip(guards, over, strict=True):
+            _scale(part, before, guard, held if p else guard.weight, gain, pixel_format, p)
         patches.append(Patch(p, y, x, part))
     return patches
 
@@ -171,26 +173,24 @@ def fade_in_dark(
     return fade
 
 
-def _scale_all(
+def _scale(
     part: NDArray[Any],
     before: NDArray[Any],
-    guards: Sequence[tuple[Guard, float]],
+    guard: Guard,
+    weight: Floats,
+    gain: float,
     pixel_format: PixelFormat,
     plane: int,
 ) -> None:
-    for guard, gain in guards:
-        if gain != 1.0:
-            _scale(part, before, guard, gain, pixel_format, plane)
+    """Multiply what a guard holds of a plane by its gain, in place; chroma never grows.
 
-
-def _scale(
-    part: NDArray[Any], before: NDArray[Any], guard: Guard, gain: float, pixel_format: PixelFormat, plane: int
-) -> None:
-    """Multiply what a guard holds of a plane by its gain, in place; chroma never grows."""
+    weight: the guard's over the samples of the plane.
+    """
+    if gain == 1.0:
+        return
     if plane:
         gain = min(gain, 1.0)
     log2x, log2y = pixel_format.chroma_log2 if plane else (0, 0)
-    weight = over_chroma(guard.weight, pixel_format) if plane else guard.weight
     top, left = guard.y >> log2y, guard.x >> log2x
     window = slice(top, top + weight.shape[0]), slice(left, left + weight.shape[1])
     bend = _NO_ROLL_OFF if plane else luma_bend(pixel_format)

@@ -59,7 +59,8 @@ def apply_to_rgb(
     if correction.mapped:
         bend = luma_bend(opponent)
         gained[..., 0] = kernels.roll_off(wanted[..., 0], bend) - kernels.roll_off(source[..., 0], bend)
-    weights = np.stack([alpha, *[with_guards(weight, guards, frame.format)] * 2], axis=-1)
+    held = [(guard, guard.weight) for guard, _ in guards]
+    weights = np.stack([alpha, *[with_guards(weight, held, frame.format)] * 2], axis=-1)
     weighted = weights * gained
     gained = not_beyond(weighted, here, source + gained) if correction.mapped else weighted
     gained = gained @ np.linalg.inv(opponent_matrix(frame.format)).T + guarded

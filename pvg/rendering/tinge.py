@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvg._arrays import Floats, ramp
-from pvg.looks import LEAST_TINGE
 from pvg.rendering import _kernels as kernels
 from pvg.rendering.map_tables import MapTables
 
@@ -33,7 +32,7 @@ _LEAST_USUAL = 0.05  # a step has a width
 def tinge(tables: MapTables, luma: NDArray[Any], chroma: tuple[NDArray[Any], NDArray[Any]]) -> Floats:
     """s (r, c) float32 of smoothed chroma samples (r, c);  luma: (r, c) codes where they are, smoothed."""
     out = np.empty(chroma[0].shape, np.float32)
-    of_blue, of_red, least = _projection(tables)
+    of_blue, of_red, least = tables.alikeness
     (blue, red), (_, grey_blue, grey_red) = chroma, tables.offset
     usual = max(ramp(tables.alike, *_USUAL), _LEAST_USUAL)
     low, high = np.float32(_GREY * usual), np.float32(_SKIN * usual)
@@ -45,12 +44,3 @@ def tinge_of(tables: MapTables, codes: Floats) -> Floats:
     """s (h, w) of smoothed codes (h, w, 3) of luma and chroma, at the same pixels."""
     luma, blue, red = (np.ascontiguousarray(codes[..., p]) for p in range(3))
     return tinge(tables, luma, (blue, red))
-
-
-def _projection(tables: MapTables) -> tuple[Floats, Floats, Floats]:
-    """r as c₁ a[Y] + c₂ b[Y] + d[Y]: a, b and d, (n,) by luma's code."""
-    codes = tables.usual.shape[1]
-    least = np.float32(LEAST_TINGE * codes / 256.0)
-    size = np.hypot(*tables.usual)
-    a, b = tables.usual / np.maximum(size * (size + least), np.float32(1e-6))
-    return a, b, least / (size + least)

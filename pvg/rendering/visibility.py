@@ -54,30 +54,28 @@ class Visibility:
         """Values (S, C) at the samples with those of hidden ones replaced; linear, and constants stay what they are."""
         if not len(self.fading):
             return values
-        known = np.ascontiguousarray(values, np.float32)
-        return np.asarray(_settle(known, self.fading, self.weight, self.share))
+        known = np.ascontiguousarray(np.asarray(values, np.float32).T)
+        _settle(known, self.fading, self.weight, np.asarray(cv2.transpose(self.share)))
+        return np.ascontiguousarray(known.T)
 
 
 @kernel()
-def _settle(values: Floats, fading: NDArray[np.intp], weight: Floats, share: Floats) -> Floats:
-    """Values (S, C) float32 with those of the samples `fading` (R,) moved by 1 − weight towards share (R, S) of all.
+def _settle(values: Floats, fading: NDArray[np.intp], weight: Floats, share: Floats) -> None:
+    """Move values (C, S) of the samples `fading` (R,) by 1 − weight towards share (S, R) of all, in place.
 
     Summed in the order of the samples: a channel comes out the same whatever others stand beside it, which a matrix
     product does not promise.
     """
-    out = values.copy()
-    channels = values.shape[1]
-    total = np.empty(channels, np.float32)
-    for r in range(len(fading)):
+    total = np.empty(len(fading), np.float32)
+    for known in values:
         total[:] = np.float32(0.0)
-        for s in range(values.shape[0]):
-            part = share[r, s]
-            for c in range(channels):
-                total[c] += part * values[s, c]
-        k = fading[r]
-        for c in range(channels):
-            out[k, c] += (np.float32(1.0) - weight[k]) * (total[c] - values[k, c])
-    return out
+        for s in range(len(known)):
+            own, parts = known[s], share[s]
+            for r in range(len(total)):
+                total[r] += parts[r] * own
+        for r in range(len(fading)):
+            k = fading[r]
+            known[k] += (np.float32(1.0) - weight[k]) * (total[r] - known[k])
 
 
 def see(data: FaceInFrame, labels: CurveLabels, positions: Floats, width: int, height: int) -> Visibility:
