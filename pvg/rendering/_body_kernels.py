@@ -73,3 +73,13 @@ def apply_chroma(
                 moved = min(max(here + weight[j] * change[j], min(here, skin)), max(here, skin))
                 to[j] = np.int32(min(max(moved + half, none), top))
             first, last = next_run(alpha[i], last)
+
+
+@kernel(fastmath=True)
+def leave(alpha: Floats, at: tuple[int, int], other: Floats, begin: tuple[int, int], size: tuple[int, int]) -> None:
+    """alpha = min(alpha, 1 − other) where both are, in place; at, begin: x, y of the first pixel;  size: x, y."""
+    one = np.float32(1.0)
+    for i in range(size[1]):
+        own, taken = alpha[at[1] + i, at[0] : at[0] + size[0]], other[begin[1] + i, begin[0] : begin[0] + size[0]]
+        for j in range(len(own)):
+            own[j] = min(own[j], one - taken[j])

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from pvg._arrays import Bytes, Floats
 from pvg.raster import Raster
+from pvg.rendering._body_kernels import leave
 from pvg.rendering.edges import EDGES, refine
 from pvg.rendering.placed_face import PlacedFace
 from pvg.skin import Matte
@@ -62,9 +63,13 @@ def place_body(
     return [piece for piece in placed if piece is not None]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Piece:
-    """A part of a body's matte that touches no other: cells x0, y0, x1, y1, those around its edge included."""
+    """A part of a body's matte that touches no other.
+
+    matte: over the cells whose colours its edge is told by, and one more around;
+    cells: x, y, columns and rows of those of the body's that have any of it.
+    """
 
     matte: Matte
     cells: tuple[int, int, int, int]
@@ -85,20 +90,42 @@ def _pieces(body: Matte, faces: Sequence[PlacedFace]) -> list[_Piece]:
     worth = _WORTH / body.raster.step**2
     pieces = []
     for which, box in _joined(boxes, worth):
-        matte = body
-        if len(which) + 1 < len(stats):
-            own = np.isin(np.arange(len(stats)), which)[labels]
-            matte = replace(body, alpha=np.where(own, body.alpha, np.uint8(0)), mask=body.mask & own)
-        pieces.append(_Piece(matte, _even(box, body.alpha.shape)))
+        own = np.zeros(len(stats), np.bool_)
+        own[list(which)] = True
+        pieces.append(_piece(body, None if own[1:].all() else own, labels, _even(box, body.alpha.shape)))
     return pieces
+
+
+def _piece(body: Matte, own: Bools | None, labels: NDArray[Any], box: tuple[int, int, int, int]) -> _Piece:
+    """The components of a body's matte that `own` (n,) says, all when None, of those in a box of cells.
+
+    labels: (rows, columns) of the components.
+    """
+    x0, y0, x1, y1 = box
+    around = slice(y0, y1), slice(x0, x1)
+    alpha, mask = body.alpha[around], body.mask[around]
+    if own is not None:
+        within = own[labels[around]]
+        alpha, mask = np.where(within, alpha, np.uint8(0)), mask & within
+    left, top, columns, rows = cv2.boundingRect(alpha)
+    return _Piece(_part(body.raster, alpha, mask, (x0, y0)), (x0 + left, y0 + top, columns, rows))
 
 
 def _beyond(body: Matte, faces: Sequence[PlacedFace]) -> Bytes:
     """(rows, columns) alpha of the body's cells beside the faces' mattes, without what is one cell wide."""
     xs, ys = (np.asarray(centers, np.float32) for centers in body.raster.centers())
-    left = body.alpha
+    left = body.alpha.copy()
     for face in faces:
-        left = np.asarray(cv2.subtract(left, _bytes(face.data.matte.alpha_at(xs, ys))), np.uint8)
+        raster = face.data.matte.raster
+        x0, y0, x1, y1 = raster.box
+        # a matte fades to nothing within a cell of its own around it
+        columns, rows = (
+            slice(*np.searchsorted(at, (low - raster.step, high + raster.step)).tolist())
+            for at, low, high in ((xs, x0, x1), (ys, y0, y1))
+        )
+        part = left[rows, columns]
+        if part.any():
+            part[:] = cv2.subtract(part, _bytes(face.data.matte.alpha_at(xs[columns], ys[rows])))
     return np.asarray(cv2.morphologyEx(left, cv2.MORPH_OPEN, _square(2)), np.uint8)
 
 
@@ -128,7 +155,7 @@ def _place_piece(
 ) -> PlacedBody | None:
     """A piece in the pixels of a frame; None when nothing of it is left there."""
     align, step = 2 ** max(frame.format.chroma_log2), piece.matte.raster.step
-    left, top, columns, rows = cv2.boundingRect(piece.matte.alpha)
+    left, top, columns, rows = piece.cells
     x0, y0 = (max(0, int((low - _SOFT) * step) // align * align) for low in (left, top))
     x1, y1 = (
         min(size, -(-int(np.ceil((high + _SOFT) * step)) // align) * align)
@@ -136,9 +163,8 @@ def _place_piece(
     )
     if x1 <= x0 or y1 <= y0:
         return None
-    matte = _part(piece.matte, piece.cells)
-    alpha = matte.alpha_at(np.arange(x0, x1, dtype=np.float32), np.arange(y0, y1, dtype=np.float32))
-    refine(alpha, (x0, y0), matte, frame)
+    alpha = piece.matte.alpha_at(np.arange(x0, x1, dtype=np.float32), np.arange(y0, y1, dtype=np.float32))
+    refine(alpha, (x0, y0), piece.matte, frame)
     placed = PlacedBody(x0, y0, alpha, step)
     for face in faces:
         _take_out(placed, face)
@@ -169,16 +195,28 @@ def _take_rims_out(body: PlacedBody, faces: Sequence[PlacedFace]) -> None:
         if x0 >= x1 or y0 >= y1:
             continue
         part = body.alpha[y0 - body.y : y1 - body.y, x0 - body.x : x1 - body.x]
-        own = cv2.copyMakeBorder(_bytes(face.alpha), *(beside,) * 4, cv2.BORDER_CONSTANT, value=0)
-        close = own[y0 - window[1] : y1 - window[1], x0 - window[0] : x1 - window[0]]
-        around = cv2.dilate(close, _square(2 * beside + 1))
         held = _bytes(part)
         farther = cv2.copyMakeBorder(held, *(thin,) * 4, cv2.BORDER_REPLICATE)  # skin does not end with the picture
         opened = cv2.morphologyEx(farther, cv2.MORPH_OPEN, _square(thin))[thin:-thin, thin:-thin]
         rims = cv2.subtract(held, opened)
+        if not rims.any():
+            continue
+        around = cv2.dilate(_over(face, (x0, y0, x1, y1)), _square(2 * beside + 1))
         taken = cv2.multiply(around, rims, scale=1 / 255.0)
         part -= taken * np.float32(1 / 255.0)
         np.maximum(part, 0, out=part)
+
+
+def _over(face: PlacedFace, box: tuple[int, int, int, int]) -> Bytes:
+    """(h, w) the face's matte over a box x0, y0, x1, y1 of the picture's pixels, 0 beyond its window."""
+    x0, y0, x1, y1 = box
+    u0, v0, u1, v1 = face.window
+    out = np.zeros((y1 - y0, x1 - x0), np.uint8)
+    left, top, right, bottom = max(x0, u0), max(y0, v0), min(x1, u1), min(y1, v1)
+    if left < right and top < bottom:
+        held = face.alpha[top - v0 : bottom - v0, left - u0 : right - u0]
+        out[top - y0 : bottom - y0, left - x0 : right - x0] = _bytes(held)
+    return out
 
 
 def _bytes(alpha: NDArray[Any]) -> Bytes:
@@ -189,18 +227,17 @@ def _square(side: int) -> Bytes:
     return np.ones((side, side), np.uint8)
 
 
-def _part(body: Matte, cells: tuple[int, int, int, int]) -> Matte:
-    """The matte over the cells x0, y0, x1, y1 and one more around, the outermost repeated: skin does not end there."""
-    x0, y0, x1, y1 = cells
-    around = slice(y0, y1), slice(x0, x1)
-    alpha, mask = (
-        cv2.copyMakeBorder(held.view(np.uint8), 1, 1, 1, 1, cv2.BORDER_REPLICATE)
-        for held in (body.alpha[around], body.mask[around])
+def _part(raster: Raster, alpha: Bytes, mask: Bools, first: tuple[int, int]) -> Matte:
+    """A part of a matte, whose first cell is `first` (x, y) of its raster.
+
+    It has one cell more around, the outermost repeated: skin does not end there.
+    """
+    wide, hard = (
+        cv2.copyMakeBorder(held.view(np.uint8), 1, 1, 1, 1, cv2.BORDER_REPLICATE) for held in (alpha, mask)
     )
-    step = body.raster.step
-    origin = body.raster.origin + np.array([x0 - 1, y0 - 1], np.float32) * np.float32(step)
-    raster = Raster(np.asarray(origin, np.float32), step, (alpha.shape[0], alpha.shape[1]))
-    return Matte(raster, np.asarray(alpha, np.uint8), mask.view(np.bool_))
+    origin = raster.origin + np.array([first[0] - 1, first[1] - 1], np.float32) * np.float32(raster.step)
+    around = Raster(np.asarray(origin, np.float32), raster.step, (wide.shape[0], wide.shape[1]))
+    return Matte(around, np.asarray(wide, np.uint8), hard.view(np.bool_))
 
 
 def _take_out(body: PlacedBody, other: PlacedFace | PlacedBody) -> None:
@@ -209,6 +246,4 @@ def _take_out(body: PlacedBody, other: PlacedFace | PlacedBody) -> None:
     x1 = min(body.x + body.alpha.shape[1], other.x + other.alpha.shape[1])
     y1 = min(body.y + body.alpha.shape[0], other.y + other.alpha.shape[0])
     if x0 < x1 and y0 < y1:
-        part = body.alpha[y0 - body.y : y1 - body.y, x0 - body.x : x1 - body.x]
-        taken = other.alpha[y0 - other.y : y1 - other.y, x0 - other.x : x1 - other.x]
-        np.minimum(part, 1 - taken, out=part)
+        leave(body.alpha, (x0 - body.x, y0 - body.y), other.alpha, (x0 - other.x, y0 - other.y), (x1 - x0, y1 - y0))
