@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pvg._arrays import Bools, Bytes, Floats
+from pvg._arrays import Bools, Bytes, Doubles, Floats
 from pvg._compiled import kernel
 
 _CIE_OFFSET = np.float32(16.0)  # of CIE lightness, L* = 116 f(Y) − 16
@@ -107,6 +107,31 @@ def hair_fraction(
                 )
                 t *= np.exp(-off_line / (contrast * line_width * line_width))
             out[i, j] = t
+
+
+@kernel()
+def median_levels(rgb: Bytes, sample: Bools, out: Doubles) -> int:
+    """out (3,) = the median of each channel of rgb (h, w, 3) where `sample` (h, w) is; the number of such cells.
+
+    By counting levels: sorting them takes ten times as long. Between two middle ones it is half-way; of none it is 0.
+    """
+    counts = np.zeros((3, 256), np.int64)
+    total = 0
+    for i in range(sample.shape[0]):
+        for j in range(sample.shape[1]):
+            if sample[i, j]:
+                total += 1
+                for k in range(3):
+                    counts[k, rgb[i, j, k]] += 1
+    for k in range(3):
+        out[k] = 0.0
+        for place in ((total - 1) // 2, total // 2):
+            level, below = 0, counts[k, 0]
+            while below <= place and level < 255:
+                level += 1
+                below += counts[k, level]
+            out[k] += 0.5 * level
+    return total
 
 
 @kernel(fastmath=True)

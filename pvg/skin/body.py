@@ -17,6 +17,7 @@ from pvg.face import Landmarks
 from pvg.raster import Raster
 from pvg.skin import body_network
 from pvg.skin._kernels import BodyWeights, body_log_odds
+from pvg.skin.cleanup import occupied
 from pvg.skin.color_model import ColorScale, SkinColors, to_skin_lab
 from pvg.skin.in_time import in_levels, soft_edge, weight_of_before
 from pvg.skin.light import gain_back, gain_of, relit
@@ -204,6 +205,8 @@ def _fill_gaps(probability: Floats, face: Floats, said: Floats, hair: Floats, si
     either = likely | of_face
     closed = cv2.morphologyEx(either, cv2.MORPH_CLOSE, _square(side))
     gap = (closed > either) & (said > _BODY.gap_said) & (hair < _BODY.gap_hair)
+    if not gap.any():
+        return
     count, labels = cv2.connectedComponents(gap.astype(np.uint8), connectivity=8)
     beside = [cv2.dilate(one, _square(3)) > 0 for one in (likely, of_face)]
     between = np.all([np.bincount(labels[one], minlength=count) > 0 for one in beside], axis=0)
@@ -216,12 +219,19 @@ def _fill_holes(probability: Floats, face: Floats, size: float) -> None:
 
     face: (h, w) the face's matte in [0, 1];  size: a face size in cells.
     """
-    skin = (probability > 0.5) | (face > 0.5)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats((~skin).astype(np.uint8), connectivity=4)
+    skin = ((probability > 0.5) | (face > 0.5)).view(np.uint8)
+    box = occupied(skin, 1)  # what reaches its edge reaches the picture's
+    within = skin[box]
+    if not within.size:
+        return
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(1 - within, connectivity=4)
     x, y, w, h, area = stats.T
-    holes = (area <= _BODY.hole * size**2) & (x > 0) & (y > 0) & (x + w < skin.shape[1]) & (y + h < skin.shape[0])
+    rows, columns = within.shape
+    holes = (area <= _BODY.hole * size**2) & (x > 0) & (y > 0) & (x + w < columns) & (y + h < rows)
     holes[0] = False
-    np.copyto(probability, np.maximum(probability, np.float32(_BODY.hole_said)), where=holes[labels])
+    if holes.any():
+        part = probability[box]
+        np.copyto(part, np.maximum(part, np.float32(_BODY.hole_said)), where=holes[labels])
 
 
 def leave_out_hair(
@@ -244,8 +254,13 @@ def leave_out_hair(
     down = head.axes.down
     above = (x - head.chin[0]) * down[0] + (y - head.chin[1]) * down[1] < -_BODY.hair_above * head.size
     likely, off_face = probability > 0.5, known < 0.5
-    parts = (likely & off_face & above).astype(np.uint8)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(parts, connectivity=8)
+    parts = (likely & off_face & above).view(np.uint8)
+    rows, columns = occupied(parts)
+    if not parts[rows, columns].size:
+        return
+    labels = np.zeros(parts.shape, np.int32)
+    count, labels[rows, columns], stats, _ = cv2.connectedComponentsWithStats(parts[rows, columns], connectivity=8)
+    stats[:, :2] += columns.start, rows.start
     around = off_face & ~likely & (person > 255 * _BODY.no_person)
     least, most = _BODY.hair_cells, _BODY.hair_most * head.size**2
     for part in range(1, count):
@@ -299,10 +314,20 @@ def _own_people(person: Bytes, known: Floats, size: float) -> Bytes:
 
     size: a face size in cells.
     """
-    count, labels, stats, _ = cv2.connectedComponentsWithStats((person > 255 * _BODY.no_person).astype(np.uint8))
-    kept = stats[:, cv2.CC_STAT_AREA] > _BODY.least_person * size**2
-    kept |= np.bincount(labels[known > 0.5], minlength=count) > 0
-    return np.asarray(person * kept[labels], np.uint8)
+    people, face, least = (person > 255 * _BODY.no_person).view(np.uint8), known > 0.5, _BODY.least_person * size**2
+    large = people.size - int(np.count_nonzero(people)) > least  # what is nobody's, which is a part as well
+    box = occupied(people) if large else (slice(None), slice(None))
+    if not people[box].size:
+        return person
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(people[box])
+    kept = stats[:, cv2.CC_STAT_AREA] > least
+    kept[0] |= large
+    kept |= np.bincount(labels[face[box]], minlength=count) > 0
+    if kept.all():
+        return person
+    out = person.copy()
+    out[box] *= kept[labels]
+    return out
 
 
 def _owned(scene: Scene, landmarks: Landmarks, head: HeadShape) -> Floats | None:
@@ -344,8 +369,15 @@ def _parts(
     size = head.size
     face = (known > 0.5).astype(np.uint8)
     joined = cv2.morphologyEx(likely.astype(np.uint8) | face, cv2.MORPH_CLOSE, _square(_BODY.join))
-    count, labels, stats, middles = cv2.connectedComponentsWithStats(joined, connectivity=8)
-    touching = cv2.dilate(face, _square(2 * _TOUCHING + 1)) > 0
+    whole: Bools = np.zeros(likely.shape, np.bool_)
+    held = occupied(joined)
+    if not joined[held].size:
+        return whole
+    count, labels, stats, middles = cv2.connectedComponentsWithStats(joined[held], connectivity=8)
+    middles += held[1].start, held[0].start
+    touching = cv2.dilate(face, _square(2 * _TOUCHING + 1))[held] > 0
+    likely, probability, person = likely[held], probability[held], person[held]
+    before = None if before is None else before[held]
     kept = np.bincount(labels[touching], minlength=count) > 0
     kept[0] = False
     for part in np.flatnonzero(~kept & (stats[:, cv2.CC_STAT_AREA] > _BODY.kept_part * size**2)):
@@ -364,7 +396,8 @@ def _parts(
         whose = float(person[box][cells].mean()) / 255
         sure = _BODY.sure if whose > (_BODY.kept_person if stood else _BODY.part_person) else _BODY.sure_alone
         kept[part] = float(probability[box][cells].mean()) > sure
-    return np.asarray(likely & kept[labels])
+    whole[held] = likely & kept[labels]
+    return whole
 
 
 def _square(side: int) -> Bytes:

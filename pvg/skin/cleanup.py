@@ -12,6 +12,17 @@ from pvg.skin.prior import SpatialPrior
 _CLEANUP = SKIN_PRIOR.cleanup
 
 
+def occupied(cells: Bytes, margin: int = 0) -> tuple[slice, slice]:
+    """Rows and columns of the box around what is not 0 of cells (h, w), and of `margin` cells more where there are any.
+
+    What is looked for in a box is found sooner than in a whole picture; where all is 0 it is empty.
+    """
+    x, y, w, h = cv2.boundingRect(cells)
+    if not h:
+        return slice(0, 0), slice(0, 0)
+    return slice(max(0, y - margin), y + h + margin), slice(max(0, x - margin), x + w + margin)
+
+
 def largest_component(mask: Bools, near: Bools | None = None) -> Bools:
     """The largest 4-connected component of `mask` (h, w), of those that touch `near` (h, w) when any does."""
     touching = None if near is None else near & mask

@@ -106,17 +106,24 @@ class SkinColors:
     log_ratio: Floats
 
     @classmethod
-    def fit(cls, scale: ColorScale, lab: Floats, skin: Floats, around: Floats) -> SkinColors:
-        """The models of a picture lab (h, w, 3) whose cells have weights as skin and as surroundings (h, w)."""
-        bins = scale.bins(lab).ravel()
-        inner, outer = histogram_density(bins, skin.ravel()), histogram_density(bins, around.ravel())
+    def fit(cls, scale: ColorScale, bins: NDArray[np.intp], skin: Floats, around: Floats) -> SkinColors:
+        """The models of a picture whose cells have the colours `bins` of a scale and weights, (h, w) each.
+
+        skin, around: weights as skin and as surroundings.
+        """
+        flat = bins.ravel()
+        inner, outer = histogram_density(flat, skin.ravel()), histogram_density(flat, around.ravel())
         # floors: a colour seen on neither side is more likely not skin, for skin's colours are few and mostly seen
         ratio = np.log((inner + _COLORS.skin_floor / _BINS**3) / (outer + _COLORS.around_floor / _BINS**3))
         return cls(scale, np.clip(ratio, -_COLORS.most_log_ratio, _COLORS.most_log_ratio).astype(np.float32))
 
     def evidence(self, lab: Floats) -> Floats:
         """Log-likelihood ratio of lab (h, w, 3), as (h, w)."""
-        ratio: Floats = self.log_ratio[self.scale.bins(lab)]
+        return self.evidence_of(self.scale.bins(lab))
+
+    def evidence_of(self, bins: NDArray[np.intp]) -> Floats:
+        """The same of colours that are known by their `bins` (h, w)."""
+        ratio: Floats = self.log_ratio[bins]
         return ratio
 
 

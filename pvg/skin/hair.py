@@ -10,6 +10,7 @@ import numpy as np
 from pvg._arrays import Bools, Bytes, Floats, smoothstep
 from pvg.skin._kernels import hair_fraction
 from pvg.skin.color_model import inlier_covariance
+from pvg.skin.light import median_color
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import SpatialPrior
 
@@ -60,7 +61,8 @@ def hair_cover(rgb: Bytes, skin: Bools, prior: SpatialPrior, hair: Hair) -> Floa
     """
     color = _color_space(rgb, fair=hair.fair)
     weight = (prior.sample | (skin & prior.forehead)).astype(np.float32)
-    fraction = _hair_fraction(color, _local_skin(color, weight, prior, hair), hair)
+    cheeks = None if hair.fair else median_color(rgb, prior.sample)  # of whole levels it is found sooner
+    fraction = _hair_fraction(color, _local_skin(color, weight, prior, hair, cheeks), hair)
     covered = np.where(prior.foreground, 0, smoothstep(fraction, *_HAIR.cover_rise))
     out = np.asarray(covered * prior.forehead, np.float32)
     if not covered[prior.brows].any():
@@ -75,16 +77,18 @@ def hair_cover(rgb: Bytes, skin: Bools, prior: SpatialPrior, hair: Hair) -> Floa
     return out
 
 
-def _local_skin(color: Floats, weight: Floats, prior: SpatialPrior, hair: Hair) -> Floats:
+def _local_skin(color: Floats, weight: Floats, prior: SpatialPrior, hair: Hair, cheeks: Floats | None) -> Floats:
     """(h, w, 3): the skin's colour around each cell, from colours (h, w, 3) with weights (h, w) that hair may cover.
 
-    Averages and fractions of hair are computed in turn, on coarser cells.
+    Averages and fractions of hair are computed in turn, on coarser cells.  cheeks: (3,) median colour of the prior's
+    sample, where it is known.
     """
     h, w = weight.shape
     size = (max(1, w // _HAIR.coarse), max(1, h // _HAIR.coarse))
     small = np.asarray(cv2.resize(color, size, interpolation=cv2.INTER_AREA), np.float32)
     weight = np.asarray(cv2.resize(weight, size, interpolation=cv2.INTER_AREA), np.float32)
-    cheeks = np.median(color[prior.sample], axis=0) if prior.sample.any() else color.mean(axis=(0, 1))
+    if cheeks is None:
+        cheeks = np.median(color[prior.sample], axis=0) if prior.sample.any() else color.mean(axis=(0, 1))
     trust = _HAIR.fair_trust if hair.fair else _HAIR.dark_trust
     sigma = max(_HAIR.least_sigma, _HAIR.near * prior.size / _HAIR.coarse)
     skin = np.asarray(np.broadcast_to(cheeks, small.shape), np.float32)

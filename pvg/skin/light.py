@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from pvg._arrays import Bools, Bytes, Floats, ramp, short_turn
+from pvg.skin._kernels import median_levels
 from pvg.skin.parameters import SKIN_PRIOR
 
 _LIGHT = SKIN_PRIOR.light
@@ -19,9 +20,14 @@ MID_GREY = 128  # 8-bit levels, where nothing of the face is seen
 
 def face_color(rgb: Bytes, sample: Bools) -> Floats:
     """(3,) median colour of the middle of a face, RGB levels: the cells `sample` (h, w) bool of rgb (h, w, 3)."""
-    if not sample.any():
-        return np.full(3, MID_GREY, np.float32)
-    return np.asarray(np.maximum(np.median(rgb[sample], axis=0), _LIGHT.dimmest), np.float32)
+    color = median_color(rgb, sample)
+    return np.full(3, MID_GREY, np.float32) if color is None else np.maximum(color, np.float32(_LIGHT.dimmest))
+
+
+def median_color(rgb: Bytes, sample: Bools) -> Floats | None:
+    """(3,) the median of rgb (h, w, 3) in the cells `sample` (h, w), channel by channel; None where there are none."""
+    color = np.empty(3, np.float64)
+    return color.astype(np.float32) if median_levels(rgb, sample, color) else None
 
 
 def gain_of(color: Floats) -> Floats:

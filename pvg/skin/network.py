@@ -15,7 +15,7 @@ import numpy as np
 from pvg import models
 from pvg._arrays import Bytes, Floats
 from pvg.raster import Raster
-from pvg.skin.light import MID_GREY
+from pvg.skin.light import MID_GREY, median_color
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import SpatialPrior, logistic
 
@@ -49,10 +49,11 @@ def network_fields(rgb: Bytes, prior: SpatialPrior, probability: Floats) -> Floa
     def small(values: Floats) -> Floats:
         return np.asarray(cv2.resize(values, size, interpolation=how), np.float32)
 
-    sample = rgb[prior.sample]
-    own = np.median(sample, axis=0) if len(sample) else np.full(3, MID_GREY, np.float32)
+    own = median_color(rgb, prior.sample)
+    if own is None:
+        own = np.full(3, MID_GREY, np.float32)
     color = small(np.asarray(rgb, np.float32))
-    beside = np.log(color + _NETWORK.dark) - np.log(own.astype(np.float32) + _NETWORK.dark)
+    beside = np.log(color + _NETWORK.dark) - np.log(own + _NETWORK.dark)
     fields = [*np.moveaxis(color / 255 - 0.5, 2, 0), *np.moveaxis(beside, 2, 0)]
     fields += [
         small(prior.log_odds) / 4,

@@ -112,13 +112,14 @@ def segment(rgb: Bytes, landmarks: Landmarks, visible: Bools | None = None, *, b
     unsure = _LEARNING.unsure * likeness**2 * prior.forehead
     beard = _beard(rgb, lab, prior, sample)
     hair, shade = np.zeros((2, *shape), np.float32)
+    bins = scale.bins(lab)
     for turn in range(_LEARNING.rounds):
         # learn: without the anchor to the sample, a fringe once taken for skin would teach that hair is skin
         inner = np.where(outliers, 0, probability * likeness) * visible
         outer = np.where(prior.foreground, 0, 1 - np.maximum(probability * likeness, unsure)) * around * visible
-        colors = SkinColors.fit(scale, lab, inner.astype(np.float32), outer.astype(np.float32))
+        colors = SkinColors.fit(scale, bins, inner.astype(np.float32), outer.astype(np.float32))
         # decide
-        evidence = colors.evidence(lab)
+        evidence = colors.evidence_of(bins)
         evidence = np.where(prior.foreground, np.maximum(evidence, 0), evidence)
         evidence = np.maximum(evidence, np.where(beard, _BEARD.log_odds, evidence))
         evidence = evidence + shade * np.maximum(SKIN_PRIOR.shade.log_odds - evidence, 0)

@@ -298,7 +298,7 @@ def _of_people(probability: Floats, people: Floats, prior: SpatialPrior) -> Floa
     A network that does not see the face itself is not asked what is beside it.
     """
     seen = people[prior.sample]
-    if not len(seen) or float(np.median(seen)) < 1:
+    if 2 * np.count_nonzero(seen < 1) >= len(seen):  # their median is less than 1, or there are none
         return probability
     return np.asarray(np.where(prior.face, probability, probability * people), np.float32)
 
