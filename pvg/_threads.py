@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from queue import Empty, Queue
 from threading import Event, Lock, Thread
 from types import TracebackType
 from typing import Generic, Self, TypeVar
 
+import cv2
 from threadpoolctl import ThreadpoolController
 
 T = TypeVar("T")
@@ -31,29 +32,37 @@ def one_blas_thread() -> Generator[None, None, None]:
     between two of them. Blocks may overlap in any order: the first limits the libraries that are loaded then, the last
     one to be left gives them back what they had.
     """
-    _one_thread.enter()
-    try:
+    with _blas:
         yield
-    finally:
-        _one_thread.leave()
 
 
-class _OneThread:
-    """The limit of the whole process, counted."""
+@contextmanager
+def one_opencv_thread() -> Generator[None, None, None]:
+    """The same for OpenCV, whose threads spin as well: where a pipeline has a thread for each of its stages.
 
-    def __init__(self) -> None:
+    A picture by itself is done sooner with all of them.
+    """
+    with _opencv:
+        yield
+
+
+class _Limit(AbstractContextManager[None]):
+    """A limit of the whole process, counted: blocks may overlap in any order."""
+
+    def __init__(self, limit: Callable[[], AbstractContextManager[object]]) -> None:
+        self._limit = limit
         self._lock = Lock()
         self._inside = 0
         self._limits = ExitStack()
 
-    def enter(self) -> None:
+    def __enter__(self) -> None:
         """One more block; the first one limits."""
         with self._lock:
             if self._inside == 0:
-                self._limits.enter_context(ThreadpoolController().limit(limits=1, user_api="blas"))
+                self._limits.enter_context(self._limit())
             self._inside += 1
 
-    def leave(self) -> None:
+    def __exit__(self, *_: object) -> None:
         """One block less; after the last one all is as it was."""
         with self._lock:
             self._inside -= 1
@@ -61,7 +70,18 @@ class _OneThread:
                 self._limits.close()
 
 
-_one_thread = _OneThread()
+@contextmanager
+def _opencv_limit() -> Generator[None, None, None]:
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
+
+
+_blas = _Limit(lambda: ThreadpoolController().limit(limits=1, user_api="blas"))
+_opencv = _Limit(_opencv_limit)
 
 
 def side_by_side(first: Callable[[], First], second: Callable[[], Second]) -> tuple[First, Second]:

@@ -224,21 +224,29 @@ def tinge(
     grey_red: np.float32,
     low: np.float32,
     high: np.float32,
+    alpha: Floats,
     out: Floats,
 ) -> None:
-    """out (r, c) float32 = a smooth step from `low` to `high` of blue · of_blue + red · of_red + least, by luma's code.
+    """out (r, c) = α times a smooth step from `low` to `high` of blue · of_blue + red · of_red + least, by luma's code.
 
-    blue, red: (r, c) samples of chroma, grey at `grey_blue` and `grey_red`;  luma: (r, c) where they are.
+    blue, red: (r, c) samples of chroma, grey at `grey_blue` and `grey_red`;  luma: (r, c) where they are;
+    alpha: (r, c), where it is 0 nothing is written.
     """
     one, none, most = np.float32(1.0), np.float32(0.0), len(least) - 1
     wide = one / (high - low)
     for i in range(out.shape[0]):
-        by, b, r, to = luma[i], blue[i], red[i], out[i]
-        for j in range(len(to)):
+        first, last = _run(alpha[i])
+        if first >= last:
+            continue
+        by, b, r, to = luma[i, first:last], blue[i, first:last], red[i, first:last], out[i, first:last]
+        v = alpha[i, first:last]
+        for j in range(last - first):
             code = min(max(int(by[j]), 0), most)
             of = (np.float32(b[j]) - grey_blue) * of_blue[code] + (np.float32(r[j]) - grey_red) * of_red[code]
             t = min(max((of + least[code] - low) * wide, none), one)
             to[j] = t * t * (np.float32(3.0) - np.float32(2.0) * t)
+        for j in range(last - first):
+            to[j] *= v[j]
 
 
 @kernel(fastmath=True)
@@ -322,6 +330,15 @@ def sum_sure(part: Samples, alpha: Floats, sure: np.float32, cell: int, sums: Fl
             for j in range(c * cell, min(columns, (c + 1) * cell)):
                 sums[0, k, c] += total[j]
                 sums[1, k, c] += number[j]
+
+
+@kernel()
+def known_means(sums: Floats, mass: Floats, least: np.float32, unknown: np.float32) -> None:
+    """sums (rows, columns) /= mass, in place; `unknown` where that is not more than `least`."""
+    for i in range(sums.shape[0]):
+        for j in range(sums.shape[1]):
+            mean = sums[i, j] / max(mass[i, j], np.float32(1e-6))
+            sums[i, j] = mean if mass[i, j] > least else unknown
 
 
 @kernel(fastmath=True)

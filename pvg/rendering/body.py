@@ -24,7 +24,7 @@ from pvg.rendering.map_tables import MapTables
 from pvg.rendering.placed_body import PlacedBody
 from pvg.rendering.plane_samples import luma_bend, with_patches, without_fine_detail
 from pvg.rendering.rgb_planes import not_beyond, opponent_matrix, rgb_patches
-from pvg.rendering.tinge import tinge, tinge_of
+from pvg.rendering.tinge import tinged, tinged_codes
 from pvg.video import Frame, Patch
 
 
@@ -49,7 +49,7 @@ def apply_body(
     rows, columns = shown.chroma_alpha.shape
     x, y = left >> log2x, upper >> log2y
     by = shown.luma_at_chroma
-    weight = shown.chroma_alpha * tinge(tables, by, (smooth[0], smooth[1]))
+    weight = tinged(tables, by, (smooth[0], smooth[1]), shown.chroma_alpha)
     for p in (1, 2):
         before = frame.planes[p][y : y + rows, x : x + columns]
         wide = smooth[p - 1] if tables.excess > 0 else skin[p]
@@ -74,7 +74,7 @@ def _apply_to_rgb(
     luma: Floats = np.ascontiguousarray(source[..., 0])
     smooth = without_fine_detail(source)
     gained = tables.gained_of(source, smooth)
-    weights = np.stack([body.alpha, *[body.alpha * tinge_of(tables, smooth)] * 2], axis=-1)
+    weights = np.stack([body.alpha, *[tinged_codes(tables, smooth, body.alpha)] * 2], axis=-1)
     gained[..., 0] = _kernels.roll_off(luma + gained[..., 0], bend) - _kernels.roll_off(luma, bend)
     here = np.asarray(before @ to_opponent_codes.T + opponent.offset, np.float32)
     change = not_beyond(weights * gained, here, source + gained) @ np.linalg.inv(to_opponent_codes).T

@@ -119,10 +119,11 @@ def _means(parts: list[NDArray[Any]], weight: Floats, cell: int, apart: int) -> 
         sums = np.zeros((2, rows, columns), np.float32)
         few: NDArray[Any] = np.ascontiguousarray(part[::apart, ::apart])
         kernels.sum_sure(few, sparse, _SURE, across, sums)
-        held = cv2.GaussianBlur(sums[0], (0, 0), _SPREAD)
+        held = np.asarray(cv2.GaussianBlur(sums[0], (0, 0), _SPREAD), np.float32)
         if mass is None:  # the same for all of them
             mass = np.asarray(cv2.GaussianBlur(sums[1], (0, 0), _SPREAD), np.float32)
-        yield np.where(mass > _LEAST * across * across, held / np.maximum(mass, np.float32(1e-6)), _UNKNOWN)
+        kernels.known_means(held, mass, _LEAST * across * across, _UNKNOWN)
+        yield held
 
 
 def _in_cells(size: int, cell: int) -> Doubles:

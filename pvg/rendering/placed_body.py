@@ -232,9 +232,7 @@ def _part(raster: Raster, alpha: Bytes, mask: Bools, first: tuple[int, int]) -> 
 
     It has one cell more around, the outermost repeated: skin does not end there.
     """
-    wide, hard = (
-        cv2.copyMakeBorder(held.view(np.uint8), 1, 1, 1, 1, cv2.BORDER_REPLICATE) for held in (alpha, mask)
-    )
+    wide, hard = (cv2.copyMakeBorder(held.view(np.uint8), 1, 1, 1, 1, cv2.BORDER_REPLICATE) for held in (alpha, mask))
     origin = raster.origin + np.array([first[0] - 1, first[1] - 1], np.float32) * np.float32(raster.step)
     around = Raster(np.asarray(origin, np.float32), raster.step, (wide.shape[0], wide.shape[1]))
     return Matte(around, np.asarray(wide, np.uint8), hard.view(np.bool_))

@@ -27,7 +27,7 @@ from pvg.rendering.guards import Guard
 from pvg.rendering.map_tables import MapTables
 from pvg.rendering.plane_samples import luma_bend, over_chroma, with_guards, with_patches
 from pvg.rendering.rgb_planes import apply_to_rgb, opponent_of, stacked
-from pvg.rendering.tinge import tinge
+from pvg.rendering.tinge import tinged
 from pvg.video import Frame, Patch, PixelFormat
 
 # of the skin around: from light like this on a pixel is skin, below it is a brow, a lash, a pupil [by eye]
@@ -64,7 +64,7 @@ def apply_correction(
     shown = skin
     if isinstance(contrast, MapTables):
         shown = skin or as_they_are(frame, corner, alpha)
-        chroma_alpha = chroma_alpha * tinge(contrast, shown.luma_at_chroma, (shown.smooth[1], shown.smooth[2]))
+        chroma_alpha = tinged(contrast, shown.luma_at_chroma, (shown.smooth[1], shown.smooth[2]), chroma_alpha)
     over = [over_chroma(guard.weight, pixel_format) for guard, _ in guards]
     chroma_alpha = with_guards(chroma_alpha, list(zip((guard for guard, _ in guards), over, strict=True)), pixel_format)
     for p in range(len(frame.planes)):

@@ -15,7 +15,7 @@ from pvg.rendering.correction import Correction
 from pvg.rendering.guards import Guard
 from pvg.rendering.map_tables import MapTables
 from pvg.rendering.plane_samples import luma_bend, with_guards, with_patches, without_fine_detail
-from pvg.rendering.tinge import tinge_of
+from pvg.rendering.tinge import tinged_codes
 from pvg.video import Frame, Patch, PixelFormat
 
 
@@ -47,7 +47,7 @@ def apply_to_rgb(
         own = source + np.asarray(opponent.offset, np.float32)
         broad = without_fine_detail(own)
         wanted += contrast.gained_of(own, broad)
-        weight = alpha * tinge_of(contrast, broad)
+        weight = tinged_codes(contrast, broad, alpha)
     elif contrast != 1.0 and correction.low is not None and alpha.any():  # an empty matte weighs nothing
         for p in range(3):
             plane = source[..., p]

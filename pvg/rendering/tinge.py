@@ -29,18 +29,21 @@ _USUAL = (0.2, 0.5)
 _LEAST_USUAL = 0.05  # a step has a width
 
 
-def tinge(tables: MapTables, luma: NDArray[Any], chroma: tuple[NDArray[Any], NDArray[Any]]) -> Floats:
-    """s (r, c) float32 of smoothed chroma samples (r, c);  luma: (r, c) codes where they are, smoothed."""
-    out = np.empty(chroma[0].shape, np.float32)
+def tinged(tables: MapTables, luma: NDArray[Any], chroma: tuple[NDArray[Any], NDArray[Any]], alpha: Floats) -> Floats:
+    """α s (r, c) float32 of smoothed chroma samples (r, c).
+
+    luma: (r, c) codes where they are, smoothed;  alpha: (r, c).
+    """
+    out = np.zeros(alpha.shape, np.float32)
     of_blue, of_red, least = tables.alikeness
     (blue, red), (_, grey_blue, grey_red) = chroma, tables.offset
     usual = max(ramp(tables.alike, *_USUAL), _LEAST_USUAL)
     low, high = np.float32(_GREY * usual), np.float32(_SKIN * usual)
-    kernels.tinge(luma, blue, red, of_blue, of_red, least, grey_blue, grey_red, low, high, out)
+    kernels.tinge(luma, blue, red, of_blue, of_red, least, grey_blue, grey_red, low, high, alpha, out)
     return out
 
 
-def tinge_of(tables: MapTables, codes: Floats) -> Floats:
-    """s (h, w) of smoothed codes (h, w, 3) of luma and chroma, at the same pixels."""
+def tinged_codes(tables: MapTables, codes: Floats, alpha: Floats) -> Floats:
+    """α s (h, w) of smoothed codes (h, w, 3) of luma and chroma, at the same pixels."""
     luma, blue, red = (np.ascontiguousarray(codes[..., p]) for p in range(3))
-    return tinge(tables, luma, (blue, red))
+    return tinged(tables, luma, (blue, red), alpha)

@@ -17,7 +17,7 @@ from typing import Literal, get_args
 
 from pvg._checks import check_switch, check_word, real_number, whole_number
 from pvg._targets import check_file
-from pvg._threads import ahead, one_blas_thread
+from pvg._threads import ahead, one_blas_thread, one_opencv_thread
 from pvg.asset import AssetWriter, MediaSummary, VectorVideo, source_note
 from pvg.curves import CHAIN_RESET_FRAMES
 from pvg.errors import FaceTooSmallError, NoFaceError
@@ -103,6 +103,8 @@ def vectorize(
     with one_blas_thread(), contextlib.ExitStack() as undo, Helpers() as helpers:
         if asset is None:
             undo.callback(target.unlink)
+        if media.kind == "video" and not reference:
+            undo.enter_context(one_opencv_thread())
         writer = undo.enter_context(AssetWriter(target))
         work = _Work(
             path=path,

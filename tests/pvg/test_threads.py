@@ -3,11 +3,12 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 
+import cv2
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from pvg import _threads
-from pvg._threads import DEPTH, Sink, ahead, one_blas_thread
+from pvg._threads import DEPTH, Sink, ahead, one_blas_thread, one_opencv_thread
 from tests.waiting import until
 
 
@@ -42,6 +43,21 @@ def test_blas_that_was_loaded_since_is_looked_for(monkeypatch: pytest.MonkeyPatc
     for blocks in (1, 2):
         with one_blas_thread(), one_blas_thread():
             assert len(found) == blocks
+
+
+def test_opencv_has_one_thread_from_the_first_block_to_the_last_and_its_own_after_it() -> None:
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(2)
+    try:
+        one, other = one_opencv_thread(), one_opencv_thread()
+        one.__enter__()
+        other.__enter__()
+        one.__exit__(None, None, None)
+        assert cv2.getNumThreads() == 1
+        other.__exit__(None, None, None)
+        assert cv2.getNumThreads() == 2
+    finally:
+        cv2.setNumThreads(before)
 
 
 def test_items_made_ahead_come_whole_and_in_order() -> None:

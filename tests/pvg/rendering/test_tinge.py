@@ -6,7 +6,7 @@ import pytest
 from pvg.looks import LookMap, SkinMap
 from pvg.rendering.coding import Coding
 from pvg.rendering.map_tables import MapTables
-from pvg.rendering.tinge import tinge, tinge_of
+from pvg.rendering.tinge import tinged, tinged_codes
 from pvg.video import RGB24, PixelFormat
 from tests.gallery.pictures import FORMATS
 
@@ -27,7 +27,8 @@ def _share(
     pixel_format: PixelFormat, *colors: tuple[float, float, float], tables: MapTables | None = None
 ) -> np.ndarray:
     codes = Coding(pixel_format).colors(np.array(colors, np.float32)) + pixel_format.opponent.offset
-    return tinge_of(tables or _tables(pixel_format), codes.astype(np.float32)[None])[0]
+    whole = np.ones((1, len(colors)), np.float32)
+    return tinged_codes(tables or _tables(pixel_format), codes.astype(np.float32)[None], whole)[0]
 
 
 @pytest.mark.parametrize("pixel_format", FORMATS, ids=lambda f: f.name)
@@ -57,7 +58,8 @@ def test_chroma_at_half_size_is_told_by_the_luma_over_it() -> None:
     luma = np.full((5, 7), 20, np.uint8)
     luma[::2, ::2] = 150
     chroma = tuple(np.full((3, 4), tables.offset[p] + tables.usual[p - 1, 150], np.uint8) for p in (1, 2))
-    np.testing.assert_allclose(tinge(tables, luma, chroma), 1.0)  # type: ignore[arg-type]
+    alpha = np.linspace(0, 1, 12, dtype=np.float32).reshape(3, 4)
+    np.testing.assert_allclose(tinged(tables, luma, chroma, alpha), alpha)  # type: ignore[arg-type]
 
 
 LAMP, SKY = (205.0, 130.0, 95.0), (150.0, 142.0, 158.0)
