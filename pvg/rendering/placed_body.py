@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pvg._arrays import Bytes, Floats
+from pvg._arrays import Bools, Bytes, Floats
 from pvg.raster import Raster
 from pvg.rendering._body_kernels import leave
 from pvg.rendering.edges import EDGES, refine

@@ -57,7 +57,6 @@ def apply_correction(
         return apply_to_rgb(frame, corner, alpha, correction, under, guards, fade, skin.planes if skin else None)
     left, upper = corner
     pixel_format, contrast = frame.format, correction.contrast
-    log2x, _ = pixel_format.chroma_log2
     patches = []
     chroma_alpha = over_chroma(alpha, pixel_format)
     fades = [_NO_FADE] * 3 if fade is None else [fade, *[over_chroma(fade, pixel_format)] * 2]

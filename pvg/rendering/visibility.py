@@ -54,7 +54,7 @@ class Visibility:
         """Values (S, C) at the samples with those of hidden ones replaced; linear, and constants stay what they are."""
         if not len(self.fading):
             return values
-        known = np.ascontiguousarray(np.asarray(values, np.float32).T)
+        known = np.array(values.T, np.float32, order="C")  # a copy of one channel too
         _settle(known, self.fading, self.weight, np.asarray(cv2.transpose(self.share)))
         return np.ascontiguousarray(known.T)
 
