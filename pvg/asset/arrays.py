@@ -33,7 +33,7 @@ _FROM_LEVELS = np.rint(np.minimum(np.arange(256), _MATTE_LEVELS) * (255.0 / _MAT
 def encode(name: str, values: NDArray[Any]) -> NDArray[Any]:
     """A chunk (n, …) of one of FRAME_ARRAYS as it is stored: fixed-point steps from frame to frame, matte levels."""
     if name in MATTES:
-        return _TO_LEVELS.take(values)
+        return np.asarray(_TO_LEVELS.take(values))
     if name not in _FIXED_POINT:
         return values
     fixed = np.rint(values * _FIXED_POINT[name]).astype(np.int32)
@@ -43,7 +43,7 @@ def encode(name: str, values: NDArray[Any]) -> NDArray[Any]:
 def decode(name: str, values: NDArray[Any]) -> NDArray[Any]:
     """What `encode` was given, to the stored precision."""
     if name in MATTES:
-        return _FROM_LEVELS.take(values)
+        return np.asarray(_FROM_LEVELS.take(values))
     if name not in _FIXED_POINT:
         return values
     return (np.cumsum(values, axis=0, dtype=np.int64) / _FIXED_POINT[name]).astype(np.float32)

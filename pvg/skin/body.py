@@ -370,7 +370,7 @@ def _parts(
     face = (known > 0.5).astype(np.uint8)
     joined = cv2.morphologyEx(likely.astype(np.uint8) | face, cv2.MORPH_CLOSE, _square(_BODY.join))
     whole: Bools = np.zeros(likely.shape, np.bool_)
-    held = occupied(joined)
+    held = occupied(np.asarray(joined, np.uint8))
     if not joined[held].size:
         return whole
     count, labels, stats, middles = cv2.connectedComponentsWithStats(joined[held], connectivity=8)

@@ -9,7 +9,7 @@ from pvg.looks import LookMap, Region, SkinMap
 from pvg.membrane import Lattice
 from pvg.rendering.coding import Coding
 from pvg.rendering.correction import Correction, at_curves
-from pvg.rendering.map_tables import MapTables
+from pvg.rendering.map_tables import MapTables, _at_codes
 from pvg.rendering.planes import apply_correction
 from pvg.video import RGB24, PixelFormat
 from tests.gallery.pictures import FORMATS, YUV444, frame_of, patchwork
@@ -90,3 +90,13 @@ def test_a_still_in_rgb_gets_what_a_clip_in_luma_and_chroma_gets() -> None:
     assert np.abs(outs[0] - rgb).max() > 10
     assert np.abs(outs[0] - outs[1]).mean() < 0.8
     assert np.abs(outs[0] - outs[1]).max() < 4.0  # three roundings in the one, one in the other
+
+
+def test_a_table_is_read_between_codes_as_numpy_reads_it() -> None:
+    rng = np.random.default_rng(0)
+    for size in (256, 1024):
+        table = rng.normal(0, 30, size).astype(np.float32)
+        codes = np.append(rng.uniform(-9, size + 9, 500), [0, 1, size - 1, size - 2, np.nan]).astype(np.float32)
+        wanted = np.interp(codes, np.arange(size), table)
+        np.testing.assert_array_equal(_at_codes(codes, table), wanted)
+        np.testing.assert_array_equal(_at_codes(codes.reshape(5, -1)[:, ::2], table), wanted.reshape(5, -1)[:, ::2])

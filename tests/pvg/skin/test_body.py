@@ -13,7 +13,7 @@ import pytest
 from pvg.face import Landmarks, layout
 from pvg.raster import Raster
 from pvg.skin import BodyTracker, Matte, Scene, SceneReader, SkinTracker, fit_skin_model, person_mask, scene_raster
-from pvg.skin.body import _fill_gaps, _fill_holes, _parts, _told_against, color_tables, leave_out_hair
+from pvg.skin.body import _fill_gaps, _fill_holes, _own_people, _parts, _told_against, color_tables, leave_out_hair
 from pvg.skin.network import Told
 from pvg.skin.prior import head_shape
 from pvg.video import read_frames
@@ -352,3 +352,19 @@ def test_skin_without_colour_tells_of_no_other_skin() -> None:
     assert not _step(body, skin, grey, grey.scene()).any()
     colored, _ = _tracker(_drawn())
     assert colored.told_apart == 1.0
+
+
+@pytest.mark.parametrize("crowded", [False, True])
+def test_small_parts_without_a_face_are_no_people_wherever_the_others_are(crowded: bool) -> None:
+    """Also where people fill the picture, and what is nobody's is a small part itself."""
+    person, known = np.full((60, 80), 255 if crowded else 3, np.uint8), np.zeros((60, 80), np.float32)
+    person[5:8, 70:75] = 3 if crowded else 255  # a pot, or a gap
+    if not crowded:
+        person[20:60, 10:60] = 200
+        person[2:4, 2:4] = 130  # of a face that is known
+        known[3, 3] = 1
+    found = _own_people(person, known, 20.0)
+    kept = person.copy()
+    kept[5:8, 70:75] = 0
+    np.testing.assert_array_equal(found, kept)
+    assert person.max() == 255  # what it was given is as it was

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from pvg.skin.cleanup import fill_holes, largest_component
+from pvg.skin.cleanup import fill_holes, largest_component, occupied
 from pvg.skin.graph_cut import minimum_cut
 
 masks = hnp.arrays(np.bool_, st.tuples(st.integers(1, 12), st.integers(1, 12)))
@@ -56,3 +56,13 @@ def test_the_cut_leaves_certain_cells_alone() -> None:
     rgb = np.random.default_rng(0).integers(0, 255, (20, 20, 3), dtype=np.uint8)
     log_odds = np.where(np.arange(400).reshape(20, 20) % 2, 7.0, -7.0).astype(np.float32)
     np.testing.assert_array_equal(minimum_cut(rgb, log_odds), log_odds > 0)
+
+
+def test_a_box_is_around_all_that_is_there_and_none_where_nothing_is() -> None:
+    cells = np.zeros((9, 12), np.uint8)
+    assert cells[occupied(cells, 2)].size == 0
+    cells[0, 5] = cells[4, 7] = 1
+    assert cells[occupied(cells)].shape == (5, 3)
+    assert cells[occupied(cells, 1)].shape == (6, 5)
+    cells[:] = 1
+    assert cells[occupied(cells, 3)].shape == cells.shape

@@ -70,6 +70,16 @@ def test_the_same_clip_gives_the_same_bytes_in_the_same_folder_and_progress_coun
     assert seen == [("vectorize", done, 40) for done in range(1, 41)]
 
 
+def test_opencv_has_one_thread_while_a_clip_is_vectorised_and_its_own_afterwards(brief_clip: Path) -> None:
+    before, seen = cv2.getNumThreads(), set()
+    cv2.setNumThreads(3)
+    try:
+        with pvg.vectorize(brief_clip, progress=lambda *_: seen.add(cv2.getNumThreads())):
+            assert (seen, cv2.getNumThreads()) == ({1}, 3)
+    finally:
+        cv2.setNumThreads(before)
+
+
 def test_a_second_reading_gives_what_one_does(
     short_clip: Path, video: pvg.VectorVideo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
