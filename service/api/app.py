@@ -5,10 +5,12 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from functools import cache
 
-from fastapi import Depends, FastAPI
+from fastapi import APIRouter, Depends, FastAPI
 from fastapi.routing import APIRoute
 from starlette.concurrency import run_in_threadpool
+from starlette.routing import BaseRoute
 
 from service.addresses import PREFIX
 from service.api import docs, idempotency, openapi, page, problems
@@ -51,7 +53,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         lifespan=lifespan,
         # FastAPI would send traces, with bodies and messages in them, where the environment says so
         telemetry={"tracing": False, "metrics": False, "logs": False, "auto_configure": False},
-        generate_unique_id_function=lambda route: route.name,
+        generate_unique_id_function=_name,
         # `docs` serves the schema; FastAPI's own pages load their scripts from a content network
         openapi_url=None,
         docs_url=None,
@@ -80,6 +82,23 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.add_middleware(RequestContext, meters=services.meters, places=services.places, root_path=settings.root_path)
     problems.install(app)
     idempotency.install(app)
+    app.router.routes.extend(_routes())
+    # the schema is made when it is asked for: it takes most of a second
+    services.meters.name_routes(_paths())
+    openapi.install(app)
+    docs.install(app)
+    page.install(app)
+    return app
+
+
+@cache
+def _routes() -> tuple[BaseRoute, ...]:
+    """The routes of all resources, each with the version before it and without.
+
+    No setting changes them, and FastAPI takes a good part of a second for them at the first request: applications of
+    one process share them.
+    """
+    shared = APIRouter(generate_unique_id_function=_name)
     for router in ROUTERS:
         # refusals of a key are of tus too
         dependencies = [Depends(speak)] if router in TUS_ROUTERS else []
@@ -87,13 +106,26 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         dependencies += [] if router in OPEN_ROUTERS else [Depends(authenticate)]
         # what watches a process may add what it likes to an address that has no parameters
         dependencies += [] if router in ROOT_ROUTERS else [Depends(check_parameters)]
-        first, alias = ("", PREFIX) if router in ROOT_ROUTERS else (PREFIX, "")
-        app.include_router(router, prefix=first, dependencies=dependencies)
-        app.include_router(router, prefix=alias, dependencies=dependencies, include_in_schema=False)
-        shown = (route for route in router.routes if isinstance(route, APIRoute) and route.include_in_schema)
-        # the schema is made when it is asked for: it takes most of a second
-        services.meters.name_routes({route.name: first + route.path for route in shown})
-    openapi.install(app)
-    docs.install(app)
-    page.install(app)
-    return app
+        first, alias = _prefixes(router)
+        shared.include_router(router, prefix=first, dependencies=dependencies)
+        shared.include_router(router, prefix=alias, dependencies=dependencies, include_in_schema=False)
+    return tuple(shared.routes)
+
+
+def _paths() -> dict[str, str]:
+    """The path of each route that the schema shows, by its name."""
+    return {
+        route.name: _prefixes(router)[0] + route.path
+        for router in ROUTERS
+        for route in router.routes
+        if isinstance(route, APIRoute) and route.include_in_schema
+    }
+
+
+def _prefixes(router: APIRouter) -> tuple[str, str]:
+    """What stands before the routes of a router: in the schema, and besides."""
+    return ("", PREFIX) if router in ROOT_ROUTERS else (PREFIX, "")
+
+
+def _name(route: APIRoute) -> str:
+    return route.name

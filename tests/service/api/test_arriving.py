@@ -15,7 +15,7 @@ import pytest
 from sqlalchemy.orm import Session
 
 from service.api import quotas
-from service.api.arriving import Arriving
+from service.api.arriving import Arriving, Share
 from service.catalog import keys
 from service.catalog.keys import Limits
 from service.errors import QuotaExceededError
@@ -78,15 +78,21 @@ def test_two_files_that_fit_alone_and_not_together(api: Api, limited: Holder) ->
     assert api.services.arriving._of == {}
 
 
-def test_many_at_a_time_never_take_more_than_the_quota_and_what_each_just_sent(api: Api, limited: Holder) -> None:
-    bodies = [Slow() for _ in range(8)]
+def test_many_at_a_time_never_take_more_than_the_quota_and_what_each_just_sent(
+    api: Api, limited: Holder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bodies, seen, take = [Slow() for _ in range(8)], [0], Share.take
+
+    async def noted(share: Share, size_bytes: int) -> None:
+        await take(share, size_bytes)
+        seen.append(share._account.size_bytes)
+
+    monkeypatch.setattr(Share, "take", noted)
     with ThreadPoolExecutor(8) as clients:
         answers = [clients.submit(limited.post, "/references", content=iter(body)) for body in bodies]
-        seen = []
 
         def are_refused() -> bool:
             account = api.services.arriving._of.get(limited.id)
-            seen.append(0 if account is None else account.size_bytes)
             # the first request comes alone, too: the rest are refused once it was full
             return max(seen) > QUOTA // 2 and (account is None or account.places <= 1)
 
