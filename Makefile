@@ -29,7 +29,7 @@ demo: setup
 	$(BIN)/python -m scripts.demo
 
 test: setup
-	$(BIN)/python -m pytest -n 4 --dist loadgroup
+	$(BIN)/python -m pytest -n 4 --dist loadgroup --no-loadscope-reorder
 
 # the tests that start an API, on PostgreSQL, Redis and S3 instead of SQLite, files and a folder
 test-scaled: setup

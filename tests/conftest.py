@@ -25,25 +25,34 @@ settings.load_profile("no clock")
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
-#: these start no processes of the service, and no seconds count in them
-_BESIDE = ("pvg/", "properties/", "benchmarks/", "gallery/", "fuzz/", "service/catalog/", "service/test_backup.py")
-#: all of these start processes, of which the worker's wait most
-_WORKER = ("worker/",)
-_SERVICE = ("service/",)
+#: name -> folders, in the order in which they begin: those that take longest first. What is in no other is "whole".
+#: Those beside start no processes of the service, and no seconds count in them.
+_GROUPS = {
+    "worker": ("worker/",),
+    "api": ("service/api/",),
+    "beside": ("pvg/", "properties/", "benchmarks/", "gallery/", "fuzz/", "service/catalog/", "service/test_backup.py"),
+    "whole": (),
+    "browser": ("browser/",),
+    "service": ("service/",),
+}
 
 
 @pytest.hookimpl(tryfirst=True)  # xdist looks at the groups in a hook of its own
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """With four processes (`-n 4 --dist loadgroup`): of the worker, the API, the whole and the method, each in order.
+    """With four processes (`-n 4 --dist loadgroup --no-loadscope-reorder`) each takes the next group that is left.
 
-    What the first three start, break and measure are processes, ports and seconds, which they would take from each
-    other; most of their time is waiting, so the three of them bear each other.
+    What most groups start, break and measure are processes, ports and seconds, which their tests would take from each
+    other: each group goes in order. Most of its time is waiting, so several of them bear each other.
     """
+    names = list(_GROUPS)
     for item in items:
-        place = item.path.relative_to(REPOSITORY / "tests").as_posix()
-        groups = (("beside", _BESIDE), ("worker", _WORKER), ("service", _SERVICE))
-        group = next((name for name, places in groups if place.startswith(places)), "whole")
-        item.add_marker(pytest.mark.xdist_group(group))
+        item.add_marker(pytest.mark.xdist_group(_group(item)))
+    items.sort(key=lambda item: names.index(_group(item)))
+
+
+def _group(item: pytest.Item) -> str:
+    place = item.path.relative_to(REPOSITORY / "tests").as_posix()
+    return next((name for name, places in _GROUPS.items() if place.startswith(places)), "whole")
 
 
 def pytest_collection_finish() -> None:

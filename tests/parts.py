@@ -35,6 +35,13 @@ def postgres_tables(postgres_url: str) -> Iterator[str]:
 
 
 @pytest.fixture(scope="session")
+def postgres_records(postgres_url: str, postgres_tables: str) -> Iterator[str]:
+    """A database with the tables that one test after the other has, each empty."""
+    with fresh_database(postgres_url, postgres_tables) as url:
+        yield url
+
+
+@pytest.fixture(scope="session")
 def redis_url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     with redis_server(tmp_path_factory.mktemp("redis")) as url:
         yield url

@@ -38,6 +38,7 @@ def chromium(playwright: Playwright) -> Iterator[Browser]:
         return
     arguments = [
         *("--no-sandbox", "--disable-dev-shm-usage", "--autoplay-policy=no-user-gesture-required"),
+        *("--disable-gpu", "--in-process-gpu"),  # which spares a process that would draw by the processor as well
         "--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1",
     ]
     browser = playwright.chromium.launch(executable_path=command, args=arguments)

@@ -16,7 +16,7 @@ from pvg.face import layout
 from pvg.rendering import source_frame
 from pvg.video import ColorSpace, Frame, PixelFormat, VideoWriter, color_space, named_space, probe, read_frames
 
-FRAMES = 6
+FRAMES = 3
 BT2020 = (0.2627, 0.0593)
 WAYS: dict[str, tuple[ColorSpace | None, tuple[int, int, int], str]] = {  # space, H.273 tags, input_color
     "pq": (color_space(9, 16), (9, 9, 16), "auto"),

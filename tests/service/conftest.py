@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from tests.service.fixtures import api, clock, database, plain_logs, settings
+from tests.service.fixtures import api, clock, database, own_database, plain_logs, settings
 
-__all__ = ["api", "clock", "database", "plain_logs", "settings"]
+__all__ = ["api", "clock", "database", "own_database", "plain_logs", "settings"]

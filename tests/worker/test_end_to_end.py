@@ -29,6 +29,11 @@ from tests.worker.serving import Service, parent_of, running_service, service_on
 
 QUICK = {"heartbeat_s": "1", "reap_interval_s": "1", "progress_interval_s": "0.2"}
 
+#: what a job makes of its files is the same wherever they are kept
+embedded = pytest.mark.parametrize(
+    "service", ["embedded", pytest.param("scaled", marks=pytest.mark.slow)], indirect=True, scope="module"
+)
+
 
 @pytest.fixture(scope="module", params=["embedded", "scaled"])
 def service(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
@@ -107,6 +112,7 @@ def test_a_clip_is_recoloured_from_two_portraits(
     assert jobs_begun(service, "transfer") == 2
 
 
+@embedded
 def test_what_of_a_file_is_not_kept_is_said(service: Service, clip: Path, samples: Samples, tmp_path: Path) -> None:
     tagged = tmp_path / "tagged.mov"
     with av.open(str(clip)) as source, av.open(str(tagged), "w") as output:
@@ -176,6 +182,7 @@ def test_a_look_comes_as_cube_and_matte_too(service: Service, clip: Path, sample
     assert {path.suffix for path in service.files()} & {".cube", ".mkv"} == set()
 
 
+@embedded
 def test_a_picture_of_several_has_extras_for_each_person(service: Service, samples: Samples, tmp_path: Path) -> None:
     video, reference = service.ready("/videos", samples.several_faces), service.ready("/references", samples.portrait)
     looks = [{"reference": reference["id"], "faces": [0, 2]}]
@@ -219,6 +226,7 @@ def of_faces(look: dict[str, Any]) -> list[str]:
     return [warning for warning in look["warnings"] if not warning.startswith("output: ")]
 
 
+@embedded
 def test_a_group_picture_is_a_reference_of_many_faces_and_a_clip_of_two_that_swap(
     service: Service, clip: Path, samples: Samples, tmp_path: Path
 ) -> None:
@@ -272,6 +280,7 @@ def test_a_group_picture_is_a_reference_of_many_faces_and_a_clip_of_two_that_swa
     np.testing.assert_array_equal(drawn[0], expected)
 
 
+@embedded
 def test_a_clip_is_vectorised_in_the_papers_way_beside_ours(service: Service, clip: Path) -> None:
     ours = service.ready("/videos", clip)
     with clip.open("rb") as data:
@@ -345,20 +354,15 @@ def test_stopping_leaves_no_process(tmp_path: Path, clip: Path, number: signal.S
         assert wait_until_gone(service.data_dir, 30) == {}
 
 
-def test_a_killed_api_takes_its_worker_along(tmp_path: Path) -> None:
-    with running_service(tmp_path) as service:
-        worker_processes(service.data_dir, 3)
-        service.process.kill()
-        service.process.wait()
-        assert wait_until_gone(service.data_dir, 120) == {}
-
-
-def test_a_killed_worker_is_started_again(tmp_path: Path) -> None:
+def test_a_killed_worker_is_started_again_and_a_killed_api_takes_its_worker_along(tmp_path: Path) -> None:
     with running_service(tmp_path, worker_restart_delay_s="0.1") as service:
         before = worker_processes(service.data_dir, 3)
         (main,) = [pid for pid in before if parent_of(pid) not in before]
         os.kill(main, signal.SIGKILL)
-        until(lambda: not worker_processes(service.data_dir) & before, 180)
+        until(lambda: not worker_processes(service.data_dir, 3) & before, 180)
+        service.process.kill()
+        service.process.wait()
+        assert wait_until_gone(service.data_dir, 120) == {}
 
 
 def test_packages_in_the_folder_it_is_started_in_are_left_alone(tmp_path: Path, samples: Samples) -> None:

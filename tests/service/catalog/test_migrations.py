@@ -38,6 +38,11 @@ from tests.service.servers import fresh_database
 from tests.waiting import until
 
 
+@pytest.fixture
+def database(own_database: Database) -> Database:
+    return own_database
+
+
 def test_the_migrations_make_the_tables_of_the_models(database: Database) -> None:
     engine = make_engine(database.url)
     with engine.connect() as connection:
