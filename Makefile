@@ -4,7 +4,11 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: setup demo test test-scaled test-faults test-install fuzz soak audit lock serve lint bench bench-quality blind blind-score grades grades-score clean
+# the tests start hundreds of processes, each of which would compile all modules anew
+unexport PYTHONDONTWRITEBYTECODE
+
+.PHONY: setup demo test test-scaled test-faults test-install fuzz soak audit lock serve lint bench bench-quality blind \
+  blind-score grades grades-score clean
 
 setup: $(STAMP)
 	$(BIN)/python -m pvg.models

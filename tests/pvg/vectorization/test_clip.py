@@ -115,7 +115,7 @@ def test_a_cut_more_takes_no_more_memory(samples: Samples, tmp_path: Path, monke
     monkeypatch.setattr(pvg.vectorization.clip, "link_persons", link)
     portraits = [read_rgb(path) for path in (samples.dark_portrait, samples.pale_portrait)]
     shots = [libav_frame(cv2.resize(rgb, (320, 400), interpolation=cv2.INTER_AREA)) for rgb in portraits]
-    for count in (2, 3, 7):  # the first one makes what is made once
+    for count in (2, 3, 6):  # the first one makes what is made once
         frames = [shots[shot % 2] for shot in range(count) for _ in range(5)]
         clip = encode_raw(tmp_path / f"{count}.mp4", frames, "libx264")
         tracemalloc.start()
@@ -124,7 +124,7 @@ def test_a_cut_more_takes_no_more_memory(samples: Samples, tmp_path: Path, monke
         finally:
             tracemalloc.stop()
     _, (few, least), (many, most) = held
-    assert (few, many) == (3, 7)
+    assert (few, many) == (3, 6)
     assert most - least < (many - few) * 200_000
 
 
@@ -135,7 +135,7 @@ def test_a_second_reading_knows_the_people_of_the_first(
     import pvg.vectorization.following
 
     rgb = read_rgb(samples.several_faces)
-    write_lossless(tmp_path / "clip.mp4", (rgb[: len(rgb) // 2 * 2, : rgb.shape[1] // 2 * 2] for _ in range(10)))
+    write_lossless(tmp_path / "clip.mp4", (rgb[: len(rgb) // 2 * 2, : rgb.shape[1] // 2 * 2] for _ in range(7)))
     good = pvg.vectorization.following.good_rows
     for name in ("CHUNK", "LOOKAHEAD"):
         monkeypatch.setattr(pvg.vectorization.following, name, 4)
