@@ -52,10 +52,12 @@ def free_port() -> int:
 
     It is none of those that outgoing connections get: one of them could have it before the server that it is for, or
     while that one is away, and a client that asks there meanwhile could be connected to itself. Nor is it up to 10080,
-    where browsers refuse some (the Fetch standard's bad ports).
+    where browsers refuse some (the Fetch standard's bad ports). Each process of a run has ports of its own: a server
+    that is away for a while finds its port free again.
     """
     first = int(Path("/proc/sys/net/ipv4/ip_local_port_range").read_text().split()[0])
-    ports = range(10_081, first) if first > 20_000 else (0,)
+    number, count = _process_of_run()
+    ports = range(10_081 + number, first, count) if first > 20_000 else (0,)
     while True:
         with socket.socket() as probe, suppress(OSError):
             probe.bind(("127.0.0.1", secrets.choice(ports)))
@@ -63,6 +65,12 @@ def free_port() -> int:
             if port not in _given:
                 _given.add(port)
                 return port
+
+
+def _process_of_run() -> tuple[int, int]:
+    """Which of pytest-xdist's processes this is, from 0, and how many there are."""
+    count = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    return int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")) % count, count
 
 
 def stop(process: subprocess.Popen[bytes]) -> None:
