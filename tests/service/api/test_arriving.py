@@ -14,7 +14,7 @@ import httpx
 import pytest
 from sqlalchemy.orm import Session
 
-from service.api import quotas
+from service.api import draining, quotas
 from service.api.arriving import Arriving, Share
 from service.catalog import keys
 from service.catalog.keys import Limits
@@ -113,7 +113,10 @@ def head_alone(api: Api, request: str, key: str | None, length: int, kind: str) 
         return int(connection.recv(12).split()[1])
 
 
-def test_what_says_that_it_is_too_large_is_refused_before_it_comes(api: Api, limited: Holder) -> None:
+def test_what_says_that_it_is_too_large_is_refused_before_it_comes(
+    api: Api, limited: Holder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(draining, "DRAIN_S", 0.1)  # a body that is nearly over is waited for
     form = "multipart/form-data; boundary=x"
     for path in ("/transfer", "/transfer/form", "/references/form", "/videos/form"):
         assert head_alone(api, f"POST /v1{path}", limited.text, QUOTA + PIECE, form) == 429, path
