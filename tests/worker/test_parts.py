@@ -83,20 +83,19 @@ def folder(setting: dict[str, str], tmp_path_factory: pytest.TempPathFactory) ->
 
 
 @pytest.fixture(scope="module")
-def wanted(setting: dict[str, str], folder: Path, clip: Path, samples: Samples) -> dict[str, Any]:
-    """A transfer of two looks, whose media are ready."""
-    with running_service(folder, worker_concurrency="2", **QUICK, **setting) as service:
-        video = service.ready("/videos", clip)
-        references = [service.ready("/references", one) for one in (samples.dark_portrait, samples.pale_portrait)]
-    looks = [{"reference": reference["id"]} for reference in references]
-    return {"video": video["id"], "looks": looks, "output": {"preset": "ultrafast"}, "force": True}
-
-
-@pytest.fixture(scope="module")
-def service(setting: dict[str, str], folder: Path, wanted: dict[str, Any]) -> Iterator[Service]:
+def service(setting: dict[str, str], folder: Path) -> Iterator[Service]:
     """With two slots for jobs, that are single-threaded on two cores."""
     with running_service(folder, worker_concurrency="2", **QUICK, **setting) as running:
         yield running
+
+
+@pytest.fixture(scope="module")
+def wanted(service: Service, clip: Path, samples: Samples) -> dict[str, Any]:
+    """A transfer of two looks, whose media are ready."""
+    video = service.ready("/videos", clip)
+    references = [service.ready("/references", one) for one in (samples.dark_portrait, samples.pale_portrait)]
+    looks = [{"reference": reference["id"]} for reference in references]
+    return {"video": video["id"], "looks": looks, "output": {"preset": "ultrafast"}, "force": True}
 
 
 def asked(service: Service, wanted: dict[str, Any]) -> str:
