@@ -89,8 +89,8 @@ def scaled(postgres_url: str, s3: S3, tmp_path_factory: pytest.TempPathFactory) 
 
 @pytest.fixture(scope="module")
 def brief_clip(samples: Samples, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """96 frames of a woman, 640x360: seconds of work, of which a drill needs the first."""
-    return cut_clip(samples.woman_clip, tmp_path_factory.mktemp("clips") / "brief.mp4", 0, 96)
+    """120 frames of a woman, 640x360: seconds of work, of which a drill needs the first."""
+    return cut_clip(samples.woman_clip, tmp_path_factory.mktemp("clips") / "brief.mp4", 0, 120)
 
 
 @pytest.fixture(params=[pytest.param("embedded", marks=pytest.mark.slow), "scaled"])
@@ -208,11 +208,13 @@ def two_at_work(service: Service, clip: Path) -> list[str]:
     return jobs
 
 
-def test_busy_workers_outlive_their_broker(scaled: Scaled, samples: Samples, promise: Callable[..., Drill]) -> None:
+def test_busy_workers_outlive_their_broker(
+    scaled: Scaled, brief_clip: Path, samples: Samples, promise: Callable[..., Drill]
+) -> None:
     """Their only slots are taken while Redis goes away, so that nothing but the acknowledgement can tell them."""
     drill = promise("R3", wanted="running job not aborted; POST during the outage 202; no job lost")
     service = scaled.service
-    running = two_at_work(service, samples.woman_clip)
+    running = two_at_work(service, brief_clip)
     scaled.broker.stop()
     gone = time.monotonic()
     later = service.upload("/references", samples.portrait)  # taken while the broker is away

@@ -8,7 +8,6 @@ import pytest
 
 from tests.service.servers import free_port
 
-
 #: those that a machine gives to outgoing connections begin here
 FIRST = int(Path("/proc/sys/net/ipv4/ip_local_port_range").read_text().split()[0])
 

@@ -93,7 +93,7 @@ def test_the_cube_of_a_clip_that_brightens_is_that_of_the_light_its_look_was_mad
     dark_reference: pvg.VectorVideo, samples: Samples, tmp_path: Path
 ) -> None:
     subject = resting_face(samples)
-    gains = np.concatenate([np.full(10, 0.5), np.linspace(0.5, 1.0, 30), np.full(40, 1.0)])
+    gains = np.concatenate([np.full(5, 0.5), np.linspace(0.5, 1.0, 15), np.full(20, 1.0)])
     write_lossless(tmp_path / "clip.mp4", (np.rint(subject.rgb * gain).astype(np.uint8) for gain in gains))
     with pvg.vectorize(tmp_path / "clip.mp4") as video:
         look = pvg.transfer(video, dark_reference)

@@ -135,7 +135,7 @@ def test_a_second_reading_knows_the_people_of_the_first(
     import pvg.vectorization.following
 
     rgb = read_rgb(samples.several_faces)
-    write_lossless(tmp_path / "clip.mp4", (rgb[: len(rgb) // 2 * 2, : rgb.shape[1] // 2 * 2] for _ in range(7)))
+    write_lossless(tmp_path / "clip.mp4", (rgb[: len(rgb) // 2 * 2, : rgb.shape[1] // 2 * 2] for _ in range(10)))
     good = pvg.vectorization.following.good_rows
     for name in ("CHUNK", "LOOKAHEAD"):
         monkeypatch.setattr(pvg.vectorization.following, name, 4)
@@ -279,14 +279,20 @@ def test_a_reference_keeps_only_its_key_frame(brief_clip: Path) -> None:
         assert reference.path.stat().st_size < 60_000
 
 
-def test_a_reference_whose_face_comes_near_late_is_taken(samples: Samples, tmp_path: Path) -> None:
+def test_a_reference_whose_face_comes_near_late_is_taken(
+    samples: Samples, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After the frames that are usually enough, here 30."""
+    import pvg.vectorization.clip
+
+    monkeypatch.setattr(pvg.vectorization.clip, "_REFERENCE_FRAMES", 30)
     near = resting_face(samples).rgb
     far = cv2.copyMakeBorder(cv2.resize(near, None, fx=0.2, fy=0.2), *[(4 * len(near)) // 10] * 4, cv2.BORDER_REPLICATE)
     far = cv2.resize(far, near.shape[1::-1], interpolation=cv2.INTER_AREA)
-    write_lossless(tmp_path / "clip.mp4", (near if k >= 300 else far for k in range(308)))
+    write_lossless(tmp_path / "clip.mp4", (near if k >= 30 else far for k in range(38)))
     with pvg.vectorize(tmp_path / "clip.mp4", reference=True) as reference:
         (face,) = reference.faces
-        assert face.first_frame >= 300
+        assert face.first_frame >= 30
         assert face.width_px > 100
 
 

@@ -62,13 +62,13 @@ def test_a_look_fades_with_the_picture(
         monkeypatch.setattr(following, "good_rows", lambda track: np.zeros(len(track.score), np.bool_))
         monkeypatch.setattr(following, "CHUNK", 4)
         monkeypatch.setattr(following, "LOOKAHEAD", 4)
-    subject, shares = resting_face(samples), np.concatenate([np.zeros(20), np.linspace(0, 0.95, 20)])
+    subject, shares = resting_face(samples), np.concatenate([np.zeros(10), np.linspace(0, 0.95, 10)])
     shares = shares[::-1] if comes else shares
     with pvg.vectorize(fading(subject, tmp_path / "clip.mp4", shares)) as video:
         (record,) = video.records
         assert [shares[key.frame] < 0.06 for key in record.key_frames] == [True]
         look, change = pvg.transfer(video, dark_reference, scene=0.0), {}
-        for index in (30, 25, 20, 10) if not comes else (9, 14, 19, 29):
+        for index in (15, 12, 10, 5) if not comes else (4, 7, 9, 14):
             drawn, source = pvg.render_frame(video, look, index), source_frame(video, index).rgb()
             change[index] = np.abs(drawn.astype(float) - source)[subject.inner].mean()
         whole = max(change.values())
