@@ -14,6 +14,7 @@ from playwright.sync_api import Download, Page
 from scripts.samples import Samples
 from tests.browser.driving import READY, at_rest, difference, drop, videos
 from tests.browser.guarded import PATIENCE_S, Guarded
+from tests.gallery.clips import cut_clip
 from tests.worker.serving import Service
 
 Pages = Callable[..., Guarded]
@@ -243,7 +244,7 @@ def test_what_cannot_be_used_says_why(pages: Pages, samples: Samples, tmp_path: 
     page.get_by_role("button", name="Choose another clip").click()
     page.get_by_role("button", name="Choose a clip").wait_for()
 
-    drop(page, "#picture", samples.no_face_clip)
+    drop(page, "#picture", cut_clip(samples.no_face_clip, tmp_path / "nobody.mp4", 0, 10))
     guarded.until("() => document.querySelector('.way.failed') !== null")
     assert "face" in page.locator(".busy").inner_text().lower()
 

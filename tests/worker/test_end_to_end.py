@@ -382,7 +382,9 @@ def test_the_first_jobs_of_a_worker_and_of_a_replaced_child_wait_for_nothing(tmp
     ) as service:
         worker_processes(service.data_dir, 2)  # a pool child is there once the sandbox is warm
         queued_s = []
-        for picture in (samples.portrait, samples.dark_portrait, samples.pale_portrait):
+        for number in range(3):
+            picture = tmp_path / f"{number}.jpg"
+            picture.write_bytes(samples.portrait.read_bytes() + b"%d" % number)  # another file
             job = service.finished(service.upload("/references", picture)["job"])
             queued_s.append(job["timings"]["queued_s"])
         # each was the first of its child; a busy machine may hold up one, and would be longer at loading
