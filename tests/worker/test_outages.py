@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from scripts.samples import Samples
+from tests.gallery.clips import cut_clip
 from tests.promises import Drill
 from tests.service.servers import fresh_database, wire_to
 from tests.waiting import until
@@ -21,12 +22,13 @@ def test_a_job_whose_database_is_away_for_longer_than_its_lease_goes_on(
     tmp_path: Path, samples: Samples, postgres_url: str, promise: Callable[..., Drill]
 ) -> None:
     drill = promise("R22", wanted="503 + Retry-After, running jobs wait and go on, none failed")
+    clip = cut_clip(samples.woman_clip, tmp_path / "clip.mp4", 0, 84)
     with (
         fresh_database(postgres_url, patient=False) as url,
         wire_to(url) as (wire, far),
         running_service(tmp_path, database_url=far, worker_concurrency="1", patient=False, **QUICK) as service,
     ):
-        job_id = service.upload("/videos", samples.woman_clip)["job"]
+        job_id = service.upload("/videos", clip)["job"]
         service.at_work(job_id)
         wire.cut()
         began = time.monotonic()
