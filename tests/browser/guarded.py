@@ -10,6 +10,8 @@ from urllib.parse import urlsplit
 
 from playwright.sync_api import ConsoleMessage, Page, Request
 
+from tests.waiting import FIRST_S, longer
+
 #: seconds that anything may take on a machine with much else to do
 PATIENCE_S = 180.0
 
@@ -34,10 +36,11 @@ class Guarded:
 
         Playwright's own waiting evaluates text inside the page, which the page's policy forbids.
         """
-        began = time.monotonic()
+        began, pause_s = time.monotonic(), FIRST_S
         while not self.page.evaluate(script, argument):
             assert time.monotonic() < began + seconds, f"not so after {seconds} s: {script}\n{self.wrongs}"
-            time.sleep(0.02)
+            time.sleep(pause_s)
+            pause_s = longer(pause_s)
         return time.monotonic() - began
 
     def heard(self, reached: Callable[[], object]) -> None:
