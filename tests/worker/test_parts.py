@@ -170,6 +170,7 @@ def test_a_part_whose_process_is_killed_is_drawn_again_and_no_other(
     until_gone(service)
 
 
+@embedded
 def test_a_part_that_is_lost_before_the_join_has_the_job_begin_anew(
     service: Service, wanted: dict[str, Any], plain: dict[str, Any]
 ) -> None:

@@ -25,6 +25,12 @@ from tests.worker.serving import Service, sandboxed, service_on
 QUICK = {"reap_interval_s": "1", "preview_timeout_s": "50", "preview_idle_s": "3600"}
 
 
+#: the worker of pictures is the same process, on a machine of its own
+embedded = pytest.mark.parametrize(
+    "service", ["embedded", pytest.param("scaled", marks=pytest.mark.slow)], indirect=True, scope="module"
+)
+
+
 @pytest.fixture(scope="module", params=["embedded", "scaled"])
 def service(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     yield from service_on(request, tmp_path_factory, **QUICK)
@@ -157,6 +163,7 @@ def test_a_clip_stays_open_until_its_medium_is_deleted(service: Service, clip: P
     assert service.client.post("/preview", json=wanted).status_code == 404
 
 
+@embedded
 def test_a_long_job_does_not_hold_it_up(service: Service, samples: Samples, reference: dict[str, Any]) -> None:
     video = service.ready("/videos", samples.single_face_clip)
     looks = [{"reference": reference["id"], "seed": seed} for seed in range(16)]
