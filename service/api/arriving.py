@@ -33,6 +33,8 @@ class _Account:
     left: int | None = None
     read_at: float = -math.inf
     is_known: bool = False
+    #: whoever comes before anything is known waits for the first reading
+    first: asyncio.Lock = field(default_factory=asyncio.Lock)
 
 
 class Share:
@@ -126,17 +128,23 @@ class Arriving:
 
     async def _has_room(self, owner: str, account: _Account, more_bytes: int) -> bool:
         """Whether so many bytes more fit, by what was recorded of an owner when it was last read."""
-        now = asyncio.get_running_loop().time
-        if now() - account.read_at > _READ_AGAIN_S:
-            account.read_at = now()
-            try:
-                account.left = await self._calls.read(self._left, owner)
-                account.is_known = True
-            except Exception as error:
-                # an outage ends no request that was under way: what was read last holds meanwhile
-                if not account.is_known or not (isinstance(error, UnavailableError) or is_outage(error)):
-                    raise
+        if not account.is_known:
+            async with account.first:
+                if not account.is_known:
+                    await self._read(owner, account)
+        elif asyncio.get_running_loop().time() - account.read_at > _READ_AGAIN_S:
+            await self._read(owner, account)
         return account.left is None or account.size_bytes + more_bytes <= account.left
+
+    async def _read(self, owner: str, account: _Account) -> None:
+        account.read_at = asyncio.get_running_loop().time()  # others go on by what was read last meanwhile
+        try:
+            account.left = await self._calls.read(self._left, owner)
+            account.is_known = True
+        except Exception as error:
+            # an outage ends no request that was under way: what was read last holds meanwhile
+            if not account.is_known or not (isinstance(error, UnavailableError) or is_outage(error)):
+                raise
 
     def _left(self, owner: str) -> int | None:
         with self._database.read() as session:

@@ -171,6 +171,32 @@ def test_of_requests_for_one_announced_file_the_newest_alone_does_not_count(api:
     asyncio.run(send())
 
 
+def test_who_comes_before_anything_is_known_waits_for_it(
+    api: Api, limited: Holder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While the database was slow to answer the first of several requests, the others were taken without a bound."""
+    left, may_answer = quotas.left_bytes, threading.Event()
+
+    def slow(session: Session, owner: str) -> int | None:
+        assert may_answer.wait(60)
+        return left(session, owner)
+
+    monkeypatch.setattr(quotas, "left_bytes", slow)
+
+    async def send() -> None:
+        arriving = Arriving(api.services.calls, api.services.database)
+        async with arriving.place(limited.id) as first, arriving.place(limited.id) as second:
+            both = [asyncio.create_task(share.take(FILE)) for share in (first, second)]
+            await asyncio.sleep(0.1)
+            assert not any(one.done() for one in both)
+            may_answer.set()
+            await both[0]
+            with pytest.raises(QuotaExceededError):
+                await both[1]
+
+    asyncio.run(send())
+
+
 def test_what_is_recorded_of_a_request_arrives_no_longer(api: Api, limited: Holder) -> None:
     async def send() -> None:
         arriving = Arriving(api.services.calls, api.services.database)
