@@ -45,13 +45,13 @@ def with_parts(
                     add_cover(covers[p], outlines, (lattice.x, lattice.y), lattice.step, soft, shares)
                     if PARTS[p] == "lips" and lips is not None:
                         covers[p] *= lips
-                _add(shift, np.asarray(change[p], np.float32), covers[p])
+                add_part(shift, np.asarray(change[p], np.float32), covers[p])
         out.append(replace(correction, shift=shift))
     return out
 
 
 @kernel()
-def _add(shift: Floats, change: Floats, cover: Floats) -> None:
+def add_part(shift: Floats, change: Floats, cover: Floats) -> None:
     """shift (3, h, w) += change (3,) · cover (h, w), in place."""
     for i in range(cover.shape[0]):
         share = cover[i]

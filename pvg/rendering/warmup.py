@@ -14,6 +14,7 @@ from pvg.rendering.correction import Correction
 from pvg.rendering.edges import refine
 from pvg.rendering.foreground import foreground
 from pvg.rendering.guards import Guard
+from pvg.rendering.makeup import add_part
 from pvg.rendering.map_tables import MapTables
 from pvg.rendering.placed_body import place_body
 from pvg.rendering.planes import apply_correction, fade_in_dark
@@ -23,13 +24,14 @@ from pvg.video import Frame
 
 
 def warm_up(frames: Sequence[Frame], membrane: Membrane, colors: Floats) -> None:
-    """Apply a number and a map as contrast to each kind of frame, and settle hidden samples.
+    """Apply a number and a map as contrast to each kind of frame, add a part, and settle hidden samples.
 
     frames: of at least 40×40 pixels;  membrane: of three channels over them;  colors: (S, 3) at its curves.
     """
     count = len(colors)
     seen = Visibility(np.zeros(count, np.float32), np.arange(2), np.full((2, count), 1 / count, np.float32))
     seen.settle(colors)
+    add_part(membrane.planes.copy(), np.zeros(3, np.float32), membrane.planes[0])
     alpha, planes, lattice = np.ones((32, 32), np.float32), membrane.planes, membrane.lattice
     number = Correction(lattice, planes, 1.1, planes)
     look_map = LookMap(SkinMap.between(colors, colors.astype(np.float64)), 1.0, np.ones((1, 2), np.float32))
@@ -43,7 +45,9 @@ def warm_up(frames: Sequence[Frame], membrane: Membrane, colors: Floats) -> None
             apply_correction(frame, (8, 8), alpha, correction, guards=[(guard, 0.8)], fade=fade, skin=skin)
         refine(alpha, (8, 8), matte, frame)
         body = Matte.over(np.array([0, 0, frame.width, frame.height], np.float32), _spot())
-        for placed in place_body(frame, body, (), ()):
+        bodies = place_body(frame, body, (), ())
+        place_body(frame, body, (), bodies)  # which leaves nothing
+        for placed in bodies:
             shown = foreground(frame, (placed.x, placed.y), placed.alpha, placed.step)
             apply_body(frame, placed, shown, tables)
 
