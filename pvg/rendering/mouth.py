@@ -187,12 +187,13 @@ def _beside(plane: Floats, margin: float) -> Floats:
     border = np.ones((h, w), np.bool_)
     wide = max(1, int(0.5 * margin))
     border[wide:-wide, wide:-wide] = False
-    y, x = np.mgrid[:h, :w].astype(np.float32)
-    y, x = y - (h - 1) / 2, x - (w - 1) / 2
+    y, x = (np.arange(n, dtype=np.float32) - (n - 1) / 2 for n in (h, w))
+    y = y[:, None]
     values = plane[border]
     middle = np.median(values)
     off = np.clip(values - middle, -_OTHER, _OTHER)
-    x_border, y_border = x[border], y[border]  # even about the middle, so that each slope is told alone
+    # even about the middle, so that each slope is told alone
+    x_border, y_border = (np.broadcast_to(along, (h, w))[border] for along in (x, y))
     slopes = [float(off @ at) / float(at @ at) for at in (x_border, y_border)]
     return np.asarray(middle + slopes[0] * x + slopes[1] * y, np.float32)
 

@@ -59,15 +59,16 @@ def head_shape(landmarks: Landmarks) -> HeadShape:
     axes, oval = landmarks.axes, landmarks.oval
     across, down = axes.across, axes.down
     a, d = oval @ across, oval @ down
-    center = (a.min() + a.max()) / 2 * across + (d.min() + d.max()) / 2 * down
-    height = float(np.ptp(d))
+    (left, right), (top, bottom) = (a.min(), a.max()), (d.min(), d.max())
+    center = (left + right) / 2 * across + (top + bottom) / 2 * down
+    height = float(bottom - top)
     neck = down + np.array([0, 1], np.float32)
     length = float(np.hypot(*neck))
     neck = neck / length if length > _BOX.least_upright else down  # a head upside down: there is no direction between
     return HeadShape(
         axes=axes,
         middle=center.astype(np.float32),
-        width=float(np.ptp(a)),
+        width=float(right - left),
         height=height,
         chin=(center + height / 2 * down).astype(np.float32),
         neck=neck.astype(np.float32),
