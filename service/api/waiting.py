@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -67,15 +67,18 @@ class JobWatch:
         self.is_closed = False
 
     async def end_of(self, job_id: str, seconds: float) -> bytes | None:
-        """The answer for a job once it has ended; None when the time is over before, or the service stops."""
+        """The answer for a job once it has ended.
+
+        None when the time is over before, the service stops, or its record is deleted.
+        """
         snapshot = await self._wait(job_id, lambda standing: standing.has_ended, seconds)
         return None if snapshot is None else snapshot.body
 
     async def change_of(self, job_id: str, known: Snapshot, seconds: float) -> Snapshot | None:
         """The job once it stands otherwise than ``known``, or at another place in the queue.
 
-        None when the time is over before, or the service stops. Of several changes between two looks the last one is
-        told.
+        None when the time is over before, the service stops, or its record is deleted. Of several changes between two
+        looks the last one is told.
         """
         return await self._wait(job_id, lambda standing: standing != known.standing, seconds, known)
 
@@ -99,8 +102,12 @@ class JobWatch:
     def close(self) -> None:
         """Let everybody go who waits, and nobody wait any more: the service stops."""
         self.is_closed = True
-        for waiters in list(self._waiting.values()):
-            for waiter in list(waiters):
+        self._let_go(list(self._waiting))
+
+    def _let_go(self, job_ids: Iterable[str]) -> None:
+        """Tell who waits for these jobs that there is nothing to wait for."""
+        for job_id in job_ids:
+            for waiter in self._waiting.get(job_id, ()):
                 waiter.tell(None)
 
     def _forget(self, job_id: str, waiter: _Waiter) -> None:
@@ -125,7 +132,9 @@ class JobWatch:
                 is_away = False
 
     async def _tell_changes(self) -> None:
-        standings = await self._calls.read(self._stand, list(self._waiting))
+        asked = list(self._waiting)
+        standings = await self._calls.read(self._stand, asked)
+        self._let_go(job_id for job_id in asked if job_id not in standings)
         places = (now := asyncio.get_running_loop().time()) - self._placed >= PLACES_S
         changed = [
             job_id

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from dataclasses import astuple
 from typing import Annotated, Final
 
@@ -92,6 +92,8 @@ async def _events(
         if not await _may_hear_more(services, caller):
             return
         if changed is None:
+            if not await _is_there(services, job_id):
+                return
             yield b":\n\n"
             continue
         yield _event("state" if _phase(changed.standing) != _phase(now.standing) else "progress", changed)
@@ -107,6 +109,21 @@ async def _may_hear_more(services: Services, caller: Caller) -> bool:
         if not is_outage(error) and not isinstance(error, UnavailableError):
             raise
     return True
+
+
+async def _is_there(services: Services, job_id: str) -> bool:
+    """False once the record of a job is deleted; who comes again is told so."""
+    try:
+        return bool(await services.calls.read(_stand, services, job_id))
+    except Exception as error:  # asked again at the next heartbeat
+        if not is_outage(error) and not isinstance(error, UnavailableError):
+            raise
+    return True
+
+
+def _stand(services: Services, job_id: str) -> Mapping[str, Standing]:
+    with services.database.read() as session:
+        return jobs.standings(session, [job_id])
 
 
 def event_id(standing: Standing, position: int | None = None) -> str:

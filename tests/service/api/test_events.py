@@ -16,7 +16,7 @@ import pytest
 
 from service.api import streams, waiting
 from service.api.routers import events
-from service.catalog import Key, Progress, jobs, keys, leases
+from service.catalog import Key, Progress, jobs, keys, leases, sweep
 from service.catalog.jobs import Standing
 from tests.service.api.test_authentication import holder
 from tests.service.api.test_media import upload
@@ -247,3 +247,19 @@ def test_streams_that_are_opened_together_are_no_more_than_may_be(api: Api, monk
         answers = Counter(threads.map(status, range(clients)))
     assert answers == {"HTTP/1.1 200": 3, "HTTP/1.1 429": clients - 3}
     until(lambda: api.services.streams.open == 0)
+
+
+@pytest.mark.parametrize("how", ["events", "wait"])
+def test_who_waits_for_a_job_that_ended_and_was_deleted_between_two_looks_waits_no_more(api: Api, how: str) -> None:
+    """Its end was never seen: the stream went on with heartbeats for an hour, and the wait for all of its time."""
+    job_id = upload(api, "/videos")["job"]
+    path = f"/jobs/{job_id}/events" if how == "events" else f"/jobs/{job_id}?wait=60"
+    heard: list[httpx.Response] = []
+    client = threading.Thread(target=lambda: heard.append(api.client.get(path, timeout=90)))
+    client.start()
+    until(lambda: job_id in api.services.watch._waiting)
+    with api.services.database.write() as session:  # no look comes in between
+        jobs.cancel(session, job_id, now=api.services.database.now())
+        sweep.delete_job(session, job_id, now=api.services.database.now())
+    client.join(10)
+    assert [one.status_code for one in heard] == [200 if how == "events" else 404]
