@@ -92,7 +92,9 @@ def expire_jobs(session: Session, *, before: datetime) -> int:
         ~exists().where(Result.job_id == Job.id, Result.blob_key.is_not(None)),
         ~exists().where(Media.job_id == Job.id),
     ]
-    ids = session.scalars(select(Job.id).where(*old).limit(BATCH)).all()
+    # as `delete_job`'s caller does, before their results: one that it has is its own
+    locked = select(Job.id).where(*old).limit(BATCH).with_for_update(skip_locked=True)
+    ids = session.scalars(locked).all()
     changed(session, delete(Result).where(Result.job_id.in_(ids)))
     return statistics.remove_jobs(session, list(ids))
 

@@ -22,8 +22,9 @@ import httpx
 import pytest
 from obstore.exceptions import GenericError
 
+from service.api.commands import removal
 from service.blobs import Blobs
-from service.catalog import Asset, Database, Report, Role, leases, media, parts, tombstones
+from service.catalog import Asset, Database, Report, Role, jobs, leases, media, parts, sweep, tombstones
 from service.catalog.models import Tombstone
 from service.catalog.parts import NewFile, NewPart
 from service.drafts import Drafts
@@ -31,10 +32,22 @@ from service.queue import RENDER, make_producer
 from service.settings import Settings
 from service.storage import Storage
 from tests.gallery.assets import write_asset
-from tests.service.fixtures import PNG, Api, FakeClock, add_media, claim, make_ready, make_results, serve
+from tests.service.fixtures import (
+    PNG,
+    Api,
+    FakeClock,
+    add_media,
+    add_transfer,
+    claim,
+    held_up,
+    make_ready,
+    make_results,
+    serve,
+)
 from tests.service.object_store import BUCKET, ObjectStore, object_store
 from tests.service.queue.test_broker import messages
 from tests.service.s3 import S3
+from tests.service.servers import fresh_database
 from tests.waiting import until
 from worker.runner import Runner
 from worker.sandbox import MethodError, Sandbox
@@ -440,3 +453,43 @@ def test_no_byte_of_a_part_is_left_and_no_message(api: Api, how: str, request: p
     until(lambda: not is_sent())
     with database.write() as session:
         assert leases.held_state(session, running) is None
+
+
+def _canceled_transfer(database: Database) -> tuple[list[str], str]:
+    made = [add_media(database), add_media(database, Role.REFERENCE)]
+    job_id = add_transfer(database, *made)
+    with database.write() as session:
+        jobs.cancel(session, job_id, now=database.now())
+    return [one.id for one in made], job_id
+
+
+def test_a_job_is_not_deleted_while_another_request_may_be_answered_with_it(database: Database) -> None:
+    """Without keys nothing kept the two apart on a server: the answer told of a job that was gone."""
+    media_ids, job_id = _canceled_transfer(database)
+    services: Any = SimpleNamespace(database=database)
+    with ThreadPoolExecutor(1) as other:
+        with database.write() as session:  # as who asks for the same
+            media.several(session, "", media_ids, lock=True)
+            deleted = other.submit(removal._remove_job, services, "", job_id, None)
+            until(lambda: held_up(database) or deleted.done())
+            assert jobs.get(session, job_id, lock=True) is not None
+        assert deleted.result() == []
+
+
+def test_the_reaper_does_not_wait_for_a_job_that_is_being_deleted(
+    postgres_url: str, postgres_tables: str, clock: FakeClock
+) -> None:
+    """Each had what the other wanted: results the one, the job the other."""
+    with fresh_database(postgres_url, postgres_tables) as url, ThreadPoolExecutor(1) as reaper:
+        database = Database(url, clock=clock, lock_wait_s=5)
+
+        def expire() -> int:
+            with database.write() as session:
+                return sweep.expire_jobs(session, before=clock() + timedelta(days=1))
+
+        _, job_id = _canceled_transfer(database)
+        with database.write() as session:
+            assert jobs.get(session, job_id, lock=True) is not None
+            assert reaper.submit(expire).result() == 0
+        assert expire() == 1
+        database.close()

@@ -8,6 +8,7 @@ from datetime import datetime
 import structlog
 from sqlalchemy.orm import Session
 
+from service.api import lookups
 from service.api.conditional import etag_of
 from service.api.ranges import require_match
 from service.api.schemas import MediaBody
@@ -63,20 +64,23 @@ def _delete(session: Session, found: Media, active: Sequence[str], *, now: datet
     return media.delete(session, found, now=now) + drawn, ended
 
 
-async def remove_job(services: Services, owner: str, job_id: str) -> None:
+async def remove_job(services: Services, owner: str, job_id: str, *, if_match: str | None = None) -> None:
     """Delete the record of a job that has ended, with its results.
 
-    Raises `NotFoundError`, and `ConflictError` while it goes on, or the medium that it vectorised is there.
+    Raises `NotFoundError`, `ConflictError` while it goes on, or the medium that it vectorised is there, and
+    `PreconditionError` when ``if_match`` does not name it as it is.
     """
-    gone = await services.calls.write(_remove_job, services, owner, job_id)
+    gone = await services.calls.write(_remove_job, services, owner, job_id, if_match)
     await services.calls.remove(services.blobs.delete, gone)
 
 
-def _remove_job(services: Services, owner: str, job_id: str) -> list[str]:
+def _remove_job(services: Services, owner: str, job_id: str, if_match: str | None) -> list[str]:
     database = services.database
     with database.write(frees=True) as session:
-        # no other request of this key is answered with it meanwhile
+        # no other request is answered with it meanwhile: one that asks for the same locks these before
         keys.lock(session, owner)
+        looks = jobs.looks(session, job_id)
+        media.several(session, owner, {one for look in looks for one in (look.video_id, look.reference_id)}, lock=True)
         job = jobs.get(session, job_id, owner=owner, lock=True)
         if job is None:
             raise NotFoundError(f"there is no job {job_id}")
@@ -84,7 +88,10 @@ def _remove_job(services: Services, owner: str, job_id: str) -> list[str]:
             raise ConflictError(f"{job_id} is {job.state}; cancel it, and delete it when it has ended")
         medium = None if job.media_id is None else media.get(session, job.media_id)
         if medium is not None and medium.job_id == job_id:
-            raise ConflictError(f"{job_id} goes with {job.media_id}, which it has vectorised; delete that")
+            raise ConflictError(f"{job_id} is what vectorised {job.media_id}; delete that first")
+        if if_match is not None:
+            body = lookups.of_job(services.settings, services.room, session, job, forecasts=services.forecasts)
+            require_match(if_match, etag_of(body.model_dump_json().encode()))
         return sweep.delete_job(session, job_id, now=database.now())
 
 

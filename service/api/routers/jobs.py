@@ -12,6 +12,7 @@ from service.api.conditional import conditional
 from service.api.dependencies import (
     MAX_WAIT_S,
     UNCHANGED,
+    IfMatch,
     IfNoneMatch,
     JobCursor,
     JobId,
@@ -128,17 +129,19 @@ async def cancel_job(
     return body
 
 
-@router.delete("/{job_id}", status_code=204, response_class=Response, responses=problems(404, 409, 507))
-async def delete_job(job_id: JobId, services: ServicesDep, caller: CallerDep) -> None:
+@router.delete("/{job_id}", status_code=204, response_class=Response, responses=problems(404, 409, 412, 507))
+async def delete_job(
+    job_id: JobId, services: ServicesDep, caller: CallerDep, if_match: IfMatch = None
+) -> None:
     """Delete the record of a job that has ended, with its results, its metadata and the deliveries of its webhooks."""
-    await commands.remove_job(services, caller.owner, job_id)
+    await commands.remove_job(services, caller.owner, job_id, if_match=if_match)
 
 
 def _cancel(services: Services, caller: Caller, once: Once, job_id: str) -> tuple[bool, JobBody]:
     """Cancel a job; False when it was canceled before. Raises `NotFoundError` and `ConflictError`."""
     now = services.database.now()
     with services.database.write(frees=True) as session:
-        job = jobs.get(session, job_id, owner=caller.owner)
+        job = jobs.get(session, job_id, owner=caller.owner, lock=True)
         if job is None:
             raise NotFoundError(f"there is no job {job_id}")
         needless = [jobs.message_of(job), *parts.messages(session, [job_id])]

@@ -279,8 +279,11 @@ def test_the_record_of_a_job_is_deleted_with_all_that_tells_of_it(api: Api) -> N
     ended = [line for line in api.client.get("/metrics").text.splitlines() if line.startswith("pvg_jobs_ended_total")]
     made = api.client.delete(f"/jobs/{video['job']}")
     assert (made.status_code, video["id"] in made.json()["detail"]) == (409, True)
+    as_it_was = api.client.delete(f"/jobs/{job}", headers={"If-Match": '"of before"'})
+    assert (as_it_was.status_code, as_it_was.json()["code"]) == (412, "precondition-failed")
 
-    assert api.client.delete(f"/jobs/{job}").status_code == 204
+    as_it_is = {"If-Match": api.client.get(f"/jobs/{job}").headers["etag"]}
+    assert api.client.delete(f"/jobs/{job}", headers=as_it_is).status_code == 204
     for path in (f"/jobs/{job}", f"/results/{result}", f"/webhooks/{told['id']}"):
         assert api.client.get(path).status_code == 404, path
     assert api.client.delete(f"/jobs/{job}").status_code == 404
