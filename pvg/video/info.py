@@ -257,13 +257,15 @@ def _count_packets(path: Path, info: MediaInfo, limits: MediaLimits) -> MediaInf
     packets, time_base = packet_stamps(path, limits)
     stamps = [pts for pts, _ in packets if pts is not None]
     span, steps = (max(stamps, default=0) - min(stamps, default=0)) * time_base, len(stamps) - 1
-    rate = info.frame_rate
+    rate, is_whole = info.frame_rate, len(stamps) == len(packets)
+    even = even_rate_of(sorted(stamps), time_base, rate) if rate is not None and is_whole else None
     # with no length stated, a rate that leaves the stamps by more than a frame is not that of the whole clip
     if span and (rate is None or (not info.duration_s and abs(span * rate - steps) > 1)):
         rate = steps / span
+        # frames that are left out lower it, and leave the others where they are
+        even = even or (even_rate_of(sorted(stamps), time_base, rate) if is_whole else None)
     rate = rate or Fraction(25)
-    length = span + 1 / rate if len(stamps) == len(packets) else len(packets) / rate
-    even = even_rate_of(sorted(stamps), time_base, rate) if len(stamps) == len(packets) else None
+    length = span + 1 / rate if is_whole else len(packets) / rate
     counted = replace(info, frame_count=len(packets), frame_rate=rate, even_rate=even)
     return replace(counted, duration_s=info.duration_s or float(length))
 

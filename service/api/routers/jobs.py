@@ -130,9 +130,7 @@ async def cancel_job(
 
 
 @router.delete("/{job_id}", status_code=204, response_class=Response, responses=problems(404, 409, 412, 507))
-async def delete_job(
-    job_id: JobId, services: ServicesDep, caller: CallerDep, if_match: IfMatch = None
-) -> None:
+async def delete_job(job_id: JobId, services: ServicesDep, caller: CallerDep, if_match: IfMatch = None) -> None:
     """Delete the record of a job that has ended, with its results, its metadata and the deliveries of its webhooks."""
     await commands.remove_job(services, caller.owner, job_id, if_match=if_match)
 

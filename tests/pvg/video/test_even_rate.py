@@ -76,6 +76,16 @@ def test_an_even_rate_stays_even_out_of_matroska(rate: Fraction, suffix: str, tm
     assert _steps(again) == _steps(source)
 
 
+def test_a_clip_that_begins_late_and_has_lost_frames_keeps_its_rate(tmp_path: Path) -> None:
+    """Its header's length tells nothing, and with that went its rate: it became a variable one."""
+    layout, base, times = pixel_format(), 1 / _FILM, [*range(120, 128), *range(132, 144)]
+    frames = [replace(frame, pts=pts, duration=1) for frame, pts in zip(smooth_frames(20, layout), times, strict=True)]
+    source = write_clip(tmp_path / "i.mkv", frames, media_info(layout, frame_rate=_FILM, time_base=base))
+    info = probe(source)
+    assert (info.even_rate, info.duration_s) == (_FILM, pytest.approx(float(24 / _FILM), abs=0.02))
+    assert set(_steps(rewrite_clip(source, tmp_path / "o.mp4"))) == {1 / _FILM, 5 / _FILM}
+
+
 def test_a_variable_rate_out_of_matroska_keeps_its_times(tmp_path: Path) -> None:
     steps = np.random.default_rng(2).integers(20, 60, 20)
     frames = [
