@@ -62,7 +62,8 @@ class SoundTrack(CarriedTrack):
         track = self.carried.track
         if self._container == "mov" and track.codec.startswith("pcm_"):
             return steady_pcm(heard, track)
-        samples = samples_of_packets(track, self._source.codec_context.frame_size)
+        context = self._source.codec_context
+        samples = samples_of_packets(track, context.frame_size, context.extradata or b"")
         rounded = self._container in WITH_EDITS and self._source.time_base > Fraction(1, track.rate or 1)
         return steady_packets(heard, samples, track.rate) if rounded and samples else heard
 

@@ -26,6 +26,8 @@ _SILENT = {"pcm_u8": 0x80, "pcm_mulaw": 0xFF, "pcm_alaw": 0xD5}
 _LAW_BITS = 8
 _OF_ONE_LENGTH = ("aac", "mp3", "mp3float", "mp2")
 _SAMPLES = {"ac3": 1536, "eac3": 1536}
+#: where ALAC's atom of 36 bytes has the samples of a packet
+_ALAC_FRAME = slice(12, 16)
 
 
 class _Clock:
@@ -91,8 +93,13 @@ def steady_pcm(packets: Iterable[av.packet.Packet[Any]], track: Track) -> Iterat
         yield _stamped(packet, packet.size // width, clock, rate)
 
 
-def samples_of_packets(track: Track, frame_size: int) -> int:
-    """Samples in each packet of a codec whose packets are of one length, 0 of others;  frame_size: libav's."""
+def samples_of_packets(track: Track, frame_size: int, extradata: bytes) -> int:
+    """Samples in each packet of a codec whose packets are of one length but for the last, 0 of others.
+
+    frame_size, extradata: libav's. ALAC's is in the latter alone, and Matroska does not tell how long its last packet is.
+    """
+    if track.codec == "alac":
+        return int.from_bytes(extradata[_ALAC_FRAME], "big")
     return _SAMPLES.get(track.codec, 0) or (frame_size if track.codec in _OF_ONE_LENGTH else 0)
 
 

@@ -117,7 +117,7 @@ def test_decoded_sound_is_filled_as_its_packets_are() -> None:
     assert set(filled[1].to_ndarray()[0]) == {128}
 
 
-@pytest.mark.parametrize(("codec", "samples"), [("aac", 1024), ("libmp3lame", 1152), ("ac3", 1536)])
+@pytest.mark.parametrize(("codec", "samples"), [("aac", 1024), ("libmp3lame", 1152), ("ac3", 1536), ("alac", 4096)])
 def test_packets_whose_stamps_matroska_has_rounded_have_even_steps_in_an_mp4(
     codec: str, samples: int, tmp_path: Path
 ) -> None:
@@ -128,6 +128,16 @@ def test_packets_whose_stamps_matroska_has_rounded_have_even_steps_in_an_mp4(
     )
     assert len(rounded) > 1
     assert even == {Fraction(samples, 44100)}
+
+
+def test_the_last_packet_of_alac_out_of_matroska_is_heard(tmp_path: Path) -> None:
+    """Matroska does not tell how long it is, so that an MP4 had it last for no time, and it was cut off."""
+    source = _gapped_clip(tmp_path / "i.mkv", "alac", gap_s=(0.0, 0.0))
+    lengths = []
+    for path in (source, rewrite_clip(source, tmp_path / "o.mp4"), rewrite_clip(source, tmp_path / "o.mov")):
+        with av.open(str(path)) as clip:
+            lengths.append(sum(frame.samples for frame in clip.decode(audio=0)))
+    assert lengths == [round(0.8 * _RATE)] * 3
 
 
 def test_packets_that_are_off_by_more_than_rounding_stay_when_they_are() -> None:
