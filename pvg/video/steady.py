@@ -19,7 +19,8 @@ from pvg.video.streams import Track
 
 #: seconds by which sound may be early before it is noticed (EBU R 37)
 _LATE_S = Fraction(1, 25)
-#: the longest gap that is filled: beyond it time stamps are taken for damaged, and followed
+#: seconds of silence in a track at most, as long as a clip may be: beyond it time stamps are taken for damaged, and
+#: followed. A small file could ask for any amount of it
 _LONGEST_S = 3600
 #: bytes of PCM that stand for silence, where these are not 0
 _SILENT = {"pcm_u8": 0x80, "pcm_mulaw": 0xFF, "pcm_alaw": 0xD5}
@@ -35,6 +36,7 @@ class _Clock:
 
     def __init__(self) -> None:
         self.due_s: Fraction | None = None
+        self._filled_s = Fraction(0)
 
     def gap(self, stamped_s: Fraction | None, rate: int) -> int | None:
         """Samples of silence that come before sound of this stamp; None where it comes too late to be heard."""
@@ -43,10 +45,13 @@ class _Clock:
         ahead_s = Fraction(0) if stamped_s is None else stamped_s - self.due_s
         if ahead_s < -_LATE_S:
             return None
-        if ahead_s > _LONGEST_S:
+        if ahead_s <= _LATE_S:
+            return 0
+        if self._filled_s + ahead_s > _LONGEST_S:
             self.due_s += Fraction(round(ahead_s * rate), rate)
             return 0
-        return round(ahead_s * rate) if ahead_s > _LATE_S else 0
+        self._filled_s += ahead_s
+        return round(ahead_s * rate)
 
     def stamp(self, item: Any, samples: int, rate: int) -> Any:
         """The frame or packet of so many samples, due now."""

@@ -108,6 +108,14 @@ def test_time_stamps_are_followed_only_where_they_leave_what_is_due(stamps: list
     assert [packet.pts for packet in steady_pcm(map(_packet, stamps), _track("pcm_s16le"))] == kept
 
 
+def test_the_silence_of_a_track_is_an_hour_at_most() -> None:
+    """Each gap was filled that was shorter: packets an hour apart made as many hours of it."""
+    apart = 48000 * 2400
+    packets = list(steady_pcm(map(_packet, (0, apart, 2 * apart, 3 * apart)), _track("pcm_s16le")))
+    assert sum(packet.duration or 0 for packet in packets) == apart + 3
+    assert [packet.pts for packet in packets][-3:] == [apart, 2 * apart, 3 * apart]
+
+
 def test_decoded_sound_is_filled_as_its_packets_are() -> None:
     frames = [av.AudioFrame("u8", "mono", 10) for _ in range(2)]
     for frame, start in zip(frames, (0, 4810), strict=True):
