@@ -101,7 +101,8 @@ def steady_pcm(packets: Iterable[av.packet.Packet[Any]], track: Track) -> Iterat
 def samples_of_packets(track: Track, frame_size: int, extradata: bytes) -> int:
     """Samples in each packet of a codec whose packets are of one length but for the last, 0 of others.
 
-    frame_size, extradata: libav's. ALAC's is in the latter alone, and Matroska does not tell how long its last packet is.
+    frame_size, extradata: libav's. ALAC's is in the latter alone, and Matroska does not tell how long its last packet
+    is.
     """
     if track.codec == "alac":
         return int.from_bytes(extradata[_ALAC_FRAME], "big")
