@@ -26,8 +26,9 @@ class VideoWriter:
     frames to come.
     codec: see `choose_codec`. crf, preset: the encoder's own scales (for vp9 the preset is cpu-used, 0–8, for av1 it is
     0–13), or for all of them x264's names, "ultrafast" to "veryslow". threads: of the encoder, as many as suit the
-    machine when 0; the same number gives the same bytes. audio_from: the clip whose sound is copied, or transcoded
-    where the container cannot hold it; None, or a clip without sound, gives a silent clip.
+    machine when 0; the same number gives the same bytes, but of x264 with AVX-512 (`part_options`). audio_from: the
+    clip whose sound is copied, or transcoded where the container cannot hold it; None, or a clip without sound, gives a
+    silent clip.
     plan: all that is to be kept, see `make_plan`; then container, codec and audio_from are its own.
 
     Time stamps are exact in MP4 and MOV, those of an even rate where the source's are rounded (`MediaInfo.even_rate`).
