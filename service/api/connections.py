@@ -174,8 +174,11 @@ class BoundedProtocol(H11Protocol):
         """Find a place for the connection, or refuse it."""
         super().connection_made(transport)
         self._watch = self.loop.call_later(TICK_S, self._tick)
-        if len(self.connections) > self._limits.connections and not self._make_room():
-            self.refuse(PROBLEMS["unavailable"], "there are too many connections; try again", Retry_After="5")
+        # to close one that was refused makes no room: it had no place
+        while len(self.connections) > self._limits.connections:
+            if not self._make_room():
+                self.refuse(PROBLEMS["unavailable"], "there are too many connections; try again", Retry_After="5")
+                return
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Forget the connection."""

@@ -40,7 +40,7 @@ BETWEEN_FIELDS = (
 #: any If-Match is as it should be, and few are the ETag of what is there
 CONDITIONAL = (
     *("get_video_file", "get_reference_file", "get_result", "get_result_cube", "get_result_matte"),
-    *("delete_video", "delete_reference", "delete_result"),
+    *("delete_video", "delete_reference", "delete_result", "delete_job"),
 )
 ACCEPTED = ["2xx", "3xx", "401", "403", "404", "409", "410", "416"]
 #: tus has answers of its own to a version that is not its own, and to damaged bytes; sizes are a setting

@@ -373,6 +373,11 @@ def test_unread_answers_make_room_where_they_have_more_than_half_of_it(
         leave_unread(full, stack, 10)
         time.sleep(4)
         assert [is_served(full) for _ in range(3)] == [False] * 3
+        # one that was refused and is still there had no place: without it there is no room either
+        refused = stack.enter_context(socket.create_connection(full.address, timeout=60))
+        refused.sendall(b"GET /livez HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        assert b" 503 " in refused.recv(65536)
+        assert not is_served(full)
 
 
 def test_the_log_stays_small(service: Service) -> None:
