@@ -18,6 +18,7 @@ from service.catalog.models import Tombstone
 from service.queue.broker import QUEUES, RENDER
 from service.queue.publisher import Message, make_producer, send
 from service.settings import Settings
+from tests.folders import files_below
 from tests.gallery.clips import cut_clip
 from tests.promises import Drill
 from tests.service.fixtures import MP4
@@ -87,7 +88,7 @@ def undone(service: Service) -> int:
     """How many messages wait, or are not acknowledged yet."""
     broker = service.settings.get("broker_url")
     if broker is None:
-        return len(list((service.data_dir / "broker").rglob("*.msg")))
+        return sum(path.suffix == ".msg" for path in files_below(service.data_dir / "broker"))
     with redis.Redis.from_url(broker) as client:
         return int(client.hlen("unacked")) + sum(int(client.llen(queue)) for queue in QUEUES)
 

@@ -31,6 +31,7 @@ from service.drafts import Drafts
 from service.queue import RENDER, make_producer
 from service.settings import Settings
 from service.storage import Storage
+from tests.folders import files_below
 from tests.gallery.assets import write_asset
 from tests.service.fixtures import (
     PNG,
@@ -86,9 +87,9 @@ def upload(api: Api, content: bytes, name: str = "me.png", metadata: str = "of:m
 def found(api: Api, bucket: S3 | None, needles: list[bytes]) -> set[bytes]:
     """Those that are anywhere below the data folder or in the object store."""
     kept = bucket.contents() if bucket else []
-    for path in api.services.settings.folder.rglob("*"):
+    for path in files_below(api.services.settings.folder):
         with suppress(FileNotFoundError):  # drafts and messages come and go meanwhile
-            kept += [path.read_bytes()] if path.is_file() else []
+            kept.append(path.read_bytes())
     return {needle for needle in needles if any(needle in content for content in kept)}
 
 

@@ -28,6 +28,7 @@ import pytest
 import redis
 
 from service.queue import PREVIEW
+from tests.folders import files_below
 from tests.service.s3 import S3
 from tests.service.servers import free_port, fresh_database
 from tests.waiting import until
@@ -159,9 +160,7 @@ class Service:
 
     def files(self) -> list[Path]:
         """Every file in its folders."""
-        # other than rglob, it bears folders that go away meanwhile
-        walked = (Path(root, name) for folder in self.folders for root, _, names in os.walk(folder) for name in names)
-        return [path for path in walked if path.is_file()]
+        return [path for folder in self.folders for path in files_below(folder)]
 
     def upload(self, path: str, file: Path, **fields: str) -> dict[str, Any]:
         with file.open("rb") as data:

@@ -16,6 +16,7 @@ import pytest
 from service.catalog import Media
 from service.settings import Settings
 from service.storage import BlobMissingError, Storage
+from tests.folders import files_below
 from tests.service.s3 import S3
 from tests.service.servers import Wire
 from tests.waiting import until
@@ -148,8 +149,8 @@ class Remote:
     def copies(self) -> list[str]:
         """What is said in the files that are kept or on their way, if anything is."""
         found = []
-        for path in self.spool.rglob("*"):
-            with suppress(OSError):  # a folder, or gone by now
+        for path in files_below(self.spool):
+            with suppress(OSError):  # gone by now
                 found.append(path.read_text())
         return sorted(found)
 
@@ -272,7 +273,7 @@ def test_nor_of_one_that_is_deleted_while_its_file_comes(remote: Remote, wire: W
     wire.hang()
     with pytest.raises(TimeLimitError):
         remote.ask(0, seconds=0.5)
-    until(lambda: any(path.is_file() for path in remote.spool.rglob("*")))
+    until(lambda: files_below(remote.spool))
     remote.present.clear()
     until(lambda: not list(remote.spool.iterdir()))
     wire.connect()

@@ -21,6 +21,7 @@ import pytest
 from pvg.video import probe, read_frames
 from scripts.samples import Samples
 from service.settings import Settings
+from tests.folders import files_below
 from tests.service.servers import fresh_database
 from tests.waiting import until
 from tests.worker.serving import Service, kill_all, processes_of, running_service, sandboxed
@@ -118,7 +119,7 @@ def digests(service: Service, done: dict[str, Any]) -> list[str]:
 
 
 def drawn_files(service: Service) -> list[Path]:
-    return [path for path in (service.data_dir / "blobs" / "drawn").rglob("*") if path.is_file()]
+    return files_below(service.data_dir / "blobs" / "drawn")
 
 
 def until_gone(service: Service) -> None:
