@@ -8,25 +8,21 @@ from itertools import groupby
 from pathlib import Path
 
 from benchmarks.blind.drawing import RIVALS, DrawnPair, draw_at_revision, draw_clip, revision_of
-from benchmarks.blind.key import OURS, RIVAL, KeyEntry, read_choices, write_key, write_template
+from benchmarks.blind.key import CHOICES, OURS, RIVAL, KeyEntry, write_key, write_template
+from benchmarks.blind.options import add_material, emptied, material_of
 from benchmarks.blind.plan import plan_pairs
 from benchmarks.blind.sheets import draw_sheet
+from benchmarks.blind.tables import check_unfilled
 from benchmarks.quality.color import tone_group
 from benchmarks.quality.faces import Image
-from benchmarks.quality.media import HALVES, choose, find_material, half_of, usable_portraits
 from pvg.video import write_image
-from scripts.samples import REPOSITORY
 
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.blind", description=__doc__)
     parser.add_argument("--against", required=True, help=f"{', '.join(RIVALS)}, or a git revision of this project")
     parser.add_argument("--pairs", type=int, default=40, help="sheets")
-    parser.add_argument("--half", choices=HALVES, default="report", help="every second clip and portrait, or all")
-    parser.add_argument("--seed", type=int, default=0, help="of pairs, sides and frames")
-    parser.add_argument("--clips", help="comma-separated parts of clip names, of that half")
-    parser.add_argument("--out", type=Path, default=REPOSITORY / "benchmarks" / "out" / "blind", help="folder")
-    parser.add_argument("--assets", type=Path, help="folder that keeps the assets of ours for the next set of sheets")
+    add_material(parser, half="report", seed_of="pairs, sides and frames", folder="blind")
     return parser.parse_args()
 
 
@@ -59,17 +55,12 @@ def main() -> None:
     options = _options()
     tables = [options.out / name for name in ("choices.csv", "choices-swapped.csv")]
     for choices in tables:
-        if choices.exists() and read_choices(choices):
-            raise SystemExit(f"{choices} is filled in; move it away or take another folder with --out")
+        check_unfilled(choices, CHOICES)
     commit = None if options.against in RIVALS else revision_of(options.against)
-    material = find_material()
-    clips = choose(half_of(sorted(material.clips), options.half), options.clips)
-    portraits = half_of(usable_portraits(material.portraits), options.half)
+    clips, portraits = material_of(options)
     pairs = plan_pairs(clips, portraits, options.pairs, options.seed)
     for name in ("sheets", "sheets-swapped"):
-        (options.out / name).mkdir(parents=True, exist_ok=True)
-        for old in (options.out / name).glob("*.png"):
-            old.unlink()
+        emptied(options.out / name)
     entries = []
     with tempfile.TemporaryDirectory() as name:
         assets = options.assets or Path(name) / "assets"

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
+from benchmarks.blind.tables import Columns, read_table, write_table
+
+CHOICES: Final[Columns] = ("choice", "reason")
 OURS, RIVAL = "ours", "rival"
 
 
@@ -47,17 +49,9 @@ def read_key(path: Path) -> dict[int, KeyEntry]:
 
 def write_template(path: Path, numbers: list[int]) -> None:
     """Write the table that a viewer fills in: number, choice (A or B), reason."""
-    with path.open("w", newline="") as out:
-        writer = csv.writer(out)
-        writer.writerow(("number", "choice", "reason"))
-        writer.writerows((number, "", "") for number in numbers)
+    write_table(path, CHOICES, numbers)
 
 
 def read_choices(path: Path) -> list[tuple[int, str, str]]:
     """(number, "A" or "B", reason) of the sheets that a viewer judged."""
-    with path.open(newline="") as lines:
-        rows = [
-            (int(row["number"]), (row["choice"] or "").strip().upper(), (row["reason"] or "").strip())
-            for row in csv.DictReader(lines)
-        ]
-    return [row for row in rows if row[1]]
+    return read_table(path, CHOICES)

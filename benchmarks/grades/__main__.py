@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import tempfile
 from pathlib import Path
 
+from benchmarks.blind.options import add_material, emptied, material_of
+from benchmarks.blind.tables import check_unfilled
 from benchmarks.grades.drawing import draw_clip, farthest, read_references
 from benchmarks.grades.plan import plan_sheets
-from benchmarks.grades.score import Entry, write_key, write_template
-from benchmarks.quality.media import HALVES, choose, find_material, half_of, usable_portraits
+from benchmarks.grades.score import GRADES, Entry, write_key, write_template
 from pvg.video import write_image
-from scripts.samples import REPOSITORY
 
 
 def _options() -> argparse.Namespace:
@@ -21,11 +20,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--controls", type=int, default=1, help="a clip: frames that nobody touched, among the looks")
     parser.add_argument("--farthest", type=int, default=9, help="references, of which those of a clip are drawn")
     parser.add_argument("--place", type=float, default=0.5, help="of the frame, 0 to 1 of those with the face")
-    parser.add_argument("--half", choices=HALVES, default="all", help="every second clip and portrait, or all")
-    parser.add_argument("--seed", type=int, default=0, help="of references and order")
-    parser.add_argument("--clips", help="comma-separated parts of clip names, of that half")
-    parser.add_argument("--out", type=Path, default=REPOSITORY / "benchmarks" / "out" / "grades", help="folder")
-    parser.add_argument("--assets", type=Path, help="folder that keeps the assets for the next set of sheets")
+    add_material(parser, half="all", seed_of="references and order", folder="grades")
     return parser.parse_args()
 
 
@@ -33,15 +28,9 @@ def main() -> None:
     """Draw the sheets, the key and the table to fill in."""
     options = _options()
     table = options.out / "verdicts.csv"
-    if table.exists() and any(row["verdict"] for row in csv.DictReader(table.read_text().splitlines())):
-        raise SystemExit(f"{table} is filled in; move it away or take another folder with --out")
-    material = find_material()
-    clips = choose(half_of(sorted(material.clips), options.half), options.clips)
-    portraits = half_of(usable_portraits(material.portraits), options.half)
-    folder = options.out / "sheets"
-    folder.mkdir(parents=True, exist_ok=True)
-    for old in folder.glob("*.png"):
-        old.unlink()
+    check_unfilled(table, GRADES)
+    clips, portraits = material_of(options)
+    folder = emptied(options.out / "sheets")
     entries: list[Entry] = []
     with tempfile.TemporaryDirectory() as name:
         assets = options.assets or Path(name)

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from benchmarks.blind.score import interval
+from benchmarks.blind.tables import Columns, read_table, write_table
 
 VERDICTS = {"D": "deliverable", "T": "to touch up", "R": "rejected"}
+GRADES: Final[Columns] = ("verdict", "fault")
 TARGET = 0.9
 
 
@@ -52,25 +53,18 @@ def read_key(path: Path) -> dict[int, Entry]:
 
 def write_template(path: Path, numbers: Iterable[int]) -> None:
     """Write the table that a viewer fills in: number, verdict (D, T or R), fault."""
-    with path.open("w", newline="") as out:
-        writer = csv.writer(out)
-        writer.writerow(("number", "verdict", "fault"))
-        writer.writerows((number, "", "") for number in numbers)
+    write_table(path, GRADES, numbers)
 
 
 def read_verdicts(path: Path, key: dict[int, Entry]) -> list[Graded]:
     """The sheets that a viewer graded. Raises `ValueError` on a number or a verdict that is none."""
     out = []
-    with path.open(newline="") as lines:
-        for row in csv.DictReader(lines):
-            number, verdict = int(row["number"]), (row["verdict"] or "").strip().upper()
-            if not verdict:
-                continue
-            if number not in key:
-                raise ValueError(f"{path.name}: there is no sheet {number}")
-            if verdict not in VERDICTS:
-                raise ValueError(f"{path.name}: sheet {number}: a verdict is one of {', '.join(VERDICTS)}")
-            out.append(Graded(key[number], verdict, (row["fault"] or "").strip(), path.stem))
+    for number, verdict, fault in read_table(path, GRADES):
+        if number not in key:
+            raise ValueError(f"{path.name}: there is no sheet {number}")
+        if verdict not in VERDICTS:
+            raise ValueError(f"{path.name}: sheet {number}: a verdict is one of {', '.join(VERDICTS)}")
+        out.append(Graded(key[number], verdict, fault, path.stem))
     return out
 
 
