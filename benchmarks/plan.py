@@ -21,7 +21,7 @@ from pvg.rendering import part_bounds
 class Costs:
     """Seconds of one core, unless a name says otherwise; a frame is 1080×1920. Beside each: where it was measured.
 
-    The first six: docs/performance.md, "Where it stands", whole runs of 200 frames, of which 0.4 s are the clip's fit.
+    The first six: docs/performance.md, "What to expect", whole runs of 200 frames, of which 0.4 s are the clip's fit.
     """
 
     vectorize_frame: float = 0.0354
@@ -30,7 +30,7 @@ class Costs:
     draw_frame: float = 0.013  # of the first look of a request
     draw_further_frame: float = 0.0055
     encode_frame: float = 0.0178
-    look_once: float = 0.10  # opening, transport: docs/performance.md, Previews
+    look_once: float = 0.10  # opening, transport: docs/performance.md, "Previews"
     join_second: float = 0.002  # of a second of the clip and a look
     claim: float = 0.020  # of the database server: a short job in all 11 ms with 500 queued, 33 with 5000
     report: float = 0.003  # once a second of a job at work
