@@ -23,6 +23,22 @@ def test_links_lead_somewhere(page: Path) -> None:
     assert missing == []
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_to_sections_lead_to_a_heading(page: Path) -> None:
+    links = re.findall(r"\]\(([^)\s#:]*)#([^)\s]+)\)", page.read_text())
+    targets = [(page.parent / name if name else page, section) for name, section in links]
+    missing = [(str(path), section) for path, section in targets if section not in _anchors(path)]
+    assert missing == []
+
+
+def _anchors(page: Path) -> set[str]:
+    """The anchors of a page's headings and tags, as GitHub makes them: small letters, hyphens for blanks."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
+    heads = [re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", head) for head in re.findall(r"^#+ (.*)$", text, re.MULTILINE)]
+    slugs = {re.sub(r"[^\w\- ]", "", head.strip().lower()).replace(" ", "-") for head in heads}
+    return slugs | set(re.findall(r'<a (?:id|name)="([^"]+)"', text))
+
+
 def test_pages_and_sections_that_are_named_exist() -> None:
     missing = []
     for path in TEXTS:
