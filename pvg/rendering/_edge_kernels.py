@@ -68,17 +68,25 @@ def gather(
 
 @kernel(fastmath=True)
 def color_lines(
-    sums: Floats, weights: Floats, near: Bytes, reach: int, noise: float, few: float, rise: Floats, lines: Floats
+    sums: Floats,
+    weights: Floats,
+    near: Bytes,
+    reach: int,
+    noise: float,
+    few: float,
+    rise: Floats,
+    as_bright: Floats,
+    lines: Floats,
 ) -> None:
     """lines (rows, columns, LINE): the share of skin in a colour, by the line from its surroundings' colour to skin's.
 
     share · trust = slopes · codes + offset. near: blocks that are wanted, the others become 0;  reach: blocks to
     either side that are averaged;  noise: squared levels;  few: cells of either side that are trusted in full;
-    rise: (2,) where between both colours the share rises from 0 to 1.
+    rise: (2, 2) where between both colours the share rises from 0 to 1, beside what is darker than the skin and beside
+    what is not;  as_bright: (2,) the surroundings' first plane over the skin's, from the one to the other.
     """
     rows, columns = near.shape
     total = np.empty(2 * SUMS, np.float32)
-    gain = 1.0 / (rise[1] - rise[0])
     for i in range(rows):
         for j in range(columns):
             lines[i, j, :] = np.float32(0.0)
@@ -101,11 +109,15 @@ def color_lines(
                 length += (skin - around) ** 2
             spread = max(total[4] / inner - inner_square, 0.0) + max(total[SUMS + 4] / outer - outer_square, 0.0)
             trust = length / (length + spread + noise) * min(1.0, inner / few) * min(1.0, outer / few)
+            ratio = total[SUMS + 1] / outer / max(total[1] / inner, 1e-3)
+            bright = min(max((ratio - as_bright[0]) / (as_bright[1] - as_bright[0]), 0.0), 1.0)
+            begin = rise[0, 0] + bright * (rise[1, 0] - rise[0, 0])
+            gain = 1.0 / (rise[0, 1] + bright * (rise[1, 1] - rise[0, 1]) - begin)
             scale = trust * gain / max(length, 1e-3)
             for k in range(1, 4):
                 slope = (total[k] / inner - total[SUMS + k] / outer) * scale * weights[k - 1]
                 lines[i, j, k - 1] = np.float32(slope)
-            lines[i, j, 3] = np.float32(-offset * scale - trust * gain * rise[0])
+            lines[i, j, 3] = np.float32(-offset * scale - trust * gain * begin)
             lines[i, j, 4] = np.float32(trust)
 
 

@@ -2,9 +2,11 @@
 
 A matte is kept in cells of some pixels. Between those that are skin and those that are not lies a band whose pixels
 the frame itself decides: nearby skin and nearby surroundings have a mean colour each, and a pixel's alpha is where it
-lies on the line from one to the other. So strands of hair stay dark, and the edge lies where the picture has it. The
-line is linear in the coded planes, its coefficients vary slowly and are computed on blocks of cells; where both colours
-are alike, or one is not seen nearby, the cells' own alpha stays.
+lies on the line from one to the other. So strands of hair stay dark, and the edge lies where the picture has it. Chroma
+is coded coarsely and spreads farther than luma: beside a wall the first part of that way is still wall, or a pale line
+would be drawn along a jaw. Hair mixes with skin, and its roots take what they have of it. The line is linear in the
+coded planes, its coefficients vary slowly and are computed on blocks of cells; where both colours are alike, or one is
+not seen nearby, the cells' own alpha stays.
 """
 
 from __future__ import annotations
@@ -35,13 +37,17 @@ class EdgeNumbers:
     noise: float = 1000.0  # squared levels [measured: less flickers more]: colours that differ by less tell nothing
     few: float = 6.0  # cells of either side [by eye]: fewer are trusted in proportion
     chroma: float = 2.0  # weight of chroma beside luma [by eye]
-    # of the way to skin's colour [measured: narrower meets labels better, flickers more]
+    # of the way to skin's colour, beside what is darker than the skin [by blind choice: narrower leaves a ring of the
+    # old colour at hair, wider bleaches roots] and beside what is not [by blind choice: else a pale line at walls]
     rise: tuple[float, float] = (0.0, 0.9)
+    rise_at_walls: tuple[float, float] = (0.15, 0.9)
+    as_bright: tuple[float, float] = (0.6, 0.9)  # of the skin's luma [by eye]: from hair to walls
 
 
 EDGES = EdgeNumbers()
 
-_RISE = np.array(EDGES.rise, np.float32)
+_RISE = np.array([EDGES.rise, EDGES.rise_at_walls], np.float32)
+_AS_BRIGHT = np.array(EDGES.as_bright, np.float32)
 _CROSS = np.asarray(cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3)), np.uint8)
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 _SKIN, _AROUND = 1, 2  # kinds of cells, see `kernels.gather`
@@ -72,7 +78,7 @@ def refine(alpha: Floats, window: tuple[int, int], matte: Matte, frame: Frame) -
     sums = np.zeros((*near.shape, 2 * kernels.SUMS), np.float32)
     kernels.gather(first, second, third, log2x, log2y, weights, corner, step, kind, wanted, sums)
     lines = np.empty((*near.shape, kernels.LINE), np.float32)
-    kernels.color_lines(sums, weights, near, EDGES.reach, EDGES.noise, EDGES.few, _RISE, lines)
+    kernels.color_lines(sums, weights, near, EDGES.reach, EDGES.noise, EDGES.few, _RISE, _AS_BRIGHT, lines)
     cells = np.empty((*kind.shape, kernels.LINE), np.float32)
     kernels.spread_to_cells(lines, touched, cells)
     opacity = np.float32(full / 255.0)

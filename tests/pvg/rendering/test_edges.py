@@ -85,6 +85,21 @@ def test_an_edge_between_two_hues_has_no_steps() -> None:
     assert np.abs(steps - 0.2).max() < 0.25
 
 
+@pytest.mark.parametrize(
+    ("beyond", "least", "most"), [(WALL, 0.07, 0.15), (np.array([190.0, 200.0, 215.0]), -0.01, 0.02)]
+)
+def test_what_is_little_skin_is_skin_beside_hair_and_none_beside_a_bright_wall(
+    beyond: np.ndarray, least: float, most: float
+) -> None:
+    """Chroma, coded coarsely, spreads over a wall, and a look that brightens would draw a line there."""
+    share = np.broadcast_to(np.clip((SIDE / 2 + 4 - XS) / 16, 0, 1)[None, :], (SIDE, SIDE))  # over 16 pixels
+    rgb = share[..., None] * SKIN + (1 - share[..., None]) * beyond
+    little = (share > 0.05) & (share < 0.08)
+    little[:16] = little[-16:] = False
+    told = refined(rgb, soft_matte())[little]
+    assert least < told.mean() < most
+
+
 def test_where_both_sides_are_alike_the_matte_stays() -> None:
     matte = soft_matte()
     plain = np.full((SIDE, SIDE, 3), 128.0)
