@@ -190,9 +190,9 @@ def apply_map(
         for j in range(last - first):
             change[j] = a[j] + f * (b[j] - a[j])
         if len(fade):
-            w = fade[i, first:last]
+            kept = fade[i, first:last]
             for j in range(last - first):
-                change[j] *= w[j]
+                change[j] *= kept[j]
         if falls:
             for j in range(last - first):
                 change[j] += rise[wide[j]] + fall[was[j]]
@@ -314,8 +314,11 @@ def scale(
 
 
 @kernel(fastmath=True)
-def sum_sure(part: Samples, alpha: Floats, sure: np.float32, cell: int, sums: Floats) -> None:
-    """sums (2, rows, columns) = the sum over each cell of cell × cell samples with α ≥ sure, and their number."""
+def sum_sure(part: Samples, beta: Floats, sure: np.float32, cell: int, sums: Floats) -> None:
+    """sums (2, rows, columns) = the sum over each cell of cell × cell samples with β ≥ sure, and their number.
+
+    part: (r, c) samples;  beta: (r, c), see `show_skin`.
+    """
     rows, columns = part.shape
     total, number = np.empty(columns, np.float32), np.empty(columns, np.float32)
     for k in range(-(-rows // cell)):
@@ -323,7 +326,7 @@ def sum_sure(part: Samples, alpha: Floats, sure: np.float32, cell: int, sums: Fl
         number[:] = np.float32(0.0)
         for i in range(k * cell, min(rows, (k + 1) * cell)):
             for j in range(columns):  # without a branch, so that it vectorises
-                counts = np.float32(alpha[i, j] >= sure)
+                counts = np.float32(beta[i, j] >= sure)
                 total[j] += counts * np.float32(part[i, j])
                 number[j] += counts
         for c in range(-(-columns // cell)):
@@ -342,22 +345,23 @@ def known_means(sums: Floats, mass: Floats, least: np.float32, unknown: np.float
 
 
 @kernel(fastmath=True)
-def show_skin(part: Samples, alpha: Floats, columns: Doubles, rows: Doubles, mean: Floats, sure: np.float32) -> None:
-    """part = α² part + (1 − α²) mean where 0 < α < sure, in place, rounded; where the mean is not negative.
+def show_skin(part: Samples, beta: Floats, columns: Doubles, rows: Doubles, mean: Floats, sure: np.float32) -> None:
+    """part = β² part + (1 − β²) mean where 0 < β < sure, in place, rounded; where the mean is not negative.
 
-    part, alpha: (r, c);  mean: a grid, see `apply_contrast`, negative where it is not known.
+    part: (r, c) samples;  beta: (r, c) float32 β in [0, 1], see `pvg.rendering.foreground`;
+    mean: a grid of code values, see `apply_contrast`, negative where it is not known.
     """
     count, (h, w) = part.shape[1], mean.shape
     (index, share), (upper, down) = split(columns, w), split(rows, h)
     held = np.empty((2, count), np.float32)
     at, half, none, one = -2, np.float32(0.5), np.float32(0.0), np.float32(1.0)
     for i in range(part.shape[0]):
-        first, last = _run(alpha[i])
+        first, last = _run(beta[i])
         if first >= last:
             continue
         f = down[i]
         at = at if upper[i] == at else reach(mean, upper[i], at, index, share, held)
-        a, b, v, to = held[0, first:last], held[1, first:last], alpha[i, first:last], part[i, first:last]
+        a, b, v, to = held[0, first:last], held[1, first:last], beta[i, first:last], part[i, first:last]
         for j in range(last - first):
             skin = a[j] + f * (b[j] - a[j])
             mixed = np.float32((v[j] > none) & (v[j] < sure) & (skin >= none))

@@ -33,14 +33,14 @@ from pvg.rendering import _kernels as kernels
 from pvg.rendering.plane_samples import at_chroma, over_chroma, without_fine_detail
 from pvg.video import Frame, PixelFormat
 
-_SURE = np.float32(0.97)  # of alpha, from which on a pixel is all skin [by eye]
+_SURE = np.float32(0.97)  # of β, from which on a pixel is all skin [by eye]
 _CELLS = 2  # of the matte to a cell of means
 _SAMPLES = 4  # a side of such a cell that its mean is taken of, at least
 _SPREAD = 1.0  # such cells, sigma of the mean [by eye: an edge is some cells wide]
 _UNKNOWN = np.float32(-1e9)  # a mean that is read beside one is negative, by a share of it that is as small as 1/64 too
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 _HARDLY = np.float32(1e-4)  # of β, where there is any skin
-_LEAST = np.float32(3e-4)  # of a mean's weight where all around is sure: with less there is none
+_LEAST = np.float32(3e-4)  # of a mean's mass where all around is sure: with less there is none
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +74,10 @@ def foreground(frame: Frame, corner: tuple[int, int], alpha: Floats, step: float
     """
     shown = as_they_are(frame, corner, alpha)
     luma, *chroma = shown.planes
-    least = np.maximum(cv2.erode(alpha, _NEIGHBOURS), np.minimum(alpha, _HARDLY))
-    _show_skin([luma], least, step, 0)
+    beta = np.maximum(cv2.erode(alpha, _NEIGHBOURS), np.minimum(alpha, _HARDLY))
+    _show_skin([luma], beta, step, 0)
     log2x = 0 if frame.format.is_rgb else frame.format.chroma_log2[0]
-    _show_skin(chroma, over_chroma(least, frame.format), step, log2x)
+    _show_skin(chroma, over_chroma(beta, frame.format), step, log2x)
     return shown
 
 
@@ -92,28 +92,28 @@ def as_they_are(frame: Frame, corner: tuple[int, int], alpha: Floats) -> Foregro
     return Foreground(tuple(parts), chroma_alpha, frame.format)
 
 
-def _show_skin(parts: list[NDArray[Any]], weight: Floats, step: float, log2x: int) -> None:
+def _show_skin(parts: list[NDArray[Any]], beta: Floats, step: float, log2x: int) -> None:
     """Let samples (r, c) at the edge of a matte over them show the skin in them, in place.
 
-    step: pixels a cell of the matte;  log2x: of the pixels along a sample.
+    beta: (r, c) float32 β over the samples;  step: pixels a cell of the matte;  log2x: of the pixels along a sample.
     """
-    rows, columns = weight.shape
+    rows, columns = beta.shape
     cell = max(2, round(_CELLS * step) >> log2x)
     apart = max(1, cell // _SAMPLES)
     cell = cell // apart * apart
     xs, ys = _in_cells(columns, cell), _in_cells(rows, cell)
-    for part, mean in zip(parts, _means(parts, weight, cell, apart), strict=True):
-        kernels.show_skin(part, weight, xs, ys, mean, _SURE)
+    for part, mean in zip(parts, _means(parts, beta, cell, apart), strict=True):
+        kernels.show_skin(part, beta, xs, ys, mean, _SURE)
 
 
-def _means(parts: list[NDArray[Any]], weight: Floats, cell: int, apart: int) -> Iterator[Floats]:
+def _means(parts: list[NDArray[Any]], beta: Floats, cell: int, apart: int) -> Iterator[Floats]:
     """The mean of the sure skin around each cell of `cell` samples a side, of each of some planes alike (r, c).
 
-    apart: samples from one that is read to the next.
+    beta: (r, c), see `_show_skin`;  apart: samples from one that is read to the next.
     """
     across = cell // apart
-    rows, columns = (max(2, -(-size // cell)) for size in weight.shape)
-    sparse = np.ascontiguousarray(weight[::apart, ::apart])
+    rows, columns = (max(2, -(-size // cell)) for size in beta.shape)
+    sparse = np.ascontiguousarray(beta[::apart, ::apart])
     mass: Floats | None = None
     for part in parts:
         sums = np.zeros((2, rows, columns), np.float32)
