@@ -71,7 +71,7 @@ class FaceTracker:
     """Follows faces through frames given one at a time; see `track_faces`.
 
     open: the faces being followed, oldest first;  closed: those that ended;  cuts: first frames of the shots but the
-    first;  frame_count: frames seen;  left_out: see `FaceTracks`.
+    first;  frame_count: frames seen;  over_limit: see `FaceTracks`.
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class FaceTracker:
         self.open: list[OpenTrack] = []
         self.closed: list[OpenTrack] = []
         self.frame_count = 0
-        self.left_out = 0
+        self.over_limit = 0
         self._last_detection: int | None = None
         self._expected: int | None = None
         self._before: Picture | None = None
@@ -148,8 +148,8 @@ class FaceTracker:
             if mesh is None or share_inside(mesh.points, picture.size) < LEAST_FITTED:
                 moved = self._carried(track, index, picture)
                 if moved is not None:
-                    track.has_left = share_inside(moved.points, picture.size) < LEAST_SEEN
-                    if not track.has_left:
+                    track.left_picture = share_inside(moved.points, picture.size) < LEAST_SEEN
+                    if not track.left_picture:
                         track.carry(index, moved)
                     continue
             if mesh is not None:
@@ -205,7 +205,7 @@ class FaceTracker:
 
     def _acquire(self, index: int, detections: tuple[Detection, ...], picture: Picture) -> None:
         """Give detections nobody follows to lost tracks nearby, or to new ones, and count those left out."""
-        left_out: list[Floats] = []  # boxes: who has given its place is detected once more
+        without_place: list[Floats] = []  # boxes: who has given its place is detected once more
         for detection in detections:
             if self._taken(index, detection.box):
                 continue
@@ -217,14 +217,14 @@ class FaceTracker:
                 crowded_out = self._crowded_out(index, mesh) if len(self.open) >= self._max_faces else None
                 if crowded_out is not None and self._is_wanted(crowded_out):
                     box = box_of(crowded_out.points)
-                    if not left_out or float(box_iou(box, np.stack(left_out)).max()) <= SAME_FACE_IOU:
-                        left_out.append(box)
+                    if not without_place or float(box_iou(box, np.stack(without_place)).max()) <= SAME_FACE_IOU:
+                        without_place.append(box)
                 if crowded_out is mesh:
                     continue
                 track = OpenTrack(index, mesh)
                 self.open.append(track)
             track.add(index, mesh)
-        self.left_out = max(self.left_out, len(left_out))
+        self.over_limit = max(self.over_limit, len(without_place))
 
     def _crowded_out(self, index: int, mesh: Mesh) -> Mesh:
         """Who has no place now that a new face needs one: that face itself, or the narrowest, whose track ends."""
@@ -300,9 +300,9 @@ class FaceTracker:
         """All tracks without those too short or too doubtful to be a face."""
         every = self.closed + self.open
         done = [track.raw() for track in every if self.is_face(track, finished=True)]
-        glimpsed = not done and any(track.is_confident(1) for track in every)
+        too_brief = not done and any(track.is_confident(1) for track in every)
         done.sort(key=lambda track: (track.first, float(track.landmarks.points[0, :, 0].mean())))
-        return FaceTracks(tuple(done), tuple(self.cuts), self.frame_count, self.left_out, glimpsed)
+        return FaceTracks(tuple(done), tuple(self.cuts), self.frame_count, self.over_limit, too_brief)
 
 
 def _width(mesh: Mesh) -> float:

@@ -57,15 +57,15 @@ class FaceTracks:
     """All faces of a clip.
 
     tracks: ordered by first frame, then from left to right; cuts: first frame of every shot but the first;
-    frame_count: how many frames were looked at;  left_out: how many faces that were wide enough had no place, in the
-    frame with most of them;  glimpsed: whether there are no tracks, but something that was a face for too short a time.
+    frame_count: how many frames were looked at;  over_limit: how many faces that were wide enough had no place, in the
+    frame with most of them;  too_brief: whether there are no tracks, but something was a face for too short a time.
     """
 
     tracks: tuple[FaceTrack, ...]
     cuts: tuple[int, ...]
     frame_count: int
-    left_out: int = 0
-    glimpsed: bool = False
+    over_limit: int = 0
+    too_brief: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +82,7 @@ class OpenTrack:
     """A face being followed. `frames` and `seen` run parallel and skip the frames where it was not seen.
 
     first: its first frame, also once the beginning is forgotten; last_mesh: where it was last seen; scores: of all
-    frames that showed it whole; has_left: whether it left the picture after them.
+    frames that showed it whole; left_picture: whether it left the picture after them.
     """
 
     first: int
@@ -90,7 +90,7 @@ class OpenTrack:
     frames: list[int] = field(default_factory=list)
     seen: list[Seen] = field(default_factory=list)
     scores: list[float] = field(default_factory=list)
-    has_left: bool = False
+    left_picture: bool = False
 
     def add(self, index: int, mesh: Mesh) -> None:
         """The face was seen in frame `index`."""
@@ -110,7 +110,7 @@ class OpenTrack:
             self.seen.pop()
 
     def _append(self, index: int, mesh: Mesh) -> None:
-        self.has_left = False
+        self.left_picture = False
         self.frames.append(index)
         self.seen.append(Seen(Landmarks.from_mesh(mesh.points), mesh.score, head_pose(mesh)))
         self.last_mesh = mesh

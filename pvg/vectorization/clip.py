@@ -24,11 +24,11 @@ from pvg.errors import FaceTooSmallError, NoFaceError
 from pvg.landmarks import FaceTrack, FaceTracks, link_persons, smooth, track_faces
 from pvg.picture import Picture
 from pvg.skin import MaskMethod, Matte, Scene, SceneReader
+from pvg.vectorization.face_messages import no_usable_face, over_limit_warning
 from pvg.vectorization.fading import opacity
-from pvg.vectorization.following import CHUNK, Following, KeyView, LeftTrack, Stretch, key_view, rows_between
+from pvg.vectorization.following import CHUNK, DeferredTrack, Following, KeyView, Stretch, key_view, rows_between
 from pvg.vectorization.helpers import Helpers
 from pvg.vectorization.key_frames import best_row
-from pvg.vectorization.telling import left_out, refusal
 from pvg.vectorization.vector_face import ADVISED_FACE_PX, VectorFace
 from pvg.video import (
     INPUT_COLORS,
@@ -124,7 +124,7 @@ def vectorize(
             done = work.key_views(writer) if reference else work.whole_clip(writer)
         except _EndedByCallerError as ended:
             raise ended.error from None
-        faces, left_out = work.with_skin(done, writer)
+        faces, no_skin = work.with_skin(done, writer)
         records = [face.record(index) for index, face in enumerate(faces)]
         persons = link_persons([face.shape() for face in faces], [record.summary.skin_rgb for record in records])
         for face, record, person in zip(faces, records, persons, strict=True):
@@ -139,7 +139,7 @@ def vectorize(
                 },
                 **source_note(path, None if asset is None else target),
                 "source_sha256": sha256_file(path),
-                "media": {**asdict(summary), "warnings": summary.warnings + noticed + left_out},
+                "media": {**asdict(summary), "warnings": summary.warnings + noticed + no_skin},
                 "shots": list(done.shots),
             }
         )
@@ -283,29 +283,29 @@ class _Work:
                     if stretch.last:
                         faces[stretch.number].finish(writer)
         shots, frame_count = (0, *following.cuts), following.frame_count
-        self.notices.extend(left_out(following.left_out))
-        left, widest = following.left()
-        if left:
+        self.notices.extend(over_limit_warning(following.over_limit))
+        deferred, widest = following.deferred()
+        if deferred:
             first = max(faces, default=-1) + 1
             others = tuple(faces.values())
-            faces |= self._second_reading(following, dict(enumerate(left, first)), others, shots, writer)
+            faces |= self._second_reading(following, dict(enumerate(deferred, first)), others, shots, writer)
         if not faces:
-            raise self._refusal(widest, frame_count, following.glimpsed)
+            raise self._no_usable_face(widest, frame_count, following.too_brief)
         return _Done(tuple(faces.values()), shots, frame_count)
 
     def _second_reading(
         self,
         following: Following,
-        left: dict[int, LeftTrack],
+        deferred: dict[int, DeferredTrack],
         others: Sequence[VectorFace],
         shots: tuple[int, ...],
         writer: AssetWriter,
     ) -> dict[int, VectorFace]:
         """Follow tracks that are known from end to end, by number;  others: the faces of the first reading."""
         frame_count = following.frame_count
-        tracks = {number: smooth(one.track) for number, one in left.items()}
+        tracks = {number: smooth(one.track) for number, one in deferred.items()}
         visible = {
-            number: opacity(track, shots, frame_count, walks_out=left[number].walks_out)
+            number: opacity(track, shots, frame_count, left_picture=deferred[number].left_picture)
             for number, track in tracks.items()
         }
         faces: dict[int, VectorFace] = {}
@@ -350,7 +350,7 @@ class _Work:
         ((index, picture),) = self.pictures()
         result = self._track([(index, picture)])
         self._check_width(result)
-        self.notices.extend(left_out(result.left_out))
+        self.notices.extend(over_limit_warning(result.over_limit))
         scene = None
         if self.mask == "landmarks":  # an image can be drawn as well
             scene = SceneReader().step(picture, [track.landmarks[0] for track in result.tracks])
@@ -406,14 +406,14 @@ class _Work:
         """Raise `NoFaceError` or `FaceTooSmallError` unless one face is wide enough."""
         widest = _widest(found)
         if widest < self.min_face_px:
-            raise self._refusal(widest, found.frame_count, found.glimpsed)
+            raise self._no_usable_face(widest, found.frame_count, found.too_brief)
 
-    def _refusal(self, widest: float, frame_count: int, glimpsed: bool) -> NoFaceError | FaceTooSmallError:
-        return refusal(
+    def _no_usable_face(self, widest: float, frame_count: int, too_brief: bool) -> NoFaceError | FaceTooSmallError:
+        return no_usable_face(
             self.path.name,
             frame_count,
             widest=widest,
-            glimpsed=glimpsed,
+            too_brief=too_brief,
             image=self.media.kind == "image",
             min_px=self.min_face_px,
             advised_px=self.advised_face_px,

@@ -13,14 +13,14 @@ from pvg.landmarks import FaceTrack
 FADE_REACH = 5  # a lost face's correction fades over the frames nearer than this
 
 
-def opacity(track: FaceTrack, shots: Collection[int], frame_count: int, *, walks_out: bool = False) -> Floats:
+def opacity(track: FaceTrack, shots: Collection[int], frame_count: int, *, left_picture: bool = False) -> Floats:
     """(n,) 1 where the face is seen, falling to 0 over some frames towards those where it is not.
 
     shots: first frames of the shots. At a cut the face comes and goes whole, as the picture does, and it leaves the
-    picture whole (walks_out); a face that appears or is lost within a shot comes and goes softly.
+    picture whole (left_picture); a face that appears or is lost within a shot comes and goes softly.
     """
     before = track.first in shots or track.first == 0
-    after = walks_out or track.last + 1 in shots or track.last + 1 >= frame_count
+    after = left_picture or track.last + 1 in shots or track.last + 1 >= frame_count
     return faded(track.score > 0, before=before, after=after)
 
 

@@ -79,21 +79,21 @@ class _Course:
     pictures: dict[int, Picture] = field(default_factory=dict)
     done: int = 0  # the next frame to settle
     begun: bool = False
-    left: bool = False  # for a second reading
+    deferred: bool = False  # to a second reading
 
 
 @dataclass(frozen=True, eq=False)
-class LeftTrack:
-    """A track for a second reading, not smoothed;  walks_out: whether its face leaves the picture after it."""
+class DeferredTrack:
+    """A track for a second reading, not smoothed;  left_picture: whether its face leaves the picture after it."""
 
     track: FaceTrack
-    walks_out: bool
+    left_picture: bool
 
 
 class Following:
     """Follows all faces of a clip; `advances` is to be run through once.
 
-    Then `cuts`, `frame_count`, `left_out`, `glimpsed` and `left` tell of the whole clip.
+    Then `cuts`, `frame_count`, `over_limit`, `too_brief` and `deferred` tell of the whole clip.
     """
 
     def __init__(
@@ -108,7 +108,7 @@ class Following:
         self._min_face_px = min_face_px
         self._from_first_row = from_first_row
         self._courses: list[_Course] = []
-        self._later: list[tuple[OpenTrack, float]] = []  # with its width, px
+        self._deferred: list[tuple[OpenTrack, float]] = []  # with its width, px
         self._found = 0
         self._finished = False
 
@@ -123,24 +123,24 @@ class Following:
         return self._tracker.frame_count
 
     @property
-    def left_out(self) -> int:
+    def over_limit(self) -> int:
         """How many faces that are wide enough had no place, in the frame with most of them."""
-        return self._tracker.left_out
+        return self._tracker.over_limit
 
     @property
-    def glimpsed(self) -> bool:
+    def too_brief(self) -> bool:
         """Whether something left was a face for too short a time, or too doubtful in its other frames."""
-        return any(track.is_confident(1) for track, _ in self._later)
+        return any(track.is_confident(1) for track, _ in self._deferred)
 
-    def left(self) -> tuple[tuple[LeftTrack, ...], float]:
+    def deferred(self) -> tuple[tuple[DeferredTrack, ...], float]:
         """After all frames: the tracks for a second reading, and the width in px of the widest face that is too small.
 
         The width is 0 without one.
         """
-        faces = [(track, width) for track, width in self._later if self._tracker.is_face(track, finished=True)]
+        faces = [(track, width) for track, width in self._deferred if self._tracker.is_face(track, finished=True)]
         narrow = [width for _, width in faces if width < self._min_face_px]
         wide = (track for track, width in faces if width >= self._min_face_px)
-        return tuple(LeftTrack(track.raw(), track.has_left) for track in wide), max(narrow, default=0.0)
+        return tuple(DeferredTrack(track.raw(), track.left_picture) for track in wide), max(narrow, default=0.0)
 
     def advances(self, frames: Iterable[tuple[int, Picture]]) -> Iterator[Advance]:
         """What becomes final with each frame; frames: (index, picture) of the whole clip in order."""
@@ -152,11 +152,11 @@ class Following:
             around = {
                 course.number: surroundings(track.seen[-1].landmarks, course.aspect)
                 for track, course in followed
-                if not course.left
+                if not course.deferred
             }
             whole = _take_more(around.values(), picture.size)
             for track, course in followed:
-                if not course.left:
+                if not course.deferred:
                     course.pictures[index] = picture if whole else picture.part(around[course.number])
                     if track.last - LOOKAHEAD - course.done >= CHUNK:
                         stretches += self._settle(course, course.done + CHUNK)
@@ -179,7 +179,7 @@ class Following:
             self._scenes[index], self._contrasts[index] = scene, scene.contrast
 
     def _settled(self, upto: int) -> int:
-        return min([upto, *(course.done for course in self._courses if not course.left)])
+        return min([upto, *(course.done for course in self._courses if not course.deferred)])
 
     def _course(self, track: OpenTrack) -> _Course:
         for course in self._courses:
@@ -199,13 +199,13 @@ class Following:
         self._courses = [course for course in self._courses if id(course.track) not in closed]
         out = []
         for course in ended:
-            if not course.left:
+            if not course.deferred:
                 out += self._settle(course, course.track.last + 1)
-            if course.left:
+            if course.deferred:
                 width = course.track.raw().width_px
                 if width < self._min_face_px:  # nobody follows it: a crowd's faces would fill the memory
                     course.track.seen.clear()
-                self._later.append((course.track, width))
+                self._deferred.append((course.track, width))
         return out
 
     def _settle(self, course: _Course, stop: int) -> list[Stretch]:
@@ -216,7 +216,7 @@ class Following:
         if not course.begun:
             key = self._key_view(course, window, ended=last)
             if key is None:
-                course.left = True
+                course.deferred = True
                 course.pictures.clear()
                 return []
             course.begun = True
@@ -224,7 +224,7 @@ class Following:
         visible = faded(
             track.shows(before, beyond),
             before=before > track.first or track.first == 0 or track.first in self._tracker.cuts,
-            after=beyond <= track.last or track.has_left or self._whole_to(track.last + 1),
+            after=beyond <= track.last or track.left_picture or self._whole_to(track.last + 1),
         )[start - before : stop - before]
         pictures = tuple(course.pictures.pop(frame) for frame in range(start, stop))
         scenes = tuple(self._scenes[frame] for frame in range(start, stop)) if self._scene_reader else ()

@@ -74,9 +74,9 @@ def test_a_shot_of_one_frame_is_a_shot_where_a_frame_lasts(head: np.ndarray) -> 
     slow, fast = (track_faces(enumerate(pictures), frame_rate=rate) for rate in (12, 25))
     assert slow.cuts == fast.cuts == (1, 2, 3, 4)
     assert [(track.first, track.last) for track in slow.tracks] == [(k, k) for k in range(5)]
-    assert not slow.glimpsed
+    assert not slow.too_brief
     assert fast.tracks == ()
-    assert fast.glimpsed
+    assert fast.too_brief
 
 
 def hidden_in(head: np.ndarray, count: int, hidden: range) -> Iterator[tuple[int, np.ndarray]]:
@@ -168,12 +168,12 @@ def test_at_most_max_faces_are_followed(head: np.ndarray) -> None:
     frames = ((i, pasted(pasted(background(5), head, 10, 50), head, 270, 70)) for i in range(20))
     result = track_faces(frames, max_faces=1)
     assert [(track.first, track.last) for track in result.tracks] == [(0, 19)]
-    assert result.left_out == 1
+    assert result.over_limit == 1
 
 
 def test_nobody_is_left_out_while_there_is_room(head: np.ndarray) -> None:
     frames = ((i, pasted(pasted(background(5), head, 10, 50), head, 270, 70)) for i in range(8))
-    assert track_faces(frames, max_faces=2).left_out == 0
+    assert track_faces(frames, max_faces=2).over_limit == 0
 
 
 def joined_by(head: np.ndarray, growth: float, since: int) -> Iterator[tuple[int, np.ndarray]]:
@@ -194,7 +194,7 @@ def test_a_full_tracker_gives_the_narrowest_faces_place_to_a_larger_one(
     result = track_faces(joined_by(head, growth, 7), max_faces=1, min_face_px=min_face_px)
     spans = [(track.first, track.last) for track in result.tracks]
     assert spans == ([(0, 11), (12, 19)] if gives_place else [(0, 19)])
-    assert result.left_out == (min_face_px == 24)  # the narrow ones are none that anybody misses
+    assert result.over_limit == (min_face_px == 24)  # the narrow ones are none that anybody misses
 
 
 def test_of_a_picture_with_too_many_faces_the_widest_are_kept(head: np.ndarray) -> None:
@@ -203,7 +203,7 @@ def test_of_a_picture_with_too_many_faces_the_widest_are_kept(head: np.ndarray) 
         result = track_faces([(0, mirrored)], max_faces=1)
         (track,) = result.tracks
         assert track.width_px > 150
-        assert result.left_out == 1
+        assert result.over_limit == 1
 
 
 def test_what_may_be_no_face_takes_no_place(head: np.ndarray, mesh: Mesh) -> None:
@@ -238,7 +238,7 @@ def test_frames_without_a_face_are_fine() -> None:
     result = track_faces((i, background(6)) for i in range(20))
     assert result.tracks == ()
     assert result.frame_count == 20
-    assert not result.glimpsed
+    assert not result.too_brief
 
 
 def test_skipped_frames_are_refused() -> None:
@@ -261,7 +261,7 @@ def test_a_face_that_leaves_is_followed_until_it_is_gone(
     for index in range(40):
         tracker.step(index, as_picture(window(portrait, center + index * np.array(step))))
     (track,) = tracker.open + tracker.closed
-    assert track.has_left
+    assert track.left_picture
     rows = track.raw()
     points = rows.landmarks.points
     assert share_inside(points[-1], (400, 400)) < 0.25

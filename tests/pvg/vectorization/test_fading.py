@@ -18,7 +18,7 @@ def test_a_face_comes_and_goes_whole_at_a_cut_and_at_the_clips_ends() -> None:
     assert (opacity(seen_track([1.0] * 20), shots=(0, 10, 30), frame_count=100) == 1).all()
     assert (opacity(seen_track([1.0] * 20, first=0), shots=(0,), frame_count=20) == 1).all()
     assert (opacity(seen_track([1.0], first=0), shots=(0,), frame_count=1) == 1).all()
-    walked_out = opacity(seen_track([1.0] * 20, first=0), shots=(0,), frame_count=100, walks_out=True)
+    walked_out = opacity(seen_track([1.0] * 20, first=0), shots=(0,), frame_count=100, left_picture=True)
     assert (walked_out == 1).all()
 
 

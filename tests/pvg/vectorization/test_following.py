@@ -71,7 +71,7 @@ def test_one_reading_gives_the_track_that_two_give(clip: Frames) -> None:
     accelerations = [np.abs(np.diff(t.landmarks.points, 2, axis=0)).mean() for t in (track, wanted)]
     assert accelerations[0] < 1.05 * accelerations[1]
     assert following.cuts == ()
-    assert following.left() == ((), 0.0)
+    assert following.deferred() == ((), 0.0)
 
 
 def test_a_short_track_is_smoothed_as_a_whole(clip: Frames) -> None:
@@ -119,10 +119,10 @@ def test_visibility_is_that_of_the_whole_track(clip: Frames) -> None:
 def test_a_narrow_face_is_named_and_not_followed(clip: Frames) -> None:
     stretches, following = follow(clip[:30], min_face_px=1000)
     assert stretches == []
-    tracks, widest = following.left()
+    tracks, widest = following.deferred()
     assert tracks == ()
     assert widest > 100
-    assert [len(track.seen) for track, _ in following._later] == [0]  # its width is all that is asked of it
+    assert [len(track.seen) for track, _ in following._deferred] == [0]  # its width is all that is asked of it
 
 
 def test_a_face_without_a_good_view_in_time_is_left_for_a_second_reading(
@@ -133,9 +133,9 @@ def test_a_face_without_a_good_view_in_time_is_left_for_a_second_reading(
     monkeypatch.setattr(pvg.vectorization.following, "good_rows", lambda track: np.zeros(len(track.score), np.bool_))
     stretches, following = follow(clip)
     assert stretches == []
-    (left,), _ = following.left()
+    (deferred,), _ = following.deferred()
     (whole,) = track_faces(clip).tracks
-    np.testing.assert_array_equal(left.track.landmarks.points, whole.landmarks.points)
+    np.testing.assert_array_equal(deferred.track.landmarks.points, whole.landmarks.points)
 
 
 def test_every_stretch_begins_with_a_key_view_once(clip: Frames) -> None:

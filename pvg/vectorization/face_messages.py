@@ -1,4 +1,4 @@
-"""What is told of a clip's faces: why none of them can be used, and how many have no place."""
+"""Messages about a clip's faces: the error when none can be used, the warning when there are too many."""
 
 from __future__ import annotations
 
@@ -6,19 +6,20 @@ from pvg.errors import FaceTooSmallError, NoFaceError
 from pvg.landmarks import MAX_FACES
 
 
-def refusal(
-    name: str, frame_count: int, *, widest: float, glimpsed: bool, image: bool, min_px: float, advised_px: float
+def no_usable_face(
+    name: str, frame_count: int, *, widest: float, too_brief: bool, image: bool, min_px: float, advised_px: float
 ) -> NoFaceError | FaceTooSmallError:
-    """Why a clip or image without a usable face is refused.
+    """The error for a clip or image without a usable face, not raised yet.
 
-    widest: of the faces found, px, 0 without any;  glimpsed: whether without any there was one for too short a time.
+    widest: of the faces found, px, 0 without any;  frame_count: of the clip;
+    too_brief: whether without any there was one for too short a time.
     """
     if widest:
         return FaceTooSmallError(
             f"the largest face in {name} is {widest:.0f} px wide; it must be at least {min_px:g} px, and "
             f"{advised_px:g} px is advised"
         )
-    if glimpsed and not image:
+    if too_brief and not image:
         return NoFaceError(
             f"no face is seen for long enough in the {frame_count} frames of {name}; five frames that show it clearly "
             "are needed, or all of a shorter shot of two"
@@ -27,7 +28,7 @@ def refusal(
     return NoFaceError(f"no face found {what} of {name}; a face at least {min_px:g} px wide is needed")
 
 
-def left_out(count: int) -> tuple[str, ...]:
+def over_limit_warning(count: int) -> tuple[str, ...]:
     """The warning of faces that are wide enough and are not followed, none without any."""
     if not count:
         return ()
