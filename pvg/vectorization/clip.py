@@ -27,8 +27,8 @@ from pvg.skin import MaskMethod, Matte, Scene, SceneReader
 from pvg.vectorization.face_messages import no_usable_face, over_limit_warning
 from pvg.vectorization.fading import opacity
 from pvg.vectorization.following import CHUNK, DeferredTrack, Following, KeyView, Stretch, key_view, rows_between
-from pvg.vectorization.helpers import Helpers
 from pvg.vectorization.key_frames import best_row
+from pvg.vectorization.shared_threads import SharedThreads
 from pvg.vectorization.vector_face import ADVISED_FACE_PX, VectorFace
 from pvg.video import (
     INPUT_COLORS,
@@ -100,7 +100,7 @@ def vectorize(
     report: Progress = progress or (lambda stage, done, total: None)
     media = probe(path, limits, input_color=input_color, strict=strict)
     target = Path(asset) if asset is not None else _temporary_name()
-    with one_blas_thread(), contextlib.ExitStack() as undo, Helpers() as helpers:
+    with one_blas_thread(), contextlib.ExitStack() as undo, SharedThreads() as threads:
         if asset is None:
             undo.callback(target.unlink)
         if media.kind == "video" and not reference:
@@ -118,7 +118,7 @@ def vectorize(
             seed=seed,
             min_face_px=min_face_px,
             advised_face_px=advised_face_px,
-            helpers=helpers,
+            threads=threads,
         )
         try:
             done = work.key_views(writer) if reference else work.whole_clip(writer)
@@ -201,7 +201,7 @@ class _Work:
     seed: int
     min_face_px: float
     advised_face_px: float
-    helpers: Helpers
+    threads: SharedThreads
     notices: list[str] = field(default_factory=list)
 
     @property
@@ -253,7 +253,7 @@ class _Work:
             number,
             rows,
             key,
-            self.helpers,
+            self.threads,
             method=self.mask,
             seed=self.seed,
             reset=reset,

@@ -30,12 +30,12 @@ from pvg.skin import (
 )
 from pvg.vectorization.exposure import DueKey, ExposureWatch, FacePatch
 from pvg.vectorization.following import KeyView, Stretch, rows_between
-from pvg.vectorization.helpers import Helpers
 from pvg.vectorization.key_colors import fit_key_frame
 from pvg.vectorization.key_frames import good_rows
 from pvg.vectorization.open_skin import skin_sample
 from pvg.vectorization.part_colors import part_colors, shows_lips, with_lips_of, without_covered_lips
 from pvg.vectorization.plausible import doubts
+from pvg.vectorization.shared_threads import SharedThreads
 
 ADVISED_FACE_PX = 200  # the paper's least face size
 _SAMPLE_MARGIN = 0.06  # of the face's width: reach of what smooths the sampled skin
@@ -57,14 +57,14 @@ class VectorFace:
         number: int,
         begin: FaceTrack,
         key: KeyView,
-        helpers: Helpers,
+        threads: SharedThreads,
         *,
         method: MaskMethod,
         seed: int,
         reset: int | None,
         advised_px: float = ADVISED_FACE_PX,
     ) -> None:
-        """begin: the track's first rows or all;  helpers: of all faces of the clip, open until `record` was called;
+        """begin: the track's first rows or all;  threads: of all faces of the clip, open until `record` was called;
         reset: a new key frame after so many frames, None for never.
 
         advised_px: narrower faces get a warning.
@@ -90,7 +90,7 @@ class VectorFace:
         self._consensus = MatteConsensus()
         # rows that wait for the frames after them: one of some rows, its opacity, the body's alpha
         self._unwritten: deque[tuple[FaceTrack, int, float, Future[Bytes]]] = deque()
-        self._helpers = helpers
+        self._threads = threads
         self._key_row = key.row
         self._key: KeyView | None = key
         skin = SkinTracker(model)
@@ -121,7 +121,7 @@ class VectorFace:
             if self._lips is None and row % _LIPS_EVERY == 0 and good_rows(rows)[k]:
                 self._look_for_lips(_seen_skin(picture, rows.landmarks[k], matte))
             seen = matte, self._skin.light, self._skin.told
-            body = self._helpers.bodies.submit(self._body_alpha, scene, rows.landmarks[k], *seen)
+            body = self._threads.bodies.submit(self._body_alpha, scene, rows.landmarks[k], *seen)
             self._unwritten.append((rows, k, visible, body))
             steady = matte if self._skin.seen is None else self._consensus.add(self._skin.seen)
             if steady is not None:
@@ -233,7 +233,7 @@ class VectorFace:
         seen = _seen_skin(picture, landmarks, matte)
         if self._lips is None:
             self._look_for_lips(seen)
-        self._keys[row] = self._helpers.fits.submit(_key_frame, frame, picture, landmarks, matte, seen, self._seed)
+        self._keys[row] = self._threads.fits.submit(_key_frame, frame, picture, landmarks, matte, seen, self._seed)
 
     def _look_for_lips(self, seen: _SeenSkin) -> None:
         """Keep the lips of a row, if it shows some."""

@@ -13,7 +13,7 @@ from pvg.face import PARTS, Landmarks, layout
 from pvg.landmarks import FaceTrack
 from pvg.picture import as_picture
 from pvg.vectorization.following import KeyView, Stretch
-from pvg.vectorization.helpers import Helpers
+from pvg.vectorization.shared_threads import SharedThreads
 from pvg.vectorization.vector_face import VectorFace
 from tests.gallery.scenes import drawn_face, open_skin
 
@@ -36,8 +36,8 @@ def test_a_face_keeps_its_places_and_no_stretch_of_its_track(tmp_path: Path) -> 
     picture, count = as_picture(scene.rgb), 6
     rows = still_rows(scene.landmarks, count)
     key = KeyView(0, picture, rows.landmarks[0], None)
-    with AssetWriter(tmp_path / "face.pvg") as writer, Helpers() as helpers:
-        face = VectorFace(0, rows, key, helpers, method="landmarks", seed=0, reset=None)
+    with AssetWriter(tmp_path / "face.pvg") as writer, SharedThreads() as threads:
+        face = VectorFace(0, rows, key, threads, method="landmarks", seed=0, reset=None)
         face.add(Stretch(0, 0, rows, (picture,) * count, np.ones(count, np.float32), (), key, True), writer)
         face.finish(writer)
     place = face.place(5)
@@ -63,8 +63,8 @@ def record_of(pictures: list[np.ndarray], landmarks: Landmarks, folder: Path) ->
     """What is kept of a still face whose key frame is its first."""
     rows, read = still_rows(landmarks, len(pictures)), tuple(as_picture(rgb) for rgb in pictures)
     key = KeyView(0, read[0], rows.landmarks[0], None)
-    with AssetWriter(folder / "face.pvg") as writer, Helpers() as helpers:
-        face = VectorFace(0, rows, key, helpers, method="landmarks", seed=0, reset=None)
+    with AssetWriter(folder / "face.pvg") as writer, SharedThreads() as threads:
+        face = VectorFace(0, rows, key, threads, method="landmarks", seed=0, reset=None)
         face.add(Stretch(0, 0, rows, read, np.ones(len(read), np.float32), (), key, True), writer)
         face.finish(writer)
         return face.record(0)
