@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
-from pvg.vectorization.clip import MIN_FACE_PX, STAGES, VECTORIZER_VERSION, Progress, vectorize
+from pvg.vectorization.clip import MIN_FACE_PX, STAGES, VECTORIZER_VERSION, vectorize
+from pvg.vectorization.source_reader import Progress
 
 __all__ = ["MIN_FACE_PX", "STAGES", "VECTORIZER_VERSION", "Progress", "vectorize"]

@@ -1,18 +1,23 @@
-"""Messages about a clip's faces: the error when none can be used, the warning when there are too many."""
+"""Messages about a clip's faces: the errors when none can be used, the warnings when some are left out.
+
+Errors are returned, for the caller to raise.
+"""
 
 from __future__ import annotations
 
 from pvg.errors import FaceTooSmallError, NoFaceError
 from pvg.landmarks import MAX_FACES
+from pvg.skin import MaskMethod
 
 
 def no_usable_face(
     name: str, frame_count: int, *, widest: float, too_brief: bool, image: bool, min_px: float, advised_px: float
 ) -> NoFaceError | FaceTooSmallError:
-    """The error for a clip or image without a usable face, not raised yet.
+    """The error for a clip or image without a usable face.
 
-    widest: of the faces found, px, 0 without any;  frame_count: of the clip;
-    too_brief: whether without any there was one for too short a time.
+    name: of its file;  frame_count: how many were looked at;  widest: of the faces found, px, 0 without any;
+    too_brief: whether without any there was one for too short a time;  image: whether it is a single picture;
+    min_px, advised_px: widths of a face.
     """
     if widest:
         return FaceTooSmallError(
@@ -34,3 +39,18 @@ def over_limit_warning(count: int) -> tuple[str, ...]:
         return ()
     faces = "1 more face is" if count == 1 else f"{count} more faces are"
     return (f"{faces} left out: at most {MAX_FACES} are followed at a time",)
+
+
+def no_skin_anywhere(name: str, faces: int, mask: MaskMethod) -> NoFaceError:
+    """The error when the mask finds skin on none of the faces;  name: of the file."""
+    count = f"{faces} face" + ("s" if faces > 1 else "")
+    return NoFaceError(f"no skin found on any of {count} of {name}{_mask_advice(mask)}")
+
+
+def no_skin_warning(first_frame: int, mask: MaskMethod) -> str:
+    """The warning of a face on which the mask finds no skin."""
+    return f"no skin found on a face seen from frame {first_frame} on, which is left out{_mask_advice(mask)}"
+
+
+def _mask_advice(mask: MaskMethod) -> str:
+    return ': mask="ycbcr" tells it by its colour, mask="landmarks" does not' if mask == "ycbcr" else ""

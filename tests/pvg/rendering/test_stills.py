@@ -57,7 +57,7 @@ def test_of_a_reference_only_frames_that_it_keeps_are_near(
     """Its file has key pictures beyond them."""
     pictures = [libav_frame(frame.rgb()) for frame in read_frames(short_clip, stop=6)]
     clip = encode_raw(tmp_path / "keys.mp4", pictures, "libx264", g="4", sc_threshold="0")
-    monkeypatch.setattr("pvg.vectorization.clip._REFERENCE_FRAMES", 4)
+    monkeypatch.setattr("pvg.vectorization.references._REFERENCE_FRAMES", 4)
     with pvg.vectorize(clip, reference=True) as reference:
         stills = Stills(reference)
         assert reference.frame_count == 4

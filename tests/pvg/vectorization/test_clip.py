@@ -283,9 +283,9 @@ def test_a_reference_whose_face_comes_near_late_is_taken(
     samples: Samples, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """After the frames that are usually enough, here 30."""
-    import pvg.vectorization.clip
+    import pvg.vectorization.references
 
-    monkeypatch.setattr(pvg.vectorization.clip, "_REFERENCE_FRAMES", 30)
+    monkeypatch.setattr(pvg.vectorization.references, "_REFERENCE_FRAMES", 30)
     near = resting_face(samples).rgb
     far = cv2.copyMakeBorder(cv2.resize(near, None, fx=0.2, fy=0.2), *[(4 * len(near)) // 10] * 4, cv2.BORDER_REPLICATE)
     far = cv2.resize(far, near.shape[1::-1], interpolation=cv2.INTER_AREA)

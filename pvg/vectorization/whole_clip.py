@@ -1,0 +1,121 @@
+"""All frames of a clip: every face followed in one reading, and in a second one what the first had to defer."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+
+from pvg._threads import ahead
+from pvg.asset import AssetWriter
+from pvg.landmarks import FaceTrack, smooth
+from pvg.skin import Scene, SceneReader
+from pvg.vectorization.face_maker import FaceMaker, FoundFaces
+from pvg.vectorization.face_messages import no_usable_face, over_limit_warning
+from pvg.vectorization.fading import opacity
+from pvg.vectorization.following import CHUNK, DeferredTrack, Following, KeyView, Stretch, key_view, rows_between
+from pvg.vectorization.source_reader import SourceReader
+from pvg.vectorization.vector_face import VectorFace
+
+VECTORIZE, SECOND_READING = "vectorize", "second reading"  # stages of progress
+
+_AHEAD = CHUNK + 4  # frames: a face's frames come a chunk at a time, and landmarks go on while their skin is found
+
+
+def follow_all_faces(source: SourceReader, maker: FaceMaker, writer: AssetWriter) -> FoundFaces:
+    """Follow every face of the clip and write all its frames.
+
+    Raises `NoFaceError` or `FaceTooSmallError` when there is none that can be used.
+    """
+    following = Following(
+        min_face_px=maker.min_face_px,
+        frame_rate=source.frame_rate,
+        from_first_row=maker.is_chain,
+        scenes=maker.uses_scenes,
+    )
+    faces = _first_reading(source, maker, following, writer)
+    shots, frame_count = (0, *following.cuts), following.frame_count
+    source.notices.extend(over_limit_warning(following.over_limit))
+    deferred, widest = following.deferred()
+    if deferred:
+        first = max(faces, default=-1) + 1
+        tracks = dict(enumerate(deferred, first))
+        faces |= _second_reading(source, maker, following, tracks, tuple(faces.values()), shots, writer)
+    if not faces:
+        raise no_usable_face(
+            source.path.name,
+            frame_count,
+            widest=widest,
+            too_brief=following.too_brief,
+            image=source.is_image,
+            min_px=maker.min_face_px,
+            advised_px=maker.advised_face_px,
+        )
+    return FoundFaces(tuple(faces.values()), shots, frame_count)
+
+
+def _first_reading(
+    source: SourceReader, maker: FaceMaker, following: Following, writer: AssetWriter
+) -> dict[int, VectorFace]:
+    """The faces that can be followed while the clip is read, by the number of their track."""
+    faces: dict[int, VectorFace] = {}
+    settled = 0
+    with contextlib.closing(ahead(following.advances(source.pictures()), _AHEAD)) as advances:
+        for advance in advances:
+            for stretch in advance.stretches:
+                if stretch.key is not None:
+                    faces[stretch.number] = maker.face(stretch.number, stretch.rows, stretch.key)
+                faces[stretch.number].add(stretch, writer)
+            for done in range(settled + 1, advance.settled + 1):
+                source.report(VECTORIZE, done, max(source.media.frame_count, done))
+            settled = max(settled, advance.settled)
+            for stretch in advance.stretches:
+                if stretch.last:
+                    faces[stretch.number].finish(writer)
+    return faces
+
+
+def _second_reading(
+    source: SourceReader,
+    maker: FaceMaker,
+    following: Following,
+    deferred: dict[int, DeferredTrack],
+    others: Sequence[VectorFace],
+    shots: tuple[int, ...],
+    writer: AssetWriter,
+) -> dict[int, VectorFace]:
+    """Follow tracks that are known from end to end, by number;  others: the faces of the first reading."""
+    frame_count = following.frame_count
+    tracks = {number: smooth(one.track) for number, one in deferred.items()}
+    visible = {
+        number: opacity(track, shots, frame_count, left_picture=deferred[number].left_picture)
+        for number, track in tracks.items()
+    }
+    faces: dict[int, VectorFace] = {}
+    start, stop = min(t.first for t in tracks.values()), max(t.last for t in tracks.values()) + 1
+    reader = SceneReader()
+    for index, picture in source.reported(SECOND_READING, start, stop, frame_count):
+        there = [t.landmarks[index - t.first] for t in tracks.values() if t.first <= index <= t.last]
+        there += [place for other in others if (place := other.place(index)) is not None]
+        scenes: tuple[Scene, ...] = ()
+        if maker.uses_scenes:
+            scenes = (reader.step(picture, there, cut=index in shots),)
+        for number, track in tracks.items():
+            row = index - track.first
+            if row == 0:
+                key = _late_key(source, maker, track, following.key_row(track), frame_count)
+                faces[number] = maker.face(number, track, key)
+            if 0 <= row < len(track.score):
+                rows = rows_between(track, index, index + 1)
+                seen = visible[number][row : row + 1]
+                last = index == track.last
+                faces[number].add(Stretch(number, row, rows, (picture,), seen, scenes, None, last), writer)
+                if last:
+                    faces[number].finish(writer)
+    return faces
+
+
+def _late_key(source: SourceReader, maker: FaceMaker, track: FaceTrack, row: int, frame_count: int) -> KeyView:
+    """The key view of a track that is known from end to end, read from the clip."""
+    picture = source.picture(track.first + row, frame_count)
+    scene = SceneReader().step(picture, [track.landmarks[row]]) if maker.uses_scenes else None
+    return key_view(track, row, picture, scene)
