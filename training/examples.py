@@ -57,9 +57,9 @@ class Example:
 
 @dataclass
 class _Recorder:
-    """Stands for `network.told` or `body_network.told_of_body`: keeps what it is asked, answers with what was thought.
+    """Stands for `network.predict_skin` or `body_network.predict_body_skin` and returns what the rules said.
 
-    asked: the arguments, of which the last is the probability so far.
+    asked: the arguments of the last call, of which the last is the probability by the rules.
     """
 
     asked: tuple[Any, ...] | None = None
@@ -81,7 +81,7 @@ def examples_of(
     masks: (H, W) bool each, as an example's labels.
     """
     recorder = _Recorder()
-    with mock.patch.object(network, "told", recorder):
+    with mock.patch.object(network, "predict_skin", recorder):
         model = fit_skin_model(picture, landmarks)
         if model.learned is None:
             raise ValueError("the paper's rule asks no network")
@@ -90,8 +90,8 @@ def examples_of(
         for other in [model, *(fit_skin_model(*key) for key in keys)]:
             tracker = SkinTracker(other)
             tracker.step(picture, landmarks)
-            if tracker.seen is not None:
-                out.append(_example(person, "track", tracker.seen.raster, picture, masks, recorder))
+            if tracker.in_time is not None:
+                out.append(_example(person, "track", tracker.in_time.raster, picture, masks, recorder))
     return out
 
 
@@ -140,8 +140,10 @@ def _body_example(person: str, picture: Picture, landmarks: Landmarks, masks: li
     skin = SkinTracker(model)
     face = skin.step(picture, landmarks, scene)
     recorder = _Recorder()
-    with mock.patch.object(body_network, "told_of_body", recorder):
-        BodyTracker(model.learned.colors, model.learned.light).step(scene, landmarks, face, skin.light, skin.told)
+    with mock.patch.object(body_network, "predict_body_skin", recorder):
+        BodyTracker(model.learned.colors, model.learned.light).step(
+            scene, landmarks, face, skin.light, skin.network_output
+        )
     if recorder.asked is None:
         raise ValueError("the network was not asked")
     known, head = recorder.asked[2:4]

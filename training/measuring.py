@@ -16,7 +16,7 @@ import onnxruntime
 
 from benchmarks.quality.labels import NOT_SKIN, SKIN
 from pvg._arrays import Floats
-from pvg.skin.network import agreed
+from pvg.skin.network import fused
 from training.augmentation import as_it_is
 from training.example_files import load
 from training.examples import KINDS, Example
@@ -35,7 +35,7 @@ def measured(predict: Predictor, tests: list[Example]) -> str:
     found: dict[tuple[str, str], dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
     for example in tests:
         sample = as_it_is(example)
-        said = predict(sample.fields)
+        predicted = predict(sample.fields)
         counts, skin = sample.weight > 0.9, sample.skin > 0.5
         face = example.labels[..., 0] > 0.5
         rim = face & (cv2.distanceTransform(face.astype(np.uint8), cv2.DIST_L2, 5) <= 2)
@@ -43,7 +43,7 @@ def measured(predict: Predictor, tests: list[Example]) -> str:
         named = example.labels[..., [-1, *range(len(SKIN), len(KINDS))]].sum(axis=2)
         regions |= {"rim": rim, "wall": named < 0.5}
         guess = sample.fields[11] + np.float32(0.5)
-        for who, p in (("guess", guess), ("network", said), ("both", agreed(guess, said))):
+        for who, p in (("guess", guess), ("network", predicted), ("both", fused(guess, predicted))):
             mask = p > 0.5
             rows = [found[at, who] for at in dict.fromkeys((example.at, "all"))]
             for kind, region in regions.items():

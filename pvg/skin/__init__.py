@@ -5,7 +5,7 @@ from __future__ import annotations
 from pvg.skin.body import BodyTracker
 from pvg.skin.consensus import MatteConsensus
 from pvg.skin.matte import Matte
-from pvg.skin.network import Told
+from pvg.skin.network import NetworkOutput
 from pvg.skin.prior import face_box
 from pvg.skin.scene import Scene, SceneReader, person_mask, scene_raster
 from pvg.skin.segmentation import MaskMethod, skin_mask
@@ -17,11 +17,11 @@ __all__ = [
     "MaskMethod",
     "Matte",
     "MatteConsensus",
+    "NetworkOutput",
     "Scene",
     "SceneReader",
     "SkinModel",
     "SkinTracker",
-    "Told",
     "face_box",
     "fit_skin_model",
     "person_mask",

@@ -22,7 +22,7 @@ from pvg.skin.color_model import ColorScale, SkinColors, to_skin_lab
 from pvg.skin.in_time import in_levels, soft_edge, weight_of_before
 from pvg.skin.light import gain_back, gain_of, relit
 from pvg.skin.matte import Matte
-from pvg.skin.network import Told, agreed
+from pvg.skin.network import NetworkOutput, fused
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import HeadShape, ear_depth, head_shape, logistic
 from pvg.skin.ring import hair_odds
@@ -85,8 +85,8 @@ def color_tables(colors: SkinColors) -> tuple[Floats, Floats]:
     def table(against: Floats | float, more: float, redder: float) -> Floats:
         squares = (along / np.where(along < 0, _BODY.along[0], more)) ** 2
         squares += (across / np.where(across < 0, redder, _BODY.across)) ** 2 + light**2
-        told = _BODY.seen_weight * np.clip(seen, -against, _BODY.seen_for)
-        odds = _BODY.base - 0.5 * squares - grey + told
+        by_histogram = _BODY.seen_weight * np.clip(seen, -against, _BODY.seen_for)
+        odds = _BODY.base - 0.5 * squares - grey + by_histogram
         return np.ascontiguousarray(odds.reshape((_BODY.cube,) * 3), np.float32)
 
     # a wall beside an ear is no ear: only what has the face's chroma or more
@@ -103,23 +103,25 @@ class BodyTracker:
     def __init__(self, colors: SkinColors, light: Floats) -> None:
         """colors: learned on the key frame;  light: (3,) RGB, the face's colour there.
 
-        Then  told_apart: in [0, 1], how far the face's skin has a colour that its person's other skin is told by.
+        Sets `color_trust`: in [0, 1], how far the face's skin has chroma enough to find its person's other skin by.
         """
         self._tables = color_tables(colors)
         self._scale = colors.scale
         self._light = light
-        self.told_apart = float(smoothstep(np.hypot(*colors.scale.center[1:]), *_BODY.told_apart))
+        self.color_trust = float(smoothstep(np.hypot(*colors.scale.center[1:]), *_BODY.color_trust))
         # what one scene leaves to the next: its picture (h, w, 3), and (h, w, 3) probability, mask and alpha
         self._before: tuple[Bytes, Floats] | None = None
         self._hair: Floats | None = None  # of the scene before
-        self._said: Floats | None = None  # by the network, likewise
+        self._predicted: Floats | None = None  # by the network, likewise
         self._scenes = 0
 
-    def step(self, scene: Scene, landmarks: Landmarks, face: Matte, light: Floats, told: Told | None = None) -> Matte:
+    def step(
+        self, scene: Scene, landmarks: Landmarks, face: Matte, light: Floats, output: NetworkOutput | None = None
+    ) -> Matte:
         """The matte in the next scene, over the whole picture.
 
         landmarks: of the face, source pixels;  face: its own matte;  light: (3,) RGB, its colour now;
-        told: what the network said of the face's box.
+        output: the network's for the face's box.
         """
         own = landmarks.in_cells(scene.raster)
         head = head_shape(own)
@@ -133,27 +135,27 @@ class BodyTracker:
         hair = hair_odds(scene.rgb, person, known, head, self._scale, gain) if asked else _moved(self._hair, maps)
         self._hair, self._scenes = hair, self._scenes + 1
         oval = head.of_oval(scene.raster.shape)
-        against = hair if told is None else hair + _told_against(told, scene.raster, oval)
+        against = hair if output is None else hair + _network_against(output, scene.raster, oval)
         body_log_odds(scene.rgb, person, known, against, *self._tables, gain, _frame(head, own), _WEIGHTS, log_odds)
-        thought = logistic(np.asarray(cv2.GaussianBlur(log_odds, (0, 0), _BODY.blur), np.float32))
+        by_rules = logistic(np.asarray(cv2.GaussianBlur(log_odds, (0, 0), _BODY.blur), np.float32))
         if asked:
             usual = gain_of(light)
             lit = relit(scene.rgb, usual)
-            said = body_network.told_of_body(lit, person, known, head, usual * light, thought)
+            predicted = body_network.predict_body_skin(lit, person, known, head, usual * light, by_rules)
         else:
-            said = _moved(self._said, maps)
-        self._said = said
+            predicted = _moved(self._predicted, maps)
+        self._predicted = predicted
         beside = smoothstep(oval, *_NETWORK.rise)
         believed = np.where(person < 255 * _BODY.no_person, 0, _NETWORK.believed * beside)
-        probability = agreed(thought, said, np.asarray(believed, np.float32))
+        probability = fused(by_rules, predicted, np.asarray(believed, np.float32))
         of_face = face.alpha_at(xs, ys)
-        _fill_gaps(probability, of_face, said, hair, head.size)
+        _fill_gaps(probability, of_face, predicted, hair, head.size)
         _fill_holes(probability, of_face, head.size)
         share = _owned(scene, landmarks, head)
         if share is not None:
             probability = np.asarray(probability * share, np.float32)
-        if self.told_apart < 1:
-            probability *= np.float32(self.told_apart)
+        if self.color_trust < 1:
+            probability *= np.float32(self.color_trust)
         leave_out_hair(probability, scene.rgb, person, known, hair, head, self._scale, gain)
         mask, alpha = self._smooth_in_time(scene, probability, known, person, head)
         return Matte.over(scene.raster.box, in_levels(alpha), mask)
@@ -183,35 +185,37 @@ class BodyTracker:
         return mask, alpha
 
 
-def _told_against(told: Told, raster: Raster, oval: Floats) -> Floats:
-    """(h, w) nats that the network's opinion of the face's box counts against skin in the cells of a scene.
+def _network_against(output: NetworkOutput, raster: Raster, oval: Floats) -> Floats:
+    """(h, w) nats that the network's output for the face's box counts against skin in the cells of a scene.
 
     It was taught hair, collars and walls; of hands, which come before the face, it knows nothing, so that it counts off
     the face's oval alone.  oval: (h, w), see `HeadShape.of_oval`.
     """
-    off_face = smoothstep(oval, *_BODY.told_rise)
-    return np.asarray(off_face * np.minimum(_BODY.told * told.against(raster), _BODY.told_most), np.float32)
+    off_face = smoothstep(oval, *_BODY.network_rise)
+    return np.asarray(
+        off_face * np.minimum(_BODY.network_weight * output.log_odds_against(raster), _BODY.network_most), np.float32
+    )
 
 
-def _fill_gaps(probability: Floats, face: Floats, said: Floats, hair: Floats, size: float) -> None:
+def _fill_gaps(probability: Floats, face: Floats, predicted: Floats, hair: Floats, size: float) -> None:
     """Raise the probability (h, w), in place, where a hand on the face is cut by the end of the face's matte.
 
     Around the face nothing counts as the body's, and the face's matte ends with its box: what lies between both, is no
     hair and skin to the network is their hand's or neck's. All (h, w);  face: its matte in [0, 1];
-    said: by the network;  hair: nats;  size: a face size in cells.
+    predicted: by the network;  hair: log-odds of hair, nats;  size: a face size in cells.
     """
     likely, of_face = (where.astype(np.uint8) for where in (probability > 0.5, face > _BODY.gap_face))
     side = 2 * max(1, round(_BODY.gap * size)) + 1
     either = likely | of_face
     closed = cv2.morphologyEx(either, cv2.MORPH_CLOSE, _square(side))
-    gap = (closed > either) & (said > _BODY.gap_said) & (hair < _BODY.gap_hair)
+    gap = (closed > either) & (predicted > _BODY.gap_predicted) & (hair < _BODY.gap_hair)
     if not gap.any():
         return
     count, labels = cv2.connectedComponents(gap.astype(np.uint8), connectivity=8)
     beside = [cv2.dilate(one, _square(3)) > 0 for one in (likely, of_face)]
     between = np.all([np.bincount(labels[one], minlength=count) > 0 for one in beside], axis=0)
     between[0] = False
-    np.copyto(probability, np.maximum(probability, said), where=between[labels])
+    np.copyto(probability, np.maximum(probability, predicted), where=between[labels])
 
 
 def _fill_holes(probability: Floats, face: Floats, size: float) -> None:
@@ -231,7 +235,7 @@ def _fill_holes(probability: Floats, face: Floats, size: float) -> None:
     holes[0] = False
     if holes.any():
         part = probability[box]
-        np.copyto(part, np.maximum(part, np.float32(_BODY.hole_said)), where=holes[labels])
+        np.copyto(part, np.maximum(part, np.float32(_BODY.hole_probability)), where=holes[labels])
 
 
 def leave_out_hair(
@@ -248,7 +252,7 @@ def leave_out_hair(
 
     The place of an ear makes up for a colour that is not quite the skin's. An ear ends where its colour does; a
     part whose surroundings have its own colour ends where that place does.  rgb, person, known, head, scale, gain: see
-    `hair_odds`;  hair: (h, w) nats, what that says.
+    `hair_odds`;  hair: (h, w) nats, its result.
     """
     y, x = (along.astype(np.float32) for along in np.ogrid[: known.shape[0], : known.shape[1]])
     down = head.axes.down
@@ -270,8 +274,8 @@ def leave_out_hair(
         reach = _BODY.hair_reach
         box = slice(max(0, y0 - reach), y0 + h + reach), slice(max(0, x0 - reach), x0 + w + reach)
         inside = labels[box] == part
-        said = float(hair[box][inside].mean())
-        if said < _BODY.hair_said:
+        mean_hair = float(hair[box][inside].mean())
+        if mean_hair < _BODY.hair_least:
             continue
         near, far = (cv2.dilate(inside.astype(np.uint8), _square(2 * r + 1)) > 0 for r in (1, reach))
         ring = far & ~near & around[box]
@@ -280,7 +284,7 @@ def leave_out_hair(
         lit = np.asarray(np.clip(np.rint(rgb[box] * gain), 0, 255), np.uint8)
         z = (to_skin_lab(lit) - scale.center) / scale.spread
         apart = np.median(z[inside], axis=0) - np.median(z[ring], axis=0)
-        if float(np.linalg.norm(apart)) < _BODY.hair_alike + said:
+        if float(np.linalg.norm(apart)) < _BODY.hair_alike + mean_hair:
             probability[box][inside] = 0.0
 
 

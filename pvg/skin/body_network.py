@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from pvg._arrays import Bytes, Floats
-from pvg.skin.network import ask
+from pvg.skin.network import run_network
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import HeadShape
 
@@ -54,9 +54,9 @@ def body_fields(
     return np.stack(fields).astype(np.float32)
 
 
-def told_of_body(
+def predict_body_skin(
     rgb: Bytes, person: Bytes, known: Floats, head: HeadShape, light: Floats, probability: Floats
 ) -> Floats:
-    """The probability of anybody's skin (h, w) float32 that the network says; see `body_fields`."""
+    """The network's probability of anybody's skin (h, w) float32; see `body_fields`."""
     fields = body_fields(rgb, person, known, head, light, probability)
-    return ask(_NAME, fields, probability.shape, _BODY.margin)
+    return run_network(_NAME, fields, probability.shape, _BODY.margin)

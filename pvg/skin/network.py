@@ -24,14 +24,14 @@ FIELDS = 12
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
-    """What the network said of a frame: the probability of skin (h, w) float32 over a raster."""
+class NetworkOutput:
+    """The network's probability of skin (h, w) float32, in [0, 1], over the raster of a frame."""
 
     raster: Raster
     probability: Floats
 
-    def against(self, other: Raster) -> Floats:
-        """How much it speaks against skin in the cells (h, w) of another raster: nats ≥ 0, 0 where it was not asked."""
+    def log_odds_against(self, other: Raster) -> Floats:
+        """Log-odds against skin in the cells (h, w) of another raster: nats ≥ 0, 0 outside of its own."""
         xs, ys = (np.asarray(v, np.float32) for v in other.centers())
         return self.raster.read(np.maximum(-log_odds(self.probability), 0), xs, ys)
 
@@ -69,20 +69,21 @@ def network_fields(rgb: Bytes, prior: SpatialPrior, probability: Floats) -> Floa
 def refined(rgb: Bytes, prior: SpatialPrior, probability: Floats) -> Floats:
     """The probability of skin (h, w) float32 anew; the arguments are those of `network_fields`.
 
-    Log-odds are the weighted mean of what was thought and what the network says: each errs where the other does not.
+    Log-odds are the weighted mean of the rules' and the network's: each errs where the other does not.
     """
-    return agreed(probability, told(rgb, prior, probability))
+    return fused(probability, predict_skin(rgb, prior, probability))
 
 
-def told(rgb: Bytes, prior: SpatialPrior, probability: Floats) -> Floats:
-    """The probability of skin (h, w) float32 that the network says; the arguments are those of `network_fields`."""
-    return ask(_NAME, network_fields(rgb, prior, probability), probability.shape)
+def predict_skin(rgb: Bytes, prior: SpatialPrior, probability: Floats) -> Floats:
+    """The network's probability of skin (h, w) float32; the arguments are those of `network_fields`."""
+    return run_network(_NAME, network_fields(rgb, prior, probability), probability.shape)
 
 
-def ask(name: str, fields: Floats, shape: tuple[int, ...], margin: int = 0) -> Floats:
-    """What a network of our own says of fields (FIELDS, h', w'): the probability of skin over (h, w) cells, float32.
+def run_network(name: str, fields: Floats, shape: tuple[int, ...], margin: int = 0) -> Floats:
+    """The output of one of our own networks for fields (FIELDS, h', w'): the probability of skin (h, w), float32.
 
-    margin: cells around, in which the edge is repeated: a network sees nothing beyond, and says other things beside it.
+    name: of the model;  shape: (h, w) of the output;  margin: cells around in which the edge is repeated, for networks
+    answer otherwise beside an edge.
     """
     h, w = fields.shape[1:]
     side = _NETWORK.multiple
@@ -91,17 +92,16 @@ def ask(name: str, fields: Floats, shape: tuple[int, ...], margin: int = 0) -> F
     session = models.load(name)
     (out,) = session.run(None, {session.get_inputs()[0].name: padded[None]})
     own = np.ascontiguousarray(out[0, 0, margin : margin + h, margin : margin + w])
-    said = cv2.resize(own, shape[1::-1], interpolation=cv2.INTER_LINEAR)
-    return np.asarray(said, np.float32)
+    return np.asarray(cv2.resize(own, shape[1::-1], interpolation=cv2.INTER_LINEAR), np.float32)
 
 
-def agreed(thought: Floats, said: Floats, share: Floats | float = _NETWORK.believed) -> Floats:
-    """The probability whose log-odds are the weighted mean of those of two, the rules' and a network's.
+def fused(by_rules: Floats, predicted: Floats, share: Floats | float = _NETWORK.believed) -> Floats:
+    """The probability whose log-odds are the weighted mean of the rules' and a network's.
 
-    share: of the network.
+    by_rules, predicted: probabilities (…);  share: the network's weight in [0, 1], (…) or one for all.
     """
-    by = np.asarray(share, np.float32)
-    return logistic((1 - by) * log_odds(thought) + by * log_odds(said))
+    weight = np.asarray(share, np.float32)
+    return logistic((1 - weight) * log_odds(by_rules) + weight * log_odds(predicted))
 
 
 def log_odds(probability: Floats) -> Floats:

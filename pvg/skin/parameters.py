@@ -346,7 +346,7 @@ class BodyNumbers:
     unexplained: float = 30.0  # levels of grey that cells are off those of the scene before, moved by the flow [by eye]
     much: float = 0.007  # of the cells that are [measured: fast hands 0.01 to 0.08, people who talk 0.005 and less]
     cube: int = 33  # nodes along each side of the table of colours [by eye]
-    told_apart: Range = (3.0, 6.0)  # Lab chroma of the face from which on its colour tells of other skin [by eye]
+    color_trust: Range = (3.0, 6.0)  # Lab chroma of the face from which on its colour finds other skin [by eye]
     base: float = 4.0  # nats for the face's own colour [by eye]
     along: Range = (2.1, 2.6)  # spreads of chroma, standard deviation towards grey and away from it [by eye]
     grey: float = 60.0  # nats times missing chroma squared [measured: greyish collars 14 % at 0, 7 at 40, 4 at 80]
@@ -380,7 +380,7 @@ class BodyNumbers:
     hair_most: float = 0.12  # squared face sizes [by eye]: larger parts are no ears
     hair_cells: int = 6  # [by eye]: smaller parts and surroundings say nothing
     hair_reach: int = 3  # cells around a part [by eye]: its surroundings
-    hair_said: float = 1.0  # nats, a part's mean of hair's log-odds [measured: as hair_alike]: less is no hair
+    hair_least: float = 1.0  # nats, a part's mean of hair's log-odds [measured: as hair_alike]: less is no hair
     # hair is 0.5 to 3.9 spreads from what is around it; ears are 3.4 to 22, and little there speaks for hair
     hair_alike: float = 1.5  # spreads between a part and what is around it, beyond those nats [measured: as above]
     texture_from: float = 0.12  # standard deviation over brightness, of 3 cells a side [by eye]: skin is smooth
@@ -388,9 +388,9 @@ class BodyNumbers:
     texture_dark: float = 12.0  # 8-bit levels added to the brightness [by eye]
     known: float = 4.0  # nats for what the face's mask calls neck [by eye]
     known_rise: Range = (-0.15, 0.1)  # face sizes below the chin [by eye]: where it begins to
-    told: float = 0.5  # of what the network says against skin in the face's box [measured: hair and walls at 0 to 1]
-    told_most: float = 2.0  # nats of it at most [measured: of 2 to 6; hands and ears lose by more]
-    told_rise: Range = (1.1, 1.3)  # of the face's oval, off which it counts [by eye]: before the face hands are seen
+    network_weight: float = 0.5  # of the face's network's log-odds against skin [measured: hair and walls at 0 to 1]
+    network_most: float = 2.0  # nats of it at most [measured: of 2 to 6; hands and ears lose by more]
+    network_rise: Range = (1.1, 1.3)  # of the face's oval, off which it counts [by eye]: before the face hands are seen
     most: float = 7.0  # nats, the limit of the sum [by eye]
     blur: float = 0.7  # cells, of the log-odds [by eye]
     join: int = 5  # cells [by eye]: gaps narrower than this join parts
@@ -404,10 +404,10 @@ class BodyNumbers:
     least_person: float = 0.25  # squared face sizes of the person mask away from the face [by eye]: an arm, no pot
     gap: float = 0.12  # face sizes [by eye]: half the widest gap between the mattes of face and body
     gap_face: float = 0.9  # of the face's matte [by eye]: what has less may be of a gap
-    gap_said: float = 0.75  # probability at least that the network gives a gap [by eye]
+    gap_predicted: float = 0.75  # probability at least that the network gives a gap [by eye]
     gap_hair: float = 1.0  # nats for hair at most [by eye]
     hole: float = 0.01  # squared face sizes [by eye]: larger holes in a person's skin show what is behind
-    hole_said: float = 0.9  # probability of skin in smaller ones [by eye]
+    hole_probability: float = 0.9  # probability of skin in smaller ones [by eye]
     owner: float = 6.0  # power by which a nearer face owns a cell more [by eye]
     others_face: Range = (1.0, 1.2)  # of another's face's oval [by eye]: within it nothing is this person's
     neck_end: float = 0.5  # face sizes below the chin [by eye]: where a body begins
@@ -453,7 +453,7 @@ class NetworkNumbers:
     dark: float = 10.0  # 8-bit levels added before a logarithm [by eye]: as trained
     multiple: int = 16  # cells [by eye]: sides are multiples, for it halves four times
     sure: float = 0.001  # of probability [by eye]: nothing that is said is surer
-    believed: float = 0.6  # of the log-odds, the rest what was thought [measured: 0.5 to 0.7 on pictures new to both]
+    believed: float = 0.6  # of the log-odds, the rest the rules' [measured: 0.5 to 0.7 on pictures new to both]
     every: int = 4  # frames of a clip from one answer to the next [measured: mattes differ by 0.1 to 0.4 %]
     changed: float = 0.2  # of the cells, from which on it is asked at once [measured: at 0.25 occluders are tinted]
 
@@ -466,7 +466,7 @@ class BodyNetworkNumbers:
     far: float = 3.0  # face sizes [by eye]: farther places are hardly told apart; as trained
     rise: Range = (1.3, 1.6)  # of the face's oval, off which it counts [measured: from 1.1 on red ears lose 7 %]
     margin: int = 8  # cells around the scene [by eye]: in training more lay around it
-    believed: float = 0.6  # of the log-odds, the rest what was thought [measured: 0.6 to 1 on pictures new to both]
+    believed: float = 0.6  # of the log-odds, the rest the rules' [measured: 0.6 to 1 on pictures new to both]
 
 
 @dataclass(frozen=True)

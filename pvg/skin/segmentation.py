@@ -129,13 +129,13 @@ def segment(rgb: Bytes, landmarks: Landmarks, visible: Bools | None = None, *, b
             break
         skin = face_component(log_odds > 0, prior) & visible
         probability = logistic(evidence + _LEARNING.prior_weight * prior.log_odds)
-        agreed, refused = np.maximum(probability, _LEARNING.agree), np.minimum(probability, _LEARNING.disagree)
-        probability = np.where(skin, agreed, refused)
+        taken, refused = np.maximum(probability, _LEARNING.agree), np.minimum(probability, _LEARNING.disagree)
+        probability = np.where(skin, taken, refused)
         found = find_hair(rgb, skin | ~visible, prior)
         if found is not None:
             hair, shade = hair_cover(rgb, skin, prior, found), deep_shade(rgb, prior, found)
-    agreed = np.where(visible, network.refined(rgb, prior, logistic(log_odds)), 0)
-    mask = face_component(minimum_cut(rgb, network.log_odds(agreed)), prior) & visible
+    final = np.where(visible, network.refined(rgb, prior, logistic(log_odds)), 0)
+    mask = face_component(minimum_cut(rgb, network.log_odds(final)), prior) & visible
     return Segmentation(mask, colors, rgb)
 
 

@@ -21,7 +21,7 @@ from pvg.skin.hair import Hair, find_hair, hair_cover
 from pvg.skin.in_time import in_levels, places_before, soft_edge, weight_of_before
 from pvg.skin.light import MID_GREY, face_color, gain_back, gain_of, relit
 from pvg.skin.matte import Matte
-from pvg.skin.network import Told
+from pvg.skin.network import NetworkOutput
 from pvg.skin.occlusion import occluder_alpha, open_skin
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import SpatialPrior, face_area, face_box, goes_on_above, head_shape, spatial_prior
@@ -128,14 +128,14 @@ def _signed_distance(mask: Bools) -> Floats:
 class _TemporalState:
     """What one frame leaves to the next, over (h, w) cells.
 
-    grey: the picture;  probability, mask, alpha: of skin;  told: the probability that the network says.
+    grey: the picture;  probability, mask, alpha: of skin;  predicted: the network's probability of skin.
     """
 
     grey: Bytes
     probability: Floats
     mask: Floats
     alpha: Floats
-    told: Floats
+    predicted: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,8 +158,8 @@ class SkinTracker:
     """Makes the matte of each frame of a track, in order.
 
     light: (3,) RGB, the face's colour in the last frame;
-    seen: what the last one was told by, for `MatteConsensus`; None before the first and by the paper's rule;
-    told: what the network said of it, None likewise.
+    in_time: the last frame's matte with what it was made from, for `MatteConsensus`; None before the first frame and by
+    the paper's rule;  network_output: the network's of that frame, None likewise.
     """
 
     def __init__(self, model: SkinModel) -> None:
@@ -168,8 +168,8 @@ class SkinTracker:
         self._raster: Raster | None = None
         self._before: _TemporalState | None = None
         self._age = 0  # frames since the network was asked
-        self.seen: MatteInTime | None = None
-        self.told: Told | None = None
+        self.in_time: MatteInTime | None = None
+        self.network_output: NetworkOutput | None = None
         self._flow = FlowFinder()
 
     def step(self, frame: Picture | Bytes, landmarks: Landmarks, scene: Scene | None = None) -> Matte:
@@ -187,25 +187,25 @@ class SkinTracker:
             return Matte.over(raster.box, mask.astype(np.uint8) * np.uint8(255), mask)
         prior = spatial_prior(raster.shape, own, bald=learned.bald)
         self.light = face_color(small, prior.sample & visible)
-        thought, occluder = _thought(learned, small, prior, own.stacked, visible)
+        by_rules, occluder = _by_rules(learned, small, prior, own.stacked, visible)
         grey = np.asarray(cv2.cvtColor(small, cv2.COLOR_RGB2GRAY), np.uint8)
         before = None if self._before is None else self._carry(self._before, grey)
         lit = relit(small, gain_of(self.light))
-        told = self._ask(lit, prior, thought, before)
-        self.told = Told(raster, told)
-        probability = _filtered(lit, network.agreed(thought, told), prior)
+        predicted = self._predicted(lit, prior, by_rules, before)
+        self.network_output = NetworkOutput(raster, predicted)
+        probability = _filtered(lit, network.fused(by_rules, predicted), prior)
         if scene is not None:
             probability = _of_people(probability, scene.people(raster), prior)
         mask, alpha, smooth = _smooth_in_time(probability, prior, before)
-        self._before = _TemporalState(grey, smooth, mask.astype(np.float32), alpha, told)
+        self._before = _TemporalState(grey, smooth, mask.astype(np.float32), alpha, predicted)
         # last, so that skin that comes back is still known
         mask, alpha = mask & (occluder < 0.5), alpha * prior.fade * (1 - occluder)
         levels = in_levels(alpha)
         # a cell more than is seen, or sampling the matte would fade it along the picture's edge
         cells = visible.astype(np.uint8)
         seen = np.asarray(cv2.dilate(cells, np.ones((3, 3), np.uint8)), np.uint8) if visible.any() else cells
-        self.seen = MatteInTime(raster, levels, mask, small, occluder, seen, visible)
-        return self.seen.matte(levels, mask)
+        self.in_time = MatteInTime(raster, levels, mask, small, occluder, seen, visible)
+        return self.in_time.matte(levels, mask)
 
     def _next_raster(self, landmarks: Landmarks, *, bald: bool) -> Raster:
         """A raster of the first one's shape, over the face's box."""
@@ -218,24 +218,24 @@ class SkinTracker:
         self._raster = Raster.centered(box, step, (h, w))
         return self._raster
 
-    def _ask(self, rgb: Bytes, prior: SpatialPrior, thought: Floats, before: _Carried | None) -> Floats:
+    def _predicted(self, rgb: Bytes, prior: SpatialPrior, by_rules: Floats, before: _Carried | None) -> Floats:
         """The network's probability of skin (h, w): asked in every few frames, between them moved with the picture."""
         self._age += 1
         if before is None or self._age >= _NETWORK.every or before.changed > _NETWORK.changed:
             self._age = 0
-            return network.told(rgb, prior, thought)
-        return before.state.told
+            return network.predict_skin(rgb, prior, by_rules)
+        return before.state.predicted
 
     def _carry(self, before: _TemporalState, grey: Bytes) -> _Carried:
         """The frame before moved by optical flow onto this one, whose picture is `grey` (h, w)."""
         maps = places_before(self._flow.back(grey, before.grey))
-        layers = cv2.merge([before.probability, before.mask, before.alpha, before.told])
+        layers = cv2.merge([before.probability, before.mask, before.alpha, before.predicted])
         moved = cv2.remap(layers, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         was = before.grey.astype(np.float32)
         moved_grey = cv2.remap(was, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         keep = weight_of_before(np.asarray(moved_grey, np.float32), grey.astype(np.float32))
-        probability, mask, alpha, told = (np.asarray(layer, np.float32) for layer in cv2.split(moved))
-        return _Carried(_TemporalState(grey, probability, mask, alpha, told), keep)
+        probability, mask, alpha, predicted = (np.asarray(layer, np.float32) for layer in cv2.split(moved))
+        return _Carried(_TemporalState(grey, probability, mask, alpha, predicted), keep)
 
 
 def _smooth_in_time(probability: Floats, prior: SpatialPrior, before: _Carried | None) -> tuple[Bools, Floats, Floats]:
@@ -250,7 +250,7 @@ def _smooth_in_time(probability: Floats, prior: SpatialPrior, before: _Carried |
     return mask, (alpha + keep * (was.alpha - alpha)).astype(np.float32), probability
 
 
-def _thought(
+def _by_rules(
     learned: LearnedSkin, rgb: Bytes, prior: SpatialPrior, points: Floats, visible: Bools
 ) -> tuple[Floats, Floats]:
     """The rules' probability of skin (h, w) by this frame alone: its colours, the prior and the key frame's shape.

@@ -22,9 +22,9 @@ from pvg.skin import (
     MaskMethod,
     Matte,
     MatteConsensus,
+    NetworkOutput,
     Scene,
     SkinTracker,
-    Told,
     fit_skin_model,
     scene_raster,
 )
@@ -86,7 +86,7 @@ class VectorFace:
         self._skin = SkinTracker(model)
         learned = model.learned
         self._body = None if learned is None else BodyTracker(learned.colors, learned.light)
-        self._told_apart = 1.0 if self._body is None else self._body.told_apart
+        self._color_trust = 1.0 if self._body is None else self._body.color_trust
         self._consensus = MatteConsensus()
         # rows that wait for the frames after them: one of some rows, its opacity, the body's alpha
         self._unwritten: deque[tuple[FaceTrack, int, float, Future[Bytes]]] = deque()
@@ -120,10 +120,10 @@ class VectorFace:
                 visible *= self._watch.shows
             if self._lips is None and row % _LIPS_EVERY == 0 and good_rows(rows)[k]:
                 self._look_for_lips(_seen_skin(picture, rows.landmarks[k], matte))
-            seen = matte, self._skin.light, self._skin.told
+            seen = matte, self._skin.light, self._skin.network_output
             body = self._threads.bodies.submit(self._body_alpha, scene, rows.landmarks[k], *seen)
             self._unwritten.append((rows, k, visible, body))
-            steady = matte if self._skin.seen is None else self._consensus.add(self._skin.seen)
+            steady = matte if self._skin.in_time is None else self._consensus.add(self._skin.in_time)
             if steady is not None:
                 self._write_first(steady, writer)
         self._remember(stretch.rows)
@@ -145,7 +145,7 @@ class VectorFace:
         self._fit_key()
         self.first = track.first + self._key_row
         skin = self._key_skin
-        seen = self.key_matte, skin.light, skin.told
+        seen = self.key_matte, skin.light, skin.network_output
         body = self._body_alpha(scene, track.landmarks[self._key_row], *seen)
         self._write(track, self._key_row, 1.0, body, self.key_matte, writer)
         self._remember(rows_between(track, self.first, self.first + 1))
@@ -172,7 +172,7 @@ class VectorFace:
         warnings = []
         if width < self._advised_px:
             warnings.append(f"the face is {width:.0f} px wide; {self._advised_px:g} px or more is advised")
-        if self._told_apart < 0.5:
+        if self._color_trust < 0.5:
             warnings.append("its skin has next to no colour; skin beside the face is left as it is")
         warnings += doubts(main.skin)
         summary = FaceSummary(
@@ -242,15 +242,15 @@ class VectorFace:
             self._lips = parts, skin
 
     def _body_alpha(
-        self, scene: Scene | None, landmarks: Landmarks, matte: Matte, light: Floats, told: Told | None
+        self, scene: Scene | None, landmarks: Landmarks, matte: Matte, light: Floats, output: NetworkOutput | None
     ) -> Bytes:
         """The matte of the person's other skin in the scene of a row, nothing where none was made.
 
-        matte: the face's in that row;  light, told: see `SkinTracker`.
+        matte: the face's in that row;  light, output: see `SkinTracker`.
         """
         if scene is None or self._body is None:
             return self._no_body
-        return self._body.step(scene, landmarks, matte, light, told).alpha
+        return self._body.step(scene, landmarks, matte, light, output).alpha
 
     def _write_first(self, matte: Matte, writer: AssetWriter) -> None:
         """Write the first of the rows that wait, with its face's matte."""

@@ -13,8 +13,8 @@ import pytest
 from pvg.face import Landmarks, layout
 from pvg.raster import Raster
 from pvg.skin import BodyTracker, Matte, Scene, SceneReader, SkinTracker, fit_skin_model, person_mask, scene_raster
-from pvg.skin.body import _fill_gaps, _fill_holes, _own_people, _parts, _told_against, color_tables, leave_out_hair
-from pvg.skin.network import Told
+from pvg.skin.body import _fill_gaps, _fill_holes, _network_against, _own_people, _parts, color_tables, leave_out_hair
+from pvg.skin.network import NetworkOutput
 from pvg.skin.prior import head_shape
 from pvg.video import read_frames
 from scripts.samples import Samples
@@ -81,16 +81,16 @@ def test_the_network_speaks_against_what_hangs_beside_the_face_and_not_before_it
     scene = drawn.scene()
     head = head_shape(drawn.landmarks.in_cells(scene.raster))
     box = Raster.over(np.array([200, 20, 400, 330], np.float32), (155, 100))
-    told = Told(box, np.full(box.shape, 0.001, np.float32))
+    output = NetworkOutput(box, np.full(box.shape, 0.001, np.float32))
     oval = head.of_oval(scene.raster.shape)
     against = scene.raster.read(
-        _told_against(told, scene.raster, oval), *(np.arange(n, dtype=np.float32) for n in SIZE[::-1])
+        _network_against(output, scene.raster, oval), *(np.arange(n, dtype=np.float32) for n in SIZE[::-1])
     )
     assert against[150, 300] == 0  # the middle of the face: a hand may come before it
     assert against[300, 220] == pytest.approx(2.0, abs=0.01)  # below and beside the chin
     assert against[400, 470] == 0  # the hand, where nobody was asked
-    likely = Told(box, np.full(box.shape, 0.9, np.float32))
-    assert not _told_against(likely, scene.raster, oval).any()
+    likely = NetworkOutput(box, np.full(box.shape, 0.9, np.float32))
+    assert not _network_against(likely, scene.raster, oval).any()
 
 
 def test_hair_nearly_of_the_skins_colour_is_left_out_when_the_network_says_so() -> None:
@@ -104,10 +104,10 @@ def test_hair_nearly_of_the_skins_colour_is_left_out_when_the_network_says_so() 
     (body, skin), (other, _) = _tracker(drawn), _tracker(drawn)
     matte = skin.step(drawn.rgb, drawn.landmarks)
     box = Raster.over(np.array([200, 20, 410, 330], np.float32), (155, 105))
-    told = Told(box, np.full(box.shape, 0.001, np.float32))
+    output = NetworkOutput(box, np.full(box.shape, 0.001, np.float32))
     before, after = (
         _alpha(drawn, each.step(scene, drawn.landmarks, matte, skin.light, said))
-        for each, said in ((body, None), (other, told))
+        for each, said in ((body, None), (other, output))
     )
     assert before[lock].mean() > 0.15
     assert after[lock].mean() < 0.6 * before[lock].mean()
@@ -348,10 +348,10 @@ def test_skin_without_colour_tells_of_no_other_skin() -> None:
     drawn = _drawn("grey")
     grey = replace(drawn, rgb=np.repeat(drawn.rgb.mean(axis=2, keepdims=True), 3, axis=2).astype(np.uint8))
     body, skin = _tracker(grey)
-    assert body.told_apart == 0.0
+    assert body.color_trust == 0.0
     assert not _step(body, skin, grey, grey.scene()).any()
     colored, _ = _tracker(_drawn())
-    assert colored.told_apart == 1.0
+    assert colored.color_trust == 1.0
 
 
 @pytest.mark.parametrize("crowded", [False, True])

@@ -30,9 +30,9 @@ class Shown:
     def skin(self) -> np.ndarray:
         return self.known > 0.5
 
-    def told(self, probability: np.ndarray) -> np.ndarray:
-        thought = probability.astype(np.float32)
-        return body_network.told_of_body(self.rgb, self.person, self.known, self.head, self.light, thought)
+    def predicted(self, probability: np.ndarray) -> np.ndarray:
+        by_rules = probability.astype(np.float32)
+        return body_network.predict_body_skin(self.rgb, self.person, self.known, self.head, self.light, by_rules)
 
 
 def _shown(rgb: np.ndarray, landmarks: Landmarks) -> Shown:
@@ -51,8 +51,8 @@ def shown(request: pytest.FixtureRequest, samples: Samples) -> Shown:
 
 
 def test_a_scene_is_shown_no_finer_than_it_is_and_at_one_face_size(shown: Shown) -> None:
-    thought = shown.skin.astype(np.float32)
-    fields = body_network.body_fields(shown.rgb, shown.person, shown.known, shown.head, shown.light, thought)
+    by_rules = shown.skin.astype(np.float32)
+    fields = body_network.body_fields(shown.rgb, shown.person, shown.known, shown.head, shown.light, by_rules)
     assert len(fields) == network.FIELDS
     assert np.isfinite(fields).all()
     ratio = fields.shape[2] / shown.rgb.shape[1]
@@ -71,14 +71,14 @@ def test_a_patch_of_wall_that_the_rules_took_is_no_skin_and_a_hole_in_a_neck_is(
     neck = shown.skin & (shown.head.places(shown.known.shape)[1] > 0.6)
     assert wall.sum() > 20
     assert neck.sum() > 20
-    thought = np.where(shown.skin, 0.95, 0.02)
-    thought[wall], thought[neck] = 0.9, 0.3
-    found = network.agreed(thought.astype(np.float32), shown.told(thought))
+    by_rules = np.where(shown.skin, 0.95, 0.02)
+    by_rules[wall], by_rules[neck] = 0.9, 0.3
+    found = network.fused(by_rules.astype(np.float32), shown.predicted(by_rules))
     assert (found[wall] > 0.5).mean() < 0.1
     assert (found[neck] > 0.5).mean() > 0.6
 
 
 def test_what_is_right_stays(shown: Shown) -> None:
-    thought = np.where(shown.skin, 0.95, 0.05).astype(np.float32)
-    found = network.agreed(thought, shown.told(thought)) > 0.5
+    by_rules = np.where(shown.skin, 0.95, 0.05).astype(np.float32)
+    found = network.fused(by_rules, shown.predicted(by_rules)) > 0.5
     assert (found & shown.skin).sum() / (found | shown.skin).sum() > 0.85

@@ -19,12 +19,12 @@ def test_a_face_is_shown_at_one_size_with_what_was_thought_last() -> None:
     for width in (80, 200):
         scene = drawn_face(width=width, center=(160, 150))
         prior = spatial_prior(scene.rgb.shape[:2], scene.landmarks)
-        thought = scene.skin.astype(np.float32)
-        fields = network.network_fields(scene.rgb, prior, thought)
+        by_rules = scene.skin.astype(np.float32)
+        fields = network.network_fields(scene.rgb, prior, by_rules)
         assert len(fields) == network.FIELDS
         ratio = fields.shape[2] / scene.rgb.shape[1]
         assert ratio * prior.size == pytest.approx(SKIN_PRIOR.network.face_cells, rel=0.02)
-        assert (fields[-1] + 0.5).mean() == pytest.approx(thought.mean(), rel=0.05)
+        assert (fields[-1] + 0.5).mean() == pytest.approx(by_rules.mean(), rel=0.05)
         # beside the skin's own colour, the skin is near 0
         assert np.abs(np.median(fields[3:6][:, fields[-1] > 0.4], axis=1)).max() < 0.15
 
@@ -42,7 +42,7 @@ def test_a_hole_in_a_forehead_is_mended_and_a_patch_of_wall_is_no_skin(face: tup
     rgb, landmarks = face
     mask = skin_mask(rgb, landmarks)
     prior = spatial_prior(rgb.shape[:2], landmarks)
-    thought = np.where(mask, 0.95, 0.05).astype(np.float32)
+    by_rules = np.where(mask, 0.95, 0.05).astype(np.float32)
     axes, ys, xs = landmarks.axes, *np.mgrid[: rgb.shape[0], : rgb.shape[1]]
 
     def around(x: float, y: float) -> np.ndarray:
@@ -53,7 +53,7 @@ def test_a_hole_in_a_forehead_is_mended_and_a_patch_of_wall_is_no_skin(face: tup
     cheek, wall = around(*(axes.center + (0.25 * axes.across + 0.05 * axes.down) * prior.size)), around(column, row)
     assert mask[cheek].all()
     assert not mask[wall].any()
-    spoiled = np.where(cheek, 0.2, np.where(wall, 0.8, thought)).astype(np.float32)
+    spoiled = np.where(cheek, 0.2, np.where(wall, 0.8, by_rules)).astype(np.float32)
     found = network.refined(rgb, prior, spoiled)
     assert (found[cheek] > 0.5).mean() > 0.9
     assert (found[wall] > 0.5).mean() < 0.1

@@ -98,7 +98,7 @@ def _skin(rgb: np.ndarray, landmarks: Landmarks) -> tuple[np.ndarray, np.ndarray
     scene, tracker = SceneReader().step(rgb, [landmarks]), SkinTracker(model)
     matte = tracker.step(rgb, landmarks, scene)
     body = BodyTracker(model.learned.colors, model.learned.light).step(
-        scene, landmarks, matte, tracker.light, tracker.told
+        scene, landmarks, matte, tracker.light, tracker.network_output
     )
     return mask_of(matte, rgb.shape), mask_of(body, rgb.shape)
 

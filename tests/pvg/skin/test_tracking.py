@@ -90,13 +90,13 @@ def test_the_matte_does_not_fade_along_the_pictures_edge() -> None:
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """The mean levels of the pictures that the network was asked about."""
     means: list[int] = []
-    says = network.told
+    says = network.predict_skin
 
-    def told(rgb: np.ndarray, *of: Any) -> np.ndarray:
+    def predict(rgb: np.ndarray, *of: Any) -> np.ndarray:
         means.append(round(float(rgb.mean())))
         return says(rgb, *of)
 
-    monkeypatch.setattr(network, "told", told)
+    monkeypatch.setattr(network, "predict_skin", predict)
     return means
 
 
@@ -109,10 +109,10 @@ def test_the_network_is_asked_in_every_fourth_frame_and_its_answer_moves_along(a
         scene = drawn_face(center=(120 + 2 * k, 130))
         tracker.step(scene.rgb, scene.landmarks)
         assert len(asked) == 1 + k // every
-        told = tracker.told
-        assert told is not None
-        there = told.raster.to_cells(scene.landmarks.points[[layout.NOSE_TIP]])[0].astype(int)
-        assert told.probability[there[1], there[0]] > 0.9
+        output = tracker.network_output
+        assert output is not None
+        there = output.raster.to_cells(scene.landmarks.points[[layout.NOSE_TIP]])[0].astype(int)
+        assert output.probability[there[1], there[0]] > 0.9
 
 
 def test_the_network_is_asked_at_once_when_the_picture_changes(asked: list[int]) -> None:
