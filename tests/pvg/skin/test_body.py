@@ -13,7 +13,9 @@ import pytest
 from pvg.face import Landmarks, layout
 from pvg.raster import Raster
 from pvg.skin import BodyTracker, Matte, Scene, SceneReader, SkinTracker, fit_skin_model, person_mask, scene_raster
-from pvg.skin.body import _fill_gaps, _fill_holes, _network_against, _own_people, _parts, color_tables, leave_out_hair
+from pvg.skin.body import _network_against
+from pvg.skin.body_colors import color_tables
+from pvg.skin.body_parts import body_parts, fill_gaps, fill_holes, leave_out_hair, own_people
 from pvg.skin.network import NetworkOutput
 from pvg.skin.prior import head_shape
 from pvg.video import read_frames
@@ -182,7 +184,7 @@ def test_a_gap_between_the_mattes_of_face_and_body_is_their_skin(
     if below:
         probability[52:, 20:40] = 0.95
     gap = slice(40, 52), slice(20, 40)
-    _fill_gaps(probability, face, np.full(face.shape, said, np.float32), np.full(face.shape, hair, np.float32), 70.0)
+    fill_gaps(probability, face, np.full(face.shape, said, np.float32), np.full(face.shape, hair, np.float32), 70.0)
     assert (probability[gap] > 0.5).all() == (probability[gap] > 0.5).any() == filled
     assert probability[:40].max() < 0.5
     assert probability[40:, :10].max() < 0.5
@@ -200,7 +202,7 @@ def test_what_little_a_persons_skin_encloses_is_skin(side: int, at: int, filled:
     hole = slice(at, at + side), slice(at, at + side)
     probability[hole], face[hole] = 0.1, 0.0
     before = probability.copy()
-    _fill_holes(probability, face, 70.0)
+    fill_holes(probability, face, 70.0)
     assert bool((probability[hole] > 0.5).all()) is filled
     probability[hole] = before[hole]
     np.testing.assert_array_equal(probability, before)
@@ -219,7 +221,7 @@ def test_what_touches_nothing_is_a_persons_or_surely_skin(probability: float, pe
     part[-30:, -30:] = True
     known = np.zeros(part.shape, np.float32)
     known[:10, :10] = 1
-    mask = _parts(
+    mask = body_parts(
         np.where(part, np.float32(probability), np.float32(0)),
         part,
         known,
@@ -363,7 +365,7 @@ def test_small_parts_without_a_face_are_no_people_wherever_the_others_are(crowde
         person[20:60, 10:60] = 200
         person[2:4, 2:4] = 130  # of a face that is known
         known[3, 3] = 1
-    found = _own_people(person, known, 20.0)
+    found = own_people(person, known, 20.0)
     kept = person.copy()
     kept[5:8, 70:75] = 0
     np.testing.assert_array_equal(found, kept)

@@ -1,0 +1,49 @@
+"""What colours alone say of a person's skin off the face, as tables over R, G, B."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pvg._arrays import Floats
+from pvg.skin.color_model import SkinColors, to_skin_lab
+from pvg.skin.parameters import SKIN_PRIOR
+
+_BODY = SKIN_PRIOR.body
+_LEAST_CHROMA = 1.0  # Lab: below it a hue has no direction
+
+
+def color_tables(colors: SkinColors) -> tuple[Floats, Floats]:
+    """Log-odds of skin by colour alone, everywhere and at the ears: (n, n, n) float32 at even steps of R, G, B to 255.
+
+    Ears are thin and full of blood: they may be redder, darker and of more chroma than the face.
+    """
+    levels = np.linspace(0, 255, _BODY.cube).astype(np.float32)
+    grid = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), axis=-1).reshape(_BODY.cube, -1, 3)
+    lab = to_skin_lab(np.asarray(grid, np.float32))
+    center, spread = colors.scale.center, colors.scale.spread
+    tone = center[1:]
+    chroma = max(float(np.hypot(*tone)), _LEAST_CHROMA)
+    off = lab[..., 1:] - tone
+    unit = float(spread[1:].mean())
+    along = (off @ tone) / chroma
+    across = (off[..., 1] * tone[0] - off[..., 0] * tone[1]) / chroma / unit
+    missing = np.maximum(0, _BODY.least_chroma - 1 - along / chroma)
+    grey = _BODY.grey * missing**2 * min(1.0, chroma / SKIN_PRIOR.colors.full_chroma)
+    along = along / unit
+    away = (lab[..., 0] - center[0]) / spread[0]
+    light = np.maximum(np.abs(away) - _BODY.light_free, 0) / _BODY.light
+    seen = colors.evidence(lab)
+
+    def table(against: Floats | float, more: float, redder: float) -> Floats:
+        squares = (along / np.where(along < 0, _BODY.along[0], more)) ** 2
+        squares += (across / np.where(across < 0, redder, _BODY.across)) ** 2 + light**2
+        by_histogram = _BODY.seen_weight * np.clip(seen, -against, _BODY.seen_for)
+        odds = _BODY.base - 0.5 * squares - grey + by_histogram
+        return np.ascontiguousarray(odds.reshape((_BODY.cube,) * 3), np.float32)
+
+    # a wall beside an ear is no ear: only what has the face's chroma or more
+    at_ears = np.where(along > 0, _BODY.ear_against, _BODY.seen_against)
+    return (
+        table(_BODY.seen_against, _BODY.along[1], _BODY.across),
+        table(at_ears, _BODY.ear_along, _BODY.ear_redder),
+    )

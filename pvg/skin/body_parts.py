@@ -1,0 +1,176 @@
+"""Connected parts of a person's skin off the face: which are kept, filled, joined to the face or left out as hair."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from pvg._arrays import Bools, Bytes, Floats
+from pvg.skin.cleanup import occupied
+from pvg.skin.color_model import ColorScale, to_skin_lab
+from pvg.skin.parameters import SKIN_PRIOR
+from pvg.skin.prior import HeadShape
+
+_BODY = SKIN_PRIOR.body
+_TOUCHING = 2  # cells around the face's mask that a part touches it by
+_STOOD = 0.3  # of a part: so much of it was there before
+
+
+def fill_gaps(probability: Floats, face: Floats, predicted: Floats, hair: Floats, size: float) -> None:
+    """Raise the probability (h, w), in place, where a hand on the face is cut by the end of the face's matte.
+
+    Around the face nothing counts as the body's, and the face's matte ends with its box: what lies between both, is no
+    hair and skin to the network is their hand's or neck's. All (h, w);  face: its matte in [0, 1];
+    predicted: by the network;  hair: log-odds of hair, nats;  size: a face size in cells.
+    """
+    likely, of_face = (where.astype(np.uint8) for where in (probability > 0.5, face > _BODY.gap_face))
+    side = 2 * max(1, round(_BODY.gap * size)) + 1
+    either = likely | of_face
+    closed = cv2.morphologyEx(either, cv2.MORPH_CLOSE, _square(side))
+    gap = (closed > either) & (predicted > _BODY.gap_predicted) & (hair < _BODY.gap_hair)
+    if not gap.any():
+        return
+    count, labels = cv2.connectedComponents(gap.astype(np.uint8), connectivity=8)
+    beside = [cv2.dilate(one, _square(3)) > 0 for one in (likely, of_face)]
+    between = np.all([np.bincount(labels[one], minlength=count) > 0 for one in beside], axis=0)
+    between[0] = False
+    np.copyto(probability, np.maximum(probability, predicted), where=between[labels])
+
+
+def fill_holes(probability: Floats, face: Floats, size: float) -> None:
+    """Raise the probability (h, w), in place, in small holes of the person's skin: the inside of an ear is blood-red.
+
+    face: (h, w) the face's matte in [0, 1];  size: a face size in cells.
+    """
+    skin = ((probability > 0.5) | (face > 0.5)).view(np.uint8)
+    box = occupied(skin, 1)  # what reaches its edge reaches the picture's
+    within = skin[box]
+    if not within.size:
+        return
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(1 - within, connectivity=4)
+    x, y, w, h, area = stats.T
+    rows, columns = within.shape
+    holes = (area <= _BODY.hole * size**2) & (x > 0) & (y > 0) & (x + w < columns) & (y + h < rows)
+    holes[0] = False
+    if holes.any():
+        part = probability[box]
+        np.copyto(part, np.maximum(part, np.float32(_BODY.hole_probability)), where=holes[labels])
+
+
+def leave_out_hair(
+    probability: Floats,
+    rgb: Bytes,
+    person: Bytes,
+    known: Floats,
+    hair: Floats,
+    head: HeadShape,
+    scale: ColorScale,
+    gain: Floats,
+) -> None:
+    """Set the probability (h, w) to 0, in place, in parts beside the face that are cut out of hair of one colour.
+
+    The place of an ear makes up for a colour that is not quite the skin's. An ear ends where its colour does; a
+    part whose surroundings have its own colour ends where that place does.  rgb, person, known, head, scale, gain: see
+    `hair_odds`;  hair: (h, w) nats, its result.
+    """
+    y, x = (along.astype(np.float32) for along in np.ogrid[: known.shape[0], : known.shape[1]])
+    down = head.axes.down
+    above = (x - head.chin[0]) * down[0] + (y - head.chin[1]) * down[1] < -_BODY.hair_above * head.size
+    likely, off_face = probability > 0.5, known < 0.5
+    parts = (likely & off_face & above).view(np.uint8)
+    rows, columns = occupied(parts)
+    if not parts[rows, columns].size:
+        return
+    labels = np.zeros(parts.shape, np.int32)
+    count, labels[rows, columns], stats, _ = cv2.connectedComponentsWithStats(parts[rows, columns], connectivity=8)
+    stats[:, :2] += columns.start, rows.start
+    around = off_face & ~likely & (person > 255 * _BODY.no_person)
+    least, most = _BODY.hair_cells, _BODY.hair_most * head.size**2
+    for part in range(1, count):
+        x0, y0, w, h, area = (int(v) for v in stats[part])
+        if not least <= area <= most:
+            continue
+        reach = _BODY.hair_reach
+        box = slice(max(0, y0 - reach), y0 + h + reach), slice(max(0, x0 - reach), x0 + w + reach)
+        inside = labels[box] == part
+        mean_hair = float(hair[box][inside].mean())
+        if mean_hair < _BODY.hair_least:
+            continue
+        near, far = (cv2.dilate(inside.astype(np.uint8), _square(2 * r + 1)) > 0 for r in (1, reach))
+        ring = far & ~near & around[box]
+        if int(ring.sum()) < least:
+            continue
+        lit = np.asarray(np.clip(np.rint(rgb[box] * gain), 0, 255), np.uint8)
+        z = (to_skin_lab(lit) - scale.center) / scale.spread
+        apart = np.median(z[inside], axis=0) - np.median(z[ring], axis=0)
+        if float(np.linalg.norm(apart)) < _BODY.hair_alike + mean_hair:
+            probability[box][inside] = 0.0
+
+
+def own_people(person: Bytes, known: Floats, size: float) -> Bytes:
+    """The person mask (h, w) without small parts that have nothing of the face's own mask (h, w): pots and chairs.
+
+    size: a face size in cells.
+    """
+    people, face, least = (person > 255 * _BODY.no_person).view(np.uint8), known > 0.5, _BODY.least_person * size**2
+    large = people.size - int(np.count_nonzero(people)) > least  # what is nobody's, which is a part as well
+    box = occupied(people) if large else (slice(None), slice(None))
+    if not people[box].size:
+        return person
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(people[box])
+    kept = stats[:, cv2.CC_STAT_AREA] > least
+    kept[0] |= large
+    kept |= np.bincount(labels[face[box]], minlength=count) > 0
+    if kept.all():
+        return person
+    out = person.copy()
+    out[box] *= kept[labels]
+    return out
+
+
+def body_parts(
+    probability: Floats, likely: Bools, known: Floats, person: Bytes, before: Floats | None, head: HeadShape
+) -> Bools:
+    """The parts of `likely` (h, w) that are a body's: what touches the face, and what is large and sure enough.
+
+    Above the chin only a hand is skin that touches nothing, and a raised hand is large. Where the person mask is not
+    sure, as on a floor of the skin's colour, what touches nothing must be surer by itself: a hand that comes in.
+    known: (h, w) the face's own mask;  person: (h, w), 255 on people;  before: (h, w) the mask before;
+    head: in cells.
+    """
+    size = head.size
+    face = (known > 0.5).astype(np.uint8)
+    joined = cv2.morphologyEx(likely.astype(np.uint8) | face, cv2.MORPH_CLOSE, _square(_BODY.join))
+    whole: Bools = np.zeros(likely.shape, np.bool_)
+    held = occupied(np.asarray(joined, np.uint8))
+    if not joined[held].size:
+        return whole
+    count, labels, stats, middles = cv2.connectedComponentsWithStats(joined[held], connectivity=8)
+    middles += held[1].start, held[0].start
+    touching = cv2.dilate(face, _square(2 * _TOUCHING + 1))[held] > 0
+    likely, probability, person = likely[held], probability[held], person[held]
+    before = None if before is None else before[held]
+    kept = np.bincount(labels[touching], minlength=count) > 0
+    kept[0] = False
+    for part in np.flatnonzero(~kept & (stats[:, cv2.CC_STAT_AREA] > _BODY.kept_part * size**2)):
+        if part == 0:
+            continue
+        x, y, w, h = (int(v) for v in stats[part, :4])
+        box = slice(y, y + h), slice(x, x + w)
+        cells = likely[box] & (labels[box] == part)
+        area = int(cells.sum())
+        stood = before is not None and float((before[box][cells] > 0.5).mean() if area else 0) > _STOOD
+        least = (_BODY.kept_part if stood else _BODY.least_part) * size**2
+        if (middles[part] - head.chin) @ head.axes.down < 0:
+            least *= _BODY.raised_part
+        if area <= least:
+            continue
+        whose = float(person[box][cells].mean()) / 255
+        sure = _BODY.sure if whose > (_BODY.kept_person if stood else _BODY.part_person) else _BODY.sure_alone
+        kept[part] = float(probability[box][cells].mean()) > sure
+    whole[held] = likely & kept[labels]
+    return whole
+
+
+def _square(side: int) -> Bytes:
+    return np.ones((side, side), np.uint8)
