@@ -146,11 +146,11 @@ def _body_example(person: str, picture: Picture, landmarks: Landmarks, masks: li
         )
     if recorder.asked is None:
         raise ValueError("the network was not asked")
-    known, head = recorder.asked[2:4]
+    face_mask, head = recorder.asked[2:4]
     fields = body_network.body_fields(*recorder.asked)
-    core = head.of_oval(known.shape) < _CORE
-    whole = _over_cells(person, "body", fields, scene.raster, picture, masks, core & (known > 0.5))
-    ratio = fields.shape[2] / known.shape[1]
+    core = head.of_oval(face_mask.shape) < _CORE
+    whole = _over_cells(person, "body", fields, scene.raster, picture, masks, core & (face_mask > 0.5))
+    ratio = fields.shape[2] / face_mask.shape[1]
     return _around(whole, (float(head.middle[0]) * ratio, float(head.middle[1]) * ratio))
 
 

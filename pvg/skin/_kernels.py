@@ -308,7 +308,7 @@ def spatial_fields(
     """What `pvg.skin.prior.spatial_prior` tells of every cell (h, w) by its place alone.
 
     inner, outer: float32 distances from the contour within and outside it, in cells;
-    frame: (12,) float32, centre, across, down, chin and neck (x, y each), size and width of the face;
+    frame: (12,) float32: 0 the oval's middle, 2 across, 4 down, 6 chin, 8 neck (x, y each), 10 size, 11 width;
     brow, ear: depths of brows and ears in sizes;  fade_ends: (3,) where the neck's fade begins and ends,
     and the width of the fade along the raster's sides, in sizes.
     Written: log_odds of skin;  neck, the weight of the neck in [0, 1];  fade;  down, depth on the face;  along and off,
@@ -354,9 +354,9 @@ class BodyWeights(NamedTuple):
     ear_release: np.float32
     ear_begins: np.float32
     ear_ends: np.float32
-    known: np.float32
-    known_begins: np.float32
-    known_ends: np.float32
+    neck: np.float32
+    neck_begins: np.float32
+    neck_ends: np.float32
     most: np.float32
 
 
@@ -380,7 +380,7 @@ def _of_cube(cube: Floats, at: NDArray[np.int32], share: Floats) -> np.float32:
 def body_log_odds(
     rgb: Bytes,
     person: Bytes,
-    neck: Floats,
+    face_mask: Floats,
     against: Floats,
     cube: Floats,
     ears: Floats,
@@ -391,12 +391,13 @@ def body_log_odds(
 ) -> None:
     """out (h, w) = log-odds of a person's skin off the face, of every cell; see `pvg.skin.body`.
 
-    rgb: (h, w, 3);  person: (h, w), 255 on people;  neck: (h, w) in [0, 1], the face's own mask;
+    rgb: (h, w, 3);  person: (h, w), 255 on people;  face_mask: (h, w) in [0, 1], the face's own mask;
     against: (h, w), log-odds for what lies around the head;
     cube, ears: (n, n, n) log-odds of colours in the key frame's light at n even steps of R, G, B, everywhere and where
     the ears are;  gain: (3,) to that light;
-    frame: (16,) of the head: chin, neck, middle, across and down (x, y each), size, half width, height above and below
-    the middle of what lies around it, half width of its oval, and the ears' depth.
+    frame: (16,) float32 of the head: 0 chin, 2 neck, 4 middle, 6 across, 8 down (x, y each), 10 size, 11 half width,
+    12 height above and 13 below the middle of what lies around it, 14 half width of its oval, 15 the ears' depth. It is
+    read where it is used: naming its parts outside of the loops rounds other sums together, and changes assets.
     """
     h, w = out.shape
     none, one, half = np.float32(0.0), np.float32(1.0), np.float32(0.5)
@@ -427,7 +428,7 @@ def body_log_odds(
             total -= against[i, j] * (one - weights.ear_bare * at_ear)
             sure = total
             total += min(weights.person * (seen - half), weights.person_for)
-            if total + weights.known < none:  # whatever else is said
+            if total + weights.neck < none:  # whatever else is said
                 out[i, j] = max(total, -weights.most)
                 continue
             # green stands for the brightness whose evenness is measured
@@ -448,6 +449,6 @@ def body_log_odds(
             if around > none:
                 ear = at_ear * _smoothstep(sure, weights.ear_begins, weights.ear_ends)
                 total -= weights.head * around * (one - weights.ear_release * ear)
-            if neck[i, j] > none:
-                total += weights.known * neck[i, j] * _smoothstep(way, weights.known_begins, weights.known_ends)
+            if face_mask[i, j] > none:
+                total += weights.neck * face_mask[i, j] * _smoothstep(way, weights.neck_begins, weights.neck_ends)
             out[i, j] = min(max(total, -weights.most), weights.most)

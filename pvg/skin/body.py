@@ -49,9 +49,9 @@ _WEIGHTS = BodyWeights(
     ear_release=np.float32(_BODY.ear_release),
     ear_begins=np.float32(_BODY.ear_sure[0]),
     ear_ends=np.float32(_BODY.ear_sure[1]),
-    known=np.float32(_BODY.known),
-    known_begins=np.float32(_BODY.known_rise[0]),
-    known_ends=np.float32(_BODY.known_rise[1]),
+    neck=np.float32(_BODY.neck),
+    neck_begins=np.float32(_BODY.neck_rise[0]),
+    neck_ends=np.float32(_BODY.neck_rise[1]),
     most=np.float32(_BODY.most),
 )
 _SIDE_BY_SIDE = 0.5  # of a face's width: faces nearer to each other are one
@@ -87,22 +87,22 @@ class BodyTracker:
         own = landmarks.in_cells(scene.raster)
         head = head_shape(own)
         xs, ys = (np.asarray(v, np.float32) for v in scene.raster.centers())
-        known = face.raster.read(face.mask.astype(np.float32), xs, ys)
+        face_mask = face.raster.read(face.mask.astype(np.float32), xs, ys)
         gain = gain_back(self._light, light)
         log_odds = np.empty(scene.raster.shape, np.float32)
-        person = own_people(scene.person, known, head.size)
+        person = own_people(scene.person, face_mask, head.size)
         maps = scene.before
         asked = self._hair is None or maps is None or scene.changed or self._scenes % _BODY.person_every == 0
-        hair = hair_odds(scene.rgb, person, known, head, self._scale, gain) if asked else _moved(self._hair, maps)
+        hair = hair_odds(scene.rgb, person, face_mask, head, self._scale, gain) if asked else _moved(self._hair, maps)
         self._hair, self._scenes = hair, self._scenes + 1
         oval = head.of_oval(scene.raster.shape)
         against = hair if output is None else hair + _network_against(output, scene.raster, oval)
-        body_log_odds(scene.rgb, person, known, against, *self._tables, gain, _frame(head, own), _WEIGHTS, log_odds)
+        body_log_odds(scene.rgb, person, face_mask, against, *self._tables, gain, _frame(head, own), _WEIGHTS, log_odds)
         by_rules = logistic(np.asarray(cv2.GaussianBlur(log_odds, (0, 0), _BODY.blur), np.float32))
         if asked:
             usual = gain_of(light)
             lit = relit(scene.rgb, usual)
-            predicted = body_network.predict_body_skin(lit, person, known, head, usual * light, by_rules)
+            predicted = body_network.predict_body_skin(lit, person, face_mask, head, usual * light, by_rules)
         else:
             predicted = _moved(self._predicted, maps)
         self._predicted = predicted
@@ -117,17 +117,17 @@ class BodyTracker:
             probability = np.asarray(probability * share, np.float32)
         if self.color_trust < 1:
             probability *= np.float32(self.color_trust)
-        leave_out_hair(probability, scene.rgb, person, known, hair, head, self._scale, gain)
-        mask, alpha = self._smooth_in_time(scene, probability, known, person, head)
+        leave_out_hair(probability, scene.rgb, person, face_mask, hair, head, self._scale, gain)
+        mask, alpha = self._smooth_in_time(scene, probability, face_mask, person, head)
         return Matte.over(scene.raster.box, in_levels(alpha), mask)
 
     def _smooth_in_time(
-        self, scene: Scene, probability: Floats, known: Floats, person: Bytes, head: HeadShape
+        self, scene: Scene, probability: Floats, face_mask: Floats, person: Bytes, head: HeadShape
     ) -> tuple[Bools, Floats]:
         """Mask and alpha (h, w), held to those of the scene before where nothing changed."""
         before, maps = self._before, scene.before
         if before is None or maps is None:
-            mask = body_parts(probability, probability > 0.5, known, person, None, head)
+            mask = body_parts(probability, probability > 0.5, face_mask, person, None, head)
             alpha = soft_edge(probability, mask, _EDGE_BLUR)
         else:
             was_rgb, layers = before
@@ -138,7 +138,7 @@ class BodyTracker:
             keep = weight_of_before(np.asarray(moved_rgb, np.uint8), scene.rgb)
             probability = (probability + keep * (was_probability - probability)).astype(np.float32)
             likely = probability + _TRACKING.hysteresis * keep * (was - 0.5) > 0.5
-            mask = body_parts(probability, likely, known, person, np.asarray(was, np.float32), head)
+            mask = body_parts(probability, likely, face_mask, person, np.asarray(was, np.float32), head)
             alpha = soft_edge(probability, mask, _EDGE_BLUR)
             alpha = (alpha + keep * (was_alpha - alpha)).astype(np.float32)
         left = cv2.merge([probability, mask.astype(np.float32), alpha])

@@ -21,15 +21,15 @@ _NEAR = 3  # cells a side over which unevenness is measured
 
 
 def body_fields(
-    rgb: Bytes, person: Bytes, known: Floats, head: HeadShape, light: Floats, probability: Floats
+    rgb: Bytes, person: Bytes, face_mask: Floats, head: HeadShape, light: Floats, probability: Floats
 ) -> Floats:
     """What the network is shown: (FIELDS, h', w') float32.
 
     rgb: (h, w, 3) uint8, the scene;  person: (h, w) uint8, 255 on people;
-    known: (h, w) in [0, 1], the face's own mask;  head: in the scene's cells;
+    face_mask: (h, w) in [0, 1], the face's own mask;  head: in the scene's cells;
     light: (3,) RGB, the face's colour now;  probability: (h, w), of skin so far.
     """
-    h, w = known.shape
+    h, w = face_mask.shape
     ratio = min(1.0, _BODY.face_cells / head.size)
     size = (max(1, round(w * ratio)), max(1, round(h * ratio)))
 
@@ -41,11 +41,11 @@ def body_fields(
     green = rgb[..., 1].astype(np.float32)
     mean = cv2.blur(green, (_NEAR, _NEAR))
     spread = np.sqrt(np.maximum(cv2.blur(green * green, (_NEAR, _NEAR)) - mean * mean, 0))
-    side, depth = head.places(known.shape)
+    side, depth = head.places(face_mask.shape)
     fields = [*np.moveaxis(color / 255 - 0.5, 2, 0), *np.moveaxis(beside, 2, 0)]
     fields += [
         small(person.astype(np.float32)) / 255 - 0.5,
-        small(known),
+        small(face_mask),
         small(np.tanh(np.abs(side) / _BODY.far)),
         small(np.tanh(depth / _BODY.far)),
         small(spread / (mean + _NETWORK.dark)),
@@ -55,8 +55,8 @@ def body_fields(
 
 
 def predict_body_skin(
-    rgb: Bytes, person: Bytes, known: Floats, head: HeadShape, light: Floats, probability: Floats
+    rgb: Bytes, person: Bytes, face_mask: Floats, head: HeadShape, light: Floats, probability: Floats
 ) -> Floats:
     """The network's probability of anybody's skin (h, w) float32; see `body_fields`."""
-    fields = body_fields(rgb, person, known, head, light, probability)
+    fields = body_fields(rgb, person, face_mask, head, light, probability)
     return run_network(_NAME, fields, probability.shape, _BODY.margin)

@@ -61,7 +61,7 @@ def leave_out_hair(
     probability: Floats,
     rgb: Bytes,
     person: Bytes,
-    known: Floats,
+    face_mask: Floats,
     hair: Floats,
     head: HeadShape,
     scale: ColorScale,
@@ -70,13 +70,14 @@ def leave_out_hair(
     """Set the probability (h, w) to 0, in place, in parts beside the face that are cut out of hair of one colour.
 
     The place of an ear makes up for a colour that is not quite the skin's. An ear ends where its colour does; a
-    part whose surroundings have its own colour ends where that place does.  rgb, person, known, head, scale, gain: see
-    `hair_odds`;  hair: (h, w) nats, its result.
+    part whose surroundings have its own colour ends where that place does.
+
+    rgb, person, face_mask, head, scale, gain: see `hair_odds`;  hair: (h, w) nats, its result.
     """
-    y, x = (along.astype(np.float32) for along in np.ogrid[: known.shape[0], : known.shape[1]])
+    y, x = (along.astype(np.float32) for along in np.ogrid[: face_mask.shape[0], : face_mask.shape[1]])
     down = head.axes.down
     above = (x - head.chin[0]) * down[0] + (y - head.chin[1]) * down[1] < -_BODY.hair_above * head.size
-    likely, off_face = probability > 0.5, known < 0.5
+    likely, off_face = probability > 0.5, face_mask < 0.5
     parts = (likely & off_face & above).view(np.uint8)
     rows, columns = occupied(parts)
     if not parts[rows, columns].size:
@@ -107,12 +108,12 @@ def leave_out_hair(
             probability[box][inside] = 0.0
 
 
-def own_people(person: Bytes, known: Floats, size: float) -> Bytes:
+def own_people(person: Bytes, face_mask: Floats, size: float) -> Bytes:
     """The person mask (h, w) without small parts that have nothing of the face's own mask (h, w): pots and chairs.
 
     size: a face size in cells.
     """
-    people, face, least = (person > 255 * _BODY.no_person).view(np.uint8), known > 0.5, _BODY.least_person * size**2
+    people, face, least = (person > 255 * _BODY.no_person).view(np.uint8), face_mask > 0.5, _BODY.least_person * size**2
     large = people.size - int(np.count_nonzero(people)) > least  # what is nobody's, which is a part as well
     box = occupied(people) if large else (slice(None), slice(None))
     if not people[box].size:
@@ -129,17 +130,17 @@ def own_people(person: Bytes, known: Floats, size: float) -> Bytes:
 
 
 def body_parts(
-    probability: Floats, likely: Bools, known: Floats, person: Bytes, before: Floats | None, head: HeadShape
+    probability: Floats, likely: Bools, face_mask: Floats, person: Bytes, before: Floats | None, head: HeadShape
 ) -> Bools:
     """The parts of `likely` (h, w) that are a body's: what touches the face, and what is large and sure enough.
 
     Above the chin only a hand is skin that touches nothing, and a raised hand is large. Where the person mask is not
     sure, as on a floor of the skin's colour, what touches nothing must be surer by itself: a hand that comes in.
-    known: (h, w) the face's own mask;  person: (h, w), 255 on people;  before: (h, w) the mask before;
+    face_mask: (h, w) the face's own mask;  person: (h, w), 255 on people;  before: (h, w) the mask before;
     head: in cells.
     """
     size = head.size
-    face = (known > 0.5).astype(np.uint8)
+    face = (face_mask > 0.5).astype(np.uint8)
     joined = cv2.morphologyEx(likely.astype(np.uint8) | face, cv2.MORPH_CLOSE, _square(_BODY.join))
     whole: Bools = np.zeros(likely.shape, np.bool_)
     held = occupied(np.asarray(joined, np.uint8))

@@ -386,8 +386,8 @@ class BodyNumbers:
     texture_from: float = 0.12  # standard deviation over brightness, of 3 cells a side [by eye]: skin is smooth
     texture: float = 20.0  # nats a unit more [by eye]
     texture_dark: float = 12.0  # 8-bit levels added to the brightness [by eye]
-    known: float = 4.0  # nats for what the face's mask calls neck [by eye]
-    known_rise: Range = (-0.15, 0.1)  # face sizes below the chin [by eye]: where it begins to
+    neck: float = 4.0  # nats for what the face's mask calls neck [by eye]
+    neck_rise: Range = (-0.15, 0.1)  # face sizes below the chin [by eye]: where it begins to
     network_weight: float = 0.5  # of the face's network's log-odds against skin [measured: hair and walls at 0 to 1]
     network_most: float = 2.0  # nats of it at most [measured: of 2 to 6; hands and ears lose by more]
     network_rise: Range = (1.1, 1.3)  # of the face's oval, off which it counts [by eye]: before the face hands are seen

@@ -14,22 +14,22 @@ from pvg.skin.prior import HeadShape
 _RING, _BODY = SKIN_PRIOR.ring, SKIN_PRIOR.body
 
 
-def hair_odds(rgb: Bytes, person: Bytes, known: Floats, head: HeadShape, scale: ColorScale, gain: Floats) -> Floats:
+def hair_odds(rgb: Bytes, person: Bytes, face_mask: Floats, head: HeadShape, scale: ColorScale, gain: Floats) -> Floats:
     """(h, w) float32 nats against skin in the cells of a scene, 0 where no hair is known.
 
-    rgb: (h, w, 3);  person: (h, w), 255 on people;  known: (h, w) in [0, 1], the face's own mask;  head: in cells;
+    rgb: (h, w, 3);  person: (h, w), 255 on people;  face_mask: (h, w) in [0, 1], the face's own mask;  head: in cells;
     scale: of the face's skin on the key frame;  gain: (3,) to its light.
     """
-    out = np.zeros(known.shape, np.float32)
-    side, depth = head.places(known.shape)
+    out = np.zeros(face_mask.shape, np.float32)
+    side, depth = head.places(face_mask.shape)
     side = np.abs(side)
     half_width, half_height = head.width / 2 / head.size, head.height / 2 / head.size
     # half an ellipse over the head, upright below its middle
     away = np.hypot(side / (half_width + _BODY.head_beside), np.minimum(depth, 0) / (half_height + _BODY.head_above))
     around = (away > _RING.inner) & (away < 1) & (depth < half_height + _RING.below)
     margin = np.ones((2 * _RING.apart + 1,) * 2, np.uint8)
-    around &= (person > 255 * _RING.person) & (cv2.dilate((known > 0).astype(np.uint8), margin) == 0)
-    face = cv2.erode((known > 0.5).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    around &= (person > 255 * _RING.person) & (cv2.dilate((face_mask > 0).astype(np.uint8), margin) == 0)
+    face = cv2.erode((face_mask > 0.5).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     samples = [np.flatnonzero(part) for part in (around, face)]
     if min(len(sample) for sample in samples) < _RING.least:
         return out

@@ -132,7 +132,7 @@ def test_a_part_beside_the_face_ends_where_its_colour_does_or_is_hair(around: tu
     assert model.learned is not None
     scene = drawn.scene()
     shape = scene.raster.shape
-    probability, known, hair = np.zeros((3, *shape), np.float32)
+    probability, face_mask, hair = np.zeros((3, *shape), np.float32)
     hair += 3.0
     part = slice(20, 26), slice(20, 24)
     probability[part] = 0.9
@@ -141,7 +141,7 @@ def test_a_part_beside_the_face_ends_where_its_colour_does_or_is_hair(around: tu
     head = head_shape(drawn.landmarks.in_cells(scene.raster))
     person = np.full(shape, 255, np.uint8)
     scale = model.learned.colors.scale
-    leave_out_hair(probability, rgb, person, known, hair, head, scale, np.ones(3, np.float32))
+    leave_out_hair(probability, rgb, person, face_mask, hair, head, scale, np.ones(3, np.float32))
     assert (probability[part] > 0.5).all() == kept
 
 
@@ -219,12 +219,12 @@ def test_what_touches_nothing_is_a_persons_or_surely_skin(probability: float, pe
     head = head_shape(drawn.landmarks.in_cells(scene.raster))
     part = np.zeros(scene.raster.shape, bool)
     part[-30:, -30:] = True
-    known = np.zeros(part.shape, np.float32)
-    known[:10, :10] = 1
+    face_mask = np.zeros(part.shape, np.float32)
+    face_mask[:10, :10] = 1
     mask = body_parts(
         np.where(part, np.float32(probability), np.float32(0)),
         part,
-        known,
+        face_mask,
         np.where(part, np.uint8(255 * person), np.uint8(0)),
         None,
         head,
@@ -359,13 +359,13 @@ def test_skin_without_colour_tells_of_no_other_skin() -> None:
 @pytest.mark.parametrize("crowded", [False, True])
 def test_small_parts_without_a_face_are_no_people_wherever_the_others_are(crowded: bool) -> None:
     """Also where people fill the picture, and what is nobody's is a small part itself."""
-    person, known = np.full((60, 80), 255 if crowded else 3, np.uint8), np.zeros((60, 80), np.float32)
+    person, face_mask = np.full((60, 80), 255 if crowded else 3, np.uint8), np.zeros((60, 80), np.float32)
     person[5:8, 70:75] = 3 if crowded else 255  # a pot, or a gap
     if not crowded:
         person[20:60, 10:60] = 200
         person[2:4, 2:4] = 130  # of a face that is known
-        known[3, 3] = 1
-    found = own_people(person, known, 20.0)
+        face_mask[3, 3] = 1
+    found = own_people(person, face_mask, 20.0)
     kept = person.copy()
     kept[5:8, 70:75] = 0
     np.testing.assert_array_equal(found, kept)

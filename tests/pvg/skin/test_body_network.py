@@ -22,17 +22,17 @@ class Shown:
 
     rgb: np.ndarray
     person: np.ndarray
-    known: np.ndarray
+    face_mask: np.ndarray
     head: HeadShape
     light: np.ndarray
 
     @property
     def skin(self) -> np.ndarray:
-        return self.known > 0.5
+        return self.face_mask > 0.5
 
     def predicted(self, probability: np.ndarray) -> np.ndarray:
         by_rules = probability.astype(np.float32)
-        return body_network.predict_body_skin(self.rgb, self.person, self.known, self.head, self.light, by_rules)
+        return body_network.predict_body_skin(self.rgb, self.person, self.face_mask, self.head, self.light, by_rules)
 
 
 def _shown(rgb: np.ndarray, landmarks: Landmarks) -> Shown:
@@ -40,8 +40,8 @@ def _shown(rgb: np.ndarray, landmarks: Landmarks) -> Shown:
     skin = SkinTracker(fit_skin_model(rgb, landmarks))
     matte = skin.step(rgb, landmarks, scene)
     xs, ys = (np.asarray(v, np.float32) for v in scene.raster.centers())
-    known = matte.raster.read(matte.mask.astype(np.float32), xs, ys)
-    return Shown(scene.rgb, scene.person, known, head_shape(landmarks.in_cells(scene.raster)), skin.light)
+    face_mask = matte.raster.read(matte.mask.astype(np.float32), xs, ys)
+    return Shown(scene.rgb, scene.person, face_mask, head_shape(landmarks.in_cells(scene.raster)), skin.light)
 
 
 @pytest.fixture(scope="module", params=["portrait", "dark_portrait", "pale_portrait"])
@@ -52,7 +52,7 @@ def shown(request: pytest.FixtureRequest, samples: Samples) -> Shown:
 
 def test_a_scene_is_shown_no_finer_than_it_is_and_at_one_face_size(shown: Shown) -> None:
     by_rules = shown.skin.astype(np.float32)
-    fields = body_network.body_fields(shown.rgb, shown.person, shown.known, shown.head, shown.light, by_rules)
+    fields = body_network.body_fields(shown.rgb, shown.person, shown.face_mask, shown.head, shown.light, by_rules)
     assert len(fields) == network.FIELDS
     assert np.isfinite(fields).all()
     ratio = fields.shape[2] / shown.rgb.shape[1]
@@ -68,7 +68,7 @@ def test_a_patch_of_wall_that_the_rules_took_is_no_skin_and_a_hole_in_a_neck_is(
     row, column = np.unravel_index(np.argmax(away), away.shape)
     ys, xs = np.mgrid[: away.shape[0], : away.shape[1]]
     wall = np.hypot(xs - column, ys - row) < min(0.2 * size, away.max())
-    neck = shown.skin & (shown.head.places(shown.known.shape)[1] > 0.6)
+    neck = shown.skin & (shown.head.places(shown.face_mask.shape)[1] > 0.6)
     assert wall.sum() > 20
     assert neck.sum() > 20
     by_rules = np.where(shown.skin, 0.95, 0.02)
