@@ -6,22 +6,22 @@ import ast
 import dataclasses
 import inspect
 import re
+import sys
 from pathlib import Path
 
 import pytest
 
-from pvg.skin import parameters
 from pvg.skin.parameters import SKIN_PRIOR, SkinPrior
 
-SOURCE = inspect.getsource(parameters)
 MARK = re.compile(r"\[(measured: .+|paper|by eye)\]")
 DOCS = Path(__file__).resolve().parents[3] / "docs" / "skin.md"
 
 
 def _numbers(group: object) -> dict[str, str]:
     """The comment of each tuned number of a group."""
-    node = next(n for n in ast.parse(SOURCE).body if isinstance(n, ast.ClassDef) and n.name == type(group).__name__)
-    lines = SOURCE.splitlines()
+    source = inspect.getsource(sys.modules[type(group).__module__])
+    node = next(n for n in ast.parse(source).body if isinstance(n, ast.ClassDef) and n.name == type(group).__name__)
+    lines = source.splitlines()
     fields = [n for n in node.body if isinstance(n, ast.AnnAssign)]
     return {ast.unparse(n.target): lines[n.lineno - 1].partition("#")[2] for n in fields}
 

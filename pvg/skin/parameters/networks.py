@@ -1,0 +1,31 @@
+"""What the networks are shown, and how far they are believed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pvg.skin.parameters._range import Range
+
+
+@dataclass(frozen=True)
+class NetworkNumbers:
+    """What the network is shown, and how far it is believed."""
+
+    face_cells: float = 48.0  # cells a face size [by eye]: the network was trained so
+    dark: float = 10.0  # 8-bit levels added before a logarithm [by eye]: as trained
+    multiple: int = 16  # cells [by eye]: sides are multiples, for it halves four times
+    sure: float = 0.001  # of probability [by eye]: nothing that is said is surer
+    believed: float = 0.6  # of the log-odds, the rest the rules' [measured: 0.5 to 0.7 on pictures new to both]
+    every: int = 4  # frames of a clip from one answer to the next [measured: mattes differ by 0.1 to 0.4 %]
+    changed: float = 0.2  # of the cells, from which on it is asked at once [measured: at 0.25 occluders are tinted]
+
+
+@dataclass(frozen=True)
+class BodyNetworkNumbers:
+    """What the network of the body is shown, and how far it is believed; the rest is as of the face's."""
+
+    face_cells: float = 24.0  # cells a face size at most [by eye]: the network was trained so
+    far: float = 3.0  # face sizes [by eye]: farther places are hardly told apart; as trained
+    rise: Range = (1.3, 1.6)  # of the face's oval, off which it counts [measured: from 1.1 on red ears lose 7 %]
+    margin: int = 8  # cells around the scene [by eye]: in training more lay around it
+    believed: float = 0.6  # of the log-odds, the rest the rules' [measured: 0.6 to 1 on pictures new to both]
