@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from pvg.video.color import INPUT_COLORS, ColorSpace, InputColor, color_space, named_space
+from pvg.video.containers import CLIP_SUFFIXES, CONTAINERS, PIPED
 from pvg.video.describing import inspect, planned
 from pvg.video.display_order import DisplayOrder, display_order, frame_at, key_pictures
-from pvg.video.encoders import CLIP_SUFFIXES, CONTAINERS, PIPED, check_scales
+from pvg.video.encoders import check_scales
 from pvg.video.encoding import PictureEncoder
 from pvg.video.formats import RGB24, RGB48, Frame, Patch, PixelFormat
 from pvg.video.images import IMAGE_SUFFIXES, read_image, write_image

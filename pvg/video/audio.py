@@ -13,7 +13,9 @@ import av.filter
 import av.packet
 
 from pvg.video.carrying import CarriedTrack, StampedPacket
-from pvg.video.keeping import WITH_EDITS, Carried, sound_shape
+from pvg.video.containers import has_edits
+from pvg.video.keeping import Carried
+from pvg.video.sound_formats import sound_shape
 from pvg.video.steady import samples_of_packets, steady_frames, steady_packets, steady_pcm
 from pvg.video.streams import Track
 
@@ -49,7 +51,7 @@ class SoundTrack(CarriedTrack):
     def _produce(self, opened: av.container.InputContainer) -> Iterator[StampedPacket]:
         packets = opened.demux(self._source)
         if self.carried.encoder is None:
-            yield from map(stamped, self._copied(_heard(packets, marked=self._container in WITH_EDITS)))
+            yield from map(stamped, self._copied(_heard(packets, marked=has_edits(self._container))))
             return
         for frame in steady_frames(self._decoded(packets)):
             for coded in self._target.encode(frame):
@@ -64,7 +66,7 @@ class SoundTrack(CarriedTrack):
             return steady_pcm(heard, track)
         context = self._source.codec_context
         samples = samples_of_packets(track, context.frame_size, context.extradata or b"")
-        rounded = self._container in WITH_EDITS and self._source.time_base > Fraction(1, track.rate or 1)
+        rounded = has_edits(self._container) and self._source.time_base > Fraction(1, track.rate or 1)
         return steady_packets(heard, samples, track.rate) if rounded and samples else heard
 
     def _decoded(self, packets: Iterable[av.packet.Packet[Any]]) -> Iterator[Any]:

@@ -16,6 +16,7 @@ import av.packet
 import av.stream
 
 from pvg.errors import MediaError
+from pvg.video.containers import CONTAINER_FORMATS
 from pvg.video.keeping import Carried
 from pvg.video.languages import language_in
 from pvg.video.opening import open_container, reason
@@ -62,7 +63,7 @@ class CarriedTrack(ABC):
     def _describe(self) -> None:
         track, container = self.carried.track, self._container
         tags: dict[str, str] = {}
-        if container in ("matroska", "webm"):
+        if CONTAINER_FORMATS[container].matroska_tags:
             tags |= dict(track.tags)
         elif track.handler is not None:
             tags["handler_name"] = track.handler

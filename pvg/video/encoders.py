@@ -1,4 +1,4 @@
-"""Encoders: what each container holds, the format nearest to a clip's that an encoder takes, and its options."""
+"""Encoders: which one a clip gets, the format nearest to the clip's that it takes, and its options."""
 
 from __future__ import annotations
 
@@ -11,22 +11,13 @@ from typing import Literal
 import av.codec
 
 from pvg._processors import are_more_seen, processors
+from pvg.video.containers import CONTAINER_FORMATS, PIPED, said, short_name
 from pvg.video.formats import PixelFormat
 from pvg.video.mastering import ContentLight, MasteringDisplay
 
 Codec = Literal["auto", "h264", "hevc", "vp9", "av1", "prores", "prores4444", "dnxhr", "ffv1", "raw"]
 FieldOrder = Literal["tff", "bff"]
 """Which field of an interlaced picture is the earlier: the top one (rows 0, 2, …) or the bottom one."""
-
-CONTAINERS = {
-    **{".mp4": "mp4", ".m4v": "mp4", ".mov": "mov", ".mkv": "matroska", ".webm": "webm"},
-    **{"mp4": "mp4", "mov": "mov", "mkv": "matroska", "matroska": "matroska", "webm": "webm"},
-    **{"nut": "nut", "y4m": "y4m"},
-}
-"""Names and suffixes of containers, and what libav calls them; the last two are `PIPED`."""
-CLIP_SUFFIXES = tuple(key for key in CONTAINERS if key.startswith("."))
-PIPED = ("nut", "y4m")
-"""The containers that are written to pipes."""
 
 _VP9, _AV1 = tuple(map(str, range(9))), tuple(map(str, range(14)))  # cpu-used, SVT-AV1's presets
 _NAMES = ("veryslow", "slower", "slow", "medium", "fast", "faster", "veryfast", "superfast", "ultrafast")
@@ -71,16 +62,6 @@ ENCODERS = {
     "ffv1": Encoder("ffv1", "FFV1", fields=True, alpha=True, whole=True),
     "raw": Encoder("rawvideo", "uncompressed video", fields=True, alpha=True, whole=True),
 }
-_HELD = {
-    "mp4": ("h264", "hevc", "vp9", "av1"),
-    "mov": ("h264", "hevc", "prores", "prores4444", "dnxhr"),
-    "matroska": ("h264", "hevc", "vp9", "av1", "ffv1", "prores", "prores4444"),
-    "webm": ("vp9", "av1"),
-    "nut": ("raw", "ffv1"),
-    "y4m": ("raw",),
-}
-"""What is put into each container: what libav's muxer takes (FFV1 in MOV and DNxHR in Matroska it does not)."""
-_SAID = {"mp4": "MP4", "mov": "MOV", "matroska": "Matroska", "webm": "WebM", "nut": "NUT", "y4m": "YUV4MPEG2"}
 _BY_PREFERENCE = {
     False: ("h264", "hevc", "vp9", "av1", "raw"),
     True: ("hevc", "av1", "vp9", "h264", "raw"),
@@ -94,27 +75,22 @@ _DNXHR_PROFILES = {"yuv422p": "dnxhr_hq", "yuv422p10le": "dnxhr_hqx", "yuv444p10
 _RAW_DEPTHS = ("", "10le", "12le")
 
 
-def said(container: str) -> str:
-    """A container's name in messages."""
-    return _SAID[container]
-
-
 def choose_codec(codec: str, container: str, depth: int, *, interlaced: bool = False) -> str:
     """The codec "auto" stands for, or the codec itself.
 
-    container: as libav names it, see `CONTAINERS`. auto: h264 for 8 bits and hevc above (WebM: vp9, av1 above; pipes:
+    container: of `CONTAINER_FORMATS`. auto: h264 for 8 bits and hevc above (WebM: vp9, av1 above; pipes:
     raw), or what comes next where PyAV was built without that encoder, as x264 and x265 often are left out for their
     licence; of interlaced clips those that keep fields alone. Raises ValueError for a codec that is unknown, unfit
     for the container, without fields for an interlaced clip, or has no encoder here.
     """
-    held = _HELD[container]
+    held = CONTAINER_FORMATS[container].codecs
     if codec == "auto":
         wanted = [name for name in _BY_PREFERENCE[depth > 8] if name in held]
         wanted += ["ffv1"] * (container == "nut")
         fit = [name for name in wanted if not interlaced or _keeps_fields(name, container)]
         if not fit:
             raise ValueError(
-                f"the clip is interlaced and {_SAID[container]} holds no codec with fields; write .mp4, .mov or .mkv"
+                f"the clip is interlaced and {said(container)} holds no codec with fields; write .mp4, .mov or .mkv"
             )
         there = next((name for name in fit if _has_encoder(name)), None)
         if there is None:
@@ -123,8 +99,8 @@ def choose_codec(codec: str, container: str, depth: int, *, interlaced: bool = F
     if codec not in ENCODERS:
         raise ValueError(f"codec {codec!r} is not one of auto, {', '.join(ENCODERS)}")
     if codec not in held:
-        others = [name for name, codecs in _HELD.items() if codec in codecs]
-        raise ValueError(f"{_SAID[container]} holds {_listed(held)}, not {codec}; write {_written_as(others)}")
+        others = [name for name, one in CONTAINER_FORMATS.items() if codec in one.codecs]
+        raise ValueError(f"{said(container)} holds {_listed(held)}, not {codec}; write {_written_as(others)}")
     if not _has_encoder(codec):
         raise ValueError(f"this PyAV has no {ENCODERS[codec].library} for {codec}; leave the codec to auto")
     if interlaced and not _keeps_fields(codec, container):
@@ -145,11 +121,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def _written_as(containers: Sequence[str]) -> str:
-    return _listed([f"--container {name}" if name in PIPED else f".{_suffix(name)}" for name in containers])
-
-
-def _suffix(container: str) -> str:
-    return "mkv" if container == "matroska" else container
+    return _listed([f"--container {name}" if name in PIPED else f".{short_name(name)}" for name in containers])
 
 
 def _has_encoder(codec: str) -> bool:

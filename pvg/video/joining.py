@@ -9,7 +9,8 @@ from pathlib import Path
 import av.error
 
 from pvg.errors import PartError
-from pvg.video.encoders import CONTAINERS, ENCODERS, PIPED
+from pvg.video.containers import CONTAINERS, PIPED
+from pvg.video.encoders import ENCODERS
 from pvg.video.encoding import CodedPacket, PictureEncoder, decoding_times
 from pvg.video.info import MediaInfo
 from pvg.video.keeping import Plan

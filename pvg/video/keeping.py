@@ -10,75 +10,17 @@ from typing import Literal
 
 import av
 
-from pvg.video.encoders import (
-    CONTAINERS,
-    ENCODERS,
-    PIPED,
-    FieldOrder,
-    choose_codec,
-    encoded_size,
-    encoder_format,
-    holds_alpha,
-    said,
-)
+from pvg.video.containers import CONTAINER_FORMATS, CONTAINERS, PIPED, has_edits, said, short_name
+from pvg.video.encoders import ENCODERS, FieldOrder, choose_codec, encoded_size, encoder_format, holds_alpha
 from pvg.video.formats import LUMA_WEIGHTS, UNSPECIFIED, UNSTATED, PixelFormat
 from pvg.video.info import MediaInfo
 from pvg.video.languages import language_in
 from pvg.video.mastering import ContentLight, MasteringDisplay
 from pvg.video.opening import StatedColors
+from pvg.video.sound_formats import carry_sound
 from pvg.video.streams import NOTHING, Chapter, Streams, Track
 
-_PCM = {f"pcm_s{bits}{end}" for bits in (16, 24, 32) for end in ("le", "be")} | {"pcm_f32le", "pcm_f64le", "pcm_u8"}
-_CARRIES = {
-    "mp4": {"aac", "mp3", "mp3float", "mp2", "ac3", "eac3", "alac", "flac", "opus"},
-    "mov": {"aac", "mp3", "mp3float", "ac3", "eac3", "alac", *_PCM, "pcm_f32be", "pcm_f64be", "pcm_alaw", "pcm_mulaw"},
-    "webm": {"opus", "vorbis"},
-    "matroska": {
-        *("aac", "mp3", "mp3float", "mp2", "ac3", "eac3", "alac", "flac", "opus", "vorbis", "dca", "truehd"),
-        *("wavpack", "tta", *_PCM),
-    },
-    "nut": {"aac", "mp3", "mp3float", "mp2", "ac3", "flac", "opus", "vorbis", *_PCM},
-    "y4m": set(),
-}
-"""Sound codecs (names of libav decoders) that a muxer takes and common players then play."""
-_EXACT = {"s16": "pcm_s16le", "s32": "pcm_s32le", "flt": "pcm_f32le", "dbl": "pcm_f64le", "u8": "pcm_u8"}
-_LOSSLESS = {"flac", "alac", "truehd", "mlp", "wavpack", "tta", "ape", "tak"}
-WITH_EDITS = ("mp4", "mov")
-"""Containers that tell what is before the beginning; in others all is moved until nothing is before zero."""
-_WITH_PCM = ("mov", "matroska", "nut")
-_USUAL_LAYOUTS = {1: "mono", 2: "stereo", 3: "2.1", 4: "quad", 5: "5.0", 6: "5.1", 7: "6.1", 8: "7.1"}
-_OPUS_RATE, _OPUS_LAYOUTS = 48000, _USUAL_LAYOUTS | {3: "3.0"}
-_AAC_RATES = (96000, 88200, 64000, 48000, 44100, 32000, 24000, 22050, 16000, 12000, 11025, 8000, 7350)
-_AAC_LAYOUTS = {
-    *("mono", "stereo", "2.1", "3.0", "3.0(back)", "3.1", "4.0", "4.1", "quad", "quad(side)", "5.0", "5.0(side)"),
-    *("5.1", "5.1(side)", "6.0", "6.0(front)", "hexagonal", "6.1", "6.1(back)", "6.1(front)", "7.0", "7.0(front)"),
-    *("7.1", "7.1(wide)", "7.1(wide-side)", "octagonal", "hexadecagonal"),
-}
-"""Rates and layouts that libav's encoders open with, and by the number of channels those that Opus has."""
-_WITH_LFE = {"2.1", "3.1", "4.1"}
-
 _TEXT = ("mov_text", "srt", "ass", "webvtt", "text")
-_BITMAPS = ("dvdsub", "pgssub", "dvbsub")
-_SUBTITLES = {
-    "mp4": (("mov_text",), "mov_text"),
-    "mov": (("mov_text",), "mov_text"),
-    "matroska": (("srt", "ass", "webvtt", *_BITMAPS), "srt"),
-    "webm": (("webvtt",), "webvtt"),
-    "nut": ((), None),
-    "y4m": ((), None),
-}
-"""By container: subtitles that are copied, and what other text becomes."""
-_WITH_CHAPTERS = _WITH_TAGS = ("mp4", "mov", "matroska", "webm", "nut")
-_WITH_TIMECODE = ("mp4", "mov", "matroska")
-_MARKS = {"default", "dub", "comment", "forced", "hearing_impaired", "visual_impaired"}
-_DISPOSITIONS = {
-    "mp4": _MARKS | {"captions", "descriptions"},
-    "mov": {"default"},
-    "matroska": _MARKS | {"original"},
-    "webm": {"default", "forced"},
-    "nut": {"default"},
-}
-"""What tracks are marked as, by libav's names, that each muxer writes."""
 _PLAIN_TAGS = {"title", "artist", "album", "date", "comment", "genre", "copyright", "creation_time"}
 _PLAIN_IN_MP4 = {"album_artist", "composer", "description"}
 
@@ -87,8 +29,8 @@ _CHROMA = {(0, 0): "4:4:4", (1, 0): "4:2:2", (2, 0): "4:1:1", (0, 1): "4:4:0", (
 _COLORED = 3  # components
 _BT709, _BT601 = 1, 6  # code points of ISO/IEC 23091-2: a transfer function; primaries and matrix
 _WIDE = 64  # pixels of a side, to measure the chroma's by
-_ASPECT_APART, _SAY_ASPECT = ("matroska", "webm"), ("h264", "hevc")
-"""Containers whose own place for a pixel's aspect PyAV does not fill, and codecs that say it in their pictures."""
+_SAY_ASPECT = ("h264", "hevc")
+"""Codecs that say a pixel's aspect in their pictures."""
 _FIELDS_SAID = {"tff": "top field first", "bff": "bottom field first"}
 
 
@@ -104,7 +46,7 @@ class Carried:
 class Plan:
     """What a new clip is made of, and in words what is kept, changed and dropped of the source's.
 
-    container: as libav names it. format: of the encoded pictures, width, height: their size. source: the file that
+    container: of `CONTAINER_FORMATS`. format: of the encoded pictures, width, height: their size. source: the file that
     sounds, subtitles and attachments come from; None when there are none. aspect: of a pixel, where neither encoder nor
     muxer says it and the finished file is to; else 1.
     """
@@ -170,7 +112,7 @@ def make_plan(
     `info` has it when None. Raises ValueError, in one line, for what cannot be written so.
     """
     if container not in CONTAINERS:
-        raise ValueError(f"container {container!r} is not one of mp4, mov, mkv, webm, nut, y4m")
+        raise ValueError(f"container {container!r} is not one of {', '.join(map(short_name, CONTAINER_FORMATS))}")
     if audio not in ("copy", "none"):
         raise ValueError(f"audio is copy or none, not {audio!r}")
     name = CONTAINERS[container]
@@ -280,7 +222,9 @@ def _with_picture_facts(plan: Plan, lines: _Lines, info: MediaInfo, streams: Str
     return replace(
         plan,
         alpha=alpha,
-        aspect=aspect if plan.container in _ASPECT_APART and plan.codec not in _SAY_ASPECT else Fraction(1),
+        aspect=aspect
+        if CONTAINER_FORMATS[plan.container].apart_aspect and plan.codec not in _SAY_ASPECT
+        else Fraction(1),
         fields=streams.fields,
         mastering=streams.mastering if encoder.mastering else None,
         light=streams.light if encoder.mastering else None,
@@ -306,16 +250,16 @@ def _with_tracks(plan: Plan, lines: _Lines, streams: Streams, audio: str) -> Pla
     for track in streams.tracks:
         if track.kind == "sound":
             if audio == "copy":
-                _note(lines, plan.container, sounds, track, *_sound(track, plan.container))
+                _note(lines, plan.container, sounds, track, *carry_sound(track, plan.container))
         elif track.kind == "subtitle":
             _note(lines, plan.container, subtitles, track, *_subtitle(track, plan.container))
-        elif track.kind == "attachment" and plan.container == "matroska" and track.name:
+        elif track.kind == "attachment" and CONTAINER_FORMATS[plan.container].attachments and track.name:
             attachments.append(track)
             lines.kept.append(track.said())
         else:
             lines.dropped.append(f"{track.said()} is not kept")
     for kin in (sounds, subtitles):
-        if kin and plan.container in ("mp4", "mov") and not any(_is_default(one.track) for one in kin):
+        if kin and has_edits(plan.container) and not any(_is_default(one.track) for one in kin):
             lines.changed.append(f"{kin[0].track.said()} is marked as default, as {said(plan.container)} asks of one")
     return replace(plan, sounds=tuple(sounds), subtitles=tuple(subtitles), attachments=tuple(attachments))
 
@@ -342,65 +286,24 @@ def _note(
 
 def _lost_of(track: Track, container: str) -> list[str]:
     """Facts of a carried track that its new container has no place for."""
-    lost = []
-    iso = container in ("mp4", "mov")
+    lost, holds = [], CONTAINER_FORMATS[container]
     if track.language and language_in(container, track.language) is None:
         lost.append("language")
     handler = track.handler if track.handler != track.title else None
-    if handler and not iso:
+    if handler and not holds.edits:
         lost.append("handler name")
-    marks = [one for one in track.dispositions if one not in _DISPOSITIONS[container]]
+    marks = [one for one in track.dispositions if one not in holds.dispositions]
     if marks:
         lost.append(f"mark ({', '.join(marks)})")
-    if track.tags and container not in ("matroska", "webm"):
+    if track.tags and not holds.matroska_tags:
         lost.append(f"tags ({', '.join(name for name, _ in track.tags)})")
     return lost
 
 
-def _sound(track: Track, container: str) -> tuple[str | None, str | None]:
-    """(what it becomes or "itself", the encoder or None); (None, None) when it cannot go along."""
-    # PCM says in MOV alone which channel is which; elsewhere they come in the order of their layout
-    ordered = not track.order or container == "mov" or not track.codec.startswith("pcm_")
-    if ordered and track.codec.removeprefix("lib") in _CARRIES[container]:
-        return "itself", None
-    if track.codec == "unknown" or container == "y4m":
-        return None, None
-    exact = _EXACT.get((track.sample or "").removesuffix("p"))
-    lossless = track.codec.startswith("pcm_") or track.codec in _LOSSLESS
-    if container in _WITH_PCM and exact is not None and (lossless or container == "nut"):
-        if not ordered:
-            return f"PCM of the same samples, its channels in the order that {said(container)} has them in", exact
-        return f"PCM of the same samples, which {said(container)} holds", exact
-    encoder, name = ("libopus", "Opus") if container == "webm" else ("aac", "AAC")
-    rate, layout = sound_shape(track, encoder)
-    shape = f" of {rate} Hz (the clip's is of {track.rate})" if track.rate not in (0, rate) else ""
-    place = track.layout.partition("(")[0]
-    if place not in ("", layout.partition("(")[0]) and " channels" not in track.layout:
-        shape += f" in {layout} (the clip's is {track.layout})"
-    return f"{name}{shape}: {said(container)} does not hold {track.codec}", encoder
-
-
-def sound_shape(track: Track, encoder: str) -> tuple[int, str]:
-    """The rate and the channel layout, by libav's name, that an encoder takes a sound track in: its own if it can.
-
-    A layout that only counts its channels is taken for the usual one of that many. More than eight channels that the
-    encoder has no layout for are mixed to 7.1.
-    """
-    rate, layout = track.rate or _OPUS_RATE, track.layout
-    if layout.endswith(" channels") or not layout:
-        layout = _USUAL_LAYOUTS.get(track.channels, layout or "stereo")
-    if encoder == "libopus":
-        fewest = 6 if layout in _WITH_LFE else 1  # Opus has none of fewer with a channel for the lowest sound
-        return _OPUS_RATE, _OPUS_LAYOUTS[min(8, max(fewest, track.channels))]
-    if encoder == "aac":
-        layout = layout if layout in _AAC_LAYOUTS else _USUAL_LAYOUTS[min(8, max(1, track.channels))]
-        return min(_AAC_RATES, key=lambda one: abs(one - rate)), layout
-    return rate, layout
-
-
 def _subtitle(track: Track, container: str) -> tuple[str | None, str | None]:
-    copied, text = _SUBTITLES[container]
-    if track.codec in copied:
+    """(what it becomes or "itself", the encoder or None); (None, None) when it cannot go along."""
+    text = CONTAINER_FORMATS[container].text_subtitles
+    if track.codec in CONTAINER_FORMATS[container].subtitles:
         return "itself", None
     if text is None or track.codec not in _TEXT:
         return None, None
@@ -410,9 +313,9 @@ def _subtitle(track: Track, container: str) -> tuple[str | None, str | None]:
 
 def _with_tags(plan: Plan, lines: _Lines, info: MediaInfo, streams: Streams) -> Plan:
     """Chapters, tags, timecode."""
-    name = said(plan.container)
+    name, holds = said(plan.container), CONTAINER_FORMATS[plan.container]
     chapters, metadata, picture, timecode = streams.chapters, streams.metadata, streams.picture, streams.timecode
-    if chapters and plan.container not in _WITH_CHAPTERS:
+    if chapters and not holds.chapters:
         lines.dropped.append(f"{len(chapters)} chapters are not kept: they are not written to {name}")
         chapters = ()
     elif chapters:
@@ -420,7 +323,7 @@ def _with_tags(plan: Plan, lines: _Lines, info: MediaInfo, streams: Streams) -> 
     if streams.chapters_after:
         lines.dropped.append(f"{streams.chapters_after} chapters that begin after the clip's end are not kept")
     names = [key for key, _ in metadata]
-    if metadata and plan.container not in _WITH_TAGS:
+    if metadata and not holds.tags:
         lines.dropped.append(f"tags are not kept: they are not written to {name} ({', '.join(names)})")
         metadata = ()
     elif metadata:
@@ -451,7 +354,7 @@ def _lost_of_picture(picture: Track, container: str) -> list[str]:
 
 
 def _timecode_fault(timecode: str, info: MediaInfo, container: str) -> str | None:
-    if container not in _WITH_TIMECODE:
+    if not CONTAINER_FORMATS[container].timecode:
         return f"{said(container)} has no place for it"
     parsed = _TIMECODE.match(timecode)
     if container == "matroska":

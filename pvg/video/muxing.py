@@ -16,9 +16,10 @@ import av.video.stream
 from pvg.errors import MediaError
 from pvg.video.audio import SoundTrack
 from pvg.video.carrying import CarriedTrack, attach
+from pvg.video.containers import CONTAINER_FORMATS, has_edits
 from pvg.video.encoding import CodedPacket
 from pvg.video.even_rate import EvenTimes
-from pvg.video.keeping import WITH_EDITS, Plan, needs_general_tags
+from pvg.video.keeping import Plan, needs_general_tags
 from pvg.video.languages import language_in
 from pvg.video.opening import reason
 from pvg.video.pixel_aspect import say_pixel_aspect
@@ -53,13 +54,13 @@ class ClipMuxer:
         self._tracks: list[CarriedTrack] = []
         self._held: CodedPacket | None = None
         self._first_dts: int | None = None
-        self._even_rate = even_rate if plan.container in WITH_EDITS else None
+        self._even_rate = even_rate if has_edits(plan.container) else None
         self._times: EvenTimes | None = None
 
     def open(self) -> None:
         """Open the file and describe it. When that fails nothing of it is left."""
         plan, options = self._plan, {}
-        if plan.container in WITH_EDITS:
+        if has_edits(plan.container):
             # Edit lists count in the movie's time scale: the clip's own keeps a late first frame exact
             scale = str(max(1000, self._written_base.denominator))
             flags = "+faststart+use_metadata_tags" if needs_general_tags(plan) else "+faststart"
@@ -95,7 +96,7 @@ class ClipMuxer:
         output.metadata.update(plan.metadata)
         own: dict[str, str] = {}
         if plan.picture is not None:
-            own = dict(plan.picture.tags) if plan.container in ("matroska", "webm") else {}
+            own = dict(plan.picture.tags) if CONTAINER_FORMATS[plan.container].matroska_tags else {}
             language = language_in(plan.container, plan.picture.language)
             for key, text in (("language", language), ("title", plan.picture.title)):
                 own |= {key: text} if text is not None else {}
@@ -113,7 +114,7 @@ class ClipMuxer:
         """The chapters, moved as libav moves the packets where the container has no time before zero."""
         if not self._plan.chapters:
             return
-        moved, iso = Fraction(0), self._plan.container in WITH_EDITS
+        moved, iso = Fraction(0), has_edits(self._plan.container)
         if not iso:
             moved = max((track.lead_s() for track in self._tracks if isinstance(track, SoundTrack)), default=moved)
         output.set_chapters(
@@ -174,7 +175,7 @@ class ClipMuxer:
     def finish(self, first_pts: int, end_pts: int) -> None:
         """Write what is left, and the index. first_pts, end_pts: where the pictures start and end, in ticks."""
         last = self._held
-        sums = self._plan.container in WITH_EDITS
+        sums = has_edits(self._plan.container)
         if self._times is not None:
             first_pts, end_pts = self._times.ticks(first_pts), self._times.ticks(end_pts)
         if sums and last is not None and last.dts is not None and last.time_base == self._written_base:

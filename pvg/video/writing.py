@@ -9,7 +9,7 @@ from typing import BinaryIO
 
 import av.error
 
-from pvg.video.encoders import CONTAINERS
+from pvg.video.containers import CONTAINERS
 from pvg.video.encoding import PictureEncoder
 from pvg.video.formats import Frame, Patch, PixelFormat
 from pvg.video.info import MediaInfo
