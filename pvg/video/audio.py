@@ -19,7 +19,7 @@ from pvg.video.sound_formats import sound_shape
 from pvg.video.steady import samples_of_packets, steady_frames, steady_packets, steady_pcm
 from pvg.video.streams import Track
 
-#: seconds of sound before the first one heard that codecs may need: Opus wants 0.08
+#: seconds before the first packet that is played of which codecs may need packets: Opus wants 0.08
 _LEAD_IN_S = Fraction(1, 10)
 
 
@@ -51,23 +51,24 @@ class SoundTrack(CarriedTrack):
     def _produce(self, opened: av.container.InputContainer) -> Iterator[StampedPacket]:
         packets = opened.demux(self._source)
         if self.carried.encoder is None:
-            yield from map(stamped, self._copied(_heard(packets, marked=has_edits(self._container))))
+            played = _within_edit_list(packets, tells_lead_in=has_edits(self._container))
+            yield from map(with_due_time, self._copied(played))
             return
         for frame in steady_frames(self._decoded(packets)):
             for coded in self._target.encode(frame):
-                yield stamped(coded)
+                yield with_due_time(coded)
         for coded in self._target.encode(None):
-            yield stamped(coded)
+            yield with_due_time(coded)
 
-    def _copied(self, heard: Iterator[av.packet.Packet[Any]]) -> Iterator[av.packet.Packet[Any]]:
+    def _copied(self, packets: Iterator[av.packet.Packet[Any]]) -> Iterator[av.packet.Packet[Any]]:
         """Packets in the even steps that MP4 and MOV can tell."""
         track = self.carried.track
         if self._container == "mov" and track.codec.startswith("pcm_"):
-            return steady_pcm(heard, track)
+            return steady_pcm(packets, track)
         context = self._source.codec_context
         samples = samples_of_packets(track, context.frame_size, context.extradata or b"")
         rounded = has_edits(self._container) and self._source.time_base > Fraction(1, track.rate or 1)
-        return steady_packets(heard, samples, track.rate) if rounded and samples else heard
+        return steady_packets(packets, samples, track.rate) if rounded and samples else packets
 
     def _decoded(self, packets: Iterable[av.packet.Packet[Any]]) -> Iterator[Any]:
         """The sound itself, the channels in the order of their layout."""
@@ -96,24 +97,26 @@ def _sorter(frame: Any, track: Track) -> av.filter.Graph:
     return graph
 
 
-def _heard(packets: Iterable[av.packet.Packet[Any]], *, marked: bool) -> Iterator[av.packet.Packet[Any]]:
-    """The packets of a track that are heard by the source's edit list, and those that begin it; no time steps back.
+def _within_edit_list(
+    packets: Iterable[av.packet.Packet[Any]], *, tells_lead_in: bool
+) -> Iterator[av.packet.Packet[Any]]:
+    """The packets that the source's edit list plays, after those that the decoder needs first; no time steps back.
 
-    marked: the new clip tells what begins it from what is heard; where it does not one packet begins it, as most
-    codecs need, which is then heard.
-    A second edit begins with packets that its decoder needs, at times of the edit before; there is no place for these.
-    Equal times are those of packets shorter than a tick, as TrueHD's in Matroska.
+    tells_lead_in: whether the new clip can mark those first packets as not to be played. Where it cannot only the last
+    of them is kept, which most codecs need, and it is played.
+    Left out are the first packets of a second edit, whose times lie in the edit before. Equal times are kept: packets
+    may be shorter than a tick, as TrueHD's in Matroska.
     """
     begun, last, held = False, None, None
     for packet in packets:
-        if not packet.size or (packet.is_discard and (begun or _is_cut_away(packet))):
+        if not packet.size or (packet.is_discard and (begun or _is_before_lead_in(packet))):
             continue
         if packet.dts is not None:
             if last is not None and packet.dts < last:
                 continue
             last = packet.dts
         begun = begun or not packet.is_discard
-        if not begun and not marked:
+        if not begun and not tells_lead_in:
             held = packet
             continue
         if held is not None:
@@ -122,14 +125,14 @@ def _heard(packets: Iterable[av.packet.Packet[Any]], *, marked: bool) -> Iterato
         yield packet
 
 
-def _is_cut_away(packet: av.packet.Packet[Any]) -> bool:
-    """Whether nothing of a packet is heard by the source's edit list, nor needed to begin what is."""
+def _is_before_lead_in(packet: av.packet.Packet[Any]) -> bool:
+    """Whether a packet that is not played ends so early that no decoder needs it for what is."""
     if not packet.is_discard or packet.pts is None:
         return False
     return (packet.pts + (packet.duration or 0)) * packet.time_base < -_LEAD_IN_S
 
 
-def stamped(packet: av.packet.Packet[Any]) -> StampedPacket:
+def with_due_time(packet: av.packet.Packet[Any]) -> StampedPacket:
     """A packet and when it is due."""
     stamp = packet.dts if packet.dts is not None else packet.pts or 0
     return Fraction(stamp * packet.time_base), packet

@@ -22,7 +22,7 @@ _MARKS = frozenset({"default", "dub", "comment", "forced", "hearing_impaired", "
 class ContainerFormat:
     """What one container holds, as libav's muxer writes it.
 
-    said: its name in messages. suffixes: of files, the first is what is written; none of what goes to pipes alone.
+    label: its name in messages. suffixes: of files, the first is what is written; none of what goes to pipes alone.
     aliases: other names that callers may give it. codecs: of pictures, see `encoders.ENCODERS`. sounds: codecs (names
     of libav decoders) that the muxer takes and common players then play. takes_pcm: whether any PCM is written as PCM.
     subtitles: codecs that are copied; text_subtitles: what other text becomes, None where there is no place for any.
@@ -32,7 +32,7 @@ class ContainerFormat:
     one that PyAV does not fill.
     """
 
-    said: str
+    label: str
     suffixes: tuple[str, ...]
     codecs: tuple[str, ...]
     sounds: frozenset[str]
@@ -57,7 +57,7 @@ class ContainerFormat:
 
 CONTAINER_FORMATS = {
     "mp4": ContainerFormat(
-        said="MP4",
+        label="MP4",
         suffixes=(".mp4", ".m4v"),
         codecs=("h264", "hevc", "vp9", "av1"),
         sounds=frozenset({"aac", "mp3", "mp3float", "mp2", "ac3", "eac3", "alac", "flac", "opus"}),
@@ -68,7 +68,7 @@ CONTAINER_FORMATS = {
         timecode=True,
     ),
     "mov": ContainerFormat(
-        said="MOV",
+        label="MOV",
         suffixes=(".mov",),
         codecs=("h264", "hevc", "prores", "prores4444", "dnxhr"),  # libav's muxer takes no FFV1
         sounds=PCM
@@ -81,7 +81,7 @@ CONTAINER_FORMATS = {
         timecode=True,
     ),
     "matroska": ContainerFormat(
-        said="Matroska",
+        label="Matroska",
         suffixes=(".mkv",),
         aliases=("mkv",),
         codecs=("h264", "hevc", "vp9", "av1", "ffv1", "prores", "prores4444"),  # libav's muxer takes no DNxHR
@@ -98,7 +98,7 @@ CONTAINER_FORMATS = {
         apart_aspect=True,
     ),
     "webm": ContainerFormat(
-        said="WebM",
+        label="WebM",
         suffixes=(".webm",),
         codecs=("vp9", "av1"),
         sounds=frozenset({"opus", "vorbis"}),
@@ -109,7 +109,7 @@ CONTAINER_FORMATS = {
         apart_aspect=True,
     ),
     "nut": ContainerFormat(
-        said="NUT",
+        label="NUT",
         suffixes=(),
         codecs=("raw", "ffv1"),
         sounds=PCM | {"aac", "mp3", "mp3float", "mp2", "ac3", "flac", "opus", "vorbis"},
@@ -119,7 +119,7 @@ CONTAINER_FORMATS = {
         dispositions=frozenset({"default"}),
     ),
     "y4m": ContainerFormat(
-        said="YUV4MPEG2",
+        label="YUV4MPEG2",
         suffixes=(),
         codecs=("raw",),
         sounds=frozenset(),
@@ -142,9 +142,9 @@ PIPED = tuple(name for name, one in CONTAINER_FORMATS.items() if one.is_piped)
 """The containers that are written to pipes."""
 
 
-def said(container: str) -> str:
+def label_of(container: str) -> str:
     """A container's name in messages."""
-    return CONTAINER_FORMATS[container].said
+    return CONTAINER_FORMATS[container].label
 
 
 def short_name(container: str) -> str:

@@ -11,7 +11,7 @@ from typing import Literal
 import av.codec
 
 from pvg._processors import are_more_seen, processors
-from pvg.video.containers import CONTAINER_FORMATS, PIPED, said, short_name
+from pvg.video.containers import CONTAINER_FORMATS, PIPED, label_of, short_name
 from pvg.video.formats import PixelFormat
 from pvg.video.mastering import ContentLight, MasteringDisplay
 
@@ -27,15 +27,15 @@ _NAMES = ("veryslow", "slower", "slow", "medium", "fast", "faster", "veryfast", 
 class Encoder:
     """What is to be known of one codec.
 
-    library: libav's name of the encoder. said: the codec's, in messages. formats: those taken of the encoder's, all
-    when empty. crf, crf_most: its quality scale, default and end; None without one. preset: its default effort; None
-    without such a scale; efforts: those beside x264's names. fields: codes the two fields of interlaced pictures.
+    library: libav's name of the encoder. label: the codec's name in messages. formats: those taken of the encoder's,
+    all when empty. crf, crf_most: its quality scale, default and end; None without one. preset: its default effort;
+    None without such a scale; efforts: those beside x264's names. fields: codes the two fields of interlaced pictures.
     alpha: has a plane of it that common tools read. mastering: writes HDR10's mastering display and content light
     level. limited: studio range only. whole: keeps odd sizes. least: (width, height) below which it refuses.
     """
 
     library: str
-    said: str
+    label: str
     formats: tuple[str, ...] = ()
     crf: int | None = None
     crf_most: int = 51
@@ -90,7 +90,7 @@ def choose_codec(codec: str, container: str, depth: int, *, interlaced: bool = F
         fit = [name for name in wanted if not interlaced or _keeps_fields(name, container)]
         if not fit:
             raise ValueError(
-                f"the clip is interlaced and {said(container)} holds no codec with fields; write .mp4, .mov or .mkv"
+                f"the clip is interlaced and {label_of(container)} holds no codec with fields; write .mp4, .mov or .mkv"
             )
         there = next((name for name in fit if _has_encoder(name)), None)
         if there is None:
@@ -100,13 +100,13 @@ def choose_codec(codec: str, container: str, depth: int, *, interlaced: bool = F
         raise ValueError(f"codec {codec!r} is not one of auto, {', '.join(ENCODERS)}")
     if codec not in held:
         others = [name for name, one in CONTAINER_FORMATS.items() if codec in one.codecs]
-        raise ValueError(f"{said(container)} holds {_listed(held)}, not {codec}; write {_written_as(others)}")
+        raise ValueError(f"{label_of(container)} holds {_listed(held)}, not {codec}; write {_written_as(others)}")
     if not _has_encoder(codec):
         raise ValueError(f"this PyAV has no {ENCODERS[codec].library} for {codec}; leave the codec to auto")
     if interlaced and not _keeps_fields(codec, container):
         with_fields = [name for name in held if _keeps_fields(name, container)]
         raise ValueError(
-            f"the clip is interlaced and {ENCODERS[codec].said} has no fields here; write it as "
+            f"the clip is interlaced and {ENCODERS[codec].label} has no fields here; write it as "
             f"{_listed(with_fields) if with_fields else 'H.264 in .mp4, .mov or .mkv'}"
         )
     return codec
@@ -212,8 +212,8 @@ def check_scales(codec: str, crf: int | None, preset: str | None) -> None:
     encoders = [encoder for encoder in named if encoder.crf is not None and encoder.preset is not None]
     for name, given in (("crf", crf), ("preset", preset)):
         if given is not None and not encoders:
-            raise ValueError(f"{named[0].said} has no {name}: leave it out")
-    of = f" of {named[0].said}" if len(named) == 1 else ""
+            raise ValueError(f"{named[0].label} has no {name}: leave it out")
+    of = f" of {named[0].label}" if len(named) == 1 else ""
     if crf is not None:
         most = max((encoder.crf_most for encoder in encoders), default=0)
         if isinstance(crf, bool) or not isinstance(crf, Integral) or not 0 <= crf <= most:

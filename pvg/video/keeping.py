@@ -10,7 +10,7 @@ from typing import Literal
 
 import av
 
-from pvg.video.containers import CONTAINER_FORMATS, CONTAINERS, PIPED, has_edits, said, short_name
+from pvg.video.containers import CONTAINER_FORMATS, CONTAINERS, PIPED, has_edits, label_of, short_name
 from pvg.video.encoders import ENCODERS, FieldOrder, choose_codec, encoded_size, encoder_format, holds_alpha
 from pvg.video.formats import LUMA_WEIGHTS, UNSPECIFIED, UNSTATED, PixelFormat
 from pvg.video.info import MediaInfo
@@ -18,7 +18,7 @@ from pvg.video.languages import language_in
 from pvg.video.mastering import ContentLight, MasteringDisplay
 from pvg.video.opening import StatedColors
 from pvg.video.sound_formats import carry_sound
-from pvg.video.streams import NOTHING, Chapter, Streams, Track
+from pvg.video.streams import NO_STREAMS, Chapter, Streams, Track
 
 _TEXT = ("mov_text", "srt", "ass", "webvtt", "text")
 _PLAIN_TAGS = {"title", "artist", "album", "date", "comment", "genre", "copyright", "creation_time"}
@@ -29,9 +29,9 @@ _CHROMA = {(0, 0): "4:4:4", (1, 0): "4:2:2", (2, 0): "4:1:1", (0, 1): "4:4:0", (
 _COLORED = 3  # components
 _BT709, _BT601 = 1, 6  # code points of ISO/IEC 23091-2: a transfer function; primaries and matrix
 _WIDE = 64  # pixels of a side, to measure the chroma's by
-_SAY_ASPECT = ("h264", "hevc")
+_ASPECT_IN_STREAM = ("h264", "hevc")
 """Codecs that say a pixel's aspect in their pictures."""
-_FIELDS_SAID = {"tff": "top field first", "bff": "bottom field first"}
+_FIELD_LABELS = {"tff": "top field first", "bff": "bottom field first"}
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def make_plan(
     container: str,
     codec: str = "auto",
     source: str | Path | None = None,
-    streams: Streams = NOTHING,
+    streams: Streams = NO_STREAMS,
     audio: Literal["copy", "none"] = "copy",
     pixel_format: PixelFormat | None = None,
 ) -> Plan:
@@ -140,15 +140,15 @@ def make_plan(
 def _pictures(
     lines: _Lines, info: MediaInfo, frames: PixelFormat, target: PixelFormat, size: tuple[int, int], codec: str
 ) -> None:
-    name = ENCODERS[codec].said
+    name = ENCODERS[codec].label
     coded = av.VideoFormat(info.pixel_format if frames == info.format else frames.name)
-    before, after = _coded_said(coded, frames), _layout_said(target)
+    before, after = _coded_layout(coded, frames), _layout(target)
     if before == after:
         lines.kept.append(f"pictures: {after}")
     elif before == f"grey, {target.depth} bits":
         lines.kept.append(f"pictures: {before}, in {after}")
     else:
-        why = "the nearest that looks are drawn in" if _layout_said(frames) == after else f"as {name} has it"
+        why = "the nearest that looks are drawn in" if _layout(frames) == after else f"as {name} has it"
         lines.changed.append(f"pictures become {after} (the clip's are {before}), {why}")
     if frames.full_range and not target.full_range and not frames.is_rgb:
         lines.changed.append(f"full-range code values become studio range, {name}'s only one")
@@ -177,8 +177,8 @@ def stated_colors(info: MediaInfo, codec: str) -> StatedColors:
     return StatedColors(primaries, transfer, matrix)
 
 
-def _coded_said(coded: av.VideoFormat, frames: PixelFormat) -> str:
-    """The layout of the clip's own pictures in words, as `_layout_said`; frames: what they are read as."""
+def _coded_layout(coded: av.VideoFormat, frames: PixelFormat) -> str:
+    """The layout of the clip's own pictures in words, as `_layout`; frames: what they are read as."""
     depth = max(component.bits for component in coded.components)
     if frames.is_rgb:  # what has fewer bits loses none
         return f"R'G'B', {max(depth, frames.depth)} bits"
@@ -188,21 +188,21 @@ def _coded_said(coded: av.VideoFormat, frames: PixelFormat) -> str:
     return f"Y'CbCr {_CHROMA[_WIDE // shares[0] // 2, _WIDE // shares[1] // 2]}, {depth} bits"
 
 
-def _layout_said(pixel_format: PixelFormat) -> str:
+def _layout(pixel_format: PixelFormat) -> str:
     chroma = "R'G'B'" if pixel_format.is_rgb else f"Y'CbCr {_CHROMA[pixel_format.chroma_log2]}"
     return f"{chroma}, {pixel_format.depth} bits"
 
 
 def _with_picture_facts(plan: Plan, lines: _Lines, info: MediaInfo, streams: Streams) -> Plan:
     """Alpha, fields, HDR metadata and what rides inside the pictures."""
-    name = ENCODERS[plan.codec].said
+    name = ENCODERS[plan.codec].label
     alpha = info.has_alpha and holds_alpha(plan.format, plan.codec, plan.container)
     if alpha:
         lines.kept.append("alpha")
     elif info.has_alpha:
         lines.dropped.append(f"alpha is not kept by {name}; prores4444 in .mov and ffv1 in .mkv keep it")
     if streams.fields is not None:
-        lines.kept.append(f"fields: {_FIELDS_SAID[streams.fields]}")
+        lines.kept.append(f"fields: {_FIELD_LABELS[streams.fields]}")
     encoder = ENCODERS[plan.codec]
     for there, what in (
         (streams.mastering, "HDR10 mastering display metadata"),
@@ -216,14 +216,14 @@ def _with_picture_facts(plan: Plan, lines: _Lines, info: MediaInfo, streams: Str
     aspect = info.sample_aspect_ratio
     if aspect != 1 and plan.container == "nut":
         shape = f"{aspect.numerator}:{aspect.denominator}"
-        lines.dropped.append(f"pixels of {shape} are not kept: they are not written to {said(plan.container)}")
+        lines.dropped.append(f"pixels of {shape} are not kept: they are not written to {label_of(plan.container)}")
     if plan.container in PIPED:
         _piped_facts(plan, lines, info)
     return replace(
         plan,
         alpha=alpha,
         aspect=aspect
-        if CONTAINER_FORMATS[plan.container].apart_aspect and plan.codec not in _SAY_ASPECT
+        if CONTAINER_FORMATS[plan.container].apart_aspect and plan.codec not in _ASPECT_IN_STREAM
         else Fraction(1),
         fields=streams.fields,
         mastering=streams.mastering if encoder.mastering else None,
@@ -232,12 +232,12 @@ def _with_picture_facts(plan: Plan, lines: _Lines, info: MediaInfo, streams: Str
 
 
 def _piped_facts(plan: Plan, lines: _Lines, info: MediaInfo) -> None:
-    name, tags = said(plan.container), (info.color_primaries, info.color_transfer, info.color_matrix)
+    name, tags = label_of(plan.container), (info.color_primaries, info.color_transfer, info.color_matrix)
     full_range = plan.container == "nut" and plan.format.full_range and not plan.format.is_rgb
     if any(tag not in (0, UNSPECIFIED) for tag in tags) or full_range:
-        further = ", full range" if full_range else ""
-        told = f"H.273 primaries {tags[0]}, transfer {tags[1]}, matrix {tags[2]}{further}"
-        lines.dropped.append(f"the colour tags are not kept: {name} has no place for them ({told})")
+        range_note = ", full range" if full_range else ""
+        codes = f"H.273 primaries {tags[0]}, transfer {tags[1]}, matrix {tags[2]}{range_note}"
+        lines.dropped.append(f"the colour tags are not kept: {name} has no place for them ({codes})")
     if plan.container == "y4m":
         lines.changed.append("time stamps become those of an even frame rate, as YUV4MPEG2 has it")
 
@@ -250,17 +250,19 @@ def _with_tracks(plan: Plan, lines: _Lines, streams: Streams, audio: str) -> Pla
     for track in streams.tracks:
         if track.kind == "sound":
             if audio == "copy":
-                _note(lines, plan.container, sounds, track, *carry_sound(track, plan.container))
+                _carry(lines, plan.container, sounds, track, *carry_sound(track, plan.container))
         elif track.kind == "subtitle":
-            _note(lines, plan.container, subtitles, track, *_subtitle(track, plan.container))
+            _carry(lines, plan.container, subtitles, track, *_subtitle(track, plan.container))
         elif track.kind == "attachment" and CONTAINER_FORMATS[plan.container].attachments and track.name:
             attachments.append(track)
-            lines.kept.append(track.said())
+            lines.kept.append(track.label)
         else:
-            lines.dropped.append(f"{track.said()} is not kept")
+            lines.dropped.append(f"{track.label} is not kept")
     for kin in (sounds, subtitles):
         if kin and has_edits(plan.container) and not any(_is_default(one.track) for one in kin):
-            lines.changed.append(f"{kin[0].track.said()} is marked as default, as {said(plan.container)} asks of one")
+            lines.changed.append(
+                f"{kin[0].track.label} is marked as default, as {label_of(plan.container)} asks of one"
+            )
     return replace(plan, sounds=tuple(sounds), subtitles=tuple(subtitles), attachments=tuple(attachments))
 
 
@@ -268,20 +270,20 @@ def _is_default(track: Track) -> bool:
     return "default" in track.dispositions
 
 
-def _note(
+def _carry(
     lines: _Lines, container: str, carried: list[Carried], track: Track, way: str | None, encoder: str | None
 ) -> None:
     if way is None:
-        lines.dropped.append(f"{track.said()} is not kept: {said(container)} holds no such track")
+        lines.dropped.append(f"{track.label} is not kept: {label_of(container)} holds no such track")
         return
     carried.append(Carried(track, encoder))
     if encoder is None:
-        lines.kept.append(track.said())
+        lines.kept.append(track.label)
     else:
-        lines.changed.append(f"{track.said()} becomes {way}")
+        lines.changed.append(f"{track.label} becomes {way}")
     lost = _lost_of(track, container)
     if lost:
-        lines.dropped.append(f"{track.said()} goes without its {' and '.join(lost)}")
+        lines.dropped.append(f"{track.label} goes without its {' and '.join(lost)}")
 
 
 def _lost_of(track: Track, container: str) -> list[str]:
@@ -308,12 +310,12 @@ def _subtitle(track: Track, container: str) -> tuple[str | None, str | None]:
     if text is None or track.codec not in _TEXT:
         return None, None
     simplified = ", its styles simplified" if track.codec in ("ass", "mov_text") else ""
-    return f"{text}{simplified}: {said(container)} does not hold {track.codec}", text
+    return f"{text}{simplified}: {label_of(container)} does not hold {track.codec}", text
 
 
 def _with_tags(plan: Plan, lines: _Lines, info: MediaInfo, streams: Streams) -> Plan:
     """Chapters, tags, timecode."""
-    name, holds = said(plan.container), CONTAINER_FORMATS[plan.container]
+    name, holds = label_of(plan.container), CONTAINER_FORMATS[plan.container]
     chapters, metadata, picture, timecode = streams.chapters, streams.metadata, streams.picture, streams.timecode
     if chapters and not holds.chapters:
         lines.dropped.append(f"{len(chapters)} chapters are not kept: they are not written to {name}")
@@ -355,7 +357,7 @@ def _lost_of_picture(picture: Track, container: str) -> list[str]:
 
 def _timecode_fault(timecode: str, info: MediaInfo, container: str) -> str | None:
     if not CONTAINER_FORMATS[container].timecode:
-        return f"{said(container)} has no place for it"
+        return f"{label_of(container)} has no place for it"
     parsed = _TIMECODE.match(timecode)
     if container == "matroska":
         return None

@@ -134,13 +134,16 @@ class ClipMuxer:
     def write(self, packets: Iterable[CodedPacket]) -> None:
         """Write the next packets, and of the other tracks what is due before them."""
         for packet in packets:
-            with self._damage_told():
+            with self._damage_as_media_error():
                 self._flush_held()
-            self._held = self._evenly(packet)
+            self._held = self._at_even_rate(packet)
 
     @contextmanager
-    def _damage_told(self) -> Iterator[None]:
-        """Data that libav's muxer calls invalid is not that of the pictures, which an encoder has just made."""
+    def _damage_as_media_error(self) -> Iterator[None]:
+        """Raise a `MediaError` about the other tracks for data that the muxer calls invalid.
+
+        It cannot be the pictures', which an encoder has just made.
+        """
         try:
             yield
         except av.error.InvalidDataError as error:
@@ -149,7 +152,7 @@ class ClipMuxer:
             what = f"{self._tracks[0].name}: its sound or subtitles are damaged ({reason(error)})"
             raise MediaError(f"{what}; render without sound or upload it again") from error
 
-    def _evenly(self, packet: CodedPacket) -> CodedPacket:
+    def _at_even_rate(self, packet: CodedPacket) -> CodedPacket:
         """The packet with time stamps of the even rate, if there is one."""
         if self._even_rate is None or packet.pts is None or packet.dts is None:
             return packet
@@ -175,14 +178,18 @@ class ClipMuxer:
     def finish(self, first_pts: int, end_pts: int) -> None:
         """Write what is left, and the index. first_pts, end_pts: where the pictures start and end, in ticks."""
         last = self._held
-        sums = has_edits(self._plan.container)
         if self._times is not None:
             first_pts, end_pts = self._times.ticks(first_pts), self._times.ticks(end_pts)
-        if sums and last is not None and last.dts is not None and last.time_base == self._written_base:
+        if (
+            has_edits(self._plan.container)
+            and last is not None
+            and last.dts is not None
+            and last.time_base == self._written_base
+        ):
             # MP4 sums durations in coding order, so the last packet coded ends the clip, whichever it shows
             first_dts = last.dts if self._first_dts is None else self._first_dts
             last.duration = max(1, end_pts - first_pts - (last.dts - first_dts))
-        with self._damage_told():
+        with self._damage_as_media_error():
             self._flush_held()
             for track in self._tracks:
                 track.feed(None)

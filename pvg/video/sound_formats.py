@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pvg.video.containers import CONTAINER_FORMATS, said
+from pvg.video.containers import CONTAINER_FORMATS, label_of
 from pvg.video.streams import Track
 
 _EXACT = {"s16": "pcm_s16le", "s32": "pcm_s32le", "flt": "pcm_f32le", "dbl": "pcm_f64le", "u8": "pcm_u8"}
@@ -31,15 +31,15 @@ def carry_sound(track: Track, container: str) -> tuple[str | None, str | None]:
     lossless = track.codec.startswith("pcm_") or track.codec in _LOSSLESS
     if CONTAINER_FORMATS[container].takes_pcm and exact is not None and (lossless or container == "nut"):
         if not ordered:
-            return f"PCM of the same samples, its channels in the order that {said(container)} has them in", exact
-        return f"PCM of the same samples, which {said(container)} holds", exact
+            return f"PCM of the same samples, its channels in the order that {label_of(container)} has them in", exact
+        return f"PCM of the same samples, which {label_of(container)} holds", exact
     encoder, name = ("libopus", "Opus") if container == "webm" else ("aac", "AAC")
     rate, layout = sound_shape(track, encoder)
     shape = f" of {rate} Hz (the clip's is of {track.rate})" if track.rate not in (0, rate) else ""
     place = track.layout.partition("(")[0]
     if place not in ("", layout.partition("(")[0]) and " channels" not in track.layout:
         shape += f" in {layout} (the clip's is {track.layout})"
-    return f"{name}{shape}: {said(container)} does not hold {track.codec}", encoder
+    return f"{name}{shape}: {label_of(container)} does not hold {track.codec}", encoder
 
 
 def sound_shape(track: Track, encoder: str) -> tuple[int, str]:

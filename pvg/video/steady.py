@@ -1,8 +1,8 @@
 """Sound in even steps: time stamps of containers are rounded, to a millisecond in Matroska.
 
 Coded packets that are copied are put where they are when that is no farther off than by rounding. For encoders, and for
-PCM in MOV, which has no place for gaps, sound follows what came before without a seam as long as it is within `_LATE_S`
-of its stamps, and gaps become silence.
+PCM in MOV, which has no place for gaps, sound follows what came before without a seam as long as it is within
+`_TOLERANCE_S` of its stamps, and gaps become silence.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ import av.packet
 
 from pvg.video.streams import Track
 
-#: seconds by which sound may be early before it is noticed (EBU R 37)
-_LATE_S = Fraction(1, 25)
+#: seconds that sound may be off its stamps to either side: by so many it may be early before it is noticed (EBU R 37)
+_TOLERANCE_S = Fraction(1, 25)
 #: seconds of silence in a track at most, as long as a clip may be: beyond it time stamps are taken for damaged, and
 #: followed. A small file could ask for any amount of it
-_LONGEST_S = 3600
+_MOST_SILENCE_S = 3600
 #: bytes of PCM that stand for silence, where these are not 0
 _SILENT = {"pcm_u8": 0x80, "pcm_mulaw": 0xFF, "pcm_alaw": 0xD5}
 _LAW_BITS = 8
 _OF_ONE_LENGTH = ("aac", "mp3", "mp3float", "mp2")
-_SAMPLES = {"ac3": 1536, "eac3": 1536}
+_SAMPLES_A_PACKET = {"ac3": 1536, "eac3": 1536}
 #: where ALAC's atom of 36 bytes has the samples of a packet
 _ALAC_FRAME = slice(12, 16)
 
@@ -43,11 +43,11 @@ class _Clock:
         if self.due_s is None:
             self.due_s = Fraction(round((stamped_s or Fraction(0)) * rate), rate)
         ahead_s = Fraction(0) if stamped_s is None else stamped_s - self.due_s
-        if ahead_s < -_LATE_S:
+        if ahead_s < -_TOLERANCE_S:
             return None
-        if ahead_s <= _LATE_S:
+        if ahead_s <= _TOLERANCE_S:
             return 0
-        if self._filled_s + ahead_s > _LONGEST_S:
+        if self._filled_s + ahead_s > _MOST_SILENCE_S:
             self.due_s += Fraction(round(ahead_s * rate), rate)
             return 0
         self._filled_s += ahead_s
@@ -69,7 +69,7 @@ def steady_frames(frames: Iterable[Any]) -> Iterator[Any]:
         gap = clock.gap(None if frame.pts is None else frame.pts * frame.time_base, rate)
         if gap is None:
             continue
-        for samples in _seconds(gap, rate):
+        for samples in _in_seconds(gap, rate):
             yield clock.stamp(_silence(frame, samples), samples, rate)
         yield clock.stamp(frame, frame.samples, rate)
 
@@ -92,7 +92,7 @@ def steady_pcm(packets: Iterable[av.packet.Packet[Any]], track: Track) -> Iterat
         gap = clock.gap(None if packet.pts is None else packet.pts * packet.time_base, rate)
         if gap is None:
             continue
-        for samples in _seconds(gap, rate):
+        for samples in _in_seconds(gap, rate):
             silent = av.Packet(bytes([_SILENT.get(track.codec, 0)]) * (samples * width))
             yield _stamped(silent, samples, clock, rate)
         yield _stamped(packet, packet.size // width, clock, rate)
@@ -106,7 +106,7 @@ def samples_of_packets(track: Track, frame_size: int, extradata: bytes) -> int:
     """
     if track.codec == "alac":
         return int.from_bytes(extradata[_ALAC_FRAME], "big")
-    return _SAMPLES.get(track.codec, 0) or (frame_size if track.codec in _OF_ONE_LENGTH else 0)
+    return _SAMPLES_A_PACKET.get(track.codec, 0) or (frame_size if track.codec in _OF_ONE_LENGTH else 0)
 
 
 def steady_packets(
@@ -135,7 +135,7 @@ def _stamped(packet: av.packet.Packet[Any], samples: int, clock: _Clock, rate: i
     return packet
 
 
-def _seconds(samples: int, rate: int) -> Iterator[int]:
+def _in_seconds(samples: int, rate: int) -> Iterator[int]:
     """So many samples, at most a second's at a time."""
     for start in range(0, samples, rate):
         yield min(rate, samples - start)

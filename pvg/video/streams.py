@@ -46,12 +46,12 @@ _EMBEDDED = (  # what rides in the coded pictures and goes with them
 _TOP_FIRST, _BOTTOM_FIRST = (2, 4), (3, 5)  # AVFieldOrder: TT, TB; BB, BT, as decoders and libav's tools use them
 
 # made anew by every muxer, or said of the coded stream that is not kept
-_OF_THE_FILE = frozenset(
+_MADE_BY_MUXERS = frozenset(
     {"major_brand", "minor_version", "compatible_brands", "encoder", "vendor_id", "duration", "rotate", "bps"}
     | {"number_of_frames", "number_of_bytes", "source_id", "creation_time_of_track", "alpha_mode", "encoding_params"}
 )
-_OF_A_PLACE = ("location", "xyz", "gps", "latitude", "longitude", "altitude", "geotag")
-_PLACES = tuple(channel.name for channel in av.AudioLayout("22.2").channels)
+_LOCATION_WORDS = ("location", "xyz", "gps", "latitude", "longitude", "altitude", "geotag")
+_CHANNEL_ORDER = tuple(channel.name for channel in av.AudioLayout("22.2").channels)
 """Names of channels in the order that layouts with a name have them in."""
 _PLAIN_HANDLERS = ("handler", "core media", "iso media", "gpac", "mainconcept")
 
@@ -83,8 +83,9 @@ class Track:
     tags: tuple[tuple[str, str], ...] = ()
     name: str | None = None
 
-    def said(self) -> str:
-        """How messages name it."""
+    @property
+    def label(self) -> str:
+        """Its name in messages."""
         about = [self.codec]
         about += [self.language] if self.language else []
         about += [f'"{self.title or self.handler}"'] if self.title or self.handler else []
@@ -130,7 +131,7 @@ class Streams:
     embedded: tuple[str, ...] = ()
 
 
-NOTHING = Streams()
+NO_STREAMS = Streams()
 
 
 def read_streams(path: str | Path, limits: MediaLimits | None = None) -> Streams:
@@ -145,7 +146,7 @@ def read_streams(path: str | Path, limits: MediaLimits | None = None) -> Streams
         found = {} if first is None else dict(_side_data(first))
         fields = None if first is None else fields_of(first, order)
         alpha = first is not None and has_alpha(first)
-        return take_stock(clip.container, chosen, found, fields, alpha, clip.set_aside)
+        return streams_of(clip.container, chosen, found, fields, alpha, clip.set_aside)
 
 
 def read_sounds(path: str | Path) -> Streams:
@@ -154,7 +155,7 @@ def read_sounds(path: str | Path) -> Streams:
         return Streams(tracks=tuple(_track(stream) for stream in container.streams.audio))
 
 
-def take_stock(
+def streams_of(
     container: av.container.InputContainer,
     chosen: int,
     found: Mapping[str, bytes],
@@ -166,10 +167,10 @@ def take_stock(
     streams = list(container.streams)
     # such as the text of QuickTime's chapters, which are read as what they are
     tracks = [_track(stream) for stream in streams if stream.index not in set_aside]
-    own, timecode, places = _normal(container.metadata), None, []
+    own, timecode, locations = _normal(container.metadata), None, []
     for tags in (own, *(_normal(stream.metadata) for stream in streams)):
         timecode = timecode or tags.get("timecode")
-        places += [name for name in tags if _tells_a_place(name)]
+        locations += [name for name in tags if _is_location(name)]
     reels = [_normal(stream.metadata).get("reel_name") for stream in streams if stream.type == "data"]
     chapters = tuple(_chapters(cast("Iterable[Mapping[str, Any]]", container.chapters())))
     within = tuple(_until(_end_s(container), chapters))
@@ -179,7 +180,7 @@ def take_stock(
         chapters=within,
         chapters_after=len(chapters) - len(within),
         metadata=tuple((name, value) for name, value in own.items() if _is_kept(name)),
-        location=tuple(dict.fromkeys(places)),
+        location=tuple(dict.fromkeys(locations)),
         picture=next(track for track in tracks if track.index == chosen),
         timecode=timecode,
         reel=next((reel for reel in reels if reel), None),
@@ -197,12 +198,12 @@ def _normal(tags: Mapping[str, str]) -> dict[str, str]:
 
 
 def _is_kept(name: str) -> bool:
-    made_anew = name in _OF_THE_FILE or name == "timecode" or name.startswith("_statistics")
-    return not made_anew and not _tells_a_place(name)
+    made_anew = name in _MADE_BY_MUXERS or name == "timecode" or name.startswith("_statistics")
+    return not made_anew and not _is_location(name)
 
 
-def _tells_a_place(name: str) -> bool:
-    return any(word in name.lower() for word in _OF_A_PLACE)
+def _is_location(name: str) -> bool:
+    return any(word in name.lower() for word in _LOCATION_WORDS)
 
 
 def _track(stream: av.stream.Stream) -> Track:
@@ -215,7 +216,7 @@ def _track(stream: av.stream.Stream) -> Track:
     language = tags.get("language")
     layout, channels, order = _channels(context) if sounds else ("", 0, ())
     listed = {"language", "title", "name", "handler_name", "timecode", "creation_time", "filename", "mimetype"}
-    others = {k: v for k, v in tags.items() if k not in listed | _OF_THE_FILE and not _tells_a_place(k)}
+    others = {k: v for k, v in tags.items() if k not in listed | _MADE_BY_MUXERS and not _is_location(k)}
     return Track(
         index=stream.index,
         kind=kind,
@@ -246,9 +247,9 @@ def _channels(context: Any) -> tuple[str, int, tuple[str, ...]]:
     if " channels (" not in stated.name:
         return stated.name, stated.nb_channels, ()
     order = tuple(channel.name for channel in stated.channels)
-    if len({*order} & {*_PLACES}) < len(order):
+    if len({*order} & {*_CHANNEL_ORDER}) < len(order):
         return f"{len(order)} channels", len(order), order
-    usual = tuple(sorted(order, key=_PLACES.index))
+    usual = tuple(sorted(order, key=_CHANNEL_ORDER.index))
     return av.AudioLayout("+".join(usual)).name, len(order), () if order == usual else order
 
 

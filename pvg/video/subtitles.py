@@ -12,7 +12,7 @@ import av
 import av.container
 from av.subtitles.subtitle import SubtitleSet
 
-from pvg.video.audio import stamped
+from pvg.video.audio import with_due_time
 from pvg.video.carrying import CarriedTrack, StampedPacket
 from pvg.video.keeping import Carried
 
@@ -48,7 +48,7 @@ class SubtitleTrack(CarriedTrack):
     def _produce(self, opened: av.container.InputContainer) -> Iterator[StampedPacket]:
         packets = (packet for packet in opened.demux(self._source) if packet.size)
         if self.carried.encoder is None:
-            yield from map(stamped, packets)
+            yield from map(with_due_time, packets)
             return
         lines = (line for packet in packets for line in self._lines(packet))
         for line in one_at_a_time(lines) if self.carried.encoder == "mov_text" else lines:

@@ -15,7 +15,7 @@ from pvg.video.formats import Frame, Patch, PixelFormat
 from pvg.video.info import MediaInfo
 from pvg.video.keeping import Plan, make_plan
 from pvg.video.muxing import ClipMuxer
-from pvg.video.streams import NOTHING, read_sounds
+from pvg.video.streams import NO_STREAMS, read_sounds
 
 
 class VideoWriter:
@@ -61,7 +61,7 @@ class VideoWriter:
             raise ValueError("a still picture has no time base; write it with write_image")
         if plan is None:
             source = audio_from if info.has_audio else None
-            sounds = NOTHING if source is None else read_sounds(source)
+            sounds = NO_STREAMS if source is None else read_sounds(source)
             plan = make_plan(info, container=key, codec=codec, source=source, streams=sounds, pixel_format=format)
         self.codec, self.format, self.width, self.height = plan.codec, plan.format, plan.width, plan.height
         self._encoder = PictureEncoder(info, format, plan, crf=crf, preset=preset, threads=threads, name=self._name)

@@ -21,7 +21,7 @@ from pvg.video import Frame, MediaInfo, Plan, Streams, VideoWriter, inspect, mak
 from pvg.video.formats import PixelFormat, resolve_format
 from pvg.video.pixel_aspect import say_pixel_aspect
 from pvg.video.reading import has_alpha
-from pvg.video.streams import Track, fields_of, take_stock
+from pvg.video.streams import Track, fields_of, streams_of
 from tests.gallery.clips import encode_raw, media_info, rewrite_clip, smooth_frames
 from tests.gallery.rich_clips import FRAMES, Other, Rich
 
@@ -101,7 +101,7 @@ def stock_of(path: Path) -> tuple[Streams, tuple[object, ...]]:
             picture = next(opened.decode(video=0))
             seen = resolve_format(picture.format.name, picture.width, picture.height, 2, 0)
             alpha = has_alpha(picture)
-            streams = take_stock(opened, opened.streams.video[0].index, {}, fields_of(picture), alpha)
+            streams = streams_of(opened, opened.streams.video[0].index, {}, fields_of(picture), alpha)
         return streams, ((2, 2, 2, 0), (seen.depth, seen.chroma_log2))
     info = probe(path)
     return read_streams(path), (
