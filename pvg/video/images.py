@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import struct
 from dataclasses import replace
 from pathlib import Path
@@ -22,19 +21,14 @@ from pvg.errors import MediaError, TooLargeError
 from pvg.video.color import ColorSpace, color_space, named_space
 from pvg.video.formats import RGB24, RGB48, Frame
 from pvg.video.icc import profile_space
+from pvg.video.jpeg import jpeg_size
+from pvg.video.metadata_record import PictureMetadata, TooManyPartsError
 from pvg.video.opening import MediaLimits
-from pvg.video.picture_metadata import (
-    JPEG_FRAMES,
-    MOST_PARTS,
-    PictureMetadata,
-    TooManyPartsError,
-    embedded,
-    grey_key,
-    metadata_of,
-    rgb_profile,
-)
+from pvg.video.picture_metadata import embedded, metadata_of, rgb_profile
+from pvg.video.png import grey_key, png_size
 from pvg.video.sniffing import check_pixels, sniff
 from pvg.video.tiff import tiff_file, tiff_header, upright_bytes
+from pvg.video.webp import webp_size
 
 _WRITE_OPTIONS = {
     ".png": [cv2.IMWRITE_PNG_COMPRESSION, 4],
@@ -48,9 +42,6 @@ IMAGE_SUFFIXES = tuple(_WRITE_OPTIONS)
 _DEEP = (".png", ".tif", ".tiff")
 _NO_ALPHA = (".jpg", ".jpeg")
 _OVERHEAD_BYTES = 64 * 2**20  # profiles, previews and text beside the samples
-_STANDALONE_MARKERS = {0x01, *range(0xD0, 0xD9)}
-_MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")  # in a scan's data: neither a stuffed byte nor a restart
-_MOST_SCANS = 100  # encoders make 10 of a progressive picture; each is gone through in full size
 
 
 def read_image(path: str | Path, limits: MediaLimits | None = None, input_color: str = "auto") -> Frame:
@@ -207,7 +198,7 @@ def _encoded(path: Path, samples: NDArray[Any], metadata: PictureMetadata) -> by
 
 def image_size(name: str, kind: str, data: bytes) -> tuple[int, int]:
     """(width, height) as stored, from the headers; MediaError when the file is cut short or has no size."""
-    readers: dict[str, Any] = {"jpeg": _jpeg_size, "png": _png_size, "webp": _webp_size}
+    readers: dict[str, Any] = {"jpeg": jpeg_size, "png": png_size, "webp": webp_size}
     if kind == "tiff":
         header = tiff_header(name, data)
         return header.width, header.height
@@ -222,66 +213,3 @@ def image_size(name: str, kind: str, data: bytes) -> tuple[int, int]:
     if size is None or min(size) < 1:
         raise MediaError(f"{name} is damaged or cut short: the {kind} picture is not complete; upload it again")
     return int(size[0]), int(size[1])
-
-
-def _png_size(data: bytes) -> tuple[int, int] | None:
-    if data[8:16] != b"\0\0\0\x0dIHDR":
-        return None
-    width, height = struct.unpack(">II", data[16:24])
-    at = 8
-    for _ in range(MOST_PARTS):
-        if at + 12 > len(data):
-            return None
-        length, kind = struct.unpack(">I4s", data[at : at + 8])
-        at += 12 + length
-        if kind == b"IEND":
-            return width, height
-    raise TooManyPartsError(f"{MOST_PARTS} chunks")
-
-
-def _jpeg_size(data: bytes) -> tuple[int, int] | None:
-    at, size = 2, None
-    for _ in range(MOST_PARTS):
-        while data[at] == 0xFF and data[at + 1] == 0xFF:  # fill bytes
-            at += 1
-        marker = data[at + 1]
-        if data[at] != 0xFF:
-            return None
-        if marker in _STANDALONE_MARKERS:
-            at += 2
-            continue
-        (length,) = struct.unpack(">H", data[at + 2 : at + 4])
-        if marker in JPEG_FRAMES:
-            height, width = struct.unpack(">HH", data[at + 5 : at + 9])
-            size = (width, height)
-        at += 2 + length
-        if marker == 0xDA:  # the samples follow; a whole file ends them with the EOI marker
-            _check_scans(data, at)
-            return size if data.find(b"\xff\xd9", at) >= 0 else None
-    raise TooManyPartsError(f"{MOST_PARTS} segments")
-
-
-def _check_scans(data: bytes, at: int) -> None:
-    """Count the scans that a decoder would go through; at: where the data of the first one begin."""
-    scans = 1
-    while (found := _MARKER.search(data, at)) and data[found.end() - 1] != 0xD9:
-        at = found.end()
-        scans += data[at - 1] == 0xDA
-        if scans > _MOST_SCANS:
-            raise TooManyPartsError(f"{_MOST_SCANS} scans")
-        at += int.from_bytes(data[at : at + 2], "big")
-
-
-def _webp_size(data: bytes) -> tuple[int, int] | None:
-    if 8 + int(struct.unpack("<I", data[4:8])[0]) > len(data) + 1:
-        return None
-    chunk = data[12:16]
-    if chunk == b"VP8X":
-        return 1 + int.from_bytes(data[24:27], "little"), 1 + int.from_bytes(data[27:30], "little")
-    if chunk == b"VP8L":
-        bits = struct.unpack("<I", data[21:25])[0]
-        return 1 + (bits & 0x3FFF), 1 + (bits >> 14 & 0x3FFF)
-    if chunk == b"VP8 ":
-        width, height = struct.unpack("<HH", data[26:30])
-        return width & 0x3FFF, height & 0x3FFF
-    return None

@@ -18,7 +18,7 @@ from starlette.types import Message
 from pvg.asset import open_asset
 from pvg.errors import AssetError, MediaError
 from pvg.video import probe, read_picture_metadata, write_image
-from pvg.video.picture_metadata import PictureMetadata
+from pvg.video.metadata_record import PictureMetadata
 from pvg.video.sniffing import IMAGE_KINDS, sniff
 from service.api import sniffing
 from service.api.multipart import read_form

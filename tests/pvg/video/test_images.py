@@ -17,7 +17,7 @@ from pvg.video import (
     read_image,
     write_image,
 )
-from pvg.video.picture_metadata import PictureMetadata
+from pvg.video.metadata_record import PictureMetadata
 from tests.gallery.profiles import P3, profile, srgb_curve
 
 

@@ -15,7 +15,7 @@ from pvg.errors import MediaError
 from pvg.video import (
     PictureMetadata,
     lost_in_picture,
-    picture_metadata,
+    png,
     probe,
     read_image,
     read_picture_metadata,
@@ -492,8 +492,8 @@ def test_damaged_metadata_gives_a_picture_or_one_line(suffix: str, seed: int, tm
 def test_of_many_profiles_in_a_png_the_first_alone_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = hostile.many_profiles(tmp_path)
     read = list[bytes]()
-    inflated = picture_metadata._inflated
-    monkeypatch.setattr(picture_metadata, "_inflated", lambda body: read.append(body) or inflated(body))
+    inflated = png._inflated
+    monkeypatch.setattr(png, "_inflated", lambda body: read.append(body) or inflated(body))
     assert read_picture_metadata(path).icc == profiles.profile(profiles.P3, profiles.gamma_curve(1.8))
     assert len(read) == 1
 
