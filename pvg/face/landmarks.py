@@ -13,6 +13,8 @@ from pvg.face import layout
 from pvg.face.axes import FaceAxes
 from pvg.raster import Raster, scaled
 
+_EYES_AND_MOUTH = (layout.LEFT_EYE_CONTOUR, layout.RIGHT_EYE_CONTOUR, layout.LIPS_OUTER)
+
 
 @dataclass(frozen=True, eq=False)
 class Landmarks:
@@ -57,6 +59,14 @@ class Landmarks:
     def oval(self) -> Floats:
         """(…, 36, 2) outline of the face with its forehead, closed."""
         return self.skin_points[..., layout.OVAL, :]
+
+    @cached_property
+    def eyes_and_mouth(self) -> Floats:
+        """(3, 2) float32 middles of the left eye, the right eye and the lips: a face is laid straight by them.
+
+        For the landmarks of one picture.
+        """
+        return np.stack([self.points[part].mean(axis=0) for part in _EYES_AND_MOUTH]).astype(np.float32)
 
     @cached_property
     def axes(self) -> FaceAxes:

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from pvg._arrays import Floats
-from pvg.face import Landmarks, layout
+from pvg.face import Landmarks
 from pvg.picture import Picture
 from pvg.raster import scaled
 
@@ -75,8 +75,7 @@ def _comparable(a: _View, b: _View) -> bool:
 
 def _laid_straight(picture: Picture, landmarks: Landmarks) -> Floats:
     """Luma of a face with its eyes and mouth in their places, (32, 32) float32 of zero mean and unit length."""
-    parts = (layout.LEFT_EYE_CONTOUR, layout.RIGHT_EYE_CONTOUR, layout.LIPS_OUTER)
-    marks = np.stack([landmarks.points[part].mean(axis=0) for part in parts]).astype(np.float32)
+    marks = landmarks.eyes_and_mouth
     apart = float(np.linalg.norm(marks[1] - marks[0]) / (_PLACES[1, 0] - _PLACES[0, 0]))  # source px a pixel
     fine = max(1, int(np.ceil(apart)))  # a large face is averaged down, so that it does not alias
     to_source = np.asarray(cv2.getAffineTransform(scaled(_PLACES, fine), marks), np.float64)

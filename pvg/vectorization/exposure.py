@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 
 from pvg._arrays import Bools, Floats
-from pvg.face import Landmarks, layout
+from pvg.face import Landmarks
 from pvg.picture import Picture, rms_contrast
 from pvg.raster import centers_in_unit, scaled
 from pvg.skin import Matte
@@ -36,8 +36,7 @@ _FREE_KEYS, _ROWS_A_KEY = 6, 250  # keys that a track may have beside its first:
 _PATIENCE = 100  # rows that a change must have lasted once they are spent: flicker stops, a new level is still found
 
 _SIDE, _OVERSAMPLED = 24, 3  # cells of a face in its own coordinates, and pixels read a side of each
-_MARKS = (layout.LEFT_EYE_CONTOUR, layout.RIGHT_EYE_CONTOUR, layout.LIPS_OUTER)
-_PLACES = np.array([(0.3, 0.32), (0.7, 0.32), (0.5, 0.75)], np.float32)  # where their middles lie
+_PLACES = np.array([(0.3, 0.32), (0.7, 0.32), (0.5, 0.75)], np.float32)  # where eyes and mouth lie
 _DARK = 4.0  # levels added to both sides of a ratio
 _LEAST_LUMA = 14.0  # levels of the median that colours can be fitted at
 _LEAST_SEEN = 0.6  # of the key's open cells
@@ -58,9 +57,9 @@ class FacePatch:
     @classmethod
     def of(cls, picture: Picture, landmarks: Landmarks, matte: Matte) -> FacePatch:
         """The patch of a face in a picture, eyes and mouth where they always are."""
-        marks = np.stack([landmarks.points[part].mean(axis=0) for part in _MARKS])
+        marks = landmarks.eyes_and_mouth
         places, fine = np.asarray(_PLACES * (_SIDE - 1), np.float32), _SIDE * _OVERSAMPLED
-        to_source = cv2.getAffineTransform(scaled(places, float(_OVERSAMPLED)), marks.astype(np.float32))
+        to_source = cv2.getAffineTransform(scaled(places, float(_OVERSAMPLED)), marks)
         read = picture.warp(np.asarray(to_source, np.float64), (fine, fine))
         rgb = cv2.resize(read, (_SIDE, _SIDE), interpolation=cv2.INTER_AREA)
         to_cells = cv2.getAffineTransform(places, matte.raster.to_cells(marks))

@@ -73,7 +73,7 @@ def best_row(
         face = _face_crop(picture, track.landmarks[row].points)
         merits[row] *= _exposed(face, track, row) ** 2  # burnt-out faces are also even and full of edges
         sharpness[row] = _sharpness(face)
-        evenness[row] = _evenness(picture, track.landmarks[row].points)
+        evenness[row] = _evenness(picture, track.landmarks[row])
         best[row] = picture.part(surroundings(track.landmarks[row]))
         if len(best) > 4 * _LOOKED_AT:
             ranked = sorted(best, key=lambda r: _usual(sharpness)[r] * _usual(evenness)[r] * merits[r], reverse=True)
@@ -154,14 +154,11 @@ def _usual(quality: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.minimum(1.0, quality / usual))
 
 
-def _evenness(picture: Picture, points: Floats) -> float:
+def _evenness(picture: Picture, landmarks: Landmarks) -> float:
     """How alike the two halves of a face are: low where a hand lies on one of them, alike in all frames otherwise."""
     size = _SHARPNESS_FACE_PX // 2
-    marks = np.stack(
-        [points[part].mean(axis=0) for part in (layout.LEFT_EYE_CONTOUR, layout.RIGHT_EYE_CONTOUR, layout.LIPS_OUTER)]
-    )
     places = np.array([(0.3, 0.3), (0.7, 0.3), (0.5, 0.75)], np.float32) * (size - 1)
-    to_source = np.asarray(cv2.getAffineTransform(places, marks.astype(np.float32)), np.float64)
+    to_source = np.asarray(cv2.getAffineTransform(places, landmarks.eyes_and_mouth), np.float64)
     patch = picture.warp(to_source, (size, size))
     grey = cv2.GaussianBlur(cv2.cvtColor(patch, cv2.COLOR_RGB2GRAY).astype(np.float32), (0, 0), 2)
     difference = np.percentile(np.abs(grey - grey[:, ::-1]), 90)  # a hand covers a part only

@@ -57,3 +57,12 @@ def test_a_face_in_the_cells_of_a_raster_is_where_the_raster_puts_its_points() -
     raster = Raster(np.array([20.0, 30.0], np.float32), 2.5, (90, 80))
     there = face.in_cells(raster)
     np.testing.assert_array_equal(there.stacked, raster.to_cells(face.stacked))
+
+
+def test_eyes_and_mouth_are_the_middles_of_their_contours() -> None:
+    face = made_up_landmarks()
+    left, right, mouth = face.eyes_and_mouth
+    np.testing.assert_allclose((left + right) / 2, face.points[layout.EYE_CONTOURS].mean(axis=0), rtol=1e-5)
+    np.testing.assert_allclose(mouth, face.points[layout.LIPS_OUTER].mean(axis=0), rtol=1e-5)
+    assert left[0] < mouth[0] < right[0]
+    assert mouth[1] > max(left[1], right[1])
