@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from concurrent.futures import Future, wait
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -43,7 +43,29 @@ _PLACE_EVERY = 4  # frames from one place of a face that is kept to the next: ot
 _LIPS_EVERY = 8  # frames from one look for lips that were not seen yet to the next
 INSET = 0.02  # boundary samples lie this part of the face's width inside the mask
 
-_SeenSkin = tuple[Floats, Floats, Floats]  # open skin (n, 3), where it is (n, 2), colours of parts (P, 3)
+
+@dataclass(frozen=True, eq=False)
+class _RowColors:
+    """Colours that one row of a track shows, 0-255 RGB float32.
+
+    skin: (n, 3) of open skin, none where too little of it is seen;  places: (n, 2) where it is, source pixels;
+    parts: (P, 3) of `pvg.face.PARTS`, NaN where a part is not seen.
+    """
+
+    skin: Floats
+    places: Floats
+    parts: Floats
+
+    @classmethod
+    def of(cls, picture: Picture, landmarks: Landmarks, matte: Matte) -> _RowColors:
+        """Those of a face in a picture, with its matte there."""
+        skin, places = _open_skin(picture, landmarks, matte)
+        return cls(skin, places, without_covered_lips(part_colors(picture, landmarks, matte), skin))
+
+    @property
+    def show_lips(self) -> bool:
+        """Whether lips are seen, and skin beside them."""
+        return bool(len(self.skin)) and shows_lips(self.parts)
 
 
 class VectorFace:
@@ -96,7 +118,7 @@ class VectorFace:
         skin = SkinTracker(model)
         self.key_matte, self._key_skin = skin.step(key.picture, key.landmarks, key.scene), skin
         self._no_body = np.zeros(scene_raster(key.picture.size).shape, np.uint8)
-        self._lips: tuple[Floats, Floats] | None = None  # parts with lips and the open skin of the first row with them
+        self._lips: _RowColors | None = None  # of the first row that shows lips
         self._watch: ExposureWatch | None = None
         if reset is None:
             whole = None if key.scene is None else key.scene.contrast
@@ -119,9 +141,9 @@ class VectorFace:
                 self._fit_due(self._watch.see(row, picture, rows.landmarks[k], matte, score, pose, whole))
                 visible *= self._watch.shows
             if self._lips is None and row % _LIPS_EVERY == 0 and good_rows(rows)[k]:
-                self._look_for_lips(_seen_skin(picture, rows.landmarks[k], matte))
-            seen = matte, self._skin.light, self._skin.network_output
-            body = self._threads.bodies.submit(self._body_alpha, scene, rows.landmarks[k], *seen)
+                self._look_for_lips(_RowColors.of(picture, rows.landmarks[k], matte))
+            light, output = self._skin.light, self._skin.network_output
+            body = self._threads.bodies.submit(self._body_alpha, scene, rows.landmarks[k], matte, light, output)
             self._unwritten.append((rows, k, visible, body))
             steady = matte if self._skin.in_time is None else self._consensus.add(self._skin.in_time)
             if steady is not None:
@@ -144,9 +166,8 @@ class VectorFace:
         scene = None if self._key is None else self._key.scene
         self._fit_key()
         self.first = track.first + self._key_row
-        skin = self._key_skin
-        seen = self.key_matte, skin.light, skin.network_output
-        body = self._body_alpha(scene, track.landmarks[self._key_row], *seen)
+        light, output = self._key_skin.light, self._key_skin.network_output
+        body = self._body_alpha(scene, track.landmarks[self._key_row], self.key_matte, light, output)
         self._write(track, self._key_row, 1.0, body, self.key_matte, writer)
         self._remember(rows_between(track, self.first, self.first + 1))
         self.finish(writer)
@@ -194,7 +215,7 @@ class VectorFace:
         if self._lips is not None:
             for row, key in keys.items():
                 if len(key.skin) and not shows_lips(key.parts):
-                    keys[row] = replace(key, parts=with_lips_of(key.parts, key.skin, *self._lips))
+                    keys[row] = replace(key, parts=with_lips_of(key.parts, key.skin, self._lips.parts, self._lips.skin))
         first = min(keys)
         return tuple(replace(keys[row], since=None if row == first else since.get(row)) for row in sorted(keys))
 
@@ -230,16 +251,15 @@ class VectorFace:
     def _fit(self, row: int, picture: Picture, landmarks: Landmarks, matte: Matte) -> None:
         """Begin to fit a row's colours."""
         frame = self.first + row
-        seen = _seen_skin(picture, landmarks, matte)
+        colors = _RowColors.of(picture, landmarks, matte)
         if self._lips is None:
-            self._look_for_lips(seen)
-        self._keys[row] = self._threads.fits.submit(_key_frame, frame, picture, landmarks, matte, seen, self._seed)
+            self._look_for_lips(colors)
+        self._keys[row] = self._threads.fits.submit(_key_frame, frame, picture, landmarks, matte, colors, self._seed)
 
-    def _look_for_lips(self, seen: _SeenSkin) -> None:
-        """Keep the lips of a row, if it shows some."""
-        skin, _, parts = seen
-        if len(skin) and shows_lips(parts):
-            self._lips = parts, skin
+    def _look_for_lips(self, colors: _RowColors) -> None:
+        """Keep the colours of a row that shows lips."""
+        if colors.show_lips:
+            self._lips = colors
 
     def _body_alpha(
         self, scene: Scene | None, landmarks: Landmarks, matte: Matte, light: Floats, output: NetworkOutput | None
@@ -273,24 +293,19 @@ class VectorFace:
         writer.add_frame(self.number, arrays)
 
 
-def _seen_skin(picture: Picture, landmarks: Landmarks, matte: Matte) -> _SeenSkin:
-    skin, places = _open_skin(picture, landmarks, matte)
-    return skin, places, without_covered_lips(part_colors(picture, landmarks, matte), skin)
-
-
 def _key_frame(
-    frame: int, picture: Picture, landmarks: Landmarks, matte: Matte, seen: _SeenSkin, seed: int
+    frame: int, picture: Picture, landmarks: Landmarks, matte: Matte, row_colors: _RowColors, seed: int
 ) -> KeyFrame | None:
     """A frame as a key frame, None where the matte shows no skin."""
     boundary = boundary_points(_radius(landmarks, matte), landmarks.axes)
     positions = place(table_labels(), landmarks, boundary)
     rgb, corner = _cut_out(picture, matte.raster.box)
-    skin, places, parts = seen
     try:
         colors, visible = fit_key_frame(rgb, matte.crop(corner), positions - corner, landmarks.axes.width, seed)
     except NoFaceError:
         return None
-    return KeyFrame(frame, colors, visible, skin, _nearest_on_skin(places, positions), parts)
+    nearest = _nearest_on_skin(row_colors.places, positions)
+    return KeyFrame(frame, colors, visible, row_colors.skin, nearest, row_colors.parts)
 
 
 def _nearest_on_skin(places: Floats, positions: Floats) -> NDArray[np.int16]:
