@@ -119,30 +119,32 @@ class DueKey:
 class ExposureWatch:
     """Watches a track's light, rows in order, and tells when a key frame is due.
 
-    main_row, main: the track's main key frame, which may lie ahead;  main_picture: the contrast of its whole picture,
-    None where that is not known;  shows: how far the face shows through in the row that was seen last, see `veil`.
+    main_row, main: the track's main key frame, which may lie ahead;
+    main_contrast: that of its whole picture, None where it is not known;
+    transmission: how far the face shows through in the row that was seen last, in [0, 1], see `veil`;
+    main_since: see `DueKey.since`, of the main key, once its row has passed.
     """
 
     main_row: int
     main: FacePatch
-    main_picture: float | None = None
-    shows: float = 1.0
-    main_since: int | None = None  # of the main key, once its row has passed
-    _waiting: deque[Sight] = field(default_factory=deque)
-    _key: FacePatch | None = None
-    _key_row: int | None = None  # None while the main key, still ahead, serves
-    _same: int | None = None  # the last row in the light of the key …
-    _moved: float = 0.0  # … and how far it had moved there, log luma
-    _passed: int = 0
-    _made: int = 0
-    _changed: int = 0  # rows since the light left the key's
-    _face: float = 1.0  # contrast of the face when it was last seen well
-    _veil: Veil | None = None
+    main_contrast: float | None = None
+    transmission: float = field(default=1.0, init=False)
+    main_since: int | None = field(default=None, init=False)
+    _waiting: deque[Sight] = field(default_factory=deque, init=False)
+    _key: FacePatch | None = field(default=None, init=False)
+    _key_row: int | None = field(default=None, init=False)  # None while the main key, still ahead, serves
+    _same_row: int | None = field(default=None, init=False)  # the last row in the light of the key …
+    _same_gain: float = field(default=0.0, init=False)  # … and how far it had moved there, log luma
+    _rows_passed: int = field(default=0, init=False)
+    _keys_made: int = field(default=0, init=False)
+    _rows_changed: int = field(default=0, init=False)  # rows since the light left the key's
+    _face_contrast: float = field(default=1.0, init=False)  # when it was last seen well
+    _veil: Veil | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
-        if self.main_picture is not None:
+        if self.main_contrast is not None:
             luma = self.main.luma[_FACE]
-            self._veil = Veil(rms_contrast(luma), self.main_picture, float(luma.mean()))
+            self._veil = Veil(rms_contrast(luma), self.main_contrast, float(luma.mean()))
 
     def see(
         self,
@@ -152,26 +154,26 @@ class ExposureWatch:
         matte: Matte,
         score: float,
         pose: Floats,
-        whole: float | None = None,
+        picture_contrast: float | None = None,
     ) -> list[DueKey]:
         """The key frames that are due now that the next row is seen.
 
-        whole: the contrast of its whole picture, None where that is not known.
+        score, pose: see `shows_well`;  picture_contrast: of its whole picture, None where that is not known.
         """
         sure = bool(shows_well(np.array(score, np.float32), pose))
         patch = FacePatch.of(picture, landmarks, matte) if sure else None
-        self.shows = self._shows(patch, whole)
-        if self.shows < 1.0:  # a veil is no light
+        self.transmission = self._transmission(patch, picture_contrast)
+        if self.transmission < 1.0:  # a veil is no light
             patch = None
         self._waiting.append(Sight(row, picture, landmarks, matte, patch))
         return self._pass() if len(self._waiting) > LOOKAHEAD else []
 
-    def _shows(self, patch: FacePatch | None, whole: float | None) -> float:
-        if whole is None or self._veil is None:
+    def _transmission(self, patch: FacePatch | None, picture_contrast: float | None) -> float:
+        if picture_contrast is None or self._veil is None:
             return 1.0
         if patch is not None:
-            self._face = rms_contrast(patch.luma[_FACE])
-        return self._veil.shows(self._face, whole)
+            self._face_contrast = rms_contrast(patch.luma[_FACE])
+        return self._veil.transmission(self._face_contrast, picture_contrast)
 
     def end(self) -> list[DueKey]:
         """The key frames that are due when the track has ended."""
@@ -183,7 +185,7 @@ class ExposureWatch:
     def _pass(self) -> list[DueKey]:
         """Judge the first row that waits, by those behind it."""
         sight = self._waiting.popleft()
-        self._passed += 1
+        self._rows_passed += 1
         key = self._key or self.main
         gain = float("nan") if sight.patch is None else sight.patch.gain_over(key)
         if sight.row == self.main_row:
@@ -193,19 +195,19 @@ class ExposureWatch:
         if np.isnan(gain):
             return []
         if abs(gain) <= _SAME:
-            self._same, self._moved = sight.row, gain
-        self._changed = self._changed + 1 if abs(gain) > _CHANGE else 0
+            self._same_row, self._same_gain = sight.row, gain
+        self._rows_changed = self._rows_changed + 1 if abs(gain) > _CHANGE else 0
         if not self._is_due(sight.row, gain, key):
             return []
         since = self._began(sight.row, gain)
         # a main key that lies ahead and was true until here serves from there
         main_from = since if self._key_row is None else None
-        self._made += 1
+        self._keys_made += 1
         self._serve(sight.patch, sight.row)
         return [DueKey(sight, since, main_from)]
 
     def _serve(self, key: FacePatch | None, row: int) -> None:
-        self._key, self._key_row, self._same, self._moved, self._changed = key, row, row, 0.0, 0
+        self._key, self._key_row, self._same_row, self._same_gain, self._rows_changed = key, row, row, 0.0, 0
 
     def _began(self, row: int, gain: float) -> int | None:
         """The row where the light began to leave the key's on its way to the gain over it in a row.
@@ -213,26 +215,26 @@ class ExposureWatch:
         Light that runs steadily had moved a little in the last row that counts as the key's: from there back on the
         same line, for colours that set off late would have to hurry.
         """
-        if self._same is None:
+        if self._same_row is None:
             return self._key_row
-        if not (gain * self._moved > 0.0 and abs(gain) > abs(self._moved)):  # a NaN neither
-            return self._same
+        if not (gain * self._same_gain > 0.0 and abs(gain) > abs(self._same_gain)):  # a NaN neither
+            return self._same_row
         key_row = self._key_row or 0
-        began = self._same - round((row - self._same) * self._moved / (gain - self._moved))
+        began = self._same_row - round((row - self._same_row) * self._same_gain / (gain - self._same_gain))
         return began if began > key_row + _NO_REST else key_row
 
     def _is_due(self, row: int, gain: float, key: FacePatch) -> bool:
         if self._key_row is not None and row - self._key_row < _LEAST_GAP:
             return False
-        if self._made >= _FREE_KEYS + self._passed / _ROWS_A_KEY and self._changed < _PATIENCE:
+        if self._keys_made >= _FREE_KEYS + self._rows_passed / _ROWS_A_KEY and self._rows_changed < _PATIENCE:
             return False
-        if abs(gain) <= (_CHANGE if self._made == 0 else _SETTLED):
+        if abs(gain) <= (_CHANGE if self._keys_made == 0 else _SETTLED):
             return False
         gains = [ahead.patch.gain_over(key) for ahead in self._waiting if ahead.patch is not None]
         at_end = len(self._waiting) < LOOKAHEAD
         if abs(gain) > _CHANGE:
             lasting = [g for g in gains if g * np.sign(gain) > _CHANGE]
-            return len(lasting) >= LOOKAHEAD - 2 or (at_end and not self._waiting and self._made > 0)
+            return len(lasting) >= LOOKAHEAD - 2 or (at_end and not self._waiting and self._keys_made > 0)
         # what is left of a change that has come to rest
         rest = [g for g in gains if abs(g - gain) <= _REST]
         return not self._waiting if at_end else len(rest) == LOOKAHEAD

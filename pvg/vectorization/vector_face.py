@@ -121,9 +121,9 @@ class VectorFace:
         self._lips: _RowColors | None = None  # of the first row that shows lips
         self._watch: ExposureWatch | None = None
         if reset is None:
-            whole = None if key.scene is None else key.scene.contrast
+            contrast = None if key.scene is None else key.scene.contrast
             patch = FacePatch.of(key.picture, key.landmarks, self.key_matte)
-            self._watch = ExposureWatch(key.row, patch, whole)
+            self._watch = ExposureWatch(key.row, patch, contrast)
 
     def add(self, stretch: Stretch, writer: AssetWriter) -> None:
         """Follow the skin through the next rows and write them."""
@@ -137,9 +137,9 @@ class VectorFace:
             visible = float(stretch.visible[k])
             if self._watch is not None:
                 score, pose = float(rows.score[k]), rows.pose[k]
-                whole = None if scene is None else scene.contrast
-                self._fit_due(self._watch.see(row, picture, rows.landmarks[k], matte, score, pose, whole))
-                visible *= self._watch.shows
+                contrast = None if scene is None else scene.contrast
+                self._fit_due(self._watch.see(row, picture, rows.landmarks[k], matte, score, pose, contrast))
+                visible *= self._watch.transmission
             if self._lips is None and row % _LIPS_EVERY == 0 and good_rows(rows)[k]:
                 self._look_for_lips(_RowColors.of(picture, rows.landmarks[k], matte))
             light, output = self._skin.light, self._skin.network_output

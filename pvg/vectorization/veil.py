@@ -17,20 +17,20 @@ _DARK = 1.0  # level of the face's mean, at least
 
 @dataclass(frozen=True)
 class Veil:
-    """What a face and the picture around it are like on the key frame.
+    """What a face and the picture around it are like on the key frame, where nothing lies over them.
 
-    face, picture: their contrasts;  luma: the face's mean, levels.
+    face_contrast, picture_contrast: see `pvg.picture.rms_contrast`;  face_luma: the face's mean, levels of 255.
     """
 
-    face: float
-    picture: float
-    luma: float
+    face_contrast: float
+    picture_contrast: float
+    face_luma: float
 
-    def shows(self, face: float, picture: float) -> float:
-        """How far a face shows through, in [0, 1], where these are the contrasts of it and of its picture."""
-        left = max(face / max(self.face, 1e-6), picture / max(self.picture, 1e-6))
+    def transmission(self, face_contrast: float, picture_contrast: float) -> float:
+        """How far a face shows through, in [0, 1], by the contrasts of it and of its picture now."""
+        left = max(face_contrast / max(self.face_contrast, 1e-6), picture_contrast / max(self.picture_contrast, 1e-6))
         if left >= 1.0:
             return 1.0
         # c = (1 − v) m / ((1 − v) m + v W), solved for 1 − v
-        through = left * _WHITE / (left * _WHITE + max(self.luma, _DARK) * (1.0 - left))
+        through = left * _WHITE / (left * _WHITE + max(self.face_luma, _DARK) * (1.0 - left))
         return min(1.0, through / _CLEAR)

@@ -23,7 +23,7 @@ FACE = PICTURE[10:30, 20:40]
 def shown(picture: np.ndarray) -> float:
     """How far the face shows through in a picture (40, 60)."""
     key = Veil(rms_contrast(FACE), rms_contrast(PICTURE), float(FACE.mean()))
-    return key.shows(rms_contrast(picture[10:30, 20:40]), rms_contrast(picture))
+    return key.transmission(rms_contrast(picture[10:30, 20:40]), rms_contrast(picture))
 
 
 @pytest.mark.parametrize("share", [0.3, 0.5, 0.8, 1.0])
