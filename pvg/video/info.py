@@ -17,7 +17,7 @@ from pvg.video.formats import RANGE_FULL, UNSPECIFIED, UNSTATED, PixelFormat
 from pvg.video.images import color_of_picture, read_image
 from pvg.video.opening import MediaLimits, OpenClip, open_clip
 from pvg.video.picture_metadata import read_picture_metadata
-from pvg.video.reading import Reading, has_alpha, pictures, reading_of
+from pvg.video.reading import DecodingPlan, decoding_plan, has_alpha, pictures
 from pvg.video.sniffing import IMAGE_KINDS, check_pixels, claimed_bytes, cut_short, is_fragmented, sniff
 
 _RATE_TOLERANCE = 1.01  # stamps are rounded, and the clocks of cameras run fast or slow
@@ -158,8 +158,8 @@ def _probe_clip(clip: OpenClip, limits: MediaLimits, input_color: str) -> MediaI
     if first is None:
         raise MediaError(f"{clip.name} holds no frame that can be decoded; it is damaged or empty")
     check_pixels(clip.name, first.width, first.height, limits.max_pixels)
-    reading = reading_of(clip, first, input_color)
-    width, height = reading.upright_size
+    decoding = decoding_plan(clip, first, input_color)
+    width, height = decoding.upright_size
     aspect = stream.sample_aspect_ratio or Fraction(1)
     matrix = claims.color_matrix
     return replace(
@@ -167,12 +167,12 @@ def _probe_clip(clip: OpenClip, limits: MediaLimits, input_color: str) -> MediaI
         width=width,
         height=height,
         pixel_format=first.format.name,
-        color_matrix=reading.matrix if matrix in UNSTATED and not reading.target.is_rgb else matrix,
-        rotation=reading.orientation.degrees,
-        format=reading.target,
-        sample_aspect_ratio=1 / aspect if reading.orientation.transpose else aspect,
+        color_matrix=decoding.matrix if matrix in UNSTATED and not decoding.target.is_rgb else matrix,
+        rotation=decoding.orientation.degrees,
+        format=decoding.target,
+        sample_aspect_ratio=1 / aspect if decoding.orientation.transpose else aspect,
         has_alpha=has_alpha(first),
-        warnings=_of_streams(clip) + _of_turn(reading) + (_of_colors(clip, reading) if input_color == "auto" else ()),
+        warnings=_of_streams(clip) + _of_turn(decoding) + (_of_colors(clip, decoding) if input_color == "auto" else ()),
     )
 
 
@@ -186,7 +186,7 @@ _LOGARITHMS = {
 }
 
 
-def _of_colors(clip: OpenClip, reading: Reading) -> tuple[str, ...]:
+def _of_colors(clip: OpenClip, decoding: DecodingPlan) -> tuple[str, ...]:
     """What is to be known of a clip whose colours were read by its tags."""
     told = " ".join([*clip.container.metadata.values(), *clip.stream.metadata.values()])
     named = next((name for pattern, name in _LOGARITHMS.items() if pattern.search(told)), None)
@@ -194,7 +194,7 @@ def _of_colors(clip: OpenClip, reading: Reading) -> tuple[str, ...]:
         return (f"its tags speak of a camera's logarithm, which is not guessed: name it as the input color, {named}",)
     transfers = {clip.stream.codec_context.color_trc, clip.colors.transfer}
     unstated = transfers <= {0, UNSPECIFIED}
-    if unstated and reading.target.color is None and reading.target.depth > 8:
+    if unstated and decoding.target.color is None and decoding.target.depth > 8:
         return ("it does not say its transfer function and is read as SDR: if it is not, name the input color",)
     return ()
 
@@ -209,8 +209,8 @@ def _of_streams(clip: OpenClip) -> tuple[str, ...]:
     )
 
 
-def _of_turn(reading: Reading) -> tuple[str, ...]:
-    turn = reading.orientation
+def _of_turn(decoding: DecodingPlan) -> tuple[str, ...]:
+    turn = decoding.orientation
     if not turn.is_rounded:
         return ()
     return (f"it asks to be turned by {turn.asked:.1f} degrees and is turned by {turn.degrees}: by quarters alone",)

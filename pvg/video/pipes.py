@@ -29,7 +29,7 @@ from pvg.video.formats import RANGE_FULL, UNSPECIFIED, Frame, Patch, PixelFormat
 from pvg.video.info import MediaInfo
 from pvg.video.keeping import Plan
 from pvg.video.opening import MediaLimits, OpenClip, reason
-from pvg.video.reading import has_alpha, pictures, reading_of, to_frame, within_depth
+from pvg.video.reading import DecodingPlan, decoding_plan, has_alpha, pictures, to_frame, within_depth
 from pvg.video.sniffing import check_pixels
 
 _Y4M_START = b"YUV4MPEG2"
@@ -213,27 +213,27 @@ class PipeReader:
         first = next(decoded, None)
         if first is None:
             raise MediaError(f"{self._name} holds no frame that can be decoded")
-        reading = reading_of(clip, first, "sdr")
-        reading = replace(reading, target=replace(reading.target, color=self._space))
+        plan = decoding_plan(clip, first, "sdr")
+        plan = replace(plan, target=replace(plan.target, color=self._space))
         rate = stream.average_rate or stream.guessed_rate or Fraction(25)
-        frames = self._nut_frames(clip, chain([first], decoded), reading)
+        frames = self._nut_frames(clip, chain([first], decoded), plan)
         aspect = stream.sample_aspect_ratio or Fraction(1)
-        width, height = reading.upright_size
+        width, height = plan.upright_size
         return PipedClip(
-            *(clip.name, width, height, rate, clip.time_base, reading.coded_format, reading.target, frames),
+            *(clip.name, width, height, rate, clip.time_base, plan.coded_format, plan.target, frames),
             sample_aspect_ratio=aspect,
             has_alpha=has_alpha(first),
         )
 
-    def _nut_frames(self, clip: OpenClip, decoded: Iterator[Any], reading: Any) -> Iterator[Frame]:
+    def _nut_frames(self, clip: OpenClip, decoded: Iterator[Any], plan: DecodingPlan) -> Iterator[Frame]:
         last: int | None = None
         for index, picture in enumerate(decoded):
-            if (picture.width, picture.height, picture.format.name) != (*reading.coded_size, reading.coded_format):
+            if (picture.width, picture.height, picture.format.name) != (*plan.coded_size, plan.coded_format):
                 raise MediaError(f"{self._name} changes its pictures' size or format at frame {index}")
             pts = picture.pts if picture.pts is not None else index
             pts = pts if last is None or pts > last else last + 1
             last = pts
-            yield within_depth(clip.name, to_frame(picture, reading, index, pts, clip.time_base))
+            yield within_depth(clip.name, to_frame(picture, plan, index, pts, clip.time_base))
 
 
 def _name_of(source: BinaryIO) -> str:

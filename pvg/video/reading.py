@@ -84,9 +84,11 @@ def orientation_of(frame: av.video.frame.VideoFrame) -> Orientation:
 
 
 @dataclass(frozen=True)
-class Reading:
+class DecodingPlan:
     """What the first frame fixes for all others of a clip.
 
+    coded_size: (width, height) as coded, before rotation;  coded_format: libav's name of the layout;
+    target: the format of the frames that come out;  orientation: how they are turned upright;
     matrix: the code point of ISO/IEC 23091-2 that the clip states, by its pictures or its container (2: none).
     """
 
@@ -108,8 +110,8 @@ def _first_stated(*tags: int) -> int:
     return next((tag for tag in tags if tag not in UNSTATED), UNSPECIFIED)
 
 
-def reading_of(clip: OpenClip, frame: av.video.frame.VideoFrame, input_color: str = "auto") -> Reading:
-    """The plan for a clip whose first decoded picture is `frame`.
+def decoding_plan(clip: OpenClip, frame: av.video.frame.VideoFrame, input_color: str = "auto") -> DecodingPlan:
+    """The decoding plan of a clip whose first decoded picture is `frame`.
 
     input_color: one of `color.INPUT_COLORS`. Raises MediaError for unsupported colours.
     """
@@ -134,11 +136,11 @@ def reading_of(clip: OpenClip, frame: av.video.frame.VideoFrame, input_color: st
         # A sideways 4:2:2 picture has no supported layout; 4:4:4 holds all of it
         name = target.name.replace("422", "444")
         target = replace(target, name=name, chroma_log2=(0, 0))
-    return Reading((frame.width, frame.height), frame.format.name, target, orientation, matrix)
+    return DecodingPlan((frame.width, frame.height), frame.format.name, target, orientation, matrix)
 
 
 @dataclass(frozen=True)
-class _Manner:
+class _ReadOptions:
     """How a clip is to be read; see `read_frames`."""
 
     limits: MediaLimits
@@ -173,46 +175,46 @@ def read_frames(
     Raises MediaError, also in mid-clip: damaged data, a changed picture size, a limit passed.
     """
     path = Path(path)
-    how = _Manner(limits or MediaLimits(), input_color, strict, notice)
+    options = _ReadOptions(limits or MediaLimits(), input_color, strict, notice)
     if start < 0 or (stop is not None and stop < start):
         raise ValueError(f"frames [{start}, {stop}) are not a range")
     if stop == start:
         return
     if sniff(path) in IMAGE_KINDS:
         if start == 0:
-            yield read_image(path, how.limits, input_color)
+            yield read_image(path, options.limits, input_color)
         return
     wanted = range(start, _NO_END if stop is None else stop)
     if start > 0:
-        order = display_order(path, how.limits, frame_count)
+        order = display_order(path, options.limits, frame_count)
         if order is not None:
-            yield from _read_from(path, wanted, how, order)
+            yield from _read_from(path, wanted, options, order)
             return
-    with open_clip(path, how.limits) as clip:
-        yield from _decode(clip, wanted, how)
+    with open_clip(path, options.limits) as clip:
+        yield from _decode(clip, wanted, options)
 
 
-def _decode(clip: OpenClip, wanted: range, how: _Manner) -> Iterator[Frame]:
-    reading: Reading | None = None
+def _decode(clip: OpenClip, wanted: range, options: _ReadOptions) -> Iterator[Frame]:
+    plan: DecodingPlan | None = None
     index, last, first = 0, None, None
     stated: Stated | None = None
-    for picture in pictures(clip, strict=how.strict):
-        if reading is None:
-            reading, stated = reading_of(clip, picture, how.input_color), Stated.of(picture)
+    for picture in pictures(clip, strict=options.strict):
+        if plan is None:
+            plan, stated = decoding_plan(clip, picture, options.input_color), Stated.of(picture)
         if stated is not None and (change := stated.change_to(Stated.of(picture))) is not None:
             line, stated = f"{change} at frame {index}", None
-            if how.strict:
+            if options.strict:
                 raise MediaError(f"{clip.name} {line}; re-encode it in one way")
-            if how.notice is not None:
-                how.notice(f"it {line}: all is read as its first picture")
-        _check_picture(clip.name, picture, reading, index, how.limits)
+            if options.notice is not None:
+                options.notice(f"it {line}: all is read as its first picture")
+        _check_picture(clip.name, picture, plan, index, options.limits)
         pts = _stamp(clip, picture, last)
         first = pts if first is None else first
-        if (pts - first) * clip.time_base > how.limits.max_duration_s:
-            most_s = how.limits.max_duration_s
+        if (pts - first) * clip.time_base > options.limits.max_duration_s:
+            most_s = options.limits.max_duration_s
             raise TooLongError(f"{clip.name} runs past {most_s} s at frame {index}; cut it shorter", most_s, "seconds")
         if index in wanted:
-            yield within_depth(clip.name, to_frame(picture, reading, index, pts, clip.time_base))
+            yield within_depth(clip.name, to_frame(picture, plan, index, pts, clip.time_base))
         last, index = pts, index + 1
         if index >= wanted.stop:
             return
@@ -220,43 +222,45 @@ def _decode(clip: OpenClip, wanted: range, how: _Manner) -> Iterator[Frame]:
         raise MediaError(f"{clip.name} holds no frame that can be decoded; it is damaged or empty")
 
 
-def _read_from(path: Path, wanted: range, how: _Manner, order: DisplayOrder) -> Iterator[Frame]:
+def _read_from(path: Path, wanted: range, options: _ReadOptions, order: DisplayOrder) -> Iterator[Frame]:
     """Frames from wanted.start by way of the key picture before it; else by decoding from the beginning."""
     if wanted.start >= len(order.stamps):
         return
     before = bisect_right(order.keys, order.stamps[wanted.start]) - 1
     if before >= 0:
         done = False
-        with open_clip(path, how.limits) as clip:
-            for frame in _decode_after_seek(clip, wanted, how, order, order.keys[before]):
+        with open_clip(path, options.limits) as clip:
+            for frame in _decode_after_seek(clip, wanted, options, order, order.keys[before]):
                 yield frame
                 done = True
         if done:
             return
-    with open_clip(path, how.limits) as clip:
-        yield from _decode(clip, wanted, how)
+    with open_clip(path, options.limits) as clip:
+        yield from _decode(clip, wanted, options)
 
 
-def _decode_after_seek(clip: OpenClip, wanted: range, how: _Manner, order: DisplayOrder, key: int) -> Iterator[Frame]:
+def _decode_after_seek(
+    clip: OpenClip, wanted: range, options: _ReadOptions, order: DisplayOrder, key: int
+) -> Iterator[Frame]:
     # How the clip looks is fixed by its first frame, wherever reading begins
     opening = next(pictures(clip), None)
     if opening is None:
         return
-    reading = reading_of(clip, opening, how.input_color)
+    plan = decoding_plan(clip, opening, options.input_color)
     try:
         clip.seek(key)
     except av.error.FFmpegError:
         return  # as of an index that does not fit: the caller decodes from the beginning
     index, goal = wanted.start, order.stamps[wanted.start]
-    for picture in pictures(clip, since=goal, strict=how.strict):
+    for picture in pictures(clip, since=goal, strict=options.strict):
         if picture.pts is None or (index == wanted.start and picture.pts > goal):
             return  # the seek landed late: the caller decodes from the beginning
         if picture.pts < goal:
             continue
-        _check_picture(clip.name, picture, reading, index, how.limits)
+        _check_picture(clip.name, picture, plan, index, options.limits)
         if index >= len(order.stamps) or picture.pts != order.stamps[index]:
             raise MediaError(f"{clip.name} is damaged after frame {index - 1}; upload it again")
-        yield within_depth(clip.name, to_frame(picture, reading, index, picture.pts, clip.time_base))
+        yield within_depth(clip.name, to_frame(picture, plan, index, picture.pts, clip.time_base))
         index += 1
         if index >= wanted.stop:
             return
@@ -308,29 +312,29 @@ def _stamp(clip: OpenClip, picture: av.video.frame.VideoFrame, last: int | None)
 
 
 def _check_picture(
-    name: str, picture: av.video.frame.VideoFrame, reading: Reading, index: int, limits: MediaLimits
+    name: str, picture: av.video.frame.VideoFrame, plan: DecodingPlan, index: int, limits: MediaLimits
 ) -> None:
     check_pixels(name, picture.width, picture.height, limits.max_pixels)
     if index >= limits.max_frames:
         most = limits.max_frames
         raise TooLongError(f"{name} has more than {most} frames; cut it shorter", most, "frames")
     size = (picture.width, picture.height)
-    if size != reading.coded_size or picture.format.name != reading.coded_format:
-        (width, height), was = size, reading.coded_size
+    if size != plan.coded_size or picture.format.name != plan.coded_format:
+        (width, height), was = size, plan.coded_size
         raise MediaError(
-            f"{name} changes from {was[0]}x{was[1]} {reading.coded_format} to {width}x{height} "
+            f"{name} changes from {was[0]}x{was[1]} {plan.coded_format} to {width}x{height} "
             f"{picture.format.name} at frame {index}; re-encode it at one size"
         )
 
 
-def to_frame(picture: av.video.frame.VideoFrame, reading: Reading, index: int, pts: int, time_base: Fraction) -> Frame:
+def to_frame(
+    picture: av.video.frame.VideoFrame, plan: DecodingPlan, index: int, pts: int, time_base: Fraction
+) -> Frame:
     """The planes of a decoded picture, turned upright."""
-    stored = [reading.orientation.apply(plane) for plane in _stored_planes(picture, reading.target)]
+    stored = [plan.orientation.apply(plane) for plane in _stored_planes(picture, plan.target)]
     planes: Planes = (stored[0], stored[1], stored[2])
-    alpha = reading.orientation.apply(_stored_alpha(picture, reading.target)) if has_alpha(picture) else None
-    return Frame(
-        index, pts, float(pts * time_base), reading.target, planes, duration=picture.duration or 0, alpha=alpha
-    )
+    alpha = plan.orientation.apply(_stored_alpha(picture, plan.target)) if has_alpha(picture) else None
+    return Frame(index, pts, float(pts * time_base), plan.target, planes, duration=picture.duration or 0, alpha=alpha)
 
 
 def within_depth(name: str, frame: Frame) -> Frame:

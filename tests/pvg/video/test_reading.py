@@ -14,7 +14,7 @@ from pvg.errors import MediaError
 from pvg.video import frame_at, key_pictures, make_plan, probe, read_frames
 from pvg.video.formats import LUMA_WEIGHTS, resolve_format
 from pvg.video.opening import OpenClip, StatedColors
-from pvg.video.reading import Reading, reading_of, to_frame
+from pvg.video.reading import DecodingPlan, decoding_plan, to_frame
 from tests.gallery.clips import (
     SIZE,
     color_container,
@@ -56,7 +56,7 @@ def test_other_layouts_become_the_nearest_one_with_the_same_colours(coded: str, 
     raw = raw.reformat(format=coded, dst_colorspace=5, src_color_range=2, dst_color_range=2, interpolation=0x42010)
     target = resolve_format(coded, *SIZE, 6, 2)
     assert target.name == delivered
-    frame = to_frame(raw, Reading(SIZE, coded, target, _upright()), 0, 0, Fraction(1, 25))
+    frame = to_frame(raw, DecodingPlan(SIZE, coded, target, _upright()), 0, 0, Fraction(1, 25))
     assert [plane.shape for plane in frame.planes] == list(target.plane_shapes(*SIZE))
     # what chroma at a half or a quarter of the size costs this picture: 2.2 and 4.4 levels
     assert np.abs(frame.rgb().astype(int) - rgb).mean() < (5.0 if coded == "yuv411p" else 2.5)
@@ -95,7 +95,7 @@ def _upright() -> Any:
         colors = StatedColors()
 
     clip: Any = Clip
-    return reading_of(clip, raw).orientation
+    return decoding_plan(clip, raw).orientation
 
 
 @pytest.mark.parametrize("codec", ["mpeg4", "mjpeg", "libx264"])
