@@ -5,14 +5,15 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pvg.asset.arrays import CHUNK_FRAMES, FRAME_ARRAYS, MATTES
-from pvg.curves import BOUNDARY_SAMPLES, table_labels
+from pvg.curves import BOUNDARY_SAMPLES, Matching, table_labels
 from pvg.face import PARTS, layout
+from pvg.skin import MaskMethod
 from pvg.video import INPUT_COLORS
 
 _MAX_SIDE: Final = 65_535
@@ -50,8 +51,8 @@ _OF_KEYS: Final[dict[str, tuple[str, tuple[int | None, ...]]]] = {
     "skin_at": ("<i2", ()),
 }
 _SETTINGS: Final[dict[str, tuple[Any, ...]]] = {
-    "mask": ("landmarks", "ycbcr"),
-    "matching": ("table", "chain"),
+    "mask": get_args(MaskMethod),
+    "matching": get_args(Matching),
     "reference": (True, False),
 }
 _MAY_BE_NAN: Final = frozenset({"parts"})

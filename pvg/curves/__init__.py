@@ -14,7 +14,7 @@ from pvg.curves.labels import (
     table_labels,
 )
 from pvg.curves.mask_boundary import boundary_points, boundary_radius
-from pvg.curves.propagation import CHAIN_RESET_FRAMES, Chain, ColorTable, match
+from pvg.curves.propagation import CHAIN_RESET_FRAMES, Chain, ColorTable, Matching, match
 
 __all__ = [
     "BOUNDARY",
@@ -26,6 +26,7 @@ __all__ = [
     "ColorTable",
     "Curve",
     "CurveLabels",
+    "Matching",
     "boundary_points",
     "boundary_radius",
     "labels_by_length",

@@ -7,11 +7,14 @@ paper's way, g_i = g_{i-1} o pi^-1 from frame to frame with a reset every 120 fr
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
 from pvg._arrays import Floats
+
+Matching = Literal["table", "chain"]
+"""How colours are carried through a clip: by `ColorTable`, or by the paper's `Chain`."""
 
 CHAIN_RESET_FRAMES = 120  # the paper's
 

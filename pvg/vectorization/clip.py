@@ -20,9 +20,10 @@ from pvg._checks import check_switch, check_word, real_number, whole_number
 from pvg._targets import check_file
 from pvg._threads import one_blas_thread, one_opencv_thread
 from pvg.asset import AssetWriter, MediaSummary, VectorVideo, source_note
+from pvg.curves import Matching
 from pvg.landmarks import link_persons
 from pvg.skin import MaskMethod
-from pvg.vectorization.face_maker import FaceMaker, FoundFaces, Matching
+from pvg.vectorization.face_maker import FaceMaker, FoundFaces
 from pvg.vectorization.face_messages import no_skin_anywhere, no_skin_warning
 from pvg.vectorization.references import BEST_FRAME, LANDMARKS, write_reference
 from pvg.vectorization.shared_threads import SharedThreads

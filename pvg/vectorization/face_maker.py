@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
-from pvg.curves import CHAIN_RESET_FRAMES
+from pvg.curves import CHAIN_RESET_FRAMES, Matching
 from pvg.landmarks import FaceTrack
 from pvg.skin import MaskMethod
 from pvg.vectorization.following import KeyView
 from pvg.vectorization.shared_threads import SharedThreads
 from pvg.vectorization.vector_face import VectorFace
-
-Matching = Literal["table", "chain"]
 
 
 @dataclass(frozen=True, eq=False)
