@@ -41,7 +41,7 @@ def encode(name: str, values: NDArray[Any]) -> NDArray[Any]:
 
 
 def decode(name: str, values: NDArray[Any]) -> NDArray[Any]:
-    """What `encode` was given, to the stored precision."""
+    """The array (rows, …) that `encode` was given, to the stored precision.  name: of `FRAME_ARRAYS`."""
     if name in MATTES:
         return np.asarray(_FROM_LEVELS.take(values))
     if name not in _FIXED_POINT:

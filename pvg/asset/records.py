@@ -149,7 +149,10 @@ class FaceRecord:
         return first, second, (frame - after.since) / (after.frame - after.since)
 
     def blended(self, tables: Sequence[Floats] | Floats, frame: int) -> Floats:
-        """What serves `frame` of something known at every key frame: the same shape as one of `tables`."""
+        """What serves `frame` of something known at every key frame, blended between two of them.
+
+        tables: (K, …), or K arrays of one shape (…), which is the result's.
+        """
         first, second, share = self.keys_at(frame)
         if first == second:
             return tables[first]

@@ -50,7 +50,7 @@ class AssetWriter:
             self._temporary.unlink(missing_ok=True)
 
     def add_frame(self, track: int, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Append one frame of a track: points, skin_points, radius, score, pose, box, matte, body."""
+        """Append one frame of a track: an array for each of `FRAME_ARRAYS`, of the shapes that `checking` has."""
         pending = self._pending.setdefault(track, {name: [] for name in FRAME_ARRAYS})
         for name in FRAME_ARRAYS:
             pending[name].append(arrays[name])

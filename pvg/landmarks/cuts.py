@@ -37,7 +37,7 @@ _LEAST_CONTRAST = 8.0
 
 
 class CutDetector:
-    """Says of each frame in turn whether it starts a new shot.
+    """Finds for each frame in turn whether it starts a new shot.
 
     A cut changes the picture's structure (the luma of two thumbnails stops correlating wherever they are laid, which a
     change of exposure or a shaken camera does not do) or, more rarely, its colours as a whole. A dissolve counts as a
@@ -84,6 +84,7 @@ class CutDetector:
             self._recent.append(self._last)
 
     def _is_hard_cut(self, small: Bytes, luma: npt.NDArray[np.float32]) -> bool:
+        """Whether a picture differs from the one before as a cut does.  small: (36, 64, 3) RGB;  luma: (36, 64)."""
         histogram = cv2.calcHist(
             [small], [0, 1, 2], None, [HISTOGRAM_BINS] * 3, [0, 256, 0, 256, 0, 256]
         ).ravel() / float(luma.size)
@@ -103,7 +104,7 @@ class CutDetector:
 def _dissolved(
     before: npt.NDArray[np.float32], middle: npt.NDArray[np.float32], after: npt.NDArray[np.float32]
 ) -> bool:
-    """Whether a picture in the middle is the mean of two others that are unlike."""
+    """Whether the picture in the middle of a dissolve is the mean of two unlike others; all (h, w) thumbnails' luma."""
     if min(before.std(), after.std()) < _LEAST_CONTRAST or _unlikeness(after, before) < MIN_UNLIKENESS:
         return False
     whole, part = ((one - before) - (one - before).mean() for one in (after, middle))
@@ -114,7 +115,7 @@ def _dissolved(
 
 
 def _moved(luma: npt.NDArray[np.float32], before: npt.NDArray[np.float32]) -> bool:
-    """Whether the middle of a thumbnail is found in the one before."""
+    """Whether the middle of a thumbnail is found in the one before; both (h, w) luma."""
     rows, columns = (round(side * (1 - MIDDLE) / 2) for side in luma.shape)
     middle = luma[rows:-rows, columns:-columns]
     if middle.std() < 1.0:  # what is flat is found everywhere
@@ -123,7 +124,7 @@ def _moved(luma: npt.NDArray[np.float32], before: npt.NDArray[np.float32]) -> bo
 
 
 def _unlikeness(a: npt.NDArray[np.float32], b: npt.NDArray[np.float32]) -> float:
-    """1 − correlation of two pictures, in [0, 2]; 1 when one of them is flat."""
+    """1 − correlation of two pictures (h, w), in [0, 2]; 1 when one of them is flat."""
     a, b = a - a.mean(), b - b.mean()
     norm = float(np.sqrt((a * a).sum() * (b * b).sum()))
     return 1 - float((a * b).sum()) / norm if norm > 1e-3 else 1.0

@@ -67,6 +67,7 @@ def carried(mesh: Mesh, before: Picture, picture: Picture) -> Mesh | None:
 
 
 def _moved(points: Floats, affine: Doubles) -> Floats:
+    """Points (n, 2) under an affine map (2, 3)."""
     return np.asarray(points @ affine[:, :2].T + affine[:, 2], np.float32)
 
 

@@ -47,7 +47,7 @@ class FaceViews:
     _views: deque[tuple[int, _View]] = field(default_factory=lambda: deque(maxlen=LAG // EVERY + 1))
 
     def add(self, frame: int, picture: Picture, landmarks: Landmarks, pose: Floats) -> None:
-        """Look at the face in a frame."""
+        """Remember how the face looks in a frame;  pose: (3,) yaw, pitch, roll, degrees."""
         self._views.append((frame, _View(_laid_straight(picture, landmarks), pose)))
 
     def likeness(self, picture: Picture, landmarks: Landmarks, pose: Floats) -> float | None:

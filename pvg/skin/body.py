@@ -97,7 +97,8 @@ class BodyTracker:
         self._hair, self._scenes = hair, self._scenes + 1
         oval = head.of_oval(scene.raster.shape)
         against = hair if output is None else hair + _network_against(output, scene.raster, oval)
-        body_log_odds(scene.rgb, person, face_mask, against, *self._tables, gain, _frame(head, own), _WEIGHTS, log_odds)
+        frame = _head_frame(head, own)
+        body_log_odds(scene.rgb, person, face_mask, against, *self._tables, gain, frame, _WEIGHTS, log_odds)
         by_rules = logistic(np.asarray(cv2.GaussianBlur(log_odds, (0, 0), _BODY.blur), np.float32))
         if asked:
             usual = gain_of(light)
@@ -159,14 +160,14 @@ def _network_against(output: NetworkOutput, raster: Raster, oval: Floats) -> Flo
 
 
 def _moved(values: Floats | None, maps: tuple[Floats, Floats] | None) -> Floats:
-    """What was known of the scene before (h, w), where the cells were then."""
+    """Values (h, w) of the scene before, moved by the optical flow to where its cells are now."""
     if values is None or maps is None:
         raise ValueError("there is no scene before")
     return np.asarray(cv2.remap(values, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32)
 
 
-def _frame(head: HeadShape, landmarks: Landmarks) -> Floats:
-    """The head as `body_log_odds` measures it."""
+def _head_frame(head: HeadShape, landmarks: Landmarks) -> Floats:
+    """(16,) float32, the head as `body_log_odds` measures it; what stands where is said there."""
     ends = np.array(
         [
             head.size,

@@ -35,6 +35,11 @@ def color_tables(colors: SkinColors) -> tuple[Floats, Floats]:
     seen = colors.evidence(lab)
 
     def table(against: Floats | float, more: float, redder: float) -> Floats:
+        """(n, n, n) log-odds.
+
+        against: nats that the histograms count against skin at most;  more, redder: standard deviations away from grey
+        and across the hue to red, in spreads.
+        """
         squares = (along / np.where(along < 0, _BODY.along[0], more)) ** 2
         squares += (across / np.where(across < 0, redder, _BODY.across)) ** 2 + light**2
         by_histogram = _BODY.seen_weight * np.clip(seen, -against, _BODY.seen_for)

@@ -30,7 +30,7 @@ _AROUND = np.ones((_CONSENSUS.around, _CONSENSUS.around), np.uint8)
 
 @dataclass(frozen=True, eq=False)
 class MatteInTime:
-    """A matte and what it was told by.
+    """A matte and what it was made from.
 
     alpha: (h, w) uint8, mask: (h, w) bool, the matte's own before it was cut along the picture's edge, for a cell that
     lies beyond the edge in one frame lies within it in the next;  rgb: (h, w, 3) uint8, the picture;
@@ -47,7 +47,7 @@ class MatteInTime:
     visible: Bools
 
     def matte(self, alpha: Bytes, mask: Bools) -> Matte:
-        """A matte over the frame's raster, cut along the picture's edge."""
+        """A matte over the frame's raster, cut along the picture's edge.  alpha: (h, w) uint8;  mask: (h, w) bool."""
         return Matte.over(self.raster.box, alpha * self.seen, mask & self.visible)
 
 
@@ -67,7 +67,7 @@ class MatteConsensus:
         if self._behind <= REACH:
             return None
         self._behind -= 1
-        return _agreed(self._window)
+        return _consensus_of(self._window)
 
     def end(self) -> list[Matte]:
         """The mattes of the last frames, when no more come."""
@@ -75,12 +75,12 @@ class MatteConsensus:
         while self._behind:
             self._window.append(self._window[-1])
             if len(self._window) == 2 * REACH + 1:
-                out.append(_agreed(self._window))
+                out.append(_consensus_of(self._window))
                 self._behind -= 1
         return out
 
 
-def _agreed(window: deque[MatteInTime]) -> Matte:
+def _consensus_of(window: deque[MatteInTime]) -> Matte:
     """The matte in the middle of five."""
     own = window[REACH]
     usual = _median(*(frame.alpha for frame in window))
@@ -100,6 +100,6 @@ def _agreed(window: deque[MatteInTime]) -> Matte:
 
 
 def _median(a: Bytes, b: Bytes, c: Bytes, d: Bytes, e: Bytes) -> Bytes:
-    """Of five, cell by cell."""
+    """The median of five arrays of one shape, element by element."""
     low, high = np.maximum(np.minimum(a, b), np.minimum(c, d)), np.minimum(np.maximum(a, b), np.maximum(c, d))
     return np.maximum(np.minimum(low, high), np.minimum(np.maximum(low, high), e))

@@ -102,7 +102,7 @@ def face_box(landmarks: Landmarks, *, bald: bool = False) -> Floats:
 
 
 def logistic(log_odds: Floats) -> Floats:
-    """Probability of log-odds."""
+    """Probability, in [0, 1], of log-odds (…), nats."""
     probability: Floats = (1 / (1 + np.exp(-log_odds))).astype(np.float32)
     return probability
 

@@ -107,6 +107,7 @@ class Scene:
 
 
 def _maps(flow: Floats, shape: tuple[int, int]) -> tuple[Floats, Floats]:
+    """Maps x, y (h, w) of where cells were, by the flow (h', w', 2) of blocks of them, in blocks."""
     h, w = shape
     return places_before(cv2.resize(flow, (w, h), interpolation=cv2.INTER_LINEAR) * np.float32(_FLOW_CELLS))
 

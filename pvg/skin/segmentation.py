@@ -198,7 +198,10 @@ def _sample(lab: Floats, prior: SpatialPrior, visible: Bools) -> Bools:
 
 
 def _refine(rgb: Bytes, small: Bools, factor: float) -> Bools:
-    """The small mask at the picture's own size, its edge moved to the picture's by a guided filter."""
+    """A small mask (h', w') at the size of rgb (h, w, 3), its edge moved to the picture's edges by a guided filter.
+
+    factor: how many times as large the picture is.
+    """
     h, w = rgb.shape[:2]
     large = cv2.resize(small.astype(np.float32), (w, h), interpolation=cv2.INTER_LINEAR)
     radius = max(2, round(_LEARNING.refine_radius * factor))

@@ -48,7 +48,7 @@ _LIKENESS = 0.75  # correlation of the pattern with the key's: less and somethin
 class FacePatch:
     """A face in its own coordinates.
 
-    luma: (SIDE, SIDE) float32;  skin: (SIDE, SIDE) bool, open skin within the face.
+    luma: (SIDE, SIDE) float32, 0-255;  skin: (SIDE, SIDE) bool, open skin within the face; SIDE is 24.
     """
 
     luma: Floats
@@ -84,6 +84,7 @@ class FacePatch:
 
 
 def _ellipse() -> Bools:
+    """(SIDE, SIDE) bool, the cells of a patch within the face."""
     places = centers_in_unit(_SIDE)
     return np.asarray(((places - 0.5) / 0.42) ** 2 + ((places[:, None] - 0.5) / 0.48) ** 2 < 1)
 

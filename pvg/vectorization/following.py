@@ -63,7 +63,10 @@ class Stretch:
 
 @dataclass(frozen=True, eq=False)
 class Advance:
-    """settled: so many first frames of the clip need nothing more;  stretches: what became final."""
+    """What one more frame of the clip made final.
+
+    settled: how many of the clip's first frames need nothing more;  stretches: what became final.
+    """
 
     settled: int
     stretches: tuple[Stretch, ...]

@@ -71,6 +71,11 @@ def with_lips_of(parts: Floats, skin: Floats, other: Floats, other_skin: Floats)
 def _part_color(
     part: str, landmarks: Landmarks, rgb: Bytes, seen: Bools, origin: tuple[float, float], step: float
 ) -> Floats:
+    """(3,) median colour of one part, NaN where it is not seen.
+
+    rgb: (h, w, 3) over the cells of a raster whose first centre is `origin` (x, y) and whose cells are `step` source
+    pixels wide;  seen: (h, w), the cells that show the face.
+    """
     sides = []
     for outline in part_outlines(part, landmarks):
         cover = np.zeros(seen.shape, np.float32)

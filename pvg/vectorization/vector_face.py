@@ -86,10 +86,12 @@ class VectorFace:
         reset: int | None,
         advised_px: float = ADVISED_FACE_PX,
     ) -> None:
-        """begin: the track's first rows or all;  threads: of all faces of the clip, open until `record` was called;
-        reset: a new key frame after so many frames, None for never.
+        """Begin a face at its track's first rows.
 
-        advised_px: narrower faces get a warning.
+        begin: these rows or all;  key: the view whose colours the track is known by;
+        threads: shared by all faces of the clip, open until `record` was called;  method: of the mask, see `skin_mask`;
+        seed: of the pixels that the least-squares fit draws;  advised_px: narrower faces get a warning;
+        reset: frames from one key frame to the next, None for one key frame and those that a change of light asks for.
         """
         self.number = number
         self.first = begin.first
@@ -278,7 +280,11 @@ class VectorFace:
         self._write(rows, k, visible, body.result(), matte, writer)
 
     def _write(self, rows: FaceTrack, k: int, visible: float, body: Bytes, matte: Matte, writer: AssetWriter) -> None:
-        """matte: of the face;  body: alpha of the person's other skin."""
+        """Write row `k` of some rows.
+
+        visible: in [0, 1], what both mattes are multiplied by;  body: (h, w) alpha of the person's other skin, 0-255;
+        matte: of the face.
+        """
         face, body = (a if visible == 1 else np.rint(a * visible).astype(np.uint8) for a in (matte.alpha, body))
         arrays: dict[str, NDArray[Any]] = {
             "points": rows.landmarks.points[k],
@@ -296,7 +302,7 @@ class VectorFace:
 def _key_frame(
     frame: int, picture: Picture, landmarks: Landmarks, matte: Matte, row_colors: _RowColors, seed: int
 ) -> KeyFrame | None:
-    """A frame as a key frame, None where the matte shows no skin."""
+    """A frame as a key frame, its boundary colours fitted (eq. 3); None where the matte shows no skin."""
     boundary = boundary_points(_radius(landmarks, matte), landmarks.axes)
     positions = place(table_labels(), landmarks, boundary)
     rgb, corner = _cut_out(picture, matte.raster.box)
@@ -316,7 +322,7 @@ def _nearest_on_skin(places: Floats, positions: Floats) -> NDArray[np.int16]:
 
 
 def _radius(landmarks: Landmarks, matte: Matte) -> Floats:
-    """Boundary radii in source pixels, from the matte over its box."""
+    """(192,) float32 radii of the mask's boundary around the face's centre, source pixels, see `boundary_radius`."""
     inset = INSET * landmarks.axes.width
     axes = FaceAxes.of(matte.raster.to_cells(landmarks.points))
     cells = boundary_radius(matte.alpha.astype(np.float32) / 255.0, axes)

@@ -23,6 +23,7 @@ from pvg._arrays import Doubles, Floats
 from pvg.errors import MediaError
 
 Curve = Callable[[Doubles], Doubles]
+"""Of values (…), elementwise: signals in [0, 1] to light, 1 = SDR white, or back."""
 
 REFERENCE_WHITE = 203.0  # cd/m² of SDR white in PQ and HLG [BT.2408]
 TABLE = 4096  # entries of the tables pictures are converted by
@@ -46,16 +47,19 @@ class Transfer:
 
 
 def _power(gamma: float, name: str) -> Transfer:
+    """Light as a power of the signal, as BT.1886 is with 2.4."""
     return Transfer(name, lambda v: np.maximum(v, 0.0) ** gamma, lambda light: np.maximum(light, 0.0) ** (1 / gamma))
 
 
 def _pq_decode(signal: Doubles) -> Doubles:
+    """The EOTF of SMPTE ST 2084, in units of `REFERENCE_WHITE`."""
     m1, m2, c1, c2, c3 = 2610 / 16384, 2523 / 32, 3424 / 4096, 2413 / 128, 2392 / 128
     power = np.clip(signal, 0.0, 1.0) ** (1 / m2)
     return np.asarray((np.maximum(power - c1, 0.0) / (c2 - c3 * power)) ** (1 / m1) * (_PQ_PEAK / REFERENCE_WHITE))
 
 
 def _pq_encode(light: Doubles) -> Doubles:
+    """The inverse EOTF of SMPTE ST 2084."""
     m1, m2, c1, c2, c3 = 2610 / 16384, 2523 / 32, 3424 / 4096, 2413 / 128, 2392 / 128
     power = np.clip(light * (REFERENCE_WHITE / _PQ_PEAK), 0.0, 1.0) ** m1
     return np.asarray(((c1 + c2 * power) / (1.0 + c3 * power)) ** m2)
@@ -67,33 +71,39 @@ _HLG_SCALE = (_HLG_PEAK / REFERENCE_WHITE) ** (1.0 / _HLG_GAMMA)  # so that SDR 
 
 
 def _hlg_decode(signal: Doubles) -> Doubles:
+    """The inverse OETF of ITU-R BT.2100, table 5; the system gamma comes after it."""
     signal = np.maximum(signal, 0.0)
     light = np.where(signal <= 0.5, signal**2 / 3.0, (np.exp((signal - _HLG_C) / _HLG_A) + _HLG_B) / 12.0)
     return np.asarray(light * _HLG_SCALE)
 
 
 def _hlg_encode(light: Doubles) -> Doubles:
+    """The OETF of ITU-R BT.2100, table 5."""
     light = np.maximum(light, 0.0) / _HLG_SCALE
     high = _HLG_A * np.log(np.maximum(12.0 * light - _HLG_B, 1e-9)) + _HLG_C
     return np.asarray(np.where(light <= 1.0 / 12.0, np.sqrt(3.0 * light), high))
 
 
 def _srgb_decode(signal: Doubles) -> Doubles:
+    """IEC 61966-2-1."""
     signal = np.maximum(signal, 0.0)
     return np.asarray(np.where(signal <= 0.04045, signal / 12.92, ((signal + 0.055) / 1.055) ** 2.4))
 
 
 def _srgb_encode(light: Doubles) -> Doubles:
+    """The inverse, IEC 61966-2-1."""
     light = np.maximum(light, 0.0)
     return np.asarray(np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055))
 
 
 def _camera_decode(signal: Doubles) -> Doubles:
+    """The inverse OETF of ITU-R BT.709."""
     signal = np.maximum(signal, 0.0)
     return np.asarray(np.where(signal < 0.081, signal / 4.5, ((signal + 0.099) / 1.099) ** (1 / 0.45)))
 
 
 def _camera_encode(light: Doubles) -> Doubles:
+    """The OETF of ITU-R BT.709."""
     light = np.maximum(light, 0.0)
     return np.asarray(np.where(light < 0.018, 4.5 * light, 1.099 * light**0.45 - 0.099))
 
@@ -122,6 +132,7 @@ def _logarithmic(name: str, cut: float, low: tuple[float, float], high: tuple[fl
 
 
 def _apple_log() -> Transfer:
+    """By Apple's published formula: a square below the cut, a logarithm above."""
     zero, cut, c = -0.05641088, 0.01, 47.28711236
     beta, gamma, delta = 0.00964052, 0.08550479, 0.69336945
     at_cut = c * (cut - zero) ** 2
@@ -138,6 +149,7 @@ def _apple_log() -> Transfer:
 
 
 def _logc4() -> Transfer:
+    """By ARRI's published formula: a line below `t`, a logarithm above."""
     a, b, c = (2.0**18 - 16.0) / 117.45, (1023.0 - 95.0) / 1023.0, 95.0 / 1023.0
     s = 7.0 * np.log(2.0) * 2.0 ** (7.0 - 14.0 * c / b) / (a * b)
     t = (2.0 ** (14.0 * (-c / b) + 6.0) - 64.0) / a

@@ -124,6 +124,7 @@ class PixelFormat:
         return (self._quantise(luma), self._quantise(lowered[0]), self._quantise(lowered[1]))
 
     def _quantise(self, codes: Doubles) -> Plane:
+        """Code values (h, w) as samples, rounded and held to the depth's range."""
         quantised: Plane = np.clip(np.rint(codes), 0, 2**self.depth - 1).astype(self.dtype)  # type: ignore[assignment]
         return quantised
 
@@ -179,6 +180,7 @@ def raise_chroma(plane: NDArray[Any], pixel_format: PixelFormat, width: int, hei
 
 
 def _lower_chroma(plane: Doubles, pixel_format: PixelFormat) -> Doubles:
+    """A chroma plane (H, W) at the luma's size averaged over the pixels of each sample, the edge repeated."""
     x, y = pixel_format.chroma_log2
     height, width = plane.shape
     padded = np.pad(plane, ((0, -height % (1 << y)), (0, -width % (1 << x))), mode="edge")

@@ -112,6 +112,7 @@ def _decoded(kind: str, data: bytes) -> NDArray[Any] | None:
 
 
 def _tiff_samples(name: str, data: bytes) -> NDArray[Any] | None:
+    """(H, W, C) uint8 or uint16 of a TIFF file, C as stored, alpha not premultiplied; None when it is damaged."""
     header = tiff_header(name, data)
     if not header.plain:
         decoded = _decoded("tiff", upright_bytes(data, header))
@@ -128,6 +129,7 @@ def _tiff_samples(name: str, data: bytes) -> NDArray[Any] | None:
 
 
 def _packed_samples(picture: av.video.frame.VideoFrame, depth: int) -> NDArray[Any]:
+    """(H, W, C) of a decoded picture: grey, grey and alpha, RGB or RGBA by its components;  depth: 8 or 16 bits."""
     names = ("gray", "ya8", "rgb24", "rgba") if depth == 8 else ("gray16le", "ya16le", "rgb48le", "rgba64le")
     name = names[len(picture.format.components) - 1]
     picture = picture if picture.format.name == name else picture.reformat(format=name)
@@ -138,7 +140,7 @@ def _packed_samples(picture: av.video.frame.VideoFrame, depth: int) -> NDArray[A
 
 
 def _straight(samples: NDArray[Any]) -> NDArray[Any]:
-    """Colours divided by their alpha, the last channel; what is fully transparent keeps its samples."""
+    """Samples (H, W, C) whose colours are divided by their alpha, the last channel; fully transparent ones stay."""
     top = np.iinfo(samples.dtype).max
     alpha = samples[..., -1:].astype(np.uint64)
     colors = (samples[..., :-1].astype(np.uint64) * top + alpha // 2) // np.maximum(alpha, 1)

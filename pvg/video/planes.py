@@ -102,6 +102,7 @@ class PlanePicture:
         return self._to_rgb(luma, blue, red)
 
     def _to_rgb(self, luma: NDArray[Any], blue: NDArray[Any], red: NDArray[Any]) -> Bytes:
+        """(h, w, 3) RGB of planes (h, w) of one size, code values."""
         return self.format.shown(luma, blue, red)
 
 
