@@ -14,17 +14,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import pvg
-from pvg._asked import (
-    changed,
-    check_clip_options,
-    check_codings,
-    check_reading,
-    check_source,
-    is_asset,
-    look_options,
-    output_options,
-    reading_options,
-)
 from pvg._options import parser_of
 from pvg._outputs import (
     check_asset_name,
@@ -36,6 +25,17 @@ from pvg._outputs import (
     kind_of,
     outputs,
     suffix,
+)
+from pvg._parsed_options import (
+    check_clip_options,
+    check_codings,
+    check_reading,
+    check_source,
+    is_asset,
+    look_options,
+    not_default,
+    output_options,
+    reading_options,
 )
 from pvg._targets import STANDARD, check_file
 from pvg.errors import AssetError, PvgError
@@ -98,17 +98,17 @@ def _open_input(
         return opened
     with _progress() as progress:
         opened = stack.enter_context(pvg.vectorize(path, reference=reference, progress=progress, **reading or {}))
-    _warn_of(path, opened.media.warnings)
+    _print_warnings(path, opened.media.warnings)
     return opened
 
 
-def _warn_of(path: Path, lines: Iterable[str]) -> None:
+def _print_warnings(path: Path, lines: Iterable[str]) -> None:
     """Say on standard error what is to be known of a file, one line each."""
     for line in lines:
         print(f"pvg: warning: {path.name}: {line}", file=sys.stderr)
 
 
-def _warn(path: Path, faces: Iterable[FaceSummary]) -> None:
+def _warn_of_faces(path: Path, faces: Iterable[FaceSummary]) -> None:
     """Say on standard error what is to be known of these faces of a file, one line each."""
     for face in faces:
         for warning in face.warnings:
@@ -133,19 +133,21 @@ def _vectorize(given: argparse.Namespace) -> None:
             **reading_options(given),
         )
     with video:
-        _warn_of(given.input, video.media.warnings)
-        _warn(given.input, video.faces)
+        _print_warnings(given.input, video.media.warnings)
+        _warn_of_faces(given.input, video.faces)
     print(given.output)
 
 
-def _warn_of_outputs(paths: Iterable[Path], warnings: Iterable[Sequence[str]], said: Iterable[Sequence[str]]) -> None:
-    """Say on standard error what of each output is not as in its clip, one line each, but for what was `said` of it."""
-    for path, lines, known in zip(paths, warnings, said, strict=True):
-        _warn_of(path, [line for line in lines if line not in known])
+def _warn_of_outputs(
+    paths: Iterable[Path], warnings: Iterable[Sequence[str]], printed: Iterable[Sequence[str]]
+) -> None:
+    """Say on standard error, a line each, what of each output is not as in its clip and was not printed before."""
+    for path, lines, before in zip(paths, warnings, printed, strict=True):
+        _print_warnings(path, [line for line in lines if line not in before])
 
 
-def _said_of(path: Path, video: VectorVideo) -> Sequence[str]:
-    """What `_open_input` has said of an input."""
+def _printed_for(path: Path, video: VectorVideo) -> Sequence[str]:
+    """The warnings that `_open_input` has printed for an input."""
     return () if is_asset(path) else video.media.warnings
 
 
@@ -173,15 +175,15 @@ def _transfer(given: argparse.Namespace) -> None:
         paths = [STANDARD] if piped else outputs(given.output, given.reference, clip, given.container)
         for path in [] if piped else paths:
             check_file(path, [clip.source, given.input, *given.reference])
-        _warn(given.input, _chosen(clip, given.face))
+        _warn_of_faces(given.input, _chosen(clip, given.face))
         for path, reference in zip(given.reference, references, strict=True):
-            _warn(path, [_reference_face(reference, given.reference_face)])
+            _warn_of_faces(path, [_reference_face(reference, given.reference_face)])
         pictures = sys.stdin.buffer if given.source == STANDARD else None
         targets = [sys.stdout.buffer] if piped else paths
         with _progress() as progress:
             warnings = pvg.render(clip, looks, targets, pictures=pictures, progress=progress, **output_options(given))
-        said = [_said_of(given.input, clip)] * len(looks)
-    _warn_of_outputs([Path("standard output")] if piped else paths, warnings, said)
+        printed = [_printed_for(given.input, clip)] * len(looks)
+    _warn_of_outputs([Path("standard output")] if piped else paths, warnings, printed)
     if not piped:
         print(*paths, sep="\n")
 
@@ -204,8 +206,8 @@ def _export(given: argparse.Namespace) -> None:
     with ExitStack() as stack:
         clip = _open_input(given.input, stack, reading=reading_options(given), source=given.source)
         reference = _open_input(given.reference, stack)
-        _warn(given.input, _chosen(clip, given.face))
-        _warn(given.reference, [_reference_face(reference, given.reference_face)])
+        _warn_of_faces(given.input, _chosen(clip, given.face))
+        _warn_of_faces(given.reference, [_reference_face(reference, given.reference_face)])
         with _progress() as progress:
             written = pvg.export(
                 clip,
@@ -250,11 +252,11 @@ def _swap_within(given: argparse.Namespace) -> None:
         (path,) = outputs(given.output, [given.a], clip, given.container)
         check_suffix(path, [clip.media.kind])
         look = pvg.exchange(clip, given.faces, contrast=given.contrast, **look_options(given))
-        _warn(given.a, _chosen(clip, given.faces))
+        _warn_of_faces(given.a, _chosen(clip, given.faces))
         with _progress() as progress:
             warnings = pvg.render(clip, [look], [path], progress=progress, **output_options(given))
-        said = _said_of(given.a, clip)
-    _warn_of_outputs([path], warnings, [said])
+        printed = _printed_for(given.a, clip)
+    _warn_of_outputs([path], warnings, [printed])
     print(path)
 
 
@@ -272,8 +274,8 @@ def _swap_clips(given: argparse.Namespace, a: Path, b: Path, folder: Path) -> No
             folder / f"{b.stem}{'-b' if same else ''}{suffix(second.media.kind, given.container)}",
         ]
         folder.mkdir(parents=True, exist_ok=True)
-        _warn(a, first.faces)
-        _warn(b, second.faces)
+        _warn_of_faces(a, first.faces)
+        _warn_of_faces(b, second.faces)
         with _progress() as progress:
             warnings = pvg.swap(
                 first,
@@ -284,8 +286,8 @@ def _swap_clips(given: argparse.Namespace, a: Path, b: Path, folder: Path) -> No
                 **look_options(given),
                 **output_options(given),
             )
-        said = [_said_of(a, first), _said_of(b, second)]
-    _warn_of_outputs(paths, warnings, said)
+        printed = [_printed_for(a, first), _printed_for(b, second)]
+    _warn_of_outputs(paths, warnings, printed)
     print(*paths, sep="\n")
 
 
@@ -307,8 +309,8 @@ def _inspect(given: argparse.Namespace) -> None:
         found = pvg.inspect(given.input, **asked, **reading_options(given))
         print(json.dumps(found, indent=2, ensure_ascii=False))
         return
-    if vain := changed(given, "container", "codec", "audio"):
-        raise ValueError(f"--{vain[0]} is of an output of a clip or picture, and {given.input.name} is an asset")
+    if unused := not_default(given, "container", "codec", "audio"):
+        raise ValueError(f"--{unused[0]} is of an output of a clip or picture, and {given.input.name} is an asset")
     with pvg.open_asset(given.input, given.source) as video:
         if given.layer is None:
             print(json.dumps(video.summary(), indent=2))

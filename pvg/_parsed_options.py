@@ -1,6 +1,6 @@
-"""What was asked of the `pvg` command: options as the library takes them, and refusals of those that are asked in vain.
+"""Parsed options of the `pvg` command as the library takes them, and checks for those that would have no effect.
 
-A refusal is a ValueError. What takes long to load is loaded where it is needed.
+Checks raise ValueError. What takes long to load is loaded where it is needed.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ def look_options(given: argparse.Namespace) -> dict[str, Any]:
     return {name: getattr(given, name) for name in LOOK_OPTIONS}
 
 
-def changed(given: argparse.Namespace, *names: str) -> list[str]:
-    """Which of these options of an output are not left as they are by default."""
+def not_default(given: argparse.Namespace, *names: str) -> list[str]:
+    """Which of these options of an output were given a value other than the default."""
     return [name for name in names if getattr(given, name, None) not in (None, "auto", "copy")]
 
 
@@ -54,7 +54,7 @@ def check_source(given: argparse.Namespace) -> None:
 
 
 def check_reading(given: argparse.Namespace, *inputs: Path) -> None:
-    """Refuse what is asked in vain: an asset was read when it was made."""
+    """Refuse options of reading where all inputs are assets, which were read when they were made."""
     asked = [name for name, value in reading_options(given).items() if value not in ("auto", False)]
     if asked and all(is_asset(path) for path in inputs):
         option = asked[0].replace("_", "-")
@@ -74,7 +74,7 @@ def check_codings(given: argparse.Namespace, inputs: Sequence[Path], output: Pat
 
 
 def check_clip_options(given: argparse.Namespace, *kinds: str) -> None:
-    """Refuse what is asked in vain: pictures have no codec and no sound;  kinds: "video" or "image", of the inputs."""
-    asked = changed(given, "codec", "crf", "preset", "audio")
+    """Refuse options of clips where all inputs are pictures;  kinds: "video" or "image", of each input."""
+    asked = not_default(given, "codec", "crf", "preset", "audio")
     if asked and all(kind == "image" for kind in kinds):
         raise ValueError(f"--{asked[0]} is of clips, and here are pictures only")
