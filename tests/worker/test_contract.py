@@ -107,7 +107,7 @@ def portrait(samples: Samples) -> Iterator[pvg.VectorVideo]:
         yield vectorized
 
 
-@pytest.mark.parametrize("name", ["strength", "contrast", "light", "makeup"])
+@pytest.mark.parametrize("name", ["strength", "contrast", "light", "makeup", "scene"])
 def test_the_ranges_of_a_look_are_the_methods(
     portrait: pvg.VectorVideo, dark_reference: pvg.VectorVideo, name: str
 ) -> None:

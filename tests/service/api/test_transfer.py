@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import time
+from dataclasses import asdict
 from typing import Any
 
 import httpx
@@ -9,9 +10,11 @@ import pytest
 from pydantic import ValidationError
 
 from service.api import commands
+from service.api.commands.checks import Wanted
 from service.api.multipart import Form
 from service.api.preview_request import PreviewRequest
-from service.api.schemas import TransferRequest
+from service.api.schemas import LookOptions, TransferRequest
+from service.api.schemas.jobs import OptionsBody
 from service.api.transfer_form import to_request
 from service.catalog import OutputOptions, Report, jobs, leases, render_request
 from service.catalog.keys import Limits
@@ -24,6 +27,21 @@ from tests.service.fixtures import MP4, PNG, Api, claim, make_ready, make_result
 
 def looks(*references: str, **options: Any) -> list[dict[str, Any]]:
     return [{"reference": one, **options} for one in references]
+
+
+#: of every option of a look a value that is not its default
+UNUSUAL: dict[str, Any] = {
+    **{"strength": 0.5, "contrast": 1.1, "match": "color", "protect": ["eyes"], "faces": [0], "makeup": 0.25},
+    **{"light": 0.5, "scene": 0.25, "extent": "face", "reference_face": 1, "beta": 0.5, "iterations": 3, "seed": 7},
+}
+
+
+def test_every_option_of_a_look_is_recorded_and_told() -> None:
+    """Who adds an option adds it in all of these places, and to the method's."""
+    assert set(UNUSUAL) == set(LookOptions.model_fields) == set(OptionsBody.model_fields)
+    recorded = asdict(commands.params_of(Wanted("video", "reference", LookOptions(**UNUSUAL), "/looks/0")))
+    assert recorded.pop("exchange") is False
+    assert {name: list(value) if isinstance(value, tuple) else value for name, value in recorded.items()} == UNUSUAL
 
 
 def test_a_transfer_of_ready_media_is_queued_at_once(api: Api) -> None:
