@@ -33,7 +33,7 @@ class Outline:
 
 
 def part_outlines(part: str, landmarks: Landmarks) -> tuple[Outline, ...]:
-    """Where a part of PARTS is on one face, side by side where it has two."""
+    """Where a part is on one face, side by side where it has two. Raises `ValueError` for one that is not of PARTS."""
     points, stacked = landmarks.points, landmarks.stacked
     if part == "lips":
         return (Outline(points[layout.LIPS_OUTER], points[layout.LIPS_INNER]),)
@@ -47,7 +47,9 @@ def part_outlines(part: str, landmarks: Landmarks) -> tuple[Outline, ...]:
         )
     if part == "cheeks":
         return tuple(Outline(stacked[loop]) for loop in (layout.STACKED_LEFT_CHEEK, layout.STACKED_RIGHT_CHEEK))
-    return tuple(Outline(points[loop]) for loop in (layout.LEFT_BROW, layout.RIGHT_BROW))
+    if part == "brows":
+        return tuple(Outline(points[loop]) for loop in (layout.LEFT_BROW, layout.RIGHT_BROW))
+    raise ValueError(f"a face has no part {part!r}; known are {', '.join(PARTS)}")
 
 
 def taken(part: str, landmarks: Landmarks) -> tuple[float, ...]:

@@ -105,3 +105,8 @@ def test_an_outline_covers_by_its_share() -> None:
     assert whole.max() > 0.9
     np.testing.assert_allclose(half, 0.5 * whole, atol=1e-6)
     assert not none.any()
+
+
+def test_a_part_without_an_outline_is_no_brow() -> None:
+    with pytest.raises(ValueError, match="a face has no part 'nose'; known are lips, lids, cheeks, brows"):
+        part_outlines("nose", made_up_landmarks())
