@@ -32,7 +32,7 @@ from pvg.curves import boundary_points
 from pvg.errors import AssetError
 from pvg.face import Landmarks
 from pvg.skin import Matte
-from pvg.video import MediaLimits, sha256_file
+from pvg.video import MediaLimits, SingleFrames, sha256_file
 
 _CACHED_CHUNKS = 4  # of each face that a frame may have
 
@@ -52,7 +52,8 @@ class VectorVideo:
 
     path: of the asset;  source: of the clip, None where nothing is known of it;  media: what the clip is;
     faces: a summary of each, by index;  shots: first frames;  settings: those of `vectorize` that it was made with;
-    source_sha256: of the clip's bytes, hexadecimal;  manifest: all of this as it is stored.
+    source_sha256: of the clip's bytes, hexadecimal;  manifest: all of this as it is stored;  single_frames: the clip's,
+    whose file stays open once one was asked for.
     """
 
     def __init__(
@@ -66,6 +67,7 @@ class VectorVideo:
         self.path = Path(path)
         self.source = None if source is None else Path(source)
         self.limits = limits or MediaLimits()
+        self.single_frames = SingleFrames()
         self._removed_by = os.getpid() if temporary else None
         self._cache: dict[str, NDArray[Any]] = {}  # the one read longest ago first
         self._lock = Lock()  # of the cache: frames may be read by several threads
@@ -122,7 +124,8 @@ class VectorVideo:
             self.close()
 
     def close(self) -> None:
-        """Close the file; a temporary asset is removed by the process that made it. Twice is harmless."""
+        """Close the files; a temporary asset is removed by the process that made it. Twice is harmless."""
+        self.single_frames.close()
         self._file.close()
         if self._removed_by == os.getpid():
             self.path.unlink(missing_ok=True)

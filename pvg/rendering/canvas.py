@@ -69,7 +69,7 @@ class Canvas:
 
 def stored_canvas(video: VectorVideo) -> Canvas:
     """A clip's or picture's own file. Raises `AssetError` where it is missing, another, or not vectorised in full."""
-    _check_in_full(video)
+    check_in_full(video)
     source = video.require_source()
     info = probe(source, video.limits, input_color=video.settings["input_color"])
     streams = read_streams(source, video.limits) if info.kind == "video" else Streams()
@@ -81,7 +81,7 @@ def stored_frames(video: VectorVideo, start: int = 0, stop: int | None = None) -
 
     Raises as `stored_canvas`.
     """
-    _check_in_full(video)
+    check_in_full(video)
     return frames_of_file(video, start, stop)
 
 
@@ -89,6 +89,20 @@ def frames_of_file(video: VectorVideo, start: int = 0, stop: int | None = None) 
     """As `stored_frames`, of a reference's clip too. Raises `AssetError` where the file is missing or another one."""
     source, color, count = video.require_source(), video.settings["input_color"], count_of_file(video)
     return read_frames(source, start=start, stop=stop, limits=video.limits, input_color=color, frame_count=count)
+
+
+def frame_of_file(video: VectorVideo, index: int) -> Frame:
+    """Frame `index` of a clip's or picture's own file, a reference's too, for whoever may ask for others.
+
+    Raises `ValueError` where there is none, `AssetError` as `frames_of_file`, `MediaError` when it cannot be read.
+    """
+    check_index(video, index)
+    source, color, count = video.require_source(), video.settings["input_color"], count_of_file(video)
+    near = video.single_frames.frame(source, index, limits=video.limits, input_color=color, frame_count=count)
+    frame = near or next(frames_of_file(video, index, index + 1), None)
+    if frame is None:
+        raise MediaError(f"{video.path.name}: frame {index} of its clip cannot be read")
+    return frame
 
 
 def count_of_file(video: VectorVideo) -> int | None:
@@ -102,7 +116,8 @@ def check_index(video: VectorVideo, index: int) -> None:
         raise ValueError(f"no frame {index}; the clip has {video.frame_count}")
 
 
-def _check_in_full(video: VectorVideo) -> None:
+def check_in_full(video: VectorVideo) -> None:
+    """Raise `AssetError` for a reference's clip, of which only a key frame is kept."""
     if video.settings["reference"] and video.media.kind == "video":
         raise AssetError(
             f"{video.path.name} keeps a reference's key frame only; vectorise the clip in full to render it"

@@ -28,12 +28,13 @@ from pvg.memory import looks_at_once, processors_at_once
 from pvg.rendering.canvas import (
     Canvas,
     Encoding,
+    check_in_full,
     check_index,
     check_picture,
+    frame_of_file,
     piped_canvas,
     plans_of,
     stored_canvas,
-    stored_frames,
     writer_of,
 )
 from pvg.rendering.passes import LOOKS_AT_ONCE, MEMORY_BYTES, Progress, check_paths, drafts_of, draw
@@ -216,11 +217,11 @@ def _render_clip(
 
 
 def source_frame(video: VectorVideo, index: int) -> Frame:
-    """Frame `index` of the source clip. Raises `ValueError` when there is none."""
+    """Frame `index` of the source clip, not to be written to. Raises `ValueError` when there is none."""
     index = whole_number("index", index, low=None)
     check_index(video, index)
-    (frame,) = stored_frames(video, index, index + 1)
-    return frame
+    check_in_full(video)
+    return frame_of_file(video, index)
 
 
 def render_frame(video: VectorVideo, look: Look | None, index: int) -> Bytes:

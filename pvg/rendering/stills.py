@@ -12,9 +12,8 @@ import numpy as np
 from pvg._arrays import Bytes
 from pvg._threads import one_blas_thread
 from pvg.asset import FaceInFrame, VectorVideo
-from pvg.errors import MediaError
 from pvg.looks import Look
-from pvg.rendering.canvas import check_index, count_of_file, frames_of_file
+from pvg.rendering.canvas import check_index, count_of_file, frame_of_file, frames_of_file
 from pvg.rendering.layers import layer
 from pvg.rendering.pictures import Box, around, on_white, thumbnail
 from pvg.rendering.renderer import Renderer
@@ -52,11 +51,7 @@ class Stills:
     def frame(self, index: int) -> Frame:
         """Frame `index`. Raises `ValueError` when there is none, `MediaError` when it cannot be read."""
         if index not in self._frames:
-            check_index(self.video, index)
-            for frame in frames_of_file(self.video, index, index + 1):
-                self._keep(frame)
-            if index not in self._frames:
-                raise MediaError(f"{self.video.path.name}: frame {index} of its clip cannot be read")
+            self._keep(frame_of_file(self.video, index))
         self._frames.move_to_end(index)
         return self._frames[index]
 

@@ -21,7 +21,7 @@ from pvg._targets import check_files, check_folder, check_folder_of_files
 from pvg._threads import ahead, one_blas_thread
 from pvg.asset import VectorVideo
 from pvg.looks import CUBE_SIZE, Look, check_size, look_cube, remainder_by_luma, write_cube
-from pvg.rendering.canvas import Canvas, stored_canvas, stored_frames
+from pvg.rendering.canvas import Canvas, frame_of_file, stored_canvas
 from pvg.rendering.passes import Progress
 from pvg.rendering.renderer import Renderer
 from pvg.video import ColorSpace, Frame, MediaInfo, PixelFormat, VideoWriter, write_image
@@ -182,7 +182,7 @@ def _cube(
         (abs(np.log(gain)), face, k) for face in faces for k, (gain, _) in enumerate(look.maps[face].exposures)
     )
     one, key = look.maps[face], video.records[face].key_frames[k].frame
-    (frame,) = stored_frames(video, key, key + 1)
+    frame = frame_of_file(video, key)
     (drawn,) = renderer.draw(frame)
     (matte,) = renderer.mattes(frame, 0, [[face]])
     skin = matte > _WITHIN

@@ -20,6 +20,7 @@ from pvg.video.picture_metadata import lost_in_picture, read_picture_metadata
 from pvg.video.pipes import PipedClip, PipeReader, Y4mWriter
 from pvg.video.planes import PlanePicture, picture_of
 from pvg.video.reading import read_frames
+from pvg.video.single_frames import SingleFrames
 from pvg.video.sniffing import IMAGE_KINDS, sniff
 from pvg.video.streams import Streams, read_streams
 from pvg.video.writing import VideoWriter
@@ -49,6 +50,7 @@ __all__ = [
     "PixelFormat",
     "Plan",
     "PlanePicture",
+    "SingleFrames",
     "Streams",
     "VideoWriter",
     "Y4mWriter",

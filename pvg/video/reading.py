@@ -61,12 +61,13 @@ class Orientation:
         return min(off, 360 - off) > 0.5
 
     def apply(self, plane: Plane) -> Plane:
-        """The plane upright: itself when it is stored so, else contiguous."""
+        """The plane upright, not to be written to: itself when it is stored so, else contiguous."""
         if not (self.transpose or self.flip_rows or self.flip_columns):
             return plane
         turned = plane.T if self.transpose else plane
         rows, columns = (-1 if flip else 1 for flip in (self.flip_rows, self.flip_columns))
         upright: Plane = np.ascontiguousarray(turned[::rows, ::columns])  # type: ignore[assignment]
+        upright.flags.writeable = False
         return upright
 
 
@@ -207,7 +208,7 @@ def _decode(clip: OpenClip, wanted: range, options: _ReadOptions) -> Iterator[Fr
                 raise MediaError(f"{clip.name} {line}; re-encode it in one way")
             if options.notice is not None:
                 options.notice(f"it {line}: all is read as its first picture")
-        _check_picture(clip.name, picture, plan, index, options.limits)
+        check_picture(clip.name, picture, plan, index, options.limits)
         pts = _stamp(clip, picture, last)
         first = pts if first is None else first
         if (pts - first) * clip.time_base > options.limits.max_duration_s:
@@ -252,12 +253,12 @@ def _decode_after_seek(
     except av.error.FFmpegError:
         return  # as of an index that does not fit: the caller decodes from the beginning
     index, goal = wanted.start, order.stamps[wanted.start]
-    for picture in pictures(clip, since=goal, strict=options.strict):
+    for picture in pictures(clip, since=lambda: goal, strict=options.strict):
         if picture.pts is None or (index == wanted.start and picture.pts > goal):
             return  # the seek landed late: the caller decodes from the beginning
         if picture.pts < goal:
             continue
-        _check_picture(clip.name, picture, plan, index, options.limits)
+        check_picture(clip.name, picture, plan, index, options.limits)
         if index >= len(order.stamps) or picture.pts != order.stamps[index]:
             raise MediaError(f"{clip.name} is damaged after frame {index - 1}; upload it again")
         yield within_depth(clip.name, to_frame(picture, plan, index, picture.pts, clip.time_base))
@@ -266,18 +267,23 @@ def _decode_after_seek(
             return
 
 
-def pictures(clip: OpenClip, since: int | None = None, *, strict: bool = False) -> Iterator[av.video.frame.VideoFrame]:
+def pictures(
+    clip: OpenClip, since: Callable[[], int] | None = None, *, strict: bool = False
+) -> Iterator[av.video.frame.VideoFrame]:
     """Decoded pictures in display order; MediaError names the frame where the data is damaged.
 
-    since: a time stamp; pictures before it that no other picture needs are not decoded. strict: see `read_frames`.
+    since: a time stamp, asked for at each packet; pictures before it that no other picture needs are not decoded.
+    strict: see `read_frames`.
     """
     count = packets = 0
     interlaced = begun = False
     context = clip.context
     try:
+        if since is not None:
+            context.open(strict=False)  # dav1d goes by what it is told then, and would never give what it was to skip
         for packet in clip.packets(strict=strict):
             if since is not None:
-                early = packet.pts is not None and packet.pts < since
+                early = packet.pts is not None and packet.pts < since()
                 context.skip_frame = "NONREF" if early else "DEFAULT"
             packets += bool(packet.size and not packet.is_discard)
             for picture in clip.decode(packet):
@@ -311,9 +317,10 @@ def _stamp(clip: OpenClip, picture: av.video.frame.VideoFrame, last: int | None)
     return pts if last is None or pts > last else last + 1
 
 
-def _check_picture(
+def check_picture(
     name: str, picture: av.video.frame.VideoFrame, plan: DecodingPlan, index: int, limits: MediaLimits
 ) -> None:
+    """Raise MediaError for a picture of another size or layout than the clip's first one, or beyond a limit."""
     check_pixels(name, picture.width, picture.height, limits.max_pixels)
     if index >= limits.max_frames:
         most = limits.max_frames

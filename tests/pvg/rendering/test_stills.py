@@ -7,7 +7,7 @@ import pytest
 
 import pvg
 from pvg.looks import color_map
-from pvg.rendering import LAYERS, Stills, around
+from pvg.rendering import LAYERS, Stills, around, source_frame
 from pvg.rendering.pictures import thumbnail
 from pvg.video import key_pictures, read_frames
 from tests.gallery.clips import encode_raw, libav_frame
@@ -30,6 +30,25 @@ def test_a_still_is_the_frame_of_the_rendered_clip(
 
 def test_a_frame_is_decoded_once(stills: Stills) -> None:
     assert stills.frame(7) is stills.frame(7)
+
+
+def test_single_frames_of_an_asset_go_on_from_one_another_until_it_is_closed(
+    video: pvg.VectorVideo, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pvg.open_asset(video.path, video.source) as asset:
+        expected = [pvg.render_frame(video, None, index) for index in (11, 13, 24)]
+        first = source_frame(asset, 11)
+
+        def refuse(*_: object) -> None:
+            raise AssertionError("the clip is opened again")
+
+        monkeypatch.setattr("pvg.video.single_frames.open_clip", refuse)
+        monkeypatch.setattr("pvg.video.reading.open_clip", refuse)
+        seen = [first, source_frame(asset, 13), Stills(asset).frame(24)]
+        for frame, rgb in zip(seen, expected, strict=True):
+            np.testing.assert_array_equal(frame.rgb(), rgb)
+    with pytest.raises(AssertionError, match="opened again"):
+        source_frame(asset, 25)
 
 
 def test_frames_that_are_not_there_are_refused(stills: Stills) -> None:
