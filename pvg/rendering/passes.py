@@ -7,6 +7,7 @@ from contextlib import AbstractContextManager, ExitStack, closing, contextmanage
 from pathlib import Path
 from typing import Any, BinaryIO, Final, Protocol, TypeVar
 
+from pvg._allocator import give_back
 from pvg._targets import draft_of
 from pvg._threads import Sink, ahead
 from pvg.asset import VectorVideo
@@ -68,18 +69,32 @@ def draw(
     """Draw each look into the writer of its number, `at_once` of them in one pass over the `count` frames."""
     passes = [range(i, min(i + at_once, len(looks))) for i in range(0, len(looks), at_once)]
     for number, numbers in enumerate(passes):
-        renderer = Renderer(video, [looks[k] for k in numbers])
-        with ExitStack() as stack:
-            writers = [writer(k) for k in numbers]
-            for one in writers:
-                stack.enter_context(one)
-            sinks = [stack.enter_context(Sink(_writing(one))) for one in writers]
-            drawn = stack.enter_context(closing(ahead(frames())))
-            for done, frame in enumerate(drawn, 1):
-                for sink, patches in zip(sinks, renderer.patches(frame), strict=True):
-                    sink.put((frame, patches))
-                if progress is not None:
-                    progress("render", number * count + done, len(passes) * count)
+        if len(passes) > 1:
+            give_back()  # also what the encoders of the pass before held
+
+        def told(done: int, before: int = number * count) -> None:
+            if progress is not None:
+                progress("render", before + done, len(passes) * count)
+
+        _draw_at_once(Renderer(video, [looks[k] for k in numbers]), frames, [writer(k) for k in numbers], told)
+
+
+def _draw_at_once(
+    renderer: Renderer,
+    frames: Callable[[], Iterator[Frame]],
+    writers: Sequence[FrameWriter],
+    told: Callable[[int], None],
+) -> None:
+    """Draw each look of a renderer into the writer in its place; told: how many frames are drawn, after each."""
+    with ExitStack() as stack:
+        for one in writers:
+            stack.enter_context(one)
+        sinks = [stack.enter_context(Sink(_writing(one))) for one in writers]
+        drawn = stack.enter_context(closing(ahead(frames())))
+        for done, frame in enumerate(drawn, 1):
+            for sink, patches in zip(sinks, renderer.patches(frame), strict=True):
+                sink.put((frame, patches))
+            told(done)
 
 
 def _writing(writer: FrameWriter) -> Callable[[tuple[Frame, list[Patch]]], None]:

@@ -37,8 +37,7 @@ CodedPacket: TypeAlias = "av.packet.Packet[av.video.stream.VideoStream]"
 
 _FIELD_ORDERS = {"h264": {"tff": 2, "bff": 3}}  # AVFieldOrder as x264's own marks are read back
 _FIELD_ORDER = {"tff": 4, "bff": 5}  # interleaved lines, as libav's tools write it
-
-
+_COPYING = ("h264", "hevc")  # x264 and x265 have copied a picture when it was handed over
 _COLOR_VOLUME = 0x2C  # the byte of a DNxHR picture's head, of which two bits say it (SMPTE ST 2019-1)
 _COLOR_VOLUMES = {1: 0, 9: 1, 10: 2}  # BT.709, BT.2020 non-constant and constant luminance by H.273; else 3
 
@@ -134,6 +133,7 @@ class PictureEncoder:
         self._tags = _tags(info, format, plan.format, plan.codec)
         self._marked = None if plan.fields is None else FieldMarks(plan.fields)
         self._last_pts: int | None = None
+        self._filled: av.video.frame.VideoFrame | None = None
         self._coded = False
         self.first_pts = self.end_pts = 0
         """Where the first frame starts and the last one ends, in ticks."""
@@ -229,7 +229,7 @@ class PictureEncoder:
     def _picture(self, frame: Frame, patches: Sequence[Patch]) -> av.video.frame.VideoFrame:
         alpha = self.plan.alpha
         source = planar_layout(frame.format, alpha=alpha)
-        picture = av.video.frame.VideoFrame(self.plan.width, self.plan.height, source)
+        picture = self._blank(source)
         for p, (component, plane) in enumerate(zip(picture.format.components[:3], frame.planes, strict=True)):
             rows = rows_of(picture, component.plane, plane.dtype)
             rows[:] = plane[: rows.shape[0], : rows.shape[1]]
@@ -247,6 +247,13 @@ class PictureEncoder:
         picture.colorspace, picture.color_range = self._tags.matrix, self._tags.color_range
         picture.color_primaries, picture.color_trc = self._tags.primaries, self._tags.transfer
         return picture if self._marked is None else self._marked(picture)
+
+    def _blank(self, layout: str) -> av.video.frame.VideoFrame:
+        """A picture to be filled: the one before again, where nobody holds it any more."""
+        if self._filled is None or self.plan.codec not in _COPYING:
+            self._filled = av.video.frame.VideoFrame(self.plan.width, self.plan.height, layout)
+        self._filled.make_writable()  # of a copy, should anybody hold it
+        return self._filled
 
     def _converted(self, picture: av.video.frame.VideoFrame, source: PixelFormat) -> av.video.frame.VideoFrame:
         if self.plan.fields is None or source.chroma_log2[1] == self.plan.format.chroma_log2[1]:

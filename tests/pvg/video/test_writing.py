@@ -18,6 +18,7 @@ from pvg.video import (
     read_frames,
 )
 from pvg.video.encoders import Codec
+from pvg.video.encoding import PictureEncoder
 from pvg.video.formats import resolve_format
 from tests.gallery.clips import (
     SIZE,
@@ -312,6 +313,33 @@ def test_the_same_frames_give_the_same_bytes(suffix: str, codec: str, tmp_path: 
     frames = smooth_frames(12, pixel_format())
     paths = [write_clip(tmp_path / f"{k}{suffix}", frames, codec=codec, threads=1) for k in range(2)]
     assert paths[0].read_bytes() == paths[1].read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("suffix", "codec", "once"), [(".mp4", "h264", True), (".mp4", "hevc", True), (".mkv", "ffv1", False)]
+)
+def test_pictures_are_filled_again_where_their_encoder_has_copied_them(
+    suffix: str, codec: str, once: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """x264 and x265 do; of others each frame has a picture of its own. No picture shows in another's place."""
+    filled: list[int] = []
+    blank = PictureEncoder._blank
+
+    def noted(self: PictureEncoder, layout: str) -> av.VideoFrame:
+        picture = blank(self, layout)
+        filled.append(picture.planes[0].buffer_ptr)
+        held.append(picture)
+        return picture
+
+    held: list[av.VideoFrame] = []
+    monkeypatch.setattr(PictureEncoder, "_blank", noted)
+    frames = smooth_frames(30, pixel_format())
+    path = write_clip(
+        tmp_path / f"c{suffix}", frames, codec=codec, threads=1, **({} if codec == "ffv1" else {"crf": 0})
+    )
+    assert len(set(filled)) == (1 if once else 30)
+    for frame, back in zip(frames, read_frames(path), strict=True):
+        np.testing.assert_array_equal(frame.planes[0], back.planes[0])
 
 
 @pytest.mark.parametrize(
