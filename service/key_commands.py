@@ -30,6 +30,7 @@ Rate = Annotated[int, typer.Option(min=1, max=MAX_COUNT, help="Requests a minute
 ActiveJobs = Annotated[int, typer.Option(min=1, max=MAX_COUNT, help="Unfinished jobs.")]
 StoredBytes = Annotated[int, typer.Option("--bytes", min=1, max=MAX_BYTES, help="Bytes of media, assets and results.")]
 _DEFAULTS = Limits()
+_TIME: Final = "%Y-%m-%dT%H:%M:%SZ"
 
 
 @key_commands.command("create")
@@ -71,7 +72,11 @@ def _named(database: str) -> str:
 
 @key_commands.command("list")
 def list_keys() -> None:
-    """All keys with their limits and what they use; secrets are not known here."""
+    """All keys with their limits and what they use; secrets are not known here, but whether a former one is good still.
+
+    Columns have tabs between them; the last one is there only while a former secret is good.
+    """
+    now = utc_now()
 
     def lines(session: Session) -> list[str]:
         return [
@@ -81,11 +86,12 @@ def list_keys() -> None:
                         key.id,
                         key.name,
                         "revoked" if key.revoked_at else "active",
-                        f"{key.created_at:%Y-%m-%dT%H:%M:%SZ}",
+                        f"{key.created_at:{_TIME}}",
                     ),
                     f"{key.requests_per_minute}/min",
                     f"{keys.active_jobs(session, key.id)}/{key.active_jobs} jobs",
                     f"{keys.stored_bytes(session, key.id)}/{key.stored_bytes} bytes",
+                    *([f"former secret until {until:{_TIME}}"] if (until := keys.former_until(key, now=now)) else []),
                 )
             )
             for key in keys.every(session)

@@ -121,8 +121,14 @@ def find(session: Session, text: str, *, now: datetime) -> Key | None:
 
 def _hashes(key: Key, now: datetime) -> list[str]:
     """Of the secrets of a key that are good: the present one first."""
-    former = key.former_sha256 if key.former_until is not None and now < key.former_until else None
+    former = key.former_sha256 if former_until(key, now=now) is not None else None
     return [key.secret_sha256, *([former] if former is not None else [])]
+
+
+def former_until(key: Key, *, now: datetime) -> datetime | None:
+    """Until when a former secret of a key is good as well; None when there is none that is."""
+    until = key.former_until if key.revoked_at is None else None
+    return until if until is not None and now < until else None
 
 
 def by_name(session: Session, name: str) -> Key | None:

@@ -55,7 +55,9 @@ def test_keys_are_made_listed_limited_rotated_and_revoked(tmp_path: Path) -> Non
     assert text[-43:] not in listed
     other = run("rotate", "studio").strip()
     assert other not in {text, ""}
+    assert "former secret" not in run("list")
     third = run("rotate", "studio", "--overlap-s", "3600").strip()
+    assert re.search(r"\tformer secret until 20\d\d-\d\d-\d\dT\d\d:\d\d:\d\dZ$", run("list").strip())
     with Database(Settings(data_dir=tmp_path / "data").database).read() as session:
         found = [keys.find(session, one, now=utc_now()) for one in (text, other, third)]
     assert [key is not None and key.name for key in found] == [False, "studio", "studio"]
@@ -65,6 +67,7 @@ def test_keys_are_made_listed_limited_rotated_and_revoked(tmp_path: Path) -> Non
     assert "0 video(s)" in run("assign", "studio", "--from", "former")
     run("revoke", "studio")
     assert "revoked" in run("list")
+    assert "former secret" not in run("list")  # it ended with the key
     for useless in (("rotate", "studio"), ("assign", "studio")):
         assert "make another" in run(*useless, code=2)
     for like_an_id in (f"key_{'0' * 32}", text):
