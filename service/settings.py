@@ -109,8 +109,8 @@ class Settings(BaseSettings):
     allow_private_networks: bool = False
     """URLs that are fetched or sent to may lead to addresses that are not public; for closed networks."""
     allowed_networks: str = ""
-    """Networks to which such URLs may lead though they are not public, such as `10.1.2.0/24,fd00:1:2::/64`, with commas:
-    every address that a host has, of IPv4 and of IPv6, lies in one of them or is public."""
+    """Networks to which such URLs may lead though they are not public, such as `10.1.2.0/24,fd00:1:2::/64`, with
+    commas: every address that a host has, of IPv4 and of IPv6, lies in one of them or is public."""
     fetch_timeout_s: float = Field(default=3600.0, gt=0)
     """Time for a file that is given by its URL."""
 

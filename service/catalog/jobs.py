@@ -57,6 +57,15 @@ def message_of(job: Job) -> Message:
     return Message(job.id, job.queue)
 
 
+def lock_looks(session: Session, *of: ColumnElement[bool]) -> None:
+    """Keep others from the looks that fit.
+
+    Whoever changes looks or removes results locks in one order, so that none waits for one that waits for him: a job
+    before its looks, looks before their results, and several of a kind by their keys.
+    """
+    session.execute(select(Look.job_id).where(*of).order_by(Look.job_id, Look.position).with_for_update())
+
+
 def looks(session: Session, job_id: str) -> list[Look]:
     """The job's outputs, in order."""
     return list(session.scalars(select(Look).where(Look.job_id == job_id).order_by(Look.position)))

@@ -8,8 +8,8 @@ from datetime import datetime, timedelta
 from types import MappingProxyType
 from typing import Any, Literal
 
+from sqlalchemy import case, or_, select, union_all, update
 from sqlalchemy import delete as delete_rows
-from sqlalchemy import or_, select, union_all, update
 from sqlalchemy.orm import Session
 
 from service.catalog import idempotency, jobs, leases, parts, previews, resumable, tombstones
@@ -344,11 +344,13 @@ def delete(
     keys += previews.delete_of(session, media.id)
     theirs = or_(Result.video_id == media.id, Result.reference_id == media.id)
     gone = select(Result.id).where(theirs)  # they may be more than a statement has parameters
-    changed(session, update(Look).where(Look.result_id.in_(gone)).values(result_id=None, result_gone=why))
-    drawn = or_(Look.video_id == media.id, Look.reference_id == media.id)
-    changed(session, update(Look).where(drawn).values(report=None))
     # a job that vectorises it shows the metadata of the medium, and outlives it
     changed(session, update(Job).where(Job.media_id == media.id).values(metadata_={}))
+    drawn = or_(Look.video_id == media.id, Look.reference_id == media.id)
+    jobs.lock_looks(session, drawn)
+    # all at once: a server that changes a row twice in a transaction locks what it refers to, the job, after it
+    had_result = case((Look.result_id.is_not(None), why), else_=Look.result_gone)
+    changed(session, update(Look).where(drawn).values(report=None, result_id=None, result_gone=had_result))
     of_jobs = union_all(select(Look.job_id).where(drawn), select(Job.id).where(Job.media_id == media.id))
     for told in ([media.id], gone, of_jobs):
         idempotency.forget(session, told)

@@ -166,7 +166,7 @@ def keep(session: Session, job_id: str, *, now: datetime, ttl_s: float) -> bool:
 
 
 def drop_bytes(session: Session, result: Result, *, now: datetime) -> str | None:
-    """Forget the bytes of a result. Returns the blob's key, to be deleted after the commit.
+    """Forget the bytes of a result whose look is locked. Returns the blob's key, to be deleted after the commit.
 
     Its tombstone is written by the same transaction.
     """
@@ -188,6 +188,7 @@ def delete(session: Session, result_id: str, *, now: datetime) -> list[str]:
 
     Their tombstones are written by the same transaction.
     """
+    # its only look, before it, see `jobs.lock_looks`
     changed(session, update(Look).where(Look.result_id == result_id).values(result_id=None, result_gone="deleted"))
     its = or_(Result.id == result_id, Result.part_of == result_id)
     found = session.scalars(select(Result.blob_key).where(its).order_by(Result.id).with_for_update())

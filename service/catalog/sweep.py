@@ -50,9 +50,12 @@ def _queued() -> list[ColumnElement[bool]]:
 def expire_results(session: Session, *, now: datetime) -> list[str]:
     """Drop the bytes of results past their retention. Returns the blobs to delete after the commit."""
     late = (Result.expires_at < now, Result.blob_key.is_not(None))
-    # the first that went over, by the index of that, and locked as others lock them
-    first = select(Result.id).where(*late).order_by(Result.expires_at).limit(BATCH).subquery()
-    locked = select(Result).where(Result.id.in_(select(first.c.id)), *late).order_by(Result.id).with_for_update()
+    # the first that went over, by the index of that
+    first = session.scalars(select(Result.id).where(*late).order_by(Result.expires_at).limit(BATCH)).all()
+    if not first:
+        return []
+    jobs.lock_looks(session, Look.result_id.in_(first))
+    locked = select(Result).where(Result.id.in_(first), *late).order_by(Result.id).with_for_update()
     # one that is asked for again at this moment is late no more, or is seen to be gone
     found = session.scalars(locked).all()
     keys = (results.drop_bytes(session, result, now=now) for result in found)
@@ -95,6 +98,7 @@ def expire_jobs(session: Session, *, before: datetime) -> int:
     # as `delete_job`'s caller does, before their results: one that it has is its own
     locked = select(Job.id).where(*old).limit(BATCH).with_for_update(skip_locked=True)
     ids = session.scalars(locked).all()
+    jobs.lock_looks(session, Look.job_id.in_(ids))
     changed(session, delete(Result).where(Result.job_id.in_(ids)))
     return statistics.remove_jobs(session, list(ids))
 
@@ -104,7 +108,7 @@ def delete_job(session: Session, job_id: str, *, now: datetime) -> list[str]:
 
     Returns the blobs to delete after the commit, whose tombstones are written. What ended jobs are counted by stays.
     """
-    # in the order in which others lock them: looks, then results
+    jobs.lock_looks(session, Look.job_id == job_id)
     changed(session, update(Look).where(Look.job_id == job_id).values(result_id=None, result_gone="deleted"))
     of_job = Result.job_id == job_id
     found = session.execute(

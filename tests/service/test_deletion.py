@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
@@ -21,11 +21,13 @@ from typing import Any
 import httpx
 import pytest
 from obstore.exceptions import GenericError
+from sqlalchemy import select
+from sqlalchemy.orm import Session
 
 from service.api.commands import removal
 from service.blobs import Blobs
-from service.catalog import Asset, Database, Report, Role, jobs, leases, media, parts, sweep, tombstones
-from service.catalog.models import Tombstone
+from service.catalog import Asset, Database, Report, Role, jobs, leases, media, parts, results, sweep, tombstones
+from service.catalog.models import Look, Result, Tombstone
 from service.catalog.parts import NewFile, NewPart
 from service.drafts import Drafts
 from service.queue import RENDER, make_producer
@@ -494,3 +496,69 @@ def test_the_reaper_does_not_wait_for_a_job_that_is_being_deleted(
             assert reaper.submit(expire).result() == 0
         assert expire() == 1
         database.close()
+
+
+def _add_result(database: Database, job_id: str, blob_key: str | None) -> str:
+    """A result of a job's only look, as if it had been drawn; its id."""
+    with database.write() as session:
+        (look,) = jobs.looks(session, job_id)
+        look.result_id = f"res_{job_id}"
+        session.add(
+            Result(
+                **{"id": look.result_id, "job_id": job_id, "position": 0, "blob_key": blob_key},
+                **{"video_id": look.video_id, "reference_id": look.reference_id, "sha256": "0" * 64, "size_bytes": 1},
+                **{"content_type": "video/mp4", "filename": "a.mp4", "created_at": database.now()},
+                expires_at=database.now(),
+            )
+        )
+        return look.result_id
+
+
+def _delete_medium(session: Session, job_id: str) -> list[str]:
+    found = media.get(session, jobs.looks(session, job_id)[0].video_id)
+    assert found is not None
+    return media.delete(session, found, now=datetime.now(UTC))
+
+
+def _delete_result(session: Session, job_id: str) -> list[str]:
+    return results.delete(session, f"res_{job_id}", now=datetime.now(UTC))
+
+
+def _expire_results(session: Session) -> object:
+    return sweep.expire_results(session, now=datetime.now(UTC) + timedelta(days=1))
+
+
+def _expire_jobs(session: Session) -> object:
+    return sweep.expire_jobs(session, before=datetime.now(UTC) + timedelta(days=1))
+
+
+@pytest.mark.parametrize(
+    ("expire", "delete", "blob_key", "expired"),
+    [
+        (_expire_results, _delete_result, "result/a", []),
+        (_expire_results, _delete_medium, "result/a", []),
+        (_expire_jobs, _delete_medium, None, 1),
+    ],
+)
+def test_what_expires_and_what_is_deleted_are_locked_in_one_order(
+    database: Database,
+    expire: Callable[[Session], object],
+    delete: Callable[[Session, str], list[str]],
+    blob_key: str | None,
+    expired: object,
+) -> None:
+    """The reaper had the results and wanted their looks, a deletion the other way round: a server ended one of them."""
+    _, job_id = _canceled_transfer(database)
+    _add_result(database, job_id, blob_key)
+
+    def sweeps() -> object:
+        with database.write() as session:
+            return expire(session)
+
+    with ThreadPoolExecutor(1) as reaper:
+        with database.write() as session:  # as a deletion that has come as far as to the look
+            session.execute(select(Look).where(Look.job_id == job_id).with_for_update())
+            swept = reaper.submit(sweeps)
+            until(lambda: held_up(database) or swept.done())
+            delete(session, job_id)
+        assert swept.result() == expired
