@@ -8,13 +8,14 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from playwright.sync_api import Browser, Playwright, sync_playwright
 
 from scripts.samples import Samples
 from tests.browser.desk import Desk
 from tests.browser.guarded import PATIENCE_S, Guarded, watch
-from tests.gallery.clips import cut_clip
+from tests.gallery.clips import add_tone, cut_clip, encode_raw, libav_frame
 from tests.service.fixtures import Api, api, make_ready, plain_logs, settings
 from tests.service.servers import missing
 from tests.worker.serving import Service, running_service
@@ -90,6 +91,14 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
 def tiny_clip(samples: Samples, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """One second of a woman who smiles, 640x360."""
     return cut_clip(samples.woman_clip, tmp_path_factory.mktemp("clips") / "smile.mp4", 20, 44)
+
+
+@pytest.fixture(scope="session")
+def heard_clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A clip of which the browser plays the sound and cannot show the pictures, as it does with HEVC in many."""
+    folder = tmp_path_factory.mktemp("heard")
+    pictures = [libav_frame(np.full((64, 96, 3), 90, np.uint8))] * 25
+    return add_tone(encode_raw(folder / "mute.mp4", pictures, "mpeg4"), 1, 0, folder / "heard.mp4")
 
 
 @pytest.fixture

@@ -122,9 +122,13 @@ def test_a_comparison_whose_files_nobody_gives_is_tried_again(desk: Desk, tiny_c
     desk.guarded.until("() => document.querySelectorAll('#picture video')[1].currentTime > 0")
 
 
-def test_a_look_that_the_browser_cannot_play_is_compared_frame_by_frame(desk: Desk) -> None:
+@pytest.mark.parametrize("heard", [False, True])
+def test_a_look_that_the_browser_cannot_play_is_compared_frame_by_frame(
+    desk: Desk, heard_clip: Path, heard: bool
+) -> None:
     job = desk.asked(desk.portrait("face.png"))
-    make_results(desk.api.services, job, [MP4 + b"of a kind that no browser plays"])
+    content = heard_clip.read_bytes() if heard else MP4 + b"of a kind that no browser plays"
+    make_results(desk.api.services, job, [content])
     (look,) = desk.api.client.get(f"/jobs/{job}").json()["looks"]
     drawn: list[dict[str, Any]] = []
 
@@ -150,6 +154,24 @@ def test_a_look_that_the_browser_cannot_play_is_compared_frame_by_frame(desk: De
     assert {one["video"] for one in of_the_second_frame()} == {desk.video["id"]}
     looks = [one["look"] for one in of_the_second_frame() if "look" in one]
     assert looks == [{"reference": look["reference"], **look["options"]}]
+
+
+def test_a_clip_of_which_only_the_sound_plays_stands_still_beside_its_look(
+    desk: Desk, heard_clip: Path, tiny_clip: Path
+) -> None:
+    make_results(desk.api.services, desk.asked(desk.portrait("face.png")), [tiny_clip.read_bytes()])
+    page = desk.edit()
+    body = heard_clip.read_bytes()
+    page.route("**/file", lambda route: route.fulfill(status=200, content_type="video/mp4", body=body))
+    page.route("**/v1/preview", lambda route: route.fulfill(content_type="image/png", body=PIXEL))
+    page.get_by_role("button", name="Compare face.png before and after").click()
+    desk.guarded.until(
+        """() => {
+          const [before] = document.querySelectorAll('.side-of img');
+          return before && !before.hidden && before.naturalWidth > 0;
+        }"""
+    )
+    assert page.locator("#picture video:visible").count() == 1
 
 
 #: where the clip before is put, and how fast it plays, when it was so many seconds from the one after

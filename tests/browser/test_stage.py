@@ -111,9 +111,11 @@ def test_a_file_that_does_not_come_is_asked_for_again(desk: Desk, fail: Callable
     desk.guarded.until(PLAYS)
 
 
-def test_a_file_that_cannot_be_played_is_stepped_through(desk: Desk) -> None:
+@pytest.mark.parametrize("heard", [False, True])
+def test_a_file_that_cannot_be_played_is_stepped_through(desk: Desk, heard_clip: Path, heard: bool) -> None:
     page = desk.edit()
-    page.route("**/file", lambda route: route.fulfill(status=200, content_type="video/mp4", body="no clip"))
+    body = heard_clip.read_bytes() if heard else b"no clip"
+    page.route("**/file", lambda route: route.fulfill(status=200, content_type="video/mp4", body=body))
     play = page.get_by_role("button", name="Play", exact=True)
     play.click()
     page.get_by_text("This browser cannot play this format").wait_for()

@@ -9,7 +9,7 @@ import { isAbort, silence } from "./api.js";
 import { Latest } from "./latest.js";
 import { Note } from "./note.js";
 import { lookAgain } from "./references.js";
-import { Player } from "./player.js";
+import { isShown, Player } from "./player.js";
 import { state } from "./store.js";
 import { middleOf, Split } from "./split.js";
 import { isGood, release, resultUrl, uploadedUrl } from "./transfers.js";
@@ -60,7 +60,7 @@ export class Comparing {
     const length = this.frames / this.rate;
     this.player = new Player(before, after, { rate: this.rate, length });
     this.player.addEventListener("time", () => this.#moved());
-    before.addEventListener("loadeddata", () => { this.playsBefore = true; this.#showSides(); });
+    before.addEventListener("loadeddata", () => { this.playsBefore = isShown(before); this.#showSides(); });
     before.addEventListener("error", async () => {
       const source = before.getAttribute("src");
       if (!source) return;
@@ -72,6 +72,10 @@ export class Comparing {
       this.#showSides();
     });
     after.addEventListener("loadeddata", () => {
+      if (!isShown(after)) {
+        this.#stepThrough();
+        return;
+      }
       this.playsAfter = true;
       this.split.shape(after.videoWidth, after.videoHeight);
       this.#moved();
@@ -80,9 +84,7 @@ export class Comparing {
     after.addEventListener("error", async () => {
       const source = after.getAttribute("src");
       if (!source || (await this.#renewed(source))) return;
-      this.playsAfter = false;
-      this.note.say("This browser cannot play this format; you see single frames. Download the file to see it whole.");
-      this.#showSides();
+      this.#stepThrough();
     });
     this.controls = transport(bar, {
       on: {
@@ -93,6 +95,13 @@ export class Comparing {
       },
       full: () => this.element,
     });
+    this.#moved();
+  }
+
+  /** The result is one that the browser cannot play. */
+  #stepThrough() {
+    this.playsAfter = false;
+    this.note.say("This browser cannot play this format; you see single frames. Download the file to see it whole.");
     this.#moved();
   }
 

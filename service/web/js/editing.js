@@ -10,7 +10,7 @@ import { isReady } from "./medium.js";
 import { Latest } from "./latest.js";
 import { Note } from "./note.js";
 import { lookOf } from "./references.js";
-import { Player } from "./player.js";
+import { isShown, Player } from "./player.js";
 import { selectedReference, state } from "./store.js";
 import { middleOf, Split } from "./split.js";
 import { isGood, uploadedUrl } from "./transfers.js";
@@ -63,6 +63,7 @@ export class Editing {
     this.player.loops = true;
     this.player.addEventListener("time", () => this.#played());
     this.video.addEventListener("error", () => this.#broke());
+    this.video.addEventListener("loadeddata", () => isShown(this.video) || this.#stepThrough());
     if (clip.url) {
       this.video.src = clip.url;
       this.video.hidden = false; // until the first frame has come
@@ -109,7 +110,7 @@ export class Editing {
         return false;
       }
       const comes = new Promise((resolve) => {
-        video.addEventListener("loadeddata", () => resolve(true), { once: true });
+        video.addEventListener("loadeddata", () => resolve(isShown(video)), { once: true });
         video.addEventListener("error", () => resolve(false), { once: true });
       });
       video.preload = "auto";
@@ -129,13 +130,19 @@ export class Editing {
     const source = this.video.getAttribute("src");
     if (!source) return;
     if ((await isGood(source)) === true) {
-      this.player = null;
-      if (this.uploaded) this.note.say("This browser cannot play this format; go through it frame by frame.");
+      this.#stepThrough();
     } else if (!this.closed) {
       this.player?.pause();
       this.video.removeAttribute("src");
       failure({ title: "The service did not give its file", detail: "press Play once more in a moment" }, "The clip cannot be played just now");
     }
+    this.#showTime();
+  }
+
+  /** The file is one that the browser cannot play. */
+  #stepThrough() {
+    this.player = null;
+    if (this.uploaded) this.note.say("This browser cannot play this format; go through it frame by frame.");
     this.#showTime();
   }
 

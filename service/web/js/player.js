@@ -7,6 +7,9 @@
 const JUMP_S = 0.3;
 const MOST_HASTE = 0.15;
 
+/** Whether a browser shows a video that it has loaded: of a file whose pictures it cannot decode it plays the sound alone. */
+export const isShown = (video) => video.videoWidth > 0;
+
 export class Player extends EventTarget {
   /** video → the time of its first frame */
   #starts = new Map();

@@ -80,7 +80,7 @@ function add(job, video) {
   return follow(job);
 }
 
-/** Render the chosen portraits on the clip; the first result is shown when nothing else is. */
+/** Render the chosen portraits on the clip. */
 export async function start() {
   const { clip } = state;
   const looks = chosen().map(lookOf);
