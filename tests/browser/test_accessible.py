@@ -13,7 +13,7 @@ from playwright.sync_api import FileChooser
 from scripts.samples import Samples
 from tests.browser.driving import READY, at_rest
 from tests.browser.guarded import PATIENCE_S, Guarded
-from tests.gallery.clips import cut_clip
+from tests.gallery.clips import add_tone, cut_clip
 from tests.service.fixtures import Api
 from tests.worker.serving import Service
 
@@ -97,12 +97,15 @@ _FOCUS = """() => {
 
 @pytest.fixture(scope="module")
 def media(service: Service, samples: Samples, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """A clip, a portrait and a picture of several people, ready, and a finished look."""
-    clip = cut_clip(samples.woman_clip, tmp_path_factory.mktemp("clips") / "short.mp4", 20, 32)
+    """A clip with sound, portraits, one of a long name, and a picture of several people, ready, and finished looks."""
+    folder = tmp_path_factory.mktemp("clips")
+    clip = add_tone(cut_clip(samples.woman_clip, folder / "mute.mp4", 20, 32), 0.5, 0, folder / "short.mp4")
+    long = folder / f"{'of_a_long_name_' * 8}.jpg"
+    long.write_bytes(samples.pale_portrait.read_bytes() + b"other bytes")
     video = service.ready("/videos", clip)
-    portrait = service.ready("/references", samples.pale_portrait)
+    other, portrait = (service.ready("/references", one) for one in (long, samples.pale_portrait))
     group = service.ready("/references", samples.several_faces)
-    asked = {"video": video["id"], "looks": [{"reference": portrait["id"]}]}
+    asked = {"video": video["id"], "looks": [{"reference": one["id"]} for one in (portrait, other)]}
     job = service.finished(service.client.post("/transfer", json=asked).json()["id"])
     assert job["state"] == "succeeded"
     return {"clip": clip, "video": video, "portrait": portrait, "group": group, "job": job}

@@ -122,7 +122,7 @@ export function choice(label, options, take, { hidden = true } = {}) {
   const inputs = options.map(([value, text]) => {
     const input = el("input", { type: "radio", name, onchange: () => take(value) });
     input.value = value;
-    return [input, el("label", { class: "chip" }, input, el("span", {}, text))];
+    return [input, el("label", { class: "chip", title: text }, input, el("span", {}, text))];
   });
   const group = el("fieldset", { class: "chips" }, el("legend", { class: hidden ? "unseen" : "" }, label), ...inputs.map(([, chip]) => chip));
   Object.defineProperty(group, "value", {
