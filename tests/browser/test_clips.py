@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from playwright.sync_api import Dialog, Route
 
 from tests.browser.desk import FOCUS, PIXEL, Desk, stopped
 from tests.browser.driving import READY, drop
@@ -55,11 +56,13 @@ def test_the_address_names_a_clip_while_it_is_vectorised(desk: Desk, tiny_clip: 
 #: every address that the page gives itself from now on
 _WRITTEN = """() => {
   window.written = [];
-  const replace = history.replaceState.bind(history);
-  history.replaceState = (state, title, address) => {
-    window.written.push(address);
-    replace(state, title, address);
-  };
+  for (const kind of ['pushState', 'replaceState']) {
+    const write = history[kind].bind(history);
+    history[kind] = (state, title, address) => {
+      window.written.push(address);
+      write(state, title, address);
+    };
+  }
 }"""
 
 
@@ -79,6 +82,51 @@ def test_the_skip_link_leaves_the_address_and_a_bookmark_opens_its_clip(desk: De
     page.get_by_role("heading", name="other.mp4").wait_for()
     desk.guarded.until(READY)
     assert page.evaluate("() => window.written") == []
+
+
+def test_back_and_forward_go_between_the_list_and_the_clips_that_were_opened(desk: Desk) -> None:
+    desk.guarded.expected.append("status of 404")  # a frame of what is deleted
+    page = desk.guarded.open()
+    hash_is = "(hash) => location.hash === hash"
+    page.locator(".clip-card").click()
+    desk.guarded.until(READY)
+    page.go_back()
+    page.get_by_role("button", name="Choose a clip").wait_for()
+    assert page.evaluate(hash_is, "")
+    page.go_forward()
+    desk.guarded.until(READY)
+    assert page.evaluate(hash_is, f"#{desk.video['id']}")
+    page.get_by_role("button", name="Close the clip").click()
+    page.get_by_role("button", name="Choose a clip").wait_for()
+    page.go_back()
+    desk.guarded.until(READY)
+    page.get_by_role("button", name="Delete the clip").click()
+    page.get_by_role("dialog").get_by_role("button", name="Delete").click()
+    page.get_by_role("button", name="Choose a clip").wait_for()
+    page.go_back()  # to what is before it: there is no way to a clip that is gone
+    desk.guarded.until(hash_is, "")
+    assert page.locator("#toasts").get_by_text("no longer here").count() == 0
+
+
+def test_the_browser_asks_before_a_file_that_is_uploaded_goes_with_the_page(desk: Desk, tiny_clip: Path) -> None:
+    page, held, asked = desk.guarded.open(), list[Route](), list[str]()
+
+    def dismiss(dialog: Dialog) -> None:
+        asked.append(dialog.type)
+        dialog.dismiss()
+
+    page.on("dialog", dismiss)
+    page.route("**/v1/videos", lambda route: held.append(route))  # noqa: PLW0108  (Playwright marks its handlers)
+    drop(page, "#picture", tiny_clip)
+    desk.guarded.heard(lambda: held)
+    page.get_by_role("heading", name="Portraits").click()  # browsers ask those who have done something
+    page.evaluate("() => { setTimeout(() => location.reload()); }")
+    desk.guarded.heard(lambda: asked)
+    held[0].continue_()
+    desk.guarded.until(READY)
+    page.reload()
+    desk.guarded.until(READY)
+    assert asked == ["beforeunload"]
 
 
 def test_a_bookmark_of_a_clip_that_failed_says_why(desk: Desk) -> None:

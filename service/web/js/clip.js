@@ -14,10 +14,16 @@ export const CLIP_TYPES = "video/*,image/*,.mkv,.mov,.mp4,.webm,.avi,.tif,.tiff"
 const PATH = "videos";
 const SHOWN = 6;
 
-/** The address names the clip, so that a reload finds it again. Ids open nothing without the key. */
-function remember(id) {
+/**
+ * The address names the clip, so that a reload finds it again, and Back what was here before; where that is `gone` there is
+ * no way back to it. Ids open nothing without the key.
+ */
+function remember(id, { gone = false } = {}) {
   const hash = id ? `#${id}` : "";
-  if (location.hash !== hash) history.replaceState(null, "", hash || location.pathname + location.search);
+  if (location.hash === hash) return;
+  const address = hash || location.pathname + location.search;
+  if (gone) history.replaceState(null, "", address);
+  else history.pushState(null, "", address);
 }
 
 /** The first of the files that were dropped or chosen takes the place of the clip that is there. */
@@ -80,9 +86,9 @@ function put(item, id = null) {
   changed();
 }
 
-/** Take the clip off the stage; it stays with the service, and can be opened again. */
-export async function close() {
-  clear();
+/** Take the clip off the stage; it stays with the service, unless it is `gone`, and can be opened again. */
+export async function close({ gone = false } = {}) {
+  clear(null, { gone });
   await Promise.all([listClips(), listJobs()]);
 }
 
@@ -94,13 +100,13 @@ export function retry(item) {
   return item.again();
 }
 
-function clear(id = null) {
+function clear(id = null, { gone = false } = {}) {
   const { clip } = state;
   if (clip?.url) URL.revokeObjectURL(clip.url);
   if (clip?.sent !== null) clip?.canceling?.abort();
   Object.assign(state, { clip: null, compared: null });
   state.more.jobs = null;
-  remember(id);
+  remember(id, { gone });
   changed();
 }
 
@@ -130,7 +136,7 @@ export async function remove(medium) {
   }
   forget(medium.id);
   state.deleted.add(medium.id);
-  if (state.clip?.medium?.id === medium.id) clear();
+  if (state.clip?.medium?.id === medium.id) clear(null, { gone: true });
   notice(`${name} was deleted`);
   await Promise.all([listClips(), listJobs()]);
 }
@@ -175,6 +181,12 @@ async function follow({ id, job }) {
   changed();
 }
 
+/** Show what the address names by now, as after Back: a clip, or none. */
+export async function readdress(again) {
+  if (!location.hash && state.clip) await close();
+  else await reopen(again);
+}
+
 /**
  * The clip that the address names, if there is one and it is still there. While the service cannot say, the address
  * keeps it, and the stage offers `again`.
@@ -190,7 +202,7 @@ export async function reopen(again) {
     if (state.clip !== before) return; // another clip came meanwhile
     if (error.status === 404) {
       notice("This clip is no longer here");
-      await close();
+      await close({ gone: true });
       return;
     }
     put({ ...ofMedium(PATH, { id, filename: "Clip" }), medium: null, error, again }, id);

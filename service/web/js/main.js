@@ -2,7 +2,7 @@
 
 import { askForKey, key, onNewKey } from "./key.js";
 import { confirmed, failure } from "./notices.js";
-import { listClips, reopen } from "./clip.js";
+import { listClips, readdress, reopen } from "./clip.js";
 import { listJobs } from "./transfers.js";
 import { listReferences } from "./references.js";
 import { mountPanel } from "./panel.js";
@@ -27,14 +27,21 @@ window.addEventListener("unhandledrejection", (event) => {
   failure(event.reason);
 });
 
-// a bookmark of another clip, in this same tab
-window.addEventListener("hashchange", () => reopen(begin));
+// a bookmark of another clip, in this same tab, or the way back and forth between those that were here
+window.addEventListener("hashchange", () => readdress(begin));
+
+const uploads = () => [state.clip, ...state.references].some((one) => one && one.sent !== null);
+let leaves = false;
+
+// what is being uploaded goes with the page: the browser asks first
+window.addEventListener("beforeunload", (event) => {
+  if (uploads() && !leaves) event.preventDefault();
+});
 
 const change = document.getElementById("change-key");
 change.hidden = !key();
 change.addEventListener("click", async () => {
-  const uploads = [state.clip, ...state.references].some((one) => one && one.sent !== null);
-  if (uploads && !(await confirmed("Change the key?", "What is being uploaded is dropped: with another key the page begins anew.", "Change"))) return;
+  if (uploads() && !(await confirmed("Change the key?", "What is being uploaded is dropped: with another key the page begins anew.", "Change"))) return;
   await askForKey("", { kept: true });
 });
 
@@ -42,6 +49,7 @@ change.addEventListener("click", async () => {
 onNewKey(() => {
   if (!state.clip && !state.listed && !state.clips.length && !state.references.length) return false;
   history.replaceState(null, "", location.pathname + location.search);
+  leaves = true; // that was asked
   location.reload();
   return true;
 });
