@@ -53,6 +53,24 @@ def test_the_address_names_a_clip_while_it_is_vectorised(desk: Desk, tiny_clip: 
     assert page.evaluate("() => location.hash") == f"#{video['id']}"
 
 
+def test_a_clip_whose_end_the_service_could_not_tell_is_tried_again_without_its_file(
+    desk: Desk, tiny_clip: Path
+) -> None:
+    content = tiny_clip.read_bytes() + b"\0\0\0\x08free"
+    video = desk.api.client.post("/videos", content=content).raise_for_status().json()
+    page = desk.guarded.page
+    page.goto(f"{desk.guarded.root}/#{video['id']}")
+    page.get_by_text("Waiting for a worker").wait_for()
+    problem = {"title": "Not just now", "code": "unavailable", "status": 503}
+    at = f"**/v1/videos/{video['id']}"
+    page.route(at, lambda route: route.fulfill(status=503, headers={"Retry-After": "60"}, json=problem))
+    make_ready(desk.api.services, video["id"])
+    page.locator("#picture").get_by_text("Not just now").wait_for()
+    page.unroute(at)
+    page.locator("#picture").get_by_role("button", name="Try again").click()
+    desk.guarded.until(READY)
+
+
 #: every address that the page gives itself from now on
 _WRITTEN = """() => {
   window.written = [];

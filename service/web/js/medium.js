@@ -25,6 +25,9 @@ export function ofMedium(path, medium) {
 export const isReady = (item) => item?.medium?.state === "ready";
 export const isClip = (item) => item?.medium?.media?.kind ? item.medium.media.kind !== "image" : item?.file?.type.startsWith("video/") ?? true;
 
+/** Whether what went wrong with an item may be tried again: what has failed needs its file for that. */
+export const isTriable = (item) => Boolean(item.error && (item.file || item.again || item.medium?.state === "vectorizing"));
+
 /** Upload the file, if there is one, and wait until it is vectorised. Errors stay in the item; true when it is ready. */
 export async function bring(item) {
   item.error = null;

@@ -2,7 +2,7 @@
 
 import { el, say } from "./dom.js";
 import { cancel, close, retry } from "./clip.js";
-import { doing } from "./medium.js";
+import { doing, isTriable } from "./medium.js";
 import { percent } from "./format.js";
 
 export class OnTheWay {
@@ -36,7 +36,7 @@ export class OnTheWay {
     this.problem.hidden = !error;
     this.bar.hidden = Boolean(error);
     this.stop.hidden = Boolean(error) || !now;
-    this.again.hidden = !error || !(this.clip.file || this.clip.again);
+    this.again.hidden = !isTriable(this.clip);
     this.away.hidden = !error;
     if (error) {
       say(this.label, error.title ?? "Something went wrong");

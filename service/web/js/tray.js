@@ -2,7 +2,7 @@
 
 import { el, fileButton, iconButton, keyed, say, takesFiles } from "./dom.js";
 import { addFiles, include, listReferences, remove, retry, select } from "./references.js";
-import { doing, isReady } from "./medium.js";
+import { doing, isReady, isTriable } from "./medium.js";
 import { count } from "./format.js";
 import { noFile } from "./notices.js";
 import { onChange } from "./store.js";
@@ -39,7 +39,7 @@ function card(item) {
     bar.hidden = !busy;
     if (busy?.share === null) bar.removeAttribute("value");
     else if (busy) bar.value = busy.share;
-    again.hidden = !now.error || !now.file;
+    again.hidden = !isTriable(now);
     const warnings = face?.warnings ?? [];
     const faces = now.medium?.faces.length ?? 0;
     let text = ready && faces > 1 ? count(faces, "face") : "";
