@@ -16,7 +16,8 @@ let rows = 0;
 function row(label, { min = 0, max = 1, step = 0.01, show = percent, note = "" }, read, write) {
   rows += 1;
   const id = `row-${rows}`;
-  const value = el("output", { for: id });
+  // the slider says it: by itself it would be read out once more, and with each portrait that is selected
+  const value = el("output", { for: id, "aria-live": "off" });
   const range = el("input", { type: "range", id, min, max, step, "aria-describedby": note ? `${id}-note` : undefined });
   range.addEventListener("input", () => write(Number(range.value)));
   const made = el("div", { class: "setting" },
