@@ -31,6 +31,8 @@ _STORE_SECRETS: Final = ("access_key_id", "secret_access_key", "session_token")
 #: variables of the same prefix that are read elsewhere: by the library, from `serve` to its worker, by the tests
 _READ_ELSEWHERE: Final = ("PVG_CACHE_DIR", "PVG_STARTER_PID", "PVG_REQUIRE_SERVERS", "PVG_TEST_DATABASE_URL")
 _MIN_SECRET: Final = 32
+#: pages have no origin of these schemes: what is loaded by them has `null`, if it is a page at all
+_NO_PAGES: Final = frozenset({"", "data", "file", "ftp", "javascript", "ws", "wss"})
 #: of a kind that is installed, with a port that is one; as SQLAlchemy reads it, which takes long to load
 _DATABASE_URL = re.compile(
     r"(?:postgresql(?:\+psycopg)?|postgres|sqlite(?:\+pysqlite)?)://"
@@ -103,7 +105,8 @@ class Settings(BaseSettings):
     allowed_hosts: str = ""
     """Names by which it may be called besides those of loopback, with commas; `*` is any."""
     allowed_origins: str = ""
-    """Other sites whose pages may use it, such as `https://studio.example`, with commas."""
+    """Other sites whose pages may use it, such as `https://studio.example`, or of an app's own pages
+    `capacitor://localhost`, with commas."""
 
     # what it asks for itself: files by URL, receivers of webhooks
     allow_private_networks: bool = False
@@ -281,11 +284,7 @@ class Settings(BaseSettings):
             raise ValueError(f"link_secret must have at least {_MIN_SECRET} characters")
         for origin in self.origins:
             parts = urlsplit(origin)
-            if (
-                parts.scheme not in {"http", "https"}
-                or origin != f"{parts.scheme}://{parts.netloc}"
-                or not parts.netloc
-            ):
+            if parts.scheme in _NO_PAGES or origin != f"{parts.scheme}://{parts.netloc}" or not parts.netloc:
                 raise ValueError(f"allowed_origins: {origin} is not an origin, such as https://studio.example")
         for network in _listed(self.allowed_networks):
             try:

@@ -120,12 +120,14 @@ def test_an_unknown_setting_is_refused_and_the_nearest_named(
 
 
 @pytest.mark.parametrize(
-    "origins", ["*", "null", "studio.example", "https://a.example/x", "https://a.example, ftp://b"]
+    "origins", ["*", "null", "studio.example", "https://a.example/x", "https://a.example, ftp://b", "file://", "://b"]
 )
 def test_allowed_origins_are_origins(origins: str) -> None:
     with pytest.raises(ValidationError, match="is not an origin"):
         Settings(allowed_origins=origins)
     assert Settings(allowed_origins="https://A.example:8443/ ,").origins == {"https://a.example:8443"}
+    app = {"capacitor://localhost", "https://localhost"}  # its pages on one kind of phone and on the other
+    assert Settings(allowed_origins=", ".join(app)).origins == app
 
 
 def test_every_variable_of_our_prefix_in_the_code_is_known() -> None:
