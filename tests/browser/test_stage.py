@@ -124,6 +124,20 @@ def test_a_file_that_cannot_be_played_is_stepped_through(desk: Desk, heard_clip:
     assert page.evaluate(FRAME) == 1
 
 
+def test_what_is_the_matter_is_said_over_the_whole_stage_however_narrow_the_clip_is(desk: Desk) -> None:
+    desk.guarded.page.set_viewport_size({"width": 360, "height": 740})
+    page = desk.edit()
+    page.route("**/file", lambda route: route.fulfill(status=200, content_type="video/mp4", body="no clip"))
+    page.get_by_role("button", name="Play", exact=True).click()
+    page.get_by_text("This browser cannot play this format").wait_for()
+    page.evaluate("() => document.querySelector('.frame').style.setProperty('--ratio', '0.5')")
+    note, stage = (page.locator(one).bounding_box() for one in (".note", ".holder"))
+    assert note is not None
+    assert stage is not None
+    assert note["width"] > 0.8 * stage["width"]
+    assert stage["x"] <= note["x"] <= note["x"] + note["width"] <= stage["x"] + stage["width"]
+
+
 @pytest.mark.parametrize(("kind", "words"), [("image", "Still picture"), ("video", "1 frame")])
 def test_a_picture_is_told_from_a_clip_of_one_frame(desk: Desk, kind: str, words: str) -> None:
     page = desk.guarded.page

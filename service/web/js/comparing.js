@@ -36,8 +36,8 @@ export class Comparing {
     this.split.shape(media.width, media.height);
     this.split.at = middleOf(clip.medium);
     this.note = new Note();
-    this.split.element.append(el("span", { class: "spinner", "aria-hidden": "true" }), this.note.element);
-    this.element = el("div", { class: "holder" }, this.split.element);
+    this.split.element.append(el("span", { class: "spinner", "aria-hidden": "true" }));
+    this.element = el("div", { class: "holder" }, this.split.element, this.note.element);
     this.#chooser(choices, job, compare);
     if (this.isClip) this.#makePlayer(bar);
     this.#load();

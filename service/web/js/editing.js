@@ -43,9 +43,9 @@ export class Editing {
     this.split.shape(media.width, media.height);
     this.split.at = middleOf(clip.medium);
     this.note = new Note();
-    this.split.element.append(this.veil, this.video, el("span", { class: "spinner", "aria-hidden": "true" }), this.note.element);
+    this.split.element.append(this.veil, this.video, el("span", { class: "spinner", "aria-hidden": "true" }));
     this.before.addEventListener("load", () => this.split.shape(this.before.naturalWidth, this.before.naturalHeight));
-    this.element = el("div", { class: "holder" }, this.split.element);
+    this.element = el("div", { class: "holder" }, this.split.element, this.note.element);
 
     this.chips = choice("Show", LAYERS, (value) => {
       this.#layer = value;
