@@ -39,7 +39,9 @@ def check_version(headers: Mapping[str, str]) -> None:
 
 def number(headers: Mapping[str, str], name: str) -> int:
     """The number in a header field. Raises `BadRequestError` when there is none."""
-    text = headers.get(name, "")
+    text = headers.get(name)
+    if text is None:
+        raise BadRequestError(f"send {name}, a number of bytes")
     if not _NUMBER.fullmatch(text):
         raise BadRequestError(f"{name} is not a number of bytes")
     return int(text)

@@ -86,7 +86,7 @@ def _http_date(time: datetime) -> str:
 
 def _announced(request: Request) -> tuple[int, dict[str, str], str]:
     raw = request.headers.get("upload-metadata", "")
-    return tus.number(request.headers, "upload-length"), tus.metadata(raw), raw
+    return tus.number(request.headers, "Upload-Length"), tus.metadata(raw), raw
 
 
 @router.post(
@@ -211,7 +211,7 @@ async def append_to_upload(request: Request, opened: UploadDep, services: Servic
     """
     tus.check_version(request.headers)
     tus.check_content_type(request.headers)
-    offset, checksum = tus.number(request.headers, "upload-offset"), tus.checksum(request.headers)
+    offset, checksum = tus.number(request.headers, "Upload-Offset"), tus.checksum(request.headers)
     now = await resuming.append(services, request, opened.upload, offset, checksum, by_link=opened.by_link)
     return Response(status_code=204, headers=opened.progress(now))
 

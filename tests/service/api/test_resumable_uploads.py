@@ -277,6 +277,12 @@ def test_an_upload_that_cannot_be_is_refused_at_once(api: Api, headers: dict[str
     assert refused.headers["tus-resumable"] == "1.0.0"
 
 
+def test_a_length_that_is_missing_is_asked_for(api: Api) -> None:
+    """As of who would say it later, which is another extension of tus."""
+    refused = api.client.post("/uploads", headers=TUS | {"Upload-Defer-Length": "1"})
+    assert (refused.status_code, refused.json()["detail"]) == (400, "send Upload-Length, a number of bytes")
+
+
 def test_an_upload_takes_all_the_metadata_that_a_file_may_have(api: Api) -> None:
     metadata = {f"metadata.{number:02}{'n' * 38}": f"{number:02}{'v' * 198}" for number in range(16)}
     media = send(api.client, begin(api.client, len(MP4), **metadata), 0, MP4).headers["pvg-media"]
