@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 from playwright.sync_api import FileChooser
 
@@ -260,6 +262,27 @@ def test_one_of_several_faces_is_chosen(service: Service, pages: Pages, media: d
     other = next(index for index in range(faces.count()) if not faces.nth(index).is_checked())
     faces.nth(other).check()
     guarded.until("(was) => document.querySelector('.frame img.after').src !== was", shown)
+
+
+#: a slider whose thumb is at its end, and a bar that is full, over an empty page
+_BARS = """() => {
+  const [slider, progress] = ['input', 'progress'].map((one) => document.createElement(one));
+  Object.assign(slider, { type: 'range', value: 100 });
+  progress.value = 1;
+  document.body.replaceChildren(slider, progress);
+}"""
+
+
+def test_sliders_and_progress_are_seen_in_a_systems_own_colours(api: Api, open_page: Pages) -> None:
+    guarded = open_page(str(api.client.base_url).rstrip("/"), forced_colors="active")
+    page = guarded.open()
+    ground = page.evaluate("() => getComputedStyle(document.body).backgroundColor")
+    page.evaluate(_BARS)
+    for kind in ("input", "progress"):
+        drawn = cv2.imdecode(np.frombuffer(page.locator(kind).screenshot(), np.uint8), cv2.IMREAD_COLOR_RGB)
+        assert drawn is not None
+        middle = drawn[drawn.shape[0] // 2, drawn.shape[1] // 2]
+        assert f"rgb({', '.join(map(str, middle))})" != ground, kind
 
 
 #: change what goes to its new place or brightness little by little, and turn one thing after that for anybody
