@@ -325,6 +325,12 @@ def finish(session: Session, lease: Lease, asset: Asset, *, now: datetime, timin
     return unneeded
 
 
+def lock_job(session: Session, media_id: str, *, owner: str) -> None:
+    """Keep others from the job that vectorises an owner's medium; before that, as its worker does when it ends."""
+    its = select(Media.job_id).where(Media.id == media_id, Media.owner == owner).scalar_subquery()
+    session.execute(select(Job.id).where(Job.id == its).with_for_update())
+
+
 def active_jobs(session: Session, media_id: str) -> list[str]:
     """Ids of the unfinished jobs that need this medium."""
     users = select(Look.job_id).where(or_(Look.video_id == media_id, Look.reference_id == media_id))

@@ -498,6 +498,20 @@ def test_the_reaper_does_not_wait_for_a_job_that_is_being_deleted(
         database.close()
 
 
+def test_a_medium_is_deleted_while_the_worker_that_vectorises_it_ends(database: Database) -> None:
+    """The worker had the job and wanted the medium, the deletion the other way round."""
+    made = add_media(database)
+    lease = claim(database, made.job_id)
+    services: Any = SimpleNamespace(database=database, publisher=SimpleNamespace(withdraw=lambda messages: None))
+    with ThreadPoolExecutor(1) as other:
+        with database.write() as session:  # as the worker
+            assert leases.succeed(session, lease, now=database.now(), timings={})
+            deleted = other.submit(removal._remove, services, "", Role.VIDEO, made.id, cancel_jobs=True, if_match=None)
+            until(lambda: held_up(database) or deleted.done())
+            assert media.get(session, made.id, lock="update") is not None
+        assert deleted.result() == [made.source_key]
+
+
 def _add_result(database: Database, job_id: str, blob_key: str | None) -> str:
     """A result of a job's only look, as if it had been drawn; its id."""
     with database.write() as session:

@@ -40,6 +40,7 @@ def _remove(
     """Remove the records. Returns the blobs that are to go."""
     database = services.database
     with database.write(frees=True) as session:
+        media.lock_job(session, media_id, owner=owner)
         found = media.get(session, media_id, owner=owner, lock="update")
         if found is None or found.role != role:
             raise NotFoundError(f"there is no {role.value} {media_id}")
@@ -114,6 +115,7 @@ def _take_back(services: Services, owner: str, brought: Sequence[MediaBody]) -> 
     messages: list[Message] = []
     with services.database.write(frees=True) as session:
         for body in sorted(brought, key=lambda body: body.id):
+            media.lock_job(session, body.id, owner=owner)
             found = media.get(session, body.id, owner=owner, lock="update")
             # whoever asks for it, or uses it, counts its retention anew
             if found is None or found.expires_at != body.expires_at:
