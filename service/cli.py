@@ -1,8 +1,9 @@
-"""`pvg-service`: serve, worker, health, keys, migrate, gc, adopt."""
+"""`pvg-service`: serve, worker, health, keys, usage, migrate, gc, adopt."""
 
 from __future__ import annotations
 
 import os
+import re
 import signal
 import sys
 import time
@@ -15,9 +16,10 @@ import structlog
 import typer
 from obstore.exceptions import BaseError
 from sqlalchemy.exc import ArgumentError, DBAPIError, OperationalError
+from sqlalchemy.orm import Session
 
 from service import health
-from service.catalog import Key, keys, workers
+from service.catalog import ENDED, Key, keys, ledger, workers
 from service.catalog.migrations import VersionError, has_table, is_current, migrate_to
 from service.catalog.migrations import migrate as migrate_database
 from service.catalog.models import Worker
@@ -47,6 +49,7 @@ DRAIN_S = 14
 START_WAIT_S = 30
 #: versions of the tables before this one have no keys
 _FIRST_WITH_KEYS = "0008"
+_MONTH = re.compile(r"\d{4}-(0[1-9]|1[0-2])")
 
 
 def main() -> None:
@@ -306,6 +309,34 @@ def adopt() -> None:
     services = make_services(current_settings())
     there, unknown = services.collector.adopt()
     typer.echo(f"the storage is this database's: {unknown} of {there} file(s) have no record and will go", err=True)
+
+
+@cli.command()
+def usage(
+    month: Annotated[str | None, typer.Option(metavar="YYYY-MM", help="One month, of UTC; all without.")] = None,
+) -> None:
+    """What each key has had done by month, the oldest first; that of a key is what its `/usage` tells."""
+    if month is not None and not _MONTH.fullmatch(month):
+        refuse("--month is a year and a month, such as 2026-11")
+
+    def lines(session: Session) -> list[str]:
+        names = {key.id: key.name for key in keys.every(session)}
+        return [_line_of(owner, names.get(owner, ""), one) for owner, one in ledger.every(session, month=month)]
+
+    for line in with_records(current_settings(), lines, write=False):
+        typer.echo(line)
+
+
+def _line_of(owner: str, name: str, month: ledger.Month) -> str:
+    """Of what was made before there were keys neither id nor name is known."""
+    return "\t".join(
+        (
+            *(month.month, owner or "-", name or "-"),
+            *(f"{month.jobs.get(state, 0)} {state}" for state in ENDED),
+            *(f"{month.looks} looks", f"{month.frames} frames", f"{month.duration_s:.3f} s"),
+            *(f"{month.uploads} uploads", f"{month.upload_bytes} bytes"),
+        )
+    )
 
 
 cli.add_typer(key_commands, name="keys")

@@ -227,6 +227,7 @@ class Reaper:
             removed += sweep.expire_jobs(session, before=now - timedelta(seconds=self._settings.job_ttl_s))
             removed += previews.expire(session, now=now)
             removed += idempotency.expire(session, now=now, limit=sweep.BATCH)
+            removed += sweep.expire_months(session, now=now, keep_months=self._settings.usage_months)
         return removed
 
     def _expire_medium(self, media_id: str, now: datetime, *, frees: bool) -> int:

@@ -249,6 +249,8 @@ class Settings(BaseSettings):
     """Retention of results."""
     job_ttl_s: float = Field(default=30 * DAY_S, gt=0)
     """Retention of records of finished jobs."""
+    usage_months: int = Field(default=25, ge=1, le=1200)
+    """Calendar months for which is kept what was done in each (`months` of `/usage`), with the present one."""
     draft_ttl_s: float = Field(default=60.0, ge=0)
     """Age from which a received file is removed that no process has open any more."""
     orphan_ttl_s: float = Field(default=3600.0, ge=0)

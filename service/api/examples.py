@@ -299,6 +299,7 @@ EXAMPLES: Final[dict[str, dict[str, Any]]] = {
                 "results_s": 604800.0,
                 "jobs_s": 2592000.0,
                 "queued_s": 86400.0,
+                "usage_months": 25,
             },
         }
     },
@@ -309,6 +310,17 @@ EXAMPLES: Final[dict[str, dict[str, Any]]] = {
             "stored_bytes": {"used": 5120334, "limit": 107374182400},
             "looks_this_month": 17,
             "jobs_this_month": {"succeeded": 12, "canceled": 1},
+            "months": [
+                {
+                    "month": "2026-01",
+                    "jobs": {"succeeded": 12, "canceled": 1},
+                    "looks": 17,
+                    "frames": 4080,
+                    "duration_s": 136.0,
+                    "uploads": 5,
+                    "upload_bytes": 9151055,
+                }
+            ],
         }
     },
 }

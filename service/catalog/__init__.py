@@ -1,8 +1,8 @@
 """The records: media, jobs, looks and results in the database, and the state machines that keep them consistent.
 
 `jobs`, `parts`, `leases`, `fairness`, `forecast`, `media`, `results`, `resumable`, `previews`, `keys`, `idempotency`,
-`statistics`, `sweep`, `set_back`, `tombstones`, `collecting`, `webhooks` and `workers` hold the operations, each on an
-open transaction of `Database`.
+`statistics`, `ledger`, `sweep`, `set_back`, `tombstones`, `collecting`, `webhooks` and `workers` hold the operations,
+each on an open transaction of `Database`.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from service.catalog import (
     jobs,
     keys,
     leases,
+    ledger,
     media,
     parts,
     previews,
@@ -164,6 +165,7 @@ __all__ = [
     "jobs",
     "keys",
     "leases",
+    "ledger",
     "look_params",
     "media",
     "parts",

@@ -39,6 +39,8 @@ _CONNECT_S = 3
 _POOL_S = 5.0
 #: values in one statement
 _BATCH: Final = 500
+#: steps before the commit, in `Session.info`
+_LAST: Final = "last_steps"
 
 
 class _Line:
@@ -153,6 +155,7 @@ class Database:
         with self._turn, Session(self._writer, expire_on_commit=False) as session, session.begin():
             self._set_clock(session)
             yield session
+            _take_last_steps(session)
 
     def _now(self) -> datetime:
         if self._server is None:
@@ -271,6 +274,22 @@ def in_batches(values: Iterable[str]) -> Iterator[list[str]]:
     left = iter(values)
     while batch := list(islice(left, _BATCH)):
         yield batch
+
+
+def at_last(session: Session, step: Callable[[Session], None]) -> None:
+    """Have a step taken once all else of a transaction of `Database.write` is done, right before its commit.
+
+    A step that is asked for again is taken once. It is for rows that many transactions change: they are locked for as
+    long as a commit takes, and by one that waits for no other lock.
+    """
+    session.info.setdefault(_LAST, {})[step] = None
+
+
+def _take_last_steps(session: Session) -> None:
+    session.flush()  # what is not written yet is locked before them, too
+    steps: dict[Callable[[Session], None], None] = session.info.pop(_LAST, {})
+    for step in steps:
+        step(session)
 
 
 def changed(session: Session, statement: Executable) -> int:

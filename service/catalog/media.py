@@ -12,7 +12,7 @@ from sqlalchemy import case, or_, select, union_all, update
 from sqlalchemy import delete as delete_rows
 from sqlalchemy.orm import Session
 
-from service.catalog import idempotency, jobs, leases, parts, previews, resumable, tombstones
+from service.catalog import idempotency, jobs, leases, ledger, parts, previews, resumable, tombstones
 from service.catalog.database import changed
 from service.catalog.messages import Message
 from service.catalog.models import ACTIVE, Job, JobKind, JobState, Look, Media, MediaState, Result, Role
@@ -175,6 +175,7 @@ def create(session: Session, upload: Upload, *, now: datetime, ttl_s: float) -> 
     )
     session.add(media)
     session.flush()
+    ledger.count_upload(session, upload.owner, upload.size_bytes, now=now)
     return media
 
 

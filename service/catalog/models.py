@@ -271,6 +271,29 @@ class RemovedJobs(Base):
     count: Mapped[int] = mapped_column(BigInteger)
 
 
+class MonthlyUsage(Base):
+    """What an owner has had done in a month, see `service.catalog.ledger`; it outlives the records of all that."""
+
+    __tablename__ = "monthly_usage"
+
+    #: no reference to a key: one would be locked with it
+    owner: Mapped[str] = mapped_column(String(40), primary_key=True)
+    #: of UTC, such as "2026-11"
+    month: Mapped[str] = mapped_column(String(7), primary_key=True)
+    #: jobs that ended, by state
+    succeeded: Mapped[int] = mapped_column(BigInteger, default=0)
+    failed: Mapped[int] = mapped_column(BigInteger, default=0)
+    canceled: Mapped[int] = mapped_column(BigInteger, default=0)
+    expired: Mapped[int] = mapped_column(BigInteger, default=0)
+    #: of jobs that succeeded, and what the videos of these looks have of frames and of time
+    looks: Mapped[int] = mapped_column(BigInteger, default=0)
+    frames: Mapped[int] = mapped_column(BigInteger, default=0)
+    milliseconds: Mapped[int] = mapped_column(BigInteger, default=0)
+    #: files that became media
+    uploads: Mapped[int] = mapped_column(BigInteger, default=0)
+    upload_bytes: Mapped[int] = mapped_column(BigInteger, default=0)
+
+
 class Look(Base):
     """One output of a job: the colours of a reference on a video."""
 

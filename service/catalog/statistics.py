@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Final
 
-from sqlalchemy import delete, func, literal, select, true, union_all
+from sqlalchemy import delete, func, select, true
 from sqlalchemy.orm import Session
 
 from service.catalog import collecting
@@ -21,7 +21,6 @@ from service.catalog.models import (
     Job,
     JobKind,
     JobState,
-    Look,
     Media,
     Preview,
     PreviewState,
@@ -135,34 +134,3 @@ def remove_jobs(session: Session, job_ids: list[str]) -> int:
         row.count += count
     session.flush()
     return sum(gone.values())
-
-
-@dataclass(frozen=True)
-class Made:
-    """What an owner had made since a time, by jobs whose records are kept."""
-
-    looks: int
-    jobs: Mapping[str, int]
-
-
-def made_since(session: Session, owner: str, since: datetime) -> Made:
-    """What an owner's jobs that ended since then have made.
-
-    Each kind and state is counted by itself, by the index that has the times of their ends.
-    """
-    mine = (Job.owner == owner, Job.finished_at >= since, OF_CLIENTS)
-    drawn = select(func.count()).select_from(Look).join(Job, Job.id == Look.job_id).where(*mine)
-    looks = [
-        drawn.where(Job.kind == kind, Job.state == JobState.SUCCEEDED)
-        for kind in JobKind
-        if kind is not JobKind.VECTORIZE
-    ]
-    ended = [
-        select(literal(state.value), func.count()).where(Job.kind == kind, Job.state == state, *mine)
-        for kind in JobKind
-        for state in ENDED
-    ]
-    jobs: Counter[str] = Counter()
-    for state, count in session.execute(union_all(*ended)):
-        jobs[state] += count
-    return Made(looks=sum(session.scalars(union_all(*looks))), jobs=+jobs)

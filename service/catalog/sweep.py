@@ -8,7 +8,7 @@ from datetime import datetime
 from sqlalchemy import ColumnElement, delete, exists, select, union_all, update
 from sqlalchemy.orm import Session
 
-from service.catalog import idempotency, jobs, media, results, resumable, statistics, tombstones
+from service.catalog import idempotency, jobs, ledger, media, results, resumable, statistics, tombstones
 from service.catalog.database import changed
 from service.catalog.messages import Message
 from service.catalog.models import (
@@ -101,6 +101,11 @@ def expire_jobs(session: Session, *, before: datetime) -> int:
     jobs.lock_looks(session, Look.job_id.in_(ids))
     changed(session, delete(Result).where(Result.job_id.in_(ids)))
     return statistics.remove_jobs(session, list(ids))
+
+
+def expire_months(session: Session, *, now: datetime, keep_months: int) -> int:
+    """Remove the counts of months past their retention, as the last step of a transaction. Returns their number."""
+    return ledger.expire(session, now=now, keep_months=keep_months, limit=BATCH)
 
 
 def delete_job(session: Session, job_id: str, *, now: datetime) -> list[str]:

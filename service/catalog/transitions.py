@@ -17,6 +17,7 @@ from typing import Any, Final
 from sqlalchemy import ColumnElement, update
 from sqlalchemy.orm import Session
 
+from service.catalog import ledger
 from service.catalog.database import changed
 from service.catalog.models import (
     ACTIVE,
@@ -180,7 +181,8 @@ def take_step(
         conditions.append(only_if)
     written = _of_state(row.target, now) | _of_lease(row.effect, now, lease, lease_s) | {"updated_at": now, **values}
     taken = bool(changed(session, update(Job).where(*conditions).values(**written)))
-    if taken and row.target in ENDED:  # its webhooks are due from the very transaction that ends it
+    if taken and row.target in ENDED:  # its webhooks are due, and it counts, from the very transaction that ends it
+        ledger.count_job(session, job_id, row.target, now=now)
         waits = (Delivery.job_id == job_id, Delivery.state == DeliveryState.WAITING)
         changed(session, update(Delivery).where(*waits).values(state=DeliveryState.PENDING, next_at=now))
     return taken

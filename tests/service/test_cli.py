@@ -16,6 +16,7 @@ from sqlalchemy.exc import OperationalError
 from typer.testing import CliRunner
 
 from service.catalog import Database, keys, utc_now
+from service.catalog.models import MonthlyUsage
 from service.cli import _have_keys, cli
 from service.key_commands import _named
 from service.settings import Settings
@@ -283,3 +284,31 @@ def running(folder: Path, database: str) -> Iterator[Path]:
     log, command = folder / "log", [*COMMAND, "serve", "--no-worker"]
     with started(command, folder / "data", log, port="0", database_url=database):
         yield log
+
+
+def test_what_keys_have_had_done_is_listed_by_month(tmp_path: Path) -> None:
+    environment = {"PVG_DATA_DIR": str(tmp_path / "data")}
+
+    def run(*arguments: str, code: int = 0) -> list[list[str]]:
+        result = CliRunner().invoke(cli, arguments, env=environment)
+        assert result.exit_code == code, result.output
+        return [line.split("\t") for line in result.output.splitlines()]
+
+    assert "migrate" in run("usage", code=2)[0][0]
+    run("keys", "create", "studio")
+    assert run("usage") == []
+    database = Database(Settings(data_dir=tmp_path / "data").database)
+    with database.write() as session:
+        (key,) = keys.every(session)
+        for owner, month in (("", "2026-10"), (key.id, "2026-10"), (key.id, "2026-11")):
+            counts = {"succeeded": 12, "failed": 1, "looks": 17, "frames": 4080, "milliseconds": 136_000, "uploads": 5}
+            session.add(MonthlyUsage(owner=owner, month=month, **counts, upload_bytes=9_151_055))
+    database.close()
+    said = ["12 succeeded", "1 failed", "0 canceled", "0 expired"]
+    said += ["17 looks", "4080 frames", "136.000 s", "5 uploads", "9151055 bytes"]
+    of_nobody = ["2026-10", "-", "-", *said]
+    of_key = [[month, key.id, "studio", *said] for month in ("2026-10", "2026-11")]
+    assert run("usage") == [of_nobody, *of_key]
+    assert run("usage", "--month", "2026-11") == of_key[1:]
+    for wrong in ("2026-13", "2026", "november"):
+        assert "--month" in run("usage", "--month", wrong, code=2)[0][0]

@@ -112,10 +112,18 @@ def test_a_file_is_in_the_store_and_in_no_folder_of_theirs(service: Service) -> 
 
 def test_the_same_bytes_sent_to_both_at_once_are_one_video(apis: tuple[httpx.Client, httpx.Client]) -> None:
     data = MP4 + os.urandom(50_000)
+    before = _uploads(apis[0])
     with ThreadPoolExecutor(8) as clients:
         answers = list(clients.map(lambda n: apis[n % 2].post("/videos", content=data), range(8)))
     assert {answer.status_code for answer in answers} <= {200, 202}
     assert len({answer.json()["id"] for answer in answers}) == 1
+    assert _uploads(apis[1]) == (before[0] + 1, before[1] + len(data))
+
+
+def _uploads(api: httpx.Client) -> tuple[int, int]:
+    """How many files, and bytes, have been counted this month."""
+    month = api.get("/usage").json()["months"][0]
+    return month["uploads"], month["upload_bytes"]
 
 
 def test_one_idempotency_key_at_both_is_one_job(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from datetime import datetime
 
 from fastapi import APIRouter
 
@@ -16,6 +15,7 @@ from service.api.schemas import (
     MAX_METADATA,
     KeyLimits,
     LimitsBody,
+    MonthBody,
     OutputLimits,
     RequestLimits,
     RequestsUsed,
@@ -27,7 +27,7 @@ from service.api.schemas import (
 )
 from service.api.services import Services
 from service.api.sniffing import FORMATS
-from service.catalog import HELD, IMAGE_CONTAINERS, MAX_CRF, keys, statistics
+from service.catalog import HELD, IMAGE_CONTAINERS, MAX_CRF, keys, ledger
 from service.catalog.keys import WINDOW_S
 from service.egress import MAX_REDIRECTS, MAX_URL_CHARACTERS
 
@@ -95,6 +95,7 @@ def _limits(services: Services, owner: str) -> LimitsBody:
             results_s=settings.result_ttl_s,
             jobs_s=settings.job_ttl_s,
             queued_s=settings.max_queued_s,
+            usage_months=settings.usage_months,
         ),
     )
 
@@ -103,7 +104,7 @@ def _usage(services: Services, owner: str) -> UsageBody:
     now = services.database.now()
     with services.database.read() as session:
         key = keys.get(session, owner)
-        made = statistics.made_since(session, owner, _month(now))
+        months = [MonthBody.model_validate(asdict(one)) for one in ledger.months(session, owner, now=now)]
         active, stored = keys.active_jobs(session, owner), keys.stored_bytes(session, owner)
     limits = None if key is None else keys.limits_of(key)
     window, second = divmod(int(now.timestamp()), WINDOW_S)
@@ -116,10 +117,7 @@ def _usage(services: Services, owner: str) -> UsageBody:
         ),
         active_jobs=Used(used=active, limit=limits.active_jobs if limits else None),
         stored_bytes=Used(used=stored, limit=limits.stored_bytes if limits else None),
-        looks_this_month=made.looks,
-        jobs_this_month=dict(made.jobs),
+        looks_this_month=months[0].looks,
+        jobs_this_month=months[0].jobs,
+        months=months,
     )
-
-
-def _month(now: datetime) -> datetime:
-    return now.replace(day=1, hour=0, minute=0, second=0, microsecond=0)

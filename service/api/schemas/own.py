@@ -87,6 +87,7 @@ class RetentionLimits(BaseModel):
     results_s: float = Field(description="from when they are made, or the same is asked for again; no download")
     jobs_s: float = Field(description="records of jobs that have ended")
     queued_s: float = Field(description="the longest that a job waits for a worker")
+    usage_months: int = Field(description="months that /usage tells of, with the present one")
 
 
 class LimitsBody(BaseModel):
@@ -113,11 +114,24 @@ class RequestsUsed(Used):
     resets_s: int | None = Field(description="seconds until the next window")
 
 
+class MonthBody(BaseModel):
+    """What a key has had done in a month. It never falls, whatever is deleted."""
+
+    month: str = Field(description="of UTC", pattern=r"^\d{4}-\d{2}$", examples=["2026-11"])
+    jobs: dict[str, int] = Field(description="that ended in it, by state")
+    looks: int = Field(description="of jobs that succeeded in it")
+    frames: int = Field(description="of the videos of these looks, once for each look")
+    duration_s: float = Field(description="the same in seconds")
+    uploads: int = Field(description="files that became videos and references")
+    upload_bytes: int
+
+
 class UsageBody(BaseModel):
     """What a key has used of what it may."""
 
     requests: RequestsUsed
     active_jobs: Used
     stored_bytes: Used
-    looks_this_month: int = Field(description="made since the month began, in UTC, by jobs whose records are kept")
-    jobs_this_month: dict[str, int] = Field(description="that ended since the month began, by state")
+    looks_this_month: int = Field(description="`looks` of the first of the months")
+    jobs_this_month: dict[str, int] = Field(description="`jobs` of the first of the months")
+    months: list[MonthBody] = Field(description="this one, and those before it with anything in them, newest first")

@@ -220,7 +220,7 @@ def test_errors_that_no_route_has_made_are_told_an_allowed_origin_too(
 
     told(named.client.get("/videos", headers=page | {"host": "evil.example"}), 421)
     for error, status in ((RuntimeError("broken"), 500), (asyncio.CancelledError(), 503)):
-        monkeypatch.setattr(usage.statistics, "made_since", Mock(side_effect=error))
+        monkeypatch.setattr(usage.ledger, "months", Mock(side_effect=error))
         told(named.client.get("/usage", headers=page), status)
 
 

@@ -28,8 +28,8 @@ from service.catalog import (
     jobs,
     keys,
     leases,
+    ledger,
     media,
-    statistics,
     sweep,
 )
 from service.catalog.messages import Message
@@ -474,7 +474,7 @@ def test_what_an_owner_has_is_found_and_counted_by_indexes(database: Database) -
         keys.active_jobs(session, "")
         keys.stored_bytes(session, "")
         keys.next_expiry(session, "")
-        statistics.made_since(session, "", database.now())
+        ledger.months(session, "", now=database.now())
         sweep.expire_jobs(session, before=database.now())
         sweep.late_media(session, now=database.now())
         leases.reap(session, now=database.now(), max_attempts=3)

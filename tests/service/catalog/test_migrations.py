@@ -4,7 +4,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from functools import partial
 
 import pytest
@@ -26,6 +26,7 @@ from service.catalog import (
     VectorSettings,
     jobs,
     leases,
+    ledger,
     media,
     results,
     webhooks,
@@ -33,6 +34,8 @@ from service.catalog import (
 from service.catalog.database import make_engine
 from service.catalog.migrations import _config, is_current, migrate, migrate_to
 from service.catalog.models import Base, WebhookSecret
+from tests.service.catalog.test_ledger import ask, draw, ready
+from tests.service.catalog.test_parts import draw_all, split
 from tests.service.fixtures import FakeClock, add_media, add_transfer, announce, claim
 from tests.service.servers import fresh_database
 from tests.waiting import until
@@ -336,3 +339,40 @@ def test_looks_of_a_version_that_did_not_say_why_results_are_gone_say_it(databas
     command.downgrade(_config(database.url), "0013")
     migrate(database.url)
     assert rows(database, why) == expected
+
+
+def test_months_are_counted_from_the_records_there_are(database: Database, clock: FakeClock) -> None:
+    """As they are counted from then on; of a video that is gone only its frames are not known any more."""
+    clock.time = datetime(2026, 11, 30, 23, 59, 59, 999_000, tzinfo=UTC)
+    medium, gone = ready(database, "key_a"), ready(database)
+    goes_on = ask(database, medium)
+    split(database, goes_on, 3)
+    in_parts = ask(database, medium, looks=2)
+    join = draw_all(database, split(database, in_parts, 2))
+    canceled = ask(database, medium)
+    of_gone = ask(database, gone)
+    assert draw(database, claim(database, of_gone))
+    clock.forward(1)
+    lease = claim(database, join)
+    output = Output("res_a", 0, "result/a", "0" * 64, 1, "video/mp4", "a.mp4")
+    with database.write() as session:
+        announce(session, output.key)
+        assert results.publish(session, lease, [output], now=clock(), timings={}, ttl_s=100)
+        assert jobs.cancel(session, canceled, now=clock())
+    with database.read() as session:
+        before = ledger.every(session)
+    assert [(owner, one.month, one.looks) for owner, one in before] == [
+        *(("", "2026-11", 1), ("key_a", "2026-11", 0), ("key_a", "2026-12", 2))
+    ]
+    migrate_to(database.url, "0023")
+    migrate(database.url)
+    with database.read() as session:
+        assert ledger.every(session) == before
+    with database.write() as session:
+        media.delete(session, session.get_one(Media, gone.id), now=clock())
+    migrate_to(database.url, "0023")
+    migrate(database.url)
+    with database.read() as session:
+        (_, first), *others = ledger.every(session)
+    assert others == before[1:]
+    assert (first.jobs, first.looks, first.frames, first.uploads) == ({"succeeded": 2}, 1, 0, 0)
