@@ -11,7 +11,7 @@ from service.api.schemas import RECEIVER_URL, MetadataPairs, Problem
 from service.api.services import Services
 from service.catalog import InputColor, Mask, Matching
 from service.errors import PROBLEM_JSON
-from service.ids import DELIVERY_CURSOR, JOB_CURSOR, MEDIA_ID
+from service.ids import DELIVERY_CURSOR, JOB_CURSOR, MEDIA_ID, UPLOAD_CURSOR
 
 #: seconds for which an answer may be held
 MAX_WAIT_S: Final = 60
@@ -55,6 +55,9 @@ Cursor = Annotated[str | None, Query(pattern=MEDIA_ID.pattern, description="`nex
 JobCursor = Annotated[str | None, Query(pattern=JOB_CURSOR.pattern, description="`next_cursor` of the page before")]
 DeliveryCursor = Annotated[
     str | None, Query(pattern=DELIVERY_CURSOR.pattern, description="`next_cursor` of the page before")
+]
+UploadCursor = Annotated[
+    str | None, Query(pattern=UPLOAD_CURSOR.pattern, description="`next_cursor` of the page before")
 ]
 PageSize = Annotated[int, Query(ge=1, le=MAX_PAGE)]
 MaskOf = Annotated[Mask | None, Query(description="how the skin is found: landmarks, or ycbcr, the paper's rule")]

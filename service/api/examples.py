@@ -218,6 +218,14 @@ EXAMPLES: Final[dict[str, dict[str, Any]]] = {
         "going on": _UPLOADING,
         "complete": _UPLOADING | {"offset_bytes": 1830211, "media": _VIDEO},
     },
+    "UploadPage": {
+        "a page": {
+            "data": [
+                _UPLOADING | {"url": f"/v1/uploads/{_UPLOAD}", "settings": _SETTINGS, "metadata": {"order": "42"}}
+            ],
+            "next_cursor": None,
+        }
+    },
     "UploadLinkRequest": {"a video": {"role": "video", "expires_in_s": 600, "max_bytes": 104857600}},
     "UploadLinkBody": {
         "a link": {

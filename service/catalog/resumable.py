@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from datetime import datetime, timedelta
 
-from sqlalchemy import delete, func, select, update
+from sqlalchemy import ColumnElement, delete, func, select, update
 from sqlalchemy.orm import Session
 
 from service.catalog import idempotency, tombstones
@@ -65,6 +65,12 @@ def get(
     return found
 
 
+def page(session: Session, owner: str, *, before: str | None, limit: int, now: datetime) -> list[ResumableUpload]:
+    """Files of an owner that are announced and have not arrived, newest first, older than the id ``before``."""
+    query = select(ResumableUpload).where(*_open(owner, now)).order_by(ResumableUpload.id.desc()).limit(limit)
+    return list(session.scalars(query if before is None else query.where(ResumableUpload.id < before)))
+
+
 def begin(
     session: Session, upload: ResumableUpload, *, size_bytes: int, filename: str | None, said: str | None
 ) -> bool:
@@ -116,9 +122,12 @@ def count(session: Session, upload_id: str) -> int:
 
 def count_open(session: Session, owner: str, *, now: datetime) -> int:
     """How many files of an owner are announced and have not arrived."""
+    return session.scalar(select(func.count()).select_from(ResumableUpload).where(*_open(owner, now))) or 0
+
+
+def _open(owner: str, now: datetime) -> list[ColumnElement[bool]]:
     row = ResumableUpload
-    mine = (row.owner == owner, row.media_id.is_(None), row.expires_at >= now)
-    return session.scalar(select(func.count()).select_from(row).where(*mine)) or 0
+    return [row.owner == owner, row.media_id.is_(None), row.expires_at >= now]
 
 
 def close(

@@ -30,6 +30,7 @@ CALLS: dict[str, Callable[[Client], Any]] = {
     "upload_link": lambda client: client.upload_link(),
     "send_upload": lambda client: client.send_upload("http://service.test/v1/uploads/upl_1", __file__),
     "upload_state": lambda client: client.upload_state("upl_1"),
+    "uploads": lambda client: list(client.uploads()),
     "webhook": lambda client: client.webhook("msg_1"),
     "replay": lambda client: client.replay("msg_1"),
     "webhook_secret": lambda client: client.webhook_secret(),

@@ -57,11 +57,11 @@ def test_a_number_is_one_segment_too(index: Any) -> None:
 
 
 def test_ids_are_in_addresses_as_they_are() -> None:
-    script = Script(*[httpx.Response(204) for _ in range(4)])
-    ids = ["vid_0192f0c1a2b37c8d9e0f1a2b3c4d5e6f", "ref_A-z_9", "res_1", "job_1"]
+    script = Script(*[httpx.Response(204) for _ in range(5)])
+    ids = ["vid_0192f0c1a2b37c8d9e0f1a2b3c4d5e6f", "ref_A-z_9", "res_1", "job_1", "upl_1"]
     with Client("http://service.test/pvg", transport=script) as client:
         for some in ids:
             client.delete(some)
-    kinds = ("videos", "references", "results", "jobs")
+    kinds = ("videos", "references", "results", "jobs", "uploads")
     paths = [f"/pvg/v1/{kind}/{some}" for kind, some in zip(kinds, ids, strict=True)]
     assert [request.url.path for request in script.requests] == paths

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from pvg_client import ApiError, Client, UnreachableError
+from pvg_client import ApiError, Client, DamagedError, UnreachableError
 from scripts.samples import Samples
 from tests.client.lines import Line
 
@@ -71,3 +71,51 @@ def test_a_key_of_the_callers_own_is_for_one_file(url: str, samples: Samples, tm
         with pytest.raises(ApiError) as caught:
             client.upload(path, role="reference", resume=True, idempotency_key="order-42")
     assert caught.value.code == "idempotency-key-reused"
+
+
+def test_who_has_lost_its_notes_finds_its_upload_and_goes_on(
+    url: str, samples: Samples, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "clip.jpg"
+    path.write_bytes(samples.portrait.read_bytes() + b"lost")
+    broken = Line(cuts=1, cut_bytes=PIECE // 2, spared=2)  # the creation and a piece
+    with Client(url, transport=broken, retries=0) as client, pytest.raises(UnreachableError):
+        client.upload(path, role="reference", resume=True, metadata={"order": "lost"})
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "another"))
+    line = Line()
+    with Client(url, transport=line) as client:
+        (begun,) = (one for one in client.uploads() if one.metadata == {"order": "lost"})
+        assert (begun.role, begun.filename, begun.size_bytes) == ("reference", path.name, path.stat().st_size)
+        assert begun.offset_bytes >= PIECE
+        with pytest.raises(ValueError, match="bytes"):
+            client.upload(samples.portrait, resume=begun)
+        with pytest.raises(ValueError, match="the file alone"):
+            client.upload(path, resume=begun, metadata={"order": "43"})
+        medium = client.upload(path, resume=begun)
+        assert (medium.role, medium.metadata) == ("reference", {"order": "lost"})
+        assert medium.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+        assert line.sent_bytes == path.stat().st_size - begun.offset_bytes
+        assert begun.id not in [one.id for one in client.uploads()]
+        assert client.upload_state(begun).media == medium.id
+        left = client.upload_link()
+        assert left.id in [one.id for one in client.uploads()]
+        client.delete(left.id)
+        assert left.id not in [one.id for one in client.uploads()]
+    assert not [one for one in (tmp_path / "another").rglob("*") if one.is_file()]
+
+
+def test_an_upload_that_goes_on_with_another_file_of_its_size_is_told(
+    url: str, samples: Samples, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "clip.jpg"
+    content = bytearray(samples.portrait.read_bytes() + b"other")
+    path.write_bytes(content)
+    broken = Line(cuts=1, cut_bytes=PIECE // 2, spared=2)
+    with Client(url, transport=broken, retries=0) as client, pytest.raises(UnreachableError):
+        client.upload(path, role="reference", resume=True, metadata={"order": "other"})
+    content[10] ^= 1  # in what has arrived
+    path.write_bytes(content)
+    with Client(url) as client:
+        (begun,) = (one for one in client.uploads() if one.metadata == {"order": "other"})
+        with pytest.raises(DamagedError, match="is not that file"):
+            client.upload(path, resume=begun)

@@ -238,6 +238,10 @@ def test_limits_and_usage_are_told(client: Client, drawn: Job) -> None:
     assert "h264" in limits.output["clips"]["mp4"]
     assert usage.looks_this_month >= len(drawn.results)
     assert usage.jobs_this_month["succeeded"] >= 1
+    month = usage.months[0]
+    assert (month.looks, month.jobs) == (usage.looks_this_month, usage.jobs_this_month)
+    assert month.frames >= month.looks
+    assert month.uploads > 0 < month.upload_bytes
     assert (usage.stored_bytes.used > 0, usage.stored_bytes.limit) == (True, None)
 
 

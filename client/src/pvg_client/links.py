@@ -14,6 +14,7 @@ from pvg_client.calls import Api, FilePart, Flow, Patience, answered, asked, att
 from pvg_client.errors import ApiError, UnreachableError
 from pvg_client.files import about_file, sha256_of
 from pvg_client.models import Body, Role, Upload, UploadLink
+from pvg_client.pages import Listing
 from pvg_client.paths import path_to
 
 #: seconds in which the service hashes, reads and records the whole file
@@ -89,6 +90,14 @@ def upload_state(api: Api, upload: UploadLink | Upload | httpx.URL | str) -> Flo
     by_id = path_to("uploads", upload) if isinstance(upload, str) and "/" not in upload else None
     url = _address(api, upload) if by_id is None else api.at(by_id)
     return body_of((yield from answered(api, api.request("GET", url))), Upload.of)
+
+
+def uploads(api: Api) -> Listing[Upload]:
+    """Files of the key that have not arrived, in pieces or by links, newest first.
+
+    `upload` goes on with one of them as its ``resume``; `delete` removes what is there of one.
+    """
+    return Listing("/uploads", [], Upload.of)
 
 
 def _address(api: Api, link: UploadLink | httpx.URL | str) -> httpx.URL:

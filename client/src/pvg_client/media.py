@@ -9,12 +9,12 @@ import httpx
 
 from pvg_client.calls import Api, Flow, Params, Patience, asked, attempt, understood
 from pvg_client.errors import ApiError, UnreachableError
-from pvg_client.models import Job, Medium, Result, id_of, role_of
+from pvg_client.models import Job, Medium, Result, Upload, id_of, role_of
 from pvg_client.pages import Listing
 from pvg_client.paths import path_to
 
 #: what is deleted without more, by how its ids begin
-_ALONE: Final = {"res_": "results", "job_": "jobs"}
+_ALONE: Final = {"res_": "results", "job_": "jobs", "upl_": "uploads"}
 _GATEWAYS: Final = frozenset({httpx.codes.BAD_GATEWAY, httpx.codes.GATEWAY_TIMEOUT})
 
 
@@ -38,8 +38,10 @@ def _filter(state: Sequence[str], metadata: Mapping[str, str] | None) -> Params:
     return [*params, *(("metadata", f"{name}:{value}") for name, value in (metadata or {}).items())]
 
 
-def delete(api: Api, thing: Medium | Result | Job | str, *, cancel_jobs: bool = False) -> Flow[None]:
+def delete(api: Api, thing: Medium | Result | Job | Upload | str, *, cancel_jobs: bool = False) -> Flow[None]:
     """Delete a video or reference with everything derived from it, a job that has ended with its results, or a result.
+
+    Of an upload goes what has arrived, and not the medium that it has become.
 
     Jobs that need a medium refuse, or are canceled with ``cancel_jobs``.
     """

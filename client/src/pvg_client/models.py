@@ -344,7 +344,7 @@ class Upload:
     """A file that arrives in pieces, or by a link. `media` is what it has become, once all of it is there.
 
     `size_bytes` is None as long as its sender has not said it, and `media` to whom a link alone shows it: it is for the
-    key that made the link.
+    key that made the link. `url`, where it goes on with the key, `settings` and `metadata` are told in lists alone.
     """
 
     id: str
@@ -355,6 +355,9 @@ class Upload:
     media: str | None
     created_at: datetime
     expires_at: datetime
+    url: str | None = None
+    settings: Mapping[str, str] = field(default_factory=dict)
+    metadata: Mapping[str, str] = field(default_factory=dict)
     raw: Body = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
@@ -418,21 +421,44 @@ class Used:
 
 
 @dataclass(frozen=True, slots=True)
+class Month:
+    """What a key has had done in a month of UTC, such as "2026-11": it never falls, whatever is deleted.
+
+    `jobs` are those that ended, by state; `looks` are of those that succeeded, `frames` and `duration_s` of the videos
+    of these looks; `uploads` are files that became videos and references.
+    """
+
+    month: str
+    jobs: Mapping[str, int] = field(default_factory=dict)
+    looks: int = 0
+    frames: int = 0
+    duration_s: float = 0.0
+    uploads: int = 0
+    upload_bytes: int = 0
+
+
+@dataclass(frozen=True, slots=True)
 class Usage:
-    """What a key has used of its limits: requests of a minute, unfinished jobs, bytes; and what was made this month."""
+    """What a key has used of its limits: requests of a minute, unfinished jobs, bytes; and what it has had done.
+
+    `months` are the present one and former ones in which there was anything, newest first; empty of a service that does
+    not tell them.
+    """
 
     requests: Used
     active_jobs: Used
     stored_bytes: Used
     looks_this_month: int = 0
     jobs_this_month: Mapping[str, int] = field(default_factory=dict)
+    months: tuple[Month, ...] = ()
     raw: Body = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
     def of(cls, body: Body) -> Self:
         """Read it."""
         used = {name: Used(**_known(Used, body[name])) for name in ("requests", "active_jobs", "stored_bytes")}
-        return cls(**_known(cls, body) | used | {"raw": body})
+        months = tuple(Month(**_known(Month, one)) for one in body.get("months", ()))
+        return cls(**_known(cls, body) | used | {"months": months, "raw": body})
 
 
 @dataclass(frozen=True, slots=True)
@@ -453,7 +479,7 @@ class Limits:
         return cls(**_known(cls, body) | {"raw": body})
 
 
-def id_of(thing: str | Medium | Job | Result | Webhook) -> str:
+def id_of(thing: str | Medium | Job | Result | Webhook | Upload) -> str:
     """The id of something given as itself or by its id."""
     return thing if isinstance(thing, str) else thing.id
 

@@ -15,6 +15,7 @@ import httpx
 from pvg_client.calls import Api, Flow, Patience, answered, attempt, body_of, headed, once, understood, worked
 from pvg_client.errors import ApiError, DamagedError, UnreachableError
 from pvg_client.files import in_base64
+from pvg_client.paths import path_to
 
 #: bytes of one piece: what a broken connection costs at most
 PIECE_BYTES: Final = 8 * 1024**2
@@ -81,6 +82,20 @@ def send(
         # by a name that the service passes over, files of one size differ for it before they have arrived
         about = {**about, "relativePath": sha256}
     url, offset = yield from _begun(api, note, size_bytes, about, key)
+    return (yield from _sent(api, path, size_bytes, url, offset, note))
+
+
+def go_on(api: Api, path: Path, size_bytes: int, upload_id: str) -> Flow[str]:
+    """Send what is missing of a file whose upload was begun before; the id of the medium that it became.
+
+    Raises as `send`, and `ApiError` 404 when it is over.
+    """
+    url = api.at(path_to("uploads", upload_id))
+    return (yield from _sent(api, path, size_bytes, url, (yield from _offset(api, url))))
+
+
+def _sent(api: Api, path: Path, size_bytes: int, url: httpx.URL, offset: int, note: _Note | None = None) -> Flow[str]:
+    """The file from the offset on."""
     patience = Patience(api)
     while offset < size_bytes:
         piece = yield from worked(lambda at=offset: _read(path, at, size_bytes))  # type: ignore[misc]
@@ -91,15 +106,20 @@ def send(
             patience.renew()
         except (ApiError, UnreachableError) as error:
             if isinstance(error, ApiError) and error.status in _HOPELESS:
-                note.drop()  # the next call begins anew
+                _drop(note)  # the next call begins anew
             yield from _before_another(patience, error)
             offset = yield from _offset(api, url)
     response = yield from answered(api, api.request("GET", url, headers=_STATE))
     medium_id = body_of(response, lambda body: body.get("media"))
-    note.drop()
+    _drop(note)
     if medium_id is None:
         raise UnreachableError(f"all of {path} has arrived, and the service made nothing of it", worth_another=False)
     return str(medium_id)
+
+
+def _drop(note: _Note | None) -> None:
+    if note is not None:
+        note.drop()
 
 
 def _begun(

@@ -13,7 +13,7 @@ from pvg_client.calls import Api, FilePart, Flow, Params, answered, body_of, onc
 from pvg_client.errors import DamagedError
 from pvg_client.files import about_file, sha256_of
 from pvg_client.media import medium
-from pvg_client.models import Medium, Role
+from pvg_client.models import Medium, Role, Upload
 
 #: from this size on a file goes in pieces when nothing else is said
 RESUMABLE_BYTES: Final = 32 * 1024**2
@@ -42,7 +42,7 @@ def upload(
     mask: Literal["landmarks", "ycbcr"] | None = None,
     matching: Literal["table", "chain"] | None = None,
     input_color: str | None = None,
-    resume: bool | None = None,
+    resume: bool | Upload | None = None,
     idempotency_key: str | None = None,
 ) -> Flow[Medium]:
     """Send a file, or let the service fetch it from ``url``; the medium, which is vectorised and may be used at once.
@@ -50,10 +50,13 @@ def upload(
     What arrives is checked against the file's sha256. With ``resume``, which is the default from 32 MiB on, it goes in
     pieces: a broken connection costs one of them, and calling this again for the same file, also in another process,
     goes on where the last one ended. A URL is at a public address; it has been fetched when the call comes back.
+    With one of `uploads` as ``resume`` that one goes on, for what was said when it was begun: nothing but the file is
+    given beside it.
     ``webhook`` is the address that is told when the file is vectorised, or has failed.
 
     Raises `ApiError` (`url-not-allowed` and `fetch-failed` of URLs), `UnreachableError`, `OSError` when the file cannot
-    be read, `ValueError` when it is given neither a file nor a URL, or both. A file that changes while it is sent is an
+    be read, `ValueError` when it is given neither a file nor a URL, or both, or for a file that is not of the size of
+    the upload that is to go on. A file that changes while it is sent is an
     `ApiError` or an `UnreachableError`, in pieces a `DamagedError`: it names the medium that the service has made of
     them, and calling this again sends the file as it is then, if with another ``idempotency_key``.
     """
@@ -62,6 +65,10 @@ def upload(
     given = _Asked(role, said, metadata or {}, webhook)
     if (file is None) == (url is None):
         raise ValueError("give a file, or a url")
+    if isinstance(resume, Upload):
+        if file is None or said or metadata or webhook is not None or idempotency_key is not None:
+            raise ValueError("what an upload is for was said when it was begun: give the file alone")
+        return (yield from _on_with(api, Path(file), resume))
     if file is None:
         return (yield from _from_url(api, url, given, idempotency_key))
     path = Path(file)
@@ -95,7 +102,20 @@ def _in_pieces(api: Api, path: Path, size_bytes: int, sha256: str, given: _Asked
     about = {"filename": path.name, "role": given.role} | given.settings
     about |= {f"metadata.{name}": value for name, value in given.metadata.items()}
     about |= {} if given.webhook is None else {"webhook": given.webhook}
-    made = yield from medium(api, (yield from tus.send(api, path, size_bytes, sha256, about, key)))
+    return (yield from _checked(api, path, sha256, (yield from tus.send(api, path, size_bytes, sha256, about, key))))
+
+
+def _on_with(api: Api, path: Path, begun: Upload) -> Flow[Medium]:
+    size_bytes = path.stat().st_size
+    if begun.size_bytes != size_bytes:
+        raise ValueError(f"{path} has {size_bytes} bytes: {begun.id} is of a file of {begun.size_bytes}")
+    sha256 = yield from worked(lambda: sha256_of(path))
+    return (yield from _checked(api, path, sha256, (yield from tus.go_on(api, path, size_bytes, begun.id))))
+
+
+def _checked(api: Api, path: Path, sha256: str, medium_id: str) -> Flow[Medium]:
+    """The medium that was made of a file. Raises `DamagedError` when it is of another one."""
+    made = yield from medium(api, medium_id)
     if made.sha256 != sha256:
         raise DamagedError(f"{path} has changed while it was sent: {made.id} is not that file")
     return made

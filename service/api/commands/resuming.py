@@ -24,7 +24,7 @@ from service.api.idempotency import Once
 from service.api.metadata import to_metadata
 from service.api.problems import invalid, invalid_values
 from service.api.receivers import receiver_of_fields
-from service.api.schemas import ReferenceOptions, UploadBody, VideoOptions
+from service.api.schemas import OpenUploadBody, ReferenceOptions, UploadBody, UploadPage, VectorBody, VideoOptions
 from service.api.services import Services
 from service.api.storing import store
 from service.api.tus import Checksum
@@ -64,6 +64,24 @@ def body_of(upload: ResumableUpload) -> UploadBody:
             "created_at": upload.created_at,
             "expires_at": upload.expires_at,
         }
+    )
+
+
+def page(services: Services, owner: str, cursor: str | None, limit: int) -> UploadPage:
+    """Files of an owner that have not arrived, newest first."""
+    with services.database.read() as session:
+        now = services.database.now()
+        found = resumable.page(session, owner, before=cursor, limit=limit + 1, now=now)
+    shown = [_open_body(services, upload) for upload in found[:limit]]
+    return UploadPage(data=shown, next_cursor=shown[-1].id if len(found) > limit else None)
+
+
+def _open_body(services: Services, upload: ResumableUpload) -> OpenUploadBody:
+    return OpenUploadBody(
+        **body_of(upload).model_dump(),
+        url=addresses.of_upload(services.settings, upload.id),
+        settings=VectorBody(mask=upload.mask, matching=upload.matching, input_color=upload.input_color),
+        metadata=upload.metadata_,
     )
 
 

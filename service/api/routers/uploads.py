@@ -14,14 +14,14 @@ from service import addresses
 from service.api import quotas, tus
 from service.api.authentication import Caller, CallerDep
 from service.api.commands import resuming
-from service.api.dependencies import Responses, ServicesDep, UploadId, problems
+from service.api.dependencies import PageSize, Responses, ServicesDep, UploadCursor, UploadId, problems
 from service.api.idempotency import Once, OnceDep, Replay
 from service.api.json_body import media_type, read_json
 from service.api.links import Access, AccessDep
 from service.api.multipart import read_form
 from service.api.openapi import fields, file_body, file_form, json_body
 from service.api.receivers import receiver
-from service.api.schemas import UploadBody, UploadLinkBody, UploadLinkRequest, VideoOptions
+from service.api.schemas import UploadBody, UploadLinkBody, UploadLinkRequest, UploadPage, VideoOptions
 from service.api.services import Services
 from service.api.uploads import Intake
 from service.catalog import ResumableUpload, Role, keys, media, resumable
@@ -52,6 +52,14 @@ async def get_upload_protocol(response: Response, services: ServicesDep) -> None
     response.headers["Tus-Extension"] = tus.EXTENSIONS
     response.headers["Tus-Max-Size"] = str(services.settings.max_upload_bytes)
     response.headers["Tus-Checksum-Algorithm"] = ",".join(tus.ALGORITHMS)
+
+
+@router.get("", responses=problems())
+async def list_uploads(
+    services: ServicesDep, caller: CallerDep, cursor: UploadCursor = None, limit: PageSize = 50
+) -> UploadPage:
+    """Files that have not arrived, in pieces or by links, newest first, for who has lost where they are."""
+    return await services.calls.read(resuming.page, services, caller.owner, cursor, limit)
 
 
 @router.post(

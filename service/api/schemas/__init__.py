@@ -75,11 +75,13 @@ from service.api.schemas.transfer import (
 from service.api.schemas.uploads import (
     MAX_LINK_S,
     LinkBody,
+    OpenUploadBody,
     ReferenceByUrl,
     ResultLinkRequest,
     UploadBody,
     UploadLinkBody,
     UploadLinkRequest,
+    UploadPage,
     VideoByUrl,
 )
 
@@ -121,6 +123,7 @@ __all__ = [
     "MetadataPair",
     "MetadataPairs",
     "MonthBody",
+    "OpenUploadBody",
     "OptionsBody",
     "OutputBody",
     "OutputLimits",
@@ -147,6 +150,7 @@ __all__ = [
     "UploadLimits",
     "UploadLinkBody",
     "UploadLinkRequest",
+    "UploadPage",
     "UsageBody",
     "Used",
     "VectorBody",

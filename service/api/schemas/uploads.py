@@ -8,7 +8,7 @@ from typing import Annotated, Final, Literal, get_args
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, WithJsonSchema, field_validator
 
 from service.api.schemas._values import RECEIVER_URL, WHOLE, Metadata, Request, WebhookRequest, Whole
-from service.api.schemas.media import ReferenceOptions, VideoOptions
+from service.api.schemas.media import ReferenceOptions, VectorBody, VideoOptions
 from service.catalog import PartName
 
 Url = Annotated[
@@ -116,3 +116,18 @@ class UploadBody(BaseModel):
     )
     created_at: datetime
     expires_at: datetime = Field(description="when what is there of it goes")
+
+
+class OpenUploadBody(UploadBody):
+    """A file that has not arrived: in pieces, or by a link that was made for it."""
+
+    url: str = Field(description="where it goes on and is deleted, with the key; of a link without what opens it")
+    settings: VectorBody = Field(description="how it will be vectorised")
+    metadata: dict[str, str]
+
+
+class UploadPage(BaseModel):
+    """A page of files that have not arrived, newest first."""
+
+    data: list[OpenUploadBody]
+    next_cursor: str | None

@@ -134,12 +134,14 @@ def test_answers_are_as_the_schema_says(api: Api, schema: dict[str, Any]) -> Non
     job = transfer(api, video, video)["id"]
     make_results(api.services, job, [b"one"], parts=[("look.cube", 1, b"cube")])
     waiting = api.client.post("/v1/videos", content=MP4 + b"2").json()["job"]
+    assert api.client.post("/v1/uploads/link", json={"metadata": {"order": "42"}}).status_code == 201
     for path, model in (
         (f"/v1/videos/{video}", "MediaBody"),
         ("/v1/videos", "MediaPage"),
         (f"/v1/jobs/{job}", "JobBody"),
         (f"/v1/jobs/{waiting}", "JobBody"),
         ("/v1/jobs", "JobPage"),
+        ("/v1/uploads", "UploadPage"),
         ("/v1/limits", "LimitsBody"),
         ("/v1/usage", "UsageBody"),
         ("/readyz", "Readiness"),

@@ -308,6 +308,8 @@ def test_one_file_is_uploaded_by_a_link_without_a_key(api: Api, stranger: httpx.
     data = PNG + b"a" * 1000
     url = upload_link(api, role="reference", mask="ycbcr", metadata={"order": "42"})
     assert stranger.post("/uploads/link", json={}).status_code == 401
+    listed = stranger.get(f"/uploads?{urlsplit(url).query}")  # a link opens one upload, and shows no others
+    assert (listed.status_code, listed.json()["code"]) == (401, "unauthorized")
     put = stranger.put(url, content=data, headers={"Content-Disposition": 'attachment; filename="a.png"'})
     assert put.status_code == 200, put.text
     reference = api.client.get(f"/references/{medium_of(api, url)}").json()

@@ -584,3 +584,63 @@ def test_with_a_key_too_every_answer_of_tus_says_its_version(api: Api) -> None:
     refused += [key.post("/v1/uploads", headers=said) for _ in range(20)]
     assert {answer.status_code for answer in refused} == {401, 422, 204, 400, 429}
     assert {answer.headers.get("tus-resumable") for answer in refused} == {"1.0.0"}
+
+
+def test_who_has_lost_where_uploads_are_finds_them_in_a_list(api: Api) -> None:
+    data = content()
+    said_of_it = {
+        "filename": "my clip.mp4",
+        "mask": "ycbcr",
+        "metadata.order": "42",
+        "webhook": "https://a.example/?token=1",
+    }
+    url = begin(api.client, len(data), **said_of_it)
+    assert send(api.client, url, 0, data[:100_000]).status_code == 204
+    reference = begin(api.client, 10, role="reference")
+    link = api.client.post("/uploads/link", json={"role": "reference", "max_bytes": 1000}).json()
+    answer = api.client.get("/uploads")
+    assert answer.headers["tus-resumable"] == "1.0.0"
+    assert "token" not in answer.text  # as in GET of one, receivers are not shown
+    assert link["url"].partition("signature=")[2] not in answer.text
+    by_link, second, first = answer.json()["data"]
+    assert answer.json()["next_cursor"] is None
+    for one in (by_link, second, first):
+        alone = api.client.get(one["url"]).json()
+        assert {name: one[name] for name in alone} == alone
+    assert (first["url"], first["role"], first["filename"]) == (url, "video", "my clip.mp4")
+    assert (first["size_bytes"], first["offset_bytes"]) == (len(data), 100_000)
+    assert (first["settings"]["mask"], first["metadata"]) == ("ycbcr", {"order": "42"})
+    assert (second["url"], second["role"], second["metadata"]) == (reference, "reference", {})
+    assert (by_link["id"], by_link["size_bytes"], by_link["offset_bytes"]) == (link["id"], None, 0)
+    # what is found goes on, or is deleted; what has arrived is no upload any more
+    assert send(api.client, first["url"], first["offset_bytes"], data[100_000:]).headers["pvg-media"]
+    assert api.client.delete(second["url"]).status_code == 204
+    assert [one["id"] for one in api.client.get("/uploads").json()["data"]] == [link["id"]]
+
+
+def test_uploads_are_listed_in_pages_of_their_key_alone(api: Api) -> None:
+    one, other = holder(api), holder(api)
+    made = []
+    for n in range(5):
+        headers = TUS | {"Upload-Length": str(10 + n)}
+        made.append(one.post("/uploads", headers=headers).json()["id"])
+    others = other.post("/uploads", headers=TUS | {"Upload-Length": "10"}).json()["id"]
+    found, cursor = [], ""
+    for _ in range(3):
+        page = one.get(f"/uploads?limit=2{cursor}").json()
+        found.append([upload["id"] for upload in page["data"]])
+        cursor = f"&cursor={page['next_cursor']}"
+    assert found == [made[:2:-1], made[2:0:-1], made[:1]]
+    assert cursor == "&cursor=None"
+    assert [upload["id"] for upload in other.get("/uploads").json()["data"]] == [others]
+    for wrong in ("cursor=vid_1", "limit=0", "limit=201", "state=ready"):
+        assert one.get(f"/uploads?{wrong}").status_code == 422
+    assert api.client.get("/uploads").status_code == 401
+
+
+def test_uploads_that_are_over_are_not_listed(api: Api) -> None:
+    begin(api.client, 10)
+    with api.services.background.write() as session:
+        (upload,) = resumable.page(session, "", before=None, limit=5, now=utc_now())
+        upload.expires_at = api.services.database.now() - timedelta(seconds=1)
+    assert api.client.get("/uploads").json() == {"data": [], "next_cursor": None}

@@ -156,3 +156,25 @@ def test_many_blobs_are_buried_at_once_those_that_are_known_too(database: Databa
         tombstones.bury(session, names, now=clock())
     with database.read() as session:
         assert set(tombstones.due(session, now=clock(), limit=2000)) == set(names)
+
+
+def test_what_has_not_arrived_is_listed_newest_first(database: Database, clock: FakeClock) -> None:
+    late = begin(database)
+    clock.forward(50)
+    complete, first, link = begin(database), begin(database), begin(database, size_bytes=None)
+    begin(database, owner="key_a")
+    medium = add_media(database)
+    with database.write() as session:
+        found = resumable.get(session, complete, now=clock())
+        assert found is not None
+        resumable.close(session, found, media_id=medium.id, size_bytes=300, now=clock())
+
+    def listed(before: str | None = None, limit: int = 10) -> list[str]:
+        with database.read() as session:
+            return [one.id for one in resumable.page(session, "", before=before, limit=limit, now=clock())]
+
+    assert listed() == [link, first, late]
+    assert listed(limit=1) == [link]
+    assert listed(before=first) == [late]
+    clock.forward(51)
+    assert listed() == [link, first]
