@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import sqlalchemy as sa
 from alembic import op
 
@@ -36,14 +39,14 @@ def downgrade() -> None:
     op.drop_table("monthly_usage")
 
 
-def _jobs() -> sa.Select:
+def _jobs() -> sa.Select[Any]:
     """One of each job that has ended and that clients asked for."""
     ended = (_JOBS.c.parent_id.is_(None), _JOBS.c.state.in_(_STATES), _JOBS.c.finished_at.is_not(None))
     ones = {state: sa.case((_JOBS.c.state == state, 1), else_=0) for state in _STATES}
     return _counted(_JOBS.c.owner, _JOBS.c.finished_at, ones).where(*ended)
 
 
-def _looks() -> sa.Select:
+def _looks() -> sa.Select[Any]:
     """One of each look of those that succeeded. What its video has is known while that is there."""
     done = (_JOBS.c.parent_id.is_(None), _JOBS.c.state == "succeeded", _JOBS.c.finished_at.is_not(None))
     made = {
@@ -55,19 +58,21 @@ def _looks() -> sa.Select:
     return _counted(_JOBS.c.owner, _JOBS.c.finished_at, made).select_from(with_video).where(*done)
 
 
-def _uploads() -> sa.Select:
+def _uploads() -> sa.Select[Any]:
     """One of each medium."""
     return _counted(
         _MEDIA.c.owner, _MEDIA.c.created_at, {"uploads": sa.literal(1), "upload_bytes": _MEDIA.c.size_bytes}
     )
 
 
-def _counted(owner: sa.ColumnElement, time: sa.ColumnElement, counts: dict[str, sa.ColumnElement]) -> sa.Select:
+def _counted(
+    owner: sa.ColumnElement[Any], time: sa.ColumnElement[Any], counts: Mapping[str, sa.ColumnElement[Any]]
+) -> sa.Select[Any]:
     columns = (counts.get(name, sa.literal(0)).label(name) for name in _COUNTS)
     return sa.select(owner.label("owner"), _month(time).label("month"), *columns)
 
 
-def _month(time: sa.ColumnElement) -> sa.ColumnElement:
+def _month(time: sa.ColumnElement[Any]) -> sa.ColumnElement[Any]:
     """Of UTC, which SQLite has all times in."""
     if op.get_bind().dialect.name == "sqlite":
         return sa.func.strftime("%Y-%m", time)
