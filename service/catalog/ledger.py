@@ -14,9 +14,10 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Final
+from functools import cache
+from typing import Final, cast
 
-from sqlalchemy import bindparam, delete, func, select, tuple_
+from sqlalchemy import Executable, Table, bindparam, delete, func, select, tuple_
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.orm import Session
 
@@ -25,6 +26,8 @@ from service.catalog.models import ENDED, Job, JobState, Look, Media, MonthlyUsa
 
 #: what a transaction has counted, in `Session.info`
 _COUNTED: Final = "ledger"
+_TABLE: Final = cast("Table", MonthlyUsage.__table__)
+_NOTHING: Final = {column.name: 0 for column in _TABLE.c if not column.primary_key}
 _Counted = dict[tuple[str, str], Counter[str]]
 
 #: the owner of a job that clients asked for, how many looks it has, and what their videos have of frames and seconds
@@ -86,12 +89,18 @@ def _count(session: Session, owner: str, now: datetime, more: Mapping[str, int])
 def _write(session: Session) -> None:
     """Add what the transaction has counted to the months of its owners."""
     counted: _Counted = session.info.pop(_COUNTED, {})
-    dialect = postgresql if session.get_bind().dialect.name == "postgresql" else sqlite
+    add = _adding(session.get_bind().dialect.name)
     for (owner, month), more in sorted(counted.items()):
-        added = dialect.insert(MonthlyUsage).values(owner=owner, month=month, **more)
-        sums = {name: MonthlyUsage.__table__.c[name] + added.excluded[name] for name in more}
-        key = (MonthlyUsage.owner, MonthlyUsage.month)
-        session.execute(added.on_conflict_do_update(index_elements=key, set_=sums))
+        session.execute(add, {**_NOTHING, **more, "owner": owner, "month": month})
+
+
+@cache
+def _adding(dialect: str) -> Executable:
+    """The statement that adds to a row, or makes it."""
+    insert = postgresql.insert if dialect == "postgresql" else sqlite.insert
+    added = insert(_TABLE).values({column.name: bindparam(column.name) for column in _TABLE.c})
+    sums = {name: _TABLE.c[name] + added.excluded[name] for name in _NOTHING}
+    return added.on_conflict_do_update(index_elements=[_TABLE.c.owner, _TABLE.c.month], set_=sums)
 
 
 def months(session: Session, owner: str, *, now: datetime) -> list[Month]:
