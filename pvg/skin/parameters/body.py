@@ -45,6 +45,9 @@ class BodyNumbers:
     ear_redder: float = 6.0  # the same across the hue, to red [measured: 73 % of reddened ears, 51 at 4, 33 at 1.8]
     ear_against: float = 0.5  # nats at most by the key frame's colours, from skin's chroma on [by eye]: a missed ear
     # counted as surroundings there
+    ear_crimson: Range = (1.5, 3.5)  # spreads across the hue to red, of an ear's shade [measured: 2 to 5; hair -4 to 0]
+    ear_crimson_chroma: Range = (4.0, 8.0)  # spreads of chroma beyond the face's, of it [measured: 8 to 12]
+    ear_blood: float = 3.0  # nats for skin there [by eye]
     ear_bare: float = 0.5  # of hair's log-odds not held against an ear [measured: 74 % of reddened ears, 50 at 0.3]
     ear_release: float = 0.95  # of `head` that is not held against an ear [by eye]
     ear_sure: Range = (-2.0, 1.0)  # nats by colour [by eye]: where an ear is one

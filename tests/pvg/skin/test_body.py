@@ -308,6 +308,20 @@ def test_a_red_ear_is_skin_at_the_ears_only() -> None:
     assert (ears >= everywhere - 1e-4).all()
 
 
+def test_crimson_shade_is_an_ear_and_brown_shade_of_its_lightness_is_hair() -> None:
+    drawn = _drawn()
+    colors = fit_skin_model(drawn.rgb, drawn.landmarks).learned.colors
+    _, ears = color_tables(colors)
+    center, spread = colors.scale.center, colors.scale.spread
+    tone = center[1:] / np.hypot(*center[1:])
+    redder = np.array([tone[1], -tone[0]])  # across the hue
+    dark = center[0] - 5 * spread[0]
+    unit = spread[1:].mean()
+    crimson, brown = (np.array([dark, *(center[1:] + (9 * tone + way * redder) * unit)], np.float32) for way in (4, -1))
+    assert _odds(ears, brown) + 3 < _odds(ears, crimson)
+    assert _odds(ears, crimson) > 2
+
+
 def _odds(table: np.ndarray, lab: np.ndarray) -> float:
     """What a table of colours says of one, told as at the usual lightness."""
     color = lab.copy()
