@@ -28,9 +28,9 @@ from pvg.video.opening import MediaLimits, open_clip
 from pvg.video.reading import DecodingPlan, check_picture, decoding_plan, pictures, to_frame, within_depth
 from pvg.video.sniffing import IMAGE_KINDS, sniff
 
-_MOST: Final = 4  # decoders of a clip [of frames at random the way is 31, 27, 22 of 200 with three, four, six]
-_KEPT_BYTES: Final = 150_000_000  # of their pictures: three decoders at 1920x1080, one at 3840x2160
-_HELD: Final = 14  # pictures that a decoder with its threads holds [measured, H.264]
+_MOST: Final = 3  # decoders of a clip [to frames at random the way is 31 of 200; 41 with two, 27 with four]
+_KEPT_BYTES: Final = 200_000_000  # of their pictures: three decoders at 1920x1080, one at 3840x2160
+_HELD: Final = 16  # pictures that a decoder with its threads holds at most [measured: H.264 14 to 16, AV1 16, HEVC 10]
 _NOWHERE, _NEVER = -(1 << 62), 1 << 62  # before and after all time stamps
 
 
@@ -164,7 +164,7 @@ class _Kept:
 class SingleFrames:
     """Gives single frames of a clip, in any order and to any thread, by decoders that stay open for the next ones.
 
-    Up to four are kept, fewer of large pictures and none of the largest, so that their pictures take 150 MB at most.
+    Up to three are kept, fewer of large pictures and none of the largest, so that they take 200 MB at most.
     Those that are not at work are closed by `close`, where another clip is asked for, and before this process forks,
     which their threads do not survive.
     """
