@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager, ExitStack, closing, contextmanage
 from pathlib import Path
 from typing import Any, BinaryIO, Final, Protocol, TypeVar
 
-from pvg._allocator import give_back
+from pvg._allocator import give_back, map_large_blocks
 from pvg._targets import draft_of
 from pvg._threads import Sink, ahead
 from pvg.asset import VectorVideo
@@ -68,6 +68,8 @@ def draw(
 ) -> None:
     """Draw each look into the writer of its number, `at_once` of them in one pass over the `count` frames."""
     passes = [range(i, min(i + at_once, len(looks))) for i in range(0, len(looks), at_once)]
+    if len(passes) > 1:  # a single one has nothing to gain, and large blocks are had sooner from the heap
+        map_large_blocks()
     for number, numbers in enumerate(passes):
         if len(passes) > 1:
             give_back()  # also what the encoders of the pass before held

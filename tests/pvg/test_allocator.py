@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 import subprocess
 import sys
 import textwrap
@@ -11,17 +12,17 @@ from pathlib import Path
 import pytest
 
 from pvg import _allocator
-from pvg._allocator import give_back
+from pvg._allocator import give_back, map_large_blocks
 
 
 @pytest.fixture
 def _asked_anew() -> Iterator[None]:
-    _allocator._trim.cache_clear()
+    _allocator._glibc.cache_clear()
     yield
-    _allocator._trim.cache_clear()
+    _allocator._glibc.cache_clear()
 
 
-@pytest.mark.skipif(_allocator._trim() is None, reason="of glibc")
+@pytest.mark.skipif(_allocator._glibc() is None, reason="of glibc")
 def test_what_was_freed_between_what_is_needed_goes_back_to_the_system() -> None:
     program = """
         from pathlib import Path
@@ -58,4 +59,48 @@ def test_with_another_c_library_cycles_are_freed_all_the_same(
     monkeypatch.setattr(ctypes, "CDLL", absent)
     there = weakref.ref(Knot())
     give_back()
+    map_large_blocks()
     assert there() is None
+
+
+@pytest.mark.skipif(_allocator._glibc() is None, reason="of glibc")
+@pytest.mark.parametrize(
+    ("environment", "mapped"),
+    [
+        ({}, True),
+        ({"MALLOC_MMAP_THRESHOLD_": "30000000"}, False),
+        ({"GLIBC_TUNABLES": "glibc.malloc.mmap_threshold=30000000"}, False),
+    ],
+)
+def test_large_blocks_are_gone_when_they_are_freed(environment: dict[str, str], mapped: bool) -> None:
+    program = """
+        from pathlib import Path
+        from pvg._allocator import map_large_blocks
+
+        def resident():
+            line = next(x for x in Path("/proc/self/status").read_text().splitlines() if x.startswith("VmRSS"))
+            return int(line.split()[1]) * 1024
+
+        def block(size):
+            return bytearray(b"x") * size
+
+        map_large_blocks()
+        block(20_000_000)  # glibc would raise its limit by this
+        held, small = [], []
+        for _ in range(20):
+            held.append(block(3_000_000))
+            small.append(block(100_000))
+        before = resident()
+        held.clear()
+        print(before - resident() > 50_000_000)
+    """
+    plain = {k: v for k, v in os.environ.items() if k not in ("MALLOC_MMAP_THRESHOLD_", "GLIBC_TUNABLES")}
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(program)],
+        check=True,
+        timeout=60,
+        env=plain | environment,
+        capture_output=True,
+        text=True,
+    )
+    assert done.stdout.strip() == str(mapped)

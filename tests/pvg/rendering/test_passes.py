@@ -37,6 +37,8 @@ def test_each_of_several_passes_begins_with_what_others_freed(
 ) -> None:
     given_back: list[int] = []
     monkeypatch.setattr("pvg.rendering.passes.give_back", lambda: given_back.append(len(told)))
+    monkeypatch.setattr("pvg.rendering.passes.map_large_blocks", lambda: mapped.append(True))
+    mapped: list[bool] = []
     look = pvg.transfer(video, dark_reference)
     frames, written = [source_frame(video, k) for k in range(2)], [_Kept() for _ in range(3)]
     told: list[tuple[str, int, int]] = []
@@ -52,4 +54,5 @@ def test_each_of_several_passes_begins_with_what_others_freed(
     assert all(one.frames == [0, 1] for one in written)
     assert told == [("render", done + 1, 2 * passes) for done in range(2 * passes)]
     # a single pass has nothing before it
+    assert mapped == [True] * (passes > 1)
     assert given_back == ([2 * k for k in range(passes)] if passes > 1 else [])
