@@ -77,7 +77,9 @@ _LEAST_CHROMA = 4.0  # levels: greyer skin has no hue
 # light's, and the chroma below which it is chance
 _SKIN_HUE, _STRANGE, _HUELESS = 45.0, (45.0, 70.0), (6.0, 12.0)
 _LIT = (45.0, 65.0)  # C* that only coloured light gives skin [measured: looks on usual skin have 34 at most]
-_LEAST_RED = -3.0  # levels of R − Y beyond the skin's: lips with less are a beard or a shadow [by eye]
+# levels of R − Y beyond the skin's: lips with less are a beard or a shadow [by eye], cheeks with less are in another
+# light than the face, and would be grey or violet patches on one that is not [by blind choice]
+_LEAST_RED = {"lips": -3.0, "cheeks": 0.0}
 
 
 def strengths(makeup: Makeup) -> Floats:
@@ -112,8 +114,10 @@ class PartChanges:
                 # deep red is a lipstick, and no shadow
                 low -= _DEEPER * float(ramp(chroma[p, 1], *_DEEP_RED)) if chroma[p, 1] == chroma[p, 1] else 0.0
             hidden = not low <= luma[p] <= high  # true for what was not seen, NaN
-            if hidden or (part == "lips" and chroma[p, 1] < _LEAST_RED):
+            if hidden or chroma[p, 1] < _LEAST_RED.get(part, -np.inf):
                 luma[p], chroma[p] = np.nan, 0.0
+            if part == "cheeks":
+                chroma[p, 0] = min(chroma[p, 0], chroma[p, 1])  # pink at most
         return cls(luma, chroma)
 
     def on(self, skin: SkinMap, key: KeyFrame, strength: Floats) -> Floats:

@@ -134,12 +134,18 @@ def test_lids_take_little_of_a_reference_below_full_strength() -> None:
         ("lips", (0.8, 0.0, -20.0)),  # grey: stubble
         ("lids", (0.3, 0.0, 0.0)),  # sunglasses
         ("cheeks", (0.4, 0.0, 0.0)),  # in deep shadow
+        ("cheeks", (1.1, 10.0, -6.0)),  # in light that takes their colour: on another face they would be grey patches
     ],
 )
 def test_a_beard_or_a_shadow_in_the_reference_is_left_out(part: str, color: tuple[float, float, float]) -> None:
     reference = _face((210, 175, 160), {part: color})
     skin, p = _map(_OWN, reference), PARTS.index(part)
     np.testing.assert_array_equal(PartChanges.of(reference).on(skin, _OWN, FULL)[p], _asked_nothing(skin, _OWN)[p])
+
+
+def test_blush_is_pink_at_most() -> None:
+    pink, violet = (PartChanges.of(_face((210, 175, 160), {"cheeks": (1.0, blue, 8.0)})) for blue in (8.0, 20.0))
+    np.testing.assert_allclose(violet.chroma, pink.chroma, atol=1e-3)
 
 
 def test_deep_red_lips_are_a_lipstick_and_no_shadow() -> None:
