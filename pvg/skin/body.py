@@ -19,6 +19,7 @@ from pvg.skin import body_network
 from pvg.skin._kernels import BodyWeights, body_log_odds
 from pvg.skin.body_colors import color_tables
 from pvg.skin.body_parts import body_parts, fill_gaps, fill_holes, leave_out_hair, own_people
+from pvg.skin.collar import collar
 from pvg.skin.color_model import SkinColors
 from pvg.skin.in_time import in_levels, soft_edge, weight_of_before
 from pvg.skin.light import gain_back, gain_of, relit
@@ -119,6 +120,7 @@ class BodyTracker:
         if self.color_trust < 1:
             probability *= np.float32(self.color_trust)
         leave_out_hair(probability, scene.rgb, person, face_mask, hair, head, self._scale, gain)
+        probability *= 1 - collar(scene.rgb, np.maximum(probability, of_face), head)
         mask, alpha = self._smooth_in_time(scene, probability, face_mask, person, head)
         return Matte.over(scene.raster.box, in_levels(alpha), mask)
 

@@ -14,6 +14,7 @@ from pvg.raster import Raster
 from pvg.skin import network
 from pvg.skin._kernels import PosteriorWeights, skin_probability
 from pvg.skin.cleanup import face_component
+from pvg.skin.collar import collar
 from pvg.skin.color_model import SkinColors, to_skin_lab
 from pvg.skin.consensus import MatteInTime
 from pvg.skin.flow import FlowFinder
@@ -196,6 +197,7 @@ class SkinTracker:
         probability = _filtered(lit, network.fused(by_rules, predicted), prior)
         if scene is not None:
             probability = _of_people(probability, scene.people(raster), prior)
+        probability = probability * (1 - collar(small, probability, head_shape(own)))
         mask, alpha, smooth = _smooth_in_time(probability, prior, before)
         self._before = _TemporalState(grey, smooth, mask.astype(np.float32), alpha, predicted)
         # last, so that skin that comes back is still known

@@ -108,3 +108,15 @@ class RingNumbers:
     reach: Range = (1.4, 2.2)  # face sizes from the head's middle [by eye]: where hair ends
     far: float = 0.1  # of the weight, beyond [by eye]
     neck_rise: Range = (0.6, 1.0)  # of the oval's half width [by eye]: straight below the face is the neck, no hair
+
+
+@dataclass(frozen=True)
+class CollarNumbers:
+    """Cloth on a neck or chest that is brighter and paler than the skin it lies on."""
+
+    below_chin: Range = (-0.1, 0.02)  # face sizes [by eye]: where collars begin
+    skin: float = 0.5  # probability of what may be skin [by eye]
+    edge: int = 4  # cells [by eye]: from the edge of what may be skin to what surely is
+    around: float = 0.15  # face sizes, standard deviation [by eye]: of the mean of the skin inside
+    brighter: Range = (1.1, 1.25)  # of its luma [by eye]
+    paler: Range = (0.4, 0.6)  # of its chroma over luma [measured: to 0.8 a neck that is lit from a side loses 15 %]
