@@ -99,46 +99,47 @@ class Settings(BaseSettings):
     allow_unauthenticated_network: bool = False
     """Allow an address other than loopback before there are keys; see "Who may connect"."""
     root_path: Annotated[str, AfterValidator(lambda path: path.rstrip("/"))] = ""
-    """Path prefix at which a proxy in front has the service, and which it removes; none by default."""
+    """Path below which a proxy in front serves this service; the proxy removes it. None by default."""
 
     # whom the API answers: names of hosts, origins of other web pages that may write
     allowed_hosts: str = ""
-    """Names by which it may be called besides those of loopback, with commas; `*` is any."""
+    """Host names, besides those of loopback, by which the service may be called, with commas; `*` allows any."""
     allowed_origins: str = ""
-    """Other sites whose pages may use it, such as `https://studio.example`, or of an app's own pages
-    `capacitor://localhost`, with commas."""
+    """Origins of other sites whose pages may use the service, with commas, such as `https://studio.example`, or
+    `capacitor://localhost` for the pages of an app."""
 
     # what it asks for itself: files by URL, receivers of webhooks
     allow_private_networks: bool = False
-    """URLs that are fetched or sent to may lead to addresses that are not public; for closed networks."""
+    """Allow files by URL and webhooks at addresses that are not public; for closed networks."""
     allowed_networks: str = ""
-    """Networks to which such URLs may lead though they are not public, such as `10.1.2.0/24,fd00:1:2::/64`, with
-    commas: every address that a host has, of IPv4 and of IPv6, lies in one of them or is public."""
+    """Networks that are not public but allowed for such URLs, with commas, such as `10.1.2.0/24,fd00:1:2::/64`. Every
+    address of a host, IPv4 and IPv6, must be public or lie in one of them."""
     fetch_timeout_s: float = Field(default=3600.0, gt=0)
-    """Time for a file that is given by its URL."""
+    """Time limit for fetching a file by its URL."""
 
     # links that need no key: what signs them, and whether results are had from the object store itself
     link_secret: SecretStr = SecretStr("")
-    """What signs links that need no key, 32 characters or more; the same for all APIs. Without one, a file in the data
-    folder."""
+    """Secret that signs links that need no key, 32 characters or more; the same for all APIs. Without one, a file in
+    the data folder."""
     links_to_store: bool = False
-    """Links to results lead to the object store itself, which clients can reach by the address in `AWS_ENDPOINT`."""
+    """Links to results lead to the object store itself. Clients must be able to reach it at the address in
+    `AWS_ENDPOINT`."""
 
     # connections
     max_connections: int = Field(default=1000, gt=0)
-    """Connections at a time; fewer where there are too few descriptors."""
+    """Maximum number of open connections; fewer if there are too few file descriptors."""
     idle_timeout_s: float = Field(default=10.0, gt=0)
     """Silence after which a connection without a request is closed."""
     head_timeout_s: float = Field(default=10.0, gt=0)
-    """Time for the head of a request."""
+    """Time limit for the head of a request."""
     body_timeout_s: float = Field(default=20.0, gt=0)
     """Time over which the speed of a body is measured."""
     min_body_bytes_per_s: float = Field(default=500.0, ge=0)
-    """Slower bodies are refused."""
+    """Minimum speed of a body; slower ones are refused."""
     send_timeout_s: float = Field(default=60.0, gt=0)
-    """A client that takes nothing of its answer for this long is cut off."""
+    """A client that reads nothing of its answer for this long is cut off."""
     stop_notice_s: float = Field(default=1.0, ge=0)
-    """Time between being not ready and taking no more connections, when told to stop."""
+    """When told to stop: time between reporting not ready and accepting no more connections."""
 
     # where data is kept
     data_dir: Path = Path("var/data")
@@ -154,29 +155,29 @@ class Settings(BaseSettings):
 
     # room on the disk below which uploads and new jobs are refused and queued ones wait
     min_free_bytes: int = Field(default=GIB // 4, ge=0)
-    """Room on the disk below which nothing new is begun; see "A full disk"."""
+    """Free disk space below which nothing new is begun; see "A full disk"."""
 
     # limits of uploads and requests
     max_upload_bytes: int = Field(default=2 * GIB, gt=0, le=MAX_BYTES)
-    """Bytes of one uploaded file."""
+    """Maximum size of one uploaded file."""
     max_json_bytes: int = Field(default=1024**2, gt=0)
-    """Bytes of a JSON body."""
+    """Maximum size of a JSON body."""
     max_looks: int = Field(default=16, gt=0, le=MAX_LOOKS)
-    """Looks of one transfer."""
+    """Maximum number of looks of one transfer."""
     max_pixels: int = Field(default=33_554_432, gt=0)
-    """Pixels of one frame."""
+    """Maximum number of pixels of one frame."""
     max_frames: int = Field(default=200_000, gt=0)
-    """Frames of one clip."""
+    """Maximum number of frames of one clip."""
     max_duration_s: float = Field(default=3600.0, gt=0)
-    """Length of one clip."""
+    """Maximum length of one clip."""
     max_frame_rate: float = Field(default=240.0, gt=0)
-    """Frames a second."""
+    """Maximum number of frames a second."""
     max_streams: int = Field(default=32, gt=0)
-    """Streams in one file."""
+    """Maximum number of streams in one file."""
     min_face_px: int = Field(default=64, gt=0)
-    """Narrower faces are refused."""
+    """Minimum width of a face; narrower ones are refused."""
     warn_face_px: int = Field(default=200, gt=0)
-    """Narrower faces get a warning."""
+    """Width of a face below which there is a warning."""
 
     # jobs
     lease_s: float = Field(default=30.0, gt=0)
@@ -184,13 +185,13 @@ class Settings(BaseSettings):
     heartbeat_s: float = Field(default=5.0, gt=0)
     """How often a worker renews its lease."""
     progress_interval_s: float = Field(default=1.0, ge=0)
-    """How often progress is written. A cancel is looked for as often, and at least each second."""
+    """How often progress is written. The worker looks for a cancel as often, and at least each second."""
     reap_interval_s: float = Field(default=10.0, gt=0)
     """Time between two rounds of the reaper."""
     republish_after_s: float = Field(default=5.0, ge=0)
     """Age from which a job without a message is sent again."""
     max_attempts: int = Field(default=3, gt=0)
-    """Attempts at one job."""
+    """Maximum number of attempts at one job."""
     max_queued_s: float = Field(default=DAY_S, gt=0)
     """Jobs queued for longer expire, counted from when they were last queued."""
     max_outage_s: float = Field(default=600.0, ge=0)
@@ -200,49 +201,51 @@ class Settings(BaseSettings):
     job_hard_limit_s: float = Field(default=7800.0, gt=0)
     """A supervisor that hangs for longer is killed."""
     job_memory_bytes: int = Field(default=6 * GIB, ge=3 * GIB // 2, le=MAX_BYTES)
-    """Memory of one job's process, at least 1.5 GiB; what needs more fails with `too-large` (docs/security.md)."""
+    """Memory limit of one job's process, at least 1.5 GiB; jobs that need more fail with `too-large`
+    (docs/security.md)."""
     job_file_bytes: int = Field(default=128 * GIB, gt=0, le=MAX_BYTES)
-    """Bytes of one file that a job writes."""
+    """Maximum size of one file that a job writes."""
     part_s: float = Field(default=7.5, ge=5.0)
-    """Length of the parts that a long clip is drawn in; the bytes of results depend on it: the same for all workers."""
+    """Length of the parts that a long clip is drawn in. The bytes of results depend on it, so use the same for all
+    workers."""
 
     # webhooks
     webhook_timeout_s: float = Field(default=10.0, gt=0)
-    """Time for one attempt to deliver a webhook."""
+    """Time limit for one attempt to deliver a webhook."""
 
     # the worker
     worker_concurrency: int = Field(default=2, gt=0)
-    """Pool processes of a worker, which supervise a job each."""
+    """Number of pool processes of a worker; each supervises one job."""
     worker_max_tasks_per_child: int = Field(default=50, gt=0)
-    """Jobs after which a pool process is replaced."""
+    """Number of jobs after which a pool process is replaced."""
     worker_max_memory_per_child_bytes: int = Field(default=4 * GIB, gt=0)
-    """Memory from which a pool process is replaced after its job."""
+    """A pool process that uses more memory is replaced after its job."""
     worker_stop_grace_s: float = Field(default=8.0, ge=0)
-    """Time that a job which is about to end gets when its worker is told to stop."""
+    """When a worker is told to stop: time that a job which is about to end gets."""
     worker_restart_delay_s: float = Field(default=1.0, ge=0)
     """Pause before a dead worker is started again."""
 
     # previews
     preview_concurrency: int = Field(default=2, gt=0)
-    """Single pictures that are made at once."""
+    """Number of pictures that are made at once."""
     preview_timeout_s: float = Field(default=10.0, gt=0, le=60.0)
-    """A picture that is not made by then is 503."""
+    """Time limit for one picture; after it the answer is 503."""
     preview_idle_s: float = Field(default=30.0, gt=0)
     """How long a clip stays open for the next picture."""
     preview_open_clips: int = Field(default=4, gt=0)
-    """Clips that are open at once."""
+    """Maximum number of clips that are open at once."""
     preview_copy_idle_s: float = Field(default=600.0, gt=0)
-    """How long the worker of previews keeps a file that it has fetched from an object store, from its last use."""
+    """How long the worker of previews keeps a file from an object store after its last use."""
     preview_copy_bytes: int = Field(default=4 * GIB, ge=0)
-    """Bytes of such files; those in use, or used just before, are kept beyond that."""
+    """Maximum size of all such files together; those in use, or used just before, are kept beyond it."""
     preview_polling_interval_s: float = Field(default=0.02, gt=0)
     """How often the worker of previews looks at the embedded broker."""
     max_open_previews: int = Field(default=8, gt=0)
-    """Pictures of one key that may wait to be made; more are 429."""
+    """Maximum number of pictures of one key that may wait; more are 429."""
 
     # retention
     upload_ttl_s: float = Field(default=DAY_S, gt=0)
-    """Retention of what has arrived of a resumable upload, from its last piece."""
+    """Retention of an unfinished resumable upload, from its last piece."""
     media_ttl_s: float = Field(default=30 * DAY_S, gt=0)
     """Retention of videos and references, from their last use."""
     result_ttl_s: float = Field(default=7 * DAY_S, gt=0)
@@ -250,22 +253,22 @@ class Settings(BaseSettings):
     job_ttl_s: float = Field(default=30 * DAY_S, gt=0)
     """Retention of records of finished jobs."""
     usage_months: int = Field(default=25, ge=1, le=1200)
-    """Calendar months for which is kept what was done in each (`months` of `/usage`), with the present one."""
+    """Number of calendar months, with the present one, for which usage is kept (`months` of `/usage`)."""
     draft_ttl_s: float = Field(default=60.0, ge=0)
-    """Age from which a received file is removed that no process has open any more."""
+    """Age from which a received file is removed if no process has it open."""
     orphan_ttl_s: float = Field(default=3600.0, ge=0)
     """Age from which files that no record names are removed."""
     collect_interval_s: float = Field(default=6 * 3600.0, gt=0)
     """Time between two searches for files that no record names."""
     idempotency_ttl_s: float = Field(default=DAY_S, gt=0)
-    """Time for which the answer to an `Idempotency-Key` is kept."""
+    """How long the answer to an `Idempotency-Key` is kept."""
 
     # what Prometheus says to see /metrics; a service with keys shows them to nobody else
     metrics_token: SecretStr = SecretStr("")
-    """What Prometheus sends to see `/metrics`; see "Figures"."""
+    """Bearer token that Prometheus sends to read `/metrics`; see "Figures"."""
 
     log_level: Annotated[str, AfterValidator(_log_level)] = "INFO"
-    """Which lines the log has: `DEBUG`, `INFO`, `WARNING`, `ERROR`, `CRITICAL`."""
+    """Lowest level that is logged: `DEBUG`, `INFO`, `WARNING`, `ERROR`, `CRITICAL`."""
 
     @model_validator(mode="before")
     @classmethod
