@@ -27,7 +27,7 @@ def collar(rgb: Bytes, probability: Floats, head: HeadShape) -> Floats:
     probability: (h, w) of skin, the face's and the rest of a person's together;  head: in cells.
     """
     out = np.zeros(probability.shape, np.float32)
-    y, x = (along.astype(np.float32) for along in np.ogrid[: out.shape[0], : out.shape[1]])
+    y, x = (along.astype(np.float32) for along in np.ogrid[: probability.shape[0], : probability.shape[1]])
     way = ((x - head.chin[0]) * head.neck[0] + (y - head.chin[1]) * head.neck[1]) / np.float32(head.size)
     below = smoothstep(way, *_COLLAR.below_chin)
     # what reaches the picture's edge goes on there
