@@ -14,7 +14,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from threading import Lock
+from threading import RLock
 from typing import Final
 from weakref import WeakSet
 
@@ -170,9 +170,11 @@ class SingleFrames:
     """
 
     def __init__(self) -> None:
-        self._lock = Lock()
+        # by one thread more than once: garbage that is collected while it is had may be a `VectorVideo`, which closes
+        self._lock = RLock()
         self._kept: _Kept | None = None
-        _all.add(self)
+        with _forks:
+            _all.add(self)
 
     def frame(
         self,
@@ -248,20 +250,24 @@ class SingleFrames:
 
 
 _all: WeakSet[SingleFrames] = WeakSet()
+_forks = RLock()  # one fork after the other; while one is made, no `SingleFrames` is
 _halted: list[ExitStack] = []
 
 
 def _halt() -> None:
     """Before a fork: close what is kept, and keep nothing more until it is done."""
-    with ExitStack() as halted:
-        for one in tuple(_all):
-            halted.enter_context(one.halted())
-        _halted.append(halted.pop_all())
+    _forks.acquire()
+    halted = ExitStack()
+    _halted.append(halted)
+    for one in tuple(_all):
+        halted.enter_context(one.halted())
 
 
 def _go_on() -> None:
-    while _halted:
+    """After a fork, in both processes."""
+    if _halted:  # none where this was imported after the fork had begun
         _halted.pop().close()
+        _forks.release()
 
 
 os.register_at_fork(before=_halt, after_in_parent=_go_on, after_in_child=_go_on)

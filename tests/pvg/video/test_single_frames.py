@@ -279,3 +279,59 @@ def test_a_forked_process_opens_the_clip_for_itself(clip: Path) -> None:
             assert os.waitpid(pid, 0)[1] == 0
     """
     subprocess.run([sys.executable, "-W", "ignore", "-c", textwrap.dedent(program)], check=True, timeout=60)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no forks here")
+def test_what_is_collected_while_a_process_forks_may_close_its_clip() -> None:
+    """As a `VectorVideo` does that nobody refers to any more but itself."""
+    program = """
+        import gc, os
+        os.register_at_fork(before=gc.collect)  # comes after those that are registered later
+        from pvg.video import SingleFrames
+
+        class Owner:
+            def __init__(self):
+                self.frames, self.itself = SingleFrames(), self
+
+            def __del__(self):
+                self.frames.close()
+
+        gc.disable()
+        Owner()
+        if pid := os.fork():
+            assert os.waitpid(pid, 0)[1] == 0
+    """
+    subprocess.run([sys.executable, "-c", textwrap.dedent(program)], check=True, timeout=60)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no forks here")
+def test_several_threads_may_fork_while_others_open_clips() -> None:
+    program = """
+        import os, sys, threading
+        from pvg.video import SingleFrames
+        wrong, kept, done = [], [SingleFrames() for _ in range(300)], threading.Event()
+        sys.unraisablehook = lambda one: wrong.append(one.exc_value)
+        sys.setswitchinterval(1e-6)
+
+        def open_clips():
+            while not done.is_set():
+                [SingleFrames() for _ in range(50)]
+
+        def fork():
+            for _ in range(25):
+                pid = os.fork()
+                if not pid:
+                    os._exit(not all(one._lock.acquire(timeout=1) for one in kept))
+                if os.waitpid(pid, 0)[1]:
+                    wrong.append("a lock that nobody has any more")
+
+        others = [threading.Thread(target=open_clips) for _ in range(2)]
+        threads = [threading.Thread(target=fork) for _ in range(2)]
+        for thread in others + threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        done.set()
+        sys.exit(f"{len(wrong)}: {wrong[:3]}" if wrong else 0)
+    """
+    subprocess.run([sys.executable, "-W", "ignore", "-c", textwrap.dedent(program)], check=True, timeout=120)
