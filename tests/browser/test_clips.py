@@ -126,6 +126,23 @@ def test_back_and_forward_go_between_the_list_and_the_clips_that_were_opened(des
     assert page.locator("#toasts").get_by_text("no longer here").count() == 0
 
 
+def test_a_clip_that_comes_after_its_address_was_left_is_not_opened(desk: Desk) -> None:
+    page, held = desk.guarded.open(), list[Route]()
+    page.locator(".clip-card").click()
+    desk.guarded.until(READY)
+    page.go_back()
+    page.get_by_role("button", name="Choose a clip").wait_for()
+    page.route(f"**/v1/videos/{desk.video['id']}", lambda route: held.append(route))  # noqa: PLW0108
+    page.go_forward()
+    desk.guarded.heard(lambda: held)
+    page.go_back()
+    with page.expect_response(f"**/v1/videos/{desk.video['id']}"):
+        held[0].continue_()
+    page.wait_for_timeout(300)  # more than the page takes to open it
+    assert page.evaluate("() => location.hash") == ""
+    assert page.get_by_role("button", name="Choose a clip").is_visible()
+
+
 def test_the_browser_asks_before_a_file_that_is_uploaded_goes_with_the_page(desk: Desk, tiny_clip: Path) -> None:
     page, held, asked = desk.guarded.open(), list[Route](), list[str]()
 

@@ -195,11 +195,12 @@ export async function reopen(again) {
   const id = location.hash.slice(1);
   if (!/^vid_\w+$/.test(id) || id === state.clip?.medium?.id) return;
   const before = state.clip;
+  const isLate = () => state.clip !== before || location.hash !== `#${id}`; // another clip came, or another address
   let medium;
   try {
     medium = await ask(`${PATH}/${id}`);
   } catch (error) {
-    if (state.clip !== before) return; // another clip came meanwhile
+    if (isLate()) return;
     if (error.status === 404) {
       notice("This clip is no longer here");
       await close({ gone: true });
@@ -208,5 +209,5 @@ export async function reopen(again) {
     put({ ...ofMedium(PATH, { id, filename: "Clip" }), medium: null, error, again }, id);
     return;
   }
-  if (state.clip === before) await openMedium(medium);
+  if (!isLate()) await openMedium(medium);
 }
