@@ -143,6 +143,23 @@ def test_a_clip_that_comes_after_its_address_was_left_is_not_opened(desk: Desk) 
     assert page.get_by_role("button", name="Choose a clip").is_visible()
 
 
+def test_back_asks_before_it_drops_what_is_uploaded(desk: Desk, tiny_clip: Path, tmp_path: Path) -> None:
+    page, held = desk.edit(), list[Route]()
+    page.route("**/v1/videos", lambda route: held.append(route))  # noqa: PLW0108
+    other = tmp_path / "other.mp4"
+    other.write_bytes(tiny_clip.read_bytes() + b"\0\0\0\x08free")
+    drop(page, "#picture", other)
+    desk.guarded.heard(lambda: held)
+    page.go_back()
+    page.get_by_role("dialog").get_by_role("button", name="Keep").click()
+    desk.guarded.until("() => location.hash === ''")
+    assert page.get_by_role("heading", name="other.mp4").is_visible()
+    page.go_back()
+    page.get_by_role("dialog").get_by_role("button", name="Stop it").click()
+    desk.guarded.until(READY)
+    assert page.evaluate("() => location.hash") == f"#{desk.video['id']}"
+
+
 def test_the_browser_asks_before_a_file_that_is_uploaded_goes_with_the_page(desk: Desk, tiny_clip: Path) -> None:
     page, held, asked = desk.guarded.open(), list[Route](), list[str]()
 

@@ -181,8 +181,13 @@ async function follow({ id, job }) {
   changed();
 }
 
-/** Show what the address names by now, as after Back: a clip, or none. */
+/** Show what the address names by now, as after Back: a clip, or none. What is being uploaded is dropped if that is wanted. */
 export async function readdress(again) {
+  const { clip } = state;
+  if (clip && clip.sent !== null && !(await confirmed("Stop the upload?", `${clip.name} is not there whole yet.`, "Stop it"))) {
+    if (state.clip === clip) remember(clip.medium?.id);
+    return;
+  }
   if (!location.hash && state.clip) await close();
   else await reopen(again);
 }
