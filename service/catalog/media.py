@@ -326,9 +326,13 @@ def finish(session: Session, lease: Lease, asset: Asset, *, now: datetime, timin
     return unneeded
 
 
-def lock_job(session: Session, media_id: str, *, owner: str) -> None:
-    """Keep others from the job that vectorises an owner's medium; before that, as its worker does when it ends."""
-    its = select(Media.job_id).where(Media.id == media_id, Media.owner == owner).scalar_subquery()
+def lock_job(session: Session, media_id: str, *, owner: str | None = None) -> None:
+    """Keep others from the job that vectorises a medium, with an ``owner`` if that has it.
+
+    Before the medium itself, as its worker does when it ends, and who sends the same again.
+    """
+    of = () if owner is None else (Media.owner == owner,)
+    its = select(Media.job_id).where(Media.id == media_id, *of).scalar_subquery()
     session.execute(select(Job.id).where(Job.id == its).with_for_update())
 
 

@@ -74,6 +74,7 @@ def late_media(session: Session, *, now: datetime) -> list[str]:
 
 def expire_medium(session: Session, media_id: str, *, now: datetime) -> list[str]:
     """Delete a medium of `late_media`, unless it is needed again. Returns the blobs to delete after the commit."""
+    media.lock_job(session, media_id)
     medium = media.get(session, media_id, lock="update")
     if medium is None or medium.expires_at >= now or media.active_jobs(session, media_id):
         return []

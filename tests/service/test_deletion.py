@@ -512,6 +512,27 @@ def test_a_medium_is_deleted_while_the_worker_that_vectorises_it_ends(database: 
         assert deleted.result() == [made.source_key]
 
 
+def test_a_medium_past_its_retention_goes_while_the_same_is_sent_again(database: Database) -> None:
+    """The request had the job and wanted the medium, the reaper the other way round."""
+    made = add_media(database)
+    lease = claim(database, made.job_id)
+    with database.write() as session:
+        assert leases.fail(session, lease, {}, now=database.now(), timings={})
+    late = database.now() + timedelta(days=400)
+
+    def expire() -> list[str]:
+        with database.write() as session:
+            return sweep.expire_medium(session, made.id, now=late)
+
+    with ThreadPoolExecutor(1) as other:
+        with database.write() as session:  # as who finds the medium there
+            assert jobs.get(session, made.job_id, lock=True) is not None
+            expired = other.submit(expire)
+            until(lambda: held_up(database) or expired.done())
+            assert media.get(session, made.id, lock="update") is not None
+        assert expired.result() == [made.source_key]
+
+
 def _add_result(database: Database, job_id: str, blob_key: str | None) -> str:
     """A result of a job's only look, as if it had been drawn; its id."""
     with database.write() as session:
