@@ -31,13 +31,20 @@ def give_back() -> None:
 def map_large_blocks() -> None:
     """From now on blocks of 2 MB and more are mapped each by itself, and gone when they are freed.
 
-    So it stays in this process. Nothing is done where the environment sets such a limit, or where there is no glibc.
+    So it stays in this process. A limit that the environment sets is left as it is; where it is that of the size, or
+    where there is no glibc, nothing is done.
     """
     library = _glibc()
-    told = "MALLOC_MMAP_THRESHOLD_" in os.environ or "malloc.mmap_threshold" in os.environ.get("GLIBC_TUNABLES", "")
-    if library is not None and not told:
-        library.mallopt(_MMAP_THRESHOLD, _LARGE)
+    if library is None or _is_set("mmap_threshold"):
+        return
+    library.mallopt(_MMAP_THRESHOLD, _LARGE)
+    if not _is_set("trim_threshold"):
         library.mallopt(_TRIM_THRESHOLD, _KEPT_FREE)
+
+
+def _is_set(limit: str) -> bool:
+    """Whether the environment sets a limit of glibc's allocator, such as mmap_threshold."""
+    return f"MALLOC_{limit.upper()}_" in os.environ or f"malloc.{limit}" in os.environ.get("GLIBC_TUNABLES", "")
 
 
 @cache

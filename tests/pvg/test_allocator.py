@@ -94,7 +94,37 @@ def test_large_blocks_are_gone_when_they_are_freed(environment: dict[str, str], 
         held.clear()
         print(before - resident() > 50_000_000)
     """
-    plain = {k: v for k, v in os.environ.items() if k not in ("MALLOC_MMAP_THRESHOLD_", "GLIBC_TUNABLES")}
+    assert _printed(program, environment) == str(mapped)
+
+
+@pytest.mark.skipif(_allocator._glibc() is None, reason="of glibc")
+@pytest.mark.parametrize(
+    "environment",
+    [{"MALLOC_TRIM_THRESHOLD_": "100000"}, {"GLIBC_TUNABLES": "glibc.malloc.trim_threshold=100000"}],
+)
+def test_what_is_kept_free_is_what_the_environment_says(environment: dict[str, str]) -> None:
+    program = """
+        from pathlib import Path
+        from pvg._allocator import map_large_blocks
+
+        def resident():
+            line = next(x for x in Path("/proc/self/status").read_text().splitlines() if x.startswith("VmRSS"))
+            return int(line.split()[1]) * 1024
+
+        map_large_blocks()
+        resident()
+        held = [bytearray(b"x") * 1_000_000 for _ in range(40)]
+        before = resident()
+        held.clear()
+        print(before - resident() > 30_000_000)
+    """
+    assert _printed(program, environment) == "True"
+    assert _printed(program, {}) == "False"
+
+
+def _printed(program: str, environment: dict[str, str]) -> str:
+    """What a process prints that has these of the variables of glibc's allocator, and no others."""
+    plain = {k: v for k, v in os.environ.items() if not k.startswith("MALLOC_") and k != "GLIBC_TUNABLES"}
     done = subprocess.run(
         [sys.executable, "-c", textwrap.dedent(program)],
         check=True,
@@ -103,4 +133,4 @@ def test_large_blocks_are_gone_when_they_are_freed(environment: dict[str, str], 
         capture_output=True,
         text=True,
     )
-    assert done.stdout.strip() == str(mapped)
+    return done.stdout.strip()
