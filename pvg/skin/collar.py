@@ -48,5 +48,5 @@ def collar(rgb: Bytes, probability: Floats, head: HeadShape) -> Floats:
     brighter = smoothstep(luma * known / np.maximum(mean_luma, _LEAST_MASS), *_COLLAR.brighter)
     paler = 1 - smoothstep(chroma * known / np.maximum(mean_chroma, _LEAST_MASS * _LEAST_MASS), *_COLLAR.paler)
     found = brighter * paler * (1 - inner) * (mass > _LEAST_MASS)
-    out[rows, columns] = found * below[rows, columns]
+    out[rows, columns] = cv2.GaussianBlur(found * below[rows, columns], (0, 0), _COLLAR.blur)
     return out

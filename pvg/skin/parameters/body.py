@@ -119,4 +119,5 @@ class CollarNumbers:
     edge: int = 4  # cells [by eye]: from the edge of what may be skin to what surely is
     around: float = 0.15  # face sizes, standard deviation [by eye]: of the mean of the skin inside
     brighter: Range = (1.1, 1.25)  # of its luma [by eye]
-    paler: Range = (0.4, 0.6)  # of its chroma over luma [measured: to 0.8 a neck that is lit from a side loses 15 %]
+    paler: Range = (0.3, 0.5)  # of its chroma over luma [measured: to 0.8 a neck that is lit from a side loses 15 %]
+    blur: float = 1.0  # cells [by eye]: what is found comes and goes with noise
