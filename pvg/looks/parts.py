@@ -116,8 +116,6 @@ class PartChanges:
             hidden = not low <= luma[p] <= high  # true for what was not seen, NaN
             if hidden or chroma[p, 1] < _LEAST_RED.get(part, -np.inf):
                 luma[p], chroma[p] = np.nan, 0.0
-            if part == "cheeks":
-                chroma[p, 0] = min(chroma[p, 0], chroma[p, 1])  # pink at most
         return cls(luma, chroma)
 
     def on(self, skin: SkinMap, key: KeyFrame, strength: Floats) -> Floats:
@@ -147,7 +145,10 @@ class PartChanges:
                 goal = face * _within(self.luma[p], bounds.luma, ours[0] / face)
                 out[p, 0] = np.clip(goal - ours[0], -bounds.step[0] * face, bounds.step[1] * face)
             usual, then = (skin.goal.at(np.array([luma]))[0] for luma in (ours[0], ours[0] + out[p, 0]))
-            for channel, bound in enumerate((bounds.blue, bounds.red)):
+            blue = bounds.blue
+            if part == "cheeks":
+                blue = blue[0], min(blue[1], float(self.chroma[p, 1]))  # pink at most
+            for channel, bound in enumerate((blue, bounds.red)):
                 beyond = _within(self.chroma[p, channel], bound, ours[1 + channel] - usual[channel])
                 out[p, 1 + channel] = then[channel] + beyond - ours[1 + channel]
             share = shown * float(strength[p])

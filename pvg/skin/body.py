@@ -120,7 +120,8 @@ class BodyTracker:
         if self.color_trust < 1:
             probability *= np.float32(self.color_trust)
         leave_out_hair(probability, scene.rgb, person, face_mask, hair, head, self._scale, gain)
-        probability *= 1 - collar(scene.rgb, np.maximum(probability, of_face), head)
+        in_usual_light = relit(scene.rgb, gain_of(light))
+        probability *= 1 - collar(in_usual_light, np.maximum(probability, of_face), head)
         mask, alpha = self._smooth_in_time(scene, probability, face_mask, person, head)
         return Matte.over(scene.raster.box, in_levels(alpha), mask)
 

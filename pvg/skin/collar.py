@@ -22,9 +22,10 @@ _LEAST_LUMA = np.float32(1.0)  # levels
 
 
 def collar(rgb: Bytes, probability: Floats, head: HeadShape) -> Floats:
-    """(h, w) float32 in [0, 1], how surely each cell of a picture rgb (h, w, 3) is a collar's and not skin.
+    """(h, w) float32 in [0, 1], how surely each cell of a picture is a collar's and not skin.
 
-    probability: (h, w) of skin, the face's and the rest of a person's together;  head: in cells.
+    rgb: (h, w, 3), in usual light;  probability: (h, w) of skin, the face's and the rest of a person's together;
+    head: in cells.
     """
     out = np.zeros(probability.shape, np.float32)
     y, x = (along.astype(np.float32) for along in np.ogrid[: probability.shape[0], : probability.shape[1]])

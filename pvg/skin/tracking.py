@@ -197,7 +197,7 @@ class SkinTracker:
         probability = _filtered(lit, network.fused(by_rules, predicted), prior)
         if scene is not None:
             probability = _of_people(probability, scene.people(raster), prior)
-        probability = probability * (1 - collar(small, probability, head_shape(own)))
+        probability = probability * (1 - collar(lit, probability, head_shape(own)))
         mask, alpha, smooth = _smooth_in_time(probability, prior, before)
         self._before = _TemporalState(grey, smooth, mask.astype(np.float32), alpha, predicted)
         # last, so that skin that comes back is still known

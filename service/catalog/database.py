@@ -286,6 +286,8 @@ def at_last(session: Session, step: Callable[[Session], None]) -> None:
 
 
 def _take_last_steps(session: Session) -> None:
+    if not session.in_transaction():  # it was rolled back, with all that the steps are for
+        return
     session.flush()  # what is not written yet is locked before them, too
     steps: dict[Callable[[Session], None], None] = session.info.pop(_LAST, {})
     for step in steps:
