@@ -36,7 +36,7 @@ class PartBounds:
     luma: least and most of the skin's, None when a part changes no luma;  blue, red: B − Y and R − Y beyond the skin's
     usual chroma at that luma, levels;  step: most of the skin's luma that the clip's own part gets darker or lighter;
     shown: least and most of the skin's luma that the reference's part can have, outside it is a shadow, a beard or a
-    highlight.
+    highlight;  least_red: R − Y beyond the skin's that it has at least, levels.
     """
 
     luma: tuple[float, float] | None
@@ -44,12 +44,15 @@ class PartBounds:
     blue: tuple[float, float]
     red: tuple[float, float]
     shown: tuple[float, float]
+    least_red: float = -np.inf
 
 
 _BOUNDS = {
-    "lips": PartBounds((0.6, 1.0), (0.3, 0.2), (-25.0, 20.0), (-4.0, 60.0), (0.45, 1.2)),
+    # less red is a beard or a shadow
+    "lips": PartBounds((0.6, 1.0), (0.3, 0.2), (-25.0, 20.0), (-4.0, 60.0), (0.45, 1.2), least_red=-3.0),
     "lids": PartBounds((0.66, 1.04), (0.22, 0.08), (-8.0, 4.0), (-8.0, 5.0), (0.4, 1.25)),
-    "cheeks": PartBounds(None, (0.0, 0.0), (-12.0, 10.0), (-10.0, 18.0), (0.6, 1.5)),
+    # less red is another light than the face's, grey or violet patches on one that is lit evenly [by blind choice]
+    "cheeks": PartBounds(None, (0.0, 0.0), (-12.0, 10.0), (-10.0, 18.0), (0.6, 1.5), least_red=0.0),
     "brows": PartBounds((0.35, 1.0), (0.1, 0.02), (-6.0, 6.0), (-6.0, 6.0), (0.2, 1.05)),
 }
 # of lips, beside the skin's hue and saturation [measured: 30 faces, 2 to 30 degrees, -0.01 to 0.3 richer]
@@ -77,9 +80,6 @@ _LEAST_CHROMA = 4.0  # levels: greyer skin has no hue
 # light's, and the chroma below which it is chance
 _SKIN_HUE, _STRANGE, _HUELESS = 45.0, (45.0, 70.0), (6.0, 12.0)
 _LIT = (45.0, 65.0)  # C* that only coloured light gives skin [measured: looks on usual skin have 34 at most]
-# levels of R − Y beyond the skin's: lips with less are a beard or a shadow [by eye], cheeks with less are in another
-# light than the face, and would be grey or violet patches on one that is not [by blind choice]
-_LEAST_RED = {"lips": -3.0, "cheeks": 0.0}
 
 
 def strengths(makeup: Makeup) -> Floats:
@@ -108,13 +108,14 @@ class PartChanges:
         luma = parts[:, 0] / _level(reference.skin)
         chroma = parts[:, 1:] - UsualChroma.of(to_opponent(reference.skin)).at(parts[:, 0])
         for p, part in enumerate(PARTS):
-            low, high = _BOUNDS[part].shown
+            bounds = _BOUNDS[part]
+            low, high = bounds.shown
             if part == "lips":
                 low = max(low, _BESIDE_MOUSTACHE) if _moustache(reference) else low
                 # deep red is a lipstick, and no shadow
                 low -= _DEEPER * float(ramp(chroma[p, 1], *_DEEP_RED)) if chroma[p, 1] == chroma[p, 1] else 0.0
             hidden = not low <= luma[p] <= high  # true for what was not seen, NaN
-            if hidden or chroma[p, 1] < _LEAST_RED.get(part, -np.inf):
+            if hidden or chroma[p, 1] < bounds.least_red:
                 luma[p], chroma[p] = np.nan, 0.0
         return cls(luma, chroma)
 

@@ -101,9 +101,9 @@ class BodyTracker:
         frame = _head_frame(head, own)
         body_log_odds(scene.rgb, person, face_mask, against, *self._tables, gain, frame, _WEIGHTS, log_odds)
         by_rules = logistic(np.asarray(cv2.GaussianBlur(log_odds, (0, 0), _BODY.blur), np.float32))
+        usual = gain_of(light)
+        lit = relit(scene.rgb, usual)
         if asked:
-            usual = gain_of(light)
-            lit = relit(scene.rgb, usual)
             predicted = body_network.predict_body_skin(lit, person, face_mask, head, usual * light, by_rules)
         else:
             predicted = _moved(self._predicted, maps)
@@ -120,8 +120,7 @@ class BodyTracker:
         if self.color_trust < 1:
             probability *= np.float32(self.color_trust)
         leave_out_hair(probability, scene.rgb, person, face_mask, hair, head, self._scale, gain)
-        in_usual_light = relit(scene.rgb, gain_of(light))
-        probability *= 1 - collar(in_usual_light, np.maximum(probability, of_face), head)
+        probability *= 1 - collar(lit, np.maximum(probability, of_face), head)
         mask, alpha = self._smooth_in_time(scene, probability, face_mask, person, head)
         return Matte.over(scene.raster.box, in_levels(alpha), mask)
 

@@ -11,12 +11,13 @@ import cv2
 import numpy as np
 
 from pvg._arrays import Bytes, Floats, smoothstep
+from pvg.picture import LUMA
 from pvg.skin.cleanup import occupied
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import HeadShape
 
 _COLLAR = SKIN_PRIOR.collar
-_LUMA = np.array([0.299, 0.587, 0.114], np.float32)  # BT.601
+_LUMA = LUMA.astype(np.float32)
 _LEAST_MASS = np.float32(1e-3)  # of sure skin around: with less nothing is told
 _LEAST_LUMA = np.float32(1.0)  # levels
 
