@@ -54,21 +54,31 @@ async def send(store: ObjectStore, key: str, path: Path, check: Callable[[], Non
     writer = obstore.open_writer_async(store, key, buffer_size=part, max_concurrency=_PARTS_AT_ONCE)
     try:
         for piece in _pieces_of(path, part, check):
-            await _watched(writer.write(piece), check)
+            await _watched_to_its_end(writer.write(piece), check)
     except BaseException as error:
         with suppress(Exception):  # it has the store forget the parts that it has
             await asyncio.wait_for(writer.__aexit__(type(error), error, error.__traceback__), _LAST_S)
         raise
-    # an upload that is cut off here would leave its parts: the last few are sent
-    closing = asyncio.ensure_future(writer.close())
     try:
-        await _watched(asyncio.shield(closing), check)
+        await _watched_to_its_end(writer.close(), check)
     except FileNotFoundError:
         raise
     except OSError as error:  # obstore's errors come as such from here
         raise GenericError(str(error)) from error
+
+
+async def _watched_to_its_end(answer: Awaitable[T], check: Callable[[], None]) -> T:
+    """What a store answers, as `_watched`, but when ``check`` raises the store still has a moment to answer.
+
+    An upload that is cut off while it begins is one whose name nobody has learnt, so nobody can end it, and one that is
+    cut off while it closes leaves its parts.
+    """
+    answering = asyncio.ensure_future(answer)
+    try:
+        return await _watched(asyncio.shield(answering), check)
     finally:
-        await asyncio.wait([closing], timeout=_LAST_S)
+        await asyncio.wait([answering], timeout=_LAST_S)
+        answering.cancel()
 
 
 async def _watched(answer: Awaitable[T], check: Callable[[], None]) -> T:

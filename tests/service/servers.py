@@ -200,12 +200,14 @@ class Wire:
         self.port = free_port()
         self._pairs: list[socket.socket] = []
         self._flows = threading.Event()
+        self._answers = threading.Event()
         self._listener: socket.socket | None = None
         self._lock = threading.Lock()
 
     def connect(self) -> None:
         """Let everything through."""
         self._flows.set()
+        self._answers.set()
         if self._listener is None:
             self._listener = socket.create_server(("127.0.0.1", self.port))
             threading.Thread(target=self._accept, args=(self._listener,), daemon=True).start()
@@ -226,6 +228,10 @@ class Wire:
         """Let nothing through, and end nothing."""
         self._flows.clear()
 
+    def mute(self) -> None:
+        """Let the server hear what it is asked, and nobody hear what it answers."""
+        self._answers.clear()
+
     def _accept(self, listener: socket.socket) -> None:
         with suppress(OSError):
             while True:
@@ -237,13 +243,14 @@ class Wire:
                         far.close()
                         return
                     self._pairs += [near, far]
-                for source, sink in ((near, far), (far, near)):
-                    threading.Thread(target=self._pump, args=(source, sink), daemon=True).start()
+                for source, sink, flows in ((near, far, self._flows), (far, near, self._answers)):
+                    threading.Thread(target=self._pump, args=(source, sink, flows), daemon=True).start()
 
-    def _pump(self, source: socket.socket, sink: socket.socket) -> None:
+    def _pump(self, source: socket.socket, sink: socket.socket, flows: threading.Event) -> None:
         with suppress(OSError):
             while data := source.recv(65536):
                 self._flows.wait()
+                flows.wait()
                 sink.sendall(data)
         for one in (source, sink):
             with suppress(OSError):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import count
@@ -113,6 +114,22 @@ def test_nor_does_one_on_whose_way_the_store_falls_silent(
         return True
 
     monkeypatch.setattr(remote.keeper, "check", ends_when(silent_for_a_while))
+    nothing_is_stored(remote, bucket)
+
+
+@pytest.mark.timeout(60)
+def test_nor_does_one_of_which_the_store_has_yet_to_say_that_it_began(
+    remote: Run, bucket: S3, wire: Wire, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wire.mute()
+
+    def begun() -> bool:
+        if not uploads(bucket):
+            return False
+        threading.Timer(0.5, wire.connect).start()
+        return True
+
+    monkeypatch.setattr(remote.keeper, "check", ends_when(begun))
     nothing_is_stored(remote, bucket)
 
 
