@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from pvg._arrays import Doubles, Floats
+from pvg._arrays import Doubles, Floats, ramp
 from pvg._checks import real_number
 from pvg.asset import VectorVideo
 from pvg.looks.opponent import to_rgb
@@ -20,9 +20,11 @@ PROTECTABLE = ("eyes", "teeth")
 EXTENTS = ("skin", "face")  # all skin of a person, or the face with ears and neck
 
 Contrast = float | Literal["auto"]
-Region = Literal["face", "beside"]
-"""Of a person's skin: the face, and all that is beside it."""
+Region = Literal["face", "beside", "ears"]
+"""Of a person's skin: the face, all that is beside it, and of that the ears in the face's matte."""
 FaceContrast = float | Literal["map"]
+
+_BEARD = (0.8, 0.5)  # of the skin's middle luma, from where a mean of skin and hair is partly to where it is wholly hair
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,24 +33,29 @@ class LookMap:
 
     strength: of the way from the skin's colours to those of F;
     exposures: (K, 2) of the face's key frames, how bright each is beside the one that F was made from, and how much of
-    that the new colours keep: g' = kept · F(g / gain).
+    that the new colours keep: g' = kept · F(g / gain);  beard: in [0, 1], see `beard_of`.
     """
 
     skin: SkinMap
     strength: float
     exposures: Floats
+    beard: float = 0.0
+
+    def beard_at(self, luma: Doubles) -> Doubles:
+        """How far the mean colour around a place of the lower face, of such lumas (n,), is a beard's, in [0, 1]."""
+        return np.asarray(self.beard * ramp(luma / self.skin.own.middle, *_BEARD))
 
     def usual_colors(self, region: Region = "face") -> tuple[Doubles, Doubles]:
         """The colours (256, 3) that are usual at the lumas 0 to 255, 0-255 RGB, and what F makes of them.
 
-        The tone curve is T or `SkinMap.beside`.
+        The tone curve is T, `SkinMap.beside` or `SkinMap.ears`.
         """
         skin, levels = self.skin, np.arange(256.0)
         usual = to_rgb(np.column_stack([levels, skin.own.at(levels)]))
         if region == "face":
             tone, goal = skin.tone, skin.goal
         else:  # a neck may be brighter than the brightest of the face
-            tone = skin.beside
+            tone = skin.beside if region == "beside" else skin.ears
             goal = skin.goal.up_to(float(np.interp(skin.own.brightest, levels, tone)))
         return usual, to_rgb(np.column_stack([tone, goal.at(tone)]))
 

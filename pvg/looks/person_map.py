@@ -10,6 +10,7 @@ import numpy as np
 from pvg._arrays import Doubles, Floats
 from pvg.asset import FaceRecord, KeyFrame
 from pvg.curves import GROUPS, table_labels
+from pvg.looks.beard import beard_of
 from pvg.looks.color_map import SMALLEST_GROUP, ColorMap, TransportSteps, all_colors_map
 from pvg.looks.complexion import complexion
 from pvg.looks.depth import depth_of_features
@@ -53,13 +54,14 @@ class PersonMap:
     skin: F of the face, None with "color" and where there is too little open skin on either side;
     at_curves: the new boundary colours of a key frame, whose exposure is that of the leading one;
     exposure: of key frames beside the leading one, None where every one takes the map as it is;
-    whole: F of all skin of the person, in the clip's own light.
+    whole: F of all skin of the person, in the clip's own light;  beard: see `beard_of`.
     """
 
     skin: SkinMap | None
     at_curves: ColorMap
     exposure: Exposure | None
     whole: SkinMap
+    beard: float
 
     @classmethod
     def of(cls, records: Sequence[FaceRecord], goal: Goal, *, follow_exposure: bool) -> PersonMap:
@@ -71,7 +73,7 @@ class PersonMap:
         exposure = Exposure.of_person(leading, _skin_moved(skin, at_curves)) if follow_exposure else None
         # light falls on the face alone
         whole = skin if skin is not None and plain is leading else _whole_map(plain, goal)
-        return cls(skin, at_curves, exposure, whole)
+        return cls(skin, at_curves, exposure, whole, beard_of(plain))
 
     def exposure_of(self, key: KeyFrame) -> tuple[float, float]:
         """The gain of a key frame, and how much of it its new colours keep; see `Exposure.of`."""

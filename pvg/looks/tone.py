@@ -51,7 +51,8 @@ _OTHER_HUE_BROAD = 0.6  # the same of k at the curves, where it tells of patches
 _ROUNDS = 4  # in which it is found: chroma changes with luma
 _MIDDLE = 0.1  # of the middle luma: over which a curve gets steeper below it
 _SLOPE_RANGE = (0.6, 2.0)  # of F in luma as a whole [by eye]
-_SHADE = 0.8  # of the middle luma: skin beside the face that is darker than this goes through black [by eye]
+# of the middle luma: skin beside the face that is darker than this goes through black [by eye], and ears
+_SHADE, _EAR_SHADE = 0.8, 0.35
 _LEAST_CHROMA = 4.0  # levels added to both sides of the ratio of chroma, so that grey skin does not explode
 # of the way from the line that is seen to the one of constant hue and saturation: light from two sides colours shadows,
 # and whole ones would turn sockets and stubble violet [by eye]
@@ -280,7 +281,18 @@ class SkinMap:
 
     @property
     def beside(self) -> Doubles:
-        """(256,) the tone curve of skin beside the face: as much brighter or darker as the middle of the face's skin.
+        """(256,) the tone curve of skin beside the face, see `_shifted`."""
+        return self._shifted(_SHADE)
+
+    @property
+    def ears(self) -> Doubles:
+        """(256,) the tone curve of ears, which differs from `beside` in deep shade."""
+        return self._shifted(_EAR_SHADE)
+
+    def _shifted(self, shade: float) -> Doubles:
+        """A tone curve (256,) that makes skin as much brighter or darker as the middle of the face's skin.
+
+        shade: of the middle luma; what is darker goes through black.
 
         An ear or a neck is lit otherwise than the face, and keeps its difference to it. What is brighter than the
         middle comes no nearer to white than in proportion to how near it was. Deep shade goes through black, or along
@@ -288,7 +300,7 @@ class SkinMap:
         """
         levels, middle = np.arange(256.0), self.own.middle
         bright = float(np.interp(middle, levels, self.tone))
-        shifted = levels + (bright - middle) * np.minimum(1.0, levels / (_SHADE * middle))
+        shifted = levels + (bright - middle) * np.minimum(1.0, levels / (shade * middle))
         to_white = bright + (levels - middle) * (255.0 - bright) / (255.0 - middle)
         shifted = np.where(levels > middle, np.minimum(shifted, to_white), shifted)
         return np.asarray(np.where(levels < middle, np.maximum(shifted, self.tone), shifted))

@@ -163,7 +163,7 @@ def _new_face(record: FaceRecord, person: PersonMap, goal: Goal) -> _NewFace:
         colors=np.stack([key.colors for key in keys]).astype(np.float32),
         contrast=1.0 if person.skin is None else "map",
         parts=np.stack(parts) if parts else None,
-        map=LookMap(person.whole, goal.strength, np.array([key.exposure for key in keys], np.float32)),
+        map=LookMap(person.whole, goal.strength, np.array([key.exposure for key in keys], np.float32), person.beard),
     )
 
 

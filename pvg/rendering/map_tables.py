@@ -28,7 +28,8 @@ class MapTables:
     tone: (2, n) float32 what luma gains by its code, by slopes of T above 1 and below;
     chroma: (2, n) float32 what each chroma plane gains by luma's code, `excess` of its own code aside;
     offset: (3,) the codes of black and of grey;  usual: (2, n) float32 the chroma, above grey, of skin by luma's code;
-    alike: r of the skin that is least like the rest, see `tinge`.
+    alike: r of the skin that is least like the rest, see `tinge`;
+    beard: (n,) how far a mean of such a luma in the lower face is of a beard, by luma's code.
     """
 
     tone: Floats
@@ -37,6 +38,7 @@ class MapTables:
     offset: Floats
     usual: Floats
     alike: float
+    beard: Floats
 
     @classmethod
     def of(
@@ -74,8 +76,9 @@ class MapTables:
         tone = look_map.strength * np.stack([rise, fall])
         offset = opponent.offset.astype(np.float32)
         own = np.stack([_read(codes, source[:, 0], source[:, p]) - opponent.offset[p] for p in (1, 2)])
-        tables = [one.astype(np.float32) for one in (tone, np.stack(chroma), own)]
-        return cls(tables[0], tables[1], float(excess), offset, tables[2], look_map.skin.alike)
+        beard = _read(codes, source[:, 0], look_map.beard_at(np.arange(256.0)))
+        tone, of_chroma, own, beard = (one.astype(np.float32) for one in (tone, np.stack(chroma), own, beard))
+        return cls(tone, of_chroma, float(excess), offset, own, look_map.skin.alike, beard)
 
     @cached_property
     def alikeness(self) -> tuple[Floats, Floats, Floats]:
@@ -85,6 +88,10 @@ class MapTables:
         size = np.hypot(*self.usual)
         a, b = self.usual / np.maximum(size * (size + least), np.float32(1e-6))
         return a, b, least / (size + least)
+
+    def beard_at(self, luma: Floats) -> Floats:
+        """`beard` at codes of luma (n,)."""
+        return np.asarray(_at_codes(luma, self.beard), np.float32)
 
     def gained(self, colors: Floats) -> Floats:
         """What luma and chroma (n, 3), black aside, gain."""

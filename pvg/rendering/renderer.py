@@ -11,7 +11,8 @@ from pvg.asset import VectorVideo
 from pvg.curves import Chain, ColorTable, CurveLabels, labels_by_length, table_labels
 from pvg.errors import UncutError
 from pvg.looks import Look, Region
-from pvg.rendering.beside import with_beside
+from pvg.rendering.beard import with_beard
+from pvg.rendering.beside import BesideTables, with_beside
 from pvg.rendering.body import apply_body
 from pvg.rendering.coding import Coding
 from pvg.rendering.correction import at_curves, extend
@@ -166,6 +167,9 @@ class Renderer:
             out += [(face, body) for body in bodies]
         return [(face, body) for face, body in out if face in self._with_body]
 
+    def _beside(self, look: int, face: int, frame: Frame) -> BesideTables:
+        return BesideTables(self._tables_of(look, face, frame, "beside"), self._tables_of(look, face, frame, "ears"))
+
     def _tables_of(self, look: int, face: int, frame: Frame, region: Region) -> MapTables:
         look_map = self.looks[look].maps[face]
         gain, kept = self.video.records[face].blended(look_map.exposures, frame.index)
@@ -206,12 +210,12 @@ class Renderer:
         coding = Coding(frame.format)
         codes = coding.colors(colors[:, :3])
         wanted, lumas, parts = [], [], []
-        beside: list[MapTables | None] = []
+        beside: list[BesideTables | None] = []
         for k, i in enumerate(which, start=1):
             new = colors[:, 3 * k : 3 * (k + 1)]
             new_codes, contrast = coding.colors(new), self.looks[i].contrast_of(face)
             drawn = self._tables_of(i, face, frame, "face") if contrast == "map" else contrast
-            beside.append(self._tables_of(i, face, frame, "beside") if contrast == "map" else None)
+            beside.append(self._beside(i, face, frame) if contrast == "map" else None)
             wanted.append(at_curves(codes, new_codes, drawn))
             lumas.append(new_codes[:, 0])
             gained = self._parts(i, face, frame.index)
@@ -225,7 +229,7 @@ class Renderer:
         key = self.video.records[face].key_frame_of(frame.index)
         mouth = see_mouth(frame, landmarks, key, placed.lattice())
         corrections = with_parts(corrections, parts, landmarks, mouth.lips)
-        corrections = with_beside(frame, placed, corrections, beside)
+        corrections = with_beard(frame, placed, with_beside(frame, placed, corrections, beside))
         corner = placed.x, placed.y
         skin = None
         if any(correction.mapped for correction in corrections):

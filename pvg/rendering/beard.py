@@ -1,0 +1,65 @@
+"""A beard stays as dark as it is where a look brightens skin.
+
+Hair does not take a look, and mattes end before it, but a beard lies on the face: skin is between its hairs. The map F
+makes what is darker than skin brighter with it, so a beard would look washed out and tinted. Where a face has one, the
+membrane takes away from its lower half what F adds to it, by how dark the matte's mean colour around a node is; texture
+keeps the slope of F, and the border of a beard is as soft as that mean. Nothing is done where a look darkens skin: black
+hair beside it would be no hair of that light.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pvg._arrays import Floats, ramp
+from pvg.face import layout
+from pvg.rendering.beside import share_beside
+from pvg.rendering.blocks import Blocks
+from pvg.rendering.correction import Correction
+from pvg.rendering.map_tables import MapTables
+from pvg.rendering.placed_face import PlacedFace
+from pvg.video import Frame
+
+_AROUND = 0.02  # of the face's width, sigma of the mean around a node [by eye: the width of a moustache's edge]
+_BEGINS = (-0.12, -0.03)  # of the face's width below its centre: the nose's base, above a moustache
+_LIPS = 0.03  # of the face's width around their outline that is theirs [by eye]
+_BRIGHTER = 8.0  # levels of 255 that F adds, from which on all is done
+_KEPT = np.float32(0.9)  # of what F adds, taken away [by blind choice: 0.9 rather than 0.5 or 0]
+
+
+def with_beard(frame: Frame, placed: PlacedFace, corrections: Sequence[Correction]) -> list[Correction]:
+    """The corrections of one face, all on one lattice, without what their maps add to a beard."""
+    if not any(isinstance(one.contrast, MapTables) and one.contrast.beard.any() for one in corrections):
+        return list(corrections)
+    blocks = Blocks.of(corrections[0].lattice)
+    where, around = _lower_face(placed, blocks), None
+    nodes = where > 0
+    level = np.float32(2.0 ** (frame.format.depth - 8))
+    out = []
+    for correction in corrections:
+        tables = correction.contrast
+        if not isinstance(tables, MapTables) or not tables.beard.any() or not nodes.any():
+            out.append(correction)
+            continue
+        if around is None:
+            around = blocks.means(frame, placed, _AROUND * placed.data.landmarks.axes.width)[nodes]
+        gained = tables.gained_of(around, around)
+        share = _KEPT * where[nodes] * tables.beard_at(around[:, 0]) * ramp(gained[:, 0], 0.0, _BRIGHTER * level)
+        change = np.zeros((*blocks.shape, 4), np.float32)
+        change[nodes, 0], change[nodes, 1:] = share, share[:, None] * gained
+        kept, *added = np.moveaxis(blocks.at_nodes(change), -1, 0)
+        out.append(replace(correction, shift=correction.shift * (1 - kept) - np.stack(added)))
+    return out
+
+
+def _lower_face(placed: PlacedFace, blocks: Blocks) -> Floats:
+    """(h, w) on blocks of nodes: 1 where a beard can be, within the face's oval and off the lips."""
+    landmarks = placed.data.landmarks
+    width = landmarks.axes.width
+    lips = blocks.softened(blocks.inside(landmarks.points[layout.LIPS_OUTER]), _LIPS * width)
+    off_lips = 1.0 - np.clip(2.0 * lips, 0.0, 1.0)
+    where = ramp(blocks.below(landmarks.axes), *_BEGINS) * (1.0 - share_beside(placed, blocks)) * off_lips
+    return np.asarray(where, np.float32)

@@ -1,0 +1,76 @@
+"""Blocks of a lattice's nodes, on which is known what is smoother than the nodes are apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from pvg._arrays import Floats
+from pvg.face import FaceAxes
+from pvg.membrane import Lattice
+from pvg.raster import SUBPIXEL_BITS, fixed_point
+from pvg.rendering.node_means import averaged, mean_codes
+from pvg.rendering.placed_face import PlacedFace
+from pvg.video import Frame
+
+_COARSE = 3  # nodes across a block
+_LEAST = 1e-3  # of alpha: where there is less, no mean is told
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Blocks of a lattice, `shape` (h, w) of them, a little less than `_COARSE` nodes wide and high."""
+
+    lattice: Lattice
+    shape: tuple[int, int]
+
+    @classmethod
+    def of(cls, lattice: Lattice) -> Blocks:
+        """The blocks that a lattice is divided into."""
+        return cls(lattice, (-(-lattice.height // _COARSE), -(-lattice.width // _COARSE)))
+
+    @property
+    def step(self) -> float:
+        """Source pixels from one block to the next, nearly."""
+        return _COARSE * self.lattice.step
+
+    def below(self, axes: FaceAxes) -> Floats:
+        """(h, w) how far their middles lie below a face's centre, of its width."""
+        lattice = self.lattice
+        x = _middles(lattice.x, lattice.width, self.shape[1], lattice.step) - axes.center[0]
+        y = _middles(lattice.y, lattice.height, self.shape[0], lattice.step) - axes.center[1]
+        return np.asarray((x * axes.down[0] + y[:, None] * axes.down[1]) / axes.width, np.float32)
+
+    def inside(self, outline: Floats) -> Floats:
+        """(h, w) how much of each lies inside an outline (n, 2) in source pixels."""
+        lattice = self.lattice
+        nodes = np.array([lattice.width / self.shape[1], lattice.height / self.shape[0]])  # of a block
+        first = np.array([lattice.x, lattice.y]) + (nodes - 1) / 2 * lattice.step  # the middle of the first one
+        corners = ((outline - first) / (nodes * lattice.step)).astype(np.float32)
+        filled = np.zeros(self.shape, np.float32)
+        cv2.fillPoly(filled, [fixed_point(corners)], 1.0, lineType=cv2.LINE_AA, shift=SUBPIXEL_BITS)
+        return filled
+
+    def softened(self, values: Floats, sigma: float) -> Floats:
+        """Values (h, w) or (h, w, C) smoothed;  sigma: source pixels."""
+        return np.asarray(cv2.GaussianBlur(values, (0, 0), max(0.5, sigma / self.step)), np.float32)
+
+    def means(self, frame: Frame, placed: PlacedFace, sigma: float) -> Floats:
+        """(h, w, 3) mean codes of luma and chroma around each, as the face's matte weighs them;  sigma: source pixels."""
+        codes = mean_codes(frame, placed.window, self.shape)
+        alpha = averaged(placed.alpha, self.shape)[..., None]
+        weight = self.softened(alpha, sigma)[..., None]
+        held = self.softened(alpha * codes, sigma)
+        return np.asarray(np.where(weight > _LEAST, held / np.maximum(weight, _LEAST), codes), np.float32)
+
+    def at_nodes(self, values: Floats) -> Floats:
+        """Values (h, w) or (h, w, C) read at the lattice's nodes."""
+        size = (self.lattice.width, self.lattice.height)
+        return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_LINEAR), np.float32)
+
+
+def _middles(first: float, nodes: int, blocks: int, step: float) -> Floats:
+    """Where blocks of nodes have their middles, (blocks,);  first: where the first node is."""
+    return np.asarray(first + step * ((np.arange(blocks) + 0.5) * nodes / blocks - 0.5), np.float32)
