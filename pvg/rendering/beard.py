@@ -47,11 +47,12 @@ def with_beard(frame: Frame, placed: PlacedFace, corrections: Sequence[Correctio
         if around is None:
             around = blocks.means(frame, placed, _AROUND * placed.data.landmarks.axes.width)[nodes]
         gained = tables.gained_of(around, around)
-        share = _KEPT * where[nodes] * tables.beard_at(around[:, 0]) * ramp(gained[:, 0], 0.0, _BRIGHTER * level)
-        change = np.zeros((*blocks.shape, 4), np.float32)
-        change[nodes, 0], change[nodes, 1:] = share, share[:, None] * gained
-        kept, *added = np.moveaxis(blocks.at_nodes(change), -1, 0)
-        out.append(replace(correction, shift=correction.shift * (1 - kept) - np.stack(added)))
+        share = np.repeat((_KEPT * where[nodes] * tables.beard_at(around[:, 0]))[:, None], 3, axis=1)
+        share[:, 0] *= ramp(gained[:, 0], 0.0, _BRIGHTER * level)
+        shares, added = (np.zeros((*blocks.shape, 3), np.float32) for _ in range(2))
+        shares[nodes], added[nodes] = share, share * gained
+        kept, more = (np.moveaxis(blocks.at_nodes(one), -1, 0) for one in (shares, added))
+        out.append(replace(correction, shift=correction.shift * (1 - kept) - more))
     return out
 
 

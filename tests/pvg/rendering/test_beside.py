@@ -12,7 +12,7 @@ from pvg.asset import FaceInFrame
 from pvg.curves import table_labels
 from pvg.looks import LookMap, SkinMap
 from pvg.raster import SUBPIXEL_BITS, fixed_point
-from pvg.rendering.beside import with_beside
+from pvg.rendering.beside import BesideTables, with_beside
 from pvg.rendering.correction import Correction
 from pvg.rendering.map_tables import MapTables
 from pvg.rendering.placed_face import PlacedFace, place_face
@@ -26,10 +26,10 @@ ONCE = np.ones((1, 2), np.float32)
 
 @pytest.fixture(scope="module")
 def placed(face: FaceInFrame) -> PlacedFace:
-    """A face whose matte takes everything in its window."""
+    """A face whose matte takes the whole picture."""
     found = place_face(face, table_labels(), 640, 360)
     assert found is not None
-    return replace(found, alpha=np.ones_like(found.alpha))
+    return replace(found, x=0, y=0, alpha=np.ones((360, 640), np.float32))
 
 
 def brighter(contrast: float) -> LookMap:
@@ -48,25 +48,39 @@ def inside(placed: PlacedFace, grown: float) -> np.ndarray:
 
 
 def drawn(
-    placed: PlacedFace, look: LookMap, pixel_format: PixelFormat, *, beside: bool, asked: float = 0.0
+    placed: PlacedFace,
+    look: LookMap,
+    pixel_format: PixelFormat,
+    *,
+    beside: bool,
+    asked: float = 0.0,
+    shade: float = SHADE,
+    height: tuple[float, float] = (-2.0, 2.0),
 ) -> tuple[float, float]:
     """Mean luma of a face and of the shaded skin beside it, after a look.
 
-    asked: levels of luma that the membrane adds everywhere.
+    asked: levels of luma that the membrane adds everywhere;  shade: of the skin beside the face;  height: from where to
+    where it is looked at, of the face's width below its centre.
     """
     within = inside(placed, 0.0)
-    picture = np.where(within[..., None], FACE, SHADE * FACE)
+    picture = np.where(within[..., None], FACE, shade * FACE)
     frame = frame_of(picture, pixel_format)
-    tables = [MapTables.of(look, pixel_format, region=region) for region in ("face", "beside")]
+    face, neck, ears = (MapTables.of(look, pixel_format, region=region) for region in ("face", "beside", "ears"))
     lattice = placed.lattice()
     shift = np.zeros((3, lattice.height, lattice.width), np.float32)
     shift[0] = asked
-    (correction,) = with_beside(frame, placed, [Correction(lattice, shift, tables[0])], [tables[1] if beside else None])
+    (correction,) = with_beside(
+        frame, placed, [Correction(lattice, shift, face)], [BesideTables(neck, ears) if beside else None]
+    )
     out = frame.patched(apply_correction(frame, (placed.x, placed.y), placed.alpha, correction))
     luma = out.format.to_rgb(out.planes) @ np.array([0.299, 0.587, 0.114])
     x0, y0, x1, y1 = placed.window
     window = np.zeros_like(within)
     window[y0:y1, x0:x1] = True
+    axes = placed.data.landmarks.axes
+    y, x = np.mgrid[:360, :640]
+    below = ((x - axes.center[0]) * axes.down[0] + (y - axes.center[1]) * axes.down[1]) / axes.width
+    window &= (below > height[0]) & (below < height[1])
     return float(luma[inside(placed, -0.1)].mean()), float(luma[window & ~inside(placed, 0.15)].mean())
 
 
@@ -79,6 +93,16 @@ def test_skin_in_the_faces_shade_stays_as_far_below_the_face(placed: PlacedFace,
     same, kept = drawn(placed, look, pixel_format, beside=True)
     assert same == pytest.approx(face, abs=0.5)
     assert same - kept == pytest.approx(below, rel=0.15)
+
+
+def test_an_ear_in_deep_shade_gets_as_much_brighter_as_the_face_and_a_neck_does_not(placed: PlacedFace) -> None:
+    look, dark = brighter(contrast=1.0), 0.4
+    before = dark * float(FACE @ np.array([0.299, 0.587, 0.114]))
+    face, ears = drawn(placed, look, YUV444, beside=True, shade=dark, height=(-0.4, 0.0))
+    _, neck = drawn(placed, look, YUV444, beside=True, shade=dark, height=(0.3, 2.0))
+    gained = face - float(FACE @ np.array([0.299, 0.587, 0.114]))
+    assert ears - before == pytest.approx(gained, rel=0.15)
+    assert neck - before < 0.75 * gained
 
 
 def test_a_skins_own_map_changes_nothing_beside_it_either(placed: PlacedFace) -> None:
@@ -104,7 +128,7 @@ def test_what_is_kept_for_the_face_ends_as_far_from_its_oval_on_all_sides(placed
     frame = frame_of(np.broadcast_to(FACE, (360, 640, 3)), pixel_format)
     tables = MapTables.of(look, pixel_format, region="face")
     shift = np.ones((3, lattice.height, lattice.width), np.float32)
-    (correction,) = with_beside(frame, placed, [Correction(lattice, shift, tables)], [tables])
+    (correction,) = with_beside(frame, placed, [Correction(lattice, shift, tables)], [BesideTables(tables, tables)])
     kept = correction.shift[0]
     rows, columns = np.nonzero((kept > 0.3) & (kept < 0.7))
     points = np.stack([lattice.x + lattice.step * columns, lattice.y + lattice.step * rows], axis=1).astype(np.float32)

@@ -1,0 +1,98 @@
+"""A beard stays as dark as it is where a look brightens skin, and keeps its hue."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pvg._arrays import Bools, Doubles
+from pvg.asset import FaceInFrame
+from pvg.curves import table_labels
+from pvg.face import layout
+from pvg.looks import LookMap, SkinMap
+from pvg.rendering.beard import with_beard
+from pvg.rendering.correction import Correction
+from pvg.rendering.map_tables import MapTables
+from pvg.rendering.placed_face import PlacedFace, place_face
+from pvg.rendering.planes import apply_correction
+from pvg.video import RGB24, PixelFormat
+from tests.gallery.pictures import YUV444, frame_of
+
+SKIN, HAIR = np.array([175.0, 130.0, 105.0]), np.array([80.0, 62.0, 52.0])
+BRIGHT, DARK = np.array([225.0, 190.0, 175.0]), np.array([120.0, 80.0, 60.0])
+ONCE = np.ones((1, 2), np.float32)
+WEIGHTS = np.array([0.299, 0.587, 0.114])
+
+
+@pytest.fixture(scope="module")
+def placed(face: FaceInFrame) -> PlacedFace:
+    """A face whose matte takes everything in its window."""
+    found = place_face(face, table_labels(), 640, 360)
+    assert found is not None
+    return replace(found, alpha=np.ones_like(found.alpha))
+
+
+def look_to(goal: Doubles, beard: float = 1.0) -> LookMap:
+    light = 1 + 0.06 * np.random.default_rng(0).normal(0, 1, (400, 1))
+    return LookMap(SkinMap.between((SKIN * light).astype(np.float32), goal * light, crisp=0.8), 1.0, ONCE, beard)
+
+
+def below(placed: PlacedFace) -> Doubles:
+    """(360, 640) how far pixels are below the face's centre, of its width."""
+    axes = placed.data.landmarks.axes
+    y, x = np.mgrid[:360, :640]
+    return np.asarray(((x - axes.center[0]) * axes.down[0] + (y - axes.center[1]) * axes.down[1]) / axes.width)
+
+
+def chin(placed: PlacedFace) -> Bools:
+    """(360, 640): the chin, inside the face's oval and below the lips."""
+    axes = placed.data.landmarks.axes
+    y, x = np.mgrid[:360, :640]
+    aside = ((x - axes.center[0]) * axes.across[0] + (y - axes.center[1]) * axes.across[1]) / axes.width
+    lips = placed.data.landmarks.points[layout.LIPS_OUTER] - axes.center
+    far = below(placed) - float((lips @ axes.down).max()) / axes.width
+    return np.asarray((np.abs(aside) < 0.05) & (far > 0.1) & (far < 0.15))
+
+
+def drawn(placed: PlacedFace, look: LookMap, pixel_format: PixelFormat) -> Doubles:
+    """(360, 640, 3) RGB of a face whose lower half is hair, after a look, its curves asking for nothing."""
+    picture = np.where((below(placed) > 0.0)[..., None], HAIR, SKIN)
+    frame, lattice = frame_of(picture, pixel_format), placed.lattice()
+    shift = np.zeros((3, lattice.height, lattice.width), np.float32)
+    (correction,) = with_beard(frame, placed, [Correction(lattice, shift, MapTables.of(look, pixel_format))])
+    out = frame.patched(apply_correction(frame, (placed.x, placed.y), placed.alpha, correction))
+    return np.asarray(out.format.to_rgb(out.planes), np.float64)
+
+
+@pytest.mark.parametrize("pixel_format", [YUV444, RGB24], ids=["clip", "still"])
+def test_a_beard_stays_as_dark_as_it_is_and_the_forehead_gets_bright(
+    placed: PlacedFace, pixel_format: PixelFormat
+) -> None:
+    on = chin(placed)
+    shaven, bearded = (drawn(placed, look_to(BRIGHT, beard), pixel_format) for beard in (0.0, 1.0))
+    own = float(HAIR @ WEIGHTS)
+    assert float(shaven[on].mean(axis=0) @ WEIGHTS) > own + 20  # the fault
+    assert float(bearded[on].mean(axis=0) @ WEIGHTS) == pytest.approx(own, abs=5)
+    forehead = (below(placed) < -0.3) & (below(placed) > -0.5)
+    np.testing.assert_array_equal(bearded[forehead], shaven[forehead])
+
+
+def test_where_a_look_darkens_skin_a_beard_goes_along_and_keeps_its_hue(placed: PlacedFace) -> None:
+    on = chin(placed)
+    shaven, bearded = (drawn(placed, look_to(DARK, beard), YUV444)[on].mean(axis=0) for beard in (0.0, 1.0))
+    assert bearded @ WEIGHTS == pytest.approx(shaven @ WEIGHTS, abs=0.5)
+    own, new = HAIR - HAIR @ WEIGHTS, bearded - bearded @ WEIGHTS
+    assert np.abs(new - own).max() < 2
+
+
+def test_a_look_of_the_faces_own_colours_changes_nothing(placed: PlacedFace) -> None:
+    before, after = (drawn(placed, look_to(SKIN, beard), YUV444) for beard in (0.0, 1.0))
+    assert np.abs(after - before).max() <= 1
+
+
+def test_skin_between_the_hairs_goes_half_way(placed: PlacedFace) -> None:
+    """What is as bright as three quarters of the skin is hair and skin."""
+    look = look_to(BRIGHT)
+    assert look.beard_at(np.array([0.95, 0.725, 0.5]) * look.skin.own.middle) == pytest.approx([0.0, 0.5, 1.0])
