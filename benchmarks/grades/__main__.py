@@ -16,6 +16,7 @@ from pvg.video import write_image
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.grades", description=__doc__)
+    parser.add_argument("--stills", action="store_true", help="looks of the portraits themselves, without controls")
     parser.add_argument("--looks", type=int, default=6, help="a clip")
     parser.add_argument("--controls", type=int, default=1, help="a clip: frames that nobody touched, among the looks")
     parser.add_argument("--farthest", type=int, default=9, help="references, of which those of a clip are drawn")
@@ -30,6 +31,8 @@ def main() -> None:
     table = options.out / "verdicts.csv"
     check_unfilled(table, GRADES)
     clips, portraits = material_of(options)
+    if options.stills:  # there is no second frame to stand for a control's reference
+        clips, options.controls = portraits, 0
     folder = emptied(options.out / "sheets")
     entries: list[Entry] = []
     with tempfile.TemporaryDirectory() as name:

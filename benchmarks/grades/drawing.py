@@ -32,7 +32,10 @@ def read_references(portraits: Sequence[Path], assets: Path) -> dict[Path, Refer
 
 
 def farthest(clip: Path, references: Mapping[Path, Reference], count: int, assets: Path) -> list[Path]:
-    """The references whose skin is farthest from the clip's in CIELAB, medians of the first frame measured."""
+    """The references whose skin is farthest from the clip's in CIELAB, medians of the first frame measured.
+
+    A portrait is no reference of its own.
+    """
     with pvg.open_asset(kept_asset(clip, assets), clip) as video:
         seen = measured_frames(video, widest(video))
         first = next(iter(seen))
@@ -43,7 +46,7 @@ def farthest(clip: Path, references: Mapping[Path, Reference], count: int, asset
         reference = references[path]
         return float(np.linalg.norm(_median_skin(reference.rgb, reference.view) - own))
 
-    return sorted(references, key=distance, reverse=True)[:count]
+    return sorted((path for path in references if path != clip), key=distance, reverse=True)[:count]
 
 
 def draw_clip(
