@@ -24,7 +24,7 @@ from pvg.looks.opponent import to_opponent, to_rgb
 SCENE = 1.0  # default of the share [by blind choice]
 # k of the natural logarithm of luma where the reference is brighter, at chroma over luma of its skin: what is rich is
 # brown skin in much light, and its lightness is its light's [by blind choice]
-_BRIGHTER = ((0.25, 0.37), (0.18, 0.15))
+_BRIGHTER = ((0.25, 0.37), (0.21, 0.17))
 _DARKER = (0.12, 0.16)  # k and m, where it is darker [by blind choice]
 _HUE = 0.12  # k of chroma over luma [by blind choice]
 _AS_RICH = (1.15, 0.85)  # of its own chroma over luma, from which to which a reference's counts as less, a line between
