@@ -12,8 +12,8 @@ from pvg.curves import CURVES, table_labels
 from pvg.looks.opponent import luma_of
 
 _PLACES = ("upper_lip", "chin")  # curves that a beard covers; one of them is enough
-# of the skin's luma, from where a beard may be to where it is [measured: the darker of both curves on 24 faces without a
-# beard 0.69 to 1.1, on 5 with one 0.26 to 0.55]
+# of the skin's luma, from where a beard may be to where it is [measured: the darker of both curves 0.69 to 1.1 on 24
+# faces without a beard, 0.26 to 0.55 on 5 with one]
 _DARK = (0.65, 0.55)
 
 

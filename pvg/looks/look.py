@@ -24,7 +24,10 @@ Region = Literal["face", "beside", "ears"]
 """Of a person's skin: the face, all that is beside it, and of that the ears in the face's matte."""
 FaceContrast = float | Literal["map"]
 
-_BEARD = (0.9, 0.55)  # of the skin's middle luma, from where a mean of skin and hair is partly to where it is wholly hair
+_BEARD = (
+    0.9,
+    0.55,
+)  # of the skin's middle luma, from where a mean of skin and hair is partly to where it is wholly hair
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,10 +1,10 @@
-"""A beard stays as dark as it is where a look brightens skin.
+"""A beard keeps its hue, and stays as dark as it is where a look brightens skin.
 
 Hair does not take a look, and mattes end before it, but a beard lies on the face: skin is between its hairs. The map F
 makes what is darker than skin brighter with it, so a beard would look washed out and tinted. Where a face has one, the
-membrane takes away from its lower half what F adds to it, by how dark the matte's mean colour around a node is; texture
-keeps the slope of F, and the border of a beard is as soft as that mean. Nothing is done where a look darkens skin: black
-hair beside it would be no hair of that light.
+membrane takes away from its lower half what F adds to the matte's mean colour around a node, by how dark that is. Its
+texture keeps the slope of F, and its border is as soft as the mean. Luma is left to F where a look darkens skin: all of
+the face then has less light.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def with_beard(frame: Frame, placed: PlacedFace, corrections: Sequence[Correctio
             around = blocks.means(frame, placed, _AROUND * placed.data.landmarks.axes.width)[nodes]
         gained = tables.gained_of(around, around)
         share = np.repeat((_KEPT * where[nodes] * tables.beard_at(around[:, 0]))[:, None], 3, axis=1)
-        share[:, 0] *= ramp(gained[:, 0], 0.0, _BRIGHTER * level)
+        share[:, 0] *= np.clip(gained[:, 0] / (_BRIGHTER * level), 0.0, 1.0)
         shares, added = (np.zeros((*blocks.shape, 3), np.float32) for _ in range(2))
         shares[nodes], added[nodes] = share, share * gained
         kept, more = (np.moveaxis(blocks.at_nodes(one), -1, 0) for one in (shares, added))

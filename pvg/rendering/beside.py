@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pvg._arrays import Floats
+from pvg._arrays import Floats, ramp
 from pvg.rendering.blocks import Blocks
 from pvg.rendering.correction import Correction
 from pvg.rendering.map_tables import MapTables
@@ -81,5 +81,4 @@ def share_beside(placed: PlacedFace, blocks: Blocks) -> Floats:
 
 def _height_of_ears(below: Floats) -> Floats:
     """1 at the height of the ears, 0 well above and below them;  below: of the face's width below its centre."""
-    under, over = (np.clip((end - far) / (end - begin), 0, 1) for far, (begin, end) in ((below, _BELOW), (-below, _ABOVE)))
-    return np.asarray(under * over, np.float32)
+    return np.asarray((1.0 - ramp(below, *_BELOW)) * (1.0 - ramp(-below, *_ABOVE)), np.float32)

@@ -58,7 +58,10 @@ class Blocks:
         return np.asarray(cv2.GaussianBlur(values, (0, 0), max(0.5, sigma / self.step)), np.float32)
 
     def means(self, frame: Frame, placed: PlacedFace, sigma: float) -> Floats:
-        """(h, w, 3) mean codes of luma and chroma around each, as the face's matte weighs them;  sigma: source pixels."""
+        """(h, w, 3) mean codes of luma and chroma around each, as the face's matte weighs them.
+
+        sigma: source pixels.
+        """
         codes = mean_codes(frame, placed.window, self.shape)
         alpha = averaged(placed.alpha, self.shape)[..., None]
         weight = self.softened(alpha, sigma)[..., None]

@@ -76,9 +76,9 @@ class MapTables:
         tone = look_map.strength * np.stack([rise, fall])
         offset = opponent.offset.astype(np.float32)
         own = np.stack([_read(codes, source[:, 0], source[:, p]) - opponent.offset[p] for p in (1, 2)])
-        beard = _read(codes, source[:, 0], look_map.beard_at(np.arange(256.0)))
-        tone, of_chroma, own, beard = (one.astype(np.float32) for one in (tone, np.stack(chroma), own, beard))
-        return cls(tone, of_chroma, float(excess), offset, own, look_map.skin.alike, beard)
+        beard = np.float32(_read(codes, source[:, 0], look_map.beard_at(np.arange(256.0))))
+        tables = [one.astype(np.float32) for one in (tone, np.stack(chroma), own)]
+        return cls(tables[0], tables[1], float(excess), offset, tables[2], look_map.skin.alike, np.asarray(beard))
 
     @cached_property
     def alikeness(self) -> tuple[Floats, Floats, Floats]:
