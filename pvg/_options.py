@@ -32,9 +32,10 @@ PRESETS = ("ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "sl
 MATTES = ("ffv1", "prores", "png")
 AUDIOS = ("copy", "none")
 PARTS = ("lips", "lids", "cheeks", "brows")
+PROTECTABLE = ("eyes", "teeth")
 MAKEUP, LIGHT, SCENE, BETA, ITERATIONS = 0.75, 0.0, 1.0, 0.2, 20
 # that transfer and swap share
-LOOK_OPTIONS = ("strength", "match", "makeup", "light", "scene", "extent", "beta", "iterations", "seed")
+LOOK_OPTIONS = ("strength", "match", "makeup", "light", "scene", "protect", "extent", "beta", "iterations", "seed")
 OUTPUT_OPTIONS = ("container", "codec", "crf", "preset", "audio")
 LAYERS = ("image", "landmarks", "mask", "matte", "curves", "low", "high")
 
@@ -200,6 +201,14 @@ def _add_look(parser: argparse.ArgumentParser) -> None:
         help="how far brightness and hue far from the clip's give way to its scene, from 0, which takes the "
         "reference's own, to 1 (default)",
     )
+    parser.add_argument(
+        "--protect",
+        type=_protect,
+        default=PROTECTABLE,
+        metavar="LIST",
+        help='what follows the skin only in brightness and in half its hue: "eyes", "teeth", "eyes,teeth" (default) or '
+        '"none"',
+    )
     parser.add_argument("--beta", type=_beta, default=BETA, metavar="X", help=f"of eq. (7), above 0, up to 1 ({BETA})")
     parser.add_argument(
         "--iterations", type=_count, default=ITERATIONS, metavar="N", help=f"iterations of eq. (7) ({ITERATIONS})"
@@ -302,6 +311,15 @@ def _makeup(value: str) -> float | dict[str, float]:
     if unknown := [name for name in names if name not in PARTS or names.count(name) > 1]:
         raise argparse.ArgumentTypeError(f"each of {', '.join(PARTS)} at most once, not {unknown[0]!r}")
     return {name: _share(share) for name, share in parts}
+
+
+def _protect(value: str) -> tuple[str, ...]:
+    names = () if value == "none" else tuple(value.split(","))
+    if unknown := [name for name in names if name not in PROTECTABLE or names.count(name) > 1]:
+        raise argparse.ArgumentTypeError(
+            f'"none", or each of {", ".join(PROTECTABLE)} at most once, not {unknown[0]!r}'
+        )
+    return names
 
 
 def _beta(value: str) -> float:

@@ -19,7 +19,7 @@ from pvg import _options as cli
 from pvg import _outputs
 from pvg.cli import main
 from pvg.face import PARTS
-from pvg.looks import BETA, ITERATIONS, LIGHT, MAKEUP
+from pvg.looks import BETA, ITERATIONS, LIGHT, MAKEUP, PROTECTABLE
 from pvg.rendering import LAYERS, MATTES
 from pvg.video import CONTAINERS, IMAGE_SUFFIXES, INPUT_COLORS, PIPED, probe, read_frames, read_image
 from pvg.video.encoders import ENCODERS, Codec
@@ -122,9 +122,27 @@ def test_a_face_of_a_group_is_the_reference(run: Run, asset: Path, group: pvg.Ve
     out = tmp_path / "out.png"
     arguments = ["transfer", group.path, "--face", "0", "--reference", group.path, "-o", out]
     paper = ["--iterations", "5", "--beta", "0.5", "--seed", "3"]
-    result = run(*arguments, "--reference-face", "2", "--makeup", "lips=1,cheeks=0.25", "--light", "0.5", *paper)
+    result = run(
+        *arguments,
+        "--reference-face",
+        "2",
+        "--makeup",
+        "lips=1,cheeks=0.25",
+        "--light",
+        "0.5",
+        "--protect",
+        "none",
+        *paper,
+    )
     assert result.returncode == 0, result.stderr
-    options = {"makeup": {"lips": 1.0, "cheeks": 0.25}, "light": 0.5, "iterations": 5, "beta": 0.5, "seed": 3}
+    options = {
+        "makeup": {"lips": 1.0, "cheeks": 0.25},
+        "light": 0.5,
+        "protect": (),
+        "iterations": 5,
+        "beta": 0.5,
+        "seed": 3,
+    }
     look = pvg.transfer(group, group, faces=[0], reference_face=2, **options)  # type: ignore[arg-type]
     np.testing.assert_array_equal(read_image(out).rgb(), pvg.render_frame(group, look, 0))
     # of those that take part, each once for the clip and once for the reference
@@ -250,6 +268,8 @@ def test_bad_arguments_exit_with_2(
         ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--makeup", "2"],
         ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--makeup", "nose=1"],
         ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--makeup", "lips=1,lips=0"],
+        ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--protect", "hair"],
+        ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--protect", "eyes,eyes"],
         ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--iterations", "-1"],
         ["transfer", asset, *look, *look, "-o", tmp_path / "o.mp4"],
         ["transfer", asset, *look, "-o", tmp_path / "o.mp4", "--container", "mkv"],
@@ -441,7 +461,7 @@ def test_the_choices_are_the_librarys() -> None:
     assert get_args(Codec) == cli.CODECS
     assert set(PIPED) < set(cli.CLIP_CONTAINERS) <= set(CONTAINERS)
     assert (MAKEUP, LIGHT, BETA, ITERATIONS) == (cli.MAKEUP, cli.LIGHT, cli.BETA, cli.ITERATIONS)
-    assert PARTS == cli.PARTS
+    assert (PARTS, PROTECTABLE) == (cli.PARTS, cli.PROTECTABLE)
     assert cli.LAYERS == LAYERS
     assert cli.MATTES == MATTES
     assert cli.INPUT_COLORS == INPUT_COLORS
