@@ -11,6 +11,7 @@ import numpy as np
 from pvg._arrays import Doubles, Floats, ramp
 from pvg._checks import real_number
 from pvg.asset import VectorVideo
+from pvg.looks.grey import told_from_grey
 from pvg.looks.opponent import to_rgb
 from pvg.looks.tone import SkinMap
 
@@ -24,10 +25,8 @@ Region = Literal["face", "beside", "ears"]
 """Of a person's skin: the face, all that is beside it, and of that the ears in the face's matte."""
 FaceContrast = float | Literal["map"]
 
-_BEARD = (
-    0.9,
-    0.55,
-)  # of the skin's middle luma, from where a mean of skin and hair is partly to where it is wholly hair
+# of the skin's middle luma, from where a mean of skin and hair is partly to where it is wholly hair
+_BEARD = (0.9, 0.55)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +46,10 @@ class LookMap:
     def beard_at(self, luma: Doubles) -> Doubles:
         """How far the mean colour around a place of the lower face, of such lumas (n,), is a beard's, in [0, 1]."""
         return np.asarray(self.beard * ramp(luma / self.skin.own.middle, *_BEARD))
+
+    def told_from_grey(self, luma: Doubles) -> Doubles:
+        """(2, n) r of `pvg.rendering.tinge` up to which a colour of such lumas (n,) is grey, and from which on skin."""
+        return told_from_grey(self.skin.alike, luma / self.skin.own.middle, self.beard)
 
     def usual_colors(self, region: Region = "face") -> tuple[Doubles, Doubles]:
         """The colours (256, 3) that are usual at the lumas 0 to 255, 0-255 RGB, and what F makes of them.

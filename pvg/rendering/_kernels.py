@@ -222,18 +222,15 @@ def tinge(
     least: Floats,
     grey_blue: np.float32,
     grey_red: np.float32,
-    low: np.float32,
-    high: np.float32,
     alpha: Floats,
     out: Floats,
 ) -> None:
-    """out (r, c) = α times a smooth step from `low` to `high` of blue · of_blue + red · of_red + least, by luma's code.
+    """out (r, c) = α times a smooth step from 0 to 1 of blue · of_blue + red · of_red + least, by luma's code.
 
     blue, red: (r, c) samples of chroma, grey at `grey_blue` and `grey_red`;  luma: (r, c) where they are;
     alpha: (r, c), where it is 0 nothing is written.
     """
     one, none, most = np.float32(1.0), np.float32(0.0), len(least) - 1
-    wide = one / (high - low)
     for i in range(out.shape[0]):
         first, last = _run(alpha[i])
         if first >= last:
@@ -243,7 +240,7 @@ def tinge(
         for j in range(last - first):
             code = min(max(int(by[j]), 0), most)
             of = (np.float32(b[j]) - grey_blue) * of_blue[code] + (np.float32(r[j]) - grey_red) * of_red[code]
-            t = min(max((of + least[code] - low) * wide, none), one)
+            t = min(max(of + least[code], none), one)
             to[j] = t * t * (np.float32(3.0) - np.float32(2.0) * t)
         for j in range(last - first):
             to[j] *= v[j]

@@ -28,7 +28,7 @@ class MapTables:
     tone: (2, n) float32 what luma gains by its code, by slopes of T above 1 and below;
     chroma: (2, n) float32 what each chroma plane gains by luma's code, `excess` of its own code aside;
     offset: (3,) the codes of black and of grey;  usual: (2, n) float32 the chroma, above grey, of skin by luma's code;
-    alike: r of the skin that is least like the rest, see `tinge`;
+    told: (2, n) r of `tinge` up to which it is grey and from which on it is skin, by luma's code;
     beard: (n,) how far a mean of such a luma in the lower face is of a beard, by luma's code.
     """
 
@@ -37,7 +37,7 @@ class MapTables:
     excess: float
     offset: Floats
     usual: Floats
-    alike: float
+    told: Floats
     beard: Floats
 
     @classmethod
@@ -73,21 +73,24 @@ class MapTables:
             - excess * _read(codes, source[:, 0], source[:, p])
             for p in (1, 2)
         ]
-        tone = look_map.strength * np.stack([rise, fall])
         offset = opponent.offset.astype(np.float32)
         own = np.stack([_read(codes, source[:, 0], source[:, p]) - opponent.offset[p] for p in (1, 2)])
-        beard = np.float32(_read(codes, source[:, 0], look_map.beard_at(np.arange(256.0))))
-        tables = [one.astype(np.float32) for one in (tone, np.stack(chroma), own)]
-        return cls(tables[0], tables[1], float(excess), offset, tables[2], look_map.skin.alike, np.asarray(beard))
+        levels = np.arange(256.0)
+        told_from_grey = np.stack([_read(codes, source[:, 0], each) for each in look_map.told_from_grey(levels)])
+        beard_at = _read(codes, source[:, 0], look_map.beard_at(levels))
+        tables = (look_map.strength * np.stack([rise, fall]), np.stack(chroma), own, told_from_grey, beard_at)
+        tone, of_chroma, usual_chroma, told, beard = (one.astype(np.float32) for one in tables)
+        return cls(tone, of_chroma, float(excess), offset, usual_chroma, told, beard)
 
     @cached_property
     def alikeness(self) -> tuple[Floats, Floats, Floats]:
-        """r of `tinge` as c₁ a[Y] + c₂ b[Y] + d[Y]: a, b and d, (n,) by luma's code."""
+        """How far r of `tinge` is between both of `told`, c₁ a[Y] + c₂ b[Y] + d[Y]: a, b and d, (n,) by luma's code."""
         codes = self.usual.shape[1]
         least = np.float32(LEAST_TINGE * codes / 256.0)
-        size = np.hypot(*self.usual)
-        a, b = self.usual / np.maximum(size * (size + least), np.float32(1e-6))
-        return a, b, least / (size + least)
+        size, (grey, skin) = np.hypot(*self.usual), self.told
+        wide = skin - grey
+        a, b = self.usual / (np.maximum(size * (size + least), np.float32(1e-6)) * wide)
+        return a, b, (least / (size + least) - grey) / wide
 
     def beard_at(self, luma: Floats) -> Floats:
         """`beard` at codes of luma (n,)."""

@@ -8,7 +8,8 @@ m(Y) the chroma that is usual for skin at a luma, and c that of a pixel,
 
 is 1 on skin and 0 on what is grey, whatever the clip's light; chroma moves by the share s(r), a smooth step. e makes it
 1 where skin itself has hardly any chroma: a grey film is coloured as a whole. Under lights of two colours, or where it
-is burnt out, skin itself is far from what is usual for it: s then begins where its least usual part is.
+is burnt out, skin itself is far from what is usual for it: s then begins where its least usual part is, and in shade
+of another hue below that (`pvg.looks.grey`).
 """
 
 from __future__ import annotations
@@ -18,15 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pvg._arrays import Floats, ramp
+from pvg._arrays import Floats
 from pvg.rendering import _kernels as kernels
 from pvg.rendering.map_tables import MapTables
-
-_GREY, _SKIN = 0.2, 0.6  # r from where to where s rises from 0 to 1 [by eye]
-# r of the skin that is least like the rest: from where on it is usual, and down to where nothing is told to be grey
-# [measured: 0.5 to 0.9 in 40 portraits in usual light, 0.25 between a lamp and a window]
-_USUAL = (0.2, 0.5)
-_LEAST_USUAL = 0.05  # a step has a width
 
 
 def tinged(tables: MapTables, luma: NDArray[Any], chroma: tuple[NDArray[Any], NDArray[Any]], alpha: Floats) -> Floats:
@@ -37,9 +32,7 @@ def tinged(tables: MapTables, luma: NDArray[Any], chroma: tuple[NDArray[Any], ND
     out = np.zeros(alpha.shape, np.float32)
     of_blue, of_red, least = tables.alikeness
     (blue, red), (_, grey_blue, grey_red) = chroma, tables.offset
-    usual = max(ramp(tables.alike, *_USUAL), _LEAST_USUAL)
-    low, high = np.float32(_GREY * usual), np.float32(_SKIN * usual)
-    kernels.tinge(luma, blue, red, of_blue, of_red, least, grey_blue, grey_red, low, high, alpha, out)
+    kernels.tinge(luma, blue, red, of_blue, of_red, least, grey_blue, grey_red, alpha, out)
     return out
 
 

@@ -84,3 +84,33 @@ def test_skin_that_is_burnt_out_takes_the_new_colour_wholly() -> None:
     moved = skin(np.array(burnt, np.float32))
     assert (moved[:, 0] - moved[:, 2]).min() > 30  # brown, not grey
     assert np.ptp(moved, axis=0).max() < 12  # and of one colour
+
+
+def _under_a_sky(pixel_format: PixelFormat, beard: float = 0.0) -> MapTables:
+    """A face a sixth of which lies at the edge of a sky's blue shade."""
+    own, shade = _skin((190, 140, 115)), np.array((110, 101, 108), np.float32)
+    own[250:] += np.linspace(0, 1, 50, dtype=np.float32)[:, None] * (shade - own[250:])
+    look_map = LookMap(SkinMap.between(own, 0.8 * own.astype(float)), 1.0, ONCE, beard)
+    return MapTables.of(look_map, pixel_format)
+
+
+SHADE = (107.0, 100.0, 107.0), (111.0, 107.0, 114.0), (124.0, 116.0, 121.0)
+NO_SHADE = (245.0, 245.0, 248.0), (46.0, 44.0, 48.0), (154.0, 192.0, 209.0)  # a collar, black hair and the sky
+
+
+@pytest.mark.parametrize("pixel_format", FORMATS, ids=lambda f: f.name)
+def test_skin_in_the_blue_shade_of_a_sky_moves_and_hair_and_collars_do_not(pixel_format: PixelFormat) -> None:
+    tables = _under_a_sky(pixel_format)
+    assert _share(pixel_format, *SHADE, tables=tables).min() > 0.8
+    elsewhere = _share(pixel_format, *NO_SHADE)  # white is told worst, where little chroma is usual
+    np.testing.assert_allclose(_share(pixel_format, *NO_SHADE, tables=tables), elsewhere, atol=0.06)
+
+
+def test_what_is_as_grey_as_such_shade_stays_where_no_skin_is_in_it() -> None:
+    assert _share(RGB24, *SHADE, *NO_SHADE, (120.0, 120.0, 120.0)).max() < 0.05
+
+
+def test_a_grey_beard_under_a_sky_stays_grey() -> None:
+    beard = ((95.0, 93.0, 98.0), (104.0, 103.0, 106.0))
+    assert _share(RGB24, *beard, tables=_under_a_sky(RGB24)).min() > 0.8
+    assert _share(RGB24, *beard, tables=_under_a_sky(RGB24, beard=1.0)).max() < 0.1
