@@ -18,7 +18,7 @@ from pvg.raster import Raster
 from pvg.skin import body_network
 from pvg.skin._kernels import BodyWeights, body_log_odds
 from pvg.skin.body_colors import color_tables
-from pvg.skin.body_parts import body_parts, fill_gaps, fill_holes, leave_out_hair, own_people
+from pvg.skin.body_parts import beyond_box, body_parts, fill_gaps, fill_holes, leave_out_hair, own_people
 from pvg.skin.collar import collar
 from pvg.skin.color_model import SkinColors
 from pvg.skin.in_time import in_levels, soft_edge, weight_of_before
@@ -104,7 +104,8 @@ class BodyTracker:
         usual = gain_of(light)
         lit = relit(scene.rgb, usual)
         if asked:
-            predicted = body_network.predict_body_skin(lit, person, face_mask, head, usual * light, by_rules)
+            shown = beyond_box(face, scene.raster, face_mask, by_rules, hair)
+            predicted = body_network.predict_body_skin(lit, person, shown, head, usual * light, by_rules)
         else:
             predicted = _moved(self._predicted, maps)
         self._predicted = predicted

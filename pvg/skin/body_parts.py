@@ -6,14 +6,33 @@ import cv2
 import numpy as np
 
 from pvg._arrays import Bools, Bytes, Floats
+from pvg.raster import Raster
 from pvg.skin.cleanup import occupied
 from pvg.skin.color_model import ColorScale, to_skin_lab
+from pvg.skin.matte import Matte
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import HeadShape
 
 _BODY = SKIN_PRIOR.body
 _TOUCHING = 2  # cells around the face's mask that a part touches it by
 _STOOD = 0.3  # of a part: so much of it was there before
+
+
+def beyond_box(face: Matte, raster: Raster, face_mask: Floats, by_rules: Floats, hair: Floats) -> Floats:
+    """The face's mask (h, w) in [0, 1] with what is skin by the rules and goes on where the face's box cuts it.
+
+    The end of a box is no skin's end, and a network that is shown one draws it there.
+    face: its own matte;  raster: of the cells;  face_mask, by_rules: (h, w) in [0, 1];  hair: (h, w) nats.
+    """
+    x0, y0, x1, y1 = face.raster.box
+    xs, ys = raster.centers()
+    inside = ((ys > y0) & (ys < y1))[:, None] & (xs > x0) & (xs < x1)
+    on = ((by_rules > _BODY.beyond) & (hair < _BODY.gap_hair) & ~inside).view(np.uint8)
+    beside = cv2.dilate(((face_mask > 0.5) & inside).view(np.uint8), _square(2 * _TOUCHING + 1)) > 0
+    count, labels = cv2.connectedComponents(on, connectivity=4)
+    cut = np.bincount(labels[beside], minlength=count) > 0
+    cut[0] = False
+    return np.maximum(face_mask, cut[labels].astype(np.float32))
 
 
 def fill_gaps(probability: Floats, face: Floats, predicted: Floats, hair: Floats, size: float) -> None:
@@ -136,6 +155,7 @@ def body_parts(
 
     Above the chin only a hand is skin that touches nothing, and a raised hand is large. Where the person mask is not
     sure, as on a floor of the skin's colour, what touches nothing must be surer by itself: a hand that comes in.
+    Where it is quite sure, a narrow arm beside a strap is enough, of which the network is not.
     face_mask: (h, w) the face's own mask;  person: (h, w), 255 on people;  before: (h, w) the mask before;
     head: in cells.
     """
@@ -160,14 +180,18 @@ def body_parts(
         box = slice(y, y + h), slice(x, x + w)
         cells = likely[box] & (labels[box] == part)
         area = int(cells.sum())
-        stood = before is not None and float((before[box][cells] > 0.5).mean() if area else 0) > _STOOD
-        least = (_BODY.kept_part if stood else _BODY.least_part) * size**2
+        if not area:
+            continue
+        stood = before is not None and float((before[box][cells] > 0.5).mean()) > _STOOD
+        whose = float(person[box][cells].mean()) / 255
+        persons = whose > _BODY.sure_person
+        least = (_BODY.kept_part if stood else _BODY.persons_part if persons else _BODY.least_part) * size**2
         if (middles[part] - head.chin) @ head.axes.down < 0:
             least *= _BODY.raised_part
         if area <= least:
             continue
-        whose = float(person[box][cells].mean()) / 255
-        sure = _BODY.sure if whose > (_BODY.kept_person if stood else _BODY.part_person) else _BODY.sure_alone
+        doubtful = whose <= (_BODY.kept_person if stood else _BODY.part_person)
+        sure = _BODY.sure_alone if doubtful else _BODY.persons_sure if persons else _BODY.sure
         kept[part] = float(probability[box][cells].mean()) > sure
     whole[held] = likely & kept[labels]
     return whole

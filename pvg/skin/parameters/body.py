@@ -75,12 +75,16 @@ class BodyNumbers:
     part_person: float = 0.78  # mean of the person mask there [measured: hands 0.83 and more, floors 0.76 and less]
     kept_person: float = 0.7  # the same when it was there in the frame before [by eye]
     sure_alone: float = 0.88  # mean probability of a part with less of it [measured: hands 0.92, floors up to 0.82]
+    sure_person: float = 0.95  # of the person mask, from which on it is sure [measured: arms 1.00, no skin to 0.70]
+    persons_part: float = 0.01  # squared face sizes of a part there [measured: an arm beside a strap 0.0146]
+    persons_sure: float = 0.6  # mean probability of it [measured: that arm 0.71]
     raised_part: float = 4.0  # times as large above the chin [by eye]: what touches nothing there is a hand or no skin
     least_person: float = 0.25  # squared face sizes of the person mask away from the face [by eye]: an arm, no pot
     gap: float = 0.12  # face sizes [by eye]: half the widest gap between the mattes of face and body
     gap_face: float = 0.9  # of the face's matte [by eye]: what has less may be of a gap
     gap_predicted: float = 0.75  # probability at least that the network gives a gap [by eye]
     gap_hair: float = 1.0  # nats for hair at most [by eye]
+    beyond: float = 0.8  # probability by the rules beyond the face's box [measured: 0.5 to 0.9 alike]: skin goes on
     hole: float = 0.01  # squared face sizes [by eye]: larger holes in a person's skin show what is behind
     hole_probability: float = 0.9  # probability of skin in smaller ones [by eye]
     owner: float = 6.0  # power by which a nearer face owns a cell more [by eye]

@@ -12,10 +12,20 @@ import pytest
 
 from pvg.face import Landmarks, layout
 from pvg.raster import Raster
-from pvg.skin import BodyTracker, Matte, Scene, SceneReader, SkinTracker, fit_skin_model, person_mask, scene_raster
+from pvg.skin import (
+    BodyTracker,
+    Matte,
+    Scene,
+    SceneReader,
+    SkinTracker,
+    body_network,
+    fit_skin_model,
+    person_mask,
+    scene_raster,
+)
 from pvg.skin.body import _network_against
 from pvg.skin.body_colors import color_tables
-from pvg.skin.body_parts import body_parts, fill_gaps, fill_holes, leave_out_hair, own_people
+from pvg.skin.body_parts import beyond_box, body_parts, fill_gaps, fill_holes, leave_out_hair, own_people
 from pvg.skin.network import NetworkOutput
 from pvg.skin.prior import head_shape
 from pvg.video import read_frames
@@ -230,6 +240,97 @@ def test_what_touches_nothing_is_a_persons_or_surely_skin(probability: float, pe
         head,
     )
     assert mask[part].all() == mask.any() == kept
+
+
+@pytest.mark.parametrize(
+    ("probability", "person", "kept"),
+    [(0.65, 1.0, True), (0.65, 0.9, False), (0.55, 1.0, False)],
+    ids=["an arm beside a strap", "of a doubtful person", "hardly skin"],
+)
+def test_a_narrow_arm_is_skin_where_the_person_is_sure(probability: float, person: float, kept: bool) -> None:
+    drawn = _drawn()
+    scene = drawn.scene()
+    head = head_shape(drawn.landmarks.in_cells(scene.raster))
+    part = np.zeros(scene.raster.shape, bool)
+    part[-round(0.012 * head.size**2 / 4) :, -4:] = True  # less than a hand
+    face_mask = np.zeros(part.shape, np.float32)
+    face_mask[:10, :10] = 1
+    cells, people = part * np.float32(probability), np.uint8(255 * person) * part.astype(np.uint8)
+    mask = body_parts(cells, part, face_mask, people, None, head)
+    assert mask[part].all() == mask.any() == kept
+
+
+def _box() -> tuple[Matte, Raster, np.ndarray]:
+    """A matte of a face that its box cuts, the raster of a scene, and the mask in its cells."""
+    raster = Raster.over(np.array([0, 0, 100, 80], np.float32), (80, 100))
+    alpha = np.zeros((40, 40), np.uint8)
+    alpha[10:, 10:] = 255
+    face = Matte.over(np.array([20, 20, 60, 60], np.float32), alpha)
+    return face, raster, face.raster.read(face.mask.astype(np.float32), *raster.centers())
+
+
+@pytest.mark.parametrize(
+    ("rows", "columns", "hair", "goes_on"),
+    [
+        (slice(35, 55), slice(50, 90), 0.0, True),
+        (slice(35, 55), slice(50, 90), 3.0, False),
+        (slice(35, 55), slice(70, 90), 0.0, False),
+        (slice(2, 12), slice(35, 55), 0.0, False),
+    ],
+    ids=["a shoulder", "hair", "a hand apart", "above the mask"],
+)
+def test_the_end_of_a_faces_box_is_no_end_of_skin(rows: slice, columns: slice, hair: float, goes_on: bool) -> None:
+    face, raster, face_mask = _box()
+    by_rules = np.zeros(raster.shape, np.float32)
+    by_rules[rows, columns] = 0.9
+    shown = beyond_box(face, raster, face_mask, by_rules, np.full(raster.shape, hair, np.float32))
+    outside = np.ones(raster.shape, bool)
+    outside[20:60, 20:60] = False
+    np.testing.assert_array_equal(shown[~outside], face_mask[~outside])
+    beyond = outside & (by_rules > 0)
+    assert (shown[beyond] == 1).all() if goes_on else not shown[beyond].any()
+    assert not shown[outside & (by_rules == 0) & (face_mask == 0)].any()
+
+
+def test_the_network_is_shown_skin_that_the_faces_box_cuts(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn = _drawn()
+    bare = drawn.cloth & (np.mgrid[: SIZE[0], : SIZE[1]][0] < 440)
+    drawn.rgb[bare] = np.median(drawn.rgb[drawn.hand], axis=0)
+    asked: list[np.ndarray] = []
+
+    def network(*fields: np.ndarray) -> np.ndarray:
+        asked.append(fields[2])
+        return np.asarray(fields[-1], np.float32)
+
+    monkeypatch.setattr(body_network, "predict_body_skin", network)
+    body, skin = _tracker(drawn)
+    scene = drawn.scene()
+    matte = skin.step(drawn.rgb, drawn.landmarks)
+    body.step(scene, drawn.landmarks, matte, skin.light)
+    xs, ys = (np.asarray(v, np.float32) for v in scene.raster.centers())
+    x0, y0, x1, y1 = matte.raster.box
+    outside = ~(((ys > y0) & (ys < y1))[:, None] & (xs > x0) & (xs < x1))
+    assert (asked[0][outside] > 0.5).sum() > 50
+
+
+@pytest.mark.parametrize(
+    ("portrait", "box"),
+    [("woman_low_key_dark_background", (730, 1025, 820, 1175)), ("woman_warm_dim_room", (836, 600, 850, 630))],
+    ids=["a shoulder in shade", "an arm beside a strap"],
+)
+def test_shoulders_and_arms_of_portraits_are_skin(
+    media_dir: Path, portrait: str, box: tuple[int, int, int, int]
+) -> None:
+    rgb = read_rgb(next((media_dir / "portraits").glob(f"{portrait}.*")))
+    landmarks = fit_widest(rgb)
+    model = fit_skin_model(rgb, landmarks)
+    assert model.learned is not None
+    scene, skin = SceneReader().step(rgb, (landmarks,)), SkinTracker(model)
+    face = skin.step(rgb, landmarks, scene)
+    body = BodyTracker(model.learned.colors, model.learned.light)
+    matte = body.step(scene, landmarks, face, skin.light, skin.network_output)
+    xs, ys = (np.arange(box[i], box[i + 2], dtype=np.float32) for i in (0, 1))
+    assert matte.alpha_at(xs, ys).mean() > 0.8
 
 
 def test_light_that_changes_changes_no_matte() -> None:
