@@ -6,7 +6,7 @@ import numpy as np
 
 from pvg._arrays import Floats
 from pvg._compiled import kernel
-from pvg.rendering._kernels import Samples, _roll_off, next_run
+from pvg.rendering._kernels import Samples, _roll_off, move_chroma, next_run
 
 
 @kernel(fastmath=True)
@@ -51,14 +51,14 @@ def apply_chroma(
     alpha: Floats,
     shift: Floats,
     excess: np.float32,
+    grey: np.float32,
     top: np.float32,
 ) -> None:
     """part += α (shift[luma] + excess · broad), in place, rounded and held to [0, top]; see `rgb_planes.not_beyond`.
 
     part, before, broad: (h, w) samples of chroma, before those of the skin, broad the same or smoothed;
-    luma: smoothed, where they are;  alpha: (h, w);  shift: (top + 1,).
+    luma: smoothed, where they are;  alpha: (h, w);  shift: (top + 1,);  grey: its code.
     """
-    half, none = np.float32(0.5), np.float32(0.0)
     changes = np.empty(part.shape[1], np.float32)
     for i in range(part.shape[0]):
         first, last = next_run(alpha[i], 0)
@@ -68,10 +68,7 @@ def apply_chroma(
             by = luma[i, first:last]
             for j in range(last - first):
                 change[j] = shift[by[j]] + excess * np.float32(wide[j])
-            for j in range(last - first):
-                here, skin = np.float32(to[j]), np.float32(was[j]) + change[j]
-                moved = min(max(here + weight[j] * change[j], min(here, skin)), max(here, skin))
-                to[j] = np.int32(min(max(moved + half, none), top))
+            move_chroma(to, was, weight, change, grey, top)
             first, last = next_run(alpha[i], last)
 
 

@@ -11,6 +11,7 @@ from pvg._compiled import kernel
 
 Samples = NDArray[np.uint8] | NDArray[np.uint16]
 _STRIDE = 32
+FAINT = np.float32(0.01)  # of all codes: chroma that is less has no hue to lose
 
 
 @kernel(fastmath=True)
@@ -148,6 +149,31 @@ def apply_contrast(
             to[j] = np.int32(min(max(np.float32(to[j]) + v[j] * change[j] + half, none), top))
 
 
+@kernel()
+def not_beyond(
+    moved: np.float32, here: np.float32, was: np.float32, skin: np.float32, grey: np.float32, top: np.float32
+) -> np.float32:
+    """Where a sample of chroma that is `here` ends at most, `moved` else: see `rgb_planes.not_beyond`.
+
+    was, skin: the chroma of the skin in it, and what that becomes;  grey: its code;  top: the largest code.
+    """
+    one, none = np.float32(1.0), np.float32(0.0)
+    size, own = was - grey, here - grey
+    faint = (FAINT * top) ** 2
+    kept = min(max(((skin - grey) * size + faint) / (size * size + faint), none), one) * own + grey
+    return min(max(moved, min(here, skin, kept)), max(here, skin, kept))
+
+
+@kernel(fastmath=True)
+def move_chroma(part: Samples, was: Samples, weight: Floats, change: Floats, grey: np.float32, top: np.float32) -> None:
+    """part += weight · change, in place, within `not_beyond`, rounded and held to [0, top]; all (n,)."""
+    none, half = np.float32(0.0), np.float32(0.5)
+    for j in range(len(part)):
+        here, own = np.float32(part[j]), np.float32(was[j])
+        moved = not_beyond(here + weight[j] * change[j], here, own, own + change[j], grey, top)
+        part[j] = np.int32(min(max(moved + half, none), top))
+
+
 @kernel(fastmath=True)
 def apply_map(
     part: Samples,
@@ -162,6 +188,7 @@ def apply_map(
     excess: np.float32,
     fade: Floats,
     bend: Floats,
+    grey: np.float32,
     top: np.float32,
 ) -> None:
     """part += α (R(F(before) + w shift) − R(before)), in place: u' = F(I) + H(g' − F(g)), rounded and held to [0, top].
@@ -171,7 +198,7 @@ def apply_map(
     part, before, broad: (r, c) samples of a plane, as the frame came and smoothed;  by: smoothed luma where they are;
     shift: H(g' − F(g)), and alpha, columns, rows: see `apply_contrast`;  tables: (2, top + 1), rise and fall, or
     (1, top + 1), rise alone;  fade: (r, c) float32 w, see `fade_in_dark`, without rows it is 1;
-    bend: (4,) float32, or empty for none.
+    bend: (4,) float32, or empty for none;  grey: its code, of chroma.
     """
     count, (h, w) = part.shape[1], shift.shape
     (index, share), (upper, down) = split(columns, w), split(rows, h)
@@ -193,12 +220,13 @@ def apply_map(
             kept = fade[i, first:last]
             for j in range(last - first):
                 change[j] *= kept[j]
-        if falls:
-            for j in range(last - first):
-                change[j] += rise[wide[j]] + fall[was[j]]
-        else:
+        if not falls:
             for j in range(last - first):
                 change[j] += rise[luma[j]] + excess * np.float32(wide[j])
+            move_chroma(to, was, v, change[: last - first], grey, top)
+            continue
+        for j in range(last - first):
+            change[j] += rise[wide[j]] + fall[was[j]]
         if len(bend):
             toe, below, knee, above = bend[0], bend[1], bend[2], bend[3]
             for j in range(last - first):
@@ -207,8 +235,7 @@ def apply_map(
                 change[j] = _roll_off(wanted, toe, below, knee, above) - _roll_off(source, toe, below, knee, above)
         for j in range(last - first):
             here, skin = np.float32(to[j]), np.float32(was[j]) + change[j]
-            least = none if falls else min(here, skin)
-            moved = min(max(here + v[j] * change[j], least), max(here, skin))
+            moved = min(here + v[j] * change[j], max(here, skin))
             to[j] = np.int32(min(max(moved + half, none), top))
 
 

@@ -55,7 +55,8 @@ def apply_body(
         wide = smooth[p - 1] if tables.excess > 0 else skin[p]
         part = with_patches(before, p, (x, y), under)
         shift, excess = tables.chroma[p - 1], np.float32(tables.excess)
-        kernels.apply_chroma(part, skin[p], wide, by, weight, shift, excess, top)
+        grey = np.float32(pixel_format.offset[p])
+        kernels.apply_chroma(part, skin[p], wide, by, weight, shift, excess, grey, top)
         patches.append(Patch(p, y, x, part))
     return patches
 
@@ -77,5 +78,6 @@ def _apply_to_rgb(
     weights = np.stack([body.alpha, *[tinged_codes(tables, smooth, body.alpha)] * 2], axis=-1)
     gained[..., 0] = _kernels.roll_off(luma + gained[..., 0], bend) - _kernels.roll_off(luma, bend)
     here = np.asarray(before @ to_opponent_codes.T + opponent.offset, np.float32)
-    change = not_beyond(weights * gained, here, source + gained) @ np.linalg.inv(to_opponent_codes).T
+    change = not_beyond(weights, here, source, gained, opponent.offset, 2.0**frame.format.depth - 1)
+    change = change @ np.linalg.inv(to_opponent_codes).T
     return rgb_patches(before, change, (left, upper), under, frame.format)

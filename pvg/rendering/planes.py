@@ -113,6 +113,7 @@ def _apply_map(
         np.float32(tables.excess if plane else 0.0),
         fade,
         _NO_ROLL_OFF if plane else luma_bend(pixel_format),
+        np.float32(pixel_format.offset[plane]),
         np.float32(2**pixel_format.depth - 1),
     )
 

@@ -61,8 +61,10 @@ def apply_to_rgb(
         gained[..., 0] = kernels.roll_off(wanted[..., 0], bend) - kernels.roll_off(source[..., 0], bend)
     held = [(guard, guard.weight) for guard, _ in guards]
     weights = np.stack([alpha, *[with_guards(weight, held, frame.format)] * 2], axis=-1)
-    weighted = weights * gained
-    gained = not_beyond(weighted, here, source + gained) if correction.mapped else weighted
+    if correction.mapped:
+        gained = not_beyond(weights, here, source, gained, np.zeros(3), 2.0**frame.format.depth - 1)
+    else:
+        gained = weights * gained
     gained = gained @ np.linalg.inv(opponent_matrix(frame.format)).T + guarded
     return rgb_patches(before, gained, corner, under, frame.format)
 
@@ -86,15 +88,23 @@ def rgb_patches(
     return patches
 
 
-def not_beyond(gained: Floats, here: Floats, skin: Floats) -> Floats:
-    """What samples of luma and chroma (…, 3) that were `here` gain, bounded by `skin`, what the skin in them becomes.
+def not_beyond(weights: Floats, here: Floats, skin: Floats, gained: Floats, grey: Doubles, top: float) -> Floats:
+    """What samples of luma and chroma (…, 3) that are `here` gain, by the weights (…, 3) of what `skin` in them gains.
 
     Where a matte reaches too far at its edge, the background would shine, or take the complement of the hue that the
-    skin loses. So luma never rises above the brighter of the two, and chroma stays between them. Luma may fall below
-    both: hairs over skin that is made dark keep their distance to it.
+    skin loses. So luma never rises above the brighter of sample and new skin, and chroma stays between them and what
+    is left of the sample's own if it loses its chroma as the skin does: at an edge, skin's chroma is diluted. Luma may
+    fall below both: hairs over skin that is made dark keep their distance to it.
+    grey: (3,) its codes;  top: the largest code.
     """
-    moved = np.minimum(here + gained, np.maximum(here, skin))
-    moved[..., 1:] = np.maximum(moved[..., 1:], np.minimum(here, skin)[..., 1:])
+    new = skin + gained
+    moved = np.minimum(here + weights * gained, np.maximum(here, new))
+    faint = np.float32((kernels.FAINT * top) ** 2)
+    own, was, becomes = (each[..., 1:] - np.float32(grey[1:]) for each in (here, skin, new))
+    kept = own * np.clip((becomes * was + faint) / (was * was + faint), 0, 1)
+    ends = np.stack([own, becomes, kept])
+    chroma = np.clip(own + weights[..., 1:] * gained[..., 1:], ends.min(axis=0), ends.max(axis=0))
+    moved[..., 1:] = chroma + np.float32(grey[1:])
     return np.asarray(moved - here, np.float32)
 
 

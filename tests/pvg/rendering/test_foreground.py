@@ -124,3 +124,24 @@ def test_a_wall_under_a_matte_that_is_too_large_neither_shines_nor_takes_another
     unbounded = 170 + alpha[48] * (bright - luma_of_skin)
     assert (luma - 170)[thin].mean() < 0.6 * (unbounded - 170)[thin].mean()
     assert (row[:, 0] - luma)[thin].mean() > 0.6 * (alpha[48] * gain_of_red)[thin].mean()
+
+
+@pytest.mark.parametrize("pixel_format", FORMATS, ids=lambda f: f.name)
+def test_an_edge_loses_its_chroma_as_the_skin_does(pixel_format: PixelFormat) -> None:
+    """Else what is diluted there, and no redder than the new skin, would stay as it was: a rim of the old colour."""
+    alpha, weights = edge(), np.array((0.299, 0.587, 0.114))
+    skin_red, hair = SKIN - SKIN @ weights, np.full(3, 45.0)
+    frame = frame_of(mixed(alpha, hair), pixel_format)
+    lattice = Lattice.over((0, 0, SIDE, SIDE), target_height=12)
+    shift = np.float32(pixel_format.opponent.matrix @ (-0.6 * skin_red))
+    nodes = shift[:, None, None] * np.ones((1, lattice.height, lattice.width), np.float32)
+    skin = foreground(frame, (0, 0), alpha, STEP)
+    drawn = frame.patched(
+        apply_correction(frame, (0, 0), alpha, Correction(lattice, nodes, tables(pixel_format)), skin=skin)
+    )
+    before, after = (
+        row[:, 0] - row @ weights for row in (frame.rgb()[48].astype(float), drawn.rgb()[48].astype(float))
+    )
+    band = (alpha[48] > 0.3) & (alpha[48] < 0.9)
+    np.testing.assert_allclose(after[band], 0.4 * before[band], atol=3)
+    np.testing.assert_array_equal(after[alpha[48] == 0], before[alpha[48] == 0])
