@@ -28,7 +28,7 @@ _BRIGHTER = ((0.25, 0.37), (0.21, 0.17))
 _DARKER = (0.12, 0.16)  # k and m, where it is darker [by blind choice]
 _HUE = 0.12  # k of chroma over luma [by blind choice]
 _AS_RICH = (1.15, 0.85)  # of its own chroma over luma, from which to which a reference's counts as less, a line between
-_POORER = (0.10, 0.19)  # k and m, where the reference's skin has less of it [by blind choice]
+_POORER = (0.08, 0.14)  # k and m, where the reference's skin has less of it [by blind choice]
 
 
 def in_scene(reference: Floats, own: Floats, share: float) -> Floats:
