@@ -98,7 +98,8 @@ class BodyTracker:
         self._hair, self._scenes = hair, self._scenes + 1
         oval = head.of_oval(scene.raster.shape)
         against = hair if output is None else hair + _network_against(output, scene.raster, oval)
-        frame = _head_frame(head, own)
+        ears = ear_depth(head, own)
+        frame = _head_frame(head, ears)
         body_log_odds(scene.rgb, person, face_mask, against, *self._tables, gain, frame, _WEIGHTS, log_odds)
         by_rules = logistic(np.asarray(cv2.GaussianBlur(log_odds, (0, 0), _BODY.blur), np.float32))
         usual = gain_of(light)
@@ -122,16 +123,16 @@ class BodyTracker:
             probability *= np.float32(self.color_trust)
         leave_out_hair(probability, scene.rgb, person, face_mask, hair, head, self._scale, gain)
         probability *= 1 - collar(lit, np.maximum(probability, of_face), head)
-        mask, alpha = self._smooth_in_time(scene, probability, face_mask, person, head)
+        mask, alpha = self._smooth_in_time(scene, probability, face_mask, person, head, ears)
         return Matte.over(scene.raster.box, in_levels(alpha), mask)
 
     def _smooth_in_time(
-        self, scene: Scene, probability: Floats, face_mask: Floats, person: Bytes, head: HeadShape
+        self, scene: Scene, probability: Floats, face_mask: Floats, person: Bytes, head: HeadShape, ears: float
     ) -> tuple[Bools, Floats]:
         """Mask and alpha (h, w), held to those of the scene before where nothing changed."""
         before, maps = self._before, scene.before
         if before is None or maps is None:
-            mask = body_parts(probability, probability > 0.5, face_mask, person, None, head)
+            mask = body_parts(probability, probability > 0.5, face_mask, person, None, head, ears)
             alpha = soft_edge(probability, mask, _EDGE_BLUR)
         else:
             was_rgb, layers = before
@@ -142,7 +143,7 @@ class BodyTracker:
             keep = weight_of_before(np.asarray(moved_rgb, np.uint8), scene.rgb)
             probability = (probability + keep * (was_probability - probability)).astype(np.float32)
             likely = probability + _TRACKING.hysteresis * keep * (was - 0.5) > 0.5
-            mask = body_parts(probability, likely, face_mask, person, np.asarray(was, np.float32), head)
+            mask = body_parts(probability, likely, face_mask, person, np.asarray(was, np.float32), head, ears)
             alpha = soft_edge(probability, mask, _EDGE_BLUR)
             alpha = (alpha + keep * (was_alpha - alpha)).astype(np.float32)
         left = cv2.merge([probability, mask.astype(np.float32), alpha])
@@ -169,8 +170,8 @@ def _moved(values: Floats | None, maps: tuple[Floats, Floats] | None) -> Floats:
     return np.asarray(cv2.remap(values, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32)
 
 
-def _head_frame(head: HeadShape, landmarks: Landmarks) -> Floats:
-    """(16,) float32, the head as `body_log_odds` measures it; what stands where is said there."""
+def _head_frame(head: HeadShape, ears: float) -> Floats:
+    """(16,) float32, the head as `body_log_odds` measures it; what stands where is said there.  ears: their depth."""
     ends = np.array(
         [
             head.size,
@@ -178,7 +179,7 @@ def _head_frame(head: HeadShape, landmarks: Landmarks) -> Floats:
             head.height / 2 / head.size + _BODY.head_above,
             head.height / 2 / head.size + _BODY.head_below,
             head.width / 2 / head.size,
-            ear_depth(head, landmarks),
+            ears,
         ],
         np.float32,
     )

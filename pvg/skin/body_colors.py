@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from pvg._arrays import Floats, smoothstep
-from pvg.skin.color_model import SkinColors, to_skin_lab
+from pvg.skin.color_model import LEAST_CHROMA, SkinColors, to_skin_lab
 from pvg.skin.parameters import SKIN_PRIOR
 
 _BODY = SKIN_PRIOR.body
-_LEAST_CHROMA = 1.0  # Lab: below it a hue has no direction
 
 
 def color_tables(colors: SkinColors) -> tuple[Floats, Floats]:
@@ -22,15 +21,10 @@ def color_tables(colors: SkinColors) -> tuple[Floats, Floats]:
     grid = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), axis=-1).reshape(_BODY.cube, -1, 3)
     lab = to_skin_lab(np.asarray(grid, np.float32))
     center, spread = colors.scale.center, colors.scale.spread
-    tone = center[1:]
-    chroma = max(float(np.hypot(*tone)), _LEAST_CHROMA)
-    off = lab[..., 1:] - tone
-    unit = float(spread[1:].mean())
-    along = (off @ tone) / chroma
-    across = (off[..., 1] * tone[0] - off[..., 0] * tone[1]) / chroma / unit
-    missing = np.maximum(0, _BODY.least_chroma - 1 - along / chroma)
+    along, across = colors.scale.of_hue(lab)
+    chroma = max(float(np.hypot(*center[1:])), LEAST_CHROMA)
+    missing = np.maximum(0, _BODY.least_chroma - 1 - along * float(spread[1:].mean()) / chroma)
     grey = _BODY.grey * missing**2 * min(1.0, chroma / SKIN_PRIOR.colors.full_chroma)
-    along = along / unit
     away = (lab[..., 0] - center[0]) / spread[0]
     light = np.maximum(np.abs(away) - _BODY.light_free, 0) / _BODY.light
     seen = colors.evidence(lab)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from pvg._arrays import Bools, Bytes, Floats
+from pvg._arrays import Bools, Bytes, Doubles, Floats
 from pvg.raster import Raster
 from pvg.skin.cleanup import occupied
 from pvg.skin.color_model import ColorScale, to_skin_lab
@@ -89,7 +89,8 @@ def leave_out_hair(
     """Set the probability (h, w) to 0, in place, in parts beside the face that are cut out of hair of one colour.
 
     The place of an ear makes up for a colour that is not quite the skin's. An ear ends where its colour does; a
-    part whose surroundings have its own colour ends where that place does.
+    part whose surroundings have its own colour ends where that place does. What is far redder than the skin is an ear
+    full of blood, whatever is behind it: hair is yellower.
 
     rgb, person, face_mask, head, scale, gain: see `hair_odds`;  hair: (h, w) nats, its result.
     """
@@ -121,9 +122,11 @@ def leave_out_hair(
         if int(ring.sum()) < least:
             continue
         lit = np.asarray(np.clip(np.rint(rgb[box] * gain), 0, 255), np.uint8)
-        z = (to_skin_lab(lit) - scale.center) / scale.spread
-        apart = np.median(z[inside], axis=0) - np.median(z[ring], axis=0)
-        if float(np.linalg.norm(apart)) < _BODY.hair_alike + mean_hair:
+        lab = to_skin_lab(lit)
+        own, beside = np.median(lab[inside], axis=0), np.median(lab[ring], axis=0)
+        along, across = scale.of_hue(own)
+        blood = along > 0 and across < -_BODY.hair_redder
+        if not blood and float(np.linalg.norm((own - beside) / scale.spread)) < _BODY.hair_alike + mean_hair:
             probability[box][inside] = 0.0
 
 
@@ -149,15 +152,22 @@ def own_people(person: Bytes, face_mask: Floats, size: float) -> Bytes:
 
 
 def body_parts(
-    probability: Floats, likely: Bools, face_mask: Floats, person: Bytes, before: Floats | None, head: HeadShape
+    probability: Floats,
+    likely: Bools,
+    face_mask: Floats,
+    person: Bytes,
+    before: Floats | None,
+    head: HeadShape,
+    ears: float,
 ) -> Bools:
     """The parts of `likely` (h, w) that are a body's: what touches the face, and what is large and sure enough.
 
-    Above the chin only a hand is skin that touches nothing, and a raised hand is large. Where the person mask is not
-    sure, as on a floor of the skin's colour, what touches nothing must be surer by itself: a hand that comes in.
-    Where it is quite sure, a narrow arm beside a strap is enough, of which the network is not.
+    Above the chin only a hand is skin that touches nothing, and a raised hand is large; but hair may cut off an ear,
+    which must be surer by itself. So must what touches nothing where the person mask is not sure, as on a floor of the
+    skin's colour: a hand that comes in. Where it is quite sure, a narrow arm beside a strap is enough, of which the
+    network is not.
     face_mask: (h, w) the face's own mask;  person: (h, w), 255 on people;  before: (h, w) the mask before;
-    head: in cells.
+    head: in cells;  ears: their depth, see `ear_depth`.
     """
     size = head.size
     face = (face_mask > 0.5).astype(np.uint8)
@@ -173,7 +183,7 @@ def body_parts(
     before = None if before is None else before[held]
     kept = np.bincount(labels[touching], minlength=count) > 0
     kept[0] = False
-    for part in np.flatnonzero(~kept & (stats[:, cv2.CC_STAT_AREA] > _BODY.kept_part * size**2)):
+    for part in np.flatnonzero(~kept & (stats[:, cv2.CC_STAT_AREA] > _BODY.kept_ear * size**2)):
         if part == 0:
             continue
         x, y, w, h = (int(v) for v in stats[part, :4])
@@ -184,17 +194,33 @@ def body_parts(
             continue
         stood = before is not None and float((before[box][cells] > 0.5).mean()) > _STOOD
         whose = float(person[box][cells].mean()) / 255
-        persons = whose > _BODY.sure_person
-        least = (_BODY.kept_part if stood else _BODY.persons_part if persons else _BODY.least_part) * size**2
-        if (middles[part] - head.chin) @ head.axes.down < 0:
-            least *= _BODY.raised_part
-        if area <= least:
-            continue
-        doubtful = whose <= (_BODY.kept_person if stood else _BODY.part_person)
-        sure = _BODY.sure_alone if doubtful else _BODY.persons_sure if persons else _BODY.sure
-        kept[part] = float(probability[box][cells].mean()) > sure
+        least, sure = _least_and_sure(whose, stood=stood, raised=(middles[part] - head.chin) @ head.axes.down < 0)
+        mean = float(probability[box][cells].mean())
+        if mean > _BODY.sure_alone and _at_ear(middles[part], head, ears):
+            least = _BODY.kept_ear if stood else _BODY.least_ear
+        kept[part] = mean > sure and area > least * size**2
     whole[held] = likely & kept[labels]
     return whole
+
+
+def _least_and_sure(whose: float, *, stood: bool, raised: bool) -> tuple[float, float]:
+    """How large a part that touches nothing must be, in squared face sizes, and how likely in the mean, in [0, 1].
+
+    whose: its mean of the person mask, in [0, 1];  stood: it was there before;  raised: it is above the chin.
+    """
+    persons = whose > _BODY.sure_person
+    least = _BODY.kept_part if stood else _BODY.persons_part if persons else _BODY.least_part
+    doubtful = whose <= (_BODY.kept_person if stood else _BODY.part_person)
+    sure = _BODY.sure_alone if doubtful else _BODY.persons_sure if persons else _BODY.sure
+    return least * _BODY.raised_part if raised else least, sure
+
+
+def _at_ear(place: Doubles, head: HeadShape, ears: float) -> bool:
+    """Whether an ear surely may be at a place (2,) in cells.  ears: their depth, see `ear_depth`."""
+    off = (place - head.middle) / head.size
+    across = (abs(off @ head.axes.across) - head.width / 2 / head.size - SKIN_PRIOR.ears.beside) / _BODY.ear_width
+    along = (off @ head.axes.down - ears) / _BODY.ear_height
+    return bool(_BODY.ear_rise * np.exp(-0.5 * (across**2 + along**2)) >= 1)
 
 
 def _square(side: int) -> Bytes:

@@ -16,10 +16,12 @@ from pvg.skin.parameters import SKIN_PRIOR
 MAD_TO_SIGMA: Final = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
 
+LEAST_CHROMA: Final = 1.0
+"""Of Lab: below it a hue has no direction."""
+
 _COLORS = SKIN_PRIOR.colors
 _BINS = _COLORS.bins
 _LEAST_SPREAD, _MOST_SPREAD = (np.array(s, np.float32) for s in (_COLORS.least_spread, _COLORS.most_spread))
-_LEAST_CHROMA = 1.0  # below it a hue has no direction
 _LAST_AXIS_SIGMA = 0.1  # any: OpenCV wants one for the side along which the kernel is 1 wide
 
 
@@ -69,6 +71,18 @@ class ColorScale:
         spread = MAD_TO_SIGMA * median_deviation(sample, center)
         bounded = np.clip(_COLORS.spread_factor * spread, _LEAST_SPREAD, _MOST_SPREAD)
         return cls(center.astype(np.float32), bounded.astype(np.float32))
+
+    def of_hue(self, lab: Floats) -> tuple[Floats, Floats]:
+        """How far colours lab (…, 3) are from the skin's, in spreads: along its hue, away from grey, and across it.
+
+        Across the hue what is below 0 is redder, what is above yellower.
+        """
+        tone = self.center[1:]
+        chroma = max(float(np.hypot(*tone)), LEAST_CHROMA)
+        unit = chroma * float(self.spread[1:].mean())
+        off = lab[..., 1:] - tone
+        across = off[..., 1] * tone[0] - off[..., 0] * tone[1]
+        return np.asarray(off @ tone / unit, np.float32), np.asarray(across / unit, np.float32)
 
     def bins(self, lab: Floats) -> NDArray[np.intp]:
         """Flat histogram index of every colour of lab (…, 3)."""
@@ -138,7 +152,7 @@ def squared_distances(lab: Floats, sample: Floats, shaded: Bools) -> tuple[Float
     spread = np.maximum(_COLORS.spread_factor * MAD_TO_SIGMA * median_deviation(sample, center), _LEAST_SPREAD)
     squares = ((lab - center) / spread) ** 2
     tone = center[1:]
-    chroma = max(float(np.hypot(*tone)), _LEAST_CHROMA)
+    chroma = max(float(np.hypot(*tone)), LEAST_CHROMA)
     saturation = (lab[..., 1:] @ tone) / chroma**2  # 1 for the sample's own, 0 for greys
     grey = _COLORS.grey * np.maximum(0, _COLORS.least_saturation - saturation) ** 2
     in_light = ramp(lab[..., 0], *_COLORS.shade_rise)

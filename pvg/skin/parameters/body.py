@@ -45,7 +45,7 @@ class BodyNumbers:
     ear_redder: float = 6.0  # the same across the hue, to red [measured: 73 % of reddened ears, 51 at 4, 33 at 1.8]
     ear_against: float = 0.5  # nats at most by the key frame's colours, from skin's chroma on [by eye]: a missed ear
     # counted as surroundings there
-    ear_crimson: Range = (1.5, 3.5)  # spreads across the hue to red, of an ear's shade [measured: 2 to 5; hair -4 to 0]
+    ear_crimson: Range = (0.5, 2.5)  # spreads across the hue to red, of an ear's shade [measured: 0 to 5; hair -4 to 0]
     ear_crimson_chroma: Range = (4.0, 8.0)  # spreads of chroma beyond the face's, of it [measured: 8 to 12]
     ear_blood: float = 3.0  # nats for skin there [by eye]
     ear_bare: float = 0.5  # of hair's log-odds not held against an ear [measured: 74 % of reddened ears, 50 at 0.3]
@@ -58,6 +58,7 @@ class BodyNumbers:
     hair_least: float = 1.0  # nats, a part's mean of hair's log-odds [measured: as hair_alike]: less is no hair
     # hair is 0.5 to 3.9 spreads from what is around it; ears are 3.4 to 22, and little there speaks for hair
     hair_alike: float = 1.5  # spreads between a part and what is around it, beyond those nats [measured: as above]
+    hair_redder: float = 2.5  # spreads across the hue to red [measured: an ear 4.2, hair -1.7 to 0.6]: a part is an ear
     texture_from: float = 0.12  # standard deviation over brightness, of 3 cells a side [by eye]: skin is smooth
     texture: float = 20.0  # nats a unit more [by eye]
     texture_dark: float = 12.0  # 8-bit levels added to the brightness [by eye]
@@ -75,9 +76,12 @@ class BodyNumbers:
     part_person: float = 0.78  # mean of the person mask there [measured: hands 0.83 and more, floors 0.76 and less]
     kept_person: float = 0.7  # the same when it was there in the frame before [by eye]
     sure_alone: float = 0.88  # mean probability of a part with less of it [measured: hands 0.92, floors up to 0.82]
+    # and of an ear that hair cuts off: one 0.91, hair up to 0.85
     sure_person: float = 0.95  # of the person mask, from which on it is sure [measured: arms 1.00, no skin to 0.70]
     persons_part: float = 0.01  # squared face sizes of a part there [measured: an arm beside a strap 0.0146]
     persons_sure: float = 0.6  # mean probability of it [measured: that arm 0.71]
+    least_ear: float = 0.006  # squared face sizes of an ear that hair cuts off [measured: one 0.0082; hair up to 0.005]
+    kept_ear: float = 0.0024  # the same when it was there in the frame before [by eye]
     raised_part: float = 4.0  # times as large above the chin [by eye]: what touches nothing there is a hand or no skin
     least_person: float = 0.25  # squared face sizes of the person mask away from the face [by eye]: an arm, no pot
     gap: float = 0.12  # face sizes [by eye]: half the widest gap between the mattes of face and body

@@ -26,8 +26,10 @@ from pvg.skin import (
 from pvg.skin.body import _network_against
 from pvg.skin.body_colors import color_tables
 from pvg.skin.body_parts import beyond_box, body_parts, fill_gaps, fill_holes, leave_out_hair, own_people
+from pvg.skin.color_model import ColorScale, SkinColors
 from pvg.skin.network import NetworkOutput
-from pvg.skin.prior import head_shape
+from pvg.skin.parameters import SKIN_PRIOR
+from pvg.skin.prior import ear_depth, head_shape
 from pvg.video import read_frames
 from scripts.samples import Samples
 from tests.gallery.faces import fit_widest, read_rgb
@@ -35,6 +37,7 @@ from tests.gallery.scenes import TONES, drawn_face, filled, shrunk
 
 SIZE = (480, 640)
 RED, OAK, PINE, HAIR = (170, 30, 35), (150, 102, 62), (196, 146, 104), (165, 112, 76)
+BLOOD, RIM, SHADED_HAIR = (150, 66, 64), (80, 17, 15), (86, 26, 16)
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,8 +138,14 @@ def test_a_hand_follows_and_cloth_and_wall_do_not(tone: str) -> None:
     assert alpha[shrunk(drawn.wall, 9)].mean() < 0.01
 
 
-@pytest.mark.parametrize(("around", "kept"), [(HAIR, False), (RED, True)])
-def test_a_part_beside_the_face_ends_where_its_colour_does_or_is_hair(around: tuple[int, int, int], kept: bool) -> None:
+@pytest.mark.parametrize(
+    ("part_color", "around", "kept"),
+    [(HAIR, HAIR, False), (HAIR, RED, True), (BLOOD, BLOOD, True)],
+    ids=["hair", "an ear before something red", "an ear full of blood before a wall as red"],
+)
+def test_a_part_beside_the_face_ends_where_its_colour_does_or_is_hair(
+    part_color: tuple[int, int, int], around: tuple[int, int, int], kept: bool
+) -> None:
     drawn = _drawn()
     model = fit_skin_model(drawn.rgb, drawn.landmarks)
     assert model.learned is not None
@@ -147,7 +156,7 @@ def test_a_part_beside_the_face_ends_where_its_colour_does_or_is_hair(around: tu
     part = slice(20, 26), slice(20, 24)
     probability[part] = 0.9
     rgb = np.full((*shape, 3), around, np.uint8)
-    rgb[part] = HAIR
+    rgb[part] = part_color
     head = head_shape(drawn.landmarks.in_cells(scene.raster))
     person = np.full(shape, 255, np.uint8)
     scale = model.learned.colors.scale
@@ -238,6 +247,7 @@ def test_what_touches_nothing_is_a_persons_or_surely_skin(probability: float, pe
         np.where(part, np.uint8(255 * person), np.uint8(0)),
         None,
         head,
+        0.0,
     )
     assert mask[part].all() == mask.any() == kept
 
@@ -256,7 +266,7 @@ def test_a_narrow_arm_is_skin_where_the_person_is_sure(probability: float, perso
     face_mask = np.zeros(part.shape, np.float32)
     face_mask[:10, :10] = 1
     cells, people = part * np.float32(probability), np.uint8(255 * person) * part.astype(np.uint8)
-    mask = body_parts(cells, part, face_mask, people, None, head)
+    mask = body_parts(cells, part, face_mask, people, None, head, 0.0)
     assert mask[part].all() == mask.any() == kept
 
 
@@ -331,6 +341,42 @@ def test_shoulders_and_arms_of_portraits_are_skin(
     matte = body.step(scene, landmarks, face, skin.light, skin.network_output)
     xs, ys = (np.arange(box[i], box[i + 2], dtype=np.float32) for i in (0, 1))
     assert matte.alpha_at(xs, ys).mean() > 0.8
+
+
+@pytest.mark.parametrize(
+    ("side", "depth", "share", "probability", "kept"),
+    [
+        (1.0, 0.0, 0.01, 0.92, True),
+        (1.0, 0.0, 0.01, 0.85, False),
+        (1.0, 0.0, 0.004, 0.92, False),
+        (2.2, -0.8, 0.01, 0.92, False),
+    ],
+    ids=["an ear behind hair", "a strand that may be skin", "a few cells of a strand", "what is above the ears"],
+)
+def test_an_ear_that_hair_cuts_off_is_skin(
+    side: float, depth: float, share: float, probability: float, kept: bool
+) -> None:
+    drawn = _drawn()
+    scene = drawn.scene()
+    own = drawn.landmarks.in_cells(scene.raster)
+    head = head_shape(own)
+    ears = ear_depth(head, own)
+    at = head.middle + side * (head.width / 2 + SKIN_PRIOR.ears.beside * head.size) * head.axes.across
+    at = at + (ears + depth) * head.size * head.axes.down
+    ys, xs = np.mgrid[: scene.raster.shape[0], : scene.raster.shape[1]]
+    part = np.hypot(xs - at[0], ys - at[1]) < np.sqrt(share / np.pi) * head.size
+    face_mask = np.zeros(part.shape, np.float32)
+    face_mask[-10:, :10] = 1
+    mask = body_parts(
+        np.where(part, np.float32(probability), np.float32(0)),
+        part,
+        face_mask,
+        np.full(part.shape, 255, np.uint8),
+        None,
+        head,
+        ears,
+    )
+    assert mask[part].all() == mask.any() == kept
 
 
 def test_light_that_changes_changes_no_matte() -> None:
@@ -421,6 +467,15 @@ def test_crimson_shade_is_an_ear_and_brown_shade_of_its_lightness_is_hair() -> N
     crimson, brown = (np.array([dark, *(center[1:] + (9 * tone + way * redder) * unit)], np.float32) for way in (4, -1))
     assert _odds(ears, brown) + 3 < _odds(ears, crimson)
     assert _odds(ears, crimson) > 2
+
+
+def test_the_rim_of_an_ears_crimson_shade_is_an_ear_and_dark_hair_beside_it_is_none() -> None:
+    scale = ColorScale(np.array([67.2, 17.3, 13.4], np.float32), np.array([9, 3.2, 3.2], np.float32))
+    colors = SkinColors(scale, np.zeros(SKIN_PRIOR.colors.bins**3, np.float32))
+    _, ears = color_tables(colors)
+    rim, hair = (ears[tuple(np.rint(np.array(rgb) / 255 * (len(ears) - 1)).astype(int))] for rgb in (RIM, SHADED_HAIR))
+    assert hair < 1
+    assert rim > 3
 
 
 def _odds(table: np.ndarray, lab: np.ndarray) -> float:
