@@ -11,13 +11,15 @@ The pixels I stay as they are, so u' = λI + H(g' − λg) costs no more, and ow
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pvg._arrays import Doubles, Floats
 from pvg.looks import to_rgb
 from pvg.video import PixelFormat
+
+_GREY = 0.002  # of all codes: less chroma says nothing of a ratio
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,23 @@ class Coding:
         matrix = self.format.opponent.matrix
         own = codes.reshape(-1, 3) @ np.linalg.inv(matrix).T
         return np.asarray(self.format.color.to_sdr(own) @ matrix.T, np.float32).reshape(codes.shape)
+
+    def of_sdr_chroma(self, colors: Doubles) -> Doubles:
+        """How large the chroma of SDR-referred RGB colours (n, 3), 0-255, is beside what it would be in SDR codes: (n,).
+
+        Grey has none, and is told the share of the colours beside it in their order.
+        """
+        if self.format.color is None:
+            return np.ones(len(colors))
+        own, sdr = (
+            np.hypot(*np.asarray(coding.colors(colors)[:, 1:], np.float64).T)
+            for coding in (self, Coding(replace(self.format, color=None)))
+        )
+        known = sdr > _GREY * 2.0**self.format.depth
+        if not known.any():
+            return np.ones(len(colors))
+        places = np.arange(len(colors))
+        return np.asarray(np.interp(places, places[known], own[known] / sdr[known]))
 
     def changes(self, changes: Floats, around: Floats) -> Doubles:
         """Luma and chroma (P, 3) that parts gain by `Look.parts` (P, 3) on a skin of mean colour `around` (n, 3)."""

@@ -28,6 +28,7 @@ class MapTables:
     tone: (2, n) float32 what luma gains by its code, by slopes of T above 1 and below;
     chroma: (2, n) float32 what each chroma plane gains by luma's code, `excess` of its own code aside;
     offset: (3,) the codes of black and of grey;  usual: (2, n) float32 the chroma, above grey, of skin by luma's code;
+    least: (n,) float32 e of `tinge` by luma's code;
     told: (2, n) r of `tinge` up to which it is grey and from which on it is skin, by luma's code;
     beard: (n,) how far a mean of such a luma in the lower face is of a beard, by luma's code.
     """
@@ -37,6 +38,7 @@ class MapTables:
     excess: float
     offset: Floats
     usual: Floats
+    least: Floats
     told: Floats
     beard: Floats
 
@@ -60,6 +62,7 @@ class MapTables:
         source, target = (
             np.asarray(coding.colors(colors) + opponent.offset, np.float64) for colors in (gain * usual, kept * goal)
         )
+        least = 2.0**pixel_format.depth / 256.0 * LEAST_TINGE * coding.of_sdr_chroma(gain * usual)
         codes = np.arange(2.0**pixel_format.depth)
         gained = _read(codes, source[:, 0], target[:, 0] - source[:, 0])
         slopes = np.diff(gained, prepend=gained[0])
@@ -78,16 +81,15 @@ class MapTables:
         levels = np.arange(256.0)
         told_from_grey = np.stack([_read(codes, source[:, 0], each) for each in look_map.told_from_grey(levels)])
         beard_at = _read(codes, source[:, 0], look_map.beard_at(levels))
-        tables = (look_map.strength * np.stack([rise, fall]), np.stack(chroma), own, told_from_grey, beard_at)
-        tone, of_chroma, usual_chroma, told, beard = (one.astype(np.float32) for one in tables)
-        return cls(tone, of_chroma, float(excess), offset, usual_chroma, told, beard)
+        least = _read(codes, source[:, 0], least)
+        tables = (look_map.strength * np.stack([rise, fall]), np.stack(chroma), own, least, told_from_grey, beard_at)
+        tone, of_chroma, usual_chroma, least, told, beard = (one.astype(np.float32) for one in tables)
+        return cls(tone, of_chroma, float(excess), offset, usual_chroma, least, told, beard)
 
     @cached_property
     def alikeness(self) -> tuple[Floats, Floats, Floats]:
         """How far r of `tinge` is between both of `told`, c₁ a[Y] + c₂ b[Y] + d[Y]: a, b and d, (n,) by luma's code."""
-        codes = self.usual.shape[1]
-        least = np.float32(LEAST_TINGE * codes / 256.0)
-        size, (grey, skin) = np.hypot(*self.usual), self.told
+        size, least, (grey, skin) = np.hypot(*self.usual), self.least, self.told
         wide = skin - grey
         a, b = self.usual / (np.maximum(size * (size + least), np.float32(1e-6)) * wide)
         return a, b, (least / (size + least) - grey) / wide
