@@ -21,8 +21,10 @@ T = TypeVar("T")
 _PIECE_BYTES: Final = 4 * 1024**2
 #: seconds between two looks at whether to go on, while a store is waited for
 _LOOK_S: Final = 0.25
-#: seconds for which a store that is given up on may take to end an upload
+#: seconds for which a store that is given up on may take to end an upload, and of them those to say that it has begun,
+#: or that a part has come: a worker that has to stop does not wait for longer
 _LAST_S: Final = 5.0
+_HEARD_S: Final = 4.0
 _PART_BYTES: Final = 5 * 1024**2
 #: S3 takes no more parts of one upload
 _MAX_PARTS: Final = 10_000
@@ -52,33 +54,36 @@ async def send(store: ObjectStore, key: str, path: Path, check: Callable[[], Non
     """
     part = part_bytes(path.stat().st_size)
     writer = obstore.open_writer_async(store, key, buffer_size=part, max_concurrency=_PARTS_AT_ONCE)
+    answering: asyncio.Future[int] | None = None
     try:
         for piece in _pieces_of(path, part, check):
-            await _watched_to_its_end(writer.write(piece), check)
+            answering = asyncio.ensure_future(writer.write(piece))
+            await _watched(asyncio.shield(answering), check)
     except BaseException as error:
         with suppress(Exception):  # it has the store forget the parts that it has
-            await asyncio.wait_for(writer.__aexit__(type(error), error, error.__traceback__), _LAST_S)
+            await asyncio.wait_for(_end(writer, answering, error), _LAST_S)
         raise
+    # an upload that is cut off here would leave its parts: the last few are sent
+    closing = asyncio.ensure_future(writer.close())
     try:
-        await _watched_to_its_end(writer.close(), check)
+        await _watched(asyncio.shield(closing), check)
     except FileNotFoundError:
         raise
     except OSError as error:  # obstore's errors come as such from here
         raise GenericError(str(error)) from error
-
-
-async def _watched_to_its_end(answer: Awaitable[T], check: Callable[[], None]) -> T:
-    """What a store answers, as `_watched`, but when ``check`` raises the store still has a moment to answer.
-
-    An upload that is cut off while it begins is one whose name nobody has learnt, so nobody can end it, and one that is
-    cut off while it closes leaves its parts.
-    """
-    answering = asyncio.ensure_future(answer)
-    try:
-        return await _watched(asyncio.shield(answering), check)
     finally:
-        await asyncio.wait([answering], timeout=_LAST_S)
+        await asyncio.wait([closing], timeout=_LAST_S)
+
+
+async def _end(writer: obstore.AsyncWritableFile, answering: asyncio.Future[int] | None, error: BaseException) -> None:
+    """Have a store forget an upload that ``error`` ends, once it has answered what it was asked last.
+
+    An upload that is cut off while it begins is one whose name nobody has learnt, so nobody can end it.
+    """
+    if answering is not None:
+        await asyncio.wait([answering], timeout=_HEARD_S)
         answering.cancel()
+    await writer.__aexit__(type(error), error, error.__traceback__)
 
 
 async def _watched(answer: Awaitable[T], check: Callable[[], None]) -> T:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import asyncio
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
+from typing import Any
 
+import obstore
 import pytest
 
 from service.blobs import Blobs
@@ -134,18 +136,44 @@ def test_nor_does_one_of_which_the_store_has_yet_to_say_that_it_began(
 
 
 @pytest.mark.timeout(60)
+def test_a_store_that_says_nothing_of_one_is_not_waited_for_twice(remote: Run, bucket: S3, wire: Wire) -> None:
+    """For its answer and then for the end of the upload: a worker that has to stop is ended soon after."""
+    told: list[float] = []
+
+    def silent_for_long() -> bool:
+        if not told and uploads(bucket):
+            wire.hang()
+            told.append(time.monotonic())
+        return told != [] and time.monotonic() > told[0] + 2  # by now so many parts wait that it takes no more
+
+    made = remote.storage.draft()
+    made.write_bytes(2 * CONTENT)
+    with pytest.raises(CanceledError):
+        remote.storage.put(made, "result/ab/look.mp4", check=ends_when(silent_for_long))
+    assert time.monotonic() - told[0] < 2 + 6
+
+
+@pytest.mark.timeout(60)
 def test_nor_does_one_whose_last_parts_are_on_their_way(
     remote: Run, bucket: S3, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    shield, closing = asyncio.shield, []
+    open_writer, closing = obstore.open_writer_async, []
 
-    def noted(waiting: asyncio.Future[None]) -> asyncio.Future[None]:
-        closing.append(waiting)
-        return shield(waiting)
+    class Noted:
+        """A writer that notes when it is closed."""
 
-    monkeypatch.setattr(asyncio, "shield", noted)
+        def __init__(self, *args: Any, **options: Any) -> None:
+            self._writer = open_writer(*args, **options)
+
+        def __getattr__(self, name: str) -> Any:
+            if name == "close":
+                closing.append(self)
+            return getattr(self._writer, name)
+
+    monkeypatch.setattr(obstore, "open_writer_async", Noted)
     monkeypatch.setattr(remote.keeper, "check", ends_when(lambda: closing != []))
     nothing_is_stored(remote, bucket)
+    assert len(closing) == 1
 
 
 def nothing_is_stored(run: Run, bucket: S3) -> None:
