@@ -20,6 +20,7 @@ from pvg.looks import to_rgb
 from pvg.video import PixelFormat
 
 _GREY = 0.002  # of all codes: less chroma says nothing of a ratio
+_LEAST = 0.02  # of a ratio: what the codes cannot hold has no chroma left [measured: skin has 0.13 at least, in LogC4]
 
 
 @dataclass(frozen=True)
@@ -45,9 +46,9 @@ class Coding:
         return np.asarray(self.format.color.to_sdr(own) @ matrix.T, np.float32).reshape(codes.shape)
 
     def of_sdr_chroma(self, colors: Doubles) -> Doubles:
-        """How large the chroma of SDR-referred RGB colours (n, 3), 0-255, is beside what it would be in SDR codes: (n,).
+        """The chroma that SDR-referred RGB colours (n, 3), 0-255, have here over what it would be in SDR codes: (n,).
 
-        Grey has none, and is told the share of the colours beside it in their order.
+        Grey has none, and is given the ratio of the colours beside it in their order.
         """
         if self.format.color is None:
             return np.ones(len(colors))
@@ -59,7 +60,7 @@ class Coding:
         if not known.any():
             return np.ones(len(colors))
         places = np.arange(len(colors))
-        return np.asarray(np.interp(places, places[known], own[known] / sdr[known]))
+        return np.asarray(np.maximum(np.interp(places, places[known], own[known] / sdr[known]), _LEAST))
 
     def changes(self, changes: Floats, around: Floats) -> Doubles:
         """Luma and chroma (P, 3) that parts gain by `Look.parts` (P, 3) on a skin of mean colour `around` (n, 3)."""

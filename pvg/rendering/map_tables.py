@@ -62,7 +62,6 @@ class MapTables:
         source, target = (
             np.asarray(coding.colors(colors) + opponent.offset, np.float64) for colors in (gain * usual, kept * goal)
         )
-        least = 2.0**pixel_format.depth / 256.0 * LEAST_TINGE * coding.of_sdr_chroma(gain * usual)
         codes = np.arange(2.0**pixel_format.depth)
         gained = _read(codes, source[:, 0], target[:, 0] - source[:, 0])
         slopes = np.diff(gained, prepend=gained[0])
@@ -81,8 +80,9 @@ class MapTables:
         levels = np.arange(256.0)
         told_from_grey = np.stack([_read(codes, source[:, 0], each) for each in look_map.told_from_grey(levels)])
         beard_at = _read(codes, source[:, 0], look_map.beard_at(levels))
-        least = _read(codes, source[:, 0], least)
-        tables = (look_map.strength * np.stack([rise, fall]), np.stack(chroma), own, least, told_from_grey, beard_at)
+        in_grey = 2.0**pixel_format.depth / 256.0 * LEAST_TINGE * coding.of_sdr_chroma(gain * usual)
+        in_grey = _read(codes, source[:, 0], in_grey)
+        tables = (look_map.strength * np.stack([rise, fall]), np.stack(chroma), own, in_grey, told_from_grey, beard_at)
         tone, of_chroma, usual_chroma, least, told, beard = (one.astype(np.float32) for one in tables)
         return cls(tone, of_chroma, float(excess), offset, usual_chroma, least, told, beard)
 

@@ -40,7 +40,7 @@ def _share(
     return tinged_codes(tables or _tables(pixel_format), codes.astype(np.float32)[None], whole)[0]
 
 
-@pytest.mark.parametrize("pixel_format", (*FORMATS, *OTHER_CODES), ids=lambda f: f.name)
+@pytest.mark.parametrize("pixel_format", [*FORMATS, *OTHER_CODES], ids=lambda f: f.name)
 def test_skin_in_any_shade_moves_wholly_and_grey_not_at_all(pixel_format: PixelFormat) -> None:
     skin = _share(pixel_format, (190, 140, 115), (220, 162, 133), (95, 70, 58), (210, 120, 110))
     grey = _share(pixel_format, (150, 150, 150), (90, 90, 92), (230, 230, 230), (120, 130, 150))
@@ -107,7 +107,7 @@ SHADE = (107.0, 100.0, 107.0), (111.0, 107.0, 114.0), (124.0, 116.0, 121.0)
 NO_SHADE = (245.0, 245.0, 248.0), (46.0, 44.0, 48.0), (154.0, 192.0, 209.0)  # a collar, black hair and the sky
 
 
-@pytest.mark.parametrize("pixel_format", (*FORMATS, *OTHER_CODES), ids=lambda f: f.name)
+@pytest.mark.parametrize("pixel_format", [*FORMATS, *OTHER_CODES], ids=lambda f: f.name)
 def test_skin_in_the_blue_shade_of_a_sky_moves_and_hair_and_collars_do_not(pixel_format: PixelFormat) -> None:
     tables = _under_a_sky(pixel_format)
     assert _share(pixel_format, *SHADE, tables=tables).min() > 0.8
