@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pvg._arrays import Bools, Bytes, Floats
 from pvg.face import Landmarks, layout
+from pvg.picture import LUMA
 
 SAMPLES = 512
 _FEATURES = (
@@ -26,9 +27,10 @@ _FEATURES = (
 )
 _MARGIN = 0.035  # of the face's width, around features and inside the oval
 _SMOOTHING = 0.01
-# CIE76 difference of the medians of upper and lower face that stands for a beard, which is darker [measured: bearded
-# lower faces are 19 to 43 from the upper ones, shaded ones at most 16]
-_BEARD = 17.0
+# CIE76 difference of the medians of upper and lower face that stands for a beard, which is darker, in light in which
+# the upper one has that luma: in dim light all differences are small, and a beard would come and go with it [measured:
+# bearded lower faces are 17.4 to 36 from the upper ones, shaded ones and short stubble at most 16.6]
+_BEARD, _LIGHT = 17.0, 140.0
 _VEIL = 18.0  # the same for a brighter veil, in equal light: a hat may shade the upper face alone [by eye]
 _MASK = 16.0  # CIELAB difference in hue and chroma alone, for a shadow of a hat is none [by eye]
 # what is farther from the forehead than that in hue and chroma is the rest of what covers the face, if it is no half of
@@ -87,6 +89,8 @@ def _uncovered(colors: Floats, lower: Bools, under: Bools) -> NDArray[np.intp]:
     """
     kept = np.ones(len(colors), np.bool_)
     step, brighter = _step(colors, lower)
+    if not brighter:
+        step, _ = _step(_in_light(colors, ~lower), lower)
     if float(np.linalg.norm(step)) > (_VEIL if brighter else _BEARD):
         kept = ~lower
     step, _ = _step(colors[kept], under[kept])
@@ -114,6 +118,14 @@ def _step(colors: Floats, below: Bools) -> tuple[Floats, bool]:
         upper = upper * (lower.max() / max(upper.max(), 1.0))
     lab = _lab(np.stack([lower, upper]))
     return np.asarray(lab[0] - lab[1]), brighter
+
+
+def _in_light(colors: Floats, of: Bools) -> Floats:
+    """The colours (n, 3) in light in which the median of some of them, (n,), has the luma `_LIGHT`."""
+    if not of.any():
+        return colors
+    luma = max(float(np.median(colors[of], axis=0) @ LUMA), 1.0)
+    return np.asarray(colors * np.float32(_LIGHT / luma), np.float32)
 
 
 def _no_brighter(colors: Floats, than: Floats) -> Floats:

@@ -52,6 +52,24 @@ def test_a_beard_is_no_sample_and_shade_is_one(image: pvg.VectorVideo, gain: flo
     assert bool(below.any()) is not left_out
 
 
+@pytest.mark.parametrize("light", [1.3, 1.0, 0.7, 0.4])
+@pytest.mark.parametrize(("gain", "left_out"), [(0.6, True), (0.8, False)], ids=["beard", "shade"])
+def test_a_beard_is_one_and_shade_is_none_in_any_light(
+    image: pvg.VectorVideo, light: float, gain: float, left_out: bool
+) -> None:
+    """Else a clip's open skin would change with its light, and its exposure be taken for another one."""
+    data = image.face_at(0, 0)
+    assert data is not None
+    rgb = source_frame(image, 0).rgb()
+    ys, xs = np.indices(rgb.shape[:2])
+    at, down = data.landmarks.points[layout.NOSE_TIP], data.landmarks.axes.down
+    picture = np.empty_like(rgb)
+    picture[:] = light * np.array((190, 140, 115))
+    picture[(xs - at[0]) * down[0] + (ys - at[1]) * down[1] > 0] = light * gain * np.array((190, 140, 115))
+    _, places = skin_sample(picture, np.ones(rgb.shape[:2], np.float32), data.landmarks)
+    assert bool(((places - at) @ down > 0).any()) is not left_out
+
+
 @pytest.mark.parametrize("shade", [0.7, 0.4, 0.2])
 def test_what_the_sun_lights_below_a_hat_is_sampled_and_a_bright_veil_is_not(
     image: pvg.VectorVideo, shade: float
