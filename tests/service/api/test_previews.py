@@ -23,6 +23,7 @@ from service.catalog.previews import KEPT_S, Still
 from service.errors import Limit, stored_problem
 from service.settings import Settings
 from service.storage import BlobMissingError
+from tests.folders import contents_below
 from tests.service.fixtures import MP4, PNG, Api, FakeClock, make_ready, serve
 from tests.waiting import until
 
@@ -414,8 +415,7 @@ def test_nothing_is_left_after_a_minute(api: Api, video: str, reference: str, cl
         background.now = real  # type: ignore[method-assign]
     with api.services.database.read() as session:
         assert session.query(Preview).count() == 0
-    files = [path for path in api.services.settings.folder.rglob("*") if path.is_file()]
-    assert not any(PICTURE in path.read_bytes() for path in files)
+    assert not any(PICTURE in content for content in contents_below(api.services.settings.folder))
 
 
 def test_one_key_cannot_fill_the_queue(settings: Settings) -> None:
