@@ -11,7 +11,7 @@ import numpy as np
 
 from pvg.asset import KeyFrame
 from pvg.curves import GROUPS, table_labels
-from pvg.looks.opponent import luma_of
+from pvg.looks.opponent import luma_of, median_luma
 
 _FEATURES = ("brows", "eyes")
 _DARKEST = 0.1  # quantile of luma along the curves of a feature: its hairs or lashes, not the skin between them
@@ -33,7 +33,7 @@ def depth_of_features(key: KeyFrame, reference: KeyFrame) -> float:
 
 def _darkest(key: KeyFrame) -> float | None:
     """Luma of the darkest of `_FEATURES` over that of the skin: fair brows are no haze. None where all are hidden."""
-    luma, skin = luma_of(key.colors), max(float(np.median(luma_of(key.skin))), 1.0)
+    luma, skin = luma_of(key.colors), median_luma(key.skin)
     found = []
     for name in _FEATURES:
         on = (table_labels().group == GROUPS.index(name)) & key.visible

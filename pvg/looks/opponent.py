@@ -13,6 +13,11 @@ def luma_of(colors: Floats | Doubles) -> Doubles:
     return np.asarray(colors @ LUMA)
 
 
+def median_luma(colors: Floats | Doubles) -> float:
+    """Median luma of RGB (n, 3), at least 1."""
+    return max(float(np.median(luma_of(colors))), 1.0)
+
+
 def to_opponent(colors: Floats | Doubles) -> Doubles:
     """RGB (n, 3) as luma, B − Y and R − Y, levels of 255."""
     luma = luma_of(colors)

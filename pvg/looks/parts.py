@@ -21,7 +21,7 @@ from pvg._checks import real_number
 from pvg.asset import KeyFrame
 from pvg.curves import CURVES, table_labels
 from pvg.face import PARTS
-from pvg.looks.opponent import to_opponent
+from pvg.looks.opponent import median_luma, to_opponent
 from pvg.looks.tone import SkinMap, UsualChroma
 from pvg.picture import median_lab
 
@@ -105,7 +105,7 @@ class PartChanges:
     def of(cls, reference: KeyFrame) -> PartChanges:
         """What sets a reference's parts apart from its skin; parts that it does not show ask for nothing."""
         parts = to_opponent(reference.parts)
-        luma = parts[:, 0] / _level(reference.skin)
+        luma = parts[:, 0] / median_luma(reference.skin)
         chroma = parts[:, 1:] - UsualChroma.of(to_opponent(reference.skin)).at(parts[:, 0])
         for p, part in enumerate(PARTS):
             bounds = _BOUNDS[part]
@@ -127,7 +127,7 @@ class PartChanges:
         out = np.zeros((len(PARTS), 3), np.float32)
         if not len(key.skin):
             return out
-        face = _level(skin(key.skin))
+        face = median_luma(skin(key.skin))
         shown = _shown_by_light(np.asarray(skin(key.skin), np.float32))
         moved, own = to_opponent(skin(key.parts)), to_opponent(key.parts)
         for p, part in enumerate(PARTS):
@@ -180,7 +180,7 @@ def _lost(lips: Doubles, skin: SkinMap, key: KeyFrame, face: float) -> Doubles:
     lips: (3,) their own colour;  face: luma of the skin that F makes: in less light there is less of it.
     """
     beyond = lips[1:] - skin.own.at(lips[:1])[0]
-    return np.concatenate([[0.0], (min(1.0, face / _level(key.skin)) - skin.spread) * beyond])
+    return np.concatenate([[0.0], (min(1.0, face / median_luma(key.skin)) - skin.spread) * beyond])
 
 
 def _hair_lacks(moved: Doubles, own: Doubles, key: KeyFrame) -> Doubles:
@@ -188,7 +188,7 @@ def _hair_lacks(moved: Doubles, own: Doubles, key: KeyFrame) -> Doubles:
 
     Hair does not take the skin's colour: F would turn grey brows ginger on tanned skin, and red ones grey on pale skin.
     """
-    hair = 1.0 - float(ramp(own[0] / _level(key.skin), *_HAIR))
+    hair = 1.0 - float(ramp(own[0] / median_luma(key.skin), *_HAIR))
     return np.concatenate([[0.0], hair * (own[1:] * moved[0] / max(own[0], 1.0) - moved[1:])])
 
 
@@ -200,7 +200,7 @@ def _redder(part: Doubles, skin: SkinMap) -> float:
 def _moustache(reference: KeyFrame) -> bool:
     """Whether what is above the mouth is much darker than the open skin."""
     above = _above_the_mouth() & reference.visible
-    return bool(above.any() and _level(reference.colors[above]) < _MOUSTACHE * _level(reference.skin))
+    return bool(above.any() and median_luma(reference.colors[above]) < _MOUSTACHE * median_luma(reference.skin))
 
 
 @cache
@@ -215,7 +215,7 @@ def _as_lips(lips: Doubles, own: Doubles, skin: SkinMap, key: KeyFrame, face: fl
 
     own: of the clip's lips, beside the skin they are on now: what they already are, lips can be.
     """
-    before = _level(key.skin)
+    before = median_luma(key.skin)
     ours, theirs = skin.own.at(np.array([before]))[0], skin.goal.at(np.array([face]))[0]
     if min(np.hypot(*ours), np.hypot(*theirs), np.hypot(*own[1:]), np.hypot(*lips[1:])) < _LEAST_CHROMA:
         return lips
@@ -245,11 +245,6 @@ def _hue(chroma: Doubles) -> float:
     In [-90, 270): it jumps between cyan and green, where no skin is.
     """
     return short_turn(float(np.degrees(np.arctan2(chroma[1], -chroma[0]))) - 90.0) + 90.0
-
-
-def _level(skin: Floats | Doubles) -> float:
-    """Median luma of skin colours (n, 3), at least 1."""
-    return max(float(np.median(to_opponent(skin)[:, 0])), 1.0)
 
 
 def _within(wanted: float, bounds: tuple[float, float], own: float) -> float:

@@ -16,12 +16,9 @@ import numpy as np
 
 from pvg._arrays import Floats, ramp
 from pvg.face import layout
-from pvg.rendering.beside import share_beside
 from pvg.rendering.blocks import Blocks
 from pvg.rendering.correction import Correction
 from pvg.rendering.map_tables import MapTables
-from pvg.rendering.placed_face import PlacedFace
-from pvg.video import Frame
 
 _AROUND = 0.02  # of the face's width, sigma of the mean around a node [by eye: the width of a moustache's edge]
 _BEGINS = (-0.12, -0.03)  # of the face's width below its centre: the nose's base, above a moustache
@@ -30,22 +27,22 @@ _BRIGHTER = 8.0  # levels of 255 that F adds, from which on all is done
 _KEPT = np.float32(0.9)  # of what F adds, taken away [by blind choice: 0.9 rather than 0.5 or 0]
 
 
-def with_beard(frame: Frame, placed: PlacedFace, corrections: Sequence[Correction]) -> list[Correction]:
-    """The corrections of one face, all on one lattice, without what their maps add to a beard."""
+def with_beard(blocks: Blocks, corrections: Sequence[Correction]) -> list[Correction]:
+    """The corrections of one face without what their maps add to a beard;  blocks: of the lattice of all of them."""
     if not any(isinstance(one.contrast, MapTables) and one.contrast.beard.any() for one in corrections):
         return list(corrections)
-    blocks = Blocks.of(corrections[0].lattice)
-    where, around = _lower_face(placed, blocks), None
+    where = _lower_face(blocks)
     nodes = where > 0
-    level = np.float32(2.0 ** (frame.format.depth - 8))
+    if not nodes.any():
+        return list(corrections)
+    around = blocks.means(_AROUND * blocks.axes.width)[nodes]
+    level = np.float32(2.0 ** (blocks.frame.format.depth - 8))
     out = []
     for correction in corrections:
         tables = correction.contrast
-        if not isinstance(tables, MapTables) or not tables.beard.any() or not nodes.any():
+        if not isinstance(tables, MapTables) or not tables.beard.any():
             out.append(correction)
             continue
-        if around is None:
-            around = blocks.means(frame, placed, _AROUND * placed.data.landmarks.axes.width)[nodes]
         gained = tables.gained_of(around, around)
         share = np.repeat((_KEPT * where[nodes] * tables.beard_at(around[:, 0]))[:, None], 3, axis=1)
         share[:, 0] *= np.clip(gained[:, 0] / (_BRIGHTER * level), 0.0, 1.0)
@@ -56,11 +53,9 @@ def with_beard(frame: Frame, placed: PlacedFace, corrections: Sequence[Correctio
     return out
 
 
-def _lower_face(placed: PlacedFace, blocks: Blocks) -> Floats:
+def _lower_face(blocks: Blocks) -> Floats:
     """(h, w) on blocks of nodes: 1 where a beard can be, within the face's oval and off the lips."""
-    landmarks = placed.data.landmarks
-    width = landmarks.axes.width
-    lips = blocks.softened(blocks.inside(landmarks.points[layout.LIPS_OUTER]), _LIPS * width)
+    outline = blocks.placed.data.landmarks.points[layout.LIPS_OUTER]
+    lips = blocks.softened(blocks.inside(outline), _LIPS * blocks.axes.width)
     off_lips = 1.0 - np.clip(2.0 * lips, 0.0, 1.0)
-    where = ramp(blocks.below(landmarks.axes), *_BEGINS) * (1.0 - share_beside(placed, blocks)) * off_lips
-    return np.asarray(where, np.float32)
+    return np.asarray(ramp(blocks.below, *_BEGINS) * (1.0 - blocks.beside) * off_lips, np.float32)

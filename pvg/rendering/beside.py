@@ -22,10 +22,7 @@ from pvg._arrays import Floats, ramp
 from pvg.rendering.blocks import Blocks
 from pvg.rendering.correction import Correction
 from pvg.rendering.map_tables import MapTables
-from pvg.rendering.placed_face import PlacedFace
-from pvg.video import Frame
 
-_FEATHER = 0.05  # of the face's width: how softly the face goes over into what is beside it [by eye]
 _AROUND = 0.03  # of the face's width, sigma of the mean around a node [by eye]
 # how far below the face's centre, and above it, an ear begins to end and ends, of the face's width [by eye]
 _BELOW, _ABOVE = (0.05, 0.25), (0.45, 0.6)
@@ -39,23 +36,22 @@ class BesideTables(NamedTuple):
 
 
 def with_beside(
-    frame: Frame, placed: PlacedFace, corrections: Sequence[Correction], beside: Sequence[BesideTables | None]
+    blocks: Blocks, corrections: Sequence[Correction], beside: Sequence[BesideTables | None]
 ) -> list[Correction]:
-    """The corrections of one face, all on one lattice, with what ears and neck take instead of their tables' gain.
+    """The corrections of one face with what ears and neck take instead of their tables' gain.
 
-    beside: for each correction the tables of skin beside the face, or None to leave it.
+    blocks: of the lattice of all of them;  beside: for each correction the tables of skin beside the face, or None to
+    leave it.
     """
     if all(tables is None for tables in beside):
         return list(corrections)
-    blocks = Blocks.of(corrections[0].lattice)
-    share = share_beside(placed, blocks)
+    share = blocks.beside
     nodes = share > 0
     if not nodes.any():
         return list(corrections)
     kept = 1.0 - blocks.at_nodes(share)  # of luma's shift
-    axes = placed.data.landmarks.axes
-    at_ears = share[nodes] * _height_of_ears(blocks.below(axes)[nodes])
-    around, at_neck = blocks.means(frame, placed, _AROUND * axes.width)[nodes], share[nodes] - at_ears
+    at_ears = share[nodes] * _height_of_ears(blocks.below[nodes])
+    around, at_neck = blocks.means(_AROUND * blocks.axes.width)[nodes], share[nodes] - at_ears
     out = []
     for correction, tables in zip(corrections, beside, strict=True):
         own = correction.contrast
@@ -70,13 +66,6 @@ def with_beside(
         shift += np.moveaxis(blocks.at_nodes(more), -1, 0)
         out.append(replace(correction, shift=shift))
     return out
-
-
-def share_beside(placed: PlacedFace, blocks: Blocks) -> Floats:
-    """(h, w) on blocks of nodes: 0 within the face's oval, 1 well outside it."""
-    landmarks = placed.data.landmarks
-    soft = blocks.softened(blocks.inside(landmarks.oval), _FEATHER * landmarks.axes.width)
-    return np.asarray(np.clip(1.0 - 2.0 * soft, 0.0, 1.0), np.float32)
 
 
 def _height_of_ears(below: Floats) -> Floats:

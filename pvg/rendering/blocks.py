@@ -1,8 +1,9 @@
-"""Blocks of a lattice's nodes, on which is known what is smoother than the nodes are apart."""
+"""Blocks of a lattice's nodes over one face, on which is seen what is smoother than the nodes are apart."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -16,32 +17,50 @@ from pvg.rendering.placed_face import PlacedFace
 from pvg.video import Frame
 
 _COARSE = 3  # nodes across a block
+_FEATHER = 0.05  # of the face's width: how softly the face goes over into what is beside it [by eye]
 _LEAST = 1e-3  # of alpha: where there is less, no mean is told
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Blocks:
-    """Blocks of a lattice, `shape` (h, w) of them, a little less than `_COARSE` nodes wide and high."""
+    """Blocks of a lattice over a face in a frame, (h, w) of them, a little less than `_COARSE` nodes wide and high.
 
+    What is read of the frame is read once, for all that look at it.
+    """
+
+    frame: Frame
+    placed: PlacedFace
     lattice: Lattice
     shape: tuple[int, int]
 
     @classmethod
-    def of(cls, lattice: Lattice) -> Blocks:
+    def of(cls, frame: Frame, placed: PlacedFace, lattice: Lattice) -> Blocks:
         """The blocks that a lattice is divided into."""
-        return cls(lattice, (-(-lattice.height // _COARSE), -(-lattice.width // _COARSE)))
+        return cls(frame, placed, lattice, (-(-lattice.height // _COARSE), -(-lattice.width // _COARSE)))
 
     @property
     def step(self) -> float:
         """Source pixels from one block to the next, nearly."""
         return _COARSE * self.lattice.step
 
-    def below(self, axes: FaceAxes) -> Floats:
-        """(h, w) how far their middles lie below a face's centre, of its width."""
-        lattice = self.lattice
+    @property
+    def axes(self) -> FaceAxes:
+        """The face's."""
+        return self.placed.data.landmarks.axes
+
+    @cached_property
+    def below(self) -> Floats:
+        """(h, w) how far their middles lie below the face's centre, of its width."""
+        lattice, axes = self.lattice, self.axes
         x = _middles(lattice.x, lattice.width, self.shape[1], lattice.step) - axes.center[0]
         y = _middles(lattice.y, lattice.height, self.shape[0], lattice.step) - axes.center[1]
         return np.asarray((x * axes.down[0] + y[:, None] * axes.down[1]) / axes.width, np.float32)
+
+    @cached_property
+    def beside(self) -> Floats:
+        """(h, w) 0 within the face's oval, 1 well outside it."""
+        soft = self.softened(self.inside(self.placed.data.landmarks.oval), _FEATHER * self.axes.width)
+        return np.asarray(np.clip(1.0 - 2.0 * soft, 0.0, 1.0), np.float32)
 
     def inside(self, outline: Floats) -> Floats:
         """(h, w) how much of each lies inside an outline (n, 2) in source pixels."""
@@ -57,16 +76,23 @@ class Blocks:
         """Values (h, w) or (h, w, C) smoothed;  sigma: source pixels."""
         return np.asarray(cv2.GaussianBlur(values, (0, 0), max(0.5, sigma / self.step)), np.float32)
 
-    def means(self, frame: Frame, placed: PlacedFace, sigma: float) -> Floats:
+    def means(self, sigma: float) -> Floats:
         """(h, w, 3) mean codes of luma and chroma around each, as the face's matte weighs them.
 
         sigma: source pixels.
         """
-        codes = mean_codes(frame, placed.window, self.shape)
-        alpha = averaged(placed.alpha, self.shape)[..., None]
+        alpha, codes = self._alpha, self._codes
         weight = self.softened(alpha, sigma)[..., None]
         held = self.softened(alpha * codes, sigma)
         return np.asarray(np.where(weight > _LEAST, held / np.maximum(weight, _LEAST), codes), np.float32)
+
+    @cached_property
+    def _codes(self) -> Floats:
+        return mean_codes(self.frame, self.placed.window, self.shape)
+
+    @cached_property
+    def _alpha(self) -> Floats:
+        return averaged(self.placed.alpha, self.shape)[..., None]
 
     def at_nodes(self, values: Floats) -> Floats:
         """Values (h, w) or (h, w, C) read at the lattice's nodes."""

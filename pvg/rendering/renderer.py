@@ -13,6 +13,7 @@ from pvg.errors import UncutError
 from pvg.looks import Look, Region
 from pvg.rendering.beard import with_beard
 from pvg.rendering.beside import BesideTables, with_beside
+from pvg.rendering.blocks import Blocks
 from pvg.rendering.body import apply_body
 from pvg.rendering.coding import Coding
 from pvg.rendering.correction import at_curves, extend
@@ -229,7 +230,8 @@ class Renderer:
         key = self.video.records[face].key_frame_of(frame.index)
         mouth = see_mouth(frame, landmarks, key, placed.lattice())
         corrections = with_parts(corrections, parts, landmarks, mouth.lips)
-        corrections = with_beard(frame, placed, with_beside(frame, placed, corrections, beside))
+        blocks = Blocks.of(frame, placed, corrections[0].lattice)
+        corrections = with_beard(blocks, with_beside(blocks, corrections, beside))
         corner = placed.x, placed.y
         skin = None
         if any(correction.mapped for correction in corrections):

@@ -13,6 +13,7 @@ from pvg.curves import table_labels
 from pvg.face import layout
 from pvg.looks import LookMap, SkinMap
 from pvg.rendering.beard import with_beard
+from pvg.rendering.blocks import Blocks
 from pvg.rendering.correction import Correction
 from pvg.rendering.map_tables import MapTables
 from pvg.rendering.placed_face import PlacedFace, place_face
@@ -61,7 +62,8 @@ def drawn(placed: PlacedFace, look: LookMap, pixel_format: PixelFormat) -> Doubl
     picture = np.where((below(placed) > 0.0)[..., None], HAIR, SKIN)
     frame, lattice = frame_of(picture, pixel_format), placed.lattice()
     shift = np.zeros((3, lattice.height, lattice.width), np.float32)
-    (correction,) = with_beard(frame, placed, [Correction(lattice, shift, MapTables.of(look, pixel_format))])
+    blocks = Blocks.of(frame, placed, lattice)
+    (correction,) = with_beard(blocks, [Correction(lattice, shift, MapTables.of(look, pixel_format))])
     out = frame.patched(apply_correction(frame, (placed.x, placed.y), placed.alpha, correction))
     return np.asarray(out.format.to_rgb(out.planes), np.float64)
 

@@ -13,6 +13,7 @@ from pvg.curves import table_labels
 from pvg.looks import LookMap, SkinMap
 from pvg.raster import SUBPIXEL_BITS, fixed_point
 from pvg.rendering.beside import BesideTables, with_beside
+from pvg.rendering.blocks import Blocks
 from pvg.rendering.correction import Correction
 from pvg.rendering.map_tables import MapTables
 from pvg.rendering.placed_face import PlacedFace, place_face
@@ -70,7 +71,9 @@ def drawn(
     shift = np.zeros((3, lattice.height, lattice.width), np.float32)
     shift[0] = asked
     (correction,) = with_beside(
-        frame, placed, [Correction(lattice, shift, face)], [BesideTables(neck, ears) if beside else None]
+        Blocks.of(frame, placed, lattice),
+        [Correction(lattice, shift, face)],
+        [BesideTables(neck, ears) if beside else None],
     )
     out = frame.patched(apply_correction(frame, (placed.x, placed.y), placed.alpha, correction))
     luma = out.format.to_rgb(out.planes) @ np.array([0.299, 0.587, 0.114])
@@ -128,7 +131,9 @@ def test_what_is_kept_for_the_face_ends_as_far_from_its_oval_on_all_sides(placed
     frame = frame_of(np.broadcast_to(FACE, (360, 640, 3)), pixel_format)
     tables = MapTables.of(look, pixel_format, region="face")
     shift = np.ones((3, lattice.height, lattice.width), np.float32)
-    (correction,) = with_beside(frame, placed, [Correction(lattice, shift, tables)], [BesideTables(tables, tables)])
+    (correction,) = with_beside(
+        Blocks.of(frame, placed, lattice), [Correction(lattice, shift, tables)], [BesideTables(tables, tables)]
+    )
     kept = correction.shift[0]
     rows, columns = np.nonzero((kept > 0.3) & (kept < 0.7))
     points = np.stack([lattice.x + lattice.step * columns, lattice.y + lattice.step * rows], axis=1).astype(np.float32)
