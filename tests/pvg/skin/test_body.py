@@ -29,7 +29,7 @@ from pvg.skin.body_parts import beyond_box, body_parts, fill_gaps, fill_holes, l
 from pvg.skin.color_model import ColorScale, SkinColors
 from pvg.skin.network import NetworkOutput
 from pvg.skin.parameters import SKIN_PRIOR
-from pvg.skin.prior import ear_depth, head_shape
+from pvg.skin.prior import HeadShape, ear_depth, head_shape
 from pvg.video import read_frames
 from scripts.samples import Samples
 from tests.gallery.faces import fit_widest, read_rgb
@@ -227,29 +227,33 @@ def test_what_little_a_persons_skin_encloses_is_skin(side: int, at: int, filled:
     np.testing.assert_array_equal(probability, before)
 
 
+def _is_kept(rows: int, columns: int, probability: float, person: float) -> bool:
+    """Whether a part of so many cells in the last corner of a scene, away from the face, is all of a body's mask."""
+    scene, head = _scene_and_head()
+    part = np.zeros(scene.raster.shape, bool)
+    part[-rows:, -columns:] = True
+    face_mask = np.zeros(part.shape, np.float32)
+    face_mask[:10, :10] = 1
+    cells, people = part * np.float32(probability), np.uint8(255 * person) * part.astype(np.uint8)
+    mask = body_parts(cells, part, face_mask, people, None, head, 0.0)
+    assert mask[part].all() == mask.any()
+    return bool(mask.any())
+
+
+def _scene_and_head() -> tuple[Scene, HeadShape]:
+    """The drawn scene, and its head in cells."""
+    drawn = _drawn()
+    scene = drawn.scene()
+    return scene, head_shape(drawn.landmarks.in_cells(scene.raster))
+
+
 @pytest.mark.parametrize(
     ("probability", "person", "kept"),
     [(0.8, 0.9, True), (0.8, 0.6, False), (0.93, 0.6, True)],
     ids=["a hand", "a floor that the person mask is not sure of", "a hand that comes in"],
 )
 def test_what_touches_nothing_is_a_persons_or_surely_skin(probability: float, person: float, kept: bool) -> None:
-    drawn = _drawn()
-    scene = drawn.scene()
-    head = head_shape(drawn.landmarks.in_cells(scene.raster))
-    part = np.zeros(scene.raster.shape, bool)
-    part[-30:, -30:] = True
-    face_mask = np.zeros(part.shape, np.float32)
-    face_mask[:10, :10] = 1
-    mask = body_parts(
-        np.where(part, np.float32(probability), np.float32(0)),
-        part,
-        face_mask,
-        np.where(part, np.uint8(255 * person), np.uint8(0)),
-        None,
-        head,
-        0.0,
-    )
-    assert mask[part].all() == mask.any() == kept
+    assert _is_kept(30, 30, probability, person) is kept
 
 
 @pytest.mark.parametrize(
@@ -258,16 +262,9 @@ def test_what_touches_nothing_is_a_persons_or_surely_skin(probability: float, pe
     ids=["an arm beside a strap", "of a doubtful person", "hardly skin"],
 )
 def test_a_narrow_arm_is_skin_where_the_person_is_sure(probability: float, person: float, kept: bool) -> None:
-    drawn = _drawn()
-    scene = drawn.scene()
-    head = head_shape(drawn.landmarks.in_cells(scene.raster))
-    part = np.zeros(scene.raster.shape, bool)
-    part[-round(0.012 * head.size**2 / 4) :, -4:] = True  # less than a hand
-    face_mask = np.zeros(part.shape, np.float32)
-    face_mask[:10, :10] = 1
-    cells, people = part * np.float32(probability), np.uint8(255 * person) * part.astype(np.uint8)
-    mask = body_parts(cells, part, face_mask, people, None, head, 0.0)
-    assert mask[part].all() == mask.any() == kept
+    _, head = _scene_and_head()
+    less_than_a_hand = round(0.012 * head.size**2 / 4)
+    assert _is_kept(less_than_a_hand, 4, probability, person) is kept
 
 
 def _box() -> tuple[Matte, Raster, np.ndarray]:

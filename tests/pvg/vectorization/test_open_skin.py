@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 import pvg
 from pvg.face import layout
@@ -33,23 +34,25 @@ def test_the_sample_is_the_faces_skin(image: pvg.VectorVideo) -> None:
     assert np.linalg.norm(sample - rgb[lips[1], lips[0]].astype(float), axis=1).min() > 3
 
 
+def lower_face_is_sampled(image: pvg.VectorVideo, upper: ArrayLike, lower: ArrayLike) -> bool:
+    """Whether skin is taken from below the nose's tip, where a picture has these colours above and below it."""
+    data = image.face_at(0, 0)
+    assert data is not None
+    picture = np.empty_like(source_frame(image, 0).rgb())
+    ys, xs = np.indices(picture.shape[:2])
+    at, down = data.landmarks.points[layout.NOSE_TIP], data.landmarks.axes.down
+    picture[:] = upper
+    picture[(xs - at[0]) * down[0] + (ys - at[1]) * down[1] > 0] = np.clip(lower, 0, 255)
+    _, places = skin_sample(picture, np.ones(picture.shape[:2], np.float32), data.landmarks)
+    return bool(((places - at) @ down > 0).any())
+
+
 @pytest.mark.parametrize(
     ("gain", "left_out"), [(0.3, True), (0.62, True), (0.8, False), (1.15, False), (1.34, False)], ids=str
 )
 def test_a_beard_is_no_sample_and_shade_is_one(image: pvg.VectorVideo, gain: float, left_out: bool) -> None:
-    data = image.face_at(0, 0)
-    assert data is not None
-    rgb = source_frame(image, 0).rgb()
-    down = data.landmarks.axes.down
-    ys, xs = np.indices(rgb.shape[:2])
-    at = data.landmarks.points[layout.NOSE_TIP]
-    lower = (xs - at[0]) * down[0] + (ys - at[1]) * down[1] > 0
-    even = np.empty_like(rgb)
-    even[:] = (190, 140, 115)
-    even[lower] = np.clip(np.array((190, 140, 115)) * gain, 0, 255)
-    _, places = skin_sample(even, np.ones(rgb.shape[:2], np.float32), data.landmarks)
-    below = (places - at) @ down > 0
-    assert bool(below.any()) is not left_out
+    skin = np.array((190, 140, 115))
+    assert lower_face_is_sampled(image, skin, gain * skin) is not left_out
 
 
 @pytest.mark.parametrize("light", [1.3, 1.0, 0.7, 0.4])
@@ -58,35 +61,17 @@ def test_a_beard_is_one_and_shade_is_none_in_any_light(
     image: pvg.VectorVideo, light: float, gain: float, left_out: bool
 ) -> None:
     """Else a clip's open skin would change with its light, and its exposure be taken for another one."""
-    data = image.face_at(0, 0)
-    assert data is not None
-    rgb = source_frame(image, 0).rgb()
-    ys, xs = np.indices(rgb.shape[:2])
-    at, down = data.landmarks.points[layout.NOSE_TIP], data.landmarks.axes.down
-    picture = np.empty_like(rgb)
-    picture[:] = light * np.array((190, 140, 115))
-    picture[(xs - at[0]) * down[0] + (ys - at[1]) * down[1] > 0] = light * gain * np.array((190, 140, 115))
-    _, places = skin_sample(picture, np.ones(rgb.shape[:2], np.float32), data.landmarks)
-    assert bool(((places - at) @ down > 0).any()) is not left_out
+    skin = light * np.array((190, 140, 115))
+    assert lower_face_is_sampled(image, skin, gain * skin) is not left_out
 
 
 @pytest.mark.parametrize("shade", [0.7, 0.4, 0.2])
 def test_what_the_sun_lights_below_a_hat_is_sampled_and_a_bright_veil_is_not(
     image: pvg.VectorVideo, shade: float
 ) -> None:
-    data = image.face_at(0, 0)
-    assert data is not None
-    rgb = source_frame(image, 0).rgb()
-    ys, xs = np.indices(rgb.shape[:2])
-    at, down = data.landmarks.points[layout.NOSE_TIP], data.landmarks.axes.down
-    lower = (xs - at[0]) * down[0] + (ys - at[1]) * down[1] > 0
-    everywhere = np.ones(rgb.shape[:2], np.float32)
-    for color, sampled in (((230, 180, 150), True), ((240, 238, 245), False), ((150, 190, 230), False)):
-        picture = np.empty_like(rgb)
-        picture[:] = shade * np.array((230, 180, 150))
-        picture[lower] = color
-        _, places = skin_sample(picture, everywhere, data.landmarks)
-        assert bool(((places - at) @ down > 0).any()) is sampled
+    skin = np.array((230, 180, 150))
+    for color, sampled in ((skin, True), ((240, 238, 245), False), ((150, 190, 230), False)):
+        assert lower_face_is_sampled(image, shade * skin, color) is sampled
 
 
 @pytest.mark.parametrize("color", [(200, 20, 30), (120, 190, 220), (20, 20, 22), (240, 240, 245)], ids=str)
