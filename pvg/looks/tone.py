@@ -48,6 +48,8 @@ _FLATTEST = 0.4  # of what may be the most of k
 # where the saturation, levels of chroma a level of luma, moves by so much [by eye]
 _OTHER_HUE, _OTHER = 0.4, 0.08
 _OTHER_HUE_BROAD = 0.6  # the same of k at the curves, where it tells of patches: a flushed nose or chin [by eye]
+# what gets brighter or darker by half shows it as much as what changes its hue by `_OTHER` [by eye]
+_OTHER_LIGHT = 0.5
 _ROUNDS = 4  # in which it is found: chroma changes with luma
 _MIDDLE = 0.1  # of the middle luma: over which a curve gets steeper below it
 _SLOPE_RANGE = (0.6, 2.0)  # of F in luma as a whole [by eye]
@@ -210,7 +212,7 @@ class SkinMap:
 
     tone: (256,) T;  own, goal: the usual chroma before and after;  spread: k for single pixels;  broad: k for patches
     that are no finer than the curves, at most `spread`;  alike: r of skin that is least like the rest, see
-    `pvg.rendering.tinge`.
+    `pvg.rendering.tinge`;  moved: how far F takes the skin from what it was, 1 where it looks like another's.
     """
 
     tone: Doubles
@@ -219,6 +221,7 @@ class SkinMap:
     spread: float
     broad: float
     alike: float
+    moved: float = 0.0
 
     @classmethod
     def between(
@@ -248,9 +251,10 @@ class SkinMap:
         lumas = np.array([middle, middle * brighter])
         shift = (goal.at(lumas[1:])[0] - own.at(lumas[:1])[0] * brighter) / max(lumas[1], 1.0)
         other = min(1.0, float(np.hypot(*shift)) / _OTHER)
+        far = min(1.0, other + abs(brighter - 1.0) / _OTHER_LIGHT)
         k = min(max(float(spread), _LEAST_SPREAD), max(largest * (1.0 - _OTHER_HUE * other), _FLATTEST))
         alike = float(np.quantile(own.likeness(source), _LEAST_ALIKE))
-        return cls(tone, own, goal, k, k * (1.0 - _OTHER_HUE_BROAD * other), alike)
+        return cls(tone, own, goal, k, k * (1.0 - _OTHER_HUE_BROAD * other), alike, far)
 
     def __call__(self, colors: Floats) -> Doubles:
         """Map (n, 3) colours, 0-255 RGB, with k for single pixels; the result may leave that range.

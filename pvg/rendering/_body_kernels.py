@@ -51,13 +51,14 @@ def apply_chroma(
     alpha: Floats,
     shift: Floats,
     excess: np.float32,
+    beyond: Floats,
     grey: np.float32,
     top: np.float32,
 ) -> None:
-    """part += α (shift[luma] + excess · broad), in place, rounded and held to [0, top]; see `rgb_planes.not_beyond`.
+    """part += α (shift[luma] + excess · broad − beyond), in place, rounded and held to [0, top].
 
-    part, before, broad: (h, w) samples of chroma, before those of the skin, broad the same or smoothed;
-    luma: smoothed, where they are;  alpha: (h, w);  shift: (top + 1,);  grey: its code.
+    See `rgb_planes.not_beyond`.  part, before, broad: (h, w) samples of chroma, before those of the skin, broad the
+    same or smoothed;  luma: smoothed, where they are;  alpha, beyond: (h, w);  shift: (top + 1,);  grey: its code.
     """
     changes = np.empty(part.shape[1], np.float32)
     for i in range(part.shape[0]):
@@ -65,10 +66,44 @@ def apply_chroma(
         while first < last:
             weight, change = alpha[i, first:last], changes[first:last]
             was, wide, to = before[i, first:last], broad[i, first:last], part[i, first:last]
-            by = luma[i, first:last]
+            by, less = luma[i, first:last], beyond[i, first:last]
             for j in range(last - first):
-                change[j] = shift[by[j]] + excess * np.float32(wide[j])
+                change[j] = shift[by[j]] + excess * np.float32(wide[j]) - less[j]
             move_chroma(to, was, weight, change, grey, top)
+            first, last = next_run(alpha[i], last)
+
+
+@kernel(fastmath=True)
+def beyond_bound(
+    luma: Samples | Floats,
+    blue: Samples | Floats,
+    red: Samples | Floats,
+    alpha: Floats,
+    grey: Floats,
+    usual: Floats,
+    bound: Floats,
+    out: Floats,
+) -> None:
+    """out (2, h, w) = k (e − b(e)), see `bounded`, of samples of chroma (h, w), where α is not 0.
+
+    luma: smoothed, where they are;  grey: (2,) its codes;  usual: (2, n) chroma above grey by luma's code;
+    bound: (2,) of w and k.
+    """
+    one, most = np.float32(1.0), usual.shape[1] - 1
+    for i in range(alpha.shape[0]):
+        first, last = next_run(alpha[i], 0)
+        while first < last:
+            by, b, r = luma[i, first:last], blue[i, first:last], red[i, first:last]
+            to_blue, to_red = out[0, i, first:last], out[1, i, first:last]
+            for j in range(last - first):
+                code = min(max(int(by[j]), 0), most)
+                to_blue[j] = np.float32(b[j]) - grey[0] - usual[0, code]
+                to_red[j] = np.float32(r[j]) - grey[1] - usual[1, code]
+            for j in range(last - first):
+                far = one + bound[0] * (to_blue[j] * to_blue[j] + to_red[j] * to_red[j])
+                lost = bound[1] * (one - one / np.sqrt(far))
+                to_blue[j] *= lost
+                to_red[j] *= lost
             first, last = next_run(alpha[i], last)
 
 

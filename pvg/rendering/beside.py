@@ -7,7 +7,8 @@ moves skin as the middle of the face is moved (`SkinMap.beside`). It is read at 
 node, so that texture and shape keep the face's contrast and nothing has an edge. The change of luma that the face's
 curves ask for ends there: it would make the neck brighter than the chest, which has no curves. Their change of chroma
 goes on, and evens the neck's own. An ear has no chest to meet. One in deep shade is brightened more than a neck
-(`SkinMap.ears`), or it would stay a dark one beside a face made bright.
+(`SkinMap.ears`), or it would stay a dark one beside a face made bright. What sets both apart in chroma stays in bounds
+(`bounded`).
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import numpy as np
 
 from pvg._arrays import Floats, ramp
 from pvg.rendering.blocks import Blocks
+from pvg.rendering.bounded import beyond_bound_of_means
 from pvg.rendering.correction import Correction
 from pvg.rendering.map_tables import MapTables
 
@@ -60,7 +62,9 @@ def with_beside(
             continue
         more = np.zeros((*blocks.shape, 3), np.float32)
         neck, ears = (own.gained_more_by(one, around) for one in tables)
-        more[nodes] = (at_neck * neck + at_ears * ears).T
+        gained = at_neck * neck + at_ears * ears
+        gained[1:] -= share[nodes] * beyond_bound_of_means(tables.neck, around)  # as much at the ears
+        more[nodes] = gained.T
         shift = correction.shift.copy()
         shift[0] *= kept
         shift += np.moveaxis(blocks.at_nodes(more), -1, 0)

@@ -2,10 +2,10 @@
 
 No curves are needed: F takes luma by a table, and chroma by tables of luma,
 
-    Y' = T(Y)        c' = m'(T(Y)) + k (c − m(Y))
+    Y' = T(Y)        c' = m'(T(Y)) + k b(c − m(Y))
 
-with T of skin beside the face (`SkinMap.beside`). Slopes above 1 see a smoothed picture: what is finer is left as it
-is, as in `planes`.
+with T of skin beside the face (`SkinMap.beside`) and b of `bounded`. Slopes above 1 see a smoothed picture: what is
+finer is left as it is, as in `planes`.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from pvg._arrays import Floats
 from pvg.rendering import _body_kernels as kernels
 from pvg.rendering import _kernels
+from pvg.rendering.bounded import beyond_bound
 from pvg.rendering.foreground import Foreground
 from pvg.rendering.map_tables import MapTables
 from pvg.rendering.placed_body import PlacedBody
@@ -49,14 +50,16 @@ def apply_body(
     rows, columns = shown.chroma_alpha.shape
     x, y = left >> log2x, upper >> log2y
     by = shown.luma_at_chroma
-    weight = tinged(tables, by, (smooth[0], smooth[1]), shown.chroma_alpha)
+    chroma = smooth[0], smooth[1]
+    weight = tinged(tables, by, chroma, shown.chroma_alpha)
+    beyond = beyond_bound(tables, by, chroma, shown.chroma_alpha)
     for p in (1, 2):
         before = frame.planes[p][y : y + rows, x : x + columns]
         wide = smooth[p - 1] if tables.excess > 0 else skin[p]
         part = with_patches(before, p, (x, y), under)
         shift, excess = tables.chroma[p - 1], np.float32(tables.excess)
         grey = np.float32(pixel_format.offset[p])
-        kernels.apply_chroma(part, skin[p], wide, by, weight, shift, excess, grey, top)
+        kernels.apply_chroma(part, skin[p], wide, by, weight, shift, excess, beyond[p - 1], grey, top)
         patches.append(Patch(p, y, x, part))
     return patches
 
@@ -75,6 +78,8 @@ def _apply_to_rgb(
     luma: Floats = np.ascontiguousarray(source[..., 0])
     smooth = without_fine_detail(source)
     gained = tables.gained_of(source, smooth)
+    own, *chroma = (np.ascontiguousarray(smooth[..., p]) for p in range(3))
+    gained[..., 1:] -= np.moveaxis(beyond_bound(tables, own, (chroma[0], chroma[1]), body.alpha), 0, -1)
     weights = np.stack([body.alpha, *[tinged_codes(tables, smooth, body.alpha)] * 2], axis=-1)
     gained[..., 0] = _kernels.roll_off(luma + gained[..., 0], bend) - _kernels.roll_off(luma, bend)
     here = np.asarray(before @ to_opponent_codes.T + opponent.offset, np.float32)

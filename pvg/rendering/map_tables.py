@@ -16,9 +16,11 @@ import numpy as np
 
 from pvg._arrays import Doubles, Floats
 from pvg._compiled import kernel
-from pvg.looks import LEAST_TINGE, LookMap, Region
+from pvg.looks import LEAST_TINGE, LookMap, Region, SkinMap
 from pvg.rendering.coding import Coding
 from pvg.video import PixelFormat
+
+_APART = 0.12  # of the usual chroma, and e of `tinge` besides: about how far from it skin may stay [by eye]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +32,8 @@ class MapTables:
     offset: (3,) the codes of black and of grey;  usual: (2, n) float32 the chroma, above grey, of skin by luma's code;
     least: (n,) float32 e of `tinge` by luma's code;
     told: (2, n) r of `tinge` up to which it is grey and from which on it is skin, by luma's code;
-    beard: (n,) how far a mean of such a luma in the lower face is of a beard, by luma's code.
+    beard: (n,) how far a mean of such a luma in the lower face is of a beard, by luma's code;
+    bound: w of `bounded`;  kept, kept_of_patches: k of single pixels and of patches, strength applied.
     """
 
     tone: Floats
@@ -41,6 +44,9 @@ class MapTables:
     least: Floats
     told: Floats
     beard: Floats
+    bound: float = 0.0
+    kept: float = 1.0
+    kept_of_patches: float = 1.0
 
     @classmethod
     def of(
@@ -84,7 +90,10 @@ class MapTables:
         in_grey = _read(codes, source[:, 0], in_grey)
         tables = (look_map.strength * np.stack([rise, fall]), np.stack(chroma), own, in_grey, told_from_grey, beard_at)
         tone, of_chroma, usual_chroma, least, told, beard = (one.astype(np.float32) for one in tables)
-        return cls(tone, of_chroma, float(excess), offset, usual_chroma, least, told, beard)
+        share = look_map.strength * kept / gain
+        stays = share * look_map.skin.spread, share * look_map.skin.broad
+        bound = 0.0 if region == "face" else _bound(look_map.skin, usual_chroma, least)
+        return cls(tone, of_chroma, float(excess), offset, usual_chroma, least, told, beard, bound, *stays)
 
     @cached_property
     def alikeness(self) -> tuple[Floats, Floats, Floats]:
@@ -117,6 +126,12 @@ class MapTables:
         wide = broad if self.excess > 0 else own
         chroma = [_at_codes(broad[..., 0], self.chroma[p - 1]) + self.excess * wide[..., p] for p in (1, 2)]
         return np.asarray(np.stack([luma, *chroma], axis=-1), np.float32)
+
+
+def _bound(skin: SkinMap, usual: Floats, least: Floats) -> float:
+    """w of `bounded`, in codes.  usual, least: see `MapTables`."""
+    most = _APART * float(np.hypot(*usual).max()) + float(least.max())
+    return (skin.moved / most) ** 2
 
 
 def _read(codes: Doubles, at: Doubles, values: Doubles) -> Doubles:

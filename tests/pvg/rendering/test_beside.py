@@ -40,6 +40,32 @@ def brighter(contrast: float) -> LookMap:
     return LookMap(SkinMap.between(own.astype(np.float32), goal, most=1.5), 1.0, ONCE)
 
 
+def crimson(placed: PlacedFace, goal: tuple[float, float, float]) -> float:
+    """How much of the redness of ears beside a face, against it, is left by a look from FACE to a goal."""
+    light = 1 + 0.06 * np.random.default_rng(0).normal(0, 1, (400, 1))
+    look = LookMap(SkinMap.between((FACE * light).astype(np.float32), np.array(goal) * light), 1.0, ONCE)
+    ears = ~inside(placed, 0.02)
+    frame = frame_of(np.where(ears[..., None], FACE + np.array([25.0, -10.0, 0.0]), FACE), YUV444)
+    face, neck, at_ears = (MapTables.of(look, YUV444, region=region) for region in ("face", "beside", "ears"))
+    lattice = placed.lattice()
+    shift = np.zeros((3, lattice.height, lattice.width), np.float32)
+    (correction,) = with_beside(
+        Blocks.of(frame, placed, lattice), [Correction(lattice, shift, face)], [BesideTables(neck, at_ears)]
+    )
+    out = frame.patched(apply_correction(frame, (placed.x, placed.y), placed.alpha, correction))
+    far, near = ~inside(placed, 0.15) & inside(placed, 0.25), inside(placed, -0.05)
+    before, after = (
+        (rgb[..., 0] - rgb @ np.array([0.299, 0.587, 0.114]))
+        for rgb in (one.rgb().astype(float) for one in (frame, out))
+    )
+    return float((after[far].mean() - after[near].mean()) / (before[far].mean() - before[near].mean()))
+
+
+def test_ears_redder_than_the_face_come_near_to_it_when_it_is_moved_and_stay_when_not(placed: PlacedFace) -> None:
+    assert crimson(placed, tuple(FACE)) > 0.95
+    assert crimson(placed, (200.0, 170.0, 150.0)) < 0.36
+
+
 def inside(placed: PlacedFace, grown: float) -> np.ndarray:
     """(360, 640) bool: the face's oval, or further inside or outside by a share of its width."""
     oval = np.zeros((360, 640), np.uint8)

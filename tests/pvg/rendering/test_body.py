@@ -13,7 +13,7 @@ import pvg
 from pvg.asset import FaceInFrame
 from pvg.curves import table_labels
 from pvg.face import layout
-from pvg.looks import LookMap, SkinMap
+from pvg.looks import LookMap, Region, SkinMap
 from pvg.rendering import Renderer, source_frame
 from pvg.rendering.body import apply_body
 from pvg.rendering.foreground import foreground
@@ -59,10 +59,10 @@ def _matte(cell: int = 4) -> Matte:
     return Matte.over(np.array([0, 0, SIZE[1], SIZE[0]], np.float32), np.rint(255 * coarse).astype(np.uint8))
 
 
-def _drawn(frame: Frame, look: LookMap) -> Frame:
+def _drawn(frame: Frame, look: LookMap, region: Region = "face") -> Frame:
     (body,) = place_body(frame, _matte(), [], [])
     shown = foreground(frame, (body.x, body.y), body.alpha, body.step)
-    return frame.patched(apply_body(frame, body, shown, MapTables.of(look, frame.format)))
+    return frame.patched(apply_body(frame, body, shown, MapTables.of(look, frame.format, region=region)))
 
 
 def _alpha(bodies: list[PlacedBody], shape: tuple[int, int]) -> np.ndarray:
@@ -100,6 +100,29 @@ def test_skin_goes_where_the_map_says_and_the_rest_keeps_its_bits(
     wanted = skin(frame.rgb()[inside].astype(np.float32))
     assert np.abs(drawn.rgb()[inside] - wanted).mean() < 6  # luma rolls off, chroma by BT.709's luma
     np.testing.assert_array_equal(drawn.rgb()[outside], frame.rgb()[outside])
+
+
+def _redness(rgb: np.ndarray) -> np.ndarray:
+    return np.asarray(rgb[..., 0] - rgb.astype(float) @ [0.299, 0.587, 0.114])
+
+
+@pytest.mark.parametrize("pixel_format", FORMATS, ids=lambda f: f.name)
+@pytest.mark.parametrize(("goal", "most"), [((205, 175, 155), 0.25), ((190, 140, 110), 1.05)], ids=["paler", "own"])
+def test_a_crimson_ear_comes_near_to_a_face_of_another_hue_and_stays_beside_its_own(
+    pixel_format: PixelFormat, goal: tuple[int, int, int], most: float
+) -> None:
+    ear = np.hypot(*(np.mgrid[: SIZE[0], : SIZE[1]] - np.array([50, 60])[:, None, None])) < 14
+    skin, crimson = np.array([190.0, 140.0, 110.0]), np.array([215.0, 130.0, 110.0])
+    rgb = np.where(ear[..., None], crimson, np.where(_disc()[..., None], skin, np.array([60.0, 80.0, 150.0])))
+    frame = Frame(0, 0, 0.0, pixel_format, pixel_format.from_rgb(rgb))
+    drawn = _drawn(frame, LookMap(_to(goal), 1.0, _ONCE), "beside")
+    within, beside = shrunk(ear, 4), shrunk(_disc() & ~ear, 4)
+    before, after = (
+        _redness(each.rgb())[within].mean() - _redness(each.rgb())[beside].mean() for each in (frame, drawn)
+    )
+    assert before > 20
+    assert most - 0.2 < after / before < most
+    assert np.ptp(_redness(drawn.rgb())[within]) < 4
 
 
 def test_the_edge_lies_where_the_picture_has_it() -> None:

@@ -1,0 +1,42 @@
+"""What sets skin beside the face apart from it stays in bounds.
+
+Ears are redder than their face, hands pinker, a neck yellower. Nobody minds while the face is reddish itself, but with
+another's complexion it would stand between crimson ears. With e = c − m(Y), which is what the chroma c of a pixel has
+beyond the usual for skin of its luma, the map that moves skin beside the face keeps k b(e) of it instead of k e,
+
+    b(e) = e / √(1 + w |e|²)
+
+w grows with how far a look moves the face, and is 0 where it leaves the face as it is.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pvg._arrays import Floats
+from pvg.rendering import _body_kernels as kernels
+from pvg.rendering.map_tables import MapTables
+
+
+def beyond_bound(
+    tables: MapTables, luma: NDArray[Any], chroma: tuple[NDArray[Any], NDArray[Any]], alpha: Floats
+) -> Floats:
+    """k (e − b(e)), (2, r, c) float32, of smoothed chroma samples (r, c) where alpha (r, c) is not 0; 0 elsewhere.
+
+    luma: (r, c) codes where they are, smoothed.
+    """
+    out = np.zeros((2, *alpha.shape), np.float32)
+    if tables.bound > 0:
+        bound = np.array([tables.bound, tables.kept], np.float32)
+        kernels.beyond_bound(luma, *chroma, alpha, tables.offset[1:], tables.usual, bound, out)
+    return out
+
+
+def beyond_bound_of_means(tables: MapTables, codes: Floats) -> Floats:
+    """The same (2, n) of mean codes (n, 3) of luma and chroma, with the k of patches."""
+    luma, blue, red = (np.ascontiguousarray(codes[None, :, p]) for p in range(3))
+    lost = beyond_bound(tables, luma, (blue, red), np.ones((1, len(codes)), np.float32))
+    return lost[:, 0] * np.float32(tables.kept_of_patches / max(tables.kept, 1e-6))
