@@ -75,6 +75,7 @@ _TAKEN, _KEPT = 2.0, 3.0
 # tired eyes or smoky eye shadow [by blind choice: 8 rather than 3, and 3 rather than 1]
 _SHADED = 6.0
 _HAIR = (0.5, 0.95)  # of the skin's luma: a brow that is darker shows hair, a lighter one skin [by eye]
+_AS_DARK = 0.9  # of what F brightens hair by, taken away [by blind choice: 0.9 rather than 0.5 or 0]
 _LEAST_CHROMA = 4.0  # levels: greyer skin has no hue
 # of CIELAB [measured: skin of 15 clips and 16 portraits has 13 to 62 degrees]: a skin's hue, how far off it is the
 # light's, and the chroma below which it is chance
@@ -187,9 +188,11 @@ def _hair_lacks(moved: Doubles, own: Doubles, key: KeyFrame) -> Doubles:
     """(3,) what a brow that F has `moved` lacks to its own hue and saturation, as far as it is darker than the skin.
 
     Hair does not take the skin's colour: F would turn grey brows ginger on tanned skin, and red ones grey on pale skin.
+    Nor does it get bright with the skin, while the hair above stays dark; with less light all of a face gets darker.
     """
     hair = 1.0 - float(ramp(own[0] / median_luma(key.skin), *_HAIR))
-    return np.concatenate([[0.0], hair * (own[1:] * moved[0] / max(own[0], 1.0) - moved[1:])])
+    luma = float(moved[0] - _AS_DARK * hair * max(moved[0] - own[0], 0.0))
+    return np.concatenate([[luma - moved[0]], hair * (own[1:] * luma / max(own[0], 1.0) - moved[1:])])
 
 
 def _redder(part: Doubles, skin: SkinMap) -> float:

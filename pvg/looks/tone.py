@@ -53,8 +53,10 @@ _OTHER_LIGHT = 0.5
 _ROUNDS = 4  # in which it is found: chroma changes with luma
 _MIDDLE = 0.1  # of the middle luma: over which a curve gets steeper below it
 _SLOPE_RANGE = (0.6, 2.0)  # of F in luma as a whole [by eye]
-# of the middle luma: skin beside the face that is darker than this goes through black [by eye], and ears
-_SHADE, _EAR_SHADE = 0.8, 0.35
+# of the middle luma: skin beside the face that is darker than this goes through black, where a look darkens [by eye]
+# and where it brightens, and ears [by blind choice: 0.4 rather than 0.8 for necks and arms in even shade, 0.8 rather
+# than 0.4 for a shoulder that is modelled by it]
+_SHADE, _LIT_SHADE, _EAR_SHADE = 0.8, 0.55, 0.35
 _LEAST_CHROMA = 4.0  # levels added to both sides of the ratio of chroma, so that grey skin does not explode
 # of the way from the line that is seen to the one of constant hue and saturation: light from two sides colours shadows,
 # and whole ones would turn sockets and stubble violet [by eye]
@@ -286,7 +288,9 @@ class SkinMap:
     @property
     def beside(self) -> Doubles:
         """(256,) the tone curve of skin beside the face, see `_shifted`."""
-        return self._shifted(_SHADE)
+        middle = self.own.middle
+        brighter = float(np.interp(middle, np.arange(256.0), self.tone)) > middle
+        return self._shifted(_LIT_SHADE if brighter else _SHADE)
 
     @property
     def ears(self) -> Doubles:

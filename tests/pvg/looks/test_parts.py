@@ -112,8 +112,22 @@ def test_a_brow_keeps_the_hue_of_its_hair_as_far_as_it_is_dark(share: float, kee
     skin = _map(own, red)
     moved = to_opponent(skin(own.parts))[PARTS.index("brows")]
     gains = PartChanges.of(red).on(skin, own, strengths(0.0))[PARTS.index("brows")]
-    assert gains[0] == 0.0
+    assert gains[0] == pytest.approx(0.0, abs=1.0)  # the skin's luma stays as well
     np.testing.assert_allclose(gains[1:], -keeps * moved[1:], atol=0.05 * np.abs(moved[1:]).max())
+
+
+@pytest.mark.parametrize(("share", "kept"), [(0.3, 0.9), (0.725, 0.45), (1.0, 0.0)])
+def test_a_brow_stays_as_dark_as_its_hair_where_skin_gets_brighter(share: float, kept: float) -> None:
+    """And in less light it gets darker with the skin."""
+    brow = PARTS.index("brows")
+    own = _face((150, 110, 95), {"brows": (share, 0.0, 0.0)})
+    for goal, sign in (((200, 160, 145), 1), ((100, 70, 55), 0)):
+        reference = _face(goal, {})
+        skin = _map(own, reference)
+        before, moved = (to_opponent(colors)[brow, 0] for colors in (own.parts, skin(own.parts)))
+        gain = PartChanges.of(reference).on(skin, own, strengths(0.0))[brow, 0]
+        assert abs(moved - before) > 5.0
+        assert gain == pytest.approx(-sign * kept * (moved - before), abs=0.5)
 
 
 def test_lids_take_little_of_a_reference_below_full_strength() -> None:
