@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,41 @@ from pvg.harmonic.quadtree import Quadtree
 _SUPPORT = 3.0  # leaf sizes at which ψ is truncated; its tail falls as r⁻⁴ [measured: ψ(3h) = −0.002 of ψ(0) = 0.68]
 _BIN = 4.0  # side of a search bin in finest leaves [by eye]
 _LEAST_SHARE = 2000  # points that are worth a thread [by eye]
+
+
+class _Functions(NamedTuple):
+    """Where the functions lie: centers (n, 2) and sizes (n,) of all leaves, radii (n_basis,) of the supports."""
+
+    centers: Doubles
+    sizes: Doubles
+    radii: Doubles
+
+
+class _Search(NamedTuple):
+    """The functions that may reach each of some points.
+
+    bins: (n_points,) the bin of each;  starts, members: the lists of the bins, see `HarmonicBasis`.
+    """
+
+    bins: Ints
+    starts: Ints
+    members: Ints
+
+
+class _Stencils(NamedTuple):
+    """Rows of w_ij of the leaves that carry functions (CSR)."""
+
+    starts: Ints
+    leaves: Ints
+    weights: Doubles
+
+
+class _Rows(NamedTuple):
+    """Rows of a sparse matrix, a point each (CSR); columns and values are to be filled."""
+
+    starts: Ints
+    columns: NDArray[np.int32]
+    values: Doubles
 
 
 @kernel()
@@ -74,10 +109,10 @@ def _fill_bins(lows: Ints, highs: Ints, columns: int, cursor: Ints, members: Int
 
 
 @kernel()
-def _count_rows(
-    points: Doubles, bins: Ints, centers: Doubles, radii: Doubles, starts: Ints, members: Ints, counts: Ints
-) -> None:
+def _count_rows(points: Doubles, functions: _Functions, search: _Search, counts: Ints) -> None:
     """Count the functions that are not zero at each point."""
+    centers, _, radii = functions
+    bins, starts, members = search
     for p in range(len(points)):
         for k in range(starts[bins[p]], starts[bins[p] + 1]):
             i = members[k]
@@ -88,28 +123,16 @@ def _count_rows(
 
 @kernel()
 def _fill_rows(
-    points: Doubles,
-    bins: Ints,
-    centers: Doubles,
-    sizes: Doubles,
-    radii: Doubles,
-    starts: Ints,
-    members: Ints,
-    stencil_starts: Ints,
-    stencil_leaves: Ints,
-    stencil_weights: Doubles,
-    row_starts: Ints,
-    columns: NDArray[np.int32],
-    values: Doubles,
-    first: int,
-    last: int,
+    points: Doubles, functions: _Functions, search: _Search, stencils: _Stencils, rows: _Rows, first: int, last: int
 ) -> None:
-    """Evaluate ψ at the points [first, last): columns and values of their rows, see `HarmonicBasis` for the rest."""
+    """Evaluate ψ at the points [first, last): columns and values of their rows."""
+    centers, sizes, radii = functions
+    bins, starts, members = search
     seen = np.full(len(centers), -1, dtype=np.int64)  # each Γ is computed once a point
     sources = np.empty(len(centers))
     for p in range(first, last):
         x, y = points[p, 0], points[p, 1]
-        at = row_starts[p]
+        at = rows.starts[p]
         for k in range(starts[bins[p]], starts[bins[p] + 1]):
             i = members[k]
             dx, dy = x - centers[i, 0], y - centers[i, 1]
@@ -119,14 +142,14 @@ def _fill_rows(
                 seen[i] = p
                 sources[i] = _source_potential(dx, dy, sizes[i])
             value = 0.0
-            for s in range(stencil_starts[i], stencil_starts[i + 1]):
-                j = stencil_leaves[s]
+            for s in range(stencils.starts[i], stencils.starts[i + 1]):
+                j = stencils.leaves[s]
                 if seen[j] != p:
                     seen[j] = p
                     sources[j] = _source_potential(x - centers[j, 0], y - centers[j, 1], sizes[j])
-                value += stencil_weights[s] * (sources[j] - sources[i])  # eq. (2): ψ_i = Σ_j w_ij (Γ_j − Γ_i)
-            columns[at] = i
-            values[at] = value
+                value += stencils.weights[s] * (sources[j] - sources[i])  # eq. (2): ψ_i = Σ_j w_ij (Γ_j − Γ_i)
+            rows.columns[at] = i
+            rows.values[at] = value
             at += 1
 
 
@@ -176,32 +199,24 @@ class HarmonicBasis:
         columns, rows = self.bin_shape
         cell = np.clip(np.floor((where - self.bin_corner) / self.bin_side), 0, (columns - 1, rows - 1))
         bins = cell[:, 1].astype(np.int64) * columns + cell[:, 0].astype(np.int64)
-        search = (self.bin_starts, self.bin_members)
+        functions = _Functions(self.tree.centers, self.tree.sizes, self.radii)
+        search = _Search(bins, self.bin_starts, self.bin_members)
+        stencils = _Stencils(self.stencil_starts, self.stencil_leaves, self.stencil_weights)
         counts = np.zeros(len(where), dtype=np.int64)
-        _count_rows(where, bins, self.tree.centers, self.radii, *search, counts)
+        _count_rows(where, functions, search, counts)
         starts = _offsets(counts)
-        indices = np.empty(starts[-1], dtype=np.int32)
-        data = np.empty(starts[-1])
-        arguments = (
-            where,
-            bins,
-            self.tree.centers,
-            self.tree.sizes,
-            self.radii,
-            *search,
-            self.stencil_starts,
-            self.stencil_leaves,
-            self.stencil_weights,
-            starts,
-            indices,
-            data,
-        )
+        found = _Rows(starts, np.empty(starts[-1], dtype=np.int32), np.empty(starts[-1]))
+
+        def fill(first: int, last: int) -> None:
+            _fill_rows(where, functions, search, stencils, found, first, last)
+
         half = len(where) // 2
         if half < _LEAST_SHARE:
-            _fill_rows(*arguments, 0, len(where))
+            fill(0, len(where))
         else:
-            side_by_side(lambda: _fill_rows(*arguments, 0, half), lambda: _fill_rows(*arguments, half, len(where)))
-        return sparse.csr_array((data, indices, starts.astype(np.int32)), shape=(len(where), self.n_basis))
+            side_by_side(lambda: fill(0, half), lambda: fill(half, len(where)))
+        entries = (found.values, found.columns, starts.astype(np.int32))
+        return sparse.csr_array(entries, shape=(len(where), self.n_basis))
 
     def design_matrix(self, points: NDArray[Any]) -> sparse.csr_array:
         """B of eq. (3): (n_points, n_basis), row = ψ_i(x) / Σ_j ψ_j(x), so that constants are exact.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from pvg._arrays import Bools, Bytes, Floats, Ints
@@ -13,6 +15,38 @@ SUMS = 5  # of one side: cells, their three colours, and the squared lengths of 
 LINE = 5  # three slopes, an offset, the trust
 
 
+class Planes(NamedTuple):
+    """The planes of a picture, cut out; a sample of the second and third is 2^log2x × 2^log2y pixels."""
+
+    first: Samples
+    second: Samples
+    third: Samples
+    log2x: int
+    log2y: int
+
+
+class Cells(NamedTuple):
+    """Where a raster's cells lie in the planes, pixels.  corner: (2,) x, y of the first one;  step: a cell's side."""
+
+    corner: Floats
+    step: float
+
+
+class LineRule(NamedTuple):
+    """How `color_lines` finds the share of skin in a colour.
+
+    reach: blocks to either side that are averaged;  noise: squared levels;  few: cells of either side that are trusted
+    in full;  rise: (2, 2) where between both colours the share rises from 0 to 1, beside what is darker than the skin
+    and beside what is not;  as_bright: (2,) the surroundings' first plane over the skin's, from the one to the other.
+    """
+
+    reach: int
+    noise: float
+    few: float
+    rise: Floats
+    as_bright: Floats
+
+
 @kernel(inline=True)
 def _sample(plane: Samples, x: float, y: float) -> float:
     """The sample that lies `x`, `y` from the plane's corner, the nearest one beyond its sides."""
@@ -21,26 +55,14 @@ def _sample(plane: Samples, x: float, y: float) -> float:
 
 
 @kernel()
-def gather(
-    first: Samples,
-    second: Samples,
-    third: Samples,
-    log2x: int,
-    log2y: int,
-    weights: Floats,
-    corner: Floats,
-    step: float,
-    kind: Bytes,
-    wanted: Bools,
-    sums: Floats,
-) -> None:
+def gather(planes: Planes, weights: Floats, cells: Cells, kind: Bytes, wanted: Bools, sums: Floats) -> None:
     """Add up the colours of the cells around an edge, skin's and those of its surroundings apart.
 
-    first, second, third: planes, the others 2^log2x × 2^log2y pixels a sample;  weights: (3,) of their codes;
-    corner, step: the raster's;  kind: (h, w), 1 on skin, 2 off it, 0 on neither;
+    weights: (3,) of the planes' codes;  kind: (h, w) of the cells, 1 on skin, 2 off it, 0 on neither;
     wanted: (rows, columns) blocks of 2×2 cells that count;  sums: (rows, columns, 2 · SUMS) over them, zero before.
     """
-    across, along = 1.0 / (1 << log2x), 1.0 / (1 << log2y)
+    first, second, third, corner, step = planes.first, planes.second, planes.third, cells.corner, cells.step
+    across, along = 1.0 / (1 << planes.log2x), 1.0 / (1 << planes.log2y)
     height, width = first.shape
     for i in range(kind.shape[0]):
         middle = cell_middle(corner[1], step, i)
@@ -67,24 +89,13 @@ def gather(
 
 
 @kernel(fastmath=True)
-def color_lines(
-    sums: Floats,
-    weights: Floats,
-    near: Bytes,
-    reach: int,
-    noise: float,
-    few: float,
-    rise: Floats,
-    as_bright: Floats,
-    lines: Floats,
-) -> None:
+def color_lines(sums: Floats, weights: Floats, near: Bytes, rule: LineRule, lines: Floats) -> None:
     """lines (rows, columns, LINE): the share of skin in a colour, by the line from its surroundings' colour to skin's.
 
-    share · trust = slopes · codes + offset. near: blocks that are wanted, the others become 0;  reach: blocks to
-    either side that are averaged;  noise: squared levels;  few: cells of either side that are trusted in full;
-    rise: (2, 2) where between both colours the share rises from 0 to 1, beside what is darker than the skin and beside
-    what is not;  as_bright: (2,) the surroundings' first plane over the skin's, from the one to the other.
+    share · trust = slopes · codes + offset. sums, weights: see `gather`;  near: blocks that are wanted, the others
+    become 0.
     """
+    reach, rise, as_bright = rule.reach, rule.rise, rule.as_bright
     rows, columns = near.shape
     total = np.empty(2 * SUMS, np.float32)
     for i in range(rows):
@@ -108,7 +119,7 @@ def color_lines(
                 offset += around * (skin - around)
                 length += (skin - around) ** 2
             spread = max(total[4] / inner - inner_square, 0.0) + max(total[SUMS + 4] / outer - outer_square, 0.0)
-            trust = length / (length + spread + noise) * min(1.0, inner / few) * min(1.0, outer / few)
+            trust = length / (length + spread + rule.noise) * min(1.0, inner / rule.few) * min(1.0, outer / rule.few)
             ratio = total[SUMS + 1] / outer / max(total[1] / inner, 1e-3)
             bright = min(max((ratio - as_bright[0]) / (as_bright[1] - as_bright[0]), 0.0), 1.0)
             begin = rise[0, 0] + bright * (rise[1, 0] - rise[0, 0])
@@ -200,24 +211,21 @@ def _stretch(
 
 @kernel(fastmath=True)
 def follow_lines(
-    first: Samples,
-    second: Samples,
-    third: Samples,
-    log2x: int,
-    log2y: int,
+    planes: Planes,
     window: tuple[int, int],
-    corner: Floats,
-    step: float,
+    cells: Cells,
     unknown: Bytes,
-    cells: Floats,
+    lines: Floats,
     opacity: np.float32,
     alpha: Floats,
 ) -> None:
     """Let alpha (h, w) follow the picture where `unknown` (rows, columns) is 1, in place; bilinear to 0.
 
-    window: x, y of alpha's first pixel;  corner, step: the raster's;  cells: (rows, columns, LINE), whose touched
-    ones are defined;  opacity: alpha's value on skin.
+    window: x, y of alpha's first pixel;  lines: (rows, columns, LINE) of the cells, whose touched ones are defined;
+    opacity: alpha's value on skin.
     """
+    first, second, third, log2x, log2y = planes
+    corner, step = cells
     h, w = alpha.shape
     rows, columns = unknown.shape
     one, none, full, pace = np.float32(1.0), np.float32(0.0), np.float32(1.0) / opacity, np.float32(1.0 / step)
@@ -239,8 +247,8 @@ def follow_lines(
             at = i
             for j in range(columns - 1):
                 undecided[j] = (unknown[i, j] | unknown[i, j + 1] | unknown[i + 1, j] | unknown[i + 1, j + 1]) != 0
-            _stretch(cells[i], unknown[i], undecided, starts, begin, pace, upper)
-            _stretch(cells[i + 1], unknown[i + 1], undecided, starts, begin, pace, lower)
+            _stretch(lines[i], unknown[i], undecided, starts, begin, pace, upper)
+            _stretch(lines[i + 1], unknown[i + 1], undecided, starts, begin, pace, lower)
         if not undecided.any():
             continue
         f, out, luma = np.float32(place - i), alpha[y], first[window[1] + y]

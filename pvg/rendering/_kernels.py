@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +14,46 @@ from pvg._compiled import kernel
 Samples = NDArray[np.uint8] | NDArray[np.uint16]
 _STRIDE = 32
 FAINT = np.float32(0.01)  # of all codes: chroma that is less has no hue to lose
+
+
+class Grid(NamedTuple):
+    """A coarse field, read bilinearly where the samples of a plane (r, c) lie.
+
+    values: (h, w) at the grid's nodes;  columns: (c,) and rows: (r,), positions of the samples, counted in nodes.
+    """
+
+    values: Floats
+    columns: Doubles
+    rows: Doubles
+
+
+class Codes(NamedTuple):
+    """The scale of a plane's codes.  zero: black's, or grey's in chroma;  top: the largest one."""
+
+    zero: np.float32
+    top: np.float32
+
+
+class Shown(NamedTuple):
+    """What the samples of a plane (r, c) show of skin.
+
+    before: as the frame came, at an edge the skin in them;  broad: the same, or smoothed;  luma: smoothed luma there.
+    """
+
+    before: Samples
+    broad: Samples
+    luma: Samples
+
+
+class ToneMap(NamedTuple):
+    """The map of colour F of one plane, by codes: F(before) = before + rise[luma] + fall[before] + excess · broad.
+
+    tables: (2, top + 1), rise and fall, or (1, top + 1), rise alone;  bend: (4,) of `roll_off`, or empty for none.
+    """
+
+    tables: Floats
+    excess: np.float32
+    bend: Floats
 
 
 @kernel(fastmath=True)
@@ -111,24 +153,17 @@ def roll_off(values: Floats, bend: Floats) -> Floats:
 
 @kernel(fastmath=True)
 def apply_contrast(
-    part: Samples,
-    before: Samples,
-    alpha: Floats,
-    columns: Doubles,
-    rows: Doubles,
-    shift: Floats,
-    excess: np.float32,
-    level: np.float32,
-    top: np.float32,
+    part: Samples, before: Samples, alpha: Floats, shift: Grid, excess: np.float32, codes: Codes
 ) -> None:
-    """part += α (excess (before − level) + shift), in place: u' = λI + H(g' − λg), eq. (1), with excess = λ − 1.
+    """part += α (excess (before − zero) + shift), in place: u' = λI + H(g' − λg), eq. (1), with excess = λ − 1.
 
     Rounded and held to [0, top].
     part, before: (r, c) uint8 or uint16 samples, before as the frame came;  alpha: (r, c) float32, the matte over their
-    blocks of pixels;  columns, rows: positions of the samples in the grid `shift`, H(g' − λg).
+    blocks of pixels;  shift: H(g' − λg);  codes: with the level that λ leaves where it is for zero.
     """
-    count, (h, w) = part.shape[1], shift.shape
-    (index, share), (upper, down) = split(columns, w), split(rows, h)
+    values, level, top = shift.values, codes.zero, codes.top
+    count, (h, w) = part.shape[1], values.shape
+    (index, share), (upper, down) = split(shift.columns, w), split(shift.rows, h)
     change, detail = np.empty(count, np.float32), np.empty(count, np.float32)
     added = np.empty((2, count), np.float32)
     at, half, none = -2, np.float32(0.5), np.float32(0.0)
@@ -137,7 +172,7 @@ def apply_contrast(
         if first >= last:
             continue
         f = down[i]
-        at = at if upper[i] == at else reach(shift, upper[i], at, index, share, added)
+        at = at if upper[i] == at else reach(values, upper[i], at, index, share, added)
         a, b = added[0, first:last], added[1, first:last]
         v, was, to = alpha[i, first:last], before[i, first:last], part[i, first:last]
         for j in range(last - first):
@@ -176,32 +211,18 @@ def move_chroma(part: Samples, was: Samples, weight: Floats, change: Floats, gre
 
 @kernel(fastmath=True)
 def apply_map(
-    part: Samples,
-    before: Samples,
-    broad: Samples,
-    by: Samples,
-    alpha: Floats,
-    columns: Doubles,
-    rows: Doubles,
-    shift: Floats,
-    tables: Floats,
-    excess: np.float32,
-    fade: Floats,
-    bend: Floats,
-    grey: np.float32,
-    top: np.float32,
+    part: Samples, shown: Shown, alpha: Floats, shift: Grid, fade: Floats, tone: ToneMap, codes: Codes
 ) -> None:
     """part += α (R(F(before) + w shift) − R(before)), in place: u' = F(I) + H(g' − F(g)), rounded and held to [0, top].
 
-    F(before) = before + rise[by] + fall[before] + excess · broad.  R is `_roll_off`.  What is here is bounded by
-    what the skin in it becomes, see `rgb_planes.not_beyond`.
-    part, before, broad: (r, c) samples of a plane, as the frame came and smoothed;  by: smoothed luma where they are;
-    shift: H(g' − F(g)), and alpha, columns, rows: see `apply_contrast`;  tables: (2, top + 1), rise and fall, or
-    (1, top + 1), rise alone;  fade: (r, c) float32 w, see `fade_in_dark`, without rows it is 1;
-    bend: (4,) float32, or empty for none;  grey: its code, of chroma.
+    R is `_roll_off`.  What is here is bounded by what the skin in it becomes, see `rgb_planes.not_beyond`.
+    part: (r, c) samples of a plane;  alpha: see `apply_contrast`;  shift: H(g' − F(g));
+    fade: (r, c) float32 w, see `fade_in_dark`, without rows it is 1;  tone: F.
     """
-    count, (h, w) = part.shape[1], shift.shape
-    (index, share), (upper, down) = split(columns, w), split(rows, h)
+    values, tables, excess, bend = shift.values, tone.tables, tone.excess, tone.bend
+    before, broad, by, grey, top = shown.before, shown.broad, shown.luma, codes.zero, codes.top
+    count, (h, w) = part.shape[1], values.shape
+    (index, share), (upper, down) = split(shift.columns, w), split(shift.rows, h)
     change, added = np.empty(count, np.float32), np.empty((2, count), np.float32)
     at, half, none = -2, np.float32(0.5), np.float32(0.0)
     rise, falls, fall = tables[0], len(tables) > 1, tables[len(tables) - 1]
@@ -210,7 +231,7 @@ def apply_map(
         if first >= last:
             continue
         f = down[i]
-        at = at if upper[i] == at else reach(shift, upper[i], at, index, share, added)
+        at = at if upper[i] == at else reach(values, upper[i], at, index, share, added)
         a, b = added[0, first:last], added[1, first:last]
         v, was, wide, to = alpha[i, first:last], before[i, first:last], broad[i, first:last], part[i, first:last]
         luma = by[i, first:last]
@@ -277,9 +298,7 @@ def tinge(
 def fade_in_dark(
     luma: Samples | Floats,
     alpha: Floats,
-    columns: Doubles,
-    rows: Doubles,
-    around: Floats,
+    around: Grid,
     black: np.float32,
     low: np.float32,
     high: np.float32,
@@ -289,10 +308,11 @@ def fade_in_dark(
 
     F(I) + w H(g' − F(g)) is then F's about the skin, and I g'/g in what is much darker: through black.
     luma: (r, c) samples, or float32;  alpha: (r, c), where it is 0 nothing is written;
-    around: a grid, see `apply_contrast`.
+    around: the luma of the skin nearby.
     """
-    count, (h, w) = out.shape[1], around.shape
-    (index, share), (upper, down) = split(columns, w), split(rows, h)
+    values, count = around.values, out.shape[1]
+    h, w = values.shape
+    (index, share), (upper, down) = split(around.columns, w), split(around.rows, h)
     held = np.empty((2, count), np.float32)
     at, one, none = -2, np.float32(1.0), np.float32(0.0)
     wide = one / (high - low)
@@ -301,7 +321,7 @@ def fade_in_dark(
         if first >= last:
             continue
         f = down[i]
-        at = at if upper[i] == at else reach(around, upper[i], at, index, share, held)
+        at = at if upper[i] == at else reach(values, upper[i], at, index, share, held)
         a, b, source, to = held[0, first:last], held[1, first:last], luma[i, first:last], out[i, first:last]
         for j in range(last - first):
             ratio = max(np.float32(source[j]) - black, none) / max(a[j] + f * (b[j] - a[j]), one)
@@ -312,20 +332,14 @@ def fade_in_dark(
 
 @kernel(fastmath=True)
 def scale(
-    part: Samples,
-    before: Samples,
-    weight: Floats,
-    gain_less_one: np.float32,
-    level: np.float32,
-    bend: Floats,
-    top: np.float32,
+    part: Samples, before: Samples, weight: Floats, gain_less_one: np.float32, bend: Floats, codes: Codes
 ) -> None:
-    """part += weight (R(before + (gain − 1)(before − level)) − R(before)), in place, rounded and held to [0, top].
+    """part += weight (R(before + (gain − 1)(before − zero)) − R(before)), in place, rounded and held to [0, top].
 
-    R is `_roll_off`.  part, before: (r, c) uint8 or uint16 samples;  weight: (r, c) float32;  level: the code of black
-    or grey;  bend: (4,) float32, or empty for none.
+    R is `_roll_off`.  part, before: (r, c) uint8 or uint16 samples;  weight: (r, c) float32;
+    bend: (4,) float32, or empty for none.
     """
-    half, none = np.float32(0.5), np.float32(0.0)
+    half, none, level, top = np.float32(0.5), np.float32(0.0), codes.zero, codes.top
     for i in range(part.shape[0]):
         first, last = _run(weight[i])
         for j in range(first, last):
@@ -369,14 +383,15 @@ def known_means(sums: Floats, mass: Floats, least: np.float32, unknown: np.float
 
 
 @kernel(fastmath=True)
-def show_skin(part: Samples, beta: Floats, columns: Doubles, rows: Doubles, mean: Floats, sure: np.float32) -> None:
+def show_skin(part: Samples, beta: Floats, mean: Grid, sure: np.float32) -> None:
     """part = β² part + (1 − β²) mean where 0 < β < sure, in place, rounded; where the mean is not negative.
 
     part: (r, c) samples;  beta: (r, c) float32 β in [0, 1], see `pvg.rendering.foreground`;
-    mean: a grid of code values, see `apply_contrast`, negative where it is not known.
+    mean: code values, negative where it is not known.
     """
-    count, (h, w) = part.shape[1], mean.shape
-    (index, share), (upper, down) = split(columns, w), split(rows, h)
+    values, count = mean.values, part.shape[1]
+    h, w = values.shape
+    (index, share), (upper, down) = split(mean.columns, w), split(mean.rows, h)
     held = np.empty((2, count), np.float32)
     at, half, none, one = -2, np.float32(0.5), np.float32(0.0), np.float32(1.0)
     for i in range(part.shape[0]):
@@ -384,7 +399,7 @@ def show_skin(part: Samples, beta: Floats, columns: Doubles, rows: Doubles, mean
         if first >= last:
             continue
         f = down[i]
-        at = at if upper[i] == at else reach(mean, upper[i], at, index, share, held)
+        at = at if upper[i] == at else reach(values, upper[i], at, index, share, held)
         a, b, v, to = held[0, first:last], held[1, first:last], beta[i, first:last], part[i, first:last]
         for j in range(last - first):
             skin = a[j] + f * (b[j] - a[j])
@@ -394,10 +409,10 @@ def show_skin(part: Samples, beta: Floats, columns: Doubles, rows: Doubles, mean
 
 
 @kernel(fastmath=True)
-def mean_above(before: Samples, alpha: Floats, columns: Doubles, rows: Doubles, low: Floats) -> float:
-    """The mean of before − low over the matte; low is a grid, see `apply_contrast`. 0 where the matte is empty."""
+def mean_above(before: Samples, alpha: Floats, low: Grid) -> float:
+    """The mean of before − low over the matte. 0 where the matte is empty."""
     field = np.empty(before.shape, np.float32)
-    read_grid(low, columns, rows, field)
+    read_grid(low.values, low.columns, low.rows, field)
     total, mass = np.float64(0.0), np.float64(0.0)
     for i in range(before.shape[0]):
         weight = alpha[i]

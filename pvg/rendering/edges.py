@@ -25,8 +25,6 @@ from pvg.rendering.placed_face import PlacedFace
 from pvg.skin import Matte
 from pvg.video import Frame, PixelFormat
 
-Planes = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
-
 
 @dataclass(frozen=True)
 class EdgeNumbers:
@@ -46,8 +44,13 @@ class EdgeNumbers:
 
 EDGES = EdgeNumbers()
 
-_RISE = np.array([EDGES.rise, EDGES.rise_at_walls], np.float32)
-_AS_BRIGHT = np.array(EDGES.as_bright, np.float32)
+_RULE = kernels.LineRule(
+    reach=EDGES.reach,
+    noise=EDGES.noise,
+    few=EDGES.few,
+    rise=np.array([EDGES.rise, EDGES.rise_at_walls], np.float32),
+    as_bright=np.array(EDGES.as_bright, np.float32),
+)
 _CROSS = np.asarray(cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3)), np.uint8)
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 _SKIN, _AROUND = 1, 2  # kinds of cells, see `kernels.gather`
@@ -68,27 +71,26 @@ def refine(alpha: Floats, window: tuple[int, int], matte: Matte, frame: Frame) -
     kind = _kinds(matte.alpha, full)
     unknown = np.asarray(kind == 0, np.uint8)
     touched = np.asarray(cv2.dilate(unknown, _NEIGHBOURS), np.uint8)
-    (first, second, third), (x, y) = _cut_out(frame, matte.raster, window, alpha.shape)
-    log2x, log2y = frame.format.chroma_log2
+    planes, (x, y) = _cut_out(frame, matte.raster, window, alpha.shape)
     weights = _weights(frame.format)
     near = _near(touched)
     side = 2 * EDGES.reach + 1
     wanted = np.asarray(cv2.dilate(near, np.ones((side, side), np.uint8)), np.bool_)
-    corner, step = (matte.raster.origin - np.array([x, y])).astype(np.float32), float(matte.raster.step)
+    cells = kernels.Cells((matte.raster.origin - np.array([x, y])).astype(np.float32), float(matte.raster.step))
     sums = np.zeros((*near.shape, 2 * kernels.SUMS), np.float32)
-    kernels.gather(first, second, third, log2x, log2y, weights, corner, step, kind, wanted, sums)
-    lines = np.empty((*near.shape, kernels.LINE), np.float32)
-    kernels.color_lines(sums, weights, near, EDGES.reach, EDGES.noise, EDGES.few, _RISE, _AS_BRIGHT, lines)
-    cells = np.empty((*kind.shape, kernels.LINE), np.float32)
-    kernels.spread_to_cells(lines, touched, cells)
+    kernels.gather(planes, weights, cells, kind, wanted, sums)
+    of_blocks = np.empty((*near.shape, kernels.LINE), np.float32)
+    kernels.color_lines(sums, weights, near, _RULE, of_blocks)
+    lines = np.empty((*kind.shape, kernels.LINE), np.float32)
+    kernels.spread_to_cells(of_blocks, touched, lines)
     opacity = np.float32(full / 255.0)
     begin = window[0] - x, window[1] - y
-    kernels.follow_lines(first, second, third, log2x, log2y, begin, corner, step, unknown, cells, opacity, alpha)
+    kernels.follow_lines(planes, begin, cells, unknown, lines, opacity, alpha)
 
 
 def _cut_out(
     frame: Frame, raster: Raster, window: tuple[int, int], shape: tuple[int, ...]
-) -> tuple[Planes, tuple[int, int]]:
+) -> tuple[kernels.Planes, tuple[int, int]]:
     """What the planes show of a raster and of a window of (h, w) pixels, and x, y of its first pixel."""
     x0, y0, x1, y1 = raster.box
     log2x, log2y = frame.format.chroma_log2
@@ -103,7 +105,8 @@ def _cut_out(
         return plane[y >> along : -(-bottom >> along), x >> across : -(-right >> across)].copy()
 
     first, second, third = frame.planes
-    return (cut(first, 0, 0), cut(second, log2x, log2y), cut(third, log2x, log2y)), (x, y)
+    chroma = cut(second, log2x, log2y), cut(third, log2x, log2y)
+    return kernels.Planes(cut(first, 0, 0), *chroma, log2x, log2y), (x, y)
 
 
 def _kinds(alpha: Bytes, full: int) -> Bytes:

@@ -103,7 +103,7 @@ def _show_skin(parts: list[NDArray[Any]], beta: Floats, step: float, log2x: int)
     cell = cell // apart * apart
     xs, ys = _in_cells(columns, cell), _in_cells(rows, cell)
     for part, mean in zip(parts, _means(parts, beta, cell, apart), strict=True):
-        kernels.show_skin(part, beta, xs, ys, mean, _SURE)
+        kernels.show_skin(part, beta, kernels.Grid(mean, xs, ys), _SURE)
 
 
 def _means(parts: list[NDArray[Any]], beta: Floats, cell: int, apart: int) -> Iterator[Floats]:

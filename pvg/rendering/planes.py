@@ -76,46 +76,29 @@ def apply_correction(
         nodes = _in_nodes(correction.lattice, corner, (columns, rows), log2)
         if shown is not None and isinstance(contrast, MapTables):
             own, smooth = shown.planes[p], shown.smooth[p]
-            samples = own, smooth if p == 0 or contrast.excess > 0 else own, shown.luma_at_chroma if p else smooth
-            _apply_map(part, samples, weight, nodes, correction.shift[p], contrast, fades[p], pixel_format, p)
+            broad = smooth if p == 0 or contrast.excess > 0 else own
+            samples = kernels.Shown(own, broad, shown.luma_at_chroma if p else smooth)
+            shift, tone = kernels.Grid(correction.shift[p], *nodes), _tone_map(contrast, pixel_format, p)
+            kernels.apply_map(part, samples, weight, shift, fades[p], tone, _codes(pixel_format, p))
         elif not isinstance(contrast, MapTables):
             before = before.copy()  # contiguous: compiled once
-            _apply_number(part, before, weight, nodes, correction, contrast, pixel_format, p)
+            _apply_number(part, before, weight, nodes, correction, contrast, _codes(pixel_format, p), p)
         for (guard, gain), held in zip(guards, over, strict=True):
             _scale(part, before, guard, held if p else guard.weight, gain, pixel_format, p)
         patches.append(Patch(p, y, x, part))
     return patches
 
 
-def _apply_map(
-    part: NDArray[Any],
-    shown: tuple[NDArray[Any], NDArray[Any], NDArray[Any]],
-    weight: Floats,
-    nodes: tuple[Doubles, Doubles],
-    shift: Floats,
-    tables: MapTables,
-    fade: Floats,
-    pixel_format: PixelFormat,
-    plane: int,
-) -> None:
-    """F on the samples of a plane, in place; all (r, c).
+def _tone_map(tables: MapTables, pixel_format: PixelFormat, plane: int) -> kernels.ToneMap:
+    """F of one plane."""
+    if plane == 0:
+        return kernels.ToneMap(tables.tone, np.float32(0.0), luma_bend(pixel_format))
+    return kernels.ToneMap(tables.chroma[plane - 1 : plane], np.float32(tables.excess), _NO_ROLL_OFF)
 
-    shown: the skin in them, the same or smoothed where F enlarges it, and its smoothed luma;  nodes: see `_in_nodes`;
-    shift: of the plane, at the nodes;  fade: w, (0, 0) for 1.
-    """
-    kernels.apply_map(
-        part,
-        *shown,
-        weight,
-        *nodes,
-        shift,
-        tables.chroma[plane - 1 : plane] if plane else tables.tone,
-        np.float32(tables.excess if plane else 0.0),
-        fade,
-        _NO_ROLL_OFF if plane else luma_bend(pixel_format),
-        np.float32(pixel_format.offset[plane]),
-        np.float32(2**pixel_format.depth - 1),
-    )
+
+def _codes(pixel_format: PixelFormat, plane: int) -> kernels.Codes:
+    """The scale of a plane's codes."""
+    return kernels.Codes(np.float32(pixel_format.offset[plane]), np.float32(2**pixel_format.depth - 1))
 
 
 def _apply_number(
@@ -125,18 +108,18 @@ def _apply_number(
     nodes: tuple[Doubles, Doubles],
     correction: Correction,
     contrast: float,
-    pixel_format: PixelFormat,
+    codes: kernels.Codes,
     plane: int,
 ) -> None:
     """λ on the samples of a plane, in place;  part, before, weight: (r, c);  nodes: see `_in_nodes`."""
-    level, top = float(pixel_format.offset[plane]), np.float32(2**pixel_format.depth - 1)
     if correction.low is not None and contrast != 1.0:
         # open skin is brighter than the curves around it, so I − H(g) has a mean; λ leaves it where it is
-        level = kernels.mean_above(before, weight, *nodes, correction.low[plane])
+        level = kernels.mean_above(before, weight, kernels.Grid(correction.low[plane], *nodes))
+        codes = codes._replace(zero=np.float32(level))
     # this is λ − 1, written so that it is rounded in float32 as it always was: else a sample in a million would move by
     # a code
     excess = np.float32(1.0) + (np.float32(contrast - 1.0) - np.float32(1.0))
-    kernels.apply_contrast(part, before, weight, *nodes, correction.shift[plane], excess, np.float32(level), top)
+    kernels.apply_contrast(part, before, weight, kernels.Grid(correction.shift[plane], *nodes), excess, codes)
 
 
 def _samples(frame: Frame, p: int, corner: tuple[int, int], shape: tuple[int, ...]) -> NDArray[Any]:
@@ -167,9 +150,9 @@ def fade_in_dark(
         shown = np.stack(skin.planes, axis=-1) if skin else stacked(frame, window)
         luma = opponent_of(shown, frame.format)[..., 0]
     fade = np.ones(alpha.shape, np.float32)
-    nodes = _in_nodes(one.lattice, corner, (columns, rows), (0, 0))
+    around = kernels.Grid(one.around, *_in_nodes(one.lattice, corner, (columns, rows), (0, 0)))
     black = np.float32(frame.format.offset[0])
-    kernels.fade_in_dark(np.ascontiguousarray(luma), alpha, *nodes, one.around, black, *_DARK, fade)
+    kernels.fade_in_dark(np.ascontiguousarray(luma), alpha, around, black, *_DARK, fade)
     return fade
 
 
@@ -194,8 +177,8 @@ def _scale(
     top, left = guard.y >> log2y, guard.x >> log2x
     window = slice(top, top + weight.shape[0]), slice(left, left + weight.shape[1])
     bend = _NO_ROLL_OFF if plane else luma_bend(pixel_format)
-    least, most = np.float32(pixel_format.offset[plane]), np.float32(2**pixel_format.depth - 1)
-    kernels.scale(part[window], before[window], weight, np.float32(gain - 1.0), least, bend, most)
+    more = np.float32(gain - 1.0)
+    kernels.scale(part[window], before[window], weight, more, bend, _codes(pixel_format, plane))
 
 
 def _in_nodes(

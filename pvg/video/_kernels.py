@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,6 +12,31 @@ from pvg._compiled import kernel
 
 Plane = NDArray[np.uint8] | NDArray[np.uint16]
 Counts = NDArray[np.int32]
+
+
+class Taps(NamedTuple):
+    """The samples of a row that make each of m cells, see `taps`.
+
+    starts, counts: (m,) the first of them and how many;  weights: (m, n) float32.
+    """
+
+    starts: Counts
+    counts: Counts
+    weights: Floats
+
+
+class DisplayTables(NamedTuple):
+    """From a clip's own R'G'B' to what an SDR display shows, in TABLE steps.
+
+    light: (3, TABLE) by signal;  raised: (TABLE,) what a luminance is multiplied by for the system gamma, by its root;
+    weights: (3,) of that luminance;  gamut: (3, 3);  shown: (TABLE,) SDR levels by the root of light.
+    """
+
+    light: Floats
+    raised: Floats
+    weights: Floats
+    gamut: Floats
+    shown: Floats
 
 
 @kernel()
@@ -41,17 +68,10 @@ def taps(first: float, step: float, k: int, count: int, start: Counts, cells: Co
 
 
 @kernel(fastmath=True)
-def average_cells(
-    plane: Plane,
-    start_x: Counts,
-    count_x: Counts,
-    weights_x: Floats,
-    start_y: Counts,
-    count_y: Counts,
-    weights_y: Floats,
-    out: Floats,
-) -> None:
+def average_cells(plane: Plane, x_taps: Taps, y_taps: Taps, out: Floats) -> None:
     """out (h, w) float32 = plane averaged over cells, by the weights of `taps` along rows and columns."""
+    start_x, count_x, weights_x = x_taps
+    start_y, count_y, weights_y = y_taps
     left, right = plane.shape[1], 0
     for j in range(len(start_x)):
         left = min(left, start_x[j])
@@ -97,17 +117,14 @@ def codes_to_sdr(
     third: Plane,
     matrix: Floats,
     offset: Floats,
-    light: Floats,
-    raised: Floats,
-    weights: Floats,
-    gamut: Floats,
-    shown: Floats,
+    tables: DisplayTables,
     out: Bytes,
 ) -> None:
-    """out (h, w, 3) uint8 = SDR-referred BT.709 of the codes of three planes (h, w), see `color.ColorSpace.tables`.
+    """out (h, w, 3) uint8 = SDR-referred BT.709 of the codes of three planes (h, w).
 
     matrix (3, 3), offset (3,): from codes to the clip's own R'G'B', 0-255.
     """
+    light, raised, weights, gamut, shown = tables
     h, w = first.shape
     last, none, one, half = np.float32(len(shown) - 1), np.float32(0.0), np.float32(1.0), np.float32(0.5)
     scale = last / np.float32(255.0)

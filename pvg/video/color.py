@@ -21,6 +21,7 @@ import numpy as np
 
 from pvg._arrays import Doubles, Floats
 from pvg.errors import MediaError
+from pvg.video._kernels import DisplayTables
 
 Curve = Callable[[Doubles], Doubles]
 """Of values (…), elementwise: signals in [0, 1] to light, 1 = SDR white, or back."""
@@ -269,23 +270,19 @@ class ColorSpace:
         return np.asarray((above - below) / 2.0)
 
     @cached_property
-    def tables(self) -> tuple[Floats, Floats, Floats, Floats, Floats]:
-        """What `_kernels.codes_to_sdr` reads.
-
-        (3, TABLE) light by signal;  (TABLE,) what a luminance is multiplied by for the system gamma, by its root, and
-        the (3,) weights of that luminance;  (3, 3) matrix;  (TABLE,) SDR levels by the root of light.
-        """
+    def tables(self) -> DisplayTables:
+        """What `_kernels.codes_to_sdr` reads."""
         steps = np.linspace(0.0, 1.0, TABLE)
         light = np.stack([curve.decode(steps) for curve in self.transfers])
         gamma = self.transfers[0].system_gamma
         raised = np.maximum(steps**2, 1e-9) ** (gamma - 1.0)
         shown = self.display.encode(steps**2) * 255.0
-        return (
-            light.astype(np.float32),
-            raised.astype(np.float32),
-            self.weights.astype(np.float32),
-            self.matrix.astype(np.float32),
-            shown.astype(np.float32),
+        return DisplayTables(
+            light=light.astype(np.float32),
+            raised=raised.astype(np.float32),
+            weights=self.weights.astype(np.float32),
+            gamut=self.matrix.astype(np.float32),
+            shown=shown.astype(np.float32),
         )
 
 

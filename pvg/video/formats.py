@@ -153,7 +153,7 @@ class PixelFormat:
         if self.color is None:
             codes_to_rgb(first, second, third, *self._affine, out)
         else:
-            codes_to_sdr(first, second, third, *self._affine, *self.color.tables, out)
+            codes_to_sdr(first, second, third, *self._affine, self.color.tables, out)
         return out
 
     @cached_property

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pvg._arrays import Bytes, Doubles, Floats
 from pvg.picture import Affine, Box, clipped, halved, samples_a_cell
 from pvg.raster import Raster, first_reading, scaled_affine
-from pvg.video._kernels import Counts, average_cells, taps
+from pvg.video._kernels import Taps, average_cells, taps
 from pvg.video.formats import Frame, PixelFormat, Plane, Planes
 
 
@@ -110,15 +110,15 @@ def _averaged(plane: Plane, corner: Doubles, steps: tuple[float, float], shape: 
     """A plane over cells: corner (2,) x, y of the first one measured from the plane's own; steps along x and y."""
     x, y = (_weights(float(corner[axis]), steps[axis], shape[1 - axis], plane.shape[1 - axis]) for axis in (0, 1))
     out = np.empty(shape, np.float32)
-    average_cells(plane, *x, *y, out)
+    average_cells(plane, x, y, out)
     return out
 
 
-def _weights(corner: float, step: float, count: int, samples: int) -> tuple[Counts, Counts, Floats]:
-    """First sample, number of samples and their weights of `count` cells along one side of `samples`; see `taps`."""
+def _weights(corner: float, step: float, count: int, samples: int) -> Taps:
+    """The taps of `count` cells along one side of `samples`."""
     k = samples_a_cell(step)
     start, cells = np.empty(count, np.int32), np.empty(count, np.int32)
-    return start, cells, taps(first_reading(corner, step / k), step, k, samples, start, cells)
+    return Taps(start, cells, taps(first_reading(corner, step / k), step, k, samples, start, cells))
 
 
 def picture_of(frame: Frame) -> PlanePicture:
