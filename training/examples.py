@@ -24,8 +24,10 @@ from pvg.raster import Raster
 from pvg.rendering import source_frame
 from pvg.skin import body_network, network
 from pvg.skin.body import BodyTracker
+from pvg.skin.learning import SkinModel, fit_skin_model
+from pvg.skin.rasters import learning_raster
 from pvg.skin.scene import SceneReader
-from pvg.skin.tracking import SkinModel, SkinTracker, fit_skin_model, learning_raster
+from pvg.skin.tracking import SkinTracker
 from training.pictures import FOLDER, Use, training_pictures, write_crop
 
 KINDS = (*SKIN, *NOT_SKIN)

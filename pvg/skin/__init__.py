@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from pvg.skin.body import BodyTracker
 from pvg.skin.consensus import MatteConsensus
+from pvg.skin.learning import SkinModel, fit_skin_model
 from pvg.skin.matte import Matte
 from pvg.skin.network import NetworkOutput
 from pvg.skin.prior import face_box
 from pvg.skin.scene import Scene, SceneReader, person_mask, scene_raster
 from pvg.skin.segmentation import MaskMethod, skin_mask
-from pvg.skin.tracking import SkinModel, SkinTracker, fit_skin_model
+from pvg.skin.tracking import SkinTracker
 from pvg.skin.warmup import warm_up
 
 __all__ = [

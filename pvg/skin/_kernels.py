@@ -59,6 +59,61 @@ class SpatialCoefficients(NamedTuple):
     most: np.float32
 
 
+class SpatialFields(NamedTuple):
+    """What `spatial_fields` writes of every cell, all (h, w) float32.
+
+    log_odds: of skin;  neck: the weight of the neck in [0, 1];  fade: in [0, 1], see `pvg.skin.prior.SpatialPrior`;
+    down: depth on the face;  along, off: the way along the neck and the distance off its axis, in sizes;
+    ears: the ears' own log-odds.
+    """
+
+    log_odds: Floats
+    neck: Floats
+    fade: Floats
+    down: Floats
+    along: Floats
+    off: Floats
+    ears: Floats
+
+
+class ColorOdds(NamedTuple):
+    """Log-likelihood ratios of colours, binned.
+
+    table: (bins³,) over the bins (lab − center) · scale + middle, center and scale (3,).
+    """
+
+    table: Floats
+    center: Floats
+    scale: Floats
+    middle: np.float32
+    bins: int
+
+
+class CellEvidence(NamedTuple):
+    """What is known of every cell beside its colour, all (h, w) and float32 but the first.
+
+    foreground: bool, where colours cannot speak against skin;  prior: log-odds;  neck: in [0, 1];
+    distance: signed distance to the carried edge in face sizes;  hair: cover in [0, 1].
+    """
+
+    foreground: Bools
+    prior: Floats
+    neck: Floats
+    distance: Floats
+    hair: Floats
+
+
+class HueLine(NamedTuple):
+    """The skin's hues in any light: from grey to `most` times its tone.
+
+    tone, spread: (2,) the skin's a and b in spreads, and those spreads.
+    """
+
+    tone: Floats
+    spread: Floats
+    most: np.float32
+
+
 class PosteriorWeights(NamedTuple):
     """Weights of what `skin_probability` adds up, in nats; see `pvg.skin.parameters.TrackingNumbers`."""
 
@@ -146,26 +201,11 @@ def normalize_chroma(lab: Floats, lightness: np.float32, darkest: np.float32) ->
 
 @kernel(fastmath=True)
 def skin_probability(
-    lab: Floats,
-    center: Floats,
-    scale: Floats,
-    middle: np.float32,
-    bins: int,
-    table: Floats,
-    foreground: Bools,
-    prior: Floats,
-    neck: Floats,
-    distance: Floats,
-    hair: Floats,
-    weights: PosteriorWeights,
-    out: Floats,
+    lab: Floats, colors: ColorOdds, cells: CellEvidence, weights: PosteriorWeights, out: Floats
 ) -> None:
-    """out (h, w) = posterior probability of skin of every cell; see `pvg.skin.tracking`.
-
-    lab: (h, w, 3);  table: (bins³,) log-likelihood ratios over bins (lab − center) · scale + middle, scale (3,);
-    foreground: (h, w), where colours cannot speak against skin;  prior: (h, w) log-odds;  neck: (h, w) in [0, 1];
-    distance: (h, w) signed distance to the carried edge in face sizes;  hair: (h, w) cover in [0, 1].
-    """
+    """out (h, w) = posterior probability of skin of every cell of colours lab (h, w, 3); see `pvg.skin.tracking`."""
+    table, center, scale, middle, bins = colors
+    foreground, prior, neck, distance, hair = cells
     h, w = out.shape
     none, top = np.float32(0.0), np.float32(bins - 1)
     for i in range(h):
@@ -207,29 +247,21 @@ def _hue_distance(a: np.float32, b: np.float32, tone: Floats, most: np.float32) 
 
 
 @kernel(fastmath=True)
-def hue_distance(lab: Floats, tone: Floats, spread: Floats, most: np.float32, out: Floats) -> None:
+def hue_distance(lab: Floats, line: HueLine, out: Floats) -> None:
     """out (h, w) = how far colours (h, w, 3) are off the skin's hue line, in spreads; see `occluder_alpha`."""
+    tone, spread, most = line
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
             out[i, j] = _hue_distance(lab[i, j, 1] / spread[0], lab[i, j, 2] / spread[1], tone, most)
 
 
 @kernel(fastmath=True)
-def foreign_hue(
-    lab: Floats,
-    cells: Bools,
-    tone: Floats,
-    spread: Floats,
-    most: np.float32,
-    bounds: Floats,
-    darkest: Floats,
-    out: Floats,
-) -> None:
+def foreign_hue(lab: Floats, cells: Bools, line: HueLine, bounds: Floats, darkest: Floats, out: Floats) -> None:
     """out (h, w) = how surely colours (h, w, 3) are off the skin's hue line, in [0, 1]; 0 but in `cells` (h, w).
 
-    tone, spread: (2,) the skin's a and b in spreads, and those;  most: the end of the line, times `tone`;
     bounds, darkest: (2,) where the certainty rises from 0 to 1, in spreads off the line and in L.
     """
+    tone, spread, most = line
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
             out[i, j] = np.float32(0.0)
@@ -297,13 +329,7 @@ def spatial_fields(
     ear: np.float32,
     fade_ends: Floats,
     coefficients: SpatialCoefficients,
-    log_odds: Floats,
-    neck: Floats,
-    fade: Floats,
-    down: Floats,
-    along: Floats,
-    off: Floats,
-    ears: Floats,
+    out: SpatialFields,
 ) -> None:
     """What `pvg.skin.prior.spatial_prior` tells of every cell (h, w) by its place alone.
 
@@ -311,9 +337,8 @@ def spatial_fields(
     frame: (12,) float32: 0 the oval's middle, 2 across, 4 down, 6 chin, 8 neck (x, y each), 10 size, 11 width;
     brow, ear: depths of brows and ears in sizes;  fade_ends: (3,) where the neck's fade begins and ends,
     and the width of the fade along the raster's sides, in sizes.
-    Written: log_odds of skin;  neck, the weight of the neck in [0, 1];  fade;  down, depth on the face;  along and off,
-    the way along the neck and the distance off its axis, in sizes;  ears, the ears' own log-odds.
     """
+    log_odds, neck, fade, down, along, off, ears = out
     h, w = log_odds.shape
     size, half_width = frame[10], frame[11] / frame[10] / np.float32(2.0)
     one = np.float32(1.0)

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from pvg._arrays import Bools, Floats
-from pvg.skin._kernels import foreign_hue, hue_distance
+from pvg.skin._kernels import HueLine, foreign_hue, hue_distance
 from pvg.skin.color_model import ColorScale
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import SpatialPrior
@@ -20,16 +20,16 @@ _FOREIGN, _VISIBLE = (np.array(r, np.float32) for r in (_OCCLUSION.foreign_rise,
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 
 
-def _hue_line(scale: ColorScale) -> tuple[Floats, Floats, np.float32]:
-    """The skin's a and b in spreads (2,), those spreads (2,), and how many times as far its hue line goes."""
+def _hue_line(scale: ColorScale) -> HueLine:
+    """The hue line of the key frame's skin."""
     spread: Floats = scale.spread[1:]
-    return scale.center[1:] / spread, spread, np.float32(_OCCLUSION.most_chroma)
+    return HueLine(scale.center[1:] / spread, spread, np.float32(_OCCLUSION.most_chroma))
 
 
 def open_skin(lab: Floats, scale: ColorScale, mask: Bools) -> Floats:
     """(h, w) float32, 1 where the key frame's mask shows the skin's own hue and nothing else nearby."""
     distance = np.empty(mask.shape, np.float32)
-    hue_distance(lab, *_hue_line(scale), distance)
+    hue_distance(lab, _hue_line(scale), distance)
     plain = (mask & (distance < _OCCLUSION.foreign_rise[0])).astype(np.uint8)
     return cv2.erode(plain, _NEIGHBOURS).astype(np.float32)
 
@@ -37,7 +37,7 @@ def open_skin(lab: Floats, scale: ColorScale, mask: Bools) -> Floats:
 def _foreign_hue(lab: Floats, scale: ColorScale, cells: Bools) -> Floats:
     """How surely colours (h, w, 3) are not skin's in any light: (h, w) in [0, 1], 0 but in `cells` (h, w)."""
     out = np.empty(cells.shape, np.float32)
-    foreign_hue(lab, cells, *_hue_line(scale), _FOREIGN, _VISIBLE, out)
+    foreign_hue(lab, cells, _hue_line(scale), _FOREIGN, _VISIBLE, out)
     return out
 
 

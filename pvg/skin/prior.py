@@ -10,7 +10,7 @@ import numpy as np
 from pvg._arrays import Bools, Bytes, Floats, ramp
 from pvg.face import FaceAxes, Landmarks, layout
 from pvg.raster import SUBPIXEL_BITS, fixed_point
-from pvg.skin._kernels import SpatialCoefficients, spatial_fields
+from pvg.skin._kernels import SpatialCoefficients, SpatialFields, spatial_fields
 from pvg.skin.parameters import SKIN_PRIOR, ClosingNumbers, Range, SkinPrior
 
 _BOX, _REGIONS = SKIN_PRIOR.box, SKIN_PRIOR.regions
@@ -191,10 +191,10 @@ def spatial_prior(shape: tuple[int, int], landmarks: Landmarks, *, bald: bool = 
     ear = ear_depth(head, landmarks)
     vectors = (head.middle, head.axes.across, head.axes.down, head.chin, head.neck, [head.size, head.width])
     frame = np.concatenate(vectors).astype(np.float32)
-    log_odds, neck, fade, down, along, off, ears = np.empty((7, *shape), np.float32)
+    fields = SpatialFields(*np.empty((7, *shape), np.float32))
     fade_ends = np.array([_BOX.fade_begins, _BOX.neck_end, _BOX.side_fade], np.float32)
-    fields = log_odds, neck, fade, down, along, off, ears
-    spatial_fields(inner, outer, frame, np.float32(brow), np.float32(ear), fade_ends, _COEFFICIENTS, *fields)
+    spatial_fields(inner, outer, frame, np.float32(brow), np.float32(ear), fade_ends, _COEFFICIENTS, fields)
+    log_odds, down, along, off = fields.log_odds, fields.down, fields.along, fields.off
     outside = outer / np.float32(head.size)
     if bald:
         log_odds = log_odds + _released(head, outside, down < brow)
@@ -211,8 +211,8 @@ def spatial_prior(shape: tuple[int, int], landmarks: Landmarks, *, bald: bool = 
 
     return SpatialPrior(
         log_odds=log_odds,
-        neck=neck,
-        fade=fade,
+        neck=fields.neck,
+        fade=fields.fade,
         outside=outside,
         face=face,
         foreground=foreground,
@@ -221,7 +221,7 @@ def spatial_prior(shape: tuple[int, int], landmarks: Landmarks, *, bald: bool = 
         chin=foreground & (down > lip + _REGIONS.below_lips),
         jaw=(down > mouth) & (outside < _REGIONS.beard_reach),
         features=features,
-        ears=ears > SKIN_PRIOR.ears.least,
+        ears=fields.ears > SKIN_PRIOR.ears.least,
         forehead=down < brow,
         brows=brows,
         along=along,

@@ -1,4 +1,4 @@
-"""The skin of a face through a clip: colours learned on the key frame, followed frame by frame."""
+"""The skin of a face through a clip: what its key frame taught, followed frame by frame."""
 
 from __future__ import annotations
 
@@ -7,122 +7,33 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from pvg._arrays import Bools, Bytes, Doubles, Floats, smoothstep
+from pvg._arrays import Bools, Bytes, Floats, smoothstep
 from pvg.face import Landmarks
 from pvg.picture import Picture, as_picture
 from pvg.raster import Raster
 from pvg.skin import network
-from pvg.skin._kernels import PosteriorWeights, skin_probability
+from pvg.skin._kernels import CellEvidence, ColorOdds, PosteriorWeights, skin_probability
 from pvg.skin.cleanup import face_component
 from pvg.skin.collar import collar
 from pvg.skin.color_model import SkinColors, to_skin_lab
 from pvg.skin.consensus import MatteInTime
 from pvg.skin.flow import FlowFinder
-from pvg.skin.hair import Hair, find_hair, hair_cover
+from pvg.skin.hair import hair_cover
 from pvg.skin.in_time import in_levels, places_before, soft_edge, weight_of_before
+from pvg.skin.learning import LearnedSkin, SkinModel
 from pvg.skin.light import MID_GREY, face_color, gain_back, gain_of, relit
 from pvg.skin.matte import Matte
 from pvg.skin.network import NetworkOutput
-from pvg.skin.occlusion import occluder_alpha, open_skin
+from pvg.skin.occlusion import occluder_alpha
 from pvg.skin.parameters import SKIN_PRIOR
-from pvg.skin.prior import SpatialPrior, face_area, face_box, goes_on_above, head_shape, spatial_prior
+from pvg.skin.prior import SpatialPrior, face_area, face_box, head_shape, spatial_prior
+from pvg.skin.rasters import first_raster
 from pvg.skin.scene import Scene
-from pvg.skin.segmentation import MaskMethod, red_chroma_mask, segment
+from pvg.skin.segmentation import red_chroma_mask
 from pvg.skin.tint import tint_slopes, without_tilt
 from pvg.skin.warp import rbf_warp
 
 _TRACKING, _HAIR, _NETWORK = SKIN_PRIOR.tracking, SKIN_PRIOR.hair, SKIN_PRIOR.network
-
-
-def first_raster(landmarks: Landmarks, *, bald: bool = False) -> Raster:
-    """The raster for a track that starts with these landmarks, of a head that is ``bald`` up to its crown."""
-    box = face_box(landmarks, bald=bald)
-    width, height = (float(v) for v in box[2:] - box[:2])
-    longer = max(width, height)
-    cells = min(_TRACKING.most_cells, max(_TRACKING.least_cells, longer / _TRACKING.cell_px))
-    return _raster_of(box, max(1.0, longer / cells))
-
-
-def learning_raster(landmarks: Landmarks, *, bald: bool) -> Raster:
-    """The raster a key frame is learned on: as fine as stills are cut, whatever the track's."""
-    step = max(1.0, head_shape(landmarks).size / SKIN_PRIOR.learning.face_px)
-    return _raster_of(face_box(landmarks, bald=bald), step)
-
-
-def _raster_of(box: Floats, step: float) -> Raster:
-    """Cells of `step` pixels over a box (4,)."""
-    rows, columns = (max(_TRACKING.least_side, round(float(box[k + 2] - box[k]) / step)) for k in (1, 0))
-    return Raster.centered(box, step, (rows, columns))
-
-
-@dataclass(frozen=True, eq=False)
-class LearnedSkin:
-    """What the key frame teaches of a face's skin.
-
-    colors: log-likelihood ratios;  light: (3,) RGB, the face's colour in the light they were learned in;
-    hair: the hair around the forehead, None where none is seen;
-    distance: (h, w) float32 signed distance to the mask's edge in face sizes, positive on skin, over a raster in whose
-    cells the stacked landmarks and skin points lie at `points` (194, 2);
-    open: (h, w) float32 over the same raster, 1 on skin that shows its own hue;
-    tint: (2, 2) how the light's colour changes over the face, see `tint_slopes`;
-    bald: whether skin goes on above the forehead, up to the crown.
-    """
-
-    colors: SkinColors
-    light: Floats
-    hair: Hair | None
-    distance: Floats
-    open: Floats
-    points: Floats
-    tint: Doubles
-    bald: bool
-
-
-@dataclass(frozen=True, eq=False)
-class SkinModel:
-    """How the masks of a track are made; `learned` is None for the paper's rule, which learns nothing."""
-
-    learned: LearnedSkin | None
-
-
-def fit_skin_model(frame: Picture | Bytes, landmarks: Landmarks, *, method: MaskMethod = "landmarks") -> SkinModel:
-    """Learn a face's skin on its key frame.
-
-    frame: a picture or (H, W, 3) uint8 RGB;  landmarks: source pixels;  method: see `skin_mask`.
-    """
-    if method == "ycbcr":
-        return SkinModel(None)
-    picture = as_picture(frame)
-    learned, above = _learn(picture, landmarks, bald=False)
-    return SkinModel(_learn(picture, landmarks, bald=True)[0] if above else learned)
-
-
-def _learn(picture: Picture, landmarks: Landmarks, *, bald: bool) -> tuple[LearnedSkin, bool]:
-    """What a key frame teaches, and whether the face's box cuts its skin off at its top."""
-    raster = learning_raster(landmarks, bald=bald)
-    own = landmarks.in_cells(raster)
-    visible = raster.inside(picture.size)
-    found = segment(picture.cells(raster), own, visible, bald=bald)
-    small = found.rgb
-    prior = spatial_prior(raster.shape, own, bald=bald)
-    learned = LearnedSkin(
-        colors=found.colors,
-        light=face_color(small, prior.sample & visible),
-        hair=find_hair(small, found.mask | ~visible, prior),
-        distance=np.asarray(_signed_distance(found.mask) / prior.size, np.float32),
-        open=open_skin(to_skin_lab(small), found.colors.scale, found.mask),
-        points=own.stacked,
-        tint=tint_slopes(small, prior.sample & visible, prior.size),
-        bald=bald,
-    )
-    return learned, bool(visible[0].any()) and goes_on_above(found.mask, own)
-
-
-def _signed_distance(mask: Bools) -> Floats:
-    """(h, w) distance in cells to the edge of a mask, positive inside."""
-    skin = mask.astype(np.uint8)
-    inside, outside = (cv2.distanceTransform(part, cv2.DIST_L2, cv2.DIST_MASK_5) for part in (skin, 1 - skin))
-    return np.asarray(inside - outside, np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,7 +232,7 @@ def _posterior(colors: SkinColors, lab: Floats, prior: SpatialPrior, distance: F
     does not turn with the head.
     """
     out = np.empty(distance.shape, np.float32)
-    table, certain = colors.log_ratio, prior.foreground
-    binning, fields = colors.scale.binning(), (prior.log_odds, prior.neck, distance, hair)
-    skin_probability(lab, *binning, table, certain, *fields, _WEIGHTS, out)
+    odds = ColorOdds(colors.log_ratio, *colors.scale.binning())
+    cells = CellEvidence(prior.foreground, prior.log_odds, prior.neck, distance, hair)
+    skin_probability(lab, odds, cells, _WEIGHTS, out)
     return out

@@ -8,10 +8,11 @@ from pvg.face import Landmarks
 from pvg.picture import Picture
 from pvg.skin.body import BodyTracker
 from pvg.skin.hair import Hair, hair_cover
+from pvg.skin.learning import fit_skin_model
 from pvg.skin.matte import Matte
 from pvg.skin.prior import spatial_prior
 from pvg.skin.scene import Scene, scene_raster
-from pvg.skin.tracking import SkinTracker, fit_skin_model
+from pvg.skin.tracking import SkinTracker
 
 
 def warm_up(picture: Picture, landmarks: Landmarks) -> Matte:
