@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from operator import itemgetter
 
 import numpy as np
 import numpy.typing as npt
 
 from pvg._arrays import Floats
-from pvg.face import Landmarks
+from pvg.landmarks.association import SAME_FACE_IOU, Appearances, is_taken, lost_near
 from pvg.landmarks.cuts import CutDetector
 from pvg.landmarks.detector import Detection, box_iou, detect_faces
 from pvg.landmarks.mesh import Mesh, Region, fit_landmarks, region_of_points
 from pvg.landmarks.motion import carried, share_inside
 from pvg.landmarks.pace import frames_a_step
-from pvg.landmarks.pose import head_pose
-from pvg.landmarks.replacing import EVERY, LAG, FaceViews
+from pvg.landmarks.replacing import EVERY, LAG
 from pvg.landmarks.tracks import CONFIRMED_SCORE, FACE_GATE, FaceTracks, OpenTrack, box_of
 from pvg.picture import Picture, as_picture
 
@@ -33,13 +32,9 @@ no more: until then the skin of who comes in may count as another person's. It c
 MIN_SEEN, MIN_SEEN_IN_SHOT, _SHOWN_S = 5, 2, 1 / 12
 """Frames that show a face with confidence before its track counts, or all of a shorter shot: of one frame where that
 lasts as long. A shot of one frame at 25 a second is a flash or a fault."""
-SAME_FACE_IOU, SAME_FACE_WITHIN = 0.4, 0.8
-REJOIN_DISTANCE = 1.0
-REJOIN_SIZE_RATIO = 1.6
 ON_EDGE, LEAST_FITTED, LEAST_SEEN = 0.95, 0.75, 0.1
 """Shares of the mesh's points inside the picture: with fewer than the first a face is on the edge, with fewer than the
 second the mesh fits worse than its points go with the picture, with fewer than the last it has left."""
-_CLEARLY_LIKER, _SURELY_LIKE = 0.2, 0.8  # correlations of views of a face
 BLIND_FITS = 5
 """How many frames a lost face is still looked for where it was last; after that only the detector looks."""
 
@@ -84,7 +79,7 @@ class FaceTracker:
         self._min_seen_in_shot = max(1, min(MIN_SEEN_IN_SHOT, round(frame_rate * _SHOWN_S)))
         self._step = frames_a_step(frame_rate)
         self._cut_detector = CutDetector(remembered=LAG, step=self._step)
-        self._views: dict[OpenTrack, FaceViews] = {}
+        self._appearances = Appearances(self._step)
         self._replaced = False  # whether another person took a face's place in the frame before
         self.cuts: list[int] = []
         self.open: list[OpenTrack] = []
@@ -103,7 +98,7 @@ class FaceTracker:
         self.frame_count += 1
         if self._cut_detector.is_cut(picture) or self._replaced:
             self._cut_detector.forget()
-            self._views.clear()
+            self._appearances.forget()
             self._replaced = False
             self.cuts.append(index)
             self.closed += self.open
@@ -123,16 +118,8 @@ class FaceTracker:
         self.open = kept
         self._before = picture if kept else None
         if index % (EVERY * self._step) == 0:
-            self._look(index, picture)
-
-    def _look(self, index: int, picture: Picture) -> None:
-        """See whether another person has taken a face's place."""
-        self._views = {track: self._views.get(track, FaceViews(self._step)) for track in self.open}
-        seen = [track for track in self.open if track.last == index and not track.is_carried]
-        for track in seen:
-            self._views[track].add(index, picture, track.seen[-1].landmarks, track.seen[-1].pose)
-        replaced = any(self._views[track].show_another() for track in seen)
-        self._replaced = replaced and self._cut_detector.is_another_since(LAG)
+            replaced = self._appearances.look(self.open, index, picture)
+            self._replaced = replaced and self._cut_detector.is_another_since(LAG)
 
     def _follow(self, index: int, picture: Picture) -> None:
         """Fit every open track where its face was last seen.
@@ -156,44 +143,12 @@ class FaceTracker:
                 found.append((track, mesh))
         boxes = np.stack([box_of(mesh.points) for _, mesh in found]) if found else np.empty((0, 4), np.float32)
         for (_, mesh), box in zip(found, boxes, strict=True):
-            if not self._taken(index, box):
+            if not is_taken(self.open, index, box):
                 same = [found[k][0] for k in np.flatnonzero(box_iou(box, boxes) > SAME_FACE_IOU)]
                 finders = [finder for finder in same if finder.last != index]  # who has another face has no second one
-                near = [other for _, other in self._lost_near(index, mesh) if other.last < index - 1]
+                near = [other for _, other in lost_near(self.open, index, mesh) if other.last < index - 1]
                 lost = [other for other in near if all(other is not finder for finder, _ in found)]
-                self._whose(mesh, finders, lost, picture).add(index, mesh)
-
-    def _whose(
-        self, mesh: Mesh, finders: Sequence[OpenTrack], lost: Sequence[OpenTrack], picture: Picture
-    ) -> OpenTrack:
-        """Whose face it is that tracks have found, while others nearby are lost: that of the one that it is likest to.
-
-        Where that is not clear, it is of one of the finders that was seen last; of several such of the one that is
-        nearest to where it was.
-        """
-        if len(finders) == 1 and not lost:
-            return finders[0]
-        clear = self._likest([*finders, *lost], mesh, picture)
-        if clear is not None:
-            return clear
-
-        def steady(track: OpenTrack) -> tuple[int, float]:
-            return -track.last, float(np.linalg.norm((mesh.points - track.last_mesh.points).mean(axis=0)))
-
-        return min(finders, key=steady)
-
-    def _likest(self, tracks: Sequence[OpenTrack], mesh: Mesh, picture: Picture) -> OpenTrack | None:
-        """The track whose face is likest to the one at a mesh, if that is clear.
-
-        Of one whose views are in other poses nothing is known: then the likest is to be surely it.
-        """
-        landmarks, pose = Landmarks.from_mesh(mesh.points), head_pose(mesh)
-        asked = [self._views.get(track, FaceViews()).likeness(picture, landmarks, pose) for track in tracks]
-        alike = np.array([_SURELY_LIKE - _CLEARLY_LIKER if one is None else one for one in asked])
-        first = int(np.argmax(alike))
-        others = np.delete(alike, first)
-        is_clear = asked[first] is not None and bool((alike[first] - others >= _CLEARLY_LIKER).all())
-        return tracks[first] if is_clear else None
+                self._appearances.whose(mesh, finders, lost, picture).add(index, mesh)
 
     def _carried(self, track: OpenTrack, index: int, picture: Picture) -> Mesh | None:
         """A face that was on the picture's edge in the frame before, where the picture's motion took it."""
@@ -207,10 +162,10 @@ class FaceTracker:
         """Give detections nobody follows to lost tracks nearby, or to new ones, and count those left out."""
         without_place: list[Floats] = []  # boxes: who has given its place is detected once more
         for detection in detections:
-            if self._taken(index, detection.box):
+            if is_taken(self.open, index, detection.box):
                 continue
             mesh = self._fit(picture, detection)
-            if mesh is None or self._taken(index, box_of(mesh.points)):
+            if mesh is None or is_taken(self.open, index, box_of(mesh.points)):
                 continue
             track = self._continued(index, mesh, picture)
             if track is None:
@@ -254,40 +209,12 @@ class FaceTracker:
             return None
         return mesh
 
-    def _taken(self, index: int, box: Floats) -> bool:
-        """Whether a face already followed in this frame sits in this box.
-
-        Of a face on the picture's edge the detector may take a part for a small face.
-        """
-        here = [track for track in self.open if track.last == index]
-        if not here:
-            return False
-        part = [track.is_carried and _share_within(box, track.box) > SAME_FACE_WITHIN for track in here]
-        return any(part) or bool((box_iou(box, np.stack([track.box for track in here])) > SAME_FACE_IOU).any())
-
     def _continued(self, index: int, mesh: Mesh, picture: Picture) -> OpenTrack | None:
         """The lost track that this face most likely continues: of several nearby the likest, else the nearest."""
-        near = self._lost_near(index, mesh)
+        near = lost_near(self.open, index, mesh)
         if not near:
             return None
-        return self._likest([track for _, track in near], mesh, picture) or min(near, key=itemgetter(0))[1]
-
-    def _lost_near(self, index: int, mesh: Mesh) -> list[tuple[float, OpenTrack]]:
-        """The open tracks not seen in this frame that are near a face in place and size, and how far in its sizes."""
-        near: list[tuple[float, OpenTrack]] = []
-        box = box_of(mesh.points)
-        side = float((box[2:] - box[:2]).max())
-        for track in self.open:
-            if track.last == index:
-                continue
-            before = track.box
-            before_side = float((before[2:] - before[:2]).max())
-            shift = float(np.linalg.norm((box[:2] + box[2:] - before[:2] - before[2:]) / 2))
-            distance = shift / max(side, before_side)
-            ratio = max(side, before_side) / max(min(side, before_side), 1e-6)
-            if ratio <= REJOIN_SIZE_RATIO and distance < REJOIN_DISTANCE:
-                near.append((distance, track))
-        return near
+        return self._appearances.likest([track for _, track in near], mesh, picture) or min(near, key=itemgetter(0))[1]
 
     def is_face(self, track: OpenTrack, *, finished: bool) -> bool:
         """Whether a track is neither too short nor too doubtful to be a face; finished: whether the clip has ended."""
@@ -308,9 +235,3 @@ class FaceTracker:
 def _width(mesh: Mesh) -> float:
     """The longer extent of a mesh in x or y, px."""
     return float(np.ptp(mesh.points, axis=0).max())
-
-
-def _share_within(box: Floats, other: Floats) -> float:
-    """Share of a box (4,) x0, y0, x1, y1 that lies in another."""
-    both = np.minimum(box[2:], other[2:]) - np.maximum(box[:2], other[:2])
-    return float(np.prod(np.maximum(both, 0)) / max(np.prod(box[2:] - box[:2]), 1e-6))

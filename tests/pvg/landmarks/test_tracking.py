@@ -135,7 +135,7 @@ def test_a_track_takes_one_face_a_frame(mesh: Mesh, monkeypatch: pytest.MonkeyPa
     _, middle, _ = tracker.open
     found = iter(meshes)
     monkeypatch.setattr(tracker, "_fit", lambda *_: next(found))
-    monkeypatch.setattr(tracker, "_likest", lambda tracks, *_: middle if middle in tracks else None)
+    monkeypatch.setattr(tracker._appearances, "likest", lambda tracks, *_: middle if middle in tracks else None)
     tracker._follow(1, as_picture(np.zeros((2000, 2000, 3), np.uint8)))
     assert [track.frames for track in tracker.open] == [[0], [0, 1], [0, 1]]
 
