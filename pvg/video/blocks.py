@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from pvg.video.indexes import CLUSTER, SEGMENT, element_at, next_outer
+from pvg.video.ebml import CLUSTER, SEGMENT, element_at, next_outer
 
 # a cluster's timestamp, or a checksum, a filler, its place or the size of the one before, which may stand before that
 _FIRST_OF_CLUSTER = (b"\xe7", b"\xbf", b"\xec", b"\xa7", b"\xab")

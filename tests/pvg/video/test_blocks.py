@@ -11,7 +11,7 @@ import pytest
 from benchmarks.quality.probes import write_lossless
 from pvg.errors import MediaError
 from pvg.video import probe, read_frames
-from pvg.video.indexes import CLUSTER, SEGMENT
+from pvg.video.ebml import CLUSTER, SEGMENT
 
 FRAMES = 12
 
