@@ -6,23 +6,19 @@ The standard library reads the arguments: what is asked for here is simple, and 
 from __future__ import annotations
 
 import argparse
-import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Literal
+from typing import Final
 
+from pvg._look_options import LOOK_OPTIONS
+from pvg._option_values import contrast_of, contrasts_of, count_of, faces_of, two_faces_of
 from pvg._version import __version__
-
-if TYPE_CHECKING:
-    from pvg.looks import Contrast
 
 Run = Callable[[argparse.Namespace], None]
 
 # as the library has them, which takes too long to load for a help text
 MASKS = ("landmarks", "ycbcr")
 MATCHINGS = ("table", "chain")
-MATCHES = ("color", "semantic")
-EXTENTS = ("skin", "face")
 CODECS = ("auto", "h264", "hevc", "vp9", "av1", "prores", "prores4444", "dnxhr", "ffv1", "raw")
 CLIP_CONTAINERS = ("mp4", "mov", "mkv", "webm", "nut", "y4m")
 IMAGE_CONTAINERS = ("png", "tiff", "jpg", "webp")
@@ -31,11 +27,6 @@ INPUT_COLORS = ("auto", "sdr", "pq", "hlg", "slog3", "logc3", "logc4", "vlog", "
 PRESETS = ("ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow")
 MATTES = ("ffv1", "prores", "png")
 AUDIOS = ("copy", "none")
-PARTS = ("lips", "lids", "cheeks", "brows")
-PROTECTABLE = ("eyes", "teeth")
-MAKEUP, LIGHT, SCENE, BETA, ITERATIONS = 0.75, 0.0, 1.0, 0.2, 20
-# that transfer and swap share
-LOOK_OPTIONS = ("strength", "match", "makeup", "light", "scene", "protect", "extent", "beta", "iterations", "seed")
 OUTPUT_OPTIONS = ("container", "codec", "crf", "preset", "audio")
 LAYERS = ("image", "landmarks", "mask", "matte", "curves", "low", "high")
 
@@ -109,7 +100,7 @@ def _add_export(parser: argparse.ArgumentParser) -> None:
 def _add_swap(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("a", type=Path, metavar="A")
     parser.add_argument("b", type=Path, metavar="B", nargs="?", help="without it two faces of A are exchanged: --faces")
-    parser.add_argument("--faces", type=_two_faces, metavar="I,J", help="face numbers in A, e.g. 0,1")
+    parser.add_argument("--faces", type=two_faces_of, metavar="I,J", help="face numbers in A, e.g. 0,1")
     parser.add_argument(
         *("-o", "--output"),
         type=Path,
@@ -121,7 +112,7 @@ def _add_swap(parser: argparse.ArgumentParser) -> None:
     _add_output(parser)
     parser.add_argument(
         "--contrast",
-        type=_contrasts,
+        type=contrasts_of,
         default="auto",
         metavar="X[,Y]",
         help='"auto" (default) or a factor from 0.7 to 1.5, for both or for each, e.g. 0.8,1.2',
@@ -169,67 +160,21 @@ _COMMANDS: Final[dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]
 
 
 def _add_look(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--strength", type=_share, default=1.0, metavar="X", help="from 0, the clip as it is, to 1 (default)"
-    )
-    parser.add_argument(
-        "--match",
-        choices=MATCHES,
-        default="semantic",
-        help="all colours together, or skin to skin, lips to lips (default)",
-    )
-    parser.add_argument(
-        "--makeup",
-        type=_makeup,
-        default=MAKEUP,
-        metavar="X",
-        help=f"how far {', '.join(PARTS)} take the reference's make-up, from 0 to 1 ({MAKEUP}), "
-        f"or by part, e.g. lips=1,lids=0.3; parts left out get {MAKEUP}",
-    )
-    parser.add_argument(
-        "--light",
-        type=_share,
-        default=LIGHT,
-        metavar="X",
-        help=f"how far light falls from where it does on the reference, from 0 to 1 ({LIGHT})",
-    )
-    parser.add_argument(
-        "--scene",
-        type=_share,
-        default=SCENE,
-        metavar="X",
-        help="how far brightness and hue far from the clip's give way to its scene, from 0, which takes the "
-        "reference's own, to 1 (default)",
-    )
-    parser.add_argument(
-        "--protect",
-        type=_protect,
-        default=PROTECTABLE,
-        metavar="LIST",
-        help='what follows the skin only in brightness and in half its hue: "eyes", "teeth", "eyes,teeth" (default) or '
-        '"none"',
-    )
-    parser.add_argument("--beta", type=_beta, default=BETA, metavar="X", help=f"of eq. (7), above 0, up to 1 ({BETA})")
-    parser.add_argument(
-        "--iterations", type=_count, default=ITERATIONS, metavar="N", help=f"iterations of eq. (7) ({ITERATIONS})"
-    )
-    parser.add_argument("--seed", type=_count, default=0, metavar="N", help="of the transport's random rotations (0)")
-    parser.add_argument(
-        "--extent", choices=EXTENTS, default="skin", help="all skin of a person (default), or the face alone"
-    )
+    for name, option in LOOK_OPTIONS.items():
+        parser.add_argument(f"--{name}", **option)
 
 
 def _add_faces(parser: argparse.ArgumentParser) -> None:
     """What differs from face to face, and which are changed."""
     parser.add_argument(
-        "--contrast", type=_contrast, default="auto", metavar="X", help='"auto" (default) or a factor from 0.7 to 1.5'
+        "--contrast", type=contrast_of, default="auto", metavar="X", help='"auto" (default) or a factor from 0.7 to 1.5'
     )
     parser.add_argument(
-        "--face", type=_faces, default="all", metavar="N", help='"all" (default) or face numbers, e.g. 0 or 0,1'
+        "--face", type=faces_of, default="all", metavar="N", help='"all" (default) or face numbers, e.g. 0 or 0,1'
     )
     parser.add_argument(
         "--reference-face",
-        type=_count,
+        type=count_of,
         metavar="N",
         help="face number in the references, as `pvg inspect` lists them; default: the largest face of each",
     )
@@ -270,89 +215,9 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--codec", choices=CODECS, default="auto", help="video codec of the output")
     parser.add_argument(
         "--crf",
-        type=_count,
+        type=count_of,
         metavar="N",
         help="quality, lower is better: h264 0-51 (default 18), hevc 0-51 (20), vp9 0-63 (28), av1 0-63 (26)",
     )
     parser.add_argument("--preset", choices=PRESETS, help="effort of h264, hevc, vp9 and av1 (default veryfast)")
     parser.add_argument("--audio", choices=AUDIOS, default="copy", help="all sound tracks of the clip, or none")
-
-
-def _contrast(value: str) -> Contrast:
-    if value == "auto":
-        return "auto"
-    contrast = _number(value)
-    if not 0.7 <= contrast <= 1.5:
-        raise argparse.ArgumentTypeError(f'"auto" or a number from 0.7 to 1.5, not {value!r}')
-    return contrast
-
-
-def _contrasts(value: str) -> Contrast | tuple[Contrast, Contrast]:
-    parts = value.split(",")
-    if len(parts) == 1:
-        return _contrast(value)
-    if len(parts) != 2:
-        raise argparse.ArgumentTypeError(f"one contrast for both or two like 0.8,1.2, not {value!r}")
-    return _contrast(parts[0]), _contrast(parts[1])
-
-
-def _share(value: str) -> float:
-    share = _number(value)
-    if not 0.0 <= share <= 1.0:
-        raise argparse.ArgumentTypeError(f"a number from 0 to 1, not {value!r}")
-    return share
-
-
-def _makeup(value: str) -> float | dict[str, float]:
-    if "=" not in value:
-        return _share(value)
-    parts = [part.partition("=")[::2] for part in value.split(",")]
-    names = [name for name, _ in parts]
-    if unknown := [name for name in names if name not in PARTS or names.count(name) > 1]:
-        raise argparse.ArgumentTypeError(f"each of {', '.join(PARTS)} at most once, not {unknown[0]!r}")
-    return {name: _share(share) for name, share in parts}
-
-
-def _protect(value: str) -> tuple[str, ...]:
-    names = () if value == "none" else tuple(value.split(","))
-    if unknown := [name for name in names if name not in PROTECTABLE or names.count(name) > 1]:
-        raise argparse.ArgumentTypeError(
-            f'"none", or each of {", ".join(PROTECTABLE)} at most once, not {unknown[0]!r}'
-        )
-    return names
-
-
-def _beta(value: str) -> float:
-    beta = _number(value)
-    if not 0.0 < beta <= 1.0:
-        raise argparse.ArgumentTypeError(f"a number above 0, up to 1, not {value!r}")
-    return beta
-
-
-def _count(value: str) -> int:
-    if not value.isdecimal():
-        raise argparse.ArgumentTypeError(f"a whole number from 0, not {value!r}")
-    return int(value)
-
-
-def _number(value: str) -> float:
-    try:
-        return float(value)
-    except ValueError:
-        return math.nan
-
-
-def _faces(value: str) -> Literal["all"] | list[int]:
-    if value == "all":
-        return "all"
-    try:
-        return [int(part) for part in value.split(",")]
-    except ValueError:
-        raise argparse.ArgumentTypeError(f'"all" or face numbers like 0 or 0,1, not {value!r}') from None
-
-
-def _two_faces(value: str) -> tuple[int, int]:
-    parts = value.split(",")
-    if len(parts) != 2 or not all(part.isdecimal() for part in parts) or int(parts[0]) == int(parts[1]):
-        raise argparse.ArgumentTypeError(f"two different face numbers like 0,1, not {value!r}")
-    return int(parts[0]), int(parts[1])

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from pvg._options import LOOK_OPTIONS, OUTPUT_OPTIONS
+from pvg._look_options import LOOK_OPTIONS
+from pvg._options import OUTPUT_OPTIONS
 from pvg._outputs import check_coding, kind_of
 from pvg._targets import STANDARD
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any, Final
 
+from service.catalog import LookParams
 from service.errors import ALSO_OF_FAILED, PROBLEMS, MediaFailedError, problem_body
 
 _VIDEO, _REFERENCE = "vid_0192f0c1a2b37c4d8e5f60718293a4b5", "ref_0192f0c1a2b37c4d8e5f60718293a4b6"
@@ -61,6 +62,12 @@ MEDIUM: Final[dict[str, Any]] = {
     "created_at": _BEGAN,
     "expires_at": "2026-02-04T10:00:00Z",
 }
+#: those of a look for which nothing is asked for
+_OPTIONS: Final = {
+    name: list(value) if isinstance(value, tuple) else value
+    for name, value in asdict(LookParams()).items()
+    if name != "exchange"
+}
 JOB: Final[dict[str, Any]] = {
     "id": _JOB,
     "kind": "transfer",
@@ -77,21 +84,7 @@ JOB: Final[dict[str, Any]] = {
             "state": "succeeded",
             "video": _VIDEO,
             "reference": _REFERENCE,
-            "options": {
-                "strength": 1.0,
-                "contrast": "auto",
-                "match": "semantic",
-                "protect": ["eyes", "teeth"],
-                "faces": "all",
-                "makeup": 0.75,
-                "light": 0.0,
-                "scene": 1.0,
-                "extent": "skin",
-                "reference_face": None,
-                "beta": 0.2,
-                "iterations": 20,
-                "seed": 0,
-            },
+            "options": _OPTIONS,
             "settings": _SETTINGS,
             "warnings": [],
             "result": _RESULT,

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import re
 import threading
-from collections.abc import Iterator
-from typing import Any, Final, get_args
+from collections.abc import Iterable, Iterator
+from typing import Any, Final
 
 from fastapi import FastAPI
 from pydantic import BaseModel
@@ -18,9 +18,11 @@ from service.api import examples, tus
 from service.api.preview_request import PreviewRequest
 from service.api.schemas import (
     MAX_METADATA,
-    MAX_SEED,
     METADATA_PAIR,
     RECEIVER_URL,
+    LookOptions,
+    OptionsBody,
+    OutputRequest,
     Problem,
     ReferenceByUrl,
     ReferenceOptions,
@@ -30,7 +32,6 @@ from service.api.schemas import (
     UploadLinkRequest,
     VideoByUrl,
 )
-from service.catalog import Codec, Container, Extent, Preset
 from service.errors import PROBLEM_JSON, PROBLEMS
 from service.ids import MEDIA_ID
 
@@ -186,6 +187,34 @@ def _words(*words: str) -> str:
 _FACES: Final = r"^(all|\d{1,3}(,\d{1,3}){0,63})$"
 _SHARE: Final = r"(0(\.\d{1,6})?|1)"
 _PART: Final = f"(lips|lids|cheeks|brows)={_SHARE}"
+#: what a form writes otherwise than a JSON body: as text, with commas
+_AS_TEXT: Final[dict[str, dict[str, Any]]] = {
+    "contrast": {"anyOf": [{"const": "auto"}, {"type": "number", "minimum": 0.7, "maximum": 1.5}]},
+    "match": {"type": "string", "enum": ["semantic", "color"]},
+    "protect": {"type": "string", "pattern": _words("eyes", "teeth"), "description": "comma-separated"},
+    "faces": {"type": "string", "pattern": _FACES, "description": "all, or comma-separated indices"},
+    "makeup": {
+        "type": "string",
+        "pattern": rf"^({_SHARE}|{_PART}(,{_PART}){{0,3}})$",
+        "description": "a number, or comma-separated by part, each once: lips=1,lids=0.3; others have 0.75",
+    },
+    "extras": {"type": "string", "pattern": _words("cube", "matte"), "description": "comma-separated: cube, matte"},
+}
+_IN_FORM: Final = ("type", "minimum", "exclusiveMinimum", "maximum", "enum")
+
+
+def _form_fields(model: type[BaseModel], names: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Options of a JSON body as a form has them: numbers and words by the same bounds, others by `_AS_TEXT`."""
+    properties = model.model_json_schema()["properties"]
+    return {name: _AS_TEXT.get(name) or _one_value(properties[name]) for name in names}
+
+
+def _one_value(schema: dict[str, Any]) -> dict[str, Any]:
+    """A number or a word; null, which a form cannot write, is left out."""
+    (kind,) = (kind for kind in schema.get("anyOf", [schema]) if kind != {"type": "null"})
+    return {name: kind[name] for name in _IN_FORM if name in kind}
+
+
 TRANSFER_FORM: dict[str, Any] = {
     "type": "object",
     "required": ["video", "reference"],
@@ -199,30 +228,8 @@ TRANSFER_FORM: dict[str, Any] = {
             "description": "files or, as fields without a file name and a type, ids of references and videos; one look "
             "each, in this order",
         },
-        "strength": {"type": "number", "minimum": 0, "maximum": 1},
-        "contrast": {"anyOf": [{"const": "auto"}, {"type": "number", "minimum": 0.7, "maximum": 1.5}]},
-        "match": {"type": "string", "enum": ["semantic", "color"]},
-        "protect": {"type": "string", "pattern": _words("eyes", "teeth"), "description": "comma-separated"},
-        "faces": {"type": "string", "pattern": _FACES, "description": "all, or comma-separated indices"},
-        "makeup": {
-            "type": "string",
-            "pattern": rf"^({_SHARE}|{_PART}(,{_PART}){{0,3}})$",
-            "description": "a number, or comma-separated by part, each once: lips=1,lids=0.3; others have 0.75",
-        },
-        "light": {"type": "number", "minimum": 0, "maximum": 1},
-        "scene": {"type": "number", "minimum": 0, "maximum": 1},
-        "extent": {"type": "string", "enum": [*get_args(Extent)]},
-        "reference_face": {"type": "integer", "minimum": 0, "maximum": 1000},
-        "beta": {"type": "number", "exclusiveMinimum": 0, "maximum": 1},
-        "iterations": {"type": "integer", "minimum": 0, "maximum": 200},
-        "seed": {"type": "integer", "minimum": 0, "maximum": MAX_SEED},
-        "container": {"type": "string", "enum": [*get_args(Container), "jpeg"]},
-        "codec": {"type": "string", "enum": [*get_args(Codec)]},
-        "crf": {"type": "integer", "minimum": 0, "maximum": 63},
-        "preset": {"type": "string", "enum": [*get_args(Preset)]},
-        "audio": {"type": "string", "enum": ["copy", "none"]},
-        "extras": {"type": "string", "pattern": _words("cube", "matte"), "description": "comma-separated: cube, matte"},
-        "matte": {"type": "string", "enum": ["ffv1", "prores"]},
+        **_form_fields(LookOptions, OptionsBody.model_fields),
+        **_form_fields(OutputRequest, OutputRequest.model_fields),
         "webhook": _RECEIVER,
         "metadata": _PAIRS,
         "force": {"type": "boolean"},

@@ -39,6 +39,8 @@ HELD: Final[dict[str, tuple[Codec, ...]]] = {
 }
 #: the codecs with a scale of quality, ``crf``, and where it ends; they alone have ``preset``
 MAX_CRF: Final[dict[str, int]] = {"h264": 51, "hevc": 51, "vp9": 63, "av1": 63}
+#: how far a part takes the reference's make-up unless it is asked for another share
+MAKEUP: Final = 0.75
 
 
 @dataclass(frozen=True)
@@ -82,7 +84,7 @@ class LookParams:
     match: Match = "semantic"
     protect: tuple[Feature, ...] = ("eyes", "teeth")
     faces: tuple[int, ...] | Literal["all"] = "all"
-    makeup: float | dict[str, float] = 0.75
+    makeup: float | dict[str, float] = MAKEUP
     light: float = 0.0
     scene: float = 1.0
     extent: Extent = "skin"

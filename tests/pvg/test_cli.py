@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from inspect import signature
 from pathlib import Path
 from typing import get_args, get_type_hints
 
@@ -15,11 +16,12 @@ import numpy as np
 import pytest
 
 import pvg
+from pvg import _option_values, _outputs
 from pvg import _options as cli
-from pvg import _outputs
+from pvg._look_options import LOOK_OPTIONS
 from pvg.cli import main
 from pvg.face import PARTS
-from pvg.looks import BETA, ITERATIONS, LIGHT, MAKEUP, PROTECTABLE
+from pvg.looks import MAKEUP, PROTECTABLE
 from pvg.rendering import LAYERS, MATTES
 from pvg.video import CONTAINERS, IMAGE_SUFFIXES, INPUT_COLORS, PIPED, probe, read_frames, read_image
 from pvg.video.encoders import ENCODERS, Codec
@@ -454,14 +456,22 @@ def test_everything_public_is_there_and_known_to_completion() -> None:
         pvg.nothing  # type: ignore[attr-defined]  # noqa: B018
 
 
+def test_the_options_of_a_look_are_the_librarys() -> None:
+    parameters = signature(pvg.transfer).parameters.values()
+    library = {one.name: one.default for one in parameters if one.kind is one.KEYWORD_ONLY}
+    by_face = {"reference_face", "contrast", "faces"}
+    assert {name: option["default"] for name, option in LOOK_OPTIONS.items()} == {
+        name: default for name, default in library.items() if name not in by_face
+    }
+
+
 def test_the_choices_are_the_librarys() -> None:
     parameters = get_type_hints(pvg.vectorize)
     assert get_args(parameters["mask"]) == cli.MASKS
     assert get_args(parameters["matching"]) == cli.MATCHINGS
     assert get_args(Codec) == cli.CODECS
     assert set(PIPED) < set(cli.CLIP_CONTAINERS) <= set(CONTAINERS)
-    assert (MAKEUP, LIGHT, BETA, ITERATIONS) == (cli.MAKEUP, cli.LIGHT, cli.BETA, cli.ITERATIONS)
-    assert (PARTS, PROTECTABLE) == (cli.PARTS, cli.PROTECTABLE)
+    assert (PARTS, PROTECTABLE) == (_option_values.PARTS, _option_values.PROTECTABLE)
     assert cli.LAYERS == LAYERS
     assert cli.MATTES == MATTES
     assert cli.INPUT_COLORS == INPUT_COLORS

@@ -16,6 +16,7 @@ import pytest
 from pydantic import ValidationError
 
 import pvg
+import pvg_client
 from pvg.asset import FaceSummary, MediaSummary
 from pvg.face import PARTS
 from pvg.looks import MAKEUP
@@ -24,7 +25,8 @@ from pvg.vectorization import STAGES
 from pvg.video import CLIP_SUFFIXES, IMAGE_SUFFIXES, VideoWriter, encoders, probe, read_frames
 from scripts.samples import Samples
 from service.api.commands import stills
-from service.api.schemas import LookOptions, MakeupParts, OutputRequest, VideoOptions
+from service.api.openapi import TRANSFER_FORM
+from service.api.schemas import LookOptions, MakeupParts, OptionsBody, OutputRequest, VideoOptions
 from service.api.sniffing import HEAD_BYTES, sniff
 from service.catalog import LookParams, OutputOptions, Progress, VectorSettings, content_type_of
 from service.catalog.requests import (
@@ -98,6 +100,15 @@ def test_the_defaults_of_a_look_are_the_methods() -> None:
     assert {name: default_of(pvg.transfer, name) for name in LookOptions.model_fields} == {
         name: tuple(value) if isinstance(value, list) else value for name, value in LookOptions().model_dump().items()
     }
+
+
+def test_the_options_of_a_look_have_the_same_names_from_the_request_to_the_method() -> None:
+    parameters = inspect.signature(pvg.transfer).parameters.values()
+    names = {one.name for one in parameters if one.kind is one.KEYWORD_ONLY}
+    assert LookOptions.model_fields.keys() == OptionsBody.model_fields.keys() == names
+    assert {field.name for field in fields(LookParams)} - {"exchange"} == names
+    assert {field.name for field in fields(pvg_client.Look)} - {"reference"} == names
+    assert TRANSFER_FORM["properties"].keys() > names
 
 
 @pytest.fixture(scope="module")

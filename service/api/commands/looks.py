@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
+
+from pydantic import BaseModel
 
 from service import addresses
 from service.api import lookups, quotas
 from service.api.commands.asked import Asked
 from service.api.commands.checks import Wanted, check, check_apart
-from service.api.schemas import USUAL_CONTAINERS, JobBody, OutputRequest
+from service.api.schemas import USUAL_CONTAINERS, JobBody, LookOptions, OutputRequest
 from service.api.services import Services
 from service.catalog import (
     JobKind,
@@ -100,24 +103,18 @@ def request_looks(
 
 
 def params_of(look: Wanted) -> LookParams:
-    """How a look is asked for, as it is recorded."""
-    options = look.options
-    return LookParams(
-        strength=options.strength,
-        contrast=look.exchange or options.contrast,
-        match=options.match,
-        protect=tuple(options.protect),
-        faces=options.faces if options.faces == "all" else tuple(options.faces),
-        makeup=options.makeup if isinstance(options.makeup, float) else options.makeup.model_dump(),
-        light=options.light,
-        scene=options.scene,
-        extent=options.extent,
-        reference_face=options.reference_face,
-        beta=options.beta,
-        iterations=options.iterations,
-        seed=options.seed,
-        exchange=look.exchange is not None,
-    )
+    """How a look is asked for, as it is recorded: the options by their names, and whether two faces exchange theirs."""
+    options = {name: _recorded(getattr(look.options, name)) for name in LookOptions.model_fields}
+    if look.exchange:
+        options["contrast"] = look.exchange
+    return LookParams(**options, exchange=look.exchange is not None)
+
+
+def _recorded(value: Any) -> Any:
+    """A value of a request as `LookParams` has it: of parts a mapping, of lists a tuple."""
+    if isinstance(value, BaseModel):
+        return value.model_dump()
+    return tuple(value) if isinstance(value, list) else value
 
 
 def _output_options(output: OutputRequest) -> OutputOptions:

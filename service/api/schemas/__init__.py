@@ -61,9 +61,7 @@ from service.api.schemas.own import (
 )
 from service.api.schemas.problems import Error, Problem, StoredProblem
 from service.api.schemas.transfer import (
-    MAKEUP,
     MAX_ITERATIONS,
-    MAX_SEED,
     USUAL_CONTAINERS,
     LookOptions,
     LookRequest,
@@ -86,11 +84,9 @@ from service.api.schemas.uploads import (
 )
 
 __all__ = [
-    "MAKEUP",
     "MAX_ITERATIONS",
     "MAX_LINK_S",
     "MAX_METADATA",
-    "MAX_SEED",
     "METADATA_NAME",
     "METADATA_PAIR",
     "RECEIVER_URL",

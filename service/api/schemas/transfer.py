@@ -25,6 +25,7 @@ from service.api.schemas._values import (
 from service.catalog import (
     HELD,
     IMAGE_CONTAINERS,
+    MAKEUP,
     MAX_CRF,
     Audio,
     Codec,
@@ -32,6 +33,7 @@ from service.catalog import (
     Extent,
     Extra,
     Feature,
+    LookParams,
     Match,
     MatteFormat,
     Preset,
@@ -48,8 +50,9 @@ ContainerName = Annotated[
 USUAL_CONTAINERS = frozenset({"mp4", "png"})
 #: the transport has settled long before, and a request must not ask for minutes of it
 MAX_ITERATIONS = 200
-MAKEUP = 0.75
 MAX_SEED = 2**32 - 1
+#: what is not asked for is as it is recorded by default
+_USUAL = LookParams()
 
 
 class MakeupParts(Request):
@@ -62,10 +65,12 @@ class MakeupParts(Request):
 
 
 class _ColorOptions(Request):
-    strength: float = Field(default=1.0, ge=0, le=1, description="0 leaves the clip as it is, 1 is the whole transfer")
-    match: Match = Field(default="semantic", description="all colours together, or skin to skin and lips to lips")
+    strength: float = Field(
+        default=_USUAL.strength, ge=0, le=1, description="0 leaves the clip as it is, 1 is the whole transfer"
+    )
+    match: Match = Field(default=_USUAL.match, description="all colours together, or skin to skin and lips to lips")
     protect: Annotated[list[Feature], AS_SET] = Field(
-        default=["eyes", "teeth"],
+        default=[*_USUAL.protect],
         max_length=MAX_WORDS,
         description="features that follow the skin in brightness and half its hue only; others take the look wholly",
     )
@@ -75,18 +80,22 @@ class _ColorOptions(Request):
         description="how far lips, lids, cheeks and brows take the reference's make-up: all, or by part, where those "
         "that are not named have 0.75",
     )
-    light: Share = Field(default=0.0, description="how far light falls from where it does on the reference")
+    light: Share = Field(default=_USUAL.light, description="how far light falls from where it does on the reference")
     scene: Share = Field(
-        default=1.0,
+        default=_USUAL.scene,
         description="how far brightness and hue far from the clip's give way to its scene; 0 takes the reference's own",
     )
-    extent: Extent = Field(default="skin", description="all skin of the person, or the face with ears and neck alone")
+    extent: Extent = Field(
+        default=_USUAL.extent, description="all skin of the person, or the face with ears and neck alone"
+    )
     reference_face: Index | None = Field(
         default=None, description="index of the reference's face; its largest when not given"
     )
-    beta: float = Field(default=0.2, gt=0, le=1, description="β of the paper's eq. (7)")
-    iterations: Whole = Field(default=20, ge=0, le=MAX_ITERATIONS, description="N of the paper's eq. (7)")
-    seed: Whole = Field(default=0, ge=0, le=MAX_SEED, description="of the transport's random rotations")
+    beta: float = Field(default=_USUAL.beta, gt=0, le=1, description="β of the paper's eq. (7)")
+    iterations: Whole = Field(
+        default=_USUAL.iterations, ge=0, le=MAX_ITERATIONS, description="N of the paper's eq. (7)"
+    )
+    seed: Whole = Field(default=_USUAL.seed, ge=0, le=MAX_SEED, description="of the transport's random rotations")
 
 
 class LookOptions(_ColorOptions):
