@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import json
-import os
 import signal
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -38,41 +36,23 @@ from pvg._parsed_options import (
     reading_options,
 )
 from pvg._targets import STANDARD, check_file
+from pvg._terminal import (
+    EndedError,
+    end_quietly,
+    ended_by_signals,
+    fail,
+    print_warnings,
+    progress_bars,
+    warn_of_faces,
+)
 from pvg.errors import AssetError, PvgError
 
 if TYPE_CHECKING:
-    from tqdm import tqdm
-
     from pvg.asset import FaceSummary, VectorVideo
     from pvg.looks import Look
 
 BAD_ARGUMENTS = 2
 BAD_INPUT = 3
-PIPE_CLOSED = 128 + 13  # as of SIGPIPE, which some systems have no name for
-
-
-@contextmanager
-def _progress() -> Iterator[Callable[[str, int, int], None]]:
-    """A progress callback that draws one bar a stage on a terminal and nothing when piped."""
-    if not sys.stderr.isatty():
-        yield lambda stage, done, total: None
-        return
-    from tqdm import tqdm  # noqa: PLC0415 - only for those who see it
-
-    bars: dict[str, tqdm[None]] = {}
-
-    def report(stage: str, done: int, total: int) -> None:
-        if stage not in bars:
-            for bar in bars.values():
-                bar.close()
-            bars[stage] = tqdm(desc=stage, total=total or None, unit="frame")
-        bars[stage].update(done - bars[stage].n)
-
-    try:
-        yield report
-    finally:
-        for bar in bars.values():
-            bar.close()
 
 
 def _open_input(
@@ -96,23 +76,10 @@ def _open_input(
                 f"{path.name} is drawn on {name}, which it was made from: put that beside it or say --source"
             )
         return opened
-    with _progress() as progress:
+    with progress_bars() as progress:
         opened = stack.enter_context(pvg.vectorize(path, reference=reference, progress=progress, **reading or {}))
-    _print_warnings(path, opened.media.warnings)
+    print_warnings(path, opened.media.warnings)
     return opened
-
-
-def _print_warnings(path: Path, lines: Iterable[str]) -> None:
-    """Say on standard error what is to be known of a file, one line each."""
-    for line in lines:
-        print(f"pvg: warning: {path.name}: {line}", file=sys.stderr)
-
-
-def _warn_of_faces(path: Path, faces: Iterable[FaceSummary]) -> None:
-    """Say on standard error what is to be known of these faces of a file, one line each."""
-    for face in faces:
-        for warning in face.warnings:
-            print(f"pvg: warning: {path.name}, face {face.index}: {warning}", file=sys.stderr)
 
 
 def _chosen(video: VectorVideo, faces: Literal["all"] | Sequence[int]) -> list[FaceSummary]:
@@ -123,7 +90,7 @@ def _vectorize(given: argparse.Namespace) -> None:
     if given.output == STANDARD:
         raise ValueError("an asset cannot be written to a pipe; name a file, as clip.pvg")
     check_asset_name(given.output)
-    with _progress() as progress:
+    with progress_bars() as progress:
         video = pvg.vectorize(
             given.input,
             asset=given.output,
@@ -133,8 +100,8 @@ def _vectorize(given: argparse.Namespace) -> None:
             **reading_options(given),
         )
     with video:
-        _print_warnings(given.input, video.media.warnings)
-        _warn_of_faces(given.input, video.faces)
+        print_warnings(given.input, video.media.warnings)
+        warn_of_faces(given.input, video.faces)
     print(given.output)
 
 
@@ -143,7 +110,7 @@ def _warn_of_outputs(
 ) -> None:
     """Say on standard error, a line each, what of each output is not as in its clip and was not printed before."""
     for path, lines, before in zip(paths, warnings, printed, strict=True):
-        _print_warnings(path, [line for line in lines if line not in before])
+        print_warnings(path, [line for line in lines if line not in before])
 
 
 def _printed_for(path: Path, video: VectorVideo) -> Sequence[str]:
@@ -175,12 +142,12 @@ def _transfer(given: argparse.Namespace) -> None:
         paths = [STANDARD] if piped else outputs(given.output, given.reference, clip, given.container)
         for path in [] if piped else paths:
             check_file(path, [clip.source, given.input, *given.reference])
-        _warn_of_faces(given.input, _chosen(clip, given.face))
+        warn_of_faces(given.input, _chosen(clip, given.face))
         for path, reference in zip(given.reference, references, strict=True):
-            _warn_of_faces(path, [_reference_face(reference, given.reference_face)])
+            warn_of_faces(path, [_reference_face(reference, given.reference_face)])
         pictures = sys.stdin.buffer if given.source == STANDARD else None
         targets = [sys.stdout.buffer] if piped else paths
-        with _progress() as progress:
+        with progress_bars() as progress:
             warnings = pvg.render(clip, looks, targets, pictures=pictures, progress=progress, **output_options(given))
         printed = [_printed_for(given.input, clip)] * len(looks)
     _warn_of_outputs([Path("standard output")] if piped else paths, warnings, printed)
@@ -206,9 +173,9 @@ def _export(given: argparse.Namespace) -> None:
     with ExitStack() as stack:
         clip = _open_input(given.input, stack, reading=reading_options(given), source=given.source)
         reference = _open_input(given.reference, stack)
-        _warn_of_faces(given.input, _chosen(clip, given.face))
-        _warn_of_faces(given.reference, [_reference_face(reference, given.reference_face)])
-        with _progress() as progress:
+        warn_of_faces(given.input, _chosen(clip, given.face))
+        warn_of_faces(given.reference, [_reference_face(reference, given.reference_face)])
+        with progress_bars() as progress:
             written = pvg.export(
                 clip,
                 _look(given, clip, reference),
@@ -252,8 +219,8 @@ def _swap_within(given: argparse.Namespace) -> None:
         (path,) = outputs(given.output, [given.a], clip, given.container)
         check_suffix(path, [clip.media.kind])
         look = pvg.exchange(clip, given.faces, contrast=given.contrast, **look_options(given))
-        _warn_of_faces(given.a, _chosen(clip, given.faces))
-        with _progress() as progress:
+        warn_of_faces(given.a, _chosen(clip, given.faces))
+        with progress_bars() as progress:
             warnings = pvg.render(clip, [look], [path], progress=progress, **output_options(given))
         printed = _printed_for(given.a, clip)
     _warn_of_outputs([path], warnings, [printed])
@@ -274,9 +241,9 @@ def _swap_clips(given: argparse.Namespace, a: Path, b: Path, folder: Path) -> No
             folder / f"{b.stem}{'-b' if same else ''}{suffix(second.media.kind, given.container)}",
         ]
         folder.mkdir(parents=True, exist_ok=True)
-        _warn_of_faces(a, first.faces)
-        _warn_of_faces(b, second.faces)
-        with _progress() as progress:
+        warn_of_faces(a, first.faces)
+        warn_of_faces(b, second.faces)
+        with progress_bars() as progress:
             warnings = pvg.swap(
                 first,
                 second,
@@ -349,57 +316,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.exit(BAD_ARGUMENTS)
     given = parser.parse_args(arguments)
     try:
-        with _ended_by_signals():
+        with ended_by_signals():
             given.run(given)
             sys.stdout.flush()
     except BrokenPipeError:
-        _end_quietly()
+        end_quietly()
     except PvgError as error:
-        _fail(BAD_INPUT, str(error))
+        fail(BAD_INPUT, str(error))
     except OSError as error:
         where = f": {error.filename}" if error.filename is not None else ""
-        _fail(BAD_INPUT, f"{error.strerror or error}{where}")
+        fail(BAD_INPUT, f"{error.strerror or error}{where}")
     except ValueError as error:
-        _fail(BAD_ARGUMENTS, str(error))
+        fail(BAD_ARGUMENTS, str(error))
     except KeyboardInterrupt as error:
-        sys.exit(128 + (error.number if isinstance(error, _EndedError) else signal.SIGINT))
-
-
-class _EndedError(KeyboardInterrupt):
-    """The process is told to end: everything that was begun is put away, as at Ctrl-C."""
-
-    def __init__(self, number: int) -> None:
-        super().__init__()
-        self.number = number
-
-
-@contextmanager
-def _ended_by_signals() -> Iterator[None]:
-    """Inside the block SIGTERM and SIGHUP, where nobody else takes them, end the work as Ctrl-C does."""
-
-    def end(number: int, _: object) -> None:
-        raise _EndedError(number)
-
-    numbers = [one for one in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(one) == signal.SIG_DFL]
-    for one in numbers:
-        signal.signal(one, end)
-    try:
-        yield
-    finally:
-        for one in numbers:
-            signal.signal(one, signal.SIG_DFL)
-
-
-def _end_quietly() -> None:
-    """Whoever read the output has had enough: no more is written, by the interpreter's last flush either."""
-    with contextlib.suppress(OSError), Path(os.devnull).open("wb") as nothing:
-        os.dup2(nothing.fileno(), sys.stdout.fileno())
-    sys.exit(PIPE_CLOSED)
-
-
-def _fail(code: int, message: str) -> None:
-    print(f"pvg: {message}", file=sys.stderr)
-    sys.exit(code)
+        sys.exit(128 + (error.number if isinstance(error, EndedError) else signal.SIGINT))
 
 
 if __name__ == "__main__":

@@ -268,6 +268,7 @@ def follow_lines(
             _chroma_at(third, top, log2y, begin_x, end_x, log2x, row, other_wide)
             own, b, c = luma[begin_x:end_x], one_wide[k : k + x1 - x0], other_wide[k : k + x1 - x0]
             u, v, to = upper[:, x0:x1], lower[:, x0:x1], out[x0:x1]
+            # here and not in a function of its own: merged in it costs 4 % of this kernel, called 60 %
             for x in range(x1 - x0):
                 known = to[x] * full
                 share = (u[0, x] + f * (v[0, x] - u[0, x])) * np.float32(own[x]) + u[3, x] + f * (v[3, x] - u[3, x])

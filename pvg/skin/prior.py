@@ -10,7 +10,7 @@ import numpy as np
 from pvg._arrays import Bools, Bytes, Floats, ramp
 from pvg.face import FaceAxes, Landmarks, layout
 from pvg.raster import SUBPIXEL_BITS, fixed_point
-from pvg.skin._kernels import SpatialCoefficients, SpatialFields, spatial_fields
+from pvg.skin._spatial_kernels import SpatialCoefficients, SpatialFields, spatial_fields
 from pvg.skin.parameters import SKIN_PRIOR, ClosingNumbers, Range, SkinPrior
 
 _BOX, _REGIONS = SKIN_PRIOR.box, SKIN_PRIOR.regions

@@ -11,13 +11,14 @@ from typing import Literal
 
 from pvg.errors import MediaError, TooLargeError, TooLongError
 from pvg.video.blocks import Blocks, read_blocks
+from pvg.video.decoding import DecodingPlan, decoding_plan, has_alpha
 from pvg.video.display_order import packet_stamps
 from pvg.video.even_rate import even_rate_of
 from pvg.video.formats import RANGE_FULL, UNSPECIFIED, UNSTATED, PixelFormat
 from pvg.video.images import color_of_picture, read_image
 from pvg.video.opening import MediaLimits, OpenClip, open_clip
 from pvg.video.picture_metadata import read_picture_metadata
-from pvg.video.reading import DecodingPlan, decoding_plan, has_alpha, pictures
+from pvg.video.reading import pictures
 from pvg.video.sniffing import IMAGE_KINDS, check_pixels, claimed_bytes, cut_short, is_fragmented, sniff
 
 _RATE_TOLERANCE = 1.01  # stamps are rounded, and the clocks of cameras run fast or slow

@@ -24,12 +24,13 @@ import numpy as np
 from pvg._processors import decoding_threads
 from pvg.errors import MediaError
 from pvg.video.color import ColorSpace
+from pvg.video.decoding import DecodingPlan, decoding_plan, has_alpha, to_frame, within_depth
 from pvg.video.encoders import FieldOrder
 from pvg.video.formats import RANGE_FULL, UNSPECIFIED, Frame, Patch, PixelFormat, Plane, resolve_format
 from pvg.video.info import MediaInfo
 from pvg.video.keeping import Plan
 from pvg.video.opening import MediaLimits, OpenClip, reason
-from pvg.video.reading import DecodingPlan, decoding_plan, has_alpha, pictures, to_frame, within_depth
+from pvg.video.reading import pictures
 from pvg.video.sniffing import check_pixels
 
 _Y4M_START = b"YUV4MPEG2"

@@ -22,10 +22,11 @@ import av.error
 import av.video.frame
 
 from pvg.errors import MediaError
+from pvg.video.decoding import DecodingPlan, decoding_plan, to_frame, within_depth
 from pvg.video.display_order import DisplayOrder, display_order
 from pvg.video.formats import Frame
 from pvg.video.opening import MediaLimits, open_clip
-from pvg.video.reading import DecodingPlan, check_picture, decoding_plan, pictures, to_frame, within_depth
+from pvg.video.reading import check_picture, pictures
 from pvg.video.sniffing import IMAGE_KINDS, sniff
 
 _MOST: Final = 3  # decoders of a clip [to frames at random the way is 31 of 200; 41 with two, 27 with four]

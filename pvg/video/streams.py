@@ -16,11 +16,12 @@ import av.stream
 import av.video.frame
 import numpy as np
 
+from pvg.video.decoding import has_alpha
 from pvg.video.encoders import FieldOrder
 from pvg.video.languages import stated_language
 from pvg.video.mastering import ContentLight, MasteringDisplay
 from pvg.video.opening import MediaLimits, open_clip, open_container
-from pvg.video.reading import has_alpha, pictures
+from pvg.video.reading import pictures
 
 Kind = Literal["picture", "sound", "subtitle", "data", "attachment"]
 

@@ -18,9 +18,9 @@ from av.stream import Disposition
 
 from pvg.errors import MediaError
 from pvg.video import Frame, MediaInfo, Plan, Streams, VideoWriter, inspect, make_plan, probe, read_frames, read_streams
+from pvg.video.decoding import has_alpha
 from pvg.video.formats import PixelFormat, resolve_format
 from pvg.video.pixel_aspect import say_pixel_aspect
-from pvg.video.reading import has_alpha
 from pvg.video.streams import Track, fields_of, streams_of
 from tests.gallery.clips import encode_raw, media_info, rewrite_clip, smooth_frames
 from tests.gallery.rich_clips import FRAMES, Other, Rich

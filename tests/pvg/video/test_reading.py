@@ -12,9 +12,9 @@ import pytest
 
 from pvg.errors import MediaError
 from pvg.video import frame_at, key_pictures, make_plan, probe, read_frames
+from pvg.video.decoding import DecodingPlan, decoding_plan, to_frame
 from pvg.video.formats import LUMA_WEIGHTS, resolve_format
 from pvg.video.opening import OpenClip, StatedColors
-from pvg.video.reading import DecodingPlan, decoding_plan, to_frame
 from tests.gallery.clips import (
     SIZE,
     color_container,
