@@ -41,6 +41,7 @@ def apply_correction(
     corner: tuple[int, int],
     alpha: Floats,
     correction: Correction,
+    *,
     under: Sequence[Patch] = (),
     guards: Sequence[tuple[Guard, float]] = (),
     fade: Floats | None = None,
@@ -54,7 +55,8 @@ def apply_correction(
     skin: of `foreground`, for F alone, what the frame shows when None.
     """
     if frame.format.is_rgb:
-        return apply_to_rgb(frame, corner, alpha, correction, under, guards, fade, skin.planes if skin else None)
+        planes = skin.planes if skin else None
+        return apply_to_rgb(frame, corner, alpha, correction, under=under, guards=guards, fade=fade, skin=planes)
     left, upper = corner
     pixel_format, contrast = frame.format, correction.contrast
     patches = []
@@ -82,7 +84,10 @@ def apply_correction(
             kernels.apply_map(part, samples, weight, shift, fades[p], tone, _codes(pixel_format, p))
         elif not isinstance(contrast, MapTables):
             before = before.copy()  # contiguous: compiled once
-            _apply_number(part, before, weight, nodes, correction, contrast, _codes(pixel_format, p), p)
+            shift, low = kernels.Grid(correction.shift[p], *nodes), None
+            if correction.low is not None:
+                low = kernels.Grid(correction.low[p], *nodes)
+            _apply_number(part, before, weight, shift, low, contrast, _codes(pixel_format, p))
         for (guard, gain), held in zip(guards, over, strict=True):
             _scale(part, before, guard, held if p else guard.weight, gain, pixel_format, p)
         patches.append(Patch(p, y, x, part))
@@ -105,21 +110,19 @@ def _apply_number(
     part: NDArray[Any],
     before: NDArray[Any],
     weight: Floats,
-    nodes: tuple[Doubles, Doubles],
-    correction: Correction,
+    shift: kernels.Grid,
+    low: kernels.Grid | None,
     contrast: float,
     codes: kernels.Codes,
-    plane: int,
 ) -> None:
-    """λ on the samples of a plane, in place;  part, before, weight: (r, c);  nodes: see `_in_nodes`."""
-    if correction.low is not None and contrast != 1.0:
+    """λ on the samples of a plane, in place;  part, before, weight: (r, c);  shift: H(g' − λg);  low: H(g) or None."""
+    if low is not None and contrast != 1.0:
         # open skin is brighter than the curves around it, so I − H(g) has a mean; λ leaves it where it is
-        level = kernels.mean_above(before, weight, kernels.Grid(correction.low[plane], *nodes))
-        codes = codes._replace(zero=np.float32(level))
+        codes = codes._replace(zero=np.float32(kernels.mean_above(before, weight, low)))
     # this is λ − 1, written so that it is rounded in float32 as it always was: else a sample in a million would move by
     # a code
     excess = np.float32(1.0) + (np.float32(contrast - 1.0) - np.float32(1.0))
-    kernels.apply_contrast(part, before, weight, kernels.Grid(correction.shift[plane], *nodes), excess, codes)
+    kernels.apply_contrast(part, before, weight, shift, excess, codes)
 
 
 def _samples(frame: Frame, p: int, corner: tuple[int, int], shape: tuple[int, ...]) -> NDArray[Any]:

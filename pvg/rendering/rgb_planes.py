@@ -24,6 +24,7 @@ def apply_to_rgb(
     corner: tuple[int, int],
     alpha: Floats,
     correction: Correction,
+    *,
     under: Sequence[Patch],
     guards: Sequence[tuple[Guard, float]],
     fade: Floats | None,

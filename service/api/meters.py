@@ -87,10 +87,12 @@ class _Jobs(Collector):
             value=self._reaper_idle_s,
         )
         if self._found is not None:
-            yield from _of(self._found)
+            yield from _of_jobs(self._found)
+            yield from _of_workers(self._found)
+            yield from _of_what_is_kept(self._found)
 
 
-def _of(found: Statistics) -> Iterator[Metric]:
+def _of_jobs(found: Statistics) -> Iterator[Metric]:
     queues = sorted({*QUEUE_OF.values(), *(queue for queue, _ in found.active)})
     yield _gauge(
         "pvg_jobs",
@@ -122,6 +124,9 @@ def _of(found: Statistics) -> Iterator[Metric]:
         for state in ENDED:
             ended.add_metric((kind, JobState(state).value), found.ended.get((kind, state), 0))
     yield ended
+
+
+def _of_workers(found: Statistics) -> Iterator[Metric]:
     ready = found.workers.get("", 0)
     yield _gauge(
         "pvg_workers",
@@ -136,6 +141,9 @@ def _of(found: Statistics) -> Iterator[Metric]:
         ("state",),
         (((state,), found.previews.get(state, 0)) for state in ("asked", "taken")),
     )
+
+
+def _of_what_is_kept(found: Statistics) -> Iterator[Metric]:
     yield _gauge(
         "pvg_webhooks",
         "Webhooks that are not delivered: waiting for their job, pending, or given up.",
