@@ -14,7 +14,6 @@ from pvg.raster import Raster
 from pvg.skin import Matte, SkinTracker, fit_skin_model, network, scene_raster, skin_mask
 from pvg.skin import Scene as WholePicture
 from pvg.skin.parameters import SKIN_PRIOR
-from tests.gallery.faces import real_landmarks
 from tests.gallery.scenes import Scene, alpha_of, drawn_face, grown, mask_of, with_forehead
 
 
@@ -193,18 +192,6 @@ def test_frames_may_come_before_the_key_frame() -> None:
     tracker = SkinTracker(fit_skin_model(key.rgb, key.landmarks))
     matte = tracker.step(early.rgb, early.landmarks)
     assert iou(mask_of(matte, early.rgb.shape), early.skin) > 0.95
-
-
-def test_the_raster_has_square_cells_of_a_pixel_or_more_and_a_bounded_size() -> None:
-    for width in (30, 120, 500, 1500):
-        face = real_landmarks(width, (900, 900))
-        rgb = np.full((1800, 1800, 3), 127, np.uint8)
-        matte = SkinTracker(fit_skin_model(rgb, face, method="ycbcr")).step(rgb, face)
-        x0, y0, x1, y1 = matte.raster.box
-        assert (y1 - y0) / matte.alpha.shape[0] == pytest.approx((x1 - x0) / matte.alpha.shape[1], rel=1e-3)
-        assert matte.raster.step >= 1 - 1e-6
-        assert max(matte.alpha.shape) <= 256
-        assert matte.alpha.dtype == np.uint8
 
 
 def test_the_papers_rule_gives_hard_mattes() -> None:
