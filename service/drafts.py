@@ -19,7 +19,7 @@ class Drafts:
         self._ttl = timedelta(seconds=settings.draft_ttl_s)
 
     def clear(self) -> int:
-        """Remove those whose writer is gone; see `Storage.clear_drafts`. Returns their number."""
+        """Remove those whose writer is gone; see `Spool.clear_drafts`. Returns their number."""
         # what the disk says of them is this machine's time, not the database's
         return self._storage.clear_drafts(held=self._held, before=utc_now() - self._ttl)
 

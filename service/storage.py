@@ -8,25 +8,22 @@ from __future__ import annotations
 
 import asyncio
 import errno
-import fcntl
 import os
 import re
 import secrets
-import shutil
-import tempfile
-from collections.abc import AsyncIterator, Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import AsyncIterator, Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Final, Literal, cast, get_args
+from typing import TYPE_CHECKING, Final, Literal, cast, get_args
 
 import obstore
 from obstore.exceptions import GenericError
 from obstore.store import LocalStore, ObjectStore, from_url
 
 from service import copying
-from service.ids import JOB_ID
 from service.settings import Settings, store_secrets
+from service.spool import Spool
 
 if TYPE_CHECKING:
     from obstore import SignCapableStore
@@ -67,8 +64,8 @@ class NotMountedError(GenericError):
     """Where the blobs were is another folder: an empty mount point, most likely."""
 
 
-class Storage:
-    """The blobs of one service.
+class Storage(Spool):
+    """The blobs of one service, and the spool in which those that are made here are written.
 
     A local folder that carried a mark, as was seen before or as ``was_marked`` says, and has none, is a disk that is
     not mounted: its blobs are not missing, and nothing is written there. Calls raise `NotMountedError`, an outage.
@@ -78,8 +75,7 @@ class Storage:
         self._was_marked = was_marked
         self._has_mark = False
         self._folder = settings.local_storage_folder
-        self._spool = settings.spool_folder
-        self._spool.mkdir(parents=True, exist_ok=True)
+        super().__init__(settings.spool_folder)
         if self._folder is not None:
             self._folder.mkdir(parents=True, exist_ok=True)
             self._store: ObjectStore = LocalStore(self._folder)
@@ -98,30 +94,6 @@ class Storage:
     def key(kind: Kind, sha256: str, owner_id: str, suffix: str) -> str:
         """The key of a blob, such as ``source/ab/ab12…-vid_01….mp4``."""
         return f"{kind}/{sha256[:2]}/{sha256}-{owner_id}{suffix}"
-
-    def draft(self, suffix: str = "", *, job_id: str = "") -> Path:
-        """A fresh temporary path to write a file, or a folder of files, at. Nobody sees it until `put` publishes it."""
-        return self._spool / f"{job_id}{'-' if job_id else ''}{secrets.token_hex(16)}{suffix}"
-
-    def check_drafts(self) -> None:
-        """Raise `OSError` when no draft can be written. What is tried with has no name, where the disk can do that."""
-        with tempfile.TemporaryFile(dir=self._spool) as file:
-            file.write(b"ok")
-
-    def new_draft(self) -> tuple[Path, IO[bytes]]:
-        """A draft without a job, opened for writing. It is kept for as long as it is open; see `clear_drafts`."""
-        path = self.draft()
-        file = path.open("xb")
-        fcntl.flock(file, fcntl.LOCK_EX)
-        return path, file
-
-    def new_folder(self) -> tuple[Path, int]:
-        """A folder for drafts of no job, and a descriptor: it is kept for as long as that is open."""
-        path = self.draft()
-        path.mkdir()
-        descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
-        return path, descriptor
 
     def put(self, path: Path, key: str, *, check: Callable[[], None] = copying.go_on) -> None:
         """Publish a finished file under its key, complete or not at all. The file at ``path`` goes away.
@@ -312,36 +284,6 @@ class Storage:
             obstore.put(self._store, key, b"ok")
             obstore.delete(self._store, key)
 
-    def clear_drafts(self, *, held: Callable[[Collection[str]], Collection[str]], before: datetime) -> int:
-        """Remove the temporary files whose writer is gone. Returns their number.
-
-        They may hold a face, so they must not outlive what they were made from. A job is claimed before its first draft
-        is made, and its last one is published or removed before it ends: a draft whose job is not among those that
-        ``held`` returns, of the ids it is given, was left by a process that was killed. Any other draft was made by
-        `new_draft`, or `new_folder`, and is removed when nobody has it open and it was last touched before ``before``.
-        """
-        by_job: dict[str, list[Path]] = {}
-        old: list[Path] = []
-        for path in self._spool.iterdir():
-            # a file that was named after a draft carries its job's id too
-            if owner := JOB_ID.search(path.name):
-                by_job.setdefault(owner[0], []).append(path)
-                continue
-            with suppress(FileNotFoundError):
-                if path.stat().st_mtime < before.timestamp() and not _is_open(path):
-                    old.append(path)
-        kept = held(by_job.keys()) if by_job else ()
-        gone = [path for job_id, paths in by_job.items() if job_id not in kept for path in paths]
-        removed = 0
-        for path in (*gone, *old):
-            with suppress(FileNotFoundError):
-                if path.is_dir():
-                    shutil.rmtree(path, ignore_errors=True)  # one whose job was taken away may still write into it
-                else:
-                    path.unlink()
-                removed += 1
-        return removed
-
 
 def is_key(key: str) -> bool:
     """True of what `Storage.key` makes, and `Storage.ping`; what else a store holds is not of this service."""
@@ -418,18 +360,6 @@ def _folder_known() -> Iterator[None]:
         if error.errno not in _AWAY:
             raise
         raise GenericError(f"the folder of the files does not answer: {error.strerror}") from error
-
-
-def _is_open(path: Path) -> bool:
-    """Some process has the draft open that `new_draft` or `new_folder` made, under this name or another."""
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:  # where locks are not to be had, nothing is known
-        return True
-    finally:
-        os.close(descriptor)
-    return False
 
 
 async def _pieces(found: obstore.GetResult) -> AsyncIterator[bytes]:
