@@ -29,7 +29,8 @@ from numpy.typing import NDArray
 
 from pvg._arrays import Doubles, Floats
 from pvg.raster import sites
-from pvg.rendering import _kernels as kernels
+from pvg.rendering import _foreground_kernels as kernels
+from pvg.rendering._kernels import Grid
 from pvg.rendering.plane_samples import at_chroma, over_chroma, without_fine_detail
 from pvg.video import Frame, PixelFormat
 
@@ -103,7 +104,7 @@ def _show_skin(parts: list[NDArray[Any]], beta: Floats, step: float, log2x: int)
     cell = cell // apart * apart
     xs, ys = _in_cells(columns, cell), _in_cells(rows, cell)
     for part, mean in zip(parts, _means(parts, beta, cell, apart), strict=True):
-        kernels.show_skin(part, beta, kernels.Grid(mean, xs, ys), _SURE)
+        kernels.show_skin(part, beta, Grid(mean, xs, ys), _SURE)
 
 
 def _means(parts: list[NDArray[Any]], beta: Floats, cell: int, apart: int) -> Iterator[Floats]:
