@@ -28,9 +28,9 @@ PLAYS = """() => {
 RESTS = "() => document.querySelector('#picture video').paused"
 
 
-def test_keys_work_wherever_the_focus_is(desk: Desk) -> None:
+def test_keys_work_on_the_whole_stage(desk: Desk) -> None:
     page = desk.edit()
-    page.evaluate("() => document.activeElement.blur()")
+    page.locator("#stage-name").click()  # as anything of the stage that is no control
     for key, frame in (("Period", 1), ("Period", 2), ("Comma", 1)):
         page.keyboard.press(key)
         assert page.evaluate(FRAME) == frame
@@ -46,6 +46,20 @@ def test_keys_work_wherever_the_focus_is(desk: Desk) -> None:
     page.get_by_role("slider", name="Frame").focus()
     page.keyboard.press("Period")
     assert page.evaluate(FRAME) == 4
+
+
+def test_single_characters_do_nothing_outside_the_stage(desk: Desk) -> None:
+    desk.portrait("one.png")
+    page = desk.edit()
+    page.evaluate("() => document.activeElement.blur()")
+    page.keyboard.type(".,.")
+    assert page.evaluate(FRAME) == 0
+    page.get_by_role("slider", name="Strength").focus()
+    page.keyboard.type("..")
+    assert page.evaluate(FRAME) == 0
+    page.get_by_role("slider", name="Frame").focus()
+    page.keyboard.type(".")
+    assert page.evaluate(FRAME) == 1
 
 
 def test_keys_are_left_to_what_is_written_or_asked(desk: Desk) -> None:

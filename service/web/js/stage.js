@@ -110,12 +110,15 @@ function leaveComparison() {
 const WRITES = "textarea, select, input:not([type=range], [type=checkbox], [type=radio])";
 const PRESSED = "button, a, summary, input:not([type=range])";
 
-/** Space plays, comma and full stop go by frames, wherever the focus is, unless what has it needs the key. */
+/**
+ * Space plays, wherever the focus is; comma and full stop go by frames while it is on the stage, so that nobody who
+ * types or dictates elsewhere steps by mistake (WCAG 2.2, 2.1.4). What has the focus may need the key itself.
+ */
 function keys(event) {
   const on = (selector) => event.target.closest?.(selector);
   if (event.ctrlKey || event.metaKey || event.altKey || on(WRITES) || document.querySelector("dialog[open]")) return;
   const isSpace = event.key === " ";
-  if (isSpace && on(PRESSED)) return;
+  if (isSpace ? on(PRESSED) : !on("#stage")) return;
   const [act, by] = { " ": ["toggle"], ",": ["step", -1], ".": ["step", 1] }[event.key] ?? [];
   if (!view[act]) return;
   event.preventDefault();
