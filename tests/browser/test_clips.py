@@ -145,7 +145,7 @@ def test_a_clip_that_comes_after_its_address_was_left_is_not_opened(desk: Desk) 
 
 def test_back_asks_before_it_drops_what_is_uploaded(desk: Desk, tiny_clip: Path, tmp_path: Path) -> None:
     page, held = desk.edit(), list[Route]()
-    page.route("**/v1/videos", lambda route: held.append(route))  # noqa: PLW0108
+    page.route("**/v1/uploads/*", lambda route: held.append(route))  # noqa: PLW0108
     other = tmp_path / "other.mp4"
     other.write_bytes(tiny_clip.read_bytes() + b"\0\0\0\x08free")
     drop(page, "#picture", other)
@@ -168,7 +168,7 @@ def test_the_browser_asks_before_a_file_that_is_uploaded_goes_with_the_page(desk
         dialog.dismiss()
 
     page.on("dialog", dismiss)
-    page.route("**/v1/videos", lambda route: held.append(route))  # noqa: PLW0108  (Playwright marks its handlers)
+    page.route("**/v1/uploads/*", lambda route: held.append(route))  # noqa: PLW0108  (Playwright marks its handlers)
     drop(page, "#picture", tiny_clip)
     desk.guarded.heard(lambda: held)
     page.get_by_role("heading", name="Portraits").click()  # browsers ask those who have done something

@@ -157,7 +157,7 @@ def test_another_key_is_asked_about_while_a_file_is_uploaded(api: Api, open_page
     page.keyboard.press("Enter")
     guarded.until("() => 'ready' in document.documentElement.dataset")
     held: list[Route] = []
-    page.route("**/v1/videos", lambda route: held.append(route))  # noqa: PLW0108  (Playwright marks its handlers)
+    page.route("**/v1/uploads/*", lambda route: held.append(route))  # noqa: PLW0108  (Playwright marks its handlers)
     clip = tmp_path / "clip.mp4"
     clip.write_bytes(MP4)
     drop(page, "#picture", clip)

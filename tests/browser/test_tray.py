@@ -22,7 +22,7 @@ def test_a_portrait_that_cannot_be_used_leaves_the_stage_as_it_was(desk: Desk, t
     assert look.is_checked()
     held: list[Route] = []
     page.route(
-        "**/v1/references*", lambda route: held.append(route) if route.request.method == "POST" else route.continue_()
+        "**/v1/uploads/*", lambda route: held.append(route) if route.request.method == "PATCH" else route.continue_()
     )
     text = tmp_path / "notes.mp4"
     text.write_text("no clip at all")
@@ -87,7 +87,7 @@ def test_a_portrait_that_is_deleted_on_its_way_is_no_failure(desk: Desk, tmp_pat
     page = desk.edit()
     held: list[Route] = []
     if not uploaded:
-        page.route("**/v1/references", lambda route: held.append(route))  # noqa: PLW0108  (Playwright marks its handlers)
+        page.route("**/v1/uploads/*", lambda route: held.append(route))  # noqa: PLW0108  (Playwright marks its handlers)
     picture = tmp_path / "face.png"
     picture.write_bytes(PNG + b"on its way")
     drop(page, "#tray", picture)

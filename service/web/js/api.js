@@ -64,7 +64,7 @@ export async function changeKey(used) {
   else if (!used || key()) await askForKey(used ? "That key is not known here, or it was revoked." : "");
 }
 
-const pause = (seconds, signal) =>
+export const pause = (seconds, signal) =>
   new Promise((resolve, reject) => {
     const timer = setTimeout(resolve, seconds * 1000);
     signal?.addEventListener("abort", () => {
@@ -77,7 +77,7 @@ const pause = (seconds, signal) =>
  * Ask the service, and give its answer if it is a success. Asks again after 429 and 503 as Retry-After says, which
  * is safe because every POST carries an Idempotency-Key; asks the user for a key after 401. Throws `Problem`.
  */
-export async function call(path, { method = "GET", json, body, headers = {}, signal, again = true } = {}) {
+export async function call(path, { method = "GET", json, body, headers = {}, signal, again = true, keepalive = false } = {}) {
   const sent = { ...headers };
   if (json !== undefined) sent["Content-Type"] = "application/json";
   if (method === "POST") sent["Idempotency-Key"] = onceKey();
@@ -90,6 +90,7 @@ export async function call(path, { method = "GET", json, body, headers = {}, sig
         headers: { ...sent, ...authorization() },
         body: json === undefined ? body : JSON.stringify(json),
         signal,
+        keepalive,
         credentials: "omit",
         cache: "no-store", // faces are not left in the browser's files
       });

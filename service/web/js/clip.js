@@ -2,7 +2,7 @@
 
 import { ask, page } from "./api.js";
 import { forget } from "./frames.js";
-import { bring, ofFile, ofMedium, stop } from "./medium.js";
+import { bring, dropUpload, ofFile, ofMedium, stop } from "./medium.js";
 import { announce, confirmed, failure, notice } from "./notices.js";
 import { changed, state } from "./store.js";
 import { listJobs } from "./transfers.js";
@@ -103,7 +103,7 @@ export function retry(item) {
 function clear(id = null, { gone = false } = {}) {
   const { clip } = state;
   if (clip?.url) URL.revokeObjectURL(clip.url);
-  if (clip?.sent !== null) clip?.canceling?.abort();
+  if (clip) dropUpload(clip);
   Object.assign(state, { clip: null, compared: null });
   state.more.jobs = null;
   remember(id, { gone });

@@ -1,12 +1,13 @@
 /**
  * A clip or a portrait on its way from a file to a vectorised medium. An item is
- * {key, path, file, url, name, sent, medium, job, error}: `sent` is the share uploaded while that goes on, `medium`
- * and `job` are what the service shows, `url` is the file's own address within this tab.
+ * {key, path, file, upload, url, name, sent, broken, medium, job, error}: `sent` is the share uploaded while that goes
+ * on, `broken` says that its connection is waited for, `medium` and `job` are what the service shows, `url` is the
+ * file's own address within this tab.
  */
 
 import { ask, isAbort, Problem } from "./api.js";
 import { changed } from "./store.js";
-import { upload } from "./upload.js";
+import { Upload } from "./upload.js";
 import { watch } from "./watch.js";
 
 let number = 0;
@@ -14,7 +15,7 @@ let number = 0;
 /** An item of a file that was dropped or chosen. */
 export function ofFile(path, file) {
   number += 1;
-  return { key: `file-${number}`, path, file, url: URL.createObjectURL(file), name: file.name, sent: 0, medium: null, job: null, error: null };
+  return { key: `file-${number}`, path, file, upload: new Upload(path, file), url: URL.createObjectURL(file), name: file.name, sent: 0, medium: null, job: null, error: null };
 }
 
 /** An item of what was uploaded before. */
@@ -35,12 +36,12 @@ export async function bring(item) {
     if (item.medium?.state === "failed" && !item.file) throw new Problem(item.medium.error ?? {});
     if (!item.medium || item.medium.state === "failed") {
       item.canceling = new AbortController();
-      item.sent = 0;
+      Object.assign(item, { sent: 0, broken: false });
       changed();
-      item.medium = await upload(item.path, item.file, {
+      item.medium = await item.upload.send({
         signal: item.canceling.signal,
-        onProgress: (share) => {
-          item.sent = share;
+        onProgress: (sent, broken) => {
+          Object.assign(item, { sent, broken });
           changed();
         },
       });
@@ -68,13 +69,20 @@ async function vectorized(item) {
 
 /** Stop an upload or a vectorisation. */
 export async function stop(item) {
-  item.canceling?.abort();
+  dropUpload(item);
   if (item.medium?.state === "vectorizing") await ask(`jobs/${item.medium.job}/cancel`, { method: "POST" });
+}
+
+/** Stop an upload that goes on or has broken, if there is one; the service keeps nothing of it. */
+export function dropUpload(item) {
+  if (item.sent !== null) item.canceling?.abort();
+  item.upload?.drop();
 }
 
 /** What an item is doing, for people: {label, share}; null when it does nothing. */
 export function doing(item) {
   if (item.sent !== null && item.sent !== undefined) {
+    if (item.broken) return { label: "The connection broke; trying again", share: item.sent };
     return item.sent < 1 ? { label: "Uploading", share: item.sent } : { label: "Checking the file", share: null };
   }
   if (item.medium?.state !== "vectorizing") return null;

@@ -27,6 +27,7 @@ export function transport(bar, { on, full, extra = [] }) {
   bar.hidden = false;
 
   return ({ playing, frame, frames, rate, muted = false, canPlay = true }) => {
+    if (!canPlay && document.activeElement === play) forward.focus(); // it would be nowhere
     play.hidden = !canPlay;
     swap(play, playing ? "pause" : "play", playing ? "Pause" : "Play");
     if (sound) swap(sound, muted ? "muted" : "sound", muted ? "Switch the sound on" : "Switch the sound off");
