@@ -36,24 +36,24 @@ PROBLEMS: Final = {
     problem.type: problem
     for problem in (
         ProblemType("malformed", "The request is malformed", 400),
-        ProblemType("unauthorized", "A key is needed", 401),
+        ProblemType("unauthorized", "The key is missing or not valid", 401),
         ProblemType("forbidden", "This is not allowed", 403),
         ProblemType("not-found", "There is no such resource", 404),
         ProblemType("method-not-allowed", "The address does not take this method", 405),
         ProblemType("too-slow", "The request came too slowly", 408),
-        ProblemType("conflict", "The resource is in use or already finished", 409),
-        ProblemType("idempotency-key-in-use", "The first request of this Idempotency-Key is still worked on", 409),
+        ProblemType("conflict", "The state of the resource does not allow this", 409),
+        ProblemType("idempotency-key-in-use", "The first request with this Idempotency-Key is not finished", 409),
         ProblemType("gone", "The resource has been removed", 410),
         ProblemType("precondition-failed", "A condition of the request does not hold", 412),
-        ProblemType("too-large", "The file is too large", 413),
+        ProblemType("too-large", "The file or the body is too large", 413),
         ProblemType("unsupported-media-type", "The media type is not supported", 415),
         ProblemType("range-not-satisfiable", "The range cannot be satisfied", 416),
         ProblemType("misdirected", "The request is for another host", 421),
         ProblemType("header-too-large", "The header of the request is too large", 431),
         ProblemType("validation-failed", "The request is not valid", 422),
-        ProblemType("checksum-mismatch", "The bytes are not those that were sent", 460),
+        ProblemType("checksum-mismatch", "The bytes do not match their checksum", 460),
         ProblemType("idempotency-key-reused", "The Idempotency-Key was used for another request", 422),
-        ProblemType("url-not-allowed", "The URL is not one the service asks for", 422),
+        ProblemType("url-not-allowed", "The URL is not allowed", 422),
         ProblemType("fetch-failed", "The file could not be fetched", 422),
         # why a job or a medium has failed; an answer has these when the request names that medium
         ProblemType("no-face", "No face was found", 422),
@@ -66,7 +66,7 @@ PROBLEMS: Final = {
         ProblemType("time-limit", "The job took longer than allowed", 422),
         ProblemType("canceled", "The work was canceled", 422),
         ProblemType("expired", "The work waited too long in the queue", 422),
-        ProblemType("quota-exceeded", "A quota of this key is used up", 429),
+        ProblemType("quota-exceeded", "A limit is used up", 429),
         ProblemType("internal-error", "Something went wrong on our side", 500),
         ProblemType("not-implemented", "The transfer coding is not supported", 501),
         ProblemType("unavailable", "The service is not available right now", 503),
@@ -74,6 +74,13 @@ PROBLEMS: Final = {
     )
 }
 
+#: why a medium may have failed, of kinds that are told with 422 alone
+OF_FAILED: Final = frozenset(
+    {
+        *("no-face", "face-too-small", "too-long", "media-invalid", "asset-invalid", "source-lost", "worker-crashed"),
+        *("time-limit", "canceled", "expired"),
+    }
+)
 #: kinds of other statuses that a medium or job may have failed with: told with 422 where a request names such a medium
 ALSO_OF_FAILED: Final = ("too-large", "internal-error", "unavailable", "insufficient-storage")
 

@@ -7,137 +7,163 @@ from typing import Final
 #: meaning, and what to do, by the code of the problem
 ADVICE: Final[dict[str, tuple[str, str]]] = {
     "malformed": (
-        "The request cannot be understood: it is no HTTP, no JSON, no form, or its digest does not fit its bytes.",
-        "Mend the request; the detail says what is wrong with it. Sending the same again does not help.",
+        "The request cannot be read: it is not valid HTTP or JSON, the form is broken, a header field is malformed, or "
+        "the bytes do not match the digest that came with them.",
+        "Correct what `detail` names. The same request would fail again.",
     ),
     "unauthorized": (
-        "The service has keys, and the request names none that is good.",
-        "Send `Authorization: Bearer` with a key that `pvg-service keys create` has printed.",
+        "The service has keys, and the request has none, or one that is unknown, replaced or revoked. Or the service "
+        "has no keys, and the request has one.",
+        "Send `Authorization: Bearer` with a key that `pvg-service keys create` has printed. To a service without "
+        "keys, send no `Authorization`.",
     ),
     "forbidden": (
-        "A page of another site wants to write; or a signed link is not as it was made, is of a key that is revoked or "
-        "has another secret by now, or is to what belongs to another key by now.",
-        "Let the page's origin write by PVG_ALLOWED_ORIGINS, or call from a program. Have another link made.",
+        "A page of another site tried to write. Or the request uses a signed link that was altered, whose key was "
+        "revoked or has another secret now, or whose file belongs to another key now.",
+        "To let a page write, add its origin to `PVG_ALLOWED_ORIGINS`, or make the request from a program. If it is "
+        "the link, ask for another one.",
     ),
     "not-found": (
-        "There is nothing of this id or at this address for this key. What belongs to another key is not found either.",
-        "Check the id and the key; what was deleted, or has passed its retention, is not found any more.",
+        "There is nothing with this id, or at this address, that this key can see. What belongs to another key is "
+        "answered in the same way.",
+        "Check the id, the address and the key. What was deleted or has expired is not found either.",
     ),
     "method-not-allowed": (
-        "The address is known, and does not take this method.",
-        "Use one of the methods in the field Allow of the answer.",
+        "The address does not support this method.",
+        "Use one of the methods in the `Allow` field of the answer.",
     ),
     "too-slow": (
-        "The head of the request, or its body, came more slowly than the service waits for.",
-        "Send it again over a better connection. The connection was closed.",
+        "The head or the body of the request came too slowly. The connection was closed.",
+        "Send the request again over a better connection. Send large files in pieces, by /v1/uploads: these go on "
+        "where they broke.",
     ),
     "conflict": (
-        "The thing is in a state that does not allow this: in use by jobs, or finished already.",
-        "Look at its state; wait for the jobs that the detail names, or cancel them.",
+        "The state of the resource does not allow this: it is not ready yet, jobs still need it, it has ended already, "
+        "or an upload expects other bytes.",
+        "`detail` says which. Wait for the jobs that it names, or cancel them. For an upload, ask for its offset and "
+        "go on from there.",
     ),
     "idempotency-key-in-use": (
-        "The first request with this Idempotency-Key is still being worked on.",
-        "Ask again after Retry-After for its answer.",
+        "The first request with this Idempotency-Key is not finished.",
+        "Send the same request again after `Retry-After`. It then gets the answer to the first one.",
     ),
     "gone": (
-        "The thing was there, and its bytes have been removed after their retention; or the link to it has expired.",
-        "Of a link, have another one made. Of a result, run the transfer again, without its Idempotency-Key or with a "
-        "new one, with the same video and references if they are there still; of an upload, begin it again.",
+        "The result has expired or its bytes are lost, what had arrived of an upload is lost, or a link has expired.",
+        "For a link, ask for another one. For a result, run the transfer again with a new Idempotency-Key or none; its "
+        "video and references must still be there. For an upload, begin again.",
     ),
     "precondition-failed": (
-        "The thing is not, or no longer, what the request's If-Match names; or the request speaks another version of "
-        "tus than 1.0.0, or none where one is needed.",
-        "Get the thing again and send its ETag as If-Match, or none; to tus send `Tus-Resumable: 1.0.0`.",
+        "The resource is not in the state that `If-Match` names. Or a tus request does not name version 1.0.0.",
+        "Get the resource again and send its present `ETag`, or no `If-Match`. With tus, send `Tus-Resumable: 1.0.0`.",
     ),
     "checksum-mismatch": (
-        "The bytes are not those of the field Upload-Checksum: they were damaged on the way, and are not kept.",
-        "Send the same bytes again, from the same Upload-Offset.",
+        "The bytes do not match `Upload-Checksum`: they were damaged on the way. They were not kept.",
+        "Send the same bytes again, from the same `Upload-Offset`.",
     ),
     "url-not-allowed": (
-        "The URL is no address of the public internet by http or https, or leads to one that is not.",
-        "Give a URL that anybody may open; its operator names networks of his own in PVG_ALLOWED_NETWORKS.",
+        "The URL of a file or of a webhook's receiver is not http or https, has a port or a password that is not "
+        "allowed, or its host is not at a public address.",
+        "Use a URL that anybody on the internet can open. For hosts on a network of your own, the operator can add "
+        "that network to `PVG_ALLOWED_NETWORKS`.",
     ),
     "fetch-failed": (
-        "The file at the URL could not be had: its server does not answer, answers with an error, or is too slow.",
-        "Open the URL yourself; mend what the detail says, or send the file itself.",
+        "The file could not be fetched from the URL: its server did not answer, answered with an error, or was too "
+        "slow.",
+        "Open the URL yourself and correct what `detail` names, or upload the file.",
     ),
     "too-large": (
-        "The file or the body has more bytes than allowed (413); or the file has more pixels, frames a second or "
-        "streams than allowed, or needs more memory than a job may take (422).",
-        "Send a smaller one. `limit` and `unit` say how much is allowed, and so does /v1/limits.",
+        "The file or the body has too many bytes (413). Or the file has too many pixels, frames a second or streams, "
+        "or a job would need too much memory for it (422).",
+        "Send a smaller file. `limit` and `unit` say how much is allowed; /v1/limits lists all limits.",
     ),
     "too-long": (
-        "The clip lasts longer, or has more frames, than the service takes.",
-        "Cut it shorter and upload it again. `limit` and `unit` say how much is allowed, and so does /v1/limits.",
+        "The clip lasts too long or has too many frames.",
+        "Cut the clip and upload it again. `limit` and `unit` say how much is allowed; /v1/limits lists all limits.",
     ),
     "unsupported-media-type": (
-        "The bytes are not of a kind that the service reads, or the body is of another type than the call takes.",
-        "Send one of the formats of /v1/limits; the file's own first bytes count, not its name.",
+        "The file is of a format that the service does not read, or is empty. Or the request has a body of another "
+        "type than this address takes.",
+        "Convert the file to one of the formats in /v1/limits: its first bytes count, not its name. For a body, send "
+        "the `Content-Type` that `detail` names.",
     ),
     "range-not-satisfiable": (
-        "The Range lies outside the file.",
-        "Ask for bytes within the length that Content-Range of the answer tells.",
+        "The requested range lies beyond the end of the file.",
+        "Ask for bytes within the length that `Content-Range` of the answer gives.",
     ),
     "misdirected": (
-        "The Host of the request is not a name of this service.",
-        "Call it by a name that it knows, or add the name to PVG_ALLOWED_HOSTS.",
+        "The `Host` of the request is not a name of this service.",
+        "Use a name that the service knows, or have the operator add this one to `PVG_ALLOWED_HOSTS`.",
     ),
     "header-too-large": (
-        "The head of the request has more than 100 lines or 16 KiB.",
-        "Send fewer or shorter fields. The connection was closed.",
+        "The head of the request has more than 100 lines or 16 KiB. The connection was closed.",
+        "Send fewer or shorter header fields.",
     ),
     "validation-failed": (
-        "The request is well formed, and a value in it is not allowed or does not fit the media it names.",
-        "Mend what `errors` points at. Sending the same again does not help.",
+        "The request is well formed, but a value in it is not allowed, or does not fit the media that it names.",
+        "Correct the values that `errors` lists. The same request would fail again.",
     ),
     "idempotency-key-reused": (
-        "The Idempotency-Key was used in the last 24 h for a request that was not the same.",
-        "Take a new key for a new request.",
+        "The Idempotency-Key was used in the last 24 hours for a different request.",
+        "Use a new key for each new request.",
     ),
-    "no-face": ("No face was found in the file.", "Use a file in which a face can be seen well from the front."),
+    "no-face": (
+        "No face was found in the file, or none for long enough.",
+        "Use a file that shows a face clearly, from the front.",
+    ),
     "face-too-small": (
-        "The largest face is narrower than the service works with.",
-        "Use a file in which the face is larger; /v1/limits has the width in pixels.",
+        "The largest face in the file is too narrow.",
+        "Use a file with a larger face. `upload.face_px` in /v1/limits is the least width in pixels.",
     ),
     "media-invalid": (
-        "The file is damaged, or not coded in a way that the service reads.",
-        "The detail says which; convert the file and upload it again.",
+        "The file is damaged, or coded in a way that the service does not read.",
+        "`detail` says what is wrong. Convert or export the file again, and upload that.",
     ),
     "asset-invalid": (
-        "What was made of the file cannot be read, though it was made again.",
-        "Upload the file again. When that does not help, the service's disk may be failing.",
+        "What the service made of the file cannot be read, even after it was made again.",
+        "Upload the file again. If that does not help, tell the operator: the disk may be failing.",
     ),
-    "source-lost": ("The uploaded file is not in the storage any more.", "Upload the same file again; its id stays."),
+    "source-lost": (
+        "The uploaded file is no longer in the storage.",
+        "Upload the same file again. Its id stays the same.",
+    ),
     "worker-crashed": (
-        "The job ended its process on every attempt.",
-        "The file may be made to do so. Convert it anew, or tell the operator, whose log has the cause.",
+        "The process that worked on the job ended on every attempt.",
+        "The file may be the cause: convert it and upload that. Otherwise tell the operator, whose log has the cause.",
     ),
-    "time-limit": ("The job took longer than a job may.", "Use a shorter or smaller file, or fewer looks in a job."),
+    "time-limit": (
+        "The job took longer than a job may take.",
+        "Use a shorter or smaller clip, or ask for fewer looks in one job.",
+    ),
     "canceled": (
-        "The job, or the vectorising of a medium that it needs, was canceled, or its medium was deleted.",
-        "Ask for it again if it is wanted, and upload again the file whose vectorising was canceled.",
+        "The job was canceled, or a medium that it needs was deleted, or the vectorising of that medium was canceled.",
+        "If you still want it, upload what is missing again, and repeat the request.",
     ),
     "expired": (
         "No worker took the job in time.",
-        "Ask for it again when `/readyz` says that there are workers.",
+        "Repeat the request once `/readyz` says that there are workers.",
     ),
     "quota-exceeded": (
-        "A quota is used up (requests, unfinished jobs, bytes, open uploads), or as many requests, pictures, streams "
-        "or fetched files are at work as may be at a time: `unit` says of what, and `limit` how many.",
-        "Wait for Retry-After; end or cancel jobs, or delete files. /v1/usage tells where the key stands.",
+        "A limit is used up: the key's rate or one of its quotas, or the number of things that may go on at the same "
+        "time. `unit` says of what there was too much, and `limit` how much is allowed.",
+        "Wait for `Retry-After`. To make room sooner, cancel jobs, or delete files or unfinished uploads. /v1/usage "
+        "shows what is used.",
     ),
     "internal-error": (
-        "Something went wrong on our side.",
-        "Try again; a file that has failed so (422), upload again. If it goes on, tell the operator the `request_id` "
-        "or the id of the job: the log has the cause.",
+        "The service failed; the request or the file need not be wrong.",
+        "Try again; if it is a file that has failed (422), upload it again. If it keeps failing, give the operator the "
+        "`request_id` or the id of the job: the log has the cause.",
     ),
-    "not-implemented": ("The body has a transfer coding other than chunked.", "Send the body plain or chunked."),
+    "not-implemented": (
+        "The body has a `Transfer-Encoding` other than `chunked`.",
+        "Send the body as it is or chunked.",
+    ),
     "unavailable": (
-        "The records or the files cannot be reached right now, or are locked for too long.",
-        "Ask again after Retry-After, with the same Idempotency-Key. A file that has failed so (422), upload again.",
+        "The service cannot do this right now: a part of it does not answer or is too busy, or it is stopping.",
+        "Try again after `Retry-After`, with the same Idempotency-Key. If it is a file that has failed (422), upload "
+        "it again.",
     ),
     "insufficient-storage": (
-        "The service's disk has no room left for this.",
-        "Try again later; the operator has to make room. A file that has failed so (422), upload again then.",
+        "The disk of the service is too full.",
+        "Try again later; the operator has to make room. If it is a file that has failed (422), upload it again then.",
     ),
 }

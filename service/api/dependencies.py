@@ -34,23 +34,40 @@ def _without_nul(given: str) -> str:
 
 # an id of a wrong form is just unknown: 404, not 422
 _Unknown = AfterValidator(_without_nul)
-VideoId = Annotated[str, _Unknown, Path(examples=["vid_0192f0c1a2b37c4d8e5f60718293a4b5"])]
-ReferenceId = Annotated[str, _Unknown, Path(examples=["ref_0192f0c1a2b37c4d8e5f60718293a4b5"])]
-JobId = Annotated[str, _Unknown, Path(examples=["job_0192f0c1a2b37c4d8e5f60718293a4b5"])]
-ResultId = Annotated[str, _Unknown, Path(examples=["res_0192f0c1a2b37c4d8e5f60718293a4b5"])]
-DeliveryId = Annotated[str, _Unknown, Path(examples=["msg_0192f0c1a2b37c4d8e5f60718293a4b5"])]
-UploadId = Annotated[str, _Unknown, Path(examples=["upl_0192f0c1a2b37c4d8e5f60718293a4b5"])]
+VideoId = Annotated[str, _Unknown, Path(description="id of a video", examples=["vid_0192f0c1a2b37c4d8e5f60718293a4b5"])]
+ReferenceId = Annotated[
+    str, _Unknown, Path(description="id of a reference", examples=["ref_0192f0c1a2b37c4d8e5f60718293a4b5"])
+]
+JobId = Annotated[str, _Unknown, Path(description="id of a job", examples=["job_0192f0c1a2b37c4d8e5f60718293a4b5"])]
+ResultId = Annotated[
+    str, _Unknown, Path(description="id of a result", examples=["res_0192f0c1a2b37c4d8e5f60718293a4b5"])
+]
+DeliveryId = Annotated[
+    str, _Unknown, Path(description="id of a delivery", examples=["msg_0192f0c1a2b37c4d8e5f60718293a4b5"])
+]
+UploadId = Annotated[
+    str, _Unknown, Path(description="id of an upload", examples=["upl_0192f0c1a2b37c4d8e5f60718293a4b5"])
+]
 PersonNumber = Annotated[
-    int, Query(ge=1, le=1000, description="which of the persons that the look changes, by their faces' indices")
+    int,
+    Query(
+        ge=1,
+        le=1000,
+        description="number of the person, from 1, if the look changes several; in the order of their faces",
+    ),
 ]
 MetadataOf = Annotated[
-    MetadataPairs, Query(description="`name:value`, up to 16 of them: names and values of your own, shown back")
+    MetadataPairs,
+    Query(description="`name:value`, repeated for up to 16 names: your own data, returned and never interpreted"),
 ]
 WebhookOf = Annotated[
     str | None,
-    Query(pattern=RECEIVER_URL, max_length=2048, description="URL of who is told when it is vectorised, or has failed"),
+    Query(
+        json_schema_extra={"pattern": RECEIVER_URL, "maxLength": 2048},  # checked by `service.api.receivers`
+        description="URL of a receiver that is told when the file is vectorised or has failed",
+    ),
 ]
-CancelJobs = Annotated[bool, Query(description="cancel the jobs that use it instead of answering 409")]
+CancelJobs = Annotated[bool, Query(description="cancel the jobs that need it; without it the answer is 409")]
 Cursor = Annotated[str | None, Query(pattern=MEDIA_ID.pattern, description="`next_cursor` of the page before")]
 JobCursor = Annotated[str | None, Query(pattern=JOB_CURSOR.pattern, description="`next_cursor` of the page before")]
 DeliveryCursor = Annotated[
@@ -59,24 +76,25 @@ DeliveryCursor = Annotated[
 UploadCursor = Annotated[
     str | None, Query(pattern=UPLOAD_CURSOR.pattern, description="`next_cursor` of the page before")
 ]
-PageSize = Annotated[int, Query(ge=1, le=MAX_PAGE)]
-MaskOf = Annotated[Mask | None, Query(description="how the skin is found: landmarks, or ycbcr, the paper's rule")]
+PageSize = Annotated[int, Query(ge=1, le=MAX_PAGE, description="most entries of the page")]
+MaskOf = Annotated[Mask | None, Query(description="how skin is found; `ycbcr` is the paper's rule")]
 MatchingOf = Annotated[
-    Matching | None, Query(description="how colours are carried: table, or chain, the paper's way with its resets")
+    Matching | None, Query(description="how colours go from frame to frame; `chain` is the paper's way")
 ]
 InputColorOf = Annotated[
     InputColor | None,
-    Query(description="how the file is coded: auto believes its tags, logarithms of cameras must be named"),
+    Query(description="how the file's colours are coded; `auto` goes by its tags, a camera's logarithm must be named"),
 ]
-IfNoneMatch = Annotated[str | None, Header(description="ETags that the client has: 304 when one is the answer's")]
-IfMatch = Annotated[str | None, Header(description="ETags, or `*`: 412 when none is that of what is there")]
+IfNoneMatch = Annotated[str | None, Header(description="ETags that the client has; 304 if one of them is still right")]
+IfMatch = Annotated[str | None, Header(description="ETags, or `*`; 412 if none of them is still right")]
 WaitSeconds = Annotated[
-    float | None, Query(ge=0, le=MAX_WAIT_S, description="hold the answer until the job is done; or `Prefer: wait=`")
+    float | None,
+    Query(ge=0, le=MAX_WAIT_S, description="seconds to wait for the end of the job; also as `Prefer: wait=`"),
 ]
 
 
 Responses = dict[int | str, dict[str, Any]]
-UNCHANGED: Responses = {304: {"description": "unchanged: its ETag is in If-None-Match"}}
+UNCHANGED: Responses = {304: {"description": "unchanged since the ETag in If-None-Match"}}
 
 
 def answer(status: int, model: type[BaseModel], description: str) -> Responses:

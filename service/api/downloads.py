@@ -11,7 +11,7 @@ from urllib.parse import quote
 from fastapi import Depends, Header, Request, Response
 from starlette.responses import StreamingResponse
 
-from service.api.dependencies import IfMatch, Responses
+from service.api.dependencies import IfMatch, IfNoneMatch, Responses
 from service.api.openapi import file_content
 from service.api.ranges import matches, parse_range, require_match
 from service.api.services import Services
@@ -37,10 +37,14 @@ class BytesAsked:
     def __init__(
         self,
         request: Request,
-        range_: Annotated[str | None, Header(alias="Range")] = None,
-        if_range: Annotated[str | None, Header()] = None,
+        range_: Annotated[
+            str | None, Header(alias="Range", description="`bytes=0-99999`: one range of the file")
+        ] = None,
+        if_range: Annotated[
+            str | None, Header(description="ETag that the range is of; if the file has another, all of it is sent")
+        ] = None,
         if_match: IfMatch = None,
-        if_none_match: Annotated[str | None, Header()] = None,
+        if_none_match: IfNoneMatch = None,
     ) -> None:
         self.head_only = request.method == "HEAD"
         self.state = request.scope["state"]

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from collections.abc import Iterable
+from dataclasses import asdict
 from typing import Any, Final
 
 from service.catalog import LookParams
-from service.errors import ALSO_OF_FAILED, PROBLEMS, MediaFailedError, problem_body
+from service.errors import ProblemType, problem_body
 
 _VIDEO, _REFERENCE = "vid_0192f0c1a2b37c4d8e5f60718293a4b5", "ref_0192f0c1a2b37c4d8e5f60718293a4b6"
 _JOB, _RESULT = "job_0192f0c1a2b37c4d8e5f60718293a4b7", "res_0192f0c1a2b37c4d8e5f60718293a4b8"
@@ -268,7 +269,7 @@ EXAMPLES: Final[dict[str, dict[str, Any]]] = {
                 "frames": 200000,
                 "duration_s": 3600.0,
                 "frame_rate": 240.0,
-                "streams": 16,
+                "streams": 32,
                 "face_px": 64,
                 "advised_face_px": 200,
                 "formats": ["mp4", "mov", "webm", "mkv", "avi", "jpeg", "png", "webp", "tiff"],
@@ -333,11 +334,8 @@ TEXTS: Final = {
 }
 
 
-def of_problems(status: int, instance: str) -> dict[str, dict[str, Any]]:
-    """An example of each kind of problem that is answered with a status, by its code."""
-    kinds = [kind for kind in PROBLEMS.values() if kind.status == status]
-    if status == MediaFailedError.kind.status:
-        kinds += [replace(PROBLEMS[code], status=status) for code in ALSO_OF_FAILED]
+def of_problems(kinds: Iterable[ProblemType], instance: str) -> dict[str, dict[str, Any]]:
+    """An example of each kind of problem, by its code."""
     return {
         kind.type: problem_body(kind, kind.title) | {"instance": instance, "request_id": _REQUEST} for kind in kinds
     }

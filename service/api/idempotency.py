@@ -161,7 +161,7 @@ async def _once(
     if key is not None:
         key = key[1:-1] if len(key) > 2 and key[0] == key[-1] == '"' else key
         if not _KEY.fullmatch(key) or len(request.headers.getlist("idempotency-key")) > 1:
-            raise BadRequestError("the Idempotency-Key is not one of 1 to 255 visible ASCII characters")
+            raise BadRequestError("the Idempotency-Key must have 1 to 255 visible ASCII characters, without spaces")
     return Once(services, caller.owner, key, f"{request.method} {unversioned(request.url.path)}")
 
 

@@ -66,9 +66,11 @@ async def _access(
     request: Request,
     services: ServicesDep,
     given: Annotated[HTTPAuthorizationCredentials | None, Security(BEARER)],
-    expires: Annotated[str, Query(max_length=20, description="of a link")] = "",
-    by: Annotated[str, Query(max_length=40, description="of a link")] = keys.NOBODY,
-    signature: Annotated[str | None, Query(max_length=100, description="of a link; then no key is needed")] = None,
+    expires: Annotated[str, Query(max_length=20, description="part of a signed link")] = "",
+    by: Annotated[str, Query(max_length=40, description="part of a signed link")] = keys.NOBODY,
+    signature: Annotated[
+        str | None, Query(max_length=100, description="part of a signed link, which needs no key")
+    ] = None,
 ) -> Access:
     if signature is None:
         return Access((await authenticate(request, services, given)).owner)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import AsyncIterator, Iterator
 from dataclasses import dataclass, field
+from typing import Final
 
 from python_multipart.exceptions import MultipartParseError
 from python_multipart.multipart import MultipartParser, parse_options_header
@@ -23,6 +24,10 @@ MAX_HEADER_BYTES = 8 * 1024
 MAX_FRAMING_BYTES = 256 * 1024
 #: what may stand before its first part and after its last one, which nobody reads
 MAX_OUTSIDE_BYTES = 64 * 1024
+
+
+#: for who has left the sign out
+CURL_SENDS_FILES: Final = "curl sends a file if an @ stands before its path"
 
 
 @dataclass

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import threading
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Any, Final
 
 from fastapi import FastAPI
@@ -32,7 +33,7 @@ from service.api.schemas import (
     UploadLinkRequest,
     VideoByUrl,
 )
-from service.errors import PROBLEM_JSON, PROBLEMS
+from service.errors import ALSO_OF_FAILED, OF_FAILED, PROBLEM_JSON, PROBLEMS, MediaFailedError, ProblemType
 from service.ids import MEDIA_ID
 
 #: those that FastAPI does not see, because routes read their bodies themselves
@@ -46,13 +47,13 @@ _PAIRS = {
     "type": "array",
     "items": {"type": "string", "pattern": METADATA_PAIR},
     "maxItems": MAX_METADATA,
-    "description": "name:value, each name once",
+    "description": "`name:value`, each name once: your own data, returned and never interpreted",
 }
 _RECEIVER = {
     "type": "string",
     "pattern": RECEIVER_URL,
     "maxLength": 2048,
-    "description": "URL of the receiver that is told of the end",
+    "description": "URL of a receiver that is told when the work has ended",
 }
 _REF = "#/components/schemas/{model}"
 _JSON: Final = "application/json"
@@ -64,17 +65,36 @@ _SHOW_FRAMES: Final = frozenset(
     }
 )
 _SAFE: Final = frozenset({"get", "head", "options"})
+#: those that take a file by its URL
+_FETCH: Final = frozenset(f"create_{role}{way}" for role in ("video", "reference") for way in ("", "_from_url"))
+#: those that may name a receiver of webhooks
+_NAME_RECEIVERS: Final = frozenset(
+    {
+        *("create_video_from_form", "create_reference_from_form", "create_upload", "create_upload_link"),
+        *("create_transfer", "create_transfer_from_form", "create_swap"),
+    }
+)
+#: those that are refused because a medium that they name has failed
+_NAME_MEDIA: Final = _SHOW_FRAMES | {"create_transfer", "create_transfer_from_form", "create_swap"}
+#: what FastAPI says of an answer of which a route says nothing
+_UNSAID: Final = "Successful Response"
+_SUCCESSES: Final = {
+    "200": "OK",
+    "201": "made",
+    "202": "accepted: a job does the work",
+    "204": "done; the answer is empty",
+}
 
 _TAGS: Final = {
-    "videos": "Clips and still pictures to be recoloured. Each is vectorised once.",
-    "references": "Pictures and clips whose skin colours are used.",
-    "uploads": "Files that arrive in pieces (tus 1.0), or by a link that needs no key.",
-    "transfer": "Jobs that make recoloured files of vectorised media.",
-    "preview": "One picture of a look, while somebody waits.",
-    "jobs": "What becomes of the work: states, progress, results, errors.",
-    "webhooks": "Who was told of the ends of jobs, and what that is signed with.",
+    "videos": "Clips and still pictures that get new colours. Each is vectorised once.",
+    "references": "Pictures and clips that provide skin colours.",
+    "uploads": "Uploads in pieces (tus 1.0), which resume after a broken connection, and by a link that needs no key.",
+    "transfer": "Requests for recoloured files. Each makes a job.",
+    "preview": "Single pictures of a look, for sliders.",
+    "jobs": "States, progress, results and errors of the work.",
+    "webhooks": "Deliveries of events to your receivers, and the secret that signs them.",
     "results": "Finished files, whole or in ranges.",
-    "service": "What the caller may do, and how much of it is used.",
+    "service": "Limits and usage of the caller.",
     "health": "For process supervisors, load balancers and Prometheus.",
 }
 
@@ -87,17 +107,17 @@ _TUS: Final[dict[str, tuple[dict[str, Any], str]]] = {
     # no constant: generators take none in a header
     "Tus-Resumable": (
         {"type": "string", "pattern": f"^{re.escape(tus.VERSION)}$"},
-        f"the version of tus: {tus.VERSION}",
+        f"version of tus: {tus.VERSION}",
     ),
-    "Upload-Length": (_LENGTH, "bytes of the whole file"),
-    "Upload-Offset": (_OFFSET, "how many bytes are there"),
+    "Upload-Length": (_LENGTH, "size of the whole file in bytes"),
+    "Upload-Offset": (_OFFSET, "number of bytes that have arrived"),
     "Upload-Metadata": (
         {"type": "string", "maxLength": tus.MAX_METADATA, "examples": ["filename Y2xpcC5tcDQ=,role dmlkZW8="]},
-        "names, each with a value in base64: `filename`, `role`, `webhook`, the settings, `metadata.` with own names",
+        "names with values in base64: `role`, `filename`, `webhook`, the settings, `metadata.NAME` for your own data",
     ),
     "Upload-Checksum": (
         {"type": "string", "pattern": f"^({'|'.join(tus.ALGORITHMS)}) [A-Za-z0-9+/]+={{0,2}}$"},
-        "algorithm and digest of these bytes in base64; others are answered 460",
+        "`sha256` or `sha1`, a space, and the digest of these bytes in base64; other bytes get 460",
     ),
 }
 _ASKED: Final = _TUS | {
@@ -107,31 +127,34 @@ _ASKED: Final = _TUS | {
 _OPTIONAL: Final = frozenset({"Upload-Metadata", "Upload-Checksum", "Prefer", "X-HTTP-Method-Override"})
 #: the header fields of answers
 _FIELDS: Final[dict[str, tuple[dict[str, Any], str]]] = {
-    "X-Request-ID": (_TEXT, "the request's id, as logs have it; one that is sent is kept"),
-    "RateLimit": (_TEXT, "what is left of a key's quota (draft-ietf-httpapi-ratelimit-headers-10)"),
-    "RateLimit-Policy": (_TEXT, "a key's quota (draft-ietf-httpapi-ratelimit-headers-10)"),
-    "Retry-After": (_INTEGER, "seconds after which it is worth another try"),
-    "WWW-Authenticate": (_TEXT, "how to say who asks (RFC 6750)"),
-    "Accept-Encoding": (_TEXT, "`identity`, where the body was compressed (RFC 9110, 15.5.16)"),
-    "Location": ({"type": "string", "format": "uri-reference"}, "where it is"),
-    "Idempotent-Replayed": ({"type": "string", "const": "true"}, "it was answered before, and is answered so again"),
-    "Preference-Applied": (_TEXT, "the `Prefer: wait=` that was followed (RFC 7240)"),
+    "X-Request-ID": (_TEXT, "id of the request, also in the logs; one that you send is kept"),
+    "RateLimit": (_TEXT, "what is left of the key's rate (draft-ietf-httpapi-ratelimit-headers-10)"),
+    "RateLimit-Policy": (_TEXT, "the key's rate (draft-ietf-httpapi-ratelimit-headers-10)"),
+    "Retry-After": (_INTEGER, "seconds to wait before another try"),
+    "WWW-Authenticate": (_TEXT, "how to send a key (RFC 6750)"),
+    "Accept-Encoding": (_TEXT, "`identity`, if the body was compressed (RFC 9110, 15.5.16)"),
+    "Location": ({"type": "string", "format": "uri-reference"}, "address of what was made"),
+    "Idempotent-Replayed": (
+        {"type": "string", "const": "true"},
+        "this is the stored answer to an earlier request with the same Idempotency-Key",
+    ),
+    "Preference-Applied": (_TEXT, "the `Prefer: wait=` that was applied (RFC 7240)"),
     "ETag": (
         _TEXT,
-        "strong, the hash of the content, of JSON, files and kept pictures; weak of those made on request",
+        "strong for JSON, files and stored pictures (a hash of the content); weak for pictures made on request",
     ),
-    "Repr-Digest": (_TEXT, "the sha-256 of the whole file (RFC 9530)"),
-    "Accept-Ranges": ({"type": "string", "const": "bytes"}, "ranges are answered"),
-    "Content-Range": (_TEXT, "which bytes of how many"),
-    "Content-Disposition": (_TEXT, "the name of the file"),
-    "Pvg-Frame": (_INTEGER, "the frame that the picture shows; not told of small ones that are kept"),
-    "Pvg-Media": (_TEXT, "the video or reference that the file has become"),
-    "Upload-Expires": (_TEXT, "when what is there of the file goes (RFC 9110, 5.6.7)"),
+    "Repr-Digest": (_TEXT, "sha-256 of the whole file (RFC 9530)"),
+    "Accept-Ranges": ({"type": "string", "const": "bytes"}, "Range is supported"),
+    "Content-Range": (_TEXT, "which bytes these are, and the size of the whole file"),
+    "Content-Disposition": (_TEXT, "name of the file"),
+    "Pvg-Frame": (_INTEGER, "number of the frame that the picture shows; missing for stored posters and thumbnails"),
+    "Pvg-Media": (_TEXT, "id of the video or reference that the file has become"),
+    "Upload-Expires": (_TEXT, "when what has arrived of the file will be deleted (a date of RFC 9110, 5.6.7)"),
     **{name: _TUS[name] for name in ("Tus-Resumable", "Upload-Offset", "Upload-Length", "Upload-Metadata")},
-    "Tus-Version": (_TEXT, "the versions of tus that are spoken"),
-    "Tus-Extension": (_TEXT, "what of tus is spoken besides its core"),
-    "Tus-Max-Size": (_INTEGER, "the most bytes of a file"),
-    "Tus-Checksum-Algorithm": (_TEXT, "for Upload-Checksum"),
+    "Tus-Version": (_TEXT, "supported versions of tus"),
+    "Tus-Extension": (_TEXT, "supported extensions of tus"),
+    "Tus-Max-Size": (_INTEGER, "largest size of a file in bytes"),
+    "Tus-Checksum-Algorithm": (_TEXT, "algorithms for Upload-Checksum"),
 }
 
 
@@ -289,8 +312,10 @@ def _complete_operation(path: str, method: str, operation: dict[str, Any]) -> No
     for content in operation.get("requestBody", {}).get("content", {}).values():
         _show(content, operation_id)
     for status, answer in operation["responses"].items():
+        if answer["description"] == _UNSAID:
+            answer["description"] = _SUCCESSES[status]
         if PROBLEM_JSON in answer.get("content", {}):
-            kinds = examples.of_problems(int(status), path)
+            kinds = examples.of_problems(_kinds(int(status), operation), path)
             answer["description"] = ", ".join(f"`{code}`" for code in kinds)
             answer["content"] = {
                 PROBLEM_JSON: {
@@ -302,6 +327,23 @@ def _complete_operation(path: str, method: str, operation: dict[str, Any]) -> No
             _show(content, operation_id)
         names = _fields_of(int(status), method, operation, answer)
         answer["headers"] = {name: {"$ref": f"#/components/headers/{name}"} for name in names}
+
+
+def _kinds(status: int, operation: dict[str, Any]) -> list[ProblemType]:
+    """The kinds of problems that an operation may answer with a status."""
+    operation_id = operation["operationId"]
+    asks = {parameter["name"].lower() for parameter in operation.get("parameters", [])}
+    left_out = set() if "idempotency-key" in asks else {"idempotency-key-reused", "idempotency-key-in-use"}
+    if operation_id not in _FETCH:
+        left_out |= {"fetch-failed"}
+    if operation_id not in _FETCH | _NAME_RECEIVERS:
+        left_out |= {"url-not-allowed"}
+    kinds = [kind for kind in PROBLEMS.values() if kind.status == status and kind.type not in left_out]
+    if status != MediaFailedError.kind.status:
+        return kinds
+    if operation_id not in _NAME_MEDIA:
+        return [kind for kind in kinds if kind.type not in OF_FAILED]
+    return kinds + [replace(PROBLEMS[code], status=status) for code in ALSO_OF_FAILED]
 
 
 def _show(content: dict[str, Any], operation_id: str) -> None:

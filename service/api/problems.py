@@ -25,6 +25,7 @@ from starlette.responses import JSONResponse
 from starlette.routing import Match
 from starlette.types import Scope
 
+from service.api.schemas import METADATA_NAME, METADATA_PAIR, METADATA_VALUE
 from service.errors import (
     PROBLEM_JSON,
     PROBLEMS,
@@ -41,6 +42,7 @@ from service.errors import (
     message_of,
     problem_body,
 )
+from service.ids import DELIVERY_CURSOR, JOB_CURSOR, MEDIA_ID, UPLOAD_CURSOR
 from service.outages import is_disk_full, is_outage
 
 log = structlog.get_logger(__name__)
@@ -50,6 +52,21 @@ MAX_ERRORS: Final = 100
 #: as many as pydantic names in some 10 ms
 _MOST_DETAILS: Final = 5000
 _METHODS: Final = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS")
+#: of a field that nothing here has
+NO_FIELD: Final = "there is no such field here"
+_OF_PATTERNS: Final = {
+    MEDIA_ID.pattern: "this is not the id of a video or a reference",
+    METADATA_PAIR: "this is not name:value; a name has up to 40 letters, digits, `_`, `.`, `-`, a value 200 characters",
+    f"^{METADATA_NAME}$": "a name has up to 40 letters, digits, `_`, `.`, `-`",
+    f"^{METADATA_VALUE}$": "a value has up to 200 characters, and no control characters",
+    **dict.fromkeys(
+        (JOB_CURSOR.pattern, DELIVERY_CURSOR.pattern, UPLOAD_CURSOR.pattern), "this is not the `next_cursor` of a page"
+    ),
+}
+_WORDS: Final = {
+    "Extra inputs are not permitted": NO_FIELD,
+    **{f"String should match pattern '{pattern}'": words for pattern, words in _OF_PATTERNS.items()},
+}
 _UNION_MEMBER = re.compile(r"literal\[.*|constrained-\w+|list\[.*|function-\w.*|MakeupParts")
 
 
@@ -83,13 +100,18 @@ def _from_details(details: list[ErrorDetails]) -> ServiceError:
     by_pointer: dict[str, list[str]] = {}
     for item in details:
         messages = by_pointer.setdefault(pointer(_place(item["loc"])), [])
-        message = message_of(item)
+        message = _in_words(message_of(item))
         if message not in messages:
             messages.append(message)
     # of a list that may also be a word, only what is wrong inside the list is worth saying
     around = {where[:end] for where in by_pointer for end, character in enumerate(where) if character == "/"}
     inner = [where for where in by_pointer if where not in around]
     return invalid_values({where: ", or ".join(by_pointer[where]) for where in inner})
+
+
+def _in_words(message: str) -> str:
+    """What pydantic says, unless it is that a text has not a pattern, or that a name is one too many."""
+    return _WORDS.get(message, message)
 
 
 def _place(location: tuple[int | str, ...]) -> tuple[int | str, ...]:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pydantic import ValidationError
-
 from service.api.problems import invalid_values
 from service.api.schemas import WebhookRequest
 from service.api.services import Services
@@ -20,6 +18,8 @@ def receiver(services: Services, webhook: WebhookRequest | None, place: str = "/
     if webhook is None:
         return None
     try:
+        if not webhook.url.isascii() or not webhook.url.isprintable() or " " in webhook.url:
+            raise UrlNotAllowedError("the URL must hold ASCII characters alone, and no spaces")
         services.egress.check(webhook.url)
     except UrlNotAllowedError as error:
         raise UrlNotAllowedError(error.detail, errors=[{"pointer": place, "detail": error.detail}]) from error
@@ -32,8 +32,4 @@ def receiver_of_fields(services: Services, fields: Sequence[str]) -> str | None:
         return None
     if len(fields) > 1:
         raise invalid_values({"/webhook": "it is given more than once"})
-    try:
-        webhook = WebhookRequest(url=fields[0])
-    except ValidationError as error:
-        raise invalid_values({"/webhook": "this is not a URL of http or https"}) from error
-    return receiver(services, webhook, "/webhook")
+    return receiver(services, WebhookRequest(url=fields[0]), "/webhook")

@@ -47,12 +47,10 @@ class Signer:
         """
         expected = [self._signature(what, by, seal, expires).encode() for seal in seals]
         if not any(hmac.compare_digest(one, signature.encode()) for one in expected):
-            raise ForbiddenError(
-                "this link is not as it was made, or its key has another secret by now; ask for another"
-            )
+            raise ForbiddenError("this link was altered, or its key has another secret now; ask for another link")
         until = datetime.fromtimestamp(int(expires), UTC)
         if until < self._now():
-            raise GoneError("this link has expired; ask for another")
+            raise GoneError("this link has expired; ask for another one")
         return until
 
     def _signature(self, what: tuple[str, ...], by: str, seal: str, expires: str) -> str:

@@ -8,8 +8,8 @@ from typing import Any
 from pydantic import ValidationError
 
 from service.api.metadata import to_metadata
-from service.api.multipart import Form
-from service.api.problems import given_twice, invalid, invalid_values
+from service.api.multipart import CURL_SENDS_FILES, Form
+from service.api.problems import NO_FIELD, given_twice, invalid, invalid_values
 from service.api.schemas import LookOptions, OutputRequest, TransferRequest
 from service.api.uploads import ReceivedFile
 from service.errors import ServiceError
@@ -19,7 +19,12 @@ _LOOK_FIELDS = frozenset(LookOptions.model_fields)
 #: comma-separated, or given again
 _LISTS = frozenset({"protect", "faces", "extras"})
 
+_TEXTS = _LOOK_FIELDS | _OUTPUT_FIELDS | {"force", "webhook", "metadata"}
+_NO_FILE = "it takes the id of a video; upload the file to /videos first"
+_REFERENCE = f"this is neither a file nor the id of a reference or a video; {CURL_SENDS_FILES}"
 _MAKEUP = "it is a number from 0 to 1, or one of each part: lips=1,lids=0.3"
+
+_OWN_WORDS = {"makeup": _MAKEUP, "reference": _REFERENCE}
 
 
 def to_request(form: Form, uploaded: Sequence[str]) -> TransferRequest:
@@ -33,6 +38,8 @@ def to_request(form: Form, uploaded: Sequence[str]) -> TransferRequest:
     references = [part if isinstance(part, str) else next(ids) for part in references_of(form)]
     top: dict[str, Any] = {}
     pairs: list[str] = []
+    if files := [name for name, _ in form.files if name in {"video", *_TEXTS}]:
+        raise invalid_values({f"/{name}": _NO_FILE if name == "video" else "it takes a text" for name in files})
     unknown = [name for name, _ in form.files if name != "reference"]
     once = (name for name, _ in form.fields if name not in {"reference", "metadata", *_LISTS})
     if twice := given_twice(once):
@@ -51,7 +58,7 @@ def to_request(form: Form, uploaded: Sequence[str]) -> TransferRequest:
         else:
             unknown.append(name)
     if unknown:
-        raise invalid_values({f"/{name}": "there is no such field here" for name in unknown})
+        raise invalid_values({f"/{name}": NO_FIELD for name in unknown})
     top["metadata"] = to_metadata(pairs)
     try:
         return TransferRequest.model_validate(
@@ -110,5 +117,5 @@ def _named_by_field(error: ValidationError) -> ServiceError:
         shown = parts[2:] if parts[0] == "looks" else parts[1:] if parts[0] == "output" else parts
         shown = ["webhook"] if parts[0] == "webhook" else shown
         where = reference_at(int(parts[1])) if shown == ["reference"] else "/" + ("/".join(shown) or "reference")
-        named.setdefault(where, _MAKEUP if where == "/makeup" else item["detail"])
+        named.setdefault(where, _OWN_WORDS.get("/".join(shown), item["detail"]))
     return invalid_values(named)

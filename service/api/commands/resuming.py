@@ -137,7 +137,7 @@ def options(said: Mapping[str, str]) -> tuple[Role, VectorSettings, dict[str, st
     """
     role = said.get("role", Role.VIDEO.value)
     if role not in {one.value for one in Role}:
-        raise invalid_values({"/role": "video or reference"})
+        raise invalid_values({"/role": "Input should be 'video' or 'reference'"})
     own = {name: value for name, value in said.items() if name.startswith(_OWN)}
     given = {name: value for name, value in said.items() if name not in {*_ABOUT, *own}}
     settings = settings_of(Role(role), given)

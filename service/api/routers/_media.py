@@ -20,7 +20,7 @@ from service.api.fetches import while_connected
 from service.api.idempotency import Once
 from service.api.json_body import media_type, read_json, unsupported
 from service.api.metadata import to_metadata
-from service.api.multipart import read_form
+from service.api.multipart import CURL_SENDS_FILES, read_form
 from service.api.problems import file_at, given_twice, invalid, invalid_values
 from service.api.receivers import receiver, receiver_of_fields
 from service.api.schemas import MediaBody, MediaPage, ReferenceByUrl, ReferenceOptions, VideoByUrl, WebhookRequest
@@ -56,12 +56,10 @@ class Given:
         """The metadata of the query and of the body together. Raises as `to_metadata`."""
         return to_metadata([*self.metadata, *others], "/query/metadata" if self.metadata else "/metadata")
 
-    def receiver(self, services: Services, other: str | None) -> str | None:
-        """The receiver that the query names, or else the body. Raises `ValidationFailedError` when both do."""
+    def receiver(self, services: Services) -> str | None:
+        """The receiver that the query names. Raises `UrlNotAllowedError`."""
         if self.webhook is None:
-            return other
-        if other is not None:
-            raise invalid_values({"/query/webhook": "the body names a receiver too"})
+            return None
         return receiver(services, WebhookRequest(url=self.webhook), "/query/webhook")
 
 
@@ -78,7 +76,9 @@ class _Received:
 
 def upload_answers() -> Responses:
     """The documentation of the answers to a file. Of each route its own: the schema is completed in place."""
-    return answer(200, MediaBody, "the same content is there already") | problems(400, 409, 413, 415, 507)
+    return answer(200, MediaBody, "the same file with the same settings is there already") | problems(
+        400, 409, 413, 415, 507
+    )
 
 
 async def upload(
@@ -118,19 +118,29 @@ async def upload(
 
 
 async def _receive(services: Services, intake: Intake, given: Given) -> _Received:
+    of_query = given.receiver(services)  # what is wrong with the query is said before the file comes
     if media_type(intake.request) != "multipart/form-data":
         settings, metadata = given.settings(), given.metadata_with()
-        return _Received(await intake.raw(), settings, metadata, given.receiver(services, None))
+        return _Received(await intake.raw(), settings, metadata, of_query)
     form = await read_form(intake)
     known = given.options.model_fields
     fields = [(name, text) for name, text in form.fields if name not in {"metadata", "webhook"}]
+    if not form.files and any(name == "file" for name, _ in fields):
+        raise BadRequestError(f"the field `file` of the form is a text; {CURL_SENDS_FILES}")
     if [name for name, _ in form.files] != ["file"] or any(name not in known for name, _ in fields):
         allowed = " and ".join(f"`{name}`" for name in (*known, "metadata", "webhook"))
         raise BadRequestError(f"the form must hold one file, in the field `file`, and may hold {allowed}")
     metadata = given.metadata_with([text for name, text in form.fields if name == "metadata"])
     named = [text for name, text in form.fields if name == "webhook"]
-    webhook = given.receiver(services, receiver_of_fields(services, named))
+    webhook = _one_of(of_query, receiver_of_fields(services, named))
     return _Received(form.files[0][1], given.settings(fields), metadata, webhook)
+
+
+def _one_of(of_query: str | None, of_body: str | None) -> str | None:
+    """The receiver of the query or of the body. Raises `ValidationFailedError` when both name one."""
+    if of_query is not None and of_body is not None:
+        raise invalid_values({"/query/webhook": "the body names a receiver too"})
+    return of_query or of_body
 
 
 async def _fetch(services: Services, caller: Caller, intake: Intake, once: Once, given: Given) -> _Received:
@@ -138,7 +148,7 @@ async def _fetch(services: Services, caller: Caller, intake: Intake, once: Once,
     said = [name for name in given.options.model_fields if name in wanted.model_fields_set]
     settings = given.settings([(name, getattr(wanted, name)) for name in said])
     metadata = given.metadata_with([f"{name}:{value}" for name, value in wanted.metadata.items()])
-    webhook = given.receiver(services, receiver(services, wanted.webhook))
+    webhook = _one_of(given.receiver(services), receiver(services, wanted.webhook))
     once.compare([wanted.url, asdict(settings), metadata, webhook])
     with services.fetches.place(caller.owner), file_at("/url"):
         file = await while_connected(intake.request, intake.fetch(services.egress, wanted.url, owner=caller.owner))
@@ -177,7 +187,7 @@ class PageOf:
 
 
 async def page_asked(
-    state: Annotated[list[MediaState], Query(description="any of these states")] = [],  # noqa: B006 - FastAPI copies it
+    state: Annotated[list[MediaState], Query(description="repeat it to accept any of several states")] = [],  # noqa: B006 - FastAPI copies it
     metadata: MetadataOf = [],  # noqa: B006
     cursor: Cursor = None,
     limit: PageSize = 50,

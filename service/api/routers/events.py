@@ -31,7 +31,7 @@ MAX_STREAM_S: Final = 3600.0
 _RETRY_MS: Final = 2000
 
 LastEventId = Annotated[
-    str | None, Header(description="the `id` of the last event that arrived: what it told is not told again")
+    str | None, Header(description="`id` of the last event that arrived; that event is not repeated")
 ]
 
 
@@ -59,7 +59,7 @@ _ANSWERS: Responses = {
 async def get_job_events(
     job_id: JobId, services: ServicesDep, caller: CallerDep, last_event_id: LastEventId = None
 ) -> Response:
-    """The job now, then each of its changes, until it has ended."""
+    """Listen to a job: a stream of Server-Sent Events, its present state first, then each change until it has ended."""
     now = await services.calls.read(_load, services, caller, job_id)
     if now.standing.has_ended and last_event_id is not None and last_event_id.partition(".")[0] in ENDED:
         return Response(status_code=204)

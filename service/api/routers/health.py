@@ -28,7 +28,7 @@ _WAITED_FOR: Final = frozenset({OK, NO_WORKER, *(f"no {lacked}" for lacked in _L
 
 @router.get("/livez")
 async def get_liveness() -> Liveness:
-    """The process answers."""
+    """Tell that the process answers."""
     return Liveness(status="ok")
 
 

@@ -37,9 +37,13 @@ router = APIRouter(prefix="/jobs", tags=["jobs"])
 
 _MAX_IDS = 200
 
-JobIds = Annotated[str | None, Query(alias="id", description="ids with commas: these alone, in one page")]
-VideoOf = Annotated[str | None, Query(description="the clip that is recoloured, or the medium that is vectorised")]
-ReferenceOf = Annotated[str | None, Query(description="whose colours are used, or the medium that is vectorised")]
+JobIds = Annotated[
+    str | None, Query(alias="id", description="up to 200 ids with commas between them; unknown ones are left out")
+]
+VideoOf = Annotated[
+    str | None, Query(description="id of the video that is recoloured, or of the medium that is vectorised")
+]
+ReferenceOf = Annotated[str | None, Query(description="id of the medium whose colours are used, or that is vectorised")]
 
 
 def load_job(services: Services, caller: Caller, job_id: str) -> JobBody:
@@ -58,14 +62,14 @@ async def list_jobs(
     ids: JobIds = None,
     video: VideoOf = None,
     reference: ReferenceOf = None,
-    state: Annotated[list[JobState], Query(description="any of these states")] = [],  # noqa: B006 - FastAPI copies it
-    kind: Annotated[list[JobKind], Query(description="any of these kinds")] = [],  # noqa: B006
+    state: Annotated[list[JobState], Query(description="repeat it to accept any of several states")] = [],  # noqa: B006 - FastAPI copies it
+    kind: Annotated[list[JobKind], Query(description="repeat it to accept any of several kinds")] = [],  # noqa: B006
     metadata: MetadataOf = [],  # noqa: B006
     cursor: JobCursor = None,
     limit: PageSize = 50,
     if_none_match: IfNoneMatch = None,
 ) -> Response:
-    """Jobs, newest first: those that all of the given filters choose."""
+    """List jobs, newest first. All given filters must match."""
     named = None if ids is None else [one.strip().replace("\0", "") for one in ids.split(",") if one.strip()]
     if named is not None and len(named) > _MAX_IDS:
         raise invalid_values({"/query/id": f"at most {_MAX_IDS} ids"})
@@ -92,7 +96,7 @@ async def get_job(
     wait: WaitSeconds = None,
     if_none_match: IfNoneMatch = None,
 ) -> Response:
-    """One job. With `wait`, or `Prefer: wait=`, the answer comes when it is done, or after so many seconds."""
+    """Get a job. With `wait` or `Prefer: wait=`, the answer comes when it is done, or after so many seconds."""
     headers: dict[str, str] = {}
     if request.method == "HEAD":
         wait = 0  # what would be waited for is not sent
@@ -120,7 +124,7 @@ async def get_job(
 async def cancel_job(
     job_id: JobId, response: Response, services: ServicesDep, caller: CallerDep, once: OnceDep
 ) -> JobBody:
-    """Stop a job. A queued one ends at once; a running one when its worker has stopped."""
+    """Cancel a job. A queued job ends at once, a running one within about two seconds."""
     once.frees = True
     async with once:
         once.compare(None)
@@ -131,7 +135,7 @@ async def cancel_job(
 
 @router.delete("/{job_id}", status_code=204, response_class=Response, responses=problems(404, 409, 412, 507))
 async def delete_job(job_id: JobId, services: ServicesDep, caller: CallerDep, if_match: IfMatch = None) -> None:
-    """Delete the record of a job that has ended, with its results, its metadata and the deliveries of its webhooks."""
+    """Delete an ended job with its results, its metadata and the deliveries of its webhooks."""
     await commands.remove_job(services, caller.owner, job_id, if_match=if_match)
 
 

@@ -36,7 +36,7 @@ _BEARER = HTTPBearer(scheme_name="metrics", description="`PVG_METRICS_TOKEN`, wh
 async def get_metrics(
     services: ServicesDep, given: Annotated[HTTPAuthorizationCredentials | None, Security(_BEARER)]
 ) -> Response:
-    """Figures of requests, jobs, workers and files in Prometheus' text format."""
+    """Get figures of requests, jobs, workers and files in Prometheus' text format."""
     found: Statistics | None = None
     await _check(services, given)
     try:

@@ -23,10 +23,10 @@ from service.catalog import Layer, Role, StillRequest
 
 router = APIRouter()
 
-FrameNumber = Annotated[int, Path(ge=0, le=2**31 - 1, description="from 0, in display order")]
-FaceIndex = Annotated[int, Path(ge=0, le=2**31 - 1, description="as `faces` of the medium has it")]
+FrameNumber = Annotated[int, Path(ge=0, le=2**31 - 1, description="number of the frame, from 0, in display order")]
+FaceIndex = Annotated[int, Path(ge=0, le=2**31 - 1, description="`index` of the face in `faces` of the medium")]
 LayerOf = Annotated[
-    Layer, Query(description="the picture itself, or what was found in it; low and high: its frequencies on skin")
+    Layer, Query(description="`image`: the frame itself; the others: what was found in it, see docs/api.md")
 ]
 
 
@@ -46,7 +46,7 @@ async def get_video_frame(
     layer: LayerOf = "image",
     if_none_match: IfNoneMatch = None,
 ) -> Response:
-    """A frame of a video, or a layer of it."""
+    """Get a frame of a video, or a layer of what was found in it."""
     request = StillRequest("png", MAX_WIDTH, frame=number, layer=layer)
     return await stills.layer(services, caller.owner, Role.VIDEO, video_id, request, if_none_match=if_none_match)
 
@@ -65,7 +65,7 @@ async def get_reference_frame(
     layer: LayerOf = "image",
     if_none_match: IfNoneMatch = None,
 ) -> Response:
-    """A frame of a reference, or a layer of it: of a clip, the face is known in its best frame alone."""
+    """Get a frame of a reference, or a layer of it. In a clip, the face is known in its best frame only."""
     request = StillRequest("png", MAX_WIDTH, frame=number, layer=layer)
     return await stills.layer(
         services, caller.owner, Role.REFERENCE, reference_id, request, if_none_match=if_none_match
@@ -76,7 +76,7 @@ async def get_reference_frame(
 async def get_video_poster(
     video_id: VideoId, services: ServicesDep, caller: CallerDep, if_none_match: IfNoneMatch = None
 ) -> Response:
-    """A frame that shows the largest face, its longer side 640 px at most."""
+    """Get a frame that shows the largest face. Its longer side is 640 px at most."""
     return await stills.small_picture(services, caller.owner, Role.VIDEO, video_id, None, if_none_match=if_none_match)
 
 
@@ -86,7 +86,7 @@ async def get_video_poster(
 async def get_reference_poster(
     reference_id: ReferenceId, services: ServicesDep, caller: CallerDep, if_none_match: IfNoneMatch = None
 ) -> Response:
-    """A frame that shows the largest face, its longer side 640 px at most."""
+    """Get a frame that shows the largest face. Its longer side is 640 px at most."""
     return await stills.small_picture(
         services, caller.owner, Role.REFERENCE, reference_id, None, if_none_match=if_none_match
     )
@@ -101,7 +101,7 @@ async def get_reference_poster(
 async def get_video_face_thumbnail(
     video_id: VideoId, face: FaceIndex, services: ServicesDep, caller: CallerDep, if_none_match: IfNoneMatch = None
 ) -> Response:
-    """A face in a square of 160 px."""
+    """Get a picture of one face, a square of 160 px."""
     return await stills.small_picture(services, caller.owner, Role.VIDEO, video_id, face, if_none_match=if_none_match)
 
 
@@ -118,7 +118,7 @@ async def get_reference_face_thumbnail(
     caller: CallerDep,
     if_none_match: IfNoneMatch = None,
 ) -> Response:
-    """A face in a square of 160 px."""
+    """Get a picture of one face, a square of 160 px."""
     return await stills.small_picture(
         services, caller.owner, Role.REFERENCE, reference_id, face, if_none_match=if_none_match
     )

@@ -43,7 +43,7 @@ class _Shown(BaseModel):
 async def create_preview(
     request: Request, services: ServicesDep, caller: CallerDep, once: OnceDep, if_none_match: IfNoneMatch = None
 ) -> Response:
-    """One frame of a video with one look, for sliders. It is kept for half a minute and is no result."""
+    """Draw one frame of a video with one look, while the client waits, as for a slider. It is not a result."""
     async with once:
         wanted = await read_json(request, PreviewRequest, limit_bytes=services.settings.max_json_bytes)
         with suppress(Replay):  # it changes nothing, so it is done again

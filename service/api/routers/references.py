@@ -47,7 +47,7 @@ async def create_reference(
     metadata: MetadataOf = [],  # noqa: B006 - FastAPI copies it
     webhook: WebhookOf = None,
 ) -> MediaBody:
-    """Upload a reference; it is vectorised once, and the same bytes with the same settings answer with the same id."""
+    """Upload a portrait or a clip as a reference. The same bytes with the same settings get the same id."""
     said: dict[str, str | None] = {"mask": mask, "input_color": input_color}
     given = _media.Given(ReferenceOptions, ReferenceByUrl, said, metadata, webhook)
     return await _media.upload(services, caller, once, Role.REFERENCE, request, response, given)
@@ -62,7 +62,7 @@ async def create_reference(
 async def create_reference_from_form(
     request: Request, response: Response, services: ServicesDep, caller: CallerDep, once: OnceDep
 ) -> MediaBody:
-    """The same by a form: the file is its field `file`."""
+    """Upload a reference in a form: the field `file` holds it, further fields its settings."""
     given = _media.Given(ReferenceOptions, ReferenceByUrl, {})
     return await _media.upload(
         services, caller, once, Role.REFERENCE, request, response, given, only="multipart/form-data"
@@ -78,7 +78,7 @@ async def create_reference_from_form(
 async def create_reference_from_url(
     request: Request, response: Response, services: ServicesDep, caller: CallerDep, once: OnceDep
 ) -> MediaBody:
-    """The same of a file that is fetched from where it is."""
+    """Have the service fetch a reference from a URL. The answer comes once the file is there."""
     given = _media.Given(ReferenceOptions, ReferenceByUrl, {})
     return await _media.upload(
         services, caller, once, Role.REFERENCE, request, response, given, only="application/json"
@@ -87,7 +87,7 @@ async def create_reference_from_url(
 
 @router.get("", responses=problems())
 async def list_references(services: ServicesDep, caller: CallerDep, asked: _media.PageDep) -> MediaPage:
-    """References, newest first: those that all of the given filters choose."""
+    """List references, newest first. All given filters must match."""
     return await services.calls.read(_media.page, services, caller, Role.REFERENCE, asked)
 
 
@@ -95,7 +95,7 @@ async def list_references(services: ServicesDep, caller: CallerDep, asked: _medi
 async def get_reference(
     reference_id: ReferenceId, services: ServicesDep, caller: CallerDep, if_none_match: IfNoneMatch = None
 ) -> Response:
-    """One reference: its state, and what was found in it once it is ready."""
+    """Get a reference: its state and, once it is ready, its properties and faces."""
     return await services.calls.read(_media.show, services, caller, Role.REFERENCE, reference_id, if_none_match)
 
 
@@ -107,7 +107,7 @@ async def get_reference(
 async def get_reference_file(
     reference_id: ReferenceId, services: ServicesDep, caller: CallerDep, asked: BytesAskedDep
 ) -> Response:
-    """The file that was uploaded, byte for byte, whole or in ranges. Its ETag is the sha256 of the content."""
+    """Download the uploaded file, byte for byte, whole or in ranges. Its ETag is the sha256 of the content."""
     return await _media.send(services, caller, Role.REFERENCE, reference_id, asked)
 
 
@@ -119,7 +119,7 @@ async def delete_reference(
     cancel_jobs: CancelJobs = False,
     if_match: IfMatch = None,
 ) -> None:
-    """Delete the reference with everything derived from it: landmarks, asset and results."""
+    """Delete a reference and everything derived from it: landmarks, asset and results."""
     await commands.remove(
         services, caller.owner, Role.REFERENCE, reference_id, cancel_jobs=cancel_jobs, if_match=if_match
     )

@@ -53,7 +53,7 @@ class _Kept:
     responses={**file_answers(*CLIPS, *PICTURES), **problems(403, 404, 410, 412, 416)},
 )
 async def get_result(result_id: ResultId, services: ServicesDep, access: AccessDep, asked: BytesAskedDep) -> Response:
-    """The file. Its ETag is the sha256 of the content, so ranges and caches are safe."""
+    """Download a result, whole or in ranges. Its ETag is the sha256 of the content."""
     return await _answer(services, asked, access, await services.calls.read(_find, services, access, result_id))
 
 
@@ -66,7 +66,7 @@ async def get_result(result_id: ResultId, services: ServicesDep, access: AccessD
 async def get_result_cube(
     result_id: ResultId, services: ServicesDep, access: AccessDep, asked: BytesAskedDep, person: PersonNumber = 1
 ) -> Response:
-    """The look's colours as a 3D LUT of 33 nodes a side, for the clip's own values, if `output.extras` asked for it."""
+    """Download a look's colours as a 3D LUT of 33 nodes a side, if `output.extras` asked for `cube`."""
     part = await services.calls.read(_find_part, services, access, result_id, "look.cube", person)
     return await _answer(services, asked, access, part)
 
@@ -79,7 +79,7 @@ async def get_result_cube(
 async def get_result_matte(
     result_id: ResultId, services: ServicesDep, access: AccessDep, asked: BytesAskedDep, person: PersonNumber = 1
 ) -> Response:
-    """Where the look lies, white on black, frame by frame as the clip, if `output.extras` asked for it."""
+    """Download where a look lies, white on black, with the frames of the clip, if `output.extras` asked for `matte`."""
     part = await services.calls.read(_find_part, services, access, result_id, "matte", person)
     return await _answer(services, asked, access, part)
 
@@ -119,7 +119,7 @@ def _find_part(services: Services, access: Access, result_id: str, part: PartNam
         name = {"look.cube": "cube", "matte": "matte"}[part]
         raise NotFoundError(f'{result_id} has no {part}; run the transfer with "output": {{"extras": ["{name}"]}}')
     persons = ", ".join(str(one.person) for one in there)
-    raise NotFoundError(f"{result_id} has no {part} of person {person}; there is that of: {persons}")
+    raise NotFoundError(f"{result_id} has no {part} of person {person}; it has those of: {persons}")
 
 
 @router.post(
@@ -130,7 +130,7 @@ def _find_part(services: Services, access: Access, result_id: str, part: PartNam
 async def create_result_link(
     request: Request, result_id: ResultId, services: ServicesDep, caller: CallerDep, once: OnceDep
 ) -> LinkBody:
-    """A link to the file, or to a part of it, that a browser may use without a key until it expires."""
+    """Make a link to a result, or to its cube or matte, that needs no key and expires."""
     if has_body(request):
         wanted = await read_json(request, ResultLinkRequest, limit_bytes=services.settings.max_json_bytes)
     else:
@@ -144,7 +144,7 @@ async def create_result_link(
 async def delete_result(
     result_id: ResultId, services: ServicesDep, caller: CallerDep, if_match: IfMatch = None
 ) -> None:
-    """Delete the result with what was made beside it. The video, the reference and the job's record stay."""
+    """Delete a result with its cube and matte. Its video, its reference and the record of its job stay."""
     gone = await services.calls.write(_delete, services, caller.owner, result_id, if_match)
     await services.calls.remove(services.blobs.delete, gone)
 

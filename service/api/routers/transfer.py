@@ -47,7 +47,10 @@ Model = TypeVar("Model", TransferRequest, SwapRequest)
 async def create_transfer(
     request: Request, response: Response, services: ServicesDep, caller: CallerDep, once: OnceDep
 ) -> JobBody:
-    """Put the colours of one or more references on a video; media that still vectorise are waited for."""
+    """Give a video the colours of one or more references: one look each, all in one job.
+
+    The job waits for media that are still being vectorised.
+    """
     is_form = media_type(request) == _FORM
     brought: dict[str, MediaBody] = {}
     async with once:
@@ -75,7 +78,7 @@ async def create_transfer(
 async def create_transfer_from_form(
     request: Request, response: Response, services: ServicesDep, caller: CallerDep, once: OnceDep
 ) -> JobBody:
-    """The same by a form, with references as files or ids; its options are those of all of its looks."""
+    """Make a transfer from a form, with references as files or ids. Its options apply to all looks."""
     if media_type(request) != _FORM:
         raise unsupported(request, _FORM)
     return await create_transfer(request, response, services, caller, once)
@@ -92,8 +95,8 @@ async def create_swap(
 ) -> JobBody:
     """Exchange the colours of two videos, or of two faces in one.
 
-    Two videos: the first result is `a` with the colours of `b`, the second the other. Without `b`, two `faces` of `a`
-    exchange their colours in one result.
+    With two videos, the first result is `a` with the colours of `b`, and the second is `b` with the colours of `a`.
+    Without `b`, two `faces` of `a` exchange their colours in one result.
     """
     async with once:
         wanted = await _read(request, services, SwapRequest, once)
@@ -129,7 +132,9 @@ def _sides_of(wanted: SwapRequest) -> list[Wanted]:
     if faces == "all" or len(faces) != 2 or faces[0] == faces[1]:
         raise invalid_values({"/faces": "a swap within one clip is of two different faces, such as [0, 1]"})
     if wanted.reference_face is not None:
-        raise invalid_values({"/reference_face": "the two faces are each other's reference"})
+        raise invalid_values(
+            {"/reference_face": "within one clip the two faces are each other's reference; leave this out"}
+        )
     return [Wanted(a, a, wanted.side("auto"), "", exchange=(ours, theirs))]
 
 

@@ -31,11 +31,14 @@ router = APIRouter(prefix="/uploads", tags=["uploads"])
 #: what a link opens as well as a key does
 open_router = APIRouter(prefix="/uploads", tags=["uploads"])
 
-_ALSO: Responses = {201: {"description": "announced"}, 204: {"description": "taken, or removed"}}
+_ALSO: Responses = {
+    201: {"description": "begun in pieces"},
+    204: {"description": "the bytes are taken, or the upload is deleted"},
+}
 _ANNOUNCED: Final = fields("Tus-Resumable", "Upload-Length", "Upload-Metadata")
 _PIECE: Final = {
     **fields("Tus-Resumable", "Upload-Offset", "Upload-Checksum"),
-    **file_body("the bytes from there on", tus.CONTENT_TYPE),
+    **file_body("The bytes from Upload-Offset on", tus.CONTENT_TYPE),
 }
 
 
@@ -47,7 +50,7 @@ async def speak(request: Request) -> None:
 
 @router.options("", status_code=204, responses=problems())
 async def get_upload_protocol(response: Response, services: ServicesDep) -> None:
-    """What of tus is spoken."""
+    """Tell which version and extensions of tus the service supports, in the fields of the answer."""
     response.headers["Tus-Version"] = tus.VERSION
     response.headers["Tus-Extension"] = tus.EXTENSIONS
     response.headers["Tus-Max-Size"] = str(services.settings.max_upload_bytes)
@@ -58,7 +61,7 @@ async def get_upload_protocol(response: Response, services: ServicesDep) -> None
 async def list_uploads(
     services: ServicesDep, caller: CallerDep, cursor: UploadCursor = None, limit: PageSize = 50
 ) -> UploadPage:
-    """Files that have not arrived, in pieces or by links, newest first, for who has lost where they are."""
+    """List unfinished uploads and upload links, newest first, so that a client can go on with them or delete them."""
     return await services.calls.read(resuming.page, services, caller.owner, cursor, limit)
 
 
@@ -71,7 +74,7 @@ async def list_uploads(
 async def create_upload(
     request: Request, response: Response, services: ServicesDep, caller: CallerDep, once: OnceDep
 ) -> UploadBody:
-    """Begin a file that arrives in pieces (tus creation): Upload-Length, and Upload-Metadata of what it is for."""
+    """Begin an upload in pieces (tus creation). Upload-Length gives its size, Upload-Metadata what it is for."""
     tus.check_version(request.headers)
     size_bytes, said, raw = _announced(request)
     resuming.check_size(size_bytes, services.settings.max_upload_bytes)
@@ -106,7 +109,7 @@ def _announced(request: Request) -> tuple[int, dict[str, str], str]:
 async def create_upload_link(
     request: Request, services: ServicesDep, caller: CallerDep, once: OnceDep
 ) -> UploadLinkBody:
-    """A link by which one file may be uploaded without a key, for what it is made here and until it expires."""
+    """Make a link with which somebody without a key can upload one file. The body says what the file is for."""
     wanted = await read_json(request, UploadLinkRequest, limit_bytes=services.settings.max_json_bytes)
     async with once:
         once.compare(wanted.model_dump(mode="json"))
@@ -189,7 +192,10 @@ UploadDep = Annotated[_Opened, Depends(_opened)]
 
 @open_router.get("/{upload_id}", responses=problems(403, 404, 410))
 async def get_upload(opened: UploadDep) -> UploadBody:
-    """How much of a file is there, and, but by a link, which medium it has become."""
+    """Get how much of a file has arrived and, once it is whole, which video or reference it has become.
+
+    If the service has keys, a request by a link is not told which.
+    """
     return opened.body()
 
 
@@ -213,9 +219,9 @@ async def get_upload_offset(request: Request, opened: UploadDep) -> Response:
     openapi_extra=_PIECE,
 )
 async def append_to_upload(request: Request, opened: UploadDep, services: ServicesDep) -> Response:
-    """The bytes from Upload-Offset on (tus). With the last ones the file is a medium.
+    """Send the bytes of a file from Upload-Offset on (tus). The last ones make it a video or a reference.
 
-    `Pvg-Media` names it, to its maker alone: by a link only on a service without keys.
+    The answer has its id in `Pvg-Media`, but if the service has keys not in the answer to a request by a link.
     """
     tus.check_version(request.headers)
     tus.check_content_type(request.headers)
@@ -226,7 +232,7 @@ async def append_to_upload(request: Request, opened: UploadDep, services: Servic
 
 @open_router.delete("/{upload_id}", status_code=204, responses=problems(403, 404, 410, 412, 507))
 async def delete_upload(request: Request, opened: UploadDep, services: ServicesDep) -> Response:
-    """Remove what is there of a file (tus termination). A medium that it has become stays."""
+    """Delete an upload with what has arrived (tus termination). A video or reference that it has become stays."""
     if "tus-resumable" in request.headers:
         tus.check_version(request.headers)
     await resuming.remove(services, opened.upload.id)
@@ -239,7 +245,7 @@ async def delete_upload(request: Request, opened: UploadDep, services: ServicesD
     openapi_extra=file_body("The file"),
 )
 async def send_upload(request: Request, opened: UploadDep, services: ServicesDep) -> UploadBody:
-    """The whole file as the body, for an upload of which nothing is there; the same file may come again."""
+    """Send a whole file as the body, for an upload that has not begun. The same file may be sent again."""
     return await _whole(services, request, opened)
 
 
@@ -250,9 +256,9 @@ async def send_upload(request: Request, opened: UploadDep, services: ServicesDep
     openapi_extra={**fields("X-HTTP-Method-Override"), **file_form("The file as a form")},
 )
 async def send_upload_as_form(request: Request, opened: UploadDep, services: ServicesDep) -> Response:
-    """By a link: the whole file, as the field `file` of a form, or the announcement of one in pieces (tus creation).
+    """Send a whole file as the field `file` of a form, or begin it in pieces at a link (tus creation).
 
-    With X-HTTP-Method-Override: PATCH, DELETE or HEAD of tus, for clients that have only POST.
+    With X-HTTP-Method-Override this is PATCH, DELETE or HEAD of tus, for clients that can send only POST.
     """
     override = request.headers.get("x-http-method-override", "").upper()
     if override in {"PATCH", "DELETE", "HEAD"}:

@@ -36,13 +36,13 @@ router = APIRouter(tags=["service"])
 
 @router.get("/limits", responses=problems())
 async def get_limits(services: ServicesDep, caller: CallerDep) -> LimitsBody:
-    """All limits that the caller is under, with the formats and options there are."""
+    """List the limits that apply to the caller, and the available formats, codecs and ranges."""
     return await services.calls.read(_limits, services, caller.owner)
 
 
 @router.get("/usage", responses=problems())
 async def get_usage(services: ServicesDep, caller: CallerDep) -> UsageBody:
-    """What the caller has used of its limits; without keys, what everybody has."""
+    """Tell what the caller has used of its limits and has had done by month; without keys, what all callers have."""
     return await services.calls.read(_usage, services, caller.owner)
 
 

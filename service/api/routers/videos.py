@@ -49,7 +49,7 @@ async def create_video(
     metadata: MetadataOf = [],  # noqa: B006 - FastAPI copies it
     webhook: WebhookOf = None,
 ) -> MediaBody:
-    """Upload a video; it is vectorised once, and the same bytes with the same settings answer with the same id."""
+    """Upload a clip or a still picture. The same bytes with the same settings get the same id."""
     said: dict[str, str | None] = {"mask": mask, "matching": matching, "input_color": input_color}
     given = _media.Given(VideoOptions, VideoByUrl, said, metadata, webhook)
     return await _media.upload(services, caller, once, Role.VIDEO, request, response, given)
@@ -64,7 +64,7 @@ async def create_video(
 async def create_video_from_form(
     request: Request, response: Response, services: ServicesDep, caller: CallerDep, once: OnceDep
 ) -> MediaBody:
-    """The same by a form: the file is its field `file`."""
+    """Upload a clip or a still picture in a form: the field `file` holds it, further fields its settings."""
     given = _media.Given(VideoOptions, VideoByUrl, {})
     return await _media.upload(services, caller, once, Role.VIDEO, request, response, given, only="multipart/form-data")
 
@@ -78,14 +78,14 @@ async def create_video_from_form(
 async def create_video_from_url(
     request: Request, response: Response, services: ServicesDep, caller: CallerDep, once: OnceDep
 ) -> MediaBody:
-    """The same of a file that is fetched from where it is."""
+    """Have the service fetch a clip or a still picture from a URL. The answer comes once the file is there."""
     given = _media.Given(VideoOptions, VideoByUrl, {})
     return await _media.upload(services, caller, once, Role.VIDEO, request, response, given, only="application/json")
 
 
 @router.get("", responses=problems())
 async def list_videos(services: ServicesDep, caller: CallerDep, asked: _media.PageDep) -> MediaPage:
-    """Videos, newest first: those that all of the given filters choose."""
+    """List videos, newest first. All given filters must match."""
     return await services.calls.read(_media.page, services, caller, Role.VIDEO, asked)
 
 
@@ -93,7 +93,7 @@ async def list_videos(services: ServicesDep, caller: CallerDep, asked: _media.Pa
 async def get_video(
     video_id: VideoId, services: ServicesDep, caller: CallerDep, if_none_match: IfNoneMatch = None
 ) -> Response:
-    """One video: its state, and what was found in it once it is ready."""
+    """Get a video: its state and, once it is ready, its properties and faces."""
     return await services.calls.read(_media.show, services, caller, Role.VIDEO, video_id, if_none_match)
 
 
@@ -103,7 +103,7 @@ async def get_video(
     responses={**file_answers(*CLIPS, "video/x-msvideo", *PICTURES), **problems(404, 410, 412, 416)},
 )
 async def get_video_file(video_id: VideoId, services: ServicesDep, caller: CallerDep, asked: BytesAskedDep) -> Response:
-    """The file that was uploaded, byte for byte, whole or in ranges. Its ETag is the sha256 of the content."""
+    """Download the uploaded file, byte for byte, whole or in ranges. Its ETag is the sha256 of the content."""
     return await _media.send(services, caller, Role.VIDEO, video_id, asked)
 
 
@@ -115,5 +115,5 @@ async def delete_video(
     cancel_jobs: CancelJobs = False,
     if_match: IfMatch = None,
 ) -> None:
-    """Delete the video with everything derived from it: landmarks, asset and results."""
+    """Delete a video and everything derived from it: landmarks, asset and results."""
     await commands.remove(services, caller.owner, Role.VIDEO, video_id, cancel_jobs=cancel_jobs, if_match=if_match)

@@ -28,12 +28,12 @@ _SECRET = "webhook-secret"  # noqa: S105 - no secret
 async def list_webhooks(
     services: ServicesDep,
     caller: CallerDep,
-    state: Annotated[list[DeliveryState], Query(description="any of these states")] = [],  # noqa: B006 - copied
-    job: Annotated[str | None, Query(description="of this job alone")] = None,
+    state: Annotated[list[DeliveryState], Query(description="repeat it to accept any of several states")] = [],  # noqa: B006 - copied
+    job: Annotated[str | None, Query(description="id of a job: its deliveries only")] = None,
     cursor: DeliveryCursor = None,
     limit: PageSize = 50,
 ) -> DeliveryPage:
-    """Events and their receivers, newest first."""
+    """List the deliveries of webhooks, newest first."""
     job = job and job.replace("\0", "")
     return await services.calls.read(_page, services, caller, state, job, cursor, limit)
 
@@ -49,7 +49,7 @@ def _page(
 
 @router.get("/secret", dependencies=[Depends(write_of_own_site)], responses=problems(403, 507))
 async def get_webhook_secret(response: Response, services: ServicesDep, caller: CallerDep) -> SecretBody:
-    """What webhooks are signed with; made at the first call."""
+    """Get the secret that webhooks are signed with. The first call makes it."""
     response.headers["Cache-Control"] = "no-store"
     known = await services.calls.read(_known_secret, services, caller)
     if known is not None:
@@ -74,7 +74,7 @@ def _secret(services: Services, caller: Caller) -> SecretBody:
 async def rotate_webhook_secret(
     response: Response, services: ServicesDep, caller: CallerDep, once: OnceDep
 ) -> SecretBody:
-    """Another secret. For 24 h messages are signed with the former one too; 409 while there are four such."""
+    """Replace the secret. For 24 h, messages are signed with the former one too; 409 while four such are valid."""
     async with once:
         once.compare(None)
         services.room.require()
@@ -103,7 +103,7 @@ def _too_many_secrets(until: datetime, *, now: datetime) -> ConflictError:
 
 @router.get("/{webhook_id}", responses=problems(404))
 async def get_webhook(webhook_id: DeliveryId, services: ServicesDep, caller: CallerDep) -> DeliveryBody:
-    """One event for one receiver, and how far it has come."""
+    """Get one delivery: an event for one receiver, and its attempts so far."""
     return await services.calls.read(_show, services, caller, webhook_id)
 
 
@@ -116,7 +116,7 @@ def _show(services: Services, caller: Caller, webhook_id: str) -> DeliveryBody:
 async def replay_webhook(
     webhook_id: DeliveryId, services: ServicesDep, caller: CallerDep, once: OnceDep
 ) -> DeliveryBody:
-    """Tell it again, from now on and with the same id, whether it was delivered, has failed, or is still tried."""
+    """Send an event again, at once and with the same id, whatever became of it before."""
     async with once:
         once.compare(None)
         return await services.calls.write(_replay, services, caller, once, webhook_id)
@@ -126,7 +126,7 @@ def _replay(services: Services, caller: Caller, once: Once, webhook_id: str) -> 
     with services.database.write() as session:
         _found(session, caller, webhook_id)
         if not webhooks.replay(session, webhook_id, now=services.database.now()):
-            raise ConflictError("the job goes on: there is nothing to tell yet")
+            raise ConflictError("the job has not ended: there is nothing to send yet")
         body = _body(session, _found(session, caller, webhook_id))
         once.keep(session, 202, body, location=None, resource_id=webhook_id)
     return body

@@ -37,23 +37,23 @@ MAX_WORDS = 64
 #: names that a thing may have
 MAX_METADATA = 16
 METADATA_NAME = r"[A-Za-z0-9_.-]{1,40}"
-_METADATA_VALUE = r"[^\x00-\x1f\x7f]{0,200}"
+METADATA_VALUE = r"[^\x00-\x1f\x7f]{0,200}"
 #: a name and a value as a query or a form has them
-METADATA_PAIR = f"^{METADATA_NAME}:{_METADATA_VALUE}$"
+METADATA_PAIR = f"^{METADATA_NAME}:{METADATA_VALUE}$"
 MetadataPair = Annotated[str, StringConstraints(pattern=METADATA_PAIR)]
 MetadataPairs = Annotated[list[MetadataPair], Field(max_length=MAX_METADATA)]
 Metadata = Annotated[
     dict[
         Annotated[str, StringConstraints(pattern=f"^{METADATA_NAME}$")],
-        Annotated[str, StringConstraints(pattern=f"^{_METADATA_VALUE}$")],
+        Annotated[str, StringConstraints(pattern=f"^{METADATA_VALUE}$")],
     ],
     Field(
         max_length=MAX_METADATA,
-        description="up to 16 names and values of your own, shown back",
+        description="up to 16 names and values of your own, returned and never interpreted",
         examples=[{"order": "42"}],
     ),
 ]
-Force = Annotated[bool, Field(description="make it again even if the same was made before and is there still")]
+Force = Annotated[bool, Field(description="make a new job even if the same transfer or swap was asked for before")]
 
 
 class Request(BaseModel):
@@ -66,11 +66,11 @@ RECEIVER_URL = r"^[Hh][Tt][Tt][Pp][Ss]?://[\x21-\x7e]+$"
 
 
 class WebhookRequest(Request):
-    """Who is told of the job's end."""
+    """The receiver that is told of the job's end."""
 
     url: str = Field(
-        pattern=RECEIVER_URL,
-        max_length=2048,
-        description="asked by POST, signed by Standard Webhooks; at a public address",
+        description="address that gets a POST, signed by Standard Webhooks; http or https, and public",
         examples=["https://studio.example/hooks/pvg"],
+        # said here, checked by `service.api.receivers`, which says better what is wrong with it
+        json_schema_extra={"pattern": RECEIVER_URL, "maxLength": 2048},
     )

@@ -32,7 +32,7 @@ class ExtraBody(BaseModel):
     """What was made beside a result, see `output.extras`."""
 
     part: PartName
-    person: int = Field(description="which of the persons that the look changes, from 1")
+    person: int = Field(description="number of the person, from 1, if the look changes several")
     url: str
     size_bytes: int
     sha256: str
@@ -44,7 +44,7 @@ class OptionsBody(BaseModel):
     """How a look was asked for, defaults included: a request may have it as it is."""
 
     strength: float
-    contrast: Contrast | ContrastOfEach = Field(description="two when two faces exchange their colours")
+    contrast: Contrast | ContrastOfEach = Field(description="two values if two faces exchange their colours")
     match: Match
     protect: list[Feature]
     faces: Faces
@@ -61,7 +61,7 @@ class OptionsBody(BaseModel):
 class OutputBody(BaseModel):
     """How the results of a job were asked to be written, defaults included."""
 
-    container: Container | None = Field(description="null: mp4 for clips, png for images")
+    container: Container | None = Field(description="null: mp4 for a clip, png for a picture")
     codec: Codec
     crf: int | None
     preset: Preset | None
@@ -77,47 +77,49 @@ class LookBody(BaseModel):
     video: str
     reference: str
     options: OptionsBody
-    settings: VectorBody | None = Field(description="how its video was vectorised, once it is drawn")
+    settings: VectorBody | None = Field(description="how its video was vectorised; null until the look is made")
     warnings: list[str] = Field(
-        description="what may spoil it, and what of the video its file does not keep, once it is drawn"
+        description="what may spoil the look, and what of the video its file does not keep; empty until it is made"
     )
     result: str | None
     result_gone: Literal["expired", "deleted"] | None = Field(
-        description="why there is a result no longer: it or one of its media has expired, or was deleted"
+        description="why the result is gone: it, or one of its media, has `expired` or was `deleted`"
     )
     url: str | None
-    size_bytes: int | None = Field(description="of the result, as are the next three, once it is drawn")
+    size_bytes: int | None = Field(description="size of the result; null until it is made, and once it is gone")
     content_type: str | None
     sha256: str | None
     expires_at: datetime | None
-    extras: list[ExtraBody] = Field(description="what was asked for beside the result, once it is drawn")
+    extras: list[ExtraBody] = Field(description="what `output.extras` asked for; empty until it is made")
 
 
 class QueueBody(BaseModel):
     """Where a job stands among those that wait for a worker."""
 
-    position: int = Field(ge=1, description="1 is next; others may still come before it, for keys take turns")
+    position: int = Field(ge=1, description="1 is next; others may still come before it, since keys take turns")
 
 
 class EtaBody(BaseModel):
     """When a job will be done, in seconds from its last change; measured on jobs like it."""
 
-    seconds: float = Field(ge=0, description="the middle of what is likely")
-    low: float = Field(ge=0, description="one in ten of jobs like it is faster")
-    high: float = Field(ge=0, description="one in ten is slower")
+    seconds: float = Field(ge=0, description="the most likely time")
+    low: float = Field(ge=0, description="about one in ten jobs takes less")
+    high: float = Field(ge=0, description="about one in ten jobs takes more")
 
 
 class Timings(BaseModel):
     """Seconds of the parts of a job; null for those it did not have."""
 
-    waited_s: float | None = Field(default=None, description="for media that were not ready")
-    queued_s: float | None = Field(default=None, description="for a worker, since it was last queued")
+    waited_s: float | None = Field(default=None, description="wait for media that were not ready")
+    queued_s: float | None = Field(default=None, description="wait for a worker, since the job was last queued")
     vectorize_s: float | None = None
     transfer_s: float | None = None
-    render_s: float | None = Field(default=None, description="of all parts together, when it was done in parts")
-    join_s: float | None = Field(default=None, description="of joining its parts")
+    render_s: float | None = Field(
+        default=None, description="rendering; the sum over its parts if the job was done in parts"
+    )
+    join_s: float | None = Field(default=None, description="joining the parts of a job")
     extras_s: float | None = None
-    cpu_s: float | None = Field(default=None, description="processor time of drawing and joining its parts")
+    cpu_s: float | None = Field(default=None, description="processor time of drawing and joining the parts of a job")
     store_s: float | None = None
 
 
@@ -130,23 +132,24 @@ class JobBody(BaseModel):
     done: bool
     attempt: int
     waiting_for: Literal["media", "room"] | None = Field(
-        description="why a queued job cannot begin yet: its media are being vectorised, or the disk is full"
+        description="why a queued job cannot begin yet: `media` are being vectorised, or there is no `room` on the disk"
     )
     progress: ProgressBody
-    queue: QueueBody | None = Field(description="of a queued job that waits for a worker alone")
-    eta: EtaBody | None = Field(description="until it is done; null as long as nothing like it has been measured")
-    media: str | None = Field(description="what a vectorize job makes ready")
+    queue: QueueBody | None = Field(description="place in the queue, if the job waits only for a worker")
+    eta: EtaBody | None = Field(description="time until it is done; null until enough jobs like it have been measured")
+    media: str | None = Field(description="id of the medium that a `vectorize` job makes ready")
     looks: list[LookBody]
-    output: OutputBody | None = Field(description="how its results are written; null of a vectorize job")
+    output: OutputBody | None = Field(description="how its results are written; null for a `vectorize` job")
     error: StoredProblem | None
-    timings: Timings | None = Field(description="seconds of each part of the work, as far as they are known")
+    timings: Timings | None = Field(description="seconds of each phase, as far as they are known")
     metadata: dict[str, str]
     traceparent: str | None = Field(description="W3C Trace Context of the request that made it")
     created_at: datetime
     started_at: datetime | None
     finished_at: datetime | None
     expires_at: datetime | None = Field(
-        description="when its record may go, once it is done: not before its results, or the medium it made"
+        description="when its record may be deleted: not before its results or the medium that it made; null until the "
+        "job has ended"
     )
 
 

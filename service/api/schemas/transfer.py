@@ -68,34 +68,39 @@ class _ColorOptions(Request):
     strength: float = Field(
         default=_USUAL.strength, ge=0, le=1, description="0 leaves the clip as it is, 1 is the whole transfer"
     )
-    match: Match = Field(default=_USUAL.match, description="all colours together, or skin to skin and lips to lips")
+    match: Match = Field(
+        default=_USUAL.match,
+        description="`semantic`: skin to skin, lips to lips; `color`: all colours together, as in the paper",
+    )
     protect: Annotated[list[Feature], AS_SET] = Field(
         default=[*_USUAL.protect],
         max_length=MAX_WORDS,
-        description="features that follow the skin in brightness and half its hue only; others take the look wholly",
+        description="parts that follow the skin only in brightness and half its hue; others take the whole look",
     )
-    faces: Faces = Field(default="all", description="indices of the faces to change, or all")
+    faces: Faces = Field(default="all", description="`all`, or the indices of the faces to change")
     makeup: Share | MakeupParts = Field(
         default=MAKEUP,
-        description="how far lips, lids, cheeks and brows take the reference's make-up: all, or by part, where those "
-        "that are not named have 0.75",
+        description="how far the reference's make-up is taken over: one number, or one by part (lips, lids, cheeks, "
+        "brows); parts that are not named have 0.75",
     )
-    light: Share = Field(default=_USUAL.light, description="how far light falls from where it does on the reference")
+    light: Share = Field(default=_USUAL.light, description="how far the place of the reference's light is taken over")
     scene: Share = Field(
         default=_USUAL.scene,
-        description="how far brightness and hue far from the clip's give way to its scene; 0 takes the reference's own",
+        description="how far the look gives way to the clip's brightness and hue; 0 takes the reference's own colours",
     )
     extent: Extent = Field(
-        default=_USUAL.extent, description="all skin of the person, or the face with ears and neck alone"
+        default=_USUAL.extent, description="`skin`: all skin of the person; `face`: without chest, arms and hands"
     )
     reference_face: Index | None = Field(
-        default=None, description="index of the reference's face; its largest when not given"
+        default=None, description="index of the reference's face; without it, the largest face"
     )
     beta: float = Field(default=_USUAL.beta, gt=0, le=1, description="β of the paper's eq. (7)")
     iterations: Whole = Field(
         default=_USUAL.iterations, ge=0, le=MAX_ITERATIONS, description="N of the paper's eq. (7)"
     )
-    seed: Whole = Field(default=_USUAL.seed, ge=0, le=MAX_SEED, description="of the transport's random rotations")
+    seed: Whole = Field(
+        default=_USUAL.seed, ge=0, le=MAX_SEED, description="seed of the random rotations of the colour transport"
+    )
 
 
 class LookOptions(_ColorOptions):

@@ -72,7 +72,7 @@ class ResultLinkRequest(Request):
     def _of_a_part(cls, person: int, info: ValidationInfo) -> int:
         # a default that is said is as one that is not
         if person > 1 and info.data.get("part", "") is None:
-            raise ValueError("a person is of a part: say which, matte or look.cube")
+            raise ValueError("only a part has persons: give `part`, matte or look.cube")
         return person
 
 

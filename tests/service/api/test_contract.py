@@ -78,6 +78,34 @@ def test_all_that_a_medium_fails_with_is_told_with_422(schema: dict[str, Any]) -
     assert {kind["value"]["status"] for kind in kinds.values()} == {422}
 
 
+def test_an_operation_tells_of_the_problems_alone_that_it_can_answer_with(schema: dict[str, Any]) -> None:
+    def kinds(operation: dict[str, Any], status: str) -> set[str]:
+        return set(operation["responses"].get(status, {}).get("content", {}).get(PROBLEM_JSON, {}).get("examples", {}))
+
+    by_id = {operation["operationId"]: operation for _, _, operation in operations(schema)}
+    assert kinds(by_id["list_videos"], "422") == {"validation-failed"}
+    assert kinds(by_id["delete_video"], "409") == {"conflict"}
+    assert kinds(by_id["create_video"], "409") == {"conflict", "idempotency-key-in-use"}
+    assert "fetch-failed" in kinds(by_id["create_video"], "422")
+    assert "fetch-failed" not in kinds(by_id["create_transfer"], "422")
+    media = {"create_transfer", "create_transfer_from_form", "create_swap", "create_preview"}
+    media |= {f"get_{role}_{name}" for role in ("video", "reference") for name in ("frame", "poster", "face_thumbnail")}
+    assert {name for name, one in by_id.items() if "no-face" in kinds(one, "422")} == media
+    named = {name for name, one in by_id.items() if "idempotency-key-reused" in kinds(one, "422")}
+    assert named == {
+        name for name, one in by_id.items() if "idempotency-key" in {each["name"] for each in one.get("parameters", [])}
+    }
+
+
+def test_every_answer_and_parameter_says_what_it_is(schema: dict[str, Any]) -> None:
+    for path, method, operation in operations(schema):
+        told = {status: answer["description"] for status, answer in operation["responses"].items()}
+        assert all(told.values()), (method, path, told)
+        assert "Successful Response" not in told.values(), (method, path)
+        silent = [one["name"] for one in operation.get("parameters", []) if not one.get("description")]
+        assert silent == [], (method, path)
+
+
 def test_fields_of_pictures_and_of_tus_are_declared_where_they_are_sent(schema: dict[str, Any]) -> None:
     having = {
         operation["operationId"]

@@ -78,7 +78,7 @@ def test_a_result_is_had_by_a_link_without_a_key(api: Api, stranger: httpx.Clien
 def test_a_person_is_of_a_part(api: Api) -> None:
     address = f"/results/{make_result(api)}/link"
     refused = api.client.post(address, json={"person": 7})
-    errors = [{"pointer": "/person", "detail": "a person is of a part: say which, matte or look.cube"}]
+    errors = [{"pointer": "/person", "detail": "only a part has persons: give `part`, matte or look.cube"}]
     assert (refused.status_code, refused.json()["errors"]) == (422, errors)
     wrong = api.client.post(address, json={"part": "mask", "person": 7})
     assert [one["pointer"] for one in wrong.json()["errors"]] == ["/part"]

@@ -12,7 +12,7 @@ from sqlalchemy import Connection, event
 from service.api import problems
 from service.api.schemas import TransferRequest
 from service.storage import Storage
-from tests.service.fixtures import PNG, Api
+from tests.service.fixtures import MP4, PNG, Api
 
 
 def check(answer: Any, status: int) -> dict[str, Any]:
@@ -56,6 +56,35 @@ def test_what_there_is_instead_is_said(api: Api) -> None:
     ]
     for answer, detail in details:
         assert check(answer, answer.status_code)["detail"] == detail
+
+
+def test_what_is_wrong_is_said_in_words_and_not_in_patterns(api: Api) -> None:
+    client = api.client
+    wanted = {"video": "clip.mp4", "looks": [{"reference": "ref_x", "colour": 1}], "metadata": {"a b": "c"}}
+    errors = {one["pointer"]: one["detail"] for one in client.post("/transfer", json=wanted).json()["errors"]}
+    no_id = "this is not the id of a video or a reference"
+    assert errors == {
+        "/video": no_id,
+        "/looks/0/reference": no_id,
+        "/looks/0/colour": "there is no such field here",
+        "/metadata/a b": "a name has up to 40 letters, digits, `_`, `.`, `-`",
+    }
+    for query in ("videos?cursor=x", "jobs?cursor=x", "webhooks?cursor=x", "uploads?cursor=x", "videos?metadata=x"):
+        detail = client.get(f"/{query}").json()["detail"]
+        assert "this is not" in detail
+        assert "pattern" not in detail
+
+
+def test_a_file_where_a_text_belongs_and_a_text_where_a_file_does_are_told(api: Api) -> None:
+    client, picture = api.client, {"reference": ("a.png", PNG)}
+    without_file = [
+        (client.post("/videos", files={"mask": (None, "ycbcr"), "file": (None, "clip.mp4")}), "@ stands before"),
+        (client.post("/transfer", files={"video": ("a.mp4", MP4)} | picture), "upload the file to /videos first"),
+        (client.post("/transfer", files={"video": (None, "vid_x"), "strength": ("a", b"1")} | picture), "takes a text"),
+        (client.post("/transfer", files={"video": (None, f"vid_{0:032x}"), "reference": (None, "a.jpg")}), "@ stands"),
+    ]
+    for answer, detail in without_file:
+        assert detail in check(answer, answer.status_code)["detail"]
 
 
 def test_a_request_id_is_kept_when_it_is_harmless(api: Api) -> None:

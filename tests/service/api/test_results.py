@@ -241,7 +241,7 @@ def test_a_person_that_is_not_there_is_answered_with_those_that_are(api: Api, jo
     assert api.client.get(f"{url}/look.cube?person=2").content == SECOND
     answer = api.client.get(f"{url}/look.cube?person=3")
     assert (answer.status_code, answer.json()["code"]) == (404, "not-found")
-    assert answer.json()["detail"].endswith("has no look.cube of person 3; there is that of: 1, 2")
+    assert answer.json()["detail"].endswith("has no look.cube of person 3; it has those of: 1, 2")
     assert api.client.get(f"{url}/matte?person=2").status_code == 404
     assert api.client.get(f"{url}/matte?person=0").status_code == 422
 

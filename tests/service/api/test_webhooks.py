@@ -207,23 +207,27 @@ def test_a_receiver_of_an_upload_that_may_not_be_asked_is_refused_where_it_stand
 
 
 @pytest.mark.parametrize(
-    ("url", "kind"),
+    "url",
     [
-        ("ftp://studio.example/", "validation-failed"),
-        ("https://studio.example/a b", "validation-failed"),
-        ("https://studio.example/" + "a" * 2048, "validation-failed"),
-        ("https://name:secret@studio.example/", "url-not-allowed"),
-        ("https://studio.example:22/", "url-not-allowed"),
-        ("https:///path", "url-not-allowed"),
-        ("http://a]b/", "url-not-allowed"),
+        "ftp://studio.example/",
+        "https://studio.example/a b",
+        "https://studio.example/\n",
+        "https://studio.example/é",
+        "https://studio.example/" + "a" * 2048,
+        "https://name:secret@studio.example/",
+        "https://studio.example:22/",
+        "https:///path",
+        "http://a]b/",
+        "",
     ],
 )
-def test_a_receiver_that_may_not_be_asked_is_refused(api: Api, url: str, kind: str) -> None:
+def test_a_receiver_that_may_not_be_asked_is_refused(api: Api, url: str) -> None:
     video, reference = ready(api)
     body = {"video": video, "looks": [{"reference": reference}], "webhook": {"url": url}}
     answer = api.client.post("/transfer", json=body)
-    assert (answer.status_code, answer.json()["code"]) == (422, kind)
+    assert (answer.status_code, answer.json()["code"]) == (422, "url-not-allowed")
     assert answer.json()["errors"][0]["pointer"] == "/webhook/url"
+    assert "pattern" not in answer.json()["detail"]
     answer = api.client.post("/videos", files={"file": ("a.mp4", MP4)}, data={"webhook": url})
     assert (answer.status_code, answer.json()["errors"][0]["pointer"]) == (422, "/webhook")
     form = {"video": video, "reference": reference, "webhook": url}
