@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
 from python_multipart.exceptions import MultipartParseError
 from python_multipart.multipart import MultipartParser, parse_options_header
 
-from service.api.problems import file_at, pointer
+from service.api.problems import file_at, invalid_values, pointer
 from service.api.uploads import FileSink, Intake, ReceivedFile
 from service.errors import BadRequestError, TooLargeError
 
@@ -24,8 +24,6 @@ MAX_HEADER_BYTES = 8 * 1024
 MAX_FRAMING_BYTES = 256 * 1024
 #: what may stand before its first part and after its last one, which nobody reads
 MAX_OUTSIDE_BYTES = 64 * 1024
-
-
 #: for who has left the sign out
 CURL_SENDS_FILES: Final = "curl sends a file if an @ stands before its path"
 
@@ -50,13 +48,22 @@ class TooManyFilesError(BadRequestError):
     """The form has more files than are taken of it."""
 
 
-async def read_form(intake: Intake, *, max_files: int = 1, text: bool = True) -> Form:
+def _anywhere(_name: str) -> str:
+    return ""
+
+
+async def read_form(
+    intake: Intake, *, max_files: int = 1, text: bool = True, wrong_file: Callable[[str], str] = _anywhere
+) -> Form:
     """Receive the request's body as a form. The size limit is each file's own.
 
+    ``wrong_file`` says of the name of a field why it takes no file, or nothing.
+
     Raises `BadRequestError` for a malformed body and, without ``text``, at the first field that is no file,
-    `TooManyFilesError` at the first file over ``max_files``, `TooLargeError` for a file, text or a body that is over
-    its limit, and `UnsupportedMediaError` for a file that is none: those of files have a pointer, which counts those of
-    one name from 0 where there may be several files.
+    `ValidationFailedError` at the first file where none belongs, `TooManyFilesError` at the first file over
+    ``max_files``, `TooLargeError` for a file, text or a body that is over its limit, and `UnsupportedMediaError`
+    for a file that is none: those of files have a pointer, which counts those of one name from 0 where there may be
+    several files.
     """
     if "repr-digest" in intake.request.headers:
         raise BadRequestError("Repr-Digest is checked when the body is the file itself, not when it is a form")
@@ -66,14 +73,18 @@ async def read_form(intake: Intake, *, max_files: int = 1, text: bool = True) ->
     boundary = options.get(b"boundary", b"")
     if not boundary or len(boundary) > 70:  # RFC 2046, 5.1.1
         raise BadRequestError("the multipart body has no usable boundary")
-    return await _FormReader(intake, boundary, max_files, text=text).read(intake.request.stream())
+    reader = _FormReader(intake, boundary, max_files, text=text, wrong_file=wrong_file)
+    return await reader.read(intake.request.stream())
 
 
 class _FormReader:
     """Feeds the parser and turns its callbacks into fields and files."""
 
-    def __init__(self, intake: Intake, boundary: bytes, max_files: int, *, text: bool) -> None:
+    def __init__(
+        self, intake: Intake, boundary: bytes, max_files: int, *, text: bool, wrong_file: Callable[[str], str]
+    ) -> None:
         self._intake = intake
+        self._wrong_file = wrong_file
         self._max_files = max_files
         self._takes_text = text
         self._text_bytes = 0
@@ -172,6 +183,8 @@ class _FormReader:
             self._text = bytearray()
             self._count_text(len(options[b"name"]))
             return
+        if wrong := self._wrong_file(self._name):
+            raise invalid_values({pointer((self._name,)): wrong})
         if len(self._form.files) + len(self._finished) >= self._max_files:
             raise TooManyFilesError(f"the multipart body has more files than the {self._max_files} allowed")
         self._sink = self._intake.open(options.get(b"filename", b"").decode("utf-8", "replace"))

@@ -38,9 +38,7 @@ def to_request(form: Form, uploaded: Sequence[str]) -> TransferRequest:
     references = [part if isinstance(part, str) else next(ids) for part in references_of(form)]
     top: dict[str, Any] = {}
     pairs: list[str] = []
-    if files := [name for name, _ in form.files if name in {"video", *_TEXTS}]:
-        raise invalid_values({f"/{name}": _NO_FILE if name == "video" else "it takes a text" for name in files})
-    unknown = [name for name, _ in form.files if name != "reference"]
+    unknown: list[str] = []
     once = (name for name, _ in form.fields if name not in {"reference", "metadata", *_LISTS})
     if twice := given_twice(once):
         raise invalid_values({f"/{name}": "the field is given more than once" for name in twice})
@@ -66,6 +64,13 @@ def to_request(form: Form, uploaded: Sequence[str]) -> TransferRequest:
         )
     except ValidationError as error:
         raise _named_by_field(error) from error
+
+
+def wrong_file(name: str) -> str:
+    """Why a field of this name takes no file; nothing of references."""
+    if name == "reference":
+        return ""
+    return _NO_FILE if name == "video" else "it takes a text" if name in _TEXTS else NO_FIELD
 
 
 def references_of(form: Form) -> list[str | ReceivedFile]:

@@ -23,7 +23,7 @@ from service.api.problems import invalid_values
 from service.api.receivers import receiver
 from service.api.schemas import USUAL_CONTAINERS, JobBody, MediaBody, OutputRequest, SwapRequest, TransferRequest
 from service.api.services import Services
-from service.api.transfer_form import reference_at, references_of, to_request
+from service.api.transfer_form import reference_at, references_of, to_request, wrong_file
 from service.api.uploads import Intake
 from service.catalog import JobKind, Role
 from service.errors import Limit, ValidationFailedError
@@ -204,7 +204,7 @@ async def _read_form(
         Intake(services.storage, services.room, request, limit_bytes=limit_bytes, share=share) as intake,
     ):
         try:
-            form = await read_form(intake, max_files=settings.max_looks)
+            form = await read_form(intake, max_files=settings.max_looks, wrong_file=wrong_file)
         except TooManyFilesError as error:
             raise _too_many_looks(settings.max_looks, "/reference") from error
         draft = to_request(form, [_UPLOADED] * len(form.files))
