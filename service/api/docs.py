@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -22,6 +23,7 @@ ASSETS: Final = {
     "redoc.standalone.js": "text/javascript",
     "favicon.png": "image/png",
 }
+_CODE: Final = re.compile(r"`([^`]+)`")
 _FOLDER: Final = Path(str(files("fastapi_offline"))) / "static"
 # the browser itself refuses whatever a page or its scripts would load from elsewhere
 _HEADERS: Final = {
@@ -84,7 +86,7 @@ def _problems_page(title: str) -> str:
     """Every kind of problem: its code, which its type's address names, what it means and what to do."""
     items = "".join(
         f'<section id="{kind.type}"><h2><code>{kind.type}</code></h2><p><strong>{escape(kind.title)}</strong> '
-        f"({kind.status})</p><p>{escape(meaning)}</p><p>{escape(remedy)}</p></section>"
+        f"({kind.status})</p><p>{_as_html(meaning)}</p><p>{_as_html(remedy)}</p></section>"
         for kind, (meaning, remedy) in ((PROBLEMS[code], ADVICE[code]) for code in sorted(PROBLEMS))
     )
     return (
@@ -97,6 +99,11 @@ def _problems_page(title: str) -> str:
         "The status in brackets is that of an answer; jobs and media that failed have problems of the same kinds."
         f"</p>{items}</html>"
     )
+
+
+def _as_html(text: str) -> str:
+    """A text whose `names` are code."""
+    return _CODE.sub(r"<code>\1</code>", escape(text))
 
 
 def _root(request: Request) -> str:

@@ -69,7 +69,7 @@ def check(
     if key is None:
         return
     if jobs and keys.active_jobs(session, owner) + jobs > key.active_jobs:
-        detail = f"this key may have {key.active_jobs} unfinished jobs; wait for some, or cancel them"
+        detail = f"this key may have at most {key.active_jobs} unfinished job(s); wait for some, or cancel them"
         raise _exceeded("active-jobs", key.active_jobs, detail, _JOBS_RETRY_S)
     if size_bytes or lately is None or not lately.was_within(owner, key.stored_bytes):
         check_bytes(session, owner, key, size_bytes, now=now, lately=lately)
@@ -99,7 +99,8 @@ def check_bytes(
         end = keys.next_expiry(session, owner)
         wait_s = math.ceil((end - now).total_seconds()) if end is not None else _LONGEST_RETRY_S
         wait_s = min(max(1, wait_s), _LONGEST_RETRY_S)
-        raise _exceeded("stored-bytes", key.stored_bytes, f"{may}; delete some", wait_s)
+        more = f", and {size_bytes} more are too many" if size_bytes else ""
+        raise _exceeded("stored-bytes", key.stored_bytes, f"{may}; it keeps {stored}{more}; delete some", wait_s)
     if wanted + arriving > key.stored_bytes:
         detail = f"{may}, and {arriving} others are on their way; wait for them, or delete some"
         raise _exceeded("stored-bytes", key.stored_bytes, detail, _ARRIVING_RETRY_S)

@@ -18,7 +18,7 @@ from starlette.requests import Request
 
 from service.api.arriving import Share
 from service.api.draining import note_limit
-from service.api.sniffing import HEAD_BYTES, sniff
+from service.api.sniffing import FORMATS, HEAD_BYTES, sniff
 from service.catalog import FileType
 from service.egress import Egress
 from service.errors import BadRequestError, TooLargeError, UnsupportedMediaError
@@ -105,11 +105,17 @@ class FileSink:
         await self.complete()
         kind = sniff(self._head)
         if kind is None:
-            what = "is empty" if not self.size_bytes else "is not a video or image of an allowed type"
-            raise UnsupportedMediaError(
-                f"the file {what}; allowed are mp4, mov, webm, mkv, avi, jpeg, png, tiff and webp"
-            )
+            raise self._of_no_type()
         return ReceivedFile(self.path, self.sha256, self.size_bytes, kind, self.filename)
+
+    def check_head(self) -> None:
+        """Raise `UnsupportedMediaError` when what has come already shows that the file is of no allowed type."""
+        if len(self._head) == HEAD_BYTES and sniff(self._head) is None:
+            raise self._of_no_type()
+
+    def _of_no_type(self) -> UnsupportedMediaError:
+        what = "is empty" if not self.size_bytes else "is not a video or image of an allowed type"
+        return UnsupportedMediaError(f"the file {what}; allowed are {', '.join(FORMATS[:-1])} and {FORMATS[-1]}")
 
     def drop(self) -> None:
         """Give the file up: unless it was published, its bytes go."""

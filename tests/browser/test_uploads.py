@@ -82,6 +82,31 @@ def test_an_upload_goes_on_where_its_connection_broke(desk: Desk, clip: Path) ->
     assert uploads(desk) == []
 
 
+def test_a_large_file_that_is_no_clip_is_refused_before_it_is_sent(desk: Desk, tmp_path: Path) -> None:
+    large = tmp_path / "notes.mp4"
+    large.write_bytes(b"no clip" * 1024**2)
+    offsets: list[str] = []
+
+    def handle(route: Route) -> None:
+        offsets.append(route.request.headers.get("upload-offset", ""))
+        route.continue_()
+
+    desk.guarded.expected.append("status of 415")
+    page = begin(desk, large, handle)
+    page.locator(".way.failed").get_by_text("media type").first.wait_for()
+    assert offsets == ["0"]
+
+
+def test_a_large_clip_comes_whole(desk: Desk, tmp_path: Path) -> None:
+    large = tmp_path / "large.mp4"
+    large.write_bytes(MP4 + b"\0" * 5 * 1024**2)
+    page = desk.guarded.open()
+    drop(page, "#picture", large)
+    page.get_by_text("Waiting for a worker").wait_for()
+    newest = desk.api.client.get("/videos").json()["data"][0]
+    assert newest["sha256"] == hashlib.sha256(large.read_bytes()).hexdigest()
+
+
 def test_an_upload_that_broke_for_good_goes_on_when_it_is_tried_again(desk: Desk, clip: Path) -> None:
     breaks = arrives_in_part(desk, clip, 400)
     page = begin(desk, clip, lambda route: breaks(route) if route.request.method == "PATCH" else cut(route))

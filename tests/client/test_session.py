@@ -252,6 +252,8 @@ def test_a_url_within_the_services_network_is_not_fetched(client: Client, url: s
     for given in ({}, {"file": "clip.mp4", "url": "https://media.example/clip.mp4"}):
         with pytest.raises(ValueError, match="a file, or a url"):
             client.upload(**given)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="no role 'portrait'"):
+        client.upload("portrait.jpg", role="portrait")  # type: ignore[arg-type]
 
 
 def test_swap_gives_both(client: Client, url: str, video: Medium, drawn: Job, samples: Samples) -> None:

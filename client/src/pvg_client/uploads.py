@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final, Literal, get_args
 
 from pvg_client import tus
 from pvg_client.calls import Api, FilePart, Flow, Params, answered, body_of, once, worked
@@ -54,17 +54,19 @@ def upload(
     given beside it.
     ``webhook`` is the address that is told when the file is vectorised, or has failed.
 
-    Raises `ApiError` (`url-not-allowed` and `fetch-failed` of URLs), `UnreachableError`, `OSError` when the file cannot
-    be read, `ValueError` when it is given neither a file nor a URL, or both, or for a file that is not of the size of
-    the upload that is to go on. A file that changes while it is sent is an
-    `ApiError` or an `UnreachableError`, in pieces a `DamagedError`: it names the medium that the service has made of
-    them, and calling this again sends the file as it is then, if with another ``idempotency_key``.
+    Raises `ApiError` (`url-not-allowed` and `fetch-failed` of URLs), `UnreachableError`, `OSError` when the file
+    cannot be read, `ValueError` when it is given neither a file nor a URL, or both, for another role, or for a file
+    that is not of the size of the upload that is to go on. A file that changes while it is sent is an `ApiError` or
+    an `UnreachableError`, in pieces a `DamagedError`: it names the medium that the service has made of them, and
+    calling this again sends the file as it is then, if with another ``idempotency_key``.
     """
     settings = {"mask": mask, "matching": matching, "input_color": input_color}
     said = {name: value for name, value in settings.items() if value is not None}
     given = _Asked(role, said, metadata or {}, webhook)
     if (file is None) == (url is None):
         raise ValueError("give a file, or a url")
+    if role not in get_args(Role):
+        raise ValueError(f"there is no role {role!r}: a file is a video or a reference")
     if isinstance(resume, Upload):
         if file is None or said or metadata or webhook is not None or idempotency_key is not None:
             raise ValueError("what an upload is for was said when it was begun: give the file alone")

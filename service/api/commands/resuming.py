@@ -5,8 +5,8 @@ from __future__ import annotations
 import hashlib
 import hmac
 import secrets
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import AsyncIterator, Iterator, Mapping
+from contextlib import asynccontextmanager, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -186,7 +186,7 @@ async def append(
             if checksum is None:
                 await piece.keep()
             raise
-        await piece.keep()
+        await piece.end()
     return await services.calls.read(find, services, upload.id)
 
 
@@ -219,6 +219,7 @@ class _Piece:
         self._by_link = by_link
         self._start = upload.offset_bytes
         self._size = upload.size_bytes or 0
+        self._first: FileSink | None = None
         self._sink = self._open(None)
 
     def _open(self, size_bytes: int | None) -> FileSink:
@@ -237,6 +238,8 @@ class _Piece:
         if not sink.size_bytes:
             return
         await sink.complete()
+        if self._start == 0:
+            self._first = sink
         if self._checksum is not None:
             await run_in_threadpool(_check, sink.path, self._checksum)
         if self._start + sink.size_bytes == self._size:
@@ -246,12 +249,24 @@ class _Piece:
             self._intake.drop(sink)
         self._start += sink.size_bytes
 
-    async def _finish(self, last: FileSink) -> None:
+    async def end(self) -> None:
+        """Keep the last of the request. A file whose first bytes are of no allowed type need not come any further."""
+        await self.keep()
+        if self._first is not None:
+            async with self._removed_if_of_no_type():
+                self._first.check_head()
+
+    @asynccontextmanager
+    async def _removed_if_of_no_type(self) -> AsyncIterator[None]:
         try:
-            file = await last.finish() if self._start == 0 else await self._joined(last)
+            yield
         except UnsupportedMediaError:
             await remove(self._services, self._upload.id, even_if_complete=False)
             raise
+
+    async def _finish(self, last: FileSink) -> None:
+        async with self._removed_if_of_no_type():
+            file = await last.finish() if self._start == 0 else await self._joined(last)
         await record(self._services, self._upload, file, by_link=self._by_link)
 
     async def _joined(self, last: FileSink) -> ReceivedFile:

@@ -49,12 +49,15 @@ async def speak(request: Request) -> None:
 
 
 @router.options("", status_code=204, responses=problems())
-async def get_upload_protocol(response: Response, services: ServicesDep) -> None:
+async def get_upload_protocol(services: ServicesDep) -> Response:
     """Tell which version and extensions of tus the service supports, in the fields of the answer."""
-    response.headers["Tus-Version"] = tus.VERSION
-    response.headers["Tus-Extension"] = tus.EXTENSIONS
-    response.headers["Tus-Max-Size"] = str(services.settings.max_upload_bytes)
-    response.headers["Tus-Checksum-Algorithm"] = ",".join(tus.ALGORITHMS)
+    told = {
+        "Tus-Version": tus.VERSION,
+        "Tus-Extension": tus.EXTENSIONS,
+        "Tus-Max-Size": str(services.settings.max_upload_bytes),
+        "Tus-Checksum-Algorithm": ",".join(tus.ALGORITHMS),
+    }
+    return Response(status_code=204, headers=told)
 
 
 @router.get("", responses=problems())

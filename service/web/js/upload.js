@@ -9,6 +9,9 @@ const ROLES = { videos: "video", references: "reference" };
 const STALLED_MS = 30_000;
 /** once all has been sent, the service puts the file together before it answers */
 const LATE_MS = 600_000;
+/** of a file that is larger than this the first bytes, by which the service knows its type, go before the others */
+const LARGE_BYTES = 4 * 1024 ** 2;
+const HEAD_BYTES = 4096;
 /** what each break in a row is waited out with; then somebody has to ask for it */
 const PAUSES_S = [1, 2, 4, 8, 15];
 /** what the same bytes may be sent again after, besides silence */
@@ -47,7 +50,7 @@ export class Upload {
         if (offset > furthest) breaks = 0;
         furthest = Math.max(offset, furthest);
         const id = media ?? (await this.#append(offset, { onProgress, signal }));
-        if (!id) continue; // another key has come
+        if (!id) continue; // there is more to send, or another key has come
         const medium = await ask(`${this.#path}/${id}`, { signal });
         this.#forget();
         return medium;
@@ -101,7 +104,7 @@ export class Upload {
     return Object.entries(about).map(([name, value]) => `${name} ${base64(value)}`).join(",");
   }
 
-  /** Send all from `offset` on; the id of the medium, or null after a change of the key. */
+  /** Send what comes from `offset` on; the id of the medium, or null when there is more to do. */
   async #append(offset, { onProgress, signal }) {
     const used = key();
     const { status, text, media } = await this.#patch(offset, { onProgress, signal });
@@ -140,7 +143,8 @@ export class Upload {
         signal?.removeEventListener("abort", abort);
       });
       heard(0);
-      request.send(this.#file.slice(offset));
+      // what is no picture or clip is told by its first bytes, before all the others are sent
+      request.send(this.#file.slice(offset, offset === 0 && size > LARGE_BYTES ? HEAD_BYTES : size));
     });
   }
 

@@ -179,6 +179,8 @@ def test_answers_are_as_the_schema_says(api: Api, schema: dict[str, Any]) -> Non
 
 def test_a_problem_leads_to_what_is_said_of_it(api: Api) -> None:
     page = api.client.get("/docs/problems")
+    assert "`" not in page.text
+    assert "<code>Retry-After</code>" in page.text
     assert page.headers["content-type"].startswith("text/html")
     assert PROBLEMS.keys() == ADVICE.keys()
     anchors = re.findall(r'id="([a-z-]+)"', page.text)

@@ -70,6 +70,7 @@ def test_the_service_says_what_of_tus_it_speaks(api: Api) -> None:
     assert set(answer.headers["tus-extension"].split(",")) == {"creation", "termination", "expiration", "checksum"}
     assert answer.headers["tus-max-size"] == str(api.services.settings.max_upload_bytes)
     assert answer.headers["tus-checksum-algorithm"] == "sha256,sha1"
+    assert "content-type" not in answer.headers
 
 
 def test_a_file_in_pieces_is_the_medium_that_it_is_whole(api: Api) -> None:
@@ -324,6 +325,14 @@ def test_what_is_no_film_is_refused_at_its_end_and_nothing_is_kept(api: Api) -> 
     url = begin(api.client, 2000)
     assert send(api.client, url, 0, b"<html>" + b"x" * 994).status_code == 204
     assert send(api.client, url, 1000, b"x" * 1000).status_code == 415
+    assert api.client.head(url, headers=TUS).status_code == 404
+    assert (api.blobs, api.drafts) == ([], [])
+
+
+def test_what_is_no_film_is_refused_after_its_first_piece_where_that_shows_it(api: Api) -> None:
+    url = begin(api.client, 1_000_000)
+    refused = send(api.client, url, 0, b"<html>" + b"x" * 5000)
+    assert (refused.status_code, refused.json()["code"]) == (415, "unsupported-media-type")
     assert api.client.head(url, headers=TUS).status_code == 404
     assert (api.blobs, api.drafts) == ([], [])
 
