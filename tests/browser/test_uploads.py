@@ -17,8 +17,14 @@ from tests.service.fixtures import MP4
 pytestmark = pytest.mark.timeout(300)
 
 PATCHES = "**/v1/uploads/*"
-#: pauses pass a hundred times as fast
-_HASTE = "const slow = setTimeout; window.setTimeout = (act, ms) => slow(act, ms / 100);"
+#: pauses pass a hundred times as fast, and those of minutes never
+_HASTE = "const slow = setTimeout; window.setTimeout = (act, ms) => (ms > 60_000 ? 0 : slow(act, ms / 100));"
+#: the first byte goes at once, as the browser sees it
+_BEGINS = """const { send } = XMLHttpRequest.prototype;
+XMLHttpRequest.prototype.send = function (body) {
+  send.call(this, body);
+  this.upload.dispatchEvent(new ProgressEvent("progress", { lengthComputable: true, loaded: 1, total: body.size }));
+};"""
 
 
 @pytest.fixture
@@ -133,9 +139,20 @@ def test_a_connection_that_stands_still_is_taken_for_broken(desk: Desk, clip: Pa
         else:
             route.continue_()
 
+    desk.guarded.page.add_init_script(_BEGINS)
     page = begin(desk, clip, handle)
     page.get_by_text("Waiting for a worker").wait_for()
     assert held
+
+
+def test_an_upload_that_waits_for_its_turn_is_not_taken_for_broken(desk: Desk, clip: Path) -> None:
+    held: list[Route] = []
+    page = begin(desk, clip, lambda route: held.append(route))  # noqa: PLW0108  (Playwright marks its handlers)
+    desk.guarded.heard(lambda: held)
+    page.wait_for_timeout(1000)  # three times as long as one that has begun may stand still
+    assert len(held) == 1
+    held[0].continue_()
+    page.get_by_text("Waiting for a worker").wait_for()
 
 
 def test_an_upload_that_the_service_has_no_more_begins_anew(desk: Desk, clip: Path) -> None:

@@ -5,9 +5,9 @@ import { key } from "./key.js";
 
 const VERSION = "1.0.0";
 const ROLES = { videos: "video", references: "reference" };
-/** a connection on which nothing goes for so long is dead */
+/** a connection that stands still for so long while bytes go is dead */
 const STALLED_MS = 30_000;
-/** once all has been sent, the service puts the file together before it answers */
+/** before, it may wait for one of the six that a browser opens to a host; after, the service puts the file together */
 const LATE_MS = 600_000;
 /** of a file that is larger than this the first bytes, by which the service knows its type, go before the others */
 const LARGE_BYTES = 4 * 1024 ** 2;
@@ -119,18 +119,18 @@ export class Upload {
     return new Promise((resolve, reject) => {
       const request = new XMLHttpRequest();
       let timer = 0;
-      const heard = (loaded) => {
+      const wait = (ms) => {
         clearTimeout(timer);
         timer = setTimeout(() => {
           reject(silence());
           request.abort();
-        }, offset + loaded < size ? STALLED_MS : LATE_MS);
+        }, ms);
       };
       request.open("PATCH", address(`uploads/${this.#id}`));
       const fields = { "Tus-Resumable": VERSION, "Upload-Offset": offset, "Content-Type": "application/offset+octet-stream" };
       for (const [name, value] of Object.entries({ ...fields, ...authorization() })) request.setRequestHeader(name, value);
-      request.upload.addEventListener("progress", ({ loaded }) => {
-        heard(loaded);
+      request.upload.addEventListener("progress", ({ loaded, total }) => {
+        wait(loaded < total ? STALLED_MS : LATE_MS);
         onProgress?.((offset + loaded) / size, false);
       });
       request.addEventListener("load", () => resolve({ status: request.status, text: request.responseText, media: request.getResponseHeader("Pvg-Media") }));
@@ -142,7 +142,7 @@ export class Upload {
         clearTimeout(timer);
         signal?.removeEventListener("abort", abort);
       });
-      heard(0);
+      wait(LATE_MS);
       // what is no picture or clip is told by its first bytes, before all the others are sent
       request.send(this.#file.slice(offset, offset === 0 && size > LARGE_BYTES ? HEAD_BYTES : size));
     });
