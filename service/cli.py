@@ -79,7 +79,7 @@ def _tell_version(asked: bool) -> None:
 @cli.callback()
 def _before(
     version: Annotated[
-        bool, typer.Option("--version", callback=_tell_version, is_eager=True, help="Tell its number, and end.")
+        bool, typer.Option("--version", callback=_tell_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
     pass
@@ -89,9 +89,9 @@ def _before(
 def serve(
     host: Annotated[str | None, typer.Option(help="Address to listen at (PVG_HOST).")] = None,
     port: Annotated[int | None, typer.Option(help="Port to listen at; 0 picks one (PVG_PORT).")] = None,
-    worker: Annotated[bool, typer.Option(help="Run a worker too; without, start `pvg-service worker`.")] = True,
+    worker: Annotated[bool, typer.Option(help="Run the workers too; if not, start `pvg-service worker`.")] = True,
 ) -> None:
-    """Run the API with its worker and broker until stopped."""
+    """Run the API, with its workers and broker, until it is stopped."""
     settings = read_settings(host=host, port=port)
     may_listen = settings.listens_to_loopback_only or settings.allow_unauthenticated_network
     if not may_listen and not _have_keys(settings):
@@ -170,9 +170,9 @@ _QUEUES = {",".join(kind.queues): kind for kind in KINDS}
 
 @cli.command()
 def worker(
-    queues: Annotated[str, typer.Option(help=f"What it does: {' or '.join(_QUEUES)}.")] = ",".join(JOBS.queues),
+    queues: Annotated[str, typer.Option(help=f"Which work it does: {' or '.join(_QUEUES)}.")] = ",".join(JOBS.queues),
 ) -> None:
-    """Run a worker alone, beside an API that was started with --no-worker."""
+    """Run one worker, for an API that was started with --no-worker."""
     if queues not in _QUEUES:
         refuse(f"--queues is {' or '.join(_QUEUES)}")
     settings = read_settings()
@@ -215,7 +215,7 @@ def tell_health(
         bool, typer.Option("--previews", help="Check this machine's workers of previews instead of the API.")
     ] = False,
 ) -> None:
-    """Say whether the API at this machine's port, or a worker, is well; exit code 1 when it is not."""
+    """Check whether this machine's API or workers are well. The exit code is 1 if not."""
     if worker and previews:
         refuse("ask for --worker or --previews")
     sys.exit(health.report(read_settings(), "jobs" if worker else "previews" if previews else "api"))
@@ -225,17 +225,19 @@ def tell_health(
 def migrate(
     to: Annotated[
         str | None,
-        typer.Option(metavar="VERSION", help="Such as 0011; an older one loses what is newer."),
+        typer.Option(
+            metavar="VERSION", help="Version such as 0011. Going back to an older one deletes what it does not know."
+        ),
     ] = None,
     open_to_all: Annotated[
         bool,
         typer.Option(
             "--open-to-all",
-            help="Allow a version without keys, although keys exist: everything becomes visible to everyone.",
+            help="Allow a version without keys although there are keys. Everything then becomes visible to everyone.",
         ),
     ] = False,
 ) -> None:
-    """Bring the database to the version of this code, or to another one of which this code knows."""
+    """Bring the database to the version of this code, or to another known version."""
     settings = read_settings()
     configure(settings.log_level)
     make_folders(settings)
@@ -267,7 +269,7 @@ def gc(
         bool, typer.Option("--even-most", help="Go on even if more than half of all files would be deleted.")
     ] = False,
 ) -> None:
-    """Remove what is past its retention, and files that no record names."""
+    """Delete what is past its retention, and files that no record names."""
     from service.api import make_services  # noqa: PLC0415 - half of the start, and other commands do without
 
     settings = read_settings()
@@ -303,7 +305,7 @@ def _unless_full(step: Callable[[], int | None], name: str, left: list[str]) -> 
 
 @cli.command()
 def adopt() -> None:
-    """Make the files of the storage this database's, as once a backup is restored: those it does not name will go."""
+    """Make the files in the storage this database's, as after a restore. Files that it does not name will go."""
     from service.api import make_services  # noqa: PLC0415 - half of the start, and other commands do without
 
     services = make_services(current_settings())
@@ -313,9 +315,11 @@ def adopt() -> None:
 
 @cli.command()
 def usage(
-    month: Annotated[str | None, typer.Option(metavar="YYYY-MM", help="One month, of UTC; all without.")] = None,
+    month: Annotated[
+        str | None, typer.Option(metavar="YYYY-MM", help="One month, in UTC; without it, all months.")
+    ] = None,
 ) -> None:
-    """What each key has had done by month, the oldest first; that of a key is what its `/usage` tells."""
+    """List what was done for each key, by month, oldest first. A key sees the same of itself in `/usage`."""
     if month is not None and not _MONTH.fullmatch(month):
         refuse("--month is a year and a month, such as 2026-11")
 

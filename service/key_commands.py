@@ -23,24 +23,24 @@ MAX_COUNT: Final = 2**31 - 1
 #: for which a former secret of a key may be good: long enough for who changes it by hand everywhere
 MAX_OVERLAP_S: Final = 30 * DAY_S
 
-key_commands = typer.Typer(no_args_is_help=True, help="Who may use the service over the network, and how much.")
+key_commands = typer.Typer(no_args_is_help=True, help="Keys: who may use the service, and how much.")
 
-KeyName = Annotated[str, typer.Argument(help="The key's name, or its id.")]
-Rate = Annotated[int, typer.Option(min=1, max=MAX_COUNT, help="Requests a minute.")]
-ActiveJobs = Annotated[int, typer.Option(min=1, max=MAX_COUNT, help="Unfinished jobs.")]
-StoredBytes = Annotated[int, typer.Option("--bytes", min=1, max=MAX_BYTES, help="Bytes of media, assets and results.")]
+KeyName = Annotated[str, typer.Argument(help="Name or id of the key.")]
+Rate = Annotated[int, typer.Option(min=1, max=MAX_COUNT, help="Most requests a minute.")]
+ActiveJobs = Annotated[int, typer.Option(min=1, max=MAX_COUNT, help="Most unfinished jobs.")]
+StoredBytes = Annotated[int, typer.Option("--bytes", min=1, max=MAX_BYTES, help="Most bytes that it keeps.")]
 _DEFAULTS = Limits()
 _TIME: Final = "%Y-%m-%dT%H:%M:%SZ"
 
 
 @key_commands.command("create")
 def create_key(
-    name: Annotated[str, typer.Argument(help="A name for people, such as that of the application.")],
+    name: Annotated[str, typer.Argument(help="Name of the key, such as that of an application.")],
     rate: Rate = _DEFAULTS.requests_per_minute,
     active_jobs: ActiveJobs = _DEFAULTS.active_jobs,
     stored_bytes: StoredBytes = _DEFAULTS.stored_bytes,
 ) -> None:
-    """Make a key and print it: it is shown only now. With the first one, every call needs a key."""
+    """Make a key and print it. It cannot be shown again. From the first key on, every call needs one."""
     if not 0 < len(name) <= MAX_KEY_NAME or not name.isprintable():
         refuse(f"a name has 1 to {MAX_KEY_NAME} printable characters")
     if name.startswith(("key_", "pvg_")):
@@ -72,7 +72,7 @@ def _named(database: str) -> str:
 
 @key_commands.command("list")
 def list_keys() -> None:
-    """All keys with their limits and what they use; secrets are not known here, but whether a former one is good still.
+    """List all keys with their limits and usage, and until when a former secret is valid. It shows no secrets.
 
     Columns have tabs between them; the last one is there only while a former secret is good.
     """
@@ -103,7 +103,7 @@ def list_keys() -> None:
 
 @key_commands.command("revoke")
 def revoke_key(name: KeyName) -> None:
-    """End a key for good. What it owns stays until it expires, or until `assign` gives it to another."""
+    """End a key for good. What it owns stays until it expires, or until `assign` gives it to another key."""
     if not with_records(current_settings(), lambda session: keys.revoke(session, _key(session, name), now=utc_now())):
         typer.echo(f"{name} was revoked before", err=True)
 
@@ -112,10 +112,10 @@ def revoke_key(name: KeyName) -> None:
 def rotate_key(
     name: KeyName,
     overlap_s: Annotated[
-        float, typer.Option(min=0, max=MAX_OVERLAP_S, help="Seconds for which the former secret is good as well.")
+        float, typer.Option(min=0, max=MAX_OVERLAP_S, help="Seconds for which the former secret stays valid.")
     ] = 0.0,
 ) -> None:
-    """Give a key another secret and print it; what the key owns stays its own.
+    """Give a key another secret and print that. The key keeps what it owns.
 
     The former one stops working, at once or after the overlap.
     """
@@ -128,13 +128,13 @@ def rotate_key(
 @key_commands.command("limit")
 def limit_key(
     name: KeyName,
-    rate: Annotated[int | None, typer.Option(min=1, max=MAX_COUNT, help="Requests a minute.")] = None,
-    active_jobs: Annotated[int | None, typer.Option(min=1, max=MAX_COUNT, help="Unfinished jobs.")] = None,
+    rate: Annotated[int | None, typer.Option(min=1, max=MAX_COUNT, help="Most requests a minute.")] = None,
+    active_jobs: Annotated[int | None, typer.Option(min=1, max=MAX_COUNT, help="Most unfinished jobs.")] = None,
     stored_bytes: Annotated[
-        int | None, typer.Option("--bytes", min=1, max=MAX_BYTES, help="Bytes of all it keeps.")
+        int | None, typer.Option("--bytes", min=1, max=MAX_BYTES, help="Most bytes that it keeps.")
     ] = None,
 ) -> None:
-    """Change what a key may ask for and keep."""
+    """Change the limits of a key. Those that are not given stay."""
 
     def change(session: Session) -> None:
         key = _key(session, name)
@@ -150,9 +150,9 @@ def limit_key(
 @key_commands.command("assign")
 def assign_to_key(
     name: KeyName,
-    former: Annotated[str | None, typer.Option("--from", help="A key to take everything from.")] = None,
+    former: Annotated[str | None, typer.Option("--from", help="Name or id of the key that owns it now.")] = None,
 ) -> None:
-    """Give a key what was made before there were keys, which nobody sees otherwise; or what another key has."""
+    """Give a key what was made before there were keys, or, with --from, what another key owns."""
 
     def give(session: Session) -> tuple[int, int]:
         owner = keys.NOBODY if former is None else _key(session, former).id

@@ -30,6 +30,8 @@ RESTS = "() => document.querySelector('#picture video').paused"
 
 def test_keys_work_on_the_whole_stage(desk: Desk) -> None:
     page = desk.edit()
+    told = [page.get_by_role("button", name=f"One frame {way}").get_attribute("title") for way in ("back", "on")]
+    assert told == ["One frame back (,)", "One frame on (.)"]
     page.locator("#stage-name").click()  # as anything of the stage that is no control
     for key, frame in (("Period", 1), ("Period", 2), ("Comma", 1)):
         page.keyboard.press(key)

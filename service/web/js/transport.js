@@ -16,8 +16,8 @@ function swap(button, symbol, label) {
  */
 export function transport(bar, { on, full, extra = [] }) {
   const play = iconButton("play", "Play", () => on.toggle());
-  const back = iconButton("back", "One frame back", () => on.step(-1));
-  const forward = iconButton("forward", "One frame on", () => on.step(1));
+  const back = iconButton("back", "One frame back", () => on.step(-1), { title: "One frame back (,)", "aria-keyshortcuts": "," });
+  const forward = iconButton("forward", "One frame on", () => on.step(1), { title: "One frame on (.)", "aria-keyshortcuts": "." });
   const slider = el("input", { type: "range", class: "time", min: "0", step: "1", value: "0", "aria-label": "Frame" });
   const time = el("span", { class: "clock" });
   const sound = on.mute ? iconButton("sound", "Switch the sound off", () => on.mute()) : null;
