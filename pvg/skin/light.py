@@ -33,10 +33,10 @@ def median_color(rgb: Bytes, sample: Bools) -> Floats | None:
 def gain_of(color: Floats) -> Floats:
     """(3,) float32, the gain to usual light for a picture in which a face has the colour (3,), RGB levels.
 
-    1 where skin has a usual hue and light enough. Another hue is the light's: it is turned to the usual one, but for
-    greys, whose hue is chance (von Kries' rule on the levels).
+    1 where skin has a usual hue and chroma and light enough. Others are the light's or the camera's, but for greys,
+    whose hue is chance (von Kries' rule on the levels).
     """
-    usual = _of_usual_hue(color)
+    usual = _of_usual_tint(color)
     brightness = np.clip(_LIGHT.level / usual.max(), 1, _LIGHT.most)
     return np.asarray(brightness * usual / color, np.float32)
 
@@ -51,17 +51,30 @@ def gain_back(learned: Floats, color: Floats) -> Floats:
     return np.asarray(usual * np.clip(learned / (usual * color), *_LIGHT.change), np.float32)
 
 
-def _of_usual_hue(color: Floats) -> Floats:
-    """A face's colour (3,), turned to a hue of skin as far as it has none."""
+def _of_usual_tint(color: Floats) -> Floats:
+    """A face's colour (3,), brought to a hue and chroma of skin as far as it has none.
+
+    Lamps of any colour turn the hue far, and it is turned to the middle of skin's. A camera's white that is too cool
+    reddens skin and makes it pale, one that is too warm makes it vivid: such skin is brought to the nearest usual.
+    """
     lab = cv2.cvtColor(np.reshape(color / 255, (1, 1, 3)).astype(np.float32), cv2.COLOR_RGB2Lab)[0, 0]
-    chroma, middle = float(np.hypot(*lab[1:])), np.radians(_LIGHT.hue)
+    chroma = float(np.hypot(*lab[1:]))
     off = short_turn(float(np.degrees(np.arctan2(lab[2], lab[1]))) - _LIGHT.hue)
-    share = ramp(abs(off), *_LIGHT.strange) * ramp(chroma, *_LIGHT.hueless)
-    if share == 0:
+    # a and b fall with L + 16 in weaker light of the same colour, see `pvg.skin.color_model`
+    weak = (float(lab[0]) + 16) / (SKIN_PRIOR.colors.lightness + 16)
+    near = max(off, _LIGHT.reddest)
+    least = (_LIGHT.palest, _LIGHT.palest_red)
+    palest = least[0] + (least[1] - least[0]) * ramp(near - off, 0.0, _LIGHT.reddened)
+    usual = float(np.clip(chroma, weak * palest, weak * _LIGHT.most_vivid))
+    far = ramp(abs(off), *_LIGHT.strange)
+    usual += far * (float(np.clip(chroma, *_LIGHT.chroma)) - usual)
+    share = ramp(chroma, *_LIGHT.hueless)
+    if share == 0 or (near == off and far == 0 and usual == chroma):
         return color
-    side = float(np.clip(chroma, *_LIGHT.chroma)) * np.array([np.cos(middle), np.sin(middle)])
-    usual = cv2.cvtColor(np.array([[[lab[0], *side]]], np.float32), cv2.COLOR_Lab2RGB)[0, 0]
-    return np.asarray(color + share * (np.clip(255 * usual, _LIGHT.dimmest, 255) - color), np.float32)
+    angle = np.radians(_LIGHT.hue + (1 - far) * near)
+    moved = np.array([[[lab[0], usual * np.cos(angle), usual * np.sin(angle)]]], np.float32)
+    turned = cv2.cvtColor(moved, cv2.COLOR_Lab2RGB)[0, 0]
+    return np.asarray(color + share * (np.clip(255 * turned, _LIGHT.dimmest, 255) - color), np.float32)
 
 
 def relit(rgb: Bytes, gain: Floats) -> Bytes:

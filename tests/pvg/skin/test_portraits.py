@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+from benchmarks.quality.labels import LABELS, read_label
 from benchmarks.quality.measures import iou
 from pvg.face import Landmarks, layout
 from pvg.skin import BodyTracker, SceneReader, SkinTracker, fit_skin_model, skin_mask
@@ -47,6 +48,24 @@ STAGE = (0.006, 0.03, 0.9)  # hardly anything but blue
 def _lit(rgb: np.ndarray, light: tuple[float, float, float]) -> np.ndarray:
     """A picture by another light: what is left of red, green and blue."""
     return np.asarray(np.rint(np.clip(rgb * np.array(light) ** (1 / 2.2), 0, 255)), np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("name", "white", "kind", "least"),
+    [
+        ("man_tan_backlit_outdoor_480--0040", (1.56, 1, 1 / 1.56), "ear", 0.6),
+        ("man_tan_warm_stage_light", (0.8, 1, 1.25), "hand", 0.75),
+        ("woman_medium_brown_talking_audio_512--0050", (1 / 1.56, 1, 1.56), "body", 0.85),
+    ],
+    ids=["an ear in a warm white", "a hand in a cool white", "shoulders in a cool white"],
+)
+def test_skin_is_found_whatever_white_a_camera_was_set_to(
+    media_dir: Path, name: str, white: tuple[float, float, float], kind: str, least: float
+) -> None:
+    label = read_label(LABELS / f"{name}.json")
+    rgb = _lit(label.picture(media_dir), white)
+    face, body = _skin(rgb, fit_widest(rgb))
+    assert (face | body)[label.mask((kind,))].mean() > least
 
 
 @pytest.mark.parametrize("name", ["portrait", "dark_portrait", "pale_portrait"])
