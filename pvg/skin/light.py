@@ -60,12 +60,11 @@ def _of_usual_tint(color: Floats) -> Floats:
     lab = cv2.cvtColor(np.reshape(color / 255, (1, 1, 3)).astype(np.float32), cv2.COLOR_RGB2Lab)[0, 0]
     chroma = float(np.hypot(*lab[1:]))
     off = short_turn(float(np.degrees(np.arctan2(lab[2], lab[1]))) - _LIGHT.hue)
-    # a and b fall with L + 16 in weaker light of the same colour, see `pvg.skin.color_model`
-    weak = (float(lab[0]) + 16) / (SKIN_PRIOR.colors.lightness + 16)
     near = max(off, _LIGHT.reddest)
-    least = (_LIGHT.palest, _LIGHT.palest_red)
-    palest = least[0] + (least[1] - least[0]) * ramp(near - off, 0.0, _LIGHT.reddened)
-    usual = float(np.clip(chroma, weak * palest, weak * _LIGHT.most_vivid))
+    reddened = ramp(near - off, 0.0, _LIGHT.reddened)
+    palest = _LIGHT.palest + reddened * (_LIGHT.palest_red - _LIGHT.palest)
+    light = float(np.sqrt((lab[0] + 16) / (SKIN_PRIOR.colors.lightness + 16)))
+    usual = float(np.clip(chroma, light * palest, light * _LIGHT.most_vivid))
     far = ramp(abs(off), *_LIGHT.strange)
     usual += far * (float(np.clip(chroma, *_LIGHT.chroma)) - usual)
     share = ramp(chroma, *_LIGHT.hueless)

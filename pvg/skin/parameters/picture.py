@@ -157,12 +157,13 @@ class LightNumbers:
     strange: Range = (33.0, 48.0)  # degrees off it [measured: as above]: from a skin's own hue to the light's
     hueless: Range = (2.0, 4.0)  # chroma [by eye]: from greys, whose hue is chance, to colours
     chroma: Range = (15.0, 25.0)  # of skin in usual light [by eye]
-    reddest: float = -13.0  # degrees off that hue [measured: of those faces -14]: redder and paler skin is the white's
-    reddened: float = 8.0  # degrees more [by eye]: from skin's own red to that of a camera's white
-    # chroma at one lightness of usual skin, of these and of reddened skin [measured: of those faces 12 and more]
+    reddest: float = -16.0  # degrees off that hue [measured: of those faces -14]: redder and paler skin is the white's
+    reddened: float = 6.0  # degrees more [by eye]: from skin's own red to that of a camera's white
+    # chroma of usual and of reddened skin at L 54, elsewhere times the root of (L + 16) / 70 [measured: of those faces
+    # 12 at least; at most 34 at L 40 and 40 at L 67]
     palest: float = 8.5  # [measured: from 12 on an ear in haze is lost]
     palest_red: float = 13.0  # [measured: hands in a cool white; 51 % at 9, 86 % from 12 on]
-    most_vivid: float = 32.0  # [measured: ears in a warm white are lost from 34 on; of those faces 43 and less]
+    most_vivid: float = 38.0  # [measured: of those faces; in a warm white 4 regions of 37 lose or spill 10 %, 1 now]
     dimmest: float = 4.0  # 8-bit levels of the face's median colour [by eye]: limits the change of light
     change: Range = (0.2, 5.0)  # of light since the key frame, per channel, both in usual light: limits [by eye]
 
