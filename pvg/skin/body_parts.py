@@ -90,7 +90,8 @@ def leave_out_hair(
 
     The place of an ear makes up for a colour that is not quite the skin's. An ear ends where its colour does; a
     part whose surroundings have its own colour ends where that place does. What is far redder than the skin is an ear
-    full of blood, whatever is behind it: hair is yellower.
+    full of blood, whatever is behind it: hair is yellower. What is far lighter than what is around it is no strand of
+    that hair.
 
     rgb, person, face_mask, head, scale, gain: see `hair_odds`;  hair: (h, w) nats, its result.
     """
@@ -126,7 +127,8 @@ def leave_out_hair(
         own, beside = np.median(lab[inside], axis=0), np.median(lab[ring], axis=0)
         along, across = scale.of_hue(own)
         blood = along > 0 and across < -_BODY.hair_redder
-        if not blood and float(np.linalg.norm((own - beside) / scale.spread)) < _BODY.hair_alike + mean_hair:
+        ear = blood or float(own[0] - beside[0]) > _BODY.hair_lighter
+        if not ear and float(np.linalg.norm((own - beside) / scale.spread)) < _BODY.hair_alike + mean_hair:
             probability[box][inside] = 0.0
 
 

@@ -59,6 +59,7 @@ class BodyNumbers:
     # hair is 0.5 to 3.9 spreads from what is around it; ears are 3.4 to 22, and little there speaks for hair
     hair_alike: float = 1.5  # spreads between a part and what is around it, beyond those nats [measured: as above]
     hair_redder: float = 2.5  # spreads across the hue to red [measured: an ear 4.2, hair -1.7 to 0.6]: a part is an ear
+    hair_lighter: float = 18.0  # L [measured: dark hair's lit strands to 16, ears before it 22 to 38]: likewise
     texture_from: float = 0.12  # standard deviation over brightness, of 3 cells a side [by eye]: skin is smooth
     texture: float = 20.0  # nats a unit more [by eye]
     texture_dark: float = 12.0  # 8-bit levels added to the brightness [by eye]

@@ -37,6 +37,7 @@ from tests.gallery.scenes import TONES, drawn_face, filled, shrunk
 
 SIZE = (480, 640)
 RED, OAK, PINE, HAIR = (170, 30, 35), (150, 102, 62), (196, 146, 104), (165, 112, 76)
+SHADED_EAR, LIT_HAIR, DARK_HAIR = (132, 88, 51), (104, 66, 38), (72, 45, 24)
 BLOOD, RIM, SHADED_HAIR = (150, 66, 64), (80, 17, 15), (86, 26, 16)
 
 
@@ -140,8 +141,20 @@ def test_a_hand_follows_and_cloth_and_wall_do_not(tone: str) -> None:
 
 @pytest.mark.parametrize(
     ("part_color", "around", "kept"),
-    [(HAIR, HAIR, False), (HAIR, RED, True), (BLOOD, BLOOD, True)],
-    ids=["hair", "an ear before something red", "an ear full of blood before a wall as red"],
+    [
+        (HAIR, HAIR, False),
+        (HAIR, RED, True),
+        (BLOOD, BLOOD, True),
+        (SHADED_EAR, DARK_HAIR, True),
+        (LIT_HAIR, DARK_HAIR, False),
+    ],
+    ids=[
+        "hair",
+        "an ear before something red",
+        "an ear full of blood before a wall as red",
+        "a brown ear before dark hair as brown",
+        "a lit strand of dark hair",
+    ],
 )
 def test_a_part_beside_the_face_ends_where_its_colour_does_or_is_hair(
     part_color: tuple[int, int, int], around: tuple[int, int, int], kept: bool
