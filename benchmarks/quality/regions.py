@@ -1,6 +1,8 @@
 """How much of each labelled region changes with the face, and what changes that should not.
 
 `python -m benchmarks.quality.regions --half report` draws the default look on the labelled pictures and prints a table.
+With `--variants` it takes one picture of each file as other cameras would have taken it, and prints what their mattes
+hold of each region beside what those of the pictures as they are hold.
 
 The face's change D is the median, over the labelled face without eyes and mouth, of after − before in CIELAB. A pixel
 of skin changes with the face when the projection of its change on D is at least half of |D|; one that is no skin when
@@ -13,7 +15,7 @@ import argparse
 import tempfile
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +40,7 @@ from benchmarks.quality.faces import (
 from benchmarks.quality.labels import LABELS, SKIN, Label, read_labels
 from benchmarks.quality.media import HALVES, MEDIA, Half, find_material, half_of, usable_portraits
 from benchmarks.quality.peers import DEEP, OURS, Looks, Method, open_methods
+from benchmarks.quality.variants import PLAIN, VARIANTS, Kept, alpha_of, variants_table
 from pvg.asset import FaceInFrame
 from pvg.face import Landmarks, layout
 from pvg.rendering import source_frame
@@ -275,6 +278,49 @@ def regions_table(rows: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
+def variant_rows(label: Label, folder: Path) -> tuple[list[Kept], list[str]]:
+    """What the mattes hold of each person in a labelled picture's variants, and what was left out, and why.
+
+    folder: for the pictures. Skin is held with an alpha of ½, what is none with a fifth.
+    """
+    picture, still = label.picture(), replace(label, frame=0)
+    people: dict[int, LabelledFace] = {}
+    rows, left_out = [], []
+    for name, variant in VARIANTS.items():
+        path = folder / f"{label.name}.png"
+        cv2.imwrite(str(path), cv2.cvtColor(variant.draw(picture), cv2.COLOR_RGB2BGR))
+        try:
+            video = pvg.vectorize(path)
+        except pvg.PvgError as error:
+            left_out.append(f"{label.name}, {name}: {error}")
+            continue
+        with video:
+            alpha = alpha_of(video, variant, label.size)
+            if name == PLAIN:
+                tracked = {person: tracked_face(video, still, person) for person in label.persons}
+                people = {k: LabelledFace.of(label, k, one[1].landmarks) for k, one in tracked.items() if one}
+        for person, where in people.items():
+            held = {
+                region: float((alpha[mask] >= (_SKIN_SHARE if region in SKIN_REGIONS else _OTHER_SHARE)).mean())
+                for region, mask in where.masks.items()
+            }
+            rows.append(Kept(f"{label.name}, person {person}" if len(people) > 1 else label.name, name, held))
+    return rows, left_out
+
+
+def print_variants(labels: Sequence[Label]) -> None:
+    """Print the table of variants of the first labelled picture of each file."""
+    found: list[Kept] = []
+    left_out: list[str] = []
+    with tempfile.TemporaryDirectory() as folder:
+        for label in {label.media: label for label in reversed(labels)}.values():
+            rows, missed = variant_rows(label, Path(folder))
+            found, left_out = found + rows, left_out + missed
+            print(f"{label.name}: {len(rows)} mattes", flush=True)
+    print("\n" + variants_table(found, SKIN_REGIONS, OTHER_REGIONS))
+    print("\n".join(("", "Left out:", *left_out)) if left_out else "")
+
+
 def labels_of_half(labels: Sequence[Label], half: Half) -> list[Label]:
     """The labels of the clips and portraits of one half."""
     material = find_material()
@@ -299,8 +345,12 @@ def main() -> None:
     parser.add_argument("--labels", type=Path, default=LABELS, help="folder of the label files")
     parser.add_argument("--only", default="", help="part of the labels' names")
     parser.add_argument("--assets", type=Path, help="folder that keeps the assets of this version for the next run")
+    parser.add_argument("--variants", action="store_true", help="mattes of the pictures as other cameras take them")
     options = parser.parse_args()
     labels = [one for one in labels_of_half(read_labels(options.labels), options.half) if options.only in one.name]
+    if options.variants:
+        print_variants(labels)
+        return
     rows: list[dict[str, Any]] = []
     left_out: list[str] = []
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
