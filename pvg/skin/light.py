@@ -63,13 +63,14 @@ def _of_usual_tint(color: Floats) -> Floats:
     near = max(off, _LIGHT.reddest)
     reddened = ramp(near - off, 0.0, _LIGHT.reddened)
     palest = _LIGHT.palest + reddened * (_LIGHT.palest_red - _LIGHT.palest)
-    light = float(np.sqrt((lab[0] + 16) / (SKIN_PRIOR.colors.lightness + 16)))
-    usual = float(np.clip(chroma, light * palest, light * _LIGHT.most_vivid))
+    light = ((float(lab[0]) + 16) / (SKIN_PRIOR.colors.lightness + 16)) ** 0.5
+    usual = min(max(chroma, light * palest), light * _LIGHT.most_vivid)
     far = ramp(abs(off), *_LIGHT.strange)
-    usual += far * (float(np.clip(chroma, *_LIGHT.chroma)) - usual)
-    share = ramp(chroma, *_LIGHT.hueless)
-    if share == 0 or (near == off and far == 0 and usual == chroma):
+    if near == off and far == 0 and usual == chroma:
         return color
+    least, most = _LIGHT.chroma
+    usual += far * (min(max(chroma, least), most) - usual)
+    share = ramp(chroma, *_LIGHT.hueless)
     angle = np.radians(_LIGHT.hue + (1 - far) * near)
     moved = np.array([[[lab[0], usual * np.cos(angle), usual * np.sin(angle)]]], np.float32)
     turned = cv2.cvtColor(moved, cv2.COLOR_Lab2RGB)[0, 0]
