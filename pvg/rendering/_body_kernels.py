@@ -82,12 +82,13 @@ def beyond_bound(
     grey: Floats,
     usual: Floats,
     bound: Floats,
+    kept: np.float32,
     out: Floats,
 ) -> None:
     """out (2, h, w) = k (e − b(e)), see `bounded`, of samples of chroma (h, w), where α is not 0.
 
     luma: smoothed, where they are;  grey: (2,) its codes;  usual: (2, n) chroma above grey by luma's code;
-    bound: (2,) of w and k.
+    bound: (n,) w by luma's code;  kept: k.
     """
     one, most = np.float32(1.0), usual.shape[1] - 1
     for i in range(alpha.shape[0]):
@@ -100,8 +101,8 @@ def beyond_bound(
                 to_blue[j] = np.float32(b[j]) - grey[0] - usual[0, code]
                 to_red[j] = np.float32(r[j]) - grey[1] - usual[1, code]
             for j in range(last - first):
-                far = one + bound[0] * (to_blue[j] * to_blue[j] + to_red[j] * to_red[j])
-                lost = bound[1] * (one - one / np.sqrt(far))
+                far = one + bound[min(max(int(by[j]), 0), most)] * (to_blue[j] * to_blue[j] + to_red[j] * to_red[j])
+                lost = kept * (one - one / np.sqrt(far))
                 to_blue[j] *= lost
                 to_red[j] *= lost
             first, last = next_run(alpha[i], last)

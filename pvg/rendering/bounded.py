@@ -6,7 +6,8 @@ beyond the usual for skin of its luma, the map that moves skin beside the face k
 
     b(e) = e / √(1 + w |e|²)
 
-w grows with how far a look moves the face, and is 0 where it leaves the face as it is.
+w grows with how far a look moves the face, and is 0 where it leaves the face as it is. It falls to 0 in deep shade: the
+hollow of an ear is a deep red on every face, and would turn grey.
 """
 
 from __future__ import annotations
@@ -29,9 +30,9 @@ def beyond_bound(
     luma: (r, c) codes where they are, smoothed.
     """
     out = np.zeros((2, *alpha.shape), np.float32)
-    if tables.bound > 0:
-        bound = np.array([tables.bound, tables.kept], np.float32)
-        kernels.beyond_bound(luma, *chroma, alpha, tables.offset[1:], tables.usual, bound, out)
+    if tables.bound.any():
+        bound, kept = tables.bound, np.float32(tables.kept)
+        kernels.beyond_bound(luma, *chroma, alpha, tables.offset[1:], tables.usual, bound, kept, out)
     return out
 
 

@@ -14,13 +14,14 @@ from functools import cached_property
 
 import numpy as np
 
-from pvg._arrays import Doubles, Floats
+from pvg._arrays import Doubles, Floats, ramp
 from pvg._compiled import kernel
 from pvg.looks import LEAST_TINGE, LookMap, Region, SkinMap
 from pvg.rendering.coding import Coding
 from pvg.video import PixelFormat
 
 _APART = 0.12  # of the usual chroma, and e of `tinge` besides: about how far from it skin may stay [by eye]
+_HOLLOW = (0.4, 0.8)  # of the skin's middle luma, between which that begins to hold: hollows are deep red [by eye]
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +34,8 @@ class MapTables:
     least: (n,) float32 e of `tinge` by luma's code;
     told: (2, n) r of `tinge` up to which it is grey and from which on it is skin, by luma's code;
     beard: (n,) how far a mean of such a luma in the lower face is of a beard, by luma's code;
-    bound: w of `bounded`;  kept, kept_of_patches: k of single pixels and of patches, strength applied.
+    bound: (n,) w of `bounded` by luma's code;
+    kept, kept_of_patches: k of single pixels and of patches, strength applied.
     """
 
     tone: Floats
@@ -44,7 +46,7 @@ class MapTables:
     least: Floats
     told: Floats
     beard: Floats
-    bound: float = 0.0
+    bound: Floats
     kept: float = 1.0
     kept_of_patches: float = 1.0
 
@@ -92,7 +94,10 @@ class MapTables:
         tone, of_chroma, usual_chroma, least, told, beard = (one.astype(np.float32) for one in tables)
         share = look_map.strength * kept / gain
         stays = share * look_map.skin.spread, share * look_map.skin.broad
-        bound = 0.0 if region == "face" else _bound(look_map.skin, usual_chroma, least)
+        bound = np.zeros(len(codes), np.float32)
+        if region != "face":
+            lit = _read(codes, source[:, 0], ramp(levels / look_map.skin.own.middle, *_HOLLOW))
+            bound = (_bound(look_map.skin, usual_chroma, least) * lit).astype(np.float32)
         return cls(tone, of_chroma, float(excess), offset, usual_chroma, least, told, beard, bound, *stays)
 
     @cached_property
@@ -129,7 +134,7 @@ class MapTables:
 
 
 def _bound(skin: SkinMap, usual: Floats, least: Floats) -> float:
-    """w of `bounded`, in codes.  usual, least: see `MapTables`."""
+    """The most of w of `bounded`, in codes.  usual, least: see `MapTables`."""
     most = _APART * float(np.hypot(*usual).max()) + float(least.max())
     return (skin.moved / most) ** 2
 

@@ -125,6 +125,22 @@ def test_a_crimson_ear_comes_near_to_a_face_of_another_hue_and_stays_beside_its_
     assert np.ptp(_redness(drawn.rgb())[within]) < 4
 
 
+def test_the_deep_red_hollow_of_an_ear_does_not_turn_grey() -> None:
+    """In deep shade what sets an ear apart stays as k has it."""
+    skin, hollow = np.array([190.0, 140.0, 110.0]), np.array([85.0, 35.0, 35.0])
+    dark = np.hypot(*(np.mgrid[: SIZE[0], : SIZE[1]] - np.array([50, 60])[:, None, None])) < 14
+    rgb = np.where(dark[..., None], hollow, np.where(_disc()[..., None], skin, np.array([60.0, 80.0, 150.0])))
+    frame = Frame(0, 0, 0.0, FORMATS[0], FORMATS[0].from_rgb(rgb))
+    look = LookMap(_to((205, 175, 155)), 1.0, _ONCE)
+    drawn = _drawn(frame, look, "beside")
+    free = replace(MapTables.of(look, frame.format, region="beside"), bound=np.zeros(256, np.float32))
+    (body,) = place_body(frame, _matte(), [], [])
+    shown = foreground(frame, (body.x, body.y), body.alpha, body.step)
+    unbounded = frame.patched(apply_body(frame, body, shown, free))
+    within = shrunk(dark, 4)
+    assert _redness(drawn.rgb())[within].mean() > 0.95 * _redness(unbounded.rgb())[within].mean()
+
+
 def test_the_edge_lies_where_the_picture_has_it() -> None:
     """The matte's cells are 4 pixels, its edge is the luma's."""
     alpha = _alpha(place_body(_frame(FORMATS[0]), _matte(), [], []), SIZE)
