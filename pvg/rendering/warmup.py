@@ -10,6 +10,7 @@ from pvg._arrays import Bytes, Floats
 from pvg.looks import LookMap, SkinMap
 from pvg.membrane import Membrane
 from pvg.rendering.body import apply_body
+from pvg.rendering.bounded import beyond_bound_of_means
 from pvg.rendering.correction import Correction
 from pvg.rendering.edges import refine
 from pvg.rendering.foreground import foreground
@@ -34,11 +35,12 @@ def warm_up(frames: Sequence[Frame], membrane: Membrane, colors: Floats) -> None
     add_part(membrane.planes.copy(), np.zeros(3, np.float32), membrane.planes[0])
     alpha, planes, lattice = np.ones((32, 32), np.float32), membrane.planes, membrane.lattice
     number = Correction(lattice, planes, 1.1, planes)
-    look_map = LookMap(SkinMap.between(colors, colors.astype(np.float64)), 1.0, np.ones((1, 2), np.float32))
+    darker = SkinMap.between(colors, 0.6 * colors.astype(np.float64))  # a map that moves nothing has no bound
+    look_map = LookMap(darker, 1.0, np.ones((1, 2), np.float32))
     matte = Matte.over(np.array([8, 8, 40, 40], np.float32), np.eye(8, dtype=np.uint8) * np.uint8(255))
     guard = Guard(8, 8, np.ones((8, 8), np.float32), np.zeros(2, np.float32))
     for frame in frames:
-        tables = MapTables.of(look_map, frame.format)
+        tables, beside = (MapTables.of(look_map, frame.format, region=region) for region in ("face", "beside"))
         for correction in (number, Correction(lattice, planes, tables, around=planes[0])):
             skin = foreground(frame, (8, 8), alpha, 4.0) if correction.mapped else None
             fade = fade_in_dark(frame, (8, 8), alpha, [correction], skin)
@@ -49,7 +51,8 @@ def warm_up(frames: Sequence[Frame], membrane: Membrane, colors: Floats) -> None
         place_body(frame, body, (), bodies)  # which leaves nothing
         for placed in bodies:
             shown = foreground(frame, (placed.x, placed.y), placed.alpha, placed.step)
-            apply_body(frame, placed, shown, tables)
+            apply_body(frame, placed, shown, beside)
+        beyond_bound_of_means(beside, colors)
 
 
 def _spot() -> Bytes:
