@@ -135,8 +135,9 @@ class MapTables:
 
 def _bound(skin: SkinMap, usual: Floats, least: Floats) -> float:
     """The most of w of `bounded`, in codes.  usual, least: see `MapTables`."""
-    most = _APART * float(np.hypot(*usual).max()) + float(least.max())
-    return (skin.moved / most) ** 2
+    size = np.hypot(*usual)
+    at = int(np.argmax(size))  # in HDR and logarithms dark codes have far larger steps: e of them is no measure here
+    return (skin.moved / (_APART * float(size[at]) + float(least[at]))) ** 2
 
 
 def _read(codes: Doubles, at: Doubles, values: Doubles) -> Doubles:
