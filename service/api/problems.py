@@ -42,7 +42,7 @@ from service.errors import (
     message_of,
     problem_body,
 )
-from service.ids import DELIVERY_CURSOR, JOB_CURSOR, MEDIA_ID, UPLOAD_CURSOR
+from service.ids import MEDIA_ID
 from service.outages import is_disk_full, is_outage
 
 log = structlog.get_logger(__name__)
@@ -59,10 +59,9 @@ _OF_PATTERNS: Final = {
     METADATA_PAIR: "this is not name:value; a name has up to 40 letters, digits, `_`, `.`, `-`, a value 200 characters",
     f"^{METADATA_NAME}$": "a name has up to 40 letters, digits, `_`, `.`, `-`",
     f"^{METADATA_VALUE}$": "a value has up to 200 characters, and no control characters",
-    **dict.fromkeys(
-        (JOB_CURSOR.pattern, DELIVERY_CURSOR.pattern, UPLOAD_CURSOR.pattern), "this is not the `next_cursor` of a page"
-    ),
 }
+#: of any list: some have the ids of what they list
+_NO_CURSOR: Final = "this is not the `next_cursor` of a page"
 _WORDS: Final = {
     "Extra inputs are not permitted": NO_FIELD,
     **{f"String should match pattern '{pattern}'": words for pattern, words in _OF_PATTERNS.items()},
@@ -100,7 +99,7 @@ def _from_details(details: list[ErrorDetails]) -> ServiceError:
     by_pointer: dict[str, list[str]] = {}
     for item in details:
         messages = by_pointer.setdefault(pointer(_place(item["loc"])), [])
-        message = _in_words(message_of(item))
+        message = _in_words(item)
         if message not in messages:
             messages.append(message)
     # of a list that may also be a word, only what is wrong inside the list is worth saying
@@ -109,8 +108,11 @@ def _from_details(details: list[ErrorDetails]) -> ServiceError:
     return invalid_values({where: ", or ".join(by_pointer[where]) for where in inner})
 
 
-def _in_words(message: str) -> str:
+def _in_words(item: ErrorDetails) -> str:
     """What pydantic says, unless it is that a text has not a pattern, or that a name is one too many."""
+    if item["loc"] == ("query", "cursor"):
+        return _NO_CURSOR
+    message = message_of(item)
     return _WORDS.get(message, message)
 
 

@@ -102,9 +102,9 @@ class QueueBody(BaseModel):
 class EtaBody(BaseModel):
     """When a job will be done, in seconds from its last change; measured on jobs like it."""
 
-    seconds: float = Field(ge=0, description="the most likely time")
-    low: float = Field(ge=0, description="about one in ten jobs takes less")
-    high: float = Field(ge=0, description="about one in ten jobs takes more")
+    seconds: float = Field(ge=0, description="half of the jobs like it take less")
+    low: float = Field(ge=0, description="about one in ten of them takes less")
+    high: float = Field(ge=0, description="about one in ten of them takes more")
 
 
 class Timings(BaseModel):

@@ -69,10 +69,12 @@ def test_what_is_wrong_is_said_in_words_and_not_in_patterns(api: Api) -> None:
         "/looks/0/colour": "there is no such field here",
         "/metadata/a b": "a name has up to 40 letters, digits, `_`, `.`, `-`",
     }
-    for query in ("videos?cursor=x", "jobs?cursor=x", "webhooks?cursor=x", "uploads?cursor=x", "videos?metadata=x"):
-        detail = client.get(f"/{query}").json()["detail"]
-        assert "this is not" in detail
-        assert "pattern" not in detail
+    for listed in ("videos", "references", "jobs", "webhooks", "uploads"):
+        detail = client.get(f"/{listed}?cursor=x").json()["detail"]
+        assert detail == "/query/cursor: this is not the `next_cursor` of a page"
+    detail = client.get("/videos?metadata=x").json()["detail"]
+    assert "this is not name:value" in detail
+    assert "pattern" not in detail
 
 
 def test_a_file_where_a_text_belongs_and_a_text_where_a_file_does_are_told(api: Api) -> None:
