@@ -192,3 +192,28 @@ def test_what_is_not_wanted_any_more_is_not_kept(desk: Desk, clip: Path, way: st
         label = {"cancel": "Cancel", "close": "Close the clip; what is not uploaded yet is dropped"}[way]
         page.get_by_role("button", name=label).click()
     desk.guarded.heard(lambda: uploads(desk) == [])
+
+
+def test_a_page_that_is_shown_again_sends_what_it_had_dropped(desk: Desk, clip: Path) -> None:
+    """A browser may keep a page that is left, and go on with it: that it was hidden is no wish to cancel."""
+    broken: list[str] = []
+    held: list[Route] = []
+
+    def handle(route: Route) -> None:
+        method = route.request.method
+        if method == "PATCH" and not broken:
+            broken.append(route.request.url)
+            route.abort("connectionreset")
+        elif method == "GET" and not held:
+            held.append(route)
+        else:
+            route.continue_()
+
+    desk.guarded.expected.append("status of 404")
+    page = begin(desk, clip, handle)
+    desk.guarded.heard(lambda: held)
+    page.evaluate("window.dispatchEvent(new PageTransitionEvent('pagehide', { persisted: true }))")
+    desk.guarded.heard(lambda: uploads(desk) == [])
+    held[0].continue_()
+    page.get_by_text("Waiting for a worker").wait_for()
+    assert uploads(desk) == []

@@ -65,9 +65,12 @@ export class Upload {
     }
   }
 
-  /** Remove what has arrived. Whoever waits for it is told by the signal of `send`. */
+  /**
+   * Remove what has arrived. Whoever waits for it is told by the signal of `send`. `keepalive`: the page is hidden, for
+   * good most likely; one that is shown again sends it anew.
+   */
   async drop({ keepalive = false } = {}) {
-    this.#isDropped = true;
+    this.#isDropped ||= !keepalive;
     const id = this.#id;
     if (!id) return;
     this.#forget();
