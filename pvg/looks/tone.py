@@ -54,9 +54,9 @@ _ROUNDS = 4  # in which it is found: chroma changes with luma
 _MIDDLE = 0.1  # of the middle luma: over which a curve gets steeper below it
 _SLOPE_RANGE = (0.6, 2.0)  # of F in luma as a whole [by eye]
 # of the middle luma: skin beside the face that is darker than this goes through black, where a look darkens [by eye]
-# and where it brightens, and ears [by blind choice: 0.4 rather than 0.8 for necks and arms in even shade, 0.8 rather
-# than 0.4 for a shoulder that is modelled by it]
-_SHADE, _LIT_SHADE, _EAR_SHADE = 0.8, 0.55, 0.35
+# and where it brightens [by blind choice: 0.4 rather than 0.8 for necks and arms in even shade, 0.8 rather than 0.4 for
+# a shoulder that is modelled by it], and ears
+_SHADE, _EAR_SHADE = (0.8, 0.55), (0.35, 0.35)
 _LEAST_CHROMA = 4.0  # levels added to both sides of the ratio of chroma, so that grey skin does not explode
 # of the way from the line that is seen to the one of constant hue and saturation: light from two sides colours shadows,
 # and whole ones would turn sockets and stubble violet [by eye]
@@ -223,7 +223,7 @@ class SkinMap:
     spread: float
     broad: float
     alike: float
-    moved: float = 0.0
+    moved: float
 
     @classmethod
     def between(
@@ -288,19 +288,17 @@ class SkinMap:
     @property
     def beside(self) -> Doubles:
         """(256,) the tone curve of skin beside the face, see `_shifted`."""
-        middle = self.own.middle
-        brighter = float(np.interp(middle, np.arange(256.0), self.tone)) > middle
-        return self._shifted(_LIT_SHADE if brighter else _SHADE)
+        return self._shifted(_SHADE)
 
     @property
     def ears(self) -> Doubles:
         """(256,) the tone curve of ears, which differs from `beside` in deep shade."""
         return self._shifted(_EAR_SHADE)
 
-    def _shifted(self, shade: float) -> Doubles:
+    def _shifted(self, shade: tuple[float, float]) -> Doubles:
         """A tone curve (256,) that makes skin as much brighter or darker as the middle of the face's skin.
 
-        shade: of the middle luma; what is darker goes through black.
+        shade: of the middle luma, where that gets darker and where it gets brighter; what is darker goes through black.
 
         An ear or a neck is lit otherwise than the face, and keeps its difference to it. What is brighter than the
         middle comes no nearer to white than in proportion to how near it was. Deep shade goes through black, or along
@@ -308,7 +306,9 @@ class SkinMap:
         """
         levels, middle = np.arange(256.0), self.own.middle
         bright = float(np.interp(middle, levels, self.tone))
-        shifted = levels + (bright - middle) * np.minimum(1.0, levels / (shade * middle))
+        darkened, lit = shade
+        deep = (lit if bright > middle else darkened) * middle
+        shifted = levels + (bright - middle) * np.minimum(1.0, levels / deep)
         to_white = bright + (levels - middle) * (255.0 - bright) / (255.0 - middle)
         shifted = np.where(levels > middle, np.minimum(shifted, to_white), shifted)
         return np.asarray(np.where(levels < middle, np.maximum(shifted, self.tone), shifted))

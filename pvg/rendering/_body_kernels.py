@@ -98,13 +98,11 @@ def beyond_bound(
             to_blue, to_red = out[0, i, first:last], out[1, i, first:last]
             for j in range(last - first):
                 code = min(max(int(by[j]), 0), most)
-                to_blue[j] = np.float32(b[j]) - grey[0] - usual[0, code]
-                to_red[j] = np.float32(r[j]) - grey[1] - usual[1, code]
-            for j in range(last - first):
-                far = one + bound[min(max(int(by[j]), 0), most)] * (to_blue[j] * to_blue[j] + to_red[j] * to_red[j])
+                blue_apart = np.float32(b[j]) - grey[0] - usual[0, code]
+                red_apart = np.float32(r[j]) - grey[1] - usual[1, code]
+                far = one + bound[code] * (blue_apart * blue_apart + red_apart * red_apart)
                 lost = kept * (one - one / np.sqrt(far))
-                to_blue[j] *= lost
-                to_red[j] *= lost
+                to_blue[j], to_red[j] = lost * blue_apart, lost * red_apart
             first, last = next_run(alpha[i], last)
 
 

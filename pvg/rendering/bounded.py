@@ -23,21 +23,21 @@ from pvg.rendering.map_tables import MapTables
 
 
 def beyond_bound(
-    tables: MapTables, luma: NDArray[Any], chroma: tuple[NDArray[Any], NDArray[Any]], alpha: Floats
+    tables: MapTables, kept: float, luma: NDArray[Any], chroma: tuple[NDArray[Any], NDArray[Any]], alpha: Floats
 ) -> Floats:
     """k (e − b(e)), (2, r, c) float32, of smoothed chroma samples (r, c) where alpha (r, c) is not 0; 0 elsewhere.
 
-    luma: (r, c) codes where they are, smoothed.
+    kept: k;  luma: (r, c) codes where they are, smoothed.
     """
     out = np.zeros((2, *alpha.shape), np.float32)
     if tables.bound.any():
-        bound, kept = tables.bound, np.float32(tables.kept)
-        kernels.beyond_bound(luma, *chroma, alpha, tables.offset[1:], tables.usual, bound, kept, out)
+        grey, share = tables.offset[1:], np.float32(kept)
+        kernels.beyond_bound(luma, *chroma, alpha, grey, tables.usual, tables.bound, share, out)
     return out
 
 
 def beyond_bound_of_means(tables: MapTables, codes: Floats) -> Floats:
     """The same (2, n) of mean codes (n, 3) of luma and chroma, with the k of patches."""
     luma, blue, red = (np.ascontiguousarray(codes[None, :, p]) for p in range(3))
-    lost = beyond_bound(tables, luma, (blue, red), np.ones((1, len(codes)), np.float32))
-    return lost[:, 0] * np.float32(tables.kept_of_patches / max(tables.kept, 1e-6))
+    everywhere = np.ones((1, len(codes)), np.float32)
+    return beyond_bound(tables, tables.kept_of_patches, luma, (blue, red), everywhere)[:, 0]

@@ -47,8 +47,8 @@ class MapTables:
     told: Floats
     beard: Floats
     bound: Floats
-    kept: float = 1.0
-    kept_of_patches: float = 1.0
+    kept: float
+    kept_of_patches: float
 
     @classmethod
     def of(

@@ -182,7 +182,7 @@ def test_patches_differ_less_on_skin_of_another_hue_and_as_much_on_its_own(seed:
 def test_a_flush_that_is_lost_leaves_no_shade(broad: float) -> None:
     """Blood takes green light: a cheek that gets less red gets as much lighter, and its red stays what it is."""
     even = UsualChroma(np.array([-20.0, 25.0]), np.zeros(2), 60.0, 200.0)  # the same at every luma
-    change = SkinMap(np.arange(256.0), even, even, 1.0, broad, 1.0)
+    change = SkinMap(np.arange(256.0), even, even, 1.0, broad, 1.0, 0.0)
     cheek = np.array([[190.0, 150.0, 130.0], [190.0, 130.0, 120.0], [190.0, 115.0, 112.0]], np.float32)  # ever redder
     after = change.at_patches(cheek)
     beyond = to_opponent(cheek)[:, 2] - 25.0
@@ -195,7 +195,7 @@ def test_a_flush_that_is_lost_leaves_no_shade(broad: float) -> None:
 @pytest.mark.parametrize("broad", [0.25, 1.0])
 def test_what_is_less_red_than_the_rest_gets_no_darker(broad: float) -> None:
     even = UsualChroma(np.array([-20.0, 25.0]), np.zeros(2), 60.0, 200.0)
-    change = SkinMap(np.arange(256.0), even, even, 1.0, broad, 1.0)
+    change = SkinMap(np.arange(256.0), even, even, 1.0, broad, 1.0, 0.0)
     pale = np.array([[170.0, 160.0, 140.0]], np.float32)
     assert to_opponent(pale)[0, 2] < 25.0
     np.testing.assert_allclose(to_opponent(change.at_patches(pale))[0, 0], to_opponent(pale)[0, 0], atol=1e-6)
