@@ -168,12 +168,11 @@ def variants_table(found: Iterable[Kept], skin: Sequence[str], other: Sequence[s
             mean = float(np.mean([d for _, d in moved]))
             share = float(np.mean([one.shares[region] for one, _ in moved]))
             cells.append(f"{100 * share:.1f}" if name == PLAIN else f"{100 * mean:+.1f}")
-            lost = [(-d if region in skin else d, one) for one, d in moved]
-            much = [(loss, one) for loss, one in lost if loss >= MUCH]
-            count += len(much)
-            for loss, one in much:
-                now = one.shares[region]
-                before = plain[one.picture].shares[region]
-                worst.append((loss, f"- {one.picture}, {name}: {region} {100 * before:.0f} → {100 * now:.0f}"))
+            for one, d in moved:
+                loss = -d if region in skin else d
+                if loss >= MUCH:
+                    count += 1
+                    now, before = (100 * each.shares[region] for each in (one, plain[one.picture]))
+                    worst.append((loss, f"- {one.picture}, {name}: {region} {before:.0f} → {now:.0f}"))
         lines.append("| " + " | ".join([name, *cells, "" if name == PLAIN else str(count)]) + " |")
     return "\n".join([*lines, "", *(text for _, text in sorted(worst, key=lambda one: -one[0]))])

@@ -34,20 +34,18 @@ def _without_nul(given: str) -> str:
 
 # an id of a wrong form is just unknown: 404, not 422
 _Unknown = AfterValidator(_without_nul)
-VideoId = Annotated[str, _Unknown, Path(description="id of a video", examples=["vid_0192f0c1a2b37c4d8e5f60718293a4b5"])]
-ReferenceId = Annotated[
-    str, _Unknown, Path(description="id of a reference", examples=["ref_0192f0c1a2b37c4d8e5f60718293a4b5"])
-]
-JobId = Annotated[str, _Unknown, Path(description="id of a job", examples=["job_0192f0c1a2b37c4d8e5f60718293a4b5"])]
-ResultId = Annotated[
-    str, _Unknown, Path(description="id of a result", examples=["res_0192f0c1a2b37c4d8e5f60718293a4b5"])
-]
-DeliveryId = Annotated[
-    str, _Unknown, Path(description="id of a delivery", examples=["msg_0192f0c1a2b37c4d8e5f60718293a4b5"])
-]
-UploadId = Annotated[
-    str, _Unknown, Path(description="id of an upload", examples=["upl_0192f0c1a2b37c4d8e5f60718293a4b5"])
-]
+
+
+def _id_of(what: str, prefix: str) -> Any:
+    return Path(description=f"id of {what}", examples=[f"{prefix}_0192f0c1a2b37c4d8e5f60718293a4b5"])
+
+
+VideoId = Annotated[str, _Unknown, _id_of("a video", "vid")]
+ReferenceId = Annotated[str, _Unknown, _id_of("a reference", "ref")]
+JobId = Annotated[str, _Unknown, _id_of("a job", "job")]
+ResultId = Annotated[str, _Unknown, _id_of("a result", "res")]
+DeliveryId = Annotated[str, _Unknown, _id_of("a delivery", "msg")]
+UploadId = Annotated[str, _Unknown, _id_of("an upload", "upl")]
 PersonNumber = Annotated[
     int,
     Query(

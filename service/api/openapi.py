@@ -164,9 +164,10 @@ def file_body(description: str, content_type: str = "application/octet-stream") 
     return {"requestBody": {"required": True, "description": description, "content": content}}
 
 
-def file_form(description: str) -> dict[str, Any]:
-    """One file: the only field of a form."""
-    schema = {"type": "object", "properties": {"file": BINARY}, "required": ["file"], "additionalProperties": False}
+def file_form(description: str, **others: Any) -> dict[str, Any]:
+    """One file: the field `file` of a form, beside others that it may have."""
+    properties = {"file": BINARY, **others}
+    schema = {"type": "object", "properties": properties, "required": ["file"], "additionalProperties": False}
     content = {"multipart/form-data": {"schema": schema, "encoding": {"file": _OCTETS}}}
     return {"requestBody": {"required": True, "description": description, "content": content}}
 
@@ -184,10 +185,7 @@ def fields(*names: str) -> dict[str, Any]:
 def form_body(description: str, options: type[ReferenceOptions]) -> dict[str, Any]:
     """One file: the field `file` of a form, which may hold the options too."""
     fields = options.model_json_schema()["properties"]
-    properties = {"file": BINARY, **fields, "metadata": _PAIRS, "webhook": _RECEIVER}
-    schema = {"type": "object", "properties": properties, "required": ["file"], "additionalProperties": False}
-    content = {"multipart/form-data": {"schema": schema, "encoding": {"file": _OCTETS}}}
-    return {"requestBody": {"required": True, "description": description, "content": content}}
+    return file_form(description, **fields, metadata=_PAIRS, webhook=_RECEIVER)
 
 
 def json_body(model: type[BaseModel], *, required: bool = True) -> dict[str, Any]:
