@@ -12,6 +12,7 @@ from pvg.face import Landmarks
 from pvg.picture import Picture, as_picture
 from pvg.skin.color_model import SkinColors, to_skin_lab
 from pvg.skin.hair import Hair, find_hair
+from pvg.skin.haze import without_haze
 from pvg.skin.light import face_color
 from pvg.skin.occlusion import open_skin
 from pvg.skin.prior import goes_on_above, spatial_prior
@@ -50,24 +51,27 @@ class SkinModel:
     learned: LearnedSkin | None
 
 
-def fit_skin_model(frame: Picture | Bytes, landmarks: Landmarks, *, method: MaskMethod = "landmarks") -> SkinModel:
+def fit_skin_model(
+    frame: Picture | Bytes, landmarks: Landmarks, *, method: MaskMethod = "landmarks", haze: int = 0
+) -> SkinModel:
     """Learn a face's skin on its key frame.
 
-    frame: a picture or (H, W, 3) uint8 RGB;  landmarks: source pixels;  method: see `skin_mask`.
+    frame: a picture or (H, W, 3) uint8 RGB;  landmarks: source pixels;  method: see `skin_mask`;
+    haze: levels of it over the frame, see `pvg.skin.haze`.
     """
     if method == "ycbcr":
         return SkinModel(None)
     picture = as_picture(frame)
-    learned, above = _learn(picture, landmarks, bald=False)
-    return SkinModel(_learn(picture, landmarks, bald=True)[0] if above else learned)
+    learned, above = _learn(picture, landmarks, haze, bald=False)
+    return SkinModel(_learn(picture, landmarks, haze, bald=True)[0] if above else learned)
 
 
-def _learn(picture: Picture, landmarks: Landmarks, *, bald: bool) -> tuple[LearnedSkin, bool]:
+def _learn(picture: Picture, landmarks: Landmarks, haze: int, *, bald: bool) -> tuple[LearnedSkin, bool]:
     """What a key frame teaches, and whether the face's box cuts its skin off at its top."""
     raster = learning_raster(landmarks, bald=bald)
     own = landmarks.in_cells(raster)
     visible = raster.inside(picture.size)
-    found = segment(picture.cells(raster), own, visible, bald=bald)
+    found = segment(without_haze(picture.cells(raster), haze), own, visible, bald=bald)
     small = found.rgb
     prior = spatial_prior(raster.shape, own, bald=bald)
     learned = LearnedSkin(

@@ -20,10 +20,12 @@ from pvg.face import Landmarks
 from pvg.picture import Picture, as_picture, rms_contrast
 from pvg.raster import Raster, first_reading
 from pvg.skin.flow import FlowFinder
+from pvg.skin.haze import haze_of, without_haze
 from pvg.skin.in_time import places_before
 from pvg.skin.parameters import SKIN_PRIOR
 
 _BODY = SKIN_PRIOR.body
+_STEADY = SKIN_PRIOR.haze.steady
 _NETWORK = "selfie_segmenter"
 _NETWORK_PX = 256
 _WALL_PX = 63  # of the network's square: the picture's first row, smoothed over so many, stands for what is above it
@@ -67,11 +69,13 @@ def scene_raster(size: tuple[int, int]) -> Raster:
 class Scene:
     """A whole picture at a small size.
 
-    raster: its cells;  rgb: (h, w, 3) uint8;  person: (h, w) uint8, 255 on people;
+    raster: its cells;  rgb: (h, w, 3) uint8, without haze;  person: (h, w) uint8, 255 on people;
     flow: (h', w', 2) float32, from blocks of cells to where they were in the scene before, None without one;
     faces: all that are known to be there, source pixels;
     changed: whether more of the picture changed than the flow explains: what was known of the scene before is not where
-    the flow has it.
+    the flow has it;
+    haze: levels of it over the picture as it is, see `pvg.skin.haze`;
+    contrast: of the picture as it is, see `pvg.picture.rms_contrast`.
     """
 
     raster: Raster
@@ -80,11 +84,8 @@ class Scene:
     flow: Floats | None
     faces: tuple[Landmarks, ...]
     changed: bool = False
-
-    @cached_property
-    def contrast(self) -> float:
-        """Of the whole picture, see `pvg.picture.rms_contrast`."""
-        return rms_contrast(np.asarray(cv2.cvtColor(self.rgb, cv2.COLOR_RGB2GRAY), np.uint8))
+    haze: int = 0
+    contrast: float = 0.0
 
     @cached_property
     def before(self) -> tuple[Floats, Floats] | None:
@@ -127,6 +128,7 @@ class SceneReader:
         self._grey: Bytes | None = None
         self._person: Bytes | None = None
         self._age = 0
+        self._haze = 0
 
     def step(self, frame: Picture | Bytes, faces: Sequence[Landmarks] = (), *, cut: bool = False) -> Scene:
         """The scene of the next frame, a picture or (H, W, 3) uint8 RGB.
@@ -135,7 +137,11 @@ class SceneReader:
         """
         picture = as_picture(frame)
         raster = scene_raster(picture.size)
-        rgb = _cells(picture, raster)
+        seen = _cells(picture, raster)
+        haze = haze_of(seen)
+        if cut or abs(haze - self._haze) > _STEADY:
+            self._haze = haze
+        rgb = without_haze(seen, self._haze)
         small = (max(1, raster.shape[1] // _FLOW_CELLS), max(1, raster.shape[0] // _FLOW_CELLS))
         averaged = cv2.resize(rgb, small, interpolation=cv2.INTER_AREA)
         grey = np.asarray(cv2.cvtColor(averaged, cv2.COLOR_RGB2GRAY), np.uint8)
@@ -154,7 +160,8 @@ class SceneReader:
             person = new if person is None else np.asarray(cv2.addWeighted(new, 0.5, person, 0.5, 0), np.uint8)
             self._age = 0
         self._grey, self._person = grey, person
-        return Scene(raster, rgb, person, flow, tuple(faces), changed)
+        contrast = rms_contrast(np.asarray(cv2.cvtColor(seen, cv2.COLOR_RGB2GRAY), np.uint8))
+        return Scene(raster, rgb, person, flow, tuple(faces), changed, self._haze, contrast)
 
 
 def _cells(picture: Picture, raster: Raster) -> Bytes:

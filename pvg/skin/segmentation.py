@@ -15,6 +15,7 @@ from pvg.skin.cleanup import face_component, fill_holes, largest_component
 from pvg.skin.color_model import ColorScale, SkinColors, median_deviation, squared_distances, to_skin_lab
 from pvg.skin.graph_cut import minimum_cut
 from pvg.skin.hair import deep_shade, find_hair, hair_cover
+from pvg.skin.haze import haze_of, without_haze
 from pvg.skin.light import face_color, gain_of, relit
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import SpatialPrior, face_area, face_box, goes_on_above, head_shape, logistic, spatial_prior
@@ -35,6 +36,7 @@ def skin_mask(rgb: Bytes, landmarks: Landmarks, *, method: MaskMethod = "landmar
     height, width = rgb.shape[:2]
     if method == "ycbcr":
         return red_chroma_mask(rgb, face_area((height, width), landmarks))
+    rgb = without_haze(rgb, haze_of(rgb))
     mask, above = _of_box(rgb, landmarks, bald=False)
     return _of_box(rgb, landmarks, bald=True)[0] if above else mask
 

@@ -19,6 +19,7 @@ from pvg.skin.color_model import SkinColors, to_skin_lab
 from pvg.skin.consensus import MatteInTime
 from pvg.skin.flow import FlowFinder
 from pvg.skin.hair import hair_cover
+from pvg.skin.haze import without_haze
 from pvg.skin.in_time import in_levels, places_before, soft_edge, weight_of_before
 from pvg.skin.learning import LearnedSkin, SkinModel
 from pvg.skin.light import MID_GREY, face_color, gain_back, gain_of, relit
@@ -87,7 +88,7 @@ class SkinTracker:
     def step(self, frame: Picture | Bytes, landmarks: Landmarks, scene: Scene | None = None) -> Matte:
         """The matte of the next frame, a picture or (H, W, 3) uint8 RGB.
 
-        landmarks: source pixels;  scene: the frame's, by which walls and shelves beside ears and neck are known.
+        landmarks: source pixels;  scene: the frame's, by which haze is known, and walls and shelves beside ears and neck.
         """
         picture = as_picture(frame)
         learned = self._model.learned
@@ -97,6 +98,7 @@ class SkinTracker:
         if learned is None:
             mask = red_chroma_mask(small, face_area(raster.shape, own), visible)
             return Matte.over(raster.box, mask.astype(np.uint8) * np.uint8(255), mask)
+        small = without_haze(small, 0 if scene is None else scene.haze)
         prior = spatial_prior(raster.shape, own, bald=learned.bald)
         self.light = face_color(small, prior.sample & visible)
         by_rules, occluder = _by_rules(learned, small, prior, own.stacked, visible)

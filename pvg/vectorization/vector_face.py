@@ -106,7 +106,8 @@ class VectorFace:
         self._keys: dict[int, Future[KeyFrame | None]] = {}  # None: no skin there
         self._since: dict[int, int | None] = {}  # by a key's row, see `KeyFrame.since`
         self._main_from: int | None = None
-        model = fit_skin_model(key.picture, key.landmarks, method=method)
+        haze = 0 if key.scene is None else key.scene.haze
+        model = fit_skin_model(key.picture, key.landmarks, method=method, haze=haze)
         self._skin = SkinTracker(model)
         learned = model.learned
         self._body = None if learned is None else BodyTracker(learned.colors, learned.light)
