@@ -88,7 +88,7 @@ class SkinTracker:
     def step(self, frame: Picture | Bytes, landmarks: Landmarks, scene: Scene | None = None) -> Matte:
         """The matte of the next frame, a picture or (H, W, 3) uint8 RGB.
 
-        landmarks: source pixels;  scene: the frame's, by which haze is known, and walls and shelves beside ears and neck.
+        landmarks: source pixels;  scene: the frame's, which tells of haze, and of walls beside ears and neck.
         """
         picture = as_picture(frame)
         learned = self._model.learned
