@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pvg.asset.arrays import CHUNK_FRAMES, FRAME_ARRAYS, MATTES
 from pvg.curves import BOUNDARY_SAMPLES, Matching, table_labels
 from pvg.face import PARTS, layout
+from pvg.haze import MOST_HAZE
 from pvg.skin import MaskMethod
 from pvg.video import INPUT_COLORS
 
@@ -167,6 +168,7 @@ def _check_face(face: Mapping[str, Any], index: int, frames: int, entries: int) 
         raise ValueError(f"face {index} has more frames than there is room for")
     _whole(face["track"], 0, _MAX_TRACK, "track")
     _whole(face["person"], 0, entries, "person")
+    _whole(face.get("haze", 0), 0, MOST_HAZE, "haze")
     _number(face["width_px"], "width_px")
     if len([_whole(one, 0, 255, "skin_rgb") for one in face["skin_rgb"]]) != 3:
         raise ValueError("skin_rgb is no colour")

@@ -127,10 +127,11 @@ class FaceInFrame:
 
 @dataclass(frozen=True, eq=False)
 class FaceRecord:
-    """A face of the clip: what it is, and its key frames."""
+    """A face of the clip: what it is, its key frames, and the levels of haze over its pictures (`pvg.haze`)."""
 
     summary: FaceSummary
     key_frames: tuple[KeyFrame, ...]
+    haze: int = 0
 
     def key_frame_of(self, frame: int) -> KeyFrame:
         """The key frame last passed at `frame`: the last one at or before it, else the first."""

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvg._arrays import Doubles, Floats
+from pvg.haze import cleared, through_haze
 from pvg.looks.opponent import to_opponent, to_rgb
 from pvg.looks.tone import SkinMap
 from pvg.video import ColorSpace
@@ -54,21 +55,24 @@ def look_cube(
     space: ColorSpace | None,
     size: int = CUBE_SIZE,
     remainder: Doubles | None = None,
+    *,
+    haze: int = 0,
 ) -> Floats:
     """F, `strength` of the way, as (size, size, size, 3) float32 in [0, 1], indexed by blue, green, red.
 
     space: what R'G'B' of the clip stands for, None for SDR; the table takes and gives the clip's own values.
-    remainder: see `remainder_by_luma`, added.
+    remainder: see `remainder_by_luma`, added;  haze: levels of it over the clip, see `pvg.haze`.
     """
     check_size(size)
     steps = np.linspace(0.0, 255.0, size)
     blue, green, red = np.meshgrid(steps, steps, steps, indexing="ij")
     own = np.stack([red, green, blue], axis=-1).reshape(-1, 3)
-    shown = own if space is None else np.maximum(space.to_sdr(own), 0.0)
+    shown = np.maximum(cleared(own if space is None else space.to_sdr(own), haze), 0.0)
     new = _mapped(skin, strength, shown)
     if remainder is not None:
         luma, steps = to_opponent(shown)[:, 0], np.linspace(0.0, 255.0, len(remainder))
         new += to_rgb(np.stack([np.interp(luma, steps, remainder[:, k]) for k in range(3)], axis=1))
+    new = through_haze(new, haze)
     out = new if space is None else space.from_sdr(np.maximum(new, 0.0))
     return np.asarray(np.clip(out / 255.0, 0.0, 1.0).reshape(size, size, size, 3), np.float32)
 

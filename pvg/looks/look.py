@@ -35,13 +35,15 @@ class LookMap:
 
     strength: of the way from the skin's colours to those of F;
     exposures: (K, 2) of the face's key frames, how bright each is beside the one that F was made from, and how much of
-    that the new colours keep: g' = kept · F(g / gain);  beard: in [0, 1], see `beard_of`.
+    that the new colours keep: g' = kept · F(g / gain);  beard: in [0, 1], see `beard_of`;
+    haze: levels of it without which F is made and under which it is drawn, see `pvg.looks.clear`.
     """
 
     skin: SkinMap
     strength: float
     exposures: Floats
     beard: float = 0.0
+    haze: int = 0
 
     def beard_at(self, luma: Doubles) -> Doubles:
         """How far the mean colour around a place of the lower face, of such lumas (n,), is a beard's, in [0, 1]."""

@@ -9,7 +9,7 @@ map relative to its exposure (`looks/exposure.py`), so that light that changes s
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Literal
 
@@ -19,7 +19,9 @@ from pvg._arrays import Doubles, Floats
 from pvg._checks import check_word, real_number, whole_number
 from pvg.asset import FaceRecord, FaceSummary, KeyFrame, VectorVideo, faces_by_index
 from pvg.face import PARTS
+from pvg.haze import shown_through
 from pvg.looks.apart import parts_apart
+from pvg.looks.clear import under_haze, with_less_haze
 from pvg.looks.color_map import TransportSteps
 from pvg.looks.exposure import at_exposure, leading_key
 from pvg.looks.key_light import with_lit_skin
@@ -45,8 +47,9 @@ def reference_face_of(reference: VectorVideo, face: int | None = None) -> FaceSu
     return reference.faces[index]
 
 
-def _reference_key(reference: VectorVideo, face: int | None) -> KeyFrame:
-    return with_lit_skin(leading_key([reference.records[reference_face_of(reference, face).index]]))
+def _reference_key(reference: VectorVideo, face: int | None, *, semantic: bool) -> KeyFrame:
+    record = reference.records[reference_face_of(reference, face).index]
+    return with_lit_skin(leading_key([with_less_haze(record) if semantic else record]))
 
 
 def _check(contrast: Contrast, match: str, protect: Sequence[str], extent: str) -> Contrast:
@@ -104,24 +107,26 @@ def transfer(
         real_number(name, share, 0.0, 1.0)
         for name, share in (("strength", strength), ("light", light), ("scene", scene))
     )
-    target = _reference_key(reference, reference_face)
+    semantic = match == "semantic"
+    target = _reference_key(reference, reference_face, semantic=semantic)
     steps = TransportSteps(
         beta=_beta(beta),
         iterations=whole_number("iterations", iterations, 0, MAX_ITERATIONS),
         seed=whole_number("seed", seed),
     )
     shares = strengths(makeup)
-    semantic = match == "semantic"
     changes = PartChanges.of(target) if semantic and len(target.skin) else None
     goal = Goal(target, steps, semantic, contrast, strength, light, scene, changes, shares)
     chosen = faces_by_index(video, faces)
     follow_exposure = video.settings["matching"] != "chain"  # the paper's way moves every key frame by the same map
     new: dict[int, _NewFace] = {}
+    # "color" takes colours as they are, as the paper does
+    records = [with_less_haze(record) if semantic else replace(record, haze=0) for record in video.records]
     for person in video.persons:
         wanted = [index for index in person if index in chosen]
         if wanted:
-            own = PersonMap.of([video.records[index] for index in person], goal, follow_exposure=follow_exposure)
-            new |= {index: _new_face(video.records[index], own, goal) for index in wanted}
+            own = PersonMap.of([records[index] for index in person], goal, follow_exposure=follow_exposure)
+            new |= {index: _new_face(video.records[index], records[index], own, goal) for index in wanted}
     return _look(new, goal, tuple(protect), body=extent == "skin", source_sha256=video.source_sha256)
 
 
@@ -155,15 +160,18 @@ class _NewFace:
     map: LookMap
 
 
-def _new_face(record: FaceRecord, person: PersonMap, goal: Goal) -> _NewFace:
-    """The new boundary colours of a face, by the map of its person."""
-    keys = [_new_key(with_lit_skin(key), person, goal) for key in record.key_frames]
-    parts = [key.parts for key in keys if key.parts is not None]
+def _new_face(own: FaceRecord, clear: FaceRecord, person: PersonMap, goal: Goal) -> _NewFace:
+    """The new boundary colours of a face, by the map of its person;  clear: the face by `with_less_haze`."""
+    keys = [_new_key(with_lit_skin(key), person, goal) for key in clear.key_frames]
+    before = zip(own.key_frames, clear.key_frames, keys, strict=True)
+    colors = [under_haze(key.colors, plain.colors, new.colors, clear.haze) for key, plain, new in before]
+    parts = [np.float32(shown_through(clear.haze)) * key.parts for key in keys if key.parts is not None]
+    exposures = np.array([key.exposure for key in keys], np.float32)
     return _NewFace(
-        colors=np.stack([key.colors for key in keys]).astype(np.float32),
+        colors=np.stack(colors).astype(np.float32),
         contrast=1.0 if person.skin is None else "map",
         parts=np.stack(parts) if parts else None,
-        map=LookMap(person.whole, goal.strength, np.array([key.exposure for key in keys], np.float32), person.beard),
+        map=LookMap(person.whole, goal.strength, exposures, person.beard, clear.haze),
     )
 
 

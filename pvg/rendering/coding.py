@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pvg._arrays import Doubles, Floats
+from pvg.haze import shown_through, through_haze
 from pvg.looks import to_rgb
 from pvg.video import PixelFormat
 
@@ -25,13 +26,15 @@ _LEAST = 0.02  # of a ratio: what the codes cannot hold has no chroma left [meas
 
 @dataclass(frozen=True)
 class Coding:
-    """The code values of one format."""
+    """The code values of one format;  haze: levels of it that lie over all colours (`pvg.haze`)."""
 
     format: PixelFormat
+    haze: int = 0
 
     def colors(self, colors: Floats | Doubles) -> Floats:
         """Luma and chroma (n, 3), black aside, of SDR-referred RGB colours (n, 3), 0-255."""
-        own = colors if self.format.color is None else self.format.color.from_sdr(colors)
+        shown = through_haze(colors, self.haze)
+        own = shown if self.format.color is None else self.format.color.from_sdr(shown)
         return np.asarray(own, np.float32) @ self.format.opponent.matrix.astype(np.float32).T
 
     def in_sdr(self, codes: Floats) -> Floats:
@@ -51,7 +54,7 @@ class Coding:
         Grey has none, and is given the ratio of the colours beside it in their order.
         """
         if self.format.color is None:
-            return np.ones(len(colors))
+            return np.full(len(colors), shown_through(self.haze))
         own, sdr = (
             np.hypot(*np.asarray(coding.colors(colors)[:, 1:], np.float64).T)
             for coding in (self, Coding(replace(self.format, color=None)))

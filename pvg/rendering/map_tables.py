@@ -66,7 +66,7 @@ class MapTables:
         """
         opponent = pixel_format.opponent
         usual, goal = look_map.usual_colors(region)
-        coding = Coding(pixel_format)
+        coding = Coding(pixel_format, look_map.haze)
         source, target = (
             np.asarray(coding.colors(colors) + opponent.offset, np.float64) for colors in (gain * usual, kept * goal)
         )

@@ -20,6 +20,7 @@ from pvg._arrays import Floats
 from pvg._targets import check_files, check_folder, check_folder_of_files
 from pvg._threads import ahead, one_blas_thread
 from pvg.asset import VectorVideo
+from pvg.haze import cleared
 from pvg.looks import CUBE_SIZE, Look, check_size, look_cube, remainder_by_luma, write_cube
 from pvg.rendering.canvas import Canvas, frame_of_file, stored_canvas
 from pvg.rendering.passes import Progress
@@ -186,8 +187,9 @@ def _cube(
     (drawn,) = renderer.draw(frame)
     (matte,) = renderer.mattes(frame, 0, [[face]])
     skin = matte > _WITHIN
-    lacks = remainder_by_luma(one.skin, one.strength, frame.rgb()[skin], drawn.rgb()[skin]) if skin.any() else None
-    return look_cube(one.skin, one.strength, space, size, lacks)
+    before, after = (cleared(np.asarray(picture.rgb()[skin], np.float64), one.haze) for picture in (frame, drawn))
+    lacks = remainder_by_luma(one.skin, one.strength, before, after) if skin.any() else None
+    return look_cube(one.skin, one.strength, space, size, lacks, haze=one.haze)
 
 
 class _PictureWriter:

@@ -8,7 +8,7 @@ from pvg.skin.learning import SkinModel, fit_skin_model
 from pvg.skin.matte import Matte
 from pvg.skin.network import NetworkOutput
 from pvg.skin.prior import face_box
-from pvg.skin.scene import Scene, SceneReader, person_mask, scene_raster
+from pvg.skin.scene import Scene, SceneReader, haze_over, person_mask, scene_raster
 from pvg.skin.segmentation import MaskMethod, skin_mask
 from pvg.skin.tracking import SkinTracker
 from pvg.skin.warmup import warm_up
@@ -25,6 +25,7 @@ __all__ = [
     "SkinTracker",
     "face_box",
     "fit_skin_model",
+    "haze_over",
     "person_mask",
     "scene_raster",
     "skin_mask",

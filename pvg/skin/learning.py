@@ -9,10 +9,10 @@ import numpy as np
 
 from pvg._arrays import Bools, Bytes, Doubles, Floats
 from pvg.face import Landmarks
+from pvg.haze import without_haze
 from pvg.picture import Picture, as_picture
 from pvg.skin.color_model import SkinColors, to_skin_lab
 from pvg.skin.hair import Hair, find_hair
-from pvg.skin.haze import without_haze
 from pvg.skin.light import face_color
 from pvg.skin.occlusion import open_skin
 from pvg.skin.prior import goes_on_above, spatial_prior
@@ -25,7 +25,8 @@ from pvg.skin.tint import tint_slopes
 class LearnedSkin:
     """What the key frame teaches of a face's skin.
 
-    colors: log-likelihood ratios;  light: (3,) RGB, the face's colour in the light they were learned in;
+    colors: log-likelihood ratios;  haze: levels of it over the frame they were learned from, see `pvg.haze`;
+    light: (3,) RGB, the face's colour there without haze;
     hair: the hair around the forehead, None where none is seen;
     distance: (h, w) float32 signed distance to the mask's edge in face sizes, positive on skin, over a raster in whose
     cells the stacked landmarks and skin points lie at `points` (194, 2);
@@ -35,6 +36,7 @@ class LearnedSkin:
     """
 
     colors: SkinColors
+    haze: int
     light: Floats
     hair: Hair | None
     distance: Floats
@@ -57,7 +59,7 @@ def fit_skin_model(
     """Learn a face's skin on its key frame.
 
     frame: a picture or (H, W, 3) uint8 RGB;  landmarks: source pixels;  method: see `skin_mask`;
-    haze: levels of it over the frame, see `pvg.skin.haze`.
+    haze: levels of it over the frame, see `pvg.haze`.
     """
     if method == "ycbcr":
         return SkinModel(None)
@@ -76,6 +78,7 @@ def _learn(picture: Picture, landmarks: Landmarks, haze: int, *, bald: bool) -> 
     prior = spatial_prior(raster.shape, own, bald=bald)
     learned = LearnedSkin(
         colors=found.colors,
+        haze=haze,
         light=face_color(small, prior.sample & visible),
         hair=find_hair(small, found.mask | ~visible, prior),
         distance=np.asarray(_signed_distance(found.mask) / prior.size, np.float32),

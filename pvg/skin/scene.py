@@ -17,15 +17,15 @@ import numpy as np
 from pvg import models
 from pvg._arrays import Bytes, Floats, ramp
 from pvg.face import Landmarks
+from pvg.haze import haze_of, without_haze
 from pvg.picture import Picture, as_picture, rms_contrast
 from pvg.raster import Raster, first_reading
 from pvg.skin.flow import FlowFinder
-from pvg.skin.haze import haze_of, without_haze
 from pvg.skin.in_time import places_before
 from pvg.skin.parameters import SKIN_PRIOR
 
 _BODY = SKIN_PRIOR.body
-_STEADY = SKIN_PRIOR.haze.steady
+_STEADY = 6  # levels: less more or less haze than in the frame before is none [by eye]
 _NETWORK = "selfie_segmenter"
 _NETWORK_PX = 256
 _WALL_PX = 63  # of the network's square: the picture's first row, smoothed over so many, stands for what is above it
@@ -65,6 +65,11 @@ def scene_raster(size: tuple[int, int]) -> Raster:
     return Raster.over(np.array([0, 0, width, height], np.float32), (rows, columns))
 
 
+def haze_over(picture: Picture) -> int:
+    """Levels of haze over a whole picture, see `pvg.haze`."""
+    return haze_of(_cells(picture, scene_raster(picture.size)))
+
+
 @dataclass(frozen=True, eq=False)
 class Scene:
     """A whole picture at a small size.
@@ -74,7 +79,7 @@ class Scene:
     faces: all that are known to be there, source pixels;
     changed: whether more of the picture changed than the flow explains: what was known of the scene before is not where
     the flow has it;
-    haze: levels of it over the picture as it is, see `pvg.skin.haze`;
+    haze: levels of it over the picture as it is, see `pvg.haze`;
     contrast: of the picture as it is, see `pvg.picture.rms_contrast`.
     """
 

@@ -10,12 +10,12 @@ import numpy as np
 
 from pvg._arrays import Bools, Bytes, Floats
 from pvg.face import Landmarks
+from pvg.haze import haze_of, without_haze
 from pvg.skin import network
 from pvg.skin.cleanup import face_component, fill_holes, largest_component
 from pvg.skin.color_model import ColorScale, SkinColors, median_deviation, squared_distances, to_skin_lab
 from pvg.skin.graph_cut import minimum_cut
 from pvg.skin.hair import deep_shade, find_hair, hair_cover
-from pvg.skin.haze import haze_of, without_haze
 from pvg.skin.light import face_color, gain_of, relit
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import SpatialPrior, face_area, face_box, goes_on_above, head_shape, logistic, spatial_prior

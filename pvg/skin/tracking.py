@@ -9,6 +9,7 @@ import numpy as np
 
 from pvg._arrays import Bools, Bytes, Floats, smoothstep
 from pvg.face import Landmarks
+from pvg.haze import without_haze
 from pvg.picture import Picture, as_picture
 from pvg.raster import Raster
 from pvg.skin import network
@@ -19,7 +20,6 @@ from pvg.skin.color_model import SkinColors, to_skin_lab
 from pvg.skin.consensus import MatteInTime
 from pvg.skin.flow import FlowFinder
 from pvg.skin.hair import hair_cover
-from pvg.skin.haze import without_haze
 from pvg.skin.in_time import in_levels, places_before, soft_edge, weight_of_before
 from pvg.skin.learning import LearnedSkin, SkinModel
 from pvg.skin.light import MID_GREY, face_color, gain_back, gain_of, relit
@@ -98,7 +98,7 @@ class SkinTracker:
         if learned is None:
             mask = red_chroma_mask(small, face_area(raster.shape, own), visible)
             return Matte.over(raster.box, mask.astype(np.uint8) * np.uint8(255), mask)
-        small = without_haze(small, 0 if scene is None else scene.haze)
+        small = without_haze(small, learned.haze if scene is None else scene.haze)
         prior = spatial_prior(raster.shape, own, bald=learned.bald)
         self.light = face_color(small, prior.sample & visible)
         by_rules, occluder = _by_rules(learned, small, prior, own.stacked, visible)

@@ -32,13 +32,14 @@ _FADED, _CLEAR = 0.75, 0.95
 class KeyView:
     """The frame whose colours a track is known by.
 
-    row: counted from the track's first frame;  scene: of that frame, if there is one.
+    row: counted from the track's first frame;  scene: of that frame, if there is one;  haze: see `pvg.haze`.
     """
 
     row: int
     picture: Picture
     landmarks: Landmarks
     scene: Scene | None
+    haze: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,9 +273,9 @@ def _take_more(boxes: Iterable[Box], size: tuple[int, int]) -> bool:
     return sum((x1 - x0) * (y1 - y0) for x0, y0, x1, y1 in held) > size[0] * size[1]
 
 
-def key_view(track: FaceTrack, row: int, picture: Picture, scene: Scene | None = None) -> KeyView:
+def key_view(track: FaceTrack, row: int, picture: Picture, scene: Scene | None) -> KeyView:
     """A row of a track, seen in a picture, as its key view."""
-    return KeyView(row, picture, track.landmarks[row], scene)
+    return KeyView(row, picture, track.landmarks[row], scene, 0 if scene is None else scene.haze)
 
 
 def rows_between(track: FaceTrack, start: int, stop: int) -> FaceTrack:

@@ -7,10 +7,10 @@ from collections.abc import Iterable
 from pvg.asset import AssetWriter
 from pvg.landmarks import FaceTracks, smooth, track_faces
 from pvg.picture import Picture
-from pvg.skin import Matte, SceneReader
+from pvg.skin import Matte, SceneReader, haze_over
 from pvg.vectorization.face_maker import FaceMaker, FoundFaces
 from pvg.vectorization.face_messages import no_usable_face, over_limit_warning
-from pvg.vectorization.following import key_view
+from pvg.vectorization.following import KeyView, key_view
 from pvg.vectorization.key_frames import best_row
 from pvg.vectorization.source_reader import SourceReader
 from pvg.vectorization.vector_face import VectorFace
@@ -57,7 +57,8 @@ def _best_frame(source: SourceReader, maker: FaceMaker, writer: AssetWriter) -> 
     views: dict[int, VectorFace] = {}
 
     def matte_of(row: int, picture: Picture) -> Matte:
-        views[row] = maker.face(0, track, key_view(track, row, picture))
+        haze = haze_over(picture) if maker.uses_scenes else 0
+        views[row] = maker.face(0, track, KeyView(row, picture, track.landmarks[row], None, haze))
         return views[row].key_matte
 
     stop = min(track.last + 1, track.first + _REFERENCE_FRAMES)

@@ -106,8 +106,8 @@ class VectorFace:
         self._keys: dict[int, Future[KeyFrame | None]] = {}  # None: no skin there
         self._since: dict[int, int | None] = {}  # by a key's row, see `KeyFrame.since`
         self._main_from: int | None = None
-        haze = 0 if key.scene is None else key.scene.haze
-        model = fit_skin_model(key.picture, key.landmarks, method=method, haze=haze)
+        self._haze = key.haze
+        model = fit_skin_model(key.picture, key.landmarks, method=method, haze=key.haze)
         self._skin = SkinTracker(model)
         learned = model.learned
         self._body = None if learned is None else BodyTracker(learned.colors, learned.light)
@@ -208,7 +208,7 @@ class VectorFace:
             person=index,
             warnings=tuple(warnings),
         )
-        return FaceRecord(summary, keys)
+        return FaceRecord(summary, keys, self._haze)
 
     def _key_frames(self) -> tuple[KeyFrame, ...]:
         keys = {row: key for row, fitting in self._keys.items() if (key := fitting.result()) is not None}

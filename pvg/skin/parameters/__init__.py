@@ -20,7 +20,6 @@ from pvg.skin.parameters.picture import (
     ColorNumbers,
     CutNumbers,
     HairNumbers,
-    HazeNumbers,
     LearningNumbers,
     LightNumbers,
     PaperNumbers,
@@ -51,7 +50,6 @@ class SkinPrior:
     cut: CutNumbers = field(default_factory=CutNumbers)
     cleanup: CleanupNumbers = field(default_factory=CleanupNumbers)
     occlusion: OcclusionNumbers = field(default_factory=OcclusionNumbers)
-    haze: HazeNumbers = field(default_factory=HazeNumbers)
     light: LightNumbers = field(default_factory=LightNumbers)
     tint: TintNumbers = field(default_factory=TintNumbers)
     warp: WarpNumbers = field(default_factory=WarpNumbers)

@@ -169,19 +169,6 @@ class LightNumbers:
 
 
 @dataclass(frozen=True)
-class HazeNumbers:
-    """Light over the whole picture, taken off before skin is told."""
-
-    darkest: float = 0.001  # of a scene's cells [by eye]: so many are as dark as the haze lets them be
-    clear: int = 36  # 8-bit levels [measured: 34 at most in 30 clips and portraits of the media folder]
-    sureness: int = 2  # levels of haze a level beyond that [by eye]: no jump from clear to hazy
-    black: int = 10  # 8-bit levels [measured: about what those have]: no haze, where there surely is some above it
-    most: int = 160  # 8-bit levels [by eye]: of more haze nothing shows through
-    bar: int = 20  # 8-bit levels [by eye]: black bars are no brighter
-    steady: int = 6  # 8-bit levels [by eye]: less more or less haze than in the frame before is none
-
-
-@dataclass(frozen=True)
 class TintNumbers:
     """Light whose colour is not the same over a face, as planes of log R/G and log B/G."""
 

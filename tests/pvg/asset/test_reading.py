@@ -5,6 +5,7 @@ import io
 import json
 import multiprocessing
 import os
+import shutil
 import sys
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
@@ -27,6 +28,7 @@ from pvg.asset import (
     reading,
 )
 from pvg.asset.arrays import FRAME_ARRAYS
+from pvg.asset.writing import replace_manifest
 from pvg.curves import boundary_points
 from pvg.errors import AssetError
 from pvg.face import FaceAxes
@@ -328,3 +330,24 @@ def test_colours_go_over_from_key_frame_to_key_frame(source: Path, tmp_path: Pat
         added = [float(np.mean(record.blended(tables, f) - first.colors)) for f in range(71)]
         np.testing.assert_allclose(added[30:41], 0.8 * np.arange(11), atol=1e-3)
         assert sum(record.served()) == FRAMES
+
+
+@pytest.mark.parametrize("haze", [0, 70])
+def test_a_face_keeps_the_haze_that_it_was_seen_through(source: Path, tmp_path: Path, haze: int) -> None:
+    with AssetWriter(tmp_path / "clip.pvg") as writer:
+        for i in range(FRAMES):
+            writer.add_frame(0, frame_arrays(i))
+        writer.add_face(FaceRecord(SUMMARY, (key_frame(),), haze))
+        writer.finish(manifest_of(source, FIRST + FRAMES))
+    with open_asset(tmp_path / "clip.pvg") as video:
+        assert [record.haze for record in video.records] == [haze]
+
+
+def test_an_asset_of_before_there_was_word_of_haze_is_clear(asset: Path, tmp_path: Path) -> None:
+    with open_asset(asset) as video:
+        manifest = dict(video.manifest)
+    faces = [{name: value for name, value in face.items() if name != "haze"} for face in manifest["faces"]]
+    older = Path(shutil.copy(asset, tmp_path / "older.pvg"))
+    replace_manifest(older, {**manifest, "faces": faces})
+    with open_asset(older) as video:
+        assert [record.haze for record in video.records] == [0]

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pvg.haze import through_haze
 from pvg.looks import SkinMap, look_cube, write_cube
 from pvg.video import ColorSpace, color_space, named_space
 from tests.gallery.cubes import apply_cube, read_cube
@@ -64,3 +65,14 @@ def test_a_file_holds_the_table(tmp_path: Path) -> None:
 def test_a_cube_has_at_least_two_nodes_a_side() -> None:
     with pytest.raises(ValueError, match="2 to 256"):
         look_cube(a_map(), 1.0, None, size=1)
+
+
+@pytest.mark.parametrize("space", [None, color_space(9, 18)], ids=["sdr", "hlg"])
+def test_a_cube_of_a_hazy_clip_leaves_its_haze(space: ColorSpace | None) -> None:
+    skin, colors, haze = a_map(), skin_colors(), 70
+    own = through_haze(colors, haze)
+    table = look_cube(skin, 1.0, space, haze=haze)
+    drawn = apply_cube(table, own) if space is None else space.to_sdr(apply_cube(table, space.from_sdr(own)))
+    error = np.abs(drawn - through_haze(np.asarray(skin(colors.astype(np.float32)), np.float64), haze))
+    assert error.mean() < 0.5
+    assert error.max() < 4.0

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from pvg.haze import shown_through
 from pvg.looks import LookMap, Region, SkinMap
 from pvg.membrane import Lattice
 from pvg.rendering.coding import Coding
@@ -100,3 +103,16 @@ def test_a_table_is_read_between_codes_as_numpy_reads_it() -> None:
         wanted = np.interp(codes, np.arange(size), table)
         np.testing.assert_array_equal(_at_codes(codes, table), wanted)
         np.testing.assert_array_equal(_at_codes(codes.reshape(5, -1)[:, ::2], table), wanted.reshape(5, -1)[:, ::2])
+
+
+@pytest.mark.parametrize("pixel_format", FORMATS, ids=lambda f: f.name)
+@pytest.mark.parametrize("region", ["face", "beside"])
+def test_under_haze_a_map_gains_what_haze_leaves_of_it(pixel_format: PixelFormat, region: Region) -> None:
+    """P = v + (1 - v / 255) I, so a change of I is as much less in P."""
+    haze, colors = 80, skin((180, 130, 100))
+    clear, hazy = (MapTables.of(replace(DARK, haze=v), pixel_format, region=region) for v in (0, haze))
+    gained = clear.gained(Coding(pixel_format).colors(colors))
+    under = hazy.gained(Coding(pixel_format, haze).colors(colors))
+    level = 2.0 ** (pixel_format.depth - 8)
+    np.testing.assert_allclose(under / level, shown_through(haze) * gained / level, atol=0.8)
+    assert np.abs(gained).max() > 30 * level

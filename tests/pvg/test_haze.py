@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from benchmarks.quality.labels import LABELS, read_label
+from pvg.haze import cleared, haze_of, through_haze, without_haze
 from pvg.skin import Scene, SceneReader
-from pvg.skin.haze import haze_of, without_haze
-from pvg.skin.parameters import SKIN_PRIOR
 from tests.gallery.faces import read_rgb
 
-CLEAR, STEADY = SKIN_PRIOR.haze.clear, SKIN_PRIOR.haze.steady
+CLEAR, BLACK, STEADY = 36, 10, 6  # levels
 
 
 def _picture() -> np.ndarray:
@@ -32,7 +31,7 @@ def test_a_picture_is_clear_though_its_black_is_a_dark_grey(haze: int) -> None:
 
 @pytest.mark.parametrize("haze", [70, 90, 130])
 def test_what_is_surely_haze_is_told_whole(haze: int) -> None:
-    assert haze_of(_hazy(_picture(), haze)) == pytest.approx(haze - SKIN_PRIOR.haze.black, abs=1)
+    assert haze_of(_hazy(_picture(), haze)) == pytest.approx(haze - BLACK, abs=1)
 
 
 def test_haze_begins_without_a_jump() -> None:
@@ -84,3 +83,12 @@ def test_real_pictures_are_clear(media_dir: Path) -> None:
     assert [path.stem for path in names if _scene(read_rgb(path)).haze > 0] == []
     frames = [read_label(path) for path in sorted(LABELS.glob("*--*.json"))]
     assert [one for one in frames if _scene(one.picture(media_dir)).haze > 0] == []
+
+
+@pytest.mark.parametrize("haze", [0, 30, 110])
+def test_colours_come_back_from_under_haze(haze: int) -> None:
+    colors = _picture().reshape(-1, 3).astype(np.float32)
+    hazy = through_haze(colors, haze)
+    np.testing.assert_allclose(hazy, colors * (1 - haze / 255) + haze, atol=1e-3)
+    np.testing.assert_allclose(cleared(hazy, haze), colors, atol=1e-3)
+    assert hazy.dtype == np.float32
