@@ -24,6 +24,7 @@ import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from service.api.places import has_place
+from service.api.targets import in_origin_form
 from service.errors import PROBLEM_JSON, PROBLEMS, ProblemType, problem_body, type_of
 from service.ids import new_id
 from service.settings import Settings
@@ -143,6 +144,7 @@ class _Parser(h11.Connection):
             names = [name for name, _ in event.headers]
             if b"transfer-encoding" in names and (b"content-length" in names or event.http_version < b"1.1"):
                 raise h11.RemoteProtocolError("the length of the body is ambiguous")
+            event = in_origin_form(event)
         return event
 
     def _count(self, data: h11.Data) -> None:
