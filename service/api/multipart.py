@@ -148,7 +148,8 @@ class _FormReader:
                 self._form.files.append((name, await sink.finish()))
         self._finished.clear()
         if self._sink is not None:
-            await self._sink.drain()
+            with file_at(self._place):
+                await self._sink.drain()
 
     def _begin(self) -> None:
         self._parts += 1

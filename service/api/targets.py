@@ -1,4 +1,4 @@
-"""Request targets: what follows the method. Applications know the origin form, a server has to take the absolute too."""
+"""Request targets: what follows the method. Applications know the origin form; a server must take the absolute too."""
 
 from __future__ import annotations
 

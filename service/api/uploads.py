@@ -47,12 +47,24 @@ class ReceivedFile:
 
 
 class FileSink:
-    """One file being received."""
+    """One file being received.
+
+    With ``checks_head`` it is refused as soon as its first bytes show that it is of no allowed type.
+    """
 
     def __init__(
-        self, path: Path, file: IO[bytes], room: Room, share: Share | None, limit_bytes: int, filename: str | None
+        self,
+        path: Path,
+        file: IO[bytes],
+        room: Room,
+        share: Share | None,
+        limit_bytes: int,
+        filename: str | None,
+        *,
+        checks_head: bool,
     ) -> None:
         self.path = path
+        self._checks_head = checks_head
         self._room = room
         self._share = share
         self._counted = 0
@@ -76,8 +88,11 @@ class FileSink:
     async def drain(self, *, everything: bool = False) -> None:
         """Write what has been collected, when it is worth a write.
 
-        Raises `StorageFullError` when there is no room, and `QuotaExceededError` when it is too much for its owner.
+        Raises `StorageFullError` when there is no room, `QuotaExceededError` when it is too much for its owner, and
+        `UnsupportedMediaError` when the first bytes say so.
         """
+        if self._checks_head:
+            self.check_head()
         if self._share is not None and (new := self.size_bytes - self._counted):
             self._counted += new
             await self._share.take(new)
@@ -158,8 +173,17 @@ class Intake:
         for sink in self._sinks:
             sink.drop()
 
-    def open(self, filename: str | None, *, size_bytes: int | None = None, limit_bytes: int | None = None) -> FileSink:
+    def open(
+        self,
+        filename: str | None,
+        *,
+        size_bytes: int | None = None,
+        limit_bytes: int | None = None,
+        checks_head: bool = True,
+    ) -> FileSink:
         """Begin a file, of so many bytes if that is known, else of the body's size at most, and under the limit.
+
+        ``checks_head`` is for bytes that are the beginning of a file; see `FileSink`.
 
         Raises `StorageFullError` when there is too little room.
         """
@@ -167,7 +191,8 @@ class Intake:
             size_bytes = self._declared_bytes or 0
         self._room.require(size_bytes)
         limit = self.limit_bytes if limit_bytes is None else limit_bytes
-        sink = FileSink(*self._storage.new_draft(), self._room, self._share, limit, clean_name(filename))
+        draft, file = self._storage.new_draft()
+        sink = FileSink(draft, file, self._room, self._share, limit, clean_name(filename), checks_head=checks_head)
         self._sinks.append(sink)
         return sink
 

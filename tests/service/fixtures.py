@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import socket
 import tempfile
 import threading
 from collections.abc import Iterator, Sequence
@@ -190,6 +191,18 @@ class Api:
 @pytest.fixture
 def api(settings: Settings) -> Iterator[Api]:
     yield from serve(settings)
+
+
+def begun(api: Api, call: str, sent: bytes, declared: int, *, within_s: float, **fields: str) -> int | None:
+    """Send the beginning of a body that declares more: the status of the answer, or None if none comes by then."""
+    with socket.create_connection(api.address, timeout=within_s) as connection:
+        head = {"Host": "localhost", "Content-Length": str(declared), **fields}
+        lines = "".join(f"{name}: {value}\r\n" for name, value in head.items())
+        connection.sendall(f"{call} HTTP/1.1\r\n{lines}\r\n".encode() + sent)
+        try:
+            return int(connection.recv(4096).split()[1])
+        except TimeoutError:
+            return None
 
 
 #: seconds for which the API waits for its records, but in these tests

@@ -186,7 +186,7 @@ async def append(
             if checksum is None:
                 await piece.keep()
             raise
-        await piece.end()
+        await piece.keep()
     return await services.calls.read(find, services, upload.id)
 
 
@@ -219,29 +219,36 @@ class _Piece:
         self._by_link = by_link
         self._start = upload.offset_bytes
         self._size = upload.size_bytes or 0
-        self._first: FileSink | None = None
         self._sink = self._open(None)
 
     def _open(self, size_bytes: int | None) -> FileSink:
-        limit = self._size - self._start
-        return self._intake.open(self._upload.filename, size_bytes=size_bytes, limit_bytes=limit)
+        return self._intake.open(
+            self._upload.filename,
+            size_bytes=size_bytes,
+            limit_bytes=self._size - self._start,
+            # with a checksum, what the bytes show may be damage
+            checks_head=self._start == 0 and self._checksum is None,
+        )
 
     async def feed(self, chunk: bytes) -> None:
         self._sink.feed(chunk)
-        await self._sink.drain()
+        async with self._removed_if_of_no_type():
+            await self._sink.drain()
         if self._checksum is None and self._sink.size_bytes >= PART_BYTES:
             await self.keep()
             self._sink = self._open(0)
 
     async def keep(self) -> None:
+        """Record what has come since the last call."""
         sink = self._sink
         if not sink.size_bytes:
             return
-        await sink.complete()
-        if self._start == 0:
-            self._first = sink
-        if self._checksum is not None:
-            await run_in_threadpool(_check, sink.path, self._checksum)
+        async with self._removed_if_of_no_type():
+            await sink.complete()
+            if self._checksum is not None:
+                await run_in_threadpool(_check, sink.path, self._checksum)
+            if self._start == 0:
+                sink.check_head()
         if self._start + sink.size_bytes == self._size:
             await self._finish(sink)
         else:
@@ -249,19 +256,13 @@ class _Piece:
             self._intake.drop(sink)
         self._start += sink.size_bytes
 
-    async def end(self) -> None:
-        """Keep the last of the request. A file whose first bytes are of no allowed type need not come any further."""
-        await self.keep()
-        if self._first is not None:
-            async with self._removed_if_of_no_type():
-                self._first.check_head()
-
     @asynccontextmanager
     async def _removed_if_of_no_type(self) -> AsyncIterator[None]:
+        """A file of no allowed type need not come any further: unless others went on meanwhile, its upload goes."""
         try:
             yield
         except UnsupportedMediaError:
-            await remove(self._services, self._upload.id, even_if_complete=False)
+            await remove(self._services, self._upload.id, at=self._start)
             raise
 
     async def _finish(self, last: FileSink) -> None:
@@ -338,22 +339,22 @@ def begin(services: Services, upload_id: str, size_bytes: int, said: Mapping[str
             raise ConflictError(f"{upload_id} has begun before; ask for its Upload-Offset")
 
 
-async def remove(services: Services, upload_id: str, *, even_if_complete: bool = True) -> None:
+async def remove(services: Services, upload_id: str, *, at: int | None = None) -> None:
     """Remove an upload with what has arrived of it; a medium that it has become stays.
 
-    Raises `NotFoundError`, and `ConflictError` for one that is complete unless ``even_if_complete``.
+    Raises `NotFoundError`, and `ConflictError` for one whose offset is not ``at``, if that is given.
     """
-    gone = await services.calls.write(_remove, services, upload_id, even_if_complete=even_if_complete)
+    gone = await services.calls.write(_remove, services, upload_id, at)
     await services.calls.remove(services.blobs.delete, gone)
 
 
-def _remove(services: Services, upload_id: str, *, even_if_complete: bool) -> list[str]:
+def _remove(services: Services, upload_id: str, at: int | None) -> list[str]:
     with services.database.write(frees=True) as session:
         now = services.database.now()
         upload = resumable.get(session, upload_id, now=now, lock=True)
         if upload is None:
             raise NotFoundError(f"there is no upload {upload_id}, or its time is over")
-        if upload.media_id is not None and not even_if_complete:
+        if at not in {None, upload.offset_bytes}:
             raise _taken(upload_id)
         return resumable.remove(session, upload, now=now)
 

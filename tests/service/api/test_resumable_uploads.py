@@ -29,7 +29,7 @@ from service.catalog.models import IdempotentRequest
 from service.settings import Settings
 from service.storage import Storage
 from tests.service.api.test_authentication import Bearer, holder
-from tests.service.fixtures import MP4, PNG, Api, serve
+from tests.service.fixtures import MP4, PNG, Api, begun, serve
 from tests.service.s3 import S3
 from tests.waiting import until
 
@@ -335,6 +335,42 @@ def test_what_is_no_film_is_refused_after_its_first_piece_where_that_shows_it(ap
     assert (refused.status_code, refused.json()["code"]) == (415, "unsupported-media-type")
     assert api.client.head(url, headers=TUS).status_code == 404
     assert (api.blobs, api.drafts) == ([], [])
+
+
+@pytest.mark.parametrize("checksum", [False, True])
+def test_what_is_no_film_is_refused_after_its_first_bytes_unless_they_may_be_damaged(api: Api, checksum: bool) -> None:
+    url = begin(api.client, 1_000_000_000)
+    fields = PIECE | {"Upload-Offset": "0"} | ({"Upload-Checksum": "sha1 AAAA"} if checksum else {})
+    status = begun(
+        api, f"PATCH {url}", b"<html>" + b"x" * 5000, 1_000_000_000, within_s=3 if checksum else 60, **fields
+    )
+    assert status == (None if checksum else 415)
+    assert api.client.head(url, headers=TUS).status_code == (200 if checksum else 404)
+    until(lambda: (api.blobs, api.drafts) == ([], []))
+
+
+def test_damaged_first_bytes_take_no_upload_away(api: Api) -> None:
+    url = begin(api.client, 1_000_000)
+    digest = base64.b64encode(hashlib.sha1(content()).digest()).decode()
+    refused = send(api.client, url, 0, b"\0" * 300_000, **{"Upload-Checksum": f"sha1 {digest}"})
+    assert refused.status_code == 460
+    assert send(api.client, url, 0, content(), **{"Upload-Checksum": f"sha1 {digest}"}).status_code == 204
+
+
+def test_first_bytes_of_no_film_take_away_nothing_that_another_request_has_sent(
+    api: Api, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = content()
+    url = begin(api.client, len(data))
+    other = _before(lambda: None, lambda: send(api.client, url, 0, data[:200_000]))
+
+    async def write(*args: Any, **more: Any) -> Any:
+        await run_in_threadpool(other)
+        return await Calls.write(api.services.calls, *args, **more)
+
+    monkeypatch.setattr(api.services.calls, "write", write)
+    assert send(api.client, url, 0, b"x" * len(data)).status_code == 409
+    assert offset_of(api.client, url) == 200_000
 
 
 def test_what_came_before_the_connection_broke_is_kept(api: Api) -> None:

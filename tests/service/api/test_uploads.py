@@ -18,7 +18,7 @@ from service.catalog import VectorSettings, jobs, vectorize_request
 from service.errors import BadRequestError
 from service.settings import Settings
 from tests.promises import Drill
-from tests.service.fixtures import MP4, PNG, Api, make_ready, serve
+from tests.service.fixtures import MP4, PNG, Api, begun, make_ready, serve
 from tests.waiting import until
 
 LIMIT = 2 * 1024**2
@@ -220,6 +220,21 @@ def test_what_is_no_media_is_refused_at_the_door(api: Api, content: bytes) -> No
     assert api.blobs == []
     assert api.drafts == []
     assert api.client.get("/videos").json() == {"data": [], "next_cursor": None}
+
+
+FORM = b'--x\r\nContent-Disposition: form-data; name="file"; filename="clip.mp4"\r\n\r\n'
+
+
+@pytest.mark.parametrize("call", ["POST /videos", "POST /videos/form", "PUT by a link"])
+def test_what_is_no_media_is_refused_after_its_first_bytes(api: Api, call: str) -> None:
+    kind, frame = "video/mp4", b""
+    if call.endswith("/form"):
+        kind, frame = "multipart/form-data; boundary=x", FORM
+    if call.endswith("link"):
+        call = "PUT " + api.client.post("/uploads/link", json={}).json()["url"]
+    sent = frame + b"<html>" + b"x" * 5000
+    assert begun(api, call, sent, 1_000_000_000, within_s=60, **{"Content-Type": kind}) == 415
+    assert (api.blobs, api.drafts) == ([], [])
 
 
 def test_a_wrong_digest_is_refused_and_a_right_one_taken(api: Api) -> None:
