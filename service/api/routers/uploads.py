@@ -9,6 +9,7 @@ from typing import Annotated, Final
 from urllib.parse import urlencode
 
 from fastapi import APIRouter, Depends, Request, Response
+from starlette.requests import ClientDisconnect
 
 from service import addresses
 from service.api import quotas, tus
@@ -89,6 +90,9 @@ async def create_upload(
             raise
         services.room.require(size_bytes)
         body = await services.calls.write(resuming.create, services, caller.owner, once, size_bytes, said, raw)
+        if not once.is_named and await request.is_disconnected():
+            await resuming.remove(services, body.id)  # nobody has heard of it, and it counts with its whole length
+            raise ClientDisconnect
     response.headers["Location"] = addresses.of_upload(services.settings, body.id)
     response.headers["Upload-Expires"] = _http_date(body.expires_at)
     return body

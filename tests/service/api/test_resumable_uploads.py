@@ -4,11 +4,13 @@ import base64
 import hashlib
 import io
 import json
+import logging
 import os
 import random
 import shutil
 import socket
 import subprocess
+import threading
 from collections.abc import Callable, Iterator
 from datetime import timedelta
 from functools import partial
@@ -24,6 +26,7 @@ from tusclient.client import TusClient
 from service.api import quotas
 from service.api.calls import Calls
 from service.api.commands import resuming
+from service.api.connections import BoundedProtocol
 from service.catalog import keys, resumable, utc_now
 from service.catalog.models import IdempotentRequest
 from service.settings import Settings
@@ -434,6 +437,34 @@ def test_a_terminated_upload_is_gone(api: Api) -> None:
     until(lambda: api.blobs == [])
     assert api.client.head(url, headers=TUS).status_code == 404
     assert api.client.delete(url, headers=TUS).status_code == 404
+
+
+@pytest.mark.parametrize("key", [None, "order-42"])
+def test_an_upload_whose_client_goes_before_it_is_told_of_it_is_not_kept_unless_it_may_ask_again(
+    api: Api, key: str | None, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    begins, lost = threading.Event(), threading.Event()
+    real, lose = resumable.create, BoundedProtocol.connection_lost
+
+    def create(*args: Any, **more: Any) -> Any:
+        begins.set()
+        assert lost.wait(60)
+        return real(*args, **more)
+
+    def noted(self: BoundedProtocol, error: Exception | None) -> None:
+        lose(self, error)
+        lost.set()
+
+    monkeypatch.setattr(resumable, "create", create)
+    monkeypatch.setattr(BoundedProtocol, "connection_lost", noted)
+    fields = {"Host": "localhost", "Upload-Length": "1000"} | TUS | ({"Idempotency-Key": key} if key else {})
+    lines = "".join(f"{name}: {value}\r\n" for name, value in fields.items())
+    with caplog.at_level(logging.INFO), socket.create_connection(api.address) as connection:
+        connection.sendall(f"POST /uploads HTTP/1.1\r\n{lines}\r\n".encode())
+        assert begins.wait(60)
+    with caplog.at_level(logging.INFO):
+        until(lambda: any(record.msg in {"client went away", "request"} for record in caplog.records))
+    assert len(api.client.get("/uploads").json()["data"]) == (0 if key is None else 1)
 
 
 def test_an_upload_that_is_not_gone_on_with_goes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
