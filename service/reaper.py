@@ -37,7 +37,7 @@ class Reaper:
     ) -> None:
         self._settings = settings
         self._database = database
-        self._drafts = Drafts(database, storage, settings)
+        self._drafts = Drafts(database, storage.spool, settings)
         self._room = room
         self._blobs = blobs
         self._publisher = publisher

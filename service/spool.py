@@ -20,16 +20,16 @@ class Spool:
     """The drafts of this machine, in a folder. Nobody sees them until they are published elsewhere."""
 
     def __init__(self, folder: Path) -> None:
-        self._spool = folder
-        self._spool.mkdir(parents=True, exist_ok=True)
+        self._folder = folder
+        self._folder.mkdir(parents=True, exist_ok=True)
 
     def draft(self, suffix: str = "", *, job_id: str = "") -> Path:
         """A fresh temporary path to write a file, or a folder of files, at."""
-        return self._spool / f"{job_id}{'-' if job_id else ''}{secrets.token_hex(16)}{suffix}"
+        return self._folder / f"{job_id}{'-' if job_id else ''}{secrets.token_hex(16)}{suffix}"
 
     def check_drafts(self) -> None:
         """Raise `OSError` when no draft can be written. What is tried with has no name, where the disk can do that."""
-        with tempfile.TemporaryFile(dir=self._spool) as file:
+        with tempfile.TemporaryFile(dir=self._folder) as file:
             file.write(b"ok")
 
     def new_draft(self) -> tuple[Path, IO[bytes]]:
@@ -57,7 +57,7 @@ class Spool:
         """
         by_job: dict[str, list[Path]] = {}
         old: list[Path] = []
-        for path in self._spool.iterdir():
+        for path in self._folder.iterdir():
             # a file that was named after a draft carries its job's id too
             if owner := JOB_ID.search(path.name):
                 by_job.setdefault(owner[0], []).append(path)

@@ -64,8 +64,8 @@ class NotMountedError(GenericError):
     """Where the blobs were is another folder: an empty mount point, most likely."""
 
 
-class Storage(Spool):
-    """The blobs of one service, and the spool in which those that are made here are written.
+class Storage:
+    """The blobs of one service, and the ``spool`` in which those that are made here are written.
 
     A local folder that carried a mark, as was seen before or as ``was_marked`` says, and has none, is a disk that is
     not mounted: its blobs are not missing, and nothing is written there. Calls raise `NotMountedError`, an outage.
@@ -75,7 +75,7 @@ class Storage(Spool):
         self._was_marked = was_marked
         self._has_mark = False
         self._folder = settings.local_storage_folder
-        super().__init__(settings.spool_folder)
+        self.spool = Spool(settings.spool_folder)
         if self._folder is not None:
             self._folder.mkdir(parents=True, exist_ok=True)
             self._store: ObjectStore = LocalStore(self._folder)
@@ -200,7 +200,7 @@ class Storage(Spool):
                 raise BlobMissingError(key)
             yield path
             return
-        path = self.draft(Path(key).suffix, job_id=job_id)
+        path = self.spool.draft(Path(key).suffix, job_id=job_id)
         if folder is not None:
             path = folder / path.name
         try:

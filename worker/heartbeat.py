@@ -15,7 +15,7 @@ from service.drafts import Drafts
 from service.ids import worker_id
 from service.outages import is_disk_full
 from service.settings import Settings
-from service.storage import Storage
+from service.spool import Spool
 from worker import connection
 
 log = structlog.get_logger(__name__)
@@ -54,7 +54,7 @@ class Heartbeat:
     def __init__(self, settings: Settings, *, kind: Kind = "jobs") -> None:
         self._settings = settings
         self._kind = kind
-        self._storage: Storage | None = None
+        self._spool: Spool | None = None
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="heartbeat", daemon=True)
 
@@ -87,17 +87,18 @@ class Heartbeat:
         if connection.is_missed():
             return workers.BROKER
         try:
-            if self._storage is not None:
-                self._storage.check_drafts()
+            if self._spool is None:
+                self._spool = Spool(self._settings.spool_folder)
+            self._spool.check_drafts()
         except OSError as error:
             return None if is_disk_full(error) else workers.DISK
         return None
 
     def _clear(self, database: Database) -> None:
+        if self._spool is None:
+            return
         try:
-            if self._storage is None:  # the folder of the files may be away as this process begins
-                self._storage = Storage(self._settings)
-            Drafts(database, self._storage, self._settings).clear()
+            Drafts(database, self._spool, self._settings).clear()
         except Exception as error:  # after the next beat
             log.warning("drafts not cleared", error=type(error).__name__)
 

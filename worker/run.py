@@ -97,7 +97,7 @@ class Run:
 
     def draft_folder(self) -> Path:
         """A temporary folder that is cleared with its files when the run ends, whatever its end."""
-        path = self.storage.draft(job_id=self.job.id)
+        path = self.storage.spool.draft(job_id=self.job.id)
         self.drafts.callback(shutil.rmtree, path, ignore_errors=True)
         path.mkdir()
         return path

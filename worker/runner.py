@@ -176,7 +176,7 @@ class Runner:
         try:
             if self._room.is_short():
                 return _NO_ROOM
-            self._storage.check_drafts()
+            self._storage.spool.check_drafts()
         except OSError as error:
             return _NO_ROOM if is_disk_full(error) else _NOT_WRITTEN
         return None

@@ -23,7 +23,7 @@ from service.catalog import FileType
 from service.egress import Egress
 from service.errors import BadRequestError, TooLargeError, UnsupportedMediaError
 from service.room import Room
-from service.storage import Storage
+from service.spool import Spool
 
 #: bytes collected before they go to the disk and the hash, in a thread
 BUFFER_BYTES = 1024**2
@@ -146,9 +146,9 @@ class Intake:
     """
 
     def __init__(
-        self, storage: Storage, room: Room, request: Request, *, limit_bytes: int, share: Share | None = None
+        self, spool: Spool, room: Room, request: Request, *, limit_bytes: int, share: Share | None = None
     ) -> None:
-        self._storage = storage
+        self._spool = spool
         self._room = room
         self._share = share
         self.request = request
@@ -191,7 +191,7 @@ class Intake:
             size_bytes = self._declared_bytes or 0
         self._room.require(size_bytes)
         limit = self.limit_bytes if limit_bytes is None else limit_bytes
-        draft, file = self._storage.new_draft()
+        draft, file = self._spool.new_draft()
         sink = FileSink(draft, file, self._room, self._share, limit, clean_name(filename), checks_head=checks_head)
         self._sinks.append(sink)
         return sink

@@ -28,6 +28,7 @@ from service.errors import ServiceError
 from service.queue import make_folders
 from service.room import Room
 from service.settings import Settings
+from service.spool import Spool
 from service.storage import Storage
 from tests.fuzz.mutations import mutated
 from tests.gallery import hostile
@@ -123,10 +124,10 @@ _FORM_HEAD = b"multipart/form-data; boundary=edge\n"
 def forms(folder: Path) -> Target:
     """A multipart body in pieces; the first line of a case is its content type."""
     make_folders(settings := Settings(data_dir=folder))
-    storage, room = Storage(settings), Room(settings)
+    spool, room = Storage(settings).spool, Room(settings)
 
     def do(data: bytes) -> None:
-        asyncio.run(_received(storage, room, data))
+        asyncio.run(_received(spool, room, data))
         left = [path for path in folder.rglob("*") if path.is_file()]
         if left:
             raise AssertionError(f"left behind: {left}")
@@ -134,7 +135,7 @@ def forms(folder: Path) -> Target:
     return Target("forms", do, [_FORM_HEAD + _FORM, _FORM_HEAD + _FORM.replace(b"edge", b"x" * 4)], (ServiceError,))
 
 
-async def _received(storage: Storage, room: Room, data: bytes) -> None:
+async def _received(spool: Spool, room: Room, data: bytes) -> None:
     content_type, _, body = data.partition(b"\n")
     step = 1 + len(body) % 97
     pieces = [body[k : k + step] for k in range(0, len(body), step)] or [b""]
@@ -144,7 +145,7 @@ async def _received(storage: Storage, room: Room, data: bytes) -> None:
         return {"type": "http.request", "body": piece, "more_body": bool(pieces)}
 
     scope = {"type": "http", "method": "POST", "headers": [(b"content-type", content_type)]}
-    async with Intake(storage, room, Request(scope, receive), limit_bytes=10_000) as intake:
+    async with Intake(spool, room, Request(scope, receive), limit_bytes=10_000) as intake:
         await read_form(intake, max_files=2)
 
 

@@ -309,7 +309,7 @@ def make_ready(services: Services, media_id: str, *, faces: int = 1) -> None:
         medium = media.get(session, media_id)
     assert medium is not None
     lease = claim(database, medium.job_id)
-    draft = storage.draft()
+    draft = storage.spool.draft()
     draft.write_bytes(b"asset of " + media_id.encode())
     key = storage.key("asset", medium.sha256, media_id, ".pvg")
     services.blobs.put(draft, key)
@@ -344,7 +344,7 @@ def make_results(
 
 
 def _output(services: Services, position: int, content: bytes, name: str, **more: Any) -> Output:
-    draft = services.storage.draft()
+    draft = services.storage.spool.draft()
     draft.write_bytes(content)
     sha256, result_id, suffix = hashlib.sha256(content).hexdigest(), new_id("res"), Path(name).suffix
     key = services.storage.key("result", sha256, result_id, suffix)

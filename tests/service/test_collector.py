@@ -50,7 +50,7 @@ def put(services: Services, *, known: bool, count: int = 1) -> list[str]:
     """Blobs, with a record or without."""
     keys = [services.storage.key("source", f"{number:064x}", new_id("vid"), ".mp4") for number in range(count)]
     for key in keys:
-        draft = services.storage.draft()
+        draft = services.storage.spool.draft()
         draft.write_bytes(b"a face")
         services.storage.put(draft, key)
     if known:
@@ -292,7 +292,7 @@ def test_a_folder_that_is_not_mounted_is_no_empty_store(services: Services, stor
         for one in (services, fresh):
             with pytest.raises(NotMountedError):
                 one.collector.collect()
-            draft = one.storage.draft()
+            draft = one.storage.spool.draft()
             draft.write_bytes(b"a face")
             with pytest.raises(NotMountedError):
                 one.storage.put(draft, keys[0])

@@ -298,7 +298,7 @@ def test_deletions_from_a_store_that_hangs_keep_a_few_threads(api: Api, monkeypa
 @pytest.mark.parametrize("api", ["folder"], indirect=True)
 def test_a_blob_whose_writer_is_killed_before_it_is_recorded_goes(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
     services = api.services
-    draft = services.storage.draft()
+    draft = services.storage.spool.draft()
     draft.write_bytes(b"a face")
     services.blobs.put(draft, "asset/x")
     services.reaper.round()
@@ -373,7 +373,8 @@ def test_half_an_upload_goes_when_its_writer_is_killed_and_not_before(tmp_path: 
     storage = Storage(Settings(data_dir=tmp_path))
     code = "import sys, time; from service.storage import *; from service.settings import Settings\n"
     code += (
-        "path, file = Storage(Settings()).new_draft(); file.write(b'half'); file.flush(); path.with_suffix('.publish')"
+        "path, file = Storage(Settings()).spool.new_draft(); file.write(b'half'); file.flush(); "
+        "path.with_suffix('.publish')"
     )
     code += ".hardlink_to(path); print(flush=True); time.sleep(60)"
     environment = os.environ | {"PVG_DATA_DIR": str(tmp_path)}
@@ -381,11 +382,11 @@ def test_half_an_upload_goes_when_its_writer_is_killed_and_not_before(tmp_path: 
         assert writer.stdout is not None
         writer.stdout.readline()
         later = datetime.fromtimestamp(time.time() + 100, UTC)
-        assert storage.clear_drafts(held=set, before=later) == 0
+        assert storage.spool.clear_drafts(held=set, before=later) == 0
         writer.send_signal(signal.SIGKILL)
         writer.wait()
-    assert storage.clear_drafts(held=set, before=datetime.fromtimestamp(time.time() - 100, UTC)) == 0  # too young
-    assert storage.clear_drafts(held=set, before=later) == 2
+    assert storage.spool.clear_drafts(held=set, before=datetime.fromtimestamp(time.time() - 100, UTC)) == 0  # too young
+    assert storage.spool.clear_drafts(held=set, before=later) == 2
     assert list((tmp_path / "spool").iterdir()) == []
 
 
@@ -393,22 +394,22 @@ def test_a_young_draft_stays_on_a_machine_whose_clock_is_behind_the_databases(
     settings: Settings, database: Database, clock: FakeClock
 ) -> None:
     storage = Storage(settings)
-    path, file = storage.new_draft()
+    path, file = storage.spool.new_draft()
     file.close()  # as a picture that is about to be stored
     clock.time += timedelta(days=1)
-    assert Drafts(database, storage, settings).clear() == 0
+    assert Drafts(database, storage.spool, settings).clear() == 0
     assert path.exists()
 
 
 def test_a_copy_of_a_remote_blob_carries_its_job(tmp_path: Path) -> None:
     storage = Storage(Settings(data_dir=tmp_path, storage_url="memory:///"))
-    draft = storage.draft()
+    draft = storage.spool.draft()
     draft.write_bytes(b"a face")
     storage.put(draft, "asset/x")
     job_id = f"job_{1:032x}"
     with storage.local_path("asset/x", job_id=job_id) as copy:
         assert copy.name.startswith(job_id)
-        assert storage.clear_drafts(held=lambda _: (), before=datetime.fromtimestamp(0, UTC)) == 1
+        assert storage.spool.clear_drafts(held=lambda _: (), before=datetime.fromtimestamp(0, UTC)) == 1
 
 
 @pytest.mark.parametrize("how", ["deleted", "canceled"])
@@ -426,7 +427,7 @@ def test_no_byte_of_a_part_is_left_and_no_message(api: Api, how: str, request: p
     assert made is not None
     api.services.publisher.publish(made)
     drawn = os.urandom(100_000)
-    draft = storage.draft()
+    draft = storage.spool.draft()
     draft.write_bytes(drawn)
     file = NewFile(0, storage.key("drawn", "0" * 64, made[0].job_id, ".part"), len(drawn))
     blobs.put(draft, file.key)

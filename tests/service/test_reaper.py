@@ -472,7 +472,7 @@ def test_jobs_nobody_takes_expire(services: Services, clock: FakeClock) -> None:
 
 def test_results_then_media_then_jobs_go_when_their_time_is_over(services: Services, clock: FakeClock) -> None:
     medium = add_media(services.database)
-    draft = services.storage.draft()
+    draft = services.storage.spool.draft()
     draft.write_bytes(b"source")
     services.storage.put(draft, medium.source_key)
     make_ready(services, medium.id)
@@ -522,7 +522,7 @@ def test_all_that_is_due_goes_at_once(services: Services, clock: FakeClock, monk
 
 
 def test_drafts_nobody_writes_any_more_are_removed(services: Services) -> None:
-    draft = services.storage.draft()
+    draft = services.storage.spool.draft()
     draft.write_bytes(b"x")
     services.reaper.round()
     assert draft.exists()
@@ -535,9 +535,9 @@ def test_drafts_of_a_killed_worker_go_with_its_lease(services: Services, clock: 
     """They hold parts of a face, and must not outlive a deletion."""
     medium = add_media(services.database)
     claim(services.database, medium.job_id, lease_s=30)
-    draft = services.storage.draft(".pvg", job_id=medium.job_id)
+    draft = services.storage.spool.draft(".pvg", job_id=medium.job_id)
     partial = draft.with_name(f".{draft.name}.abc")  # as the method names what it writes
-    other = services.storage.draft()
+    other = services.storage.spool.draft()
     for path in (draft, partial, other):
         path.write_bytes(b"x")
     services.reaper.expire()

@@ -39,7 +39,7 @@ def remote(bucket: S3, tmp_path: Path) -> Storage:
 
 
 def add(storage: Storage, content: bytes) -> str:
-    draft = storage.draft(".mp4")
+    draft = storage.spool.draft(".mp4")
     draft.write_bytes(content)
     key = storage.key("source", file_sha256(draft), "vid_1", ".mp4")
     storage.put(draft, key)
@@ -85,7 +85,7 @@ def test_a_file_of_any_size_has_no_more_parts_than_s3_takes(size: int) -> None:
 
 def test_what_is_written_twice_is_what_was_written_last(storage: Storage) -> None:
     key = add(storage, b"first")
-    draft = storage.draft()
+    draft = storage.spool.draft()
     draft.write_bytes(b"second")
     storage.put(draft, key)
     assert read(storage, key, 0, 6) == b"second"
@@ -103,7 +103,7 @@ def test_every_page_of_a_listing_is_read(remote: Storage, bucket: S3) -> None:
 
 
 def test_a_store_that_refuses_the_credentials_is_away(remote: Storage, bucket: S3, tmp_path: Path) -> None:
-    draft = remote.draft()
+    draft = remote.spool.draft()
     draft.write_bytes(b"x")
     with bucket.checking_signatures() as known:
         for call in (remote.ping, lambda: remote.put(draft, "source/a"), lambda: remote.delete("source/a")):
@@ -122,7 +122,7 @@ def test_a_bucket_that_is_not_there_is_an_outage_and_no_lost_file(s3: S3, tmp_pa
         for name, value in s3.environment().items():
             patch.setenv(name, value)
         storage = Storage(Settings(data_dir=tmp_path, storage_url="s3://nobody-made-this/faces"))
-        draft = storage.draft()
+        draft = storage.spool.draft()
         draft.write_bytes(b"x")
         calls: tuple[Callable[[], object], ...] = (
             storage.ping,
@@ -221,7 +221,7 @@ def test_a_folder_that_is_not_mounted_is_an_outage_and_no_lost_file(tmp_path: Pa
     if not seen:
         storage = Storage(settings, was_marked=lambda: True)
     disk = unmount(folder)
-    draft = storage.draft()
+    draft = storage.spool.draft()
     draft.write_bytes(b"another face")
 
     def open_it() -> None:
@@ -253,7 +253,7 @@ def test_a_folder_whose_server_does_not_answer_is_an_outage(
 ) -> None:
     storage = Storage(Settings(data_dir=tmp_path))
     key = add(storage, b"a face")
-    draft = storage.draft()
+    draft = storage.spool.draft()
     draft.write_bytes(b"another face")
 
     def fail(*_: object, **__: object) -> os.stat_result:
@@ -284,17 +284,17 @@ def test_a_local_copy_of_a_remote_blob_is_removed(remote: Storage, tmp_path: Pat
 
 
 def test_only_old_drafts_are_cleared(storage: Storage) -> None:
-    old, new = storage.draft(), storage.draft()
+    old, new = storage.spool.draft(), storage.spool.draft()
     old.write_bytes(b"x")
     new.write_bytes(b"x")
     os.utime(old, (time.time() - 100, time.time() - 100))
-    assert storage.clear_drafts(held=set, before=datetime.fromtimestamp(time.time() - 50, UTC)) == 1
+    assert storage.spool.clear_drafts(held=set, before=datetime.fromtimestamp(time.time() - 50, UTC)) == 1
     assert (old.exists(), new.exists()) == (False, True)
 
 
 def test_drafts_of_jobs_that_nobody_holds_are_cleared(storage: Storage) -> None:
     ids = [f"job_{number:032x}" for number in range(2)]
-    drafts = [storage.draft(".pvg", job_id=one) for one in ids]
+    drafts = [storage.spool.draft(".pvg", job_id=one) for one in ids]
     for draft in drafts:
         draft.write_bytes(b"x")
     asked: list[set[str]] = []
@@ -303,16 +303,16 @@ def test_drafts_of_jobs_that_nobody_holds_are_cleared(storage: Storage) -> None:
         asked.append(set(job_ids))
         return {ids[0]}
 
-    assert storage.clear_drafts(held=held, before=datetime.fromtimestamp(0, UTC)) == 1
+    assert storage.spool.clear_drafts(held=held, before=datetime.fromtimestamp(0, UTC)) == 1
     assert asked == [set(ids)]
     assert [draft.exists() for draft in drafts] == [True, False]
 
 
 def test_a_folder_of_drafts_is_cleared_with_its_files(storage: Storage) -> None:
-    folder = storage.draft(job_id=f"job_{0:032x}")
+    folder = storage.spool.draft(job_id=f"job_{0:032x}")
     folder.mkdir()
     (folder / "matte.mkv").write_bytes(b"x")
-    assert storage.clear_drafts(held=lambda _: (), before=datetime.fromtimestamp(0, UTC)) == 1
+    assert storage.spool.clear_drafts(held=lambda _: (), before=datetime.fromtimestamp(0, UTC)) == 1
     assert not folder.exists()
 
 
@@ -345,7 +345,7 @@ def other_disk(tmp_path: Path) -> Iterator[Path]:
 def drafted(blobs: Path, tmp_path: Path) -> tuple[Storage, Path]:
     """A storage of this folder, and a draft in it."""
     storage = Storage(Settings(data_dir=tmp_path / "data", storage_url=str(blobs)))
-    draft = storage.draft()
+    draft = storage.spool.draft()
     draft.write_bytes(b"a face")
     return storage, draft
 

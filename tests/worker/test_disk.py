@@ -11,7 +11,7 @@ import pytest
 from service.catalog import Database, Job, JobKind, JobState, leases, workers
 from service.queue import make_folders
 from service.settings import Settings
-from service.storage import Storage
+from service.spool import Spool
 from tests.service.fixtures import add_media, make_tables
 from tests.waiting import until
 from worker import runner as runner_module
@@ -127,6 +127,5 @@ def test_a_worker_says_that_it_cannot_write_and_when_it_can(database: Database, 
 
 
 def test_a_disk_is_tried_without_a_trace(settings: Settings) -> None:
-    storage = Storage(settings)
-    storage.check_drafts()
+    Spool(settings.spool_folder).check_drafts()
     assert list(settings.spool_folder.iterdir()) == []

@@ -32,7 +32,7 @@ CONTENT = bytes(24 * 2**20)
 def remote(run: Run, bucket: S3, wire: Wire) -> Run:
     """The same run with its files in a bucket, one of them there already."""
     storage = Storage(run.settings.model_copy(update={"storage_url": bucket.storage_url}))
-    draft = storage.draft()
+    draft = storage.spool.draft()
     draft.write_bytes(CONTENT)
     storage.put(draft, KEY)
     return replace(run, storage=storage, blobs=Blobs(run.database, storage))
@@ -146,7 +146,7 @@ def test_a_store_that_says_nothing_of_one_is_not_waited_for_twice(remote: Run, b
             told.append(time.monotonic())
         return told != [] and time.monotonic() > told[0] + 2  # by now so many parts wait that it takes no more
 
-    made = remote.storage.draft()
+    made = remote.storage.spool.draft()
     made.write_bytes(2 * CONTENT)
     with pytest.raises(CanceledError):
         remote.storage.put(made, "result/ab/look.mp4", check=ends_when(silent_for_long))

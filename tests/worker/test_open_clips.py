@@ -33,7 +33,7 @@ def clips(tmp_path: Path, server: SandboxServer) -> Iterator[OpenClips]:
     storage = Storage(settings)
     for number in range(6):
         for kind in ("source", "asset"):
-            draft = storage.draft()
+            draft = storage.spool.draft()
             draft.write_text(f"{kind} {number}")
             storage.put(draft, f"{kind}/{number}")
     made = OpenClips(settings, storage, Sandbox(server.lobby), lambda ids: {})
@@ -50,7 +50,7 @@ def test_what_is_wrong_with_a_clip_names_no_file(
     settings = Settings(data_dir=tmp_path / "data", storage_url=url)
     storage = Storage(settings)
     for key in ("source/aa/0123.png", "asset/aa/4567.pvg"):
-        draft = storage.draft()
+        draft = storage.spool.draft()
         draft.write_text("damaged")
         storage.put(draft, key)
     medium = Media(id="vid_1", source_key="source/aa/0123.png", asset_key="asset/aa/4567.pvg")
@@ -163,7 +163,7 @@ def remote_clips(folder: Path, server: SandboxServer, url: str, **settings: Any)
     for number in range(3):
         medium = Media(id=f"vid_{number}", source_key=f"source/{number}", asset_key=f"asset/{number}")
         for key in (medium.source_key, str(medium.asset_key)):
-            draft = storage.draft()
+            draft = storage.spool.draft()
             draft.write_text(key)
             storage.put(draft, key)
         media.append(medium)
@@ -294,7 +294,7 @@ def test_a_file_that_a_store_has_lost_is_asked_for_again(remote: Remote, bucket:
     for _ in range(2):
         with pytest.raises(BlobMissingError, match="asset/0"):
             remote.ask(0)
-    draft = remote.storage.draft()
+    draft = remote.storage.spool.draft()
     draft.write_text("asset/0")
     remote.storage.put(draft, "asset/0")
     assert remote.ask(0) == "source/0"

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from service.settings import Settings
-from service.storage import Storage
+from service.spool import Spool
 from worker.previews.previewer import copied
 from worker.sandbox import CrashError
 
@@ -24,8 +24,8 @@ def settings(tmp_path: Path) -> Settings:
 
 
 @pytest.fixture
-def storage(settings: Settings) -> Storage:
-    return Storage(settings)
+def spool(settings: Settings) -> Spool:
+    return Spool(settings.spool_folder)
 
 
 def opened(folder: Path) -> list[str]:
@@ -37,10 +37,10 @@ def opened(folder: Path) -> list[str]:
     return [path for path in found if path.startswith(str(folder))]
 
 
-def test_the_draft_is_a_copy(storage: Storage, tmp_path: Path) -> None:
+def test_the_draft_is_a_copy(spool: Spool, tmp_path: Path) -> None:
     made = tmp_path / "picture.jpg"
     made.write_bytes(b"picture")
-    draft = copied(made, storage)
+    draft = copied(made, spool)
     made.write_bytes(b"another")
     assert draft.read_bytes() == b"picture"
 
@@ -62,17 +62,17 @@ def _second_name(path: Path) -> None:
 )
 @pytest.mark.timeout(120)
 def test_what_is_no_plain_file_is_refused(
-    settings: Settings, storage: Storage, tmp_path: Path, make: Callable[[Path], object]
+    settings: Settings, spool: Spool, tmp_path: Path, make: Callable[[Path], object]
 ) -> None:
     make(tmp_path / "picture.jpg")
     with pytest.raises((CrashError, OSError)):
-        copied(tmp_path / "picture.jpg", storage)
+        copied(tmp_path / "picture.jpg", spool)
     assert opened(tmp_path) == []
     assert list(settings.spool_folder.iterdir()) == []
 
 
 def test_a_full_disk_leaves_neither_draft_nor_descriptor(
-    settings: Settings, storage: Storage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    settings: Settings, spool: Spool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(source: object, target: object) -> None:
         raise OSError(errno.ENOSPC, "no space left on device")
@@ -82,9 +82,9 @@ def test_a_full_disk_leaves_neither_draft_nor_descriptor(
     with monkeypatch.context() as harm:
         harm.setattr(shutil, "copyfileobj", full)
         with pytest.raises(OSError, match="no space"):
-            copied(made, storage)
+            copied(made, spool)
     assert list(settings.spool_folder.iterdir()) == []
     settings.spool_folder.rmdir()
     with pytest.raises(FileNotFoundError):
-        copied(made, storage)
+        copied(made, spool)
     assert opened(tmp_path) == []

@@ -136,7 +136,7 @@ class Copies:
 
     def _fetch(self, copy: _Copy) -> Path:
         try:
-            folder, descriptor = self._storage.new_folder()
+            folder, descriptor = self._storage.spool.new_folder()
             copy.held.callback(shutil.rmtree, folder, ignore_errors=True)
             copy.held.callback(os.close, descriptor)
             local = self._storage.local_path(copy.blob.key, folder=folder, check=copy.check)

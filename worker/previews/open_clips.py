@@ -150,7 +150,7 @@ class OpenClips:
             blobs = _blobs(entry.clip)
             paths = self._files(stack, blobs, until)
             entry.keys = dict(zip(paths, (blob.key for blob in blobs), strict=True))
-            folder, descriptor = self._storage.new_folder()
+            folder, descriptor = self._storage.spool.new_folder()
             stack.callback(shutil.rmtree, folder, ignore_errors=True)
             stack.callback(os.close, descriptor)
             source, asset, *reference = paths

@@ -22,6 +22,7 @@ from service.copying import file_sha256
 from service.ids import new_id
 from service.room import Room
 from service.settings import Settings
+from service.spool import Spool
 from service.storage import BlobMissingError, Storage
 from worker.answers import StillAnswer, checked, made
 from worker.failures import AssetLostError, SourceLostError, is_expected, problem_of_picture
@@ -110,7 +111,7 @@ class Previewer:
                 path.unlink(missing_ok=True)
 
     def _store(self, path: Path, preview: Preview, suffix: str, frame: int) -> Still:
-        draft = copied(path, self._storage)
+        draft = copied(path, self._storage.spool)
         try:
             size = draft.stat().st_size
             key = self._storage.key("preview", file_sha256(draft), preview.id, suffix)
@@ -124,7 +125,7 @@ class Previewer:
             return media.assets(session, media_ids)
 
 
-def copied(path: Path, storage: Storage) -> Path:
+def copied(path: Path, spool: Spool) -> Path:
     """A draft with the content of a file that a process has made, which goes on, and may have it open.
 
     Raises `CrashError` for what is no plain file: by now there may be another thing in its place.
@@ -135,7 +136,7 @@ def copied(path: Path, storage: Storage) -> Path:
         found = os.fstat(descriptor)
         if not stat.S_ISREG(found.st_mode) or found.st_nlink != 1:
             raise CrashError(f"its process made no plain file {path.name}")
-        draft, file = storage.new_draft()
+        draft, file = spool.new_draft()
         try:
             with file, open(descriptor, "rb", closefd=False) as made_there:
                 shutil.copyfileobj(made_there, file)

@@ -173,7 +173,7 @@ async def append(
     left = upload.size_bytes - offset
     async with (
         services.arriving.place(upload.owner, free=upload.id) as share,  # its size was counted when it was announced
-        Intake(services.storage, services.room, request, limit_bytes=left, share=share) as intake,
+        Intake(services.storage.spool, services.room, request, limit_bytes=left, share=share) as intake,
     ):
         with _no_more_than(upload.size_bytes):
             intake.check_declared(left)

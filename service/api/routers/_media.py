@@ -102,7 +102,7 @@ async def upload(
     async with (
         once,
         services.arriving.place(caller.owner, free="again" if once.answered else None) as share,
-        Intake(services.storage, services.room, request, limit_bytes=limit_bytes, share=share) as intake,
+        Intake(services.storage.spool, services.room, request, limit_bytes=limit_bytes, share=share) as intake,
     ):
         if media_type(request) == "application/json":
             found = await _fetch(services, caller, intake, once, given)

@@ -201,7 +201,7 @@ async def _read_form(
     limit_bytes = settings.max_upload_bytes
     async with (
         services.arriving.place(caller.owner, free="again" if once.answered else None) as share,
-        Intake(services.storage, services.room, request, limit_bytes=limit_bytes, share=share) as intake,
+        Intake(services.storage.spool, services.room, request, limit_bytes=limit_bytes, share=share) as intake,
     ):
         try:
             form = await read_form(intake, max_files=settings.max_looks, wrong_file=wrong_file)

@@ -305,7 +305,7 @@ async def _whole(services: Services, request: Request, opened: _Opened) -> Uploa
     limit_bytes = upload.limit_bytes
     async with (
         services.arriving.place(upload.owner, free=None if upload.media_id is None else upload.id) as share,
-        Intake(services.storage, services.room, request, limit_bytes=limit_bytes, share=share) as intake,
+        Intake(services.storage.spool, services.room, request, limit_bytes=limit_bytes, share=share) as intake,
     ):
         if media_type(request) == "multipart/form-data":
             form = await read_form(intake, text=False)

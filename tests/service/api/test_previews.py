@@ -74,7 +74,7 @@ def preview_worker(api: Api, error: dict[str, Any] | None = None) -> Iterator[Ma
             with services.background.read() as session:
                 taken = session.query(Preview).filter(Preview.state == PreviewState.TAKEN).all()
             for row in taken:
-                draft = services.storage.draft()
+                draft = services.storage.spool.draft()
                 draft.write_bytes(PICTURE)
                 key = services.storage.key("preview", "ab" * 32, row.id, ".jpg")
                 blobs.put(draft, key)
@@ -314,7 +314,7 @@ def test_a_medium_of_before_or_whose_own_are_lost_gets_its_small_pictures_on_req
 
 def add_poster(api: Api, video: str, content: bytes) -> None:
     """What a worker stores beside an asset."""
-    draft = api.services.storage.draft()
+    draft = api.services.storage.spool.draft()
     draft.write_bytes(content)
     key = api.services.storage.key("pictures", "cd" * 32, video, ".jpgs")
     Blobs(api.services.background, api.services.storage).put(draft, key)

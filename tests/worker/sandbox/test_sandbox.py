@@ -217,7 +217,7 @@ def add(database: Database, settings: Settings, content: str | bytes) -> Media:
     data = content.encode() if isinstance(content, str) else content
     medium = add_media(database, content=data)
     storage = Storage(settings)
-    draft = storage.draft()
+    draft = storage.spool.draft()
     draft.write_bytes(data)
     storage.put(draft, medium.source_key)
     return medium
