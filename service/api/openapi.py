@@ -34,7 +34,6 @@ from service.api.schemas import (
     VideoByUrl,
 )
 from service.errors import ALSO_OF_FAILED, OF_FAILED, PROBLEM_JSON, PROBLEMS, MediaFailedError, ProblemType
-from service.ids import MEDIA_ID
 
 #: those that FastAPI does not see, because routes read their bodies themselves
 _MODELS: Final[tuple[type[BaseModel], ...]] = (
@@ -220,8 +219,10 @@ _AS_TEXT: Final[dict[str, dict[str, Any]]] = {
         "description": "a number, or comma-separated by part, each once: lips=1,lids=0.3; others have 0.75",
     },
     "extras": {"type": "string", "pattern": _words("cube", "matte"), "description": "comma-separated: cube, matte"},
+    "webhook": _RECEIVER,
+    "metadata": _PAIRS,
 }
-_IN_FORM: Final = ("type", "minimum", "exclusiveMinimum", "maximum", "enum")
+_IN_FORM: Final = ("type", "minimum", "exclusiveMinimum", "maximum", "maxLength", "pattern", "enum")
 
 
 def _form_fields(model: type[BaseModel], names: Iterable[str]) -> dict[str, dict[str, Any]]:
@@ -236,12 +237,14 @@ def _one_value(schema: dict[str, Any]) -> dict[str, Any]:
     return {name: kind[name] for name in _IN_FORM if name in kind}
 
 
+#: of a transfer in JSON, what its form has above, or by its parts
+_ELSEWHERE: Final = frozenset({"video", "looks", "output"})
 TRANSFER_FORM: dict[str, Any] = {
     "type": "object",
     "required": ["video", "reference"],
     "additionalProperties": False,
     "properties": {
-        "video": {"type": "string", "pattern": MEDIA_ID.pattern},
+        **_form_fields(TransferRequest, ("video",)),
         "reference": {
             "type": "array",
             "items": BINARY,
@@ -251,9 +254,7 @@ TRANSFER_FORM: dict[str, Any] = {
         },
         **_form_fields(LookOptions, OptionsBody.model_fields),
         **_form_fields(OutputRequest, OutputRequest.model_fields),
-        "webhook": _RECEIVER,
-        "metadata": _PAIRS,
-        "force": {"type": "boolean"},
+        **_form_fields(TransferRequest, (name for name in TransferRequest.model_fields if name not in _ELSEWHERE)),
     },
 }
 

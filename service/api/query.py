@@ -25,7 +25,7 @@ async def check_parameters(request: Request) -> None:
     if not request.query_params:
         return
     route: APIRoute = request.scope["route"]
-    known = dict(sorted(_parameters(route.dependant)))
+    known = dict(sorted(parameters_of(route.dependant)))
     given = [name for name, _ in request.query_params.multi_items()]
     errors: dict[str, str] = {}
     for name in sorted({*given}):
@@ -39,9 +39,9 @@ async def check_parameters(request: Request) -> None:
         raise invalid_values({f"/query/{name}": detail for name, detail in errors.items()})
 
 
-def _parameters(of: Dependant) -> Iterator[tuple[str, bool]]:
+def parameters_of(of: Dependant) -> Iterator[tuple[str, bool]]:
     """The parameters of a route, and of all that it depends on, and whether each is a list."""
     for one in of.query_params:
         yield one.alias, get_origin(one.field_info.annotation) is list
     for other in of.dependencies:
-        yield from _parameters(other)
+        yield from parameters_of(other)

@@ -18,8 +18,10 @@ _OUTPUT_FIELDS = frozenset(OutputRequest.model_fields)
 _LOOK_FIELDS = frozenset(LookOptions.model_fields)
 #: comma-separated, or given again
 _LISTS = frozenset({"protect", "faces", "extras"})
+#: those of the body that stand beside its looks
+_OWN_FIELDS = frozenset(TransferRequest.model_fields) - {"looks", "output"}
 
-_TEXTS = _LOOK_FIELDS | _OUTPUT_FIELDS | {"force", "webhook", "metadata"}
+_TEXTS = (_LOOK_FIELDS | _OUTPUT_FIELDS | _OWN_FIELDS) - {"video"}
 _NO_FILE = "it takes the id of a video; upload the file to /videos first"
 _REFERENCE = f"this is neither a file nor the id of a reference or a video; {CURL_SENDS_FILES}"
 _MAKEUP = "it is a number from 0 to 1, or one of each part: lips=1,lids=0.3"
@@ -43,12 +45,10 @@ def to_request(form: Form, uploaded: Sequence[str]) -> TransferRequest:
     if twice := given_twice(once):
         raise invalid_values({f"/{name}": "the field is given more than once" for name in twice})
     for name, text in _joined(form):
-        if name in {"video", "force"}:
-            top[name] = text
-        elif name == "webhook":
-            top[name] = {"url": text}
-        elif name == "metadata":
+        if name == "metadata":
             pairs.append(text)
+        elif name in _OWN_FIELDS:
+            top[name] = {"url": text} if name == "webhook" else text
         elif name in _LOOK_FIELDS:
             options[name] = _option(name, text)
         elif name in _OUTPUT_FIELDS:

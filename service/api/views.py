@@ -21,6 +21,7 @@ from service.api.schemas import (
     VectorBody,
 )
 from service.catalog import (
+    DEFAULT_VECTOR_SETTINGS,
     ENDED,
     Job,
     JobKind,
@@ -32,6 +33,7 @@ from service.catalog import (
     leases,
     look_params,
     render_request,
+    vector_settings,
 )
 from service.catalog.forecast import Forecast
 from service.errors import shown
@@ -53,7 +55,7 @@ def media_body(media: Media, settings: Settings) -> MediaBody:
             "content_type": media.content_type,
             "size_bytes": media.size_bytes,
             "sha256": media.sha256,
-            "settings": VectorBody(mask=media.mask, matching=media.matching, input_color=media.input_color),
+            "settings": VectorBody(**asdict(vector_settings(media))),
             "media": media.info,
             "poster": f"{at}/poster" if is_ready else None,
             "faces": [
@@ -144,8 +146,8 @@ def _waiting_for(job: Job, no_room: bool) -> str | None:
 
 
 def _settings(report: dict[str, Any]) -> VectorBody:
-    # a former version's report does not say the colour
-    return VectorBody(mask=report["mask"], matching=report["matching"], input_color=report.get("input_color", "auto"))
+    # a former version's report does not say what had no choice then
+    return VectorBody(**{name: report.get(name, usual) for name, usual in asdict(DEFAULT_VECTOR_SETTINGS).items()})
 
 
 def by_result(files: Iterable[Result]) -> dict[str, list[Result]]:

@@ -11,7 +11,7 @@ import hmac
 import re
 import secrets
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from datetime import datetime
 from typing import Final
 
@@ -32,6 +32,7 @@ from service.catalog.models import (
     ResumableUpload,
     UploadPart,
 )
+from service.catalog.requests import VectorSettings
 from service.ids import new_id
 
 #: the owner of what was made while there were no keys
@@ -183,7 +184,7 @@ def adopt(session: Session, key: Key, *, owner: str = NOBODY) -> tuple[int, int]
     return given, session.scalar(left) or 0
 
 
-_SETTINGS: Final = ("mask", "matching", "input_color")
+_SETTINGS: Final = tuple(one.name for one in fields(VectorSettings))
 
 
 # what a key uses

@@ -7,7 +7,7 @@ version did not write reads as its default, and one that this version does not k
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, fields, replace
-from typing import Any, Final, Literal, TypeVar, cast
+from typing import Any, Final, Literal, TypeVar
 
 from service.catalog.models import Job, Look, Media, Preview, ResumableUpload, Role
 
@@ -152,7 +152,7 @@ def to_json(value: Request | LookParams) -> dict[str, Any]:
 
 def vector_settings(of: Media | ResumableUpload) -> VectorSettings:
     """How a medium is vectorised, or will be once all of it is there."""
-    return VectorSettings(cast(Mask, of.mask), cast(Matching, of.matching), cast(InputColor, of.input_color))
+    return VectorSettings(**{one.name: getattr(of, one.name) for one in fields(VectorSettings)})
 
 
 def vectorize_request(job: Job) -> VectorizeRequest:

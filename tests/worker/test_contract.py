@@ -8,12 +8,13 @@ from collections.abc import Iterator
 from dataclasses import asdict, fields
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import Any, cast, get_args, get_type_hints
 
 import av
 import numpy as np
 import pytest
 from pydantic import ValidationError
+from sqlalchemy import Table, UniqueConstraint
 
 import pvg
 import pvg_client
@@ -26,9 +27,27 @@ from pvg.video import CLIP_SUFFIXES, IMAGE_SUFFIXES, VideoWriter, encoders, prob
 from scripts.samples import Samples
 from service.api.commands import stills
 from service.api.openapi import TRANSFER_FORM
-from service.api.schemas import LookOptions, MakeupParts, OptionsBody, OutputRequest, VideoOptions
+from service.api.routers import references, videos
+from service.api.schemas import (
+    LookOptions,
+    MakeupParts,
+    OptionsBody,
+    OutputRequest,
+    ReferenceOptions,
+    VectorBody,
+    VideoOptions,
+)
 from service.api.sniffing import HEAD_BYTES, sniff
-from service.catalog import LookParams, OutputOptions, Progress, VectorSettings, content_type_of
+from service.catalog import (
+    LookParams,
+    Media,
+    OutputOptions,
+    Progress,
+    Report,
+    ResumableUpload,
+    VectorSettings,
+    content_type_of,
+)
 from service.catalog.requests import (
     CLIP_CONTAINERS,
     HELD,
@@ -39,18 +58,15 @@ from service.catalog.requests import (
     Extent,
     Extra,
     Feature,
-    InputColor,
     Layer,
-    Mask,
     Match,
-    Matching,
     MatteFormat,
     Preset,
     StillFormat,
 )
 from service.errors import PROBLEMS
 from service.settings import Settings
-from worker.answers import FaceAnswer, MediaAnswer
+from worker.answers import FaceAnswer, LookAnswer, MediaAnswer
 from worker.failures import EXPECTED, problem_of
 from worker.previews.previewer import SUFFIXES
 from worker.progress import ProgressScale
@@ -60,6 +76,10 @@ from worker.sandbox import MethodError, calls
 from worker.vectorizing import CLIP_SPANS, REFERENCE_SPANS
 
 CODECS = get_args(Codec)
+#: what no two media of an owner have in common
+(UNIQUE,) = (
+    one.columns.keys() for one in cast(Table, Media.__table__).constraints if isinstance(one, UniqueConstraint)
+)
 PRESETS = get_args(Preset)
 
 
@@ -155,9 +175,24 @@ def test_the_parts_of_makeup_are_the_methods(portrait: pvg.VectorVideo, dark_ref
 def test_the_settings_of_a_vectorisation_are_the_methods() -> None:
     defaults = asdict(VectorSettings())
     assert {name: default_of(pvg.vectorize, name) for name in defaults} == defaults == VideoOptions().model_dump()
-    words = get_type_hints(pvg.vectorize)
-    for name, ours in (("mask", Mask), ("matching", Matching), ("input_color", InputColor)):
-        assert get_args(words[name]) == get_args(ours)
+    words, ours = get_type_hints(pvg.vectorize), get_type_hints(VectorSettings)
+    for name in defaults:
+        assert get_args(words[name]) == get_args(ours[name])
+
+
+def test_the_settings_of_a_vectorisation_have_the_same_names_wherever_they_are_given_kept_and_told() -> None:
+    names = {field.name for field in fields(VectorSettings)}
+    assert VideoOptions.model_fields.keys() == VectorBody.model_fields.keys() == names
+    assert ReferenceOptions.model_fields.keys() == names - {"matching"}
+    for route, options in ((videos.create_video, VideoOptions), (references.create_reference, ReferenceOptions)):
+        assert inspect.signature(route).parameters.keys() >= options.model_fields.keys()
+    for record in (Media, ResumableUpload):
+        assert {*record.__table__.columns.keys()} >= names
+    assert {*UNIQUE} >= names, "the same bytes with other settings are another medium"
+    for told in (Report, LookAnswer):
+        assert get_type_hints(told).keys() > names
+    for call in (pvg_client.Client.upload, pvg_client.Client.upload_link):
+        assert inspect.signature(call).parameters.keys() > names
 
 
 def test_the_words_of_a_look_are_the_methods(portrait: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 
 from service.api.idempotency import Once
 
@@ -13,6 +13,7 @@ class Asked:
 
     owner: str
     once: Once
+    _: KW_ONLY
     metadata: dict[str, str] = field(default_factory=dict)
     #: the receiver that is told of the job's end
     webhook: str | None = None

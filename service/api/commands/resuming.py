@@ -7,6 +7,7 @@ import hmac
 import secrets
 from collections.abc import AsyncIterator, Iterator, Mapping
 from contextlib import asynccontextmanager, contextmanager
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -80,7 +81,7 @@ def _open_body(services: Services, upload: ResumableUpload) -> OpenUploadBody:
     return OpenUploadBody(
         **body_of(upload).model_dump(),
         url=addresses.of_upload(services.settings, upload.id),
-        settings=VectorBody(mask=upload.mask, matching=upload.matching, input_color=upload.input_color),
+        settings=VectorBody(**asdict(vector_settings(upload))),
         metadata=upload.metadata_,
     )
 
@@ -297,7 +298,8 @@ class _Piece:
 async def record(services: Services, upload: ResumableUpload, file: ReceivedFile, *, by_link: bool) -> None:
     """Make a medium of the file, which ends the upload."""
     once = Once(services, upload.owner, None, "")
-    asked = Asked(upload.owner, once, dict(upload.metadata_), upload.webhook, upload=upload.id, by_link=by_link)
+    metadata = dict(upload.metadata_)
+    asked = Asked(upload.owner, once, metadata=metadata, webhook=upload.webhook, upload=upload.id, by_link=by_link)
     await register(services, Role(upload.role), file, vector_settings(upload), asked=asked)
 
 

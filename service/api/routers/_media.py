@@ -110,7 +110,7 @@ async def upload(
             found = await _receive(services, intake, given)
             file = found.file
             once.compare([file.sha256, file.filename, asdict(found.settings), found.metadata, found.webhook])
-        asked = Asked(caller.owner, once, found.metadata, found.webhook)
+        asked = Asked(caller.owner, once, metadata=found.metadata, webhook=found.webhook)
         registered = await commands.register(services, role, found.file, found.settings, asked=asked)
     response.status_code = 202 if registered.pending else 200
     response.headers["Location"] = registered.location

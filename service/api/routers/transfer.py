@@ -61,7 +61,7 @@ async def create_transfer(
                 wanted = await _read(request, services, TransferRequest, once)
             looks, places = _looks_of(wanted, services, is_form=is_form)
             webhook = receiver(services, wanted.webhook, "/webhook" if is_form else "/webhook/url")
-            asked = Asked(caller.owner, once, wanted.metadata, webhook, wanted.force)
+            asked = _asked_by(caller, once, wanted, webhook)
             output_at = "" if is_form else "/output"
             return await _accept(services, response, JobKind.TRANSFER, looks, wanted.output, places, asked, output_at)
         except Exception:
@@ -102,8 +102,12 @@ async def create_swap(
         wanted = await _read(request, services, SwapRequest, once)
         looks = _sides_of(wanted)
         places = {"/a": wanted.a} | ({} if wanted.b is None else {"/b": wanted.b})
-        asked = Asked(caller.owner, once, wanted.metadata, receiver(services, wanted.webhook), wanted.force)
+        asked = _asked_by(caller, once, wanted, receiver(services, wanted.webhook))
         return await _accept(services, response, JobKind.SWAP, looks, wanted.output, places, asked)
+
+
+def _asked_by(caller: Caller, once: Once, wanted: TransferRequest | SwapRequest, webhook: str | None) -> Asked:
+    return Asked(caller.owner, once, metadata=wanted.metadata, webhook=webhook, force=wanted.force)
 
 
 async def _accept(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
 
@@ -19,6 +20,8 @@ from tests.service.api.test_media import transfer, upload
 from tests.service.fixtures import MP4, Api, make_ready, make_results, serve
 
 Operation = tuple[str, str, dict[str, Any]]
+#: of the models of `/limits` and `/usage`
+LIMITS = ("Limits", "RequestsUsed")
 
 
 @pytest.fixture(scope="module")
@@ -239,6 +242,18 @@ def test_the_form_of_a_transfer_has_the_options_of_its_json(schema: dict[str, An
     models = schema["components"]["schemas"]
     wanted = {*models["LookRequest"]["properties"], *models["OutputRequest"]["properties"]}
     assert form["properties"].keys() == wanted | models["TransferRequest"]["properties"].keys() - {"looks", "output"}
+
+
+def test_fields_and_parameters_are_in_the_documentation(schema: dict[str, Any]) -> None:
+    """But for those of limits, whose names in the schema say it all."""
+    told = (Path(__file__).resolve().parents[3] / "docs" / "api.md").read_text()
+    models = {name: one for name, one in schema["components"]["schemas"].items() if not name.endswith(LIMITS)}
+    named = {(where, name) for where, one in models.items() for name in one.get("properties", ())}
+    for _, _, operation in operations(schema):
+        query = (one["name"] for one in operation.get("parameters", ()) if one["in"] == "query")
+        named |= {(operation["operationId"], name) for name in query}
+    missing = [one for one in sorted(named) if not re.search(rf"(?<![\w-]){re.escape(one[1])}(?!\w)", told)]
+    assert missing == [], "each belongs into docs/api.md"
 
 
 def test_a_number_without_a_fraction_is_an_integer(api: Api) -> None:

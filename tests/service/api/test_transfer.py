@@ -13,7 +13,7 @@ from service.api import commands
 from service.api.commands.checks import Wanted
 from service.api.multipart import Form
 from service.api.preview_request import PreviewRequest
-from service.api.schemas import LookOptions, TransferRequest
+from service.api.schemas import LookOptions, SwapRequest, TransferRequest
 from service.api.schemas.jobs import OptionsBody
 from service.api.transfer_form import to_request
 from service.catalog import OutputOptions, Report, jobs, leases, render_request
@@ -400,6 +400,36 @@ def test_a_form_that_asks_for_the_same_again_needs_no_further_job(api: Api) -> N
         assert [(one.status_code, one.json().get("id")) for one in again] == [(200, made["id"])] * 3
         # what is not the same is over the quota
         assert client.post("/transfer", data={"video": video, "light": "1"}, files=files).status_code == 429
+
+
+#: of each field that stands beside the looks of a transfer or a swap, a value as JSON and as a form have it, and
+#: whether it makes a job another than that without it
+BESIDE: dict[str, tuple[Any, tuple[str, str], bool]] = {
+    "output": ({"crf": 30}, ("crf", "30"), True),
+    "metadata": ({"order": "42"}, ("metadata", "order:42"), True),
+    "webhook": ({"url": "http://127.0.0.1:9000/hook"}, ("webhook", "http://127.0.0.1:9000/hook"), False),
+    "force": (True, ("force", "true"), True),
+}
+
+
+def test_what_stands_beside_the_looks_is_known() -> None:
+    assert TransferRequest.model_fields.keys() - {"video", "looks"} == BESIDE.keys()
+    assert SwapRequest.model_fields.keys() - {"a", "b", *LookOptions.model_fields} == BESIDE.keys()
+
+
+@pytest.mark.parametrize("name", BESIDE)
+def test_what_stands_beside_the_looks_is_the_same_in_json_and_a_form(settings: Settings, name: str) -> None:
+    value, field, is_another = BESIDE[name]
+    for api in serve(settings.model_copy(update={"allow_private_networks": True})):
+        video = upload(api, "/videos")["id"]
+        plain = {"video": video, "looks": looks(video)}
+        first = api.client.post("/transfer", json=plain).json()["id"]
+        job = api.client.post("/transfer", json=plain | {name: value}).json()
+        assert (job["id"] != first) is is_another
+        form = [(key, (None, text)) for key, text in (("video", video), ("reference", video), field)]
+        by_form = api.client.post("/transfer", files=form)
+        assert by_form.status_code == (202 if name == "force" else 200), by_form.text
+        assert (by_form.json()["id"] == job["id"]) is (name != "force")
 
 
 def test_a_form_without_reference_or_with_a_file_that_is_none_is_refused(api: Api) -> None:
