@@ -7,7 +7,7 @@ from typing import Annotated, Any, Final, cast
 from fastapi import Depends, Header, Path, Query, Request
 from pydantic import AfterValidator, BaseModel
 
-from service.api.schemas import RECEIVER_URL, MetadataPairs, Problem
+from service.api.schemas import RECEIVER_URL, MetadataPairs, Problem, VideoOptions
 from service.api.services import Services
 from service.catalog import InputColor, Mask, Matching
 from service.errors import PROBLEM_JSON
@@ -17,6 +17,7 @@ from service.ids import DELIVERY_CURSOR, JOB_CURSOR, MEDIA_ID, UPLOAD_CURSOR
 MAX_WAIT_S: Final = 60
 #: entries of a list at once
 MAX_PAGE: Final = 200
+_SETTINGS: Final = VideoOptions.model_fields
 
 
 async def get_services(request: Request) -> Services:
@@ -75,14 +76,9 @@ UploadCursor = Annotated[
     str | None, Query(pattern=UPLOAD_CURSOR.pattern, description="`next_cursor` of the page before")
 ]
 PageSize = Annotated[int, Query(ge=1, le=MAX_PAGE, description="most entries of the page")]
-MaskOf = Annotated[Mask | None, Query(description="how skin is found; `ycbcr` is the paper's rule")]
-MatchingOf = Annotated[
-    Matching | None, Query(description="how colours go from frame to frame; `chain` is the paper's way")
-]
-InputColorOf = Annotated[
-    InputColor | None,
-    Query(description="how the file's colours are coded; `auto` goes by its tags, a camera's logarithm must be named"),
-]
+MaskOf = Annotated[Mask | None, Query(description=_SETTINGS["mask"].description)]
+MatchingOf = Annotated[Matching | None, Query(description=_SETTINGS["matching"].description)]
+InputColorOf = Annotated[InputColor | None, Query(description=_SETTINGS["input_color"].description)]
 IfNoneMatch = Annotated[str | None, Header(description="ETags that the client has; 304 if one of them is still right")]
 IfMatch = Annotated[str | None, Header(description="ETags, or `*`; 412 if none of them is still right")]
 WaitSeconds = Annotated[

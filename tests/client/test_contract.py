@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import base64
 import inspect
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
+from contextlib import suppress
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
+import httpx
 import pytest
 from fastapi import APIRouter
 from fastapi.routing import APIRoute
 from pydantic import BaseModel
 
 import pvg_client
-from pvg_client import Client
+from pvg_client import ApiError, Client
 from service.api.query import parameters_of
 from service.api.routers import jobs, references, uploads, videos, webhooks
 from service.api.schemas import (
@@ -112,3 +117,73 @@ def test_the_client_lists_by_every_filter(
     wanted = {name for name, _ in parameters_of(found.dependant)}
     # `Listing` sees to pages, and `id` is a word of Python's
     assert parameters(call) == {"ids" if one == "id" else one for one in wanted} - {"cursor", "limit"}
+
+
+#: of arguments that go to the service as they are, a value, and how it is said there
+SAID: dict[str, tuple[Any, str]] = {
+    "mask": ("ycbcr", "ycbcr"),
+    "matching": ("chain", "chain"),
+    "input_color": ("slog3", "slog3"),
+    "webhook": ("https://studio.example/hook", "studio.example"),
+    "metadata": ({"order": "forty-two"}, "forty-two"),
+    "output": ({"codec": "hevc"}, "hevc"),
+    "force": (True, "true"),
+    "max_bytes": (7654321, "7654321"),
+    "expires_in_s": (4321, "4321"),
+    "state": (["failed"], "failed"),
+    "kind": (["swap"], "swap"),
+    "job": ("job_1", "job_1"),
+    "video": ("vid_1", "vid_1"),
+    "reference": ("ref_1", "ref_1"),
+    "ids": (["job_1", "job_2"], "job_2"),
+    "options": ({"strength": 0.125}, "0.125"),
+    "role": ("reference", "reference"),
+    "idempotency_key": ("order-42", "order-42"),
+}
+
+
+def first_request(call: Callable[..., Any], *given: Any, **arguments: Any) -> str:
+    """All that the first request of a call says, with what stands in it in base64."""
+    asked: list[str] = []
+
+    def refuse(request: httpx.Request) -> httpx.Response:
+        said = [str(request.url), *request.headers.values(), request.read().decode(errors="replace")]
+        pairs = request.headers.get("upload-metadata", "").split(",")
+        asked.append(" ".join([*said, *(base64.b64decode(pair.partition(" ")[2]).decode() for pair in pairs)]))
+        return httpx.Response(400)
+
+    with Client(transport=httpx.MockTransport(refuse), retries=0) as client, suppress(ApiError):
+        done = call(client, *given, **arguments)
+        if isinstance(done, Iterator):
+            next(done)
+    return unquote(asked[0])
+
+
+@pytest.mark.parametrize("way", ["whole", "in pieces", "by URL"])
+def test_an_upload_says_all_that_it_is_given(tmp_path: Path, way: str) -> None:
+    file = tmp_path / "clip.mp4"
+    file.write_bytes(b"clip")
+    given = (
+        {"url": "https://media.example/clip.mp4"} if way == "by URL" else {"file": file, "resume": way == "in pieces"}
+    )
+    for name in parameters(Client.upload) - {"file", "url", "resume"}:
+        value, said = SAID[name]
+        assert said in first_request(Client.upload, **given, **{name: value}), name
+
+
+@pytest.mark.parametrize(
+    ("call", "given"),
+    [
+        (Client.transfer, {"video": "vid_1", "looks": "ref_1"}),
+        (Client.swap, {"a": "vid_1", "b": "vid_2"}),
+        (Client.upload_link, {}),
+        (Client.jobs, {}),
+        (Client.videos, {}),
+        (Client.webhooks, {}),
+    ],
+    ids=lambda one: getattr(one, "__name__", ""),
+)
+def test_a_call_says_all_that_it_is_given(call: Callable[..., Any], given: dict[str, Any]) -> None:
+    for name in parameters(call) - given.keys() - ({"reference"} if "looks" in given else set()):
+        value, said = SAID[name]
+        assert said in first_request(call, **given, **{name: value}), name

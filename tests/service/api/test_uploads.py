@@ -8,6 +8,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import asdict
 from typing import Any
 
 import pytest
@@ -141,6 +142,30 @@ def test_the_same_bytes_with_other_settings_are_another_medium(api: Api) -> None
     assert [api.client.get(f"/videos/{video['id']}").status_code for video in videos] == [200, 404, 200, 200, 200]
     until(lambda: len(api.blobs) == 4)
     assert api.drafts == []
+
+
+#: of every setting a value that is not its default
+UNUSUAL = {"mask": "ycbcr", "matching": "chain", "input_color": "slog3"}
+
+
+@pytest.mark.parametrize("name", UNUSUAL)
+def test_every_setting_may_be_said_in_the_query_in_a_form_of_pieces_and_of_a_link(api: Api, name: str) -> None:
+    assert UNUSUAL.keys() == asdict(VectorSettings()).keys()
+    said, tus = {name: UNUSUAL[name]}, {"Tus-Resumable": "1.0.0"}
+    meaning = base64.b64encode(UNUSUAL[name].encode()).decode()
+    made = [
+        api.client.post("/videos", content=MP4, params=said).json(),
+        api.client.post("/videos/form", data=said, files={"file": ("clip.mp4", MP4)}).json(),
+    ]
+    pieces = tus | {"Upload-Length": str(len(MP4)), "Upload-Metadata": f"{name} {meaning}"}
+    in_pieces = api.client.post("/uploads", headers=pieces).json()["id"]
+    link = api.client.post("/uploads/link", json=said).json()["id"]
+    waiting = {one["id"]: one for one in api.client.get("/uploads").json()["data"]}
+    made += [waiting[in_pieces], waiting[link]]
+    assert [one["settings"] for one in made] == [asdict(VectorSettings()) | said] * 4
+    if name != "matching":
+        reference = api.client.post("/references", content=PNG, params=said).json()
+        assert reference["settings"] == asdict(VectorSettings()) | said
 
 
 def test_a_reference_has_a_mask_too(api: Api) -> None:
