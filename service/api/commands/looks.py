@@ -58,9 +58,8 @@ def request_looks(
     retention more, unless ``asked.force``. ``places`` are the ids by where in the request they stand, that of a video
     first, and ``output_at`` is where the options of the output do, for errors. Raises `NotFoundError` for an unknown
     id, `MediaFailedError` for a medium that failed, `ValidationFailedError` for what does not fit the video,
-    `QuotaExceededError`, and `StorageFullError` when there is too little room to do the job.
+    and, of a new job, `QuotaExceededError` and `StorageFullError` when there is too little room to do it.
     """
-    services.room.require()
     database, owner = services.database, asked.owner
     request = RenderRequest(_output_options(output))
     outputs = [NewLook(look.video_id, look.reference_id, params_of(look)) for look in looks]
@@ -78,6 +77,7 @@ def request_looks(
             job = None
         new = job is None
         if job is None:
+            services.room.require()
             quotas.check(session, owner, now=now, lately=services.lately)
             # they stay as they are until the job is recorded: one that is ready later lets it go then
             ready = all(one.state == MediaState.READY for one in known.values())

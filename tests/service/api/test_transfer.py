@@ -402,6 +402,19 @@ def test_a_form_that_asks_for_the_same_again_needs_no_further_job(api: Api) -> N
         assert client.post("/transfer", data={"video": video, "light": "1"}, files=files).status_code == 429
 
 
+def test_the_same_transfer_is_answered_while_there_is_no_room_for_another(
+    api: Api, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    video = upload(api, "/videos")["id"]
+    asked = {"video": video, "looks": looks(video)}
+    made = api.client.post("/transfer", json=asked).json()
+    monkeypatch.setattr(api.services.room, "is_short", lambda more_bytes=0: True)
+    again = api.client.post("/transfer", json=asked)
+    assert (again.status_code, again.json()["id"]) == (200, made["id"])
+    other = api.client.post("/transfer", json=asked | {"force": True})
+    assert (other.status_code, other.json()["code"]) == (507, "insufficient-storage")
+
+
 #: of each field that stands beside the looks of a transfer or a swap, a value as JSON and as a form have it, and
 #: whether it makes a job another than that without it
 BESIDE: dict[str, tuple[Any, tuple[str, str], bool]] = {
