@@ -63,7 +63,6 @@ LIPS_INNER: Final = _points(range(96, 104))
 MOUTH_CORNERS: Final = (84, 90)
 UPPER_LIP_TOP: Final = 87
 LIP_GAP: Final = (98, 102)
-LOWER_LIP_EDGE: Final = _points(91, 92, 93, 94, 95)
 PUPILS: Final = _points(104, 105)
 
 FEATURES: Final = (LEFT_BROW, RIGHT_BROW, LEFT_EYE_CONTOUR, RIGHT_EYE_CONTOUR, LIPS_OUTER)

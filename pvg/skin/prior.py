@@ -128,7 +128,6 @@ class SpatialPrior:
     face: bool, as all that follow, the inside of the contour;
     foreground: skin or a feature of the face whatever its colour, the certain part of a trimap;
     sample: the part of `foreground` that shows the skin's colour;  cheeks: that of `sample` below glasses;
-    chin: that of `foreground` below the lips;  jaw: around the face's lower end, where a beard can be;
     features: brows, eyes and lips, grown;  ears: where ears can be;  forehead: all above the brows' middle line;
     brows: brows, grown;
     along, off: float32, face sizes from the chin along the neck, and off its axis;
@@ -144,8 +143,6 @@ class SpatialPrior:
     foreground: Bools
     sample: Bools
     cheeks: Bools
-    chin: Bools
-    jaw: Bools
     features: Bools
     ears: Bools
     forehead: Bools
@@ -187,7 +184,6 @@ def spatial_prior(shape: tuple[int, int], landmarks: Landmarks, *, bald: bool = 
     inner, outer = _distance(face), _distance(~face)
     brow, eyes = head.depth(points[layout.UPPER_BROW_EDGES]), head.depth(points[layout.EYE_CONTOURS])
     mouth = head.depth(points[layout.LIPS_OUTER])
-    lip = max(head.depth(points[[i]]) for i in layout.LOWER_LIP_EDGE)
     ear = ear_depth(head, landmarks)
     vectors = (head.middle, head.axes.across, head.axes.down, head.chin, head.neck, [head.size, head.width])
     frame = np.concatenate(vectors).astype(np.float32)
@@ -218,8 +214,6 @@ def spatial_prior(shape: tuple[int, int], landmarks: Landmarks, *, bald: bool = 
         foreground=foreground,
         sample=sample,
         cheeks=sample & (down > eyes + _REGIONS.below_eyes),
-        chin=foreground & (down > lip + _REGIONS.below_lips),
-        jaw=(down > mouth) & (outside < _REGIONS.beard_reach),
         features=features,
         ears=fields.ears > SKIN_PRIOR.ears.least,
         forehead=down < brow,

@@ -22,7 +22,7 @@ from pvg.skin.prior import SpatialPrior, face_area, face_box, goes_on_above, hea
 
 MaskMethod = Literal["landmarks", "ycbcr"]
 
-_LEARNING, _BEARD, _THROAT = SKIN_PRIOR.learning, SKIN_PRIOR.beard, SKIN_PRIOR.throat
+_LEARNING, _THROAT = SKIN_PRIOR.learning, SKIN_PRIOR.throat
 
 
 def skin_mask(rgb: Bytes, landmarks: Landmarks, *, method: MaskMethod = "landmarks") -> Bools:
@@ -112,7 +112,6 @@ def segment(rgb: Bytes, landmarks: Landmarks, visible: Bools | None = None, *, b
     around = around * np.where(prior.face, _LEARNING.inside_weight, 1)
     # how high a forehead rises nobody knows: what is like the skin there does not teach that the skin's colour is none
     unsure = _LEARNING.unsure * likeness**2 * prior.forehead
-    beard = _beard(rgb, lab, prior, sample)
     hair, shade = np.zeros((2, *shape), np.float32)
     bins = scale.bins(lab)
     for turn in range(_LEARNING.rounds):
@@ -123,7 +122,6 @@ def segment(rgb: Bytes, landmarks: Landmarks, visible: Bools | None = None, *, b
         # decide
         evidence = colors.evidence_of(bins)
         evidence = np.where(prior.foreground, np.maximum(evidence, 0), evidence)
-        evidence = np.maximum(evidence, np.where(beard, _BEARD.log_odds, evidence))
         evidence = evidence + shade * np.maximum(SKIN_PRIOR.shade.log_odds - evidence, 0)
         evidence = evidence - SKIN_PRIOR.hair.log_odds * hair
         log_odds = np.where(visible, prior.log_odds + evidence, _LEARNING.unseen).astype(np.float32)
@@ -139,18 +137,6 @@ def segment(rgb: Bytes, landmarks: Landmarks, visible: Bools | None = None, *, b
     final = np.where(visible, network.refined(rgb, prior, logistic(log_odds)), 0)
     mask = face_component(minimum_cut(rgb, network.log_odds(final)), prior) & visible
     return Segmentation(mask, colors, rgb)
-
-
-def _beard(rgb: Bytes, lab: Floats, prior: SpatialPrior, sample: Bools) -> Bools:
-    """(h, w) bool: cells around the jaw of a full beard's colour; none unless the chin is darker than the `sample`."""
-    nothing: Bools = np.zeros(sample.shape, np.bool_)
-    if min(int(prior.chin.sum()), int(sample.sum())) < _LEARNING.least_sample:
-        return nothing
-    if float(np.median(lab[sample][:, 0]) - np.median(lab[prior.chin][:, 0])) < _BEARD.darker:
-        return nothing
-    color = rgb.astype(np.float32)
-    alike: Bools = np.linalg.norm(color - np.median(color[prior.chin], axis=0), axis=2) < _BEARD.radius
-    return alike & prior.jaw
 
 
 def _bare_throat(lab: Floats, prior: SpatialPrior, visible: Bools, scale: ColorScale) -> Bools:

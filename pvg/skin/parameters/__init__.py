@@ -15,7 +15,6 @@ from pvg.skin.parameters.body import BodyNumbers, CollarNumbers, RingNumbers
 from pvg.skin.parameters.clip import ConsensusNumbers, OcclusionNumbers, TrackingNumbers, WarpNumbers
 from pvg.skin.parameters.networks import BodyNetworkNumbers, NetworkNumbers
 from pvg.skin.parameters.picture import (
-    BeardNumbers,
     CleanupNumbers,
     ColorNumbers,
     CutNumbers,
@@ -43,7 +42,6 @@ class SkinPrior:
     regions: RegionNumbers = field(default_factory=RegionNumbers)
     colors: ColorNumbers = field(default_factory=ColorNumbers)
     learning: LearningNumbers = field(default_factory=LearningNumbers)
-    beard: BeardNumbers = field(default_factory=BeardNumbers)
     throat: ThroatNumbers = field(default_factory=ThroatNumbers)
     hair: HairNumbers = field(default_factory=HairNumbers)
     shade: ShadeNumbers = field(default_factory=ShadeNumbers)

@@ -58,15 +58,6 @@ class LearningNumbers:
 
 
 @dataclass(frozen=True)
-class BeardNumbers:
-    """A full beard, of the colour that the chin shows, is the face's whatever lies behind it."""
-
-    darker: float = 25.0  # L darker than the open skin [by eye]
-    radius: float = 40.0  # 8-bit levels from the chin's median colour [by eye]
-    log_odds: float = 0.5  # nats at least for skin [by eye]
-
-
-@dataclass(frozen=True)
 class ThroatNumbers:
     """A bare neck in a light of its own: its colour is taken for skin's too, where it can be."""
 

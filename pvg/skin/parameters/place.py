@@ -97,9 +97,7 @@ class RegionNumbers:
     core: float = 0.86  # of the contour, shrunk to its middle [by eye]: certainly face
     below_brows: float = 0.05  # face sizes [by eye]: the certain face begins below fringes
     above_lips: float = 0.03  # face sizes above the lips' middle [by eye]: the colour sample ends above beards
-    below_lips: float = 0.03  # face sizes [by eye]: the chin begins
     below_eyes: float = 0.15  # face sizes [by eye]: cheeks begin below glasses
-    beard_reach: float = 0.25  # face sizes outside the contour [by eye]
     feature_margin: float = 0.03  # face sizes [by eye]: lashes, brow hairs and lip contours spill over
     brow_to_forehead: float = 0.14  # face sizes [by eye]
     chin_shadow: ClosingNumbers = ClosingNumbers(0.30, (-0.3, 0.5), 0.2)  # face sizes [by eye]

@@ -11,7 +11,7 @@ from scripts.samples import Samples
 from tests.gallery.faces import fit_surest, read_rgb, rolled
 
 LIP_TOP_LINE = layout.LIPS_OUTER[:7]  # from the left corner over the upper lip to the right one
-LOWER_LIP_MIDDLE = layout.LOWER_LIP_EDGE[2]
+LOWER_LIP_MIDDLE = layout.LIPS_OUTER[9]
 UPPER_EDGE = slice(0, 5)  # of a brow
 
 

@@ -76,6 +76,5 @@ def test_the_regions_nest(prior: SpatialPrior) -> None:
     assert (prior.foreground <= prior.face).all()
     assert (prior.sample <= prior.foreground).all()
     assert (prior.cheeks <= prior.sample).all()
-    assert (prior.chin <= prior.foreground).all()
     assert not (prior.sample & prior.features).any()
     assert (prior.brows <= prior.features).all()
