@@ -98,8 +98,7 @@ class BodyTracker:
         self._hair, self._scenes = hair, self._scenes + 1
         oval = head.of_oval(scene.raster.shape)
         against = hair if output is None else hair + _network_against(output, scene.raster, oval)
-        ears = ear_depth(head, own)
-        frame = _head_frame(head, ears)
+        frame = _head_frame(head, ear_depth(head, own))
         body_log_odds(scene.rgb, person, face_mask, against, *self._tables, gain, frame, _WEIGHTS, log_odds)
         by_rules = logistic(np.asarray(cv2.GaussianBlur(log_odds, (0, 0), _BODY.blur), np.float32))
         usual = gain_of(light)
@@ -123,16 +122,16 @@ class BodyTracker:
             probability *= np.float32(self.color_trust)
         leave_out_hair(probability, scene.rgb, person, face_mask, hair, head, self._scale, gain)
         probability *= 1 - collar(lit, np.maximum(probability, of_face), head)
-        mask, alpha = self._smooth_in_time(scene, probability, face_mask, person, head, ears)
+        mask, alpha = self._smooth_in_time(scene, probability, face_mask, person, head.size)
         return Matte.over(scene.raster.box, in_levels(alpha), mask)
 
     def _smooth_in_time(
-        self, scene: Scene, probability: Floats, face_mask: Floats, person: Bytes, head: HeadShape, ears: float
+        self, scene: Scene, probability: Floats, face_mask: Floats, person: Bytes, size: float
     ) -> tuple[Bools, Floats]:
-        """Mask and alpha (h, w), held to those of the scene before where nothing changed."""
+        """Mask and alpha (h, w), held to those of the scene before where nothing changed.  size: see `body_parts`."""
         before, maps = self._before, scene.before
         if before is None or maps is None:
-            mask = body_parts(probability, probability > 0.5, face_mask, person, None, head, ears)
+            mask = body_parts(probability, probability > 0.5, face_mask, person, size)
             alpha = soft_edge(probability, mask, _EDGE_BLUR)
         else:
             was_rgb, layers = before
@@ -143,7 +142,7 @@ class BodyTracker:
             keep = weight_of_before(np.asarray(moved_rgb, np.uint8), scene.rgb)
             probability = (probability + keep * (was_probability - probability)).astype(np.float32)
             likely = probability + _TRACKING.hysteresis * keep * (was - 0.5) > 0.5
-            mask = body_parts(probability, likely, face_mask, person, np.asarray(was, np.float32), head, ears)
+            mask = body_parts(probability, likely, face_mask, person, size)
             alpha = soft_edge(probability, mask, _EDGE_BLUR)
             alpha = (alpha + keep * (was_alpha - alpha)).astype(np.float32)
         left = cv2.merge([probability, mask.astype(np.float32), alpha])

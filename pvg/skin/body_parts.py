@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from pvg._arrays import Bools, Bytes, Doubles, Floats
+from pvg._arrays import Bools, Bytes, Floats
 from pvg.raster import Raster
 from pvg.skin.cleanup import occupied
 from pvg.skin.color_model import ColorScale, to_skin_lab
@@ -15,7 +15,6 @@ from pvg.skin.prior import HeadShape
 
 _BODY = SKIN_PRIOR.body
 _TOUCHING = 2  # cells around the face's mask that a part touches it by
-_STOOD = 0.3  # of a part: so much of it was there before
 
 
 def beyond_box(face: Matte, raster: Raster, face_mask: Floats, by_rules: Floats, hair: Floats) -> Floats:
@@ -153,76 +152,36 @@ def own_people(person: Bytes, face_mask: Floats, size: float) -> Bytes:
     return out
 
 
-def body_parts(
-    probability: Floats,
-    likely: Bools,
-    face_mask: Floats,
-    person: Bytes,
-    before: Floats | None,
-    head: HeadShape,
-    ears: float,
-) -> Bools:
-    """The parts of `likely` (h, w) that are a body's: what touches the face, and what is large and sure enough.
+def body_parts(probability: Floats, likely: Bools, face_mask: Floats, person: Bytes, size: float) -> Bools:
+    """The parts of `likely` (h, w) that are a body's: what touches the face, and what is large and likely enough.
 
-    Above the chin only a hand is skin that touches nothing, and a raised hand is large; but hair may cut off an ear,
-    which must be surer by itself. So must what touches nothing where the person mask is not sure, as on a floor of the
-    skin's colour: a hand that comes in. Where it is quite sure, a narrow arm beside a strap is enough, of which the
-    network is not.
-    face_mask: (h, w) the face's own mask;  person: (h, w), 255 on people;  before: (h, w) the mask before;
-    head: in cells;  ears: their depth, see `ear_depth`.
+    What touches nothing must be likelier where the person mask is not sure, as on a wall or floor of the skin's colour.
+    face_mask: (h, w) the face's own mask;  person: (h, w), 255 on people;  size: a face size in cells.
     """
-    size = head.size
     face = (face_mask > 0.5).astype(np.uint8)
     joined = cv2.morphologyEx(likely.astype(np.uint8) | face, cv2.MORPH_CLOSE, _square(_BODY.join))
     whole: Bools = np.zeros(likely.shape, np.bool_)
     held = occupied(np.asarray(joined, np.uint8))
     if not joined[held].size:
         return whole
-    count, labels, stats, middles = cv2.connectedComponentsWithStats(joined[held], connectivity=8)
-    middles += held[1].start, held[0].start
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(joined[held], connectivity=8)
     touching = cv2.dilate(face, _square(2 * _TOUCHING + 1))[held] > 0
     likely, probability, person = likely[held], probability[held], person[held]
-    before = None if before is None else before[held]
     kept = np.bincount(labels[touching], minlength=count) > 0
     kept[0] = False
-    for part in np.flatnonzero(~kept & (stats[:, cv2.CC_STAT_AREA] > _BODY.kept_ear * size**2)):
+    least = _BODY.least_part * size**2
+    for part in np.flatnonzero(~kept & (stats[:, cv2.CC_STAT_AREA] > least)):
         if part == 0:
             continue
         x, y, w, h = (int(v) for v in stats[part, :4])
         box = slice(y, y + h), slice(x, x + w)
         cells = likely[box] & (labels[box] == part)
-        area = int(cells.sum())
-        if not area:
+        if int(cells.sum()) <= least:
             continue
-        stood = before is not None and float((before[box][cells] > 0.5).mean()) > _STOOD
-        whose = float(person[box][cells].mean()) / 255
-        least, sure = _least_and_sure(whose, stood=stood, raised=(middles[part] - head.chin) @ head.axes.down < 0)
-        mean = float(probability[box][cells].mean())
-        if mean > _BODY.sure_alone and _at_ear(middles[part], head, ears):
-            least = _BODY.kept_ear if stood else _BODY.least_ear
-        kept[part] = mean > sure and area > least * size**2
+        persons = float(person[box][cells].mean()) > 255 * _BODY.part_person
+        kept[part] = float(probability[box][cells].mean()) > (_BODY.sure if persons else _BODY.sure_alone)
     whole[held] = likely & kept[labels]
     return whole
-
-
-def _least_and_sure(whose: float, *, stood: bool, raised: bool) -> tuple[float, float]:
-    """How large a part that touches nothing must be, in squared face sizes, and how likely in the mean, in [0, 1].
-
-    whose: its mean of the person mask, in [0, 1];  stood: it was there before;  raised: it is above the chin.
-    """
-    persons = whose > _BODY.sure_person
-    least = _BODY.kept_part if stood else _BODY.persons_part if persons else _BODY.least_part
-    doubtful = whose <= (_BODY.kept_person if stood else _BODY.part_person)
-    sure = _BODY.sure_alone if doubtful else _BODY.persons_sure if persons else _BODY.sure
-    return least * _BODY.raised_part if raised else least, sure
-
-
-def _at_ear(place: Doubles, head: HeadShape, ears: float) -> bool:
-    """Whether an ear surely may be at a place (2,) in cells.  ears: their depth, see `ear_depth`."""
-    off = (place - head.middle) / head.size
-    across = (abs(off @ head.axes.across) - head.width / 2 / head.size - SKIN_PRIOR.ears.beside) / _BODY.ear_width
-    along = (off @ head.axes.down - ears) / _BODY.ear_height
-    return bool(_BODY.ear_rise * np.exp(-0.5 * (across**2 + along**2)) >= 1)
 
 
 def _square(side: int) -> Bytes:

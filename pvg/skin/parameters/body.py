@@ -72,18 +72,9 @@ class BodyNumbers:
     blur: float = 0.7  # cells, of the log-odds [by eye]
     join: int = 5  # cells [by eye]: gaps narrower than this join parts
     least_part: float = 0.015  # squared face sizes of a part that does not touch the face [by eye]: a hand
-    kept_part: float = 0.006  # the same when it was there in the frame before [by eye]
     sure: float = 0.7  # mean probability of such a part [measured: at 0.85 an arm is lost that the network doubts]
     part_person: float = 0.78  # mean of the person mask there [measured: hands 0.83 and more, floors 0.76 and less]
-    kept_person: float = 0.7  # the same when it was there in the frame before [by eye]
     sure_alone: float = 0.88  # mean probability of a part with less of it [measured: hands 0.92, floors up to 0.82]
-    # and of an ear that hair cuts off: one 0.91, hair up to 0.85
-    sure_person: float = 0.95  # of the person mask, from which on it is sure [measured: arms 1.00, no skin to 0.70]
-    persons_part: float = 0.01  # squared face sizes of a part there [measured: an arm beside a strap 0.0146]
-    persons_sure: float = 0.6  # mean probability of it [measured: that arm 0.71]
-    least_ear: float = 0.006  # squared face sizes of an ear that hair cuts off [measured: one 0.0082; hair up to 0.005]
-    kept_ear: float = 0.0024  # the same when it was there in the frame before [by eye]
-    raised_part: float = 4.0  # times as large above the chin [by eye]: what touches nothing there is a hand or no skin
     least_person: float = 0.25  # squared face sizes of the person mask away from the face [by eye]: an arm, no pot
     gap: float = 0.12  # face sizes [by eye]: half the widest gap between the mattes of face and body
     gap_face: float = 0.9  # of the face's matte [by eye]: what has less may be of a gap
