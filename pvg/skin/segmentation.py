@@ -104,7 +104,6 @@ def segment(rgb: Bytes, landmarks: Landmarks, visible: Bools | None = None, *, b
             np.where(prior.neck > _THROAT.neck, np.minimum(of_face, of_neck), of_face)
             for of_face, of_neck in zip((distance, tonal), own, strict=True)
         )
-    outliers = prior.foreground & (distance > _LEARNING.outlier)  # inside, but not to learn skin from
     likeness = np.exp(-_LEARNING.likeness_decay * np.maximum(tonal - _LEARNING.likeness_from, 0))
     unlike_first = np.exp(-_LEARNING.first_decay * np.maximum(distance - _LEARNING.first_from, 0))
     probability = np.where(prior.foreground, 1.0, logistic(prior.log_odds) * unlike_first)
@@ -116,7 +115,7 @@ def segment(rgb: Bytes, landmarks: Landmarks, visible: Bools | None = None, *, b
     bins = scale.bins(lab)
     for turn in range(_LEARNING.rounds):
         # learn: without the anchor to the sample, a fringe once taken for skin would teach that hair is skin
-        inner = np.where(outliers, 0, probability * likeness) * visible
+        inner = probability * likeness * visible
         outer = np.where(prior.foreground, 0, 1 - np.maximum(probability * likeness, unsure)) * around * visible
         colors = SkinColors.fit(scale, bins, inner.astype(np.float32), outer.astype(np.float32))
         # decide

@@ -38,7 +38,6 @@ class LearningNumbers:
     rounds: int = 3  # [by eye]
     least_sample: int = 16  # cells [by eye]: fewer tell no colour
     glasses_darker: float = 15.0  # L darker than the cheeks [by eye]: dark glasses spoil the sample
-    outlier: float = 16.0  # squared spreads [by eye]: eyes, lips, glasses and beard inside the certain face
     likeness_from: float = 9.0  # squared tonal spreads [by eye]: colours further from the sample teach less
     likeness_decay: float = 0.15  # a squared spread [by eye]
     first_from: float = 6.0  # squared spreads [by eye]: the first probabilities fall with the distance
