@@ -188,10 +188,7 @@ def _head_frame(head: HeadShape, ears: float) -> Floats:
 
 
 def _owned(scene: Scene, landmarks: Landmarks, head: HeadShape) -> Floats | None:
-    """(h, w) in [0, 1], how far each cell belongs to the person of this face rather than of others; None if alone.
-
-    By what is nearer; who stands behind another one has nothing of that one's face.
-    """
+    """(h, w) in [0, 1], how far each cell belongs to the person of this face rather than of others; None if alone."""
     middle, width = landmarks.axes.center, landmarks.axes.width
     others = [f for f in scene.faces if float(np.hypot(*(f.axes.center - middle))) > _SIDE_BY_SIDE * width]
     if not others:
@@ -200,9 +197,7 @@ def _owned(scene: Scene, landmarks: Landmarks, head: HeadShape) -> Floats | None
     heads = [head_shape(f.in_cells(scene.raster)) for f in others]
     nearest = np.min([_distance(scene.raster.shape, other) for other in heads], axis=0)
     # both take what is as near to either: `place_body` divides it, and nothing is left to nobody
-    share = np.minimum(2 / (1 + (distance / np.maximum(nearest, 1e-3)) ** _BODY.owner), 1)
-    off_faces = np.min([other.of_oval(scene.raster.shape) for other in heads], axis=0)
-    return np.asarray(share * smoothstep(off_faces, *_BODY.others_face), np.float32)
+    return np.asarray(np.minimum(2 / (1 + (distance / np.maximum(nearest, 1e-3)) ** _BODY.owner), 1), np.float32)
 
 
 def _distance(shape: tuple[int, int], head: HeadShape) -> Floats:

@@ -35,7 +35,7 @@ def hair_odds(rgb: Bytes, person: Bytes, face_mask: Floats, head: HeadShape, sca
         return out
     samples = [sample[:: 1 + len(sample) // _RING.most_sample] for sample in samples]
     start, end = _RING.reach
-    share = np.clip((end - np.hypot(side, depth)) / (end - start), _RING.far, 1)
+    share = ramp(np.hypot(side, depth), end, start)
     share = np.where(depth > 0, share * ramp(side / half_width, *_RING.neck_rise), share)
     asked = (person > 255 * _BODY.no_person) & ~face & (share > 0)
     colors = rgb.reshape(-1, 1, 3)[np.concatenate([*samples, np.flatnonzero(asked)])]

@@ -84,7 +84,6 @@ class BodyNumbers:
     hole: float = 0.01  # squared face sizes [by eye]: larger holes in a person's skin show what is behind
     hole_probability: float = 0.9  # probability of skin in smaller ones [by eye]
     owner: float = 6.0  # power by which a nearer face owns a cell more [by eye]
-    others_face: Range = (1.0, 1.2)  # of another's face's oval [by eye]: within it nothing is this person's
     neck_end: float = 0.5  # face sizes below the chin [by eye]: where a body begins
 
 
@@ -106,7 +105,6 @@ class RingNumbers:
     weight: float = 2.0  # of the log-ratio [by eye]
     most: float = 6.0  # nats [by eye]
     reach: Range = (1.4, 2.2)  # face sizes from the head's middle [by eye]: where hair ends
-    far: float = 0.1  # of the weight, beyond [by eye]
     neck_rise: Range = (0.6, 1.0)  # of the oval's half width [by eye]: straight below the face is the neck, no hair
 
 
