@@ -64,17 +64,7 @@ def hair_cover(rgb: Bytes, skin: Bools, prior: SpatialPrior, hair: Hair) -> Floa
     cheeks = None if hair.fair else median_color(rgb, prior.sample)  # of whole levels it is found sooner
     fraction = _hair_fraction(color, _local_skin(color, weight, prior, hair, cheeks), hair)
     covered = np.where(prior.foreground, 0, smoothstep(fraction, *_HAIR.cover_rise))
-    out = np.asarray(covered * prior.forehead, np.float32)
-    if not covered[prior.brows].any():
-        return out
-    # brows are as dark as hair: they are covered where the forehead is, from above
-    reach = len(prior.to_forehead) // 2
-    window = tuple(_span(np.asarray(prior.brows.any(axis=axis)), reach) for axis in (1, 0))
-    line = prior.to_forehead.astype(np.float32) / max(1, int(prior.to_forehead.sum()))
-    above = np.asarray(cv2.filter2D(covered[window], -1, line, borderType=cv2.BORDER_REPLICATE), np.float32)
-    fallen = covered[window] * smoothstep(above, *_HAIR.fallen_rise)
-    out[window] = np.where(prior.brows[window], fallen, out[window])
-    return out
+    return np.asarray(covered * prior.forehead, np.float32)
 
 
 def _local_skin(color: Floats, weight: Floats, prior: SpatialPrior, hair: Hair, cheeks: Floats | None) -> Floats:
@@ -97,12 +87,6 @@ def _local_skin(color: Floats, weight: Floats, prior: SpatialPrior, hair: Hair, 
         total = cv2.GaussianBlur(small * bare[..., None], (0, 0), sigma) + trust * cheeks
         skin = np.asarray(total / (cv2.GaussianBlur(bare, (0, 0), sigma) + trust)[..., None], np.float32)
     return np.asarray(cv2.resize(skin, (w, h)), np.float32)
-
-
-def _span(used: Bools, margin: int) -> slice:
-    """The indices from the first to the last True of `used` (n,), and `margin` more on either side."""
-    first, last = np.flatnonzero(used)[[0, -1]]
-    return slice(max(0, int(first) - margin), int(last) + margin + 1)
 
 
 def deep_shade(rgb: Bytes, prior: SpatialPrior, hair: Hair) -> Floats:

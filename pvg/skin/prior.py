@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from pvg._arrays import Bools, Bytes, Floats, ramp
+from pvg._arrays import Bools, Floats, ramp
 from pvg.face import FaceAxes, Landmarks, layout
 from pvg.raster import SUBPIXEL_BITS, fixed_point
 from pvg.skin._spatial_kernels import SpatialCoefficients, SpatialFields, spatial_fields
@@ -131,7 +131,6 @@ class SpatialPrior:
     features: brows, eyes and lips, grown;  ears: where ears can be;  forehead: all above the brows' middle line;
     brows: brows, grown;
     along, off: float32, face sizes from the chin along the neck, and off its axis;
-    to_forehead: (k, k) uint8, a structuring element from a brow's cell up to the forehead;
     closings: what to close in a mask;  size: the face size in cells.
     """
 
@@ -149,7 +148,6 @@ class SpatialPrior:
     brows: Bools
     along: Floats
     off: Floats
-    to_forehead: Bytes
     closings: tuple[Closing, ...]
     size: float
 
@@ -220,7 +218,6 @@ def spatial_prior(shape: tuple[int, int], landmarks: Landmarks, *, bald: bool = 
         brows=brows,
         along=along,
         off=off,
-        to_forehead=_upward(_REGIONS.brow_to_forehead * head.size * head.axes.down),
         closings=(
             closing(_REGIONS.chin_shadow),
             closing(_REGIONS.beard),
@@ -296,15 +293,6 @@ def _coefficients(prior: SkinPrior) -> SpatialCoefficients:
 
 
 _COEFFICIENTS = _coefficients(SKIN_PRIOR)
-
-
-def _upward(step: Floats) -> Bytes:
-    """A structuring element: a line from its centre against the vector `step` (2,), as long."""
-    half = int(np.ceil(np.abs(step).max())) + 1
-    kernel = np.zeros((2 * half + 1, 2 * half + 1), np.uint8)
-    end = np.rint(half - step).astype(int)
-    cv2.line(kernel, (half, half), (int(end[0]), int(end[1])), (1,), 1)
-    return kernel
 
 
 def _grown_hulls(shape: tuple[int, int], points: Floats, groups: tuple[layout.Indices, ...], margin: float) -> Bools:

@@ -99,8 +99,6 @@ class HairNumbers:
     # a fringe that was taken for skin is the skin nearby
     fair_trust: float = 0.3  # the same for fair hair [by eye]
     cover_rise: Range = (0.33, 0.63)  # fractions of hair [by eye]: from a shade that may be skin's to hair
-    fallen_rise: Range = (0.6, 0.9)  # covered part of what is above a brow's cell [by eye]: a gap between locks bares
-    # no brow
     bare_log_odds: float = 1.4  # nats for skin where dark hair surely does not cover it, near the key frame's [by eye]
     bare_release: float = 0.7  # of what the key frame's shape says against skin there [by eye]: bowed foreheads rise
     bare_within: Range = (-0.16, -0.08)  # face sizes outside the key frame's mask [by eye]: how near

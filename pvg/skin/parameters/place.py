@@ -99,7 +99,6 @@ class RegionNumbers:
     above_lips: float = 0.03  # face sizes above the lips' middle [by eye]: the colour sample ends above beards
     below_eyes: float = 0.15  # face sizes [by eye]: cheeks begin below glasses
     feature_margin: float = 0.03  # face sizes [by eye]: lashes, brow hairs and lip contours spill over
-    brow_to_forehead: float = 0.14  # face sizes [by eye]
     chin_shadow: ClosingNumbers = ClosingNumbers(0.30, (-0.3, 0.5), 0.2)  # face sizes [by eye]
     beard: ClosingNumbers = ClosingNumbers(0.12, (-0.3, 0.4), 0.4)  # face sizes [by eye]
     brow_height: float = 0.16  # face sizes [by eye]: what is closed over the brows
