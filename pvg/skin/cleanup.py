@@ -63,15 +63,14 @@ def fill_holes(mask: Bools) -> Bools:
 def face_component(skin: Bools, prior: SpatialPrior) -> Bools:
     """A face's skin of raw skin cells (h, w): the component of the face, ears that hair cuts off from it, no holes.
 
-    Brows, beards and the shadow under the chin are closed, so that they cut nothing off.
+    Beards and the shadow under the chin are closed, so that they cut nothing off.
     """
     raw = cv2.morphologyEx(skin.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)).astype(np.bool_)
     raw |= prior.foreground
-    for closing in prior.closings:
-        line = _line(closing.step)
-        closed = cv2.dilate(raw.astype(np.uint8), line, borderType=cv2.BORDER_CONSTANT, borderValue=0)
-        closed = cv2.erode(closed, line, borderType=cv2.BORDER_CONSTANT, borderValue=0)
-        raw = raw | (closed.astype(np.bool_) & closing.within)
+    line = _line(prior.closing.step)
+    closed = cv2.dilate(raw.astype(np.uint8), line, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    closed = cv2.erode(closed, line, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    raw |= closed.astype(np.bool_) & prior.closing.within
     main = _without_bridges(largest_component(raw, prior.foreground), prior)
     rest = raw & ~main
     if not (rest & prior.ears).any():

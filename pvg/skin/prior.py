@@ -11,7 +11,7 @@ from pvg._arrays import Bools, Floats, ramp
 from pvg.face import FaceAxes, Landmarks, layout
 from pvg.raster import SUBPIXEL_BITS, fixed_point
 from pvg.skin._spatial_kernels import SpatialCoefficients, SpatialFields, spatial_fields
-from pvg.skin.parameters import SKIN_PRIOR, ClosingNumbers, Range, SkinPrior
+from pvg.skin.parameters import SKIN_PRIOR, Range, SkinPrior
 
 _BOX, _REGIONS = SKIN_PRIOR.box, SKIN_PRIOR.regions
 
@@ -109,7 +109,7 @@ def logistic(log_odds: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Closing:
-    """Something that is not skin-coloured but has skin at both ends: brows, a beard, the shadow under a chin.
+    """Something that is not skin-coloured but has skin at both ends: a beard, the shadow under a chin.
 
     step: (2,) the longest such run, cells;  within: (h, w) bool, where it may be closed.
     """
@@ -129,9 +129,8 @@ class SpatialPrior:
     foreground: skin or a feature of the face whatever its colour, the certain part of a trimap;
     sample: the part of `foreground` that shows the skin's colour;  cheeks: that of `sample` below glasses;
     features: brows, eyes and lips, grown;  ears: where ears can be;  forehead: all above the brows' middle line;
-    brows: brows, grown;
     along, off: float32, face sizes from the chin along the neck, and off its axis;
-    closings: what to close in a mask;  size: the face size in cells.
+    closing: what to close in a mask;  size: the face size in cells.
     """
 
     log_odds: Floats
@@ -145,10 +144,9 @@ class SpatialPrior:
     features: Bools
     ears: Bools
     forehead: Bools
-    brows: Bools
     along: Floats
     off: Floats
-    closings: tuple[Closing, ...]
+    closing: Closing
     size: float
 
 
@@ -197,12 +195,9 @@ def spatial_prior(shape: tuple[int, int], landmarks: Landmarks, *, bald: bool = 
     foreground = core & (down > brow + _REGIONS.below_brows)
     features = _grown_hulls(shape, points, layout.FEATURES, _REGIONS.feature_margin * head.size)
     sample = foreground & (down < mouth - _REGIONS.above_lips) & ~features
-    brows = _grown_hulls(shape, points, (layout.LEFT_BROW, layout.RIGHT_BROW), _REGIONS.feature_margin * head.size)
 
-    def closing(numbers: ClosingNumbers) -> Closing:
-        low, high = numbers.along
-        return Closing(numbers.length * head.size * head.neck, (along > low) & (along < high) & (off < numbers.off))
-
+    low, high = _REGIONS.beard_along
+    around_beard = (along > low) & (along < high) & (off < _REGIONS.beard_off)
     return SpatialPrior(
         log_odds=log_odds,
         neck=fields.neck,
@@ -215,14 +210,9 @@ def spatial_prior(shape: tuple[int, int], landmarks: Landmarks, *, bald: bool = 
         features=features,
         ears=fields.ears > SKIN_PRIOR.ears.least,
         forehead=down < brow,
-        brows=brows,
         along=along,
         off=off,
-        closings=(
-            closing(_REGIONS.chin_shadow),
-            closing(_REGIONS.beard),
-            Closing(_REGIONS.brow_height * head.size * head.axes.down, brows),
-        ),
+        closing=Closing(_REGIONS.beard_length * head.size * head.neck, around_beard),
         size=head.size,
     )
 

@@ -26,9 +26,9 @@ from pvg.skin.parameters.picture import (
     ThroatNumbers,
     TintNumbers,
 )
-from pvg.skin.parameters.place import BoxNumbers, ClosingNumbers, EarNumbers, HeadNumbers, NeckNumbers, RegionNumbers
+from pvg.skin.parameters.place import BoxNumbers, EarNumbers, HeadNumbers, NeckNumbers, RegionNumbers
 
-__all__ = ["SKIN_PRIOR", "ClosingNumbers", "Range", "SkinPrior"]
+__all__ = ["SKIN_PRIOR", "Range", "SkinPrior"]
 
 
 @dataclass(frozen=True)

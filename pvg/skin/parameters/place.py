@@ -80,15 +80,6 @@ class NeckNumbers:
 
 
 @dataclass(frozen=True)
-class ClosingNumbers:
-    """A morphological closing where something that is not skin-coloured has skin at both ends."""
-
-    length: float  # face sizes
-    along: Range  # face sizes below the chin, along the neck
-    off: float  # face sizes off the neck's axis
-
-
-@dataclass(frozen=True)
 class RegionNumbers:
     """Regions of a face that are told from the landmarks alone, in face sizes, and the limits of the prior."""
 
@@ -99,6 +90,6 @@ class RegionNumbers:
     above_lips: float = 0.03  # face sizes above the lips' middle [by eye]: the colour sample ends above beards
     below_eyes: float = 0.15  # face sizes [by eye]: cheeks begin below glasses
     feature_margin: float = 0.03  # face sizes [by eye]: lashes, brow hairs and lip contours spill over
-    chin_shadow: ClosingNumbers = ClosingNumbers(0.30, (-0.3, 0.5), 0.2)  # face sizes [by eye]
-    beard: ClosingNumbers = ClosingNumbers(0.12, (-0.3, 0.4), 0.4)  # face sizes [by eye]
-    brow_height: float = 0.16  # face sizes [by eye]: what is closed over the brows
+    beard_length: float = 0.12  # face sizes along the neck [by eye]: a beard or shadow that is closed over
+    beard_along: Range = (-0.3, 0.4)  # face sizes below the chin [by eye]: where
+    beard_off: float = 0.4  # face sizes off the neck's axis [by eye]: likewise

@@ -77,4 +77,3 @@ def test_the_regions_nest(prior: SpatialPrior) -> None:
     assert (prior.sample <= prior.foreground).all()
     assert (prior.cheeks <= prior.sample).all()
     assert not (prior.sample & prior.features).any()
-    assert (prior.brows <= prior.features).all()
