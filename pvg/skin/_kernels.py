@@ -31,13 +31,12 @@ class ColorOdds(NamedTuple):
 
 
 class CellEvidence(NamedTuple):
-    """What is known of every cell beside its colour, all (h, w) and float32 but the first.
+    """What is known of every cell beside its colour, all (h, w) float32.
 
-    foreground: bool, where colours cannot speak against skin;  prior: log-odds;  neck: in [0, 1];
+    prior: log-odds;  neck: in [0, 1];
     distance: signed distance to the carried edge in face sizes;  hair: cover in [0, 1].
     """
 
-    foreground: Bools
     prior: Floats
     neck: Floats
     distance: Floats
@@ -146,7 +145,7 @@ def skin_probability(
 ) -> None:
     """out (h, w) = posterior probability of skin of every cell of colours lab (h, w, 3); see `pvg.skin.tracking`."""
     table, center, scale, middle, bins = colors
-    foreground, prior, neck, distance, hair = cells
+    prior, neck, distance, hair = cells
     h, w = out.shape
     none, top = np.float32(0.0), np.float32(bins - 1)
     for i in range(h):
@@ -155,12 +154,9 @@ def skin_probability(
             for k in range(3):
                 place = (lab[i, j, k] - center[k]) * scale[k] + middle
                 index = index * bins + int(min(max(place, none), top))
-            evidence = table[index]
-            if foreground[i, j]:
-                evidence = max(evidence, none)
             shape = min(max(distance[i, j] * weights.shape_slope, -weights.shape_most), weights.shape_most)
             against_shape = shape * (weights.neck_release * neck[i, j] - np.float32(1.0))
-            against = -weights.prior * prior[i, j] - evidence + weights.hair * hair[i, j] + against_shape
+            against = -weights.prior * prior[i, j] - table[index] + weights.hair * hair[i, j] + against_shape
             out[i, j] = np.float32(1.0) / (np.float32(1.0) + np.exp(against))
 
 

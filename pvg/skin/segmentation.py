@@ -120,7 +120,6 @@ def segment(rgb: Bytes, landmarks: Landmarks, visible: Bools | None = None, *, b
         colors = SkinColors.fit(scale, bins, inner.astype(np.float32), outer.astype(np.float32))
         # decide
         evidence = colors.evidence_of(bins)
-        evidence = np.where(prior.foreground, np.maximum(evidence, 0), evidence)
         evidence = evidence + shade * np.maximum(SKIN_PRIOR.shade.log_odds - evidence, 0)
         evidence = evidence - SKIN_PRIOR.hair.log_odds * hair
         log_odds = np.where(visible, prior.log_odds + evidence, _LEARNING.unseen).astype(np.float32)

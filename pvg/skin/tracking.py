@@ -235,6 +235,6 @@ def _posterior(colors: SkinColors, lab: Floats, prior: SpatialPrior, distance: F
     """
     out = np.empty(distance.shape, np.float32)
     odds = ColorOdds(colors.log_ratio, *colors.scale.binning())
-    cells = CellEvidence(prior.foreground, prior.log_odds, prior.neck, distance, hair)
+    cells = CellEvidence(prior.log_odds, prior.neck, distance, hair)
     skin_probability(lab, odds, cells, _WEIGHTS, out)
     return out
