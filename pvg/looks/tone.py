@@ -26,7 +26,6 @@ HIGHLIGHT = 243.0
 """Level of the brightest channel in the brightest of the skin, at most."""
 
 _QUANTILES = (0.03, 0.10, 0.25, 0.50, 0.75, 0.90, 0.97)
-_SLOPES = (0.45, 2.0)  # of the tone curve between two quantiles [by eye: outside, blotches or a flat wash]
 _LEAST_GAIN = 0.55
 """The least slope over T/Y, the slope of the same skin in more or less light: what a reference may take of the shading
 that is there [by eye]."""
@@ -35,9 +34,7 @@ that is there [by eye]."""
 _USUAL_MOST = 1.2
 _MOST_GAIN = ((105.0, 135.0), (1.5, _USUAL_MOST))
 _FEATURES = 0.45  # of the skin's median luma, below which what is seen in a face is no skin [by eye]
-_STEEPEST = 3.5  # slope from there to the darkest skin: features stay dark beside shadows that are lifted [by eye]
 _EVEN = 0.35  # power of the whole curve's slope in each, against blotches where one stretch alone is steep [by eye]
-_TO_WHITE = 1.8  # slope above the brightest skin, at most [by eye]
 _SMOOTH_LEVELS = 25  # width of the boxes, two of them, that rounds the tone curve's corners
 _LEAST_STEP = 0.25  # levels added to both sides of a slope, so that skin of one tone has one
 # of k, the ratio of the spreads of chroma at a tone: what differs from the usual chroma dims and greys with the skin
@@ -138,22 +135,21 @@ def tone_curve(source: Doubles, target: Doubles, depth: float = 1.0, most: float
     gaps = np.diff(s)
     each = (np.diff(t) + _LEAST_STEP) / (gaps + _LEAST_STEP)
     whole = (t[-1] - t[0] + _LEAST_STEP) / (s[-1] - s[0] + _LEAST_STEP)
-    slopes = np.clip(each ** (1.0 - _EVEN) * whole**_EVEN, *_SLOPES)
+    slopes = each ** (1.0 - _EVEN) * whole**_EVEN
     down, up = slice(middle, None, -1), slice(middle, None)
     for way, steps in ((down, slopes[:middle][::-1]), (up, slopes[middle:])):
         t[way] = _climb(s[way], float(t[middle]), steps, most)
     s_middle, t_middle = min(max(float(s[middle]), 1.0), 254.0), float(t[middle])
     dark, ratio = _FEATURES * s_middle, t_middle / s_middle
     if dark < s[0]:  # brows, lashes and pupils are darker than any skin: they keep their distance to it in light
-        s, t = np.insert(s, 0, dark), np.insert(t, 0, max(dark * ratio * depth, t[0] - _STEEPEST * (s[0] - dark)))
+        s, t = np.insert(s, 0, dark), np.insert(t, 0, dark * ratio * depth)
         t = np.maximum.accumulate(t)
     kept = (s > 0.0) & (s < 255.0) & (t > 0.0) & (t < 255.0)
     levels = np.arange(256.0)
     if not kept.any():
         return levels
     s, t = s[kept], t[kept]
-    white = min(255.0, t[-1] + _TO_WHITE * (255.0 - s[-1]))
-    table = np.interp(levels, np.concatenate([[0.0], s, [255.0]]), np.concatenate([[0.0], t, [white]]))
+    table = np.interp(levels, np.concatenate([[0.0], s, [255.0]]), np.concatenate([[0.0], t, [255.0]]))
     smooth = _box(_box(table))
     # the corner at the median is rounded as well: the curve is led back through it, its ends stay
     led = np.minimum(levels / s_middle, (255.0 - levels) / (255.0 - s_middle))

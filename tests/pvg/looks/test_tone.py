@@ -10,8 +10,6 @@ from pvg.looks.opponent import to_opponent, to_rgb
 from pvg.looks.tone import (
     _FLATTEST,
     _SLOPE_RANGE,
-    _SLOPES,
-    _SMOOTH_LEVELS,
     CRISP,
     UsualChroma,
     most_gain,
@@ -56,15 +54,9 @@ def test_of_skin_that_is_wholly_black_the_tone_curve_says_nothing(source: float,
 
 
 @given(seeds, seeds)
-def test_the_tone_curve_keeps_order_and_its_bounds_between_the_quantiles(one: int, two: int) -> None:
-    source, target = (to_opponent(skin_like(seed))[:, 0] for seed in (one, two))
-    curve = tone_curve(source, target)
+def test_the_tone_curve_keeps_order(one: int, two: int) -> None:
+    curve = tone_curve(*(to_opponent(skin_like(seed))[:, 0] for seed in (one, two)))
     assert (np.diff(curve) > 0).all()
-    low, high = (int(v) for v in np.quantile(source, (0.1, 0.9)))
-    # without what the smoothing brings in from beyond; the curve is led back through the median
-    slopes = np.diff(curve)[low + _SMOOTH_LEVELS : high - _SMOOTH_LEVELS]
-    assert (slopes >= _SLOPES[0] - 0.06).all()
-    assert (slopes <= _SLOPES[1] + 0.06).all()
 
 
 @given(seeds, seeds)
