@@ -33,13 +33,12 @@ Makeup = float | Mapping[str, float]
 class PartBounds:
     """What a part can be beside the skin of its face [by eye].
 
-    luma: least and most of the skin's, None when a part changes no luma;  blue, red: B − Y and R − Y beyond the skin's
-    usual chroma at that luma, levels;  step: most of the skin's luma that the clip's own part gets darker or lighter;
+    step: most of the skin's luma that the clip's own part gets darker or lighter;  blue, red: B − Y and R − Y beyond the
+    skin's usual chroma at that luma, levels;
     shown: least and most of the skin's luma that the reference's part can have, outside it is a shadow, a beard or a
     highlight;  least_red: R − Y beyond the skin's that it has at least, levels.
     """
 
-    luma: tuple[float, float] | None
     step: tuple[float, float]
     blue: tuple[float, float]
     red: tuple[float, float]
@@ -49,19 +48,14 @@ class PartBounds:
 
 _BOUNDS = {
     # less red is a beard or a shadow
-    "lips": PartBounds((0.6, 1.0), (0.3, 0.2), (-25.0, 20.0), (-4.0, 60.0), (0.45, 1.2), least_red=-3.0),
-    "lids": PartBounds((0.66, 1.04), (0.22, 0.08), (-8.0, 4.0), (-8.0, 5.0), (0.4, 1.25)),
+    "lips": PartBounds((0.3, 0.2), (-25.0, 20.0), (-4.0, 60.0), (0.45, 1.2), least_red=-3.0),
+    "lids": PartBounds((0.22, 0.08), (-8.0, 4.0), (-8.0, 5.0), (0.4, 1.25)),
     # less red is another light than the face's, grey or violet patches on one that is lit evenly [by blind choice]
-    "cheeks": PartBounds(None, (0.0, 0.0), (-12.0, 10.0), (-10.0, 18.0), (0.6, 1.5), least_red=0.0),
-    "brows": PartBounds((0.35, 1.0), (0.1, 0.02), (-6.0, 6.0), (-6.0, 6.0), (0.2, 1.05)),
+    "cheeks": PartBounds((0.0, 0.0), (-12.0, 10.0), (-10.0, 18.0), (0.6, 1.5), least_red=0.0),
+    "brows": PartBounds((0.1, 0.02), (-6.0, 6.0), (-6.0, 6.0), (0.2, 1.05)),
 }
-# of lips, beside the skin's hue and saturation [measured: 30 faces, 2 to 30 degrees, -0.01 to 0.3 richer]
-_LIP_TURN = (2.0, 18.0)  # degrees from the skin's hue towards red
+_LIP_TURN = (2.0, 18.0)  # degrees of lips from the skin's hue towards red [measured: 30 faces, 2 to 30]
 _LIP_HUE = 68.0  # degrees from yellow towards magenta: beyond, lips look mauve
-_LIP_RICHER = 0.0018  # of saturation, a level of the skin's luma: lips of dark skin are browner
-_LIP_LEAST_RICHER = 0.05  # of saturation, levels a level of luma: lips are not as grey as the skin
-_LIP_MOST_RICHER = 0.12  # how much richer those of dark skin may be
-_LIKE_SKIN = 0.3  # of log luma between two skins, over which a clip's own lips say less of what they can be [by eye]
 # of the skin's luma: hair above the mouth is darker [measured: moustaches 0.27 to 0.56, skin 0.72 to 1.21], and lips in
 # its shade, under its hairs, are darker than this
 _MOUSTACHE, _BESIDE_MOUSTACHE = 0.62, 0.6
@@ -142,9 +136,7 @@ class PartChanges:
             if np.isnan(self.luma[p]):
                 out[p] = kept
                 continue
-            if bounds.luma:
-                goal = face * _within(self.luma[p], bounds.luma, ours[0] / face)
-                out[p, 0] = np.clip(goal - ours[0], -bounds.step[0] * face, bounds.step[1] * face)
+            out[p, 0] = np.clip(face * self.luma[p] - ours[0], -bounds.step[0] * face, bounds.step[1] * face)
             usual, then = (skin.goal.at(np.array([luma]))[0] for luma in (ours[0], ours[0] + out[p, 0]))
             blue = bounds.blue
             if part == "cheeks":
@@ -207,32 +199,19 @@ def _above_the_mouth() -> Bools:
 
 
 def _as_lips(lips: Doubles, own: Doubles, skin: SkinMap, key: KeyFrame, face: float) -> Doubles:
-    """(3,) the colour nearest to `lips` that lips can have beside skin whose luma is `face`, in its hue and saturation.
+    """(3,) the colour nearest to `lips` whose hue lips can have beside skin whose luma is `face`.
 
     own: of the clip's lips, beside the skin they are on now: what they already are, lips can be.
     """
-    before = median_luma(key.skin)
-    ours, theirs = skin.own.at(np.array([before]))[0], skin.goal.at(np.array([face]))[0]
+    ours, theirs = skin.own.at(np.array([median_luma(key.skin)]))[0], skin.goal.at(np.array([face]))[0]
     if min(np.hypot(*ours), np.hypot(*theirs), np.hypot(*own[1:]), np.hypot(*lips[1:])) < _LEAST_CHROMA:
         return lips
-    kept = float(np.exp(-abs(np.log(face / before)) / _LIKE_SKIN))
-    around = _hue(theirs)
-    least, most = _with_room(_LIP_TURN, short_turn(_hue(own[1:]) - _hue(ours)), kept)
-    _, reddest = _with_room((0.0, _LIP_HUE), _hue(own[1:]), kept)
+    around, before = _hue(theirs), short_turn(_hue(own[1:]) - _hue(ours))
+    least, most = min(_LIP_TURN[0], before), max(_LIP_TURN[1], before)
+    reddest = max(_LIP_HUE, _hue(own[1:]))
     turned = np.clip(short_turn(_hue(lips[1:]) - around), least, max(least, min(most, reddest - around)))
-    richer = float(np.hypot(*own[1:])) / max(own[0], 1.0) - float(np.hypot(*ours)) / before
-    bounds = _with_room((_LIP_LEAST_RICHER, max(_LIP_MOST_RICHER, _LIP_RICHER * face)), richer, kept)
-    plain = float(np.hypot(*theirs)) / face
-    luma = max(lips[0], 1.0)
-    chroma = luma * min(max(float(np.hypot(*lips[1:])) / luma, plain + bounds[0]), plain + bounds[1])
-    angle = np.radians(around + turned)
+    chroma, angle = float(np.hypot(*lips[1:])), np.radians(around + turned)
     return np.array([lips[0], -chroma * np.cos(angle), chroma * np.sin(angle)])
-
-
-def _with_room(bounds: tuple[float, float], own: float, kept: float) -> tuple[float, float]:
-    """Bounds, widened by the share `kept` of the way to what the clip's part already is."""
-    low, high = bounds
-    return low + kept * (min(low, own) - low), high + kept * (max(high, own) - high)
 
 
 def _hue(chroma: Doubles) -> float:
