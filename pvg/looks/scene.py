@@ -22,9 +22,7 @@ from pvg._arrays import Floats, ramp
 from pvg.looks.opponent import to_opponent, to_rgb
 
 SCENE = 1.0  # default of the share [by blind choice]
-# k of the natural logarithm of luma where the reference is brighter, at chroma over luma of its skin: what is rich is
-# brown skin in much light, and its lightness is its light's [by blind choice]
-_BRIGHTER = ((0.25, 0.37), (0.21, 0.17))
+_BRIGHTER = 0.19  # k of the natural logarithm of luma where the reference is brighter [by blind choice]
 _DARKER = (0.12, 0.16)  # k and m, where it is darker [by blind choice]
 _HUE = 0.12  # k of chroma over luma [by blind choice]
 _AS_RICH = (1.15, 0.85)  # of its own chroma over luma, from which to which a reference's counts as less, a line between
@@ -46,8 +44,7 @@ def in_scene(reference: Floats, own: Floats, share: float) -> Floats:
     richer = goal[1:] / goal[0] - start[1:] / start[0]
     far, off = abs(brighter), float(np.hypot(*richer))
     rich, own_rich = (float(np.hypot(*one[1:]) / one[0]) for one in (goal, start))
-    bears = float(np.interp(rich, *_BRIGHTER))
-    borne = far * _kept(far / bears) if brighter > 0.0 else _ending(far, *_DARKER)
+    borne = far * _kept(far / _BRIGHTER) if brighter > 0.0 else _ending(far, *_DARKER)
     gain = np.exp(-share * np.sign(brighter) * (far - borne))
     poorer = ramp(rich / max(own_rich, 1e-6), *_AS_RICH)
     hue = poorer * _ending(off, *_POORER) + (1.0 - poorer) * off * _kept(off / _HUE)
