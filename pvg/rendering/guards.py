@@ -28,7 +28,7 @@ from pvg.rendering.placed_face import PlacedFace
 _FEATHER = 0.015  # of the face's width [by eye: narrow eyes stay dark, no rim is seen]
 _CELLS_A_SPREAD = 2.0  # at least; so the guards of large faces are blurred on cells of several pixels
 _AROUND = 0.25  # of the face's width: spread of the weights of the skin that a guard follows [by eye]
-_FOLLOWS_DARK, _FOLLOWS_BRIGHT = 0.85, 0.7  # s of the way, as the skin becomes darker or brighter [by eye]
+_FOLLOWS = 0.8  # s [by eye]
 _GAINS = (0.25, 3.0)  # of the skin's luma [by eye]
 _LEAST_LUMA = 1.0  # levels of 255 added to both sides of a gain, so that black skin has one
 
@@ -124,4 +124,4 @@ def guard_gain(guard: Guard, face: PlacedFace, luma: Floats, new: Floats, level:
     least = _LEAST_LUMA * level * float(weight.sum())
     before, after = (max(float((weight * values[skin]).sum()), 0.0) + least for values in (luma, new))
     gain = min(max(after / before, _GAINS[0]), _GAINS[1]) if before > 0.0 else 1.0
-    return float(gain ** (_FOLLOWS_DARK if gain < 1.0 else _FOLLOWS_BRIGHT))
+    return float(gain**_FOLLOWS)

@@ -65,8 +65,8 @@ def test_skin_in_the_mouth_stays_in_the_matte(face: FaceInFrame) -> None:
     assert 0.2 * before.weight.sum() < guard.weight.sum() < 0.8 * before.weight.sum()
 
 
-@pytest.mark.parametrize(("gain", "power"), [(0.6, 0.85), (1.0, 0.0), (1.5, 0.7)])
-def test_a_guard_follows_a_power_of_the_skins_gain(gain: float, power: float, face: FaceInFrame) -> None:
+@pytest.mark.parametrize("gain", [0.6, 1.0, 1.5])
+def test_a_guard_follows_a_power_of_the_skins_gain(gain: float, face: FaceInFrame) -> None:
     placed = place_face(face, table_labels(), 640, 360)
     assert placed is not None
     luma = np.random.default_rng(0).uniform(80, 120, len(table_labels())).astype(np.float32)
@@ -74,7 +74,7 @@ def test_a_guard_follows_a_power_of_the_skins_gain(gain: float, power: float, fa
     assert len(guards) == 3
     for guard in guards:
         found = guard_gain(guard, placed, luma, np.float32(gain) * luma)
-        assert found == pytest.approx(gain**power, rel=0.01)
+        assert found == pytest.approx(gain**0.8, rel=0.01)
         assert gain != 1.0 or found == 1.0
 
 
