@@ -18,9 +18,8 @@ from pvg.looks.exposure import Exposure, Moved, leading_key, on_skin
 from pvg.looks.key_light import with_lit_skin
 from pvg.looks.light import light_ratio, relit
 from pvg.looks.look import Contrast
-from pvg.looks.opponent import luma_of
 from pvg.looks.parts import PartChanges
-from pvg.looks.tone import CRISP, SkinMap, most_gain
+from pvg.looks.tone import CRISP, SkinMap
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,11 +105,9 @@ def _skin_map(key: KeyFrame, goal: Goal) -> SkinMap | None:
     if min(len(key.skin), len(goal.target.skin)) == 0:
         return None
     moved = goal.steps.transport(key.skin, complexion(goal.target.skin, key.skin, goal.scene))
-    most = most_gain(luma_of(goal.target.skin))
     if goal.contrast != "auto":
-        return SkinMap.between(key.skin, moved, bounded=goal.scene, most=most)
-    depth = depth_of_features(key, goal.target)
-    return SkinMap.between(key.skin, moved, depth, CRISP, bounded=goal.scene, most=most)
+        return SkinMap.between(key.skin, moved, bounded=goal.scene)
+    return SkinMap.between(key.skin, moved, depth_of_features(key, goal.target), CRISP, bounded=goal.scene)
 
 
 def _whole_map(key: KeyFrame, goal: Goal) -> SkinMap:

@@ -26,15 +26,11 @@ HIGHLIGHT = 243.0
 """Level of the brightest channel in the brightest of the skin, at most."""
 
 _QUANTILES = (0.03, 0.10, 0.25, 0.50, 0.75, 0.90, 0.97)
-_LEAST_GAIN = 0.55
-"""The least slope over T/Y, the slope of the same skin in more or less light: what a reference may take of the shading
-that is there [by eye]."""
-# the most of it, what a reference may add, by the median luma of its own skin: in a dark portrait hard light is the
-# look, in a bright one it is soot on a cheek [by blind choice: 1.2 rather than 1 or 1.5, in the low key 1.5]
-_USUAL_MOST = 1.2
-_MOST_GAIN = ((105.0, 135.0), (1.5, _USUAL_MOST))
+# the least and the most of a slope over T/Y, the slope of the same skin in more or less light: what a reference may take
+# of the shading that is there [by eye], and what it may add, or it is soot on a cheek [by blind choice: 1.2 rather than
+# 1 or 1.5]
+_GAINS = (0.55, 1.2)
 _FEATURES = 0.45  # of the skin's median luma, below which what is seen in a face is no skin [by eye]
-_EVEN = 0.35  # power of the whole curve's slope in each, against blotches where one stretch alone is steep [by eye]
 _SMOOTH_LEVELS = 25  # width of the boxes, two of them, that rounds the tone curve's corners
 _LEAST_STEP = 0.25  # levels added to both sides of a slope, so that skin of one tone has one
 # of k, the ratio of the spreads of chroma at a tone: what differs from the usual chroma dims and greys with the skin
@@ -119,26 +115,18 @@ class UsualChroma:
         return np.asarray((along + LEAST_TINGE) / (size + LEAST_TINGE))
 
 
-def most_gain(reference: Doubles) -> float:
-    """What a reference, by the luma (n,) of its own skin, may make of shading at most, see `tone_curve`."""
-    return float(np.interp(np.median(reference), *_MOST_GAIN))
-
-
-def tone_curve(source: Doubles, target: Doubles, depth: float = 1.0, most: float = _USUAL_MOST) -> Doubles:
+def tone_curve(source: Doubles, target: Doubles, depth: float = 1.0) -> Doubles:
     """T as a table (256,): luma of `source` (n,) to that of `target` (m,), quantile by quantile, slopes bounded.
 
-    depth: in (0, 1], what the luma of features, darker than any skin, is multiplied by besides;  most: of the slope
-    over T/Y. Where either is wholly black T is the identity.
+    depth: in (0, 1], what the luma of features, darker than any skin, is multiplied by besides. Where either is wholly
+    black T is the identity.
     """
     s, t = np.quantile(source, _QUANTILES), np.quantile(target, _QUANTILES)
     middle = len(s) // 2
-    gaps = np.diff(s)
-    each = (np.diff(t) + _LEAST_STEP) / (gaps + _LEAST_STEP)
-    whole = (t[-1] - t[0] + _LEAST_STEP) / (s[-1] - s[0] + _LEAST_STEP)
-    slopes = each ** (1.0 - _EVEN) * whole**_EVEN
+    slopes = (np.diff(t) + _LEAST_STEP) / (np.diff(s) + _LEAST_STEP)
     down, up = slice(middle, None, -1), slice(middle, None)
     for way, steps in ((down, slopes[:middle][::-1]), (up, slopes[middle:])):
-        t[way] = _climb(s[way], float(t[middle]), steps, most)
+        t[way] = _climb(s[way], float(t[middle]), steps)
     s_middle, t_middle = min(max(float(s[middle]), 1.0), 254.0), float(t[middle])
     dark, ratio = _FEATURES * s_middle, t_middle / s_middle
     if dark < s[0]:  # brows, lashes and pupils are darker than any skin: they keep their distance to it in light
@@ -187,13 +175,13 @@ def below_white(tone: Doubles, own: UsualChroma, goal: UsualChroma) -> Doubles:
     return np.asarray(np.maximum(tone * (luma / high), np.minimum(tone, levels)))
 
 
-def _climb(s: Doubles, start: float, slopes: Doubles, most: float) -> Doubles:
+def _climb(s: Doubles, start: float, slopes: Doubles) -> Doubles:
     """T at lumas `s` (n,) from the first on, where it is `start`, by slopes (n - 1,) of bounded gain."""
     t = [start]
     for here, there, slope in zip(s, s[1:], slopes, strict=False):
         same_light = t[-1] / max(here, 1.0)
-        least = _LEAST_GAIN * same_light if there < here else 0.0  # what gets near to white has no room for shading
-        t.append(t[-1] + (there - here) * float(np.clip(slope, least, most * same_light)))
+        least = _GAINS[0] * same_light if there < here else 0.0  # what gets near to white has no room for shading
+        t.append(t[-1] + (there - here) * float(np.clip(slope, least, _GAINS[1] * same_light)))
     return np.array(t)
 
 
@@ -229,12 +217,11 @@ class SkinMap:
         depth: float = 1.0,
         crisp: float = 0.0,
         bounded: float = 0.0,
-        most: float = _USUAL_MOST,
     ) -> SkinMap:
         """F for open-skin colours `skin` (n, 3) that the transport moved to `moved` (n, 3), 0-255 RGB.
 
         depth: of features, see `tone_curve`;  crisp: of shade, see `steeper`;  bounded: in [0, 1], how far highlights
-        are held below white, see `below_white`;  most: of shading, see `most_gain`.
+        are held below white, see `below_white`.
         """
         source, target = to_opponent(skin), to_opponent(moved)
         own, goal = UsualChroma.of(source), UsualChroma.of(target)
@@ -242,7 +229,7 @@ class SkinMap:
         spread = np.sqrt(((wanted**2).sum(axis=1).mean() + 1.0) / ((around**2).sum(axis=1).mean() + 1.0))
         chroma = [float(np.hypot(*one[:, 1:].mean(axis=0))) + _LEAST_CHROMA for one in (target, source)]
         middle = max(float(np.median(source[:, 0])), 1.0)
-        tone = steeper(tone_curve(source[:, 0], target[:, 0], depth, most), min(middle, own.middle), crisp)
+        tone = steeper(tone_curve(source[:, 0], target[:, 0], depth), min(middle, own.middle), crisp)
         tone = tone + bounded * (below_white(tone, own, goal) - tone)
         brighter = float(np.interp(middle, np.arange(256.0), tone)) / middle
         largest = min(1.0, brighter, chroma[0] / chroma[1])
