@@ -31,6 +31,7 @@ _QUANTILES = (0.03, 0.10, 0.25, 0.50, 0.75, 0.90, 0.97)
 # 1 or 1.5]
 _GAINS = (0.55, 1.2)
 _FEATURES = 0.45  # of the skin's median luma, below which what is seen in a face is no skin [by eye]
+_TO_WHITE = 1.8  # slope above the brightest skin, at most: burnt-out skin gets no whiter than the rest [by eye]
 _SMOOTH_LEVELS = 25  # width of the boxes, two of them, that rounds the tone curve's corners
 _LEAST_STEP = 0.25  # levels added to both sides of a slope, so that skin of one tone has one
 # of k, the ratio of the spreads of chroma at a tone: what differs from the usual chroma dims and greys with the skin
@@ -137,7 +138,8 @@ def tone_curve(source: Doubles, target: Doubles, depth: float = 1.0) -> Doubles:
     if not kept.any():
         return levels
     s, t = s[kept], t[kept]
-    table = np.interp(levels, np.concatenate([[0.0], s, [255.0]]), np.concatenate([[0.0], t, [255.0]]))
+    white = min(255.0, t[-1] + _TO_WHITE * (255.0 - s[-1]))
+    table = np.interp(levels, np.concatenate([[0.0], s, [255.0]]), np.concatenate([[0.0], t, [white]]))
     smooth = _box(_box(table))
     # the corner at the median is rounded as well: the curve is led back through it, its ends stay
     led = np.minimum(levels / s_middle, (255.0 - levels) / (255.0 - s_middle))
