@@ -43,10 +43,9 @@ _OTHER_LIGHT = 0.5
 _ROUNDS = 4  # in which it is found: chroma changes with luma
 _MIDDLE = 0.1  # of the middle luma: over which a curve gets steeper below it
 _SLOPE_RANGE = (0.6, 2.0)  # of F in luma as a whole [by eye]
-# of the middle luma: skin beside the face that is darker than this goes through black, where a look darkens [by eye]
-# and where it brightens [by blind choice: 0.4 rather than 0.8 for necks and arms in even shade, 0.8 rather than 0.4 for
-# a shoulder that is modelled by it], and ears
-_SHADE, _EAR_SHADE = (0.8, 0.55), (0.35, 0.35)
+# of the middle luma: skin beside the face that is darker than this goes through black [by blind choice: 0.4 rather than
+# 0.8 for necks and arms in even shade, 0.8 rather than 0.4 for a shoulder that is modelled by it], and ears
+_SHADE, _EAR_SHADE = 0.55, 0.35
 # of the way from the line that is seen to the one of constant hue and saturation: light from two sides colours shadows,
 # and whole ones would turn sockets and stubble violet [by eye]
 _OWN_HUE = 0.5
@@ -271,20 +270,18 @@ class SkinMap:
         """(256,) the tone curve of ears, which differs from `beside` in deep shade."""
         return self._shifted(_EAR_SHADE)
 
-    def _shifted(self, shade: tuple[float, float]) -> Doubles:
+    def _shifted(self, shade: float) -> Doubles:
         """A tone curve (256,) that makes skin as much brighter or darker as the middle of the face's skin.
 
-        shade: of the middle luma, where that gets darker and where it gets brighter; what is darker goes through black.
+        shade: of the middle luma; what is darker goes through black.
 
         An ear or a neck is lit otherwise than the face, and keeps its difference to it. What is brighter than the
         middle comes no nearer to white than in proportion to how near it was. Deep shade goes through black, or along
-        the face's own curve where that is brighter.
+        the face's own curve where that is brighter, as where a look makes skin darker than half.
         """
         levels, middle = np.arange(256.0), self.own.middle
         bright = float(np.interp(middle, levels, self.tone))
-        darkened, lit = shade
-        deep = (lit if bright > middle else darkened) * middle
-        shifted = levels + (bright - middle) * np.minimum(1.0, levels / deep)
+        shifted = levels + (bright - middle) * np.minimum(1.0, levels / (shade * middle))
         to_white = bright + (levels - middle) * (255.0 - bright) / (255.0 - middle)
         shifted = np.where(levels > middle, np.minimum(shifted, to_white), shifted)
         return np.asarray(np.where(levels < middle, np.maximum(shifted, self.tone), shifted))
