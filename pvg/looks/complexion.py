@@ -34,7 +34,6 @@ _GREY, _DULL = (0.72, 0.55), (0.90, 0.72)
 # of L*: skin that gets darker by _DARKENED takes the chroma of darker skin: all of it where it ends below the second of
 # _DARK, nothing where it stays above the first [by eye: pale skin is not to be tanned]
 _DARKENED, _DARK = 8.0, (66.0, 60.0)
-_PALE, _PALER, _PALEST = 68.0, 0.005, 0.05  # L* from which on skin has less chroma, saturation a level and at most
 _IN_DULL = 0.6  # of what is richer than the clip's own skin, where that is dull
 _GAIN = 1.3  # of chroma, at most [by blind choice]: a grade in black and white is meant
 _RICHEST, _REDDEST = 32.0, 23.0  # C* and a* of CIELAB, at most [by blind choice: C* of 32 rather than 28 or any]
@@ -87,8 +86,7 @@ def _borne(own: Doubles, goal: Doubles) -> float:
 
 def _greyness(own: Doubles, none: float, whole: float) -> float:
     """Rises from 0 to 1 where a clip's skin has from `none` to `whole` of the saturation that such skin usually has."""
-    pale = min(_PALER * max(float(own[0]) - _PALE, 0.0), _PALEST)
-    return ramp(_saturation(own) / (_usual(own) - pale), none, whole)
+    return ramp(_saturation(own) / _usual(own), none, whole)
 
 
 def _held(lab: Doubles, own: Doubles) -> Doubles | None:
