@@ -33,8 +33,8 @@ Makeup = float | Mapping[str, float]
 class PartBounds:
     """What a part can be beside the skin of its face [by eye].
 
-    step: most of the skin's luma that the clip's own part gets darker or lighter;  blue, red: B − Y and R − Y beyond the
-    skin's usual chroma at that luma, levels;
+    step: most of the skin's luma that the clip's own part gets darker or lighter;  blue, red: B − Y and R − Y, levels,
+    beyond the skin's usual chroma at that luma;
     shown: least and most of the skin's luma that the reference's part can have, outside it is a shadow, a beard or a
     highlight;  least_red: R − Y beyond the skin's that it has at least, levels.
     """
@@ -138,10 +138,7 @@ class PartChanges:
                 continue
             out[p, 0] = np.clip(face * self.luma[p] - ours[0], -bounds.step[0] * face, bounds.step[1] * face)
             usual, then = (skin.goal.at(np.array([luma]))[0] for luma in (ours[0], ours[0] + out[p, 0]))
-            blue = bounds.blue
-            if part == "cheeks":
-                blue = blue[0], min(blue[1], float(self.chroma[p, 1]))  # pink at most
-            for channel, bound in enumerate((blue, bounds.red)):
+            for channel, bound in enumerate((bounds.blue, bounds.red)):
                 beyond = _within(self.chroma[p, channel], bound, ours[1 + channel] - usual[channel])
                 out[p, 1 + channel] = then[channel] + beyond - ours[1 + channel]
             share = shown * float(strength[p])

@@ -157,13 +157,6 @@ def test_a_beard_or_a_shadow_in_the_reference_is_left_out(part: str, color: tupl
     np.testing.assert_array_equal(PartChanges.of(reference).on(skin, _OWN, FULL)[p], _asked_nothing(skin, _OWN)[p])
 
 
-def test_blush_is_pink_at_most() -> None:
-    pink, violet = (_face((210, 175, 160), {"cheeks": (1.0, blue, 8.0)}) for blue in (8.0, 10.0))
-    skin, cheeks = _map(_OWN, pink), PARTS.index("cheeks")
-    asked, bounded = (PartChanges.of(reference).on(skin, _OWN, FULL)[cheeks] for reference in (pink, violet))
-    np.testing.assert_allclose(bounded, asked, atol=0.1)
-
-
 def test_cheeks_that_are_violet_themselves_stay_so_with_their_own_colours() -> None:
     own = _face((210, 175, 160), {"cheeks": (1.0, 9.0, 3.0)})
     change = PartChanges.of(own).on(_map(own, own), own, FULL)
