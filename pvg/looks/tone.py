@@ -26,16 +26,16 @@ HIGHLIGHT = 243.0
 """Level of the brightest channel in the brightest of the skin, at most."""
 
 _QUANTILES = (0.03, 0.10, 0.25, 0.50, 0.75, 0.90, 0.97)
-# the least and the most of a slope over T/Y, the slope of the same skin in more or less light: what a reference may take
-# of the shading that is there [by eye], and what it may add, or it is soot on a cheek [by blind choice: 1.2 rather than
-# 1 or 1.5]
+# the least and the most of a slope over T/Y, the slope of the same skin in more or less light: what a reference may
+# take of the shading that is there [by eye], and what it may add, or it is soot on a cheek [by blind choice: 1.2 rather
+# than 1 or 1.5]
 _GAINS = (0.55, 1.2)
 _FEATURES = 0.45  # of the skin's median luma, below which what is seen in a face is no skin [by eye]
 _TO_WHITE = 1.8  # slope above the brightest skin, at most: burnt-out skin gets no whiter than the rest [by eye]
 _SMOOTH_LEVELS = 25  # width of the boxes, two of them, that rounds the tone curve's corners
 _LEAST_STEP = 0.25  # levels added to both sides of a slope, so that skin of one tone has one
-# what is redder or yellower than the rest of the skin looks like a stain on skin of another hue: k is less than 1 by that
-# share where the saturation, levels of chroma a level of luma, moves by so much [by eye]
+# what is redder or yellower than the rest of the skin looks like a stain on skin of another hue: k is less than 1 by
+# that share where the saturation, levels of chroma a level of luma, moves by so much [by eye]
 _OTHER_HUE, _OTHER = 0.4, 0.08
 _OTHER_HUE_BROAD = 0.6  # the same of k at the curves, where it tells of patches: a flushed nose or chin [by eye]
 # what gets brighter or darker by half shows it as much as what changes its hue by `_OTHER` [by eye]
