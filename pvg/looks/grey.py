@@ -12,12 +12,8 @@ import numpy as np
 from pvg._arrays import Doubles, ramp
 
 _USUAL = (0.2, 0.6)  # of r [by eye]
-# by r of the skin that is least like the rest: these are all of it, down to where nothing is told to be grey
-# [measured: 0.5 to 0.9 in 40 portraits in usual light, 0.25 between a lamp and a window]
-_ALIKE = (0.2, 0.5)
-_LEAST = 0.05  # of them: a step has a width
 _SHADE = (-0.6, 0.0)  # of r in shade of another hue: blue as a sky, and what it makes grey [by eye]
-# by r of that skin: from where on no shade is of another hue, and down to where it is
+# by r of the skin that is least like the rest: from where on no shade is of another hue, and down to where it is
 # [measured: 0.61 to 0.88 in 29 portraits and clips, 0.49 under a blue sky and 0.51 beside a window]
 _ANOTHER_HUE = (0.7, 0.5)
 # of the skin's middle luma, from hair to shade, where there is no beard and among one, and from glare to it [by eye]
@@ -30,7 +26,7 @@ def told_from_grey(alike: float, of_middle: Doubles, beard: float) -> Doubles:
     alike: r of the skin that is least like the rest;  of_middle: (n,) the colour's luma over the skin's middle luma;
     beard: in [0, 1], how surely there is one.
     """
-    usual = np.array(_USUAL) * max(ramp(alike, *_ALIKE), _LEAST)
+    usual = np.array(_USUAL)
     bare, bearded = (ramp(of_middle, *hair) for hair in (_HAIR, _BEARD))
     shade = ramp(alike, *_ANOTHER_HUE) * (bare + beard * (bearded - bare)) * ramp(of_middle, *_GLARE)
-    return np.asarray(usual[:, None] + shade * (np.minimum(_SHADE, usual) - usual)[:, None])
+    return np.asarray(usual[:, None] + shade * (np.array(_SHADE) - usual)[:, None])

@@ -7,9 +7,8 @@ m(Y) the chroma that is usual for skin at a luma, and c that of a pixel,
     r = (c · m / |m| + e) / (|m| + e)
 
 is 1 on skin and 0 on what is grey, whatever the clip's light; chroma moves by the share s(r), a smooth step. e makes it
-1 where skin itself has hardly any chroma: a grey film is coloured as a whole. Under lights of two colours, or where it
-is burnt out, skin itself is far from what is usual for it: s then begins where its least usual part is, and in shade
-of another hue below that (`pvg.looks.grey`).
+1 where skin itself has hardly any chroma: a grey film is coloured as a whole. In shade of another hue skin is far from
+what is usual for it, and s begins lower (`pvg.looks.grey`).
 """
 
 from __future__ import annotations
