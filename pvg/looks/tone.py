@@ -31,6 +31,7 @@ _QUANTILES = (0.03, 0.10, 0.25, 0.50, 0.75, 0.90, 0.97)
 # than 1 or 1.5]
 _GAINS = (0.55, 1.2)
 _FEATURES = 0.45  # of the skin's median luma, below which what is seen in a face is no skin [by eye]
+_EVEN = 0.35  # power of the whole curve's slope in each, against blotches where one stretch alone is steep [by eye]
 _TO_WHITE = 1.8  # slope above the brightest skin, at most: burnt-out skin gets no whiter than the rest [by eye]
 _SMOOTH_LEVELS = 25  # width of the boxes, two of them, that rounds the tone curve's corners
 _LEAST_STEP = 0.25  # levels added to both sides of a slope, so that skin of one tone has one
@@ -118,7 +119,9 @@ def tone_curve(source: Doubles, target: Doubles, depth: float = 1.0) -> Doubles:
     """
     s, t = np.quantile(source, _QUANTILES), np.quantile(target, _QUANTILES)
     middle = len(s) // 2
-    slopes = (np.diff(t) + _LEAST_STEP) / (np.diff(s) + _LEAST_STEP)
+    each = (np.diff(t) + _LEAST_STEP) / (np.diff(s) + _LEAST_STEP)
+    whole = (t[-1] - t[0] + _LEAST_STEP) / (s[-1] - s[0] + _LEAST_STEP)
+    slopes = each ** (1.0 - _EVEN) * whole**_EVEN
     down, up = slice(middle, None, -1), slice(middle, None)
     for way, steps in ((down, slopes[:middle][::-1]), (up, slopes[middle:])):
         t[way] = _climb(s[way], float(t[middle]), steps)
