@@ -143,9 +143,7 @@ def _body_example(person: str, picture: Picture, landmarks: Landmarks, masks: li
     face = skin.step(picture, landmarks, scene)
     recorder = _Recorder()
     with mock.patch.object(body_network, "predict_body_skin", recorder):
-        BodyTracker(model.learned.colors, model.learned.light).step(
-            scene, landmarks, face, skin.light, skin.network_output
-        )
+        BodyTracker(model.learned).step(scene, landmarks, face, skin.light, skin.network_output)
     if recorder.asked is None:
         raise ValueError("the network was not asked")
     face_mask, head = recorder.asked[2:4]

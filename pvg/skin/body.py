@@ -20,8 +20,8 @@ from pvg.skin._kernels import BodyWeights, body_log_odds
 from pvg.skin.body_colors import color_tables
 from pvg.skin.body_parts import beyond_box, body_parts, fill_gaps, fill_holes, leave_out_hair, own_people
 from pvg.skin.collar import collar
-from pvg.skin.color_model import SkinColors
 from pvg.skin.in_time import in_levels, soft_edge, weight_of_before
+from pvg.skin.learning import LearnedSkin
 from pvg.skin.light import gain_back, gain_of, relit
 from pvg.skin.matte import Matte
 from pvg.skin.network import NetworkOutput, fused
@@ -62,15 +62,15 @@ _EDGE_BLUR = 1.0  # cells around the mask's edge
 class BodyTracker:
     """Makes the matte of a person's skin off the face in each scene of a track, in order."""
 
-    def __init__(self, colors: SkinColors, light: Floats) -> None:
-        """colors: learned on the key frame;  light: (3,) RGB, the face's colour there.
+    def __init__(self, learned: LearnedSkin) -> None:
+        """learned: on the face's key frame.
 
         Sets `color_trust`: in [0, 1], how far the face's skin has chroma enough to find its person's other skin by.
         """
-        self._tables = color_tables(colors)
-        self._scale = colors.scale
-        self._light = light
-        self.color_trust = float(smoothstep(np.hypot(*colors.scale.center[1:]), *_BODY.color_trust))
+        self._tables = color_tables(learned.colors)
+        self._scale = learned.colors.scale
+        self._light = learned.light
+        self.color_trust = float(smoothstep(np.array(learned.chroma), *_BODY.color_trust))
         # what one scene leaves to the next: its picture (h, w, 3), and (h, w, 3) probability, mask and alpha
         self._before: tuple[Bytes, Floats] | None = None
         self._hair: Floats | None = None  # of the scene before

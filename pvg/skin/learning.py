@@ -26,7 +26,8 @@ class LearnedSkin:
     """What the key frame teaches of a face's skin.
 
     colors: log-likelihood ratios;  haze: levels of it over the frame they were learned from, see `pvg.haze`;
-    light: (3,) RGB, the face's colour there without haze;
+    light: (3,) RGB, the face's colour there in usual light;
+    chroma: of the face's colour there as it is, in Lab at one lightness;
     hair: the hair around the forehead, None where none is seen;
     distance: (h, w) float32 signed distance to the mask's edge in face sizes, positive on skin, over a raster in whose
     cells the stacked landmarks and skin points lie at `points` (194, 2);
@@ -38,6 +39,7 @@ class LearnedSkin:
     colors: SkinColors
     haze: int
     light: Floats
+    chroma: float
     hair: Hair | None
     distance: Floats
     open: Floats
@@ -73,18 +75,22 @@ def _learn(picture: Picture, landmarks: Landmarks, haze: int, *, bald: bool) -> 
     raster = learning_raster(landmarks, bald=bald)
     own = landmarks.in_cells(raster)
     visible = raster.inside(picture.size)
-    found = segment(without_haze(picture.cells(raster), haze), own, visible, bald=bald)
+    seen = without_haze(picture.cells(raster), haze)
+    found = segment(seen, own, visible, bald=bald)
     small = found.rgb
     prior = spatial_prior(raster.shape, own, bald=bald)
+    sample = prior.sample & visible
+    color = to_skin_lab(np.asarray(face_color(seen, sample), np.uint8)[None, None])[0, 0]
     learned = LearnedSkin(
         colors=found.colors,
         haze=haze,
-        light=face_color(small, prior.sample & visible),
+        light=face_color(small, sample),
+        chroma=float(np.hypot(*color[1:])),
         hair=find_hair(small, found.mask | ~visible, prior),
         distance=np.asarray(_signed_distance(found.mask) / prior.size, np.float32),
         open=open_skin(to_skin_lab(small), found.colors.scale, found.mask),
         points=own.stacked,
-        tint=tint_slopes(small, prior.sample & visible, prior.size),
+        tint=tint_slopes(small, sample, prior.size),
         bald=bald,
     )
     return learned, bool(visible[0].any()) and goes_on_above(found.mask, own)

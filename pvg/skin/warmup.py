@@ -29,5 +29,5 @@ def warm_up(picture: Picture, landmarks: Landmarks) -> Matte:
         raster = scene_raster(picture.size)
         nobody = np.zeros(raster.shape, np.uint8)
         scene = Scene(raster, np.zeros((*raster.shape, 3), np.uint8), nobody, None, ())
-        BodyTracker(model.learned.colors, model.learned.light).step(scene, landmarks, matte, skin.light)
+        BodyTracker(model.learned).step(scene, landmarks, matte, skin.light)
     return matte

@@ -110,7 +110,7 @@ class VectorFace:
         model = fit_skin_model(key.picture, key.landmarks, method=method, haze=key.haze)
         self._skin = SkinTracker(model)
         learned = model.learned
-        self._body = None if learned is None else BodyTracker(learned.colors, learned.light)
+        self._body = None if learned is None else BodyTracker(learned)
         self._color_trust = 1.0 if self._body is None else self._body.color_trust
         self._consensus = MatteConsensus()
         # rows that wait for the frames after them: one of some rows, its opacity, the body's alpha

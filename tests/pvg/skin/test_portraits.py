@@ -132,9 +132,7 @@ def _skin(rgb: np.ndarray, landmarks: Landmarks) -> tuple[np.ndarray, np.ndarray
     assert model.learned is not None
     tracker = SkinTracker(model)
     matte = tracker.step(rgb, landmarks, scene)
-    body = BodyTracker(model.learned.colors, model.learned.light).step(
-        scene, landmarks, matte, tracker.light, tracker.network_output
-    )
+    body = BodyTracker(model.learned).step(scene, landmarks, matte, tracker.light, tracker.network_output)
     return mask_of(matte, rgb.shape), mask_of(body, rgb.shape)
 
 
