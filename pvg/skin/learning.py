@@ -13,7 +13,7 @@ from pvg.haze import without_haze
 from pvg.picture import Picture, as_picture
 from pvg.skin.color_model import SkinColors, to_skin_lab
 from pvg.skin.hair import Hair, find_hair
-from pvg.skin.light import face_color
+from pvg.skin.light import face_color, most_chroma
 from pvg.skin.occlusion import open_skin
 from pvg.skin.prior import goes_on_above, spatial_prior
 from pvg.skin.rasters import learning_raster
@@ -27,7 +27,7 @@ class LearnedSkin:
 
     colors: log-likelihood ratios;  haze: levels of it over the frame they were learned from, see `pvg.haze`;
     light: (3,) RGB, the face's colour there in usual light;
-    chroma: of the face's colour there as it is, in Lab at one lightness;
+    chroma: the most that it and its surroundings have there, see `most_chroma`;
     hair: the hair around the forehead, None where none is seen;
     distance: (h, w) float32 signed distance to the mask's edge in face sizes, positive on skin, over a raster in whose
     cells the stacked landmarks and skin points lie at `points` (194, 2);
@@ -80,12 +80,11 @@ def _learn(picture: Picture, landmarks: Landmarks, haze: int, *, bald: bool) -> 
     small = found.rgb
     prior = spatial_prior(raster.shape, own, bald=bald)
     sample = prior.sample & visible
-    color = to_skin_lab(np.asarray(face_color(seen, sample), np.uint8)[None, None])[0, 0]
     learned = LearnedSkin(
         colors=found.colors,
         haze=haze,
         light=face_color(small, sample),
-        chroma=float(np.hypot(*color[1:])),
+        chroma=most_chroma(seen, visible, face_color(seen, sample)),
         hair=find_hair(small, found.mask | ~visible, prior),
         distance=np.asarray(_signed_distance(found.mask) / prior.size, np.float32),
         open=open_skin(to_skin_lab(small), found.colors.scale, found.mask),

@@ -11,6 +11,7 @@ import numpy as np
 
 from pvg._arrays import Bools, Bytes, Floats, ramp, short_turn
 from pvg.skin._kernels import median_levels
+from pvg.skin.color_model import to_skin_lab
 from pvg.skin.parameters import SKIN_PRIOR
 
 _LIGHT = SKIN_PRIOR.light
@@ -30,6 +31,16 @@ def median_color(rgb: Bytes, sample: Bools) -> Floats | None:
     return color.astype(np.float32) if median_levels(rgb, sample, color) else None
 
 
+def most_chroma(rgb: Bytes, visible: Bools, color: Floats) -> float:
+    """The chroma in Lab, at one lightness, that few cells `visible` (h, w) of a picture (h, w, 3) around a face pass.
+
+    color: (3,) RGB levels, the face's. A dim face is lit for it, but not made usual: then a nearly black-and-white
+    picture would have the chroma of others.
+    """
+    lab = to_skin_lab(relit(rgb, np.full(3, _brightness(color), np.float32)))[visible]
+    return float(np.percentile(np.hypot(lab[:, 1], lab[:, 2]), _LIGHT.few)) if len(lab) else 0.0
+
+
 def gain_of(color: Floats) -> Floats:
     """(3,) float32, the gain to usual light for a picture in which a face has the colour (3,), RGB levels.
 
@@ -37,8 +48,7 @@ def gain_of(color: Floats) -> Floats:
     whose hue is chance (von Kries' rule on the levels).
     """
     usual = _of_usual_tint(color)
-    brightness = np.clip(_LIGHT.level / usual.max(), 1, _LIGHT.most)
-    return np.asarray(brightness * usual / color, np.float32)
+    return np.asarray(_brightness(usual) * usual / color, np.float32)
 
 
 def gain_back(learned: Floats, color: Floats) -> Floats:
@@ -49,6 +59,10 @@ def gain_back(learned: Floats, color: Floats) -> Floats:
     """
     usual = gain_of(color)
     return np.asarray(usual * np.clip(learned / (usual * color), *_LIGHT.change), np.float32)
+
+
+def _brightness(color: Floats) -> float:
+    return float(np.clip(_LIGHT.level / color.max(), 1, _LIGHT.most))
 
 
 def _of_usual_tint(color: Floats) -> Floats:

@@ -18,7 +18,9 @@ class BodyNumbers:
     unexplained: float = 30.0  # levels of grey that cells are off those of the scene before, moved by the flow [by eye]
     much: float = 0.007  # of the cells that are [measured: fast hands 0.01 to 0.08, people who talk 0.005 and less]
     cube: int = 33  # nodes along each side of the table of colours [by eye]
-    color_trust: Range = (3.0, 6.0)  # Lab chroma of the face from which on its colour finds other skin [by eye]
+    # chroma around a face from which on colours tell of other skin [measured: around 31 faces 10 at least, in a cool
+    # white too; around three of four that are nearly black and white 6 at most]
+    color_trust: Range = (6.0, 10.0)  # Lab at one lightness [measured: as above]
     base: float = 4.0  # nats for the face's own colour [by eye]
     along: Range = (2.1, 2.6)  # spreads of chroma, standard deviation towards grey and away from it [by eye]
     grey: float = 60.0  # nats times missing chroma squared [measured: greyish collars 14 % at 0, 7 at 40, 4 at 80]

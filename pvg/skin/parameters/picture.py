@@ -152,6 +152,7 @@ class LightNumbers:
     palest: float = 8.5  # [measured: from 12 on an ear in haze is lost]
     palest_red: float = 13.0  # [measured: hands in a cool white; 51 % at 9, 86 % from 12 on]
     most_vivid: float = 38.0  # [measured: of those faces; white hair in warm white 43 % taken for skin before, 10 now]
+    few: float = 95.0  # per cent of a face's surroundings [measured: with `body.color_trust`]: fewer have more chroma
     dimmest: float = 4.0  # 8-bit levels of the face's median colour [by eye]: limits the change of light
     change: Range = (0.2, 5.0)  # of light since the key frame, per channel, both in usual light: limits [by eye]
 

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pvg.skin.light import MID_GREY, face_color, gain_of, median_color
+from pvg.skin.light import MID_GREY, face_color, gain_of, median_color, most_chroma
 
 
 @pytest.mark.parametrize("cells", [1, 2, 7, 300, 301])
@@ -69,3 +69,18 @@ def test_light_that_changes_by_little_changes_the_gain_by_little() -> None:
     colors = [_of_lab(66, hue, chroma) for chroma in (3, 10, 20, 40) for hue in np.arange(-60, 120, 0.5)]
     gains = np.array([gain_of(color) for color in colors]).reshape(4, -1, 3)
     assert np.abs(np.diff(gains, axis=1)).max() < 0.05
+
+
+def test_the_chroma_around_a_face_is_its_own_in_any_light() -> None:
+    """A nearly grey picture stays one, though `gain_of` makes it usual; a dim one has the chroma of a lit one."""
+    everywhere = np.ones((10, 10), np.bool_)
+
+    def told(color: np.ndarray) -> float:
+        return most_chroma(np.tile(np.rint(color).astype(np.uint8), (10, 10, 1)), everywhere, color)
+
+    skin, greyish = _of_lab(66, 50, 20), _of_lab(66, 50, 3)
+    assert told(skin) == pytest.approx(17, abs=2)
+    assert told(0.25 * skin) == pytest.approx(told(skin), abs=2)
+    assert told(greyish) < 4
+    assert _hue_and_chroma(greyish * gain_of(greyish))[1] > 5
+    assert most_chroma(np.zeros((10, 10, 3), np.uint8), ~everywhere, skin) == 0

@@ -116,6 +116,16 @@ def test_a_clip_in_haze_has_the_same_skin_as_a_clear_one(media_dir: Path, clip: 
     assert body > 0.9
 
 
+def test_what_is_left_of_colour_in_a_nearly_grey_clip_tells_of_no_other_skin(media_dir: Path) -> None:
+    """Its chroma was made usual, and then a wall was skin."""
+    rgb = next(_clip(media_dir / "clips" / "man_stubble_warm_kitchen_audio_1080x1920.mp4", range(30, 31)))
+    luma = (rgb @ np.array([0.2126, 0.7152, 0.0722]))[..., None]
+    grey = np.rint(luma + 0.12 * (rgb - luma)).astype(np.uint8)
+    landmarks = fit_widest(rgb)
+    assert _skin(rgb, landmarks)[1].mean() > 0.02
+    assert not _skin(grey, landmarks)[1].any()
+
+
 @pytest.mark.parametrize("lamp", [(3.5, 3.2, 2.8), (5, 4.6, 4)])  # 0.91 and 0.86 while shaded skin was an occluder
 def test_a_lamp_that_burns_most_of_a_face_out_hides_none_of_it(samples: Any, lamp: tuple[float, float, float]) -> None:
     rgb = read_rgb(samples.portrait)
