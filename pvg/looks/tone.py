@@ -35,9 +35,8 @@ _EVEN = 0.35  # power of the whole curve's slope in each, against blotches where
 _TO_WHITE = 1.8  # slope above the brightest skin, at most: burnt-out skin gets no whiter than the rest [by eye]
 _SMOOTH_LEVELS = 25  # width of the boxes, two of them, that rounds the tone curve's corners
 _LEAST_STEP = 0.25  # levels added to both sides of a slope, so that skin of one tone has one
-# what differs from the usual chroma dims and greys with the skin and never grows: k is the gain in luma or in chroma.
-# What is redder or yellower than the rest of the skin looks like a stain on skin of another hue: k falls by that share
-# where the saturation, levels of chroma a level of luma, moves by so much [by eye]
+# what is redder or yellower than the rest of the skin looks like a stain on skin of another hue: k is less than 1 by
+# that share where the saturation, levels of chroma a level of luma, moves by so much [by eye]
 _OTHER_HUE, _OTHER = 0.4, 0.08
 _OTHER_HUE_BROAD = 0.6  # the same of k at the curves, where it tells of patches: a flushed nose or chin [by eye]
 # what gets brighter or darker by half shows it as much as what changes its hue by `_OTHER` [by eye]
@@ -51,7 +50,6 @@ _SHADE, _EAR_SHADE = 0.55, 0.35
 # of the way from the line that is seen to the one of constant hue and saturation: light from two sides colours shadows,
 # and whole ones would turn sockets and stubble violet [by eye]
 _OWN_HUE = 0.5
-_LEAST_CHROMA = 4.0  # levels added to both sides of the ratio of chroma, so that grey skin does not explode
 LEAST_TINGE = 3.0  # e of `pvg.rendering.tinge`, levels [by eye]
 _LEAST_ALIKE = 0.05  # quantile
 _LEAST_LUMA_SPREAD = 4.0  # levels: skin of less spread says nothing of how chroma changes with luma
@@ -230,12 +228,11 @@ class SkinMap:
         tone = steeper(tone_curve(source[:, 0], target[:, 0], depth), min(middle, own.middle), crisp)
         tone = tone + bounded * (below_white(tone, own, goal) - tone)
         brighter = float(np.interp(middle, np.arange(256.0), tone)) / middle
-        chroma = [float(np.hypot(*one[:, 1:].mean(axis=0))) + _LEAST_CHROMA for one in (target, source)]
         lumas = np.array([middle, middle * brighter])
         shift = (goal.at(lumas[1:])[0] - own.at(lumas[:1])[0] * brighter) / max(lumas[1], 1.0)
         other = min(1.0, float(np.hypot(*shift)) / _OTHER)
         far = min(1.0, other + abs(brighter - 1.0) / _OTHER_LIGHT)
-        k = min(1.0, brighter, chroma[0] / chroma[1]) * (1.0 - _OTHER_HUE * other)
+        k = 1.0 - _OTHER_HUE * other
         alike = float(np.quantile(own.likeness(source), _LEAST_ALIKE))
         return cls(tone, own, goal, k, k * (1.0 - _OTHER_HUE_BROAD * other), alike, far)
 
