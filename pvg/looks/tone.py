@@ -35,8 +35,12 @@ _EVEN = 0.35  # power of the whole curve's slope in each, against blotches where
 _TO_WHITE = 1.8  # slope above the brightest skin, at most: burnt-out skin gets no whiter than the rest [by eye]
 _SMOOTH_LEVELS = 25  # width of the boxes, two of them, that rounds the tone curve's corners
 _LEAST_STEP = 0.25  # levels added to both sides of a slope, so that skin of one tone has one
-# what is redder or yellower than the rest of the skin looks like a stain on skin of another hue: k is less than 1 by
-# that share where the saturation, levels of chroma a level of luma, moves by so much [by eye]
+# of k, the ratio of the spreads of chroma at a tone: what differs from the usual chroma dims and greys with the skin
+# and never grows, or a flushed nose, freckles and light of two colours turn into orange and green patches [by eye]
+_LEAST_SPREAD = 0.5
+_FLATTEST = 0.4  # of what may be the most of k
+# what is redder or yellower than the rest of the skin looks like a stain on skin of another hue: k falls by that share
+# where the saturation, levels of chroma a level of luma, moves by so much [by eye]
 _OTHER_HUE, _OTHER = 0.4, 0.08
 _OTHER_HUE_BROAD = 0.6  # the same of k at the curves, where it tells of patches: a flushed nose or chin [by eye]
 # what gets brighter or darker by half shows it as much as what changes its hue by `_OTHER` [by eye]
@@ -47,6 +51,7 @@ _SLOPE_RANGE = (0.6, 2.0)  # of F in luma as a whole [by eye]
 # of the middle luma: skin beside the face that is darker than this goes through black [by blind choice: 0.4 rather than
 # 0.8 for necks and arms in even shade, 0.8 rather than 0.4 for a shoulder that is modelled by it], and ears
 _SHADE, _EAR_SHADE = 0.55, 0.35
+_LEAST_CHROMA = 4.0  # levels added to both sides of the ratio of chroma, so that grey skin does not explode
 # of the way from the line that is seen to the one of constant hue and saturation: light from two sides colours shadows,
 # and whole ones would turn sockets and stubble violet [by eye]
 _OWN_HUE = 0.5
@@ -224,15 +229,19 @@ class SkinMap:
         """
         source, target = to_opponent(skin), to_opponent(moved)
         own, goal = UsualChroma.of(source), UsualChroma.of(target)
+        around, wanted = source[:, 1:] - own.at(source[:, 0]), target[:, 1:] - goal.at(target[:, 0])
+        spread = np.sqrt(((wanted**2).sum(axis=1).mean() + 1.0) / ((around**2).sum(axis=1).mean() + 1.0))
+        chroma = [float(np.hypot(*one[:, 1:].mean(axis=0))) + _LEAST_CHROMA for one in (target, source)]
         middle = max(float(np.median(source[:, 0])), 1.0)
         tone = steeper(tone_curve(source[:, 0], target[:, 0], depth), min(middle, own.middle), crisp)
         tone = tone + bounded * (below_white(tone, own, goal) - tone)
         brighter = float(np.interp(middle, np.arange(256.0), tone)) / middle
+        largest = min(1.0, brighter, chroma[0] / chroma[1])
         lumas = np.array([middle, middle * brighter])
         shift = (goal.at(lumas[1:])[0] - own.at(lumas[:1])[0] * brighter) / max(lumas[1], 1.0)
         other = min(1.0, float(np.hypot(*shift)) / _OTHER)
         far = min(1.0, other + abs(brighter - 1.0) / _OTHER_LIGHT)
-        k = 1.0 - _OTHER_HUE * other
+        k = min(max(float(spread), _LEAST_SPREAD), max(largest * (1.0 - _OTHER_HUE * other), _FLATTEST))
         alike = float(np.quantile(own.likeness(source), _LEAST_ALIKE))
         return cls(tone, own, goal, k, k * (1.0 - _OTHER_HUE_BROAD * other), alike, far)
 
