@@ -13,7 +13,7 @@ import numpy as np
 
 from pvg._arrays import Doubles, Floats
 from pvg._compiled import kernel
-from pvg.face import PARTS, Landmarks, add_cover, feather, part_outlines
+from pvg.face import PARTS, Landmarks, add_cover, feather, part_outlines, taken
 from pvg.rendering.correction import Correction
 
 
@@ -41,8 +41,8 @@ def with_parts(
                 if p not in covers:
                     covers[p] = np.zeros((lattice.height, lattice.width), np.float32)
                     soft = feather(PARTS[p], landmarks)
-                    outlines = part_outlines(PARTS[p], landmarks)
-                    add_cover(covers[p], outlines, (lattice.x, lattice.y), lattice.step, soft)
+                    outlines, shares = part_outlines(PARTS[p], landmarks), taken(PARTS[p], landmarks)
+                    add_cover(covers[p], outlines, (lattice.x, lattice.y), lattice.step, soft, shares)
                     if PARTS[p] == "lips" and lips is not None:
                         covers[p] *= lips
                 add_part(shift, np.asarray(change[p], np.float32), covers[p])

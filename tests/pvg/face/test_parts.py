@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pvg.face import PARTS, Outline, add_cover, feather, layout, part_outlines
+from pvg.face import PARTS, Landmarks, Outline, add_cover, feather, layout, part_outlines, taken
 from tests.gallery.faces import made_up_landmarks
 
 _SQUARE = np.array([(20, 20), (44, 20), (44, 40), (20, 40)], np.float32)
@@ -71,6 +71,40 @@ def test_every_part_lies_where_its_features_are() -> None:
         near = face.points[places[part]].mean(axis=0) if part in places else face.axes.center
         assert np.linalg.norm(middle - near) < 0.25 * face.axes.width
         assert 0.0 < feather(part, face) < 0.1 * face.axes.width
+
+
+def _with_eyes(face: Landmarks, aspect: float) -> Landmarks:
+    """The face with either eye open by an eye aspect ratio, its lids drawn to the line between its corners."""
+    points = face.points.copy()
+    for eye in (layout.LEFT_EYE_CONTOUR, layout.RIGHT_EYE_CONTOUR):
+        first, *_, second = points[eye[[0, 1, 2, 3]]]
+        width = float(np.linalg.norm(second - first))
+        down = np.array([-(second - first)[1], (second - first)[0]]) / width
+        for (upper, lower), share in (((1, 5), 1 / 3), ((2, 4), 2 / 3)):
+            middle = first + np.float32(share) * (second - first)
+            points[eye[upper]] = middle - 0.5 * aspect * width * down
+            points[eye[lower]] = middle + 0.5 * aspect * width * down
+    return Landmarks(points, face.skin_points)
+
+
+def test_a_closed_eyes_lid_takes_nothing_and_an_open_ones_all() -> None:
+    face = made_up_landmarks()
+    assert taken("lids", _with_eyes(face, 0.0)) == (0.0, 0.0)
+    assert taken("lids", _with_eyes(face, 0.3)) == (1.0, 1.0)
+    shares = [taken("lids", _with_eyes(face, aspect))[0] for aspect in np.linspace(0.0, 0.3, 61)]
+    assert np.all(np.diff(shares) >= 0.0)
+    assert max(np.diff(shares)) < 0.05  # a blink has no step
+    for part in set(PARTS) - {"lids"}:
+        assert set(taken(part, _with_eyes(face, 0.0))) == {1.0}
+
+
+def test_an_outline_covers_by_its_share() -> None:
+    whole, half, none = (np.zeros((60, 60), np.float32) for _ in range(3))
+    for out, share in ((whole, 1.0), (half, 0.5), (none, 0.0)):
+        add_cover(out, [Outline(_SQUARE)], (0.0, 0.0), 1.0, 2.0, [share])
+    assert whole.max() > 0.9
+    np.testing.assert_allclose(half, 0.5 * whole, atol=1e-6)
+    assert not none.any()
 
 
 def test_a_part_without_an_outline_is_no_brow() -> None:
