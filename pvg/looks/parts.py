@@ -61,9 +61,10 @@ _LIP_HUE = 68.0  # degrees from yellow towards magenta: beyond, lips look mauve
 _MOUSTACHE, _BESIDE_MOUSTACHE = 0.62, 0.6
 # of the skin's luma, that lips may be darker by where they are that much redder than the skin, levels of R − Y [by eye]
 _DEEPER, _DEEP_RED = 0.2, (15.0, 40.0)
-# power of the strength of lips: by default they take little more than half, for painted and drained ones look ill
-# [by blind choice: 2 rather than 1 or 3]
-_PAINTED = 2.0
+# powers of the strength where the reference's lips are redder than the clip's, beside their skins, and where they are
+# less red: half strength gives a lipstick by a quarter and takes it away by an eighth, for painted lips and drained
+# ones look ill; full strength does both [by blind choice: 2 rather than 1 or 3 for redder ones; by eye]
+_TAKEN, _KEPT = 2.0, 3.0
 # the same for lids: what is dark of a reference's is mostly the shade of its sockets, which on another face looks like
 # tired eyes or smoky eye shadow [by blind choice: 8 rather than 3, and 3 rather than 1]
 _SHADED = 6.0
@@ -143,8 +144,9 @@ class PartChanges:
                 out[p, 1 + channel] = then[channel] + beyond - ours[1 + channel]
             share = shown * float(strength[p])
             if part == "lips":
-                out[p] = _as_lips(ours + out[p], own[p], skin, key, face) - ours
-                share **= _PAINTED
+                lips = _as_lips(ours + out[p], own[p], skin, key, face)
+                share **= _KEPT if _redder(lips, skin) < _redder(ours, skin) else _TAKEN
+                out[p] = lips - ours
             elif part == "lids":
                 share **= _SHADED
             out[p] = kept + share * out[p]
@@ -180,6 +182,11 @@ def _hair_lacks(moved: Doubles, own: Doubles, key: KeyFrame) -> Doubles:
     hair = 1.0 - float(ramp(own[0] / median_luma(key.skin), *_HAIR))
     luma = float(moved[0] - _AS_DARK * hair * max(moved[0] - own[0], 0.0))
     return np.concatenate([[luma - moved[0]], hair * (own[1:] * luma / max(own[0], 1.0) - moved[1:])])
+
+
+def _redder(part: Doubles, skin: SkinMap) -> float:
+    """R − Y of a part's colour (3,) beyond what is usual on skin that is as bright, levels."""
+    return float(part[2] - skin.goal.at(part[:1])[0, 1])
 
 
 def _moustache(reference: KeyFrame) -> bool:
