@@ -37,7 +37,7 @@ def brighter(contrast: float) -> LookMap:
     """A look that makes a flatly lit face bright and contrasty."""
     light = np.random.default_rng(0).normal(0, 1, (400, 1))
     own, goal = (FACE * (1 + 0.06 * light)), np.array([215.0, 180.0, 160.0]) * (1 + 0.06 * contrast * light)
-    return LookMap(SkinMap.between(own.astype(np.float32), goal, most=1.5), 1.0, ONCE)
+    return LookMap(SkinMap.between(own.astype(np.float32), goal), 1.0, ONCE)
 
 
 def crimson(placed: PlacedFace, goal: tuple[float, float, float]) -> float:
@@ -118,7 +118,7 @@ def test_skin_in_the_faces_shade_stays_as_far_below_the_face(placed: PlacedFace,
     look = brighter(contrast=2.0)
     below = float((1 - SHADE) * FACE @ np.array([0.299, 0.587, 0.114]))
     face, shade = drawn(placed, look, pixel_format, beside=False)
-    assert face - shade > 1.4 * below  # the fault
+    assert face - shade > 1.35 * below  # the fault
     same, kept = drawn(placed, look, pixel_format, beside=True)
     assert same == pytest.approx(face, abs=0.5)
     assert same - kept == pytest.approx(below, rel=0.15)
