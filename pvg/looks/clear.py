@@ -12,9 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from pvg._arrays import Floats
 from pvg.asset import FaceRecord, KeyFrame
-from pvg.haze import cleared, shown_through
+from pvg.haze import Colors, cleared, shown_through
 
 _SHARE = 0.5  # of the haze [by blind choice: rather than all of it or none]
 
@@ -32,6 +31,6 @@ def _clear_key(key: KeyFrame, haze: int) -> KeyFrame:
     return replace(key, colors=colors, skin=skin, parts=parts)
 
 
-def under_haze(own: Floats, clear: Floats, new: Floats, haze: int) -> Floats:
+def under_haze(own: Colors, clear: Colors, new: Colors, haze: int) -> Colors:
     """What colours `own` (…, 3), `clear` without haze, become where those become `new`, 0-255 RGB."""
-    return new if haze == 0 else own + np.float32(shown_through(haze)) * (new - clear)
+    return new if haze == 0 else own + own.dtype.type(shown_through(haze)) * (new - clear)

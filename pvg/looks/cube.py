@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvg._arrays import Doubles, Floats
-from pvg.haze import cleared, through_haze
+from pvg.haze import cleared
+from pvg.looks.clear import under_haze
 from pvg.looks.opponent import to_opponent, to_rgb
 from pvg.looks.tone import SkinMap
 from pvg.video import ColorSpace
@@ -67,12 +68,13 @@ def look_cube(
     steps = np.linspace(0.0, 255.0, size)
     blue, green, red = np.meshgrid(steps, steps, steps, indexing="ij")
     own = np.stack([red, green, blue], axis=-1).reshape(-1, 3)
-    shown = np.maximum(cleared(own if space is None else space.to_sdr(own), haze), 0.0)
-    new = _mapped(skin, strength, shown)
+    shown = own if space is None else np.maximum(space.to_sdr(own), 0.0)
+    clear = np.maximum(cleared(shown, haze), 0.0)
+    new = _mapped(skin, strength, clear)
     if remainder is not None:
-        luma, steps = to_opponent(shown)[:, 0], np.linspace(0.0, 255.0, len(remainder))
+        luma, steps = to_opponent(clear)[:, 0], np.linspace(0.0, 255.0, len(remainder))
         new += to_rgb(np.stack([np.interp(luma, steps, remainder[:, k]) for k in range(3)], axis=1))
-    new = through_haze(new, haze)
+    new = under_haze(shown, clear, new, haze)
     out = new if space is None else space.from_sdr(np.maximum(new, 0.0))
     return np.asarray(np.clip(out / 255.0, 0.0, 1.0).reshape(size, size, size, 3), np.float32)
 

@@ -76,3 +76,10 @@ def test_a_cube_of_a_hazy_clip_leaves_its_haze(space: ColorSpace | None) -> None
     error = np.abs(drawn - through_haze(np.asarray(skin(colors.astype(np.float32)), np.float64), haze))
     assert error.mean() < 0.5
     assert error.max() < 4.0
+
+
+@pytest.mark.parametrize("space", [None, color_space(9, 18)], ids=["sdr", "hlg"])
+def test_a_cube_without_strength_leaves_what_is_darker_than_haze_as_it_is(space: ColorSpace | None) -> None:
+    """Black bars, and what a hazy picture has of black, ended at the haze's grey."""
+    clear = look_cube(a_map(), 0.0, space, 9)
+    np.testing.assert_allclose(look_cube(a_map(), 0.0, space, 9, haze=70), clear, atol=1e-5)
