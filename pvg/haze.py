@@ -28,6 +28,7 @@ _CLEAR = 36  # levels [measured: of 30 clips and portraits 34 at most]
 _SURENESS = 2  # levels of haze a level beyond that [by eye]: no jump from clear to hazy
 _BLACK = 10  # levels [measured: about what those 30 have]: no haze, where there surely is some above it
 _BAR = 20  # levels [by eye]: black bars are no brighter
+_BAR_EDGE = 2  # rows or columns [by eye]: between bar and picture cells hold something of both, and scaling rings
 _WHITE = 255
 
 
@@ -71,5 +72,7 @@ def _without_bars(dark: Bytes) -> Bytes:
         seen = np.flatnonzero(dark.max(axis=axis) > _BAR)
         if len(seen) == 0:
             return dark
-        dark = np.take(dark, np.arange(seen[0], seen[-1] + 1), axis=1 - axis)
+        first, last = int(seen[0]), int(seen[-1])
+        within = np.arange(first + _BAR_EDGE * (first > 0), last + 1 - _BAR_EDGE * (last + 1 < dark.shape[1 - axis]))
+        dark = np.take(dark, within if len(within) else seen, axis=1 - axis)
     return dark

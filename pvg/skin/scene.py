@@ -133,7 +133,7 @@ class SceneReader:
         self._grey: Bytes | None = None
         self._person: Bytes | None = None
         self._age = 0
-        self._haze = 0
+        self._haze: int | None = None
 
     def step(self, frame: Picture | Bytes, faces: Sequence[Landmarks] = (), *, cut: bool = False) -> Scene:
         """The scene of the next frame, a picture or (H, W, 3) uint8 RGB.
@@ -144,7 +144,7 @@ class SceneReader:
         raster = scene_raster(picture.size)
         seen = _cells(picture, raster)
         haze = haze_of(seen)
-        if cut or abs(haze - self._haze) > _STEADY:
+        if cut or self._haze is None or abs(haze - self._haze) > _STEADY:
             self._haze = haze
         rgb = without_haze(seen, self._haze)
         small = (max(1, raster.shape[1] // _FLOW_CELLS), max(1, raster.shape[0] // _FLOW_CELLS))

@@ -2,12 +2,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from benchmarks.quality.labels import LABELS, read_label
 from pvg.haze import cleared, haze_of, through_haze, without_haze
-from pvg.skin import Scene, SceneReader
+from pvg.picture import as_picture
+from pvg.skin import Scene, SceneReader, haze_over
 from tests.gallery.faces import read_rgb
 
 CLEAR, BLACK, STEADY = 36, 10, 6  # levels
@@ -54,6 +56,30 @@ def test_black_bars_do_not_hide_haze() -> None:
     barred[20:110, 20:180] = hazy
     assert haze_of(barred) == haze_of(hazy) > 0
     assert haze_of(np.zeros((20, 30, 3), np.uint8)) == 0
+
+
+@pytest.mark.parametrize("rows", [139, 277])
+def test_bars_that_end_within_a_cell_do_not_hide_haze(rows: int) -> None:
+    """Cells of a bar's black and of the picture are darker than any haze: there are more than a thousandth of them."""
+    hazy = cv2.resize(_hazy(_picture(), 90), (1280, 720), interpolation=cv2.INTER_NEAREST)
+    letterbox, pillars = (np.full((720, 1280, 3), 4, np.uint8) for _ in range(2))
+    letterbox[rows:-rows], pillars[:, rows:-rows] = hazy[rows:-rows], hazy[:, rows:-rows]
+    told = _scene(hazy).haze
+    assert told == pytest.approx(90 - BLACK, abs=1)
+    assert (_scene(letterbox).haze, _scene(pillars).haze) == (told, told)
+
+
+def test_a_picture_that_is_narrower_than_the_edges_of_its_bars_is_looked_at() -> None:
+    barred = np.full((40, 60, 3), 4, np.uint8)
+    barred[:, 29:32] = 100
+    assert haze_of(barred) == 90
+
+
+def test_the_first_scene_has_the_haze_that_a_single_picture_has() -> None:
+    """Then a picture is the same as a clip's and as a reference, and its own colours return it."""
+    for haze in range(CLEAR, CLEAR + STEADY):
+        picture = _hazy(_picture(), haze)
+        assert _scene(picture).haze == haze_over(as_picture(picture))
 
 
 def test_haze_of_a_clip_does_not_tremble() -> None:
