@@ -65,7 +65,7 @@ class BodyTracker:
     def __init__(self, learned: LearnedSkin) -> None:
         """learned: on the face's key frame.
 
-        Sets `color_trust`: in [0, 1], how far there is chroma enough around the face to find its person's other skin by.
+        Sets `color_trust`: in [0, 1], how far there is chroma enough around the face to find other skin by.
         """
         self._tables = color_tables(learned.colors)
         self._scale = learned.colors.scale
