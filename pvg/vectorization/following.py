@@ -39,7 +39,7 @@ class KeyView:
     picture: Picture
     landmarks: Landmarks
     scene: Scene | None
-    haze: int
+    haze: int = 0
 
 
 @dataclass(frozen=True, eq=False)
