@@ -58,12 +58,12 @@ def shown_through(haze: int) -> float:
 
 def cleared(colors: Colors, haze: int) -> Colors:
     """Colours (…, 3), 0-255 RGB, without so many levels of haze; what is darker than it is below 0."""
-    return colors if haze == 0 else (colors - colors.dtype.type(haze)) / colors.dtype.type(shown_through(haze))
+    return colors if haze == 0 else (colors - haze) / shown_through(haze)
 
 
 def through_haze(colors: Colors, haze: int) -> Colors:
     """Clear colours (…, 3), 0-255 RGB, under so many levels of haze."""
-    return colors if haze == 0 else colors * colors.dtype.type(shown_through(haze)) + colors.dtype.type(haze)
+    return colors if haze == 0 else colors * shown_through(haze) + haze
 
 
 def _without_bars(dark: Bytes) -> Bytes:

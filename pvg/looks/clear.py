@@ -33,4 +33,4 @@ def _clear_key(key: KeyFrame, haze: int) -> KeyFrame:
 
 def under_haze(own: Colors, clear: Colors, new: Colors, haze: int) -> Colors:
     """What colours `own` (…, 3), `clear` without haze, become where those become `new`, 0-255 RGB."""
-    return new if haze == 0 else own + own.dtype.type(shown_through(haze)) * (new - clear)
+    return new if haze == 0 else own + shown_through(haze) * (new - clear)

@@ -165,7 +165,7 @@ def _new_face(own: FaceRecord, clear: FaceRecord, person: PersonMap, goal: Goal)
     keys = [_new_key(with_lit_skin(key), person, goal) for key in clear.key_frames]
     before = zip(own.key_frames, clear.key_frames, keys, strict=True)
     colors = [under_haze(key.colors, plain.colors, new.colors, clear.haze) for key, plain, new in before]
-    parts = [np.float32(shown_through(clear.haze)) * key.parts for key in keys if key.parts is not None]
+    parts = [shown_through(clear.haze) * key.parts for key in keys if key.parts is not None]
     exposures = np.array([key.exposure for key in keys], np.float32)
     return _NewFace(
         colors=np.stack(colors).astype(np.float32),
