@@ -98,10 +98,19 @@ class CurveLabels:
         of_curve = np.array([GROUPS.index(curve.group) for curve in CURVES], np.int8)
         return of_curve[self.curve]
 
+    def on_curves(self, *names: str) -> Bools:
+        """(S,) bool: samples on the curves of `CURVES` with these names. Raises ValueError for a name of none."""
+        known = [curve.name for curve in CURVES]
+        return np.isin(self.curve, [known.index(name) for name in names])
+
+    def on_group(self, name: str) -> Bools:
+        """(S,) bool: samples on the curves of a group of `GROUPS`. Raises ValueError for another name."""
+        return np.asarray(self.group == GROUPS.index(name))
+
     @cached_property
     def on_open_skin(self) -> Bools:
         """(S,) bool: samples on curves of skin, the mask boundary left out."""
-        return np.asarray((self.group == GROUPS.index("skin")) & (self.curve != BOUNDARY))
+        return np.asarray(self.on_group("skin") & (self.curve != BOUNDARY))
 
     @cached_property
     def basis(self) -> Floats:

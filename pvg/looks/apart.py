@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pvg._arrays import Doubles, Floats
 from pvg.asset import KeyFrame
-from pvg.curves import CURVES, GROUPS, table_labels
+from pvg.curves import table_labels
 from pvg.face import PARTS
 from pvg.looks.opponent import to_opponent, to_rgb
 from pvg.looks.tone import SkinMap
@@ -47,11 +47,8 @@ def parts_apart(key: KeyFrame, skin: SkinMap, moved: Doubles, contrast: float) -
 @cache
 def _places() -> dict[str, tuple[NDArray[np.intp], NDArray[np.intp]]]:
     """Of each part apart the samples of the table on it, and those of the skin beside it."""
-    labels, names = table_labels(), [curve.name for curve in CURVES]
+    labels = table_labels()
     return {
-        part: (
-            np.flatnonzero(labels.group == GROUPS.index(part)),
-            np.flatnonzero(np.isin(labels.curve, [names.index(name) for name in around])),
-        )
+        part: (np.flatnonzero(labels.on_group(part)), np.flatnonzero(labels.on_curves(*around)))
         for part, around in _AROUND.items()
     }

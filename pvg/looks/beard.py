@@ -8,7 +8,7 @@ import numpy as np
 
 from pvg._arrays import Bools, ramp
 from pvg.asset import KeyFrame
-from pvg.curves import CURVES, table_labels
+from pvg.curves import table_labels
 from pvg.looks.opponent import luma_of, median_luma
 
 _PLACES = ("upper_lip", "chin")  # curves that a beard covers; one of them is enough
@@ -30,5 +30,4 @@ def beard_of(key: KeyFrame) -> float:
 @cache
 def _places() -> tuple[Bools, ...]:
     """Of each of `_PLACES` its samples of the table, (S,)."""
-    labels, names = table_labels(), [curve.name for curve in CURVES]
-    return tuple(np.asarray(labels.curve == names.index(place)) for place in _PLACES)
+    return tuple(table_labels().on_curves(place) for place in _PLACES)

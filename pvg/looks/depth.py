@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from pvg.asset import KeyFrame
-from pvg.curves import GROUPS, table_labels
+from pvg.curves import table_labels
 from pvg.looks.opponent import luma_of, median_luma
 
 _FEATURES = ("brows", "eyes")
@@ -36,7 +36,7 @@ def _darkest(key: KeyFrame) -> float | None:
     luma, skin = luma_of(key.colors), median_luma(key.skin)
     found = []
     for name in _FEATURES:
-        on = (table_labels().group == GROUPS.index(name)) & key.visible
+        on = table_labels().on_group(name) & key.visible
         if on.sum() >= _FEWEST:
             found.append(float(np.quantile(luma[on], _DARKEST)) / skin)
     return min(found, default=None)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pvg._arrays import Doubles, Floats
 from pvg.asset import KeyFrame
-from pvg.curves import BOUNDARY, CURVES, table_labels
+from pvg.curves import BOUNDARY, table_labels
 from pvg.face import PARTS, layout
 from pvg.looks.opponent import to_opponent
 
@@ -25,7 +25,12 @@ _RANGE = (0.55, 1.8)  # of the ratio [by eye]
 _BOUNDARY_AZIMUTH = 65.0  # where the mask boundary lies sideways: light there goes no further than on the cheeks
 _STEEPEST = 65.0  # degrees from the front that the ratio changes up to
 _ROBUST_ROUNDS = 4
-_CURVES = {"lips": "lips_", "lids": "eye_", "cheeks": "cheek_", "brows": "brow_"}  # nearest to each part
+_CURVES = {  # nearest to each part
+    "lips": ("lips_outer", "lips_inner"),
+    "lids": ("eye_left", "eye_right"),
+    "cheeks": ("cheek_left", "cheek_right"),
+    "brows": ("brow_left", "brow_right"),
+}
 _DARKEST = 4.0  # levels of luma below which a logarithm says nothing
 _OUTLIER = 0.15  # of log luma: stubble, freckles, highlights count less
 
@@ -92,6 +97,4 @@ def relit(key: KeyFrame, ratio: Floats) -> KeyFrame:
 @cache
 def _around_parts() -> tuple[NDArray[np.intp], ...]:
     """The samples of the table on or beside each of PARTS, whose light it stands in."""
-    labels = table_labels()
-    curves = {part: [c for c, curve in enumerate(CURVES) if curve.name.startswith(_CURVES[part])] for part in PARTS}
-    return tuple(np.flatnonzero(np.isin(labels.curve, curves[part])) for part in PARTS)
+    return tuple(np.flatnonzero(table_labels().on_curves(*_CURVES[part])) for part in PARTS)

@@ -19,7 +19,7 @@ import numpy as np
 from pvg._arrays import Bools, Doubles, Floats, ramp, short_turn
 from pvg._checks import real_number
 from pvg.asset import KeyFrame
-from pvg.curves import CURVES, table_labels
+from pvg.curves import table_labels
 from pvg.face import PARTS
 from pvg.looks.opponent import median_luma, to_opponent
 from pvg.looks.tone import SkinMap, UsualChroma
@@ -198,8 +198,7 @@ def _moustache(reference: KeyFrame) -> bool:
 @cache
 def _above_the_mouth() -> Bools:
     """(S,) the samples of the table on the upper lip's skin."""
-    names = [curve.name for curve in CURVES]
-    return np.asarray(table_labels().curve == names.index("upper_lip"))
+    return table_labels().on_curves("upper_lip")
 
 
 def _as_lips(lips: Doubles, own: Doubles, skin: SkinMap, key: KeyFrame, face: float) -> Doubles:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pvg._arrays import Doubles, Floats
 from pvg.asset import FaceRecord, KeyFrame
-from pvg.curves import GROUPS, table_labels
+from pvg.curves import table_labels
 from pvg.looks.beard import beard_of
 from pvg.looks.color_map import SMALLEST_GROUP, ColorMap, TransportSteps, all_colors_map
 from pvg.looks.complexion import complexion
@@ -93,7 +93,7 @@ def _skin_moved(skin: SkinMap | None, at_curves: ColorMap) -> Moved:
 
 def _at_curves(skin: SkinMap) -> ColorMap:
     """F at the curves: on skin with its k for patches, which H(g' − F(g)) then evens."""
-    of_skin = (table_labels().group == GROUPS.index("skin"))[:, None]
+    of_skin = table_labels().on_group("skin")[:, None]
     return lambda key: np.where(of_skin, skin.at_patches(key.colors), skin(key.colors))
 
 

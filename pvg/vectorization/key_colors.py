@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvg._arrays import Floats
-from pvg.curves import GROUPS, table_labels
+from pvg.curves import table_labels
 from pvg.errors import NoFaceError
 from pvg.harmonic import fit_boundary_colors
 from pvg.raster import scaled, sites
@@ -56,7 +56,7 @@ def _stray(colors: Floats, visible: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
     Transport matches extremes to extremes, so a few such samples would tint a face's highlights or shadows.
     """
-    skin = table_labels().group == GROUPS.index("skin")
+    skin = table_labels().on_group("skin")
     if not (skin & visible).any():
         return np.zeros(len(colors), np.bool_)
     chroma = cv2.cvtColor(colors[None] / np.float32(255.0), cv2.COLOR_RGB2Lab)[0, :, 1:]

@@ -54,3 +54,18 @@ def test_open_skin_has_every_sample_of_the_skins_curves_but_the_mask_boundary() 
     for c, (start, stop, _) in enumerate(labels.spans):
         assert (labels.on_open_skin[start:stop] == (CURVES[c].group == "skin" and c != BOUNDARY)).all()
     assert len(labels.on_open_skin) == len(labels)
+
+
+def test_samples_are_found_by_the_name_of_their_curve_or_group() -> None:
+    labels = table_labels()
+    chin, lips = labels.on_curves("chin"), labels.on_curves("lips_outer", "lips_inner")
+    assert {CURVES[c].name for c in labels.curve[chin]} == {"chin"}
+    assert {CURVES[c].name for c in labels.curve[lips]} == {"lips_outer", "lips_inner"}
+    np.testing.assert_array_equal(labels.on_group("lips"), lips)
+
+
+def test_a_curve_or_group_of_no_such_name_is_refused() -> None:
+    with pytest.raises(ValueError, match="beard"):
+        table_labels().on_curves("chin", "beard")
+    with pytest.raises(ValueError, match="not in"):
+        table_labels().on_group("chin")

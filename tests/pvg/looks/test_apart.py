@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from pvg.asset import KeyFrame
-from pvg.curves import CURVES, GROUPS, table_labels
+from pvg.curves import table_labels
 from pvg.face import PARTS
 from pvg.looks import SkinMap, to_rgb
 from pvg.looks.apart import parts_apart
 from pvg.looks.opponent import to_opponent
 from tests.gallery.assets import key_frame
 
-_LIPS = table_labels().group == GROUPS.index("lips")
-_BESIDE = np.isin(table_labels().curve, [c for c, curve in enumerate(CURVES) if curve.name in ("upper_lip", "chin")])
+_LIPS = table_labels().on_group("lips")
+_BESIDE = table_labels().on_curves("upper_lip", "chin")
 
 
 def _face() -> KeyFrame:

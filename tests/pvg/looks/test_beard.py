@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pvg.asset import KeyFrame
-from pvg.curves import CURVES, table_labels
+from pvg.curves import table_labels
 from pvg.looks.beard import beard_of
 from tests.gallery.assets import key_frame
 
@@ -18,9 +18,8 @@ def face(upper_lip: float = 1.0, chin: float = 1.0, hidden: tuple[str, ...] = ()
     key = key_frame()
     colors = np.full_like(key.colors, 150.0)
     visible = np.ones(len(colors), bool)
-    names = [curve.name for curve in CURVES]
     for name, share in (("upper_lip", upper_lip), ("chin", chin)):
-        on = table_labels().curve == names.index(name)
+        on = table_labels().on_curves(name)
         colors[on] *= share
         visible[on] = name not in hidden
     return replace(key, colors=colors, visible=visible, skin=np.full((64, 3), 150.0, np.float32))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pvg.asset import KeyFrame
-from pvg.curves import GROUPS, table_labels
+from pvg.curves import table_labels
 from pvg.looks.depth import _CLEAR, _DEEPEST, depth_of_features
 from pvg.looks.tone import tone_curve
 from tests.gallery.assets import key_frame
@@ -18,7 +18,7 @@ def _face(brows: float, eyes: float, hidden: tuple[str, ...] = ()) -> KeyFrame:
     colors = np.full_like(key.colors, 150.0)
     visible = np.ones(len(colors), bool)
     for name, share in (("brows", brows), ("eyes", eyes)):
-        on = table_labels().group == GROUPS.index(name)
+        on = table_labels().on_group(name)
         colors[on] *= share
         visible[on] = name not in hidden
     return replace(key, colors=colors, visible=visible, skin=np.full((64, 3), 150.0, np.float32))

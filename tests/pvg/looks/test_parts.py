@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pvg.asset import KeyFrame
-from pvg.curves import CURVES, table_labels
+from pvg.curves import table_labels
 from pvg.face import PARTS
 from pvg.looks.opponent import to_opponent, to_rgb
 from pvg.looks.parts import MAKEUP, PartChanges, _hue, strengths
@@ -174,9 +174,8 @@ def test_deep_red_lips_are_a_lipstick_and_no_shadow() -> None:
 
 @pytest.mark.parametrize(("above", "luma", "kept"), [(0.4, 0.55, False), (0.4, 0.75, True), (1.0, 0.55, True)])
 def test_lips_in_a_moustaches_shade_are_left_out(above: float, luma: float, *, kept: bool) -> None:
-    lips, labels = PARTS.index("lips"), table_labels()
+    lips, mouth = PARTS.index("lips"), table_labels().on_curves("upper_lip")
     reference = _face((210, 175, 160), {"lips": (luma, 0.0, 15.0)})
-    mouth = labels.curve == [curve.name for curve in CURVES].index("upper_lip")
     skin = np.median(reference.skin, axis=0)
     colors = np.where(mouth[:, None], above * skin, skin).astype(np.float32)
     reference = replace(reference, colors=colors, visible=np.ones(len(colors), np.bool_))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import pvg
-from pvg.curves import GROUPS, table_labels
+from pvg.curves import table_labels
 from pvg.face import PARTS
 from pvg.looks.complexion import complexion
 from pvg.looks.transfer import _into_gamut
@@ -63,7 +63,7 @@ def test_a_flat_face_is_not_blotched_by_a_shaded_reference(
     """Skin-coloured curve samples keep their differences within the map's bounds: gain per channel times 1.25."""
     key = video.records[0].key_frames[0]
     new = pvg.transfer(video, dark_reference, match="semantic").colors[0][0]
-    skin = (table_labels().group == GROUPS.index("skin")) & key.visible
+    skin = table_labels().on_group("skin") & key.visible
     ratio = (np.median(new[skin], axis=0) + 8) / (np.median(key.colors[skin], axis=0) + 8)
     before, after = np.ptp(key.colors[skin], axis=0), np.ptp(new[skin], axis=0)
     assert (after <= 1.3 * ratio.max() * before + 1.0).all()

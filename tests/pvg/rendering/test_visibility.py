@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from pvg.asset import FaceInFrame
-from pvg.curves import BOUNDARY, CURVES, GROUPS, table_labels
+from pvg.curves import BOUNDARY, table_labels
 from pvg.face import layout
 from pvg.landmarks import Mesh, head_pose
 from pvg.rendering.placed_face import PlacedFace, place_face
@@ -19,12 +19,7 @@ from pvg.skin import Matte
 from tests.gallery.faces import turned
 
 LABELS = table_labels()
-NAMES = [curve.name for curve in CURVES]
 SIZE = (640, 360)
-
-
-def on(*names: str) -> np.ndarray:
-    return np.isin(LABELS.curve, [NAMES.index(name) for name in names])
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +35,7 @@ def place(face: FaceInFrame, size: tuple[int, int] = SIZE) -> PlacedFace:
 
 def test_a_face_held_straight_is_seen_whole(straight: FaceInFrame) -> None:
     weight = place(straight).visibility.weight
-    inner = on("cheek_left", "cheek_right", "nose_bridge", "nose_base", "nose_left", "nose_right")
+    inner = LABELS.on_curves("cheek_left", "cheek_right", "nose_bridge", "nose_base", "nose_left", "nose_right")
     assert weight[inner | (LABELS.group != 0)].min() > 0.99
     assert np.mean(weight) > 0.9
 
@@ -48,11 +43,11 @@ def test_a_face_held_straight_is_seen_whole(straight: FaceInFrame) -> None:
 def test_the_far_side_fades_as_the_head_turns_and_the_near_side_stays(straight: FaceInFrame) -> None:
     whole = place(straight).visibility.weight
     weights = np.stack([place(turned(straight, yaw)).visibility.weight for yaw in range(0, 91, 5)])
-    far = on("cheek_right", "eye_right", "brow_right", "nose_right", "lower_cheek_right")
-    near = on("cheek_left", "eye_left", "brow_left", "nose_left", "lower_cheek_left")
+    far = LABELS.on_curves("cheek_right", "eye_right", "brow_right", "nose_right", "lower_cheek_right")
+    near = LABELS.on_curves("cheek_left", "eye_left", "brow_left", "nose_left", "lower_cheek_left")
     assert (np.diff(weights[:, far], axis=0) <= 1e-6).all()
     assert np.median(weights[-1, far]) < 0.3
-    rim = on("ring") & (LABELS.s > 0.15) & (LABELS.s < 0.35)  # about the far ear
+    rim = LABELS.on_curves("ring") & (LABELS.s > 0.15) & (LABELS.s < 0.35)  # about the far ear
     share = weights[:, rim].sum(axis=1) / whole[rim].sum()
     assert share[2] > 0.8  # 10 degrees
     assert share[6] < 0.5  # 30 degrees
@@ -63,8 +58,8 @@ def test_the_far_side_fades_as_the_head_turns_and_the_near_side_stays(straight: 
 def test_turning_left_hides_what_turning_right_shows(straight: FaceInFrame) -> None:
     right, left = (place(turned(straight, yaw)).visibility.weight for yaw in (70, -70))
     for a, b in (("cheek_right", "cheek_left"), ("eye_right", "eye_left"), ("nose_right", "nose_left")):
-        assert right[on(a)].mean() == pytest.approx(left[on(b)].mean(), abs=0.1)
-        assert right[on(a)].mean() < right[on(b)].mean()
+        assert right[LABELS.on_curves(a)].mean() == pytest.approx(left[LABELS.on_curves(b)].mean(), abs=0.1)
+        assert right[LABELS.on_curves(a)].mean() < right[LABELS.on_curves(b)].mean()
 
 
 @pytest.mark.parametrize("roll", [-90.0, 30.0, 90.0, 180.0])
@@ -101,14 +96,14 @@ def test_samples_outside_the_picture_have_no_say(straight: FaceInFrame) -> None:
 
 def test_what_covers_the_skin_hides_its_curves(straight: FaceInFrame) -> None:
     """A hand over one cheek: the matte is empty there, and the cheek's curve takes its neighbours' values."""
-    cheek = on("cheek_left")
+    cheek = LABELS.on_curves("cheek_left")
     low, high = (place(straight).positions[cheek].min(axis=0) - 6, place(straight).positions[cheek].max(axis=0) + 6)
     (x0, y0), (x1, y1) = np.rint(straight.matte.raster.to_cells(np.stack([low, high]))).astype(int)
     alpha = straight.matte.alpha.copy()
     alpha[y0:y1, x0:x1] = 0
     covered = place(replace(straight, matte=Matte.over(straight.matte.raster.box, alpha)))
     assert np.median(covered.visibility.weight[cheek]) == 0
-    features = LABELS.group != GROUPS.index("skin")
+    features = ~LABELS.on_group("skin")
     np.testing.assert_array_equal(covered.visibility.weight[features], place(straight).visibility.weight[features])
     values = np.where(cheek, 100.0, 10.0).astype(np.float32)[:, None]
     hidden = cheek & (covered.visibility.weight == 0)

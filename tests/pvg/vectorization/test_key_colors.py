@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 import pvg
-from pvg.curves import CURVES, GROUPS, place, table_labels
+from pvg.curves import place, table_labels
 
 
 def test_boundary_colours_are_those_of_the_skin(video: pvg.VectorVideo) -> None:
@@ -15,10 +15,10 @@ def test_boundary_colours_are_those_of_the_skin(video: pvg.VectorVideo) -> None:
     assert data is not None
     smooth = cv2.GaussianBlur(image, (0, 0), 3)
     labels = table_labels()
-    cheek = np.isin(labels.curve, [k for k, curve in enumerate(CURVES) if curve.name in ("cheek_left", "cheek_right")])
+    cheek = labels.on_curves("cheek_left", "cheek_right")
     cheek_places = np.rint(place(labels, data.landmarks, data.boundary)[cheek]).astype(int)
     seen = smooth[cheek_places[:, 1], cheek_places[:, 0]]
     assert np.abs(key.colors[cheek] - seen).mean() < 6.0
-    lips = key.colors[labels.group == GROUPS.index("lips")].mean(axis=0)
+    lips = key.colors[labels.on_group("lips")].mean(axis=0)
     skin = key.colors[cheek].mean(axis=0)
     assert lips[0] - lips[1] > skin[0] - skin[1]
