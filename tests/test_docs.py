@@ -53,6 +53,15 @@ def test_pages_and_sections_that_are_named_exist() -> None:
     assert missing == []
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_code_files_that_are_named_exist(page: Path) -> None:
+    if page.parent.name == "decisions":  # records keep the names of their day
+        return
+    named = re.findall(r"`([\w.-]+(?:/[\w.-]+)+\.py)`", page.read_text())
+    roots = [ROOT, page.parent, *(ROOT / name for name in ("pvg", "service", "service/api", "worker"))]
+    assert [name for name in named if not any((root / name).exists() for root in roots)] == []
+
+
 def test_every_warning_of_a_face_is_explained() -> None:
     folder = ROOT / "pvg" / "vectorization"
     texts = [(folder / name).read_text() for name in ("vector_face.py", "plausible.py")]

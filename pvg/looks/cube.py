@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pvg._arrays import Doubles, Floats
 from pvg.haze import cleared
-from pvg.looks.clear import under_haze
+from pvg.looks.haze import under_haze
 from pvg.looks.opponent import to_opponent, to_rgb
 from pvg.looks.tone import SkinMap
 from pvg.video import ColorSpace

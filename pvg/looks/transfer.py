@@ -21,9 +21,9 @@ from pvg.asset import FaceRecord, FaceSummary, KeyFrame, VectorVideo, faces_by_i
 from pvg.face import PARTS
 from pvg.haze import shown_through
 from pvg.looks.apart import parts_apart
-from pvg.looks.clear import under_haze, with_less_haze
 from pvg.looks.color_map import TransportSteps
 from pvg.looks.exposure import at_exposure, leading_key
+from pvg.looks.haze import under_haze, with_less_haze
 from pvg.looks.key_light import with_lit_skin
 from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, Contrast, FaceContrast, Look, LookMap
 from pvg.looks.parts import MAKEUP, Makeup, PartChanges, strengths

@@ -9,7 +9,7 @@ import pytest
 import pvg
 from pvg.asset import FaceRecord, KeyFrame
 from pvg.haze import cleared, through_haze
-from pvg.looks.clear import under_haze, with_less_haze
+from pvg.looks.haze import under_haze, with_less_haze
 from tests.gallery.assets import SUMMARY, key_frame
 
 HAZE = 80  # levels, half of which looks take off
