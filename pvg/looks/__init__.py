@@ -7,9 +7,10 @@ from pvg.looks.exchange import contrast_of_both, exchange
 from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, Contrast, Look, LookMap, Region
 from pvg.looks.opponent import to_opponent, to_rgb
 from pvg.looks.parts import MAKEUP, Makeup
-from pvg.looks.tone import LEAST_TINGE, SkinMap
+from pvg.looks.skin_map import SkinMap
 from pvg.looks.transfer import LIGHT, reference_face_of, transfer
 from pvg.looks.transport import BETA, ITERATIONS, sliced_transport, sliced_wasserstein
+from pvg.looks.usual_chroma import LEAST_TINGE
 
 __all__ = [
     "BETA",

@@ -18,7 +18,7 @@ from pvg.asset import KeyFrame
 from pvg.curves import table_labels
 from pvg.face import PARTS
 from pvg.looks.opponent import to_opponent, to_rgb
-from pvg.looks.tone import SkinMap
+from pvg.looks.skin_map import SkinMap
 
 _AROUND: Mapping[str, tuple[str, ...]] = {"lips": ("upper_lip", "chin")}  # curves of the skin beside each part
 

@@ -16,7 +16,7 @@ from pvg._arrays import Doubles, Floats
 from pvg.haze import cleared
 from pvg.looks.haze import under_haze
 from pvg.looks.opponent import to_opponent, to_rgb
-from pvg.looks.tone import SkinMap
+from pvg.looks.skin_map import SkinMap
 from pvg.video import ColorSpace
 
 CUBE_SIZE = 33  # nodes a side

@@ -13,7 +13,7 @@ from pvg._checks import real_number
 from pvg.asset import VectorVideo
 from pvg.looks.grey import told_from_grey
 from pvg.looks.opponent import to_rgb
-from pvg.looks.tone import SkinMap
+from pvg.looks.skin_map import SkinMap
 
 CONTRAST_RANGE = (0.7, 1.5)  # of λ [paper]
 PROTECTABLE = ("eyes", "teeth")

@@ -22,7 +22,8 @@ from pvg.asset import KeyFrame
 from pvg.curves import table_labels
 from pvg.face import PARTS
 from pvg.looks.opponent import median_luma, to_opponent
-from pvg.looks.tone import SkinMap, UsualChroma
+from pvg.looks.skin_map import SkinMap
+from pvg.looks.usual_chroma import UsualChroma
 from pvg.picture import median_lab
 
 MAKEUP = 0.75  # default strength of every part [by eye]

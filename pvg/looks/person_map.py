@@ -19,7 +19,8 @@ from pvg.looks.key_light import with_lit_skin
 from pvg.looks.light import light_ratio, relit
 from pvg.looks.look import Contrast
 from pvg.looks.parts import PartChanges
-from pvg.looks.tone import CRISP, SkinMap
+from pvg.looks.skin_map import SkinMap
+from pvg.looks.tone import CRISP
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ import pvg
 from benchmarks.quality.probes import write_lossless
 from pvg.looks.exposure import Exposure, Moved, at_exposure, leading_key
 from pvg.looks.opponent import to_opponent
-from pvg.looks.tone import SkinMap
+from pvg.looks.skin_map import SkinMap
 from pvg.looks.transport import sliced_transport
 from pvg.rendering import Renderer
 from pvg.video import read_frames

@@ -13,7 +13,7 @@ from pvg._arrays import Doubles, Floats
 from pvg.asset import FaceRecord, KeyFrame
 from pvg.looks.exposure import Exposure, at_exposure, leading_key
 from pvg.looks.opponent import to_opponent
-from pvg.looks.tone import SkinMap
+from pvg.looks.skin_map import SkinMap
 from tests.gallery.assets import FRAMES, SUMMARY, key_frame
 
 

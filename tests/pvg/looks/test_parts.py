@@ -10,7 +10,7 @@ from pvg.curves import table_labels
 from pvg.face import PARTS
 from pvg.looks.opponent import to_opponent, to_rgb
 from pvg.looks.parts import MAKEUP, PartChanges, _hue, strengths
-from pvg.looks.tone import SkinMap
+from pvg.looks.skin_map import SkinMap
 from tests.gallery.assets import key_frame
 
 
