@@ -88,9 +88,9 @@ class Scene:
     person: Bytes
     flow: Floats | None
     faces: tuple[Landmarks, ...]
-    changed: bool = False
-    haze: int = 0
-    contrast: float = 0.0
+    changed: bool
+    haze: int
+    contrast: float
 
     @cached_property
     def before(self) -> tuple[Floats, Floats] | None:

@@ -28,6 +28,7 @@ def warm_up(picture: Picture, landmarks: Landmarks) -> Matte:
     if model.learned is not None:
         raster = scene_raster(picture.size)
         nobody = np.zeros(raster.shape, np.uint8)
-        scene = Scene(raster, np.zeros((*raster.shape, 3), np.uint8), nobody, None, ())
+        black = np.zeros((*raster.shape, 3), np.uint8)
+        scene = Scene(raster, black, nobody, None, (), changed=False, haze=0, contrast=0.0)
         BodyTracker(model.learned).step(scene, landmarks, matte, skin.light)
     return matte

@@ -363,8 +363,7 @@ def test_noise_does_not_move_the_matte_of_a_still() -> None:
     mattes = []
     for seed in range(8):
         drawn = _drawn(seed=seed)
-        scene = drawn.scene()
-        scene = Scene(scene.raster, scene.rgb, scene.person, flow, scene.faces)
+        scene = replace(drawn.scene(), flow=flow)
         h, w = scene.raster.shape
         flow = np.zeros((h // 2, w // 2, 2), np.float32)
         mattes.append(_step(*trackers, drawn, scene))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -11,7 +12,7 @@ import pytest
 from benchmarks.quality.measures import iou
 from pvg.face import layout
 from pvg.raster import Raster
-from pvg.skin import Matte, SkinTracker, fit_skin_model, network, scene_raster, skin_mask
+from pvg.skin import Matte, SceneReader, SkinTracker, fit_skin_model, network, scene_raster, skin_mask
 from pvg.skin import Scene as WholePicture
 from pvg.skin.parameters import SKIN_PRIOR
 from tests.gallery.scenes import Scene, alpha_of, drawn_face, grown, mask_of, with_forehead
@@ -126,12 +127,10 @@ def test_the_network_is_asked_at_once_when_the_picture_changes(asked: list[int])
 
 def _seen(scene: Scene, people: np.ndarray) -> WholePicture:
     """The whole picture with people (H, W) bool where they are said to be."""
-    raster = scene_raster(scene.rgb.shape[:2])
-    h, w = raster.shape
-    rgb, person = (
-        cv2.resize(each, (w, h), interpolation=cv2.INTER_AREA) for each in (scene.rgb, people.astype(np.uint8) * 255)
-    )
-    return WholePicture(raster, np.asarray(rgb, np.uint8), np.asarray(person, np.uint8), None, (scene.landmarks,))
+    seen = SceneReader().step(scene.rgb, (scene.landmarks,))
+    h, w = seen.raster.shape
+    person = cv2.resize(people.astype(np.uint8) * 255, (w, h), interpolation=cv2.INTER_AREA)
+    return replace(seen, person=np.asarray(person, np.uint8))
 
 
 def test_a_wall_of_the_skins_colour_beside_the_neck_is_no_skin() -> None:
