@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pvg._arrays import Doubles, Floats
 from pvg.haze import cleared
 from pvg.looks.haze import under_haze
-from pvg.looks.opponent import to_opponent, to_rgb
+from pvg.looks.opponent import luma_of, to_opponent, to_rgb
 from pvg.looks.skin_map import SkinMap
 from pvg.video import ColorSpace
 
@@ -32,7 +32,7 @@ def remainder_by_luma(skin: SkinMap, strength: float, source: NDArray[Any], draw
     each luma is what one map of colour can tell of them.
     """
     lacks = to_opponent(np.asarray(drawn, np.float64) - _mapped(skin, strength, np.asarray(source, np.float64)))
-    at = np.rint(to_opponent(np.asarray(source, np.float64))[:, 0] / 255.0 * (_LUMAS - 1)).astype(np.intp)
+    at = np.rint(luma_of(np.asarray(source, np.float64)) / 255.0 * (_LUMAS - 1)).astype(np.intp)
     seen = [k for k in range(_LUMAS) if (at == k).sum() > _ENOUGH * len(at)]
     if not seen:
         return np.zeros((_LUMAS, 3))
@@ -72,7 +72,7 @@ def look_cube(
     clear = np.maximum(cleared(shown, haze), 0.0)
     new = _mapped(skin, strength, clear)
     if remainder is not None:
-        luma, steps = to_opponent(clear)[:, 0], np.linspace(0.0, 255.0, len(remainder))
+        luma, steps = luma_of(clear), np.linspace(0.0, 255.0, len(remainder))
         new += to_rgb(np.stack([np.interp(luma, steps, remainder[:, k]) for k in range(3)], axis=1))
     new = under_haze(shown, clear, new, haze)
     out = new if space is None else space.from_sdr(np.maximum(new, 0.0))

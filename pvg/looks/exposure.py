@@ -20,14 +20,13 @@ import numpy as np
 from pvg._arrays import Bools, Doubles, Floats
 from pvg.asset import FaceRecord, KeyFrame
 from pvg.curves import table_labels
-from pvg.looks.opponent import to_opponent
+from pvg.looks.opponent import median_luma
 from pvg.looks.tone import HIGHLIGHT
 
 _LEADS_AT = 0.75  # of a person's frames, by rising exposure: brief light does not lead, brief dark neither [by eye]
 _AS_BRIGHT = 1.1  # times: of key frames that are lit alike the one that serves longest leads
 _GAINS = (0.05, 20.0)
 _HIGHLIGHTS = 0.98  # of the skin, whose brightest channel is to stay below `HIGHLIGHT`
-_DARKEST = 1.0  # level of a median that a ratio is taken of
 
 
 def leading_key(records: Sequence[FaceRecord]) -> KeyFrame:
@@ -109,4 +108,4 @@ def _highlights(skin: Floats | Doubles) -> float:
 
 def _brightness(key: KeyFrame, by: str) -> float:
     colors = key.skin if by == "skin" else key.colors[on_skin(key)]
-    return max(float(np.median(to_opponent(colors)[:, 0])), _DARKEST)
+    return median_luma(colors)

@@ -17,7 +17,7 @@ import numpy as np
 
 from pvg._arrays import Bools, Floats, ramp
 from pvg.asset import KeyFrame
-from pvg.looks.opponent import to_opponent
+from pvg.looks.opponent import luma_of, to_opponent
 
 _LIT = 0.6  # quantile of luma from which on skin is lit by the key light
 _BLUER = 0.02  # of (B − Y) / Y, beyond the lit skin's median [measured: 30 faces, others have at most 16 % of this]
@@ -41,7 +41,7 @@ def _out_of_deep_shade(skin: Floats) -> Bools:
     """
     if len(skin) == 0:
         return np.ones(0, np.bool_)
-    luma = to_opponent(skin)[:, 0]
+    luma = luma_of(skin)
     bright, middle = np.quantile(luma, (_BRIGHT, 0.5))
     surely = ramp(float(bright) / max(float(middle), 1.0), *_DEEP)
     if surely == 0.0:

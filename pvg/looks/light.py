@@ -17,7 +17,7 @@ from pvg._arrays import Doubles, Floats
 from pvg.asset import KeyFrame
 from pvg.curves import BOUNDARY, table_labels
 from pvg.face import PARTS, layout
-from pvg.looks.opponent import to_opponent
+from pvg.looks.opponent import luma_of
 
 _SAMPLES_ENOUGH = 60
 _RIDGE = 0.004  # of the samples' number: keeps directions that are not seen from running away
@@ -59,7 +59,7 @@ def shading(key: KeyFrame) -> Doubles | None:
     if len(key.skin) < _SAMPLES_ENOUGH:
         return None
     basis = _harmonics()[key.skin_at]
-    wanted = np.log(np.maximum(to_opponent(key.skin)[:, 0], _DARKEST))
+    wanted = np.log(np.maximum(luma_of(key.skin), _DARKEST))
     weight = np.ones(len(wanted))
     ridge = _RIDGE * len(wanted) * np.diag([0.0] + [1.0] * 8)
     for _ in range(_ROBUST_ROUNDS):
