@@ -52,7 +52,7 @@ def apply_body(
     by = shown.luma_at_chroma
     chroma = smooth[0], smooth[1]
     weight = tinged(tables, by, chroma, shown.chroma_alpha)
-    beyond = beyond_bound(tables, tables.kept, by, chroma, shown.chroma_alpha)
+    beyond = beyond_bound(tables, tables.spread, by, chroma, shown.chroma_alpha)
     for p in (1, 2):
         before = frame.planes[p][y : y + rows, x : x + columns]
         wide = smooth[p - 1] if tables.excess > 0 else skin[p]
@@ -79,7 +79,7 @@ def _apply_to_rgb(
     smooth = without_fine_detail(source)
     gained = tables.gained_of(source, smooth)
     own, *chroma = (np.ascontiguousarray(smooth[..., p]) for p in range(3))
-    beyond = beyond_bound(tables, tables.kept, own, (chroma[0], chroma[1]), body.alpha)
+    beyond = beyond_bound(tables, tables.spread, own, (chroma[0], chroma[1]), body.alpha)
     gained[..., 1:] -= np.moveaxis(beyond, 0, -1)
     weights = np.stack([body.alpha, *[tinged_codes(tables, smooth, body.alpha)] * 2], axis=-1)
     gained[..., 0] = _kernels.roll_off(luma + gained[..., 0], bend) - _kernels.roll_off(luma, bend)

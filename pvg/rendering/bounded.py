@@ -23,15 +23,15 @@ from pvg.rendering.map_tables import MapTables
 
 
 def beyond_bound(
-    tables: MapTables, kept: float, luma: NDArray[Any], chroma: tuple[NDArray[Any], NDArray[Any]], alpha: Floats
+    tables: MapTables, k: float, luma: NDArray[Any], chroma: tuple[NDArray[Any], NDArray[Any]], alpha: Floats
 ) -> Floats:
     """k (e − b(e)), (2, r, c) float32, of smoothed chroma samples (r, c) where alpha (r, c) is not 0; 0 elsewhere.
 
-    kept: k;  luma: (r, c) codes where they are, smoothed.
+    k: `MapTables.spread` or `MapTables.broad`;  luma: (r, c) codes where they are, smoothed.
     """
     out = np.zeros((2, *alpha.shape), np.float32)
     if tables.bound.any():
-        grey, share = tables.offset[1:], np.float32(kept)
+        grey, share = tables.offset[1:], np.float32(k)
         kernels.beyond_bound(luma, *chroma, alpha, grey, tables.usual, tables.bound, share, out)
     return out
 
@@ -40,4 +40,4 @@ def beyond_bound_of_means(tables: MapTables, codes: Floats) -> Floats:
     """The same (2, n) of mean codes (n, 3) of luma and chroma, with the k of patches."""
     luma, blue, red = (np.ascontiguousarray(codes[None, :, p]) for p in range(3))
     everywhere = np.ones((1, len(codes)), np.float32)
-    return beyond_bound(tables, tables.kept_of_patches, luma, (blue, red), everywhere)[:, 0]
+    return beyond_bound(tables, tables.broad, luma, (blue, red), everywhere)[:, 0]

@@ -35,7 +35,7 @@ class MapTables:
     told: (2, n) r of `tinge` up to which it is grey and from which on it is skin, by luma's code;
     beard: (n,) how far a mean of such a luma in the lower face is of a beard, by luma's code;
     bound: (n,) w of `bounded` by luma's code;
-    kept, kept_of_patches: k of single pixels and of patches, strength applied.
+    spread, broad: k of single pixels and of patches, see `SkinMap`, strength and exposure applied.
     """
 
     tone: Floats
@@ -47,8 +47,8 @@ class MapTables:
     told: Floats
     beard: Floats
     bound: Floats
-    kept: float
-    kept_of_patches: float
+    spread: float
+    broad: float
 
     @classmethod
     def of(

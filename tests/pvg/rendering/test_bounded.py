@@ -29,7 +29,7 @@ def kept(goal: tuple[float, float, float], pixel_format: PixelFormat, excess: np
     codes = np.asarray(Coding(pixel_format).colors(colors) + tables.offset, np.float32)
     codes[:, 0] = codes[0, 0]  # the usual chroma is that of its luma
     of_skin, of_ear = beyond_bound_of_means(tables, codes).T
-    apart = tables.kept_of_patches * np.hypot(*(codes[1] - codes[0])[1:])
+    apart = tables.broad * np.hypot(*(codes[1] - codes[0])[1:])
     return 1.0 - float(np.hypot(*(of_ear - of_skin))) / max(apart, 1e-9)
 
 
