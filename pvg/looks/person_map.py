@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -23,12 +24,11 @@ from pvg.looks.skin_map import SkinMap
 from pvg.looks.tone import CRISP
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Goal:
-    """Where the colours of a clip are to go, and how; see `transfer`.
+    """Where the colours of a clip are to go, and how; see `transfer`, strength, light and scene in [0, 1].
 
     target: the reference's key frame;  semantic: whether skin goes to skin, or all colours together;
-    changes: what sets the reference's parts apart from its skin, None where parts go with it;
     makeup: (P,) float32 in [0, 1], the strength of each part.
     """
 
@@ -39,8 +39,12 @@ class Goal:
     strength: float
     light: float
     scene: float
-    changes: PartChanges | None
     makeup: Floats
+
+    @cached_property
+    def changes(self) -> PartChanges | None:
+        """What sets the reference's parts apart from its skin, None where parts go with it."""
+        return PartChanges.of(self.target) if self.semantic and len(self.target.skin) else None
 
     def relit(self, key: KeyFrame) -> KeyFrame:
         """The key frame with light falling on the face as on the reference, as far as that is wanted."""

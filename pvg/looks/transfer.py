@@ -26,7 +26,7 @@ from pvg.looks.exposure import at_exposure, leading_key
 from pvg.looks.haze import under_haze, with_less_haze
 from pvg.looks.key_light import with_lit_skin
 from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, Contrast, FaceContrast, Look, LookMap
-from pvg.looks.parts import MAKEUP, Makeup, PartChanges, strengths
+from pvg.looks.parts import MAKEUP, Makeup, strengths
 from pvg.looks.person_map import Goal, PersonMap
 from pvg.looks.scene import SCENE
 from pvg.looks.transport import BETA, ITERATIONS
@@ -103,20 +103,17 @@ def transfer(
     Raises `ValueError` on a parameter out of range or an unknown face or part.
     """
     contrast = _check(contrast, match, protect, extent)
-    strength, light, scene = (
-        real_number(name, share, 0.0, 1.0)
-        for name, share in (("strength", strength), ("light", light), ("scene", scene))
-    )
     semantic = match == "semantic"
-    target = _reference_key(reference, reference_face, semantic=semantic)
-    steps = TransportSteps(
-        beta=_beta(beta),
-        iterations=whole_number("iterations", iterations, 0, MAX_ITERATIONS),
-        seed=whole_number("seed", seed),
+    goal = Goal(
+        semantic=semantic,
+        contrast=contrast,
+        strength=real_number("strength", strength, 0.0, 1.0),
+        light=real_number("light", light, 0.0, 1.0),
+        scene=real_number("scene", scene, 0.0, 1.0),
+        target=_reference_key(reference, reference_face, semantic=semantic),
+        steps=_steps(beta, iterations, seed),
+        makeup=strengths(makeup),
     )
-    shares = strengths(makeup)
-    changes = PartChanges.of(target) if semantic and len(target.skin) else None
-    goal = Goal(target, steps, semantic, contrast, strength, light, scene, changes, shares)
     chosen = faces_by_index(video, faces)
     follow_exposure = video.settings["matching"] != "chain"  # the paper's way moves every key frame by the same map
     new: dict[int, _NewFace] = {}
@@ -130,11 +127,12 @@ def transfer(
     return _look(new, goal, tuple(protect), body=extent == "skin", source_sha256=video.source_sha256)
 
 
-def _beta(given: float) -> float:
-    beta = real_number("beta", given, 0.0, 1.0)
+def _steps(beta: float, iterations: int, seed: int) -> TransportSteps:
+    """The parameters of eq. (7). Raises `ValueError` for one out of range."""
+    beta = real_number("beta", beta, 0.0, 1.0)
     if beta == 0.0:
         raise ValueError("beta must be above 0: no step of eq. (7) would move a colour")
-    return beta
+    return TransportSteps(beta, whole_number("iterations", iterations, 0, MAX_ITERATIONS), whole_number("seed", seed))
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +169,7 @@ def _new_face(own: FaceRecord, clear: FaceRecord, person: PersonMap, goal: Goal)
         colors=np.stack(colors).astype(np.float32),
         contrast=1.0 if person.skin is None else "map",
         parts=np.stack(parts) if parts else None,
-        map=LookMap(person.whole, goal.strength, exposures, person.beard, clear.haze),
+        map=LookMap(person.whole, goal.strength, exposures, beard=person.beard, haze=clear.haze),
     )
 
 
