@@ -15,7 +15,7 @@ from pvg.skin.color_model import SkinColors, to_skin_lab
 from pvg.skin.hair import Hair, find_hair
 from pvg.skin.light import face_color, most_chroma
 from pvg.skin.occlusion import open_skin
-from pvg.skin.prior import goes_on_above, spatial_prior
+from pvg.skin.prior import goes_on_above
 from pvg.skin.rasters import learning_raster
 from pvg.skin.segmentation import MaskMethod, segment
 from pvg.skin.tint import tint_slopes
@@ -77,14 +77,13 @@ def _learn(picture: Picture, landmarks: Landmarks, haze: int, *, bald: bool) -> 
     visible = raster.inside(picture.size)
     seen = without_haze(picture.cells(raster), haze)
     found = segment(seen, own, visible, bald=bald)
-    small = found.rgb
-    prior = spatial_prior(raster.shape, own, bald=bald)
+    small, prior = found.rgb, found.prior
     sample = prior.sample & visible
     learned = LearnedSkin(
         colors=found.colors,
         haze=haze,
         light=face_color(small, sample),
-        chroma=most_chroma(seen, visible, face_color(seen, sample)),
+        chroma=most_chroma(seen, visible, found.color),
         hair=find_hair(small, found.mask | ~visible, prior),
         distance=np.asarray(_signed_distance(found.mask) / prior.size, np.float32),
         open=open_skin(to_skin_lab(small), found.colors.scale, found.mask),

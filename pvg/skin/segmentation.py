@@ -75,10 +75,16 @@ def red_chroma_mask(rgb: Bytes, face: Bools, visible: Bools | None = None) -> Bo
 
 @dataclass(frozen=True, eq=False)
 class Segmentation:
-    """mask: (h, w) bool;  colors: the colour models it was cut by;  rgb: the picture, in the light it was cut in."""
+    """The skin that was cut out of a small picture.
+
+    mask: (h, w) bool;  colors: the colour models it was cut by;  prior: where skin may be;
+    color: (3,) RGB, the face's in the picture as it was given;  rgb: (h, w, 3) the picture in usual light, see `relit`.
+    """
 
     mask: Bools
     colors: SkinColors
+    prior: SpatialPrior
+    color: Floats
     rgb: Bytes
 
 
@@ -92,7 +98,8 @@ def segment(rgb: Bytes, landmarks: Landmarks, visible: Bools | None = None, *, b
     shape = rgb.shape[:2]
     prior = spatial_prior(shape, landmarks, bald=bald)
     visible = np.ones(shape, np.bool_) if visible is None else visible
-    rgb = relit(rgb, gain_of(face_color(rgb, prior.sample & visible)))
+    color = face_color(rgb, prior.sample & visible)
+    rgb = relit(rgb, gain_of(color))
     lab = to_skin_lab(rgb)
     sample = _sample(lab, prior, visible)
     scale = ColorScale.fit(lab[sample])
@@ -134,7 +141,7 @@ def segment(rgb: Bytes, landmarks: Landmarks, visible: Bools | None = None, *, b
             hair, shade = hair_cover(rgb, skin, prior, found), deep_shade(rgb, prior, found)
     final = np.where(visible, network.refined(rgb, prior, logistic(log_odds)), 0)
     mask = face_component(minimum_cut(rgb, network.log_odds(final)), prior) & visible
-    return Segmentation(mask, colors, rgb)
+    return Segmentation(mask, colors, prior, color, rgb)
 
 
 def _bare_throat(lab: Floats, prior: SpatialPrior, visible: Bools, scale: ColorScale) -> Bools:
