@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pvg._bounds import PART_S, part_bounds
 from pvg.rendering.clip import placed_faces, render, render_frame, source_frame, swap
+from pvg.rendering.clip_parts import join_parts, render_part
 from pvg.rendering.layers import LAYERS, layer
-from pvg.rendering.parts import join_parts, render_part
 from pvg.rendering.pictures import PictureFormat, around, cropped, encoded, fitted
 from pvg.rendering.placed_face import PlacedFace
 from pvg.rendering.renderer import Renderer
