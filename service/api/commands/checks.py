@@ -29,21 +29,28 @@ class Wanted:
     exchange: tuple[Contrast, Contrast] | None = None
 
 
+@dataclass(frozen=True)
+class WantedOutput:
+    """How a request asks for its results; ``place`` is where its options stand, as a JSON pointer."""
+
+    options: OutputRequest
+    place: str
+
+
 def check(
     known: Mapping[str, Media],
     looks: Sequence[Wanted],
-    output: OutputRequest,
+    output: WantedOutput,
     places: Mapping[str, str],
-    output_at: str,
 ) -> None:
     """Raise what `request_looks` raises of looks and an output that do not fit their media.
 
     ``known`` are the media by id; all others are as there.
     """
     check_usable(known, places)
-    _check_output({known[look.video_id] for look in looks}, output, output_at)
+    _check_output({known[look.video_id] for look in looks}, output)
     for look in looks:
-        _check_container(known[look.video_id], output, output_at)
+        _check_container(known[look.video_id], output)
         video_at = next(where for where, media_id in places.items() if media_id == look.video_id)
         check_look(known[look.video_id], known.get(look.reference_id), look, video_at)
 
@@ -83,25 +90,26 @@ def check_role(video: Media, where: str) -> None:
         raise ValidationFailedError.at(where, detail)
 
 
-def _check_container(video: Media, output: OutputRequest, output_at: str) -> None:
+def _check_container(video: Media, output: WantedOutput) -> None:
     is_image = video.content_type.startswith("image/")
     allowed = IMAGE_CONTAINERS if is_image else CLIP_CONTAINERS
-    if output.container is not None and output.container not in allowed:
+    if output.options.container is not None and output.options.container not in allowed:
         detail = f"{video.id} is {'an image' if is_image else 'a clip'}: the container must be one of "
         detail += ", ".join(allowed)
-        raise ValidationFailedError.at(f"{output_at}/container", detail)
+        raise ValidationFailedError.at(f"{output.place}/container", detail)
 
 
-def _check_output(videos: Set[Media], output: OutputRequest, output_at: str) -> None:
+def _check_output(videos: Set[Media], output: WantedOutput) -> None:
     """Still pictures have no codec and no sound: what is asked for in vain is refused, not passed over."""
     if any(not video.content_type.startswith("image/") for video in videos):
         return
-    names = sorted(name for name in _OF_CLIPS & output.model_fields_set if getattr(output, name) is not None)
+    options = output.options
+    names = sorted(name for name in _OF_CLIPS & options.model_fields_set if getattr(options, name) is not None)
     if names:
         which = ", ".join(sorted(video.id for video in videos))
         detail = f"of clips only, and {which} is an image"
-        errors = [{"pointer": f"{output_at}/{name}", "detail": detail} for name in names]
-        raise ValidationFailedError(f"{output_at}/{names[0]}: {detail}", errors=errors)
+        errors = [{"pointer": f"{output.place}/{name}", "detail": detail} for name in names]
+        raise ValidationFailedError(f"{output.place}/{names[0]}: {detail}", errors=errors)
 
 
 def _check_reference(reference: Media | None, look: Wanted) -> None:

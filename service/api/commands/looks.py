@@ -10,7 +10,7 @@ from pydantic import BaseModel
 from service import addresses
 from service.api import lookups, quotas
 from service.api.commands.asked import Asked
-from service.api.commands.checks import Wanted, check, check_apart
+from service.api.commands.checks import Wanted, WantedOutput, check, check_apart
 from service.api.schemas import USUAL_CONTAINERS, JobBody, LookOptions, OutputRequest
 from service.api.services import Services
 from service.catalog import (
@@ -32,43 +32,39 @@ def check_looks(
     services: Services,
     owner: str,
     looks: Sequence[Wanted],
-    output: OutputRequest,
+    output: WantedOutput,
     places: Mapping[str, str],
-    *,
-    output_at: str = "/output",
 ) -> None:
     """Raise what `request_looks` would raise for such media and options, and record nothing."""
     with services.database.read() as session:
-        check(media.several(session, owner, {*places.values()}), looks, output, places, output_at)
+        check(media.several(session, owner, {*places.values()}), looks, output, places)
 
 
 def request_looks(
     services: Services,
     kind: JobKind,
     looks: Sequence[Wanted],
-    output: OutputRequest,
+    output: WantedOutput,
     places: Mapping[str, str],
     asked: Asked,
-    *,
-    output_at: str = "/output",
 ) -> tuple[JobBody, bool]:
     """Record a job that makes these looks and publish it once its media are ready. Returns it, and True when it is new.
 
     The owner's job of the same looks is returned instead while it goes on, or while its results are kept, for a full
     retention more, unless ``asked.force``. ``places`` are the ids by where in the request they stand, that of a video
-    first, and ``output_at`` is where the options of the output do, for errors. Raises `NotFoundError` for an unknown
-    id, `MediaFailedError` for a medium that failed, `ValidationFailedError` for what does not fit the video,
-    and, of a new job, `QuotaExceededError` and `StorageFullError` when there is too little room to do it.
+    first. Raises `NotFoundError` for an unknown id, `MediaFailedError` for a medium that failed,
+    `ValidationFailedError` for what does not fit the video, and, of a new job, `QuotaExceededError` and
+    `StorageFullError` when there is too little room to do it.
     """
     database, owner = services.database, asked.owner
-    request = RenderRequest(_output_options(output))
+    request = RenderRequest(_output_options(output.options))
     outputs = [NewLook(look.video_id, look.reference_id, params_of(look)) for look in looks]
     with database.write() as session:
         now = database.now()
         # until the end of the transaction: no other request of this key is counted, nor asks for the same of this video
         keys.lock(session, owner)
         known = media.several(session, owner, {*places.values()}, lock=True)
-        check(known, looks, output, places, output_at)
+        check(known, looks, output, places)
         if kind is JobKind.SWAP:
             check_apart(known, looks[0])
         mark = jobs.fingerprint(kind, request, outputs, asked.metadata)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
 from typing import Any, Final, TypeVar
 
 from fastapi import APIRouter, Request, Response
@@ -13,7 +12,7 @@ from pydantic import ValidationError
 from service import addresses
 from service.api import commands
 from service.api.authentication import Caller, CallerDep
-from service.api.commands import Asked, Wanted
+from service.api.commands import Asked, Wanted, WantedOutput
 from service.api.dependencies import ServicesDep, answer, problems
 from service.api.idempotency import Once, OnceDep
 from service.api.json_body import media_type, read_json, unsupported
@@ -21,7 +20,7 @@ from service.api.multipart import Form, TooManyFilesError, read_form
 from service.api.openapi import TRANSFER_FORM, form, json_body
 from service.api.problems import invalid_values
 from service.api.receivers import receiver
-from service.api.schemas import USUAL_CONTAINERS, JobBody, MediaBody, OutputRequest, SwapRequest, TransferRequest
+from service.api.schemas import USUAL_CONTAINERS, JobBody, MediaBody, SwapRequest, TransferRequest
 from service.api.services import Services
 from service.api.transfer_form import reference_at, references_of, to_request, wrong_file
 from service.api.uploads import Intake
@@ -62,8 +61,8 @@ async def create_transfer(
             looks, places = _looks_of(wanted, services, is_form=is_form)
             webhook = receiver(services, wanted.webhook, "/webhook" if is_form else "/webhook/url")
             asked = _asked_by(caller, once, wanted, webhook)
-            output_at = "" if is_form else "/output"
-            return await _accept(services, response, JobKind.TRANSFER, looks, wanted.output, places, asked, output_at)
+            output = WantedOutput(wanted.output, "" if is_form else "/output")
+            return await _accept(services, response, JobKind.TRANSFER, looks, output, places, asked)
         except Exception:
             await commands.take_back(services, caller.owner, list(brought.values()))
             raise
@@ -103,7 +102,8 @@ async def create_swap(
         looks = _sides_of(wanted)
         places = {"/a": wanted.a} | ({} if wanted.b is None else {"/b": wanted.b})
         asked = _asked_by(caller, once, wanted, receiver(services, wanted.webhook))
-        return await _accept(services, response, JobKind.SWAP, looks, wanted.output, places, asked)
+        output = WantedOutput(wanted.output, "/output")
+        return await _accept(services, response, JobKind.SWAP, looks, output, places, asked)
 
 
 def _asked_by(caller: Caller, once: Once, wanted: TransferRequest | SwapRequest, webhook: str | None) -> Asked:
@@ -115,13 +115,11 @@ async def _accept(
     response: Response,
     kind: JobKind,
     looks: list[Wanted],
-    output: OutputRequest,
+    output: WantedOutput,
     places: dict[str, str],
     asked: Asked,
-    output_at: str = "/output",
 ) -> JobBody:
-    record = partial(commands.request_looks, output_at=output_at)
-    body, new = await services.calls.write(record, services, kind, looks, output, places, asked)
+    body, new = await services.calls.write(commands.request_looks, services, kind, looks, output, places, asked)
     response.status_code = 202 if new else 200
     response.headers["Location"] = addresses.of_job(services.settings, body.id)
     return body
@@ -173,21 +171,21 @@ async def _read(request: Request, services: Services, model: type[Model], once: 
     also = (_FORM,) if model is TransferRequest else ()
     with _counted(services.settings.max_looks):
         wanted = await read_json(request, model, limit_bytes=services.settings.max_json_bytes, also=also)
-    once.compare(_asked(wanted))
+    once.compare(_as_compared(wanted))
     return wanted
 
 
-def _asked(wanted: TransferRequest | SwapRequest) -> dict[str, Any]:
-    """What a request asks for, the same for two that ask for the same."""
+def _as_compared(wanted: TransferRequest | SwapRequest) -> dict[str, Any]:
+    """What a request asks for, as repeated requests are compared by: the same for two that ask for the same."""
     asked = wanted.model_dump(mode="json")
     if asked["output"]["container"] in USUAL_CONTAINERS:
         asked["output"]["container"] = None  # of the video's kind it is the default, of the other it is refused
     return asked
 
 
-def _asked_by_form(draft: TransferRequest, form: Form) -> dict[str, Any]:
-    """The same of a form, whose files are what they hold and what they are called."""
-    asked = _asked(draft)
+def _form_as_compared(draft: TransferRequest, form: Form) -> dict[str, Any]:
+    """`_as_compared` of a form, whose files are what they hold and what they are called."""
+    asked = _as_compared(draft)
     for look, part in zip(asked["looks"], references_of(form), strict=True):
         if not isinstance(part, str):
             look["reference"] = [part.filename, part.sha256]
@@ -212,13 +210,13 @@ async def _read_form(
         except TooManyFilesError as error:
             raise _too_many_looks(settings.max_looks, "/reference") from error
         draft = to_request(form, [_UPLOADED] * len(form.files))
-        once.compare(_asked_by_form(draft, form))
+        once.compare(_form_as_compared(draft, form))
         # everything is checked before the first reference is recorded
         looks, places = _looks_of(draft, services, is_form=True)
         places = {where: one for where, one in places.items() if one != _UPLOADED or where == "/video"}
         receiver(services, draft.webhook, "/webhook")
-        check = partial(commands.check_looks, output_at="")
-        await services.calls.read(check, services, caller.owner, looks, draft.output, places)
+        output = WantedOutput(draft.output, "")
+        await services.calls.read(commands.check_looks, services, caller.owner, looks, output, places)
         asked = Asked(caller.owner, once)
         ids = []
         for _, file in form.files:
