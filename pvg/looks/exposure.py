@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -56,6 +57,19 @@ def at_exposure(key: KeyFrame, gain: float) -> KeyFrame:
     return replace(key, colors=colors, skin=skin, parts=parts)
 
 
+class KeyExposure(NamedTuple):
+    """The exposure of a key frame beside the one that F was made from: it takes g' = kept · F(g / gain).
+
+    gain: how many times as bright it is;  kept: how much of that its new colours keep.
+    """
+
+    gain: float
+    kept: float
+
+
+AS_LEADING = KeyExposure(1.0, 1.0)
+"""Of a key frame that takes F as it is."""
+
 #: the colours of a key frame's skin (n, 3) before and after F, 0-255 RGB
 Moved = Callable[[KeyFrame], tuple[Floats, Floats | Doubles]]
 
@@ -76,22 +90,22 @@ class Exposure:
         """Of the key frame that F was made from, and F."""
         return cls(leading, moved, _highlights(moved(leading)[1]))
 
-    def of(self, key: KeyFrame) -> tuple[float, float]:
-        """How many times as bright as the leading one a key frame is, and how much of that its new colours keep.
+    def of(self, key: KeyFrame) -> KeyExposure:
+        """The exposure of one of them.
 
-        All of it up to 1; above it rising ever slower until highlights come near white, but as much as leaves them no
-        darker than they are in the clip.
+        Its new colours keep all of a gain up to 1; above it rising ever slower until highlights come near white, but as
+        much as leaves them no darker than they are in the clip.
         """
         if key is self.leading:
-            return 1.0, 1.0
+            return AS_LEADING
         by = "skin" if len(key.skin) and len(self.leading.skin) else "curves"
         gain = float(np.clip(_brightness(key, by) / _brightness(self.leading, by), *_GAINS))
         if gain <= 1.0:
-            return gain, gain
+            return KeyExposure(gain, gain)
         room = max(HIGHLIGHT / self.new - 1.0, 0.0)
         bent = 1.0 + room * (1.0 - float(np.exp(-(gain - 1.0) / room))) if room > 0.0 else 1.0
         own, new = self.moved(at_exposure(key, 1.0 / gain))
-        return gain, max(bent, gain * min(1.0, _highlights(own) / _highlights(new)))
+        return KeyExposure(gain, max(bent, gain * min(1.0, _highlights(own) / _highlights(new))))
 
 
 def on_skin(key: KeyFrame) -> Bools:

@@ -34,8 +34,7 @@ class LookMap:
     """The map F of one face as a look draws it, on the face and on the person's other skin.
 
     strength: of the way from the skin's colours to those of F;
-    exposures: (K, 2) of the face's key frames, how bright each is beside the one that F was made from, and how much of
-    that the new colours keep: g' = kept · F(g / gain);  beard: in [0, 1], see `beard_of`;
+    exposures: (K, 2) gain and kept of the face's key frames, see `KeyExposure`;  beard: in [0, 1], see `beard_of`;
     haze: levels of it without which F is made and under which it is drawn, see `pvg.looks.haze`.
     """
 

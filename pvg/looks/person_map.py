@@ -15,7 +15,7 @@ from pvg.looks.beard import beard_of
 from pvg.looks.color_map import SMALLEST_GROUP, ColorMap, TransportSteps, all_colors_map
 from pvg.looks.complexion import complexion
 from pvg.looks.depth import depth_of_features
-from pvg.looks.exposure import Exposure, Moved, leading_key, on_skin
+from pvg.looks.exposure import AS_LEADING, Exposure, KeyExposure, Moved, leading_key, on_skin
 from pvg.looks.key_light import with_lit_skin
 from pvg.looks.light import light_ratio, relit
 from pvg.looks.look import Contrast
@@ -79,9 +79,9 @@ class PersonMap:
         whole = skin if skin is not None and plain is leading else _whole_map(plain, goal)
         return cls(skin, at_curves, exposure, whole, beard_of(plain))
 
-    def exposure_of(self, key: KeyFrame) -> tuple[float, float]:
-        """The gain of a key frame, and how much of it its new colours keep; see `Exposure.of`."""
-        return (1.0, 1.0) if self.exposure is None else self.exposure.of(key)
+    def exposure_of(self, key: KeyFrame) -> KeyExposure:
+        """The exposure of a key frame, see `Exposure.of`."""
+        return AS_LEADING if self.exposure is None else self.exposure.of(key)
 
 
 def _skin_moved(skin: SkinMap | None, at_curves: ColorMap) -> Moved:

@@ -22,7 +22,7 @@ from pvg.face import PARTS
 from pvg.haze import shown_through
 from pvg.looks.apart import parts_apart
 from pvg.looks.color_map import TransportSteps
-from pvg.looks.exposure import at_exposure, leading_key
+from pvg.looks.exposure import KeyExposure, at_exposure, leading_key
 from pvg.looks.haze import under_haze, with_less_haze
 from pvg.looks.key_light import with_lit_skin
 from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, Contrast, FaceContrast, Look, LookMap
@@ -139,13 +139,12 @@ def _steps(beta: float, iterations: int, seed: int) -> TransportSteps:
 class _NewKey:
     """What a key frame gets, strength applied.
 
-    colors: (S, 3) float32 g', 0-255 RGB;  parts: (P, 3) float32 that parts gain besides, None where they go with F;
-    exposure: its gain and what is kept of it, see `LookMap`.
+    colors: (S, 3) float32 g', 0-255 RGB;  parts: (P, 3) float32 that parts gain besides, None where they go with F.
     """
 
     colors: Floats
     parts: Floats | None
-    exposure: tuple[float, float]
+    exposure: KeyExposure
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,8 +175,8 @@ def _new_face(own: FaceRecord, clear: FaceRecord, person: PersonMap, goal: Goal)
 def _new_key(key: KeyFrame, person: PersonMap, goal: Goal) -> _NewKey:
     """The new boundary colours of a key frame: g' = kept · F(g / gain), and `strength` of the way there."""
     lit, strength = goal.relit(key), np.float32(goal.strength)
-    gain, kept = person.exposure_of(lit)
-    lit = at_exposure(lit, 1.0 / gain)
+    exposure = person.exposure_of(lit)
+    kept, lit = exposure.kept, at_exposure(lit, 1.0 / exposure.gain)
     moved, parts = person.at_curves(lit), None
     if person.skin is not None:
         lacks = np.zeros((len(PARTS), 3), np.float32)
@@ -186,7 +185,7 @@ def _new_key(key: KeyFrame, person: PersonMap, goal: Goal) -> _NewKey:
         if goal.changes is not None:
             parts = strength * np.float32(kept) * (lacks + goal.changes.on(person.skin, lit, goal.makeup))
     colors = key.colors + strength * (_into_gamut(kept * moved).astype(np.float32) - key.colors)
-    return _NewKey(colors, parts, (gain, kept))
+    return _NewKey(colors, parts, exposure)
 
 
 def _look(new: Mapping[int, _NewFace], goal: Goal, protect: tuple[str, ...], *, body: bool, source_sha256: str) -> Look:
