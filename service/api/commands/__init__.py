@@ -2,7 +2,7 @@
 
 from service.api.commands import resuming, stills
 from service.api.commands.asked import Asked
-from service.api.commands.checks import Wanted, WantedOutput, check_look, check_role, check_usable
+from service.api.commands.checks import WantedLook, WantedOutput, check_look, check_role, check_usable
 from service.api.commands.looks import check_looks, params_of, request_looks
 from service.api.commands.registering import Registered, register
 from service.api.commands.removal import remove, remove_job, take_back
@@ -10,7 +10,7 @@ from service.api.commands.removal import remove, remove_job, take_back
 __all__ = [
     "Asked",
     "Registered",
-    "Wanted",
+    "WantedLook",
     "WantedOutput",
     "check_look",
     "check_looks",

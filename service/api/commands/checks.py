@@ -15,7 +15,7 @@ _OF_CLIPS = frozenset({"codec", "crf", "preset", "audio", "matte"})
 
 
 @dataclass(frozen=True)
-class Wanted:
+class WantedLook:
     """One look that a request asks for.
 
     ``place`` is where in the request its options stand, as a JSON pointer. With ``exchange`` two faces of the video
@@ -39,7 +39,7 @@ class WantedOutput:
 
 def check(
     known: Mapping[str, Media],
-    looks: Sequence[Wanted],
+    looks: Sequence[WantedLook],
     output: WantedOutput,
     places: Mapping[str, str],
 ) -> None:
@@ -71,7 +71,7 @@ def check_usable(known: Mapping[str, Media], places: Mapping[str, str]) -> None:
         raise MediaFailedError(error, where, failed)
 
 
-def check_look(video: Media, reference: Media | None, look: Wanted, where: str) -> None:
+def check_look(video: Media, reference: Media | None, look: WantedLook, where: str) -> None:
     """Raise `ValidationFailedError` when a look does not fit its media, as far as they are known yet.
 
     ``where`` the video stands in the request, as a JSON pointer.
@@ -112,14 +112,14 @@ def _check_output(videos: Set[Media], output: WantedOutput) -> None:
         raise ValidationFailedError(f"{output.place}/{names[0]}: {detail}", errors=errors)
 
 
-def _check_reference(reference: Media | None, look: Wanted) -> None:
+def _check_reference(reference: Media | None, look: WantedLook) -> None:
     face = look.options.reference_face
     if reference is None or reference.state != MediaState.READY or face is None or face < len(reference.faces):
         return
     raise ValidationFailedError.at(f"{look.place}/reference_face", no_face(reference))
 
 
-def check_apart(known: Mapping[str, Media], look: Wanted) -> None:
+def check_apart(known: Mapping[str, Media], look: WantedLook) -> None:
     """Two videos that exchange their colours are not the same bytes, whatever their settings."""
     if look.exchange is None and known[look.video_id].sha256 == known[look.reference_id].sha256:
         detail = f"{look.reference_id} is the same clip; give `a` alone, with the two faces to exchange"

@@ -10,7 +10,7 @@ from pydantic import BaseModel
 from service import addresses
 from service.api import lookups, quotas
 from service.api.commands.asked import Asked
-from service.api.commands.checks import Wanted, WantedOutput, check, check_apart
+from service.api.commands.checks import WantedLook, WantedOutput, check, check_apart
 from service.api.schemas import USUAL_CONTAINERS, JobBody, LookOptions, OutputRequest
 from service.api.services import Services
 from service.catalog import (
@@ -31,7 +31,7 @@ from service.catalog import (
 def check_looks(
     services: Services,
     owner: str,
-    looks: Sequence[Wanted],
+    looks: Sequence[WantedLook],
     output: WantedOutput,
     places: Mapping[str, str],
 ) -> None:
@@ -43,7 +43,7 @@ def check_looks(
 def request_looks(
     services: Services,
     kind: JobKind,
-    looks: Sequence[Wanted],
+    looks: Sequence[WantedLook],
     output: WantedOutput,
     places: Mapping[str, str],
     asked: Asked,
@@ -98,7 +98,7 @@ def request_looks(
     return body, new
 
 
-def params_of(look: Wanted) -> LookParams:
+def params_of(look: WantedLook) -> LookParams:
     """How a look is asked for, as it is recorded: the options by their names, and whether two faces exchange theirs."""
     options = {name: _recorded(getattr(look.options, name)) for name in LookOptions.model_fields}
     if look.exchange:

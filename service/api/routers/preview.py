@@ -10,7 +10,7 @@ from pydantic import BaseModel
 from service.api import commands
 from service.api.absences import no_face, no_frame
 from service.api.authentication import CallerDep
-from service.api.commands import Wanted, stills
+from service.api.commands import WantedLook, stills
 from service.api.dependencies import UNCHANGED, IfNoneMatch, Responses, ServicesDep, problems
 from service.api.idempotency import OnceDep, Replay
 from service.api.json_body import read_json
@@ -80,7 +80,7 @@ def _check(services: Services, owner: str, wanted: PreviewRequest) -> stills.Wan
         raise invalid_values(errors)
     params = None
     if look is not None:
-        one = Wanted(wanted.video, look.reference, look, "/look")
+        one = WantedLook(wanted.video, look.reference, look, "/look")
         commands.check_look(video, known[look.reference], one, "/video")
         params = commands.params_of(one)
     request = StillRequest(

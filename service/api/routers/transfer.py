@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from service import addresses
 from service.api import commands
 from service.api.authentication import Caller, CallerDep
-from service.api.commands import Asked, Wanted, WantedOutput
+from service.api.commands import Asked, WantedLook, WantedOutput
 from service.api.dependencies import ServicesDep, answer, problems
 from service.api.idempotency import Once, OnceDep
 from service.api.json_body import media_type, read_json, unsupported
@@ -114,7 +114,7 @@ async def _accept(
     services: Services,
     response: Response,
     kind: JobKind,
-    looks: list[Wanted],
+    looks: list[WantedLook],
     output: WantedOutput,
     places: dict[str, str],
     asked: Asked,
@@ -125,29 +125,29 @@ async def _accept(
     return body
 
 
-def _sides_of(wanted: SwapRequest) -> list[Wanted]:
+def _sides_of(wanted: SwapRequest) -> list[WantedLook]:
     """The looks of a swap. Raises `ValidationFailedError` for a video and itself without two faces to exchange."""
     a, b, faces = wanted.a, wanted.b, wanted.faces
     ours, theirs = wanted.contrasts
     if b is not None and b != a:
-        return [Wanted(a, b, wanted.side(ours), ""), Wanted(b, a, wanted.side(theirs), "")]
+        return [WantedLook(a, b, wanted.side(ours), ""), WantedLook(b, a, wanted.side(theirs), "")]
     if faces == "all" or len(faces) != 2 or faces[0] == faces[1]:
         raise invalid_values({"/faces": "a swap within one clip is of two different faces, such as [0, 1]"})
     if wanted.reference_face is not None:
         raise invalid_values(
             {"/reference_face": "within one clip the two faces are each other's reference; leave this out"}
         )
-    return [Wanted(a, a, wanted.side("auto"), "", exchange=(ours, theirs))]
+    return [WantedLook(a, a, wanted.side("auto"), "", exchange=(ours, theirs))]
 
 
-def _looks_of(wanted: TransferRequest, services: Services, *, is_form: bool) -> tuple[list[Wanted], dict[str, str]]:
+def _looks_of(wanted: TransferRequest, services: Services, *, is_form: bool) -> tuple[list[WantedLook], dict[str, str]]:
     """The looks, if not too many, and the ids by where in the request they stand: a form's options stand at its top."""
     if len(wanted.looks) > services.settings.max_looks:
         raise _too_many_looks(services.settings.max_looks, "/reference" if is_form else "/looks")
     places, looks = {"/video": wanted.video}, []
     for i, look in enumerate(wanted.looks):
         places[reference_at(i) if is_form else f"/looks/{i}/reference"] = look.reference
-        looks.append(Wanted(wanted.video, look.reference, look, "" if is_form else f"/looks/{i}"))
+        looks.append(WantedLook(wanted.video, look.reference, look, "" if is_form else f"/looks/{i}"))
     return looks, places
 
 

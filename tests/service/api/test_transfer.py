@@ -10,7 +10,7 @@ import pytest
 from pydantic import ValidationError
 
 from service.api import commands
-from service.api.commands.checks import Wanted
+from service.api.commands.checks import WantedLook
 from service.api.multipart import Form
 from service.api.preview_request import PreviewRequest
 from service.api.schemas import LookOptions, SwapRequest, TransferRequest
@@ -39,7 +39,7 @@ UNUSUAL: dict[str, Any] = {
 def test_every_option_of_a_look_is_recorded_and_told() -> None:
     """Who adds an option adds it in all of these places, and to the method's."""
     assert set(UNUSUAL) == set(LookOptions.model_fields) == set(OptionsBody.model_fields)
-    recorded = asdict(commands.params_of(Wanted("video", "reference", LookOptions(**UNUSUAL), "/looks/0")))
+    recorded = asdict(commands.params_of(WantedLook("video", "reference", LookOptions(**UNUSUAL), "/looks/0")))
     assert recorded.pop("exchange") is False
     assert {name: list(value) if isinstance(value, tuple) else value for name, value in recorded.items()} == UNUSUAL
 
