@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from pvg._arrays import Doubles, Floats, ramp
+from pvg._arrays import Doubles, Floats
 from pvg._checks import real_number
 from pvg.asset import VectorVideo
 from pvg.looks.grey import told_from_grey
@@ -25,9 +25,6 @@ Region = Literal["face", "beside", "ears"]
 """Of a person's skin: the face, all that is beside it, and of that the ears in the face's matte."""
 FaceContrast = float | Literal["map"]
 
-# of the skin's middle luma, from where a mean of skin and hair is partly to where it is wholly hair
-_BEARD = (0.9, 0.55)
-
 
 @dataclass(frozen=True, eq=False)
 class LookMap:
@@ -43,10 +40,6 @@ class LookMap:
     exposures: Floats
     beard: float = 0.0
     haze: int = 0
-
-    def beard_at(self, luma: Doubles) -> Doubles:
-        """How far the mean colour around a place of the lower face, of such lumas (n,), is a beard's, in [0, 1]."""
-        return np.asarray(self.beard * ramp(luma / self.skin.own.middle, *_BEARD))
 
     def told_from_grey(self, luma: Doubles) -> Doubles:
         """(2, n) r of `pvg.rendering.tinge` up to which a colour of such lumas (n,) is grey, and from which on skin."""

@@ -2,9 +2,10 @@
 
 Hair does not take a look, and mattes end before it, but a beard lies on the face: skin is between its hairs. The map F
 makes what is darker than skin brighter with it, so a beard would look washed out and tinted. Where a face has one, the
-membrane takes away from its lower half what F adds to the matte's mean colour around a node, by how dark that is. Its
-texture keeps the slope of F, and its border is as soft as the mean. Luma is left to F where a look darkens skin: all of
-the face then has less light.
+membrane takes away from its lower half what F adds to the matte's mean colour around a node, by how much less skin it
+is than the cheek above it: darker, or with less of the skin's chroma. In light from one side stubble on the lit jaw is
+as bright as the cheek in shade, and only greyer than the cheek over it. Its texture keeps the slope of F, and its
+border is as soft as the mean. Luma is left to F where a look darkens skin: all of the face then has less light.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import cv2
 import numpy as np
 
 from pvg._arrays import Floats, ramp
@@ -21,36 +23,76 @@ from pvg.rendering.correction import Correction
 from pvg.rendering.map_tables import MapTables
 
 _AROUND = 0.02  # of the face's width, sigma of the mean around a node [by eye: the width of a moustache's edge]
+# of what a cheek's skin has, from where a mean of skin and hair is partly to where it is wholly hair
+_HAIR = (0.9, 0.65)
+_CHEEKS = (-0.36, -0.13)  # of the face's width below its centre: from below the eyes to the nose's base
+_COLUMN, _BESIDE = 0.05, 0.08  # of the face's width: of a column of the cheeks, and sigma of the mean beside it
+_COLUMNS = 25  # with the face's middle in the middle one
+_SEEN = 0.02  # of the most that is seen of a column: in one with less there is no skin to compare with
 _BEGINS = (-0.12, -0.03)  # of the face's width below its centre: the nose's base, above a moustache
 _LIPS = 0.03  # of the face's width around their outline that is theirs [by eye]
+_HUELESS = 0.1  # of r of `tinge`: a cheek with less has no chroma to compare with
 _BRIGHTER = 8.0  # levels of 255 that F adds, from which on all is done
 _KEPT = np.float32(0.9)  # of what F adds, taken away [by blind choice: 0.9 rather than 0.5 or 0]
 
 
 def with_beard(blocks: Blocks, corrections: Sequence[Correction]) -> list[Correction]:
     """The corrections of one face without what their maps add to a beard;  blocks: of the lattice of all of them."""
-    if not any(isinstance(one.contrast, MapTables) and one.contrast.beard.any() for one in corrections):
+    if not any(isinstance(one.contrast, MapTables) and one.contrast.beard > 0 for one in corrections):
         return list(corrections)
     where = _lower_face(blocks)
     nodes = where > 0
     if not nodes.any():
         return list(corrections)
-    around = blocks.means(_AROUND * blocks.axes.width)[nodes]
+    around = blocks.means(_AROUND * blocks.axes.width)
+    cheeks = _cheeks_above(blocks, around)
+    if cheeks is None:
+        return list(corrections)
+    around, cheeks = around[nodes], cheeks[nodes]
     level = np.float32(2.0 ** (blocks.frame.format.depth - 8))
     out = []
     for correction in corrections:
         tables = correction.contrast
-        if not isinstance(tables, MapTables) or not tables.beard.any():
+        if not isinstance(tables, MapTables) or tables.beard == 0:
             out.append(correction)
             continue
         gained = tables.gained_of(around, around)
-        share = np.repeat((_KEPT * where[nodes] * tables.beard_at(around[:, 0]))[:, None], 3, axis=1)
+        hair = tables.beard * ramp(_like_skin(tables, around, cheeks), *_HAIR)
+        share = np.repeat((_KEPT * where[nodes] * hair)[:, None], 3, axis=1)
         share[:, 0] *= np.clip(gained[:, 0] / (_BRIGHTER * level), 0.0, 1.0)
         shares, added = (np.zeros((*blocks.shape, 3), np.float32) for _ in range(2))
         shares[nodes], added[nodes] = share, share * gained
         kept, more = (np.moveaxis(blocks.at_nodes(one), -1, 0) for one in (shares, added))
         out.append(replace(correction, shift=correction.shift * (1 - kept) - more))
     return out
+
+
+def _cheeks_above(blocks: Blocks, around: Floats) -> Floats | None:
+    """(h, w, 3) the mean codes of the cheeks above each of the blocks, None where no cheek is seen.
+
+    around: (h, w, 3) mean codes;  where the cheeks end, the last of them goes on.
+    """
+    low, high = _CHEEKS
+    on_cheeks = (blocks.below > low) & (blocks.below < high)
+    weight = on_cheeks * (1.0 - blocks.beside) * blocks.alpha
+    middle = _COLUMNS // 2
+    column = np.clip(np.rint(blocks.aside / _COLUMN) + middle, 0, _COLUMNS - 1).astype(np.int64).ravel()
+    weighed = np.concatenate([weight[..., None], weight[..., None] * around], axis=-1).reshape(-1, 4)
+    held = np.stack([np.bincount(column, one, _COLUMNS) for one in weighed.T], axis=-1)
+    sums = np.asarray(cv2.GaussianBlur(held, (1, 0), 0.0, None, _BESIDE / _COLUMN, cv2.BORDER_CONSTANT), np.float64)
+    seen = sums[:, 0] > _SEEN * max(float(sums[:, 0].max()), _SEEN)
+    if not seen.any():
+        return None
+    places = (np.flatnonzero(seen) - middle) * _COLUMN
+    means = sums[seen, 1:] / sums[seen, :1]
+    return np.stack([np.interp(blocks.aside, places, one) for one in means.T], axis=-1).astype(np.float32)
+
+
+def _like_skin(tables: MapTables, around: Floats, cheeks: Floats) -> Floats:
+    """(n,) how much of the luma, and of the chroma at its luma, codes (n, 3) have of a cheek's codes (n, 3)."""
+    luma = tables.level_of(around[:, 0]) / np.maximum(tables.level_of(cheeks[:, 0]), 1.0)
+    chroma = tables.likeness(around) / np.maximum(tables.likeness(cheeks), _HUELESS)
+    return np.asarray(luma * np.minimum(chroma, 1.0), np.float32)
 
 
 def _lower_face(blocks: Blocks) -> Floats:

@@ -51,16 +51,18 @@ class Blocks:
     @cached_property
     def below(self) -> Floats:
         """(h, w) how far their middles lie below the face's centre, of its width."""
-        lattice, axes = self.lattice, self.axes
-        x = _middles(lattice.x, lattice.width, self.shape[1], lattice.step) - axes.center[0]
-        y = _middles(lattice.y, lattice.height, self.shape[0], lattice.step) - axes.center[1]
-        return np.asarray((x * axes.down[0] + y[:, None] * axes.down[1]) / axes.width, np.float32)
+        return self._along(self.axes.down)
 
     @cached_property
     def beside(self) -> Floats:
         """(h, w) 0 within the face's oval, 1 well outside it."""
         soft = self.softened(self.inside(self.placed.data.landmarks.oval), _FEATHER * self.axes.width)
         return np.asarray(np.clip(1.0 - 2.0 * soft, 0.0, 1.0), np.float32)
+
+    @cached_property
+    def aside(self) -> Floats:
+        """(h, w) how far their middles lie across from the face's centre, of its width."""
+        return self._along(self.axes.across)
 
     def inside(self, outline: Floats) -> Floats:
         """(h, w) how much of each lies inside an outline (n, 2) in source pixels."""
@@ -81,18 +83,26 @@ class Blocks:
 
         sigma: source pixels.
         """
-        alpha, codes = self._alpha, self._codes
+        alpha, codes = self.alpha[..., None], self._codes
         weight = self.softened(alpha, sigma)[..., None]
         held = self.softened(alpha * codes, sigma)
         return np.asarray(np.where(weight > _LEAST, held / np.maximum(weight, _LEAST), codes), np.float32)
 
+    def _along(self, direction: Floats) -> Floats:
+        """(h, w) how far their middles lie from the face's centre in a direction (2,), of its width."""
+        lattice, axes = self.lattice, self.axes
+        x = _middles(lattice.x, lattice.width, self.shape[1], lattice.step) - axes.center[0]
+        y = _middles(lattice.y, lattice.height, self.shape[0], lattice.step) - axes.center[1]
+        return np.asarray((x * direction[0] + y[:, None] * direction[1]) / axes.width, np.float32)
+
+    @cached_property
+    def alpha(self) -> Floats:
+        """(h, w) mean of the face's matte."""
+        return averaged(self.placed.alpha, self.shape)
+
     @cached_property
     def _codes(self) -> Floats:
         return mean_codes(self.frame, self.placed.window, self.shape)
-
-    @cached_property
-    def _alpha(self) -> Floats:
-        return averaged(self.placed.alpha, self.shape)[..., None]
 
     def at_nodes(self, values: Floats) -> Floats:
         """Values (h, w) or (h, w, C) read at the lattice's nodes."""

@@ -33,8 +33,9 @@ class MapTables:
     offset: (3,) the codes of black and of grey;  usual: (2, n) float32 the chroma, above grey, of skin by luma's code;
     least: (n,) float32 e of `tinge` by luma's code;
     told: (2, n) r of `tinge` up to which it is grey and from which on it is skin, by luma's code;
-    beard: (n,) how far a mean of such a luma in the lower face is of a beard, by luma's code;
+    levels: (n,) the SDR-referred luma, haze off, that a code stands for, 0-255;
     bound: (n,) w of `bounded` by luma's code;
+    beard: in [0, 1], see `LookMap`;
     spread, broad: k of single pixels and of patches, see `SkinMap`, strength and exposure applied.
     """
 
@@ -45,8 +46,9 @@ class MapTables:
     usual: Floats
     least: Floats
     told: Floats
-    beard: Floats
+    levels: Floats
     bound: Floats
+    beard: float
     spread: float
     broad: float
 
@@ -87,18 +89,20 @@ class MapTables:
         own = np.stack([_read(codes, source[:, 0], source[:, p]) - opponent.offset[p] for p in (1, 2)])
         levels = np.arange(256.0)
         told_from_grey = np.stack([_read(codes, source[:, 0], each) for each in look_map.told_from_grey(levels)])
-        beard_at = _read(codes, source[:, 0], look_map.beard_at(levels))
+        luma_of = _read(codes, source[:, 0], levels)
         in_grey = 2.0**pixel_format.depth / 256.0 * LEAST_TINGE * coding.of_sdr_chroma(gain * usual)
         in_grey = _read(codes, source[:, 0], in_grey)
-        tables = (look_map.strength * np.stack([rise, fall]), np.stack(chroma), own, in_grey, told_from_grey, beard_at)
-        tone, of_chroma, usual_chroma, least, told, beard = (one.astype(np.float32) for one in tables)
+        tables = (look_map.strength * np.stack([rise, fall]), np.stack(chroma), own, in_grey, told_from_grey, luma_of)
+        tone, of_chroma, usual_chroma, least, told, shown = (one.astype(np.float32) for one in tables)
         share = look_map.strength * kept / gain
         stays = share * look_map.skin.spread, share * look_map.skin.broad
         bound = np.zeros(len(codes), np.float32)
         if region != "face":
             lit = _read(codes, source[:, 0], ramp(levels / look_map.skin.own.middle, *_HOLLOW))
             bound = (_bound(look_map.skin, usual_chroma, least) * lit).astype(np.float32)
-        return cls(tone, of_chroma, float(excess), offset, usual_chroma, least, told, beard, bound, *stays)
+        return cls(
+            tone, of_chroma, float(excess), offset, usual_chroma, least, told, shown, bound, look_map.beard, *stays
+        )
 
     @cached_property
     def alikeness(self) -> tuple[Floats, Floats, Floats]:
@@ -108,9 +112,17 @@ class MapTables:
         a, b = self.usual / (np.maximum(size * (size + least), np.float32(1e-6)) * wide)
         return a, b, (least / (size + least) - grey) / wide
 
-    def beard_at(self, luma: Floats) -> Floats:
-        """`beard` at codes of luma (n,)."""
-        return np.asarray(_at_codes(luma, self.beard), np.float32)
+    def level_of(self, luma: Floats) -> Floats:
+        """`levels` at codes of luma (...)."""
+        return np.asarray(_at_codes(luma, self.levels), np.float32)
+
+    def likeness(self, colors: Floats) -> Floats:
+        """r of `tinge` of codes of luma and chroma (..., 3)."""
+        usual, least = (_at_codes(colors[..., 0], table) for table in (self.usual[0], self.least))
+        usual = np.stack([usual, _at_codes(colors[..., 0], self.usual[1])], axis=-1)
+        size = np.maximum(np.linalg.norm(usual, axis=-1), 1e-6)
+        along = np.sum((colors[..., 1:] - self.offset[1:]) * usual, axis=-1) / size
+        return np.asarray((along + least) / (size + least), np.float32)
 
     def gained(self, colors: Floats) -> Floats:
         """What luma and chroma (n, 3), black aside, gain."""

@@ -57,9 +57,17 @@ def chin(placed: PlacedFace) -> Bools:
     return np.asarray((np.abs(aside) < 0.05) & (far > 0.1) & (far < 0.15))
 
 
-def drawn(placed: PlacedFace, look: LookMap, pixel_format: PixelFormat) -> Doubles:
-    """(360, 640, 3) RGB of a face whose lower half is hair, after a look, its curves asking for nothing."""
-    picture = np.where((below(placed) > 0.0)[..., None], HAIR, SKIN)
+def drawn(
+    placed: PlacedFace,
+    look: LookMap,
+    pixel_format: PixelFormat,
+    *,
+    hair: Doubles = HAIR,
+    picture: Doubles | None = None,
+) -> Doubles:
+    """(360, 640, 3) RGB of a picture after a look, its curves asking for nothing; its lower half is hair by default."""
+    if picture is None:
+        picture = np.where((below(placed) > 0.0)[..., None], hair, SKIN)
     frame, lattice = frame_of(picture, pixel_format), placed.lattice()
     shift = np.zeros((3, lattice.height, lattice.width), np.float32)
     blocks = Blocks.of(frame, placed, lattice)
@@ -95,6 +103,33 @@ def test_a_look_of_the_faces_own_colours_changes_nothing(placed: PlacedFace) -> 
 
 
 def test_skin_between_the_hairs_goes_half_way(placed: PlacedFace) -> None:
-    """What is as bright as three quarters of the skin is hair and skin."""
-    look = look_to(BRIGHT)
-    assert look.beard_at(np.array([0.95, 0.725, 0.5]) * look.skin.own.middle) == pytest.approx([0.0, 0.5, 1.0])
+    """What has three quarters of the cheek's luma and chroma is hair and skin."""
+    look, on = look_to(BRIGHT), chin(placed)
+    bare = drawn(placed, look_to(BRIGHT, 0.0), YUV444, hair=0.775 * SKIN)[on].mean(axis=0)
+    mixed = drawn(placed, look, YUV444, hair=0.775 * SKIN)[on].mean(axis=0)
+    share = ((bare - mixed) @ WEIGHTS) / ((bare - 0.775 * SKIN) @ WEIGHTS)
+    assert share == pytest.approx(0.45, abs=0.08)  # half of the nine tenths that a beard keeps
+
+
+def test_light_from_one_side_makes_no_beard_of_a_shaded_cheek_and_no_skin_of_lit_stubble(placed: PlacedFace) -> None:
+    axes = placed.data.landmarks.axes
+    y, x = np.mgrid[:360, :640]
+    aside = ((x - axes.center[0]) * axes.across[0] + (y - axes.center[1]) * axes.across[1]) / axes.width
+    light = np.clip(1.0 + 1.2 * aside, 0.6, 1.4)[..., None]
+    stubble = 0.85 * SKIN @ WEIGHTS + 0.5 * (SKIN - SKIN @ WEIGHTS)  # nearly as bright, half as colourful
+    bearded = light * np.where(((below(placed) > 0.08) & (aside > -0.1))[..., None], stubble, SKIN)
+    jaw, cheek = ((np.abs(below(placed) - 0.15) < 0.04) & (np.abs(aside - at) < 0.03) for at in (0.33, -0.33))
+    own, out = bearded, drawn(placed, look_to(BRIGHT), YUV444, picture=bearded)
+    bare = drawn(placed, look_to(BRIGHT, 0.0), YUV444, picture=bearded)
+    changed, by_f = (np.abs((one - own)[jaw].mean(axis=0)).max() for one in (out, bare))
+    assert float(own[jaw].mean(axis=0) @ WEIGHTS) > float(own[cheek].mean(axis=0) @ WEIGHTS)  # luma does not tell them
+    assert changed < 0.25 * by_f
+    np.testing.assert_allclose(out[cheek], bare[cheek], atol=1)
+
+
+def test_a_face_whose_cheeks_are_not_seen_is_left_as_f_makes_it(placed: PlacedFace) -> None:
+    alpha = np.where(below(placed) < 0.0, 0.0, 1.0).astype(np.float32)
+    window = alpha[placed.y :, placed.x :][: placed.alpha.shape[0], : placed.alpha.shape[1]]
+    hidden = replace(placed, alpha=np.ascontiguousarray(window))
+    shaven, bearded = (drawn(hidden, look_to(BRIGHT, beard), YUV444) for beard in (0.0, 1.0))
+    np.testing.assert_array_equal(bearded, shaven)
