@@ -37,7 +37,8 @@ def haze_of(rgb: Bytes) -> int:
 
     Where there is surely more than clear pictures have, none of it is spared: their black is darker than their limit.
     """
-    dark = _without_bars(np.asarray(rgb.min(axis=2), np.uint8))
+    red, green, blue = cv2.split(rgb)  # whole planes: the least of three neighbours takes fifty times as long
+    dark = _without_bars(np.asarray(cv2.min(cv2.min(red, green), blue), np.uint8))
     upto = np.cumsum(np.bincount(dark.ravel(), minlength=_WHITE + 1))
     darkest = int(np.searchsorted(upto, _DARKEST * dark.size))
     return int(np.clip(min(_SURENESS * (darkest - _CLEAR), darkest - _BLACK), 0, MOST_HAZE))

@@ -88,7 +88,8 @@ def _consensus_of(window: deque[MatteInTime]) -> Matte:
     alpha = np.clip(own.alpha, cv2.erode(usual, _AROUND), cv2.dilate(usual, _AROUND))
     if (alpha == own.alpha).all():
         return own.matte(own.alpha, own.mask)
-    strange = np.asarray(cv2.absdiff(own.rgb, _median(*(frame.rgb for frame in window))), np.uint8).max(axis=2)
+    red, green, blue = cv2.split(cv2.absdiff(own.rgb, _median(*(frame.rgb for frame in window))))
+    strange = np.asarray(cv2.max(cv2.max(red, green), blue), np.uint8)
     kernel = np.ones((_CONSENSUS.part, _CONSENSUS.part), np.uint8)
     broad = np.asarray(cv2.morphologyEx(strange, cv2.MORPH_OPEN, kernel), np.uint8)
     of_other_hue = np.asarray(own.occluder * ramp(strange.astype(np.float32), *_CONSENSUS.colored), np.float32)
