@@ -12,21 +12,14 @@ import numpy as np
 
 from pvg._arrays import Bytes, Floats, smoothstep
 from pvg.picture import LUMA
-from pvg.skin._collar_kernels import Around, Rises, brighter_and_paler, of_inner
 from pvg.skin.cleanup import occupied
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import HeadShape
 
 _COLLAR = SKIN_PRIOR.collar
 _LUMA = LUMA.astype(np.float32)
-_RISES = Rises(
-    brighter=np.float32(_COLLAR.brighter[0]),
-    brighter_width=np.float32(_COLLAR.brighter[1] - _COLLAR.brighter[0]),
-    paler=np.float32(_COLLAR.paler[0]),
-    paler_width=np.float32(_COLLAR.paler[1] - _COLLAR.paler[0]),
-    mass=np.float32(1e-3),  # of sure skin around: with less nothing is told
-    luma=np.float32(1.0),  # levels
-)
+_LEAST_MASS = np.float32(1e-3)  # of sure skin around: with less nothing is told
+_LEAST_LUMA = np.float32(1.0)  # levels
 
 
 def collar(rgb: Bytes, probability: Floats, head: HeadShape) -> Floats:
@@ -43,16 +36,19 @@ def collar(rgb: Bytes, probability: Floats, head: HeadShape) -> Floats:
     rows, columns = occupied(((below > 0) & (probability > _COLLAR.skin)).view(np.uint8), _COLLAR.edge)
     if not out[rows, columns].size:
         return out
-    part = rgb[rows, columns].astype(np.float32)
-    likely = np.asarray(probability[rows, columns] > _COLLAR.skin).view(np.uint8)
+    part, skin = rgb[rows, columns].astype(np.float32), probability[rows, columns]
     side = 2 * _COLLAR.edge + 1
-    inner = np.asarray(cv2.erode(likely, np.ones((side, side), np.uint8), borderType=cv2.BORDER_REPLICATE), np.uint8)
+    likely = (skin > _COLLAR.skin).astype(np.uint8)
+    inner = cv2.erode(likely, np.ones((side, side), np.uint8), borderType=cv2.BORDER_REPLICATE).astype(np.float32)
     luma = part @ _LUMA
-    chroma, sure = np.empty(luma.shape, np.float32), np.empty((3, *luma.shape), np.float32)
-    of_inner(part, luma, inner, _RISES, chroma, sure)
+    chroma = np.hypot(part[..., 0] - luma, part[..., 2] - luma) / np.maximum(luma, _LEAST_LUMA)
     sigma = max(1.0, _COLLAR.around * head.size)
-    around = Around(*(np.asarray(cv2.GaussianBlur(values, (0, 0), sigma), np.float32) for values in sure))
-    found = np.empty(luma.shape, np.float32)
-    if brighter_and_paler(luma, chroma, inner, around, below[rows, columns], _RISES, found):
-        out[rows, columns] = cv2.GaussianBlur(found, (0, 0), _COLLAR.blur)
+    mass, mean_luma, mean_chroma = (
+        cv2.GaussianBlur(values, (0, 0), sigma) for values in (inner, inner * luma, inner * chroma)
+    )
+    known = np.maximum(mass, _LEAST_MASS)
+    brighter = smoothstep(luma * known / np.maximum(mean_luma, _LEAST_MASS), *_COLLAR.brighter)
+    paler = 1 - smoothstep(chroma * known / np.maximum(mean_chroma, _LEAST_MASS * _LEAST_MASS), *_COLLAR.paler)
+    found = brighter * paler * (1 - inner) * (mass > _LEAST_MASS)
+    out[rows, columns] = cv2.GaussianBlur(found * below[rows, columns], (0, 0), _COLLAR.blur)
     return out
