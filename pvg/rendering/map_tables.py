@@ -35,7 +35,7 @@ class MapTables:
     told: (2, n) r of `tinge` up to which it is grey and from which on it is skin, by luma's code;
     levels: (n,) the SDR-referred luma, haze off, that a code stands for, 0-255;
     bound: (n,) w of `bounded` by luma's code;
-    beard: in [0, 1], see `LookMap`;
+    beard: in [0, 1], see `LookMap`;  middle: the skin's middle luma, as `levels`;
     spread, broad: k of single pixels and of patches, see `SkinMap`, strength and exposure applied.
     """
 
@@ -49,6 +49,7 @@ class MapTables:
     levels: Floats
     bound: Floats
     beard: float
+    middle: float
     spread: float
     broad: float
 
@@ -100,9 +101,8 @@ class MapTables:
         if region != "face":
             lit = _read(codes, source[:, 0], ramp(levels / look_map.skin.own.middle, *_HOLLOW))
             bound = (_bound(look_map.skin, usual_chroma, least) * lit).astype(np.float32)
-        return cls(
-            tone, of_chroma, float(excess), offset, usual_chroma, least, told, shown, bound, look_map.beard, *stays
-        )
+        of_face = look_map.beard, look_map.skin.own.middle
+        return cls(tone, of_chroma, float(excess), offset, usual_chroma, least, told, shown, bound, *of_face, *stays)
 
     @cached_property
     def alikeness(self) -> tuple[Floats, Floats, Floats]:

@@ -40,7 +40,7 @@ def tables(pixel_format: PixelFormat, slope: float = 1.0) -> MapTables:
     rise_and_fall = np.float32([[slope > 1], [slope <= 1]]) * gained.astype(np.float32)
     none = np.zeros((2, len(codes)), np.float32)
     told = np.float32([[0.0], [1.0]]) + none
-    return MapTables(rise_and_fall, none, 0.0, offset, none, none[0] + 1, told, none[0], none[0], 0.0, 1.0, 1.0)
+    return MapTables(rise_and_fall, none, 0.0, offset, none, none[0] + 1, told, none[0], none[0], 0.0, 1.0, 1.0, 1.0)
 
 
 @pytest.mark.parametrize("pixel_format", FORMATS, ids=lambda f: f.name)
