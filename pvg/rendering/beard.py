@@ -32,7 +32,7 @@ _COLUMNS = 25  # with the face's middle in the middle one
 _SEEN = 0.02  # of the most that is seen of a column: in one with less there is no skin to compare with
 _BEGINS = (-0.12, -0.03)  # of the face's width below its centre: the nose's base, above a moustache
 _LIPS = 0.03  # of the face's width around their outline that is theirs [by eye]
-_HUELESS = 0.1  # of r of `tinge`: a cheek with less has no chroma to compare with
+_HUELESS = 0.1  # of r of `tinge`: what a cheek has less of it, in light of another hue, tells nothing of hair
 _BRIGHTER = 8.0  # levels of 255 that F adds, from which on all is done
 _KEPT = np.float32(0.9)  # of what F adds, taken away [by blind choice: 0.9 rather than 0.5 or 0]
 
@@ -67,8 +67,9 @@ def with_beard(blocks: Blocks, corrections: Sequence[Correction]) -> list[Correc
 def _hair(tables: MapTables, around: Floats, cheeks: Floats) -> Floats:
     """(n,) in [0, 1], how far mean codes (n, 3) are of a beard, below cheeks of codes (n, 3)."""
     level, above = tables.level_of(around[:, 0]), tables.level_of(cheeks[:, 0])
-    paler = tables.likeness(around) / np.maximum(tables.likeness(cheeks), _HUELESS)
-    stubble = ramp(paler, *_PALER) * ramp(level / np.maximum(above, 1.0), *_DARKER)
+    own, skin = (np.maximum(tables.likeness(codes), 0.0) for codes in (around, cheeks))
+    lacks = np.maximum(skin - own, 0.0) / np.maximum(skin, _HUELESS)
+    stubble = ramp(1.0 - lacks, *_PALER) * ramp(level / np.maximum(above, 1.0), *_DARKER)
     return np.asarray(tables.beard * np.maximum(ramp(level / tables.middle, *_DARK), stubble), np.float32)
 
 

@@ -131,6 +131,16 @@ def test_stubble_in_light_is_told_by_the_cheek_above_it(placed: PlacedFace, pixe
     assert changed < 0.3 * by_f
 
 
+def test_a_jaw_in_light_of_another_hue_is_no_beard_below_a_cheek_in_the_same_light(placed: PlacedFace) -> None:
+    axes = placed.data.landmarks.axes
+    y, x = np.mgrid[:360, :640]
+    aside = ((x - axes.center[0]) * axes.across[0] + (y - axes.center[1]) * axes.across[1]) / axes.width
+    shade = np.where((below(placed) > 0.0)[..., None], 0.95, 1.0)  # a jaw is a little darker
+    two_lights = shade * np.where((aside > 0.05)[..., None], (100.0, 140.0, 190.0), SKIN)
+    out, bare = (drawn(placed, look_to(BRIGHT, beard), YUV444, picture=two_lights) for beard in (1.0, 0.0))
+    np.testing.assert_allclose(out, bare, atol=1)
+
+
 def test_a_beard_under_hidden_cheeks_is_told_by_its_darkness(placed: PlacedFace) -> None:
     window = below(placed)[placed.y :, placed.x :][: placed.alpha.shape[0], : placed.alpha.shape[1]]
     hidden = replace(placed, alpha=np.ascontiguousarray((window > 0.0).astype(np.float32)))
