@@ -25,7 +25,7 @@ from pvg.rendering.map_tables import MapTables
 _AROUND = 0.02  # of the face's width, sigma of the mean around a node [by eye: the width of a moustache's edge]
 # from where a mean of skin and hair is partly to where it is wholly hair: of the skin's middle luma; of r of `tinge` of
 # the cheek above, while it is darker than the cheek, of whose luma [measured: stubble 0.76; 0.9, shaded skin 1; 0.8]
-_DARK, _PALER, _DARKER = (0.9, 0.55), (0.9, 0.7), (1.0, 0.9)
+_DARK, _PALER, _DARKER = (0.9, 0.55), (0.95, 0.8), (1.02, 0.94)
 _CHEEKS = (-0.36, -0.13)  # of the face's width below its centre, nose and all: from below the eyes to the nose's base
 _COLUMN, _BESIDE = 0.05, 0.08  # of the face's width: of a column of the cheeks, and sigma of the mean beside it
 _COLUMNS = 25  # with the face's middle in the middle one
