@@ -2,10 +2,10 @@
 
 Hair does not take a look, and mattes end before it, but a beard lies on the face: skin is between its hairs. The map F
 makes what is darker than skin brighter with it, so a beard would look washed out and tinted. Where a face has one, the
-membrane takes away from its lower half what F adds to the matte's mean colour around a node, by how dark that is, or by
-how much paler it is than the cheek above it: in light from one side stubble on the lit jaw is as bright as the skin in
-shade, and only greyer than the cheek over it. Its texture keeps the slope of F, and its border is as soft as the mean.
-Luma is left to F where a look darkens skin: all of the face then has less light.
+membrane takes away from its lower half what F adds to the matte's mean colour around a node, by how much less skin it
+is than the cheek above it: darker, or with less of the skin's chroma. In light from one side stubble on the lit jaw is
+as bright as the cheek in shade, and only greyer than the cheek over it. Its texture keeps the slope of F, and its
+border is as soft as the mean. Luma is left to F where a look darkens skin: all of the face then has less light.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from pvg.rendering.correction import Correction
 from pvg.rendering.map_tables import MapTables
 
 _AROUND = 0.02  # of the face's width, sigma of the mean around a node [by eye: the width of a moustache's edge]
-# from where a mean of skin and hair is partly to where it is wholly hair: of the skin's middle luma; of r of `tinge` of
-# the cheek above, while it is darker than the cheek, of whose luma [measured: stubble 0.76; 0.9, shaded skin 1; 0.8]
-_DARK, _PALER, _DARKER = (0.9, 0.55), (0.95, 0.8), (1.02, 0.94)
+# of what a cheek's skin has, from where a mean of skin and hair is partly to where it is wholly hair [by blind choice;
+# measured: lit stubble 0.68, skin in shade 0.8]
+_HAIR = (0.9, 0.65)
 _CHEEKS = (-0.36, -0.13)  # of the face's width below its centre, nose and all: from below the eyes to the nose's base
 _COLUMN, _BESIDE = 0.05, 0.08  # of the face's width: of a column of the cheeks, and sigma of the mean beside it
 _COLUMNS = 25  # with the face's middle in the middle one
@@ -46,7 +46,8 @@ def with_beard(blocks: Blocks, corrections: Sequence[Correction]) -> list[Correc
     if not nodes.any():
         return list(corrections)
     means = blocks.means(_AROUND * blocks.axes.width)
-    around, cheeks = means[nodes], _cheeks_above(blocks, means)[nodes]
+    above = _cheeks_above(blocks, means)
+    around, cheeks = means[nodes], None if above is None else above[nodes]
     level = np.float32(2.0 ** (blocks.frame.format.depth - 8))
     out = []
     for correction in corrections:
@@ -55,7 +56,8 @@ def with_beard(blocks: Blocks, corrections: Sequence[Correction]) -> list[Correc
             out.append(correction)
             continue
         gained = tables.gained_of(around, around)
-        share = np.repeat((_KEPT * where[nodes] * _hair(tables, around, cheeks))[:, None], 3, axis=1)
+        hair = tables.beard * ramp(_like_skin(tables, around, cheeks), *_HAIR)
+        share = np.repeat((_KEPT * where[nodes] * hair)[:, None], 3, axis=1)
         share[:, 0] *= np.clip(gained[:, 0] / (_BRIGHTER * level), 0.0, 1.0)
         shares, added = (np.zeros((*blocks.shape, 3), np.float32) for _ in range(2))
         shares[nodes], added[nodes] = share, share * gained
@@ -64,17 +66,21 @@ def with_beard(blocks: Blocks, corrections: Sequence[Correction]) -> list[Correc
     return out
 
 
-def _hair(tables: MapTables, around: Floats, cheeks: Floats) -> Floats:
-    """(n,) in [0, 1], how far mean codes (n, 3) are of a beard, below cheeks of codes (n, 3)."""
-    level, above = tables.level_of(around[:, 0]), tables.level_of(cheeks[:, 0])
+def _like_skin(tables: MapTables, around: Floats, cheeks: Floats | None) -> Floats:
+    """(n,) how much of a cheek's luma, and of its chroma for that luma, mean codes (n, 3) have.
+
+    cheeks: (n, 3) mean codes, or None where none is seen: the luma beside the skin's middle one tells alone.
+    """
+    level = tables.level_of(around[:, 0])
+    if cheeks is None:
+        return np.asarray(level / tables.middle, np.float32)
     own, skin = (np.maximum(tables.likeness(codes), 0.0) for codes in (around, cheeks))
     lacks = np.maximum(skin - own, 0.0) / np.maximum(skin, _HUELESS)
-    stubble = ramp(1.0 - lacks, *_PALER) * ramp(level / np.maximum(above, 1.0), *_DARKER)
-    return np.asarray(tables.beard * np.maximum(ramp(level / tables.middle, *_DARK), stubble), np.float32)
+    return np.asarray(level / np.maximum(tables.level_of(cheeks[:, 0]), 1.0) * (1.0 - lacks), np.float32)
 
 
-def _cheeks_above(blocks: Blocks, around: Floats) -> Floats:
-    """(h, w, 3) the mean codes of the cheeks above each of the blocks; its own where no cheek is seen.
+def _cheeks_above(blocks: Blocks, around: Floats) -> Floats | None:
+    """(h, w, 3) the mean codes of the cheeks above each of the blocks, None where no cheek is seen.
 
     around: (h, w, 3) mean codes;  where the cheeks end, the last of them goes on.
     """
@@ -88,7 +94,7 @@ def _cheeks_above(blocks: Blocks, around: Floats) -> Floats:
     sums = np.asarray(cv2.GaussianBlur(held, (1, 0), 0.0, None, _BESIDE / _COLUMN, cv2.BORDER_CONSTANT), np.float64)
     seen = sums[:, 0] > _SEEN * max(float(sums[:, 0].max()), _SEEN)
     if not seen.any():
-        return around
+        return None
     places = (np.flatnonzero(seen) - middle) * _COLUMN
     means = sums[seen, 1:] / sums[seen, :1]
     return np.stack([np.interp(blocks.aside, places, one) for one in means.T], axis=-1).astype(np.float32)

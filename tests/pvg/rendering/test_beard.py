@@ -103,32 +103,40 @@ def test_a_look_of_the_faces_own_colours_changes_nothing(placed: PlacedFace) -> 
 
 
 def test_skin_between_the_hairs_goes_half_way(placed: PlacedFace) -> None:
-    """What is as bright as three quarters of the skin is hair and skin."""
-    on, mixed = chin(placed), 0.725 * SKIN
+    """What has three quarters of the cheek's luma, and its chroma for it, is hair and skin."""
+    on, mixed = chin(placed), 0.775 * SKIN
     bare, bearded = (drawn(placed, look_to(BRIGHT, beard), YUV444, hair=mixed)[on].mean(axis=0) for beard in (0.0, 1.0))
     share = ((bare - bearded) @ WEIGHTS) / ((bare - mixed) @ WEIGHTS)
     assert share == pytest.approx(0.45, abs=0.08)  # half of the nine tenths that a beard keeps
 
 
-def side_lit(placed: PlacedFace) -> tuple[Doubles, Bools]:
-    """A face (360, 640, 3) in light from one side with stubble on its lit jaw, and where that is (360, 640)."""
+def side_lit(placed: PlacedFace) -> tuple[Doubles, Bools, Bools]:
+    """A face (360, 640, 3) in light from one side, stubble on its lit jaw: where that is, and its bare one in shade."""
     axes = placed.data.landmarks.axes
     y, x = np.mgrid[:360, :640]
     aside = ((x - axes.center[0]) * axes.across[0] + (y - axes.center[1]) * axes.across[1]) / axes.width
     stubble = 0.9 * SKIN @ WEIGHTS + 0.55 * (SKIN - SKIN @ WEIGHTS)
     lit = np.clip(1.0 + 1.2 * aside, 0.6, 1.4)[..., None]
     picture = lit * np.where(((below(placed) > 0.08) & (aside > -0.1))[..., None], stubble, SKIN)
-    return picture, np.asarray((np.abs(below(placed) - 0.15) < 0.04) & (np.abs(aside - 0.33) < 0.03))
+    jaw, bare = ((np.abs(below(placed) - 0.15) < 0.04) & (np.abs(aside - at) < 0.03) for at in (0.33, -0.33))
+    return picture, np.asarray(jaw), np.asarray(bare)
 
 
 @pytest.mark.parametrize("pixel_format", [YUV444, RGB24], ids=["clip", "still"])
 def test_stubble_in_light_is_told_by_the_cheek_above_it(placed: PlacedFace, pixel_format: PixelFormat) -> None:
-    own, jaw = side_lit(placed)
+    own, jaw, _ = side_lit(placed)
     assert float(own[jaw].mean(axis=0) @ WEIGHTS) > 1.1 * float(SKIN @ WEIGHTS)  # it is no darker than the skin
     shaven, bearded = (drawn(placed, look_to(BRIGHT, beard), pixel_format, picture=own)[jaw] for beard in (0.0, 1.0))
     by_f, changed = (np.abs((one - own[jaw]).mean(axis=0)).max() for one in (shaven, bearded))
     assert by_f > 30  # the fault
     assert changed < 0.3 * by_f
+
+
+def test_skin_in_shade_is_no_beard_below_a_cheek_in_the_same_shade(placed: PlacedFace) -> None:
+    own, _, shaded = side_lit(placed)
+    assert float(own[shaded].mean(axis=0) @ WEIGHTS) < 0.7 * float(SKIN @ WEIGHTS)
+    shaven, bearded = (drawn(placed, look_to(BRIGHT, beard), YUV444, picture=own)[shaded] for beard in (0.0, 1.0))
+    np.testing.assert_allclose(bearded, shaven, atol=1)
 
 
 def test_a_jaw_in_light_of_another_hue_is_no_beard_below_a_cheek_in_the_same_light(placed: PlacedFace) -> None:
