@@ -10,7 +10,7 @@ from pvg.looks.parts import MAKEUP, Makeup
 from pvg.looks.skin_map import SkinMap
 from pvg.looks.transfer import LIGHT, reference_face_of, transfer
 from pvg.looks.transport import BETA, ITERATIONS, sliced_transport, sliced_wasserstein
-from pvg.looks.usual_chroma import LEAST_TINGE
+from pvg.looks.usual_chroma import LEAST_TINGE, likeness
 
 __all__ = [
     "BETA",
@@ -31,6 +31,7 @@ __all__ = [
     "check_size",
     "contrast_of_both",
     "exchange",
+    "likeness",
     "look_cube",
     "reference_face_of",
     "remainder_by_luma",

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pvg._arrays import Doubles
+from pvg._arrays import Doubles, Floats
 from pvg.looks.opponent import to_rgb
 
 LEAST_TINGE = 3.0
@@ -74,7 +74,11 @@ class UsualChroma:
 
     def likeness(self, opponent: Doubles) -> Doubles:
         """r (n,) of colours (n, 3) of `to_opponent`: 1 of the usual chroma and 0 of grey, see `pvg.rendering.tinge`."""
-        usual = self.at(opponent[:, 0])
-        size = np.linalg.norm(usual, axis=1)
-        along = (opponent[:, 1:] * usual).sum(axis=1) / np.maximum(size, 1e-6)
-        return np.asarray((along + LEAST_TINGE) / (size + LEAST_TINGE))
+        return likeness(opponent[:, 1:], self.at(opponent[:, 0]), LEAST_TINGE)
+
+
+def likeness(chroma: Doubles | Floats, usual: Doubles, least: float | Doubles) -> Doubles:
+    """r (n,) of chroma (n, 2) beside the usual one (n, 2), e = `least`, see `pvg.rendering.tinge`, on one scale."""
+    size = np.linalg.norm(usual, axis=1)
+    along = (chroma * usual).sum(axis=1) / np.maximum(size, 1e-6)
+    return np.asarray((along + least) / (size + least))

@@ -16,7 +16,7 @@ import numpy as np
 
 from pvg._arrays import Doubles, Floats, ramp
 from pvg._compiled import kernel
-from pvg.looks import LEAST_TINGE, LookMap, Region, SkinMap
+from pvg.looks import LEAST_TINGE, LookMap, Region, SkinMap, likeness
 from pvg.rendering.coding import Coding
 from pvg.video import PixelFormat
 
@@ -113,16 +113,13 @@ class MapTables:
         return a, b, (least / (size + least) - grey) / wide
 
     def level_of(self, luma: Floats) -> Floats:
-        """`levels` at codes of luma (...)."""
+        """`levels` at codes of luma (n,)."""
         return np.asarray(_at_codes(luma, self.levels), np.float32)
 
     def likeness(self, colors: Floats) -> Floats:
-        """r of `tinge` of codes of luma and chroma (..., 3)."""
-        usual, least = (_at_codes(colors[..., 0], table) for table in (self.usual[0], self.least))
-        usual = np.stack([usual, _at_codes(colors[..., 0], self.usual[1])], axis=-1)
-        size = np.maximum(np.linalg.norm(usual, axis=-1), 1e-6)
-        along = np.sum((colors[..., 1:] - self.offset[1:]) * usual, axis=-1) / size
-        return np.asarray((along + least) / (size + least), np.float32)
+        """r (n,) of `tinge` of codes of luma and chroma (n, 3)."""
+        blue, red, least = (_at_codes(colors[:, 0], table) for table in (*self.usual, self.least))
+        return np.asarray(likeness(colors[:, 1:] - self.offset[1:], np.stack([blue, red], axis=1), least), np.float32)
 
     def gained(self, colors: Floats) -> Floats:
         """What luma and chroma (n, 3), black aside, gain."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pvg._arrays import Bools, Doubles
+from pvg._arrays import Bools, Doubles, Floats
 from pvg.asset import FaceInFrame
 from pvg.curves import table_labels
 from pvg.face import layout
@@ -42,19 +42,26 @@ def look_to(goal: Doubles, beard: float = 1.0) -> LookMap:
 
 def below(placed: PlacedFace) -> Doubles:
     """(360, 640) how far pixels are below the face's centre, of its width."""
+    return _along(placed, placed.data.landmarks.axes.down)
+
+
+def aside(placed: PlacedFace) -> Doubles:
+    """(360, 640) how far pixels are across from the face's centre, of its width."""
+    return _along(placed, placed.data.landmarks.axes.across)
+
+
+def _along(placed: PlacedFace, direction: Floats) -> Doubles:
     axes = placed.data.landmarks.axes
     y, x = np.mgrid[:360, :640]
-    return np.asarray(((x - axes.center[0]) * axes.down[0] + (y - axes.center[1]) * axes.down[1]) / axes.width)
+    return np.asarray(((x - axes.center[0]) * direction[0] + (y - axes.center[1]) * direction[1]) / axes.width)
 
 
 def chin(placed: PlacedFace) -> Bools:
     """(360, 640): the chin, inside the face's oval and below the lips."""
     axes = placed.data.landmarks.axes
-    y, x = np.mgrid[:360, :640]
-    aside = ((x - axes.center[0]) * axes.across[0] + (y - axes.center[1]) * axes.across[1]) / axes.width
     lips = placed.data.landmarks.points[layout.LIPS_OUTER] - axes.center
     far = below(placed) - float((lips @ axes.down).max()) / axes.width
-    return np.asarray((np.abs(aside) < 0.05) & (far > 0.1) & (far < 0.15))
+    return np.asarray((np.abs(aside(placed)) < 0.05) & (far > 0.1) & (far < 0.15))
 
 
 def drawn(
@@ -112,13 +119,11 @@ def test_skin_between_the_hairs_goes_half_way(placed: PlacedFace) -> None:
 
 def side_lit(placed: PlacedFace) -> tuple[Doubles, Bools, Bools]:
     """A face (360, 640, 3) in light from one side, stubble on its lit jaw: where that is, and its bare one in shade."""
-    axes = placed.data.landmarks.axes
-    y, x = np.mgrid[:360, :640]
-    aside = ((x - axes.center[0]) * axes.across[0] + (y - axes.center[1]) * axes.across[1]) / axes.width
+    across = aside(placed)
     stubble = 0.9 * SKIN @ WEIGHTS + 0.55 * (SKIN - SKIN @ WEIGHTS)
-    lit = np.clip(1.0 + 1.2 * aside, 0.6, 1.4)[..., None]
-    picture = lit * np.where(((below(placed) > 0.08) & (aside > -0.1))[..., None], stubble, SKIN)
-    jaw, bare = ((np.abs(below(placed) - 0.15) < 0.04) & (np.abs(aside - at) < 0.03) for at in (0.33, -0.33))
+    lit = np.clip(1.0 + 1.2 * across, 0.6, 1.4)[..., None]
+    picture = lit * np.where(((below(placed) > 0.08) & (across > -0.1))[..., None], stubble, SKIN)
+    jaw, bare = ((np.abs(below(placed) - 0.15) < 0.04) & (np.abs(across - at) < 0.03) for at in (0.33, -0.33))
     return picture, np.asarray(jaw), np.asarray(bare)
 
 
@@ -140,11 +145,9 @@ def test_skin_in_shade_is_no_beard_below_a_cheek_in_the_same_shade(placed: Place
 
 
 def test_a_jaw_in_light_of_another_hue_is_no_beard_below_a_cheek_in_the_same_light(placed: PlacedFace) -> None:
-    axes = placed.data.landmarks.axes
-    y, x = np.mgrid[:360, :640]
-    aside = ((x - axes.center[0]) * axes.across[0] + (y - axes.center[1]) * axes.across[1]) / axes.width
+    across = aside(placed)
     shade = np.where((below(placed) > 0.0)[..., None], 0.95, 1.0)  # a jaw is a little darker
-    two_lights = shade * np.where((aside > 0.05)[..., None], (100.0, 140.0, 190.0), SKIN)
+    two_lights = shade * np.where((across > 0.05)[..., None], (100.0, 140.0, 190.0), SKIN)
     out, bare = (drawn(placed, look_to(BRIGHT, beard), YUV444, picture=two_lights) for beard in (1.0, 0.0))
     np.testing.assert_allclose(out, bare, atol=1)
 
