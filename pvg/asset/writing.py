@@ -32,8 +32,7 @@ class AssetWriter:
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         self._temporary = draft_of(self.path)
-        self._temporary.touch(0o666, exist_ok=False)  # less what the umask takes
-        self._zip = zipfile.ZipFile(self._temporary, "w", zipfile.ZIP_DEFLATED)
+        self._zip: zipfile.ZipFile
         self._entries: dict[str, str] = {}
         self._pending: dict[int, dict[str, list[NDArray[Any]]]] = {}
         self._chunks: dict[int, int] = {}
@@ -41,6 +40,12 @@ class AssetWriter:
         self._faces: list[dict[str, Any]] = []
 
     def __enter__(self) -> Self:
+        try:
+            self._temporary.touch(0o666, exist_ok=False)  # less what the umask takes
+            self._zip = zipfile.ZipFile(self._temporary, "w", zipfile.ZIP_DEFLATED)
+        except BaseException:  # a signal, too, that comes as soon as the file is there
+            self._temporary.unlink(missing_ok=True)
+            raise
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import contextlib
 import os
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, get_args
@@ -83,13 +83,13 @@ def vectorize(
         check_file(Path(asset), [path])
     media = probe(path, limits, input_color=input_color, strict=strict)
     reader = SourceReader(path, media, limits, input_color, strict, progress or (lambda stage, done, total: None))
-    target = Path(asset) if asset is not None else _temporary_name()
-    with one_blas_thread(), contextlib.ExitStack() as undo, SharedThreads() as threads:
-        if asset is None:
-            undo.callback(target.unlink)
-        if media.kind == "video" and not reference:
-            undo.enter_context(one_opencv_thread())
-        writer = undo.enter_context(AssetWriter(target))
+    with (
+        one_blas_thread(),
+        one_opencv_thread() if media.kind == "video" and not reference else contextlib.nullcontext(),
+        _temporary_name() if asset is None else contextlib.nullcontext(Path(asset)) as target,
+        SharedThreads() as threads,
+        AssetWriter(target) as writer,
+    ):
         maker = FaceMaker(mask, matching, seed, min_face_px, advised_face_px, threads)
         try:
             found = (write_reference if reference else follow_all_faces)(reader, maker, writer)
@@ -108,7 +108,6 @@ def vectorize(
                 "shots": list(found.shots),
             }
         )
-        undo.pop_all()
     return VectorVideo(target, path, limits=limits, temporary=asset is None)
 
 
@@ -123,10 +122,16 @@ def _check_options(mask: str, matching: str, input_color: str, **switches: bool)
         check_switch(name, switch)
 
 
-def _temporary_name() -> Path:
+@contextlib.contextmanager
+def _temporary_name() -> Iterator[Path]:
+    """A name that nobody else has; what is there goes when the block is left by an exception."""
     handle, name = tempfile.mkstemp(suffix=".pvg")
-    os.close(handle)
-    return Path(name)
+    try:
+        os.close(handle)
+        yield Path(name)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
 
 
 def _with_skin(

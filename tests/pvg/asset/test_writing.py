@@ -24,6 +24,21 @@ def test_an_aborted_writer_leaves_nothing_behind(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+def test_an_end_as_soon_as_the_file_is_there_leaves_nothing_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A signal to end may come between any two steps, and the one after the file is made is no other."""
+
+    def ended(*_: object) -> None:
+        assert len(list(tmp_path.iterdir())) == 1
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(zipfile, "ZipFile", ended)
+    with pytest.raises(KeyboardInterrupt), AssetWriter(tmp_path / "never.pvg"):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_disk_that_is_full_at_the_end_leaves_nothing_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(archive: zipfile.ZipFile) -> None:
         monkeypatch.undo()

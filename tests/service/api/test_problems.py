@@ -3,6 +3,7 @@ from __future__ import annotations
 import gzip
 import re
 import time
+import timeit
 from typing import Any
 
 import pytest
@@ -275,9 +276,9 @@ def test_errors_take_a_time_that_grows_with_their_number() -> None:
     with pytest.raises(ValidationError) as refused:
         TransferRequest.model_validate({"video": "vid_" + "0" * 32} | {f"k{i}": 0 for i in range(4900)})
     assert refused.value.error_count() == 4901
-    began = time.thread_time()
-    problems.invalid(refused.value)
-    assert time.thread_time() - began < 1
+    # the best of five: a collection of the whole process's garbage may fall into one
+    times = timeit.repeat(lambda: problems.invalid(refused.value), timer=time.thread_time, repeat=5, number=1)
+    assert min(times) < 1
 
 
 def test_of_a_union_only_what_is_wrong_inside_is_said() -> None:
