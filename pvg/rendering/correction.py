@@ -77,7 +77,8 @@ def at_curves(g: Floats, new: Floats, contrast: ContrastOrMap) -> CurveCorrectio
     g, new: (S, 3) luma and chroma of the boundary colours g and g', code values.
     """
     if isinstance(contrast, MapTables):
-        return CurveCorrection(new - (g + contrast.gained(g)), contrast)  # g' − F(g)
+        skin = np.float32(1.0) - contrast.foreign_at_curves(g)[:, None]
+        return CurveCorrection(skin * (new - (g + contrast.gained(g))), contrast)  # g' − F(g)
     return CurveCorrection(new - contrast * g, contrast)  # g' − λg on γ, eq. (1)
 
 

@@ -12,9 +12,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+import cv2
 import numpy as np
 
-from pvg._arrays import Doubles, Floats, ramp
+from pvg._arrays import Bools, Doubles, Floats, ramp
 from pvg._compiled import kernel
 from pvg.looks import LEAST_TINGE, LookMap, Region, SkinMap, likeness
 from pvg.rendering.coding import Coding
@@ -22,6 +23,12 @@ from pvg.video import PixelFormat
 
 _APART = 0.12  # of the usual chroma, and e of `tinge` besides: about how far from it skin may stay [by eye]
 _HOLLOW = (0.4, 0.8)  # of the skin's middle luma, between which that begins to hold: hollows are deep red [by eye]
+# d of `foreign`, up to which a colour may be skin's and from which on it is none: of pixels [measured: none inside the
+# mattes of 15 clips and 14 portraits is beyond the first, letters in plain colours are beyond the second], and of what
+# is fitted at curves [by eye]
+_FOREIGN, _FOREIGN_AT_CURVES = (1.6, 2.1), (0.9, 1.3)
+_IN_SHADE = 0.7  # of the usual chroma of the skin's middle, which counts at least [by eye: nostrils are a deep red]
+_SAMPLES_BESIDE = np.ones((11, 1), np.uint8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +128,38 @@ class MapTables:
         blue, red, least = (_at_codes(colors[:, 0], table) for table in (*self.usual, self.least))
         return np.asarray(likeness(colors[:, 1:] - self.offset[1:], np.stack([blue, red], axis=1), least), np.float32)
 
+    def foreign(self, codes: Floats, where: Bools, lips: Bools) -> Floats:
+        """How far codes of luma and chroma (3, r, c) are none of the skin's colours, see `foreign`: (r, c) in [0, 1].
+
+        where: (r, c), elsewhere it is 0;  lips: (r, c), where what is redder than skin is none the less skin.
+        """
+        return _beyond(codes, where, lips, self.usual, self.offset, self._foreign)
+
+    def foreign_at_curves(self, g: Floats) -> Floats:
+        """The same (n,) of boundary colours g (n, 3), black aside, in the order of their curves.
+
+        A curve may lead through letters. Fits mix them with the skin around, and samples beside them take part.
+        """
+        codes = np.ascontiguousarray((g + self.offset).T[:, :, None], np.float32)
+        every = np.ones((len(g), 1), np.bool_)
+        beyond = _beyond(codes, every, ~every, self.usual, self.offset, self._foreign_at_curves)
+        return np.asarray(cv2.dilate(beyond, _SAMPLES_BESIDE)[:, 0] if beyond.any() else beyond[:, 0], np.float32)
+
+    @cached_property
+    def _foreign(self) -> Floats:
+        return self._off_skin(_FOREIGN)
+
+    @cached_property
+    def _foreign_at_curves(self) -> Floats:
+        return self._off_skin(_FOREIGN_AT_CURVES)
+
+    def _off_skin(self, bounds: tuple[float, float]) -> Floats:
+        """(2, n) how far off the usual chroma a colour has a d of two bounds, see `foreign`, by luma's code."""
+        size = np.hypot(*self.usual)
+        middle = size[int(np.argmin(np.abs(self.levels - self.middle)))]
+        scale = np.maximum(size, _IN_SHADE * middle) + 2.0 * self.least
+        return np.stack([bound * scale for bound in bounds]).astype(np.float32)
+
     def gained(self, colors: Floats) -> Floats:
         """What luma and chroma (n, 3), black aside, gain."""
         own = np.asarray(colors + self.offset, np.float32)
@@ -176,3 +215,31 @@ def _interpolate(places: Floats, table: Floats, out: Doubles) -> None:
             out[i] = (np.float64(table[k + 1]) - low) * (place - k) + low
         else:
             out[i] = place if np.isnan(place) else table[0]
+
+
+def _beyond(codes: Floats, where: Bools, lips: Bools, usual: Floats, offset: Floats, near_and_far: Floats) -> Floats:
+    """`MapTables.foreign`, from 0 to 1 between both of `near_and_far` (2, n), chroma by luma's code."""
+    out = np.zeros(where.shape, np.float32)
+    _find_beyond(codes, where, lips, usual, offset, near_and_far, out)
+    return out
+
+
+@kernel()
+def _find_beyond(
+    codes: Floats, where: Bools, lips: Bools, usual: Floats, offset: Floats, near_and_far: Floats, out: Floats
+) -> None:
+    """`_beyond` into zeros (r, c)."""
+    most = usual.shape[1] - 1
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            if not where[i, j]:
+                continue
+            code = min(max(int(codes[0, i, j]), 0), most)
+            blue = codes[1, i, j] - offset[1] - usual[0, code]
+            red = codes[2, i, j] - offset[2] - usual[1, code]
+            if lips[i, j] and red > abs(blue):
+                continue
+            near, far = near_and_far[0, code], near_and_far[1, code]
+            beyond = np.sqrt(blue * blue + red * red) - near
+            if beyond > 0:
+                out[i, j] = min(beyond / (far - near), np.float32(1.0))

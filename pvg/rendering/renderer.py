@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -10,6 +12,7 @@ from pvg._arrays import Floats
 from pvg.asset import VectorVideo
 from pvg.curves import Chain, ColorTable, CurveLabels, labels_by_length, table_labels
 from pvg.errors import UncutError
+from pvg.face import Landmarks
 from pvg.looks import Look, Region
 from pvg.rendering.beard import with_beard
 from pvg.rendering.beside import BesideTables, with_beside
@@ -19,6 +22,7 @@ from pvg.rendering.coding import Coding
 from pvg.rendering.correction import at_curves, extend
 from pvg.rendering.edges import follow_edges
 from pvg.rendering.foreground import foreground
+from pvg.rendering.foreign import own_tables, without_foreign
 from pvg.rendering.guards import Guard, guard_gain, guarded_alpha
 from pvg.rendering.makeup import with_parts
 from pvg.rendering.map_tables import MapTables
@@ -82,7 +86,38 @@ def _propagation(video: VectorVideo, face: int, looks: Sequence[Look]) -> _Table
     return (_ChainColors if video.settings["matching"] == "chain" else _TableColors)(video, face, stacks)
 
 
+_Placed = TypeVar("_Placed", PlacedFace, PlacedBody)
 _Faces = list[tuple[int, PlacedFace, Floats | None]]  # each face, where it is, and its colours, if a look draws it
+_Kind = tuple[tuple[str, ...], bool]  # of mattes: what is protected, and whether a map stands for λ
+
+
+class _Mattes:
+    """The mattes of one face for the looks that draw it, each kind told once.
+
+    faces: the face for those with a number for λ and with a map;  mouth: see `guarded_alpha`;  in_place: whether there
+    is but one kind.
+    """
+
+    def __init__(self, faces: Mapping[bool, PlacedFace], mouth: Floats | None, align: int, *, in_place: bool) -> None:
+        self._faces, self._mouth, self._align, self._in_place = faces, mouth, align, in_place
+        self._guarded: dict[_Kind, tuple[Floats, list[Guard]]] = {}
+        self._to_the_neck: dict[_Kind, Floats] = {}
+
+    def guarded(self, kind: _Kind) -> tuple[Floats, list[Guard]]:
+        """The matte (h, w) without what is protected, and that."""
+        if kind not in self._guarded:
+            protect, mapped = kind
+            self._guarded[kind] = guarded_alpha(
+                self._faces[mapped], protect, self._mouth, in_place=self._in_place, align=self._align
+            )
+        return self._guarded[kind]
+
+    def to_the_neck(self, kind: _Kind) -> tuple[Floats, list[Guard]]:
+        """The same for looks that leave the person's other skin."""
+        alpha, guards = self.guarded(kind)
+        if kind not in self._to_the_neck:
+            self._to_the_neck[kind] = without_chest(self._faces[False], alpha)
+        return self._to_the_neck[kind], guards
 
 
 class Renderer:
@@ -108,6 +143,7 @@ class Renderer:
         self._spans = np.array([(face.first_frame, face.last_frame) for face in video.faces]).reshape(-1, 2)
         # by look, face and region: the exposure that the tables were made for, and they
         self._tables: dict[tuple[int, int, Region], tuple[tuple[float, float], MapTables]] = {}
+        self._own: dict[int, MapTables | None] = {}  # of faces, what colours their skin has
         self._colors = {
             face: _propagation(video, face, [looks[i] for i in which]) for face, which in self._with_face.items()
         }
@@ -124,7 +160,9 @@ class Renderer:
         for face, placed, colors in faces:
             if colors is not None:
                 self._draw_face(frame, face, placed, colors, out)
-        for face, body in bodies:
+        landmarks = {face: placed.data.landmarks for face, placed, _ in faces}
+        for face, whole in bodies:
+            body = self._in_skin_colors(frame, whole, face, landmarks[face])
             shown = foreground(frame, (body.x, body.y), body.alpha, body.step)
             for i in self._with_body[face]:
                 tables = self._tables_of(i, face, frame, "beside")
@@ -138,21 +176,36 @@ class Renderer:
         """
         placed = self._placed_faces(frame)
         bodies = self._placed_bodies(frame, placed)
+        landmarks = {face: one.data.landmarks for face, one, _ in placed}
         out = []
         for faces in persons:
             total = np.zeros((frame.height, frame.width), np.float32)
-            for face, one, _ in placed:
+            for face, whole, _ in placed:
                 if face in faces:
+                    one = self._mapped_skin(frame, face, whole, [look])
                     alpha, guards = guarded_alpha(one, self.looks[look].protect)
                     alpha = alpha if face in self.looks[look].body else without_chest(one, alpha)
                     add_alpha(total, one.x, one.y, alpha)
                     for guard in guards:
                         add_alpha(total, one.x + guard.x, one.y + guard.y, _GUARDED * guard.weight)
-            for face, body in bodies:
+            for face, beside in bodies:
                 if face in faces and face in self.looks[look].body:
+                    body = self._in_skin_colors(frame, beside, face, landmarks[face])
                     add_alpha(total, body.x, body.y, body.alpha)
             out.append(np.minimum(total, np.float32(1.0)))
         return out
+
+    def _mapped_skin(self, frame: Frame, face: int, placed: PlacedFace, looks: Sequence[int]) -> PlacedFace:
+        """A face as those of some looks draw it that have a map of colour for λ; the same when none has."""
+        mapped = any(self.looks[i].contrast_of(face) == "map" for i in looks)
+        return self._in_skin_colors(frame, placed, face, placed.data.landmarks) if mapped else placed
+
+    def _in_skin_colors(self, frame: Frame, placed: _Placed, face: int, landmarks: Landmarks) -> _Placed:
+        """A face, or a piece of its person's body, without what is coloured as no skin is."""
+        if face not in self._own:
+            self._own[face] = own_tables(self.video.records[face], frame.format)
+        alpha = without_foreign(frame, (placed.x, placed.y), placed.alpha, self._own[face], landmarks)
+        return placed if alpha is placed.alpha else replace(placed, alpha=alpha)
 
     def _placed_bodies(self, frame: Frame, faces: _Faces) -> list[tuple[int, PlacedBody]]:
         """(face, where the person's other skin is) of every face in the frame that a look draws with its body.
@@ -226,29 +279,22 @@ class Renderer:
             corrections = extend(placed, codes, wanted, level=level)
         except UncutError:  # a speck of matte between curves, as the paper's rule may leave: it stays as it is
             return
+        mapped = self._mapped_skin(frame, face, placed, which)
         landmarks = placed.data.landmarks
         key = self.video.records[face].key_frame_of(frame.index)
         mouth = see_mouth(frame, landmarks, key, placed.lattice())
         corrections = with_parts(corrections, parts, landmarks, mouth.lips)
-        blocks = Blocks.of(frame, placed, corrections[0].lattice)
+        blocks = Blocks.of(frame, mapped, corrections[0].lattice)
         corrections = with_beard(blocks, with_beside(blocks, corrections, beside))
         corner = placed.x, placed.y
         skin = None
         if any(correction.mapped for correction in corrections):
-            skin = foreground(frame, corner, placed.alpha, placed.data.matte.raster.step)
-        fade = fade_in_dark(frame, corner, placed.alpha, corrections, skin)
-        guarded: dict[tuple[str, ...], tuple[Floats, list[Guard]]] = {}
-        to_the_neck: dict[tuple[str, ...], Floats] = {}
-        alike = len({self.looks[i].protect for i in which}) == 1
-        for i, correction, luma in zip(which, corrections, lumas, strict=True):
-            protect = self.looks[i].protect
-            if protect not in guarded:
-                guarded[protect] = guarded_alpha(placed, protect, mouth.skin, in_place=alike, align=align)
-            alpha, guards = guarded[protect]
-            if face not in self.looks[i].body:
-                if protect not in to_the_neck:
-                    to_the_neck[protect] = without_chest(placed, alpha)
-                alpha = to_the_neck[protect]
+            skin = foreground(frame, corner, mapped.alpha, placed.data.matte.raster.step)
+        fade = fade_in_dark(frame, corner, mapped.alpha, corrections, skin)
+        kinds = [(self.looks[i].protect, correction.mapped) for i, correction in zip(which, corrections, strict=True)]
+        mattes = _Mattes({False: placed, True: mapped}, mouth.skin, align, in_place=len(set(kinds)) == 1)
+        for i, kind, correction, luma in zip(which, kinds, corrections, lumas, strict=True):
+            alpha, guards = mattes.guarded(kind) if face in self.looks[i].body else mattes.to_the_neck(kind)
             gains: list[tuple[Guard, float]] = []
             # λ as a number is the paper's: what changes in the clip survives exactly, in eyes and teeth too
             if correction.mapped:

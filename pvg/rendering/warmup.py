@@ -53,6 +53,7 @@ def warm_up(frames: Sequence[Frame], membrane: Membrane, colors: Floats) -> None
             shown = foreground(frame, (placed.x, placed.y), placed.alpha, placed.step)
             apply_body(frame, placed, shown, beside)
         beyond_bound_of_means(beside, colors)
+        tables.foreign_at_curves(colors)  # by the kernel that looks at pixels too
 
 
 def _spot() -> Bytes:

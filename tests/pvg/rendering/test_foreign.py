@@ -1,0 +1,136 @@
+"""What is coloured as no skin is, letters and stickers, stays as it is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pvg
+from pvg._arrays import Bytes, Doubles
+from pvg.asset import FaceInFrame, FaceRecord
+from pvg.curves import table_labels
+from pvg.face import layout
+from pvg.looks import LookMap, SkinMap
+from pvg.rendering import Renderer, source_frame
+from pvg.rendering.coding import Coding
+from pvg.rendering.correction import at_curves
+from pvg.rendering.foreign import own_tables, without_foreign
+from pvg.rendering.map_tables import MapTables
+from pvg.rendering.placed_face import PlacedFace, place_face
+from pvg.video import RGB24, RGB48, Frame, PixelFormat
+from pvg.video.color import named_space
+from tests.gallery.pictures import FORMATS, YUV422_10, frame_of
+
+SKIN = np.array([190.0, 140.0, 115.0])
+YELLOW, RED, BLUE = (255.0, 212.0, 0.0), (224.0, 40.0, 42.0), (40.0, 90.0, 230.0)
+ONCE = np.ones((1, 2), np.float32)
+OTHER_CODES = [
+    replace(one, name=f"{one.name} {name}", color=named_space(name))
+    for name in ("vlog", "logc4", "pq", "hlg")
+    for one in (YUV422_10, RGB48)
+]
+
+
+def _tables(pixel_format: PixelFormat) -> MapTables:
+    light = np.random.default_rng(0).uniform(0.7, 1.2, (300, 1))
+    own = (SKIN * light).astype(np.float32)
+    return MapTables.of(LookMap(SkinMap.between(own, 0.8 * own.astype(float)), 1.0, ONCE), pixel_format)
+
+
+def _told(pixel_format: PixelFormat, *colors: tuple[float, float, float], lips: bool = False) -> Doubles:
+    tables = _tables(pixel_format)
+    codes = Coding(pixel_format).colors(np.array(colors, np.float32)) + tables.offset
+    where = np.ones((len(colors), 1), np.bool_)
+    return tables.foreign(np.ascontiguousarray(codes.T[:, :, None], np.float32), where, where & lips)[:, 0]
+
+
+@pytest.fixture(scope="module")
+def placed(face: FaceInFrame) -> PlacedFace:
+    """A face whose matte takes everything in its window."""
+    found = place_face(face, table_labels(), 640, 360)
+    assert found is not None
+    return replace(found, alpha=np.ones_like(found.alpha))
+
+
+@pytest.mark.parametrize("pixel_format", [*FORMATS, *OTHER_CODES], ids=lambda f: f.name)
+def test_plain_colours_are_told_from_skin_and_grey(pixel_format: PixelFormat) -> None:
+    skin = (tuple(SKIN), (95, 70, 58), (215, 120, 110), (205, 110, 100), (150, 142, 158))  # blush, an ear, blue shade
+    np.testing.assert_array_equal(_told(pixel_format, *skin, (235, 235, 235), (20, 20, 20), (128, 128, 128)), 0)  # type: ignore[arg-type]
+    assert _told(pixel_format, YELLOW, RED, BLUE).min() > 0.7  # 1 but for red in HDR
+
+
+def test_lips_may_be_painted_in_any_red() -> None:
+    np.testing.assert_array_equal(_told(RGB24, RED, (180, 20, 60), lips=True), 0)
+    np.testing.assert_array_equal(_told(RGB24, YELLOW, BLUE, lips=True), 1)
+
+
+def _lettered(placed: PlacedFace) -> tuple[Doubles, tuple[slice, slice]]:
+    """A picture of skin with a yellow bar across the forehead, and where its inside is."""
+    center = placed.data.landmarks.axes.center.astype(int)
+    picture = np.tile(SKIN, (360, 640, 1))
+    y, x = center[1] - 60, center[0]
+    picture[y - 8 : y + 8, x - 30 : x + 30] = YELLOW
+    return picture, (slice(y - 6, y + 6), slice(x - 28, x + 28))
+
+
+@pytest.mark.parametrize("pixel_format", [*FORMATS, RGB24], ids=lambda f: f.name)
+def test_letters_are_taken_out_of_the_matte_and_nothing_else(placed: PlacedFace, pixel_format: PixelFormat) -> None:
+    picture, (rows, columns) = _lettered(placed)
+    corner, marks = (placed.x, placed.y), placed.data.landmarks
+    left = without_foreign(frame_of(picture, pixel_format), corner, placed.alpha, _tables(pixel_format), marks)
+    ys, xs = (slice(s.start - at, s.stop - at) for s, at in ((rows, placed.y), (columns, placed.x)))
+    assert left[ys, xs].max() == pytest.approx(0.0, abs=1e-5)
+    beside = left.copy()
+    beside[ys.start - 9 : ys.stop + 9, xs.start - 9 : xs.stop + 9] = 1
+    np.testing.assert_array_equal(beside, 1)
+    plain = frame_of(np.tile(SKIN, (360, 640, 1)), pixel_format)
+    assert without_foreign(plain, corner, placed.alpha, _tables(pixel_format), marks) is placed.alpha
+
+
+def test_along_the_end_of_the_matte_nothing_is_told(placed: PlacedFace) -> None:
+    """Skin mixes there with a green wall, and `edges` has told how much of it is skin."""
+    alpha = placed.alpha.copy()
+    alpha[:, :100] = 0
+    picture = np.tile(SKIN, (360, 640, 1))
+    picture[:, : placed.x + 103] = (60.0, 160.0, 90.0)
+    corner, marks = (placed.x, placed.y), placed.data.landmarks
+    assert without_foreign(frame_of(picture, RGB24), corner, alpha, _tables(RGB24), marks) is alpha
+
+
+def test_a_fit_through_letters_asks_for_nothing() -> None:
+    tables = _tables(RGB24)
+    g = np.tile(Coding(RGB24).colors(SKIN[None].astype(np.float32)), (60, 1))
+    g[30] = Coding(RGB24).colors(np.array([[225.0, 60.0, 60.0]], np.float32))[0]
+    new = g + tables.gained(g) + np.float32(9.0)
+    shift = at_curves(g, new.astype(np.float32), tables).shift
+    np.testing.assert_allclose(shift[25:36], 0.0, atol=1e-4)
+    np.testing.assert_allclose(np.delete(shift, range(25, 36), axis=0), 9.0, atol=1e-3)
+
+
+def test_a_face_that_shows_no_skin_is_left_as_it_is(video: pvg.VectorVideo) -> None:
+    record: FaceRecord = video.records[0]
+    bare = [replace(key, skin=key.skin[:0], skin_at=key.skin_at[:0]) for key in record.key_frames]
+    assert own_tables(replace(record, key_frames=tuple(bare)), RGB24) is None
+
+
+def _with_bar(frame: Frame, face: FaceInFrame) -> tuple[Frame, tuple[slice, slice]]:
+    """The frame with a yellow bar below the eyes, and the pixels of the bar's inside."""
+    nose = face.landmarks.points[layout.NOSE_TIP].astype(int)
+    rgb: Bytes = frame.rgb().copy()
+    y, x = int(nose[1]) - 14, int(nose[0])
+    rgb[y - 6 : y + 6, x - 40 : x + 40] = YELLOW
+    planes = frame.format.from_rgb(rgb)
+    return replace(frame, planes=planes), (slice(y - 3, y + 3), slice(x - 36, x + 36))
+
+
+def test_letters_over_a_face_keep_their_colour(video: pvg.VectorVideo, dark_reference: pvg.VectorVideo) -> None:
+    renderer = Renderer(video, [pvg.transfer(video, dark_reference)])
+    face = video.face_at(0, 20)
+    assert face is not None
+    plain = source_frame(video, 20)
+    lettered, bar = _with_bar(plain, face)
+    drawn, without = (renderer.draw(frame)[0].rgb().astype(int) for frame in (lettered, plain))
+    assert np.abs(without - plain.rgb())[bar].mean() > 5  # the skin there takes the look
+    assert np.abs(drawn - lettered.rgb())[bar].max() <= 2
