@@ -45,7 +45,8 @@ def test_the_shift_at_the_curves_is_what_the_contrast_leaves_to_the_new_colours(
 def test_fewer_nodes_tell_a_maps_correction_as_well(placed: PlacedFace) -> None:
     """What is left beside F is smooth along the curves, so 128 nodes tell it to a part of a level."""
     x, y = ((placed.positions - placed.positions.mean(axis=0)) / placed.data.landmarks.axes.width).T
-    g = colors(0)
+    light = np.random.default_rng(0).uniform(0.5, 1.1, (len(table_labels()), 1))
+    g = (np.array((190, 140, 110)) * light).astype(np.float32) @ TO_PLANES
     left = np.stack([30 * x, 8 * y, -8 * x], axis=1).astype(np.float32)  # as large as looks leave
     wanted = at_curves(g, g + a_map().gained(g) + left, a_map())
     (ours,) = extend(placed, g, [wanted], level=1.0)
