@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pvg.curves import CHAIN_RESET_FRAMES, Matching
 from pvg.landmarks import FaceTrack
 from pvg.skin import MaskMethod
-from pvg.vectorization.following import KeyView
 from pvg.vectorization.shared_threads import SharedThreads
+from pvg.vectorization.stretch import KeyView
 from pvg.vectorization.vector_face import VectorFace
 
 

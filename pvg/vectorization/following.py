@@ -9,57 +9,22 @@ reading: tracks that begin too doubtful, too small, or without one good view of 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from pvg._arrays import Floats
-from pvg.face import Landmarks
 from pvg.landmarks import FaceTrack, FaceTracker, OpenTrack, smooth
 from pvg.picture import Box, Picture, clipped
 from pvg.skin import Scene, SceneReader
 from pvg.vectorization.fading import FADE_REACH, faded
 from pvg.vectorization.key_frames import first_good_row, good_rows, surroundings
+from pvg.vectorization.stretch import KeyView, Stretch, rows_between
 
 CHUNK = 32  # frames a face is followed by at a time
 LOOKAHEAD = 32  # frames that must be known after the last of them; the smoothing's filters reach 22
 HISTORY = 96  # frames before them that tell jitter from movement
 # of the contrast of a shot's pictures: less is a fade, more is none [measured: 0.8 and more in clips without one]
 _FADED, _CLEAR = 0.75, 0.95
-
-
-@dataclass(frozen=True, eq=False)
-class KeyView:
-    """The frame whose colours a track is known by.
-
-    row: counted from the track's first frame;  scene: of that frame, if there is one;  haze: see `pvg.haze`.
-    """
-
-    row: int
-    picture: Picture
-    landmarks: Landmarks
-    scene: Scene | None
-    haze: int = 0
-
-
-@dataclass(frozen=True, eq=False)
-class Stretch:
-    """Some consecutive frames of one track, with the final landmarks.
-
-    number: the track's, in the order they were found;  start: its first row here, counted from the track's first;
-    rows: their landmarks;  pictures: of every row, the face's surroundings;  visible: (n,) float32, see `opacity`;
-    scenes: of every row, the whole picture, or none where they were not asked for;  key: with a track's first stretch;
-    last: whether the track ends with it.
-    """
-
-    number: int
-    start: int
-    rows: FaceTrack
-    pictures: tuple[Picture, ...]
-    visible: Floats
-    scenes: tuple[Scene, ...]
-    key: KeyView | None
-    last: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,7 +214,7 @@ class Following:
         if not (ended or self._from_first_row or good_rows(window)[row]):
             return None
         frame = window.first + row
-        return key_view(window, row, course.pictures[frame], self._scenes.get(frame))
+        return KeyView.of(window, row, course.pictures[frame], self._scenes.get(frame))
 
     def key_row(self, window: FaceTrack) -> int:
         """The first row that shows the face well and lies in no fade from or to white, if those are known.
@@ -271,20 +236,3 @@ def _take_more(boxes: Iterable[Box], size: tuple[int, int]) -> bool:
     """Whether parts of a picture, (height, width), take more than the whole: of many faces or large ones."""
     held = [clipped(box, (0, 0, size[1], size[0])) for box in boxes]
     return sum((x1 - x0) * (y1 - y0) for x0, y0, x1, y1 in held) > size[0] * size[1]
-
-
-def key_view(track: FaceTrack, row: int, picture: Picture, scene: Scene | None) -> KeyView:
-    """A row of a track, seen in a picture, as its key view."""
-    return KeyView(row, picture, track.landmarks[row], scene, 0 if scene is None else scene.haze)
-
-
-def rows_between(track: FaceTrack, start: int, stop: int) -> FaceTrack:
-    """The part of a track in the frames [start, stop)."""
-    part = slice(start - track.first, stop - track.first)
-    return replace(
-        track,
-        first=start,
-        landmarks=track.landmarks[part],
-        score=track.score[part],
-        pose=track.pose[part],
-    )

@@ -10,9 +10,9 @@ from pvg.picture import Picture
 from pvg.skin import Matte, SceneReader, haze_over
 from pvg.vectorization.face_maker import FaceMaker, FoundFaces
 from pvg.vectorization.face_messages import no_usable_face, over_limit_warning
-from pvg.vectorization.following import KeyView, key_view
 from pvg.vectorization.key_frames import best_row
 from pvg.vectorization.source_reader import SourceReader
+from pvg.vectorization.stretch import KeyView
 from pvg.vectorization.vector_face import VectorFace
 
 LANDMARKS, BEST_FRAME = "landmarks", "best frame"  # stages of progress
@@ -40,7 +40,7 @@ def _all_faces(source: SourceReader, maker: FaceMaker, writer: AssetWriter) -> F
     faces = []
     for number, raw in enumerate(track for track in found.tracks if track.width_px >= maker.min_face_px):
         track = smooth(raw)
-        faces.append(maker.face(number, track, key_view(track, 0, picture, scene)))
+        faces.append(maker.face(number, track, KeyView.of(track, 0, picture, scene)))
         faces[-1].add_key_frame_only(track, writer)
     return FoundFaces(tuple(faces), (0,), found.frame_count)
 

@@ -29,13 +29,13 @@ from pvg.skin import (
     scene_raster,
 )
 from pvg.vectorization.exposure import DueKey, ExposureWatch, FacePatch
-from pvg.vectorization.following import KeyView, Stretch, rows_between
 from pvg.vectorization.key_colors import fit_key_frame
 from pvg.vectorization.key_frames import good_rows
 from pvg.vectorization.open_skin import skin_sample
 from pvg.vectorization.part_colors import part_colors, shows_lips, with_lips_of, without_covered_lips
 from pvg.vectorization.plausible import doubts
 from pvg.vectorization.shared_threads import SharedThreads
+from pvg.vectorization.stretch import KeyView, Stretch, rows_between
 
 ADVISED_FACE_PX = 200  # the paper's least face size
 _SAMPLE_MARGIN = 0.06  # of the face's width: reach of what smooths the sampled skin

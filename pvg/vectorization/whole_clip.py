@@ -12,8 +12,9 @@ from pvg.skin import Scene, SceneReader
 from pvg.vectorization.face_maker import FaceMaker, FoundFaces
 from pvg.vectorization.face_messages import no_usable_face, over_limit_warning
 from pvg.vectorization.fading import opacity
-from pvg.vectorization.following import CHUNK, DeferredTrack, Following, KeyView, Stretch, key_view, rows_between
+from pvg.vectorization.following import CHUNK, DeferredTrack, Following
 from pvg.vectorization.source_reader import SourceReader
+from pvg.vectorization.stretch import KeyView, Stretch, rows_between
 from pvg.vectorization.vector_face import VectorFace
 
 VECTORIZE, SECOND_READING = "vectorize", "second reading"  # stages of progress
@@ -118,4 +119,4 @@ def _late_key(source: SourceReader, maker: FaceMaker, track: FaceTrack, row: int
     """The key view of a track that is known from end to end, read from the clip."""
     picture = source.picture(track.first + row, frame_count)
     scene = SceneReader().step(picture, [track.landmarks[row]]) if maker.uses_scenes else None
-    return key_view(track, row, picture, scene)
+    return KeyView.of(track, row, picture, scene)

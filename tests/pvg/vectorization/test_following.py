@@ -10,7 +10,8 @@ from pvg.face import Landmarks
 from pvg.landmarks import FaceTrack, smooth, track_faces
 from pvg.picture import Picture, RgbPicture
 from pvg.vectorization.fading import opacity
-from pvg.vectorization.following import CHUNK, LOOKAHEAD, Following, Stretch
+from pvg.vectorization.following import CHUNK, LOOKAHEAD, Following
+from pvg.vectorization.stretch import Stretch
 from pvg.video import picture_of, read_frames
 from scripts.samples import Samples
 

@@ -12,8 +12,8 @@ from pvg.asset import AssetWriter, FaceRecord
 from pvg.face import PARTS, Landmarks, layout
 from pvg.landmarks import FaceTrack
 from pvg.picture import as_picture
-from pvg.vectorization.following import KeyView, Stretch
 from pvg.vectorization.shared_threads import SharedThreads
+from pvg.vectorization.stretch import KeyView, Stretch
 from pvg.vectorization.vector_face import VectorFace
 from tests.gallery.scenes import drawn_face, open_skin
 
