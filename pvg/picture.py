@@ -159,6 +159,16 @@ class RgbPicture:
         return part if k == 1 else np.asarray(cv2.resize(part, (w, h), interpolation=cv2.INTER_AREA), np.uint8)
 
 
+def cut_out(picture: Picture, box: Floats) -> tuple[Bytes, Floats]:
+    """What a picture holds in a box (4,) x0, y0, x1, y1 and two pixels around: (h, w, 3) uint8, and where it begins.
+
+    That is (2,) float32, the x and y of its first pixel.
+    """
+    x0, y0, x1, y1 = (int(v) for v in box)
+    part = picture.part((x0 - 2, y0 - 2, x1 + 3, y1 + 3))
+    return part.rgb(), np.array(part.box[:2], np.float32)
+
+
 def as_picture(picture: Picture | Bytes) -> Picture:
     """An array (H, W, 3) uint8 RGB as a picture; a picture as it is."""
     return RgbPicture(np.ascontiguousarray(picture)) if isinstance(picture, np.ndarray) else picture

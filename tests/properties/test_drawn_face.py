@@ -12,13 +12,12 @@ import cv2
 import numpy as np
 
 from benchmarks.quality.measures import iou
-from pvg.curves import boundary_points, boundary_radius, place, table_labels
-from pvg.face import FaceAxes
+from pvg.curves import table_labels
 from pvg.looks import sliced_transport
 from pvg.membrane import Lattice, build_membrane, cut_edges
-from pvg.skin import Matte, SkinTracker, fit_skin_model
+from pvg.skin import SkinTracker, fit_skin_model
+from pvg.vectorization.curve_places import curve_positions
 from pvg.vectorization.key_colors import fit_key_frame
-from pvg.vectorization.vector_face import INSET
 from tests.gallery.scenes import Scene, drawn_face, open_skin
 
 WORSE = 1.05  # how much a pinned error may grow
@@ -54,14 +53,7 @@ class Method:
     def _colors(self, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
         model = fit_skin_model(scene.rgb, scene.landmarks)
         matte = SkinTracker(model).step(scene.rgb, scene.landmarks)
-        return fit_key_frame(scene.rgb, matte, self._positions(scene, matte), scene.landmarks.axes.width, 0)
-
-    @staticmethod
-    def _positions(scene: Scene, matte: Matte) -> np.ndarray:
-        face, raster = scene.landmarks, matte.raster
-        radius = boundary_radius(matte.alpha.astype(np.float32) / 255, FaceAxes.of(raster.to_cells(face.points)))
-        inset = np.maximum(radius * raster.step - INSET * face.axes.width, 0)
-        return place(table_labels(), face, boundary_points(inset, face.axes))
+        return fit_key_frame(scene.rgb, matte, curve_positions(scene.landmarks, matte), scene.landmarks.axes.width, 0)
 
     def aim(self, reference: Scene) -> None:
         """Take the colours of another scene's face."""
@@ -77,7 +69,7 @@ class Method:
         matte = self._tracker.step(scene.rgb, scene.landmarks)
         h, w = scene.rgb.shape[:2]
         xs, ys = np.arange(w, dtype=np.float32), np.arange(h, dtype=np.float32)
-        cuts = cut_edges(self._positions(scene, matte), table_labels().spans, Lattice.over((0, 0, w, h)))
+        cuts = cut_edges(curve_positions(scene.landmarks, matte), table_labels().spans, Lattice.over((0, 0, w, h)))
         field = build_membrane(cuts).solve(self._new - self.g).crop(0, 0, w, h)
         alpha = matte.alpha_at(xs, ys)
         return Result(scene.rgb + alpha[..., None] * field, alpha, matte.mask_at(xs, ys))

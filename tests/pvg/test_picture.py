@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pvg.picture import RgbPicture, clipped
+from pvg.picture import RgbPicture, clipped, cut_out
 from pvg.raster import Raster
 from pvg.video import RGB24, PixelFormat, PlanePicture, picture_of
 from tests.gallery.pictures import FORMATS, YUV420, frame_of, waves
@@ -86,3 +86,17 @@ def test_a_clipped_box_is_never_empty_and_lies_within(box: tuple[int, int, int, 
     x0, y0, x1, y1 = clipped(box, (10, 20, 110, 90))
     assert 10 <= x0 < x1 <= 110
     assert 20 <= y0 < y1 <= 90
+
+
+@pytest.mark.parametrize("box", [(30.7, 40.2, 60.1, 55.9), (-9.5, -4.0, 20.0, 30.0), (130.0, 100.0, 190.0, 150.0)])
+def test_what_is_cut_out_lies_where_it_says_and_holds_what_of_the_box_is_in_the_picture(
+    box: tuple[float, float, float, float],
+) -> None:
+    _, picture = planes(YUV420)
+    rgb, corner = cut_out(picture, np.array(box, np.float32))
+    x, y = (int(v) for v in corner)
+    np.testing.assert_array_equal(rgb, picture.rgb()[y : y + rgb.shape[0], x : x + rgb.shape[1]])
+    assert x <= max(box[0], 0)
+    assert y <= max(box[1], 0)
+    assert x + rgb.shape[1] >= min(box[2] + 1, 150)
+    assert y + rgb.shape[0] >= min(box[3] + 1, 121)
