@@ -14,19 +14,14 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, field
 
-import cv2
 import numpy as np
 
-from pvg._arrays import Bools, Floats
 from pvg.face import Landmarks
-from pvg.picture import Picture, rms_contrast
-from pvg.raster import centers_in_unit, scaled
+from pvg.picture import Picture
 from pvg.skin import Matte
-from pvg.vectorization.key_frames import shows_well
-from pvg.vectorization.veil import Veil
+from pvg.vectorization.face_patch import SAME_LIGHT, FacePatch
 
 _CHANGE = 0.182  # of log luma against the key's, ±20 %: a new key frame is due
-_SAME = 0.047  # of log luma: still the key's own light
 _SETTLED = 0.068  # of log luma: what a change that has come to rest may be off its last key
 _REST = 0.01  # of log luma over the rows looked ahead: the light is at rest
 _NO_REST = 2  # rows after a key that count as light which leaves it at once
@@ -35,66 +30,13 @@ _LEAST_GAP = 6  # rows between two keys: between them colours go over linearly, 
 _FREE_KEYS, _ROWS_A_KEY = 6, 250  # keys that a track may have beside its first: and one every so many rows
 _PATIENCE = 100  # rows that a change must have lasted once they are spent: flicker stops, a new level is still found
 
-_SIDE, _OVERSAMPLED = 24, 3  # cells of a face in its own coordinates, and pixels read a side of each
-_PLACES = np.array([(0.3, 0.32), (0.7, 0.32), (0.5, 0.75)], np.float32)  # where eyes and mouth lie
-_DARK = 4.0  # levels added to both sides of a ratio
-_LEAST_LUMA = 14.0  # levels of the median that colours can be fitted at
-_LEAST_SEEN = 0.6  # of the key's open cells
-_ALIKE = 0.8  # of the cells seen that changed by half of the median's change or more
-_LIKENESS = 0.75  # correlation of the pattern with the key's: less and something else is seen
-
-
-@dataclass(frozen=True, eq=False)
-class FacePatch:
-    """A face in its own coordinates.
-
-    luma: (SIDE, SIDE) float32, 0-255;  skin: (SIDE, SIDE) bool, open skin within the face; SIDE is 24.
-    """
-
-    luma: Floats
-    skin: Bools
-
-    @classmethod
-    def of(cls, picture: Picture, landmarks: Landmarks, matte: Matte) -> FacePatch:
-        """The patch of a face in a picture, eyes and mouth where they always are."""
-        marks = landmarks.eyes_and_mouth
-        places, fine = np.asarray(_PLACES * (_SIDE - 1), np.float32), _SIDE * _OVERSAMPLED
-        to_source = cv2.getAffineTransform(scaled(places, float(_OVERSAMPLED)), marks)
-        read = picture.warp(np.asarray(to_source, np.float64), (fine, fine))
-        rgb = cv2.resize(read, (_SIDE, _SIDE), interpolation=cv2.INTER_AREA)
-        to_cells = cv2.getAffineTransform(places, matte.raster.to_cells(marks))
-        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        alpha = cv2.warpAffine(matte.alpha, to_cells, (_SIDE, _SIDE), flags=flags)
-        return cls(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY).astype(np.float32), (alpha > 0.9 * 255) & _FACE)
-
-    def gain_over(self, key: FacePatch) -> float:
-        """The logarithm of how much brighter the open skin is than on the key's patch; NaN when it cannot be told."""
-        both = self.skin & key.skin
-        if both.sum() < max(1.0, _LEAST_SEEN * key.skin.sum()) or np.median(self.luma[both]) < _LEAST_LUMA:
-            return float("nan")
-        change = np.log((self.luma[both] + _DARK) / (key.luma[both] + _DARK))
-        gain = float(np.median(change))
-        if abs(gain) > _SAME:
-            alike = np.mean(change * np.sign(gain) >= abs(gain) / 2)
-            with np.errstate(invalid="ignore", divide="ignore"):  # a flat face has no pattern: NaN
-                likeness = np.corrcoef(self.luma[_FACE], key.luma[_FACE])[0, 1]
-            if alike < _ALIKE or not likeness >= _LIKENESS:
-                return float("nan")
-        return gain
-
-
-def _ellipse() -> Bools:
-    """(SIDE, SIDE) bool, the cells of a patch within the face."""
-    places = centers_in_unit(_SIDE)
-    return np.asarray(((places - 0.5) / 0.42) ** 2 + ((places[:, None] - 0.5) / 0.48) ** 2 < 1)
-
-
-_FACE = _ellipse()
-
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """A row of a track as it was seen.  patch: None where the face is turned away or not sure."""
+    """A row of a track as it was seen.
+
+    patch: what its light is told by, None where it tells nothing: of a face that is turned away, not sure, or veiled.
+    """
 
     row: int
     picture: Picture
@@ -121,15 +63,11 @@ class ExposureWatch:
     """Watches a track's light, rows in order, and tells when a key frame is due.
 
     main_row, main: the track's main key frame, which may lie ahead;
-    main_contrast: that of its whole picture, None where it is not known;
-    transmission: how far the face shows through in the row that was seen last, in [0, 1], see `veil`;
     main_since: see `DueKey.since`, of the main key, once its row has passed.
     """
 
     main_row: int
     main: FacePatch
-    main_contrast: float | None = None
-    transmission: float = field(default=1.0, init=False)
     main_since: int | None = field(default=None, init=False)
     _waiting: deque[Sight] = field(default_factory=deque, init=False)
     _key: FacePatch | None = field(default=None, init=False)
@@ -139,42 +77,11 @@ class ExposureWatch:
     _rows_passed: int = field(default=0, init=False)
     _keys_made: int = field(default=0, init=False)
     _rows_changed: int = field(default=0, init=False)  # rows since the light left the key's
-    _face_contrast: float = field(default=1.0, init=False)  # when it was last seen well
-    _veil: Veil | None = field(default=None, init=False)
 
-    def __post_init__(self) -> None:
-        if self.main_contrast is not None:
-            luma = self.main.luma[_FACE]
-            self._veil = Veil(rms_contrast(luma), self.main_contrast, float(luma.mean()))
-
-    def see(
-        self,
-        row: int,
-        picture: Picture,
-        landmarks: Landmarks,
-        matte: Matte,
-        score: float,
-        pose: Floats,
-        picture_contrast: float | None = None,
-    ) -> list[DueKey]:
-        """The key frames that are due now that the next row is seen.
-
-        score, pose: see `shows_well`;  picture_contrast: of its whole picture, None where that is not known.
-        """
-        sure = bool(shows_well(np.array(score, np.float32), pose))
-        patch = FacePatch.of(picture, landmarks, matte) if sure else None
-        self.transmission = self._transmission(patch, picture_contrast)
-        if self.transmission < 1.0:  # a veil is no light
-            patch = None
-        self._waiting.append(Sight(row, picture, landmarks, matte, patch))
+    def see(self, sight: Sight) -> list[DueKey]:
+        """The key frames that are due now that the next row is seen."""
+        self._waiting.append(sight)
         return self._pass() if len(self._waiting) > LOOKAHEAD else []
-
-    def _transmission(self, patch: FacePatch | None, picture_contrast: float | None) -> float:
-        if picture_contrast is None or self._veil is None:
-            return 1.0
-        if patch is not None:
-            self._face_contrast = rms_contrast(patch.luma[_FACE])
-        return self._veil.transmission(self._face_contrast, picture_contrast)
 
     def end(self) -> list[DueKey]:
         """The key frames that are due when the track has ended."""
@@ -195,7 +102,7 @@ class ExposureWatch:
             return []
         if np.isnan(gain):
             return []
-        if abs(gain) <= _SAME:
+        if abs(gain) <= SAME_LIGHT:
             self._same_row, self._same_gain = sight.row, gain
         self._rows_changed = self._rows_changed + 1 if abs(gain) > _CHANGE else 0
         if not self._is_due(sight.row, gain, key):

@@ -33,12 +33,8 @@ _HAIRY_OR_RED = (layout.LEFT_BROW, layout.RIGHT_BROW, layout.LIPS_OUTER)
 
 def good_rows(track: FaceTrack) -> Bools:
     """(n,) whether a row shows the face well: sure of itself and turned to the camera."""
-    return shows_well(track.score, track.pose)
-
-
-def shows_well(score: Floats, pose: Floats) -> Bools:
-    """(...) whether a face of a score (...) in [0, 1] and a pose (..., 3), degrees, is sure and faces the camera."""
-    return np.asarray((score >= _GOOD_SCORE) & (np.abs(pose[..., :2]).max(axis=-1) <= _FRONTAL_DEG))
+    turned = np.abs(track.pose[:, :2]).max(axis=1)
+    return np.asarray((track.score >= _GOOD_SCORE) & (turned <= _FRONTAL_DEG))
 
 
 def first_good_row(track: FaceTrack, clear: Bools | None = None) -> int:

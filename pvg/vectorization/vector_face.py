@@ -27,7 +27,8 @@ from pvg.skin import (
     scene_raster,
 )
 from pvg.vectorization.curve_places import inset_radius
-from pvg.vectorization.exposure import ExposureWatch, FacePatch
+from pvg.vectorization.exposure import ExposureWatch, Sight
+from pvg.vectorization.face_patch import FacePatch
 from pvg.vectorization.key_frames import good_rows
 from pvg.vectorization.plausible import doubts
 from pvg.vectorization.row_colors import RowColors
@@ -35,6 +36,7 @@ from pvg.vectorization.shared_threads import SharedThreads
 from pvg.vectorization.stretch import KeyView, Stretch, rows_between
 from pvg.vectorization.track_keys import TrackKeys
 from pvg.vectorization.track_notes import TrackNotes
+from pvg.vectorization.veil import VeilWatch
 
 ADVISED_FACE_PX = 200  # the paper's least face size
 _LIPS_EVERY = 8  # frames from one look for lips that were not seen yet to the next
@@ -98,11 +100,10 @@ class VectorFace:
         self._key: KeyView | None = key  # until its colours are begun
         self._key_skin = SkinTracker(model)
         self.key_matte = self._key_skin.step(key.picture, key.landmarks, key.scene)
-        self._watch: ExposureWatch | None = None
+        self._light: tuple[VeilWatch, ExposureWatch] | None = None  # of the paper's chain nobody asks
         if reset is None:
-            contrast = None if key.scene is None else key.scene.contrast
             patch = FacePatch.of(key.picture, key.landmarks, self.key_matte)
-            self._watch = ExposureWatch(key.row, patch, contrast)
+            self._light = VeilWatch(patch, _contrast_of(key.scene)), ExposureWatch(key.row, patch)
 
     @property
     def first(self) -> int:
@@ -112,7 +113,7 @@ class VectorFace:
     def add(self, stretch: Stretch, writer: AssetWriter) -> None:
         """Follow the skin through the next rows and write them."""
         self._begin_key()
-        rows = stretch.rows
+        rows, good = stretch.rows, good_rows(stretch.rows)
         for k, picture in enumerate(stretch.pictures):
             row, landmarks = stretch.start + k, rows.landmarks[k]
             scene = stretch.scenes[k] if stretch.scenes else None
@@ -120,12 +121,14 @@ class VectorFace:
             if self._reset is not None and rows.score[k] > 0 and row - self._keys.last_row >= self._reset:
                 self._keys.begin(row, picture, landmarks, matte)
             visible = float(stretch.visible[k])
-            if self._watch is not None:
-                score, pose = float(rows.score[k]), rows.pose[k]
-                contrast = None if scene is None else scene.contrast
-                self._keys.begin_due(self._watch.see(row, picture, landmarks, matte, score, pose, contrast))
-                visible *= self._watch.transmission
-            if not self._keys.lips_known and row % _LIPS_EVERY == 0 and good_rows(rows)[k]:
+            if self._light is not None:
+                veil, exposure = self._light
+                patch = FacePatch.of(picture, landmarks, matte) if good[k] else None
+                transmission = veil.see(patch, _contrast_of(scene))
+                of_light = patch if transmission == 1 else None  # a veil is no light
+                self._keys.begin_due(exposure.see(Sight(row, picture, landmarks, matte, of_light)))
+                visible *= transmission
+            if not self._keys.lips_known and row % _LIPS_EVERY == 0 and good[k]:
                 self._keys.look_for_lips(RowColors.of(picture, landmarks, matte))
             light, output = self._skin.light, self._skin.network_output
             body = self._threads.bodies.submit(self._body_alpha, scene, landmarks, matte, light, output)
@@ -140,11 +143,12 @@ class VectorFace:
         for steady in self._consensus.end():
             self._write_first(steady, writer)
         writer.end_track(self.number)
-        if self._watch is not None:
-            self._keys.begin_due(self._watch.end())
-            self._keys.main_serves_since(self._watch.main_since)
+        if self._light is not None:
+            _, exposure = self._light
+            self._keys.begin_due(exposure.end())
+            self._keys.main_serves_since(exposure.main_since)
         self._keys.wait()
-        del self._skin, self._key_skin, self.key_matte, self._body, self._no_body, self._consensus, self._watch
+        del self._skin, self._key_skin, self.key_matte, self._body, self._no_body, self._consensus, self._light
 
     def add_key_frame_only(self, track: FaceTrack, writer: AssetWriter) -> None:
         """Write just the key frame of the track, which is all that a reference needs."""
@@ -231,3 +235,8 @@ class VectorFace:
             "body": body,
         }
         writer.add_frame(self.number, arrays)
+
+
+def _contrast_of(scene: Scene | None) -> float | None:
+    """That of a whole picture, None where it was not looked at."""
+    return None if scene is None else scene.contrast

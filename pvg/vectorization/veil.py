@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from pvg.vectorization.face_patch import FacePatch
+
 _WHITE = 255.0
 _CLEAR = 0.9  # of the face: from what shows through so far on, nothing lies over it [measured: clips without fades]
 _DARK = 1.0  # level of the face's mean, at least
@@ -34,3 +36,25 @@ class Veil:
         # c = (1 − v) m / ((1 − v) m + v W), solved for 1 − v
         through = left * _WHITE / (left * _WHITE + max(self.face_luma, _DARK) * (1.0 - left))
         return min(1.0, through / _CLEAR)
+
+
+class VeilWatch:
+    """Tells how far a face shows through, rows in order."""
+
+    def __init__(self, key: FacePatch, picture_contrast: float | None) -> None:
+        """key: the face on the track's key frame;  picture_contrast: of that whole picture, None where not known."""
+        self._veil: Veil | None = None
+        if picture_contrast is not None:
+            self._veil = Veil(key.contrast, picture_contrast, float(key.face_luma.mean()))
+        self._face_contrast = 1.0  # when it was last seen well
+
+    def see(self, patch: FacePatch | None, picture_contrast: float | None) -> float:
+        """How far the face shows through in the next row, in [0, 1]; 1 where contrasts are not known.
+
+        patch: the face, None where it is not seen well;  picture_contrast: of the whole picture, as of the key frame's.
+        """
+        if self._veil is None or picture_contrast is None:
+            return 1.0
+        if patch is not None:
+            self._face_contrast = patch.contrast
+        return self._veil.transmission(self._face_contrast, picture_contrast)

@@ -59,9 +59,12 @@ def with_mouth(rgb: np.ndarray, landmarks: Landmarks, color: np.ndarray) -> np.n
     return out
 
 
-def record_of(pictures: list[np.ndarray], landmarks: Landmarks, folder: Path) -> FaceRecord:
-    """What is kept of a still face whose key frame is its first."""
+def record_of(
+    pictures: list[np.ndarray], landmarks: Landmarks, folder: Path, yaw: np.ndarray | float = 0.0
+) -> FaceRecord:
+    """What is kept of a still face whose key frame is its first;  yaw: (n,) degrees that are said of its rows."""
     rows, read = still_rows(landmarks, len(pictures)), tuple(as_picture(rgb) for rgb in pictures)
+    rows.pose[:, 0] = yaw
     key = KeyView(0, read[0], rows.landmarks[0], None)
     with AssetWriter(folder / "face.pvg") as writer, SharedThreads() as threads:
         face = VectorFace(0, rows, key, threads, method="landmarks", seed=0, reset=None)
@@ -88,3 +91,14 @@ def test_lips_that_are_never_shown_are_no_part(tmp_path: Path) -> None:
     (key,) = record_of([covered] * 20, scene.landmarks, tmp_path).key_frames
     assert np.isnan(key.parts[PARTS.index("lips")]).all()
     assert not np.isnan(key.parts[PARTS.index("brows")]).any()
+
+
+@pytest.mark.parametrize(("yaw", "keys"), [(0.0, [0, 10]), (40.0, [0])], ids=["seen", "turned away"])
+def test_light_that_changes_makes_a_key_frame_of_a_face_that_is_seen_well_alone(
+    tmp_path: Path, yaw: float, keys: list[int]
+) -> None:
+    bright, dim = (drawn_face((80, 65), 60, size=(160, 160), gain=gain) for gain in (1.0, 0.6))
+    pictures = [bright.rgb] * 10 + [dim.rgb] * 20
+    turned = np.where(np.arange(30) < 8, 0.0, yaw)
+    record = record_of(pictures, bright.landmarks, tmp_path, turned)
+    assert [key.frame for key in record.key_frames] == keys

@@ -1,0 +1,83 @@
+"""A face in its own coordinates, some hundreds of cells: what its light is told by from row to row."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from pvg._arrays import Bools, Floats
+from pvg.face import Landmarks
+from pvg.picture import Picture, rms_contrast
+from pvg.raster import centers_in_unit, scaled
+from pvg.skin import Matte
+
+_SIDE, _OVERSAMPLED = 24, 3  # cells of a face in its own coordinates, and pixels read a side of each
+_PLACES = np.array([(0.3, 0.32), (0.7, 0.32), (0.5, 0.75)], np.float32)  # where eyes and mouth lie
+_DARK = 4.0  # levels added to both sides of a ratio
+_LEAST_LUMA = 14.0  # levels of the median that colours can be fitted at
+_LEAST_SEEN = 0.6  # of the key's open cells
+_ALIKE = 0.8  # of the cells seen that changed by half of the median's change or more
+_LIKENESS = 0.75  # correlation of the pattern with the key's: less and something else is seen
+
+SAME_LIGHT = 0.047
+"""Of log luma: a gain up to which a face is still in the key's own light."""
+
+
+def _ellipse() -> Bools:
+    """(SIDE, SIDE) bool, the cells of a patch within the face."""
+    places = centers_in_unit(_SIDE)
+    return np.asarray(((places - 0.5) / 0.42) ** 2 + ((places[:, None] - 0.5) / 0.48) ** 2 < 1)
+
+
+_FACE = _ellipse()
+
+
+@dataclass(frozen=True, eq=False)
+class FacePatch:
+    """A face in its own coordinates.
+
+    luma: (SIDE, SIDE) float32, 0-255;  skin: (SIDE, SIDE) bool, open skin within the face; SIDE is 24.
+    """
+
+    luma: Floats
+    skin: Bools
+
+    @classmethod
+    def of(cls, picture: Picture, landmarks: Landmarks, matte: Matte) -> FacePatch:
+        """The patch of a face in a picture, eyes and mouth where they always are."""
+        marks = landmarks.eyes_and_mouth
+        places, fine = np.asarray(_PLACES * (_SIDE - 1), np.float32), _SIDE * _OVERSAMPLED
+        to_source = cv2.getAffineTransform(scaled(places, float(_OVERSAMPLED)), marks)
+        read = picture.warp(np.asarray(to_source, np.float64), (fine, fine))
+        rgb = cv2.resize(read, (_SIDE, _SIDE), interpolation=cv2.INTER_AREA)
+        to_cells = cv2.getAffineTransform(places, matte.raster.to_cells(marks))
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        alpha = cv2.warpAffine(matte.alpha, to_cells, (_SIDE, _SIDE), flags=flags)
+        return cls(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY).astype(np.float32), (alpha > 0.9 * 255) & _FACE)
+
+    @property
+    def face_luma(self) -> Floats:
+        """(n,) luma of the cells within the face."""
+        return self.luma[_FACE]
+
+    @property
+    def contrast(self) -> float:
+        """That of the face, see `pvg.picture.rms_contrast`."""
+        return rms_contrast(self.face_luma)
+
+    def gain_over(self, key: FacePatch) -> float:
+        """The logarithm of how much brighter the open skin is than on the key's patch; NaN when it cannot be told."""
+        both = self.skin & key.skin
+        if both.sum() < max(1.0, _LEAST_SEEN * key.skin.sum()) or np.median(self.luma[both]) < _LEAST_LUMA:
+            return float("nan")
+        change = np.log((self.luma[both] + _DARK) / (key.luma[both] + _DARK))
+        gain = float(np.median(change))
+        if abs(gain) > SAME_LIGHT:
+            alike = np.mean(change * np.sign(gain) >= abs(gain) / 2)
+            with np.errstate(invalid="ignore", divide="ignore"):  # a flat face has no pattern: NaN
+                likeness = np.corrcoef(self.face_luma, key.face_luma)[0, 1]
+            if alike < _ALIKE or not likeness >= _LIKENESS:
+                return float("nan")
+        return gain
