@@ -6,9 +6,8 @@ from collections import deque
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from pvg._arrays import Bytes
+from pvg._arrays import Bytes, Floats
 from pvg.picture import Picture, as_picture
 
 THUMBNAIL = (64, 36)
@@ -48,10 +47,10 @@ class CutDetector:
         """remembered: how many steps back `is_another_since` is to look;  step: see `frames_a_step`."""
         self._step = step
         self._taken = 0  # frames
-        self._histogram: npt.NDArray[np.float32] | None = None  # of the frame before
-        self._last: npt.NDArray[np.float32] | None = None  # its luma
+        self._histogram: Floats | None = None  # of the frame before
+        self._last: Floats | None = None  # its luma
         # luma of the frames before, one a step, of this shot
-        self._recent: deque[npt.NDArray[np.float32]] = deque(maxlen=max(2 * DISSOLVE_REACH, remembered) + 1)
+        self._recent: deque[Floats] = deque(maxlen=max(2 * DISSOLVE_REACH, remembered) + 1)
 
     def is_cut(self, frame: Picture | Bytes) -> bool:
         """Take the next frame, a picture or (H, W, 3) uint8; the first frame ever is not a cut."""
@@ -83,7 +82,7 @@ class CutDetector:
         if self._last is not None:
             self._recent.append(self._last)
 
-    def _is_hard_cut(self, small: Bytes, luma: npt.NDArray[np.float32]) -> bool:
+    def _is_hard_cut(self, small: Bytes, luma: Floats) -> bool:
         """Whether a picture differs from the one before as a cut does.  small: (36, 64, 3) RGB;  luma: (36, 64)."""
         histogram = cv2.calcHist(
             [small], [0, 1, 2], None, [HISTOGRAM_BINS] * 3, [0, 256, 0, 256, 0, 256]
@@ -101,9 +100,7 @@ class CutDetector:
         return (unlikeness > MIN_UNLIKENESS and not _moved(luma, before)) or framed_alike
 
 
-def _dissolved(
-    before: npt.NDArray[np.float32], middle: npt.NDArray[np.float32], after: npt.NDArray[np.float32]
-) -> bool:
+def _dissolved(before: Floats, middle: Floats, after: Floats) -> bool:
     """Whether the picture in the middle of a dissolve is the mean of two unlike others; all (h, w) thumbnails' luma."""
     if min(before.std(), after.std()) < _LEAST_CONTRAST or _unlikeness(after, before) < MIN_UNLIKENESS:
         return False
@@ -114,7 +111,7 @@ def _dissolved(
     return DISSOLVE_SHARE[0] < share < DISSOLVE_SHARE[1] and left < DISSOLVE_LEFT and not _moved(after, before)
 
 
-def _moved(luma: npt.NDArray[np.float32], before: npt.NDArray[np.float32]) -> bool:
+def _moved(luma: Floats, before: Floats) -> bool:
     """Whether the middle of a thumbnail is found in the one before; both (h, w) luma."""
     rows, columns = (round(side * (1 - MIDDLE) / 2) for side in luma.shape)
     middle = luma[rows:-rows, columns:-columns]
@@ -123,7 +120,7 @@ def _moved(luma: npt.NDArray[np.float32], before: npt.NDArray[np.float32]) -> bo
     return float(cv2.matchTemplate(before, middle, cv2.TM_CCOEFF_NORMED).max()) > MOVED_LIKENESS
 
 
-def _unlikeness(a: npt.NDArray[np.float32], b: npt.NDArray[np.float32]) -> float:
+def _unlikeness(a: Floats, b: Floats) -> float:
     """1 − correlation of two pictures (h, w), in [0, 2]; 1 when one of them is flat."""
     a, b = a - a.mean(), b - b.mean()
     norm = float(np.sqrt((a * a).sum() * (b * b).sum()))

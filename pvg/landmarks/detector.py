@@ -7,14 +7,11 @@ from functools import cache
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from pvg import models
-from pvg._arrays import Floats
+from pvg._arrays import Bytes, Floats
 from pvg.picture import Picture, as_picture
 from pvg.raster import centers_in_unit, from_edge
-
-ByteArray = npt.NDArray[np.uint8]
 
 INPUT_PX = 256
 MIN_SCORE = 0.5
@@ -51,7 +48,7 @@ def _anchors() -> Floats:
     return np.concatenate(grids)
 
 
-def detect_faces(picture: Picture | ByteArray, *, tiles: bool = True) -> tuple[Detection, ...]:
+def detect_faces(picture: Picture | Bytes, *, tiles: bool = True) -> tuple[Detection, ...]:
     """Return the faces of one picture, best score first.
 
     picture: a picture or (H, W, 3) uint8 RGB. The whole is looked at letterboxed; when that shows nothing sure, a

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from pvg._arrays import Bytes, Floats
 from pvg.face import layout
 from pvg.raster import SUBPIXEL_BITS, fixed_point
 
@@ -25,7 +25,7 @@ _COLORS = {
 }
 
 
-def draw_landmarks(rgb: npt.NDArray[np.uint8], points: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
+def draw_landmarks(rgb: Bytes, points: Floats) -> Bytes:
     """Return a copy of rgb, (H, W, 3) uint8, with the landmark groups drawn in; points: (106, 2)."""
     drawn = rgb.copy()
     unit = 1 << SUBPIXEL_BITS

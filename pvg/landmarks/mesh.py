@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from pvg import models
-from pvg._arrays import Doubles, Floats
+from pvg._arrays import Bytes, Doubles, Floats
 from pvg.face import layout
 from pvg.landmarks.detector import Detection
 from pvg.picture import Picture, as_picture
 from pvg.raster import from_edge, scaled_affine
-
-ByteArray = npt.NDArray[np.uint8]
 
 INPUT_PX = 256
 REGION_GROWTH = 1.5
@@ -84,7 +81,7 @@ def crop_to_source(region: Region) -> Doubles:
     )
 
 
-def crop(picture: Picture, to_source: Doubles, size: float) -> ByteArray:
+def crop(picture: Picture, to_source: Doubles, size: float) -> Bytes:
     """Sample a region of `size` source pixels, (INPUT_PX, INPUT_PX, 3) uint8 RGB.
 
     A large one is averaged down first so that it does not alias.
@@ -101,7 +98,7 @@ def crop(picture: Picture, to_source: Doubles, size: float) -> ByteArray:
     return small.warp(scaled_affine(to_small, 1.0 / factor), (INPUT_PX, INPUT_PX))
 
 
-def fit_landmarks(picture: Picture | ByteArray, region: Region | Detection) -> Mesh:
+def fit_landmarks(picture: Picture | Bytes, region: Region | Detection) -> Mesh:
     """Fit the mesh to the face in a region.
 
     picture: a picture or (H, W, 3) uint8 RGB. A Detection is fitted twice, the second time in the crop its own points

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from pvg._arrays import Floats
 from pvg.face import layout
 from pvg.landmarks.mesh import Mesh
 
 
-def head_pose(mesh: Mesh) -> npt.NDArray[np.float32]:
+def head_pose(mesh: Mesh) -> Floats:
     """Return (yaw, pitch, roll) in degrees as (3,) float32; zero looks straight out of the picture.
 
     yaw > 0: the face is turned to the image's right; pitch > 0: downwards; roll > 0: the head leans clockwise.

@@ -11,14 +11,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy import sparse
 
-from pvg._arrays import smoothstep
+from pvg._arrays import Doubles, smoothstep
 from pvg.face import Landmarks
 from pvg.landmarks.tracks import FaceTrack, fill_gaps
-
-Array = npt.NDArray[np.float64]
 
 BANDS = 3
 JITTER_CAP = 0.001
@@ -64,7 +61,7 @@ def smooth(track: FaceTrack) -> FaceTrack:
     )
 
 
-def smooth_run(values: Array, sharing: sparse.csr_array, cap: float) -> Array:
+def smooth_run(values: Doubles, sharing: sparse.csr_array, cap: float) -> Doubles:
     """Smooth values (n, p, k) over n consecutive frames; sharing (p, p) averages energy over like points.
 
     cap: the highest rms of a band that counts as jitter, in the unit of values.
@@ -83,14 +80,14 @@ def smooth_run(values: Array, sharing: sparse.csr_array, cap: float) -> Array:
     return approximation + kept
 
 
-def _kept_share(energy: Array, cap: float) -> Array:
+def _kept_share(energy: Doubles, cap: float) -> Doubles:
     """How much of a band to keep, in [0, 1], from its local energy (n, p)."""
     quiet = QUIET_TO_MEAN * np.percentile(energy, QUIET_QUANTILE, axis=0)
     jitter = np.clip(quiet, (JITTER_FLOOR * cap) ** 2, cap**2)
     return smoothstep(energy / jitter, REMOVED_BELOW, KEPT_ABOVE)
 
 
-def _sharing(points: Array, width: float) -> sparse.csr_array:
+def _sharing(points: Doubles, width: float) -> sparse.csr_array:
     """(p, p) row-stochastic weights of the points near each point on the face's median shape."""
     shape = np.median(points - points.mean(axis=1, keepdims=True), axis=0) / width
     distance2 = (shape[:, None, 0] - shape[:, 0]) ** 2 + (shape[:, None, 1] - shape[:, 1]) ** 2
@@ -98,7 +95,7 @@ def _sharing(points: Array, width: float) -> sparse.csr_array:
     return sparse.csr_array(weights / weights.sum(axis=1, keepdims=True))
 
 
-def _filtered(values: Array, step: int, *, odd: bool) -> Array:
+def _filtered(values: Doubles, step: int, *, odd: bool) -> Doubles:
     """Filter (n, …) along time with the spline kernel spread by step.
 
     The ends are continued by reflection, odd (through the end value, so that straight lines stay straight) or even.

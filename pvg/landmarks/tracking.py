@@ -6,9 +6,8 @@ from collections.abc import Iterable
 from operator import itemgetter
 
 import numpy as np
-import numpy.typing as npt
 
-from pvg._arrays import Floats
+from pvg._arrays import Bytes, Floats
 from pvg.landmarks.association import SAME_FACE_IOU, Appearances, is_taken, lost_near
 from pvg.landmarks.cuts import CutDetector
 from pvg.landmarks.detector import Detection, box_iou, detect_faces
@@ -18,8 +17,6 @@ from pvg.landmarks.pace import frames_a_step
 from pvg.landmarks.replacing import EVERY, LAG
 from pvg.landmarks.tracks import CONFIRMED_SCORE, FACE_GATE, FaceTracks, OpenTrack, box_of
 from pvg.picture import Picture, as_picture
-
-ByteArray = npt.NDArray[np.uint8]
 
 MAX_FACES = 12
 """Followed at a time: each costs its time in every frame, and 10 to 30 MB."""
@@ -40,7 +37,7 @@ BLIND_FITS = 5
 
 
 def track_faces(
-    frames: Iterable[tuple[int, Picture | ByteArray]],
+    frames: Iterable[tuple[int, Picture | Bytes]],
     *,
     max_faces: int = MAX_FACES,
     min_face_px: float = FOLLOWED_PX,

@@ -17,8 +17,9 @@ from pvg.landmarks import FaceTrack, FaceTracker, OpenTrack, smooth
 from pvg.picture import Box, Picture, clipped
 from pvg.skin import Scene, SceneReader
 from pvg.vectorization.fading import FADE_REACH, faded
-from pvg.vectorization.key_frames import first_good_row, good_rows, surroundings
+from pvg.vectorization.key_frames import first_good_row, good_rows
 from pvg.vectorization.stretch import KeyView, Stretch, rows_between
+from pvg.vectorization.surroundings import surroundings
 
 CHUNK = 32  # frames a face is followed by at a time
 LOOKAHEAD = 32  # frames that must be known after the last of them; the smoothing's filters reach 22

@@ -4,25 +4,20 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from pvg._arrays import Floats
+from pvg._arrays import Bools, Bytes, Floats
 from pvg.curves import table_labels
 from pvg.errors import NoFaceError
 from pvg.harmonic import fit_boundary_colors
 from pvg.raster import scaled, sites
 from pvg.skin import Matte
 
-Image = NDArray[np.uint8]
-
 _FIT_FACE_PX = 320  # the least-squares fit sees larger faces scaled down to this width
 _STRAY_SPREADS = 2.5
 _LEAST_CHROMA_SPREAD = 4.0  # of a* and b*
 
 
-def fit_key_frame(
-    rgb: Image, matte: Matte, positions: Floats, face_width: float, seed: int
-) -> tuple[Floats, NDArray[np.bool_]]:
+def fit_key_frame(rgb: Bytes, matte: Matte, positions: Floats, face_width: float, seed: int) -> tuple[Floats, Bools]:
     """Boundary colours g of a key frame (eq. 3) and which samples lie on visible skin or features.
 
     rgb: (H, W, 3);  positions: (S, 2) curve samples, source pixels;  face_width: pixels.
@@ -51,7 +46,7 @@ def fit_key_frame(
     return fit.colors, visible & ~_stray(fit.colors, visible)
 
 
-def _stray(colors: Floats, visible: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _stray(colors: Floats, visible: Bools) -> Bools:
     """(S,) whether a skin sample has a hue that the face's visible skin has not: hair, collar or background in it.
 
     Transport matches extremes to extremes, so a few such samples would tint a face's highlights or shadows.
@@ -63,5 +58,5 @@ def _stray(colors: Floats, visible: NDArray[np.bool_]) -> NDArray[np.bool_]:
     middle = np.median(chroma[skin & visible], axis=0)
     distance = np.hypot(*(chroma - middle).T)
     spread = max(1.48 * float(np.median(distance[skin & visible])), _LEAST_CHROMA_SPREAD)
-    stray: NDArray[np.bool_] = skin & (distance > _STRAY_SPREADS * spread)
+    stray: Bools = skin & (distance > _STRAY_SPREADS * spread)
     return stray

@@ -8,9 +8,9 @@ from pvg.asset import AssetWriter
 from pvg.landmarks import FaceTracks, smooth, track_faces
 from pvg.picture import Picture
 from pvg.skin import Matte, SceneReader, haze_over
+from pvg.vectorization.best_row import best_row
 from pvg.vectorization.face_maker import FaceMaker, FoundFaces
 from pvg.vectorization.face_messages import no_usable_face, over_limit_warning
-from pvg.vectorization.key_frames import best_row
 from pvg.vectorization.source_reader import SourceReader
 from pvg.vectorization.stretch import KeyView
 from pvg.vectorization.vector_face import VectorFace
