@@ -146,8 +146,9 @@ def _body_example(person: str, picture: Picture, landmarks: Landmarks, masks: li
         BodyTracker(model.learned).step(scene, landmarks, face, skin.light, skin.network_output)
     if recorder.asked is None:
         raise ValueError("the network was not asked")
-    face_mask, head = recorder.asked[2:4]
+    seen = recorder.asked[0]
     fields = body_network.body_fields(*recorder.asked)
+    face_mask, head = seen.face_mask, seen.head
     core = head.of_oval(face_mask.shape) < _CORE
     whole = _over_cells(person, "body", fields, scene.raster, picture, masks, core & (face_mask > 0.5))
     ratio = fields.shape[2] / face_mask.shape[1]

@@ -9,18 +9,22 @@ that is surely skin, and is made steady in time as the face's matte is.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from functools import partial
+
 import cv2
 import numpy as np
 
-from pvg._arrays import Bools, Bytes, Floats, smoothstep
+from pvg._arrays import Bytes, Floats, smoothstep
 from pvg.face import Landmarks
 from pvg.raster import Raster
 from pvg.skin import body_network
 from pvg.skin._kernels import BodyWeights, body_log_odds
 from pvg.skin.body_colors import color_tables
-from pvg.skin.body_parts import beyond_box, body_parts, fill_gaps, fill_holes, leave_out_hair, own_people
+from pvg.skin.body_parts import beyond_box, body_parts, fill_gaps, fill_small_holes, leave_out_hair
 from pvg.skin.collar import collar
-from pvg.skin.in_time import in_levels, soft_edge, weight_of_before
+from pvg.skin.face_in_scene import FaceInScene
+from pvg.skin.in_time import SkinInTime, held, in_levels, moved, moved_layers, weight_of_before
 from pvg.skin.learning import LearnedSkin
 from pvg.skin.light import gain_back, gain_of, relit
 from pvg.skin.matte import Matte
@@ -30,7 +34,7 @@ from pvg.skin.prior import HeadShape, ear_depth, head_shape, logistic
 from pvg.skin.ring import hair_odds
 from pvg.skin.scene import Scene
 
-_BODY, _TRACKING, _NETWORK = SKIN_PRIOR.body, SKIN_PRIOR.tracking, SKIN_PRIOR.body_network
+_BODY, _NETWORK = SKIN_PRIOR.body, SKIN_PRIOR.body_network
 _WEIGHTS = BodyWeights(
     person=np.float32(_BODY.person),
     person_for=np.float32(_BODY.person_for),
@@ -59,6 +63,17 @@ _SIDE_BY_SIDE = 0.5  # of a face's width: faces nearer to each other are one
 _EDGE_BLUR = 1.0  # cells around the mask's edge
 
 
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """What costs much and is asked for in some scenes only, between them it moves with the picture: (h, w) float32.
+
+    hair: nats against skin, see `hair_odds`;  predicted: the network's probability of skin.
+    """
+
+    hair: Floats
+    predicted: Floats
+
+
 class BodyTracker:
     """Makes the matte of a person's skin off the face in each scene of a track, in order."""
 
@@ -71,10 +86,9 @@ class BodyTracker:
         self._scale = learned.colors.scale
         self._light = learned.light
         self.color_trust = float(smoothstep(np.array(learned.chroma), *_BODY.color_trust))
-        # what one scene leaves to the next: its picture (h, w, 3), and (h, w, 3) probability, mask and alpha
-        self._before: tuple[Bytes, Floats] | None = None
-        self._hair: Floats | None = None  # of the scene before
-        self._predicted: Floats | None = None  # by the network, likewise
+        # what one scene leaves to the next: its picture (h, w, 3) and skin, and what was asked
+        self._before: tuple[Bytes, SkinInTime] | None = None
+        self._asked: _Asked | None = None
         self._scenes = 0
 
     def step(
@@ -87,67 +101,70 @@ class BodyTracker:
         """
         own = landmarks.in_cells(scene.raster)
         head = head_shape(own)
-        xs, ys = (np.asarray(v, np.float32) for v in scene.raster.centers())
-        face_mask = face.raster.read(face.mask.astype(np.float32), xs, ys)
-        gain = gain_back(self._light, light)
-        log_odds = np.empty(scene.raster.shape, np.float32)
-        person = own_people(scene.person, face_mask, head.size)
-        maps = scene.before
-        asked = self._hair is None or maps is None or scene.changed or self._scenes % _BODY.person_every == 0
-        hair = hair_odds(scene.rgb, person, face_mask, head, self._scale, gain) if asked else _moved(self._hair, maps)
-        self._hair, self._scenes = hair, self._scenes + 1
-        oval = head.of_oval(scene.raster.shape)
-        against = hair if output is None else hair + _network_against(output, scene.raster, oval)
-        frame = _head_frame(head, ear_depth(head, own))
-        body_log_odds(scene.rgb, person, face_mask, against, *self._tables, gain, frame, _WEIGHTS, log_odds)
-        by_rules = logistic(np.asarray(cv2.GaussianBlur(log_odds, (0, 0), _BODY.blur), np.float32))
-        usual = gain_of(light)
+        seen = FaceInScene.of(scene, face, head)
+        gain, usual = gain_back(self._light, light), gain_of(light)
         lit = relit(scene.rgb, usual)
-        if asked:
-            shown = beyond_box(face, scene.raster, face_mask, by_rules, hair)
-            predicted = body_network.predict_body_skin(lit, person, shown, head, usual * light, by_rules)
-        else:
-            predicted = _moved(self._predicted, maps)
-        self._predicted = predicted
-        beside = smoothstep(oval, *_NETWORK.rise)
-        believed = np.where(person < 255 * _BODY.no_person, 0, _NETWORK.believed * beside)
-        probability = fused(by_rules, predicted, np.asarray(believed, np.float32))
-        of_face = face.alpha_at(xs, ys)
-        fill_gaps(probability, of_face, predicted, hair, head.size)
-        fill_holes(probability, of_face, head.size)
+        oval = head.of_oval(scene.raster.shape)
+
+        asked = self._asked_before(scene)
+        hair = hair_odds(seen, self._scale, gain) if asked is None else asked.hair
+        against = hair if output is None else hair + _network_against(output, scene.raster, oval)
+        by_rules = self._by_rules(seen, against, gain, ear_depth(head, own))
+        if asked is None:
+            shown = beyond_box(face, scene.raster, seen.face_mask, by_rules, hair)
+            usually = replace(seen, rgb=lit, face_mask=shown)
+            asked = _Asked(hair, body_network.predict_body_skin(usually, usual * light, by_rules))
+        self._asked = asked
+
+        probability = fused(by_rules, asked.predicted, _believed(seen, oval))
+        of_face = face.alpha_at(*(np.asarray(v, np.float32) for v in scene.raster.centers()))
+        fill_gaps(probability, of_face, asked.predicted, hair, head.size)
+        fill_small_holes(probability, of_face, head.size)
         share = _owned(scene, landmarks, head)
         if share is not None:
             probability = np.asarray(probability * share, np.float32)
         if self.color_trust < 1:
             probability *= np.float32(self.color_trust)
-        leave_out_hair(probability, scene.rgb, person, face_mask, hair, head, self._scale, gain)
+        leave_out_hair(probability, seen, hair, self._scale, gain)
         probability *= 1 - collar(lit, np.maximum(probability, of_face), head)
-        mask, alpha = self._smooth_in_time(scene, probability, face_mask, person, head.size)
-        return Matte.over(scene.raster.box, in_levels(alpha), mask)
 
-    def _smooth_in_time(
-        self, scene: Scene, probability: Floats, face_mask: Floats, person: Bytes, size: float
-    ) -> tuple[Bools, Floats]:
-        """Mask and alpha (h, w), held to those of the scene before where nothing changed.  size: see `body_parts`."""
-        before, maps = self._before, scene.before
-        if before is None or maps is None:
-            mask = body_parts(probability, probability > 0.5, face_mask, person, size)
-            alpha = soft_edge(probability, mask, _EDGE_BLUR)
-        else:
-            was_rgb, layers = before
-            moved_rgb = cv2.remap(was_rgb, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-            moved = cv2.remap(layers, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-            was_probability, was, was_alpha = cv2.split(moved)
-            # where a hand leaves a wall of the skin's brightness only the hue changes
-            keep = weight_of_before(np.asarray(moved_rgb, np.uint8), scene.rgb)
-            probability = (probability + keep * (was_probability - probability)).astype(np.float32)
-            likely = probability + _TRACKING.hysteresis * keep * (was - 0.5) > 0.5
-            mask = body_parts(probability, likely, face_mask, person, size)
-            alpha = soft_edge(probability, mask, _EDGE_BLUR)
-            alpha = (alpha + keep * (was_alpha - alpha)).astype(np.float32)
-        left = cv2.merge([probability, mask.astype(np.float32), alpha])
-        self._before = scene.rgb, np.asarray(left, np.float32)
-        return mask, alpha
+        parts = partial(body_parts, seen=seen)
+        mask, skin = held(probability, self._skin_before(scene), parts, _EDGE_BLUR)
+        self._before = scene.rgb, skin
+        return Matte.over(scene.raster.box, in_levels(skin.alpha), mask)
+
+    def _asked_before(self, scene: Scene) -> _Asked | None:
+        """What was asked in a scene before, where its cells are now; None in a scene in which it is asked anew."""
+        before, maps, due = self._asked, scene.before, self._scenes % _BODY.person_every == 0
+        self._scenes += 1
+        if before is None or maps is None or scene.changed or due:
+            return None
+        return _Asked(moved(before.hair, maps), moved(before.predicted, maps))
+
+    def _by_rules(self, seen: FaceInScene, against: Floats, gain: Floats, ears: float) -> Floats:
+        """Probability of skin (h, w) by colour and place.
+
+        against: (h, w) nats for what lies around the head;  gain: (3,) to the key frame's light;  ears: their depth.
+        """
+        log_odds = np.empty(against.shape, np.float32)
+        frame = _head_frame(seen.head, ears)
+        body_log_odds(seen.rgb, seen.person, seen.face_mask, against, *self._tables, gain, frame, _WEIGHTS, log_odds)
+        return logistic(np.asarray(cv2.GaussianBlur(log_odds, (0, 0), _BODY.blur), np.float32))
+
+    def _skin_before(self, scene: Scene) -> tuple[SkinInTime, Floats] | None:
+        """The skin of the scene before where its cells are now, and its weight (h, w); None without one."""
+        if self._before is None or scene.before is None:
+            return None
+        rgb, skin = self._before
+        # in colour: where a hand leaves a wall of the skin's brightness only the hue changes
+        keep = weight_of_before(moved(rgb, scene.before), scene.rgb)
+        return SkinInTime(*moved_layers(skin.layers, scene.before)), keep
+
+
+def _believed(seen: FaceInScene, oval: Floats) -> Floats:
+    """(h, w) in [0, 1], the weight of the network: none where nobody is, and none in the face.  oval: see `of_oval`."""
+    beside = smoothstep(oval, *_NETWORK.rise)
+    return np.asarray(np.where(seen.person < 255 * _BODY.no_person, 0, _NETWORK.believed * beside), np.float32)
 
 
 def _network_against(output: NetworkOutput, raster: Raster, oval: Floats) -> Floats:
@@ -160,13 +177,6 @@ def _network_against(output: NetworkOutput, raster: Raster, oval: Floats) -> Flo
     return np.asarray(
         off_face * np.minimum(_BODY.network_weight * output.log_odds_against(raster), _BODY.network_most), np.float32
     )
-
-
-def _moved(values: Floats | None, maps: tuple[Floats, Floats] | None) -> Floats:
-    """Values (h, w) of the scene before, moved by the optical flow to where its cells are now."""
-    if values is None or maps is None:
-        raise ValueError("there is no scene before")
-    return np.asarray(cv2.remap(values, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32)
 
 
 def _head_frame(head: HeadShape, ears: float) -> Floats:

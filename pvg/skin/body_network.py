@@ -11,26 +11,23 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from pvg._arrays import Bytes, Floats
+from pvg._arrays import Floats
+from pvg.skin.face_in_scene import FaceInScene
 from pvg.skin.network import run_network
 from pvg.skin.parameters import SKIN_PRIOR
-from pvg.skin.prior import HeadShape
 
 _BODY, _NETWORK, _NAME = SKIN_PRIOR.body_network, SKIN_PRIOR.network, "body_skin"
 _NEAR = 3  # cells a side over which unevenness is measured
 
 
-def body_fields(
-    rgb: Bytes, person: Bytes, face_mask: Floats, head: HeadShape, light: Floats, probability: Floats
-) -> Floats:
+def body_fields(seen: FaceInScene, light: Floats, probability: Floats) -> Floats:
     """What the network is shown: (FIELDS, h', w') float32.
 
-    rgb: (h, w, 3) uint8, the scene;  person: (h, w) uint8, 255 on people;
-    face_mask: (h, w) in [0, 1], the face's own mask;  head: in the scene's cells;
-    light: (3,) RGB, the face's colour now;  probability: (h, w), of skin so far.
+    seen: in usual light;  light: (3,) RGB, the face's colour there;  probability: (h, w), of skin so far.
     """
+    rgb, face_mask = seen.rgb, seen.face_mask
     h, w = face_mask.shape
-    ratio = min(1.0, _BODY.face_cells / head.size)
+    ratio = min(1.0, _BODY.face_cells / seen.head.size)
     size = (max(1, round(w * ratio)), max(1, round(h * ratio)))
 
     def small(values: Floats) -> Floats:
@@ -41,10 +38,10 @@ def body_fields(
     green = rgb[..., 1].astype(np.float32)
     mean = cv2.blur(green, (_NEAR, _NEAR))
     spread = np.sqrt(np.maximum(cv2.blur(green * green, (_NEAR, _NEAR)) - mean * mean, 0))
-    side, depth = head.places(face_mask.shape)
+    side, depth = seen.head.places(face_mask.shape)
     fields = [*np.moveaxis(color / 255 - 0.5, 2, 0), *np.moveaxis(beside, 2, 0)]
     fields += [
-        small(person.astype(np.float32)) / 255 - 0.5,
+        small(seen.person.astype(np.float32)) / 255 - 0.5,
         small(face_mask),
         small(np.tanh(np.abs(side) / _BODY.far)),
         small(np.tanh(depth / _BODY.far)),
@@ -54,9 +51,6 @@ def body_fields(
     return np.stack(fields).astype(np.float32)
 
 
-def predict_body_skin(
-    rgb: Bytes, person: Bytes, face_mask: Floats, head: HeadShape, light: Floats, probability: Floats
-) -> Floats:
+def predict_body_skin(seen: FaceInScene, light: Floats, probability: Floats) -> Floats:
     """The network's probability of anybody's skin (h, w) float32; see `body_fields`."""
-    fields = body_fields(rgb, person, face_mask, head, light, probability)
-    return run_network(_NAME, fields, probability.shape, _BODY.margin)
+    return run_network(_NAME, body_fields(seen, light, probability), probability.shape, _BODY.margin)

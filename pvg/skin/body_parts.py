@@ -9,9 +9,9 @@ from pvg._arrays import Bools, Bytes, Floats
 from pvg.raster import Raster
 from pvg.skin.cleanup import occupied
 from pvg.skin.color_model import ColorScale, to_skin_lab
+from pvg.skin.face_in_scene import FaceInScene
 from pvg.skin.matte import Matte
 from pvg.skin.parameters import SKIN_PRIOR
-from pvg.skin.prior import HeadShape
 
 _BODY = SKIN_PRIOR.body
 _TOUCHING = 2  # cells around the face's mask that a part touches it by
@@ -55,7 +55,7 @@ def fill_gaps(probability: Floats, face: Floats, predicted: Floats, hair: Floats
     np.copyto(probability, np.maximum(probability, predicted), where=between[labels])
 
 
-def fill_holes(probability: Floats, face: Floats, size: float) -> None:
+def fill_small_holes(probability: Floats, face: Floats, size: float) -> None:
     """Raise the probability (h, w), in place, in small holes of the person's skin: the inside of an ear is blood-red.
 
     face: (h, w) the face's matte in [0, 1];  size: a face size in cells.
@@ -75,16 +75,7 @@ def fill_holes(probability: Floats, face: Floats, size: float) -> None:
         np.copyto(part, np.maximum(part, np.float32(_BODY.hole_probability)), where=holes[labels])
 
 
-def leave_out_hair(
-    probability: Floats,
-    rgb: Bytes,
-    person: Bytes,
-    face_mask: Floats,
-    hair: Floats,
-    head: HeadShape,
-    scale: ColorScale,
-    gain: Floats,
-) -> None:
+def leave_out_hair(probability: Floats, seen: FaceInScene, hair: Floats, scale: ColorScale, gain: Floats) -> None:
     """Set the probability (h, w) to 0, in place, in parts beside the face that are cut out of hair of one colour.
 
     The place of an ear makes up for a colour that is not quite the skin's. An ear ends where its colour does; a
@@ -92,12 +83,13 @@ def leave_out_hair(
     full of blood, whatever is behind it: hair is yellower. What is far lighter than what is around it is no strand of
     that hair.
 
-    rgb, person, face_mask, head, scale, gain: see `hair_odds`;  hair: (h, w) nats, its result.
+    seen, scale, gain: see `hair_odds`;  hair: (h, w) nats, its result.
     """
-    y, x = (along.astype(np.float32) for along in np.ogrid[: face_mask.shape[0], : face_mask.shape[1]])
+    head = seen.head
+    y, x = (along.astype(np.float32) for along in np.ogrid[: probability.shape[0], : probability.shape[1]])
     down = head.axes.down
     above = (x - head.chin[0]) * down[0] + (y - head.chin[1]) * down[1] < -_BODY.hair_above * head.size
-    likely, off_face = probability > 0.5, face_mask < 0.5
+    likely, off_face = probability > 0.5, seen.face_mask < 0.5
     parts = (likely & off_face & above).view(np.uint8)
     rows, columns = occupied(parts)
     if not parts[rows, columns].size:
@@ -105,7 +97,7 @@ def leave_out_hair(
     labels = np.zeros(parts.shape, np.int32)
     count, labels[rows, columns], stats, _ = cv2.connectedComponentsWithStats(parts[rows, columns], connectivity=8)
     stats[:, :2] += columns.start, rows.start
-    around = off_face & ~likely & (person > 255 * _BODY.no_person)
+    around = off_face & ~likely & (seen.person > 255 * _BODY.no_person)
     least, most = _BODY.hair_cells, _BODY.hair_most * head.size**2
     for part in range(1, count):
         x0, y0, w, h, area = (int(v) for v in stats[part])
@@ -121,44 +113,30 @@ def leave_out_hair(
         ring = far & ~near & around[box]
         if int(ring.sum()) < least:
             continue
-        lit = np.asarray(np.clip(np.rint(rgb[box] * gain), 0, 255), np.uint8)
-        lab = to_skin_lab(lit)
-        own, beside = np.median(lab[inside], axis=0), np.median(lab[ring], axis=0)
-        along, across = scale.of_hue(own)
-        blood = along > 0 and across < -_BODY.hair_redder
-        ear = blood or float(own[0] - beside[0]) > _BODY.hair_lighter
-        if not ear and float(np.linalg.norm((own - beside) / scale.spread)) < _BODY.hair_alike + mean_hair:
+        lit = np.asarray(np.clip(np.rint(seen.rgb[box] * gain), 0, 255), np.uint8)
+        if _is_of_hair(to_skin_lab(lit), inside, ring, mean_hair, scale):
             probability[box][inside] = 0.0
 
 
-def own_people(person: Bytes, face_mask: Floats, size: float) -> Bytes:
-    """The person mask (h, w) without small parts that have nothing of the face's own mask (h, w): pots and chairs.
+def _is_of_hair(lab: Floats, part: Bools, ring: Bools, hair: float, scale: ColorScale) -> bool:
+    """Whether a part (h, w) of colours (h, w, 3) has those of the ring (h, w) around it, and is no ear.
 
-    size: a face size in cells.
+    hair: nats that speak for it in the mean: the more, the less alike both need be.
     """
-    people, face, least = (person > 255 * _BODY.no_person).view(np.uint8), face_mask > 0.5, _BODY.least_person * size**2
-    large = people.size - int(np.count_nonzero(people)) > least  # what is nobody's, which is a part as well
-    box = occupied(people) if large else (slice(None), slice(None))
-    if not people[box].size:
-        return person
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(people[box])
-    kept = stats[:, cv2.CC_STAT_AREA] > least
-    kept[0] |= large
-    kept |= np.bincount(labels[face[box]], minlength=count) > 0
-    if kept.all():
-        return person
-    out = person.copy()
-    out[box] *= kept[labels]
-    return out
+    own, beside = np.median(lab[part], axis=0), np.median(lab[ring], axis=0)
+    along, across = scale.of_hue(own)
+    blood = along > 0 and across < -_BODY.hair_redder
+    if blood or float(own[0] - beside[0]) > _BODY.hair_lighter:
+        return False
+    return float(np.linalg.norm((own - beside) / scale.spread)) < _BODY.hair_alike + hair
 
 
-def body_parts(probability: Floats, likely: Bools, face_mask: Floats, person: Bytes, size: float) -> Bools:
+def body_parts(probability: Floats, likely: Bools, seen: FaceInScene) -> Bools:
     """The parts of `likely` (h, w) that are a body's: what touches the face, and what is large and likely enough.
 
     What touches nothing must be likelier where the person mask is not sure, as on a wall or floor of the skin's colour.
-    face_mask: (h, w) the face's own mask;  person: (h, w), 255 on people;  size: a face size in cells.
     """
-    face = (face_mask > 0.5).astype(np.uint8)
+    face = (seen.face_mask > 0.5).astype(np.uint8)
     joined = cv2.morphologyEx(likely.astype(np.uint8) | face, cv2.MORPH_CLOSE, _square(_BODY.join))
     whole: Bools = np.zeros(likely.shape, np.bool_)
     held = occupied(np.asarray(joined, np.uint8))
@@ -166,10 +144,10 @@ def body_parts(probability: Floats, likely: Bools, face_mask: Floats, person: By
         return whole
     count, labels, stats, _ = cv2.connectedComponentsWithStats(joined[held], connectivity=8)
     touching = cv2.dilate(face, _square(2 * _TOUCHING + 1))[held] > 0
-    likely, probability, person = likely[held], probability[held], person[held]
+    likely, probability, person = likely[held], probability[held], seen.person[held]
     kept = np.bincount(labels[touching], minlength=count) > 0
     kept[0] = False
-    least = _BODY.least_part * size**2
+    least = _BODY.least_part * seen.head.size**2
     for part in np.flatnonzero(~kept & (stats[:, cv2.CC_STAT_AREA] > least)):
         if part == 0:
             continue

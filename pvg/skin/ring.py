@@ -5,21 +5,21 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from pvg._arrays import Bytes, Floats, ramp
+from pvg._arrays import Floats, ramp
 from pvg.skin.color_model import ColorScale, inlier_covariance, to_skin_lab
+from pvg.skin.face_in_scene import FaceInScene
 from pvg.skin.light import relit
 from pvg.skin.parameters import SKIN_PRIOR
-from pvg.skin.prior import HeadShape
 
 _RING, _BODY = SKIN_PRIOR.ring, SKIN_PRIOR.body
 
 
-def hair_odds(rgb: Bytes, person: Bytes, face_mask: Floats, head: HeadShape, scale: ColorScale, gain: Floats) -> Floats:
+def hair_odds(seen: FaceInScene, scale: ColorScale, gain: Floats) -> Floats:
     """(h, w) float32 nats against skin in the cells of a scene, 0 where no hair is known.
 
-    rgb: (h, w, 3);  person: (h, w), 255 on people;  face_mask: (h, w) in [0, 1], the face's own mask;  head: in cells;
     scale: of the face's skin on the key frame;  gain: (3,) to its light.
     """
+    head, face_mask, person = seen.head, seen.face_mask, seen.person
     out = np.zeros(face_mask.shape, np.float32)
     side, depth = head.places(face_mask.shape)
     side = np.abs(side)
@@ -38,7 +38,7 @@ def hair_odds(rgb: Bytes, person: Bytes, face_mask: Floats, head: HeadShape, sca
     share = ramp(np.hypot(side, depth), end, start)
     share = np.where(depth > 0, share * ramp(side / half_width, *_RING.neck_rise), share)
     asked = (person > 255 * _BODY.no_person) & ~face & (share > 0)
-    colors = rgb.reshape(-1, 1, 3)[np.concatenate([*samples, np.flatnonzero(asked)])]
+    colors = seen.rgb.reshape(-1, 1, 3)[np.concatenate([*samples, np.flatnonzero(asked)])]
     lab = to_skin_lab(relit(colors, gain))[:, 0]
     z = np.asarray((lab - scale.center) / scale.spread, np.float32)
     ends = np.cumsum([len(sample) for sample in samples])

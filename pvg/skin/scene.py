@@ -21,7 +21,7 @@ from pvg.haze import haze_of, without_haze
 from pvg.picture import Picture, as_picture, rms_contrast
 from pvg.raster import Raster, first_reading
 from pvg.skin.flow import FlowFinder
-from pvg.skin.in_time import places_before
+from pvg.skin.in_time import Maps, moved, places_before
 from pvg.skin.parameters import SKIN_PRIOR
 
 _BODY = SKIN_PRIOR.body
@@ -93,7 +93,7 @@ class Scene:
     contrast: float
 
     @cached_property
-    def before(self) -> tuple[Floats, Floats] | None:
+    def before(self) -> Maps | None:
         """Maps x, y (h, w) from the cells to where they were in the scene before, None without one."""
         if self.flow is None:
             return None
@@ -112,7 +112,7 @@ class Scene:
         return ramp(person, *_BODY.any_person)
 
 
-def _maps(flow: Floats, shape: tuple[int, int]) -> tuple[Floats, Floats]:
+def _maps(flow: Floats, shape: tuple[int, int]) -> Maps:
     """Maps x, y (h, w) of where cells were, by the flow (h', w', 2) of blocks of them, in blocks."""
     h, w = shape
     return places_before(cv2.resize(flow, (w, h), interpolation=cv2.INTER_LINEAR) * np.float32(_FLOW_CELLS))
@@ -120,8 +120,7 @@ def _maps(flow: Floats, shape: tuple[int, int]) -> tuple[Floats, Floats]:
 
 def _changed(before: Bytes, grey: Bytes, flow: Floats) -> bool:
     """Whether a picture (h, w) is another than the one before, moved by the flow (h, w, 2), in much of it."""
-    moved = cv2.remap(before, *places_before(flow), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    off = cv2.blur(cv2.absdiff(moved, grey), (3, 3)) > _BODY.unexplained
+    off = cv2.blur(cv2.absdiff(moved(before, places_before(flow)), grey), (3, 3)) > _BODY.unexplained
     return bool(off.mean() > _BODY.much)
 
 
@@ -157,9 +156,7 @@ class SceneReader:
         self._age += 1
         person: Bytes | None = None
         if flow is not None and self._person is not None:
-            maps = _maps(flow, raster.shape)
-            moved = cv2.remap(self._person, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-            person = np.asarray(moved, np.uint8)
+            person = moved(self._person, _maps(flow, raster.shape))
         if person is None or changed or self._age >= _BODY.person_every:
             new: Bytes = np.asarray(np.rint(person_mask(rgb) * 255), np.uint8)
             person = new if person is None else np.asarray(cv2.addWeighted(new, 0.5, person, 0.5, 0), np.uint8)

@@ -20,7 +20,7 @@ from pvg.skin.color_model import SkinColors, to_skin_lab
 from pvg.skin.consensus import MatteInTime
 from pvg.skin.flow import FlowFinder
 from pvg.skin.hair import hair_cover
-from pvg.skin.in_time import in_levels, places_before, soft_edge, weight_of_before
+from pvg.skin.in_time import SkinInTime, held, in_levels, moved, moved_layers, places_before, weight_of_before
 from pvg.skin.learning import LearnedSkin, SkinModel
 from pvg.skin.light import MID_GREY, face_color, gain_back, gain_of, relit
 from pvg.skin.matte import Matte
@@ -38,16 +38,14 @@ _TRACKING, _HAIR, _NETWORK = SKIN_PRIOR.tracking, SKIN_PRIOR.hair, SKIN_PRIOR.ne
 
 
 @dataclass(frozen=True, eq=False)
-class _TemporalState:
+class _Left:
     """What one frame leaves to the next, over (h, w) cells.
 
-    grey: the picture;  probability, mask, alpha: of skin;  predicted: the network's probability of skin.
+    grey: the picture;  skin: what is held;  predicted: the network's probability of skin.
     """
 
     grey: Bytes
-    probability: Floats
-    mask: Floats
-    alpha: Floats
+    skin: SkinInTime
     predicted: Floats
 
 
@@ -58,7 +56,8 @@ class _Carried:
     keep: (h, w) in [0, 1), its weight, less where the picture changed.
     """
 
-    state: _TemporalState
+    skin: SkinInTime
+    predicted: Floats
     keep: Floats
 
     @property
@@ -79,7 +78,7 @@ class SkinTracker:
         self.light = np.full(3, MID_GREY, np.float32) if model.learned is None else model.learned.light
         self._model = model
         self._raster: Raster | None = None
-        self._before: _TemporalState | None = None
+        self._before: _Left | None = None
         self._age = 0  # frames since the network was asked
         self.in_time: MatteInTime | None = None
         self.network_output: NetworkOutput | None = None
@@ -111,10 +110,11 @@ class SkinTracker:
         if scene is not None:
             probability = _of_people(probability, scene.people(raster), prior)
         probability = probability * (1 - collar(lit, probability, head_shape(own)))
-        mask, alpha, smooth = _smooth_in_time(probability, prior, before)
-        self._before = _TemporalState(grey, smooth, mask.astype(np.float32), alpha, predicted)
+        was = None if before is None else (before.skin, before.keep)
+        mask, skin = held(probability, was, lambda _, likely: face_component(likely, prior), _TRACKING.edge_blur)
+        self._before = _Left(grey, skin, predicted)
         # last, so that skin that comes back is still known
-        mask, alpha = mask & (occluder < 0.5), alpha * prior.fade * (1 - occluder)
+        mask, alpha = mask & (occluder < 0.5), skin.alpha * prior.fade * (1 - occluder)
         levels = in_levels(alpha)
         # a cell more than is seen, or sampling the matte would fade it along the picture's edge
         cells = visible.astype(np.uint8)
@@ -139,30 +139,14 @@ class SkinTracker:
         if before is None or self._age >= _NETWORK.every or before.changed > _NETWORK.changed:
             self._age = 0
             return network.predict_skin(rgb, prior, by_rules)
-        return before.state.predicted
+        return before.predicted
 
-    def _carry(self, before: _TemporalState, grey: Bytes) -> _Carried:
+    def _carry(self, before: _Left, grey: Bytes) -> _Carried:
         """The frame before moved by optical flow onto this one, whose picture is `grey` (h, w)."""
         maps = places_before(self._flow.back(grey, before.grey))
-        layers = cv2.merge([before.probability, before.mask, before.alpha, before.predicted])
-        moved = cv2.remap(layers, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        was = before.grey.astype(np.float32)
-        moved_grey = cv2.remap(was, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        keep = weight_of_before(np.asarray(moved_grey, np.float32), grey.astype(np.float32))
-        probability, mask, alpha, predicted = (np.asarray(layer, np.float32) for layer in cv2.split(moved))
-        return _Carried(_TemporalState(grey, probability, mask, alpha, predicted), keep)
-
-
-def _smooth_in_time(probability: Floats, prior: SpatialPrior, before: _Carried | None) -> tuple[Bools, Floats, Floats]:
-    """Mask, alpha and probability (h, w) of a frame's skin, held to those of the frame before where nothing changed."""
-    if before is None:
-        mask = face_component(probability > 0.5, prior)
-        return mask, soft_edge(probability, mask, _TRACKING.edge_blur), probability
-    was, keep = before.state, before.keep
-    probability = (probability + keep * (was.probability - probability)).astype(np.float32)
-    mask = face_component(probability + _TRACKING.hysteresis * keep * (was.mask - 0.5) > 0.5, prior)
-    alpha = soft_edge(probability, mask, _TRACKING.edge_blur)
-    return mask, (alpha + keep * (was.alpha - alpha)).astype(np.float32), probability
+        *skin, predicted = moved_layers([*before.skin.layers, before.predicted], maps)
+        keep = weight_of_before(moved(before.grey.astype(np.float32), maps), grey.astype(np.float32))
+        return _Carried(SkinInTime(*skin), predicted, keep)
 
 
 def _by_rules(
@@ -179,10 +163,9 @@ def _by_rules(
     lit = relit(even, gain)
     lab = to_skin_lab(lit)
     knots = slice(None, None, SKIN_PRIOR.warp.knot_step)
-    map_x, map_y = rbf_warp(prior.face.shape, points[knots], learned.points[knots])
-    carried = cv2.remap(learned.distance, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    distance = np.asarray(carried, np.float32)
-    was_open = cv2.remap(learned.open, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+    maps = rbf_warp(prior.face.shape, points[knots], learned.points[knots])
+    distance = moved(learned.distance, maps)
+    was_open = cv2.remap(learned.open, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
     if gain.min() < _TRACKING.brighter:
         # what the light has driven into clipping shows no hue, and where much of the face is, its gain is unknown
         clipped = rgb.max(axis=2) >= _TRACKING.clipped

@@ -25,8 +25,9 @@ from pvg.skin import (
 )
 from pvg.skin.body import _network_against
 from pvg.skin.body_colors import color_tables
-from pvg.skin.body_parts import beyond_box, body_parts, fill_gaps, fill_holes, leave_out_hair, own_people
+from pvg.skin.body_parts import beyond_box, body_parts, fill_gaps, fill_small_holes, leave_out_hair
 from pvg.skin.color_model import ColorScale, SkinColors
+from pvg.skin.face_in_scene import FaceInScene, own_people
 from pvg.skin.network import NetworkOutput
 from pvg.skin.parameters import SKIN_PRIOR
 from pvg.skin.prior import head_shape
@@ -172,8 +173,8 @@ def test_a_part_beside_the_face_ends_where_its_colour_does_or_is_hair(
     rgb[part] = part_color
     head = head_shape(drawn.landmarks.in_cells(scene.raster))
     person = np.full(shape, 255, np.uint8)
-    scale = model.learned.colors.scale
-    leave_out_hair(probability, rgb, person, face_mask, hair, head, scale, np.ones(3, np.float32))
+    seen = FaceInScene(rgb, person, face_mask, head)
+    leave_out_hair(probability, seen, hair, model.learned.colors.scale, np.ones(3, np.float32))
     assert (probability[part] > 0.5).all() == kept
 
 
@@ -234,7 +235,7 @@ def test_what_little_a_persons_skin_encloses_is_skin(side: int, at: int, filled:
     hole = slice(at, at + side), slice(at, at + side)
     probability[hole], face[hole] = 0.1, 0.0
     before = probability.copy()
-    fill_holes(probability, face, 70.0)
+    fill_small_holes(probability, face, 70.0)
     assert bool((probability[hole] > 0.5).all()) is filled
     probability[hole] = before[hole]
     np.testing.assert_array_equal(probability, before)
@@ -244,13 +245,13 @@ def _is_kept(rows: int, columns: int, probability: float, person: float) -> bool
     """Whether a part of so many cells in the last corner of a scene, away from the face, is all of a body's mask."""
     drawn = _drawn()
     scene = drawn.scene()
-    size = head_shape(drawn.landmarks.in_cells(scene.raster)).size
+    head = head_shape(drawn.landmarks.in_cells(scene.raster))
     part = np.zeros(scene.raster.shape, bool)
     part[-rows:, -columns:] = True
     face_mask = np.zeros(part.shape, np.float32)
     face_mask[:10, :10] = 1
     cells, people = part * np.float32(probability), np.uint8(255 * person) * part.astype(np.uint8)
-    mask = body_parts(cells, part, face_mask, people, size)
+    mask = body_parts(cells, part, FaceInScene(scene.rgb, people, face_mask, head))
     assert mask[part].all() == mask.any()
     return bool(mask.any())
 
@@ -302,9 +303,9 @@ def test_the_network_is_shown_skin_that_the_faces_box_cuts(monkeypatch: pytest.M
     drawn.rgb[bare] = np.median(drawn.rgb[drawn.hand], axis=0)
     asked: list[np.ndarray] = []
 
-    def network(*fields: np.ndarray) -> np.ndarray:
-        asked.append(fields[2])
-        return np.asarray(fields[-1], np.float32)
+    def network(seen: FaceInScene, light: np.ndarray, probability: np.ndarray) -> np.ndarray:
+        asked.append(seen.face_mask)
+        return probability
 
     monkeypatch.setattr(body_network, "predict_body_skin", network)
     body, skin = _tracker(drawn)

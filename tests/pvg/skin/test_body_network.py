@@ -10,38 +10,34 @@ import pytest
 
 from pvg.face import Landmarks
 from pvg.skin import SceneReader, SkinTracker, body_network, fit_skin_model, network
+from pvg.skin.face_in_scene import FaceInScene
 from pvg.skin.parameters import SKIN_PRIOR
-from pvg.skin.prior import HeadShape, head_shape
+from pvg.skin.prior import head_shape
 from tests.conftest import Samples
 from tests.gallery.faces import fit_widest, read_rgb
 
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """A portrait's scene, as the network is asked of it; skin: (h, w) bool, the face's own mask."""
+    """A portrait's face in its scene, as the network is asked of it;  light: (3,) RGB, the face's colour."""
 
-    rgb: np.ndarray
-    person: np.ndarray
-    face_mask: np.ndarray
-    head: HeadShape
+    seen: FaceInScene
     light: np.ndarray
 
     @property
     def skin(self) -> np.ndarray:
-        return self.face_mask > 0.5
+        """(h, w) bool, the face's own mask."""
+        return self.seen.face_mask > 0.5
 
     def predicted(self, probability: np.ndarray) -> np.ndarray:
-        by_rules = probability.astype(np.float32)
-        return body_network.predict_body_skin(self.rgb, self.person, self.face_mask, self.head, self.light, by_rules)
+        return body_network.predict_body_skin(self.seen, self.light, probability.astype(np.float32))
 
 
 def _shown(rgb: np.ndarray, landmarks: Landmarks) -> Shown:
     scene = SceneReader().step(rgb, (landmarks,))
     skin = SkinTracker(fit_skin_model(rgb, landmarks))
     matte = skin.step(rgb, landmarks, scene)
-    xs, ys = (np.asarray(v, np.float32) for v in scene.raster.centers())
-    face_mask = matte.raster.read(matte.mask.astype(np.float32), xs, ys)
-    return Shown(scene.rgb, scene.person, face_mask, head_shape(landmarks.in_cells(scene.raster)), skin.light)
+    return Shown(FaceInScene.of(scene, matte, head_shape(landmarks.in_cells(scene.raster))), skin.light)
 
 
 @pytest.fixture(scope="module", params=["portrait", "dark_portrait", "pale_portrait"])
@@ -52,23 +48,25 @@ def shown(request: pytest.FixtureRequest, samples: Samples) -> Shown:
 
 def test_a_scene_is_shown_no_finer_than_it_is_and_at_one_face_size(shown: Shown) -> None:
     by_rules = shown.skin.astype(np.float32)
-    fields = body_network.body_fields(shown.rgb, shown.person, shown.face_mask, shown.head, shown.light, by_rules)
+    fields = body_network.body_fields(shown.seen, shown.light, by_rules)
     assert len(fields) == network.FIELDS
     assert np.isfinite(fields).all()
-    ratio = fields.shape[2] / shown.rgb.shape[1]
+    ratio = fields.shape[2] / shown.seen.rgb.shape[1]
     assert ratio <= 1
-    assert ratio * shown.head.size == pytest.approx(min(shown.head.size, SKIN_PRIOR.body_network.face_cells), rel=0.05)
+    assert ratio * shown.seen.head.size == pytest.approx(
+        min(shown.seen.head.size, SKIN_PRIOR.body_network.face_cells), rel=0.05
+    )
     # beside the face's own colour, the face is near 0
     assert np.abs(np.median(fields[3:6][:, fields[7] > 0.9], axis=1)).max() < 0.2
 
 
 def test_a_patch_of_wall_that_the_rules_took_is_no_skin_and_a_hole_in_a_neck_is(shown: Shown) -> None:
-    size, nobody = shown.head.size, shown.person < 64
+    size, nobody = shown.seen.head.size, shown.seen.person < 64
     away = cv2.distanceTransform(nobody.astype(np.uint8), cv2.DIST_L2, 5)
     row, column = np.unravel_index(np.argmax(away), away.shape)
     ys, xs = np.mgrid[: away.shape[0], : away.shape[1]]
     wall = np.hypot(xs - column, ys - row) < min(0.2 * size, away.max())
-    neck = shown.skin & (shown.head.places(shown.face_mask.shape)[1] > 0.6)
+    neck = shown.skin & (shown.seen.head.places(shown.seen.face_mask.shape)[1] > 0.6)
     assert wall.sum() > 20
     assert neck.sum() > 20
     by_rules = np.where(shown.skin, 0.95, 0.02)
