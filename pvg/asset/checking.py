@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Final, get_args
 
 import numpy as np
@@ -84,26 +85,34 @@ def check_chunk(name: str, stored: NDArray[Any], rows: int) -> None:
     _check_finite(name, stored)
 
 
-def check_decoded(name: str, values: NDArray[Any], side: int) -> None:
-    """Raise `ValueError` when places or lengths are far from a picture whose longer side has `side` pixels.
+@dataclass(frozen=True)
+class Reach:
+    """How far the values of an array of `PLACES` reach, source pixels.
 
-    And when sides of boxes are shorter than a pixel.  name, values: see `measured`.
+    least, greatest: of all of them;  shortest: of the sides of boxes, infinite of what are none.
     """
-    if (
-        name in PLACES
-        and values.size
-        and not -_FARTHEST * side <= values.min() <= values.max() <= (1 + _FARTHEST) * side
-    ):
-        raise ValueError("its values are far from the picture")
-    if name == "sides" and values.size and values.min() < 1:
-        raise ValueError("its boxes have no pixel")
 
+    least: float
+    greatest: float
+    shortest: float
 
-def measured(name: str, values: NDArray[Any]) -> Iterator[tuple[str, NDArray[Any]]]:
-    """What `check_decoded` looks at of a frame array's values, by name: they, and of boxes (n, 4) the sides (n, 2)."""
-    yield name, values
-    if name == "box":
-        yield "sides", values[:, 2:] - values[:, :2]
+    @classmethod
+    def of(cls, name: str, values: NDArray[Any]) -> Reach:
+        """That of an array (n, …) of this name, n ≥ 1."""
+        shortest = float((values[:, 2:] - values[:, :2]).min()) if name == "box" else math.inf
+        return cls(float(values.min()), float(values.max()), shortest)
+
+    def joined(self, other: Reach) -> Reach:
+        """That of two arrays of one name."""
+        least, shortest = min(self.least, other.least), min(self.shortest, other.shortest)
+        return Reach(least, max(self.greatest, other.greatest), shortest)
+
+    def check(self, side: int) -> None:
+        """Raise `ValueError` where it is far from a picture whose longer side has `side` pixels, or a box has none."""
+        if not -_FARTHEST * side <= self.least <= self.greatest <= (1 + _FARTHEST) * side:
+            raise ValueError("its values are far from the picture")
+        if self.shortest < 1:
+            raise ValueError("its boxes have no pixel")
 
 
 def check_keys(name: str, array: NDArray[Any], count: int) -> None:

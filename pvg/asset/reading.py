@@ -22,7 +22,7 @@ from pvg._arrays import Floats
 from pvg._checks import whole_number
 from pvg._targets import check_file, draft_of
 from pvg.asset.arrays import CHUNK_FRAMES, FORMAT_VERSION, FRAME_ARRAYS, decode, from_bytes
-from pvg.asset.checking import check_chunk, check_decoded, check_keys, check_manifest, entry_limit, measured
+from pvg.asset.checking import PLACES, Reach, check_chunk, check_keys, check_manifest, entry_limit
 from pvg.asset.entries import DAMAGE, Entries
 from pvg.asset.records import FaceInFrame, FaceRecord, FaceSummary, KeyFrame, MediaSummary
 from pvg.asset.source import find_source as found_source
@@ -68,6 +68,7 @@ class VectorVideo:
         self.source = None if source is None else Path(source)
         self.limits = limits or MediaLimits()
         self.single_frames = SingleFrames()
+        self._source_checked = False
         self._removed_by = os.getpid() if temporary else None
         self._cache: dict[str, NDArray[Any]] = {}  # the one read longest ago first
         self._lock = Lock()  # of the cache: frames may be read by several threads
@@ -241,8 +242,6 @@ class VectorVideo:
         self._source_checked = True
         return self.source
 
-    _source_checked = False
-
     def verify(self) -> None:
         """Read every entry and check its digest; the clip is not looked at. Raises `AssetError`."""
         for name in self._entries:
@@ -275,8 +274,8 @@ class VectorVideo:
     def _decoded(self, entry: str, name: str, rows: int) -> NDArray[Any]:
         values = decode(name, self._array(entry, lambda stored: check_chunk(name, stored, rows)))
         try:
-            for what, each in measured(name, values):
-                check_decoded(what, each, max(self.media.width, self.media.height))
+            if name in PLACES:
+                Reach.of(name, values).check(max(self.media.width, self.media.height))
         except ValueError as error:
             raise AssetError(f"entry {entry} of {self.path.name} cannot be used ({error})") from None
         return values

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pvg._targets import draft_of
 from pvg.asset.arrays import CHUNK_FRAMES, FORMAT_VERSION, FRAME_ARRAYS, MATTES, decode, encode, to_bytes
-from pvg.asset.checking import PLACES, check_chunk, check_decoded, check_keys, check_manifest, entry_limit, measured
+from pvg.asset.checking import PLACES, Reach, check_chunk, check_keys, check_manifest, entry_limit
 from pvg.asset.records import FaceRecord
 
 MANIFEST = "manifest.json"
@@ -36,7 +36,7 @@ class AssetWriter:
         self._entries: dict[str, str] = {}
         self._pending: dict[int, dict[str, list[NDArray[Any]]]] = {}
         self._chunks: dict[int, int] = {}
-        self._extremes: dict[tuple[int, str], list[Any]] = {}  # of the places that were written, by track and array
+        self._reach: dict[int, dict[str, Reach]] = {}  # of what was written of each track, by array
         self._faces: list[dict[str, Any]] = []
 
     def __enter__(self) -> Self:
@@ -73,7 +73,7 @@ class AssetWriter:
         self._pending.pop(track, None)
         for name in [name for name in self._entries if name.startswith(f"track{track}/")]:
             del self._entries[name]
-        self._extremes = {key: values for key, values in self._extremes.items() if key[0] != track}
+        self._reach.pop(track, None)
 
     def add_face(self, record: FaceRecord, track: int | None = None) -> None:
         """Close a face: flush its frames and write its key frames. Faces are added in the order of their indices.
@@ -98,8 +98,9 @@ class AssetWriter:
         """Write the manifest and move the file to its name."""
         body = {"format": FORMAT_VERSION, **manifest, "faces": self._faces, "entries": self._entries}
         check_manifest(json.loads(json.dumps(body)))  # as it will be read
-        for (_, name), values in self._extremes.items():
-            check_decoded(name, np.array(values), max(body["media"]["width"], body["media"]["height"]))
+        for reaches in self._reach.values():
+            for reach in reaches.values():
+                reach.check(max(body["media"]["width"], body["media"]["height"]))
         _write_manifest(self._zip, body)
         self._zip.close()
         self._temporary.replace(self.path)
@@ -111,9 +112,8 @@ class AssetWriter:
             check_chunk(name, values, len(rows))
             self._array(f"track{track}/{name}/{chunk:06d}", values)
             if name in PLACES:
-                for what, each in measured(name, decode(name, values)):
-                    before = self._extremes.get((track, what), [])
-                    self._extremes[track, what] = [min([each.min(), *before]), max([each.max(), *before])]
+                reach, known = Reach.of(name, decode(name, values)), self._reach.setdefault(track, {})
+                known[name] = reach.joined(known.get(name, reach))
             rows.clear()
         self._chunks[track] = chunk + 1
 

@@ -108,6 +108,7 @@ def test_what_no_reader_would_take_replaces_no_asset(tmp_path: Path, source: Pat
         (good, replace(key, colors=key.colors[:-1]), manifest, "not <f4"),
         (good | {"box": np.array([0, 0, 9 * 320 + 1, 240], np.float32)}, key, manifest, "far from the picture"),
         (good | {"points": good["points"] - 9 * 320}, key, manifest, "far from the picture"),
+        (good | {"box": np.array([10, 10, 10.5, 200], np.float32)}, key, manifest, "no pixel"),
         (good, replace(key, skin=np.zeros((70_000, 3), np.float32)), manifest, "more than are read"),
     ):
         with pytest.raises(ValueError, match=words):
