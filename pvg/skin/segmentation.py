@@ -7,6 +7,7 @@ from typing import Literal
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from pvg._arrays import Bools, Bytes, Floats
 from pvg.face import Landmarks
@@ -103,45 +104,91 @@ def segment(rgb: Bytes, landmarks: Landmarks, visible: Bools | None = None, *, b
     lab = to_skin_lab(rgb)
     sample = _sample(lab, prior, visible)
     scale = ColorScale.fit(lab[sample])
-    distance, tonal = squared_distances(lab, lab[sample], prior.face)
-    throat = _bare_throat(lab, prior, visible, scale)
-    if throat.any():
-        own = squared_distances(lab, lab[throat], prior.face)
-        distance, tonal = (
-            np.where(prior.neck > _THROAT.neck, np.minimum(of_face, of_neck), of_face)
-            for of_face, of_neck in zip((distance, tonal), own, strict=True)
-        )
-    likeness = np.exp(-_LEARNING.likeness_decay * np.maximum(tonal - _LEARNING.likeness_from, 0))
+    distance, tonal = _distances(lab, sample, _bare_throat(lab, prior, visible, scale), prior)
+
+    lessons = _Lessons.of(scale, lab, tonal, prior, visible)
     unlike_first = np.exp(-_LEARNING.first_decay * np.maximum(distance - _LEARNING.first_from, 0))
     probability = np.where(prior.foreground, 1.0, logistic(prior.log_odds) * unlike_first)
-    around = np.exp(-_LEARNING.around_decay * np.maximum(prior.outside - _LEARNING.around_from, 0))
-    around = around * np.where(prior.face, _LEARNING.inside_weight, 1)
-    # how high a forehead rises nobody knows: what is like the skin there does not teach that the skin's colour is none
-    unsure = _LEARNING.unsure * likeness**2 * prior.forehead
     hair, shade = np.zeros((2, *shape), np.float32)
-    bins = scale.bins(lab)
-    for turn in range(_LEARNING.rounds):
-        # learn: without the anchor to the sample, a fringe once taken for skin would teach that hair is skin
-        inner = probability * likeness * visible
-        outer = np.where(prior.foreground, 0, 1 - np.maximum(probability * likeness, unsure)) * around * visible
-        colors = SkinColors.fit(scale, bins, inner.astype(np.float32), outer.astype(np.float32))
-        # decide
-        evidence = colors.evidence_of(bins)
-        evidence = evidence + shade * np.maximum(SKIN_PRIOR.shade.log_odds - evidence, 0)
-        evidence = evidence - SKIN_PRIOR.hair.log_odds * hair
-        log_odds = np.where(visible, prior.log_odds + evidence, _LEARNING.unseen).astype(np.float32)
-        if turn == _LEARNING.rounds - 1:
-            break
-        skin = face_component(log_odds > 0, prior) & visible
+    for _ in range(_LEARNING.rounds - 1):
+        evidence = _evidence(lessons.colors(probability), lessons.bins, hair, shade)
+        skin = face_component(_log_odds(evidence, prior, visible) > 0, prior) & visible
         probability = logistic(evidence + _LEARNING.prior_weight * prior.log_odds)
         taken, refused = np.maximum(probability, _LEARNING.agree), np.minimum(probability, _LEARNING.disagree)
         probability = np.where(skin, taken, refused)
         found = find_hair(rgb, skin | ~visible, prior)
         if found is not None:
             hair, shade = hair_cover(rgb, skin, prior, found), deep_shade(rgb, prior, found)
-    final = np.where(visible, network.refined(rgb, prior, logistic(log_odds)), 0)
+    colors = lessons.colors(probability)
+    by_rules = logistic(_log_odds(_evidence(colors, lessons.bins, hair, shade), prior, visible))
+    final = np.where(visible, network.refined(rgb, prior, by_rules), 0)
     mask = face_component(minimum_cut(rgb, network.log_odds(final)), prior) & visible
     return Segmentation(mask, colors, prior, color, rgb)
+
+
+@dataclass(frozen=True, eq=False)
+class _Lessons:
+    """What the cells (h, w) of a picture teach of the colours of skin and of what is around it.
+
+    bins: the cells' colours, of `scale`;  likeness: in [0, 1], to the sample of the skin;
+    foreground, visible: bool, what is skin for sure, and within the picture;
+    around: weight as surroundings of what is none;  unsure: probability of skin that a cell has at least beside those.
+    """
+
+    scale: ColorScale
+    bins: NDArray[np.intp]
+    likeness: Floats
+    foreground: Bools
+    visible: Bools
+    around: Floats
+    unsure: Floats
+
+    @classmethod
+    def of(cls, scale: ColorScale, lab: Floats, tonal: Floats, prior: SpatialPrior, visible: Bools) -> _Lessons:
+        """Those of colours lab (h, w, 3);  tonal: (h, w) their distance to the skin's, see `squared_distances`."""
+        likeness = np.exp(-_LEARNING.likeness_decay * np.maximum(tonal - _LEARNING.likeness_from, 0))
+        away = np.exp(-_LEARNING.around_decay * np.maximum(prior.outside - _LEARNING.around_from, 0))
+        around = away * np.where(prior.face, _LEARNING.inside_weight, 1)
+        # how high a forehead rises nobody knows: what is like skin there does not teach that the skin's colour is none
+        unsure = _LEARNING.unsure * likeness**2 * prior.forehead
+        return cls(scale, scale.bins(lab), likeness, prior.foreground, visible, around, unsure)
+
+    def colors(self, probability: Floats) -> SkinColors:
+        """The colour models that cells teach when they are skin with this probability (h, w)."""
+        # without the anchor to the sample, a fringe once taken for skin would teach that hair is skin
+        own = probability * self.likeness
+        other = np.where(self.foreground, 0, 1 - np.maximum(own, self.unsure)) * self.around
+        inner, outer = own * self.visible, other * self.visible
+        return SkinColors.fit(self.scale, self.bins, inner.astype(np.float32), outer.astype(np.float32))
+
+
+def _evidence(colors: SkinColors, bins: NDArray[np.intp], hair: Floats, shade: Floats) -> Floats:
+    """(h, w) nats for skin by colour, less under hair, and more in a brim's shade;  hair, shade: (h, w) in [0, 1]."""
+    evidence = colors.evidence_of(bins)
+    evidence = evidence + shade * np.maximum(SKIN_PRIOR.shade.log_odds - evidence, 0)
+    return evidence - SKIN_PRIOR.hair.log_odds * hair
+
+
+def _log_odds(evidence: Floats, prior: SpatialPrior, visible: Bools) -> Floats:
+    """(h, w) float32 log-odds of skin by place and evidence; beyond the picture there is none."""
+    log_odds: Floats = np.where(visible, prior.log_odds + evidence, _LEARNING.unseen).astype(np.float32)
+    return log_odds
+
+
+def _distances(lab: Floats, sample: Bools, throat: Bools, prior: SpatialPrior) -> tuple[Floats, Floats]:
+    """`squared_distances` (h, w) of colours (h, w, 3) to the skin's; on the neck to those of a bare throat, if less.
+
+    sample, throat: (h, w) bool, the cells that stand for face and throat.
+    """
+    of_face = squared_distances(lab, lab[sample], prior.face)
+    if not throat.any():
+        return of_face
+    of_throat = squared_distances(lab, lab[throat], prior.face)
+    on_neck = prior.neck > _THROAT.neck
+    distance, tonal = (
+        np.where(on_neck, np.minimum(face, own), face) for face, own in zip(of_face, of_throat, strict=True)
+    )
+    return distance, tonal
 
 
 def _bare_throat(lab: Floats, prior: SpatialPrior, visible: Bools, scale: ColorScale) -> Bools:
