@@ -166,7 +166,7 @@ def _evidence(colors: SkinColors, bins: NDArray[np.intp], hair: Floats, shade: F
     """(h, w) nats for skin by colour, less under hair, and more in a brim's shade;  hair, shade: (h, w) in [0, 1]."""
     evidence = colors.evidence_of(bins)
     evidence = evidence + shade * np.maximum(SKIN_PRIOR.shade.log_odds - evidence, 0)
-    return evidence - SKIN_PRIOR.hair.log_odds * hair
+    return np.asarray(evidence - SKIN_PRIOR.hair.log_odds * hair)
 
 
 def _log_odds(evidence: Floats, prior: SpatialPrior, visible: Bools) -> Floats:
