@@ -17,7 +17,7 @@ _SUBFILE, _WIDTH, _HEIGHT, _BITS, _COMPRESSION, _PHOTOMETRIC = 254, 256, 257, 25
 _STRIPS, _SAMPLES, _ROWS, _STRIP_BYTES, _PLANAR, _PREDICTOR = 273, 277, 278, 279, 284, 317
 _TILE_SIZE, _LEAST_TILE = (322, 323), 1 << 20
 _TILES, _TILE_BYTES, _EXTRA, _FORMAT, ICC_TAG, _DNG = 324, 325, 338, 339, 34675, 50706
-_PHOTOMETRICS = {0: "grey", 1: "grey", 2: "RGB", 3: "a palette", 6: "Y'CbCr"}
+_WHITE_IS_ZERO, _GREY, _RGB, _PALETTE, _YCBCR = 0, 1, 2, 3, 6  # what samples stand for (PhotometricInterpretation)
 _DEFLATE, _HORIZONTAL, _STRIP_SIZE = 8, 2, 1 << 20
 _PLAIN_PACKINGS, _JPEG_PACKINGS = (1, 5, 8, 32773, 32946), (6, 7)  # none, LZW, Deflate, PackBits, Deflate's old code
 _MOST_PAGES = 64
@@ -51,42 +51,58 @@ def tiff_header(name: str, data: bytes) -> TiffHeader:
 
 
 def _header(name: str, data: bytes) -> TiffHeader:
+    """See `tiff_header`. Raises ValueError too, for tags that cannot be read."""
     block = Block(data)
     directory, following = block.directory(block.first)
     _check_pages(name, block, following)
-    at = block.place_of(block.first, ORIENTATION)
+    orientation_at = block.place_of(block.first, ORIENTATION)
     if numbers_of(directory, _SUBFILE, (0,))[0] & 1 or _DNG in directory or data[8:10] == b"CR":
         raise MediaError(f"{name} is a camera's raw picture or a preview; develop it and save it as 16-bit TIFF or PNG")
+    width, height = _size(name, directory)
+    depth, samples = _samples(name, directory)
+    photometric = numbers_of(directory, _PHOTOMETRIC, (1,))[0]
+    if photometric not in (_WHITE_IS_ZERO, _GREY, _RGB, _PALETTE, _YCBCR):
+        raise MediaError(f"{name} is a TIFF in CMYK, Lab or another way of colour; save it as RGB")
+    _check_whole(name, directory, len(data))
+    alpha = _alpha(name, directory, samples, 3 if photometric in (_RGB, _YCBCR) else 1)
+    packed = numbers_of(directory, _COMPRESSION, (1,))[0]
+    if packed not in (*_PLAIN_PACKINGS, *_JPEG_PACKINGS):
+        raise MediaError(f"{name} is a TIFF packed in a way that is not read ({packed}); save it with LZW or Deflate")
+    planes = numbers_of(directory, _PLANAR, (1,))[0] != 1
+    strips = _TILES not in directory and (photometric == _RGB or not planes)
+    plain = photometric in (_GREY, _RGB) and strips and packed in _PLAIN_PACKINGS
+    if alpha != "none" and not plain:
+        raise MediaError(f"{name} is a TIFF with alpha in tiles, planes or a palette; save it as plain RGB with alpha")
+    if planes and samples > 1 and depth == 16 and not plain:  # OpenCV gives whatever lay in its memory
+        raise MediaError(f"{name} is a TIFF of 16 bits in tiles and planes; save it with its samples interleaved")
+    return TiffHeader(width, height, depth, alpha, plain, photometric == _WHITE_IS_ZERO, orientation_at)
+
+
+def _size(name: str, directory: Directory) -> tuple[int, int]:
+    """(width, height) of the picture as stored. Raises MediaError where it or its tiles cannot be."""
     width, height = (numbers_of(directory, tag, (0,))[0] for tag in (_WIDTH, _HEIGHT))
     if min(width, height) < 1:
         raise MediaError(f"{name} is damaged: the tiff picture has no size; upload it again")
     if (tile := _tile_pixels(directory)) > max(4 * width * height, _LEAST_TILE):
         raise MediaError(f"{name} is damaged: a tile of the tiff picture has {tile} pixels; upload it again")
-    depth, samples = _samples(name, directory)
-    photometric = numbers_of(directory, _PHOTOMETRIC, (1,))[0]
-    if photometric not in _PHOTOMETRICS:
-        raise MediaError(f"{name} is a TIFF in CMYK, Lab or another way of colour; save it as RGB")
+    return width, height
+
+
+def _check_whole(name: str, directory: Directory, size: int) -> None:
+    """Raise MediaError where strips or tiles lie past the end of a file of `size` bytes."""
     for places, counts in ((_STRIPS, _STRIP_BYTES), (_TILES, _TILE_BYTES)):
         parts = zip(numbers_of(directory, places), numbers_of(directory, counts), strict=False)
-        if any(start + length > len(data) for start, length in parts):
+        if any(start + length > size for start, length in parts):
             raise MediaError(f"{name} is cut short: samples of the tiff picture lie past its end; upload it whole")
-    colors = 3 if photometric in (2, 6) else 1
-    alpha = "none"
-    if samples > colors:
-        extra = numbers_of(directory, _EXTRA, (0,))[0]
-        alpha = "premultiplied" if extra == 1 else "straight"
+
+
+def _alpha(name: str, directory: Directory, samples: int, colors: int) -> str:
+    """How transparency is kept, see `TiffHeader`, of a picture of so many samples and colours a pixel."""
     if samples not in (colors, colors + 1):
         raise MediaError(f"{name} is a TIFF of {samples} samples a pixel; save it as RGB, with or without alpha")
-    if (packed := numbers_of(directory, _COMPRESSION, (1,))[0]) not in (*_PLAIN_PACKINGS, *_JPEG_PACKINGS):
-        raise MediaError(f"{name} is a TIFF packed in a way that is not read ({packed}); save it with LZW or Deflate")
-    planes = numbers_of(directory, _PLANAR, (1,))[0] != 1
-    strips = _TILES not in directory and (photometric == 2 or not planes)
-    plain = photometric in (1, 2) and strips and packed in _PLAIN_PACKINGS
-    if alpha != "none" and not plain:
-        raise MediaError(f"{name} is a TIFF with alpha in tiles, planes or a palette; save it as plain RGB with alpha")
-    if planes and samples > 1 and depth == 16 and not plain:  # OpenCV gives whatever lay in its memory
-        raise MediaError(f"{name} is a TIFF of 16 bits in tiles and planes; save it with its samples interleaved")
-    return TiffHeader(width, height, depth, alpha, plain, photometric == 0, at)
+    if samples == colors:
+        return "none"
+    return "premultiplied" if numbers_of(directory, _EXTRA, (0,))[0] == 1 else "straight"
 
 
 def _tile_pixels(directory: Directory) -> int:
@@ -106,6 +122,7 @@ def _check_pages(name: str, block: Block, following: int) -> None:
 
 
 def _samples(name: str, directory: Directory) -> tuple[int, int]:
+    """Bits a sample, 8 or 16, and samples a pixel. Raises MediaError for samples that are not read."""
     bits, samples = numbers_of(directory, _BITS, (1,)), numbers_of(directory, _SAMPLES, (1,))[0]
     formats = set(numbers_of(directory, _FORMAT, (1,)))
     if set(bits) not in ({8}, {16}) or formats != {1}:
