@@ -119,12 +119,27 @@ class FaceTracker:
             self._replaced = replaced and self._cut_detector.is_another_since(LAG)
 
     def _follow(self, index: int, picture: Picture) -> None:
-        """Fit every open track where its face was last seen.
+        """Find the face of every open track where it was last seen.
 
         Where one face passes another, both tracks find the one in front, or one finds the other's: a face stays with
         whose it is, and who is behind is lost for the while.
         """
-        found: list[tuple[OpenTrack, Mesh]] = []
+        found = self._found(index, picture)
+        boxes = np.stack([box_of(mesh.points) for _, mesh in found]) if found else np.empty((0, 4), np.float32)
+        for (_, mesh), box in zip(found, boxes, strict=True):
+            if not is_taken(self.open, index, box):
+                same = [found[k][0] for k in np.flatnonzero(box_iou(box, boxes) > SAME_FACE_IOU)]
+                finders = [finder for finder in same if finder.last != index]  # who has another face has no second one
+                near = [other for _, other in lost_near(self.open, index, mesh) if other.last < index - 1]
+                lost = [other for other in near if all(other is not finder for finder, _ in found)]
+                self._appearances.whose(mesh, finders, lost, picture).add(index, mesh)
+
+    def _found(self, index: int, picture: Picture) -> list[tuple[OpenTrack, Mesh]]:
+        """The open tracks that find a face where theirs was last seen, and that face.
+
+        Of faces that leave the picture the mesh is carried with it, which settles where they are.
+        """
+        found = []
         for track in self.open:
             if index - track.last > BLIND_FITS:
                 continue
@@ -138,14 +153,7 @@ class FaceTracker:
                     continue
             if mesh is not None:
                 found.append((track, mesh))
-        boxes = np.stack([box_of(mesh.points) for _, mesh in found]) if found else np.empty((0, 4), np.float32)
-        for (_, mesh), box in zip(found, boxes, strict=True):
-            if not is_taken(self.open, index, box):
-                same = [found[k][0] for k in np.flatnonzero(box_iou(box, boxes) > SAME_FACE_IOU)]
-                finders = [finder for finder in same if finder.last != index]  # who has another face has no second one
-                near = [other for _, other in lost_near(self.open, index, mesh) if other.last < index - 1]
-                lost = [other for other in near if all(other is not finder for finder, _ in found)]
-                self._appearances.whose(mesh, finders, lost, picture).add(index, mesh)
+        return found
 
     def _carried(self, track: OpenTrack, index: int, picture: Picture) -> Mesh | None:
         """A face that was on the picture's edge in the frame before, where the picture's motion took it."""

@@ -131,7 +131,7 @@ class SceneReader:
         self._flow = FlowFinder()
         self._grey: Bytes | None = None
         self._person: Bytes | None = None
-        self._age = 0
+        self._age = 0  # scenes since the network was asked
         self._haze: int | None = None
 
     def step(self, frame: Picture | Bytes, faces: Sequence[Landmarks] = (), *, cut: bool = False) -> Scene:
@@ -142,10 +142,8 @@ class SceneReader:
         picture = as_picture(frame)
         raster = scene_raster(picture.size)
         seen = _cells(picture, raster)
-        haze = haze_of(seen)
-        if cut or self._haze is None or abs(haze - self._haze) > _STEADY:
-            self._haze = haze
-        rgb = without_haze(seen, self._haze)
+        haze = self._steady_haze(seen, cut=cut)
+        rgb = without_haze(seen, haze)
         small = (max(1, raster.shape[1] // _FLOW_CELLS), max(1, raster.shape[0] // _FLOW_CELLS))
         averaged = cv2.resize(rgb, small, interpolation=cv2.INTER_AREA)
         grey = np.asarray(cv2.cvtColor(averaged, cv2.COLOR_RGB2GRAY), np.uint8)
@@ -153,17 +151,32 @@ class SceneReader:
         if not cut and self._grey is not None and self._grey.shape == grey.shape:
             flow = self._flow.back(grey, self._grey)
             changed = _changed(self._grey, grey, flow)
+        person = self._people(rgb, flow, changed=changed)
+        self._grey, self._person = grey, person
+        contrast = rms_contrast(np.asarray(cv2.cvtColor(seen, cv2.COLOR_RGB2GRAY), np.uint8))
+        return Scene(raster, rgb, person, flow, tuple(faces), changed, haze, contrast)
+
+    def _steady_haze(self, seen: Bytes, *, cut: bool) -> int:
+        """Levels of haze over a picture (h, w, 3): those of the one before unless it has clearly more or less."""
+        haze = haze_of(seen)
+        if cut or self._haze is None or abs(haze - self._haze) > _STEADY:
+            self._haze = haze
+        return self._haze
+
+    def _people(self, rgb: Bytes, flow: Floats | None, *, changed: bool) -> Bytes:
+        """The person mask (h, w), 255 on people: the one before moved by the flow, and a new one now and then.
+
+        rgb: (h, w, 3);  flow: to the scene before, None without one;  changed: see `Scene`.
+        """
         self._age += 1
         person: Bytes | None = None
         if flow is not None and self._person is not None:
-            person = moved(self._person, _maps(flow, raster.shape))
-        if person is None or changed or self._age >= _BODY.person_every:
-            new: Bytes = np.asarray(np.rint(person_mask(rgb) * 255), np.uint8)
-            person = new if person is None else np.asarray(cv2.addWeighted(new, 0.5, person, 0.5, 0), np.uint8)
-            self._age = 0
-        self._grey, self._person = grey, person
-        contrast = rms_contrast(np.asarray(cv2.cvtColor(seen, cv2.COLOR_RGB2GRAY), np.uint8))
-        return Scene(raster, rgb, person, flow, tuple(faces), changed, self._haze, contrast)
+            person = moved(self._person, _maps(flow, rgb.shape[:2]))
+        if person is not None and not changed and self._age < _BODY.person_every:
+            return person
+        self._age = 0
+        new: Bytes = np.asarray(np.rint(person_mask(rgb) * 255), np.uint8)
+        return new if person is None else np.asarray(cv2.addWeighted(new, 0.5, person, 0.5, 0), np.uint8)
 
 
 def _cells(picture: Picture, raster: Raster) -> Bytes:

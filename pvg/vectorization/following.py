@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from pvg._arrays import Floats
 from pvg.landmarks import FaceTrack, FaceTracker, OpenTrack, smooth
 from pvg.picture import Box, Picture, clipped
 from pvg.skin import Scene, SceneReader
@@ -118,18 +119,7 @@ class Following:
             self._tracker.step(index, picture)
             stretches = self._close()
             self._look_around(index, picture)
-            followed = [(track, self._course(track)) for track in self._tracker.open]
-            around = {
-                course.number: surroundings(track.seen[-1].landmarks, course.aspect)
-                for track, course in followed
-                if not course.deferred
-            }
-            whole = _take_more(around.values(), picture.size)
-            for track, course in followed:
-                if not course.deferred:
-                    course.pictures[index] = picture if whole else picture.part(around[course.number])
-                    if track.last - LOOKAHEAD - course.done >= CHUNK:
-                        stretches += self._settle(course, course.done + CHUNK)
+            stretches += self._look_at_faces(index, picture)
             settled = self._settled(index + 1)
             for frame in [frame for frame in self._scenes if frame < settled]:
                 del self._scenes[frame]
@@ -147,6 +137,19 @@ class Following:
             self._looked = index
             scene = self._scene_reader.step(picture, faces, cut=cut)
             self._scenes[index], self._contrasts[index] = scene, scene.contrast
+
+    def _look_at_faces(self, index: int, picture: Picture) -> list[Stretch]:
+        """Keep the surroundings of a frame's faces, and settle the tracks that are far enough ahead."""
+        followed = [(track, self._course(track)) for track in self._tracker.open]
+        followed = [(track, course) for track, course in followed if not course.deferred]
+        around = [surroundings(track.seen[-1].landmarks, course.aspect) for track, course in followed]
+        whole = _take_more(around, picture.size)
+        out = []
+        for (track, course), box in zip(followed, around, strict=True):
+            course.pictures[index] = picture if whole else picture.part(box)
+            if track.last - LOOKAHEAD - course.done >= CHUNK:
+                out += self._settle(course, course.done + CHUNK)
+        return out
 
     def _settled(self, upto: int) -> int:
         return min([upto, *(course.done for course in self._courses if not course.deferred)])
@@ -190,18 +193,23 @@ class Following:
                 course.pictures.clear()
                 return []
             course.begun = True
-        before, beyond = max(track.first, start - FADE_REACH - 1), min(track.last + 1, stop + FADE_REACH + 1)
-        visible = faded(
-            track.shows(before, beyond),
-            before=before > track.first or track.first == 0 or track.first in self._tracker.cuts,
-            after=beyond <= track.last or track.left_picture or self._whole_to(track.last + 1),
-        )[start - before : stop - before]
+        visible = self._visible(track, start, stop)
         pictures = tuple(course.pictures.pop(frame) for frame in range(start, stop))
         scenes = tuple(self._scenes[frame] for frame in range(start, stop)) if self._scene_reader else ()
         course.done = stop
         track.forget(stop - HISTORY)
         rows = rows_between(window, start, stop)
         return [Stretch(course.number, start - track.first, rows, pictures, visible, scenes, key, last)]
+
+    def _visible(self, track: OpenTrack, start: int, stop: int) -> Floats:
+        """(stop − start,) float32 in [0, 1], `fading.opacity` in the frames [start, stop) of a track."""
+        before, beyond = max(track.first, start - FADE_REACH - 1), min(track.last + 1, stop + FADE_REACH + 1)
+        near = faded(
+            track.shows(before, beyond),
+            before=before > track.first or track.first == 0 or track.first in self._tracker.cuts,
+            after=beyond <= track.last or track.left_picture or self._whole_to(track.last + 1),
+        )
+        return near[start - before : stop - before]
 
     def _whole_to(self, frame: int) -> bool:
         """Whether a shot or the clip ends before `frame`."""
