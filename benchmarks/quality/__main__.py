@@ -17,12 +17,14 @@ from typing import Any
 import pvg
 from benchmarks.quality.clips import ClipJob, run_clip, vectorize_clip
 from benchmarks.quality.labels import LABELS, Label, read_labels
+from benchmarks.quality.leak import run_leak
+from benchmarks.quality.masks import run_masks
 from benchmarks.quality.media import HALVES, Material, choose, find_material, half_of
 from benchmarks.quality.peers import missing
-from benchmarks.quality.probes import run_leak, run_masks, run_truth
 from benchmarks.quality.ramp import run_ramp
 from benchmarks.quality.regions import STRONG, run_regions
 from benchmarks.quality.report import write_report
+from benchmarks.quality.truth import run_truth
 from scripts.samples import REPOSITORY
 
 OUT = REPOSITORY / "benchmarks" / "out" / "quality"

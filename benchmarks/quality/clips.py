@@ -184,7 +184,7 @@ class _Step:
         series.warp_out.append(tuple(warping_errors(was, result, self.moved, self.places)))
 
 
-def _spread(items: Sequence[int], count: int) -> set[int]:
+def spread(items: Sequence[int], count: int) -> set[int]:
     """At most `count` of them, evenly, with both ends."""
     return {items[int(i)] for i in np.rint(np.linspace(0, len(items) - 1, min(count, len(items))))}
 
@@ -198,8 +198,8 @@ class _OverTime:
         middle = max(0, (len(seen) - COSTLY_FRAMES) // 2)
         self._costly = seen[middle : middle + COSTLY_FRAMES]
         follows = [later for earlier, later in itertools.pairwise(seen) if later == earlier + 1]
-        self._pairs = (_spread(follows, MOTION_PAIRS) if follows else set()) | (set(self._costly[1:]) & set(follows))
-        self._detail = _spread(seen, _DETAIL_FRAMES)
+        self._pairs = (spread(follows, MOTION_PAIRS) if follows else set()) | (set(self._costly[1:]) & set(follows))
+        self._detail = spread(seen, _DETAIL_FRAMES)
         self._before: _Moment | None = None
         self.series: dict[tuple[str, str], Series] = defaultdict(Series)
 
@@ -331,7 +331,7 @@ def run_clip(job: ClipJob) -> dict[str, Any]:
         methods += [m for m in open_methods(video, face, None, references[:1]) if m.costly]
         over_time = _OverTime(methods, references, numbers)
         colors = _Colors(job, open_methods(video, face, paper, portraits, full=True), portraits)
-        color_frames = _spread(numbers, COLOR_FRAMES)
+        color_frames = spread(numbers, COLOR_FRAMES)
         window = window_of(list(seen.values()), size)
         tone: Floats | None = None
         for frame in read_frames(job.clip, start=numbers[0], stop=numbers[-1] + 1):

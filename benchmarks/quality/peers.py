@@ -19,10 +19,11 @@ from scipy.linalg import sqrtm
 from scipy.spatial import KDTree
 
 import pvg
-from benchmarks.quality.faces import Floats, Image, Reference, View, sample_pixels
+from benchmarks.quality.faces import Bools, Floats, Image, Reference, View, sample_pixels
 from pvg.asset import KeyFrame
 from pvg.looks import sliced_transport
 from pvg.rendering import Renderer
+from pvg.rendering.placed_face import PlacedFace
 from pvg.skin import skin_mask
 from pvg.vectorization.key_colors import fit_key_frame
 from pvg.video import Frame
@@ -132,6 +133,26 @@ def _blend(rgb: Image, view: View, new: NDArray[Any]) -> Image:
     return out
 
 
+def _window_of(placed: PlacedFace) -> tuple[slice, slice]:
+    """Rows and columns of the picture that a face is drawn in."""
+    h, w = placed.alpha.shape
+    return slice(placed.y, placed.y + h), slice(placed.x, placed.x + w)
+
+
+def _laid_in(rgb: Image, placed: PlacedFace, share: Floats | Bools, changes: Sequence[Floats]) -> list[Drawn]:
+    """The frame with the membrane of each change (S, 3) of the curves' colours, by the share (h, w) of each pixel."""
+    h, w = placed.alpha.shape
+    window = _window_of(placed)
+    field = placed.membrane(np.concatenate(changes, axis=1)).crop(placed.x, placed.y, w, h)
+    pictures = []
+    for k in range(len(changes)):
+        out = rgb.copy()
+        moved = rgb[window] + share[..., None] * field[..., 3 * k : 3 * k + 3]
+        out[window] = np.clip(np.rint(moved), 0, 255).astype(np.uint8)
+        pictures.append(Drawn(out))
+    return pictures
+
+
 @dataclass(frozen=True, eq=False)
 class PerFrame:
     """Every frame vectorised and transported on its own, as the image method extended to a clip frame by frame does.
@@ -149,16 +170,7 @@ class PerFrame:
             return [Drawn(rgb)] * len(self.references)
         g, visible = fit_key_frame(rgb, view.matte, placed.positions, view.width, 0)
         changes = [self._change(g, visible, reference) for reference in self.references]
-        h, w = placed.alpha.shape
-        field = placed.membrane(np.concatenate(changes, axis=1)).crop(placed.x, placed.y, w, h)
-        window = (slice(placed.y, placed.y + h), slice(placed.x, placed.x + w))
-        pictures = []
-        for k in range(len(self.references)):
-            out = rgb.copy()
-            moved = rgb[window] + placed.alpha[..., None] * field[..., 3 * k : 3 * k + 3]
-            out[window] = np.clip(np.rint(moved), 0, 255).astype(np.uint8)
-            pictures.append(Drawn(out))
-        return pictures
+        return _laid_in(rgb, placed, placed.alpha, changes)
 
     def _change(self, g: Floats, visible: NDArray[np.bool_], reference: Reference) -> Floats:
         wanted = reference.key.colors[reference.key.visible]
@@ -266,17 +278,9 @@ class PaperMask:
             return [Drawn(rgb)] * len(self.looks)
         key = max((k for k, one in enumerate(self.keys) if one.frame <= frame.index), default=0)
         changes = [look.colors[self.face][key] - self.keys[key].colors for look in self.looks]
-        h, w = placed.alpha.shape
-        field = placed.membrane(np.concatenate(changes, axis=1)).crop(placed.x, placed.y, w, h)
-        window = (slice(placed.y, placed.y + h), slice(placed.x, placed.x + w))
         corner = -np.array([placed.x, placed.y], np.float32)
-        skin = skin_mask(rgb[window], view.data.landmarks.moved(corner), method="ycbcr")[..., None]
-        pictures = []
-        for k in range(len(self.looks)):
-            out = rgb.copy()
-            out[window] = np.clip(np.rint(rgb[window] + skin * field[..., 3 * k : 3 * k + 3]), 0, 255).astype(np.uint8)
-            pictures.append(Drawn(out))
-        return pictures
+        skin = skin_mask(rgb[_window_of(placed)], view.data.landmarks.moved(corner), method="ycbcr")
+        return _laid_in(rgb, placed, skin, changes)
 
 
 def linear_map(

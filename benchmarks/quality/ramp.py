@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +14,10 @@ import numpy as np
 
 import pvg
 from benchmarks.quality.clips import measured_frames, opened_paper, vectorize_clip, widest
-from benchmarks.quality.faces import Image, references_of, view_of
+from benchmarks.quality.faces import Bools, Floats, Image, View, references_of, view_of
+from benchmarks.quality.lossless import write_lossless
 from benchmarks.quality.measures import median_delta_e
 from benchmarks.quality.peers import open_methods
-from benchmarks.quality.probes import write_lossless
 from pvg.video import read_frames
 
 RAMP_FRAMES = 100
@@ -41,6 +43,30 @@ def _still(clip: Path, asset: Path) -> Image:
     return np.asarray(cv2.resize(rgb, side, interpolation=cv2.INTER_AREA), np.uint8)
 
 
+@dataclass
+class _Case:
+    """What gathers over the frames of one method and reference, or of the input, over the pixels of the open skin.
+
+    means: (3,) RGB;  delta_e: CIEDE2000 of the median to the reference's;  white: share of the skin.
+    """
+
+    means: list[Floats] = field(default_factory=list)
+    delta_e: list[float] = field(default_factory=list)
+    white: list[float] = field(default_factory=list)
+
+    def add(self, pixels: Image, wanted: Floats | None = None) -> None:
+        """Add a frame's skin (n, 3);  wanted: (3,) RGB, that of the reference, None of the input."""
+        self.means.append(pixels.mean(axis=0))
+        if wanted is not None:
+            self.delta_e.append(median_delta_e(pixels, wanted))
+            self.white.append(float((pixels.max(axis=1) >= _WHITE).mean()))
+
+    @property
+    def step(self) -> float:
+        """The largest step from one frame to the next in levels, the mean over the channels."""
+        return float(np.abs(np.diff(self.means, axis=0)).mean(axis=1).max())
+
+
 def run_ramp(clip: Path, asset: Path, references: dict[Path, Path], up: bool, folder: Path) -> list[dict[str, Any]]:
     """A row for every method and reference: skin at white, CIEDE2000 to the reference, steps of the mean skin.
 
@@ -50,45 +76,45 @@ def run_ramp(clip: Path, asset: Path, references: dict[Path, Path], up: bool, fo
     cv2.setNumThreads(1)
     ramp = folder / f"ramp-{clip.stem}-{'up' if up else 'down'}.mp4"
     write_lossless(ramp, ramp_frames(_still(clip, asset), up=up))
-    assets = ramp.with_suffix(".pvg"), ramp.with_suffix(".paper.pvg")
-    for paper, path in enumerate(assets):
-        vectorize_clip(ramp, path, paper=bool(paper))
+    own_asset, paper_asset = ramp.with_suffix(".pvg"), ramp.with_suffix(".paper.pvg")
+    vectorize_clip(ramp, own_asset, paper=False)
+    vectorize_clip(ramp, paper_asset, paper=True)
+    source, cases = _Case(), defaultdict[tuple[str, str], _Case](_Case)
     with ExitStack() as stack:
         opened = stack.enter_context(references_of(references))
-        video = stack.enter_context(pvg.open_asset(assets[0], ramp))
-        seen = measured_frames(video, widest(video))
-        first, brightest = next(iter(seen)), max(seen) if up else min(seen)
-        paper_video = opened_paper(stack, assets[1], ramp, seen[first], first)
-        methods = [m for m in open_methods(video, widest(video), paper_video, opened) if not m.costly]
-        size = (video.media.width, video.media.height)
-        where = view_of(seen[brightest], size)
-        full = next(iter(read_frames(ramp, start=brightest, stop=brightest + 1))).rgb()
-        skin = where.over_picture(where.skin) & (full.max(axis=2) < _HEADROOM)
-        means: dict[tuple[str, str], list[np.ndarray]] = {}
-        deltas: dict[tuple[str, str], list[float]] = {}
-        white: dict[tuple[str, str], list[float]] = {}
+        video = stack.enter_context(pvg.open_asset(own_asset, ramp))
+        face, size = widest(video), (video.media.width, video.media.height)
+        seen = measured_frames(video, face)
+        first = next(iter(seen))
+        paper = opened_paper(stack, paper_asset, ramp, seen[first], first)
+        methods = [method for method in open_methods(video, face, paper, opened) if not method.costly]
+        brightest = max(seen) if up else min(seen)
+        skin = _open_skin(ramp, brightest, view_of(seen[brightest], size))
         for frame in read_frames(ramp):
             if frame.index not in seen:
                 continue
             view = view_of(seen[frame.index], size)
-            means.setdefault(("input", ""), []).append(frame.rgb()[skin].mean(axis=0))
+            source.add(frame.rgb()[skin])
             for method in methods:
                 for reference, picture in zip(opened, method.draw(frame, view), strict=True):
-                    pixels, case = picture.rgb[skin], (method.name, reference.name)
-                    means.setdefault(case, []).append(pixels.mean(axis=0))
-                    deltas.setdefault(case, []).append(median_delta_e(pixels, np.median(reference.skin, axis=0)))
-                    white.setdefault(case, []).append(float((pixels.max(axis=1) >= _WHITE).mean()))
-    steps = {case: float(np.abs(np.diff(rows, axis=0)).mean(axis=1).max()) for case, rows in means.items()}
+                    wanted = np.median(reference.skin, axis=0)
+                    cases[method.name, reference.name].add(picture.rgb[skin], wanted)
     return [
         {
             "clip": clip.stem,
             "up": up,
             "method": method,
             "reference": reference,
-            "white": max(white[method, reference]),
-            "delta_e": [round(value, 2) for value in deltas[method, reference]],
-            "step": steps[method, reference],
-            "step_in": steps["input", ""],
+            "white": max(case.white),
+            "delta_e": [round(value, 2) for value in case.delta_e],
+            "step": case.step,
+            "step_in": source.step,
         }
-        for method, reference in deltas
+        for (method, reference), case in cases.items()
     ]
+
+
+def _open_skin(ramp: Path, brightest: int, view: View) -> Bools:
+    """(H, W) bool, the skin of the face at rest; what is white by itself at full gain is left out."""
+    full = next(iter(read_frames(ramp, start=brightest, stop=brightest + 1))).rgb()
+    return np.asarray(view.over_picture(view.skin) & (full.max(axis=2) < _HEADROOM))

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import pvg
-from benchmarks.quality.probes import write_lossless
+from benchmarks.quality.lossless import write_lossless
 from pvg.looks.exposure import Exposure, Moved, at_exposure, leading_key
 from pvg.looks.opponent import to_opponent
 from pvg.looks.skin_map import SkinMap

@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 
 import pvg
+from benchmarks.quality.leak import leak_frames
+from benchmarks.quality.lossless import write_lossless
 from benchmarks.quality.measures import iou, psnr, wander
-from benchmarks.quality.probes import leak_frames, write_lossless
 from pvg.rendering import Renderer
 from pvg.video import read_frames
 from scripts.samples import Samples

@@ -9,7 +9,7 @@ import pytest
 from skimage.color import deltaE_ciede2000, rgb2lab
 
 import pvg
-from benchmarks.quality.probes import write_lossless
+from benchmarks.quality.lossless import write_lossless
 from pvg.rendering import source_frame
 from pvg.video import probe, read_frames, read_image
 from scripts.samples import Samples

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import pvg
-from benchmarks.quality.probes import write_lossless
+from benchmarks.quality.lossless import write_lossless
 from pvg.face import layout
 from pvg.landmarks import FaceTrack
 from pvg.video import read_image, write_image

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pvg
-from benchmarks.quality.probes import write_lossless
+from benchmarks.quality.lossless import write_lossless
 from pvg.landmarks import MAX_FACES, FaceTracker
 from pvg.video import write_image
 from scripts.samples import Samples

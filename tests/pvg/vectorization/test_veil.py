@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pvg
-from benchmarks.quality.probes import write_lossless
+from benchmarks.quality.lossless import write_lossless
 from pvg.picture import rms_contrast
 from pvg.rendering import source_frame
 from pvg.vectorization import following

@@ -8,7 +8,7 @@ import av
 import numpy as np
 import pytest
 
-from benchmarks.quality.probes import write_lossless
+from benchmarks.quality.lossless import write_lossless
 from pvg.errors import MediaError
 from pvg.video import probe, read_frames
 from pvg.video.ebml import CLUSTER, SEGMENT

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.quality.probes import leak_frames
+from benchmarks.quality.leak import leak_frames
 from tests.gallery.pictures import texture
 
 
