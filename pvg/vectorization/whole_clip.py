@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
+from dataclasses import dataclass
 
+from pvg._arrays import Floats
 from pvg._threads import ahead
 from pvg.asset import AssetWriter
 from pvg.landmarks import FaceTrack, smooth
+from pvg.picture import Picture
 from pvg.skin import Scene, SceneReader
 from pvg.vectorization.face_maker import FaceMaker, FoundFaces
 from pvg.vectorization.face_messages import no_usable_face, over_limit_warning
@@ -86,33 +89,47 @@ def _second_reading(
 ) -> dict[int, VectorFace]:
     """Follow tracks that are known from end to end, by number;  others: the faces of the first reading."""
     frame_count = following.frame_count
-    tracks = {number: smooth(one.track) for number, one in deferred.items()}
-    visible = {
-        number: opacity(track, shots, frame_count, left_picture=deferred[number].left_picture)
-        for number, track in tracks.items()
-    }
+    late = {number: _LateTrack.of(number, one, shots, frame_count) for number, one in deferred.items()}
     faces: dict[int, VectorFace] = {}
-    start, stop = min(t.first for t in tracks.values()), max(t.last for t in tracks.values()) + 1
+    start, stop = min(one.track.first for one in late.values()), max(one.track.last for one in late.values()) + 1
     reader = SceneReader()
     for index, picture in source.reported(SECOND_READING, start, stop, frame_count):
-        there = [t.landmarks[index - t.first] for t in tracks.values() if t.first <= index <= t.last]
+        now = [one for one in late.values() if one.track.first <= index <= one.track.last]
+        there = [one.track.landmarks[index - one.track.first] for one in now]
         there += [place for other in others if (place := other.place(index)) is not None]
         scenes: tuple[Scene, ...] = ()
         if maker.uses_scenes:
             scenes = (reader.step(picture, there, cut=index in shots),)
-        for number, track in tracks.items():
-            row = index - track.first
-            if row == 0:
+        for one in now:
+            number, track = one.number, one.track
+            if index == track.first:
                 key = _late_key(source, maker, track, following.key_row(track), frame_count)
                 faces[number] = maker.face(number, track, key)
-            if 0 <= row < len(track.score):
-                rows = rows_between(track, index, index + 1)
-                seen = visible[number][row : row + 1]
-                last = index == track.last
-                faces[number].add(Stretch(number, row, rows, (picture,), seen, scenes, None, last), writer)
-                if last:
-                    faces[number].finish(writer)
+            faces[number].add(one.stretch(index, picture, scenes), writer)
+            if index == track.last:
+                faces[number].finish(writer)
     return faces
+
+
+@dataclass(frozen=True, eq=False)
+class _LateTrack:
+    """A track that is known from end to end, smoothed;  visible: (n,) float32 in [0, 1], see `opacity`."""
+
+    number: int
+    track: FaceTrack
+    visible: Floats
+
+    @classmethod
+    def of(cls, number: int, deferred: DeferredTrack, shots: tuple[int, ...], frame_count: int) -> _LateTrack:
+        """A deferred track of a clip with these shots."""
+        track = smooth(deferred.track)
+        return cls(number, track, opacity(track, shots, frame_count, left_picture=deferred.left_picture))
+
+    def stretch(self, index: int, picture: Picture, scenes: tuple[Scene, ...]) -> Stretch:
+        """Its row in the frame `index` alone."""
+        row, rows = index - self.track.first, rows_between(self.track, index, index + 1)
+        last = index == self.track.last
+        return Stretch(self.number, row, rows, (picture,), self.visible[row : row + 1], scenes, None, last)
 
 
 def _late_key(source: SourceReader, maker: FaceMaker, track: FaceTrack, row: int, frame_count: int) -> KeyView:
