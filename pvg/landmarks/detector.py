@@ -69,35 +69,54 @@ def detect_faces(picture: Picture | Bytes, *, tiles: bool = True) -> tuple[Detec
     return tuple(_merge(found))
 
 
+@dataclass(frozen=True, eq=False)
+class _Letterbox:
+    """What a picture holds, whole in the middle of the network's square.
+
+    square: (1, INPUT_PX, INPUT_PX, 3) float32 in [-1, 1];  pad: (2,) x and y of the picture's first pixel in it;
+    scale: (2,) source pixels a pixel of it;  origin: (2,) where the picture's edges meet, source pixels.
+    """
+
+    square: Floats
+    pad: Floats
+    scale: Floats
+    origin: Floats
+
+    @classmethod
+    def of(cls, picture: Picture) -> _Letterbox:
+        """That of a picture, averaged down where it is larger."""
+        left, top, right, bottom = picture.box
+        smaller, factor = picture.reduced(max(right - left, bottom - top) / INPUT_PX)
+        rgb = smaller.rgb()
+        height, width = rgb.shape[:2]
+        ratio = INPUT_PX / max(height, width)
+        w, h = max(1, round(width * ratio)), max(1, round(height * ratio))
+        small = cv2.resize(rgb, (w, h), interpolation=cv2.INTER_AREA if ratio < 1 else cv2.INTER_LINEAR)
+        x, y = (INPUT_PX - w) // 2, (INPUT_PX - h) // 2
+        square = np.zeros((1, INPUT_PX, INPUT_PX, 3), np.float32)
+        square[0, y : y + h, x : x + w] = small
+        square *= 2 / 255
+        square -= 1
+        scale = np.array([width / w, height / h], np.float32) * factor
+        return cls(square, np.array([x, y], np.float32), scale, from_edge(np.array([left, top], np.float32)))
+
+    def to_source(self, points: Floats) -> Floats:
+        """Points (…, 2) of the square, from its edge, in source pixels."""
+        return np.asarray((points - self.pad) * self.scale + self.origin)
+
+
 def _detect_in(picture: Picture) -> list[Detection]:
     """Raw detections in what a picture holds."""
-    left, top, right, bottom = picture.box
-    smaller, factor = picture.reduced(max(right - left, bottom - top) / INPUT_PX)
-    rgb = smaller.rgb()
-    height, width = rgb.shape[:2]
-    scale = INPUT_PX / max(height, width)
-    small_w, small_h = max(1, round(width * scale)), max(1, round(height * scale))
-    interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
-    small = cv2.resize(rgb, (small_w, small_h), interpolation=interpolation)
-    pad_x, pad_y = (INPUT_PX - small_w) // 2, (INPUT_PX - small_h) // 2
-    square = np.zeros((1, INPUT_PX, INPUT_PX, 3), np.float32)
-    square[0, pad_y : pad_y + small_h, pad_x : pad_x + small_w] = small
-    square *= 2 / 255
-    square -= 1
-
+    box = _Letterbox.of(picture)
     session = models.load("face_detection_back")
-    regressors, logits = session.run(["regressors", "classificators"], {session.get_inputs()[0].name: square})
+    regressors, logits = session.run(["regressors", "classificators"], {session.get_inputs()[0].name: box.square})
     scores = 1 / (1 + np.exp(-np.clip(logits[0, :, 0], -80, 80)))
     kept = np.flatnonzero(scores >= MIN_SCORE)
-    raw = regressors[0, kept].reshape(-1, 8, 2)
     # centre, size, then the key points; all but the size are relative to the anchor
+    raw = regressors[0, kept].reshape(-1, 8, 2)
     points = raw + _anchors()[kept, None] * INPUT_PX
-    to_source = np.array([width / small_w, height / small_h], np.float32) * factor
-    origin = from_edge(np.array([left, top], np.float32))
-    pad = np.array([pad_x, pad_y], np.float32)
-    centres = (points[:, 0] - pad) * to_source + origin
-    halves = raw[:, 1] * to_source / 2
-    key_points = (points[:, 2:] - pad) * to_source + origin
+    centres, key_points = box.to_source(points[:, 0]), box.to_source(points[:, 2:])
+    halves = raw[:, 1] * box.scale / 2
     boxes = np.concatenate([centres - halves, centres + halves], axis=1)
     return [
         Detection(boxes[i].astype(np.float32), key_points[i].astype(np.float32), float(scores[kept[i]]))
