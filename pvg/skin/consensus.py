@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -34,8 +35,7 @@ class MatteInTime:
 
     alpha: (h, w) uint8, mask: (h, w) bool, the matte's own before it was cut along the picture's edge, for a cell that
     lies beyond the edge in one frame lies within it in the next;  rgb: (h, w, 3) uint8, the picture;
-    occluder: (h, w) float32 in [0, 1], what lies in front of the face;
-    seen: (h, w) uint8, 1 where the matte may be shown, visible: (h, w) bool, within the picture.
+    occluder: (h, w) float32 in [0, 1], what lies in front of the face;  visible: (h, w) bool, within the picture.
     """
 
     raster: Raster
@@ -43,12 +43,16 @@ class MatteInTime:
     mask: Bools
     rgb: Bytes
     occluder: Floats
-    seen: Bytes
     visible: Bools
 
     def matte(self, alpha: Bytes, mask: Bools) -> Matte:
         """A matte over the frame's raster, cut along the picture's edge.  alpha: (h, w) uint8;  mask: (h, w) bool."""
-        return Matte.over(self.raster.box, alpha * self.seen, mask & self.visible)
+        return Matte.over(self.raster.box, alpha * self._shown, mask & self.visible)
+
+    @cached_property
+    def _shown(self) -> Bytes:
+        """(h, w) uint8, 1 where alpha may be: a cell more than is visible, or it would fade along the edge."""
+        return np.asarray(cv2.dilate(self.visible.astype(np.uint8), np.ones((3, 3), np.uint8)), np.uint8)
 
 
 class MatteConsensus:

@@ -116,10 +116,7 @@ class SkinTracker:
         # last, so that skin that comes back is still known
         mask, alpha = mask & (occluder < 0.5), skin.alpha * prior.fade * (1 - occluder)
         levels = in_levels(alpha)
-        # a cell more than is seen, or sampling the matte would fade it along the picture's edge
-        cells = visible.astype(np.uint8)
-        seen = np.asarray(cv2.dilate(cells, np.ones((3, 3), np.uint8)), np.uint8) if visible.any() else cells
-        self.in_time = MatteInTime(raster, levels, mask, small, occluder, seen, visible)
+        self.in_time = MatteInTime(raster, levels, mask, small, occluder, visible)
         return self.in_time.matte(levels, mask)
 
     def _next_raster(self, landmarks: Landmarks, *, bald: bool) -> Raster:

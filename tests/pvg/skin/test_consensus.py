@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,8 +20,7 @@ def in_time(alpha: np.ndarray, rgb: np.ndarray | None = None, occluder: np.ndarr
     raster = Raster(np.zeros(2, np.float32), 1.0, SHAPE)
     picture = np.full((*SHAPE, 3), 120, np.uint8) if rgb is None else rgb
     nothing = np.zeros(SHAPE, np.float32) if occluder is None else occluder
-    everywhere = np.ones(SHAPE, np.uint8)
-    return MatteInTime(raster, alpha, alpha > 127, picture, nothing, everywhere, everywhere > 0)
+    return MatteInTime(raster, alpha, alpha > 127, picture, nothing, np.ones(SHAPE, np.bool_))
 
 
 def skin() -> np.ndarray:
@@ -90,3 +90,12 @@ def test_a_thin_thing_of_another_hue_is_cut_out_however_short() -> None:
     alphas[5][15:40, 20:23], pictures[5][15:40, 20:23], occluders[5][15:40, 20:23] = 0, (120, 140, 100), 1
     mattes = agreed([in_time(*frame) for frame in zip(alphas, pictures, occluders, strict=True)])
     assert mattes[5].alpha[15:40, 20:23].max() == 0
+
+
+def test_a_matte_ends_a_cell_beyond_the_pictures_edge_and_its_mask_at_the_edge() -> None:
+    everywhere = replace(in_time(np.full(SHAPE, 255, np.uint8)), visible=np.arange(SHAPE[1]) < 20 + np.zeros(SHAPE))
+    matte = everywhere.matte(everywhere.alpha, everywhere.mask)
+    assert matte.alpha[:, :21].min() == 255
+    assert not matte.alpha[:, 21:].any()
+    assert matte.mask[:, :20].all()
+    assert not matte.mask[:, 20:].any()
