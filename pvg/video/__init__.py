@@ -17,13 +17,14 @@ from pvg.video.metadata_record import PictureMetadata
 from pvg.video.opening import MediaLimits
 from pvg.video.parts import ClipOfParts, PartWriter
 from pvg.video.picture_metadata import lost_in_picture, read_picture_metadata
-from pvg.video.pipes import PipedClip, PipeReader, Y4mWriter
+from pvg.video.pipes import PipedClip, PipeReader
 from pvg.video.planes import PlanePicture, picture_of
 from pvg.video.reading import read_frames
 from pvg.video.single_frames import SingleFrames
 from pvg.video.sniffing import IMAGE_KINDS, sniff
 from pvg.video.streams import Streams, read_streams
 from pvg.video.writing import VideoWriter
+from pvg.video.y4m import Y4mWriter
 
 __all__ = [
     "CLIP_SUFFIXES",

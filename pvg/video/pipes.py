@@ -1,85 +1,32 @@
-"""Clips by a pipe: YUV4MPEG2 written and read here, NUT by libav.
-
-YUV4MPEG2 is a line of text for the clip, and for each picture a line and its planes as they are (the format of
-mjpegtools, yuv4mpeg(5); depths above 8 bits and "XCOLORRANGE" as libav's tools write them).
-"""
+"""Clips that come by a pipe: YUV4MPEG2 read by `y4m`, NUT by libav."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import chain
 from pathlib import Path
-from types import TracebackType
 from typing import Any, BinaryIO
 
 import av
 import av.container
 import av.error
-import numpy as np
 
 from pvg._processors import decoding_threads
 from pvg.errors import MediaError
 from pvg.video.color import ColorSpace
 from pvg.video.decoding import DecodingPlan, decoding_plan, has_alpha, to_frame, within_depth
 from pvg.video.encoders import FieldOrder
-from pvg.video.formats import RANGE_FULL, UNSPECIFIED, Frame, Patch, PixelFormat, Plane, resolve_format
-from pvg.video.info import MediaInfo
-from pvg.video.keeping import Plan
+from pvg.video.formats import UNSPECIFIED, Frame, PixelFormat, resolve_format
 from pvg.video.opening import MediaLimits, OpenClip, reason
 from pvg.video.reading import pictures
 from pvg.video.sniffing import check_pixels
+from pvg.video.stream_bytes import exactly, line
+from pvg.video.y4m import Y4M_START, Y4mHeader, y4m_frames
 
-_Y4M_START = b"YUV4MPEG2"
 _NUT_START = b"nut/multimedia container\0"
-_LONGEST_LINE = 4096
-_CHROMA = {(1, 1): "420", (1, 0): "422", (0, 0): "444"}
-_LAYOUT = re.compile(r"(420|422|444)(jpeg|mpeg2|paldv)?(?:p(10|12))?$")
-_INTERLACED = {"t": "tff", "b": "bff"}
-
-
-class Y4mWriter:
-    """Writes frames as YUV4MPEG2 to a binary stream; a context manager like `VideoWriter`.
-
-    format: of the frames, Y'CbCr of 8, 10 or 12 bits; alpha is left out. The frame rate is info's, 25 without one.
-    """
-
-    def __init__(self, target: BinaryIO, info: MediaInfo, format: PixelFormat, plan: Plan) -> None:  # noqa: A002
-        rate, aspect = info.frame_rate or Fraction(25), info.sample_aspect_ratio
-        depth = "" if format.depth == 8 else f"p{format.depth}"
-        chroma = _CHROMA[format.chroma_log2] + ("mpeg2" if not depth and format.chroma_log2 == (1, 1) else depth)
-        marks = {"tff": "t", "bff": "b", None: "p"}
-        words = [
-            f"W{info.width} H{info.height} F{rate.numerator}:{rate.denominator} I{marks[plan.fields]}",
-            f"A{aspect.numerator}:{aspect.denominator} C{chroma}",
-            f"XCOLORRANGE={'FULL' if format.full_range else 'LIMITED'}",
-        ]
-        self._head = f"{_Y4M_START.decode()} {' '.join(words)}\n".encode()
-        self._target, self._format, self._frames = target, format, 0
-
-    def __enter__(self) -> Y4mWriter:
-        self._target.write(self._head)
-        return self
-
-    def write(self, frame: Frame, patches: Sequence[Patch] = ()) -> None:
-        """Write one frame with patches laid over it, in display order. ValueError for one of another format."""
-        if frame.format != self._format:
-            raise ValueError(f"frame {frame.index} is {frame.format.name}; the writer was made for {self._format.name}")
-        self._target.write(b"FRAME\n")
-        for plane in frame.patched(patches).planes:
-            self._target.write(np.ascontiguousarray(plane, dtype=plane.dtype.newbyteorder("<")).data)
-        self._frames += 1
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if kind is None and self._frames == 0:
-            raise ValueError("the output: no frame was written")
-        if kind is None:
-            self._target.flush()
 
 
 @dataclass(frozen=True)
@@ -126,7 +73,7 @@ class PipeReader:
 
     def __enter__(self) -> PipedClip:
         with ExitStack() as stack:
-            clip = self._clip(_exactly(self._source, len(_NUT_START), short=True), stack)
+            clip = self._clip(exactly(self._source, len(_NUT_START), short=True), stack)
             self._opened = stack.pop_all()
         return clip
 
@@ -134,64 +81,34 @@ class PipeReader:
         self._opened.close()
 
     def _clip(self, start: bytes, stack: ExitStack) -> PipedClip:
-        if start.startswith(_Y4M_START):
+        if start.startswith(Y4M_START):
             return self._y4m(start)
         if start == _NUT_START:
             return self._nut(start, stack)
         raise MediaError(f"{self._name} is neither NUT nor YUV4MPEG2")
 
     def _y4m(self, start: bytes) -> PipedClip:
-        line = start + _line(self._source) if b"\n" not in start else start
-        head, _, rest = line.partition(b"\n")
-        words = head.decode("ascii", "replace").split()[1:]
-        told = {word[0]: word[1:] for word in words if word[0] != "X"}
-        try:
-            width, height = int(told["W"]), int(told["H"])
-            rate = Fraction(*map(int, told["F"].split(":")))
-            aspect = Fraction(*map(int, told["A"].split(":"))) if told.get("A", "0:0") != "0:0" else Fraction(1)
-            if rate <= 0 or aspect <= 0 or width < 1 or height < 1:
-                raise ValueError("nothing to see")
-        except (KeyError, ValueError, TypeError, ZeroDivisionError) as error:
-            raise MediaError(f"{self._name}: the first line of YUV4MPEG2 cannot be read") from error
-        layout = _LAYOUT.match(told.get("C", "420"))
-        if layout is None:
-            raise MediaError(f"{self._name} is YUV4MPEG2 {told['C']}; taken are 420, 422 and 444 of 8, 10 or 12 bits")
-        check_pixels(self._name, width, height, self._limits.max_pixels)
-        matrix, stated = self._color
-        stated = RANGE_FULL if "XCOLORRANGE=FULL" in words else 1 if "XCOLORRANGE=LIMITED" in words else stated
-        name = f"yuv{layout[1]}p" + (f"{layout[3]}le" if layout[3] else "")
-        target = resolve_format(name, width, height, matrix, stated, self._space)
-        fields: Any = _INTERLACED.get(told.get("I", "p"))
-        frames = self._y4m_frames(target, (width, height), 1 / rate, rest)
+        begun = start + line(self._source) if b"\n" not in start else start
+        head, _, rest = begun.partition(b"\n")
+        header = Y4mHeader.parse(self._name, head)
+        check_pixels(self._name, header.width, header.height, self._limits.max_pixels)
+        matrix, usual_range = self._color
+        color_range = usual_range if header.color_range is None else header.color_range
+        target = resolve_format(header.layout, header.width, header.height, matrix, color_range, self._space)
         return PipedClip(
-            *(self._name, width, height, rate, 1 / rate, name, target, frames),
-            fields=fields,
-            sample_aspect_ratio=aspect,
-            progressive=told.get("I") == "p",
+            name=self._name,
+            width=header.width,
+            height=header.height,
+            frame_rate=header.frame_rate,
+            time_base=1 / header.frame_rate,
+            pixel_format=header.layout,
+            format=target,
+            frames=y4m_frames(self._name, self._source, rest, target, header),
+            fields=header.fields,
+            sample_aspect_ratio=header.aspect,
+            progressive=header.progressive,
             stamped=False,
         )
-
-    def _y4m_frames(self, target: PixelFormat, size: tuple[int, int], step: Fraction, begun: bytes) -> Iterator[Frame]:
-        shapes = target.plane_shapes(*size)
-        index = 0
-        while True:
-            mark = begun + _line(self._source)
-            begun = b""
-            if not mark:
-                return
-            if not mark.startswith(b"FRAME") or not mark.endswith(b"\n"):
-                raise MediaError(f"{self._name} is damaged after frame {index}")
-            first, second, third = (self._plane(shape, target, index) for shape in shapes)
-            frame = Frame(index, index, float(index * step), target, (first, second, third), duration=1)
-            yield within_depth(self._name, frame)
-            index += 1
-
-    def _plane(self, shape: tuple[int, int], target: PixelFormat, index: int) -> Plane:
-        data = _exactly(self._source, shape[0] * shape[1] * np.dtype(target.dtype).itemsize)
-        if not data:
-            raise MediaError(f"{self._name} ends within frame {index}")
-        plane: Plane = np.frombuffer(data, dtype=target.dtype).reshape(shape)  # type: ignore[assignment]
-        return plane
 
     def _nut(self, start: bytes, stack: ExitStack) -> PipedClip:
         try:
@@ -221,7 +138,14 @@ class PipeReader:
         aspect = stream.sample_aspect_ratio or Fraction(1)
         width, height = plan.upright_size
         return PipedClip(
-            *(clip.name, width, height, rate, clip.time_base, plan.coded_format, plan.target, frames),
+            name=clip.name,
+            width=width,
+            height=height,
+            frame_rate=rate,
+            time_base=clip.time_base,
+            pixel_format=plan.coded_format,
+            format=plan.target,
+            frames=frames,
             sample_aspect_ratio=aspect,
             has_alpha=has_alpha(first),
         )
@@ -257,27 +181,3 @@ class _Joined:
             taken, self._begun = self._begun[:size], self._begun[size:]
             return taken
         return self._rest.read(size)
-
-
-def _exactly(source: BinaryIO, size: int, *, short: bool = False) -> bytes:
-    """`size` bytes; fewer only when `short` is allowed, else none where the stream ends before."""
-    parts: list[bytes] = []
-    left = size
-    while left:
-        part = source.read(left)
-        if not part:
-            return b"".join(parts) if short else b""
-        parts.append(part)
-        left -= len(part)
-    return parts[0] if len(parts) == 1 else b"".join(parts)
-
-
-def _line(source: BinaryIO) -> bytes:
-    """The bytes up to the end of the line, and it; empty at the end of the stream."""
-    found = bytearray()
-    while len(found) < _LONGEST_LINE:
-        byte = source.read(1)
-        found += byte
-        if not byte or byte == b"\n":
-            break
-    return bytes(found)
