@@ -12,12 +12,13 @@ from pvg.video.formats import RGB24, RGB48, Frame, Patch, PixelFormat
 from pvg.video.images import IMAGE_SUFFIXES, read_image, write_image
 from pvg.video.info import MediaInfo, probe, sha256_file
 from pvg.video.joining import can_join, join
-from pvg.video.keeping import Plan, make_plan
+from pvg.video.keeping import make_plan
 from pvg.video.metadata_record import PictureMetadata
 from pvg.video.opening import MediaLimits
 from pvg.video.parts import ClipOfParts, PartWriter
 from pvg.video.picture_metadata import lost_in_picture, read_picture_metadata
 from pvg.video.pipes import PipedClip, PipeReader
+from pvg.video.plan import Plan
 from pvg.video.planes import PlanePicture, picture_of
 from pvg.video.reading import read_frames
 from pvg.video.single_frames import SingleFrames

@@ -14,7 +14,7 @@ import av.packet
 
 from pvg.video.carrying import CarriedTrack, StampedPacket
 from pvg.video.containers import has_edits
-from pvg.video.keeping import Carried
+from pvg.video.plan import Carried
 from pvg.video.sound_formats import sound_shape
 from pvg.video.steady import samples_of_packets, steady_frames, steady_packets, steady_pcm
 from pvg.video.streams import Track

@@ -17,9 +17,9 @@ import av.stream
 
 from pvg.errors import MediaError
 from pvg.video.containers import CONTAINER_FORMATS
-from pvg.video.keeping import Carried
 from pvg.video.languages import language_in
 from pvg.video.opening import open_container, reason
+from pvg.video.plan import Carried
 from pvg.video.streams import Track
 
 StampedPacket: TypeAlias = "tuple[Fraction, av.packet.Packet[Any]]"

@@ -7,9 +7,10 @@ from typing import Any, Literal
 
 from pvg.video.images import IMAGE_SUFFIXES
 from pvg.video.info import MediaInfo, probe
-from pvg.video.keeping import Plan, make_plan
+from pvg.video.keeping import make_plan
 from pvg.video.opening import MediaLimits
 from pvg.video.picture_metadata import lost_in_picture
+from pvg.video.plan import Plan
 from pvg.video.streams import Chapter, Streams, Track, read_streams
 
 

@@ -29,8 +29,9 @@ from pvg.video.encoders import (
 from pvg.video.fields import FieldMarks, field_of, rows_of
 from pvg.video.formats import RANGE_FULL, RANGE_LIMITED, Frame, Patch, PixelFormat
 from pvg.video.info import MediaInfo
-from pvg.video.keeping import Plan, stated_colors
+from pvg.video.keeping import stated_colors
 from pvg.video.opening import reason
+from pvg.video.plan import Plan
 from pvg.video.scheduling import kept_scheduling
 
 CodedPacket: TypeAlias = "av.packet.Packet[av.video.stream.VideoStream]"

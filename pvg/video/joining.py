@@ -13,9 +13,9 @@ from pvg.video.containers import CONTAINERS, PIPED
 from pvg.video.encoders import ENCODERS
 from pvg.video.encoding import CodedPacket, PictureEncoder, decoding_times
 from pvg.video.info import MediaInfo
-from pvg.video.keeping import Plan
 from pvg.video.muxing import ClipMuxer
 from pvg.video.parts import ClipOfParts, PartHead, PartReader, head_of
+from pvg.video.plan import Plan
 
 
 def can_join(container: str, codec: str = "auto") -> bool:

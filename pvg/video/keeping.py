@@ -1,9 +1,9 @@
-"""What of a clip's file goes into a new one: the plan that the writer carries out, and in words what is not kept."""
+"""What of a clip's file goes into a new one: its plan is made here, and what is changed or not kept is put in words."""
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Literal
@@ -11,18 +11,16 @@ from typing import Literal
 import av
 
 from pvg.video.containers import CONTAINER_FORMATS, CONTAINERS, PIPED, has_edits, label_of, short_name
-from pvg.video.encoders import ENCODERS, FieldOrder, choose_codec, encoded_size, encoder_format, holds_alpha
+from pvg.video.encoders import ENCODERS, choose_codec, encoded_size, encoder_format, holds_alpha
 from pvg.video.formats import LUMA_WEIGHTS, UNSPECIFIED, UNSTATED, PixelFormat
 from pvg.video.info import MediaInfo
 from pvg.video.languages import language_in
-from pvg.video.mastering import ContentLight, MasteringDisplay
 from pvg.video.opening import StatedColors
+from pvg.video.plan import Carried, Plan
 from pvg.video.sound_formats import carry_sound
-from pvg.video.streams import NO_STREAMS, Chapter, Streams, Track
+from pvg.video.streams import NO_STREAMS, Streams, Track
 
 _TEXT = ("mov_text", "srt", "ass", "webvtt", "text")
-_PLAIN_TAGS = {"title", "artist", "album", "date", "comment", "genre", "copyright", "creation_time"}
-_PLAIN_IN_MP4 = {"album_artist", "composer", "description"}
 
 _TIMECODE = re.compile(r"-?\d\d:\d\d:\d\d([:;.])\d\d+$")
 _CHROMA = {(0, 0): "4:4:4", (1, 0): "4:2:2", (2, 0): "4:1:1", (0, 1): "4:4:0", (1, 1): "4:2:0", (2, 2): "4:1:0"}
@@ -32,58 +30,6 @@ _WIDE = 64  # pixels of a side, to measure the chroma's by
 _ASPECT_IN_STREAM = ("h264", "hevc")
 """Codecs that say a pixel's aspect in their pictures."""
 _FIELD_LABELS = {"tff": "top field first", "bff": "bottom field first"}
-
-
-@dataclass(frozen=True)
-class Carried:
-    """A track that goes along: copied when `encoder` is None, else through that libav encoder."""
-
-    track: Track
-    encoder: str | None = None
-
-
-@dataclass(frozen=True)
-class Plan:
-    """What a new clip is made of, and in words what is kept, changed and dropped of the source's.
-
-    container: of `CONTAINER_FORMATS`. format: of the encoded pictures, width, height: their size. source: the file that
-    sounds, subtitles and attachments come from; None when there are none. aspect: of a pixel, where neither encoder nor
-    muxer says it and the finished file is to; else 1.
-    """
-
-    container: str
-    codec: str
-    format: PixelFormat
-    width: int
-    height: int
-    alpha: bool = False
-    aspect: Fraction = Fraction(1)
-    fields: FieldOrder | None = None
-    mastering: MasteringDisplay | None = None
-    light: ContentLight | None = None
-    source: Path | None = None
-    sounds: tuple[Carried, ...] = ()
-    subtitles: tuple[Carried, ...] = ()
-    attachments: tuple[Track, ...] = ()
-    chapters: tuple[Chapter, ...] = ()
-    metadata: tuple[tuple[str, str], ...] = ()
-    picture: Track | None = None
-    timecode: str | None = None
-    reel: str | None = None
-    kept: tuple[str, ...] = ()
-    changed: tuple[str, ...] = ()
-    dropped: tuple[str, ...] = ()
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What is not as in the source, one line each."""
-        return self.changed + self.dropped
-
-
-def needs_general_tags(plan: Plan) -> bool:
-    """Whether MP4 and MOV keep all tags only where any name goes, which fewer players look into."""
-    plain = _PLAIN_TAGS | _PLAIN_IN_MP4 if plan.container == "mp4" else _PLAIN_TAGS
-    return any(name not in plain for name, _ in plan.metadata)
 
 
 class _Lines:

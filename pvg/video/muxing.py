@@ -19,10 +19,10 @@ from pvg.video.carrying import CarriedTrack, attach
 from pvg.video.containers import CONTAINER_FORMATS, has_edits
 from pvg.video.encoding import CodedPacket
 from pvg.video.even_rate import EvenTimes
-from pvg.video.keeping import Plan, needs_general_tags
 from pvg.video.languages import language_in
 from pvg.video.opening import reason
 from pvg.video.pixel_aspect import say_pixel_aspect
+from pvg.video.plan import Plan, needs_general_tags
 from pvg.video.subtitles import SubtitleTrack
 
 _CHAPTER_STEP = Fraction(1, 1_000_000)

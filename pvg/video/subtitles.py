@@ -14,7 +14,7 @@ from av.subtitles.subtitle import SubtitleSet
 
 from pvg.video.audio import with_due_time
 from pvg.video.carrying import CarriedTrack, StampedPacket
-from pvg.video.keeping import Carried
+from pvg.video.plan import Carried
 
 _STEP = Fraction(1, 1000)  # of the containers' subtitles
 _FIELDS = 8  # of an event before its text

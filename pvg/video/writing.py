@@ -13,8 +13,9 @@ from pvg.video.containers import CONTAINERS
 from pvg.video.encoding import PictureEncoder
 from pvg.video.formats import Frame, Patch, PixelFormat
 from pvg.video.info import MediaInfo
-from pvg.video.keeping import Plan, make_plan
+from pvg.video.keeping import make_plan
 from pvg.video.muxing import ClipMuxer
+from pvg.video.plan import Plan
 from pvg.video.streams import NO_STREAMS, read_sounds
 
 

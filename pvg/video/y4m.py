@@ -19,7 +19,7 @@ from pvg.video.decoding import within_depth
 from pvg.video.encoders import FieldOrder
 from pvg.video.formats import RANGE_FULL, Frame, Patch, PixelFormat, Plane
 from pvg.video.info import MediaInfo
-from pvg.video.keeping import Plan
+from pvg.video.plan import Plan
 from pvg.video.stream_bytes import exactly, line
 
 Y4M_START = b"YUV4MPEG2"
