@@ -7,11 +7,15 @@ With m(Y) the chroma that is usual for the skin at a luma, M that of its middle,
     d = |c − m| / (max(|m|, 0.7 |M|) + 2 e)
 
 is below 1.6 on skin, crimson ears, blush and the shade of a sky too, and above 2 on letters in plain colours. Between
-both the matte fades. Grey has a d of about 1 and is left to `tinge`, lips may be painted in any red, and along the
-matte's edge, where skin mixes with what is beside it, `edges` and `foreground` tell what is skin.
+both the matte fades. Light of another colour moves skin as far, but not by a step: c must be as far, too, from what
+the skin nearby has beyond m, by the larger of both chromas, and where there is no skin nearby nothing is told. Grey has
+a d of about 1 and is left to `tinge`, lips may be painted in any red, and along the matte's edge, where skin mixes with
+what is beside it, `edges` and `foreground` tell what is skin.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -30,6 +34,8 @@ _SEEN_PX, _SEEN = 6.0, 1 / 96
 _EDGE_PX, _EDGE = 4.0, 0.012  # likewise: nearer to the matte's end nothing is told [by eye]
 _MATTE = np.float32(0.3)  # of alpha, from which on a pixel lies in the matte
 _HOLE = 0.03  # of the face's width: letters may leave holes in the matte
+_AROUND = 0.08  # of the face's width: spread of the mean of skin around a pixel [by eye: larger than letters]
+_LEAST = np.float32(0.01)  # of such a mean's weights: with less there is no skin around
 _LIPS = 0.04  # of the face's width around their outline that is theirs [by eye]
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 
@@ -56,54 +62,81 @@ def without_foreign(
     """
     if tables is None:
         return alpha
+    window = _Window(frame, corner, alpha, tables, landmarks)
     fine = max(2, 2 ** max(frame.format.chroma_log2))
     coarse = max(1, round(max(_SEEN_PX, _SEEN * landmarks.axes.width) / fine)) * fine
-    seen = _in_matte(alpha, coarse)
-    beyond = tables.foreign(_samples(frame, corner, alpha.shape, coarse), seen, ~seen)
-    if not beyond.any() or not _foreign(frame, corner, alpha, tables, landmarks, coarse).any():
+    around = window.around(coarse)
+    if around is None or not window.foreign(coarse, around).any():
         return alpha  # as nearly always
     # letters are mixed with skin at their edges, and chroma is coded coarsely
-    spread = cv2.dilate(_foreign(frame, corner, alpha, tables, landmarks, fine), _NEIGHBOURS)
+    spread = cv2.dilate(window.foreign(fine, around), _NEIGHBOURS)
     size = fine * spread.shape[1], fine * spread.shape[0]
     taken = cv2.resize(spread, size, interpolation=cv2.INTER_LINEAR)[: alpha.shape[0], : alpha.shape[1]]
     return np.asarray(alpha * (np.float32(1.0) - taken), np.float32)
 
 
-def _foreign(
-    frame: Frame, corner: tuple[int, int], alpha: Floats, tables: MapTables, landmarks: Landmarks, apart: int
-) -> Floats:
-    """(r, c) in [0, 1], how far pixels of a window are none of the skin's colours, 0 near the matte's end and beyond.
+@dataclass(frozen=True, eq=False)
+class _Window:
+    """A face's window in a frame, of which every so many pixels are looked at, a multiple of the chroma step apart."""
 
-    apart: pixels from one that is looked at to the next, a multiple of the chroma step.
-    """
-    width = max(landmarks.axes.width, 1.0)
-    matte = _in_matte(alpha, apart)
-    filled = cv2.morphologyEx(matte.view(np.uint8), cv2.MORPH_CLOSE, _square(_HOLE * width / apart))
-    inside = np.asarray(cv2.erode(filled, _square(max(_EDGE_PX, _EDGE * width) / apart)), np.bool_)
-    outline = (landmarks.points[layout.LIPS_OUTER] - np.array(corner, np.float32)) / np.float32(apart)
-    lips = np.zeros(matte.shape, np.uint8)
-    cv2.fillPoly(lips, [fixed_point(outline)], 1, shift=SUBPIXEL_BITS)
-    around = np.asarray(cv2.dilate(lips, _square(_LIPS * width / apart)), np.bool_)
-    return tables.foreign(_samples(frame, corner, alpha.shape, apart), inside, around)
+    frame: Frame
+    corner: tuple[int, int]
+    alpha: Floats
+    tables: MapTables
+    landmarks: Landmarks
 
+    def around(self, apart: int) -> Floats | None:
+        """(3, r, c) how far skin around each pixel is off its usual chroma, and whether there is any; None if all is
+        skin."""
+        codes, seen = self._codes(apart), self._in_matte(apart)
+        if not self.tables.foreign(codes, seen).any():
+            return None
+        inside, lips = self._inside(apart), self._lips(apart)
+        mixed = np.asarray(cv2.dilate(self.tables.foreign(codes, inside), _NEIGHBOURS))
+        skin = inside & ~lips & (mixed == 0)
+        off = np.where(skin, self.tables.off_usual(codes), np.float32(0.0))
+        sigma = max(1.0, _AROUND * self._width / apart)
+        mass, *sums = (cv2.GaussianBlur(one, (0, 0), sigma) for one in (skin.astype(np.float32), *off))
+        return np.stack([*(one / np.maximum(mass, _LEAST) for one in sums), mass > _LEAST]).astype(np.float32)
 
-def _in_matte(alpha: Floats, apart: int) -> Bools:
-    """(r, c) whether every `apart`-th pixel of a window (h, w) lies in its matte."""
-    return np.asarray(np.ascontiguousarray(alpha[::apart, ::apart]) > _MATTE)
+    def foreign(self, apart: int, around: Floats) -> Floats:
+        """(r, c) in [0, 1], how far pixels are no skin, 0 near the matte's end and beyond;  around: told coarsely."""
+        inside, lips = self._inside(apart), self._lips(apart)
+        size = inside.shape[1], inside.shape[0]
+        blue, red, known = (cv2.resize(one, size, interpolation=cv2.INTER_LINEAR) for one in around)
+        return self.tables.foreign(self._codes(apart), inside & (known > 0.5), lips, np.stack([blue, red]))
 
+    @property
+    def _width(self) -> float:
+        return max(self.landmarks.axes.width, 1.0)
 
-def _samples(frame: Frame, corner: tuple[int, int], shape: tuple[int, ...], apart: int) -> Floats:
-    """(3, r, c) codes of luma and chroma of every `apart`-th pixel of a window (h, w)."""
-    (left, upper), (rows, columns) = corner, shape
-    codes = np.empty((3, -(-rows // apart), -(-columns // apart)), np.float32)
-    for p, plane in enumerate(frame.planes[:3]):
-        log2x, log2y = frame.format.chroma_log2 if p and not frame.format.is_rgb else (0, 0)
-        window = plane[upper >> log2y : -(-(upper + rows) >> log2y), left >> log2x : -(-(left + columns) >> log2x)]
-        codes[p] = window[:: apart >> log2y, :: apart >> log2x]
-    if not frame.format.is_rgb:
-        return codes
-    opponent = np.einsum("pq,qrc->prc", opponent_matrix(frame.format), codes)
-    return np.ascontiguousarray(opponent + frame.format.opponent.offset[:, None, None], np.float32)
+    def _in_matte(self, apart: int) -> Bools:
+        return np.asarray(np.ascontiguousarray(self.alpha[::apart, ::apart]) > _MATTE)
+
+    def _inside(self, apart: int) -> Bools:
+        """(r, c) what lies in the matte, holes and all, and not near its end."""
+        matte, hole = self._in_matte(apart).view(np.uint8), _square(_HOLE * self._width / apart)
+        filled = cv2.morphologyEx(matte, cv2.MORPH_CLOSE, hole)
+        return np.asarray(cv2.erode(filled, _square(max(_EDGE_PX, _EDGE * self._width) / apart)), np.bool_)
+
+    def _lips(self, apart: int) -> Bools:
+        outline = (self.landmarks.points[layout.LIPS_OUTER] - np.array(self.corner, np.float32)) / np.float32(apart)
+        lips = np.zeros(self.alpha[::apart, ::apart].shape, np.uint8)
+        cv2.fillPoly(lips, [fixed_point(outline)], 1, shift=SUBPIXEL_BITS)
+        return np.asarray(cv2.dilate(lips, _square(_LIPS * self._width / apart)), np.bool_)
+
+    def _codes(self, apart: int) -> Floats:
+        """(3, r, c) luma and chroma."""
+        (left, upper), (rows, columns), form = self.corner, self.alpha.shape, self.frame.format
+        codes = np.empty((3, -(-rows // apart), -(-columns // apart)), np.float32)
+        for p, plane in enumerate(self.frame.planes[:3]):
+            log2x, log2y = form.chroma_log2 if p and not form.is_rgb else (0, 0)
+            part = plane[upper >> log2y : -(-(upper + rows) >> log2y), left >> log2x : -(-(left + columns) >> log2x)]
+            codes[p] = part[:: apart >> log2y, :: apart >> log2x]
+        if not form.is_rgb:
+            return codes
+        opponent = np.einsum("pq,qrc->prc", opponent_matrix(form), codes)
+        return np.ascontiguousarray(opponent + form.opponent.offset[:, None, None], np.float32)
 
 
 def _square(reach: float) -> Bytes:

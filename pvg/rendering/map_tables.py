@@ -128,12 +128,13 @@ class MapTables:
         blue, red, least = (_at_codes(colors[:, 0], table) for table in (*self.usual, self.least))
         return np.asarray(likeness(colors[:, 1:] - self.offset[1:], np.stack([blue, red], axis=1), least), np.float32)
 
-    def foreign(self, codes: Floats, where: Bools, lips: Bools) -> Floats:
+    def foreign(self, codes: Floats, where: Bools, lips: Bools | None = None, around: Floats | None = None) -> Floats:
         """How far codes of luma and chroma (3, r, c) are none of the skin's colours, see `foreign`: (r, c) in [0, 1].
 
-        where: (r, c), elsewhere it is 0;  lips: (r, c), where what is redder than skin is none the less skin.
+        where: (r, c), elsewhere it is 0;  lips: (r, c), where what is redder than skin is none the less skin;
+        around: (2, r, c) how far skin nearby is off the usual chroma, not at all when None.
         """
-        return _beyond(codes, where, lips, self.usual, self.offset, self._foreign)
+        return self._off_skin(codes, where, lips, around, _FOREIGN)
 
     def foreign_at_curves(self, g: Floats) -> Floats:
         """The same (n,) of boundary colours g (n, 3), black aside, in the order of their curves.
@@ -141,24 +142,31 @@ class MapTables:
         A curve may lead through letters. Fits mix them with the skin around, and samples beside them take part.
         """
         codes = np.ascontiguousarray((g + self.offset).T[:, :, None], np.float32)
-        every = np.ones((len(g), 1), np.bool_)
-        beyond = _beyond(codes, every, ~every, self.usual, self.offset, self._foreign_at_curves)
-        return np.asarray(cv2.dilate(beyond, _SAMPLES_BESIDE)[:, 0] if beyond.any() else beyond[:, 0], np.float32)
+        off = self._off_skin(codes, np.ones((len(g), 1), np.bool_), None, None, _FOREIGN_AT_CURVES)
+        return np.asarray(cv2.dilate(off, _SAMPLES_BESIDE)[:, 0] if off.any() else off[:, 0], np.float32)
+
+    def off_usual(self, codes: Floats) -> Floats:
+        """(2, r, c) how far codes of luma and chroma (3, r, c) are off the skin's usual chroma."""
+        luma = np.clip(codes[0], 0, self.usual.shape[1] - 1).astype(np.int32)
+        return np.asarray(codes[1:] - self.offset[1:, None, None] - self.usual[:, luma], np.float32)
+
+    def _off_skin(
+        self, codes: Floats, where: Bools, lips: Bools | None, around: Floats | None, bounds: tuple[float, float]
+    ) -> Floats:
+        """`foreign`, rising from 0 to 1 between two bounds of d."""
+        lips = np.zeros_like(where) if lips is None else lips
+        around = np.zeros((2, *where.shape), np.float32) if around is None else around
+        out = np.zeros(where.shape, np.float32)
+        low, high = (np.float32(bound) for bound in bounds)
+        _find_foreign(codes, where, lips, around, self.usual, self.least, self._scale, self.offset, low, high, out)
+        return out
 
     @cached_property
-    def _foreign(self) -> Floats:
-        return self._off_skin(_FOREIGN)
-
-    @cached_property
-    def _foreign_at_curves(self) -> Floats:
-        return self._off_skin(_FOREIGN_AT_CURVES)
-
-    def _off_skin(self, bounds: tuple[float, float]) -> Floats:
-        """(2, n) how far off the usual chroma a colour has a d of two bounds, see `foreign`, by luma's code."""
+    def _scale(self) -> Floats:
+        """(n,) what d of `foreign` is measured by, by luma's code."""
         size = np.hypot(*self.usual)
         middle = size[int(np.argmin(np.abs(self.levels - self.middle)))]
-        scale = np.maximum(size, _IN_SHADE * middle) + 2.0 * self.least
-        return np.stack([bound * scale for bound in bounds]).astype(np.float32)
+        return np.asarray(np.maximum(size, _IN_SHADE * middle) + 2.0 * self.least, np.float32)
 
     def gained(self, colors: Floats) -> Floats:
         """What luma and chroma (n, 3), black aside, gain."""
@@ -217,29 +225,35 @@ def _interpolate(places: Floats, table: Floats, out: Doubles) -> None:
             out[i] = place if np.isnan(place) else table[0]
 
 
-def _beyond(codes: Floats, where: Bools, lips: Bools, usual: Floats, offset: Floats, near_and_far: Floats) -> Floats:
-    """`MapTables.foreign`, from 0 to 1 between both of `near_and_far` (2, n), chroma by luma's code."""
-    out = np.zeros(where.shape, np.float32)
-    _find_beyond(codes, where, lips, usual, offset, near_and_far, out)
-    return out
-
-
 @kernel()
-def _find_beyond(
-    codes: Floats, where: Bools, lips: Bools, usual: Floats, offset: Floats, near_and_far: Floats, out: Floats
+def _find_foreign(
+    codes: Floats,
+    where: Bools,
+    lips: Bools,
+    around: Floats,
+    usual: Floats,
+    least: Floats,
+    scale: Floats,
+    offset: Floats,
+    low: np.float32,
+    high: np.float32,
+    out: Floats,
 ) -> None:
-    """`_beyond` into zeros (r, c)."""
-    most = usual.shape[1] - 1
+    """`MapTables.foreign` into zeros (r, c), rising from `low` to `high` of d."""
+    one, two, most = np.float32(1.0), np.float32(2.0), usual.shape[1] - 1
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
             if not where[i, j]:
                 continue
             code = min(max(int(codes[0, i, j]), 0), most)
-            blue = codes[1, i, j] - offset[1] - usual[0, code]
-            red = codes[2, i, j] - offset[2] - usual[1, code]
-            if lips[i, j] and red > abs(blue):
+            own_blue, own_red = usual[0, code], usual[1, code]
+            blue, red = codes[1, i, j] - offset[1] - own_blue, codes[2, i, j] - offset[2] - own_red
+            far = np.sqrt(blue * blue + red * red)
+            if far <= low * scale[code] or (lips[i, j] and red > abs(blue)):
                 continue
-            near, far = near_and_far[0, code], near_and_far[1, code]
-            beyond = np.sqrt(blue * blue + red * red) - near
-            if beyond > 0:
-                out[i, j] = min(beyond / (far - near), np.float32(1.0))
+            near_blue, near_red = around[0, i, j], around[1, i, j]
+            size = np.sqrt((own_blue + near_blue) ** 2 + (own_red + near_red) ** 2) + two * least[code]
+            beside = np.sqrt((blue - near_blue) ** 2 + (red - near_red) ** 2) / max(size, scale[code])
+            d = min(far / scale[code], beside)
+            if d > low:
+                out[i, j] = min((d - low) / (high - low), one)

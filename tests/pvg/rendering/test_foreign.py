@@ -99,6 +99,31 @@ def test_along_the_end_of_the_matte_nothing_is_told(placed: PlacedFace) -> None:
     assert without_foreign(frame_of(picture, RGB24), corner, alpha, _tables(RGB24), marks) is alpha
 
 
+def test_light_of_another_colour_is_no_paint(placed: PlacedFace) -> None:
+    """It goes over softly, as far as it may go."""
+    center = placed.data.landmarks.axes.center
+    y, x = np.mgrid[:360, :640]
+    spot = np.exp(-((x - center[0]) ** 2 + (y - center[1] + 30) ** 2) / 50.0**2)[..., None]
+    lit = SKIN * (1 - spot * (1 - np.array([0.4, 0.7, 1.5])))
+    tables, corner, marks = _tables(RGB24), (placed.x, placed.y), placed.data.landmarks
+    peak = Coding(RGB24).colors((SKIN * np.array([0.4, 0.7, 1.5]))[None].astype(np.float32))
+    assert tables.foreign((peak + tables.offset).T[:, :, None], np.ones((1, 1), np.bool_)) == 1  # taken by itself
+    left = without_foreign(frame_of(lit, RGB24), corner, placed.alpha, tables, marks)
+    assert left.min() > 0.8
+    assert (left < 1).mean() < 0.01
+
+
+def test_a_clip_that_turns_from_grey_to_colour_shows_skin_in_both(placed: PlacedFace) -> None:
+    """The key frame is a grey one."""
+    shading = 1 + 0.1 * np.sin(np.arange(640) / 15.0)[None, :, None]
+    grey = (np.full((300, 3), 150.0) * np.random.default_rng(0).uniform(0.7, 1.2, (300, 1))).astype(np.float32)
+    tables = MapTables.of(LookMap(SkinMap.between(grey, 0.8 * grey.astype(float)), 1.0, ONCE), RGB24)
+    for share in (0.2, 0.6, 1.0):
+        picture = (150 + share * (SKIN - 150)) * shading * np.ones((360, 1, 1))
+        frame, marks = frame_of(picture, RGB24), placed.data.landmarks
+        assert without_foreign(frame, (placed.x, placed.y), placed.alpha, tables, marks) is placed.alpha
+
+
 def test_a_fit_through_letters_asks_for_nothing() -> None:
     tables = _tables(RGB24)
     g = np.tile(Coding(RGB24).colors(SKIN[None].astype(np.float32)), (60, 1))
