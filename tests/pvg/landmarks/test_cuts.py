@@ -65,3 +65,21 @@ def test_a_moving_picture_and_a_fade_are_no_dissolves() -> None:
     assert not any(detector.is_cut(np.roll(scene, 6 * k, axis=1)) for k in range(60))
     detector = CutDetector()
     assert not any(detector.is_cut((scene * gain).astype(np.uint8)) for gain in np.linspace(1, 0.1, 30))
+
+
+def test_light_that_crosses_a_room_leaves_it_the_same_room() -> None:
+    """As a leak of light or a passing lamp does, which changes more of the picture than another face in its place."""
+
+    def room(seed: int) -> np.ndarray:
+        detail = np.random.default_rng(seed).normal(0, 1, (32, 48, 1)).repeat(10, axis=0).repeat(10, axis=1)
+        return np.asarray(background(7) * 0.1 + 90 + 14 * detail)
+
+    def lit_from(room: np.ndarray, place: float) -> np.ndarray:
+        light = np.exp(-(((np.arange(480) / 480 - place) / 0.22) ** 2))[None, :, None] * np.array([250, 120, 40])
+        return np.asarray(255 - (255 - room) * (1 - 0.8 * light / 255)).astype(np.uint8)
+
+    for seed, another in ((1, False), (2, True)):
+        detector = CutDetector(remembered=8)
+        cuts = [detector.is_cut(lit_from(room(1 if k < 5 else seed), 0.1 + 0.1 * k)) for k in range(9)]
+        assert not any(cuts)
+        assert detector.is_another_since(8) == another
