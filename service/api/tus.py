@@ -37,6 +37,12 @@ def check_version(headers: Mapping[str, str]) -> None:
         raise PreconditionError(f"send Tus-Resumable: {VERSION}", headers={"Tus-Version": VERSION})
 
 
+def check_whole(headers: Mapping[str, str]) -> None:
+    """Raise `BadRequestError` for one of several uploads that shall be joined: alone it would become a medium."""
+    if "upload-concat" in headers:
+        raise BadRequestError("Upload-Concat is not supported: send the file as one upload, its pieces one by one")
+
+
 def number(headers: Mapping[str, str], name: str) -> int:
     """The number in a header field. Raises `BadRequestError` when there is none."""
     text = headers.get(name)

@@ -287,6 +287,17 @@ def test_a_length_that_is_missing_is_asked_for(api: Api) -> None:
     assert (refused.status_code, refused.json()["detail"]) == (400, "send Upload-Length, a number of bytes")
 
 
+@pytest.mark.parametrize("concat", ["partial", "final;/v1/uploads/a /v1/uploads/b"])
+def test_a_part_of_uploads_that_shall_be_joined_is_no_file(api: Api, concat: str) -> None:
+    """tus-js-client sends such parts, without asking, with `parallelUploads`: the first one became a medium."""
+    link = api.client.post("/uploads/link", json={}).json()["url"]
+    for url in ("/uploads", link):
+        refused = api.client.post(url, headers=TUS | {"Upload-Length": "10", "Upload-Concat": concat})
+        assert (refused.status_code, refused.json()["code"]) == (400, "malformed")
+        assert "Upload-Concat is not supported" in refused.json()["detail"]
+    assert [upload["size_bytes"] for upload in api.client.get("/uploads").json()["data"]] == [None]
+
+
 def test_an_upload_takes_all_the_metadata_that_a_file_may_have(api: Api) -> None:
     metadata = {f"metadata.{number:02}{'n' * 38}": f"{number:02}{'v' * 198}" for number in range(16)}
     media = send(api.client, begin(api.client, len(MP4), **metadata), 0, MP4).headers["pvg-media"]
