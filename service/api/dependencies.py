@@ -79,8 +79,35 @@ PageSize = Annotated[int, Query(ge=1, le=MAX_PAGE, description="most entries of 
 MaskOf = Annotated[Mask | None, Query(description=_SETTINGS["mask"].description)]
 MatchingOf = Annotated[Matching | None, Query(description=_SETTINGS["matching"].description)]
 InputColorOf = Annotated[InputColor | None, Query(description=_SETTINGS["input_color"].description)]
-IfNoneMatch = Annotated[str | None, Header(description="ETags that the client has; 304 if one of them is still right")]
-IfMatch = Annotated[str | None, Header(description="ETags, or `*`; 412 if none of them is still right")]
+
+
+def all_lines(request: Request, name: str) -> str | None:
+    """A header field that is a list, of all its lines (RFC 9110, 5.3), or None without one."""
+    lines = request.headers.getlist(name)
+    return ", ".join(lines) if lines else None
+
+
+async def _if_none_match(
+    request: Request,
+    _: Annotated[
+        str | None,
+        Header(alias="If-None-Match", description="ETags that the client has; 304 if one of them is still right"),
+    ] = None,
+) -> str | None:
+    return all_lines(request, "if-none-match")
+
+
+async def _if_match(
+    request: Request,
+    _: Annotated[
+        str | None, Header(alias="If-Match", description="ETags, or `*`; 412 if none of them is still right")
+    ] = None,
+) -> str | None:
+    return all_lines(request, "if-match")
+
+
+IfNoneMatch = Annotated[str | None, Depends(_if_none_match)]
+IfMatch = Annotated[str | None, Depends(_if_match)]
 WaitSeconds = Annotated[
     float | None,
     Query(ge=0, le=MAX_WAIT_S, description="seconds to wait for the end of the job; also as `Prefer: wait=`"),

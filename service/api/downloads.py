@@ -11,7 +11,7 @@ from urllib.parse import quote
 from fastapi import Depends, Header, Request, Response
 from starlette.responses import StreamingResponse
 
-from service.api.dependencies import IfMatch, IfNoneMatch, Responses
+from service.api.dependencies import IfMatch, IfNoneMatch, Responses, all_lines
 from service.api.openapi import file_content
 from service.api.ranges import matches, parse_range, require_match
 from service.api.services import Services
@@ -37,9 +37,7 @@ class BytesAsked:
     def __init__(
         self,
         request: Request,
-        range_: Annotated[
-            str | None, Header(alias="Range", description="`bytes=0-99999`: one range of the file")
-        ] = None,
+        _: Annotated[str | None, Header(alias="Range", description="`bytes=0-99999`: one range of the file")] = None,
         if_range: Annotated[
             str | None, Header(description="ETag that the range is of; if the file has another, all of it is sent")
         ] = None,
@@ -48,7 +46,7 @@ class BytesAsked:
     ) -> None:
         self.head_only = request.method == "HEAD"
         self.state = request.scope["state"]
-        self.range, self.if_range = range_, if_range
+        self.range, self.if_range = all_lines(request, "range"), if_range
         self.if_match, self.if_none_match = if_match, if_none_match
 
 

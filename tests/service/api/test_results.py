@@ -81,6 +81,19 @@ def test_a_file_or_a_part_of_it_is_sent_only_as_what_it_was(api: Api, path: str)
         assert api.client.head(path, headers=more | {"if-match": '"other"'}).status_code == 412
 
 
+def test_all_lines_of_a_condition_and_of_a_range_count(api: Api, path: str) -> None:
+    """A list may come in several lines (RFC 9110, 5.3), as of a proxy that adds its own."""
+    etag = api.client.get(path).headers["etag"]
+
+    def status_of(name: str, *lines: str) -> int:
+        return api.client.get(path, headers=[(name, line) for line in lines]).status_code
+
+    assert status_of("if-none-match", '"other"', etag) == 304
+    assert status_of("if-match", '"other"', etag) == 200
+    assert status_of("if-match", '"other"', '"another"') == 412
+    assert status_of("range", "bytes=0-1", "bytes=2-3") == 200
+
+
 def test_a_result_is_deleted_only_as_what_it_was(api: Api, path: str) -> None:
     etag = api.client.get(path).headers["etag"]
     assert api.client.delete(path, headers={"if-match": f"W/{etag}"}).status_code == 412
