@@ -226,11 +226,10 @@ def _last_sample(clip: OpenClip) -> int:
 
 def _of_cut_file(path: Path, info: MediaInfo, limits: MediaLimits, why: str) -> MediaInfo:
     """What is left of a clip whose end is missing; why: what tells that, in words."""
-    counted = _count_packets(path, info, limits)
+    counted, seconds = _counted_packets(path, info, limits)
     of = f" of {info.frame_count}" if info.frame_count > counted.frame_count else ""
     line = f"the file is cut short: {why}"
     line += f"; its first {counted.frame_count}{of} frames are read"
-    seconds = counted.frame_count / float(counted.frame_rate or 25)
     return replace(counted, duration_s=min(info.duration_s or seconds, seconds), warnings=(*info.warnings, line))
 
 
@@ -255,6 +254,13 @@ def _audio_codec(clip: OpenClip) -> str | None:
 
 
 def _count_packets(path: Path, info: MediaInfo, limits: MediaLimits) -> MediaInfo:
+    """The clip by its packets; it lasts as long as its header says, if that says so."""
+    counted, seconds = _counted_packets(path, info, limits)
+    return replace(counted, duration_s=info.duration_s or seconds)
+
+
+def _counted_packets(path: Path, info: MediaInfo, limits: MediaLimits) -> tuple[MediaInfo, float]:
+    """The clip with its frames and their rate by its packets, and the seconds from its first frame to its end."""
     packets, time_base = packet_stamps(path, limits)
     stamps = [pts for pts, _ in packets if pts is not None]
     span, steps = (max(stamps, default=0) - min(stamps, default=0)) * time_base, len(stamps) - 1
@@ -267,8 +273,7 @@ def _count_packets(path: Path, info: MediaInfo, limits: MediaLimits) -> MediaInf
         even = even or (even_rate_of(sorted(stamps), time_base, rate) if is_whole else None)
     rate = rate or Fraction(25)
     length = span + 1 / rate if is_whole else len(packets) / rate
-    counted = replace(info, frame_count=len(packets), frame_rate=rate, even_rate=even)
-    return replace(counted, duration_s=info.duration_s or float(length))
+    return replace(info, frame_count=len(packets), frame_rate=rate, even_rate=even), float(length)
 
 
 def _check_totals(name: str, info: MediaInfo, limits: MediaLimits) -> None:

@@ -239,6 +239,13 @@ def cut_mp4(folder: Path) -> Path:
     return _cut(whole, "cut.mp4", 16)
 
 
+def cut_variable_rate(folder: Path) -> Path:
+    """The same of a clip whose frames are 300 ms apart at first, then 20 ms."""
+    steps = np.where(np.arange(FRAMES) < FRAMES // 2, 300, 20)
+    whole = _encode(folder / "whole_v.mp4", np.cumsum(steps).tolist(), movflags="faststart")
+    return _cut(whole, "cut_v.mp4", 16)
+
+
 def cut_fragments(folder: Path) -> Path:
     """A fragmented MP4, cut inside a fragment."""
     flags = "frag_keyframe+empty_moov+default_base_moof"
@@ -329,6 +336,7 @@ MADE: dict[str, Callable[[Path], Path]] = {
     "attached picture": attached_picture,
     "two videos": two_videos,
     "cut mp4": cut_mp4,
+    "cut variable rate": cut_variable_rate,
     "cut fragments": cut_fragments,
     "cut mkv": cut_mkv,
     "cut live mkv": cut_live_mkv,
