@@ -16,9 +16,9 @@ import socket
 import ssl
 import threading
 from collections import Counter, deque
-from collections.abc import AsyncIterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
 from concurrent.futures import Future
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final
@@ -193,16 +193,18 @@ class Egress:
         """
         try:
             async with asyncio.timeout(self._settings.fetch_timeout_s):
-                target = self.check(url)
-                for _ in range(MAX_REDIRECTS + 1):
+                for hop in range(MAX_REDIRECTS + 1):
                     silence_s = self._settings.body_timeout_s
-                    async with self._sent("GET", target, owner, head_s=_HEAD_S, silence_s=silence_s) as response:
+                    async with AsyncExitStack() as held:
+                        with _of_hop(hop):  # what it leads to is checked as the first was
+                            target = self.check(url)
+                            asking = self._sent("GET", target, owner, head_s=_HEAD_S, silence_s=silence_s)
+                            response = await held.enter_async_context(asking)
                         if response.status_code not in _REDIRECTS:
                             yield self._file(target, response)
                             return
                         place = response.headers.get("location", "")
-                    # what it leads to is checked as the first was
-                    target = self.check(str(target.join(place)))
+                    url = str(target.join(place))
         except (httpx.InvalidURL, UnicodeError) as error:
             raise UrlNotAllowedError("the address leads to what is not a URL") from error
         except (TimeoutError, httpx.HTTPError) as error:
@@ -384,6 +386,17 @@ def _has_zone(address: Address) -> bool:
 
 def _port(url: httpx.URL) -> int:
     return url.port if url.port is not None else 443 if url.scheme == "https" else 80
+
+
+@contextmanager
+def _of_hop(hop: int) -> Iterator[None]:
+    """Inside the block what is wrong with an address that another one led to is told as of that."""
+    try:
+        yield
+    except (UrlNotAllowedError, FetchFailedError) as error:
+        if hop == 0:
+            raise
+        raise type(error)(f"the address leads to another one: {error.detail}") from error
 
 
 def _failed(error: Exception) -> FetchFailedError:

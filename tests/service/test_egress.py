@@ -184,6 +184,28 @@ def test_a_name_is_resolved_once_and_what_was_checked_is_connected_to(
     assert inside.connections == 0
 
 
+@pytest.mark.parametrize(
+    ("place", "kind", "detail"),
+    [
+        ("ftp://public.example/clip", UrlNotAllowedError, "the URL must begin with https:// or http://"),
+        (f"http://{PRIVATE}:8000/", UrlNotAllowedError, "the host of the URL is not at a public address"),
+        ("http://inside.example:8000/", UrlNotAllowedError, "the host of the URL is not at a public address"),
+        ("http://nowhere.example:8000/", FetchFailedError, "the host of the URL has no address"),
+    ],
+)
+def test_what_is_wrong_with_an_address_that_is_led_to_is_told_as_of_that(
+    egress: Egress, here: Remote, names: Names, public_loopback: None, place: str, kind: type[Exception], detail: str
+) -> None:
+    """The URL that was given has none of these faults."""
+    names.tell("public.example", PUBLIC)
+    names.tell("inside.example", PRIVATE)
+    here.answers["/lead"] = answer(b"", "302 Found", Location=place)
+    with pytest.raises(kind, match=f"^the address leads to another one: {detail}"):
+        fetch(egress, f"http://public.example:{here.port}/lead")
+    with pytest.raises(kind, match=f"^{detail}"):
+        fetch(egress, place)
+
+
 def test_a_public_address_is_asked_for_by_its_name_and_with_nothing_of_our_own(
     egress: Egress, here: Remote, names: Names, public_loopback: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
