@@ -101,6 +101,9 @@ class _FormReader:
         self._names: Counter[str] = Counter()
         self._parts = 0
         self._complete = False
+        #: what ends what stands before the first part, and the end of what has come of that: None after it
+        self._delimiter = b"\r\n--" + boundary
+        self._before: bytes | None = b"\r\n"
         self._read_bytes = self._outside_bytes = 0
         self._parser = MultipartParser(
             boundary,
@@ -122,7 +125,7 @@ class _FormReader:
         try:
             async for chunk in chunks:
                 is_after = self._complete
-                self._parser.write(chunk)
+                self._parser.write(self._of_parts(chunk))
                 self._count(len(chunk), is_outside=is_after or not self._parts)
                 await self._drain()
         except MultipartParseError as error:
@@ -130,6 +133,18 @@ class _FormReader:
         if not self._complete:
             raise BadRequestError("the multipart body ends before its closing boundary")
         return self._form
+
+    def _of_parts(self, chunk: bytes) -> bytes:
+        """The chunk without what stands before the first part (RFC 2046, 5.1.1), which the parser does not take."""
+        if self._before is None:
+            return chunk
+        before = self._before + chunk
+        at = before.find(self._delimiter)
+        if at < 0:
+            self._before = before[1 - len(self._delimiter) :]
+            return b""
+        self._before = None
+        return before[at + len(b"\r\n") :]
 
     def _count(self, size_bytes: int, *, is_outside: bool) -> None:
         """Raise `TooLargeError` when the body is larger than one of its length could be, had it been declared."""

@@ -428,10 +428,24 @@ def test_a_form_of_no_length_is_cut_off_within_a_mebibyte_of_the_limit_wherever_
     assert small.blobs == small.drafts == []
 
 
-def test_a_form_may_have_a_little_before_and_after_its_parts(api: Api) -> None:
-    body = b"\r\n" * 100 + FILE + b"--x--\r\n" + bytes(10_000)
+@pytest.mark.parametrize(
+    "before",
+    [b"", b"\r\n" * 100, b"a form in parts\r\n--\r\n\r--x\r\n", b"--\r\n" * 10_000],
+    ids=["nothing", "empty lines", "text", "much"],
+)
+def test_a_form_may_have_a_little_before_and_after_its_parts(api: Api, before: bytes) -> None:
+    body = before + FILE + b"--x--\r\n" + bytes(10_000)
     form = {"content-type": "multipart/form-data; boundary=x"}
     assert api.client.post("/videos", content=body, headers=form).status_code == 202
+    start = max(1, len(before) - 10)  # byte by byte where its first part begins
+    pieces = [body[:start], *(body[i : i + 1] for i in range(start, start + 30)), body[start + 30 :]]
+    with socket.create_connection(api.address, timeout=60) as connection:
+        head = "POST /videos HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\nTransfer-Encoding: chunked\r\n"
+        connection.sendall(f"{head}Content-Type: {form['content-type']}\r\n\r\n".encode())
+        for piece in (*pieces, b""):
+            connection.sendall(b"%x\r\n%s\r\n" % (len(piece), piece))
+            time.sleep(0.002)  # each comes alone
+        assert connection.recv(15) == b"HTTP/1.1 200 OK"
 
 
 def test_a_client_that_goes_away_leaves_nothing(api: Api) -> None:
