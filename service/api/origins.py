@@ -67,7 +67,8 @@ class OwnHostAndOrigin:
         headers = Headers(scope=scope)
         may_write = self._may_write(headers)
         scope.setdefault("state", {})["may_write"] = may_write
-        refusal = self._refusal(headers, may_write=may_write or scope["method"] in _SAFE)
+        is_safe = scope["method"] in _SAFE and not _is_preflight(scope["method"], headers)
+        refusal = self._refusal(headers, may_write=may_write or is_safe)
         if refusal is None:
             await self._app(scope, receive, send)
         else:
@@ -87,6 +88,11 @@ class OwnHostAndOrigin:
         if site is not None:
             return site in {"same-origin", "none"}
         return origin is None or _is_own(origin, headers.get("host", ""))
+
+
+def _is_preflight(method: str, headers: Headers) -> bool:
+    """A browser asks whether a page may send what it wants to (Fetch Standard, 3.3.2); `Cors`, if there, answers."""
+    return method == "OPTIONS" and "access-control-request-method" in headers
 
 
 def _of_another_site() -> ForbiddenError:

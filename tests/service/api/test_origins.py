@@ -256,3 +256,12 @@ def test_a_location_is_a_path(location: str, expected: str) -> None:
 def test_redirects_name_no_host(api: Api) -> None:
     answer = api.client.get("/videos/?limit=1", headers={"host": "localhost:1234"}, follow_redirects=False)
     assert (answer.status_code, answer.headers["location"]) == (307, "/videos?limit=1")
+
+
+def test_a_preflight_is_refused_where_no_other_site_may_write(api: Api) -> None:
+    asked = {"origin": "https://evil.example", "access-control-request-method": "POST"}
+    for path in ("/transfer", "/uploads", "/videos/vid_0"):
+        refused = check(api.client.options(path, headers=asked), 403)
+        assert "PVG_ALLOWED_ORIGINS" in refused["detail"]
+    assert api.client.options("/uploads", headers={"origin": "https://evil.example"}).status_code == 204
+    assert api.client.options("/transfer").status_code == 405
