@@ -221,6 +221,7 @@ class _FormReader:
         self._text_bytes += size_bytes
         if self._text_bytes > MAX_TEXT_BYTES:
             detail = f"the fields of text up to {self._name!r} have more than {MAX_TEXT_BYTES} bytes with their names"
+            detail += "; a file's part has a filename, or a type such as image/jpeg"
             raise TooLargeError(detail, limit_bytes=MAX_TEXT_BYTES)
 
     def _end(self) -> None:

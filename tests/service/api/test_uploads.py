@@ -519,6 +519,16 @@ def test_the_text_of_a_form_has_no_more_bytes_than_are_kept(api: Api, others: in
     assert (api.blobs, api.drafts) == ([], [])
 
 
+def test_a_file_that_is_sent_as_a_text_is_told_what_makes_it_one(api: Api) -> None:
+    """No limit of files is what it is over."""
+    part = b'--x\r\nContent-Disposition: form-data; name="file"\r\n\r\n%s\r\n--x--\r\n'
+    form = {"content-type": "multipart/form-data; boundary=x"}
+    answers = [api.client.post("/videos", content=part % content, headers=form) for content in (b"a", MP4 * 10_000)]
+    assert [answer.status_code for answer in answers] == [400, 413]
+    assert "is a text; curl sends a file" in answers[0].json()["detail"]
+    assert "a file's part has a filename" in answers[1].json()["detail"]
+
+
 def test_file_names_are_shown_without_folders_and_control_characters() -> None:
     assert clean_name("../../etc/passwd") == "passwd"
     assert clean_name("C:\\clips\\a\x00\x1b[31m.mp4") == "a[31m.mp4"
