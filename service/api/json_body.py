@@ -56,9 +56,12 @@ async def read_json(request: Request, model: type[Model], *, limit_bytes: int, a
 
 async def _body(request: Request, *, limit_bytes: int) -> bytes:
     note_limit(request, limit_bytes)
+    too_large = TooLargeError(f"the body is larger than {limit_bytes} bytes", limit_bytes=limit_bytes)
+    if int(request.headers.get("content-length", "0")) > limit_bytes:
+        raise too_large
     body = bytearray()
     async for chunk in request.stream():
         body += chunk
         if len(body) > limit_bytes:
-            raise TooLargeError(f"the body is larger than {limit_bytes} bytes", limit_bytes=limit_bytes)
+            raise too_large
     return bytes(body)

@@ -68,7 +68,7 @@ async def read_form(
     if "repr-digest" in intake.request.headers:
         raise BadRequestError("Repr-Digest is checked when the body is the file itself, not when it is a form")
     # one of its files is over the limit
-    intake.check_declared(intake.limit_bytes * max_files, framing=MAX_FRAMING_BYTES)
+    await intake.expect(intake.limit_bytes * max_files, framing=MAX_FRAMING_BYTES)
     _, options = parse_options_header(intake.request.headers.get("content-type", ""))
     boundary = options.get(b"boundary", b"")
     if not boundary or len(boundary) > 70:  # RFC 2046, 5.1.1

@@ -156,15 +156,8 @@ class Intake:
         self._sinks: list[FileSink] = []
 
     async def __aenter__(self) -> Self:
-        """Begin, and look at what the head says of the body.
-
-        Raises `UnsupportedMediaError` when it is compressed, `QuotaExceededError` when it is too large for its owner.
-        """
+        """Begin. Raises `UnsupportedMediaError` when the body is compressed."""
         check_coding(self.request)
-        if self._share is not None:
-            size_bytes = self._declared_bytes or 0
-            is_form = self.request.headers.get("content-type", "").lower().startswith("multipart/")
-            await self._share.reserve(max(0, size_bytes - _FORM_BYTES) if is_form else size_bytes)
         return self
 
     async def __aexit__(
@@ -207,7 +200,7 @@ class Intake:
         Raises `TooLargeError`, `UnsupportedMediaError`, and `BadRequestError` when its Repr-Digest does not fit.
         """
         expected = expected_digest(self.request.headers.getlist("repr-digest"))
-        self.check_declared(self.limit_bytes)
+        await self.expect(self.limit_bytes)
         sink = self.open(declared_name(self.request.headers.get("content-disposition")))
         async for chunk in self.request.stream():
             sink.feed(chunk)
@@ -234,14 +227,19 @@ class Intake:
                 await sink.drain()
         return await sink.finish()
 
-    def check_declared(self, limit: int, *, framing: int = 0) -> None:
-        """Raise `TooLargeError`, with the limit of a file, when more than ``limit`` bytes are declared.
+    async def expect(self, limit: int, *, framing: int = 0) -> None:
+        """Look at how many bytes the head declares, before any of them is read: they count from now on.
 
-        Of a form, ``framing`` is what may be around its files.
+        Of a form, ``framing`` is what may be around its files. Raises `TooLargeError`, with the limit of a file, when
+        they are more than ``limit``, and else `QuotaExceededError` when they are too many for their owner: what is too
+        large now will be so at any time.
         """
         note_limit(self.request, limit)
-        if self._declared_bytes is not None and self._declared_bytes > limit + framing:
+        declared = self._declared_bytes or 0
+        if declared > limit + framing:
             raise TooLargeError(f"the file is larger than {self.limit_bytes} bytes", limit_bytes=self.limit_bytes)
+        if self._share is not None:
+            await self._share.reserve(max(0, declared - _FORM_BYTES) if framing else declared)
 
     @property
     def _declared_bytes(self) -> int | None:

@@ -177,7 +177,7 @@ async def append(
         Intake(services.storage.spool, services.room, request, limit_bytes=left, share=share) as intake,
     ):
         with _no_more_than(upload.size_bytes):
-            intake.check_declared(left)
+            await intake.expect(left)
         piece = _Piece(services, intake, upload, checksum, by_link=by_link)
         try:
             with _no_more_than(upload.size_bytes):

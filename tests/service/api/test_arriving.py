@@ -58,6 +58,33 @@ class Slow:
         yield b"the end"
 
 
+@pytest.mark.parametrize("content_type", ["video/mp4", "multipart/form-data; boundary=x"])
+def test_what_is_larger_than_any_file_is_told_so_and_not_to_wait_for_room(
+    api: Api, limited: Holder, content_type: str
+) -> None:
+    for size, status in ((4_000_000, 429), (5_000_000_000, 413)):
+        answer = answer_to_head(
+            api, limited, f"POST /videos HTTP/1.1\r\nContent-Type: {content_type}\r\nContent-Length: {size}"
+        )
+        assert answer.startswith(f"HTTP/1.1 {status} ")
+
+
+def test_a_body_of_json_that_is_too_large_is_not_asked_for(api: Api, limited: Holder) -> None:
+    for size, line in ((2, "100 Continue"), (2**20 + 1, "413 ")):
+        answer = answer_to_head(
+            api, limited, f"POST /transfer HTTP/1.1\r\nContent-Type: application/json\r\nContent-Length: {size}"
+        )
+        assert answer.startswith(f"HTTP/1.1 {line}")
+
+
+def answer_to_head(api: Api, caller: Holder, head: str) -> str:
+    """The first line that comes to a client that waits before it sends a body."""
+    with socket.create_connection(api.address, timeout=60) as connection:
+        lines = (head, "Host: localhost", f"Authorization: Bearer {caller.text}", "Expect: 100-continue", "", "")
+        connection.sendall("\r\n".join(lines).encode())
+        return connection.recv(100).decode()
+
+
 def test_two_files_that_fit_alone_and_not_together(api: Api, limited: Holder) -> None:
     first = Slow()
     with ThreadPoolExecutor() as clients:
