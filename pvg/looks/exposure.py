@@ -18,15 +18,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pvg._arrays import Bools, Doubles, Floats
+from pvg._arrays import Bools, Doubles, Floats, ramp
 from pvg.asset import FaceRecord, KeyFrame
 from pvg.curves import table_labels
-from pvg.looks.opponent import median_luma
+from pvg.looks.opponent import luma_of, median_luma
 from pvg.looks.tone import HIGHLIGHT
+from pvg.picture import median_lab
 
 _LEADS_AT = 0.75  # of a person's frames, by rising exposure: brief light does not lead, brief dark neither [by eye]
+# a* and b* that skin has in usual light, about, and how much farther off that of a key frame may be than that of the
+# one in the most usual light [by eye]
+_SKIN, _COLOURED = np.array([14.0, 18.0]), 15.0
 _AS_BRIGHT = 1.1  # times: of key frames that are lit alike the one that serves longest leads
 _GAINS = (0.05, 20.0)
+# of the logarithms of a tint's channels: light that differs by less is of one colour, by more of another [measured: key
+# frames of exposure ramps 0.06 at most]
+_OF_ONE_COLOUR, _TINTS = (0.12, 0.25), (0.2, 5.0)
+_GREY = 6.0  # C* of skin that tells no light: a picture that loses its colours is in no other one
+_DARK = 4.0  # levels added to both sides of the ratio of a channel
 _HIGHLIGHTS = 0.98  # of the skin, whose brightest channel is to stay below `HIGHLIGHT`
 
 
@@ -34,10 +43,14 @@ def leading_key(records: Sequence[FaceRecord]) -> KeyFrame:
     """The key frame that a person's map is made from: the one in whose light three quarters of their frames are.
 
     Those or dimmer: a map made in dim light would leave the brighter frames no room below white. Key frames whose open
-    skin could be sampled come first.  records: of the person's faces, the one seen longest first.
+    skin could be sampled come first, and of those the ones in whose light it looks like skin: under a coloured lamp
+    little is known of it.  records: of the person's faces, the one seen longest first.
     """
     keys = [(key, frames) for record in records for key, frames in zip(record.key_frames, record.served(), strict=True)]
     keys = [(key, frames) for key, frames in keys if len(key.skin)] or keys
+    if len(keys) > 1:
+        off = [_off_skin(_colors(key, "skin" if len(key.skin) else "curves")) for key, _ in keys]
+        keys = [pair for pair, far in zip(keys, off, strict=True) if far <= min(off) + _COLOURED]
     if len(keys) == 1:
         return keys[0][0]
     brightness = np.array([_brightness(key, "skin" if len(key.skin) else "curves") for key, _ in keys])
@@ -49,25 +62,38 @@ def leading_key(records: Sequence[FaceRecord]) -> KeyFrame:
     return keys[int(np.argmax(np.where(alike, frames, -1)))][0]
 
 
-def at_exposure(key: KeyFrame, gain: float) -> KeyFrame:
-    """The key frame as it would be with its colours multiplied by a gain."""
-    if gain == 1.0:
+def at_exposure(key: KeyFrame, gain: float | Doubles) -> KeyFrame:
+    """The key frame as it would be with its colours multiplied by a gain, one or (3,) of each channel."""
+    if np.all(gain == 1.0):
         return key
-    colors, skin, parts = (np.asarray(c * np.float32(gain), np.float32) for c in (key.colors, key.skin, key.parts))
+    by = np.asarray(gain, np.float32)
+    colors, skin, parts = (np.asarray(c * by, np.float32) for c in (key.colors, key.skin, key.parts))
     return replace(key, colors=colors, skin=skin, parts=parts)
 
 
 class KeyExposure(NamedTuple):
-    """The exposure of a key frame beside the one that F was made from: it takes g' = kept · F(g / gain).
+    """The light of a key frame beside the one that F was made from: it takes g' = kept · t · F(g / (gain · t)).
 
-    gain: how many times as bright it is;  kept: how much of that its new colours keep.
+    gain: how many times as bright it is;  kept: how much of that its new colours keep;
+    tint: t, (3,) R, G, B of light of another colour, whose luma is that of skin in the leading key's, 1 in its own.
     """
 
     gain: float
     kept: float
+    tint: Doubles
+
+    @property
+    def light(self) -> Doubles:
+        """(3,) by how much each channel is brighter."""
+        return self.gain * self.tint
+
+    def row(self) -> tuple[float, ...]:
+        """As `LookMap.exposures` has it."""
+        return (self.gain, self.kept, *self.tint.tolist())
 
 
-AS_LEADING = KeyExposure(1.0, 1.0)
+_WHITE = np.ones(3)
+AS_LEADING = KeyExposure(1.0, 1.0, _WHITE)
 """Of a key frame that takes F as it is."""
 
 #: the colours of a key frame's skin (n, 3) before and after F, 0-255 RGB
@@ -78,17 +104,11 @@ Moved = Callable[[KeyFrame], tuple[Floats, Floats | Doubles]]
 class Exposure:
     """The exposure of a person's key frames relative to the leading one.
 
-    new: the level of the highlights of the leading one's skin after F.
+    moved: F, see `Moved`.
     """
 
     leading: KeyFrame
     moved: Moved
-    new: float
-
-    @classmethod
-    def of_person(cls, leading: KeyFrame, moved: Moved) -> Exposure:
-        """Of the key frame that F was made from, and F."""
-        return cls(leading, moved, _highlights(moved(leading)[1]))
 
     def of(self, key: KeyFrame) -> KeyExposure:
         """The exposure of one of them.
@@ -100,12 +120,28 @@ class Exposure:
             return AS_LEADING
         by = "skin" if len(key.skin) and len(self.leading.skin) else "curves"
         gain = float(np.clip(_brightness(key, by) / _brightness(self.leading, by), *_GAINS))
-        if gain <= 1.0:
-            return KeyExposure(gain, gain)
-        room = max(HIGHLIGHT / self.new - 1.0, 0.0)
-        bent = 1.0 + room * (1.0 - float(np.exp(-(gain - 1.0) / room))) if room > 0.0 else 1.0
-        own, new = self.moved(at_exposure(key, 1.0 / gain))
-        return KeyExposure(gain, max(bent, gain * min(1.0, _highlights(own) / _highlights(new))))
+        tint = _tint(_colors(key, by), _colors(self.leading, by))
+        if gain <= 1.0 and tint is _WHITE:
+            return KeyExposure(gain, gain, tint)
+        limit = HIGHLIGHT / _highlights(tint * self.moved(self.leading)[1])
+        surely = min(1.0, limit)
+        if gain <= surely:
+            return KeyExposure(gain, gain, tint)
+        room = max(limit - surely, 0.0)
+        bent = surely + room * (1.0 - float(np.exp(-(gain - surely) / room))) if room > 0.0 else surely
+        own, new = (tint * colors for colors in self.moved(at_exposure(key, 1.0 / (gain * tint))))
+        return KeyExposure(gain, max(bent, gain * min(1.0, _highlights(own) / _highlights(new))), tint)
+
+
+def _tint(colors: Floats, leading: Floats) -> Doubles:
+    """t of `KeyExposure` of a key frame's skin (n, 3) beside the leading one's (m, 3); 1 where either is grey."""
+    if min(float(np.hypot(*median_lab(one)[1:])) for one in (colors, leading)) < _GREY:
+        return _WHITE
+    here, there = (np.median(one, axis=0).astype(np.float64) for one in (colors, leading))
+    ratio = np.log((here + _DARK) / (there + _DARK))
+    off = ratio - np.log(float(luma_of(np.exp(ratio) * there)) / max(float(luma_of(there)), 1e-6))
+    share = ramp(float(np.abs(off).max()), *_OF_ONE_COLOUR)
+    return np.clip(np.exp(share * off), *_TINTS) if share > 0.0 else _WHITE
 
 
 def on_skin(key: KeyFrame) -> Bools:
@@ -120,6 +156,15 @@ def _highlights(skin: Floats | Doubles) -> float:
     return max(float(np.quantile(skin.max(axis=1), _HIGHLIGHTS)), 1.0)
 
 
+def _off_skin(colors: Floats) -> float:
+    """How far the chroma of colours (n, 3) is from what skin has in usual light, CIELAB."""
+    return float(np.hypot(*(median_lab(colors)[1:] - _SKIN)))
+
+
 def _brightness(key: KeyFrame, by: str) -> float:
-    colors = key.skin if by == "skin" else key.colors[on_skin(key)]
-    return median_luma(colors)
+    return median_luma(_colors(key, by))
+
+
+def _colors(key: KeyFrame, by: str) -> Floats:
+    """(n, 3) of its skin, by "skin" or by "curves"."""
+    return key.skin if by == "skin" else key.colors[on_skin(key)]

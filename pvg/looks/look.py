@@ -31,7 +31,8 @@ class LookMap:
     """The map F of one face as a look draws it, on the face and on the person's other skin.
 
     strength: of the way from the skin's colours to those of F;
-    exposures: (K, 2) gain and kept of the face's key frames, see `KeyExposure`;  beard: in [0, 1], see `beard_of`;
+    exposures: (K, 5) gain, kept and tint of the face's key frames, see `KeyExposure`;
+    beard: in [0, 1], see `beard_of`;
     haze: levels of it without which F is made and under which it is drawn, see `pvg.looks.haze`.
     """
 

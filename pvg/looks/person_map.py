@@ -74,7 +74,7 @@ class PersonMap:
         leading = goal.relit(plain)
         skin = _skin_map(leading, goal) if goal.semantic else None
         at_curves = all_colors_map(leading, goal.target, goal.steps) if skin is None else _at_curves(skin)
-        exposure = Exposure.of_person(leading, _skin_moved(skin, at_curves)) if follow_exposure else None
+        exposure = Exposure(leading, _skin_moved(skin, at_curves)) if follow_exposure else None
         # light falls on the face alone
         whole = skin if skin is not None and plain is leading else _whole_map(plain, goal)
         return cls(skin, at_curves, exposure, whole, beard_of(plain))

@@ -163,7 +163,7 @@ def _new_face(own: FaceRecord, clear: FaceRecord, person: PersonMap, goal: Goal)
     before = zip(own.key_frames, clear.key_frames, keys, strict=True)
     colors = [under_haze(key.colors, plain.colors, new.colors, clear.haze) for key, plain, new in before]
     parts = [shown_through(clear.haze) * key.parts for key in keys if key.parts is not None]
-    exposures = np.array([key.exposure for key in keys], np.float32)
+    exposures = np.array([key.exposure.row() for key in keys], np.float32)
     return _NewFace(
         colors=np.stack(colors).astype(np.float32),
         contrast=1.0 if person.skin is None else "map",
@@ -173,10 +173,10 @@ def _new_face(own: FaceRecord, clear: FaceRecord, person: PersonMap, goal: Goal)
 
 
 def _new_key(key: KeyFrame, person: PersonMap, goal: Goal) -> _NewKey:
-    """The new boundary colours of a key frame: g' = kept · F(g / gain), and `strength` of the way there."""
+    """The new boundary colours of a key frame: g' = kept · t · F(g / (gain · t)), and `strength` of the way there."""
     lit, strength = goal.relit(key), np.float32(goal.strength)
     exposure = person.exposure_of(lit)
-    kept, lit = exposure.kept, at_exposure(lit, 1.0 / exposure.gain)
+    kept, lit = exposure.kept, at_exposure(lit, 1.0 / exposure.light)
     moved, parts = person.at_curves(lit), None
     if person.skin is not None:
         lacks = np.zeros((len(PARTS), 3), np.float32)
@@ -184,7 +184,7 @@ def _new_key(key: KeyFrame, person: PersonMap, goal: Goal) -> _NewKey:
             moved, lacks = parts_apart(lit, person.skin, moved, goal.contrast)
         if goal.changes is not None:
             parts = strength * np.float32(kept) * (lacks + goal.changes.on(person.skin, lit, goal.makeup))
-    colors = key.colors + strength * (_into_gamut(kept * moved).astype(np.float32) - key.colors)
+    colors = key.colors + strength * (_into_gamut(kept * exposure.tint * moved).astype(np.float32) - key.colors)
     return _NewKey(colors, parts, exposure)
 
 

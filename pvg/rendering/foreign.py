@@ -48,7 +48,7 @@ def own_tables(record: FaceRecord, pixel_format: PixelFormat) -> MapTables | Non
     skin = max((key.skin for key in record.key_frames), key=len)
     if not len(skin):
         return None
-    own = LookMap(SkinMap.between(skin, skin.astype(np.float64)), 1.0, np.ones((1, 2), np.float32))
+    own = LookMap(SkinMap.between(skin, skin.astype(np.float64)), 1.0, np.ones((1, 5), np.float32))
     return MapTables.of(own, pixel_format)
 
 

@@ -9,6 +9,7 @@ What luma gains is kept apart by slopes of T above 1 and below: the first see a 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -67,15 +68,16 @@ class MapTables:
         pixel_format: PixelFormat,
         gain: float = 1.0,
         kept: float = 1.0,
+        tint: Sequence[float] = (1.0, 1.0, 1.0),
         *,
         region: Region = "face",
     ) -> MapTables:
         """The tables of a look's map for the opponent planes of a format.
 
-        gain, kept: see `LookMap.exposures`;  region: see `LookMap.usual_colors`.
+        gain, kept, tint: see `KeyExposure`;  region: see `LookMap.usual_colors`.
         """
         opponent = pixel_format.opponent
-        usual, goal = look_map.usual_colors(region)
+        usual, goal = (np.array(tint) * colors for colors in look_map.usual_colors(region))
         coding = Coding(pixel_format, look_map.haze)
         source, target = (
             np.asarray(coding.colors(colors) + opponent.offset, np.float64) for colors in (gain * usual, kept * goal)

@@ -141,8 +141,8 @@ class Renderer:
                 self._with_body.setdefault(face, []).append(i)
         # first and last frame of every face, of which a clip with many cuts has hundreds
         self._spans = np.array([(face.first_frame, face.last_frame) for face in video.faces]).reshape(-1, 2)
-        # by look, face and region: the exposure that the tables were made for, and they
-        self._tables: dict[tuple[int, int, Region], tuple[tuple[float, float], MapTables]] = {}
+        # by look, face and region: the light that the tables were made for, and they
+        self._tables: dict[tuple[int, int, Region], tuple[tuple[float, ...], MapTables]] = {}
         self._own: dict[int, MapTables | None] = {}  # of faces, what colours their skin has
         self._colors = {
             face: _propagation(video, face, [looks[i] for i in which]) for face, which in self._with_face.items()
@@ -226,11 +226,12 @@ class Renderer:
 
     def _tables_of(self, look: int, face: int, frame: Frame, region: Region) -> MapTables:
         look_map = self.looks[look].maps[face]
-        gain, kept = self.video.records[face].blended(look_map.exposures, frame.index)
+        light = tuple(self.video.records[face].blended(look_map.exposures, frame.index).tolist())
         before, tables = self._tables.get((look, face, region), (None, None))
-        if tables is None or before != (gain, kept):
-            tables = MapTables.of(look_map, frame.format, float(gain), float(kept), region=region)
-            self._tables[look, face, region] = (gain, kept), tables
+        if tables is None or before != light:
+            gain, kept, *tint = light
+            tables = MapTables.of(look_map, frame.format, gain, kept, tint, region=region)
+            self._tables[look, face, region] = light, tables
         return tables
 
     def _placed_faces(self, frame: Frame) -> _Faces:

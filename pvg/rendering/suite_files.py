@@ -178,9 +178,11 @@ def _cube(
     video: VectorVideo, look: Look, renderer: Renderer, faces: Sequence[int], space: ColorSpace | None, size: int
 ) -> Floats:
     """The best single map of a person's faces: F, and by luma what the drawn key frame has besides."""
-    # the key frame whose exposure is nearest to that of the one F was made from
+    # the key frame whose light is nearest to that of the one F was made from
     _, face, k = min(
-        (abs(np.log(gain)), face, k) for face in faces for k, (gain, _) in enumerate(look.maps[face].exposures)
+        (float(np.abs(np.log(light[[0, 2, 3, 4]])).sum()), face, k)
+        for face in faces
+        for k, light in enumerate(look.maps[face].exposures)
     )
     one, key = look.maps[face], video.records[face].key_frames[k].frame
     frame = frame_of_file(video, key)

@@ -36,7 +36,7 @@ def warm_up(frames: Sequence[Frame], membrane: Membrane, colors: Floats) -> None
     alpha, planes, lattice = np.ones((32, 32), np.float32), membrane.planes, membrane.lattice
     number = Correction(lattice, planes, 1.1, planes)
     darker = SkinMap.between(colors, 0.6 * colors.astype(np.float64))  # a map that moves nothing has no bound
-    look_map = LookMap(darker, 1.0, np.ones((1, 2), np.float32))
+    look_map = LookMap(darker, 1.0, np.ones((1, 5), np.float32))
     matte = Matte.over(np.array([8, 8, 40, 40], np.float32), np.eye(8, dtype=np.uint8) * np.uint8(255))
     guard = Guard(8, 8, np.ones((8, 8), np.float32), np.zeros(2, np.float32))
     for frame in frames:

@@ -5,6 +5,9 @@ was moved from dim to bright is moved again by what the source itself gained, un
 row is compared with the key's, cell by cell in its own coordinates, and where nearly all of its open skin has become
 brighter or darker alike, and stays so, its colours are fitted anew.
 
+Light may change its colour and not its brightness, as on a stage: a key frame is due, too, where nearly all of the skin
+has turned by the same tint, once that has come to rest.
+
 A hand, a shadow's edge or a turned head changes some cells and not others, an expression few, noise none on the median;
 what covers the whole face changes its pattern. None of them makes a key frame.
 """
@@ -19,9 +22,12 @@ import numpy as np
 from pvg.face import Landmarks
 from pvg.picture import Picture
 from pvg.skin import Matte
-from pvg.vectorization.face_patch import SAME_LIGHT, FacePatch
+from pvg.vectorization.face_patch import SAME_COLOUR, SAME_LIGHT, FacePatch
 
 _CHANGE = 0.182  # of log luma against the key's, ±20 %: a new key frame is due
+# of the logarithms of R / G and B / G against the key's: a new key frame is due [measured: in clips of steady light
+# 0.04 at most], and what rows that follow may differ by in a colour that is at rest
+_TINT, _TINT_RESTS = 0.2, 0.08
 _SETTLED = 0.068  # of log luma: what a change that has come to rest may be off its last key
 _REST = 0.01  # of log luma over the rows looked ahead: the light is at rest
 _NO_REST = 2  # rows after a key that count as light which leaves it at once
@@ -74,6 +80,7 @@ class ExposureWatch:
     _key_row: int | None = field(default=None, init=False)  # None while the main key, still ahead, serves
     _same_row: int | None = field(default=None, init=False)  # the last row in the light of the key …
     _same_gain: float = field(default=0.0, init=False)  # … and how far it had moved there, log luma
+    _same_colour_row: int | None = field(default=None, init=False)  # the last row in light of the key's colour
     _rows_passed: int = field(default=0, init=False)
     _keys_made: int = field(default=0, init=False)
     _rows_changed: int = field(default=0, init=False)  # rows since the light left the key's
@@ -96,18 +103,20 @@ class ExposureWatch:
         self._rows_passed += 1
         key = self._key or self.main
         gain = float("nan") if sight.patch is None else sight.patch.gain_over(key)
+        tint = _tint(sight, key)
         if sight.row == self.main_row:
-            self.main_since = self._began(sight.row, gain)
+            self.main_since = self._began(sight.row, gain, tint)
             self._serve(self.main, sight.row)
-            return []
-        if np.isnan(gain):
             return []
         if abs(gain) <= SAME_LIGHT:
             self._same_row, self._same_gain = sight.row, gain
-        self._rows_changed = self._rows_changed + 1 if abs(gain) > _CHANGE else 0
-        if not self._is_due(sight.row, gain, key):
+        if tint <= SAME_COLOUR:
+            self._same_colour_row = sight.row
+        if not (np.isnan(gain) and np.isnan(tint)):
+            self._rows_changed = self._rows_changed + 1 if abs(gain) > _CHANGE or tint > _TINT else 0
+        if not self._may_be_due(sight.row) or not (self._is_due(gain, key) or self._is_due_by_colour(sight, tint)):
             return []
-        since = self._began(sight.row, gain)
+        since = self._began(sight.row, gain, tint)
         # a main key that lies ahead and was true until here serves from there
         main_from = since if self._key_row is None else None
         self._keys_made += 1
@@ -116,13 +125,16 @@ class ExposureWatch:
 
     def _serve(self, key: FacePatch | None, row: int) -> None:
         self._key, self._key_row, self._same_row, self._same_gain, self._rows_changed = key, row, row, 0.0, 0
+        self._same_colour_row = row
 
-    def _began(self, row: int, gain: float) -> int | None:
-        """The row where the light began to leave the key's on its way to the gain over it in a row.
+    def _began(self, row: int, gain: float, tint: float) -> int | None:
+        """The row where the light began to leave the key's on its way to the gain and the tint over it in a row.
 
         Light that runs steadily had moved a little in the last row that counts as the key's: from there back on the
         same line, for colours that set off late would have to hurry.
         """
+        if tint > _TINT:
+            return self._key_row if self._same_colour_row is None else self._same_colour_row
         if self._same_row is None:
             return self._key_row
         if not (gain * self._same_gain > 0.0 and abs(gain) > abs(self._same_gain)):  # a NaN neither
@@ -131,12 +143,15 @@ class ExposureWatch:
         began = self._same_row - round((row - self._same_row) * self._same_gain / (gain - self._same_gain))
         return began if began > key_row + _NO_REST else key_row
 
-    def _is_due(self, row: int, gain: float, key: FacePatch) -> bool:
+    def _may_be_due(self, row: int) -> bool:
+        """Whether a row is far enough from the key and the track may have one more."""
         if self._key_row is not None and row - self._key_row < _LEAST_GAP:
             return False
-        if self._keys_made >= _FREE_KEYS + self._rows_passed / _ROWS_A_KEY and self._rows_changed < _PATIENCE:
-            return False
-        if abs(gain) <= (_CHANGE if self._keys_made == 0 else _SETTLED):
+        spent = self._keys_made >= _FREE_KEYS + self._rows_passed / _ROWS_A_KEY
+        return not spent or self._rows_changed >= _PATIENCE
+
+    def _is_due(self, gain: float, key: FacePatch) -> bool:
+        if not abs(gain) > (_CHANGE if self._keys_made == 0 else _SETTLED):  # a NaN neither
             return False
         gains = [ahead.patch.gain_over(key) for ahead in self._waiting if ahead.patch is not None]
         at_end = len(self._waiting) < LOOKAHEAD
@@ -146,3 +161,16 @@ class ExposureWatch:
         # what is left of a change that has come to rest
         rest = [g for g in gains if abs(g - gain) <= _REST]
         return not self._waiting if at_end else len(rest) == LOOKAHEAD
+
+    def _is_due_by_colour(self, sight: Sight, tint: float) -> bool:
+        if not tint > _TINT:
+            return False
+        rest = [ahead for ahead in self._waiting if ahead.patch is not None and _tint(ahead, sight.patch) < _TINT_RESTS]
+        return len(rest) >= LOOKAHEAD - 2
+
+
+def _tint(sight: Sight, key: FacePatch | None) -> float:
+    """How far the light's colour in a row is off the key's; NaN when it cannot be told."""
+    if sight.patch is None or key is None:
+        return float("nan")
+    return float(np.abs(sight.patch.tint_over(key)).max())

@@ -63,7 +63,7 @@ def test_a_ramp_of_exposure_neither_burns_out_nor_steps(
     for k, reference in enumerate(references):
         target, colors = leading_key(reference.records).skin, np.array([one[k] for one in after])
         moved = sliced_transport(lead.skin, target, beta=0.2, iterations=20, rng=np.random.default_rng(0))
-        exposure = Exposure.of_person(lead, _skin_by(SkinMap.between(lead.skin, moved)))
+        exposure = Exposure(lead, _skin_by(SkinMap.between(lead.skin, moved)))
         share = np.array([exposure.of(at_exposure(lead, gain / gains[lead.frame]))[1] for gain in gains])
         wanted = np.median(target, axis=0) * share[:, None]
         assert np.linalg.norm(_lab(colors) - _lab(wanted), axis=1).max() <= 6.5
@@ -84,3 +84,25 @@ def test_a_lamp_that_burns_skin_out_leaves_own_colours_as_they_are(samples: Samp
         (frame,) = read_frames(video.require_source(), start=dim + lit // 2, stop=dim + lit // 2 + 1)
         for drawn in renderer.draw(frame):
             np.testing.assert_allclose(drawn.rgb().astype(int), frame.rgb().astype(int), atol=1)
+
+
+def test_a_coloured_lamp_lights_the_new_complexion_as_it_lit_the_own_one(
+    samples: Samples, dark_reference: pvg.VectorVideo, tmp_path: Path
+) -> None:
+    """The clip's own colours stay themselves in it."""
+    subject, plain, red = resting_face(samples), 24, 20
+    lamp = np.array((1.0, 0.55, 0.6))
+    lit = np.rint(subject.rgb * lamp).astype(np.uint8)
+    write_lossless(tmp_path / "lamp.mp4", [subject.rgb] * plain + [lit] * red)
+    with pvg.vectorize(tmp_path / "lamp.mp4") as video:
+        assert [key.frame for key in video.records[0].key_frames] == [0, plain]
+        looks = [pvg.transfer(video, dark_reference), pvg.transfer(video, video, makeup=0.0)]
+        renderer, drawn = Renderer(video, looks), []
+        for at in (plain // 2, plain + red // 2):
+            (frame,) = read_frames(video.require_source(), start=at, stop=at + 1)
+            new, own = (picture.rgb() for picture in renderer.draw(frame))
+            np.testing.assert_allclose(own.astype(int), frame.rgb().astype(int), atol=1)
+            drawn.append(np.median(new[subject.inner], axis=0))
+    before = np.median(subject.rgb[subject.inner], axis=0)
+    assert np.abs(drawn[0] - before).max() > 15
+    np.testing.assert_allclose(drawn[1], lamp * drawn[0], rtol=0.1)

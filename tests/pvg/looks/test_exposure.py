@@ -58,17 +58,17 @@ def test_a_ramp_is_led_alike_whichever_way_it_runs() -> None:
 def test_exposure_survives_the_map_and_never_reaches_white() -> None:
     lead = key_at(0, 50)
     skin_map = SkinMap.between(lead.skin, lead.skin.astype(np.float64) * 1.6)
-    exposure = Exposure.of_person(lead, lambda key: (key.skin, skin_map(key.skin)))
-    assert exposure.of(lead) == (1.0, 1.0)
+    exposure = Exposure(lead, lambda key: (key.skin, skin_map(key.skin)))
+    assert exposure.of(lead)[:2] == (1.0, 1.0)
     keys = {level: burnt_out(key_at(9, level), 1.0) for level in (10, 25, 40, 60, 80, 110)}
     new = {level: exposure.of(key) for level, key in keys.items()}
-    for level, (gain, kept) in new.items():
+    for level, (gain, kept, _) in new.items():
         np.testing.assert_allclose(gain, level / 50, rtol=1e-2)
         if gain <= 1:
             assert kept == gain  # light that is dimmed dims the new colours as much
         moved = skin_map(at_exposure(keys[level], 1 / gain).colors)
         assert np.quantile((kept * moved).max(axis=1), 0.95) < 250
-    shares = [share for _, share in new.values()]
+    shares = [share for _, share, _ in new.values()]
     assert shares == sorted(shares)
 
 
@@ -86,18 +86,18 @@ def times(factor: float) -> Callable[[KeyFrame], tuple[Floats, Doubles]]:
 @pytest.mark.parametrize("look", [1.0, 0.8], ids=["its own colours", "a darker look"])
 def test_a_look_that_brightens_nothing_keeps_all_of_the_light(look: float) -> None:
     lead = key_at(0, 80)
-    exposure = Exposure.of_person(lead, times(look))
+    exposure = Exposure(lead, times(look))
     for light in (1.1, 1.25, 1.6, 2.0):  # of the last two much is burnt out
-        gain, kept = exposure.of(burnt_out(lead, light))
+        gain, kept, _ = exposure.of(burnt_out(lead, light))
         assert gain > 1.05
         assert kept == pytest.approx(gain, rel=1e-6)
 
 
 def test_a_look_that_brightens_has_its_highlights_where_the_clip_has_them() -> None:
     lead = key_at(0, 80)
-    exposure = Exposure.of_person(lead, times(1.25))
+    exposure = Exposure(lead, times(1.25))
     key = burnt_out(lead, 1.6)
-    gain, kept = exposure.of(key)
+    gain, kept, _ = exposure.of(key)
     np.testing.assert_allclose(np.quantile(kept * 1.25 * key.skin.max(axis=1) / gain, 0.98), 255.0, rtol=1e-4)
 
 
@@ -106,10 +106,42 @@ def test_few_highlights_reach_white_in_more_light() -> None:
     skin = (np.array((150.0, 112.0, 94.0)) * light).astype(np.float32)
     lead = replace(key_at(0, 50), skin=skin)
     brightest = float(np.quantile(skin.max(axis=1), 0.98))
-    exposure = Exposure.of_person(lead, times(240.0 / brightest))
+    exposure = Exposure(lead, times(240.0 / brightest))
     for brighter in (1.1, 1.25, 2.0):
         key = burnt_out(lead, brighter)
-        gain, kept = exposure.of(key)
+        gain, kept, _ = exposure.of(key)
         assert kept > 1.0
         in_clip = (key.skin.max(axis=1) >= 250).mean()
         assert ((kept * 240.0 / brightest * key.skin / gain).max(axis=1) >= 250).mean() <= max(0.02, in_clip)
+
+
+RED, BLUE = np.array((1.5, 0.6, 0.6)), np.array((0.7, 0.9, 1.5))
+
+
+def test_light_of_another_colour_stays_in_its_key_frame() -> None:
+    """The new colours are tinted as the clip's own are, and dimmed where a channel would pass white."""
+    lead = key_at(0, 60)
+    skin_map = SkinMap.between(lead.skin, lead.skin * np.array((1.05, 1.2, 1.3)))
+    exposure = Exposure(lead, lambda key: (key.skin, skin_map(key.skin)))
+    wanted = np.median(skin_map(lead.skin), axis=0)
+    for lamp in (RED, BLUE):
+        light = exposure.of(at_exposure(lead, 0.5 * lamp))
+        np.testing.assert_allclose(light.light, 0.5 * lamp, rtol=0.1)
+        np.testing.assert_allclose(light.kept * light.tint * wanted, 0.5 * lamp * wanted, rtol=0.1)
+        bright = exposure.of(at_exposure(lead, 1.1 * lamp))
+        assert np.quantile((bright.kept * bright.tint * skin_map(lead.skin)).max(axis=1), 0.95) < 250
+
+
+def test_a_grey_picture_is_in_no_other_light_and_neither_is_a_brighter_one() -> None:
+    lead = key_at(0, 60)
+    exposure = Exposure(lead, times(1.1))
+    grey = to_opponent(lead.skin)[:, :1].astype(np.float32).repeat(3, axis=1)
+    for key in (replace(lead, frame=9, skin=grey), at_exposure(lead, 1.3), at_exposure(lead, 0.4)):
+        np.testing.assert_array_equal(exposure.of(key).tint, 1.0)
+
+
+def test_a_coloured_lamp_does_not_lead() -> None:
+    """Whether it is the brightest light, or the one that serves longest."""
+    first = SUMMARY.first_frame
+    usual, lamp = key_at(first + 9, 50), at_exposure(key_at(first, 60), RED)
+    assert leading_key([record([replace(lamp, frame=first), usual])]) is usual

@@ -146,7 +146,7 @@ def test_a_neck_as_bright_as_the_faces_brightest_keeps_its_chroma_with_a_duller_
         return to_rgb(luma[:, None] * np.array([1.0, -0.25, 0.22]) + rng.normal(0, 0.5, (500, 3))).astype(np.float32)
 
     skin = lit(55, 190)
-    look_map = LookMap(SkinMap.between(skin, lit(80, 120).astype(np.float64), crisp=0.8), 1.0, np.ones((1, 2)))
+    look_map = LookMap(SkinMap.between(skin, lit(80, 120).astype(np.float64), crisp=0.8), 1.0, np.ones((1, 5)))
     moved = to_opponent(look_map.usual_colors("beside")[1])
     saturation = np.hypot(moved[:, 1], moved[:, 2]) / np.maximum(moved[:, 0], 1.0)
     assert moved[185, 0] > 125.0  # brighter than the reference's brightest

@@ -23,7 +23,7 @@ from tests.gallery.pictures import YUV444, frame_of
 
 SKIN, HAIR = np.array([175.0, 130.0, 105.0]), np.array([80.0, 62.0, 52.0])
 BRIGHT, DARK = np.array([225.0, 190.0, 175.0]), np.array([120.0, 80.0, 60.0])
-ONCE = np.ones((1, 2), np.float32)
+ONCE = np.ones((1, 5), np.float32)
 WEIGHTS = np.array([0.299, 0.587, 0.114])
 
 

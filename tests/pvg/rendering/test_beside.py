@@ -22,7 +22,7 @@ from pvg.video import RGB24, PixelFormat
 from tests.gallery.pictures import YUV444, frame_of
 
 FACE, SHADE = np.array([175.0, 130.0, 105.0]), 0.75
-ONCE = np.ones((1, 2), np.float32)
+ONCE = np.ones((1, 5), np.float32)
 
 
 @pytest.fixture(scope="module")

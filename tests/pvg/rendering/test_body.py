@@ -25,7 +25,7 @@ from pvg.skin import Matte
 from pvg.video import RGB24, Frame, PixelFormat
 from tests.gallery.scenes import shrunk
 
-_ONCE = np.ones((1, 2), np.float32)  # one key frame, the one that the map was made from
+_ONCE = np.ones((1, 5), np.float32)  # one key frame, the one that the map was made from
 
 FORMATS = [
     PixelFormat("yuv420p", 8, (1, 1), (0.299, 0.114), False),

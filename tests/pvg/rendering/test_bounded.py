@@ -17,7 +17,7 @@ SKIN, CRIMSON = np.array([190.0, 140.0, 110.0]), np.array([25.0, -10.0, 0.0])
 SDR = PixelFormat("yuv420p", 8, (1, 1), (0.299, 0.114), False)
 DEEP = PixelFormat("yuv420p10le", 10, (1, 1), (0.2627, 0.0593), False)
 HDR = [replace(DEEP, color=named_space(name)) for name in ("hlg", "pq", "slog3", "logc3")]
-ONCE = np.ones((1, 2), np.float32)
+ONCE = np.ones((1, 5), np.float32)
 
 
 def kept(goal: tuple[float, float, float], pixel_format: PixelFormat, excess: np.ndarray) -> float:

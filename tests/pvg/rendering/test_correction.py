@@ -32,7 +32,7 @@ def a_map() -> MapTables:
     rng = np.random.default_rng(9)
     skin = (np.array((190, 140, 110)) * rng.uniform(0.7, 1.3, (400, 1))).astype(np.float32)
     darker = SkinMap.between(skin, skin * np.array((0.5, 0.55, 0.6)))
-    return MapTables.of(LookMap(darker, 1.0, np.ones((1, 2), np.float32)), YUV444)
+    return MapTables.of(LookMap(darker, 1.0, np.ones((1, 5), np.float32)), YUV444)
 
 
 @pytest.mark.parametrize("contrast", [1.0, 1.4, 0.7])

@@ -25,7 +25,7 @@ from tests.gallery.pictures import FORMATS, YUV422_10, frame_of
 
 SKIN = np.array([190.0, 140.0, 115.0])
 YELLOW, RED, BLUE = (255.0, 212.0, 0.0), (224.0, 40.0, 42.0), (40.0, 90.0, 230.0)
-ONCE = np.ones((1, 2), np.float32)
+ONCE = np.ones((1, 5), np.float32)
 OTHER_CODES = [
     replace(one, name=f"{one.name} {name}", color=named_space(name))
     for name in ("vlog", "logc4", "pq", "hlg")

@@ -18,7 +18,7 @@ from pvg.video import RGB24, PixelFormat
 from tests.gallery.pictures import FORMATS, YUV444, frame_of, patchwork
 
 SIDE = 48
-ONCE = np.ones((1, 2), np.float32)  # one key frame, the one that the map was made from
+ONCE = np.ones((1, 5), np.float32)  # one key frame, the one that the map was made from
 
 
 def skin(middle: tuple[int, int, int], spread: float = 0.3) -> np.ndarray:

@@ -19,7 +19,7 @@ OTHER_CODES = [
     for name in ("vlog", "logc4", "pq", "hlg")
     for one in (YUV422_10, RGB48)
 ]
-ONCE = np.ones((1, 2), np.float32)
+ONCE = np.ones((1, 5), np.float32)
 
 
 def _skin(color: tuple[float, float, float]) -> np.ndarray:

@@ -96,8 +96,9 @@ def test_what_covers_the_whole_face_makes_no_key() -> None:
 def test_a_face_without_a_pattern_tells_no_gain() -> None:
     everywhere = np.ones((24, 24), np.bool_)
     pattern = 100.0 + np.random.default_rng(0).normal(0.0, 5.0, (24, 24)).astype(np.float32)
-    flat = FacePatch(np.full((24, 24), 200.0, np.float32), everywhere)
-    assert np.isnan(flat.gain_over(FacePatch(pattern, everywhere)))
+    hues = np.zeros((24, 24, 2), np.float32)
+    flat = FacePatch(np.full((24, 24), 200.0, np.float32), hues, everywhere)
+    assert np.isnan(flat.gain_over(FacePatch(pattern, hues, everywhere)))
 
 
 def test_rows_that_do_not_show_the_face_well_make_no_key() -> None:
@@ -108,3 +109,37 @@ def test_rows_that_do_not_show_the_face_well_make_no_key() -> None:
 def test_flicker_cannot_make_keys_without_end() -> None:
     gains = [1.0 if k // 12 % 2 else 0.55 for k in range(144)]
     assert len(keys_of(lit(gains))) <= 8  # of 12 levels
+
+
+def under(lamps: Sequence[Sequence[float]]) -> list[Scene]:
+    """Faces in light of such R, G, B."""
+    scenes = lit([1.0] * len(lamps))
+    for scene, lamp in zip(scenes, lamps, strict=True):
+        scene.rgb[:] = np.clip(scene.rgb * np.array(lamp), 0, 255).astype(np.uint8)
+    return scenes
+
+
+WHITE, RED, GREEN = (0.8, 0.8, 0.8), (1.0, 0.72, 0.72), (0.66, 0.9, 0.7)
+
+
+def test_a_lamp_that_changes_its_colour_makes_a_key_at_once() -> None:
+    """As bright as before."""
+    assert keys_of(under([RED] * 15 + [GREEN] * 20)) == [(0, None), (15, 14)]
+    assert keys_of(under([RED] * 12 + [GREEN] * 20), main_row=14) == [(0, None), (12, 11), (14, 13)]
+
+
+def test_a_sway_and_a_flash_of_colour_make_no_key() -> None:
+    sway = [(0.8 + 0.04 * np.sin(k / 4), 0.8, 0.8 - 0.04 * np.sin(k / 4)) for k in range(40)]
+    assert keys_of(under(sway)) == [(0, None)]
+    assert keys_of(under([WHITE] * 12 + [RED] * (LOOKAHEAD // 2) + [WHITE] * 14)) == [(0, None)]
+
+
+def test_what_reddens_a_part_of_the_face_and_what_loses_its_colours_make_no_key() -> None:
+    flushed = under([WHITE] * 30)
+    for scene in flushed[10:]:
+        scene.rgb[:, 75:] = (scene.rgb[:, 75:] * np.array((1.2, 0.7, 0.7))).clip(0, 255).astype(np.uint8)
+    assert keys_of(flushed) == [(0, None)]
+    fading = under([WHITE] * 30)
+    for scene in fading[10:]:
+        scene.rgb[:] = cv2.cvtColor(scene.rgb, cv2.COLOR_RGB2GRAY)[..., None]
+    assert keys_of(fading) == [(0, None)]
