@@ -13,7 +13,7 @@ import numpy as np
 from pvg._arrays import Bytes, Doubles, Floats
 from pvg.face import Landmarks, layout
 from pvg.landmarks import FaceTrack
-from pvg.picture import Picture, as_picture
+from pvg.picture import Picture, as_picture, median_lab
 from pvg.skin import Matte
 from pvg.vectorization.key_frames import first_good_row
 from pvg.vectorization.surroundings import surroundings
@@ -23,6 +23,10 @@ _LEVEL_PITCH_DEG = 7.0  # what faces held straight measure
 _SHARPNESS_FACE_PX = 128  # sharpness is compared at one size
 _BLACK, _WHITE = 10, 250
 _OPEN_MOUTH = 0.25  # lip gap over the mouth's width that halves a frame's merit
+# a* and b* that skin has in usual light, about; by how much more than in the row in the most usual light it may be off
+# that, from which to which a row loses for its coloured lamp, and what is left of its merit then [by eye]
+_SKIN, _COLOURED, _LEFT = np.array([14.0, 18.0]), (8.0, 25.0), 0.3
+_COLOUR_PX = 32  # pixels across a face that tell its colour
 _LOOKED_AT = 5  # frames whose skin is cut to see whether something covers it
 _HAIRY_OR_RED = (layout.LEFT_BROW, layout.RIGHT_BROW, layout.LIPS_OUTER)
 
@@ -30,7 +34,7 @@ _HAIRY_OR_RED = (layout.LEFT_BROW, layout.RIGHT_BROW, layout.LIPS_OUTER)
 def best_row(
     track: FaceTrack, frames: Iterable[tuple[int, Picture | Bytes]], matte_of: Callable[[int, Picture], Matte]
 ) -> int:
-    """The row that shows the face best: frontal, certain, calm, sharp, large, well exposed, nothing in front of it.
+    """The row that shows the face best: frontal, certain, calm, sharp, large, well lit, nothing in front of it.
 
     frames: (index, picture or RGB) in order, once over (part of) the track;  matte_of: the matte of a row in its
     picture, of which only the face's surroundings are kept. Each quality is a factor in [0, 1]; the matte is asked
@@ -38,6 +42,7 @@ def best_row(
     """
     merits = _merits(track)
     sharpness, evenness = np.zeros((2, len(track.score)))
+    off_skin = np.full(len(track.score), np.inf)
     best: dict[int, Picture] = {}  # only the pictures of the best rows so far are held
     for index, frame in frames:
         row = index - track.first
@@ -48,13 +53,15 @@ def best_row(
         merits[row] *= _exposed(face, track, row) ** 2  # burnt-out faces are also even and full of edges
         sharpness[row] = _sharpness(face)
         evenness[row] = _evenness(picture, track.landmarks[row])
+        off_skin[row] = _off_skin(face)
         best[row] = picture.part(surroundings(track.landmarks[row]))
         if len(best) > 4 * _LOOKED_AT:
-            ranked = sorted(best, key=lambda r: _usual(sharpness)[r] * _usual(evenness)[r] * merits[r], reverse=True)
+            so_far = merits * _usual(sharpness) * _usual(evenness) * _usually_lit(off_skin)
+            ranked = sorted(best, key=lambda r: so_far[r], reverse=True)
             best = {r: best[r] for r in ranked[: 2 * _LOOKED_AT]}
     if not best:
         return first_good_row(track)
-    merits *= _usual(sharpness) * _usual(evenness)
+    merits *= _usual(sharpness) * _usual(evenness) * _usually_lit(off_skin)
     finalists = sorted(best, key=lambda r: merits[r], reverse=True)[:_LOOKED_AT]
     return max(finalists, key=lambda r: merits[r] * _shown_skin(matte_of(r, best[r]), track, r))
 
@@ -112,6 +119,21 @@ def _usual(quality: Doubles) -> Doubles:
     known = quality[quality > 0]
     usual = float(np.percentile(known, 75)) if len(known) else 1.0
     return np.asarray(np.minimum(1.0, quality / usual))
+
+
+def _off_skin(crop: Bytes) -> float:
+    """How far the chroma of a face is from what skin has in usual light, CIELAB; infinite for none."""
+    if not crop.size:
+        return float("inf")
+    small = cv2.resize(crop, (_COLOUR_PX, _COLOUR_PX), interpolation=cv2.INTER_AREA)
+    return float(np.hypot(*(median_lab(small.reshape(-1, 3).astype(np.float32))[1:] - _SKIN)))
+
+
+def _usually_lit(off_skin: Doubles) -> Doubles:
+    """How far faces are off the usual chroma of skin as a factor, beside the one in the most usual light."""
+    further = off_skin - min(float(off_skin.min()), 1e3)
+    share = np.clip((further - _COLOURED[0]) / (_COLOURED[1] - _COLOURED[0]), 0.0, 1.0)
+    return np.asarray(1.0 - (1.0 - _LEFT) * share)
 
 
 def _evenness(picture: Picture, landmarks: Landmarks) -> float:

@@ -32,10 +32,12 @@ def spoiled(rgb: np.ndarray, points: np.ndarray) -> dict[str, np.ndarray]:
         "burnt out": np.clip(rgb.astype(int) * 3, 0, 255).astype(np.uint8),
         "black": (rgb // 24).astype(np.uint8),
         "covered": hand,
+        "under a red lamp": (rgb * np.array((1.0, 0.35, 0.4))).astype(np.uint8),
+        "under a blue lamp": (rgb * np.array((0.45, 0.55, 1.0))).astype(np.uint8),
     }
 
 
-@pytest.mark.parametrize("fault", ["blurred", "burnt out", "black", "covered"])
+@pytest.mark.parametrize("fault", ["blurred", "burnt out", "black", "covered", "under a red lamp", "under a blue lamp"])
 def test_a_reference_takes_a_frame_without_the_fault(portrait: tuple[np.ndarray, FaceTrack], fault: str) -> None:
     rgb, still = portrait
     bad = spoiled(rgb, still.landmarks.points[0])[fault]
