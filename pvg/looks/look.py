@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -124,6 +124,13 @@ class Look:
     def contrast_of(self, face: int) -> FaceContrast:
         """λ of one face of the look."""
         return self.contrast if isinstance(self.contrast, float) else self.contrast[face]
+
+    @property
+    def matte_key(self) -> Hashable:
+        """What tells whose mattes are whose: looks of one clip with equal keys lie on the same pixels."""
+        mapped = frozenset(face for face in self.colors if self.contrast_of(face) == "map")
+        body = frozenset(face for face in self.body if self.maps[face].strength > 0.0)
+        return frozenset(self.colors), frozenset(self.maps), mapped, body, frozenset(self.protect)
 
     def merged(self, other: Look) -> Look:
         """This look and another one of other faces, drawn as one.

@@ -6,8 +6,9 @@ Arguments come from the supervisor, and so can be trusted; the files they name c
 from __future__ import annotations
 
 import os
+import shutil
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, Final
@@ -276,17 +277,26 @@ def _extras(
 def _export(
     video: VectorVideo, looks: list[pvg.Look], arguments: Mapping[str, Any], progress: Progress
 ) -> list[list[dict[str, Any]]]:
-    """The cubes and mattes of each look, one for each person that it changes: part, person and name in its folder."""
+    """The cubes and mattes of each look, one for each person that it changes: part, person and name in its folder.
+
+    Mattes are drawn once for all looks that have the same ones.
+    """
     output, count, made = arguments["output"], len(looks), []
+    drawn_mattes: dict[Hashable, list[Path]] = {}
     for number, (look, folder) in enumerate(zip(looks, arguments["extras"], strict=True)):
 
         def drawn(_: str, done: int, frames: int, number: int = number) -> None:
             progress("extras", number * frames + done, count * frames)
 
+        alike = drawn_mattes.get(look.matte_key)
+        parts = [part for part in output["extras"] if part != "matte" or alike is None]
         with _options_that_fit():
-            written = pvg.export(video, look, folder, parts=output["extras"], matte=output["matte"], progress=drawn)
+            written = pvg.export(video, look, folder, parts=parts, matte=output["matte"], progress=drawn)
         cubes = [path for path in written if path.suffix == ".cube"]
         mattes = [path for path in written if path.stem.startswith("matte")]
+        if alike is not None:
+            mattes = [Path(shutil.copyfile(path, Path(folder) / path.name)) for path in alike]
+        drawn_mattes[look.matte_key] = mattes
         made.append(
             [
                 {"part": part, "person": person, "name": path.name}

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import pvg
 from pvg.video import read_frames
 from scripts.samples import Samples
 from tests.gallery.clips import encode_raw, libav_frame
@@ -64,3 +65,34 @@ def test_of_many_faces_the_widest_have_a_picture(tmp_path: Path) -> None:
     assert sorted(seen) == shown
     assert [one["face"] for one in pictures] == [None, *shown]
     assert pictures[-1]["end"] == (tmp_path / "pictures").stat().st_size
+
+
+def test_a_matte_that_looks_have_alike_is_drawn_once(
+    video: pvg.VectorVideo,
+    dark_reference: pvg.VectorVideo,
+    pale_reference: pvg.VectorVideo,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Each look still has files of its own, the same that it would have alone."""
+    options: list[dict[str, Any]] = [{}, {"contrast": 1.2}, {"extent": "face"}, {"makeup": 0.0}]
+    references = (dark_reference, dark_reference, pale_reference, pale_reference)
+    looks = [pvg.transfer(video, one, **given) for one, given in zip(references, options, strict=True)]
+    alone = [pvg.export(video, look, tmp_path / f"alone-{k}") for k, look in enumerate(looks)]
+    asked: list[list[str]] = []
+
+    def export(*given: Any, parts: list[str], **more: Any) -> list[Path]:
+        asked.append(parts)
+        return pvg.export(*given, parts=parts, **more)
+
+    monkeypatch.setattr(calls, "pvg", SimpleNamespace(export=export))
+    folders = [str(tmp_path / f"extras-{k}") for k in range(len(looks))]
+    arguments = {"output": {"extras": ["cube", "matte"], "matte": "ffv1"}, "extras": folders}
+    shares: list[int] = []
+    made = calls._export(video, looks, arguments, lambda _, done, whole: shares.append(done))
+    assert [part[-1] for part in asked] == ["matte", "matte", "matte", "cube"]  # a number's matte is the paper's
+    assert shares == sorted(shares)
+    for folder, own, extras in zip(folders, alone, made, strict=True):
+        assert [extra["name"] for extra in extras] == ["look.cube", "matte.mkv"]
+        for name, before in zip(("look.cube", "matte.mkv"), own, strict=False):
+            assert (Path(folder) / name).read_bytes() == before.read_bytes()
