@@ -48,12 +48,15 @@ def leading_key(records: Sequence[FaceRecord]) -> KeyFrame:
     """
     keys = [(key, frames) for record in records for key, frames in zip(record.key_frames, record.served(), strict=True)]
     keys = [(key, frames) for key, frames in keys if len(key.skin)] or keys
-    if len(keys) > 1:
-        off = [_off_skin(_colors(key, "skin" if len(key.skin) else "curves")) for key, _ in keys]
-        keys = [pair for pair, far in zip(keys, off, strict=True) if far <= min(off) + _COLOURED]
     if len(keys) == 1:
         return keys[0][0]
-    brightness = np.array([_brightness(key, "skin" if len(key.skin) else "curves") for key, _ in keys])
+    colors = [_colors(key, "skin" if len(key.skin) else "curves") for key, _ in keys]
+    brightness = np.array([median_luma(one) for one in colors])
+    # all as bright as the brightest, for skin in dim light has less chroma and is none the less in no coloured one
+    by = brightness.max() / np.maximum(brightness, 1.0)
+    off = np.array([_off_skin(times * one) for times, one in zip(by, colors, strict=True)])
+    usual = off <= off.min() + _COLOURED
+    keys, brightness = [pair for pair, so in zip(keys, usual, strict=True) if so], brightness[usual]
     frames = np.array([frames for _, frames in keys])
     order = np.argsort(brightness, kind="stable")
     reached = np.cumsum(frames[order]) >= _LEADS_AT * frames.sum()
@@ -123,14 +126,16 @@ class Exposure:
         tint = _tint(_colors(key, by), _colors(self.leading, by))
         if gain <= 1.0 and tint is _WHITE:
             return KeyExposure(gain, gain, tint)
-        limit = HIGHLIGHT / _highlights(tint * self.moved(self.leading)[1])
+        new = self.moved(self.leading)[1]
+        # where F itself takes highlights beyond, as the reference's own brightness may, they stay there
+        limit = max(HIGHLIGHT, _highlights(new)) / _highlights(tint * new)
         surely = min(1.0, limit)
         if gain <= surely:
             return KeyExposure(gain, gain, tint)
         room = max(limit - surely, 0.0)
         bent = surely + room * (1.0 - float(np.exp(-(gain - surely) / room))) if room > 0.0 else surely
-        own, new = (tint * colors for colors in self.moved(at_exposure(key, 1.0 / (gain * tint))))
-        return KeyExposure(gain, max(bent, gain * min(1.0, _highlights(own) / _highlights(new))), tint)
+        before, after = (tint * colors for colors in self.moved(at_exposure(key, 1.0 / (gain * tint))))
+        return KeyExposure(gain, max(bent, gain * min(1.0, _highlights(before) / _highlights(after))), tint)
 
 
 def _tint(colors: Floats, leading: Floats) -> Doubles:

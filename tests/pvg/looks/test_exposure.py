@@ -42,6 +42,13 @@ def test_brief_light_and_brief_dark_do_not_lead() -> None:
     assert leading_key([night]) is night.key_frames[1]
 
 
+def test_a_face_in_dim_light_is_under_no_coloured_lamp() -> None:
+    """It has less chroma, and leads where it is seen the longest, as any other."""
+    first, last = SUMMARY.first_frame, SUMMARY.last_frame
+    flash = record([key_at(first, 12), key_at(last - 4, 100)])
+    assert leading_key([flash]) is flash.key_frames[0]
+
+
 def test_a_ramp_is_led_alike_whichever_way_it_runs() -> None:
     levels = [40, 50, 62, 78, 97]
     frames = [int(f) for f in SUMMARY.first_frame + np.linspace(0, FRAMES - 1, len(levels))]
@@ -99,6 +106,16 @@ def test_a_look_that_brightens_has_its_highlights_where_the_clip_has_them() -> N
     key = burnt_out(lead, 1.6)
     gain, kept, _ = exposure.of(key)
     np.testing.assert_allclose(np.quantile(kept * 1.25 * key.skin.max(axis=1) / gain, 0.98), 255.0, rtol=1e-4)
+
+
+def test_a_look_brighter_than_highlights_may_be_dims_no_brighter_light() -> None:
+    """As one takes them that keeps the reference's own brightness: its highlights stay where F has them."""
+    lead = key_at(0, 80)
+    exposure = Exposure(lead, times(1.5))
+    for lamp in (np.ones(3), np.array((1.02, 0.99, 0.98))):
+        kept = [exposure.of(at_exposure(replace(lead, frame=9), light * lamp)).kept for light in (0.99, 1.02, 1.2)]
+        assert kept == sorted(kept)
+        assert kept[-1] >= 1.0
 
 
 def test_few_highlights_reach_white_in_more_light() -> None:
