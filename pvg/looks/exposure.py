@@ -21,7 +21,7 @@ import numpy as np
 from pvg._arrays import Bools, Doubles, Floats, ramp
 from pvg.asset import FaceRecord, KeyFrame
 from pvg.curves import table_labels
-from pvg.looks.opponent import luma_of, median_luma
+from pvg.looks.opponent import luma_of, median_luma, to_opponent, to_rgb
 from pvg.looks.tone import HIGHLIGHT
 from pvg.picture import median_lab
 
@@ -52,9 +52,7 @@ def leading_key(records: Sequence[FaceRecord]) -> KeyFrame:
         return keys[0][0]
     colors = [_colors(key, "skin" if len(key.skin) else "curves") for key, _ in keys]
     brightness = np.array([median_luma(one) for one in colors])
-    # all as bright as the brightest, for skin in dim light has less chroma and is none the less in no coloured one
-    by = brightness.max() / np.maximum(brightness, 1.0)
-    off = np.array([_off_skin(times * one) for times, one in zip(by, colors, strict=True)])
+    off = np.hypot(*(_chromas(colors) - _SKIN).T)
     usual = off <= off.min() + _COLOURED
     keys, brightness = [pair for pair, so in zip(keys, usual, strict=True) if so], brightness[usual]
     frames = np.array([frames for _, frames in keys])
@@ -89,6 +87,12 @@ class KeyExposure(NamedTuple):
     def light(self) -> Doubles:
         """(3,) by how much each channel is brighter."""
         return self.gain * self.tint
+
+    def shown(self, changes: Floats) -> Floats:
+        """Changes of new colours (n, 3) in the leading key's light, luma, B − Y and R − Y in levels, as this one's."""
+        if (self.tint == 1.0).all():
+            return np.asarray(np.float32(self.kept) * changes, np.float32)
+        return np.asarray(to_opponent(self.kept * self.tint * to_rgb(changes.astype(np.float64))), np.float32)
 
     def row(self) -> tuple[float, ...]:
         """As `LookMap.exposures` has it."""
@@ -140,7 +144,7 @@ class Exposure:
 
 def _tint(colors: Floats, leading: Floats) -> Doubles:
     """t of `KeyExposure` of a key frame's skin (n, 3) beside the leading one's (m, 3); 1 where either is grey."""
-    if min(float(np.hypot(*median_lab(one)[1:])) for one in (colors, leading)) < _GREY:
+    if np.hypot(*_chromas([colors, leading]).T).min() < _GREY:
         return _WHITE
     here, there = (np.median(one, axis=0).astype(np.float64) for one in (colors, leading))
     ratio = np.log((here + _DARK) / (there + _DARK))
@@ -161,9 +165,11 @@ def _highlights(skin: Floats | Doubles) -> float:
     return max(float(np.quantile(skin.max(axis=1), _HIGHLIGHTS)), 1.0)
 
 
-def _off_skin(colors: Floats) -> float:
-    """How far the chroma of colours (n, 3) is from what skin has in usual light, CIELAB."""
-    return float(np.hypot(*(median_lab(colors)[1:] - _SKIN)))
+def _chromas(skins: Sequence[Floats]) -> Doubles:
+    """(m, 2) a* and b* of m skins' colours (n, 3), all made about as bright as the brightest: dim skin is no grey."""
+    brightness = np.array([median_luma(skin) + _DARK for skin in skins])
+    times = (brightness.max() / brightness).astype(np.float32)
+    return np.stack([median_lab(by * skin)[1:] for by, skin in zip(times, skins, strict=True)])
 
 
 def _brightness(key: KeyFrame, by: str) -> float:

@@ -176,15 +176,16 @@ def _new_key(key: KeyFrame, person: PersonMap, goal: Goal) -> _NewKey:
     """The new boundary colours of a key frame: g' = kept · t · F(g / (gain · t)), and `strength` of the way there."""
     lit, strength = goal.relit(key), np.float32(goal.strength)
     exposure = person.exposure_of(lit)
-    kept, lit = exposure.kept, at_exposure(lit, 1.0 / exposure.light)
+    lit = at_exposure(lit, 1.0 / exposure.light)
     moved, parts = person.at_curves(lit), None
     if person.skin is not None:
         lacks = np.zeros((len(PARTS), 3), np.float32)
         if goal.contrast != "auto":  # F, where it draws pixels, takes parts along
             moved, lacks = parts_apart(lit, person.skin, moved, goal.contrast)
         if goal.changes is not None:
-            parts = strength * np.float32(kept) * (lacks + goal.changes.on(person.skin, lit, goal.makeup))
-    colors = key.colors + strength * (_into_gamut(kept * exposure.tint * moved).astype(np.float32) - key.colors)
+            parts = strength * exposure.shown(lacks + goal.changes.on(person.skin, lit, goal.makeup))
+    new = _into_gamut(exposure.kept * exposure.tint * moved).astype(np.float32)
+    colors = key.colors + strength * (new - key.colors)
     return _NewKey(colors, parts, exposure)
 
 

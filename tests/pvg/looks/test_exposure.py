@@ -11,8 +11,8 @@ import pytest
 
 from pvg._arrays import Doubles, Floats
 from pvg.asset import FaceRecord, KeyFrame
-from pvg.looks.exposure import Exposure, at_exposure, leading_key
-from pvg.looks.opponent import to_opponent
+from pvg.looks.exposure import Exposure, KeyExposure, at_exposure, leading_key
+from pvg.looks.opponent import to_opponent, to_rgb
 from pvg.looks.skin_map import SkinMap
 from tests.gallery.assets import FRAMES, SUMMARY, key_frame
 
@@ -147,6 +147,22 @@ def test_light_of_another_colour_stays_in_its_key_frame() -> None:
         np.testing.assert_allclose(light.kept * light.tint * wanted, 0.5 * lamp * wanted, rtol=0.1)
         bright = exposure.of(at_exposure(lead, 1.1 * lamp))
         assert np.quantile((bright.kept * bright.tint * skin_map(lead.skin)).max(axis=1), 0.95) < 250
+
+
+def test_dim_skin_tells_the_colour_of_a_lamp_beside_it() -> None:
+    """Its chroma is small as its luma is."""
+    lead = at_exposure(key_at(0, 100), 0.06)
+    assert max(np.median(lead.skin, axis=0)) < 12
+    light = Exposure(lead, times(1.0)).of(replace(at_exposure(lead, 6.0 * BLUE), frame=9))
+    assert light.tint[2] / light.tint[0] > 1.5
+
+
+def test_a_lamp_lights_what_parts_gain_as_it_does_the_skin() -> None:
+    """Lips that take 30 levels of red gain little of it under a lamp without red."""
+    gained = to_opponent(np.array([[30.0, 4.0, 8.0]])).astype(np.float32)
+    light = KeyExposure(0.6, 0.5, np.array((0.2, 0.9, 2.0)))
+    np.testing.assert_allclose(to_rgb(light.shown(gained).astype(np.float64)), [[3.0, 1.8, 8.0]], atol=1e-4)
+    np.testing.assert_array_equal(KeyExposure(0.6, 0.5, np.ones(3)).shown(gained), np.float32(0.5) * gained)
 
 
 def test_a_grey_picture_is_in_no_other_light_and_neither_is_a_brighter_one() -> None:

@@ -10,6 +10,8 @@ import pvg
 from pvg.curves import table_labels
 from pvg.face import PARTS
 from pvg.looks.complexion import complexion
+from pvg.looks.exposure import at_exposure
+from pvg.looks.opponent import to_rgb
 from pvg.looks.transfer import _into_gamut
 from pvg.video import VideoWriter, probe, read_frames
 from scripts.samples import Samples
@@ -42,6 +44,21 @@ def test_makeup_takes_lips_towards_the_references_and_their_shades_stay(
     assert not pvg.transfer(video, pale_reference, match="color").parts
     only = pvg.transfer(video, pale_reference, makeup={"lips": 1.0, "lids": 0.0, "cheeks": 0.0, "brows": 0.0})
     assert np.flatnonzero(only.parts[0].any(axis=(0, 2))).tolist() == sorted([lips, brows])
+
+
+def test_makeup_is_lit_by_the_lamp_that_the_face_is_in(
+    video: pvg.VectorVideo, pale_reference: pvg.VectorVideo, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A second key frame of the same face in blue light."""
+    key, lips = video.records[0].key_frames[0], PARTS.index("lips")
+    blue = replace(at_exposure(key, np.array((0.3, 0.6, 1.3))), frame=key.frame + 6, since=key.frame)
+    lit = replace(video.records[0], key_frames=(key, blue))
+    monkeypatch.setattr(video, "records", (lit, *video.records[1:]))
+    look = pvg.transfer(video, pale_reference, makeup=1.0)
+    (_, _, *white), (_, kept, *tint) = look.maps[0].exposures
+    assert white == [1.0, 1.0, 1.0]
+    usual, under_lamp = to_rgb(look.parts[0][:, lips].astype(np.float64))
+    np.testing.assert_allclose(under_lamp, kept * np.array(tint) * usual, rtol=0.25)
 
 
 def test_of_all_colours_together_the_rest_of_the_skin_goes_where_the_face_does(
