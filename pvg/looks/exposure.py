@@ -52,8 +52,9 @@ def leading_key(records: Sequence[FaceRecord]) -> KeyFrame:
         return keys[0][0]
     colors = [_colors(key, "skin" if len(key.skin) else "curves") for key, _ in keys]
     brightness = np.array([median_luma(one) for one in colors])
-    off = np.hypot(*(_chromas(colors) - _SKIN).T)
-    usual = off <= off.min() + _COLOURED
+    nearest = int(np.argmin(_off_skin(colors)))
+    off = _off_skin(colors, float(brightness[nearest]))
+    usual = off <= off[nearest] + _COLOURED
     keys, brightness = [pair for pair, so in zip(keys, usual, strict=True) if so], brightness[usual]
     frames = np.array([frames for _, frames in keys])
     order = np.argsort(brightness, kind="stable")
@@ -144,7 +145,7 @@ class Exposure:
 
 def _tint(colors: Floats, leading: Floats) -> Doubles:
     """t of `KeyExposure` of a key frame's skin (n, 3) beside the leading one's (m, 3); 1 where either is grey."""
-    if np.hypot(*_chromas([colors, leading]).T).min() < _GREY:
+    if np.hypot(*_chromas([colors, leading], max(median_luma(colors), median_luma(leading))).T).min() < _GREY:
         return _WHITE
     here, there = (np.median(one, axis=0).astype(np.float64) for one in (colors, leading))
     ratio = np.log((here + _DARK) / (there + _DARK))
@@ -165,11 +166,15 @@ def _highlights(skin: Floats | Doubles) -> float:
     return max(float(np.quantile(skin.max(axis=1), _HIGHLIGHTS)), 1.0)
 
 
-def _chromas(skins: Sequence[Floats]) -> Doubles:
-    """(m, 2) a* and b* of m skins' colours (n, 3), all made about as bright as the brightest: dim skin is no grey."""
-    brightness = np.array([median_luma(skin) + _DARK for skin in skins])
-    times = (brightness.max() / brightness).astype(np.float32)
-    return np.stack([median_lab(by * skin)[1:] for by, skin in zip(times, skins, strict=True)])
+def _off_skin(skins: Sequence[Floats], least_luma: float = 0.0) -> Doubles:
+    """(m,) how far the chroma of m skins' colours (n, 3) is from what skin has in usual light, CIELAB."""
+    return np.asarray(np.hypot(*(_chromas(skins, least_luma) - _SKIN).T))
+
+
+def _chromas(skins: Sequence[Floats], least_luma: float) -> Doubles:
+    """(m, 2) a* and b* of m skins' colours (n, 3), dimmer ones made about that bright: they are no greyer for it."""
+    times = [max(1.0, (least_luma + _DARK) / (median_luma(skin) + _DARK)) for skin in skins]
+    return np.stack([median_lab(np.float32(by) * skin)[1:] for by, skin in zip(times, skins, strict=True)])
 
 
 def _brightness(key: KeyFrame, by: str) -> float:

@@ -49,6 +49,13 @@ def test_a_face_in_dim_light_is_under_no_coloured_lamp() -> None:
     assert leading_key([flash]) is flash.key_frames[0]
 
 
+def test_skin_that_is_burnt_out_does_not_lead() -> None:
+    first, white = SUMMARY.first_frame, key_at(SUMMARY.first_frame, 300)
+    burnt = replace(white, skin=np.minimum(white.skin, np.float32(255.0)))
+    usual = key_at(first + 9, 60)
+    assert leading_key([record([burnt, usual])]) is usual
+
+
 def test_a_ramp_is_led_alike_whichever_way_it_runs() -> None:
     levels = [40, 50, 62, 78, 97]
     frames = [int(f) for f in SUMMARY.first_frame + np.linspace(0, FRAMES - 1, len(levels))]
