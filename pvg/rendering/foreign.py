@@ -40,14 +40,21 @@ _LIPS = 0.04  # of the face's width around their outline that is theirs [by eye]
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 
 
-def own_tables(record: FaceRecord, pixel_format: PixelFormat) -> MapTables | None:
-    """The tables of the map that leaves a face's skin as it is, which know its colours; None where it shows none.
+def skin_of(record: FaceRecord, frame: int) -> Floats | None:
+    """(n, 3) the face's skin as the key frame has it that serves a frame, under whose lamp it is; None without any.
+
+    One that shows none has that of the key frame that shows most.
+    """
+    serving = record.key_frame_of(frame).skin
+    skin = serving if len(serving) else max((key.skin for key in record.key_frames), key=len)
+    return skin if len(skin) else None
+
+
+def own_tables(skin: Floats, pixel_format: PixelFormat) -> MapTables:
+    """The tables of the map that leaves skin (n, 3) as it is, which know its colours.
 
     The same for all looks, so that none is drawn otherwise for one beside it.
     """
-    skin = max((key.skin for key in record.key_frames), key=len)
-    if not len(skin):
-        return None
     own = LookMap(SkinMap.between(skin, skin.astype(np.float64)), 1.0, np.ones((1, 5), np.float32))
     return MapTables.of(own, pixel_format)
 

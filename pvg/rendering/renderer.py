@@ -22,7 +22,7 @@ from pvg.rendering.coding import Coding
 from pvg.rendering.correction import at_curves, extend
 from pvg.rendering.edges import follow_edges
 from pvg.rendering.foreground import foreground
-from pvg.rendering.foreign import own_tables, without_foreign
+from pvg.rendering.foreign import own_tables, skin_of, without_foreign
 from pvg.rendering.guards import Guard, guard_gain, guarded_alpha
 from pvg.rendering.makeup import with_parts
 from pvg.rendering.map_tables import MapTables
@@ -143,7 +143,7 @@ class Renderer:
         self._spans = np.array([(face.first_frame, face.last_frame) for face in video.faces]).reshape(-1, 2)
         # by look, face and region: the light that the tables were made for, and they
         self._tables: dict[tuple[int, int, Region], tuple[tuple[float, ...], MapTables]] = {}
-        self._own: dict[int, MapTables | None] = {}  # of faces, what colours their skin has
+        self._own: dict[int, tuple[Floats | None, MapTables | None]] = {}  # of faces, their skin and its tables
         self._colors = {
             face: _propagation(video, face, [looks[i] for i in which]) for face, which in self._with_face.items()
         }
@@ -202,10 +202,17 @@ class Renderer:
 
     def _in_skin_colors(self, frame: Frame, placed: _Placed, face: int, landmarks: Landmarks) -> _Placed:
         """A face, or a piece of its person's body, without what is coloured as no skin is."""
-        if face not in self._own:
-            self._own[face] = own_tables(self.video.records[face], frame.format)
-        alpha = without_foreign(frame, (placed.x, placed.y), placed.alpha, self._own[face], landmarks)
+        tables = self._own_tables_of(face, frame)
+        alpha = without_foreign(frame, (placed.x, placed.y), placed.alpha, tables, landmarks)
         return placed if alpha is placed.alpha else replace(placed, alpha=alpha)
+
+    def _own_tables_of(self, face: int, frame: Frame) -> MapTables | None:
+        skin = skin_of(self.video.records[face], frame.index)
+        before, tables = self._own.get(face, (None, None))
+        if skin is not before:
+            tables = None if skin is None else own_tables(skin, frame.format)
+            self._own[face] = skin, tables
+        return tables
 
     def _placed_bodies(self, frame: Frame, faces: _Faces) -> list[tuple[int, PlacedBody]]:
         """(face, where the person's other skin is) of every face in the frame that a look draws with its body.

@@ -13,10 +13,11 @@ from pvg.asset import FaceInFrame, FaceRecord
 from pvg.curves import table_labels
 from pvg.face import layout
 from pvg.looks import LookMap, SkinMap
+from pvg.looks.exposure import at_exposure
 from pvg.rendering import Renderer, source_frame
 from pvg.rendering.coding import Coding
 from pvg.rendering.correction import at_curves
-from pvg.rendering.foreign import own_tables, without_foreign
+from pvg.rendering.foreign import skin_of, without_foreign
 from pvg.rendering.map_tables import MapTables
 from pvg.rendering.placed_face import PlacedFace, place_face
 from pvg.video import RGB24, RGB48, Frame, PixelFormat
@@ -137,7 +138,7 @@ def test_a_fit_through_letters_asks_for_nothing() -> None:
 def test_a_face_that_shows_no_skin_is_left_as_it_is(video: pvg.VectorVideo) -> None:
     record: FaceRecord = video.records[0]
     bare = [replace(key, skin=key.skin[:0], skin_at=key.skin_at[:0]) for key in record.key_frames]
-    assert own_tables(replace(record, key_frames=tuple(bare)), RGB24) is None
+    assert skin_of(replace(record, key_frames=tuple(bare)), 20) is None
 
 
 def _with_bar(frame: Frame, face: FaceInFrame) -> tuple[Frame, tuple[slice, slice]]:
@@ -159,3 +160,19 @@ def test_letters_over_a_face_keep_their_colour(video: pvg.VectorVideo, dark_refe
     drawn, without = (renderer.draw(frame)[0].rgb().astype(int) for frame in (lettered, plain))
     assert np.abs(without - plain.rgb())[bar].mean() > 5  # the skin there takes the look
     assert np.abs(drawn - lettered.rgb())[bar].max() <= 2
+
+
+def test_letters_are_told_beside_the_skin_under_the_lamp_of_their_frame(
+    video: pvg.VectorVideo, dark_reference: pvg.VectorVideo, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Under a red lamp, as in the beginning of this clip, skin has all that yellow is away from it otherwise."""
+    record: FaceRecord = video.records[0]
+    (key,) = record.key_frames
+    red = at_exposure(key, np.array([1.2, 0.3, 0.1]))
+    lit = replace(record, key_frames=(replace(red, frame=2), replace(key, frame=8, since=7)))
+    monkeypatch.setattr(video, "records", (lit, *video.records[1:]))
+    renderer = Renderer(video, [pvg.transfer(video, dark_reference)])
+    face = video.face_at(0, 20)
+    assert face is not None
+    lettered, bar = _with_bar(source_frame(video, 20), face)
+    assert np.abs(renderer.draw(lettered)[0].rgb().astype(int) - lettered.rgb())[bar].max() <= 2
