@@ -23,6 +23,7 @@ SUPERSAMPLE = 6
 LUMA = np.array([0.299, 0.587, 0.114])
 """Weights of R, G and B in luma [Rec. 601]."""
 _DARK = 1.0  # level of a mean that a deviation is divided by, at least
+_USUAL_SKIN = np.array([14.0, 18.0])  # a* and b*, about [by eye]
 
 
 def rms_contrast(luma: Floats | Bytes) -> float:
@@ -35,6 +36,11 @@ def median_lab(colors: Floats) -> Doubles:
     """(3,) CIELAB of the median of colours (n, 3), 0-255 RGB."""
     median = (np.median(colors, axis=0) / 255.0).astype(np.float32)
     return np.asarray(cv2.cvtColor(median.reshape(1, 1, 3), cv2.COLOR_RGB2LAB)[0, 0], np.float64)
+
+
+def off_usual_skin(lab: Doubles) -> float:
+    """How far the chroma of a colour (3,) CIELAB lies from what skin has in usual light, in its units."""
+    return float(np.hypot(*(lab[1:] - _USUAL_SKIN)))
 
 
 class Picture(Protocol):

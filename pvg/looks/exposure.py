@@ -3,11 +3,12 @@
 The map F of a person is made from one key frame. Another one, `gain` times as bright, takes it relative to its
 exposure,
 
-    g' = kept · F(g / gain),        kept = gain up to 1, above it bent so that the skin's highlights stay below white,
-                                    or where that key frame has them
+    g' = kept · t · F(g / (gain · t)),  kept = gain up to 1, above it bent so that the skin's highlights stay below
+                                        white, or where that key frame has them
 
-so the clip's own light survives as light, instead of being moved up the tone curve once more, and never runs away.
-Where that light burns the clip's skin out, its highlights rise less than its exposure, and so do the new ones.
+with t the tint of its light, 1 in light of one colour: it is taken channel by channel, as von Kries has it. So the
+clip's own light survives as light, instead of being moved up the tone curve once more, and never runs away. Where that
+light burns the clip's skin out, its highlights rise less than its exposure, and so do the new ones.
 """
 
 from __future__ import annotations
@@ -23,12 +24,11 @@ from pvg.asset import FaceRecord, KeyFrame
 from pvg.curves import table_labels
 from pvg.looks.opponent import luma_of, median_luma, to_opponent, to_rgb
 from pvg.looks.tone import HIGHLIGHT
-from pvg.picture import median_lab
+from pvg.picture import median_lab, off_usual_skin
 
 _LEADS_AT = 0.75  # of a person's frames, by rising exposure: brief light does not lead, brief dark neither [by eye]
-# a* and b* that skin has in usual light, about, and how much farther off that of a key frame may be than that of the
-# one in the most usual light [by eye]
-_SKIN, _COLOURED = np.array([14.0, 18.0]), 15.0
+# how much farther off skin's usual chroma a key frame may be than the one in the most usual light [by eye]
+_COLOURED = 15.0
 _AS_BRIGHT = 1.1  # times: of key frames that are lit alike the one that serves longest leads
 _GAINS = (0.05, 20.0)
 # of the logarithms of a tint's channels: light that differs by less is of one colour, by more of another [measured: key
@@ -127,8 +127,9 @@ class Exposure:
         if key is self.leading:
             return AS_LEADING
         by = "skin" if len(key.skin) and len(self.leading.skin) else "curves"
-        gain = float(np.clip(_brightness(key, by) / _brightness(self.leading, by), *_GAINS))
-        tint = _tint(_colors(key, by), _colors(self.leading, by))
+        own, leading = _colors(key, by), _colors(self.leading, by)
+        gain = float(np.clip(median_luma(own) / median_luma(leading), *_GAINS))
+        tint = _tint(own, leading)
         if gain <= 1.0 and tint is _WHITE:
             return KeyExposure(gain, gain, tint)
         new = self.moved(self.leading)[1]
@@ -145,7 +146,8 @@ class Exposure:
 
 def _tint(colors: Floats, leading: Floats) -> Doubles:
     """t of `KeyExposure` of a key frame's skin (n, 3) beside the leading one's (m, 3); 1 where either is grey."""
-    if np.hypot(*_chromas([colors, leading], max(median_luma(colors), median_luma(leading))).T).min() < _GREY:
+    as_bright = max(median_luma(colors), median_luma(leading))
+    if min(float(np.hypot(*_lab(one, as_bright)[1:])) for one in (colors, leading)) < _GREY:
         return _WHITE
     here, there = (np.median(one, axis=0).astype(np.float64) for one in (colors, leading))
     ratio = np.log((here + _DARK) / (there + _DARK))
@@ -168,17 +170,13 @@ def _highlights(skin: Floats | Doubles) -> float:
 
 def _off_skin(skins: Sequence[Floats], least_luma: float = 0.0) -> Doubles:
     """(m,) how far the chroma of m skins' colours (n, 3) is from what skin has in usual light, CIELAB."""
-    return np.asarray(np.hypot(*(_chromas(skins, least_luma) - _SKIN).T))
+    return np.array([off_usual_skin(_lab(skin, least_luma)) for skin in skins])
 
 
-def _chromas(skins: Sequence[Floats], least_luma: float) -> Doubles:
-    """(m, 2) a* and b* of m skins' colours (n, 3), dimmer ones made about that bright: they are no greyer for it."""
-    times = [max(1.0, (least_luma + _DARK) / (median_luma(skin) + _DARK)) for skin in skins]
-    return np.stack([median_lab(np.float32(by) * skin)[1:] for by, skin in zip(times, skins, strict=True)])
-
-
-def _brightness(key: KeyFrame, by: str) -> float:
-    return median_luma(_colors(key, by))
+def _lab(skin: Floats, least_luma: float) -> Doubles:
+    """(3,) CIELAB of a skin's colours (n, 3), a dimmer one made about that bright: it is no greyer for it."""
+    times = max(1.0, (least_luma + _DARK) / (median_luma(skin) + _DARK))
+    return median_lab(np.float32(times) * skin)
 
 
 def _colors(key: KeyFrame, by: str) -> Floats:

@@ -15,7 +15,8 @@ what is beside it, `edges` and `foreground` tell what is skin.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -69,14 +70,13 @@ def without_foreign(
     """
     if tables is None:
         return alpha
-    window = _Window(frame, corner, alpha, tables, landmarks)
     fine = max(2, 2 ** max(frame.format.chroma_log2))
     coarse = max(1, round(max(_SEEN_PX, _SEEN * landmarks.axes.width) / fine)) * fine
-    around = window.around(coarse)
-    if around is None or not window.foreign(coarse, around).any():
+    seen = _Window(frame, corner, alpha, tables, landmarks, coarse)
+    if not seen.may_be_foreign or not seen.foreign(around := seen.around()).any():
         return alpha  # as nearly always
     # letters are mixed with skin at their edges, and chroma is coded coarsely
-    spread = cv2.dilate(window.foreign(fine, around), _NEIGHBOURS)
+    spread = cv2.dilate(replace(seen, apart=fine).foreign(around), _NEIGHBOURS)
     size = fine * spread.shape[1], fine * spread.shape[0]
     taken = cv2.resize(spread, size, interpolation=cv2.INTER_LINEAR)[: alpha.shape[0], : alpha.shape[1]]
     return np.asarray(alpha * (np.float32(1.0) - taken), np.float32)
@@ -84,62 +84,77 @@ def without_foreign(
 
 @dataclass(frozen=True, eq=False)
 class _Window:
-    """A face's window in a frame, of which every so many pixels are looked at, a multiple of the chroma step apart."""
+    """A face's window in a frame, of which every so many pixels are looked at.
+
+    apart: pixels from one that is looked at to the next, a multiple of the chroma step. For the rest see
+    `without_foreign`.
+    """
 
     frame: Frame
     corner: tuple[int, int]
     alpha: Floats
     tables: MapTables
     landmarks: Landmarks
+    apart: int
 
-    def around(self, apart: int) -> Floats | None:
-        """(3, r, c) how far skin around each pixel is off its usual chroma, and whether there is any; None if all is
-        skin."""
-        codes, seen = self._codes(apart), self._in_matte(apart)
-        if not self.tables.foreign(codes, seen).any():
-            return None
-        inside, lips = self._inside(apart), self._lips(apart)
-        mixed = np.asarray(cv2.dilate(self.tables.foreign(codes, inside), _NEIGHBOURS))
-        skin = inside & ~lips & (mixed == 0)
-        off = np.where(skin, self.tables.off_usual(codes), np.float32(0.0))
-        sigma = max(1.0, _AROUND * self._width / apart)
+    @property
+    def may_be_foreign(self) -> bool:
+        """Whether any colour in the matte, taken by itself, is none of the skin's."""
+        return bool(self.tables.foreign(self._codes, self._in_matte).any())
+
+    def around(self) -> Floats:
+        """(3, r, c) how far skin around each pixel is off its usual chroma, and whether there is any."""
+        mixed = np.asarray(cv2.dilate(self.tables.foreign(self._codes, self._inside), _NEIGHBOURS))
+        skin = self._inside & ~self._lips & (mixed == 0)
+        off = np.where(skin, self.tables.off_usual(self._codes), np.float32(0.0))
+        sigma = max(1.0, _AROUND * self._width / self.apart)
         mass, *sums = (cv2.GaussianBlur(one, (0, 0), sigma) for one in (skin.astype(np.float32), *off))
         return np.stack([*(one / np.maximum(mass, _LEAST) for one in sums), mass > _LEAST]).astype(np.float32)
 
-    def foreign(self, apart: int, around: Floats) -> Floats:
-        """(r, c) in [0, 1], how far pixels are no skin, 0 near the matte's end and beyond;  around: told coarsely."""
-        inside, lips = self._inside(apart), self._lips(apart)
-        size = inside.shape[1], inside.shape[0]
+    def foreign(self, around: Floats) -> Floats:
+        """(r, c) in [0, 1], how far pixels are no skin, 0 near the matte's end and beyond.
+
+        around: as a window over the same pixels tells it, this one or one that looks at fewer.
+        """
+        size = self._inside.shape[1], self._inside.shape[0]
         blue, red, known = (cv2.resize(one, size, interpolation=cv2.INTER_LINEAR) for one in around)
-        return self.tables.foreign(self._codes(apart), inside & (known > 0.5), lips, np.stack([blue, red]))
+        return self.tables.foreign(self._codes, self._inside & (known > 0.5), self._lips, np.stack([blue, red]))
 
     @property
     def _width(self) -> float:
         return max(self.landmarks.axes.width, 1.0)
 
-    def _in_matte(self, apart: int) -> Bools:
-        return np.asarray(np.ascontiguousarray(self.alpha[::apart, ::apart]) > _MATTE)
+    @cached_property
+    def _in_matte(self) -> Bools:
+        """(r, c) whether each pixel that is looked at lies in the matte."""
+        return np.asarray(np.ascontiguousarray(self.alpha[:: self.apart, :: self.apart]) > _MATTE)
 
-    def _inside(self, apart: int) -> Bools:
+    @cached_property
+    def _inside(self) -> Bools:
         """(r, c) what lies in the matte, holes and all, and not near its end."""
-        matte, hole = self._in_matte(apart).view(np.uint8), _square(_HOLE * self._width / apart)
-        filled = cv2.morphologyEx(matte, cv2.MORPH_CLOSE, hole)
-        return np.asarray(cv2.erode(filled, _square(max(_EDGE_PX, _EDGE * self._width) / apart)), np.bool_)
+        hole, edge = _HOLE * self._width, max(_EDGE_PX, _EDGE * self._width)
+        filled = cv2.morphologyEx(self._in_matte.view(np.uint8), cv2.MORPH_CLOSE, _square(hole / self.apart))
+        return np.asarray(cv2.erode(filled, _square(edge / self.apart)), np.bool_)
 
-    def _lips(self, apart: int) -> Bools:
-        outline = (self.landmarks.points[layout.LIPS_OUTER] - np.array(self.corner, np.float32)) / np.float32(apart)
-        lips = np.zeros(self.alpha[::apart, ::apart].shape, np.uint8)
+    @cached_property
+    def _lips(self) -> Bools:
+        """(r, c) what lies on the lips or beside them."""
+        outline = (self.landmarks.points[layout.LIPS_OUTER] - np.array(self.corner, np.float32)) / np.float32(
+            self.apart
+        )
+        lips = np.zeros(self._in_matte.shape, np.uint8)
         cv2.fillPoly(lips, [fixed_point(outline)], 1, shift=SUBPIXEL_BITS)
-        return np.asarray(cv2.dilate(lips, _square(_LIPS * self._width / apart)), np.bool_)
+        return np.asarray(cv2.dilate(lips, _square(_LIPS * self._width / self.apart)), np.bool_)
 
-    def _codes(self, apart: int) -> Floats:
+    @cached_property
+    def _codes(self) -> Floats:
         """(3, r, c) luma and chroma."""
         (left, upper), (rows, columns), form = self.corner, self.alpha.shape, self.frame.format
-        codes = np.empty((3, -(-rows // apart), -(-columns // apart)), np.float32)
+        codes = np.empty((3, *self._in_matte.shape), np.float32)
         for p, plane in enumerate(self.frame.planes[:3]):
             log2x, log2y = form.chroma_log2 if p and not form.is_rgb else (0, 0)
             part = plane[upper >> log2y : -(-(upper + rows) >> log2y), left >> log2x : -(-(left + columns) >> log2x)]
-            codes[p] = part[:: apart >> log2y, :: apart >> log2x]
+            codes[p] = part[:: self.apart >> log2y, :: self.apart >> log2x]
         if not form.is_rgb:
             return codes
         opponent = np.einsum("pq,qrc->prc", opponent_matrix(form), codes)

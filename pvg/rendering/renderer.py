@@ -160,9 +160,7 @@ class Renderer:
         for face, placed, colors in faces:
             if colors is not None:
                 self._draw_face(frame, face, placed, colors, out)
-        landmarks = {face: placed.data.landmarks for face, placed, _ in faces}
-        for face, whole in bodies:
-            body = self._in_skin_colors(frame, whole, face, landmarks[face])
+        for face, body in bodies:
             shown = foreground(frame, (body.x, body.y), body.alpha, body.step)
             for i in self._with_body[face]:
                 tables = self._tables_of(i, face, frame, "beside")
@@ -176,7 +174,6 @@ class Renderer:
         """
         placed = self._placed_faces(frame)
         bodies = self._placed_bodies(frame, placed)
-        landmarks = {face: one.data.landmarks for face, one, _ in placed}
         out = []
         for faces in persons:
             total = np.zeros((frame.height, frame.width), np.float32)
@@ -188,9 +185,8 @@ class Renderer:
                     add_alpha(total, one.x, one.y, alpha)
                     for guard in guards:
                         add_alpha(total, one.x + guard.x, one.y + guard.y, _GUARDED * guard.weight)
-            for face, beside in bodies:
+            for face, body in bodies:
                 if face in faces and face in self.looks[look].body:
-                    body = self._in_skin_colors(frame, beside, face, landmarks[face])
                     add_alpha(total, body.x, body.y, body.alpha)
             out.append(np.minimum(total, np.float32(1.0)))
         return out
@@ -217,6 +213,7 @@ class Renderer:
     def _placed_bodies(self, frame: Frame, faces: _Faces) -> list[tuple[int, PlacedBody]]:
         """(face, where the person's other skin is) of every face in the frame that a look draws with its body.
 
+        What is coloured as no skin is left out.
         Where two persons' mattes overlap the first keeps what it has, so those that no look draws are placed too, as
         far as one that is drawn comes after them.
         """
@@ -226,7 +223,12 @@ class Renderer:
         for face, placed, _ in faces[:end]:
             bodies = place_body(frame, placed.data.body, placed_faces, [other for _, other in out])
             out += [(face, body) for body in bodies]
-        return [(face, body) for face, body in out if face in self._with_body]
+        landmarks = {face: placed.data.landmarks for face, placed, _ in faces}
+        return [
+            (face, self._in_skin_colors(frame, body, face, landmarks[face]))
+            for face, body in out
+            if face in self._with_body
+        ]
 
     def _beside(self, look: int, face: int, frame: Frame) -> BesideTables:
         return BesideTables(self._tables_of(look, face, frame, "beside"), self._tables_of(look, face, frame, "ears"))

@@ -180,9 +180,9 @@ def _cube(
     """The best single map of a person's faces: F, and by luma what the drawn key frame has besides."""
     # the key frame whose light is nearest to that of the one F was made from
     _, face, k = min(
-        (float(np.abs(np.log(light[[0, 2, 3, 4]])).sum()), face, k)
+        (float(np.abs(np.log([gain, *tint])).sum()), face, k)
         for face in faces
-        for k, light in enumerate(look.maps[face].exposures)
+        for k, (gain, _, *tint) in enumerate(look.maps[face].exposures)
     )
     one, key = look.maps[face], video.records[face].key_frames[k].frame
     frame = frame_of_file(video, key)

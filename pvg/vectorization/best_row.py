@@ -13,7 +13,7 @@ import numpy as np
 from pvg._arrays import Bytes, Doubles, Floats
 from pvg.face import Landmarks, layout
 from pvg.landmarks import FaceTrack
-from pvg.picture import Picture, as_picture, median_lab
+from pvg.picture import Picture, as_picture, median_lab, off_usual_skin
 from pvg.skin import Matte
 from pvg.vectorization.key_frames import first_good_row
 from pvg.vectorization.surroundings import surroundings
@@ -23,9 +23,9 @@ _LEVEL_PITCH_DEG = 7.0  # what faces held straight measure
 _SHARPNESS_FACE_PX = 128  # sharpness is compared at one size
 _BLACK, _WHITE = 10, 250
 _OPEN_MOUTH = 0.25  # lip gap over the mouth's width that halves a frame's merit
-# a* and b* that skin has in usual light, about; by how much more than in the row in the most usual light it may be off
-# that, from which to which a row loses for its coloured lamp, and what is left of its merit then [by eye]
-_SKIN, _COLOURED, _LEFT = np.array([14.0, 18.0]), (8.0, 25.0), 0.3
+# how much farther off skin's usual chroma than the row in the most usual light, from which to which a row loses for its
+# coloured lamp, and what is left of its merit then [by eye]
+_COLOURED, _LEFT = (8.0, 25.0), 0.3
 _COLOUR_PX = 32  # pixels across a face that tell its colour
 _LOOKED_AT = 5  # frames whose skin is cut to see whether something covers it
 _HAIRY_OR_RED = (layout.LEFT_BROW, layout.RIGHT_BROW, layout.LIPS_OUTER)
@@ -122,11 +122,11 @@ def _usual(quality: Doubles) -> Doubles:
 
 
 def _off_skin(crop: Bytes) -> float:
-    """How far the chroma of a face is from what skin has in usual light, CIELAB; infinite for none."""
+    """`off_usual_skin` of a face; infinite for none."""
     if not crop.size:
         return float("inf")
     small = cv2.resize(crop, (_COLOUR_PX, _COLOUR_PX), interpolation=cv2.INTER_AREA)
-    return float(np.hypot(*(median_lab(small.reshape(-1, 3).astype(np.float32))[1:] - _SKIN)))
+    return off_usual_skin(median_lab(small.reshape(-1, 3).astype(np.float32)))
 
 
 def _usually_lit(off_skin: Doubles) -> Doubles:

@@ -77,8 +77,7 @@ class FacePatch:
 
     def gain_over(self, key: FacePatch) -> float:
         """The logarithm of how much brighter the open skin is than on the key's patch; NaN when it cannot be told."""
-        both = self.skin & key.skin
-        if both.sum() < max(1.0, _LEAST_SEEN * key.skin.sum()) or np.median(self.luma[both]) < _LEAST_LUMA:
+        if (both := self._seen_too(key, _LEAST_SEEN)) is None:
             return float("nan")
         change = np.log((self.luma[both] + _DARK) / (key.luma[both] + _DARK))
         gain = float(np.median(change))
@@ -96,9 +95,8 @@ class FacePatch:
         NaN when it cannot be told, as of `gain_over`, or when it is another one here than there: blood, shade, a hand;
         and where either is grey: what loses its colours is in no other light.
         """
-        both = self.skin & key.skin
         unknown = np.full(2, np.nan, np.float32)
-        if both.sum() < max(1.0, _NEARLY_ALL * key.skin.sum()) or np.median(self.luma[both]) < _LEAST_LUMA:
+        if (both := self._seen_too(key, _NEARLY_ALL)) is None:
             return unknown
         if min(float(np.abs(np.median(one.hues[both], axis=0)).max()) for one in (self, key)) < _GREY:
             return unknown
@@ -107,3 +105,9 @@ class FacePatch:
         size = float(np.abs(tint).max())
         alike = np.mean(np.abs(change - tint).max(axis=1) <= size / 2)
         return unknown if size > SAME_COLOUR and alike < _ALIKE else tint
+
+    def _seen_too(self, key: FacePatch, least: float) -> Bools | None:
+        """(SIDE, SIDE) cells of the key's open skin that are seen here; None if dark or less than `least` of them."""
+        both = self.skin & key.skin
+        few = both.sum() < max(1.0, least * key.skin.sum())
+        return None if few or np.median(self.luma[both]) < _LEAST_LUMA else both
