@@ -10,7 +10,9 @@ skin, t is their shade, and light from above or from one side takes it from a pa
 all of it is. A finger before an open mouth is no tooth: it is skin if it has the skin's tint, is as bright as the skin
 around the mouth, and enters the mouth where its outline shows no lips. Its colour alone does not tell: yellow and
 blurred teeth have it too. Where lips have the tint of the skin, no finger is told from them. A key frame without lips
-that stand out from the skin shows a hand before them in all of its frames, which would be painted: it has no lips.
+that stand out from the skin shows a hand before them in all of its frames, which would be painted: it has no lips. Nor
+has a frame whose outline shows what lies around it: a hand, or a mask of cloth, covers the mouth, and neither lips nor
+teeth are there.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from pvg._arrays import Bools, Floats, ramp, smoothstep
 from pvg.asset import KeyFrame
@@ -35,6 +38,10 @@ from pvg.video import Frame
 # or 2.0 with black lifted]
 _APART, _BESIDE_SKIN = (0.048, 0.065), (2.0, 2.5)
 _ONE_SIGMA, _LEAST_SPREAD = 0.68, 0.005  # quantile, and tint: what has hardly any hue is off nothing
+# of how far lips are off the skin: what lips look like beside what lies around them [measured: 0.32 at least in the
+# frames of 15 clips without a hand, 0.05 at most on masks of five colours, a hand from 0.07]
+_OFF_AROUND = (0.1, 0.2)
+_RING = 0.02  # of the face's width from the outline: the nearest that lies around lips [by eye]
 _FEW = 256  # of the key frame's skin that tell its spread
 _SHOWN = (0.0, 0.4)  # t from which lips begin, and are all lips: highlights on them are pale [by eye]
 _AROUND = 0.02  # of the face's width: spread of the mean that t is taken of, against noise [by eye]
@@ -57,7 +64,8 @@ class Mouth:
     """What a mouth's outline shows, on the nodes (h, w) of a face's lattice, float32 in [0, 1].
 
     lips: how far each shows lips, 1 away from the mouth; None: the key frame tells nothing of them.
-    skin: how far each shows skin that comes into an open mouth, a finger, 0 away from it; None: there is none.
+    skin: how far each shows skin that comes into an open mouth, a finger, 0 away from it, or what covers all of the
+    mouth; None: there is none.
     """
 
     lips: Floats | None = None
@@ -81,17 +89,13 @@ def see_mouth(frame: Frame, landmarks: Landmarks, key: KeyFrame, lattice: Lattic
     if are_lips == 0.0:
         return Mouth(lips=np.zeros((lattice.height, lattice.width), np.float32))
     outline, opening = (landmarks.points[part] for part in (layout.LIPS_OUTER, layout.LIPS_INNER))
-    low, high = outline.min(axis=0) - _MARGIN * width, outline.max(axis=0) + _MARGIN * width
     corner = np.array([lattice.x, lattice.y], np.float32)
-    first = np.maximum(np.floor((low - corner) / lattice.step), 0).astype(int)
-    last = np.minimum(np.ceil((high - corner) / lattice.step).astype(int) + 1, [lattice.width, lattice.height])
-    align = 2 ** max(frame.format.chroma_log2)
-    begin = (corner + first * np.float32(lattice.step)).astype(int) // align * align
-    end = np.minimum((corner + last * np.float32(lattice.step)).astype(int), [frame.width, frame.height])
-    if (last - first).min() < 2 or (end - begin).min() < 2:
+    window = _window(frame, outline, _MARGIN * width, lattice)
+    if window is None:
         return Mouth()
+    first, last, box = window
     columns, rows = (last - first).tolist()
-    codes = mean_codes(frame, (*begin.tolist(), *end.tolist()), (rows, columns))
+    codes = mean_codes(frame, box, (rows, columns))
     codes -= np.asarray(frame.format.opponent.offset, np.float32)
     sigma = max(0.5, _AROUND * width / lattice.step)
     tints = _tints(coding.in_sdr(np.asarray(cv2.GaussianBlur(codes, (0, 0), sigma), np.float32)), level)
@@ -103,13 +107,37 @@ def see_mouth(frame: Frame, landmarks: Landmarks, key: KeyFrame, lattice: Lattic
     off_tint = float(np.linalg.norm(apart[:2])) / max(float(np.linalg.norm(skin[:2])), 1e-3)
     outer, inner = (_inside((one - corner) / lattice.step - first, (rows, columns)) for one in (outline, opening))
     lips_shown = _whole(lips_shown, outer & ~inner, off_tint)
+    covered = _covered(tints / np.linalg.norm(apart), outer, inner, _RING * width / lattice.step)
     gap = float(np.linalg.norm(opening[2] - opening[6]))  # from the middle of the upper lip to that of the lower one
-    if off_tint > _OTHER_TINT and gap > _OPEN * width:
+    is_open = gap > _OPEN * width
+    if is_open and off_tint > _OTHER_TINT:
         likely = 1.0 - smoothstep(off_skin, *_IS_SKIN)
         crossing = _crossing(likely, lips_shown, outer, inner, _FINGER * width / lattice.step)
+    if is_open and covered > 0.0:
+        crossing = np.maximum(np.float32(covered), np.zeros_like(lips_shown) if crossing is None else crossing)
     here = slice(first[1], last[1]), slice(first[0], last[0])
-    known = ((np.float32(are_lips) * lips_shown, 1.0), (crossing, 0.0))
+    known = ((np.float32(are_lips * (1.0 - covered)) * lips_shown, 1.0), (crossing, 0.0))
     return Mouth(*(_on_lattice(part, here, lattice, away) for part, away in known))
+
+
+def _window(
+    frame: Frame, outline: Floats, margin: float, lattice: Lattice
+) -> tuple[NDArray[np.intp], NDArray[np.intp], tuple[int, int, int, int]] | None:
+    """The nodes around an outline (n, 2), and the pixels that they stand for; None without any.
+
+    The x and y of the first node and of the one after the last, and the left, upper, right and lower end of the
+    pixels;  margin: source pixels.
+    """
+    low, high = outline.min(axis=0) - margin, outline.max(axis=0) + margin
+    corner = np.array([lattice.x, lattice.y], np.float32)
+    first = np.maximum(np.floor((low - corner) / lattice.step), 0).astype(np.intp)
+    last = np.minimum(np.ceil((high - corner) / lattice.step).astype(np.intp) + 1, [lattice.width, lattice.height])
+    align = 2 ** max(frame.format.chroma_log2)
+    begin = (corner + first * np.float32(lattice.step)).astype(int) // align * align
+    end = np.minimum((corner + last * np.float32(lattice.step)).astype(int), [frame.width, frame.height])
+    if (last - first).min() < 2 or (end - begin).min() < 2:
+        return None
+    return first, last, (int(begin[0]), int(begin[1]), int(end[0]), int(end[1]))
 
 
 def _beside_skin(key: KeyFrame, lips: Floats) -> float:
@@ -152,6 +180,21 @@ def _whole(shown: Floats, lips: Bools, off_tint: float) -> Floats:
     mostly = smoothstep(shown[lips].mean(keepdims=True), *_MOSTLY)
     by_shade = 1.0 - smoothstep(np.array([off_tint], np.float32), *_BY_TINT)
     return np.asarray(np.maximum(shown, mostly * by_shade), np.float32)
+
+
+def _covered(tints: Floats, outer: Bools, inner: Bools, gap: float) -> float:
+    """How far a mouth's outline shows what lies around it, in [0, 1].
+
+    tints: (h, w, 3), in lengths of what lips are off the skin;  outer, inner: (h, w) the nodes inside the lips'
+    outlines;  gap: nodes from the outline to the nearest that lies around it.
+    """
+    lips = outer & ~inner
+    side = 2 * max(1, round(gap)) + 1
+    around = cv2.dilate(outer.astype(np.uint8), np.ones((side, side), np.uint8)) == 0
+    if not lips.any() or not around.any():
+        return 0.0
+    off = np.median(tints[lips], axis=0) - np.median(tints[around], axis=0)
+    return 1.0 - ramp(float(np.linalg.norm(off)), *_OFF_AROUND)
 
 
 def _crossing(skin: Floats, lips: Floats, outer: Bools, inner: Bools, finger: float) -> Floats | None:

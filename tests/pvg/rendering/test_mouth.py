@@ -83,6 +83,21 @@ def test_a_finger_over_the_mouth_is_no_lip(
     assert shown[within].max() < 0.05
 
 
+@pytest.mark.parametrize("cloth", [(150, 195, 225), (32, 32, 36), (235, 236, 238), (215, 185, 160)])
+@pytest.mark.parametrize("lips", [LIPS, PALE_LIPS])
+def test_a_mask_of_cloth_shows_neither_lips_nor_teeth(
+    face: FaceInFrame, lips: tuple[float, float, float], cloth: tuple[int, int, int]
+) -> None:
+    """It is put on after the key frame, which showed the lips."""
+    picture, within = mouth(face, lips)
+    picture[filled(picture.shape, face.landmarks.points[[*range(3, 30), layout.NOSE_TIP]])] = cloth
+    seen = see_mouth(frame_of(picture, YUV444), face.landmarks, key_of(lips), LATTICE)
+    assert seen.lips is not None
+    assert seen.lips[within].max() < 0.05
+    assert seen.skin is not None
+    assert seen.skin[within].min() > 0.95
+
+
 @pytest.mark.parametrize("behind", [SKIN, HAND])
 def test_a_key_frame_with_a_hand_before_the_mouth_shows_no_lips(
     face: FaceInFrame, behind: tuple[float, float, float]

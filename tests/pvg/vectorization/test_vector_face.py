@@ -93,6 +93,17 @@ def test_lips_that_are_never_shown_are_no_part(tmp_path: Path) -> None:
     assert not np.isnan(key.parts[PARTS.index("brows")]).any()
 
 
+@pytest.mark.parametrize("cloth", [(150, 195, 225), (32, 32, 36), (235, 236, 238)], ids=["blue", "black", "white"])
+def test_a_mask_of_cloth_shows_no_lips(tmp_path: Path, cloth: tuple[int, int, int]) -> None:
+    scene = drawn_face()
+    corners = scene.landmarks.points[[*range(3, 30), layout.NOSE_TIP]]
+    masked = cv2.fillPoly(scene.rgb.copy(), [np.rint(corners).astype(np.int32)], cloth)
+    (key,) = record_of([masked] * 20, scene.landmarks, tmp_path).key_frames
+    assert len(key.skin)
+    assert np.isnan(key.parts[PARTS.index("lips")]).all()
+    assert not np.isnan(key.parts[PARTS.index("brows")]).any()
+
+
 @pytest.mark.parametrize(("yaw", "keys"), [(0.0, [0, 10]), (40.0, [0])], ids=["seen", "turned away"])
 def test_light_that_changes_makes_a_key_frame_of_a_face_that_is_seen_well_alone(
     tmp_path: Path, yaw: float, keys: list[int]
