@@ -9,7 +9,7 @@ itself: it is the store of the Poisson regions, since f_i is the Laplacian of th
 
 from __future__ import annotations
 
-from pvg.asset.arrays import CHUNK_FRAMES, FORMAT_VERSION
+from pvg.asset.arrays import CHUNK_FRAMES
 from pvg.asset.reading import VectorVideo, faces_by_index, open_asset
 from pvg.asset.records import FaceInFrame, FaceRecord, FaceSummary, KeyFrame, MediaSummary
 from pvg.asset.source import source_note
@@ -17,7 +17,6 @@ from pvg.asset.writing import AssetWriter
 
 __all__ = [
     "CHUNK_FRAMES",
-    "FORMAT_VERSION",
     "AssetWriter",
     "FaceInFrame",
     "FaceRecord",

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from pvg.landmarks.detector import Detection, detect_faces
+from pvg.landmarks.detector import detect_faces
 from pvg.landmarks.drawing import draw_landmarks
 from pvg.landmarks.identity import FaceShape, face_proportions, frontal_ratios, link_persons
-from pvg.landmarks.mesh import Mesh, Region, fit_landmarks, region_of_detection, region_of_points
+from pvg.landmarks.mesh import Mesh, fit_landmarks, region_of_points
 from pvg.landmarks.pose import head_pose
 from pvg.landmarks.smoothing import smooth
 from pvg.landmarks.tracking import MAX_FACES, FaceTracker, track_faces
@@ -13,14 +13,12 @@ from pvg.landmarks.tracks import FaceTrack, FaceTracks, OpenTrack
 
 __all__ = [
     "MAX_FACES",
-    "Detection",
     "FaceShape",
     "FaceTrack",
     "FaceTracker",
     "FaceTracks",
     "Mesh",
     "OpenTrack",
-    "Region",
     "detect_faces",
     "draw_landmarks",
     "face_proportions",
@@ -28,7 +26,6 @@ __all__ = [
     "frontal_ratios",
     "head_pose",
     "link_persons",
-    "region_of_detection",
     "region_of_points",
     "smooth",
     "track_faces",

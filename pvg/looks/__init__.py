@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from pvg.looks.cube import CUBE_SIZE, check_size, look_cube, remainder_by_luma, write_cube
 from pvg.looks.exchange import contrast_of_both, exchange
-from pvg.looks.look import CONTRAST_RANGE, EXTENTS, PROTECTABLE, Contrast, Look, LookMap, Region
+from pvg.looks.look import PROTECTABLE, Contrast, Look, LookMap, Region
 from pvg.looks.opponent import to_opponent, to_rgb
-from pvg.looks.parts import MAKEUP, Makeup
+from pvg.looks.parts import MAKEUP
 from pvg.looks.skin_map import SkinMap
 from pvg.looks.transfer import LIGHT, reference_face_of, transfer
-from pvg.looks.transport import BETA, ITERATIONS, sliced_transport, sliced_wasserstein
+from pvg.looks.transport import sliced_transport, sliced_wasserstein
 from pvg.looks.usual_chroma import LEAST_TINGE, likeness
 
 __all__ = [
-    "BETA",
-    "CONTRAST_RANGE",
     "CUBE_SIZE",
-    "EXTENTS",
-    "ITERATIONS",
     "LEAST_TINGE",
     "LIGHT",
     "MAKEUP",
@@ -25,7 +21,6 @@ __all__ = [
     "Contrast",
     "Look",
     "LookMap",
-    "Makeup",
     "Region",
     "SkinMap",
     "check_size",

@@ -7,7 +7,7 @@ In the order of use:
     membrane.read(xs, ys)
 """
 
-from pvg.membrane.edge_cuts import EdgeCuts, cut_edges
+from pvg.membrane.edge_cuts import cut_edges
 from pvg.membrane.lattice import TARGET_HEIGHT, Lattice
 from pvg.membrane.membrane import Membrane
 from pvg.membrane.operator import TOLERANCE, MembraneOperator, build_membrane
@@ -15,7 +15,6 @@ from pvg.membrane.operator import TOLERANCE, MembraneOperator, build_membrane
 __all__ = [
     "TARGET_HEIGHT",
     "TOLERANCE",
-    "EdgeCuts",
     "Lattice",
     "Membrane",
     "MembraneOperator",

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from pvg.errors import ModelError
 from pvg.models.installing import install
-from pvg.models.networks import MODELS, PACKAGES, ModelFile, Package
+from pvg.models.networks import MODELS, PACKAGES
 from pvg.models.sessions import load, preload
 from pvg.models.store import cache_folder, check
 
@@ -17,8 +17,6 @@ __all__ = [
     "MODELS",
     "PACKAGES",
     "ModelError",
-    "ModelFile",
-    "Package",
     "cache_folder",
     "check",
     "install",

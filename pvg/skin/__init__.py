@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pvg.skin.body import BodyTracker
 from pvg.skin.consensus import MatteConsensus
-from pvg.skin.learning import SkinModel, fit_skin_model
+from pvg.skin.learning import fit_skin_model
 from pvg.skin.matte import Matte
 from pvg.skin.network import NetworkOutput
 from pvg.skin.prior import face_box
@@ -21,7 +21,6 @@ __all__ = [
     "NetworkOutput",
     "Scene",
     "SceneReader",
-    "SkinModel",
     "SkinTracker",
     "face_box",
     "fit_skin_model",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pvg.vectorization.clip import MIN_FACE_PX, STAGES, VECTORIZER_VERSION, vectorize
-from pvg.vectorization.source_reader import Progress
+from pvg.vectorization.clip import STAGES, VECTORIZER_VERSION, vectorize
 
-__all__ = ["MIN_FACE_PX", "STAGES", "VECTORIZER_VERSION", "Progress", "vectorize"]
+__all__ = ["STAGES", "VECTORIZER_VERSION", "vectorize"]

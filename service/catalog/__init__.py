@@ -33,7 +33,7 @@ from service.catalog.database import Database
 from service.catalog.jobs import Filter, NewLook
 from service.catalog.leases import Progress
 from service.catalog.media import Asset, Pictures, Upload
-from service.catalog.media_types import AVI, CUBE, JPEG, MKV, MOV, MP4, PNG, TIFF, WEBM, WEBP, FileType, content_type_of
+from service.catalog.media_types import AVI, JPEG, MKV, MOV, MP4, PNG, TIFF, WEBM, WEBP, FileType, content_type_of
 from service.catalog.messages import Message
 from service.catalog.models import (
     ENDED,
@@ -93,7 +93,6 @@ from service.catalog.transitions import Lease
 __all__ = [
     "AVI",
     "CLIP_CONTAINERS",
-    "CUBE",
     "DEFAULT_VECTOR_SETTINGS",
     "ENDED",
     "HELD",

@@ -4,12 +4,11 @@ from service.api.commands import resuming, stills
 from service.api.commands.asked import Asked
 from service.api.commands.checks import WantedLook, WantedOutput, check_look, check_role, check_usable
 from service.api.commands.looks import check_looks, params_of, request_looks
-from service.api.commands.registering import Registered, register
+from service.api.commands.registering import register
 from service.api.commands.removal import remove, remove_job, take_back
 
 __all__ = [
     "Asked",
-    "Registered",
     "WantedLook",
     "WantedOutput",
     "check_look",
