@@ -135,15 +135,15 @@ def _drain(queue: Queue[tuple[bool, T | BaseException | None]]) -> None:
 
 
 class Sink(Generic[T]):
-    """Calls `work` on each item in a thread, at most `depth` items behind; a context manager.
+    """Calls `work` on each item in a thread, at most `DEPTH` items behind; a context manager.
 
     The first error of `work` is raised by the next `put`, or on leaving, and later items are dropped. Leaving the
     block waits for the items that were put, unless it is left by an error.
     """
 
-    def __init__(self, work: Callable[[T], None], depth: int = DEPTH) -> None:
+    def __init__(self, work: Callable[[T], None]) -> None:
         self._work = work
-        self._queue: Queue[T | None] = Queue(depth)
+        self._queue: Queue[T | None] = Queue(DEPTH)
         self._error: BaseException | None = None
         self._thread = Thread(target=self._run, name="pvg-sink", daemon=True)
 

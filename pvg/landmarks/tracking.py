@@ -13,7 +13,6 @@ from pvg.landmarks.cuts import CutDetector
 from pvg.landmarks.detector import Detection, box_iou, detect_faces
 from pvg.landmarks.mesh import Mesh, Region, fit_landmarks, region_of_points
 from pvg.landmarks.motion import carried, share_inside
-from pvg.landmarks.pace import frames_a_step
 from pvg.landmarks.replacing import EVERY, LAG
 from pvg.landmarks.tracks import CONFIRMED_SCORE, FACE_GATE, FaceTracks, OpenTrack, box_of
 from pvg.picture import Picture, as_picture
@@ -34,6 +33,15 @@ ON_EDGE, LEAST_FITTED, LEAST_SEEN = 0.95, 0.75, 0.1
 second the mesh fits worse than its points go with the picture, with fewer than the last it has left."""
 BLIND_FITS = 5
 """How many frames a lost face is still looked for where it was last; after that only the detector looks."""
+_LOOKED_AT_A_SECOND = 25.0
+
+
+def frames_a_step(frame_rate: float) -> int:
+    """Frames from one to the next of those that are compared with each other: all of them below 37.5 a second.
+
+    What is told by how pictures follow each other goes by time: of more frames a second some 25 are looked at.
+    """
+    return max(1, round(frame_rate / _LOOKED_AT_A_SECOND))
 
 
 def track_faces(

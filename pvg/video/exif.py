@@ -42,10 +42,6 @@ class Exif:
         return HEADER + struct.pack("<I", 8) + written(self.main, children, 8)
 
 
-NONE = Exif({}, {})
-"""A picture without EXIF."""
-
-
 def read_exif(data: bytes, *, is_file: bool = False) -> Exif:
     """The parts of an EXIF block that are kept: all but location, thumbnail, maker's note and other programs' records.
 
