@@ -8,15 +8,13 @@ import numpy as np
 import pytest
 
 from pvg._arrays import Bools, Doubles, Floats
-from pvg.asset import FaceInFrame
-from pvg.curves import table_labels
 from pvg.face import layout
 from pvg.looks import LookMap, SkinMap
 from pvg.rendering.beard import with_beard
 from pvg.rendering.blocks import Blocks
 from pvg.rendering.correction import Correction
 from pvg.rendering.map_tables import MapTables
-from pvg.rendering.placed_face import PlacedFace, place_face
+from pvg.rendering.placed_face import PlacedFace
 from pvg.rendering.planes import apply_correction
 from pvg.video import RGB24, PixelFormat
 from tests.gallery.pictures import YUV444, frame_of
@@ -28,11 +26,9 @@ WEIGHTS = np.array([0.299, 0.587, 0.114])
 
 
 @pytest.fixture(scope="module")
-def placed(face: FaceInFrame) -> PlacedFace:
+def placed(placed: PlacedFace) -> PlacedFace:
     """A face whose matte takes everything in its window."""
-    found = place_face(face, table_labels(), 640, 360)
-    assert found is not None
-    return replace(found, alpha=np.ones_like(found.alpha))
+    return replace(placed, alpha=np.ones_like(placed.alpha))
 
 
 def look_to(goal: Doubles, beard: float = 1.0) -> LookMap:

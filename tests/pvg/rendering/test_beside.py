@@ -8,15 +8,13 @@ import cv2
 import numpy as np
 import pytest
 
-from pvg.asset import FaceInFrame
-from pvg.curves import table_labels
 from pvg.looks import LookMap, SkinMap
 from pvg.raster import SUBPIXEL_BITS, fixed_point
 from pvg.rendering.beside import BesideTables, with_beside
 from pvg.rendering.blocks import Blocks
 from pvg.rendering.correction import Correction
 from pvg.rendering.map_tables import MapTables
-from pvg.rendering.placed_face import PlacedFace, place_face
+from pvg.rendering.placed_face import PlacedFace
 from pvg.rendering.planes import apply_correction
 from pvg.video import RGB24, PixelFormat
 from tests.gallery.pictures import YUV444, frame_of
@@ -26,11 +24,9 @@ ONCE = np.ones((1, 5), np.float32)
 
 
 @pytest.fixture(scope="module")
-def placed(face: FaceInFrame) -> PlacedFace:
+def placed(placed: PlacedFace) -> PlacedFace:
     """A face whose matte takes the whole picture."""
-    found = place_face(face, table_labels(), 640, 360)
-    assert found is not None
-    return replace(found, x=0, y=0, alpha=np.ones((360, 640), np.float32))
+    return replace(placed, x=0, y=0, alpha=np.ones((360, 640), np.float32))
 
 
 def brighter(contrast: float) -> LookMap:

@@ -3,23 +3,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pvg.asset import FaceInFrame
 from pvg.curves import table_labels
 from pvg.looks import LookMap, SkinMap
 from pvg.membrane import Membrane
 from pvg.rendering.correction import at_curves, extend
 from pvg.rendering.map_tables import MapTables
-from pvg.rendering.placed_face import PlacedFace, place_face
+from pvg.rendering.placed_face import PlacedFace
 from tests.gallery.pictures import YUV444
 
 TO_PLANES = YUV444.matrix.astype(np.float32).T
-
-
-@pytest.fixture(scope="module")
-def placed(face: FaceInFrame) -> PlacedFace:
-    found = place_face(face, table_labels(), 640, 360)
-    assert found is not None
-    return found
 
 
 def colors(seed: int) -> np.ndarray:

@@ -10,7 +10,6 @@ import pytest
 import pvg
 from pvg._arrays import Bytes, Doubles
 from pvg.asset import FaceInFrame, FaceRecord
-from pvg.curves import table_labels
 from pvg.face import layout
 from pvg.looks import LookMap, SkinMap
 from pvg.looks.exposure import at_exposure
@@ -19,7 +18,7 @@ from pvg.rendering.coding import Coding
 from pvg.rendering.correction import at_curves
 from pvg.rendering.foreign import skin_of, without_foreign
 from pvg.rendering.map_tables import MapTables
-from pvg.rendering.placed_face import PlacedFace, place_face
+from pvg.rendering.placed_face import PlacedFace
 from pvg.video import RGB24, RGB48, Frame, PixelFormat
 from pvg.video.color import named_space
 from tests.gallery.pictures import FORMATS, YUV422_10, frame_of
@@ -48,11 +47,9 @@ def _told(pixel_format: PixelFormat, *colors: tuple[float, float, float], lips: 
 
 
 @pytest.fixture(scope="module")
-def placed(face: FaceInFrame) -> PlacedFace:
+def placed(placed: PlacedFace) -> PlacedFace:
     """A face whose matte takes everything in its window."""
-    found = place_face(face, table_labels(), 640, 360)
-    assert found is not None
-    return replace(found, alpha=np.ones_like(found.alpha))
+    return replace(placed, alpha=np.ones_like(placed.alpha))
 
 
 @pytest.mark.parametrize("pixel_format", [*FORMATS, *OTHER_CODES], ids=lambda f: f.name)

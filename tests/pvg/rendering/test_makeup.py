@@ -5,22 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pvg.asset import FaceInFrame
-from pvg.curves import table_labels
 from pvg.face import PARTS
 from pvg.rendering.correction import Correction
 from pvg.rendering.makeup import with_parts
-from pvg.rendering.placed_face import PlacedFace, place_face
+from pvg.rendering.placed_face import PlacedFace
 
 LIPS = PARTS.index("lips")
 GAIN = np.array([-6.0, 2.0, 9.0])  # luma and chroma, code values
-
-
-@pytest.fixture(scope="module")
-def placed(face: FaceInFrame) -> PlacedFace:
-    found = place_face(face, table_labels(), 640, 360)
-    assert found is not None
-    return found
 
 
 def still(placed: PlacedFace) -> Correction:
