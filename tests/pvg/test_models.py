@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 import zipfile
-from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -22,6 +22,7 @@ from pvg.models.fetching import fetch
 from pvg.models.networks import OWN
 from pvg.models.store import own, store
 from pvg.models.tflite_to_onnx import convert
+from tests.side_by_side import at_once
 from tests.waiting import until
 
 # outputs of the TFLite runtime (ai-edge-litert 2.3.0) for `_pattern()`: 6 evenly spaced values, mean magnitude
@@ -239,8 +240,7 @@ def test_threads_that_ask_at_once_share_a_session(monkeypatch: pytest.MonkeyPatc
     ort = SimpleNamespace(SessionOptions=Options, InferenceSession=session)
     monkeypatch.setattr(sessions, "_silent_onnxruntime", lambda: ort)
     monkeypatch.setattr(sessions, "_sessions", {})
-    with ThreadPoolExecutor(4) as pool:
-        found = list(pool.map(load, range(4)))
+    found = at_once([partial(load, number) for number in range(4)])
     assert len(made) == 1
     assert found == made * 4
 

@@ -20,6 +20,7 @@ from service.ids import new_id
 from service.settings import Settings
 from service.storage import NotMountedError
 from tests.service.fixtures import FakeClock, make_tables
+from tests.side_by_side import at_once
 from tests.waiting import until
 
 DAY = 86_400.0
@@ -330,18 +331,10 @@ def test_a_folder_that_has_lost_its_mark_is_adopted(services: Services, store: s
 
 
 def test_a_database_has_one_id_however_many_ask_at_once(database: Database) -> None:
-    ids: list[str] = []
-
-    def ask() -> None:
+    def ask() -> str:
         with database.write() as session:
-            ids.append(collecting.mark(session).database_id)
+            return collecting.mark(session).database_id
 
-    threads = [threading.Thread(target=ask) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join(60)
-    assert len(ids) == 4
-    assert len(set(ids)) == 1
+    assert len(set(at_once([ask] * 4))) == 1
     with database.read() as session:
         assert session.execute(text("SELECT count(*) FROM collections")).scalar_one() == 1

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -51,6 +52,7 @@ from tests.service.object_store import BUCKET, ObjectStore, object_store
 from tests.service.queue.test_broker import messages
 from tests.service.s3 import S3
 from tests.service.servers import fresh_database
+from tests.side_by_side import at_once
 from tests.waiting import until
 from worker.runner import Runner
 from worker.sandbox import MethodError, Sandbox
@@ -359,8 +361,7 @@ def test_two_who_bring_a_lost_file_back_leave_one_file(api: Api, monkeypatch: py
         put(path, key)
 
     monkeypatch.setattr(services.storage, "put", together)
-    with ThreadPoolExecutor(2) as clients:
-        answers = list(clients.map(lambda _: upload(api, content), range(2)))
+    answers = at_once([partial(upload, api, content)] * 2)
     assert [answer.status_code for answer in answers] == [200, 200]
     with services.database.read() as session:
         medium = media.get(session, answers[0].json()["id"])

@@ -6,8 +6,8 @@ import shutil
 import subprocess
 import sys
 import textwrap
-import threading
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from pvg.video.opening import OpenClip
 from tests.gallery import odd_clips
 from tests.gallery.clips import encode_raw, libav_frame, pixel_format, smooth_frames, write_clip
 from tests.gallery.pictures import colorful
+from tests.side_by_side import at_once
 
 _FRAMES = 40
 
@@ -129,18 +130,13 @@ def test_frames_in_any_order_are_those_of_the_clip_read_in_its_order(kind: str, 
 
 
 def test_threads_that_ask_at_once_get_their_frames(clip: Path, frames: SingleFrames) -> None:
-    expected, wrong = [_all_of(frame) for frame in read_frames(clip)], []
+    expected = [_all_of(frame) for frame in read_frames(clip)]
 
-    def ask(seed: int) -> None:
+    def ask(seed: int) -> list[int]:
         indices = random.Random(seed).choices(range(_FRAMES), k=15)
-        wrong.extend(index for index in indices if _all_of(_at(frames, clip, index)) != expected[index])
+        return [index for index in indices if _all_of(_at(frames, clip, index)) != expected[index]]
 
-    threads = [threading.Thread(target=ask, args=(seed,)) for seed in range(6)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert not wrong
+    assert at_once([partial(ask, seed) for seed in range(6)]) == [[]] * 6
     assert len(_places(frames)) == 3
 
 

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
+from functools import partial
 from typing import Any
 
 import httpx
@@ -22,6 +23,7 @@ from tests.promises import Drill
 from tests.service.api.test_media import PROBLEM, upload
 from tests.service.fixtures import MP4, PNG, Api, claim, make_ready, make_results, serve
 from tests.service.servers import fresh_database
+from tests.side_by_side import at_once
 from tests.waiting import until
 
 
@@ -61,8 +63,7 @@ def test_fifty_requests_of_one_idempotency_key_at_once_are_one_job(
 ) -> None:
     drill = promise("R17", wanted="one job")
     body = wanted(either, force=force)
-    with ThreadPoolExecutor(50) as pool:
-        answers = list(pool.map(lambda _: post(either, "/transfer", "order-42", json=body), range(50)))
+    answers = at_once([partial(post, either, "/transfer", "order-42", json=body)] * 50)
     assert {answer.status_code for answer in answers} <= {202, 409}
     assert len({answer.json()["id"] for answer in answers if answer.status_code == 202}) == 1
     assert kinds(either)["transfer"] == 1
@@ -77,15 +78,13 @@ def test_fifty_requests_of_one_idempotency_key_at_once_are_one_job(
 
 def test_the_same_transfer_asked_for_at_once_without_a_key_is_one_job(either: Api) -> None:
     body = wanted(either)
-    with ThreadPoolExecutor(20) as pool:
-        answers = list(pool.map(lambda _: either.client.post("/transfer", json=body), range(20)))
+    answers = at_once([partial(either.client.post, "/transfer", json=body)] * 20)
     assert Counter(answer.status_code for answer in answers) == {202: 1, 200: 19}
     assert kinds(either)["transfer"] == 1
 
 
 def test_the_same_upload_at_once_is_one_medium(either: Api) -> None:
-    with ThreadPoolExecutor(10) as pool:
-        answers = list(pool.map(lambda _: post(either, "/videos", "clip", content=MP4), range(10)))
+    answers = at_once([partial(post, either, "/videos", "clip", content=MP4)] * 10)
     assert {answer.status_code for answer in answers} <= {202, 409}
     assert kinds(either) == {"vectorize": 1}
     assert len(either.blobs) == 1

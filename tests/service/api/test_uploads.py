@@ -5,10 +5,10 @@ import hashlib
 import os
 import re
 import socket
-import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
+from functools import partial
 from typing import Any
 
 import pytest
@@ -20,6 +20,7 @@ from service.errors import BadRequestError
 from service.settings import Settings
 from tests.promises import Drill
 from tests.service.fixtures import MP4, PNG, Api, begun, make_ready, serve
+from tests.side_by_side import at_once
 from tests.waiting import until
 
 LIMIT = 2 * 1024**2
@@ -217,19 +218,9 @@ def test_the_settings_stand_in_the_schema(api: Api) -> None:
 
 def test_many_uploads_of_the_same_bytes_at_once_make_one_medium(api: Api) -> None:
     content = MP4 + os.urandom(200_000)
-    answers: list[tuple[int, str]] = []
-
-    def upload() -> None:
-        answer = api.client.post("/videos", content=content)
-        answers.append((answer.status_code, answer.json()["id"]))
-
-    threads = [threading.Thread(target=upload) for _ in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert sorted(status for status, _ in answers) == [200] * 7 + [202]
-    assert len({media_id for _, media_id in answers}) == 1
+    answers = at_once([partial(api.client.post, "/videos", content=content)] * 8)
+    assert sorted(answer.status_code for answer in answers) == [200] * 7 + [202]
+    assert len({answer.json()["id"] for answer in answers}) == 1
     until(lambda: len(api.blobs) == 1)
     assert api.drafts == []
 

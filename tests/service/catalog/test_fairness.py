@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import threading
 from collections import deque
 from collections.abc import Callable
 
@@ -11,6 +10,7 @@ from service.catalog.fairness import Taken
 from service.catalog.models import Role
 from tests.promises import Drill
 from tests.service.fixtures import FakeClock
+from tests.side_by_side import at_once
 
 MANY = 40
 
@@ -138,7 +138,7 @@ def test_messages_of_ended_jobs_lead_to_nothing(database: Database, clock: FakeC
 
 def test_workers_at_the_same_moment_take_each_job_once(database: Database, clock: FakeClock) -> None:
     ids = queue_jobs(database, "key_a", 12) + queue_jobs(database, "key_b", 4)
-    messages, taken, lock = deque(ids), list[str](), threading.Lock()
+    messages, taken = deque(ids), list[str]()
 
     def work() -> None:
         worker = Worker(database, clock, messages)
@@ -149,16 +149,11 @@ def test_workers_at_the_same_moment_take_each_job_once(database: Database, clock
                 turn = None
             if turn is None:
                 return
-            with lock:
-                taken.append(turn.lease.job_id)
+            taken.append(turn.lease.job_id)
             with database.write() as session:
                 leases.succeed(session, turn.lease, now=clock(), timings={})
 
-    threads = [threading.Thread(target=work) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    at_once([work] * 4)
     while (turn := Worker(database, clock, messages).take()) is not None:  # whose message was on its way at the end
         taken.append(turn.lease.job_id)
     assert sorted(taken) == sorted(ids)

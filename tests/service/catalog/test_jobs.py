@@ -34,6 +34,7 @@ from service.catalog import (
 )
 from service.catalog.messages import Message
 from tests.service.fixtures import FakeClock, add_media, add_transfer, announce, claim, held_up
+from tests.side_by_side import at_once
 from tests.waiting import until
 
 PROBLEM = {"type": "no-face", "title": "No face was found", "detail": "no face found"}
@@ -74,20 +75,12 @@ def finish_media(database: Database, medium: Media) -> None:
 
 def test_of_many_claims_one_wins(database: Database) -> None:
     job_id = add_media(database).job_id
-    won: list[Lease | None] = []
-    barrier = threading.Barrier(8)
 
-    def try_it() -> None:
-        barrier.wait()
+    def try_it() -> Lease | None:
         with database.write() as session:
-            won.append(leases.claim(session, job_id, now=database.now(), lease_s=30))
+            return leases.claim(session, job_id, now=database.now(), lease_s=30)
 
-    threads = [threading.Thread(target=try_it) for _ in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert len(won) == 8
+    won = at_once([try_it] * 8)
     assert sum(lease is not None for lease in won) == 1
     assert job_of(database, job_id).attempt == 1
 
@@ -192,31 +185,15 @@ def test_a_canceled_job_whose_worker_died_is_ended_by_the_reaper(database: Datab
 
 
 def test_cancel_and_success_at_the_same_moment_have_one_end(database: Database) -> None:
-    for number in range(20):
+    for _ in range(20):
         job_id = add_media(database).job_id
         lease = claim(database, job_id)
-        barrier = threading.Barrier(2)
-        said: dict[str, bool] = {}
-
-        def race(name: str, call: Callable[[Session], bool], barrier: threading.Barrier, said: dict[str, bool]) -> None:
-            barrier.wait()
-            with database.write() as session:
-                said[name] = call(session)
-
-        cancel = partial(jobs.cancel, job_id=job_id, now=database.now())
-        succeed = partial(leases.succeed, lease=lease, now=database.now(), timings={})
-        threads = [
-            threading.Thread(target=race, args=(name, call, barrier, said))
-            for name, call in (("cancel", cancel), ("succeed", succeed))
-        ]
-        for thread in threads if number % 2 else threads[::-1]:
-            thread.start()
-        for thread in threads:
-            thread.join()
-        assert said["cancel"] != said["succeed"]
-        if said["cancel"]:
+        cancel = partial(step, database, "cancel", job_id)
+        canceled, succeeded = at_once([cancel, partial(step, database, "succeed", lease, timings={})])
+        assert canceled != succeeded
+        if canceled:
             assert step(database, "confirm_cancel", lease)
-        assert job_of(database, job_id).state == ("canceled" if said["cancel"] else "succeeded")
+        assert job_of(database, job_id).state == ("canceled" if canceled else "succeeded")
 
 
 def test_a_revoked_job_takes_the_lease_away(database: Database) -> None:

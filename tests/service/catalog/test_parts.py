@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from datetime import datetime, timedelta
+from functools import partial
 
 import pytest
 from sqlalchemy import func, select
@@ -36,6 +37,7 @@ from service.catalog import (
 from service.catalog.models import Part, PartFile, Tombstone
 from service.catalog.parts import NewFile, NewPart
 from tests.service.fixtures import FakeClock, add_media, add_transfer, announce, claim, held_up
+from tests.side_by_side import at_once
 from tests.waiting import until
 
 PROBLEM = {"type": "media-invalid", "title": "t", "detail": "d"}
@@ -165,18 +167,7 @@ def test_parts_that_end_at_the_same_moment_add_one_join(database: Database, cloc
     for _ in range(5):
         job_id, part_ids = parted(database, 4)
         held = [claim(database, part_id) for part_id in part_ids]
-        made: list[list[Message] | None] = []
-        ready = threading.Barrier(len(held))
-
-        def end(lease: Lease, made: list[list[Message] | None] = made, ready: threading.Barrier = ready) -> None:
-            ready.wait()
-            made.append(finish(database, lease))
-
-        threads = [threading.Thread(target=end, args=(lease,)) for lease in held]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
+        made = at_once([partial(finish, database, lease) for lease in held])
         assert sorted(len(one or ()) for one in made) == [0, 0, 0, 1]
         with database.read() as session:
             joins = select(func.count()).select_from(Job).where(Job.parent_id == job_id, Job.kind == PartKind.JOIN)
@@ -298,24 +289,17 @@ def test_a_cancel_and_the_end_of_the_last_part_or_the_join_leave_one_end(
         else:
             finish(database, claim(database, part_ids[0]))
             last = claim(database, part_ids[1])
-        ready = threading.Barrier(2)
 
-        def end(last: Lease = last, ready: threading.Barrier = ready) -> None:
-            ready.wait()
+        def end(last: Lease = last) -> None:
             if not (publish(database, last) if joining else finish(database, last) is not None):
                 with database.write() as session:
                     leases.confirm_cancel(session, last, now=clock())
 
-        def stop(job_id: str = job_id, ready: threading.Barrier = ready) -> None:
-            ready.wait()
+        def stop(job_id: str = job_id) -> None:
             with database.write() as session:
                 jobs.cancel(session, job_id, now=clock())
 
-        threads = [threading.Thread(target=end), threading.Thread(target=stop)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
+        at_once([end, stop])
         ends.append(read(database, job_id).state)
         assert left(database) == (0, 0, 0)
     assert set(ends) <= ({"canceled", "succeeded"} if joining else {"canceled"})
@@ -472,17 +456,7 @@ def test_of_parts_that_report_at_the_same_moment_one_tells(
         held = [claim(database, part_id) for part_id in part_ids]
         clock.forward(5)
         told.clear()
-        ready = threading.Barrier(len(held))
-
-        def report(lease: Lease, ready: threading.Barrier = ready) -> None:
-            ready.wait()
-            tell_of(database, lease, 0.5)
-
-        threads = [threading.Thread(target=report, args=(lease,)) for lease in held]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
+        at_once([partial(tell_of, database, lease, 0.5) for lease in held])
         assert len(told) == 1
         assert [read(database, part_id).fraction for part_id in part_ids] == [0.5] * 4
 
@@ -619,45 +593,32 @@ def test_workers_at_the_same_moment_take_each_part_once_while_jobs_are_canceled(
     """Claims, ends, progress and cancels from all sides: nobody waits for one who waits for him."""
     wholes = [parted(database, 6) for _ in range(3)]
     messages = [part_id for k in range(6) for _, part_ids in wholes for part_id in part_ids[k : k + 1]]
-    taken, errors, lock, canceled = list[str](), list[Exception](), threading.Lock(), threading.Event()
+    taken, canceled = list[str](), threading.Event()
 
     def work(mine: list[str]) -> None:
         left_to_do = deque(mine * 3)
-        try:
-            while left_to_do:
+        while left_to_do:
+            with database.write() as session:
+                turn = fairness.claim(session, left_to_do.popleft(), now=clock(), lease_s=1000)
+            if turn is None:
+                continue
+            if turn.deferred is not None:
+                left_to_do.append(turn.deferred.job_id)
+            taken.append(turn.lease.job_id)
+            with database.write() as session:
+                leases.report(session, turn.lease, Progress("render", 0.5, 1, 2), now=clock())
+            is_part = read(database, turn.lease.job_id).kind == PartKind.PART
+            assert is_part or canceled.wait(60)  # no whole ends before one of them is canceled
+            if not (finish(database, turn.lease) is not None if is_part else publish(database, turn.lease)):
                 with database.write() as session:
-                    turn = fairness.claim(session, left_to_do.popleft(), now=clock(), lease_s=1000)
-                if turn is None:
-                    continue
-                if turn.deferred is not None:
-                    left_to_do.append(turn.deferred.job_id)
-                with lock:
-                    taken.append(turn.lease.job_id)
-                with database.write() as session:
-                    leases.report(session, turn.lease, Progress("render", 0.5, 1, 2), now=clock())
-                is_part = read(database, turn.lease.job_id).kind == PartKind.PART
-                assert is_part or canceled.wait(60)  # no whole ends before one of them is canceled
-                if not (finish(database, turn.lease) is not None if is_part else publish(database, turn.lease)):
-                    with database.write() as session:
-                        leases.confirm_cancel(session, turn.lease, now=clock())
-        except Exception as error:
-            errors.append(error)
+                    leases.confirm_cancel(session, turn.lease, now=clock())
 
     def stop() -> None:
-        try:
-            with database.write() as session:
-                jobs.cancel(session, wholes[0][0], now=clock())
-        except Exception as error:
-            errors.append(error)
+        with database.write() as session:
+            jobs.cancel(session, wholes[0][0], now=clock())
         canceled.set()
 
-    threads = [threading.Thread(target=work, args=(messages[k::3],)) for k in range(3)]
-    threads.append(threading.Thread(target=stop))
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert errors == []
+    at_once([*(partial(work, messages[k::3]) for k in range(3)), stop])
     assert len(taken) == len(set(taken))
     assert read(database, wholes[0][0]).state == JobState.CANCELED
     assert not set(wholes[1][1] + wholes[2][1]) - set(taken)

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-import threading
+from functools import partial
 
 from sqlalchemy import func, select
 
@@ -16,6 +16,7 @@ from service.catalog import (
     tombstones,
 )
 from tests.service.fixtures import FakeClock, add_media, announce
+from tests.side_by_side import at_once
 
 
 def begin(database: Database, size_bytes: int | None = 300, owner: str = "") -> str:
@@ -68,14 +69,7 @@ def test_pieces_count_when_they_are_the_next(database: Database) -> None:
 
 def test_of_many_that_write_the_same_bytes_one_is_kept(database: Database) -> None:
     upload = begin(database)
-    kept: list[bool] = []
-    threads = [
-        threading.Thread(target=lambda n=n: kept.append(append(database, upload, 0, f"part/{n}"))) for n in range(8)
-    ]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    kept = at_once([partial(append, database, upload, 0, f"part/{n}") for n in range(8)])
     assert sorted(kept) == [False] * 7 + [True]
 
 

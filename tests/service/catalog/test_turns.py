@@ -8,6 +8,7 @@ import time
 import pytest
 
 from service.catalog.database import _Line
+from tests.side_by_side import at_once
 from tests.waiting import until
 
 
@@ -66,10 +67,6 @@ def test_one_at_a_time(threads: int) -> None:
                 inside.pop()
                 line.release()
 
-    workers = [threading.Thread(target=work) for _ in range(threads)]
-    for worker in workers:
-        worker.start()
-    for worker in workers:
-        worker.join(60)
+    at_once([work] * threads)
     assert set(seen) == {1}
     assert line.acquire(1.0)  # nobody has kept it

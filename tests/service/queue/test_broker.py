@@ -1,7 +1,8 @@
 from __future__ import annotations
 
 import os
-import threading
+from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from service.queue import RENDER, TASK, VECTORIZE, celery_settings, clear_remain
 from service.queue import broker as broker_module
 from service.queue.broker import sent_jobs, withdraw
 from service.settings import Settings
+from tests.side_by_side import at_once
 
 
 def messages(settings: Settings) -> list[Path]:
@@ -59,19 +61,8 @@ def test_two_consumers_never_take_the_same_file(tmp_path: Path) -> None:
     producer = make_producer(settings)
     for number in range(60):
         send(producer, Message(f"job_{number}", RENDER))
-    taken: list[str] = []
-    barrier = threading.Barrier(4)
-
-    def consume() -> None:
-        barrier.wait()
-        taken.extend(take(settings, RENDER))
-
-    threads = [threading.Thread(target=consume) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert sorted(taken) == sorted(f"job_{number}" for number in range(60))
+    taken = at_once([partial(take, settings, RENDER)] * 4)
+    assert sorted(chain(*taken)) == sorted(f"job_{number}" for number in range(60))
     assert messages(settings) == []
 
 
