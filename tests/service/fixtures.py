@@ -28,6 +28,7 @@ from service.catalog import (
     DEFAULT_VECTOR_SETTINGS,
     Asset,
     Database,
+    Job,
     JobKind,
     Lease,
     LookParams,
@@ -293,6 +294,12 @@ def add_transfer(database: Database, video: Media, reference: Media) -> str:
         look = NewLook(video.id, reference.id, LookParams())
         job = jobs.create(session, JobKind.TRANSFER, request=RenderRequest(), now=database.now(), outputs=[look])
     return job.id
+
+
+def job_of(database: Database, job_id: str) -> Job:
+    """A job as it is recorded."""
+    with database.read() as session:
+        return session.get_one(Job, job_id)
 
 
 def claim(database: Database, job_id: str, lease_s: float = 30) -> Lease:

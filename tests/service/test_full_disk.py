@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import socket
 import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,16 +11,14 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.catalog import JobKind, Role, jobs, keys
+from service.catalog import JobKind, Role, keys
 from service.catalog.keys import Limits
 from service.settings import Settings
 from tests.promises import Drill
-from tests.service.fixtures import PNG, Api, add_media, claim, make_ready, serve
+from tests.service.fixtures import PNG, Api, add_media, claim, job_of, make_ready, serve
 from tests.waiting import until
+from tests.worker.runners import runner_of
 from worker import runner
-from worker.app import app
-from worker.runner import Runner
-from worker.sandbox import Sandbox
 
 MIB = 1024**2
 
@@ -124,19 +121,12 @@ def test_an_upload_that_runs_out_of_room_leaves_nothing(api: Api, small_disk: Pa
     assert os.statvfs(small_disk).f_bavail * 4096 > 4 * MIB
 
 
-@pytest.fixture
-def sandbox() -> Iterator[Sandbox]:
-    """One that is not asked."""
-    with socket.socket() as lobby:
-        yield Sandbox(lobby)
-
-
 def test_a_worker_leaves_a_job_for_later_while_there_is_no_room(
-    api: Api, small_disk: Path, sandbox: Sandbox, monkeypatch: pytest.MonkeyPatch
+    api: Api, small_disk: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(runner, "ROOM_WAIT_S", 0.05)
     medium = add_media(api.services.database, Role.REFERENCE)
-    work = Runner(api.services.settings, app, sandbox)
+    work = runner_of(api.services.settings)
     others = fill(small_disk)
     work.run(medium.job_id)
     until(api.services.room.is_short)
@@ -150,7 +140,7 @@ def test_a_worker_leaves_a_job_for_later_while_there_is_no_room(
 
 
 def test_a_job_that_runs_out_of_room_is_tried_again_and_fails_at_last(
-    api: Api, small_disk: Path, sandbox: Sandbox, monkeypatch: pytest.MonkeyPatch
+    api: Api, small_disk: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     database = api.services.database
 
@@ -161,13 +151,11 @@ def test_a_job_that_runs_out_of_room_is_tried_again_and_fails_at_last(
 
     monkeypatch.setattr(runner, "_WORK", {JobKind.VECTORIZE: fills_the_disk})
     medium = add_media(database, Role.REFERENCE)
-    work = Runner(api.services.settings, app, sandbox)
+    work = runner_of(api.services.settings)
     seen = []
     for _ in range(4):
         work.run(medium.job_id)
-        with database.read() as session:
-            job = jobs.get(session, medium.job_id)
-        assert job is not None
+        job = job_of(database, medium.job_id)
         seen.append((str(job.state), job.attempt, job.error and job.error["type"]))
     assert seen == [("queued", 2, None), ("queued", 3, None), *[("failed", 3, "insufficient-storage")] * 2]
     assert api.drafts == []

@@ -46,6 +46,7 @@ from tests.service.fixtures import (
     add_transfer,
     announce,
     claim,
+    job_of,
     make_ready,
     make_results,
     make_tables,
@@ -464,9 +465,7 @@ def test_jobs_nobody_takes_expire(services: Services, clock: FakeClock) -> None:
     medium = add_media(services.database)
     clock.forward(HOUR + 1)
     services.reaper.round()
-    with services.database.read() as session:
-        job = session.get(Job, medium.job_id)
-    assert job is not None
+    job = job_of(services.database, medium.job_id)
     assert job.state == "expired"
 
 

@@ -70,7 +70,6 @@ def test_a_worker_goes_on_when_another_redis_takes_over_and_its_own_only_reads(
         broker_url = stack.enter_context(redis_server(tmp_path))
         server = stack.enter_context(redis.Redis.from_url(broker_url))
         settings = Settings(data_dir=tmp_path / "data", broker_url=broker_url, worker_concurrency=2)
-        settings.folder.mkdir()
         make_tables(settings.database)
         command = [sys.executable, "-P", "-c", LASTING, str(began), kind.module, *worker_command(settings, kind)[4:]]
         environment = worker_environment(settings) | {"PVG_BROKER_URL": broker_url, "PVG_WORKER_CONCURRENCY": "2"}
@@ -122,7 +121,6 @@ def test_a_busy_worker_notices_each_time_that_its_broker_is_lost(tmp_path: Path)
     broker_url = f"redis://127.0.0.1:{port}/0"
     began.mkdir()
     settings = Settings(data_dir=tmp_path / "data", broker_url=broker_url, worker_concurrency=1)
-    settings.folder.mkdir()
     make_tables(settings.database)
     kind = KINDS[0]
     command = [sys.executable, "-P", "-c", LASTING, str(began), kind.module, *worker_command(settings, kind)[4:]]
@@ -151,7 +149,6 @@ def test_a_worker_without_its_broker_is_not_well_until_the_broker_is_there(kind:
     port = free_port()
     broker_url = f"redis://127.0.0.1:{port}/0"
     settings = Settings(data_dir=tmp_path / "data", broker_url=broker_url, heartbeat_s=0.2, worker_concurrency=1)
-    settings.folder.mkdir()
     make_tables(settings.database)
     command = [sys.executable, "-P", "-c", IMPATIENT, kind.module, *worker_command(settings, kind)[4:]]
     given = {name: str(getattr(settings, name)) for name in ("broker_url", "heartbeat_s")}

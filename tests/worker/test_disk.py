@@ -12,43 +12,29 @@ from service.catalog import Database, Job, JobKind, JobState, leases, workers
 from service.queue import make_folders
 from service.settings import Settings
 from service.spool import Spool
-from tests.service.fixtures import add_media, make_tables
+from tests.service.fixtures import add_media, job_of
 from tests.waiting import until
 from worker import runner as runner_module
 from worker.heartbeat import Heartbeat
 from worker.run import Run
 from worker.runner import Runner
-from worker.sandbox import Sandbox, UnforkedError
+from worker.sandbox import UnforkedError
 
 PAUSE_S = 0.2
 
 
-class NoBroker:
-    """What a runner publishes with; the tests look at the records."""
-
-    def send_task(self, *_: object, **__: object) -> None:
-        pass
-
-
 @pytest.fixture
-def runner(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> Runner:
-    settings.folder.mkdir()
-    make_tables(settings.database)
+def runner(runner: Runner, monkeypatch: pytest.MonkeyPatch) -> Runner:
     monkeypatch.setattr(runner_module, "ROOM_WAIT_S", 0.05)
     monkeypatch.setattr(runner_module, "FAULT_PAUSE_S", PAUSE_S, raising=False)
     monkeypatch.setattr(runner_module, "_WORK", {JobKind.VECTORIZE: begins_and_ends})
-    return Runner(settings, NoBroker(), Sandbox(None))  # type: ignore[arg-type]
+    return runner
 
 
 def begins_and_ends(run: Run) -> bool:
     run.draft_folder()
     with run.database.write() as session:
         return leases.succeed(session, run.lease, now=run.database.now(), timings={})
-
-
-def job_of(database: Database, job_id: str) -> Job:
-    with database.read() as session:
-        return session.get_one(Job, job_id)
 
 
 def test_a_worker_that_cannot_write_begins_no_job_until_it_can(runner: Runner, settings: Settings) -> None:

@@ -6,10 +6,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from service.catalog import Database, Job, Lease, Progress, jobs, leases, parts, utc_now
+from service.catalog import Database, Lease, Progress, jobs, leases, parts, utc_now
 from service.catalog.parts import NewPart
 from service.settings import Settings
-from tests.service.fixtures import add_media, claim
+from tests.service.fixtures import add_media, claim, job_of
 from tests.waiting import until
 from worker import lease as lease_module
 from worker import stopping
@@ -31,13 +31,6 @@ def stopped_by(keeper: LeaseKeeper, seconds: float = 60) -> type[Exception]:
     raise AssertionError("nothing stopped the work")
 
 
-def job_of(database: Database, lease: Lease) -> Job:
-    with database.read() as session:
-        job = jobs.get(session, lease.job_id)
-    assert job is not None
-    return job
-
-
 @pytest.fixture
 def lease(database: Database) -> Lease:
     database.now = utc_now  # leases are kept in real time here
@@ -49,7 +42,7 @@ def test_the_lease_lives_as_long_as_the_work(database: Database, lease: Lease) -
     with LeaseKeeper(database, lease, QUICK.model_copy(update={"lease_s": 60})) as keeper:
         end = time.monotonic() + 60
         while len(seen) < 4:  # it is renewed again and again
-            seen.add(job_of(database, lease).lease_expires_at)
+            seen.add(job_of(database, lease.job_id).lease_expires_at)
             assert time.monotonic() < end
             time.sleep(0.02)
         with database.write() as session:
@@ -60,8 +53,8 @@ def test_the_lease_lives_as_long_as_the_work(database: Database, lease: Lease) -
 def test_progress_reaches_the_record(database: Database, lease: Lease) -> None:
     with LeaseKeeper(database, lease, QUICK) as keeper:
         keeper.report(Progress("skin", 0.5, 10, 20))
-        until(lambda: job_of(database, lease).stage is not None)
-    job = job_of(database, lease)
+        until(lambda: job_of(database, lease.job_id).stage is not None)
+    job = job_of(database, lease.job_id)
     assert (job.stage, job.fraction, job.frames_done, job.frames_total) == ("skin", 0.5, 10, 20)
 
 
@@ -79,11 +72,11 @@ def test_progress_is_written_as_seldom_as_is_wanted_and_a_cancel_is_noticed_at_o
     monkeypatch.setattr(lease_module, "_LOOK_S", 0.05)
     with LeaseKeeper(database, lease, QUICK.model_copy(update={"lease_s": 60, "progress_interval_s": 600})) as keeper:
         keeper.report(Progress("skin", 0.5, 10, 20))
-        until(lambda: job_of(database, lease).stage is not None)
+        until(lambda: job_of(database, lease.job_id).stage is not None)
         keeper.report(Progress("skin", 0.6, 12, 20))
         seen = ticks
         until(lambda: ticks >= seen + 3)
-        assert job_of(database, lease).frames_done == 10
+        assert job_of(database, lease.job_id).frames_done == 10
         with database.write() as session:
             assert jobs.cancel(session, lease.job_id, now=utc_now())
         assert stopped_by(keeper) is CanceledError
@@ -97,11 +90,11 @@ def test_a_job_in_parts_is_told_of_as_seldom_as_is_wanted(database: Database, le
     with LeaseKeeper(database, part, QUICK.model_copy(update={"lease_s": 60, "progress_interval_s": 600})) as keeper:
         keeper.report(Progress("render", 0.5, 5, 10))
         keeper.flush()
-    assert (job_of(database, part).fraction, job_of(database, lease).fraction) == (0.5, 0.0)
+    assert (job_of(database, part.job_id).fraction, job_of(database, lease.job_id).fraction) == (0.5, 0.0)
     with LeaseKeeper(database, part, QUICK.model_copy(update={"lease_s": 60, "progress_interval_s": 0})) as keeper:
         keeper.report(Progress("render", 0.6, 6, 10))
         keeper.flush()
-    assert job_of(database, lease).fraction == 0.291
+    assert job_of(database, lease.job_id).fraction == 0.291
 
 
 def test_a_job_shorter_than_a_tick_shows_its_frames(database: Database, lease: Lease) -> None:
@@ -110,7 +103,7 @@ def test_a_job_shorter_than_a_tick_shows_its_frames(database: Database, lease: L
         keeper.flush()
         with database.write() as session:
             assert leases.succeed(session, lease, now=utc_now(), timings={})
-    job = job_of(database, lease)
+    job = job_of(database, lease.job_id)
     assert (job.stage, job.fraction, job.frames_done, job.frames_total) == ("render", 1.0, 9, 9)
 
 
@@ -183,8 +176,8 @@ def test_a_job_is_given_back_before_its_work_has_noticed(
         keeper.check()
         monkeypatch.setattr(stopping, "_page", mmap.mmap(-1, 8))
         stopping.ask()
-        until(lambda: job_of(database, lease).state == "queued")
+        until(lambda: job_of(database, lease.job_id).state == "queued")
         with pytest.raises(StoppedError):
             keeper.report(Progress("skin", 0.5, 10, 20))
-    job = job_of(database, lease)
+    job = job_of(database, lease.job_id)
     assert (job.state, job.attempt, job.lease_token, job.published_at) == ("queued", 1, None, None)

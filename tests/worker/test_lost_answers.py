@@ -12,28 +12,12 @@ from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
 from service.catalog import Database, Job, JobKind, JobState, jobs, leases, media, tombstones
-from service.settings import Settings
-from tests.service.fixtures import add_media, add_transfer, make_tables
+from tests.service.fixtures import add_media, add_transfer, job_of
 from tests.service.fixtures import claim as claim_job
 from worker import runner as runner_module
 from worker.failures import LostAssetsError
 from worker.run import Run
 from worker.runner import Runner
-from worker.sandbox import Sandbox
-
-
-class NoBroker:
-    """What a runner publishes with; the tests look at the records."""
-
-    def send_task(self, *_: object, **__: object) -> None:
-        pass
-
-
-@pytest.fixture
-def runner(settings: Settings) -> Runner:
-    settings.folder.mkdir()
-    make_tables(settings.database)
-    return Runner(settings, NoBroker(), Sandbox(None))  # type: ignore[arg-type]
 
 
 def away() -> OperationalError:
@@ -57,9 +41,7 @@ def loses_an_answer(database: Database, monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def state_of(database: Database, job_id: str) -> tuple[str, int]:
-    with database.read() as session:
-        job = session.get(Job, job_id)
-    assert job is not None
+    job = job_of(database, job_id)
     return job.state, job.attempt
 
 

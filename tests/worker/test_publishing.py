@@ -16,12 +16,12 @@ from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
 from service.blobs import Blobs
-from service.catalog import Database, Job, Look, LookParams, Media, Report, Result, jobs, media, results, utc_now
+from service.catalog import Database, Look, LookParams, Media, Report, Result, jobs, media, results, utc_now
 from service.catalog.models import Tombstone
 from service.catalog.requests import to_json
 from service.settings import Settings
 from service.storage import Storage
-from tests.service.fixtures import add_media, add_transfer, announce, claim, make_tables
+from tests.service.fixtures import add_media, add_transfer, announce, claim, job_of, make_tables
 from tests.service.servers import free_port
 from tests.waiting import until
 from worker import vectorizing
@@ -50,9 +50,7 @@ def run(settings: Settings) -> Iterator[Run]:
     with database.write() as session:
         jobs.release(session, now=utc_now())
     lease = claim(database, job_id)
-    with database.read() as session:
-        job = session.get(Job, job_id)
-    assert job is not None
+    job = job_of(database, job_id)
     with LeaseKeeper(database, lease, settings) as keeper, socket.socket() as unused:
         storage = Storage(settings)
         run = Run(

@@ -230,7 +230,6 @@ def test_a_worker_that_hangs_ends_with_status_0(before: tuple[str, ...]) -> None
 def test_a_worker_of_which_a_process_hangs_ends_in_time(tmp_path: Path, promise: Callable[..., Drill]) -> None:
     drill = promise("R7", wanted="a pool process that hangs: exit 0 within 30 s")
     settings = Settings(data_dir=tmp_path / "data", worker_concurrency=1)
-    settings.folder.mkdir()
     make_tables(settings.database)
     environment = worker_environment(settings) | {"PVG_WORKER_CONCURRENCY": "1"}
     with (tmp_path / "log").open("wb") as log:

@@ -8,16 +8,8 @@ import pytest
 
 from service.catalog import Asset, Database, Job, Media, jobs, media, parts
 from service.catalog.parts import NewPart
-from tests.service.fixtures import add_media, add_transfer, announce, claim
-from tests.worker.test_lost_answers import runner
+from tests.service.fixtures import add_media, add_transfer, announce, claim, job_of
 from worker.runner import Runner
-
-__all__ = ["runner"]  # which cannot work on media: it has no process to do it in
-
-
-def read(database: Database, job_id: str) -> Job:
-    with database.read() as session:
-        return session.get_one(Job, job_id)
 
 
 def vectorize(database: Database, media_id: str, key: str, *, ahead: timedelta = timedelta(0)) -> None:
@@ -45,12 +37,12 @@ def test_a_job_of_a_medium_that_is_made_again_waits_and_costs_no_attempt(runner:
     first, second = (add_transfer(database, medium, medium) for _ in range(2))
     vectorize(database, medium.id, "asset/first")
     make_again(database, first, medium.id, "asset/first")
-    assert not read(database, second).waiting
+    assert not job_of(database, second).waiting
     runner.run(second)
-    job = read(database, second)
+    job = job_of(database, second)
     assert (job.state, job.waiting, job.attempt, job.error) == ("queued", True, 1, None)
     vectorize(database, medium.id, "asset/second")
-    assert [read(database, one).waiting for one in (first, second)] == [False, False]
+    assert [job_of(database, one).waiting for one in (first, second)] == [False, False]
 
 
 @pytest.mark.parametrize("is_over", [False, True])
@@ -72,7 +64,7 @@ def test_parts_of_two_assets_are_never_joined(runner: Runner, joining: bool, is_
     if is_over:
         vectorize(database, medium.id, "asset/second")
     runner.run((following if joining else made[1:])[0].job_id)
-    whole = read(database, whole_id)
+    whole = job_of(database, whole_id)
     assert (whole.state, whole.waiting, whole.attempt, whole.error) == ("queued", not is_over, 1, None)
     with database.read() as session:
         assert session.query(Job).filter_by(parent_id=whole_id).count() == 0

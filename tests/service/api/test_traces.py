@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import structlog
 
-from service.catalog import jobs
 from tests.service.api.test_media import upload
-from tests.service.fixtures import MP4, PNG, Api, make_ready
+from tests.service.fixtures import MP4, PNG, Api, job_of, make_ready
 from tests.waiting import until
 
 TRACE = "0af7651916cd43dd8448eb211c80319c"
@@ -19,9 +18,7 @@ def test_a_job_has_the_trace_of_its_request(api: Api) -> None:
     make_ready(api.services, sent["id"])
     body = {"video": sent["id"], "looks": [{"reference": sent["id"]}]}
     made = api.client.post("/v1/transfer", json=body, headers=HEADER).json()
-    with api.services.database.read() as session:
-        job = jobs.get(session, made["id"])
-    assert job is not None
+    job = job_of(api.services.database, made["id"])
     assert job.traceparent == HEADER["traceparent"]
 
 

@@ -22,7 +22,7 @@ from service.errors import ValidationFailedError
 from service.settings import MAX_LOOKS, Settings
 from tests.service.api.test_authentication import Bearer, holder
 from tests.service.api.test_media import PROBLEM, SHOWN, upload
-from tests.service.fixtures import MP4, PNG, Api, claim, make_ready, make_results, serve
+from tests.service.fixtures import MP4, PNG, Api, claim, job_of, make_ready, make_results, serve
 
 
 def looks(*references: str, **options: Any) -> list[dict[str, Any]]:
@@ -808,9 +808,7 @@ def test_a_transfer_never_asks_for_a_vectorisation(api: Api) -> None:
 
 
 def output_of(api: Api, job_id: str) -> OutputOptions:
-    with api.services.database.read() as session:
-        job = jobs.get(session, job_id)
-    assert job is not None
+    job = job_of(api.services.database, job_id)
     return render_request(job).output
 
 

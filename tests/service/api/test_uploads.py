@@ -15,11 +15,11 @@ import pytest
 
 from service.api.multipart import MAX_FRAMING_BYTES, MAX_OUTSIDE_BYTES, MAX_PARTS, MAX_TEXT_BYTES
 from service.api.uploads import clean_name, expected_digest
-from service.catalog import VectorSettings, jobs, vectorize_request
+from service.catalog import VectorSettings, vectorize_request
 from service.errors import BadRequestError
 from service.settings import Settings
 from tests.promises import Drill
-from tests.service.fixtures import MP4, PNG, Api, begun, make_ready, serve
+from tests.service.fixtures import MP4, PNG, Api, begun, job_of, make_ready, serve
 from tests.side_by_side import at_once
 from tests.waiting import until
 
@@ -109,9 +109,7 @@ def test_the_same_bytes_again_are_the_same_medium(api: Api) -> None:
 
 def settings_of(api: Api, medium: dict[str, Any]) -> VectorSettings:
     """What the job is asked for."""
-    with api.services.database.read() as session:
-        job = jobs.get(session, medium["job"])
-    assert job is not None
+    job = job_of(api.services.database, medium["job"])
     return vectorize_request(job).settings
 
 

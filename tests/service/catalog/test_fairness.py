@@ -5,11 +5,11 @@ from collections.abc import Callable
 
 import pytest
 
-from service.catalog import Database, Job, JobKind, VectorizeRequest, fairness, jobs, leases
+from service.catalog import Database, JobKind, VectorizeRequest, fairness, jobs, leases
 from service.catalog.fairness import Taken
 from service.catalog.models import Role
 from tests.promises import Drill
-from tests.service.fixtures import FakeClock
+from tests.service.fixtures import FakeClock, job_of
 from tests.side_by_side import at_once
 
 MANY = 40
@@ -55,9 +55,7 @@ class Worker:
 
 def owner_of(database: Database, turn: Taken | None) -> str:
     assert turn is not None
-    with database.read() as session:
-        job = session.get(Job, turn.lease.job_id)
-    assert job is not None
+    job = job_of(database, turn.lease.job_id)
     return job.owner
 
 
@@ -106,9 +104,7 @@ def test_keys_take_turns_and_every_job_keeps_a_message(
     while (turn := worker.take()) is not None:
         order.append(owner_of(database, turn))
         if turn.deferred is not None:
-            with database.read() as session:
-                named = session.get(Job, turn.deferred.job_id)
-            assert named is not None
+            named = job_of(database, turn.deferred.job_id)
             assert (named.state, named.published_at) == ("queued", None)  # the reaper sends it if the worker cannot
         worker.finish(turn)
     assert len(order) == 12

@@ -33,18 +33,11 @@ from service.catalog import (
     sweep,
 )
 from service.catalog.messages import Message
-from tests.service.fixtures import FakeClock, add_media, add_transfer, announce, claim, held_up
+from tests.service.fixtures import FakeClock, add_media, add_transfer, announce, claim, held_up, job_of
 from tests.side_by_side import at_once
 from tests.waiting import until
 
 PROBLEM = {"type": "no-face", "title": "No face was found", "detail": "no face found"}
-
-
-def job_of(database: Database, job_id: str) -> Job:
-    with database.read() as session:
-        job = jobs.get(session, job_id)
-    assert job is not None
-    return job
 
 
 def media_of(database: Database, media_id: str) -> Media:

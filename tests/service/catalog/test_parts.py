@@ -36,7 +36,7 @@ from service.catalog import (
 )
 from service.catalog.models import Part, PartFile, Tombstone
 from service.catalog.parts import NewFile, NewPart
-from tests.service.fixtures import FakeClock, add_media, add_transfer, announce, claim, held_up
+from tests.service.fixtures import FakeClock, add_media, add_transfer, announce, claim, held_up, job_of
 from tests.side_by_side import at_once
 from tests.waiting import until
 
@@ -112,11 +112,6 @@ def test_what_parts_have_drawn_is_among_what_their_owner_keeps(database: Databas
         assert keys.stored_bytes(session, "key_a") == before
 
 
-def read(database: Database, job_id: str) -> Job:
-    with database.read() as session:
-        return session.get_one(Job, job_id)
-
-
 def left(database: Database) -> tuple[int, int, int]:
     """Shares of jobs, parts and files of parts."""
     with database.read() as session:
@@ -133,25 +128,25 @@ def buried(database: Database) -> set[str]:
 
 def test_a_job_in_parts_runs_without_a_lease_and_ends_with_its_join(database: Database, clock: FakeClock) -> None:
     job_id, part_ids = parted(database)
-    whole = read(database, job_id)
+    whole = job_of(database, job_id)
     assert (whole.state, whole.lease_token, whole.stage, whole.frames_total) == ("running", None, "render", 300)
     clock.forward(5)
     join_id = draw_all(database, [part_ids[2], part_ids[0], part_ids[1]])  # in any order
-    assert read(database, join_id).kind == PartKind.JOIN
+    assert job_of(database, join_id).kind == PartKind.JOIN
     with database.read() as session:
         drawn = parts.drawn(session, job_id)
     assert [(one.start, one.files) for one in drawn] == [
         (k * FRAMES, {0: f"drawn/{part_id}"}) for k, part_id in enumerate(part_ids)
     ]
-    whole = read(database, job_id)
+    whole = job_of(database, job_id)
     assert (whole.state, whole.stage, whole.fraction, whole.frames_done) == ("running", "render", 0.97, 300)
     lease = claim(database, join_id)
     with database.write() as session:
         assert leases.report(session, lease, Progress("join", 0.5, 1, 2), now=clock())
-    assert (read(database, job_id).stage, read(database, job_id).fraction) == ("join", 0.985)
+    assert (job_of(database, job_id).stage, job_of(database, job_id).fraction) == ("join", 0.985)
     clock.forward(1)
     assert publish(database, lease)
-    whole = read(database, job_id)
+    whole = job_of(database, job_id)
     assert (whole.state, whole.fraction, whole.finished_at) == ("succeeded", 1.0, clock())
     assert whole.timings == {"join_s": 1.0}
     with database.read() as session:
@@ -212,7 +207,7 @@ def test_a_part_that_fails_ends_the_job_with_its_error(database: Database, clock
     lease, other = claim(database, part_ids[1]), claim(database, part_ids[2])
     with database.write() as session:
         assert leases.fail(session, lease, PROBLEM, now=clock(), timings={})
-    whole = read(database, job_id)
+    whole = job_of(database, job_id)
     assert (whole.state, whole.error) == ("failed", PROBLEM)
     assert left(database) == (0, 0, 0)
     assert buried(database) == {f"drawn/{part_ids[0]}"}
@@ -230,16 +225,16 @@ def test_a_part_whose_worker_is_lost_is_done_again_and_no_other(database: Databa
         clock.forward(31)
         with database.write() as session:
             assert leases.reap(session, now=clock(), max_attempts=3) == [Message(part_ids[1], "render")]
-        assert read(database, part_ids[1]).attempt == attempt + 1
-    assert read(database, part_ids[2]).attempt == 1
+        assert job_of(database, part_ids[1]).attempt == attempt + 1
+    assert job_of(database, part_ids[2]).attempt == 1
     lease = claim(database, part_ids[1])
     with database.write() as session:
         leases.report(session, lease, Progress("render", 0.5, 1, 2), now=clock())
-    assert read(database, job_id).attempt == 3
+    assert job_of(database, job_id).attempt == 3
     clock.forward(31)
     with database.write() as session:
         assert leases.reap(session, now=clock(), max_attempts=3) == []
-    whole = read(database, job_id)
+    whole = job_of(database, job_id)
     assert (whole.state, (whole.error or {})["type"]) == ("failed", "worker-crashed")
     assert left(database) == (0, 0, 0)
 
@@ -250,16 +245,16 @@ def test_a_job_in_parts_is_canceled_when_the_last_worker_has_stopped(database: D
     first, second = claim(database, part_ids[1]), claim(database, part_ids[2])
     with database.write() as session:
         assert jobs.cancel(session, job_id, now=clock())
-    assert read(database, job_id).state == "canceling"
-    assert [read(database, one).state for one in part_ids[1:]] == ["canceling", "canceling", "canceled"]
+    assert job_of(database, job_id).state == "canceling"
+    assert [job_of(database, one).state for one in part_ids[1:]] == ["canceling", "canceling", "canceled"]
     assert finish(database, first) is None
     with database.write() as session:
         assert leases.confirm_cancel(session, first, now=clock())
-    assert read(database, job_id).state == "canceling"
+    assert job_of(database, job_id).state == "canceling"
     clock.forward(31)  # the other one is lost: the reaper ends its part, and with it the job
     with database.write() as session:
         assert leases.reap(session, now=clock(), max_attempts=3) == []
-    whole = read(database, job_id)
+    whole = job_of(database, job_id)
     assert (whole.state, (whole.error or {})["type"]) == ("canceled", "canceled")
     assert left(database) == (0, 0, 0)
     assert buried(database) == {f"drawn/{part_ids[0]}"}
@@ -271,7 +266,7 @@ def test_a_job_none_of_whose_parts_is_taken_is_canceled_at_once(database: Databa
     finish(database, claim(database, part_ids[0]))
     with database.write() as session:
         assert jobs.cancel(session, job_id, now=clock())
-    assert read(database, job_id).state == "canceled"
+    assert job_of(database, job_id).state == "canceled"
     with database.write() as session:
         assert not jobs.cancel(session, job_id, now=clock())
     assert left(database) == (0, 0, 0)
@@ -300,7 +295,7 @@ def test_a_cancel_and_the_end_of_the_last_part_or_the_join_leave_one_end(
                 jobs.cancel(session, job_id, now=clock())
 
         at_once([end, stop])
-        ends.append(read(database, job_id).state)
+        ends.append(job_of(database, job_id).state)
         assert left(database) == (0, 0, 0)
     assert set(ends) <= ({"canceled", "succeeded"} if joining else {"canceled"})
 
@@ -318,7 +313,7 @@ def test_a_deleted_medium_takes_the_parts_and_their_files_along(database: Databa
         medium = media.get(session, medium_id)
         assert medium is not None
         media.delete(session, medium, now=clock())
-    assert read(database, job_id).state == "canceled"
+    assert job_of(database, job_id).state == "canceled"
     assert left(database) == (0, 0, 0)
     assert f"drawn/{part_ids[0]}" in buried(database)
     with database.read() as session:
@@ -339,7 +334,7 @@ def test_a_file_that_comes_too_late_is_not_recorded(database: Database, clock: F
     lease = claim(database, part_ids[0])
     with pytest.raises(tombstones.LateError), database.write() as session:
         parts.finish(session, lease, [NewFile(0, "drawn/late", 1)], now=clock(), timings={})
-    assert read(database, part_ids[0]).state == "running"
+    assert job_of(database, part_ids[0]).state == "running"
 
 
 @pytest.mark.parametrize("joining", [False, True])
@@ -355,7 +350,7 @@ def test_a_part_that_finds_an_asset_lost_has_it_made_again_and_the_job_begins_an
     with database.write() as session:
         messages = media.make_again(session, lease, {medium_id: f"asset/{medium_id}"}, now=clock())
     assert [message.queue for message in messages or ()] == ["vectorize"]
-    whole = read(database, job_id)
+    whole = job_of(database, job_id)
     assert (whole.state, whole.waiting) == ("queued", True)
     assert left(database) == (0, 0, 0)
     again = claim(database, (messages or [])[0].job_id)
@@ -379,7 +374,7 @@ def test_the_progress_of_the_parts_is_that_of_the_job_and_never_falls(database: 
         clock.forward(1)
         with database.write() as session:
             assert leases.report(session, lease, Progress("render", fraction, 0, 0), now=clock())
-        whole = read(database, job_id)
+        whole = job_of(database, job_id)
         assert (whole.stage, whole.frames_total, whole.updated_at) == ("render", 200, clock())
         assert whole.fraction >= seen[-1]
         seen.append(whole.fraction)
@@ -396,7 +391,7 @@ def test_the_progress_of_the_parts_is_that_of_the_job_and_never_falls(database: 
     assert told(first, 1.0) == (0.485, 100)  # what was drawn of the second is lost until it is taken again
     assert finish(database, first) == []
     finish(database, claim(database, part_ids[1]))
-    assert read(database, job_id).frames_done == 200
+    assert job_of(database, job_id).frames_done == 200
 
 
 @pytest.fixture
@@ -430,22 +425,22 @@ def test_a_job_is_told_of_once_a_second_however_many_parts_it_has(
         for number in range(4):
             if tenths % 10 == 2 * number:  # each once a second
                 tell_of(database, held[number], tenths / 200)
-                assert read(database, held[number].job_id).fraction == tenths / 200
+                assert job_of(database, held[number].job_id).fraction == tenths / 200
     assert 8 <= len(told) <= 10
-    assert 0.97 * 0.4 < read(database, job_id).fraction < 0.97 * 0.5
+    assert 0.97 * 0.4 < job_of(database, job_id).fraction < 0.97 * 0.5
     # the end of a part is told at once, and all that the others have done with it
     before = len(told)
     finish(database, held[0])
     assert len(told) == before + 1
-    assert read(database, job_id).fraction == round(0.97 * (1 + sum((96, 92, 94)) / 200) / 4, 4)
+    assert job_of(database, job_id).fraction == round(0.97 * (1 + sum((96, 92, 94)) / 200) / 4, 4)
     tell_of(database, held[1], 0.6)
     assert len(told) == before + 1
     joins = [finish(database, lease) for lease in held[1:]][-1] or []
-    assert (read(database, job_id).fraction, read(database, job_id).frames_done) == (0.97, 400)
+    assert (job_of(database, job_id).fraction, job_of(database, job_id).frames_done) == (0.97, 400)
     # the join is one alone
     join = claim(database, joins[0].job_id)
     tell_of(database, join, 0.5, "join")
-    assert (read(database, job_id).stage, read(database, job_id).fraction) == ("join", 0.985)
+    assert (job_of(database, job_id).stage, job_of(database, job_id).fraction) == ("join", 0.985)
 
 
 def test_of_parts_that_report_at_the_same_moment_one_tells(
@@ -458,7 +453,7 @@ def test_of_parts_that_report_at_the_same_moment_one_tells(
         told.clear()
         at_once([partial(tell_of, database, lease, 0.5) for lease in held])
         assert len(told) == 1
-        assert [read(database, part_id).fraction for part_id in part_ids] == [0.5] * 4
+        assert [job_of(database, part_id).fraction for part_id in part_ids] == [0.5] * 4
 
 
 def test_after_a_clock_was_set_back_a_job_in_parts_is_told_of(
@@ -485,7 +480,7 @@ def test_parts_do_not_expire_but_a_job_nobody_works_on_does(database: Database, 
     clock.forward(90)
     with database.write() as session:
         assert jobs.expire(session, before=clock() - timedelta(seconds=100), now=clock()) == 1
-    whole = read(database, job_id)
+    whole = job_of(database, job_id)
     assert (whole.state, (whole.error or {})["type"]) == ("expired", "expired")
     assert left(database) == (0, 0, 0)
 
@@ -513,7 +508,7 @@ def test_clients_see_the_job_alone(database: Database, clock: FakeClock) -> None
             session, [session.get_one(Job, job_id)], forecast.history(session), alive_since=clock()
         )
         assert told[job_id].position is None
-    assert read(database, part_ids[0]).state == "succeeded"
+    assert job_of(database, part_ids[0]).state == "succeeded"
 
 
 def test_a_short_job_is_taken_next_and_not_behind_all_the_parts(database: Database, clock: FakeClock) -> None:
@@ -557,7 +552,7 @@ def test_the_parts_of_two_long_jobs_are_taken_in_turn(database: Database, clock:
             messages.pop(0)
             continue
         clock.forward(1)
-        if read(database, taken.lease.job_id).kind == PartKind.JOIN:
+        if job_of(database, taken.lease.job_id).kind == PartKind.JOIN:
             assert publish(database, taken.lease)
             continue
         order += "a" if taken.lease.job_id in first else "b"
@@ -607,7 +602,7 @@ def test_workers_at_the_same_moment_take_each_part_once_while_jobs_are_canceled(
             taken.append(turn.lease.job_id)
             with database.write() as session:
                 leases.report(session, turn.lease, Progress("render", 0.5, 1, 2), now=clock())
-            is_part = read(database, turn.lease.job_id).kind == PartKind.PART
+            is_part = job_of(database, turn.lease.job_id).kind == PartKind.PART
             assert is_part or canceled.wait(60)  # no whole ends before one of them is canceled
             if not (finish(database, turn.lease) is not None if is_part else publish(database, turn.lease)):
                 with database.write() as session:
@@ -620,7 +615,7 @@ def test_workers_at_the_same_moment_take_each_part_once_while_jobs_are_canceled(
 
     at_once([*(partial(work, messages[k::3]) for k in range(3)), stop])
     assert len(taken) == len(set(taken))
-    assert read(database, wholes[0][0]).state == JobState.CANCELED
+    assert job_of(database, wholes[0][0]).state == JobState.CANCELED
     assert not set(wholes[1][1] + wholes[2][1]) - set(taken)
 
 
@@ -633,7 +628,7 @@ def test_a_part_lost_before_the_join_has_the_whole_begin_anew_as_often_as_jobs_a
         with database.write() as session:
             message = leases.draw_again(session, join, now=clock(), max_attempts=3)
         assert message == Message(job_id, "render")
-        whole = read(database, job_id)
+        whole = job_of(database, job_id)
         assert (whole.state, whole.waiting, whole.attempt, whole.published_at) == ("queued", False, attempt + 1, None)
         assert left(database) == (0, 0, 0)
         assert {f"drawn/{part_id}" for part_id in part_ids} <= buried(database)
@@ -643,7 +638,7 @@ def test_a_part_lost_before_the_join_has_the_whole_begin_anew_as_often_as_jobs_a
     with database.write() as session:
         assert leases.draw_again(session, join, now=clock(), max_attempts=3) is None
         assert leases.fail(session, join, PROBLEM, now=clock(), timings={})
-    assert read(database, job_id).state == JobState.FAILED
+    assert job_of(database, job_id).state == JobState.FAILED
 
 
 def test_a_part_given_back_while_its_job_is_canceled_is_not_done(database: Database, clock: FakeClock) -> None:
@@ -666,7 +661,7 @@ def test_a_part_given_back_while_its_job_is_canceled_is_not_done(database: Datab
     other.join()
     with database.write() as session:
         leases.confirm_cancel(session, lease, now=clock())
-    assert read(database, job_id).state == JobState.CANCELED
+    assert job_of(database, job_id).state == JobState.CANCELED
     assert left(database) == (0, 0, 0)
 
 
@@ -683,10 +678,10 @@ def test_a_job_that_a_worker_which_knows_no_parts_leaves_behind_ends(
             ended = JobState.CANCELED if canceling else JobState.FAILED
             job = session.get_one(Job, lease.job_id)
             job.state, job.lease_token, job.lease_expires_at = ended, None, None
-    assert read(database, job_id).state == ("canceling" if canceling else "running")
+    assert job_of(database, job_id).state == ("canceling" if canceling else "running")
     with database.write() as session:
         assert leases.reap(session, now=clock(), max_attempts=3) == []
-    assert read(database, job_id).state == ("canceled" if canceling else "failed")
+    assert job_of(database, job_id).state == ("canceled" if canceling else "failed")
     assert left(database) == (0, 0, 0)
 
 
@@ -698,5 +693,5 @@ def test_no_join_is_made_of_less_than_all_parts(database: Database, clock: FakeC
         job.state, job.lease_token, job.lease_expires_at = JobState.FAILED, None, None
     assert finish(database, claim(database, part_ids[1])) == []
     assert finish(database, claim(database, part_ids[2])) == []
-    whole = read(database, job_id)
+    whole = job_of(database, job_id)
     assert (whole.state, (whole.error or {})["type"]) == ("failed", "internal-error")

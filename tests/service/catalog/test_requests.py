@@ -20,7 +20,7 @@ from service.catalog import (
     vectorize_request,
 )
 from service.catalog.models import Job, Look
-from tests.service.fixtures import add_media
+from tests.service.fixtures import add_media, job_of
 
 LOOK = LookParams(strength=0.5, contrast=1.1, match="color", protect=("eyes",), faces=(0, 2))
 SWAPPED = LookParams(contrast=(0.8, "auto"), faces=(1, 0), beta=0.5, iterations=3, seed=7, exchange=True)
@@ -44,9 +44,7 @@ def test_a_request_comes_back_from_the_record_as_it_was(database: Database) -> N
     assert [look_params(look) for look in stored] == [LOOK, LookParams(), SWAPPED, OF_A_GROUP]
     with database.write() as session:
         other = jobs.create(session, JobKind.TRANSFER, request=RenderRequest(WITH_EXTRAS), now=database.now())
-    with database.read() as session:
-        stored_other = jobs.get(session, other.id)
-    assert stored_other is not None
+    stored_other = job_of(database, other.id)
     assert render_request(stored_other) == RenderRequest(WITH_EXTRAS)
     assert vectorize_request(vectorizing) == VectorizeRequest(Role.VIDEO, PAPERS)
 

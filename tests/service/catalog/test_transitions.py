@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from sqlalchemy import update
 
-from service.catalog import Database, Job, JobState, Lease, Media, MediaState, jobs
+from service.catalog import Database, Job, JobState, Lease, Media, MediaState
 from service.catalog.models import ENDED, HELD
 from service.catalog.transitions import (
     JOB_TRANSITIONS,
@@ -24,7 +24,7 @@ from service.catalog.transitions import (
     take_media_step,
     take_step,
 )
-from tests.service.fixtures import FakeClock, add_media
+from tests.service.fixtures import FakeClock, add_media, job_of
 
 OPERATIONS = Path(__file__).parents[3] / "docs" / "operations.md"
 PROBLEM = {"type": "no-face", "title": "No face was found", "detail": "no face found"}
@@ -101,13 +101,6 @@ def put(database: Database, job_id: str, **values: object) -> None:
         session.execute(update(Job).where(Job.id == job_id).values(**values))
 
 
-def read(database: Database, job_id: str) -> Job:
-    with database.read() as session:
-        job = jobs.get(session, job_id)
-    assert job is not None
-    return job
-
-
 @pytest.mark.parametrize("step", Step)
 def test_a_step_is_taken_exactly_where_its_row_allows(database: Database, clock: FakeClock, step: Step) -> None:
     row = JOB_TRANSITIONS[step]
@@ -131,7 +124,7 @@ def test_a_step_is_taken_exactly_where_its_row_allows(database: Database, clock:
         with database.write() as session:
             lease = Lease(job_id, "mine")
             assert take_step(session, step, job_id, now=clock(), lease=lease, lease_s=60) == allowed
-        job = read(database, job_id)
+        job = job_of(database, job_id)
         taken += allowed
         if not allowed:
             assert (job.state, job.lease_token) == (state, token)

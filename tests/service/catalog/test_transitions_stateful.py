@@ -29,7 +29,7 @@ from service.catalog import (
     media,
 )
 from service.catalog.transitions import JOB_TRANSITIONS, LeaseCheck, LeaseEffect, Step
-from tests.service.fixtures import FakeClock, add_media, add_transfer, announce, make_tables
+from tests.service.fixtures import FakeClock, add_media, add_transfer, announce, job_of, make_tables
 
 LEASE_S = 30
 MAX_ATTEMPTS = 3
@@ -63,10 +63,7 @@ class JobMachine(RuleBasedStateMachine):
             self.folder.cleanup()
 
     def job(self) -> Job:
-        with self.database.read() as session:
-            job = jobs.get(session, self.job_id)
-        assert job is not None
-        return job
+        return job_of(self.database, self.job_id)
 
     def medium(self) -> Media:
         with self.database.read() as session:
@@ -200,8 +197,7 @@ class JobMachine(RuleBasedStateMachine):
         def reap(session: Session) -> bool:
             again = leases.reap(session, now=self.clock(), max_attempts=MAX_ATTEMPTS)
             assert [message.job_id for message in again] == ([self.job_id] if again else [])
-            job = session.get(Job, self.job_id)
-            assert job is not None
+            job = session.get_one(Job, self.job_id)
             assert bool(again) == (job.state == JobState.QUEUED and before.state == JobState.RUNNING)
             return job.state != before.state
 
@@ -215,8 +211,8 @@ class JobMachine(RuleBasedStateMachine):
 
         def expire(session: Session) -> bool:
             jobs.expire(session, before=late, now=self.clock())
-            job = session.get(Job, self.job_id)
-            return job is not None and job.finished_at == self.clock() and job.state == JobState.EXPIRED
+            job = session.get_one(Job, self.job_id)
+            return job.finished_at == self.clock() and job.state == JobState.EXPIRED
 
         if self.ended is None:
             self.take([Step.EXPIRE], expire, may=queued_at < late)

@@ -37,9 +37,7 @@ def job_in(database: Database, step: Step) -> tuple[str, Lease]:
 
 def announce(database: Database, job_id: str, url: str = URL) -> None:
     with database.write() as session:
-        job = session.get(Job, job_id)
-        assert job is not None
-        webhooks.announce(session, job, url, now=database.now())
+        webhooks.announce(session, session.get_one(Job, job_id), url, now=database.now())
 
 
 def deliveries(database: Database, **wanted: Any) -> list[Delivery]:

@@ -20,7 +20,8 @@ from service.catalog import Database, JobState
 from service.settings import Settings
 from service.storage import Storage
 from tests.gallery.clips import encode_raw, libav_frame
-from tests.worker.sandbox.test_sandbox import NoBroker, add, database, done, server
+from tests.worker.runners import runner_of
+from tests.worker.sandbox.test_sandbox import add, database, done, server
 from worker import runner as runner_module
 from worker.runner import Runner
 from worker.sandbox import Sandbox, SandboxServer
@@ -37,7 +38,7 @@ def settings(tmp_path: Path) -> Settings:
 @pytest.fixture
 def runner(settings: Settings, server: SandboxServer, database: Database, monkeypatch: pytest.MonkeyPatch) -> Runner:
     monkeypatch.setattr(runner_module, "FAULT_PAUSE_S", 0.05, raising=False)
-    return Runner(settings, NoBroker(), Sandbox(server.lobby))  # type: ignore[arg-type]
+    return runner_of(settings, server.lobby)
 
 
 def raised(*errors: BaseException) -> BaseException:
@@ -139,7 +140,7 @@ def test_a_clip_that_ends_within_its_header_is_damaged_at_once(
 ) -> None:
     """libav says of it what it says of a disk that fails."""
     clip = encode_raw(tmp_path / "a.mkv", [libav_frame(np.zeros((64, 64, 3), np.uint8))] * 3, "ffv1")
-    runner = Runner(settings, NoBroker(), Sandbox(warm_server.lobby))  # type: ignore[arg-type]
+    runner = runner_of(settings, warm_server.lobby)
     job = done(runner, database, add(database, settings, clip.read_bytes()[:200]).job_id)
     assert job.error is not None
     assert "input/output error" in job.error["detail"]

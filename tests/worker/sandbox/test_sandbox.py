@@ -19,13 +19,13 @@ from typing import Any
 import pytest
 
 from service.catalog import Database, Job, JobState, Media, utc_now
-from service.queue import TASK
 from service.settings import Settings
 from service.storage import Storage
 from tests.promises import Drill
-from tests.service.fixtures import add_media, make_tables
+from tests.service.fixtures import add_media, job_of, make_tables
 from tests.service.servers import missing
 from tests.waiting import until
+from tests.worker.runners import runner_of
 from worker.runner import Runner
 from worker.sandbox import (
     Limits,
@@ -180,13 +180,6 @@ def test_a_job_that_could_not_be_forked_has_crashed(monkeypatch: pytest.MonkeyPa
 # jobs whose medium has taken over their process
 
 
-class NoBroker:
-    """What a runner publishes with; the tests look at the records."""
-
-    def send_task(self, name: str, *_: object, **__: object) -> None:
-        assert name == TASK
-
-
 @pytest.fixture
 def settings(tmp_path: Path) -> Settings:
     return Settings(
@@ -200,7 +193,6 @@ def settings(tmp_path: Path) -> Settings:
 
 @pytest.fixture
 def database(settings: Settings) -> Iterator[Database]:
-    settings.folder.mkdir()
     make_tables(settings.database)
     database = Database(settings.database, clock=utc_now)
     yield database
@@ -209,7 +201,7 @@ def database(settings: Settings) -> Iterator[Database]:
 
 @pytest.fixture
 def runner(settings: Settings, server: SandboxServer, database: Database) -> Runner:
-    return Runner(settings, NoBroker(), Sandbox(server.lobby))  # type: ignore[arg-type]
+    return runner_of(settings, server.lobby)
 
 
 def add(database: Database, settings: Settings, content: str | bytes) -> Media:
@@ -225,10 +217,7 @@ def add(database: Database, settings: Settings, content: str | bytes) -> Media:
 
 def done(runner: Runner, database: Database, job_id: str) -> Job:
     runner.run(job_id)
-    with database.read() as session:
-        job = session.get(Job, job_id)
-    assert job is not None
-    return job
+    return job_of(database, job_id)
 
 
 GOOD = {
@@ -269,7 +258,7 @@ def test_the_time_limit_is_final_at_its_first_stroke(
     server: SandboxServer, database: Database, settings: Settings, content: str
 ) -> None:
     short = settings.model_copy(update={"job_soft_limit_s": 0.5})
-    runner = Runner(short, NoBroker(), Sandbox(server.lobby))  # type: ignore[arg-type]
+    runner = runner_of(short, server.lobby)
     job = done(runner, database, add(database, settings, content).job_id)  # neither would end by itself
     assert (job.state, job.attempt) == (JobState.FAILED, 1)
     assert job.error is not None

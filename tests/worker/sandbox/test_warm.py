@@ -11,20 +11,22 @@ from pathlib import Path
 
 import pytest
 
-from service.catalog import Database, Job, JobState, jobs, utc_now
+from service.catalog import Database, JobState, jobs, utc_now
 from service.settings import Settings
 from tests.promises import Drill
+from tests.service.fixtures import job_of
 from tests.waiting import until
-from tests.worker.sandbox.test_sandbox import NoBroker, add, database, done, settings
+from tests.worker.runners import runner_of
+from tests.worker.sandbox.test_sandbox import add, database, done, settings
 from worker.runner import Runner
-from worker.sandbox import Sandbox, SandboxServer
+from worker.sandbox import SandboxServer
 
 __all__ = ["database", "settings"]
 
 
 @pytest.fixture
 def runner(settings: Settings, warm_server: SandboxServer, database: Database) -> Runner:
-    return Runner(settings, NoBroker(), Sandbox(warm_server.lobby))  # type: ignore[arg-type]
+    return runner_of(settings, warm_server.lobby)
 
 
 def jpeg_of_scans(count: int, blocks: int = 500) -> bytes:
@@ -76,9 +78,7 @@ def test_a_large_picture_that_is_decoded_is_canceled_within_two_seconds(
     drill.measured = f"decoding 31 MP in 100 scans: stopped after {taken:.2f} s"
     drill.keep_to(taken, 2, busy=20)
     assert children(warm_server.pid) == []
-    with database.read() as session:
-        job = session.get(Job, medium.job_id)
-    assert job is not None
+    job = job_of(database, medium.job_id)
     assert job.state == JobState.CANCELED
 
 
@@ -86,7 +86,7 @@ def test_a_picture_over_the_memory_of_a_job_is_refused_with_figures(
     warm_server: SandboxServer, database: Database, settings: Settings
 ) -> None:
     small = settings.model_copy(update={"job_memory_bytes": 1_200_000_000})
-    runner = Runner(small, NoBroker(), Sandbox(warm_server.lobby))  # type: ignore[arg-type]
+    runner = runner_of(small, warm_server.lobby)
     job = done(runner, database, add(database, settings, jpeg_of_scans(1, blocks=700)).job_id)
     assert job.error is not None
     assert job.error["type"] == "too-large"
