@@ -13,7 +13,7 @@ import av.stream
 import cv2
 import numpy as np
 
-from tests.gallery.clips import libav_frame
+from tests.gallery.clips import encode_raw, libav_frame
 from tests.gallery.pictures import colorful
 
 TICK = Fraction(1, 1000)
@@ -45,8 +45,8 @@ def _packets(
     return [*out, *context.encode(None)]
 
 
-def _encode(path: Path, stamps: Sequence[int], container: str | None = None, **options: str) -> Path:
-    with av.open(str(path), "w", format=container, options={"avoid_negative_ts": "disabled", **options}) as output:
+def _encode(path: Path, stamps: Sequence[int] = range(0, FRAMES * _STEP, _STEP), **options: str) -> Path:
+    with av.open(str(path), "w", options={"avoid_negative_ts": "disabled", **options}) as output:
         stream: Any = output.add_stream("libx264", rate=25, options={"g": "8", "bf": "2"})
         stream.width, stream.height, stream.pix_fmt = 96, 64, "yuv420p"
         stream.time_base = stream.codec_context.time_base = TICK
@@ -70,7 +70,7 @@ def _copied(source: Path, target: Path, change: Callable[[Any], bool] = lambda p
 
 def edit_list(folder: Path) -> Path:
     """An MP4 whose edit list leaves out the first 6 of 24 frames: media time of the first edit is moved on."""
-    path = _encode(folder / "edit_list.mp4", range(0, FRAMES * _STEP, _STEP))
+    path = _encode(folder / "edit_list.mp4")
     data = bytearray(path.read_bytes())
     at = data.index(b"elst") + 4
     entries = int.from_bytes(data[at + 4 : at + 8], "big")
@@ -81,8 +81,7 @@ def edit_list(folder: Path) -> Path:
     data[at + 12 : at + 16] = (media_time + 6 * _STEP * scale // 1000).to_bytes(4, "big")
     duration = int.from_bytes(data[at + 8 : at + 12], "big")
     data[at + 8 : at + 12] = (duration * 18 // 24).to_bytes(4, "big")
-    path.write_bytes(bytes(data))
-    return path
+    return _filled(path, data)
 
 
 def negative_start(folder: Path) -> Path:
@@ -92,14 +91,13 @@ def negative_start(folder: Path) -> Path:
 
 def negative_start_mkv(folder: Path) -> Path:
     """A Matroska file whose first block is stamped 80 ms before its cluster, which is at zero."""
-    path = _encode(folder / "negative_start.mkv", range(0, FRAMES * _STEP, _STEP))
+    path = _encode(folder / "negative_start.mkv")
     data = bytearray(path.read_bytes())
     at = data.index(b"\x1f\x43\xb6\x75")  # the first cluster
     block = data.index(b"\xa3", at + 8)  # a SimpleBlock: size, track 1, time, flags
     track = data.index(b"\x81\x00\x00\x80", block, block + 16)
     data[track + 1 : track + 3] = (-80).to_bytes(2, "big", signed=True)
-    path.write_bytes(bytes(data))
-    return path
+    return _filled(path, data)
 
 
 def late_start(folder: Path) -> Path:
@@ -121,13 +119,7 @@ def variable_rate(folder: Path) -> Path:
 def missing_durations(folder: Path) -> Path:
     """A live WebM: no duration, no count, no index, unknown segment length."""
     plain = folder / "plain.webm"
-    with av.open(str(plain), "w") as output:
-        stream: Any = output.add_stream("libvpx-vp9", rate=25, options={"deadline": "realtime", "cpu-used": "8"})
-        stream.width, stream.height, stream.pix_fmt = 96, 64, "yuv420p"
-        for k, picture in enumerate(_pictures()):
-            picture.pts, picture.time_base = k, Fraction(1, 25)
-            output.mux(stream.encode(picture))
-        output.mux(stream.encode(None))
+    encode_raw(plain, _pictures(), "libvpx-vp9", **{"deadline": "realtime", "cpu-used": "8"})
 
     def without(packet: Any) -> bool:
         packet.duration = 0
@@ -138,15 +130,7 @@ def missing_durations(folder: Path) -> Path:
 
 def raw_stamps_missing(folder: Path) -> Path:
     """An AVI: time stamps of coding alone."""
-    path = folder / "no_display_stamps.avi"
-    with av.open(str(path), "w") as output:
-        stream: Any = output.add_stream("mpeg4", rate=25, options={"g": "8", "bf": "0"})
-        stream.width, stream.height, stream.pix_fmt = 96, 64, "yuv420p"
-        for k, picture in enumerate(_pictures()):
-            picture.pts, picture.time_base = k, Fraction(1, 25)
-            output.mux(stream.encode(picture))
-        output.mux(stream.encode(None))
-    return path
+    return encode_raw(folder / "no_display_stamps.avi", _pictures(), "mpeg4", g="8", bf="0")
 
 
 def changed_resolution(folder: Path) -> Path:
@@ -183,7 +167,7 @@ def _joined(path: Path, before: list[Any], after: list[Any]) -> Path:
 
 def attached_picture(folder: Path) -> Path:
     """An MP4 with a JPEG as its cover, which is a track as well."""
-    plain = _encode(folder / "plain_cover.mp4", range(0, FRAMES * _STEP, _STEP))
+    plain = _encode(folder / "plain_cover.mp4")
     path = folder / "attached_picture.mp4"
     done, cover = cv2.imencode(".jpg", colorful(3, (300, 300)))
     assert done
@@ -225,17 +209,25 @@ def two_videos(folder: Path) -> Path:
 
 def _cut(path: Path, name: str, packet: int) -> Path:
     """The file up to the middle of that packet of it, however many bytes the encoder wrote before."""
-    with av.open(str(path)) as given:
-        packets = [entry for entry in given.demux(given.streams.video[0]) if entry.size]
-        end = packets[packet].pos + packets[packet].size // 2
-    target = path.with_name(name)
-    target.write_bytes(path.read_bytes()[:end])
-    return target
+    start, size = _place(path, packet)
+    return _filled(path.with_name(name), path.read_bytes()[: start + size // 2])
+
+
+def _place(path: Path, packet: int) -> tuple[int, int]:
+    """Where that packet of a clip is in its file, and how many bytes it has."""
+    with av.open(str(path)) as clip:
+        found: Any = [one for one in clip.demux(clip.streams.video[0]) if one.size][packet]
+    return found.pos, found.size
+
+
+def _filled(path: Path, data: bytes | bytearray) -> Path:
+    path.write_bytes(data)
+    return path
 
 
 def cut_mp4(folder: Path) -> Path:
     """Its index stands first, the last fifth of the file is missing."""
-    whole = _encode(folder / "whole.mp4", range(0, FRAMES * _STEP, _STEP), movflags="faststart")
+    whole = _encode(folder / "whole.mp4", movflags="faststart")
     return _cut(whole, "cut.mp4", 16)
 
 
@@ -249,17 +241,17 @@ def cut_variable_rate(folder: Path) -> Path:
 def cut_fragments(folder: Path) -> Path:
     """A fragmented MP4, cut inside a fragment."""
     flags = "frag_keyframe+empty_moov+default_base_moof"
-    return _cut(_encode(folder / "whole_f.mp4", range(0, FRAMES * _STEP, _STEP), movflags=flags), "cut_f.mp4", 11)
+    return _cut(_encode(folder / "whole_f.mp4", movflags=flags), "cut_f.mp4", 11)
 
 
 def cut_mkv(folder: Path) -> Path:
     """A Matroska file without its last fifth."""
-    return _cut(_encode(folder / "whole.mkv", range(0, FRAMES * _STEP, _STEP)), "cut.mkv", 16)
+    return _cut(_encode(folder / "whole.mkv"), "cut.mkv", 16)
 
 
 def cut_live_mkv(folder: Path) -> Path:
     """The same as a live recording, which says neither its own length nor that of its clusters."""
-    return _cut(_encode(folder / "whole_live.mkv", range(0, FRAMES * _STEP, _STEP), live="1"), "cut_live.mkv", 16)
+    return _cut(_encode(folder / "whole_live.mkv", live="1"), "cut_live.mkv", 16)
 
 
 def cut_avi(folder: Path) -> Path:
@@ -274,46 +266,31 @@ def damaged_middle(folder: Path) -> Path:
     start = data.index(b"mdat") + 4
     low, high = (start + (len(data) - start) * tenths // 10 for tenths in (6, 8))
     data[low:high] = b"\xff" * (high - low)
-    path.write_bytes(bytes(data))
-    return path
+    return _filled(path, data)
 
 
 def damaged_picture(folder: Path) -> Path:
     """An MP4 of 24 frames with the middle of one's bytes overwritten, which its decoder goes on after."""
-    path = _encode(folder / "damaged_picture.mp4", range(0, FRAMES * _STEP, _STEP))
-    with av.open(str(path)) as clip:
-        packet = [packet for packet in clip.demux(clip.streams.video[0]) if packet.size][8]
-    assert packet.pos is not None
-    data = bytearray(path.read_bytes())
-    middle = packet.pos + packet.size // 2
+    path = _encode(folder / "damaged_picture.mp4")
+    start, size = _place(path, 8)
+    data, middle = bytearray(path.read_bytes()), start + size // 2
     data[middle : middle + 200] = np.random.default_rng(1).bytes(200)
-    path.write_bytes(bytes(data))
-    return path
+    return _filled(path, data)
 
 
 def lost_blocks(folder: Path) -> Path:
     """A Matroska file of 24 frames, a block's head in the middle overwritten: readers go on at the next cluster."""
-    path = _encode(folder / "lost_blocks.mkv", range(0, FRAMES * _STEP, _STEP), cluster_time_limit="400")
-    with av.open(str(path)) as clip:
-        packet = [packet for packet in clip.demux(clip.streams.video[0]) if packet.size][10]
-    assert packet.pos is not None
+    path = _encode(folder / "lost_blocks.mkv", cluster_time_limit="400")
+    start, _ = _place(path, 10)
     data = bytearray(path.read_bytes())
-    data[packet.pos - 2 : packet.pos + 10] = bytes(12)
-    path.write_bytes(bytes(data))
-    return path
+    data[start - 2 : start + 10] = bytes(12)
+    return _filled(path, data)
 
 
 def open_group(folder: Path) -> Path:
     """An MP4 of 24 frames cut between key pictures, so that the first ones lean on others that are gone."""
     path = folder / "open_group_whole.mp4"
-    with av.open(str(path), "w") as output:
-        stream: Any = output.add_stream(
-            "libx264", rate=25, options={"bf": "2", "x264-params": "keyint=8:open-gop=1:scenecut=0"}
-        )
-        stream.width, stream.height, stream.pix_fmt = 96, 64, "yuv420p"
-        for picture in _pictures():
-            output.mux(stream.encode(picture))
-        output.mux(stream.encode(None))
+    encode_raw(path, _pictures(), "libx264", **{"bf": "2", "x264-params": "keyint=8:open-gop=1:scenecut=0"})
     keys: list[bool] = []
 
     def later(packet: Any) -> bool:
