@@ -18,7 +18,7 @@ import pytest
 from pvg.video import probe
 from scripts.samples import SAMPLES_DIR, Samples
 from tests.conftest import REPOSITORY, cut_clip
-from tests.service.servers import missing
+from tests.service.servers import installed
 from tests.worker.serving import Service, running_service
 
 ADDRESS = "http://127.0.0.1:8000"
@@ -75,8 +75,7 @@ def test_the_session_of_the_client(service: Service, folder: Path) -> None:
 
 def test_the_session_of_curl(service: Service, folder: Path) -> None:
     for tool in ("curl", "jq"):
-        if shutil.which(tool) is None:
-            missing(f"{tool} is not installed")
+        installed(tool)
     printed = run("README.md", "curl", folder, service)
     assert probe(folder / "look.mp4").frame_count == FRAMES
     assert '"kind":"transfer"' in printed.splitlines()[-1]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -17,7 +16,7 @@ from tests.browser.desk import Desk
 from tests.browser.guarded import PATIENCE_S, Guarded, watch
 from tests.gallery.clips import add_tone, cut_clip, encode_raw, libav_frame
 from tests.service.fixtures import Api, api, make_ready, plain_logs, settings
-from tests.service.servers import missing
+from tests.service.servers import installed
 from tests.worker.serving import Service, running_service
 
 __all__ = ["api", "plain_logs", "settings"]
@@ -33,10 +32,7 @@ def playwright() -> Iterator[Playwright]:
 @pytest.fixture(scope="module")
 def chromium(playwright: Playwright) -> Iterator[Browser]:
     """The installed Chromium, without a window. It finds no host but this machine."""
-    command = shutil.which("chromium") or shutil.which("chromium-browser")
-    if command is None:
-        missing("chromium is not installed")
-        return
+    command = installed("chromium", "chromium-browser")
     arguments = [
         *("--no-sandbox", "--disable-dev-shm-usage", "--autoplay-policy=no-user-gesture-required"),
         *("--disable-gpu", "--in-process-gpu"),  # which spares a process that would draw by the processor as well
@@ -75,8 +71,7 @@ def open_page(chromium: Browser) -> Iterator[OpenPage]:
 @pytest.fixture(scope="package")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     """One service with a worker for all tests here."""
-    if not (shutil.which("chromium") or shutil.which("chromium-browser")):
-        missing("chromium is not installed")
+    installed("chromium", "chromium-browser")
     folder = tmp_path_factory.mktemp("browser")
     # how soon pictures come is not tried here, and the page shows none that came too late
     with running_service(folder, worker_concurrency="1", preview_timeout_s="60") as running:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 from collections import Counter
 from collections.abc import Callable
@@ -16,7 +15,7 @@ import pytest
 from scripts.samples import Samples
 from tests.promises import Drill
 from tests.service.s3 import S3
-from tests.service.servers import missing
+from tests.service.servers import installed
 from tests.worker.serving import running_afresh
 
 QUICK = {"lease_s": "8", "heartbeat_s": "1", "reap_interval_s": "1", "republish_after_s": "1"}
@@ -54,9 +53,7 @@ long time(long *at) {
 
 def clock_that_is_off(folder: Path, off_s: int) -> dict[str, str]:
     """Variables of a process that takes the machine's clock for one that is so many seconds off."""
-    compiler = shutil.which("cc")
-    if compiler is None:
-        missing("cc is not installed")
+    compiler = installed("cc")
     (folder / "clock.c").write_text(_CLOCK)
     library = folder / "clock.so"
     options = ("-shared", "-fPIC", "-nostdlib", "-fno-builtin", f"-DOFF_S={off_s}L", "-o", str(library))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import zipfile
 import zlib
 from collections import Counter
@@ -18,7 +17,7 @@ from tests.gallery import hostile
 from tests.gallery.pictures import colorful
 from tests.promises import Drill
 from tests.service.remote import PRIVATE, remote
-from tests.service.servers import missing
+from tests.service.servers import installed
 from tests.worker.serving import parent_of, running_service, worker_processes
 
 #: what a job may end with that such a file is given to: it is the file's fault, and the text says which
@@ -89,9 +88,7 @@ def test_hostile_files_read_nothing_reach_nobody_and_the_worker_lives(
     tmp_path: Path, samples: Samples, promise: Callable[..., Drill]
 ) -> None:
     drill = promise("R14", wanted="uploaded: no outside access, no file read, clear error, worker lives")
-    strace = shutil.which("strace")
-    if strace is None:
-        missing("strace is not installed")
+    strace = installed("strace")
     secret, calls, folder = tmp_path / "nobodys-business", tmp_path / "calls", tmp_path / "hostile"
     secret.write_text("nothing that a job may see")
     folder.mkdir()

@@ -14,6 +14,16 @@ import pytest
 from pvg import _allocator
 from pvg._allocator import give_back, map_large_blocks
 
+#: what the programs below begin with
+_RESIDENT = """
+from pathlib import Path
+from pvg._allocator import give_back, map_large_blocks
+
+def resident():
+    line = next(x for x in Path("/proc/self/status").read_text().splitlines() if x.startswith("VmRSS"))
+    return int(line.split()[1]) * 1024
+"""
+
 
 @pytest.fixture
 def _asked_anew() -> Iterator[None]:
@@ -25,13 +35,6 @@ def _asked_anew() -> Iterator[None]:
 @pytest.mark.skipif(_allocator._glibc() is None, reason="of glibc")
 def test_what_was_freed_between_what_is_needed_goes_back_to_the_system() -> None:
     program = """
-        from pathlib import Path
-        from pvg._allocator import give_back
-
-        def resident():
-            line = next(x for x in Path("/proc/self/status").read_text().splitlines() if x.startswith("VmRSS"))
-            return int(line.split()[1]) * 1024
-
         held = [bytearray(100_000) for _ in range(500)]  # smaller than what is mapped by itself
         for block in held:
             block[:] = b"x" * len(block)
@@ -41,7 +44,7 @@ def test_what_was_freed_between_what_is_needed_goes_back_to_the_system() -> None
         assert before - resident() > 30_000_000, (before, resident())
         assert all(block == b"x" * 100_000 for block in held)
     """
-    subprocess.run([sys.executable, "-c", textwrap.dedent(program)], check=True, timeout=60)
+    _printed(program, {})
 
 
 @pytest.mark.usefixtures("_asked_anew")
@@ -74,13 +77,6 @@ def test_with_another_c_library_cycles_are_freed_all_the_same(
 )
 def test_large_blocks_are_gone_when_they_are_freed(environment: dict[str, str], mapped: bool) -> None:
     program = """
-        from pathlib import Path
-        from pvg._allocator import map_large_blocks
-
-        def resident():
-            line = next(x for x in Path("/proc/self/status").read_text().splitlines() if x.startswith("VmRSS"))
-            return int(line.split()[1]) * 1024
-
         def block(size):
             return bytearray(b"x") * size
 
@@ -104,13 +100,6 @@ def test_large_blocks_are_gone_when_they_are_freed(environment: dict[str, str], 
 )
 def test_what_is_kept_free_is_what_the_environment_says(environment: dict[str, str]) -> None:
     program = """
-        from pathlib import Path
-        from pvg._allocator import map_large_blocks
-
-        def resident():
-            line = next(x for x in Path("/proc/self/status").read_text().splitlines() if x.startswith("VmRSS"))
-            return int(line.split()[1]) * 1024
-
         map_large_blocks()
         resident()
         held = [bytearray(b"x") * 1_000_000 for _ in range(40)]
@@ -126,7 +115,7 @@ def _printed(program: str, environment: dict[str, str]) -> str:
     """What a process prints that has these of the variables of glibc's allocator, and no others."""
     plain = {k: v for k, v in os.environ.items() if not k.startswith("MALLOC_") and k != "GLIBC_TUNABLES"}
     done = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(program)],
+        [sys.executable, "-c", _RESIDENT + textwrap.dedent(program)],
         check=True,
         timeout=60,
         env=plain | environment,

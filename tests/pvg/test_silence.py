@@ -13,7 +13,7 @@ import pytest
 
 from pvg.models import cache_folder
 from scripts.samples import Samples
-from tests.service.servers import missing
+from tests.service.servers import installed
 
 # what keeps onnxruntime silent in itself; a user's machine has none of it
 _SILENCING = ("CI", "GITHUB_ACTIONS", "TF_BUILD", "ORT_DISABLE_TELEMETRY", "ORT_RUNNING_UNIT_TESTS")
@@ -34,11 +34,8 @@ def environment(home: Path) -> dict[str, str]:
 
 def traced(log: Path, command: list[str], home: Path) -> list[str]:
     """The addresses and look-ups that a process and its threads tried: lines of strace that name the Internet."""
-    strace = shutil.which("strace")
-    if strace is None:
-        missing("strace is not installed")
     done = subprocess.run(
-        [str(strace), "-f", "-qq", "-e", "trace=%network", "-o", str(log), *command],
+        [installed("strace"), "-f", "-qq", "-e", "trace=%network", "-o", str(log), *command],
         env=environment(home),
         capture_output=True,
         text=True,

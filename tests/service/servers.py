@@ -44,6 +44,21 @@ def missing(what: str, *, required_by: str = "PVG_REQUIRE_SERVERS") -> NoReturn:
     pytest.skip(what)
 
 
+def installed(*names: str) -> str:
+    """The program of this name, or of the first of these that is there; the test needs it, see `missing`."""
+    found = next((path for name in names if (path := shutil.which(name))), None)
+    return found or missing(f"{names[0]} is not installed")
+
+
+def check_namespaces(*command: str) -> None:
+    """Skip the test where a command that runs another in namespaces of its own, as `unshare` does, is refused them."""
+    alone = subprocess.run(
+        [installed(command[0]), *command[1:], "/bin/true"], capture_output=True, text=True, check=False
+    )
+    if alone.returncode != 0:  # that of a command that fails within them may be the same
+        pytest.skip(f"namespaces are not to be had here: {alone.stderr.strip()}")
+
+
 _given: Final[set[int]] = set()
 
 
@@ -86,9 +101,7 @@ def stop(process: subprocess.Popen[bytes]) -> None:
 @contextmanager
 def redis_server(folder: Path, port: int | None = None) -> Iterator[str]:
     """A Redis server of our own, at a free port or a given one; its URL."""
-    command = shutil.which("redis-server") or shutil.which("valkey-server")
-    if command is None:
-        missing("redis-server is not installed")
+    command = installed("redis-server", "valkey-server")
     port = port or free_port()
     process = subprocess.Popen(
         [command, "--port", str(port), "--bind", "127.0.0.1", "--dir", str(folder), "--save", ""],

@@ -27,7 +27,7 @@ from service.settings import Settings
 from tests.faults.test_clocks import clock_that_is_off
 from tests.service.catalog.test_parts import finish, parted
 from tests.service.fixtures import MP4, PNG, Api, claim, make_ready, make_results, serve
-from tests.service.servers import fresh_database, missing
+from tests.service.servers import fresh_database, installed
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "operations" / "data.md"
 LOOK = b"a recoloured clip" * 1000
@@ -40,8 +40,7 @@ def kept(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Settings]:
     if request.param == "sqlite":
         yield settings
         return
-    if not shutil.which("pg_dump"):
-        missing("pg_dump is not installed")
+    installed("pg_dump")
     with fresh_database(request.getfixturevalue("postgres_url")) as url:
         yield settings.model_copy(update={"database_url": url})
 

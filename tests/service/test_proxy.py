@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -14,7 +13,7 @@ import pytest
 
 from service.settings import Settings
 from tests.service.fixtures import PNG, Api, make_ready, serve
-from tests.service.servers import free_port, missing, stop
+from tests.service.servers import free_port, installed, stop
 from tests.waiting import until
 
 PROXY = Path(__file__).resolve().parents[2] / "deploy" / "proxy"
@@ -37,9 +36,7 @@ def proxy(service: Api, tmp_path: Path) -> Iterator[httpx.Client]:
 @contextmanager
 def nginx_before(service_port: int, tmp_path: Path) -> Iterator[httpx.Client]:
     """nginx before what is at a port, with its logs in the folder `nginx`; a client that calls it."""
-    nginx = shutil.which("nginx")
-    if nginx is None:
-        missing("nginx is not installed")
+    nginx = installed("nginx")
     port, folder = free_port(), tmp_path / "nginx"
     folder.mkdir()
     ours = (PROXY / "nginx.conf").read_text()

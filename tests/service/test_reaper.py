@@ -126,6 +126,14 @@ def test_everything_queued_is_published_again_when_the_broker_lost_messages(
     assert set(take(services.settings, VECTORIZE)) == set(ids)
 
 
+def claimed_after_a_round(services: Services) -> str:
+    """The id of a job whose worker is gone; the reaper knows that the database answered just before."""
+    services.reaper.round()
+    job_id = add_media(services.database).job_id
+    claim(services.database, job_id)
+    return job_id
+
+
 def is_full(statement: str) -> OperationalError:
     full = sqlite3.OperationalError("database or disk is full")
     full.sqlite_errorcode = sqlite3.SQLITE_FULL
@@ -150,9 +158,7 @@ def full_disk() -> Iterator[None]:
 def test_a_full_disk_is_said_once_and_keeps_no_worker_from_its_job(
     services: Services, clock: FakeClock, machine: SimpleNamespace, caplog: pytest.LogCaptureFixture
 ) -> None:
-    services.reaper.round()
-    medium = add_media(services.database)
-    claim(services.database, medium.job_id)
+    job_id = claimed_after_a_round(services)
     caplog.clear()
     with full_disk():
         for _ in range(2):
@@ -166,8 +172,8 @@ def test_a_full_disk_is_said_once_and_keeps_no_worker_from_its_job(
     clock.forward(11)  # it could not renew its lease
     machine.steady_s += 11
     services.reaper.round()
-    assert states(services, medium.job_id) == [("running", 1)]
-    assert rounds_until_queued(services, clock, machine, medium.job_id) <= 20
+    assert states(services, job_id) == [("running", 1)]
+    assert rounds_until_queued(services, clock, machine, job_id) <= 20
 
 
 @pytest.mark.parametrize("what", ["forget", "reserve"])
@@ -186,10 +192,8 @@ def test_what_else_has_no_room_puts_no_lost_worker_off(
         monkeypatch.setattr(services.background, "forget", forget)
     else:
         monkeypatch.setattr(os, "posix_fallocate", posix_fallocate)
-    services.reaper.round()
-    medium = add_media(services.database)
-    claim(services.database, medium.job_id)
-    assert rounds_until_queued(services, clock, machine, medium.job_id) <= 40
+    job_id = claimed_after_a_round(services)
+    assert rounds_until_queued(services, clock, machine, job_id) <= 40
 
 
 def test_a_lapsed_job_is_queued_and_published_again(services: Services, clock: FakeClock) -> None:
@@ -222,10 +226,8 @@ def rounds_until_queued(services: Services, clock: FakeClock, machine: SimpleNam
 
 
 def test_a_job_of_a_lost_worker_is_queued_soon(services: Services, clock: FakeClock, machine: SimpleNamespace) -> None:
-    services.reaper.round()
-    medium = add_media(services.database)
-    claim(services.database, medium.job_id)
-    assert rounds_until_queued(services, clock, machine, medium.job_id) <= 40
+    job_id = claimed_after_a_round(services)
+    assert rounds_until_queued(services, clock, machine, job_id) <= 40
 
 
 def test_a_long_round_puts_no_lost_worker_off(
@@ -236,10 +238,8 @@ def test_a_long_round_puts_no_lost_worker_off(
         machine.steady_s += 60
 
     monkeypatch.setattr(services.reaper, "expire", expire)
-    services.reaper.round()
-    medium = add_media(services.database)
-    claim(services.database, medium.job_id)
-    assert rounds_until_queued(services, clock, machine, medium.job_id) <= 20  # the first is held up after its look
+    job_id = claimed_after_a_round(services)
+    assert rounds_until_queued(services, clock, machine, job_id) <= 20  # the first is held up after its look
 
 
 def test_a_step_that_fails_while_the_database_answers_puts_no_lost_worker_off(
@@ -249,10 +249,8 @@ def test_a_step_that_fails_while_the_database_answers_puts_no_lost_worker_off(
         raise OperationalError("DELETE", None, DeadlockDetected("deadlock detected"))
 
     monkeypatch.setattr(services.reaper, "expire", expire)
-    services.reaper.round()
-    medium = add_media(services.database)
-    claim(services.database, medium.job_id)
-    assert rounds_until_queued(services, clock, machine, medium.job_id) <= 40
+    job_id = claimed_after_a_round(services)
+    assert rounds_until_queued(services, clock, machine, job_id) <= 40
 
 
 def test_workers_have_time_after_a_database_that_went_away_during_a_round(
@@ -299,8 +297,6 @@ def test_a_medium_that_cannot_be_removed_keeps_no_others(
 def test_a_medium_past_its_retention_goes_on_a_full_disk_with_what_is_kept_for_that(
     services: Services, clock: FakeClock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    full = sqlite3.OperationalError("database or disk is full")
-    full.sqlite_errorcode = sqlite3.SQLITE_FULL
     make_ready(services, add_media(services.database).id)
     given: list[str] = []
     monkeypatch.setattr(services.background, "_before_freeing", lambda: given.append("a part"))
@@ -308,7 +304,7 @@ def test_a_medium_past_its_retention_goes_on_a_full_disk_with_what_is_kept_for_t
 
     def needs_room(session: Session, medium: Media, **how: Any) -> list[str]:
         if not given:
-            raise OperationalError("DELETE", None, full)
+            raise is_full("DELETE")
         return delete(session, medium, **how)
 
     monkeypatch.setattr(media, "delete", needs_room)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -17,7 +16,7 @@ import httpx
 import pytest
 
 from scripts.samples import Samples
-from tests.service.servers import free_port, missing
+from tests.service.servers import check_namespaces, free_port
 from tests.worker.read_only_root import CANNOT
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -85,11 +84,7 @@ def compiled_kernels() -> None:
 @pytest.fixture
 def container(tmp_path: Path) -> Container:
     made = Container(tmp_path, PVG_PORT=str(free_port()), PVG_WORKER_CONCURRENCY="1")
-    if shutil.which("unshare") is None:
-        missing("unshare is not installed")
-    alone = subprocess.run([*NAMESPACES, "/bin/true"], capture_output=True, text=True, check=False)
-    if alone.returncode != 0:  # that of a command that fails within them may be the same
-        pytest.skip(f"namespaces are not to be had here: {alone.stderr.strip()}")
+    check_namespaces(*NAMESPACES)
     if (done := made.run("/bin/true")).returncode != 0:
         assert done.returncode == CANNOT, done.stderr
         pytest.skip(f"mounts in a namespace are not to be had here: {done.stderr.strip()}")

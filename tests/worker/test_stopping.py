@@ -6,7 +6,6 @@ import json
 import logging
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -31,7 +30,7 @@ from service.settings import Settings
 from tests.gallery.clips import repeat_clip
 from tests.promises import Drill
 from tests.service.fixtures import MP4, make_ready, make_results, make_tables
-from tests.service.servers import missing
+from tests.service.servers import check_namespaces
 from tests.waiting import until
 from tests.worker.serving import (
     Service,
@@ -210,11 +209,7 @@ threading.Event().wait()
 @pytest.mark.parametrize("before", [(), FIRST], ids=["a-process", "the-first-of-a-container"])
 def test_a_worker_that_hangs_ends_with_status_0(before: tuple[str, ...]) -> None:
     if before:
-        if shutil.which(before[0]) is None:
-            missing("unshare is not installed")
-        alone = subprocess.run([*before, "/bin/true"], capture_output=True, text=True, check=False)
-        if alone.returncode != 0:
-            pytest.skip(f"namespaces are not to be had here: {alone.stderr.strip()}")
+        check_namespaces(*before)
     command = [*before, sys.executable, "-c", _HANGS, "0.5"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import subprocess
 import sys
 import time
@@ -16,7 +15,7 @@ from service.processes import worker_environment
 from service.settings import Settings
 from tests.promises import Drill
 from tests.pvg.test_silence import environment, home, left_behind
-from tests.service.servers import missing
+from tests.service.servers import installed
 from tests.worker.serving import running_service
 
 __all__ = ["home"]
@@ -42,16 +41,14 @@ def test_the_service_speaks_to_nobody_but_its_clients(
 ) -> None:
     """API, worker and pool seen from outside, while they vectorise and render."""
     drill = promise("R20", wanted="no packet to another machine, no device id on disk")
-    strace = shutil.which("strace")
-    if strace is None:
-        missing("strace is not installed")
+    strace = installed("strace")
     for name in os.environ.keys() - environment(home).keys():
         monkeypatch.delenv(name)
     monkeypatch.setenv("HOME", str(home))
     log = tmp_path / "calls"
     # -D: the service is our child, and strace beside it
     before = (
-        str(strace),
+        strace,
         "-D",
         "-f",
         "--seccomp-bpf",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import subprocess
 from collections.abc import Iterator
 from html.parser import HTMLParser
@@ -13,7 +12,7 @@ import pytest
 
 from service.settings import Settings
 from tests.service.fixtures import Api, serve
-from tests.service.servers import missing
+from tests.service.servers import installed
 
 PAGES = ["/docs", "/redoc"]
 ELSEWHERE = re.compile(r"(?:https?:)?//[\w.-]+\.\w+")
@@ -108,9 +107,7 @@ def test_addresses_have_the_path_of_the_proxy(proxied: Api, page: str) -> None:
 
 
 def test_a_browser_shows_the_interface(api: Api, tmp_path: Path) -> None:
-    browser = shutil.which("chromium") or shutil.which("chromium-browser")
-    if browser is None:
-        missing("chromium is not installed")
+    browser = installed("chromium", "chromium-browser")
     # every name but ours leads nowhere, so that whatever is loaded from elsewhere is missing from the page
     command = [
         *(browser, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path}"),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import subprocess
 import threading
 from pathlib import Path
@@ -13,7 +12,7 @@ import pytest
 from service.catalog import leases
 from tests.service.api.test_media import PROBLEM
 from tests.service.fixtures import MP4, PNG, Api, claim
-from tests.service.servers import missing
+from tests.service.servers import installed
 from tests.waiting import until
 
 README = Path(__file__).resolve().parents[3] / "README.md"
@@ -22,8 +21,7 @@ README = Path(__file__).resolve().parents[3] / "README.md"
 def _pasted(api: Api, folder: Path) -> str:
     """Run the recipe as a shell does that goes on after errors; what it said."""
     for tool in ("curl", "jq"):
-        if shutil.which(tool) is None:
-            missing(f"{tool} is not installed")
+        installed(tool)
     found = re.search(r"<!-- tested: curl -->\n```sh\n(.*?)\n# or ", README.read_text("utf-8"), re.DOTALL)
     assert found is not None
     text = found[1].replace("http://127.0.0.1:8000", str(api.client.base_url).rstrip("/"))
