@@ -38,10 +38,10 @@ _heartbeat = Heartbeat(settings)
 app = Celery("pvg-worker", include=["worker.tasks"])
 app.steps["consumer"].add(connection.Watched)
 app.conf.update(celery_settings(settings))
+app.conf.update(connection.SETTINGS)
 app.conf.update(
     task_acks_late=True,
     task_reject_on_worker_lost=True,
-    worker_prefetch_multiplier=1,
     worker_pool="worker.pool:TaskPool",
     worker_concurrency=settings.worker_concurrency,
     worker_max_tasks_per_child=settings.worker_max_tasks_per_child,
@@ -50,11 +50,6 @@ app.conf.update(
     task_time_limit=settings.job_hard_limit_s,
     # a render goes on while the broker is away: the database is the source of truth
     worker_cancel_long_running_tasks_on_connection_loss=False,
-    worker_consumer="worker.connection:PatientConsumer",
-    broker_connection_retry=True,
-    broker_connection_max_retries=None,
-    worker_send_task_events=False,
-    worker_disable_rate_limits=True,
 )
 
 

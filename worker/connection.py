@@ -16,6 +16,16 @@ TOLERATED_S: Final = 60.0
 #: seconds between two tries to use a broker that can be reached
 _PAUSE_S: Final = 2.0
 
+#: what Celery is told of its consumer, of jobs and of previews alike
+SETTINGS: Final[dict[str, Any]] = {
+    "worker_consumer": "worker.connection:PatientConsumer",
+    "worker_prefetch_multiplier": 1,
+    "worker_send_task_events": False,
+    "worker_disable_rate_limits": True,
+    "broker_connection_retry": True,
+    "broker_connection_max_retries": None,
+}
+
 #: since when there has been no connection, by the steady clock; a page that every process forked from here shares
 _page: Final = mmap.mmap(-1, 8)
 _TIME: Final = struct.Struct("d")

@@ -33,20 +33,15 @@ _heartbeat = Heartbeat(settings, kind="previews")
 app = Celery("pvg-previews")
 app.steps["consumer"].add(connection.Watched)
 app.conf.update(celery_settings(settings))
+app.conf.update(connection.SETTINGS)
 app.conf.update(
     worker_pool="threads",
     worker_concurrency=settings.preview_concurrency,
-    worker_prefetch_multiplier=1,
     # the embedded broker is looked at so often; others speak by themselves
     broker_transport_options={
         **app.conf.broker_transport_options,
         **({"polling_interval": settings.preview_polling_interval_s} if settings.uses_broker_of_files else {}),
     },
-    worker_consumer="worker.connection:PatientConsumer",
-    broker_connection_retry=True,
-    broker_connection_max_retries=None,
-    worker_send_task_events=False,
-    worker_disable_rate_limits=True,
 )
 
 

@@ -65,7 +65,7 @@ def _delete(session: Session, found: Media, active: Sequence[str], *, now: datet
     return media.delete(session, found, now=now) + drawn, ended
 
 
-async def remove_job(services: Services, owner: str, job_id: str, *, if_match: str | None = None) -> None:
+async def remove_job(services: Services, owner: str, job_id: str, *, if_match: str | None) -> None:
     """Delete the record of a job that has ended, with its results.
 
     Raises `NotFoundError`, `ConflictError` while it goes on, or the medium that it vectorised is there, and
