@@ -69,6 +69,13 @@ def inside(here: Remote) -> Iterator[Remote]:
         yield server
 
 
+@pytest.fixture
+def at(here: Remote, names: Names, public_loopback: None) -> str:
+    """The address of what is at a public address, by its name."""
+    names.tell("public.example", PUBLIC)
+    return f"http://public.example:{here.port}"
+
+
 def fetch(egress: Egress, url: str) -> bytes:
     async def whole() -> bytes:
         async with egress.stream(url) as file:
@@ -207,16 +214,15 @@ def test_what_is_wrong_with_an_address_that_is_led_to_is_told_as_of_that(
 
 
 def test_a_public_address_is_asked_for_by_its_name_and_with_nothing_of_our_own(
-    egress: Egress, here: Remote, names: Names, public_loopback: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    egress: Egress, here: Remote, at: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     (tmp_path / "netrc").write_text("machine public.example login me password secret\n")
     monkeypatch.setenv("NETRC", str(tmp_path / "netrc"))
     for name in ("HTTP_PROXY", "http_proxy", "ALL_PROXY"):
         monkeypatch.setenv(name, "http://127.0.0.1:9")
-    names.tell("public.example", PUBLIC)
     here.answers["/first"] = answer(b"", "302 Found", Location="/clip?a=b#c", Set_Cookie="a=b")
     here.answers["/clip"] = answer(b"clip")
-    assert fetch(egress, f"http://public.example:{here.port}/first") == b"clip"
+    assert fetch(egress, f"{at}/first") == b"clip"
     first, second = (request.lower() for request in here.requests)
     assert first.startswith(b"get /first http/1.1\r\n")
     assert second.startswith(b"get /clip?a=b http/1.1\r\n")
@@ -226,14 +232,10 @@ def test_a_public_address_is_asked_for_by_its_name_and_with_nothing_of_our_own(
         assert b"cookie" not in request
 
 
-def test_a_post_returns_the_status_and_follows_nothing(
-    egress: Egress, here: Remote, inside: Remote, names: Names, public_loopback: None
-) -> None:
-    names.tell("public.example", PUBLIC)
+def test_a_post_returns_the_status_and_follows_nothing(egress: Egress, here: Remote, inside: Remote, at: str) -> None:
     here.answers["/hook"] = answer(b"", "204 No Content")
     here.answers["/moved"] = answer(b"", "307 Temporary Redirect", Location=f"http://127.0.0.1:{here.port}/")
     here.answers["/long"] = answer(b"x" * 1_000_000, "500 Internal Server Error")
-    at = f"http://public.example:{here.port}"
     sent = {"webhook-id": "msg_1", "content-type": "application/json"}
     assert egress.post(f"{at}/hook", headers=sent, content=b'{"a": 1}', timeout_s=20) == 204
     assert here.requests[0].endswith(b'\r\n\r\n{"a": 1}')
@@ -243,22 +245,21 @@ def test_a_post_returns_the_status_and_follows_nothing(
     assert inside.connections == 0
 
 
-def test_a_post_takes_no_longer_than_it_may(egress: Egress, here: Remote, names: Names, public_loopback: None) -> None:
+def test_a_post_takes_no_longer_than_it_may(egress: Egress, here: Remote, at: str) -> None:
     def trickle(connection: socket) -> None:
         for letter in b"HTTP/1.1 200 OK\r\nContent-Length: 0\r\n" + b"X" * 600:
             connection.sendall(bytes([letter]))
             time.sleep(0.1)
 
-    names.tell("public.example", PUBLIC)
     here.answers["/"] = trickle
     began = time.monotonic()
     with pytest.raises(FetchFailedError):
-        egress.post(f"http://public.example:{here.port}/", headers={}, content=b"", timeout_s=1)
+        egress.post(at, headers={}, content=b"", timeout_s=1)
     assert time.monotonic() - began < 30  # it sends for 60
 
 
 def test_a_post_has_all_the_time_that_it_may_take(
-    here: Remote, names: Names, public_loopback: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    here: Remote, at: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def thinks(connection: socket) -> None:
         time.sleep(1)
@@ -266,15 +267,12 @@ def test_a_post_has_all_the_time_that_it_may_take(
 
     monkeypatch.setattr(egress_module, "_HEAD_S", 0.2)  # these two are of files
     egress = Egress(Settings(data_dir=tmp_path, body_timeout_s=0.2))
-    names.tell("public.example", PUBLIC)
     here.answers["/"] = thinks
-    assert egress.post(f"http://public.example:{here.port}/", headers={}, content=b"", timeout_s=30) == 204
+    assert egress.post(at, headers={}, content=b"", timeout_s=30) == 204
     egress.close()
 
 
-def test_a_file_that_comes_too_slowly_is_given_up(
-    here: Remote, names: Names, public_loopback: None, tmp_path: Path
-) -> None:
+def test_a_file_that_comes_too_slowly_is_given_up(here: Remote, at: str, tmp_path: Path) -> None:
     egress = Egress(Settings(data_dir=tmp_path, body_timeout_s=5))
 
     def trickle(connection: socket) -> None:
@@ -283,10 +281,9 @@ def test_a_file_that_comes_too_slowly_is_given_up(
             connection.sendall(b"x")
             time.sleep(0.1)
 
-    names.tell("public.example", PUBLIC)
     here.answers["/"] = trickle
     with pytest.raises(FetchFailedError, match="fewer than 500 bytes a second"):
-        fetch(egress, f"http://public.example:{here.port}/")
+        fetch(egress, at)
     egress.close()
 
 
@@ -306,11 +303,9 @@ INTERIM = b"HTTP/1.1 100 \r\n\r\n"
 
 @pytest.mark.parametrize(("head", "again"), [(CHUNKED, b"1\r\na\r\n"), (b"", INTERIM)])
 def test_an_answer_of_countless_small_pieces_is_given_up_at_once(
-    egress: Egress, here: Remote, names: Names, public_loopback: None, head: bytes, again: bytes
+    egress: Egress, here: Remote, at: str, head: bytes, again: bytes
 ) -> None:
-    names.tell("public.example", PUBLIC)
     here.answers["/"] = sends(head, again, 3)
-    at = f"http://public.example:{here.port}/"
     began = time.thread_time()  # the server's threads are others
     with pytest.raises(FetchFailedError, match="does not answer as HTTP has it"):
         fetch(egress, at)
@@ -322,12 +317,9 @@ def test_an_answer_of_countless_small_pieces_is_given_up_at_once(
     assert time.thread_time() - began < 1  # it was seconds
 
 
-def test_an_answer_may_have_some_interim_ones_before_it_and_small_chunks(
-    egress: Egress, here: Remote, names: Names, public_loopback: None
-) -> None:
-    names.tell("public.example", PUBLIC)
+def test_an_answer_may_have_some_interim_ones_before_it_and_small_chunks(egress: Egress, here: Remote, at: str) -> None:
     here.answers["/"] = sends(INTERIM * 100 + CHUNKED, b"40\r\n" + b"a" * 64 + b"\r\n", 1)
-    assert len(fetch(egress, f"http://public.example:{here.port}/")) == 64 * 100 * (10_000 // 70)
+    assert len(fetch(egress, at)) == 64 * 100 * (10_000 // 70)
 
 
 @pytest.mark.parametrize(
@@ -341,12 +333,11 @@ def test_an_answer_may_have_some_interim_ones_before_it_and_small_chunks(
     ],
 )
 def test_what_is_no_file_says_why(
-    egress: Egress, here: Remote, names: Names, public_loopback: None, given: Callable[[socket], None], said: str
+    egress: Egress, here: Remote, at: str, given: Callable[[socket], None], said: str
 ) -> None:
-    names.tell("public.example", PUBLIC)
     here.answers["/"] = given
     with pytest.raises(FetchFailedError, match=said):
-        fetch(egress, f"http://public.example:{here.port}/")
+        fetch(egress, at)
 
 
 def test_a_name_that_is_none_and_a_port_where_nobody_listens(
