@@ -12,14 +12,16 @@ from pvg.video.sniffing import MOST_OUTER
 SEGMENT = b"\x18\x53\x80\x67"
 CLUSTER = b"\x1f\x43\xb6\x75"
 SEEK_HEAD = b"\x11\x4d\x9b\x74"
+SEEK_POSITION = b"\x53\xac"
 INFO = b"\x15\x49\xa9\x66"
 TRACKS = b"\x16\x54\xae\x6b"
 CUES = b"\x1c\x53\xbb\x6b"
 CHAPTERS = b"\x10\x43\xa7\x70"
 TAGS = b"\x12\x54\xc3\x67"
 ATTACHMENTS = b"\x19\x41\xa4\x69"
-_IN_SEGMENT = (SEEK_HEAD, INFO, TRACKS, CUES, CHAPTERS, TAGS, ATTACHMENTS)
-_OUTER = re.compile(b"|".join(map(re.escape, (SEGMENT, CLUSTER, *_IN_SEGMENT))))
+IN_SEGMENT = (SEEK_HEAD, INFO, TRACKS, CUES, CHAPTERS, TAGS, ATTACHMENTS)
+"""What a segment holds beside its clusters: a reader reads each as a whole."""
+_OUTER = re.compile(b"|".join(map(re.escape, (SEGMENT, CLUSTER, *IN_SEGMENT))))
 
 
 def elements(name: str, file: BinaryIO, at: int, end: int) -> Iterator[tuple[bytes, int, int]]:

@@ -8,11 +8,8 @@ from itertools import islice
 from typing import BinaryIO
 
 from pvg.errors import MediaError
-from pvg.video.ebml import ATTACHMENTS, CHAPTERS, CUES, INFO, SEEK_HEAD, SEGMENT, TAGS, TRACKS, elements, length_of
+from pvg.video.ebml import ATTACHMENTS, CUES, IN_SEGMENT, SEEK_HEAD, SEEK_POSITION, SEGMENT, elements, length_of
 
-_HEADERS = (SEEK_HEAD, INFO, TRACKS, CUES, CHAPTERS, TAGS)
-"""Elements of a segment that are read as a whole."""
-_SEEK_POSITION = b"\x53\xac"
 _MOST_BYTES = {ATTACHMENTS: 64 * 2**20, CUES: 8 * 2**20}
 _MOST_OTHER_BYTES = 2**20
 _MOST_LISTED = 1000
@@ -20,7 +17,7 @@ _MOST_LISTED = 1000
 
 def check_headers(name: str, file: BinaryIO, size: int) -> None:
     """Refuse headers longer than any clip needs, by their kind. Raises MediaError."""
-    held = dict.fromkeys((*_HEADERS, ATTACHMENTS), 0)
+    held = dict.fromkeys(IN_SEGMENT, 0)
     segment, seen, sought = 0, set[int](), set[int]()
 
     def hold(identity: bytes, body: int, end: int) -> None:
@@ -53,7 +50,7 @@ def _sought(name: str, file: BinaryIO, body: int, end: int) -> Iterator[int]:
     """Where the entries of a seek head lead, from the segment's start; a reader follows each."""
     file.seek(body)
     data = file.read(min(end - body, _MOST_OTHER_BYTES))
-    places = list(re.finditer(re.escape(_SEEK_POSITION), data))
+    places = list(re.finditer(re.escape(SEEK_POSITION), data))
     if len(places) > _MOST_LISTED:
         raise MediaError(f"{name} has a list of {len(places)} headers; export it again")
     for found in places:

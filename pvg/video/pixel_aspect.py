@@ -13,13 +13,12 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import BinaryIO
 
 from pvg.errors import MediaError
+from pvg.video.ebml import INFO, SEEK_HEAD, SEEK_POSITION, SEGMENT, TRACKS
 
-_SEGMENT: Final = b"\x18\x53\x80\x67"
-_LIST, _VOID, _INFO, _TRACKS = b"\x11\x4d\x9b\x74", b"\xec", b"\x15\x49\xa9\x66", b"\x16\x54\xae\x6b"
-_SOUGHT, _PLACE, _CHECKSUM = b"\x4d\xbb", b"\x53\xac", b"\xbf"
+_VOID, _SOUGHT, _CHECKSUM = b"\xec", b"\x4d\xbb", b"\xbf"
 _TRACK, _VIDEO, _WIDTH, _HEIGHT = b"\xae", b"\xe0", b"\xb0", b"\xba"
 _SHOWN_WIDTH, _SHOWN_HEIGHT, _SHOWN_UNIT = b"\x54\xb0", b"\x54\xba", b"\x54\xb2"
 
@@ -66,13 +65,13 @@ def say_pixel_aspect(path: Path, aspect: Fraction) -> None:
     """
     with path.open("r+b") as file:
         _read(file)  # what kind of file it is; then the segment, which is all the rest
-        if _vint(file) != _SEGMENT:
+        if _vint(file) != SEGMENT:
             raise MediaError(f"{path.name}: it is not as libav's muxer makes it")
         _vint(file)
         begin = file.tell()
         parts = [_read(file) for _ in range(4)]
         listed, void, info, tracks = parts
-        if [part.identity for part in parts] != [_LIST, _VOID, _INFO, _TRACKS]:
+        if [part.identity for part in parts] != [SEEK_HEAD, _VOID, INFO, TRACKS]:
             raise MediaError(f"{path.name}: it is not as libav's muxer makes it")
         said = tracks.with_first(_TRACK, lambda track: track.with_first(_VIDEO, lambda video: _shown(video, aspect)))
         more = said.size - tracks.size
@@ -110,7 +109,7 @@ def _moved(listed: _Element, moving: range, by: int) -> _Element:
             at = int.from_bytes(old.body, "big")
             return replace(old, body=(at - by).to_bytes(len(old.body), "big")) if at in moving else old
 
-        return entry.with_first(_PLACE, place) if entry.identity == _SOUGHT else entry
+        return entry.with_first(SEEK_POSITION, place) if entry.identity == _SOUGHT else entry
 
     return listed.holding([mended(entry) for entry in _elements(listed.body)])
 

@@ -6,7 +6,7 @@ import struct
 import zlib
 from collections.abc import Iterator
 
-from pvg.video.metadata_record import MOST_ICC_BYTES, MOST_PARTS, PictureMetadata, TooManyPartsError, counted, with_exif
+from pvg.video.metadata_record import MOST_ICC_BYTES, PictureMetadata, counted, with_exif
 
 _PNG_SIGNATURE = 8
 _PNG_COLOR = {b"cICP", b"mDCV", b"cLLI", b"gAMA", b"cHRM", b"sRGB", b"pHYs"}
@@ -91,12 +91,4 @@ def png_size(data: bytes) -> tuple[int, int] | None:
     if data[8:16] != b"\0\0\0\x0dIHDR":
         return None
     width, height = struct.unpack(">II", data[16:24])
-    at = 8
-    for _ in range(MOST_PARTS):
-        if at + 12 > len(data):
-            return None
-        length, kind = struct.unpack(">I4s", data[at : at + 8])
-        at += 12 + length
-        if kind == b"IEND":
-            return width, height
-    raise TooManyPartsError(f"{MOST_PARTS} chunks")
+    return (width, height) if any(kind == b"IEND" for kind, _ in _chunks(data)) else None
