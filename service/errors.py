@@ -259,6 +259,9 @@ class StorageFullError(ServiceError):
 
     kind = PROBLEMS["insufficient-storage"]
 
+    def __init__(self) -> None:
+        super().__init__("no room is left for this; try again later")
+
 
 class UnavailableError(ServiceError):
     """A part that the answer needs cannot be reached right now."""

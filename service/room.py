@@ -103,7 +103,7 @@ class Room:
     def require(self, more_bytes: int = 0) -> None:
         """Raise `StorageFullError` when there is too little room for something new of this size."""
         if self.is_short(more_bytes):
-            raise StorageFullError("no room is left for this; try again later")
+            raise StorageFullError()
 
     def keep_reserve(self) -> None:
         """Make the reserve file where it is missing, or what is missing of it, and there is room for that."""

@@ -188,13 +188,13 @@ def install(app: FastAPI) -> None:
     @app.exception_handler(OSError)
     async def on_os_error(request: Request, error: OSError) -> JSONResponse:
         if is_disk_full(error):
-            return problem_response(request, StorageFullError("no room is left for this; try again later"))
+            return problem_response(request, StorageFullError())
         raise error
 
     @app.exception_handler(SQLAlchemyError)
     async def on_database_error(request: Request, error: SQLAlchemyError) -> JSONResponse:
         if is_disk_full(error):
-            return problem_response(request, StorageFullError("no room is left for this; try again later"))
+            return problem_response(request, StorageFullError())
         return away(request, error, "the records cannot be reached; try again")
 
     @app.exception_handler(BaseError)

@@ -144,16 +144,6 @@ def create(session: Session, upload: Upload, *, now: datetime, ttl_s: float) -> 
     """
     if not tombstones.recorded(session, [upload.source_key]):
         raise tombstones.LateError(upload.source_key)
-    request = VectorizeRequest(upload.role, upload.settings)
-    job = jobs.create(
-        session,
-        JobKind.VECTORIZE,
-        request=request,
-        now=now,
-        media_id=upload.media_id,
-        owner=upload.owner,
-        metadata=upload.metadata,
-    )
     media = Media(
         id=upload.media_id,
         owner=upload.owner,
@@ -165,7 +155,6 @@ def create(session: Session, upload: Upload, *, now: datetime, ttl_s: float) -> 
         size_bytes=upload.size_bytes,
         content_type=upload.content_type,
         filename=upload.filename,
-        job_id=job.id,
         source_key=upload.source_key,
         faces=[],
         warnings=[],
@@ -173,6 +162,7 @@ def create(session: Session, upload: Upload, *, now: datetime, ttl_s: float) -> 
         updated_at=now,
         expires_at=now + timedelta(seconds=ttl_s),
     )
+    media.job_id = _job_of(session, media, now=now).id
     session.add(media)
     session.flush()
     ledger.count_upload(session, upload.owner, upload.size_bytes, now=now)
@@ -210,7 +200,7 @@ def name(session: Session, media: Media, metadata: Mapping[str, str]) -> None:
 
 
 def _job_of(session: Session, media: Media, *, now: datetime) -> Job:
-    """Another job that vectorises a known medium."""
+    """A new job that vectorises a medium."""
     request = VectorizeRequest(Role(media.role), vector_settings(media))
     return jobs.create(
         session,
