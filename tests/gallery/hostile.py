@@ -236,7 +236,7 @@ def many_scans(folder: Path) -> Path:
     return _jpeg(folder / "scans.jpg", scan * 40_000)
 
 
-def _chunk(kind: bytes, body: bytes) -> bytes:
+def png_chunk(kind: bytes, body: bytes) -> bytes:
     return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
 
 
@@ -248,13 +248,14 @@ def _png(path: Path, chunks: bytes) -> Path:
 
 
 def many_chunks(folder: Path) -> Path:
-    return _png(folder / "chunks.png", _chunk(b"teSt", b"") * 200_000)
+    return _png(folder / "chunks.png", png_chunk(b"teSt", b"") * 200_000)
 
 
 def many_profiles(folder: Path) -> Path:
     """A PNG of profiles, of which it may have one."""
-    chunks = (_chunk(b"iCCP", b"name\0\0" + zlib.compress(profile(P3, gamma_curve(1.8 + k / 300)))) for k in range(300))
-    return _png(folder / "profiles.png", b"".join(chunks))
+    profiles = (profile(P3, gamma_curve(1.8 + k / 300)) for k in range(300))
+    chunks = b"".join(png_chunk(b"iCCP", b"name\0\0" + zlib.compress(one)) for one in profiles)
+    return _png(folder / "profiles.png", chunks)
 
 
 def many_chunks_of_webp(folder: Path) -> Path:
@@ -276,16 +277,16 @@ def many_segments(folder: Path) -> Path:
 
 def inflated_profile(folder: Path) -> Path:
     """A profile of 30 kB that grows to 30 MB."""
-    return _png(folder / "profile.png", _chunk(b"iCCP", b"x\0\0" + zlib.compress(bytes(30_000_000), 9)))
+    return _png(folder / "profile.png", png_chunk(b"iCCP", b"x\0\0" + zlib.compress(bytes(30_000_000), 9)))
 
 
 def inflated_text(folder: Path) -> Path:
-    return _png(folder / "text.png", _chunk(b"zTXt", b"x\0\0" + zlib.compress(bytes(30_000_000), 9)) * 4)
+    return _png(folder / "text.png", png_chunk(b"zTXt", b"x\0\0" + zlib.compress(bytes(30_000_000), 9)) * 4)
 
 
 def second_header(folder: Path) -> Path:
     """A size that is allowed, and another after it."""
-    return _png(folder / "second.png", _chunk(b"IHDR", struct.pack(">IIBBBBB", 30_000, 30_000, 8, 2, 0, 0, 0)))
+    return _png(folder / "second.png", png_chunk(b"IHDR", struct.pack(">IIBBBBB", 30_000, 30_000, 8, 2, 0, 0, 0)))
 
 
 def _tiff(path: Path, entries: list[tuple[int, int, int, bytes]], tail: bytes) -> Path:
